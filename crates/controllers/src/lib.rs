@@ -1,0 +1,1 @@
+//! Learned policies, their file format, and the parts that experts are made of.

@@ -1,0 +1,1 @@
+//! Success rate, dangerous behavior rate and task completion time, with intervals.

@@ -1,0 +1,1 @@
+//! Trials and campaigns: searches that try to push a robustness below zero.

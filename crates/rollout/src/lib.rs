@@ -1,0 +1,1 @@
+//! Environment, controller, initial box, noise and the episode they make together.

@@ -1,0 +1,1 @@
+//! Traces, temporal-logic formulas and their robustness.

@@ -1,0 +1,1 @@
+//! The manipulation tasks, one folder each, with their experts.

@@ -1,0 +1,1 @@
+//! Training algorithms: environments in, controllers out.

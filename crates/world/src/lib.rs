@@ -1,0 +1,1 @@
+//! MuJoCo behind a small safe interface: a shared model, one state per thread.
