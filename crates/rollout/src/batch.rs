@@ -1,0 +1,147 @@
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use crate::{Environment, Sample, Seed, Status, Worker};
+
+/// Chunks of rows for each thread: more than one, so that threads that finish early find work.
+const CHUNKS_PER_THREAD: usize = 4;
+
+/// Many simulations of one environment, stepped together on all threads of the current rayon pool: what training
+/// needs.
+///
+/// Row-major buffers hold what each row shows. The same rows, seeds and actions give the same bits for any number of
+/// threads.
+pub struct Batch {
+    environment: Arc<dyn Environment>,
+    chunks: Vec<Chunk>,
+    rows_per_chunk: usize,
+    rows: usize,
+    observations: Vec<f32>,
+    signals: Vec<f64>,
+    rewards: Vec<f64>,
+    statuses: Vec<Status>,
+}
+
+struct Chunk {
+    worker: Box<dyn Worker>,
+    states: Vec<f64>,
+}
+
+impl Batch {
+    /// A batch of `rows` simulations; every row has to be [reset](Self::reset) before it is stepped.
+    pub fn new(environment: Arc<dyn Environment>, rows: usize) -> Batch {
+        let rows_per_chunk = rows.div_ceil(rayon::current_num_threads() * CHUNKS_PER_THREAD).max(1);
+        let chunk = || Chunk {
+            worker: environment.worker(),
+            states: vec![0.0; rows_per_chunk * environment.state_size()],
+        };
+        Batch {
+            chunks: (0..rows.div_ceil(rows_per_chunk)).map(|_| chunk()).collect(),
+            rows_per_chunk,
+            rows,
+            observations: vec![0.0; rows * environment.observation_size()],
+            signals: vec![0.0; rows * environment.signals().len()],
+            rewards: vec![0.0; rows * environment.reward_terms().len()],
+            statuses: vec![Status::Running; rows],
+            environment,
+        }
+    }
+
+    /// Number of simulations.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// The environment.
+    pub fn environment(&self) -> &Arc<dyn Environment> {
+        &self.environment
+    }
+
+    /// Starts a new simulation in every row for which `start` gives an initial configuration and a seed.
+    pub fn reset(&mut self, start: impl Fn(usize) -> Option<(Vec<f64>, Seed)> + Sync) {
+        self.for_rows(|row, worker, state, sample, status| {
+            if let Some((x0, seed)) = start(row) {
+                worker.reset(&x0, seed, state, sample);
+                *status = Status::Running;
+            }
+        });
+    }
+
+    /// Carries every row on by one control step; `actions` holds `rows` times `action_size` values, not clipped here.
+    pub fn step(&mut self, actions: &[f64]) {
+        let size = self.environment.action_size();
+        self.for_rows(|row, worker, state, sample, status| {
+            *status = worker.step(&actions[row * size..][..size], state, sample);
+        });
+    }
+
+    /// What the controller sees, `rows` times `observation_size`.
+    pub fn observations(&self) -> &[f32] {
+        &self.observations
+    }
+
+    /// The signals, `rows` times their number.
+    pub fn signals(&self) -> &[f64] {
+        &self.signals
+    }
+
+    /// The reward terms of the last step, `rows` times their number.
+    pub fn rewards(&self) -> &[f64] {
+        &self.rewards
+    }
+
+    /// How the last step left each row.
+    pub fn statuses(&self) -> &[Status] {
+        &self.statuses
+    }
+
+    /// Copies the state row of simulation `row` into `state`: a snapshot from which it continues to the same bits.
+    pub fn read_state(&self, row: usize, state: &mut [f64]) {
+        let size = self.environment.state_size();
+        let chunk = &self.chunks[row / self.rows_per_chunk];
+        state.copy_from_slice(&chunk.states[(row % self.rows_per_chunk) * size..][..size]);
+    }
+
+    /// Puts a snapshot into simulation `row`. Its observation, signals and rewards are shown from the next step on;
+    /// the caller restores what it needs of the observation with [`set_observation`](Self::set_observation).
+    pub fn write_state(&mut self, row: usize, state: &[f64]) {
+        let size = self.environment.state_size();
+        let chunk = &mut self.chunks[row / self.rows_per_chunk];
+        chunk.states[(row % self.rows_per_chunk) * size..][..size].copy_from_slice(state);
+    }
+
+    /// Puts back the observation that belongs to a snapshot.
+    pub fn set_observation(&mut self, row: usize, observation: &[f32]) {
+        let size = self.environment.observation_size();
+        self.observations[row * size..][..size].copy_from_slice(observation);
+    }
+
+    fn for_rows(
+        &mut self,
+        each: impl Fn(usize, &mut dyn Worker, &mut [f64], Sample<'_>, &mut Status) + Sync,
+    ) {
+        let state_size = self.environment.state_size();
+        let observation_size = self.environment.observation_size();
+        let (signals, rewards) = (self.environment.signals().len(), self.environment.reward_terms().len());
+        let rows = self.rows_per_chunk;
+        self.chunks
+            .par_iter_mut()
+            .zip(self.observations.par_chunks_mut(rows * observation_size))
+            .zip(self.signals.par_chunks_mut(rows * signals))
+            .zip(self.rewards.par_chunks_mut(rows * rewards))
+            .zip(self.statuses.par_chunks_mut(rows))
+            .enumerate()
+            .for_each(|(chunk_index, ((((chunk, o), s), r), statuses))| {
+                for (i, status) in statuses.iter_mut().enumerate() {
+                    let sample = Sample {
+                        observation: &mut o[i * observation_size..][..observation_size],
+                        signals: &mut s[i * signals..][..signals],
+                        rewards: &mut r[i * rewards..][..rewards],
+                    };
+                    let state = &mut chunk.states[i * state_size..][..state_size];
+                    each(chunk_index * rows + i, chunk.worker.as_mut(), state, sample, status);
+                }
+            });
+    }
+}

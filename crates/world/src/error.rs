@@ -1,0 +1,21 @@
+/// What can be wrong with a model.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum WorldError {
+    /// MuJoCo does not accept the MJCF document.
+    #[error("MuJoCo cannot compile the model: {0}")]
+    Model(String),
+    /// No element has the name asked for.
+    #[error("the model has no {kind} named `{name}`; it has: {}", known.join(", "))]
+    Element {
+        /// Kind of element.
+        kind: &'static str,
+        /// The name asked for.
+        name: String,
+        /// The names there are.
+        known: Vec<String>,
+    },
+    /// The body is there, but its pose cannot be set.
+    #[error("body `{0}` is not a mocap body, so its pose cannot be set")]
+    NotMocap(String),
+}

@@ -1,0 +1,154 @@
+use std::sync::Arc;
+
+use mujoco_rs::prelude::*;
+
+use crate::{Actuator, Body, Equality, Joint, Mocap, Site, World, WorldError};
+
+/// The state that determines the future: positions, velocities, controls, mocap poses, switched constraints, and the
+/// warm start of the solver, without which the next step would have other bits.
+pub(crate) const INTEGRATION: u32 = MjtState::mjSTATE_INTEGRATION as u32;
+
+/// A compiled MJCF document, shared by all threads.
+#[derive(Clone, Debug)]
+pub struct Model {
+    pub(crate) inner: Arc<MjModel>,
+    pub(crate) state_size: usize,
+}
+
+impl Model {
+    /// Compiles an MJCF document.
+    ///
+    /// # Errors
+    /// If MuJoCo refuses it; the message is MuJoCo's.
+    ///
+    /// # Example
+    /// ```
+    /// let model = mishandle_world::Model::from_xml(mishandle_world::PANDA).unwrap();
+    /// assert_eq!(model.qpos_size(), 9); // seven joints of the arm, two of the fingers
+    /// ```
+    pub fn from_xml(xml: &str) -> Result<Model, WorldError> {
+        // MuJoCo reads the text as a C string; a zero byte would cut it short.
+        if xml.contains('\0') {
+            return Err(WorldError::Model("the document holds a zero byte".to_string()));
+        }
+        let inner = MjModel::from_xml_string(xml).map_err(|error| WorldError::Model(error.to_string()))?;
+        let state_size = inner.state_size(INTEGRATION);
+        Ok(Model { inner: Arc::new(inner), state_size })
+    }
+
+    /// A world of this model, for one thread.
+    pub fn world(&self) -> World {
+        World::new(self.clone())
+    }
+
+    /// Length of a state row.
+    pub fn state_size(&self) -> usize {
+        self.state_size
+    }
+
+    /// Number of generalised positions.
+    pub fn qpos_size(&self) -> usize {
+        self.inner.nq() as usize
+    }
+
+    /// Number of generalised velocities.
+    pub fn qvel_size(&self) -> usize {
+        self.inner.nv() as usize
+    }
+
+    /// Number of actuators.
+    pub fn actuators(&self) -> usize {
+        self.inner.nu() as usize
+    }
+
+    /// Duration of a physics step, s.
+    pub fn timestep(&self) -> f64 {
+        self.inner.opt().timestep
+    }
+
+    /// A copy of this model with another duration of the physics step, s.
+    pub fn with_timestep(&self, timestep: f64) -> Model {
+        let mut inner = (*self.inner).clone();
+        inner.opt_mut().timestep = timestep;
+        Model { inner: Arc::new(inner), state_size: self.state_size }
+    }
+
+    /// The body of that name.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn body(&self, name: &str) -> Result<Body, WorldError> {
+        self.find(MjtObjBase::mjOBJ_BODY, "body", name).map(Body)
+    }
+
+    /// The site of that name.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn site(&self, name: &str) -> Result<Site, WorldError> {
+        self.find(MjtObjBase::mjOBJ_SITE, "site", name).map(Site)
+    }
+
+    /// The actuator of that name.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn actuator(&self, name: &str) -> Result<Actuator, WorldError> {
+        self.find(MjtObjBase::mjOBJ_ACTUATOR, "actuator", name).map(Actuator)
+    }
+
+    /// The equality constraint of that name.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn equality(&self, name: &str) -> Result<Equality, WorldError> {
+        self.find(MjtObjBase::mjOBJ_EQUALITY, "equality constraint", name).map(Equality)
+    }
+
+    /// The joint of that name: where its position and its velocity start.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn joint(&self, name: &str) -> Result<Joint, WorldError> {
+        let id = self.find(MjtObjBase::mjOBJ_JOINT, "joint", name)?;
+        let range = self.inner.jnt_range()[id];
+        Ok(Joint {
+            qpos: self.inner.jnt_qposadr()[id] as usize,
+            dof: self.inner.jnt_dofadr()[id] as usize,
+            low: range[0],
+            high: range[1],
+        })
+    }
+
+    /// The mocap body of that name: a fixture whose pose is part of the state.
+    ///
+    /// # Errors
+    /// If there is none, or it is not a mocap body.
+    pub fn mocap(&self, name: &str) -> Result<Mocap, WorldError> {
+        let Body(id) = self.body(name)?;
+        usize::try_from(self.inner.body_mocapid()[id])
+            .map(Mocap)
+            .map_err(|_| WorldError::NotMocap(name.to_string()))
+    }
+
+    fn find(&self, kind: MjtObjBase, kind_name: &'static str, name: &str) -> Result<usize, WorldError> {
+        let found = if name.contains('\0') { None } else { self.inner.name_to_id(kind, name) };
+        found.ok_or_else(|| WorldError::Element {
+            kind: kind_name,
+            name: name.to_string(),
+            known: (0..).map_while(|id| self.name(kind, id)).filter(|name| !name.is_empty()).collect(),
+        })
+    }
+
+    /// The name of the `id`-th element of a kind, empty if it has none; `None` past the last.
+    fn name(&self, kind: MjtObjBase, id: usize) -> Option<String> {
+        let count = match kind {
+            MjtObjBase::mjOBJ_BODY => self.inner.nbody(),
+            MjtObjBase::mjOBJ_SITE => self.inner.nsite(),
+            MjtObjBase::mjOBJ_ACTUATOR => self.inner.nu(),
+            MjtObjBase::mjOBJ_EQUALITY => self.inner.neq(),
+            _ => self.inner.njnt(),
+        };
+        (id < count as usize).then(|| self.inner.id_to_name(kind, id).unwrap_or_default().to_string())
+    }
+}

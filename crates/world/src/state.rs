@@ -1,0 +1,176 @@
+use std::sync::Arc;
+
+use mujoco_rs::prelude::*;
+
+use crate::model::INTEGRATION;
+use crate::{Actuator, Equality, Joint, Mocap, Model, Rows};
+
+/// What one thread needs to step state rows of a [`Model`].
+///
+/// Positions, velocities and controls are those of the row last read in or stepped. Poses and twists follow them when
+/// [`refresh`](Self::refresh) is called: MuJoCo leaves those of the step's beginning behind.
+#[derive(Debug)]
+pub struct World {
+    pub(crate) data: MjData<Arc<MjModel>>,
+    model: Model,
+}
+
+impl World {
+    pub(crate) fn new(model: Model) -> World {
+        World { data: MjData::new(model.inner.clone()), model }
+    }
+
+    /// The model.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Puts everything where the MJCF document has it, at rest.
+    pub fn reset(&mut self) {
+        self.data.reset();
+    }
+
+    /// Takes over a state row.
+    ///
+    /// # Panics
+    /// If `row` is shorter than [`Model::state_size`].
+    pub fn set_state(&mut self, row: &[f64]) {
+        assert!(row.len() >= self.model.state_size, "a state row of {} values is too short", row.len());
+        // SAFETY: the row is long enough (checked above), and model and data belong together. The wrapper's own
+        // method is avoided because it measures the row's length anew in every call.
+        #[allow(unsafe_code)]
+        unsafe {
+            mujoco_rs::mujoco_c::mj_setState(
+                self.model.inner.ffi(),
+                self.data.ffi_mut(),
+                row.as_ptr(),
+                INTEGRATION as i32,
+            );
+        }
+    }
+
+    /// Copies the state into `row`.
+    ///
+    /// # Panics
+    /// If `row` is shorter than [`Model::state_size`].
+    pub fn read_state(&self, row: &mut [f64]) {
+        assert!(row.len() >= self.model.state_size, "a state row of {} values is too short", row.len());
+        // SAFETY: as in `set_state`.
+        #[allow(unsafe_code)]
+        unsafe {
+            mujoco_rs::mujoco_c::mj_getState(
+                self.model.inner.ffi(),
+                self.data.ffi(),
+                row.as_mut_ptr(),
+                INTEGRATION as i32,
+            );
+        }
+    }
+
+    /// Carries the state on by one physics step.
+    pub fn step(&mut self) {
+        self.data.step();
+    }
+
+    /// Computes poses from the positions.
+    pub fn refresh(&mut self) {
+        self.data.kinematics();
+    }
+
+    /// Computes what [`Rows::twist`] and [`Arm::jacobian`](crate::Arm) need, from poses and
+    /// velocities.
+    pub fn refresh_twists(&mut self) {
+        self.data.com_pos();
+        self.data.com_vel();
+    }
+
+    /// Whether MuJoCo has found a number that is not finite, or is absurdly large, since the last call; clears that.
+    pub fn take_divergence(&mut self) -> bool {
+        const BAD: [usize; 4] = [
+            MjtWarning::mjWARN_BADQPOS as usize,
+            MjtWarning::mjWARN_BADQVEL as usize,
+            MjtWarning::mjWARN_BADQACC as usize,
+            MjtWarning::mjWARN_BADCTRL as usize,
+        ];
+        if BAD.iter().all(|&kind| self.data.warning()[kind].number == 0) {
+            return false;
+        }
+        self.data.reset();
+        true
+    }
+
+    /// Generalised positions.
+    pub fn qpos(&self) -> &[f64] {
+        self.data.qpos()
+    }
+
+    /// Generalised positions, to be set.
+    pub fn qpos_mut(&mut self) -> &mut [f64] {
+        self.data.qpos_mut()
+    }
+
+    /// Generalised velocities.
+    pub fn qvel(&self) -> &[f64] {
+        self.data.qvel()
+    }
+
+    /// Generalised velocities, to be set.
+    pub fn qvel_mut(&mut self) -> &mut [f64] {
+        self.data.qvel_mut()
+    }
+
+    /// Controls, one for each actuator.
+    pub fn ctrl(&self) -> &[f64] {
+        self.data.ctrl()
+    }
+
+    /// Controls, to be set. MuJoCo ends a step with them as they are, so they have to be finite.
+    pub fn ctrl_mut(&mut self) -> &mut [f64] {
+        self.data.ctrl_mut()
+    }
+
+    /// Force of an actuator in the last step, N or N m.
+    pub fn actuator_force(&self, actuator: Actuator) -> f64 {
+        self.data.actuator_force()[actuator.0]
+    }
+
+    /// The state and what follows from it, as plain rows.
+    pub fn rows(&self) -> Rows<'_> {
+        Rows {
+            qpos: self.data.qpos(),
+            qvel: self.data.qvel(),
+            ctrl: self.data.ctrl(),
+            body_positions: self.data.xpos(),
+            body_quaternions: self.data.xquat(),
+            site_positions: self.data.site_xpos(),
+            site_rotations: self.data.site_xmat(),
+            body_velocities: self.data.cvel(),
+            centers: self.data.subtree_com(),
+            roots: self.model.inner.body_rootid(),
+        }
+    }
+
+    /// Places a mocap body.
+    pub fn place(&mut self, mocap: Mocap, position: [f64; 3], quaternion: [f64; 4]) {
+        self.data.mocap_pos_mut()[mocap.0] = position;
+        self.data.mocap_quat_mut()[mocap.0] = quaternion;
+    }
+
+    /// Places a free body, at rest.
+    pub fn place_free(&mut self, joint: Joint, position: [f64; 3], quaternion: [f64; 4]) {
+        let qpos = &mut self.data.qpos_mut()[joint.qpos..][..7];
+        qpos[..3].copy_from_slice(&position);
+        qpos[3..].copy_from_slice(&quaternion);
+        self.data.qvel_mut()[joint.dof..][..6].fill(0.0);
+    }
+
+    /// Switches an equality constraint on or off.
+    pub fn switch(&mut self, equality: Equality, on: bool) {
+        self.data.eq_active_mut()[equality.0] = on;
+    }
+
+    /// The deepest penetration among the present contacts, m; 0 without one.
+    pub fn penetration(&self) -> f64 {
+        self.data.contact().iter().map(|contact| -contact.dist).fold(0.0, f64::max)
+    }
+}
