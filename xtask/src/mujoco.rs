@@ -17,8 +17,10 @@ const LINK: &str = "libmujoco.so";
 /// Of `LIBRARY`; every wheel of this version for this platform holds the same bytes.
 const SHA256: &str = "23496b023ee80fb61ab71167e94bc649f9941710fde96b18bb8204fb332523ad";
 const LICENCES: [&str; 2] = ["LICENSE", "LICENSES_THIRD_PARTY.md"];
-/// Where the build looks for the library, as `.cargo/config.toml` sets it.
+/// Names the folder that `mujoco-rs` links from; a user may set it to a MuJoCo of their own.
 const LINK_DIR: &str = "MUJOCO_DYNAMIC_LINK_DIR";
+/// What `.cargo/config.toml` sets it to otherwise: a folder that leads the linker to `target/mujoco/lib`.
+const LINK_DIR_DEFAULT: &str = "crates/world/link";
 
 /// Which wheel to take, whatever Python asks for it: the library inside is the same in all of them.
 const WHEEL: &[&str] = &[
@@ -59,7 +61,7 @@ pub fn fetch(root: &Path) -> Result<()> {
         std::env::consts::OS
     );
     let folder = root.join("target/mujoco/lib");
-    if let Some(own) = users_own(&folder) {
+    if let Some(own) = users_own(root) {
         ensure!(
             own.join(LINK).is_file(),
             "{LINK_DIR} names {}, which holds no {LINK}; unset it, or set it to the `lib` folder of MuJoCo {VERSION}",
@@ -82,10 +84,10 @@ pub fn fetch(root: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The folder that the user chose, when it is not ours (cargo itself sets the variable to ours).
-fn users_own(ours: &Path) -> Option<PathBuf> {
+/// The folder that the user chose, if one.
+fn users_own(root: &Path) -> Option<PathBuf> {
     let chosen = PathBuf::from(std::env::var_os(LINK_DIR)?);
-    (chosen != ours).then_some(chosen)
+    (chosen != root.join(LINK_DIR_DEFAULT)).then_some(chosen)
 }
 
 fn is_in_place(folder: &Path) -> bool {
