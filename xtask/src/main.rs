@@ -1,3 +1,67 @@
-//! Build chores.
+//! Chores around the build, in Rust so that they need nothing but the toolchain: `cargo xtask` lists them.
+//!
+//! Depends on no crate of ours and not on MuJoCo, since fetching MuJoCo is one of the chores.
 
-fn main() {}
+mod mujoco;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Result, bail};
+
+/// One thing that `cargo xtask` can do.
+struct Chore {
+    name: &'static str,
+    /// What may follow the name, as shown to the user; empty if nothing may.
+    arguments: &'static str,
+    about: &'static str,
+    run: fn(root: &Path, arguments: &[String]) -> Result<()>,
+}
+
+const CHORES: &[Chore] = &[Chore {
+    name: "mujoco",
+    arguments: "",
+    about: "put MuJoCo's library into target/mujoco/lib (from PyPI, its SHA-256 checked)",
+    run: |root, _| mujoco::fetch(root),
+}];
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    match dispatch(&arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn dispatch(arguments: &[String]) -> Result<()> {
+    let Some((name, rest)) = arguments.split_first() else { return list() };
+    if matches!(name.as_str(), "help" | "--help" | "-h") {
+        return list();
+    }
+    let Some(chore) = CHORES.iter().find(|chore| chore.name == name) else {
+        let names: Vec<_> = CHORES.iter().map(|chore| chore.name).collect();
+        bail!("there is no chore `{name}`; there are {}", names.join(", "));
+    };
+    if let ([first, ..], "") = (rest, chore.arguments) {
+        bail!("`cargo xtask {name}` takes no arguments, but was given `{first}`");
+    }
+    (chore.run)(&root(), rest)
+}
+
+#[expect(clippy::print_stdout, reason = "the list is what was asked for; everything else goes to stderr")]
+fn list() -> Result<()> {
+    println!("cargo xtask CHORE\n");
+    for chore in CHORES {
+        println!("  {:<16} {}", format!("{} {}", chore.name, chore.arguments), chore.about);
+    }
+    Ok(())
+}
+
+/// The repository's root: cargo says where this package lies now, even if the tree was moved since it was compiled.
+fn root() -> PathBuf {
+    let package = std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into());
+    PathBuf::from(package).join("..").canonicalize().unwrap_or_else(|_| PathBuf::from("."))
+}

@@ -1,1 +1,3 @@
 //! Learned policies, their file format, and the parts that experts are made of.
+
+pub mod kinematic;

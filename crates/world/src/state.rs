@@ -84,7 +84,9 @@ impl World {
         self.data.com_vel();
     }
 
-    /// Whether MuJoCo has found a number that is not finite, or is absurdly large, since the last call; clears that.
+    /// Whether a number is not finite or absurdly large, now or in a step since the last call; clears that.
+    ///
+    /// MuJoCo checks positions and velocities when a step begins, so those that the last step left are checked here.
     pub fn take_divergence(&mut self) -> bool {
         const BAD: [usize; 4] = [
             MjtWarning::mjWARN_BADQPOS as usize,
@@ -92,7 +94,9 @@ impl World {
             MjtWarning::mjWARN_BADQACC as usize,
             MjtWarning::mjWARN_BADCTRL as usize,
         ];
-        if BAD.iter().all(|&kind| self.data.warning()[kind].number == 0) {
+        let sane = |values: &[f64]| values.iter().all(|value| value.abs() < mjMAXVAL);
+        let quiet = BAD.iter().all(|&kind| self.data.warning()[kind].number == 0);
+        if quiet && sane(self.qpos()) && sane(self.qvel()) {
             return false;
         }
         self.data.reset();

@@ -1,0 +1,137 @@
+//! Differential inverse kinematics: joint velocities that move a site as wanted.
+
+use mishandle_world::{Arm, Model, WorldError};
+
+/// Joints of an arm.
+const JOINTS: usize = 7;
+
+/// Joint velocities for a wanted twist, by damped least squares, with a pull towards a rest posture in what freedom
+/// is left.
+///
+/// ```text
+/// q̇ = Jᵀ (J Jᵀ + λ² I)⁻¹ v + (I - J⁺ J) k (q_rest - q),   λ = 0.03
+/// ```
+///
+/// # Reference
+/// Nakamura and Hanafusa, "Inverse Kinematic Solutions with Singularity Robustness for Robot Manipulator Control",
+/// Journal of Dynamic Systems, Measurement, and Control 108(3), 1986.
+#[derive(Debug)]
+pub struct ResolvedRate {
+    arm: Arm,
+    rest: [f64; JOINTS],
+    jacobian: [f64; 6 * JOINTS],
+}
+
+/// Damping of the inverse, in the Jacobian's units.
+const DAMPING: f64 = 0.03;
+
+/// Strength of the pull towards the rest posture, 1/s.
+const REST_GAIN: f64 = 1.0;
+
+impl ResolvedRate {
+    /// The chain of `joints` that carries `site`, drawn to the posture `rest` (rad).
+    ///
+    /// # Errors
+    /// If a name is unknown to the model.
+    pub fn new(
+        model: &Model,
+        joints: &[&str; JOINTS],
+        site: &str,
+        rest: [f64; JOINTS],
+    ) -> Result<Self, WorldError> {
+        Ok(ResolvedRate { arm: Arm::new(model, joints, site)?, rest, jacobian: [0.0; 6 * JOINTS] })
+    }
+
+    /// Moves the model to the joint vector `q`, rad.
+    pub fn set(&mut self, q: &[f64; JOINTS]) {
+        self.arm.set(q);
+    }
+
+    /// Position of the site at the joint vector last set, m.
+    pub fn position(&self) -> [f64; 3] {
+        self.arm.position()
+    }
+
+    /// Rotation matrix of the site, row by row, at the joint vector last set.
+    pub fn rotation(&self) -> [f64; 9] {
+        self.arm.rotation()
+    }
+
+    /// Joint velocities (rad/s) at `q`, the joint vector last set, for the wanted linear velocity (m/s).
+    pub fn linear(&mut self, q: &[f64; JOINTS], velocity: [f64; 3]) -> [f64; JOINTS] {
+        self.solve(q, velocity)
+    }
+
+    /// Joint velocities (rad/s) at `q`, the joint vector last set, for the wanted linear (m/s) and angular (rad/s)
+    /// velocity.
+    pub fn twist(&mut self, q: &[f64; JOINTS], linear: [f64; 3], angular: [f64; 3]) -> [f64; JOINTS] {
+        let [a, b, c] = linear;
+        let [d, e, f] = angular;
+        self.solve(q, [a, b, c, d, e, f])
+    }
+
+    fn solve<const ROWS: usize>(&mut self, q: &[f64; JOINTS], wanted: [f64; ROWS]) -> [f64; JOINTS] {
+        self.arm.jacobian(&mut self.jacobian);
+        let j = &self.jacobian;
+        let rest: [f64; JOINTS] = std::array::from_fn(|i| REST_GAIN * (self.rest[i] - q[i]));
+        // What the pull alone would do to the site is taken off the wanted twist; then both are solved for at once:
+        // q̇ = pull + Jᵀ (J Jᵀ + λ² I)⁻¹ (v - J pull).
+        let residual: [f64; ROWS] =
+            std::array::from_fn(|r| wanted[r] - (0..JOINTS).map(|i| j[r * JOINTS + i] * rest[i]).sum::<f64>());
+        let gram: [[f64; ROWS]; ROWS] = std::array::from_fn(|r| {
+            std::array::from_fn(|c| {
+                let product: f64 = (0..JOINTS).map(|i| j[r * JOINTS + i] * j[c * JOINTS + i]).sum();
+                if r == c { product + DAMPING * DAMPING } else { product }
+            })
+        });
+        let y = solve_positive(gram, residual);
+        std::array::from_fn(|i| rest[i] + (0..ROWS).map(|r| j[r * JOINTS + i] * y[r]).sum::<f64>())
+    }
+}
+
+/// Solves `a x = b` for a symmetric positive definite `a`, by Cholesky's decomposition.
+fn solve_positive<const N: usize>(mut a: [[f64; N]; N], mut b: [f64; N]) -> [f64; N] {
+    for i in 0..N {
+        for k in 0..=i {
+            let s: f64 = (0..k).map(|m| a[i][m] * a[k][m]).sum();
+            a[i][k] = if i == k { (a[i][i] - s).sqrt() } else { (a[i][k] - s) / a[k][k] };
+        }
+        b[i] = (b[i] - (0..i).map(|m| a[i][m] * b[m]).sum::<f64>()) / a[i][i];
+    }
+    for i in (0..N).rev() {
+        b[i] = (b[i] - (i + 1..N).map(|m| a[m][i] * b[m]).sum::<f64>()) / a[i][i];
+    }
+    b
+}
+
+/// The rotation vector (axis times angle, rad, world axes) that turns `from` into `to`, both rotation matrices row by
+/// row.
+///
+/// # Example
+/// ```
+/// use mishandle_controllers::kinematic::rotation_between;
+/// let level = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+/// let turned = [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]; // a quarter turn about z
+/// let [x, y, z] = rotation_between(&level, &turned);
+/// assert!(x.abs() < 1e-12 && y.abs() < 1e-12 && (z - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+/// ```
+pub fn rotation_between(from: &[f64; 9], to: &[f64; 9]) -> [f64; 3] {
+    let entry = |r: usize, c: usize| -> f64 { (0..3).map(|k| to[3 * r + k] * from[3 * c + k]).sum() };
+    let axis = [entry(2, 1) - entry(1, 2), entry(0, 2) - entry(2, 0), entry(1, 0) - entry(0, 1)];
+    let sin = 0.5 * mishandle_world::frame::norm(axis);
+    let cos = 0.5 * (entry(0, 0) + entry(1, 1) + entry(2, 2) - 1.0);
+    // Where the sine vanishes so does the axis found this way; the limit of angle / (2 sin) at angle 0 is one half.
+    let factor = if sin > 1e-9 { sin.atan2(cos) / (2.0 * sin) } else { 0.5 };
+    axis.map(|a| factor * a)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_system_solved_by_hand() {
+        // 4x + 2y = 10, 2x + 3y = 9: x = 1.5, y = 2.
+        assert_eq!(solve_positive([[4.0, 2.0], [2.0, 3.0]], [10.0, 9.0]), [1.5, 2.0]);
+    }
+}

@@ -1,0 +1,61 @@
+//! Independent uniform points: the baseline every search has to beat.
+
+use crate::ledger::Ledger;
+use crate::{Finish, RandomStream, Search, SearchError};
+
+/// Independent uniform points of [0,1]^d; point i depends on (seed, i) only and the search never ends.
+#[derive(Debug, Clone)]
+pub struct Random {
+    dimension: usize,
+    seed: u64,
+    next: u64,
+    ledger: Ledger,
+}
+
+impl Random {
+    /// A random search of `dimension` coordinates.
+    ///
+    /// # Errors
+    /// [`SearchError::Dimension`] if `dimension` is 0.
+    pub fn new(dimension: usize, seed: u64) -> Result<Self, SearchError> {
+        if dimension == 0 {
+            return Err(SearchError::Dimension { found: dimension });
+        }
+        Ok(Self { dimension, seed, next: 0, ledger: Ledger::default() })
+    }
+
+    /// Point number `i` of this seed, counted from 0.
+    pub fn point(&self, i: u64) -> Vec<f64> {
+        let mut stream = RandomStream::new(self.seed, i);
+        (0..self.dimension).map(|_| stream.uniform()).collect()
+    }
+}
+
+impl Search for Random {
+    fn name(&self) -> &'static str {
+        "random"
+    }
+
+    fn dimension(&self) -> usize {
+        self.dimension
+    }
+
+    fn ask_batch(&mut self, n: usize) -> Vec<Vec<f64>> {
+        let points: Vec<Vec<f64>> = (self.next..self.next + n as u64).map(|i| self.point(i)).collect();
+        self.next += n as u64;
+        points.iter().for_each(|u| self.ledger.hand_out(u.clone()));
+        points
+    }
+
+    fn tell(&mut self, u: &[f64], value: f64) -> Result<(), SearchError> {
+        self.ledger.take_back(u, value).map(drop)
+    }
+
+    fn finished(&self) -> Option<Finish> {
+        None
+    }
+
+    fn best(&self) -> Option<(&[f64], f64)> {
+        self.ledger.best()
+    }
+}

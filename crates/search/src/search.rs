@@ -1,0 +1,72 @@
+//! What every search is: something that is asked for points and told their values.
+
+use std::fmt;
+
+use crate::SearchError;
+
+/// A search proposes points of [0,1]^d and is told their value; it minimises.
+///
+/// The points are a pure function of dimension, seed, options and the values told so far. A search is therefore
+/// resumed by making it anew and telling it the recorded values again. The caller owns the budget: it may stop
+/// asking after any value.
+///
+/// `+∞` is a valid value, the worst there is (a simulation that diverged). NaN is refused.
+pub trait Search: Send {
+    /// The name in [`SEARCHES`](crate::SEARCHES).
+    fn name(&self) -> &'static str;
+
+    /// The number of coordinates d of every point, at least 1.
+    fn dimension(&self) -> usize;
+
+    /// The next points to evaluate, at most `n`, each of length d with coordinates in [0, 1].
+    ///
+    /// Fewer than `n` where the next point depends on a value not yet told: `nelder-mead` gives its first simplex
+    /// at once and `dual-annealing` the points of a finite-difference gradient, otherwise one. None at all while
+    /// such a value is awaited, or when the search has ended, which [`finished`](Search::finished) tells apart.
+    /// The sequence of points does not depend on how it is cut into batches.
+    fn ask_batch(&mut self, n: usize) -> Vec<Vec<f64>>;
+
+    /// The next point to evaluate: [`ask_batch`](Search::ask_batch) of one.
+    fn ask(&mut self) -> Option<Vec<f64>> {
+        self.ask_batch(1).pop()
+    }
+
+    /// Tells the value at a point that was asked for; values are told in the order of asking.
+    ///
+    /// # Errors
+    /// [`SearchError::NotAsked`] if no point awaits its value, [`SearchError::WrongPoint`] if `u` is not, bit for
+    /// bit, the point that has waited longest, [`SearchError::NotANumber`] if `value` is NaN. After an error the
+    /// search is as it was: the same point still waits.
+    fn tell(&mut self, u: &[f64], value: f64) -> Result<(), SearchError>;
+
+    /// Why the search has ended by its own criterion; `None` while it has not.
+    fn finished(&self) -> Option<Finish>;
+
+    /// The point with the lowest value told so far, the earliest of equals; `None` before the first value.
+    fn best(&self) -> Option<(&[f64], f64)>;
+}
+
+/// Why a search ended by its own criterion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Finish {
+    /// The tolerances on points and values were met.
+    Converged,
+    /// The limit on iterations was reached.
+    IterationLimit,
+    /// The limit on evaluations was reached.
+    EvaluationLimit,
+    /// No start with a finite value was found.
+    NoFiniteStart,
+}
+
+impl fmt::Display for Finish {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Finish::Converged => "tolerances met",
+            Finish::IterationLimit => "limit on iterations reached",
+            Finish::EvaluationLimit => "limit on evaluations reached",
+            Finish::NoFiniteStart => "no start with a finite value found",
+        })
+    }
+}

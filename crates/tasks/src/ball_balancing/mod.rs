@@ -1,0 +1,148 @@
+//! Ball balancing: keep a ball on a flat tray without a rim.
+
+mod expert;
+
+use std::sync::Arc;
+
+use mishandle_rollout::Controller;
+use mishandle_world::frame::{norm, norm_xy, rotate, sub};
+use mishandle_world::{Body, Joint, Model, Rows, World, WorldError};
+
+use crate::definition::{BoxAxis, Definition, Formulas, Held, Reward, Scene, Task, one, three};
+use crate::robot::Panda;
+
+/// The task.
+pub struct BallBalancing;
+
+/// Height of the tray's top above its reference point on the handle, m.
+const TOP: f64 = 0.11;
+
+/// Height from which the ball is dropped, m: 0.08 m above its place on the tray.
+const DROP_HEIGHT: f64 = 1.1;
+
+const DEFINITION: Definition = Definition {
+    name: "ball-balancing",
+    summary: "Keep a ball that drops onto a flat tray, held by the robot, from rolling off.",
+    scene: include_str!("scene.xml"),
+    held: Some(Held {
+        mjcf: include_str!("tray.xml"),
+        position: [0.342, 0.0, 0.89],
+        quaternion: [1.0, 0.0, 0.0, 0.0],
+    }),
+    start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.004, 0.004],
+    start_noise: 0.0,
+    grip: 0.004,
+    n_substeps: 2,
+    velocity_scale: 0.1,
+    signals: &[
+        one("ball_tray_horizontal_distance", "m", "horizontal distance of the ball from the tray's axis point"),
+        one("ball_height_above_tray", "m", "height of the ball's centre above the tray's top, along its normal"),
+        one("ball_speed", "m/s", "speed of the ball"),
+    ],
+    observation: &[
+        three("ball", "m", "centre of the ball"),
+        three("tray_from_ball", "m", "the tray's reference point, 0.11 m below its top, minus the ball"),
+        three("ball_velocity", "m/s", "velocity of the ball"),
+    ],
+    original_reward: &[
+        one("near", "", "10 / (1 + d), d the distance of the ball from the tray's reference point"),
+        one("slow", "", "5 / (1 + v), v the ball's speed"),
+        one("level", "", "1 / (1 + norm of the change of the tray's quaternion)"),
+        one("up", "", "1 where the ball is higher than 0.4 m, else 0"),
+    ],
+    shaped_reward: &[
+        one("centred", "", "(1 - tanh(6 r)) / (1 + v), r the ball's horizontal distance from the axis"),
+        one("on", "", "0.2 where r <= 0.1 and the ball is above the tray, else 0"),
+        one("calm", "", "-0.01 times the mean of the arm's squared actions"),
+    ],
+    initial_box: &[
+        BoxAxis { name: "ball_x", unit: "m", paper: [0.2, 0.5], code: [0.192, 0.492], sets: "ball's x" },
+        BoxAxis { name: "ball_y", unit: "m", paper: [-0.15, 0.15], code: [-0.15, 0.15], sets: "ball's y" },
+    ],
+    paper: Formulas {
+        success: "always[50:200](ball_tray_horizontal_distance <= 0.25)",
+        strict: STRICT,
+        safe: SAFE,
+        completion: COMPLETION,
+    },
+    code: Formulas {
+        success: "always[50:300](ball_tray_horizontal_distance <= 0.25)",
+        strict: STRICT,
+        safe: SAFE,
+        completion: COMPLETION,
+    },
+    termination: "the ball is farther than 0.54 m from the tray's reference point, or lower than 0.5 m",
+    differences: "The original's tray is held by friction alone; here it is part of the hand, since dropping the tray \
+                  is not the failure under study. The ball hits the ground with a restitution of 0.4.",
+};
+
+const STRICT: &str = "always[50:300](ball_tray_horizontal_distance <= 0.2 and ball_height_above_tray > 0) \
+                      and always[200:300](ball_tray_horizontal_distance <= 0.1)";
+const SAFE: &str = "ball_tray_horizontal_distance <= 0.2";
+const COMPLETION: &str = "always[0:4](ball_tray_horizontal_distance <= 0.1)";
+
+impl Task for BallBalancing {
+    fn definition(&self) -> &'static Definition {
+        const { &DEFINITION }
+    }
+
+    fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
+        Ok(Box::new(Bound { ball: model.joint("ball")?, tray: model.body("tray")? }))
+    }
+
+    fn expert(&self) -> Result<Arc<dyn Controller>, WorldError> {
+        expert::expert()
+    }
+}
+
+struct Bound {
+    ball: Joint,
+    tray: Body,
+}
+
+impl Scene for Bound {
+    fn place(&self, x0: &[f64], world: &mut World) {
+        world.place_free(self.ball, [x0[0], x0[1], DROP_HEIGHT], [1.0, 0.0, 0.0, 0.0]);
+    }
+
+    fn signals(&self, rows: &Rows<'_>, out: &mut [f64]) {
+        let from_tray = sub(rows.free_position(self.ball), rows.position(self.tray));
+        let normal = rotate(rows.quaternion(self.tray), [0.0, 0.0, 1.0]);
+        out[0] = norm_xy(from_tray);
+        out[1] = mishandle_world::frame::dot(from_tray, normal) - TOP;
+        out[2] = norm(rows.free_velocity(self.ball));
+    }
+
+    fn observe(&self, rows: &Rows<'_>, out: &mut [f64]) {
+        let ball = rows.free_position(self.ball);
+        out[..3].copy_from_slice(&ball);
+        out[3..6].copy_from_slice(&sub(rows.position(self.tray), ball));
+        out[6..].copy_from_slice(&rows.free_velocity(self.ball));
+    }
+
+    fn reward(&self, reward: Reward, rows: &Rows<'_>, signals: &[f64], action: &[f64], out: &mut [f64]) {
+        let (r, height, v) = (signals[0], signals[1], signals[2]);
+        match reward {
+            Reward::Original => {
+                let ball = rows.free_position(self.ball);
+                let [w, x, y, z] = rows.quaternion(self.tray);
+                // The level tray's quaternion is the identity; q and -q are the same orientation.
+                let turned = ((w.abs() - 1.0).powi(2) + x * x + y * y + z * z).sqrt();
+                out[0] = 10.0 / (1.0 + norm(sub(ball, rows.position(self.tray))));
+                out[1] = 5.0 / (1.0 + v);
+                out[2] = 1.0 / (1.0 + turned);
+                out[3] = if ball[2] > 0.4 { 1.0 } else { 0.0 };
+            }
+            Reward::Shaped => {
+                out[0] = (1.0 - (6.0 * r).tanh()) / (1.0 + v);
+                out[1] = if r <= 0.1 && height > 0.0 { 0.2 } else { 0.0 };
+                out[2] = crate::reward::effort(action);
+            }
+        }
+    }
+
+    fn lost(&self, rows: &Rows<'_>, _signals: &[f64]) -> bool {
+        let ball = rows.free_position(self.ball);
+        norm(sub(ball, rows.position(self.tray))) > 0.54 || ball[2] < 0.5
+    }
+}

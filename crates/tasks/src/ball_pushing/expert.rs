@@ -1,0 +1,71 @@
+//! Goes over the table to behind the ball, down to it, and pushes it towards the hole.
+
+use std::sync::Arc;
+
+use mishandle_controllers::kinematic::{ResolvedRate, rotation_between};
+use mishandle_rollout::Controller;
+use mishandle_world::WorldError;
+use mishandle_world::frame::{add, norm, norm_xy, scale, sub};
+
+use crate::expert::{Behavior, Expert, Seen, limited};
+
+/// Distance kept behind the ball's centre before pushing, m.
+const BEHIND: f64 = 0.075;
+
+/// Height of the grasp point on the way, and while pushing, m.
+const TRAVEL_HEIGHT: f64 = 0.56;
+const PUSH_HEIGHT: f64 = 0.445;
+
+/// Speed of pushing, m/s.
+const PUSH_SPEED: f64 = 0.45;
+
+/// Ball x from which it rolls on by itself, m.
+const RELEASE: f64 = 0.72;
+
+/// The hand points down, fingers opening along y: its axes as columns, row by row.
+const DOWN: [f64; 9] = [1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0];
+
+/// What it does next; the value in its memory.
+const TRAVEL: f64 = 0.0;
+const DESCEND: f64 = 1.0;
+const PUSH: f64 = 2.0;
+const DONE: f64 = 3.0;
+
+struct Push;
+
+impl Behavior for Push {
+    const MEMORY: usize = 1;
+    const SITE: &'static str = "grasp";
+    const REST: [f64; 7] = [0.0, 0.1, 0.0, -2.3, 0.0, 2.4, 0.785];
+
+    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
+        let (to_hole, ball) = (seen.point(6), seen.point(9));
+        let along = scale([to_hole[0], to_hole[1], 0.0], 1.0 / norm_xy(to_hole).max(0.01));
+        let grasp = arm.position();
+        let behind = sub([ball[0], ball[1], PUSH_HEIGHT], scale(along, BEHIND));
+        let above = [behind[0], behind[1], TRAVEL_HEIGHT];
+        memory[0] = match memory[0] {
+            TRAVEL if norm_xy(sub(above, grasp)) < 0.02 => DESCEND,
+            DESCEND if norm(sub(behind, grasp)) < 0.015 => PUSH,
+            PUSH if ball[0] > RELEASE => DONE,
+            phase => phase,
+        };
+        let linear = match memory[0] {
+            TRAVEL => limited(scale(sub(above, grasp), 5.0), 0.8),
+            DESCEND => limited(scale(sub(behind, grasp), 5.0), 0.5),
+            PUSH => {
+                // Keeps to the line through ball and hole while it drives forward.
+                let error = sub(behind, grasp);
+                let ahead = error[0] * along[0] + error[1] * along[1];
+                add(scale(along, PUSH_SPEED), scale(sub(error, scale(along, ahead)), 8.0))
+            }
+            _ => [0.0, 0.0, 0.3 * (TRAVEL_HEIGHT - grasp[2])],
+        };
+        let angular = limited(scale(rotation_between(&arm.rotation(), &DOWN), 4.0), 2.0);
+        arm.twist(&seen.q, linear, angular)
+    }
+}
+
+pub(super) fn expert() -> Result<Arc<dyn Controller>, WorldError> {
+    Expert::controller(Push, const { &super::DEFINITION })
+}

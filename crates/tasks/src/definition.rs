@@ -1,0 +1,205 @@
+use mishandle_rollout::{Axis, InitialBox, RolloutError, Specification};
+use mishandle_world::{Model, Rows, World, WorldError};
+
+use crate::robot::Panda;
+
+/// Which reading of the original benchmark counts: changes formulas, metrics and box, nothing else.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Preset {
+    /// What the paper prints, where it can be met and agrees with the paper's own results.
+    #[default]
+    Paper,
+    /// What the paper's code does.
+    Code,
+}
+
+/// Which reward a training run learns from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reward {
+    /// The original's, with its slips mended.
+    Original,
+    /// Ours, shaped to lead to the strict formula.
+    Shaped,
+}
+
+/// A named number that a task shows: a signal, an entry of the observation, a term of the reward.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quantity {
+    /// Name.
+    pub name: &'static str,
+    /// Unit, empty for plain numbers.
+    pub unit: &'static str,
+    /// How many numbers it is.
+    pub size: usize,
+    /// What it is, or its formula.
+    pub meaning: &'static str,
+}
+
+/// A quantity of one number.
+pub(crate) const fn one(name: &'static str, unit: &'static str, meaning: &'static str) -> Quantity {
+    Quantity { name, unit, size: 1, meaning }
+}
+
+/// A quantity of three numbers.
+pub(crate) const fn three(name: &'static str, unit: &'static str, meaning: &'static str) -> Quantity {
+    Quantity { name, unit, size: 3, meaning }
+}
+
+/// The four formulas of a task, over its signals; bare interval bounds count control steps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Formulas {
+    /// φ: the task was done.
+    pub success: &'static str,
+    /// φ′: the task was done well. Ours, not the paper's.
+    pub strict: &'static str,
+    /// δ: the behavior is not dangerous.
+    pub safe: &'static str,
+    /// κ: holds from the moment the task is completed.
+    pub completion: &'static str,
+}
+
+impl Formulas {
+    /// The formulas, parsed.
+    ///
+    /// # Errors
+    /// If one does not parse.
+    pub fn specification(&self) -> Result<Specification, RolloutError> {
+        Specification::parse(self.success, self.strict, self.safe, self.completion)
+    }
+}
+
+/// One axis of an initial box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoxAxis {
+    /// Name.
+    pub name: &'static str,
+    /// Unit.
+    pub unit: &'static str,
+    /// Bounds under each preset: `[low, high]`.
+    pub paper: [f64; 2],
+    /// Bounds under [`Preset::Code`].
+    pub code: [f64; 2],
+    /// What the axis sets in the scene.
+    pub sets: &'static str,
+}
+
+/// Something the hand holds for good: part of the hand's body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Held {
+    /// A `<body>` whose `pos` and `quat` are left out.
+    pub mjcf: &'static str,
+    /// Where its frame is when the robot stands in its start pose, m.
+    pub position: [f64; 3],
+    /// Orientation there.
+    pub quaternion: [f64; 4],
+}
+
+/// All that a task states as data, each fact once.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Definition {
+    /// Name on the command line.
+    pub name: &'static str,
+    /// One sentence for people.
+    pub summary: &'static str,
+    /// MJCF of what stands around the robot: children of `<mujoco>`.
+    pub scene: &'static str,
+    /// What the hand holds for good.
+    pub held: Option<Held>,
+    /// Start of the seven arm joints (rad) and the two fingers (m).
+    pub start: [f64; 9],
+    /// Largest random offset of each arm joint's start, rad. Its stream is keyed by the simulation's seed.
+    pub start_noise: f64,
+    /// Finger opening held while the task runs, m for each finger.
+    pub grip: f64,
+    /// Physics steps in a control step.
+    pub n_substeps: usize,
+    /// What joint velocities are multiplied with in the observation.
+    pub velocity_scale: f64,
+    /// Signals, in order; each is one number.
+    pub signals: &'static [Quantity],
+    /// What the controller sees after the 18 numbers of the robot's joints, in order.
+    pub observation: &'static [Quantity],
+    /// Terms of the original reward.
+    pub original_reward: &'static [Quantity],
+    /// Terms of the shaped reward.
+    pub shaped_reward: &'static [Quantity],
+    /// Axes of the initial box.
+    pub initial_box: &'static [BoxAxis],
+    /// Formulas under [`Preset::Paper`].
+    pub paper: Formulas,
+    /// Formulas under [`Preset::Code`].
+    pub code: Formulas,
+    /// When a training episode ends early, in words.
+    pub termination: &'static str,
+    /// Where MuJoCo forced a difference from the original, and why it does not change what is tested.
+    pub differences: &'static str,
+}
+
+impl Definition {
+    /// The formulas of a preset.
+    pub fn formulas(&self, preset: Preset) -> &Formulas {
+        match preset {
+            Preset::Paper => &self.paper,
+            Preset::Code => &self.code,
+        }
+    }
+
+    /// The terms of a reward.
+    pub fn reward(&self, reward: Reward) -> &'static [Quantity] {
+        match reward {
+            Reward::Original => self.original_reward,
+            Reward::Shaped => self.shaped_reward,
+        }
+    }
+
+    /// The initial box of a preset.
+    ///
+    /// # Errors
+    /// If an axis's bounds are not in order.
+    pub fn initial_box(&self, preset: Preset) -> Result<InitialBox, RolloutError> {
+        let axis = |axis: &BoxAxis| {
+            let [low, high] = match preset {
+                Preset::Paper => axis.paper,
+                Preset::Code => axis.code,
+            };
+            Axis { name: axis.name.to_string(), unit: axis.unit.to_string(), low, high }
+        };
+        InitialBox::new(self.initial_box.iter().map(axis).collect())
+    }
+}
+
+/// A manipulation task: its data, its scene bound to a compiled model, and an expert.
+pub trait Task: Send + Sync {
+    /// What the task states as data.
+    fn definition(&self) -> &'static Definition;
+
+    /// Finds the scene's elements in the compiled model.
+    ///
+    /// # Errors
+    /// If one is missing.
+    fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError>;
+
+    /// A controller that meets the formula by model and feedback, from what a controller may see.
+    ///
+    /// # Errors
+    /// If the robot's model does not compile.
+    fn expert(&self) -> Result<std::sync::Arc<dyn mishandle_rollout::Controller>, WorldError>;
+}
+
+/// A task's scene in a compiled model. All functions are pure: they read rows and write numbers.
+pub trait Scene: Send + Sync {
+    /// Puts the scene where `x0` says; the robot is placed already.
+    fn place(&self, x0: &[f64], world: &mut World);
+
+    /// Writes the signals.
+    fn signals(&self, rows: &Rows<'_>, out: &mut [f64]);
+
+    /// Writes the task's part of the observation.
+    fn observe(&self, rows: &Rows<'_>, out: &mut [f64]);
+
+    /// Writes the terms of a reward, from the scene after the step and the action (not clipped) that led to it.
+    fn reward(&self, reward: Reward, rows: &Rows<'_>, signals: &[f64], action: &[f64], out: &mut [f64]);
+
+    /// Whether a training episode may end here because the task is lost.
+    fn lost(&self, rows: &Rows<'_>, signals: &[f64]) -> bool;
+}

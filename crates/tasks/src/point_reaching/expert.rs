@@ -1,0 +1,32 @@
+//! Moves the fingers straight to the target, at a speed in proportion to the distance.
+
+use std::sync::Arc;
+
+use mishandle_controllers::kinematic::ResolvedRate;
+use mishandle_rollout::Controller;
+use mishandle_world::WorldError;
+use mishandle_world::frame::scale;
+
+use crate::expert::{Behavior, Expert, Seen, limited};
+
+/// Approach rate, 1/s.
+const RATE: f64 = 5.0;
+
+/// Top speed, m/s.
+const SPEED: f64 = 1.2;
+
+struct Reach;
+
+impl Behavior for Reach {
+    const SITE: &'static str = "fingers";
+    const REST: [f64; 7] = [0.0, -0.4, 0.0, -2.2, 0.0, 2.2, 0.785];
+
+    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
+        let finger_from_target = seen.point(6);
+        arm.linear(&seen.q, limited(scale(finger_from_target, -RATE), SPEED))
+    }
+}
+
+pub(super) fn expert() -> Result<Arc<dyn Controller>, WorldError> {
+    Expert::controller(Reach, const { &super::DEFINITION })
+}

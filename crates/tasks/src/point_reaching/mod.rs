@@ -1,0 +1,122 @@
+//! Point reaching: bring the fingers to a point in space and keep them there.
+
+mod expert;
+
+use std::sync::Arc;
+
+use mishandle_rollout::Controller;
+use mishandle_world::frame::{norm, sub};
+use mishandle_world::{Body, Mocap, Model, Rows, World, WorldError};
+
+use crate::definition::{BoxAxis, Definition, Formulas, Reward, Scene, Task, one, three};
+use crate::robot::Panda;
+
+/// The task.
+pub struct PointReaching;
+
+const DEFINITION: Definition = Definition {
+    name: "point-reaching",
+    summary: "Bring the fingers to a point in space and keep them there.",
+    scene: include_str!("scene.xml"),
+    held: None,
+    start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.01, 0.01],
+    start_noise: 0.0,
+    grip: 0.01,
+    n_substeps: 2,
+    velocity_scale: 0.1,
+    signals: &[
+        one("finger_target_distance", "m", "distance of the fingers' midpoint from the target"),
+        one("finger_twist", "", "norm of the left finger's twist, m/s and rad/s together"),
+    ],
+    observation: &[
+        three("target", "m", "the target"),
+        three("finger", "m", "midpoint of the two finger frames"),
+        three("finger_from_target", "m", "finger minus target"),
+    ],
+    original_reward: &[
+        one("near", "", "1 / (1 + d)"),
+        one("there", "", "10 where d < 0.03 and v < 0.02, else 0"),
+        one("slow", "", "0.1 / (1 + v)"),
+    ],
+    shaped_reward: &[
+        one("near", "", "0.5 (1 - tanh(4 d))"),
+        one("there", "", "0.5 (1 - tanh(25 d))"),
+        one("calm", "", "-0.01 times the mean of the arm's squared actions"),
+    ],
+    initial_box: &[
+        BoxAxis { name: "target_x", unit: "m", paper: [0.3, 0.7], code: [0.3, 0.7], sets: "target's x" },
+        BoxAxis { name: "target_y", unit: "m", paper: [-0.4, 0.4], code: [-0.4, 0.4], sets: "target's y" },
+        BoxAxis { name: "target_z", unit: "m", paper: [0.4, 0.8], code: [0.4, 0.8], sets: "target's z" },
+    ],
+    paper: FORMULAS,
+    code: FORMULAS,
+    termination: "never",
+    differences: "None that matters: nothing is touched.",
+};
+
+const FORMULAS: Formulas = Formulas {
+    success: "always[50:300](finger_target_distance <= 0.12)",
+    strict: "always[150:300](finger_target_distance <= 0.03)",
+    safe: "finger_target_distance < 0.6",
+    completion: "finger_target_distance <= 0.12",
+};
+
+impl Task for PointReaching {
+    fn definition(&self) -> &'static Definition {
+        const { &DEFINITION }
+    }
+
+    fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
+        Ok(Box::new(Bound { panda: *panda, target: model.body("target")?, target_mocap: model.mocap("target")? }))
+    }
+
+    fn expert(&self) -> Result<Arc<dyn Controller>, WorldError> {
+        expert::expert()
+    }
+}
+
+struct Bound {
+    panda: Panda,
+    target: Body,
+    target_mocap: Mocap,
+}
+
+impl Scene for Bound {
+    fn place(&self, x0: &[f64], world: &mut World) {
+        world.place(self.target_mocap, [x0[0], x0[1], x0[2]], [1.0, 0.0, 0.0, 0.0]);
+    }
+
+    fn signals(&self, rows: &Rows<'_>, out: &mut [f64]) {
+        out[0] = norm(sub(self.panda.finger_position(rows), rows.position(self.target)));
+        out[1] = self.panda.finger_twist(rows);
+    }
+
+    fn observe(&self, rows: &Rows<'_>, out: &mut [f64]) {
+        let (target, finger) = (rows.position(self.target), self.panda.finger_position(rows));
+        out[..3].copy_from_slice(&target);
+        out[3..6].copy_from_slice(&finger);
+        out[6..].copy_from_slice(&sub(finger, target));
+    }
+
+    fn reward(&self, reward: Reward, _rows: &Rows<'_>, signals: &[f64], action: &[f64], out: &mut [f64]) {
+        let (d, v) = (signals[0], signals[1]);
+        let terms = match reward {
+            Reward::Original => [
+                1.0 / (1.0 + d),
+                if d < 0.03 && v < 0.02 { 10.0 } else { 0.0 },
+                0.1 / (1.0 + v),
+            ],
+            Reward::Shaped => [
+                0.5 * (1.0 - (4.0 * d).tanh()),
+                0.5 * (1.0 - (25.0 * d).tanh()),
+                crate::reward::effort(action),
+            ],
+        };
+        out.copy_from_slice(&terms);
+    }
+
+    fn lost(&self, _rows: &Rows<'_>, _signals: &[f64]) -> bool {
+        false
+    }
+}
+

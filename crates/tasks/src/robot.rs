@@ -1,0 +1,154 @@
+//! The Panda as all tasks use it: its joints, how actions move them, how its servos keep the velocity limits.
+
+use mishandle_world::{Body, Joint, Model, PANDA, Rows, Site, World, WorldError};
+
+use crate::definition::{Definition, Held};
+
+/// Number of joints: seven of the arm, two of the fingers. Also the number of actions.
+pub const JOINTS: usize = 9;
+
+/// Number of joints of the arm.
+pub const ARM_JOINTS: usize = 7;
+
+/// Names of the joints and of their servos.
+pub const JOINT_NAMES: [&str; JOINTS] = [
+    "joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "joint7", "finger_joint1", "finger_joint2",
+];
+
+/// Duration of a control step, s.
+pub const CONTROL_DT: f64 = 1.0 / 60.0;
+
+/// Control steps in an episode.
+pub const EPISODE_STEPS: usize = 300;
+
+/// How far an action of 1 moves an arm joint's target in one control step, rad.
+pub const TARGET_STEP: f64 = 7.5 / 60.0;
+
+/// Time constant of the servos: damping over stiffness, s (80 / 400 for the arm, 100 / 10,000 for the fingers).
+const SERVO_LAG: [f64; JOINTS] = [0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.01, 0.01];
+
+/// Velocity limits, rad/s for the arm, m/s for the fingers.
+pub const VELOCITY_LIMIT: [f64; JOINTS] = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61, 0.2, 0.2];
+
+/// The robot's elements in a compiled model.
+#[derive(Clone, Copy, Debug)]
+pub struct Panda {
+    joints: [Joint; JOINTS],
+    left_finger: Body,
+    right_finger: Body,
+    /// The point between the finger tips.
+    pub grasp: Site,
+}
+
+impl Panda {
+    /// Finds the robot in `model`.
+    ///
+    /// # Errors
+    /// If an element is missing.
+    pub fn new(model: &Model) -> Result<Panda, WorldError> {
+        let first = model.joint(JOINT_NAMES[0])?;
+        let mut joints = [first; JOINTS];
+        for (joint, name) in joints.iter_mut().zip(JOINT_NAMES) {
+            *joint = model.joint(name)?;
+        }
+        Ok(Panda {
+            joints,
+            left_finger: model.body("left_finger")?,
+            right_finger: model.body("right_finger")?,
+            grasp: model.site("grasp")?,
+        })
+    }
+
+    /// The joints, arm first.
+    pub fn joints(&self) -> &[Joint; JOINTS] {
+        &self.joints
+    }
+
+    /// Midpoint of the two finger frames, m.
+    pub fn finger_position(&self, rows: &Rows<'_>) -> [f64; 3] {
+        let (left, right) = (rows.position(self.left_finger), rows.position(self.right_finger));
+        [0, 1, 2].map(|i| 0.5 * (left[i] + right[i]))
+    }
+
+    /// Norm of the left finger's six-dimensional twist, linear m/s and angular rad/s together.
+    pub fn finger_twist(&self, rows: &Rows<'_>) -> f64 {
+        let (linear, angular) = rows.twist(self.left_finger);
+        linear.iter().chain(&angular).map(|v| v * v).sum::<f64>().sqrt()
+    }
+
+    /// Puts the robot at rest at `q`.
+    pub(crate) fn place(&self, q: &[f64; JOINTS], world: &mut World) {
+        for (joint, q) in self.joints.iter().zip(q) {
+            world.qpos_mut()[joint.qpos] = *q;
+            world.qvel_mut()[joint.dof] = 0.0;
+        }
+    }
+
+    /// Moves the arm's joint targets (rad) by an action, and keeps them inside the joints' limits.
+    pub(crate) fn move_targets(&self, action: &[f64], targets: &mut [f64]) {
+        for ((joint, a), target) in self.joints[..ARM_JOINTS].iter().zip(action).zip(targets) {
+            *target = (*target + TARGET_STEP * a).clamp(joint.low, joint.high);
+        }
+    }
+
+    /// Sets the servos for one physics step towards `targets`.
+    ///
+    /// MuJoCo has no velocity limits. A servo that is asked for at most `v_max` times its lag beyond the joint's
+    /// position settles at `v_max`, so that is what it is asked for.
+    pub(crate) fn set_servos(&self, targets: &[f64], world: &mut World) {
+        for (i, (joint, target)) in self.joints.iter().zip(targets).enumerate() {
+            let q = world.qpos()[joint.qpos];
+            let reach = VELOCITY_LIMIT[i] * SERVO_LAG[i];
+            world.ctrl_mut()[i] = q + (target - q).clamp(-reach, reach);
+        }
+    }
+
+    /// Writes the first 18 numbers of an observation: positions mapped from their limits to [-1, 1], and velocities
+    /// times `velocity_scale`.
+    pub(crate) fn observe(&self, rows: &Rows<'_>, velocity_scale: f64, out: &mut [f64]) {
+        let (positions, velocities) = out.split_at_mut(JOINTS);
+        for (i, joint) in self.joints.iter().enumerate() {
+            positions[i] = 2.0 * (rows.qpos[joint.qpos] - joint.low) / (joint.high - joint.low) - 1.0;
+            velocities[i] = velocity_scale * rows.qvel[joint.dof];
+        }
+    }
+}
+
+/// The whole MJCF document of a task: the robot, what it holds, and the scene.
+///
+/// # Errors
+/// If the robot's own document does not compile, or an element it needs is missing.
+pub fn compose(definition: &Definition) -> Result<String, WorldError> {
+    let held = match &definition.held {
+        Some(held) => attach(held, &definition.start)?,
+        None => String::new(),
+    };
+    let hand = PANDA.replacen("<!-- held -->", &held, 1);
+    Ok(hand.replacen("</mujoco>", &format!("{}\n</mujoco>", definition.scene), 1))
+}
+
+/// The held body with its pose in the frame of the hand, from its pose in the world when the robot is at `start`.
+fn attach(held: &Held, start: &[f64; JOINTS]) -> Result<String, WorldError> {
+    use mishandle_world::frame::{rotate_back, sub};
+    let model = Model::from_xml(PANDA)?;
+    let (panda, hand, mut world) = (Panda::new(&model)?, model.body("hand")?, model.world());
+    panda.place(start, &mut world);
+    world.refresh();
+    let rows = world.rows();
+    let world_from_hand = rows.quaternion(hand);
+    let p = rotate_back(world_from_hand, sub(held.position, rows.position(hand)));
+    let [w, x, y, z] = world_from_hand;
+    let [a, b, c, d] = held.quaternion;
+    // The product of the hand's inverse and the held body's quaternion.
+    let q = [
+        w * a + x * b + y * c + z * d,
+        w * b - x * a - y * d + z * c,
+        w * c + x * d - y * a - z * b,
+        w * d - x * c + y * b - z * a,
+    ];
+    let pose = format!(
+        "<body pos=\"{} {} {}\" quat=\"{} {} {} {}\"",
+        p[0], p[1], p[2], q[0], q[1], q[2], q[3]
+    );
+    Ok(held.mjcf.replacen("<body", &pose, 1))
+}

@@ -1,0 +1,173 @@
+//! Fetches MuJoCo's shared library: downloads its wheel from PyPI, checks the library and puts it where the build looks.
+
+use std::ffi::OsStr;
+use std::fs;
+use std::io::ErrorKind;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::Instant;
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use sha2::{Digest, Sha256};
+
+const VERSION: &str = "3.17.0";
+const LIBRARY: &str = "libmujoco.so.3.17.0";
+const LINK: &str = "libmujoco.so";
+/// Of `LIBRARY`; every wheel of this version for this platform holds the same bytes.
+const SHA256: &str = "23496b023ee80fb61ab71167e94bc649f9941710fde96b18bb8204fb332523ad";
+const LICENCES: [&str; 2] = ["LICENSE", "LICENSES_THIRD_PARTY.md"];
+/// Names the folder that `mujoco-rs` links from; a user may set it to a MuJoCo of their own.
+const LINK_DIR: &str = "MUJOCO_DYNAMIC_LINK_DIR";
+/// What `.cargo/config.toml` sets it to otherwise: a folder that leads the linker to `target/mujoco/lib`.
+const LINK_DIR_DEFAULT: &str = "crates/world/link";
+
+/// Which wheel to take, whatever Python asks for it: the library inside is the same in all of them.
+const WHEEL: &[&str] = &[
+    "--no-deps",
+    "--only-binary=:all:",
+    "--python-version=3.12",
+    "--implementation=cp",
+    "--platform=manylinux_2_28_x86_64",
+];
+/// Keeps pip short: no questions, no news, and a machine without network hears of it within seconds.
+const PIP: &[&str] = &[
+    "--quiet",
+    "--no-input",
+    "--disable-pip-version-check",
+    "--retries=2",
+    "--timeout=20",
+    "--progress-bar=off",
+];
+
+/// Unpacks the library and the licences of the one wheel in a folder into that folder, without their paths.
+const UNPACK: &str = "
+import glob, os, sys, zipfile
+folder, names = sys.argv[1], sys.argv[2:]
+with zipfile.ZipFile(glob.glob(os.path.join(folder, '*.whl'))[0]) as wheel:
+    for member in wheel.namelist():
+        name = member.rsplit('/', 1)[-1]
+        if name in names:
+            with open(os.path.join(folder, name), 'wb') as out:
+                out.write(wheel.read(member))
+";
+
+/// Puts MuJoCo's library into `target/mujoco/lib`, unless it is there already or the user brought one.
+pub fn fetch(root: &Path) -> Result<()> {
+    ensure!(
+        cfg!(all(target_os = "linux", target_arch = "x86_64")),
+        "only x86-64 Linux is supported, this is {} on {}",
+        std::env::consts::ARCH,
+        std::env::consts::OS
+    );
+    let folder = root.join("target/mujoco/lib");
+    if let Some(own) = users_own(root) {
+        ensure!(
+            own.join(LINK).is_file(),
+            "{LINK_DIR} names {}, which holds no {LINK}; unset it, or set it to the `lib` folder of MuJoCo {VERSION}",
+            own.display()
+        );
+        eprintln!("MuJoCo: {}, since {LINK_DIR} names it", own.display());
+        return Ok(());
+    }
+    if is_in_place(&folder) {
+        eprintln!("MuJoCo {VERSION}: {}, already there", folder.display());
+        return Ok(());
+    }
+    let started = Instant::now();
+    let scratch = folder.with_file_name(format!("fetch-{}", std::process::id()));
+    fs::create_dir_all(&scratch).with_context(|| format!("cannot make the folder {}", scratch.display()))?;
+    let placed = download(&scratch).and_then(|()| place(&scratch, &folder));
+    fs::remove_dir_all(&scratch).with_context(|| format!("cannot remove {}", scratch.display()))?;
+    placed?;
+    eprintln!("MuJoCo {VERSION}: {}, in {:.1} s", folder.display(), started.elapsed().as_secs_f64());
+    Ok(())
+}
+
+/// The folder that the user chose, if one.
+fn users_own(root: &Path) -> Option<PathBuf> {
+    let chosen = PathBuf::from(std::env::var_os(LINK_DIR)?);
+    (chosen != root.join(LINK_DIR_DEFAULT)).then_some(chosen)
+}
+
+fn is_in_place(folder: &Path) -> bool {
+    let linked = fs::read_link(folder.join(LINK)).is_ok_and(|target| target == Path::new(LIBRARY));
+    linked && fs::read(folder.join(LIBRARY)).is_ok_and(|bytes| sha256(&bytes) == SHA256)
+}
+
+fn download(scratch: &Path) -> Result<()> {
+    let requirement = format!("mujoco=={VERSION}");
+    eprintln!("MuJoCo {VERSION}: downloading the wheel from PyPI");
+    let pip = python(
+        ["-m", "pip", "download", &requirement, "--dest"]
+            .map(OsStr::new)
+            .into_iter()
+            .chain([scratch.as_os_str()])
+            .chain(WHEEL.iter().chain(PIP).map(OsStr::new)),
+    )?;
+    ensure!(pip.status.success(), "{}", why_pip_failed(&String::from_utf8_lossy(&pip.stderr)));
+
+    let unpacked = python(
+        [OsStr::new("-c"), OsStr::new(UNPACK), scratch.as_os_str(), OsStr::new(LIBRARY)]
+            .into_iter()
+            .chain(LICENCES.map(OsStr::new)),
+    )?;
+    ensure!(
+        unpacked.status.success(),
+        "cannot unpack the wheel of MuJoCo {VERSION}: {}",
+        last_line(&String::from_utf8_lossy(&unpacked.stderr))
+    );
+    Ok(())
+}
+
+fn python<'a>(arguments: impl Iterator<Item = &'a OsStr>) -> Result<Output> {
+    Command::new("python3").args(arguments).output().map_err(|error| match error.kind() {
+        ErrorKind::NotFound => {
+            anyhow!("MuJoCo comes from PyPI, but there is no `python3`; install Python 3 with pip")
+        }
+        _ => anyhow!(error).context("cannot run `python3`"),
+    })
+}
+
+/// One line for the user out of what pip wrote.
+fn why_pip_failed(stderr: &str) -> String {
+    if stderr.contains("No module named pip") {
+        return "MuJoCo comes from PyPI, but `python3` has no pip; install it (Debian: `apt install python3-pip`)"
+            .into();
+    }
+    let unreachable =
+        ["NewConnectionError", "ConnectTimeoutError", "ProxyError", "NameResolutionError", "SSLError"];
+    if unreachable.iter().any(|name| stderr.contains(name)) {
+        return format!(
+            "cannot download MuJoCo {VERSION}: pip does not reach PyPI; check the network, or pip's mirror and proxy"
+        );
+    }
+    format!("cannot download MuJoCo {VERSION}: pip says: {}", last_line(stderr))
+}
+
+fn last_line(text: &str) -> &str {
+    text.lines().map(str::trim).rfind(|line| !line.is_empty()).unwrap_or("(nothing)")
+}
+
+/// Moves what was unpacked into `folder`, by renames, so that a build beside us sees all of the library or none of it.
+fn place(scratch: &Path, folder: &Path) -> Result<()> {
+    let library = scratch.join(LIBRARY);
+    let bytes =
+        fs::read(&library).with_context(|| format!("the wheel of MuJoCo {VERSION} holds no {LIBRARY}"))?;
+    let found = sha256(&bytes);
+    if found != SHA256 {
+        bail!("the {LIBRARY} that was downloaded has SHA-256 {found}, not {SHA256}; it was thrown away");
+    }
+    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    symlink(LIBRARY, scratch.join(LINK)).context("cannot make a symbolic link in target/mujoco")?;
+    for name in LICENCES.into_iter().chain([LIBRARY, LINK]) {
+        let place = folder.join(name);
+        fs::rename(scratch.join(name), &place)
+            .with_context(|| format!("cannot write {}", place.display()))?;
+    }
+    Ok(())
+}
+
+fn sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
