@@ -1,1 +1,99 @@
-//! One SQLite file a run, a row a simulation.
+//! One SQLite file a run, a row a simulation, readable for years.
+//!
+//! A *run* is one campaign of falsification or one evaluation. Its file holds
+//!
+//! - the **header** ([`RunHeader`]): what was run, by which build, from which plan;
+//! - the **trials** ([`Trial`]): one seeded search each;
+//! - the **simulations** ([`Simulation`]): a row each, written in a transaction as it ends;
+//! - the **traces** ([`Trace`]) of those simulations for which they were wanted.
+//!
+//! [`RunWriter`] writes (one per file), [`RunFile`] reads (any number, also while the run goes on).
+//!
+//! # What can be relied on
+//! - A number comes back with the same bits: ±infinity, −0.0 and seeds above 2⁶³ included.
+//! - A process that is killed loses at most the transaction in flight.
+//! - Every row carries a hash of itself, every trace one in its simulation's row: a changed byte is found out
+//!   ([`StoreError::Damaged`]), never shown as a result.
+//! - At rest a run is a single file, which can be copied and read from a read-only folder. While it is written,
+//!   and after a kill, two more files stand beside it (`-wal`, `-shm`) and belong to it.
+//! - The same records in give the same content out, [`RunFile::content_digest`]. The bytes of two SQLite files
+//!   are not to be compared: they depend on the order and the size of the transactions.
+//! - A file of an older format is upgraded in place when it is opened; one of a newer format is refused.
+//!
+//! # Example
+//! ```
+//! use mishandle_store::{Axis, End, Existing, RunFile, RunHeader, RunWriter, Simulation, SimulationRecord};
+//! use mishandle_store::{Build, RunKind, TrialStatus};
+//!
+//! # fn main() -> Result<(), mishandle_store::StoreError> {
+//! # let folder = tempfile::tempdir().unwrap();
+//! # let path = folder.path().join("run.sqlite");
+//! let header = RunHeader {
+//!     kind: RunKind::Falsify,
+//!     build: Build { program_version: "0.1.0".into(), ..Build::default() },
+//!     plan: "budget = 300\n".into(),
+//!     controller: "ppo".into(),
+//!     controller_hash: "9f2c".into(),
+//!     controller_bytes_hash: "07aa".into(),
+//!     task: "point-reaching".into(),
+//!     preset: "paper".into(),
+//!     formula: "always[50:300](finger_target_distance <= 0.12)".into(),
+//!     search: "random".into(),
+//!     seed: 7,
+//!     control_dt: 1.0 / 60.0,
+//!     signals: vec!["finger_target_distance".into()],
+//!     axes: vec![Axis { name: "target_x".into(), unit: "m".into(), low: 0.3, high: 0.7 }],
+//!     verdicts: vec!["strict_robustness".into()],
+//! };
+//! let mut writer = RunWriter::create(&path, &header, Existing::Refuse)?;
+//! writer.start_trial(1, 11)?;
+//! writer.record(&[SimulationRecord {
+//!     simulation: Simulation {
+//!         trial: 1,
+//!         number: 1,
+//!         seed: u64::MAX,
+//!         unit_point: vec![0.5],
+//!         initial_configuration: vec![0.5],
+//!         robustness: Some(-0.01),
+//!         end: End::Horizon,
+//!         steps: 300,
+//!         verdicts: vec![None],
+//!         trace_digest: None,
+//!     },
+//!     trace: None,
+//! }])?;
+//! writer.end_trial(1, TrialStatus::Falsified)?;
+//! writer.close()?;
+//!
+//! let run = RunFile::open(&path)?;
+//! assert_eq!(run.header(), &header);
+//! assert_eq!(run.simulation(1, 1)?.simulation.seed, u64::MAX);
+//! assert_eq!(run.counts()?.falsified, 1);
+//! # Ok(())
+//! # }
+//! ```
+
+mod csv;
+mod digest;
+mod error;
+mod header;
+mod header_table;
+mod record;
+mod row;
+mod run_file;
+mod run_writer;
+mod schema;
+mod trace_blob;
+mod upgrade;
+
+pub use csv::{export_csv, export_trace_csv};
+pub use error::StoreError;
+pub use header::{Axis, Build, RunHeader, RunKind};
+pub use record::{Counts, End, Simulation, SimulationRecord, Trial, TrialStatus, TrialSummary};
+pub use run_file::{RunFile, Simulations};
+pub use run_writer::{Existing, RunWriter};
+pub use schema::FORMAT_VERSION;
+pub use trace_blob::{Trace, trace_digest};
+
+/// A result of this crate.
+pub type Result<T, E = StoreError> = std::result::Result<T, E>;

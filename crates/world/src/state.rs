@@ -94,7 +94,7 @@ impl World {
             MjtWarning::mjWARN_BADQACC as usize,
             MjtWarning::mjWARN_BADCTRL as usize,
         ];
-        let sane = |values: &[f64]| values.iter().all(|value| value.abs() < mjMAXVAL);
+        let sane = |values: &[f64]| values.iter().all(|value| value.abs() < mujoco_rs::mujoco_c::mjMAXVAL);
         let quiet = BAD.iter().all(|&kind| self.data.warning()[kind].number == 0);
         if quiet && sane(self.qpos()) && sane(self.qvel()) {
             return false;

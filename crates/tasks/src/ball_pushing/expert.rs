@@ -5,7 +5,7 @@ use std::sync::Arc;
 use mishandle_controllers::kinematic::{ResolvedRate, rotation_between};
 use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
-use mishandle_world::frame::{add, norm, norm_xy, scale, sub};
+use mishandle_world::frame::{add, cross, norm, norm_xy, scale, sub};
 
 use crate::expert::{Behavior, Expert, Seen, limited};
 
@@ -14,16 +14,17 @@ const BEHIND: f64 = 0.075;
 
 /// Height of the grasp point on the way, and while pushing, m.
 const TRAVEL_HEIGHT: f64 = 0.56;
-const PUSH_HEIGHT: f64 = 0.445;
+const PUSH_HEIGHT: f64 = 0.425;
 
 /// Speed of pushing, m/s.
-const PUSH_SPEED: f64 = 0.45;
+const PUSH_SPEED: f64 = 0.5;
 
-/// Ball x from which it rolls on by itself, m.
-const RELEASE: f64 = 0.72;
+/// Forward speed of the ball at which it has been struck, m/s.
+const STRUCK: f64 = 0.3;
 
-/// The hand points down, fingers opening along y: its axes as columns, row by row.
-const DOWN: [f64; 9] = [1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0];
+/// How far the finger tips lead, rad from straight down. With a friction of 1 between all three, an upright finger
+/// and the table lock a ball between them; a leaning one touches it below its equator and lets it roll.
+const LEAN: f64 = 0.5;
 
 /// What it does next; the value in its memory.
 const TRAVEL: f64 = 0.0;
@@ -47,7 +48,7 @@ impl Behavior for Push {
         memory[0] = match memory[0] {
             TRAVEL if norm_xy(sub(above, grasp)) < 0.02 => DESCEND,
             DESCEND if norm(sub(behind, grasp)) < 0.015 => PUSH,
-            PUSH if ball[0] > RELEASE => DONE,
+            PUSH if seen.point(0)[0] > STRUCK => DONE,
             phase => phase,
         };
         let linear = match memory[0] {
@@ -59,11 +60,20 @@ impl Behavior for Push {
                 let ahead = error[0] * along[0] + error[1] * along[1];
                 add(scale(along, PUSH_SPEED), scale(sub(error, scale(along, ahead)), 8.0))
             }
-            _ => [0.0, 0.0, 0.3 * (TRAVEL_HEIGHT - grasp[2])],
+            _ => scale(along, -0.2),
         };
-        let angular = limited(scale(rotation_between(&arm.rotation(), &DOWN), 4.0), 2.0);
+        let angular = limited(scale(rotation_between(&arm.rotation(), &leaning(along)), 4.0), 2.0);
         arm.twist(&seen.q, linear, angular)
     }
+}
+
+/// The hand's axes as columns, row by row: it leans forward along a horizontal direction and opens across it.
+fn leaning(along: [f64; 3]) -> [f64; 9] {
+    let (sin, cos) = LEAN.sin_cos();
+    let y = [along[1], -along[0], 0.0];
+    let z = [sin * along[0], sin * along[1], -cos];
+    let x = cross(y, z);
+    [x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]]
 }
 
 pub(super) fn expert() -> Result<Arc<dyn Controller>, WorldError> {

@@ -28,7 +28,7 @@ const DEFINITION: Definition = Definition {
     start: [1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035],
     start_noise: 0.125,
     grip: 0.015,
-    n_substeps: 2,
+    n_substeps: 4,
     velocity_scale: 0.01,
     signals: &[
         one("ball_hole_distance", "m", "distance of the ball from a point 5 mm below the pit's floor, at its centre"),

@@ -1,0 +1,282 @@
+//! The network itself: sizes, activations, parameters and their names.
+
+use crate::NetworkError;
+use crate::activation::Activation;
+use crate::lanes::{self, Lanes};
+use crate::scalar::Scalar;
+
+/// A multi-layer perceptron.
+///
+/// ```text
+/// y₀ = input,  y_l = f_l(W_l y_(l−1) + b_l),  output = y_L
+/// ```
+///
+/// `f_l` is the hidden activation for every layer but the last, which has the output activation. All parameters stand in one
+/// flat vector, layer by layer, each layer's weight `[outputs, inputs]` row by row and then its bias `[outputs]`: the order
+/// of PyTorch's `Sequential` of `Linear` layers.
+///
+/// A new network is all zeros: give it parameters with [`update`](Mlp::update), [`set_tensors`](Mlp::set_tensors) or an
+/// initialiser.
+///
+/// # Example
+/// ```
+/// use mishandle_network::{Activation, Mlp, Workspace};
+///
+/// let mut network = Mlp::<f32>::new(&[2, 1], Activation::Elu, Activation::Identity)?;
+/// network.update(|parameters| parameters.copy_from_slice(&[3.0, 4.0, 0.5])); // W = [3 4], b = 0.5
+/// assert_eq!(network.forward(&[1.0, 1.0, 0.0, 2.0], &mut Workspace::default()), [7.5, 8.5]);
+/// # Ok::<(), mishandle_network::NetworkError>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Mlp<T> {
+    sizes: Vec<usize>,
+    hidden_activation: Activation,
+    output_activation: Activation,
+    parameters: Vec<T>,
+    pub(crate) shapes: Vec<LayerShape>,
+    /// The parameters again, in the layout that the products read.
+    pub(crate) packed: Vec<PackedLayer<T>>,
+    /// Each layer's weight as the second operand of a product over its outputs, which gives the gradient of its inputs.
+    pub(crate) packed_for_inputs: Vec<Vec<Lanes<T>>>,
+}
+
+/// A named tensor of a network or of a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tensor<'a, T> {
+    /// `layers.0.weight`, `layers.0.bias`, `layers.1.weight`, …
+    pub name: String,
+    /// `[outputs, inputs]` of a weight, `[outputs]` of a bias.
+    pub shape: Vec<usize>,
+    /// The numbers, row by row.
+    pub values: &'a [T],
+}
+
+/// Where a layer's parameters stand in the flat vector.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct LayerShape {
+    pub inputs: usize,
+    pub outputs: usize,
+    pub offset: usize,
+}
+
+impl LayerShape {
+    pub(crate) fn weight_count(self) -> usize {
+        self.inputs * self.outputs
+    }
+
+    /// The layer's weight and bias in `flat`.
+    pub(crate) fn split<T>(self, flat: &[T]) -> (&[T], &[T]) {
+        flat[self.offset..][..self.weight_count() + self.outputs].split_at(self.weight_count())
+    }
+
+    /// The layer's weight and bias in `flat`.
+    pub(crate) fn split_mut<T>(self, flat: &mut [T]) -> (&mut [T], &mut [T]) {
+        flat[self.offset..][..self.weight_count() + self.outputs].split_at_mut(self.weight_count())
+    }
+}
+
+/// A layer's parameters as the second operand of a product over its inputs.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct PackedLayer<T> {
+    /// The transposed weight, of inputs x outputs.
+    pub weight: Vec<Lanes<T>>,
+    /// One row, of outputs.
+    pub bias: Vec<Lanes<T>>,
+}
+
+impl<T: Scalar> PackedLayer<T> {
+    /// Takes the layer's parameters from `flat`, a vector like the network's parameters.
+    pub(crate) fn pack(&mut self, shape: LayerShape, flat: &[T]) {
+        let (weight, bias) = shape.split(flat);
+        self.weight
+            .resize(lanes::panels(shape.inputs) * lanes::WIDTH * lanes::panels(shape.outputs), Lanes::ZERO);
+        lanes::pack_transposed(weight, shape.inputs, &mut self.weight);
+        lanes::resize(&mut self.bias, 1, shape.outputs);
+        lanes::pack(bias, shape.outputs, 1, &mut self.bias);
+    }
+}
+
+impl<T: Scalar> Mlp<T> {
+    /// A network of zeros with `sizes[0]` inputs, `sizes[1..]` outputs of its layers, and so as many layers as there are sizes, less
+    /// one.
+    ///
+    /// # Errors
+    /// [`NetworkError::Sizes`] if there are fewer than two sizes or one is 0.
+    pub fn new(
+        sizes: &[usize],
+        hidden_activation: Activation,
+        output_activation: Activation,
+    ) -> Result<Mlp<T>, NetworkError> {
+        if sizes.len() < 2 || sizes.contains(&0) {
+            return Err(NetworkError::Sizes { found: sizes.to_vec() });
+        }
+        let mut count = 0;
+        let shapes: Vec<LayerShape> = sizes
+            .windows(2)
+            .map(|pair| {
+                let shape = LayerShape { inputs: pair[0], outputs: pair[1], offset: count };
+                count += shape.weight_count() + shape.outputs;
+                shape
+            })
+            .collect();
+        let mut network = Mlp {
+            sizes: sizes.to_vec(),
+            hidden_activation,
+            output_activation,
+            parameters: vec![T::ZERO; count],
+            shapes: shapes.clone(),
+            packed: shapes.iter().map(|_| PackedLayer::default()).collect(),
+            packed_for_inputs: shapes
+                .iter()
+                .map(|shape| {
+                    vec![
+                        Lanes::ZERO;
+                        lanes::panels(shape.outputs) * lanes::WIDTH * lanes::panels(shape.inputs)
+                    ]
+                })
+                .collect(),
+        };
+        network.pack();
+        Ok(network)
+    }
+
+    /// The number of inputs, then the number of outputs of each layer.
+    pub fn sizes(&self) -> &[usize] {
+        &self.sizes
+    }
+
+    /// How many numbers a row of inputs has.
+    pub fn input_size(&self) -> usize {
+        self.sizes[0]
+    }
+
+    /// How many numbers a row of outputs has.
+    pub fn output_size(&self) -> usize {
+        self.sizes[self.layer_count()]
+    }
+
+    /// The activation of every layer but the last.
+    pub fn hidden_activation(&self) -> Activation {
+        self.hidden_activation
+    }
+
+    /// The activation of the last layer.
+    pub fn output_activation(&self) -> Activation {
+        self.output_activation
+    }
+
+    /// How many parameters there are.
+    pub fn parameter_count(&self) -> usize {
+        self.parameters.len()
+    }
+
+    /// All parameters: layer by layer, the weight `[outputs, inputs]` row by row and then the bias.
+    pub fn parameters(&self) -> &[T] {
+        &self.parameters
+    }
+
+    /// Lets `change` write the parameters.
+    ///
+    /// Afterwards they are copied into the layout that the products read: about 1 ns a parameter.
+    pub fn update<R>(&mut self, change: impl FnOnce(&mut [T]) -> R) -> R {
+        let result = change(&mut self.parameters);
+        self.pack();
+        result
+    }
+
+    /// The parameters by name: `layers.0.weight`, `layers.0.bias`, `layers.1.weight`, …
+    pub fn tensors(&self) -> Vec<Tensor<'_, T>> {
+        self.shapes
+            .iter()
+            .enumerate()
+            .flat_map(|(l, shape)| {
+                let (weight, bias) = shape.split(&self.parameters);
+                [
+                    Tensor {
+                        name: format!("layers.{l}.weight"),
+                        shape: vec![shape.outputs, shape.inputs],
+                        values: weight,
+                    },
+                    Tensor { name: format!("layers.{l}.bias"), shape: vec![shape.outputs], values: bias },
+                ]
+            })
+            .collect()
+    }
+
+    /// Sets all parameters from tensors, which may come in any order.
+    ///
+    /// # Errors
+    /// A tensor that is missing, does not belong here, has another shape, or holds NaN or infinity. The network then stays as it was.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_network::{Activation, Mlp};
+    /// let mut source = Mlp::<f32>::new(&[3, 2, 1], Activation::Elu, Activation::Identity)?;
+    /// source.update(|parameters| parameters.fill(0.5));
+    /// let mut copy = Mlp::new(source.sizes(), Activation::Elu, Activation::Identity)?;
+    /// copy.set_tensors(&source.tensors())?;
+    /// assert_eq!(copy.parameters(), source.parameters());
+    /// assert!(copy.set_tensors(&source.tensors()[1..]).is_err());
+    /// # Ok::<(), mishandle_network::NetworkError>(())
+    /// ```
+    pub fn set_tensors(&mut self, tensors: &[Tensor<'_, T>]) -> Result<(), NetworkError> {
+        let own = self.tensors();
+        let known = || own.iter().map(|tensor| tensor.name.clone()).collect();
+        for (i, tensor) in tensors.iter().enumerate() {
+            let twice = tensors[..i].iter().any(|earlier| earlier.name == tensor.name);
+            if twice || own.iter().all(|wanted| wanted.name != tensor.name) {
+                return Err(NetworkError::UnexpectedTensor { found: tensor.name.clone(), known: known() });
+            }
+        }
+        let mut parameters = Vec::with_capacity(self.parameters.len());
+        for wanted in &own {
+            let Some(tensor) = tensors.iter().find(|tensor| tensor.name == wanted.name) else {
+                let given = tensors.iter().map(|tensor| tensor.name.clone()).collect();
+                return Err(NetworkError::MissingTensor { wanted: wanted.name.clone(), given });
+            };
+            if tensor.shape != wanted.shape || tensor.values.len() != wanted.values.len() {
+                return Err(NetworkError::Shape {
+                    name: tensor.name.clone(),
+                    wanted: wanted.shape.clone(),
+                    found: tensor.shape.clone(),
+                    numbers: tensor.values.len(),
+                });
+            }
+            if let Some((index, value)) =
+                tensor.values.iter().enumerate().find(|(_, v)| !v.to_f64().is_finite())
+            {
+                return Err(NetworkError::Number {
+                    what: tensor.name.clone(),
+                    wanted: "finite",
+                    index,
+                    found: value.to_f64(),
+                });
+            }
+            parameters.extend_from_slice(tensor.values);
+        }
+        self.update(|own| own.copy_from_slice(&parameters));
+        Ok(())
+    }
+
+    pub(crate) fn layer_count(&self) -> usize {
+        self.sizes.len() - 1
+    }
+
+    /// The activation behind layer `l`, counted from 0.
+    pub(crate) fn activation(&self, l: usize) -> Activation {
+        if l + 1 == self.layer_count() { self.output_activation } else { self.hidden_activation }
+    }
+
+    fn pack(&mut self) {
+        for (l, shape) in self.shapes.iter().enumerate() {
+            self.packed[l].pack(*shape, &self.parameters);
+            let padded = lanes::panels(shape.outputs) * lanes::WIDTH;
+            lanes::pack(
+                shape.split(&self.parameters).0,
+                shape.inputs,
+                padded,
+                &mut self.packed_for_inputs[l],
+            );
+        }
+    }
+}

@@ -1,0 +1,236 @@
+//! The three passes: forward, backward and forward tangents.
+
+use crate::lanes::{self, Finish, Lanes, product};
+use crate::mlp::{Mlp, PackedLayer};
+use crate::scalar::Scalar;
+
+/// The memory of a pass, kept from call to call.
+///
+/// It holds the values of every layer after [`Mlp::forward`], which [`Mlp::backward`] and [`Mlp::tangent`] read. Give each network a
+/// workspace of its own: then memory is taken only when there are more rows than ever before.
+#[derive(Debug, Clone, Default)]
+pub struct Workspace<T> {
+    rows: usize,
+    /// The input, then the output of each layer.
+    values: Vec<Vec<Lanes<T>>>,
+    /// The gradient or the tangent of the layer at hand, and of its neighbour.
+    flow: [Vec<Lanes<T>>; 2],
+    /// The parameter direction of a tangent, layer by layer.
+    direction: Vec<PackedLayer<T>>,
+    /// One row of zeros, as wide as the widest layer.
+    zeros: Vec<Lanes<T>>,
+    outputs: Vec<T>,
+    output_tangents: Vec<T>,
+}
+
+impl<T: Scalar> Workspace<T> {
+    /// How many rows the last forward pass had.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// The outputs of the last forward pass, row by row.
+    pub fn outputs(&self) -> &[T] {
+        &self.outputs
+    }
+
+    fn prepare(&mut self, network: &Mlp<T>, rows: usize) {
+        let sizes = network.sizes();
+        self.rows = rows;
+        self.values.resize_with(sizes.len(), Vec::new);
+        for (values, size) in self.values.iter_mut().zip(sizes) {
+            lanes::resize(values, rows, *size);
+        }
+        let widest = sizes.iter().copied().max().unwrap_or(0);
+        lanes::resize(&mut self.zeros, 1, widest);
+        self.outputs.resize(rows * network.output_size(), T::ZERO);
+    }
+
+    /// Whether the last forward pass was one of `network`, as far as sizes tell.
+    fn fits(&self, network: &Mlp<T>) -> bool {
+        let sizes = network.sizes();
+        self.values.len() == sizes.len()
+            && self.values.iter().zip(sizes).all(|(v, size)| v.len() == self.rows * lanes::panels(*size))
+    }
+}
+
+impl<T: Scalar> Mlp<T> {
+    /// The outputs for `inputs`, both row by row: `[rows, input_size]` to `[rows, output_size]`.
+    ///
+    /// A row's outputs are the same bits whatever other rows are given with it.
+    ///
+    /// # Panics
+    /// If the length of `inputs` is not a whole number of rows.
+    pub fn forward<'w>(&self, inputs: &[T], workspace: &'w mut Workspace<T>) -> &'w [T] {
+        let columns = self.input_size();
+        assert!(
+            inputs.len().is_multiple_of(columns),
+            "inputs: {} numbers, rows have {columns}",
+            inputs.len()
+        );
+        let rows = inputs.len() / columns;
+        workspace.prepare(self, rows);
+        if rows == 0 {
+            return &workspace.outputs;
+        }
+        lanes::pack(inputs, columns, rows, &mut workspace.values[0]);
+        for (l, layer) in self.packed.iter().enumerate() {
+            let (before, after) = workspace.values.split_at_mut(l + 1);
+            let finish = Finish::Activate(self.activation(l));
+            product(rows, &before[l], &layer.weight, Some(&layer.bias), &mut after[0], finish);
+        }
+        lanes::unpack(&workspace.values[self.layer_count()], self.output_size(), &mut workspace.outputs);
+        &workspace.outputs
+    }
+
+    /// Reverse derivatives at the rows of the last forward pass, for a loss ℓ that is a function of the outputs.
+    ///
+    /// ```text
+    /// parameter_gradient += Σ_rows (∂output/∂parameters)ᵀ ∂ℓ/∂output
+    /// input_gradient = (∂output/∂input)ᵀ ∂ℓ/∂output, for each row
+    /// ```
+    ///
+    /// `output_gradient` is ∂ℓ/∂output, `[rows, output_size]`; `parameter_gradient` has the layout of
+    /// [`parameters`](Mlp::parameters) and is added to; `input_gradient`, `[rows, input_size]`, is overwritten.
+    ///
+    /// # Panics
+    /// If `workspace` does not hold a forward pass of this network, or a length is another.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_network::{Activation, Mlp, Workspace};
+    /// let mut network = Mlp::<f64>::new(&[2, 1], Activation::Elu, Activation::Identity)?;
+    /// network.update(|parameters| parameters.copy_from_slice(&[3.0, 4.0, 0.5]));
+    /// let mut workspace = Workspace::default();
+    /// network.forward(&[1.0, 2.0], &mut workspace);
+    /// let (mut gradient, mut input_gradient) = ([0.0; 3], [0.0; 2]);
+    /// network.backward(&[10.0], &mut workspace, Some(&mut gradient), Some(&mut input_gradient));
+    /// assert_eq!(gradient, [10.0, 20.0, 10.0]); // 10 x, 10
+    /// assert_eq!(input_gradient, [30.0, 40.0]); // 10 W
+    /// # Ok::<(), mishandle_network::NetworkError>(())
+    /// ```
+    pub fn backward(
+        &self,
+        output_gradient: &[T],
+        workspace: &mut Workspace<T>,
+        mut parameter_gradient: Option<&mut [T]>,
+        input_gradient: Option<&mut [T]>,
+    ) {
+        let rows = workspace.rows;
+        assert!(workspace.fits(self), "the workspace holds no forward pass of this network");
+        check_length("output gradient", output_gradient.len(), rows * self.output_size());
+        if let Some(gradient) = &parameter_gradient {
+            check_length("parameter gradient", gradient.len(), self.parameter_count());
+        }
+        if let Some(gradient) = &input_gradient {
+            check_length("input gradient", gradient.len(), rows * self.input_size());
+        }
+        if rows == 0 {
+            return;
+        }
+        let Workspace { values, flow: [gradient, next], zeros, .. } = workspace;
+        lanes::resize(gradient, rows, self.output_size());
+        lanes::pack(output_gradient, self.output_size(), rows, gradient);
+        self.output_activation().times_derivative(&values[self.layer_count()], gradient);
+        for (l, shape) in self.shapes.iter().enumerate().rev() {
+            if let Some(flat) = parameter_gradient.as_deref_mut() {
+                let (weight, bias) = shape.split_mut(flat);
+                lanes::add_transposed_product(
+                    rows,
+                    (gradient, shape.outputs),
+                    (&values[l], shape.inputs),
+                    weight,
+                );
+                lanes::add_row_sum(rows, gradient, bias);
+            }
+            if l == 0 && input_gradient.is_none() {
+                return;
+            }
+            let finish = if l == 0 {
+                Finish::Keep
+            } else {
+                Finish::TimesDerivative(self.hidden_activation(), &values[l])
+            };
+            lanes::resize(next, rows, shape.inputs);
+            let start = &zeros[..lanes::panels(shape.inputs)];
+            product(rows, gradient, &self.packed_for_inputs[l], Some(start), next, finish);
+            std::mem::swap(gradient, next);
+        }
+        if let Some(to) = input_gradient {
+            lanes::unpack(gradient, self.input_size(), to);
+        }
+    }
+
+    /// Forward derivatives at the rows of the last forward pass: how the outputs move along a direction.
+    ///
+    /// ```text
+    /// tangent = (∂output/∂parameters) parameter_direction + (∂output/∂input) input_direction
+    /// ```
+    ///
+    /// `parameter_direction` has the layout of [`parameters`](Mlp::parameters), `input_direction` is `[rows, input_size]`; one
+    /// that is absent is zero. The result is `[rows, output_size]`. It is exact, not a difference quotient. The forward pass stays in the
+    /// workspace, so `backward` may follow.
+    ///
+    /// # Panics
+    /// If `workspace` does not hold a forward pass of this network, or a length is another.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_network::{Activation, Mlp, Workspace};
+    /// let mut network = Mlp::<f64>::new(&[1, 1], Activation::Elu, Activation::Tanh)?;
+    /// let mut workspace = Workspace::default();
+    /// network.forward(&[2.0], &mut workspace); // tanh(0 · 2 + 0) = 0, where tanh′ = 1
+    /// assert_eq!(network.tangent(Some(&[3.0, 1.0]), None, &mut workspace), [7.0]); // 3 · 2 + 1
+    /// # Ok::<(), mishandle_network::NetworkError>(())
+    /// ```
+    pub fn tangent<'w>(
+        &self,
+        parameter_direction: Option<&[T]>,
+        input_direction: Option<&[T]>,
+        workspace: &'w mut Workspace<T>,
+    ) -> &'w [T] {
+        let rows = workspace.rows;
+        assert!(workspace.fits(self), "the workspace holds no forward pass of this network");
+        let Workspace { values, flow: [tangent, next], direction, zeros, output_tangents, .. } = workspace;
+        output_tangents.clear();
+        output_tangents.resize(rows * self.output_size(), T::ZERO);
+        if let Some(flat) = parameter_direction {
+            check_length("parameter direction", flat.len(), self.parameter_count());
+            direction.resize_with(self.layer_count(), PackedLayer::default);
+            for (layer, shape) in direction.iter_mut().zip(&self.shapes) {
+                layer.pack(*shape, flat);
+            }
+        }
+        if let Some(rows_of_direction) = input_direction {
+            check_length("input direction", rows_of_direction.len(), rows * self.input_size());
+            lanes::resize(tangent, rows, self.input_size());
+            lanes::pack(rows_of_direction, self.input_size(), rows.max(1), tangent);
+        }
+        if rows == 0 || (parameter_direction.is_none() && input_direction.is_none()) {
+            return output_tangents;
+        }
+        for (l, shape) in self.shapes.iter().enumerate() {
+            lanes::resize(next, rows, shape.outputs);
+            let finish = Finish::TimesDerivative(self.activation(l), &values[l + 1]);
+            let inputs_move = l > 0 || input_direction.is_some();
+            let mut start = Some(&zeros[..lanes::panels(shape.outputs)]);
+            if parameter_direction.is_some() {
+                let PackedLayer { weight, bias } = &direction[l];
+                let finish = if inputs_move { Finish::Keep } else { finish };
+                product(rows, &values[l], weight, Some(bias), next, finish);
+                start = None;
+            }
+            if inputs_move {
+                product(rows, tangent, &self.packed[l].weight, start, next, finish);
+            }
+            std::mem::swap(tangent, next);
+        }
+        lanes::unpack(tangent, self.output_size(), output_tangents);
+        output_tangents
+    }
+}
+
+#[track_caller]
+fn check_length(what: &str, found: usize, wanted: usize) {
+    assert!(found == wanted, "{what}: {found} numbers, {wanted} wanted");
+}

@@ -1,0 +1,102 @@
+//! Writes the tables of a run as CSV, for whatever reads that.
+
+use std::io::{self, Write};
+
+use crate::{Axis, Result, RunFile, Simulation, StoreError, Trace, row};
+
+/// Writes all simulations of a run as CSV (RFC 4180): a line of names, then a line each, ordered by trial and number.
+///
+/// The columns are `trial`, `simulation`, `seed`, `robustness`, `end`, `end_step`, `steps`; then, per axis, `u_NAME`
+/// (the unit point) and, per axis, `NAME_UNIT` (the initial configuration; `m/s` is written `m_per_s`); then a column
+/// per further verdict; then `trace_digest` in hexadecimal. Numbers are written with as many digits as it takes to
+/// read them back exactly, infinities as `inf` and `-inf`; what is not there is left empty.
+///
+/// # Errors
+/// [`Io`](StoreError::Io) if `writer` fails, or a failure of the file.
+pub fn export_csv(run: &RunFile, writer: &mut impl Write) -> Result<()> {
+    let mut writer = io::BufWriter::new(writer);
+    let header = run.header();
+    let mut names: Vec<String> =
+        ["trial", "simulation", "seed", "robustness", "end", "end_step", "steps"].map(Into::into).into();
+    names.extend(header.axes.iter().map(|axis| format!("u_{}", axis.name)));
+    names.extend(header.axes.iter().map(with_unit));
+    names.extend(header.verdicts.iter().cloned());
+    names.push("trace_digest".into());
+    line(&mut writer, names.iter().map(|name| quoted(name))).map_err(failed)?;
+    for simulation in run.simulations() {
+        line(&mut writer, fields(&simulation?, header.axes.len()).into_iter()).map_err(failed)?;
+    }
+    writer.flush().map_err(failed)
+}
+
+/// Writes a trace as CSV (RFC 4180), in the form that `monitor` reads: a column `time` in seconds, then a column per
+/// signal of the run's header, a line per sample.
+///
+/// # Errors
+/// [`Io`](StoreError::Io) if `writer` fails.
+pub fn export_trace_csv(run: &RunFile, trace: &Trace, writer: &mut impl Write) -> Result<()> {
+    let mut writer = io::BufWriter::new(writer);
+    let header = run.header();
+    let names = std::iter::once("time").chain(header.signals.iter().map(String::as_str));
+    line(&mut writer, names.map(quoted)).map_err(failed)?;
+    for step in 0..trace.samples() {
+        let time = step as f64 * header.control_dt;
+        let values = trace.columns.iter().filter_map(|column| column.get(step).copied());
+        line(&mut writer, std::iter::once(time).chain(values).map(number)).map_err(failed)?;
+    }
+    writer.flush().map_err(failed)
+}
+
+fn fields(simulation: &Simulation, axes: usize) -> Vec<String> {
+    let (end, end_step) = row::end_text(simulation.end);
+    let or_empty = |value: Option<f64>| value.map(number).unwrap_or_default();
+    let mut fields = vec![
+        simulation.trial.to_string(),
+        simulation.number.to_string(),
+        simulation.seed.to_string(),
+        or_empty(simulation.robustness),
+        end.to_owned(),
+        end_step.map(|step| step.to_string()).unwrap_or_default(),
+        simulation.steps.to_string(),
+    ];
+    fields.extend((0..axes).map(|axis| or_empty(simulation.unit_point.get(axis).copied())));
+    fields.extend(simulation.initial_configuration.iter().copied().map(number));
+    fields.extend(simulation.verdicts.iter().copied().map(or_empty));
+    fields.push(simulation.trace_digest.map(|digest| format!("{digest:032x}")).unwrap_or_default());
+    fields
+}
+
+fn with_unit(axis: &Axis) -> String {
+    if axis.unit.is_empty() {
+        axis.name.clone()
+    } else {
+        format!("{}_{}", axis.name, axis.unit.replace('/', "_per_"))
+    }
+}
+
+/// The shortest text that reads back as the same number.
+fn number(value: f64) -> String {
+    format!("{value:?}")
+}
+
+fn quoted(name: &str) -> String {
+    if name.contains(['"', ',', '\n', '\r']) {
+        format!("\"{}\"", name.replace('"', "\"\""))
+    } else {
+        name.to_owned()
+    }
+}
+
+fn line(writer: &mut impl Write, mut fields: impl Iterator<Item = String>) -> io::Result<()> {
+    if let Some(first) = fields.next() {
+        write!(writer, "{first}")?;
+    }
+    for field in fields {
+        write!(writer, ",{field}")?;
+    }
+    writeln!(writer)
+}
+
+fn failed(source: io::Error) -> StoreError {
+    StoreError::Io { what: "cannot write the CSV".into(), source }
+}

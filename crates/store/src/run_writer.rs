@@ -1,0 +1,292 @@
+//! Writes a run file.
+
+use std::fs::{File, OpenOptions};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use rusqlite::{Connection, OpenFlags, ffi, params};
+
+use crate::error::{InFile, StoreError};
+use crate::run_file::{RunFile, connect};
+use crate::schema::{APPLICATION_ID, FORMAT_VERSION, TABLES};
+use crate::upgrade::{STEPS, Step};
+use crate::{
+    Result, RunHeader, SimulationRecord, Trial, TrialStatus, header_table, row, trace_blob, upgrade,
+};
+
+/// What to do if there is a run already where a new one is to be created.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Existing {
+    /// Refuse, and leave it as it is.
+    Refuse,
+    /// Remove it, all of it. Only a run of ours, or an empty file, is ever removed.
+    Replace,
+}
+
+/// The one writer of a run.
+///
+/// It holds SQLite's write lock for as long as it lives, so that a second one is refused, and readers are not. Each
+/// call is a transaction of its own: once it has returned, a killed process loses nothing of it.
+/// (After a power failure the last few transactions may be missing; those before them are whole.)
+#[derive(Debug)]
+pub struct RunWriter {
+    file: RunFile,
+}
+
+impl RunWriter {
+    /// Creates a run that holds the header and nothing else.
+    ///
+    /// # Errors
+    /// [`Exists`](StoreError::Exists) if there is a file already that is not to be replaced,
+    /// [`NotARun`](StoreError::NotARun) if it is not ours to replace, [`Locked`](StoreError::Locked) if it is being
+    /// written; [`BadHeader`](StoreError::BadHeader) if names repeat or numbers are not finite;
+    /// [`Missing`](StoreError::Missing), [`ReadOnly`](StoreError::ReadOnly) and [`DiskFull`](StoreError::DiskFull)
+    /// for the folder.
+    pub fn create(path: impl AsRef<Path>, header: &RunHeader, existing: Existing) -> Result<Self> {
+        let path = path.as_ref();
+        header_table::guard(header)?;
+        if existing == Existing::Replace && path.exists() {
+            remove(path)?;
+        }
+        claim(path)?;
+        fill(path, header).inspect_err(|_| {
+            // What was made so far is ours and worth nothing; the first failure is the one to tell.
+            let _ = remove_files(path);
+        })
+    }
+
+    /// Opens a run to record more in it. A file of an older format is upgraded first, in place.
+    ///
+    /// # Errors
+    /// [`Locked`](StoreError::Locked) if another writer has it, [`ReadOnly`](StoreError::ReadOnly), and all that
+    /// [`RunFile::open`] may find.
+    pub fn resume(path: impl AsRef<Path>) -> Result<Self> {
+        Self::resume_with(path.as_ref(), STEPS)
+    }
+
+    /// `resume` for a program that knows these steps.
+    pub(crate) fn resume_with(path: &Path, steps: &[Step]) -> Result<Self> {
+        let connection = connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
+        upgrade::version(&connection, path, steps)?;
+        prepare(&connection, path)?;
+        begin(&connection).in_file(path)?;
+        // Asked again, now that nobody else can change it.
+        let found = upgrade::version(&connection, path, steps)?;
+        upgrade::upgrade(&connection, path, found, steps)?;
+        connection.execute_batch("COMMIT").in_file(path)?;
+        begin(&connection).in_file(path)?;
+        Ok(Self { file: RunFile::of(connection, path)? })
+    }
+
+    /// The run as it stands, to read.
+    pub fn file(&self) -> &RunFile {
+        &self.file
+    }
+
+    /// Adds a trial, which is then running.
+    ///
+    /// # Errors
+    /// [`AlreadyRecorded`](StoreError::AlreadyRecorded), or a failure of the file.
+    pub fn start_trial(&mut self, trial: u32, seed: u64) -> Result<()> {
+        self.transact(|file| {
+            let row = Trial { number: trial, seed, status: TrialStatus::Running };
+            let sql = "INSERT INTO trial (number, seed, status, row_hash) VALUES (?1, ?2, ?3, ?4)";
+            let values =
+                params![trial, seed.cast_signed(), row::status_text(row.status), row::trial_hash(&row)];
+            let inserted = file.connection.execute(sql, values);
+            inserted.map(drop).map_err(|error| match constraint(&error) {
+                Some(_) => StoreError::AlreadyRecorded { what: format!("trial {trial}") },
+                None => StoreError::from_sqlite(&file.path, &error),
+            })
+        })
+    }
+
+    /// Says how a trial ended, or that it is running again.
+    ///
+    /// # Errors
+    /// [`UnknownTrial`](StoreError::UnknownTrial), or a failure of the file.
+    pub fn end_trial(&mut self, trial: u32, status: TrialStatus) -> Result<()> {
+        self.transact(|file| {
+            let row = Trial { status, ..file.trial(trial)? };
+            let sql = "UPDATE trial SET status = ?2, row_hash = ?3 WHERE number = ?1";
+            let values = params![trial, row::status_text(status), row::trial_hash(&row)];
+            file.connection.execute(sql, values).map(drop).in_file(&file.path)
+        })
+    }
+
+    /// Records simulations, all of them or, on an error, none.
+    ///
+    /// A record that holds a trace and no digest gets the trace's.
+    ///
+    /// # Errors
+    /// [`UnknownTrial`](StoreError::UnknownTrial), [`AlreadyRecorded`](StoreError::AlreadyRecorded),
+    /// [`WrongLength`](StoreError::WrongLength), [`NotANumber`](StoreError::NotANumber),
+    /// [`NumberedFromOne`](StoreError::NumberedFromOne) and [`WrongDigest`](StoreError::WrongDigest) for a record
+    /// that does not fit; [`DiskFull`](StoreError::DiskFull) or another failure of the file. The writer can be used
+    /// on after any of them.
+    pub fn record(&mut self, records: &[SimulationRecord]) -> Result<()> {
+        for record in records {
+            row::guard(record, self.file.header())?;
+        }
+        if records.is_empty() {
+            return Ok(());
+        }
+        self.transact(|file| records.iter().try_for_each(|record| insert(file, record)))
+    }
+
+    /// Ends the writing: everything is on the disk, in a single file.
+    ///
+    /// Dropping the writer does the same, but cannot say if it failed. While somebody reads the run, the log beside
+    /// the file stays; it goes with the last of them.
+    ///
+    /// # Errors
+    /// A failure of the file; what was recorded is safe all the same, in the file and its log.
+    pub fn close(self) -> Result<()> {
+        settle(&self.file.connection).in_file(&self.file.path)
+    }
+
+    /// Runs `work` in the transaction that is open, commits it and opens the next.
+    fn transact(&mut self, work: impl FnOnce(&RunFile) -> Result<()>) -> Result<()> {
+        let (connection, path) = (&self.file.connection, &self.file.path);
+        if connection.is_autocommit() {
+            begin(connection).in_file(path)?;
+        }
+        let done = work(&self.file).and_then(|()| connection.execute_batch("COMMIT").in_file(path));
+        if done.is_err() && !connection.is_autocommit() {
+            // SQLite rolls back by itself when the connection ends, should this fail.
+            let _ = connection.execute_batch("ROLLBACK");
+        }
+        // Should this fail, the next call tries again, and reports it.
+        let _ = begin(connection);
+        done
+    }
+}
+
+impl Drop for RunWriter {
+    fn drop(&mut self) {
+        // Nobody is left to tell; the log holds what could not be moved into the file.
+        let _ = settle(&self.file.connection);
+    }
+}
+
+/// Takes the name, so that of two processes one is refused.
+fn claim(path: &Path) -> Result<File> {
+    OpenOptions::new().write(true).create_new(true).open(path).map_err(|source| match source.kind() {
+        ErrorKind::AlreadyExists => StoreError::Exists { path: path.into() },
+        ErrorKind::NotFound => StoreError::Missing { what: "the folder", path: path.into() },
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+            StoreError::ReadOnly { path: path.into() }
+        }
+        ErrorKind::StorageFull => StoreError::DiskFull { path: path.into() },
+        _ => StoreError::Io { what: format!("cannot create the run {}", path.display()), source },
+    })
+}
+
+/// Makes a run of an empty file.
+fn fill(path: &Path, header: &RunHeader) -> Result<RunWriter> {
+    let connection = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_WRITE).in_file(path)?;
+    prepare(&connection, path)?;
+    begin(&connection).in_file(path)?;
+    connection.execute_batch(TABLES).in_file(path)?;
+    connection.pragma_update(None, "application_id", APPLICATION_ID).in_file(path)?;
+    connection.pragma_update(None, "user_version", FORMAT_VERSION).in_file(path)?;
+    header_table::write(&connection, header).in_file(path)?;
+    connection.execute_batch("COMMIT").in_file(path)?;
+    begin(&connection).in_file(path)?;
+    Ok(RunWriter { file: RunFile::of(connection, path)? })
+}
+
+/// Sets what a writer needs of SQLite.
+fn prepare(connection: &Connection, path: &Path) -> Result<()> {
+    if connection.is_readonly("main").in_file(path)? {
+        return Err(StoreError::ReadOnly { path: path.into() });
+    }
+    connection.pragma_update(None, "journal_mode", "WAL").in_file(path)?;
+    connection.pragma_update(None, "synchronous", "NORMAL").in_file(path)?;
+    connection.pragma_update(None, "foreign_keys", true).in_file(path)
+}
+
+/// Takes the write lock, which the writer holds from one transaction to the next.
+fn begin(connection: &Connection) -> rusqlite::Result<()> {
+    connection.execute_batch("BEGIN IMMEDIATE")
+}
+
+/// Moves the log into the file and leaves the file alone, if no reader is in the way.
+fn settle(connection: &Connection) -> rusqlite::Result<()> {
+    if !connection.is_autocommit() {
+        connection.execute_batch("ROLLBACK")?;
+    }
+    connection.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()))?;
+    match connection.pragma_update(None, "journal_mode", "DELETE") {
+        Err(error) if error.sqlite_error_code() == Some(rusqlite::ErrorCode::DatabaseBusy) => Ok(()),
+        done => done,
+    }
+}
+
+fn insert(file: &RunFile, record: &SimulationRecord) -> Result<()> {
+    let mut simulation = &record.simulation;
+    let (trial, number) = (simulation.trial, simulation.number);
+    let completed;
+    if let Some(trace) = &record.trace {
+        let computed = trace.digest();
+        let given = simulation.trace_digest.unwrap_or(computed);
+        if given != computed {
+            return Err(StoreError::WrongDigest { trial, number, given, computed });
+        }
+        completed = crate::Simulation { trace_digest: Some(computed), ..simulation.clone() };
+        simulation = &completed;
+    }
+    let sql = format!(
+        "INSERT INTO simulation ({}) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12)",
+        row::COLUMNS
+    );
+    let mut statement = file.connection.prepare_cached(&sql).in_file(&file.path)?;
+    row::insert(&mut statement, simulation).map_err(|error| match constraint(&error) {
+        Some(ffi::SQLITE_CONSTRAINT_FOREIGNKEY) => StoreError::UnknownTrial { trial },
+        Some(_) => StoreError::AlreadyRecorded { what: format!("simulation {number} of trial {trial}") },
+        None => StoreError::from_sqlite(&file.path, &error),
+    })?;
+    if let Some(trace) = &record.trace {
+        let sql = "INSERT INTO trace (trial, number, blob) VALUES (?1, ?2, ?3)";
+        let mut statement = file.connection.prepare_cached(sql).in_file(&file.path)?;
+        statement.execute(params![trial, number, trace_blob::encode(trace)]).in_file(&file.path)?;
+    }
+    Ok(())
+}
+
+/// The extended code, if a constraint of the tables was violated.
+fn constraint(error: &rusqlite::Error) -> Option<i32> {
+    let failure = error.sqlite_error()?;
+    (failure.code == rusqlite::ErrorCode::ConstraintViolation).then_some(failure.extended_code)
+}
+
+/// Removes a run that is ours, whole or begun, and that nobody writes.
+fn remove(path: &Path) -> Result<()> {
+    if std::fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() > 0) {
+        let connection = connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
+        // A newer or an older one is a run too.
+        match upgrade::version(&connection, path, STEPS) {
+            Ok(_) | Err(StoreError::NewerVersion { .. }) => {}
+            Err(error) => return Err(error),
+        }
+        begin(&connection).in_file(path)?;
+    }
+    remove_files(path)
+}
+
+fn remove_files(path: &Path) -> Result<()> {
+    let beside = |suffix: &str| {
+        let mut name = path.as_os_str().to_owned();
+        name.push(suffix);
+        PathBuf::from(name)
+    };
+    for file in [path.into(), beside("-wal"), beside("-shm"), beside("-journal")] {
+        match std::fs::remove_file(&file) {
+            Err(source) if source.kind() != ErrorKind::NotFound => {
+                return Err(StoreError::Io { what: format!("cannot remove {}", file.display()), source });
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}

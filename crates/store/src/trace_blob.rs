@@ -1,0 +1,230 @@
+//! The trace of an episode, and the few bytes that it is stored as.
+//!
+//! A blob is, in this order,
+//!
+//! ```text
+//! 1 byte               version of the encoding, 1
+//! 4 bytes              n, samples of a column, little-endian
+//! 4 bytes              m, columns, little-endian
+//! m bytes              order of each column's predictor, 0 to 3
+//! the rest             an LZ4 block of the residuals' bytes: first the lowest byte of every residual, column by
+//!                      column, then the next higher one, up to the eighth
+//! ```
+//!
+//! A sample's bits are read as an unsigned integer x and predicted from the three before it (0 where there are
+//! none), modulo 2⁶⁴:
+//!
+//! ```text
+//! order 0: 0      order 1: x₁      order 2: 2 x₁ − x₂      order 3: 3 x₁ − 3 x₂ + x₃
+//! ```
+//!
+//! The residual is the difference to that, its sign moved to the lowest bit. The motion of a robot is smooth, so
+//! the high bytes of the residuals are mostly 0; the low ones are rounding noise, which nothing can compress. Every
+//! bit pattern comes back, NaN included.
+
+use crate::digest::Digest;
+
+const ENCODING: u8 = 1;
+const ORDERS: u8 = 4;
+const FIXED_BYTES: usize = 9;
+/// LZ4 never shrinks to less than a 255th; a blob that claims more is damaged, and is not given the memory.
+const LARGEST_RATIO: usize = 256;
+
+/// The signals of one episode: a column per signal of the header, a sample per control step, from step 0.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Trace {
+    /// The columns, all of the same length, in the order of [`RunHeader::signals`](crate::RunHeader::signals).
+    pub columns: Vec<Vec<f64>>,
+}
+
+impl Trace {
+    /// [`trace_digest`] of the columns.
+    pub fn digest(&self) -> u128 {
+        trace_digest(self.columns.iter().map(Vec::as_slice))
+    }
+
+    /// Samples in each column.
+    pub(crate) fn samples(&self) -> usize {
+        self.columns.first().map_or(0, Vec::len)
+    }
+}
+
+/// Digest of a trace's bits: equal for two traces if, and for all practical purposes only if, every sample of every
+/// column has the same bits.
+///
+/// It is the first 128 bits of a SHA-256 over the columns in their order, each as its length and its samples, 8
+/// bytes little-endian each. It does not depend on how a trace is stored.
+///
+/// # Example
+/// ```
+/// use mishandle_store::trace_digest;
+///
+/// let trace = trace_digest([[0.1, 0.2].as_slice(), &[0.3, 0.4]]);
+/// assert_eq!(trace, trace_digest([[0.1, 0.2].as_slice(), &[0.3, 0.4]]));
+/// assert_ne!(trace, trace_digest([[0.1, 0.2].as_slice(), &[0.3, 0.4000000000000001]]));
+/// ```
+pub fn trace_digest<'a>(columns: impl IntoIterator<Item = &'a [f64]>) -> u128 {
+    let mut digest = Digest::of("trace");
+    for column in columns {
+        digest.floats(column);
+    }
+    digest.finish()
+}
+
+/// The blob of a trace whose columns have the same length.
+pub(crate) fn encode(trace: &Trace) -> Vec<u8> {
+    let (samples, columns) = (trace.samples(), trace.columns.len());
+    let residuals = samples * columns;
+    let mut blob =
+        Vec::with_capacity(FIXED_BYTES + columns + lz4_flex::block::get_maximum_output_size(residuals * 8));
+    blob.push(ENCODING);
+    blob.extend((samples as u32).to_le_bytes());
+    blob.extend((columns as u32).to_le_bytes());
+    let mut planes = vec![0; residuals * 8];
+    for (column, values) in trace.columns.iter().enumerate() {
+        let order = best_order(values);
+        blob.push(order);
+        let mut past = [0; 3];
+        for (sample, value) in values.iter().enumerate() {
+            let residual = fold_sign(value.to_bits().wrapping_sub(predict(order, past)));
+            past = [value.to_bits(), past[0], past[1]];
+            for (plane, byte) in residual.to_le_bytes().into_iter().enumerate() {
+                planes[plane * residuals + column * samples + sample] = byte;
+            }
+        }
+    }
+    blob.extend(lz4_flex::block::compress(&planes));
+    blob
+}
+
+/// The trace of a blob, or what is wrong with the blob.
+pub(crate) fn decode(blob: &[u8]) -> Result<Trace, String> {
+    let (fixed, rest) = blob.split_at_checked(FIXED_BYTES).ok_or("it ends within its first bytes")?;
+    let [encoding, s0, s1, s2, s3, c0, c1, c2, c3] = *fixed else { return Err("it ends early".into()) };
+    if encoding != ENCODING {
+        return Err(format!("its encoding is {encoding}, this program knows {ENCODING}"));
+    }
+    let samples = u32::from_le_bytes([s0, s1, s2, s3]) as usize;
+    let columns = u32::from_le_bytes([c0, c1, c2, c3]) as usize;
+    let (orders, block) = rest.split_at_checked(columns).ok_or("it ends within its orders")?;
+    let residuals = samples
+        .checked_mul(columns)
+        .filter(|&residuals| residuals <= block.len().saturating_mul(LARGEST_RATIO))
+        .ok_or_else(|| format!("{} bytes cannot hold {columns} columns of {samples}", block.len()))?;
+    let planes = lz4_flex::block::decompress(block, residuals * 8).map_err(|error| error.to_string())?;
+    if planes.len() != residuals * 8 {
+        return Err(format!("it holds {} bytes of residuals, not {}", planes.len(), residuals * 8));
+    }
+    let column_of = |(column, &order): (usize, &u8)| {
+        let mut past = [0; 3];
+        let next = |sample| {
+            let bytes = std::array::from_fn(|plane| planes[plane * residuals + column * samples + sample]);
+            let bits = unfold_sign(u64::from_le_bytes(bytes)).wrapping_add(predict(order, past));
+            past = [bits, past[0], past[1]];
+            f64::from_bits(bits)
+        };
+        (0..samples).map(next).collect()
+    };
+    if let Some(order) = orders.iter().find(|&&order| order >= ORDERS) {
+        return Err(format!("a predictor's order is {order}, not 0 to 3"));
+    }
+    Ok(Trace { columns: orders.iter().enumerate().map(column_of).collect() })
+}
+
+/// What comes after `past`, the latest first, if the differences of that order go on.
+fn predict(order: u8, past: [u64; 3]) -> u64 {
+    let [x1, x2, x3] = past;
+    match order {
+        0 => 0,
+        1 => x1,
+        2 => x1.wrapping_mul(2).wrapping_sub(x2),
+        _ => x1.wrapping_sub(x2).wrapping_mul(3).wrapping_add(x3),
+    }
+}
+
+/// The order that leaves the fewest bits.
+fn best_order(values: &[f64]) -> u8 {
+    let mut bits = [0; ORDERS as usize];
+    let mut past = [0; 3];
+    for value in values {
+        for (order, bits) in (0..).zip(&mut bits) {
+            let residual = fold_sign(value.to_bits().wrapping_sub(predict(order, past)));
+            *bits += u64::BITS - residual.leading_zeros();
+        }
+        past = [value.to_bits(), past[0], past[1]];
+    }
+    (0..ORDERS).min_by_key(|&order| bits[usize::from(order)]).unwrap_or(0)
+}
+
+/// 0, −1, 1, −2, … become 0, 1, 2, 3, …
+fn fold_sign(x: u64) -> u64 {
+    x << 1 ^ (x.cast_signed() >> 63).cast_unsigned()
+}
+
+fn unfold_sign(x: u64) -> u64 {
+    x >> 1 ^ (x & 1).wrapping_neg()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bits(trace: &Trace) -> Vec<Vec<u64>> {
+        trace.columns.iter().map(|column| column.iter().map(|x| x.to_bits()).collect()).collect()
+    }
+
+    #[track_caller]
+    fn check(columns: Vec<Vec<f64>>) {
+        let trace = Trace { columns };
+        assert_eq!(bits(&decode(&encode(&trace)).unwrap()), bits(&trace));
+    }
+
+    #[test]
+    fn every_bit_comes_back() {
+        check(vec![]);
+        check(vec![vec![], vec![]]);
+        check(vec![vec![1.5]]);
+        check(vec![vec![0.0, -0.0, f64::INFINITY, f64::NEG_INFINITY, f64::MIN_POSITIVE, 5e-324, f64::MAX]]);
+        check(vec![vec![f64::NAN, f64::from_bits(0x7ff0_0000_0000_0001), f64::from_bits(u64::MAX), 1.0]]);
+        check(
+            (0..7)
+                .map(|c| (0..301).map(|k| f64::from(c * k).sin() * 10f64.powi(c * 20 - 60)).collect())
+                .collect(),
+        );
+    }
+
+    #[test]
+    fn folding_the_sign_is_undone() {
+        assert_eq!([0, u64::MAX, 1, u64::MAX - 1].map(fold_sign), [0, 1, 2, 3]);
+        for x in [0, 1, u64::MAX, 1 << 63, (1 << 63) - 1, 0x1234_5678_9abc_def0] {
+            assert_eq!(unfold_sign(fold_sign(x)), x);
+        }
+    }
+
+    #[test]
+    fn a_constant_costs_next_to_nothing_and_a_smooth_signal_half() {
+        let constant = Trace { columns: vec![vec![0.1; 301]; 6] };
+        assert!(encode(&constant).len() < 200, "{}", encode(&constant).len());
+        let smooth =
+            Trace { columns: vec![(0..301).map(|k| 2.0 + (0.02 * f64::from(k)).sin()).collect(); 6] };
+        assert!(encode(&smooth).len() < 301 * 6 * 8 * 6 / 10, "{}", encode(&smooth).len());
+    }
+
+    #[test]
+    fn damage_is_an_error_or_another_trace_but_never_a_panic() {
+        let trace = Trace { columns: vec![(0..50).map(f64::from).collect(); 3] };
+        let blob = encode(&trace);
+        for length in 0..blob.len() {
+            assert!(decode(&blob[..length]).is_err(), "cut to {length} bytes");
+        }
+        for place in 0..blob.len() {
+            for change in 1..=255 {
+                let mut damaged = blob.clone();
+                damaged[place] ^= change;
+                if let Ok(read) = decode(&damaged) {
+                    assert!(read.columns.len() <= blob.len());
+                }
+            }
+        }
+    }
+}
