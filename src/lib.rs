@@ -1,1 +1,28 @@
-//! Mishandle.
+//! Mishandle finds out what makes a robot's controller fail.
+//!
+//! A controller acts in a world from an initial configuration, which gives a trace, which has a robustness, which a
+//! search tries to push below zero. This crate puts the parts together: a [`Plan`] says what to do, the functions here
+//! do it and write every simulation to a run file as it ends.
+//!
+//! # Example
+//! The expert balances the ball from the middle of the tray:
+//! ```
+//! use mishandle::{Plan, Subject};
+//! let plan = Plan::new("ball-balancing", "expert");
+//! let mut system = Subject::new(&plan).unwrap().system().unwrap();
+//! let start = mishandle_rollout::Request { x0: vec![0.342, 0.0], seed: mishandle_rollout::Seed(0) };
+//! let episodes = mishandle_rollout::System::rollout(&mut system, &[start]).unwrap();
+//! assert!(episodes[0].verdict.success.unwrap() > 0.0);
+//! ```
+
+mod build;
+mod error;
+mod home;
+mod plan;
+mod subject;
+
+pub use build::{VERSION, build};
+pub use error::MishandleError;
+pub use home::{controller_path, home, settings_path, shipped_controllers};
+pub use plan::{EvaluatePlan, FalsifyPlan, Plan, Starts};
+pub use subject::Subject;

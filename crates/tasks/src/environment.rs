@@ -70,7 +70,7 @@ impl TaskEnvironment {
         let definition = task.definition();
         let scene_error = |source| TaskError::Scene { task: definition.name, source };
         let model = compose(definition)
-            .and_then(|xml| Model::from_xml(&xml))
+            .and_then(|xml| Model::from_xml(&without_visuals(&xml)))
             .map_err(scene_error)?
             .with_timestep(CONTROL_DT / n_substeps as f64);
         let panda = Panda::new(&model).map_err(scene_error)?;
@@ -99,6 +99,11 @@ impl TaskEnvironment {
     pub fn definition(&self) -> &'static Definition {
         self.definition
     }
+}
+
+/// The document, told to drop shapes that only pictures need.
+fn without_visuals(xml: &str) -> String {
+    xml.replacen("</mujoco>", "<compiler discardvisual=\"true\"/>\n</mujoco>", 1)
 }
 
 impl Environment for TaskEnvironment {

@@ -116,6 +116,9 @@ impl Panda {
 
 /// The whole MJCF document of a task: the robot, what it holds, and the scene.
 ///
+/// Shapes that neither collide nor weigh are left in: pictures need them. [`TaskEnvironment`](crate::TaskEnvironment)
+/// drops them, which changes no bit of the physics and makes a step a fifth cheaper.
+///
 /// # Errors
 /// If the robot's own document does not compile, or an element it needs is missing.
 pub fn compose(definition: &Definition) -> Result<String, WorldError> {

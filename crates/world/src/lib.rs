@@ -24,3 +24,8 @@ pub use state::World;
 
 /// The robot: a Franka Emika Panda with its hand, as an MJCF document.
 pub const PANDA: &str = include_str!("../assets/panda.xml");
+
+/// Version of the MuJoCo library that is linked, for instance `3.17.0`.
+pub fn mujoco_version() -> String {
+    mujoco_rs::mujoco_version().to_string()
+}

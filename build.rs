@@ -1,0 +1,23 @@
+//! Tells the program which commit, target and compiler it was built from: run records and controllers name them.
+
+use std::process::Command;
+
+fn main() {
+    for file in [".git/HEAD", ".git/index"] {
+        if std::path::Path::new(file).exists() {
+            println!("cargo::rerun-if-changed={file}");
+        }
+    }
+    println!("cargo::rerun-if-changed=build.rs");
+    let commit = output("git", &["rev-parse", "--short=12", "HEAD"]).unwrap_or_else(|| "unknown".to_string());
+    let changed = output("git", &["status", "--porcelain", "--untracked-files=no"]).is_some_and(|s| !s.is_empty());
+    println!("cargo::rustc-env=MISHANDLE_COMMIT={commit}{}", if changed { "-changed" } else { "" });
+    let rustc = std::env::var("RUSTC").ok().and_then(|rustc| output(&rustc, &["--version"]));
+    println!("cargo::rustc-env=MISHANDLE_RUSTC={}", rustc.unwrap_or_default());
+    println!("cargo::rustc-env=MISHANDLE_TARGET={}", std::env::var("TARGET").unwrap_or_default());
+}
+
+fn output(program: &str, arguments: &[&str]) -> Option<String> {
+    let output = Command::new(program).args(arguments).output().ok()?;
+    output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_string())
+}

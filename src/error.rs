@@ -1,0 +1,127 @@
+use std::path::PathBuf;
+
+/// What can be wrong with what a user asks for, or with the run that does it.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum MishandleError {
+    /// A name that is none of those known.
+    #[error("there is no {kind} `{name}`; there are: {}", known.join(", "))]
+    Name {
+        /// What was named.
+        kind: &'static str,
+        /// The name given.
+        name: String,
+        /// The names there are.
+        known: Vec<String>,
+    },
+    /// A plan that cannot be read.
+    #[error("the plan cannot be read: {0}")]
+    Plan(String),
+    /// A plan of a newer format.
+    #[error("the plan has format {found}, this program knows formats up to {known}: use a newer Mishandle")]
+    NewerPlan {
+        /// Format of the plan.
+        found: u32,
+        /// Newest format known.
+        known: u32,
+    },
+    /// The plan is not for this.
+    #[error("the plan has no [{wanted}] table, so there is nothing to {wanted}")]
+    OtherPlan {
+        /// The table that is missing.
+        wanted: &'static str,
+    },
+    /// A number that makes no sense.
+    #[error("{what} is {value}; it has to be {wanted}")]
+    Value {
+        /// What the number is for.
+        what: &'static str,
+        /// The number given.
+        value: String,
+        /// What would be right.
+        wanted: &'static str,
+    },
+    /// A formula that reaches past the end of an episode can never be decided.
+    #[error("`{formula}` needs {needed} control steps, an episode has {steps}: it could never be decided")]
+    Undecidable {
+        /// The formula.
+        formula: String,
+        /// Control steps it needs.
+        needed: String,
+        /// Control steps of an episode.
+        steps: usize,
+    },
+    /// A file cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// Its path.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// A controller file is damaged, foreign, or made for something else.
+    #[error(transparent)]
+    Controller(#[from] mishandle_controllers::ControllerError),
+    /// A task cannot be built.
+    #[error(transparent)]
+    Task(#[from] mishandle_tasks::TaskError),
+    /// An expert cannot be built.
+    #[error("the expert of {task}: {source}")]
+    Expert {
+        /// The task.
+        task: String,
+        /// What is wrong.
+        source: mishandle_world::WorldError,
+    },
+    /// Episodes cannot run.
+    #[error(transparent)]
+    Rollout(#[from] mishandle_rollout::RolloutError),
+    /// The run file.
+    #[error(transparent)]
+    Store(#[from] mishandle_store::StoreError),
+}
+
+impl MishandleError {
+    /// What to try instead, if something can be said.
+    pub fn hint(&self) -> Option<String> {
+        match self {
+            MishandleError::Name { name, known, .. } => nearest(name, known).map(|near| format!("did you mean `{near}`?")),
+            _ => None,
+        }
+    }
+}
+
+/// The known name that is nearest to `name`, if one is near.
+fn nearest<'a>(name: &str, known: &'a [String]) -> Option<&'a str> {
+    let reach = name.chars().count() / 2 + 1;
+    known.iter().map(|other| (edits(name, other), other.as_str())).min().filter(|(d, _)| *d <= reach).map(|(_, n)| n)
+}
+
+/// Letters to insert, delete or replace to turn `a` into `b`.
+fn edits(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(x != *y);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_name_is_offered_only_when_it_is_near() {
+        let known = ["ball-balancing", "ball-pushing"].map(String::from);
+        assert_eq!(nearest("ball-balance", &known), Some("ball-balancing"));
+        assert_eq!(nearest("xyz", &known), None);
+        assert_eq!(edits("kitten", "sitting"), 3);
+    }
+}

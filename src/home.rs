@@ -1,0 +1,44 @@
+//! Where the repository's data files are: shipped controllers and training settings.
+
+use std::path::PathBuf;
+
+/// The folder that holds `controllers/` and `experiments/`: `MISHANDLE_HOME` if it is set, else the first such folder
+/// at or above the working directory or the program's own.
+pub fn home() -> PathBuf {
+    if let Some(home) = std::env::var_os("MISHANDLE_HOME") {
+        return home.into();
+    }
+    let here = std::env::current_dir().unwrap_or_default();
+    let program = std::env::current_exe().unwrap_or_default();
+    here.ancestors()
+        .chain(program.ancestors())
+        .find(|folder| folder.join("controllers").is_dir() && folder.join("experiments").is_dir())
+        .map_or(here.clone(), PathBuf::from)
+}
+
+/// Where the shipped controller of that name for a task is.
+pub fn controller_path(task: &str, name: &str) -> PathBuf {
+    home().join("controllers").join(task).join(format!("{name}.safetensors"))
+}
+
+/// Where the training settings of an algorithm for a task are.
+pub fn settings_path(task: &str, algorithm: &str) -> PathBuf {
+    home().join("experiments").join("training").join(task).join(format!("{algorithm}.toml"))
+}
+
+/// Names of the shipped controllers of a task, in alphabetical order; the expert comes last.
+pub fn shipped_controllers(task: &str) -> Vec<String> {
+    let folder = home().join("controllers").join(task);
+    let mut names: Vec<String> = std::fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .filter_map(|entry| {
+            let path = entry.ok()?.path();
+            let name = path.file_stem()?.to_str()?.to_string();
+            (path.extension()? == "safetensors").then_some(name)
+        })
+        .collect();
+    names.sort();
+    names.push("expert".to_string());
+    names
+}

@@ -1,0 +1,141 @@
+use serde::{Deserialize, Serialize};
+
+use crate::MishandleError;
+
+/// Version of the plan format.
+const FORMAT: u32 = 1;
+
+/// What to do, as a value: read from TOML, edited by flags, stored with the results.
+///
+/// Nothing in it is looked up yet: names are checked when it becomes a [`Subject`](crate::Subject).
+///
+/// # Example
+/// ```
+/// use mishandle::Plan;
+/// let plan = Plan::new("ball-balancing", "ppo");
+/// assert_eq!(Plan::from_toml(&plan.to_toml()).unwrap(), plan);
+/// assert!(Plan::from_toml("tusk = 1").is_err());
+/// ```
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Plan {
+    /// Version of the format.
+    #[serde(default = "format")]
+    pub format: u32,
+    /// Name of the task.
+    pub task: String,
+    /// Which reading of the original benchmark counts: `paper` or `code`.
+    #[serde(default = "paper")]
+    pub preset: String,
+    /// A shipped controller's name, or a path.
+    pub controller: String,
+    /// Sample the policy's actions instead of taking their mean.
+    #[serde(default)]
+    pub stochastic: bool,
+    /// Standard deviation of the noise on each action, in units of the normalised action.
+    #[serde(default)]
+    pub action_noise: f64,
+    /// Standard deviation of the noise on each observation.
+    #[serde(default)]
+    pub observation_noise: f64,
+    /// Seed of everything random.
+    #[serde(default)]
+    pub seed: u64,
+    /// What an evaluation does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub evaluate: Option<EvaluatePlan>,
+    /// What a falsification does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub falsify: Option<FalsifyPlan>,
+}
+
+/// Which initial configurations are drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Starts {
+    /// The whole box.
+    #[default]
+    Whole,
+    /// The part of it from which the task can be done at all.
+    Reachable,
+}
+
+/// What an evaluation does.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct EvaluatePlan {
+    /// Number of simulations.
+    pub episodes: u64,
+    /// Where they start.
+    pub starts: Starts,
+}
+
+impl Default for EvaluatePlan {
+    fn default() -> Self {
+        EvaluatePlan { episodes: 100, starts: Starts::Whole }
+    }
+}
+
+/// What a falsification does.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct FalsifyPlan {
+    /// What is to be violated: `success`, `strict`, or the text of a formula.
+    pub formula: String,
+    /// Name of the search.
+    pub search: String,
+    /// Number of trials.
+    pub trials: u32,
+    /// Simulations a trial may spend.
+    pub budget: u32,
+}
+
+impl Default for FalsifyPlan {
+    fn default() -> Self {
+        FalsifyPlan { formula: "success".to_string(), search: "random".to_string(), trials: 30, budget: 300 }
+    }
+}
+
+fn format() -> u32 {
+    FORMAT
+}
+
+fn paper() -> String {
+    "paper".to_string()
+}
+
+impl Plan {
+    /// A plan for a controller in a task, with everything else at its default.
+    pub fn new(task: &str, controller: &str) -> Plan {
+        Plan {
+            format: FORMAT,
+            task: task.to_string(),
+            preset: paper(),
+            controller: controller.to_string(),
+            stochastic: false,
+            action_noise: 0.0,
+            observation_noise: 0.0,
+            seed: 0,
+            evaluate: None,
+            falsify: None,
+        }
+    }
+
+    /// Reads a plan.
+    ///
+    /// # Errors
+    /// If the text is not TOML, has a key that is none of a plan's, or is of a newer format.
+    pub fn from_toml(text: &str) -> Result<Plan, MishandleError> {
+        let plan: Plan = toml::from_str(text).map_err(|error| MishandleError::Plan(error.to_string()))?;
+        if plan.format > FORMAT {
+            return Err(MishandleError::NewerPlan { found: plan.format, known: FORMAT });
+        }
+        Ok(plan)
+    }
+
+    /// The plan as TOML.
+    pub fn to_toml(&self) -> String {
+        // Strings, numbers and booleans in tables: TOML has a form for each.
+        toml::to_string(self).unwrap_or_default()
+    }
+}
