@@ -121,11 +121,14 @@ fn download(scratch: &Path) -> Result<()> {
 }
 
 fn python<'a>(arguments: impl Iterator<Item = &'a OsStr>) -> Result<Output> {
-    Command::new("python3").args(arguments).output().map_err(|error| match error.kind() {
-        ErrorKind::NotFound => {
-            anyhow!("MuJoCo comes from PyPI, but there is no `python3`; install Python 3 with pip")
+    // A user's habit of installing into virtual environments only is about installing, which this is not.
+    Command::new("python3").args(arguments).env("PIP_REQUIRE_VIRTUALENV", "0").output().map_err(|error| {
+        match error.kind() {
+            ErrorKind::NotFound => {
+                anyhow!("MuJoCo comes from PyPI, but there is no `python3`; install Python 3 with pip")
+            }
+            _ => anyhow!(error).context("cannot run `python3`"),
         }
-        _ => anyhow!(error).context("cannot run `python3`"),
     })
 }
 
