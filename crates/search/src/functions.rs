@@ -68,14 +68,15 @@ pub fn min_max(u: &[f64]) -> f64 {
     (worst * 64.0).floor() / 64.0
 }
 
-/// A plain with a narrow hole: a gentle slope of height 1/10 towards a well of radius 0.05 and depth 1 about 0.7.
+/// A narrow hole of radius 0.05 and depth 1 about 0.7, in a bowl whose slope leads away from it, towards 0.2.
 ///
 /// ```text
-/// r² / (10 d) - max(0, 1 - 400 r²),   r² = Σ (uᵢ - 0.7)²
+/// 400 r² - 1 where r² = Σ (uᵢ - 0.7)² < 1/400, else Σ (uᵢ - 0.2)² / (10 d)
 /// ```
 pub fn hole(u: &[f64]) -> f64 {
-    let squared: f64 = u.iter().map(|x| (x - 0.7) * (x - 0.7)).sum();
-    squared / (10.0 * u.len() as f64) - (1.0 - 400.0 * squared).max(0.0)
+    let squared_distance = |centre: f64| u.iter().map(|x| (x - centre) * (x - centre)).sum::<f64>();
+    let squared = squared_distance(0.7);
+    if squared < 0.0025 { 400.0 * squared - 1.0 } else { squared_distance(0.2) / (10.0 * u.len() as f64) }
 }
 
 #[cfg(test)]

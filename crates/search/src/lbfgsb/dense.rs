@@ -21,6 +21,19 @@ impl Square {
         self.entries[row * self.n + column] = value;
     }
 
+    pub(super) fn add(&mut self, row: usize, column: usize, value: f64) {
+        self.entries[row * self.n + column] += value;
+    }
+
+    /// Moves every entry up and left by one, over the first row and column; the last ones stay as they are.
+    pub(super) fn shift(&mut self) {
+        for row in 1..self.n {
+            for column in 1..self.n {
+                self.set(row - 1, column - 1, self.at(row, column));
+            }
+        }
+    }
+
     /// Replaces the upper triangle of the rows and columns in `block` by R with RᵀR = A.
     ///
     /// `None` if A is not positive definite there.

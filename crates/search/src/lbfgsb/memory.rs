@@ -27,6 +27,8 @@ pub(super) struct Memory {
     pub(super) theta: f64,
     /// Jᵀ, in the upper triangle.
     factor: Square,
+    has_new_pair: bool,
+    has_dropped_pair: bool,
 }
 
 impl Memory {
@@ -40,6 +42,8 @@ impl Memory {
             ss: VecDeque::new(),
             theta: 1.0,
             factor: Square::default(),
+            has_new_pair: false,
+            has_dropped_pair: false,
         }
     }
 
@@ -53,10 +57,27 @@ impl Memory {
         *self = Self::new(self.capacity);
     }
 
+    /// Whether the last iteration added a pair.
+    pub(super) fn has_new_pair(&self) -> bool {
+        self.has_new_pair
+    }
+
+    /// Whether a pair has had to make room since the memory was empty.
+    pub(super) fn has_dropped_pair(&self) -> bool {
+        self.has_dropped_pair
+    }
+
+    /// Notes that an iteration added no pair.
+    pub(super) fn keep(&mut self) {
+        self.has_new_pair = false;
+    }
+
     /// Adds a pair, with sᵀs and yᵀs as the caller has them; `None`, and an empty memory, if T is not positive
     /// definite.
     pub(super) fn push(&mut self, s: Vec<f64>, y: Vec<f64>, ss: f64, ys: f64) -> Option<()> {
+        self.has_new_pair = true;
         if self.len() == self.capacity {
+            self.has_dropped_pair = true;
             self.s.pop_front();
             self.y.pop_front();
             for lower_triangle in [&mut self.sy, &mut self.ss] {

@@ -4,6 +4,7 @@ mod cauchy;
 mod dense;
 mod line_search;
 mod memory;
+mod reduced;
 mod subspace;
 
 use std::mem;
@@ -13,6 +14,7 @@ use cauchy::cauchy_point;
 use dense::dot;
 use line_search::{LineSearch, Verdict};
 use memory::Memory;
+use reduced::ReducedMatrix;
 use subspace::subspace_minimum;
 
 const NAME: &str = "l-bfgs-b";
@@ -66,6 +68,7 @@ impl Default for LbfgsbOptions {
 pub struct Lbfgsb {
     options: LbfgsbOptions,
     memory: Memory,
+    reduced: ReducedMatrix,
     /// Where the search stands.
     now: Valued,
     /// What was told last; a trial at the same point needs no new round.
@@ -136,6 +139,7 @@ impl Lbfgsb {
         let now = Valued { x: start.to_vec(), value: f64::NAN, gradient: vec![0.0; start.len()] };
         Self {
             memory: Memory::new(options.memory),
+            reduced: ReducedMatrix::new(start.len(), options.memory),
             round: neighbourhood(start.to_vec(), options.difference),
             options,
             told: now.clone(),
@@ -186,15 +190,17 @@ impl Lbfgsb {
     /// The minimum of the model in the box; a model without one is forgotten.
     fn target(&mut self) -> Vec<f64> {
         let Valued { x, gradient, .. } = &self.now;
-        let cauchy = cauchy_point(x, gradient, &self.memory);
-        if cauchy.free.is_empty() || self.memory.len() == 0 {
-            return cauchy.x;
+        loop {
+            let cauchy = cauchy_point(x, gradient, &self.memory);
+            self.reduced.set_free(&cauchy.free, self.iteration == 0);
+            if cauchy.free.is_empty() || self.memory.len() == 0 {
+                return cauchy.x;
+            }
+            match self.reduced.factor(&self.memory) {
+                Some(factor) => return subspace_minimum(x, gradient, &cauchy, &self.memory, &factor),
+                None => self.memory.clear(),
+            }
         }
-        if let Some(target) = subspace_minimum(x, gradient, &cauchy, &self.memory) {
-            return target;
-        }
-        self.memory.clear();
-        cauchy_point(x, gradient, &self.memory).x
     }
 
     /// Asks for value and gradient at the ray's step, unless they are those just told.
@@ -261,6 +267,7 @@ impl Lbfgsb {
         let step = ray.line.step();
         let curvature = (slope - ray.slope) * step;
         if curvature <= f64::EPSILON * (-ray.slope * step) {
+            self.memory.keep();
             return;
         }
         let squared = step * step * dot(&ray.direction, &ray.direction);

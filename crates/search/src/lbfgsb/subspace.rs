@@ -8,7 +8,7 @@ use super::memory::Memory;
 /// The point the line search heads for: the model's minimum over the free coordinates, inside [0,1]^d.
 ///
 /// The Newton step is projected on the box; where the projected step would not descend, it is cut at the first face
-/// instead. `None` if the reduced matrix is not positive definite.
+/// instead. `factor` is that of the [`ReducedMatrix`](super::reduced::ReducedMatrix) for these free coordinates.
 ///
 /// # Reference
 /// Byrd, Lu, Nocedal and Zhu 1995, section 5.1; Morales and Nocedal, "Remark on Algorithm 778", ACM TOMS 38, 2011.
@@ -17,21 +17,21 @@ pub(super) fn subspace_minimum(
     g: &[f64],
     cauchy: &CauchyPoint,
     memory: &Memory,
-) -> Option<Vec<f64>> {
-    let step = newton_step(x, g, cauchy, memory)?;
+    factor: &Square,
+) -> Vec<f64> {
+    let step = newton_step(x, g, cauchy, memory, factor);
     let mut projected = cauchy.x.clone();
     for (&i, d) in cauchy.free.iter().zip(&step) {
         projected[i] = clipped(cauchy.x[i] + d);
     }
     let meets_face = cauchy.free.iter().any(|&i| projected[i] == 0.0 || projected[i] == 1.0);
     let slope: f64 = projected.iter().zip(x).zip(g).map(|((p, x), g)| (p - x) * g).sum();
-    Some(if meets_face && slope > 0.0 { cut_at_first_face(cauchy, step) } else { projected })
+    if meets_face && slope > 0.0 { cut_at_first_face(cauchy, step) } else { projected }
 }
 
 /// d = r/θ + Zᵀ W K⁻¹ Wᵀ Z r / θ² with r = -Zᵀ(g + B(x_cauchy - x)) over the free coordinates Z.
-fn newton_step(x: &[f64], g: &[f64], cauchy: &CauchyPoint, memory: &Memory) -> Option<Vec<f64>> {
+fn newton_step(x: &[f64], g: &[f64], cauchy: &CauchyPoint, memory: &Memory, factor: &Square) -> Vec<f64> {
     let (n, theta) = (memory.len(), memory.theta);
-    let matrix = reduced_matrix(x.len(), &cauchy.free, memory)?;
     let middle = memory.middle(&cauchy.c);
     let rows: Vec<Vec<f64>> = cauchy.free.iter().map(|&i| memory.row(i)).collect();
     let reduced = |(row, &i): (&Vec<f64>, &usize)| -theta * (cauchy.x[i] - x[i]) - g[i] + dot(row, &middle);
@@ -40,54 +40,13 @@ fn newton_step(x: &[f64], g: &[f64], cauchy: &CauchyPoint, memory: &Memory) -> O
     for (row, r) in rows.iter().zip(&step) {
         v.iter_mut().zip(row).for_each(|(v, w)| *v += w * r);
     }
-    matrix.solve_transposed(&mut v);
+    factor.solve_transposed(&mut v);
     v[..n].iter_mut().for_each(|v| *v = -*v);
-    matrix.solve(&mut v);
+    factor.solve(&mut v);
     for (row, d) in rows.iter().zip(&mut step) {
         *d = (*d + dot(row, &v) / theta) / theta;
     }
-    Some(step)
-}
-
-/// The factors R of K = Rᵀ E R, E = diag(-I, I), over free and held coordinates.
-///
-/// ```text
-/// K = [-D - YᵀZZᵀY/θ   Lₐᵀ - Rᵤᵀ; Lₐ - Rᵤ   θSᵀAAᵀS]
-/// ```
-///
-/// Z spans the free and A the held coordinates; Lₐ is the strictly lower triangle of SᵀAAᵀY, Rᵤ the upper triangle
-/// of SᵀZZᵀY.
-fn reduced_matrix(d: usize, free: &[usize], memory: &Memory) -> Option<Square> {
-    let (n, theta) = (memory.len(), memory.theta);
-    let held: Vec<usize> = (0..d).filter(|i| free.binary_search(i).is_err()).collect();
-    let over = |set: &[usize], a: &[f64], b: &[f64]| set.iter().map(|&i| a[i] * b[i]).sum::<f64>();
-    let mut k = Square::zero(2 * n);
-    for i in 0..n {
-        let (s_i, y_i) = (&memory.s[i], &memory.y[i]);
-        for j in 0..=i {
-            k.set(j, i, over(free, y_i, &memory.y[j]) / theta);
-            k.set(n + j, n + i, over(&held, s_i, &memory.s[j]) * theta);
-        }
-        k.set(i, i, k.at(i, i) + memory.curvature(i));
-        for j in 0..n {
-            let y_j = &memory.y[j];
-            k.set(j, n + i, if j < i { -over(&held, s_i, y_j) } else { over(free, s_i, y_j) });
-        }
-    }
-    k.factorise(0..n)?;
-    for column in n..2 * n {
-        let mut b: Vec<f64> = (0..n).map(|row| k.at(row, column)).collect();
-        k.solve_transposed(&mut b);
-        b.iter().enumerate().for_each(|(row, value)| k.set(row, column, *value));
-    }
-    for i in n..2 * n {
-        for j in i..2 * n {
-            let sum: f64 = (0..n).map(|row| k.at(row, i) * k.at(row, j)).sum();
-            k.set(i, j, k.at(i, j) + sum);
-        }
-    }
-    k.factorise(n..2 * n)?;
-    Some(k)
+    step
 }
 
 /// Goes from the Cauchy point along the step, no further than the first face met.
