@@ -56,6 +56,8 @@ pub enum Finish {
     IterationLimit,
     /// The limit on evaluations was reached.
     EvaluationLimit,
+    /// A line search found no lower value where its slope promised one.
+    Abnormal,
     /// No start with a finite value was found.
     NoFiniteStart,
 }
@@ -66,6 +68,7 @@ impl fmt::Display for Finish {
             Finish::Converged => "tolerances met",
             Finish::IterationLimit => "limit on iterations reached",
             Finish::EvaluationLimit => "limit on evaluations reached",
+            Finish::Abnormal => "no progress along a descent direction",
             Finish::NoFiniteStart => "no start with a finite value found",
         })
     }
