@@ -162,6 +162,7 @@ impl<T: Scalar> Operands<'_, T> {
 
     /// The rows from `first` of the `P` panels from `panel`, where `c` begins with the first of them.
     #[inline(always)]
+    #[allow(clippy::needless_range_loop)] // Indices keep the sums in registers; iterators do not.
     fn tile<const R: usize, const P: usize>(&self, first: usize, panel: usize, c: &mut [Lanes<T>]) {
         let rows = self.rows;
         let mut sums: [[Lanes<T>; P]; R] = std::array::from_fn(|r| {
@@ -223,6 +224,7 @@ const TILE: usize = 4;
 
 /// The columns of `a` from `TILE · tile`, transposed, times `b`.
 #[inline(always)]
+#[allow(clippy::needless_range_loop)] // Indices keep the sums in registers; iterators do not.
 fn transposed_tile<T: Scalar>(a: &[Lanes<T>], b: &[Lanes<T>], tile: usize) -> [Lanes<T>; TILE] {
     let mut sums = [Lanes::ZERO; TILE];
     let first = tile.min(WIDTH / TILE - 1) * TILE;
