@@ -12,8 +12,9 @@
 //! # What can be relied on
 //! - A number comes back with the same bits: ±infinity, −0.0 and seeds above 2⁶³ included.
 //! - A process that is killed loses at most the transaction in flight.
-//! - Every row carries a hash of itself, every trace one in its simulation's row: a changed byte is found out
-//!   ([`StoreError::Damaged`]), never shown as a result.
+//! - Every row carries a hash of itself, and one of its trace: a changed byte in them is found out
+//!   ([`StoreError::Damaged`]) whenever they are read, never shown as a result. That rows are missing is found out
+//!   by [`RunFile::check`].
 //! - At rest a run is a single file, which can be copied and read from a read-only folder. While it is written,
 //!   and after a kill, two more files stand beside it (`-wal`, `-shm`) and belong to it.
 //! - The same records in give the same content out, [`RunFile::content_digest`]. The bytes of two SQLite files

@@ -201,10 +201,8 @@ impl RunFile {
             return Err(StoreError::damaged(&self.path, verdict));
         }
         self.trials()?;
-        for simulation in self.simulations() {
-            self.trace_of(&simulation?)?;
-        }
-        Ok(())
+        self.simulations().try_for_each(|simulation| simulation.map(drop))?;
+        self.traced()?.into_iter().try_for_each(|(trial, number)| self.simulation(trial, number).map(drop))
     }
 
     fn trace_of(&self, simulation: &Simulation) -> Result<Option<Trace>> {

@@ -174,11 +174,7 @@ fn claim(path: &Path) -> Result<File> {
     OpenOptions::new().write(true).create_new(true).open(path).map_err(|source| match source.kind() {
         ErrorKind::AlreadyExists => StoreError::Exists { path: path.into() },
         ErrorKind::NotFound => StoreError::Missing { what: "the folder", path: path.into() },
-        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
-            StoreError::ReadOnly { path: path.into() }
-        }
-        ErrorKind::StorageFull => StoreError::DiskFull { path: path.into() },
-        _ => StoreError::Io { what: format!("cannot create the run {}", path.display()), source },
+        _ => StoreError::from_io(path, "create", source),
     })
 }
 
@@ -283,10 +279,80 @@ fn remove_files(path: &Path) -> Result<()> {
     for file in [path.into(), beside("-wal"), beside("-shm"), beside("-journal")] {
         match std::fs::remove_file(&file) {
             Err(source) if source.kind() != ErrorKind::NotFound => {
-                return Err(StoreError::Io { what: format!("cannot remove {}", file.display()), source });
+                return Err(StoreError::from_io(&file, "remove", source));
             }
             _ => {}
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Build, End, RunKind, Simulation, Trace};
+
+    fn record(number: u32) -> SimulationRecord {
+        let simulation = Simulation {
+            trial: 1,
+            number,
+            seed: 0,
+            unit_point: vec![],
+            initial_configuration: vec![],
+            robustness: Some(1.0),
+            end: End::Horizon,
+            steps: 300,
+            verdicts: vec![],
+            trace_digest: None,
+        };
+        // Noise, so that it takes as much room as it has bits.
+        let column = (0..301_u32).map(|step| f64::from(step * 31 + number * 17).sin()).collect();
+        SimulationRecord { simulation, trace: Some(Trace { columns: vec![column] }) }
+    }
+
+    #[test]
+    fn a_full_disk_loses_nothing_that_was_recorded() {
+        let header = RunHeader {
+            kind: RunKind::Falsify,
+            build: Build::default(),
+            plan: String::new(),
+            controller: String::new(),
+            controller_hash: String::new(),
+            controller_bytes_hash: String::new(),
+            task: String::new(),
+            preset: String::new(),
+            formula: String::new(),
+            search: String::new(),
+            seed: 0,
+            control_dt: 1.0,
+            signals: vec!["a".into()],
+            axes: vec![],
+            verdicts: vec![],
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.sqlite");
+        let mut writer = RunWriter::create(&path, &header, Existing::Refuse).unwrap();
+        writer.start_trial(1, 0).unwrap();
+        writer.file.connection.pragma_update(None, "max_page_count", 100).unwrap();
+
+        let mut recorded = 0;
+        let error = loop {
+            match writer.record(&[record(recorded + 1), record(recorded + 2), record(recorded + 3)]) {
+                Ok(()) => recorded += 3,
+                Err(error) => break error,
+            }
+        };
+        assert!(matches!(error, StoreError::DiskFull { .. }), "{error}");
+        assert!(recorded > 30, "{recorded}");
+        assert_eq!(writer.file().last_number(1).unwrap(), recorded);
+
+        // With room again, the same writer goes on.
+        writer.file.connection.pragma_update(None, "max_page_count", 10_000).unwrap();
+        writer.record(&[record(recorded + 1)]).unwrap();
+        writer.close().unwrap();
+        let run = RunFile::open(&path).unwrap();
+        run.check().unwrap();
+        assert_eq!(run.simulation(1, recorded).unwrap().trace, record(recorded).trace);
+        assert_eq!(run.last_number(1).unwrap(), recorded + 1);
+    }
 }
