@@ -46,7 +46,7 @@ pub(crate) enum Node {
 /// # Where the syntax is not RTAMT 0.4.10's
 /// Its precedence is kept exactly, even where it is not school arithmetic: `*` binds tighter than `/` and `+` tighter than
 /// `-`, so that **`a - b + c` is `a - (b + c)`** and `a / b * c` is `a / (b * c)`. Write the parentheses; a formula prints
-/// with those it needs. What RTAMT refuses or misreads is read the usual way: `!=`, `-x`, `a - 1` (a syntax error there),
+/// with those it needs. What RTAMT refuses or misreads is read the usual way: `!=`, `-x`, `a - 1` (refused there at first),
 /// `x/y` (one name there), `ln`, `release`, `true`, `unless` without an interval, trailing semicolons, constants as
 /// bounds. Refused here: annotations (`@topic`) and imports, which belong to ROS; and a begin with a unit before an end
 /// without one.
