@@ -75,12 +75,22 @@ pub struct BoxAxis {
     pub name: &'static str,
     /// Unit.
     pub unit: &'static str,
-    /// Bounds under each preset: `[low, high]`.
+    /// Bounds under [`Preset::Paper`].
     pub paper: [f64; 2],
     /// Bounds under [`Preset::Code`].
     pub code: [f64; 2],
     /// What the axis sets in the scene.
     pub sets: &'static str,
+}
+
+impl BoxAxis {
+    /// Lower and upper bound under a preset.
+    pub fn bounds(&self, preset: Preset) -> [f64; 2] {
+        match preset {
+            Preset::Paper => self.paper,
+            Preset::Code => self.code,
+        }
+    }
 }
 
 /// Something the hand holds for good: part of the hand's body.
@@ -158,10 +168,7 @@ impl Definition {
     /// If an axis's bounds are not in order.
     pub fn initial_box(&self, preset: Preset) -> Result<InitialBox, RolloutError> {
         let axis = |axis: &BoxAxis| {
-            let [low, high] = match preset {
-                Preset::Paper => axis.paper,
-                Preset::Code => axis.code,
-            };
+            let [low, high] = axis.bounds(preset);
             Axis { name: axis.name.to_string(), unit: axis.unit.to_string(), low, high }
         };
         InitialBox::new(self.initial_box.iter().map(axis).collect())
