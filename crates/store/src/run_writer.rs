@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use rusqlite::{Connection, OpenFlags, ffi, params};
 
 use crate::error::{InFile, StoreError};
-use crate::run_file::{RunFile, connect};
+use crate::run_file::{RunFile, connect, open};
 use crate::schema::{APPLICATION_ID, FORMAT_VERSION, TABLES};
 use crate::upgrade::{STEPS, Step};
 use crate::{
@@ -19,14 +19,14 @@ use crate::{
 pub enum Existing {
     /// Refuse, and leave it as it is.
     Refuse,
-    /// Remove it, all of it. Only a run of ours, or an empty file, is ever removed.
+    /// Remove it, all of it. Only a run of ours, or a file with nothing in it, is ever removed.
     Replace,
 }
 
 /// The one writer of a run.
 ///
-/// It holds SQLite's write lock for as long as it lives, so that a second one is refused, and readers are not. Each
-/// call is a transaction of its own: once it has returned, a killed process loses nothing of it.
+/// It holds SQLite's write lock for as long as it lives, so that a second one is refused, and readers are
+/// not. Each call is a transaction of its own: once it has returned, a killed process loses nothing of it.
 /// (After a power failure the last few transactions may be missing; those before them are whole.)
 #[derive(Debug)]
 pub struct RunWriter {
@@ -38,10 +38,10 @@ impl RunWriter {
     ///
     /// # Errors
     /// [`Exists`](StoreError::Exists) if there is a file already that is not to be replaced,
-    /// [`NotARun`](StoreError::NotARun) if it is not ours to replace, [`Locked`](StoreError::Locked) if it is being
-    /// written; [`BadHeader`](StoreError::BadHeader) if names repeat or numbers are not finite;
-    /// [`Missing`](StoreError::Missing), [`ReadOnly`](StoreError::ReadOnly) and [`DiskFull`](StoreError::DiskFull)
-    /// for the folder.
+    /// [`NotARun`](StoreError::NotARun) if it is not ours to replace, [`Locked`](StoreError::Locked) if it is
+    /// being written; [`BadHeader`](StoreError::BadHeader) if names repeat or numbers are not finite;
+    /// [`Missing`](StoreError::Missing), [`ReadOnly`](StoreError::ReadOnly) and
+    /// [`DiskFull`](StoreError::DiskFull) for the folder.
     pub fn create(path: impl AsRef<Path>, header: &RunHeader, existing: Existing) -> Result<Self> {
         let path = path.as_ref();
         header_table::guard(header)?;
@@ -58,8 +58,8 @@ impl RunWriter {
     /// Opens a run to record more in it. A file of an older format is upgraded first, in place.
     ///
     /// # Errors
-    /// [`Locked`](StoreError::Locked) if another writer has it, [`ReadOnly`](StoreError::ReadOnly), and all that
-    /// [`RunFile::open`] may find.
+    /// [`Locked`](StoreError::Locked) if another writer has it, [`ReadOnly`](StoreError::ReadOnly), and all
+    /// that [`RunFile::open`] may find.
     pub fn resume(path: impl AsRef<Path>) -> Result<Self> {
         Self::resume_with(path.as_ref(), STEPS)
     }
@@ -121,9 +121,9 @@ impl RunWriter {
     /// # Errors
     /// [`UnknownTrial`](StoreError::UnknownTrial), [`AlreadyRecorded`](StoreError::AlreadyRecorded),
     /// [`WrongLength`](StoreError::WrongLength), [`NotANumber`](StoreError::NotANumber),
-    /// [`NumberedFromOne`](StoreError::NumberedFromOne) and [`WrongDigest`](StoreError::WrongDigest) for a record
-    /// that does not fit; [`DiskFull`](StoreError::DiskFull) or another failure of the file. The writer can be used
-    /// on after any of them.
+    /// [`NumberedFromOne`](StoreError::NumberedFromOne) and [`WrongDigest`](StoreError::WrongDigest) for a
+    /// record that does not fit; [`DiskFull`](StoreError::DiskFull) or another failure of the file. The
+    /// writer can be used on after any of them.
     pub fn record(&mut self, records: &[SimulationRecord]) -> Result<()> {
         for record in records {
             row::guard(record, self.file.header())?;
@@ -136,8 +136,8 @@ impl RunWriter {
 
     /// Ends the writing: everything is on the disk, in a single file.
     ///
-    /// Dropping the writer does the same, but cannot say if it failed. While somebody reads the run, the log beside
-    /// the file stays; it goes with the last of them.
+    /// Dropping the writer does the same, but cannot say if it failed. While somebody reads the run, the log
+    /// beside the file stays; it goes with the last of them.
     ///
     /// # Errors
     /// A failure of the file; what was recorded is safe all the same, in the file and its log.
@@ -180,7 +180,7 @@ fn claim(path: &Path) -> Result<File> {
 
 /// Makes a run of an empty file.
 fn fill(path: &Path, header: &RunHeader) -> Result<RunWriter> {
-    let connection = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_WRITE).in_file(path)?;
+    let connection = open(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
     prepare(&connection, path)?;
     begin(&connection).in_file(path)?;
     connection.execute_batch(TABLES).in_file(path)?;
@@ -260,14 +260,20 @@ fn constraint(error: &rusqlite::Error) -> Option<i32> {
 fn remove(path: &Path) -> Result<()> {
     if std::fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() > 0) {
         let connection = connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
-        // A newer or an older one is a run too.
+        // A newer or an older one is a run too, and so is one whose making was broken off.
         match upgrade::version(&connection, path, STEPS) {
             Ok(_) | Err(StoreError::NewerVersion { .. }) => {}
+            Err(StoreError::NotARun { .. }) if is_blank(&connection) => {}
             Err(error) => return Err(error),
         }
         begin(&connection).in_file(path)?;
     }
     remove_files(path)
+}
+
+/// Whether this is a database without a single table.
+fn is_blank(connection: &Connection) -> bool {
+    connection.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0)) == Ok(0)
 }
 
 fn remove_files(path: &Path) -> Result<()> {

@@ -11,8 +11,8 @@ use crate::schema::APPLICATION_ID;
 /// Changes the tables and rows of one version into those of the next.
 pub(crate) type Step = fn(&Connection) -> rusqlite::Result<()>;
 
-/// `STEPS[v - 1]` leads from version v to v + 1. A step, once released, is never changed or removed; each comes
-/// with a fixture of the version it starts from.
+/// `STEPS[v - 1]` leads from version v to v + 1. A step, once released, is never changed or removed; each
+/// comes with a fixture of the version it starts from.
 pub(crate) const STEPS: &[Step] = &[];
 
 /// The format version of a run file, which is one that `steps` know how to read.

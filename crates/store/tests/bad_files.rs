@@ -1,4 +1,5 @@
-//! A file that is damaged, foreign, read-only or not there is answered with one clear error, never with wrong values.
+//! A file that is damaged, foreign, read-only or not there is answered with one clear error, never with wrong
+//! values.
 #![allow(clippy::unwrap_used)] // what serves tests is a test
 
 mod sample;
@@ -136,6 +137,28 @@ fn an_empty_file_may_be_replaced() {
     std::fs::write(&path, "").unwrap();
     assert!(matches!(RunWriter::create(&path, &header(), Existing::Refuse), Err(StoreError::Exists { .. })));
     RunWriter::create(&path, &header(), Existing::Replace).unwrap();
+}
+
+#[test]
+fn a_run_whose_making_was_broken_off_is_named_and_may_be_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run");
+    // The first thing that a new file is told; the tables come in one transaction after it.
+    rusqlite::Connection::open(&path).unwrap().pragma_update(None, "journal_mode", "WAL").unwrap();
+    assert!(matches!(RunFile::open(&path), Err(StoreError::NotARun { .. })));
+    RunWriter::create(&path, &header(), Existing::Replace).unwrap();
+}
+
+#[test]
+fn a_locked_file_is_named() {
+    let (_folder, path) = small_run();
+    let other = rusqlite::Connection::open(&path).unwrap();
+    other.execute_batch("BEGIN EXCLUSIVE").unwrap();
+    let message = "another process is writing this run; wait until it ends, or stop it";
+    check_message(RunFile::open(&path), message, &path);
+    check_message(RunWriter::resume(&path), message, &path);
+    other.execute_batch("ROLLBACK").unwrap();
+    RunWriter::resume(&path).unwrap();
 }
 
 #[test]

@@ -15,8 +15,8 @@ use sample::{header, record, traced_record};
 const BATCH: u32 = 8;
 const RUN: &str = "MISHANDLE_STORE_TEST_RUN";
 
-/// The process to be killed: it says after each batch how many simulations are recorded. Without the variable, as one
-/// of the tests, it does nothing.
+/// The process to be killed: it says after each batch how many simulations are recorded. Without the
+/// variable, as one of the tests, it does nothing.
 #[test]
 fn writes_until_killed() {
     let Some(path) = std::env::var_os(RUN) else { return };

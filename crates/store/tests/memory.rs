@@ -1,4 +1,5 @@
-//! Memory does not grow with the number of simulations: a run is written and read in less than its file's size.
+//! Memory does not grow with the number of simulations: a run is written and read in less than its file's
+//! size.
 #![allow(clippy::unwrap_used)] // what serves tests is a test
 #![cfg(target_os = "linux")] // where a process can ask for its own peak
 
