@@ -1,0 +1,227 @@
+//! From text to tokens, each with its place.
+
+use crate::error::{ParseError, Position};
+
+/// What a token is; words and symbols keep their text.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Kind<'t> {
+    Number(f64),
+    Word(&'t str),
+    Symbol(&'static str),
+    End,
+}
+
+/// A token and where it begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Token<'t> {
+    pub kind: Kind<'t>,
+    pub at: Position,
+    pub text: &'t str,
+}
+
+impl Token<'_> {
+    /// The token as an error message shows it.
+    pub(crate) fn found(&self) -> String {
+        match self.kind {
+            Kind::End => "the end of the formula".to_owned(),
+            _ => format!("`{}`", self.text),
+        }
+    }
+
+    pub(crate) fn is_symbol(&self, symbol: &str) -> bool {
+        matches!(self.kind, Kind::Symbol(text) if text == symbol)
+    }
+}
+
+/// Every symbol, a longer one before those it begins with.
+const SYMBOLS: [&str; 28] = [
+    "!==", "<->", "<=", ">=", "==", "!=", "->", "&&", "||", "<", ">", "=", "!", "&", "|", "+", "-", "*", "/",
+    "(", ")", "[", "]", ",", ":", ";", "@", ".",
+];
+
+/// The tokens of `text`, with an [`Kind::End`] after the last. White space and comments (`// …`, `/* … */`) part them.
+pub(crate) fn tokens(text: &str) -> Result<Vec<Token<'_>>, ParseError> {
+    let mut lexer = Lexer { rest: text, at: Position { line: 1, column: 1 } };
+    let mut tokens = Vec::new();
+    loop {
+        lexer.skip_blanks()?;
+        let token = lexer.token()?;
+        tokens.push(token);
+        if token.kind == Kind::End {
+            return Ok(tokens);
+        }
+    }
+}
+
+struct Lexer<'t> {
+    rest: &'t str,
+    at: Position,
+}
+
+impl<'t> Lexer<'t> {
+    /// Takes the next `bytes` bytes, which end between two characters.
+    fn take(&mut self, bytes: usize) -> &'t str {
+        let (taken, rest) = self.rest.split_at(bytes);
+        for character in taken.chars() {
+            if character == '\n' {
+                self.at = Position { line: self.at.line + 1, column: 1 };
+            } else {
+                self.at.column += 1;
+            }
+        }
+        self.rest = rest;
+        taken
+    }
+
+    fn skip_blanks(&mut self) -> Result<(), ParseError> {
+        loop {
+            let blank = self.rest.len() - self.rest.trim_start().len();
+            self.take(blank);
+            if self.rest.starts_with("//") {
+                let line = self.rest.find('\n').unwrap_or(self.rest.len());
+                self.take(line);
+            } else if self.rest.starts_with("/*") {
+                let at = self.at;
+                let inside = self.rest[2..].find("*/").ok_or_else(|| ParseError::Unexpected {
+                    at,
+                    expected: "`*/` after the comment that begins here".to_owned(),
+                    found: "the end of the formula".to_owned(),
+                })?;
+                self.take(inside + 4);
+            } else {
+                return Ok(());
+            }
+        }
+    }
+
+    fn token(&mut self) -> Result<Token<'t>, ParseError> {
+        let at = self.at;
+        let Some(first) = self.rest.chars().next() else {
+            return Ok(Token { kind: Kind::End, at, text: "" });
+        };
+        if first.is_ascii_digit() || (first == '.' && digits(&self.rest[1..], 10) > 0) {
+            return self.number();
+        }
+        if is_word_start(first) {
+            let end = self.rest.find(|c| !is_word_part(c)).unwrap_or(self.rest.len());
+            let text = self.take(end);
+            return Ok(Token { kind: Kind::Word(text), at, text });
+        }
+        if let Some(symbol) = SYMBOLS.iter().find(|symbol| self.rest.starts_with(**symbol)) {
+            let text = self.take(symbol.len());
+            return Ok(Token { kind: Kind::Symbol(symbol), at, text });
+        }
+        Err(ParseError::Unexpected {
+            at,
+            expected: "a name, a number or an operator".to_owned(),
+            found: format!("the character {first:?}"),
+        })
+    }
+
+    /// A number: digits with an optional fraction and exponent, or hexadecimal or binary digits after `0x` or `0b`.
+    /// Underscores may stand between digits.
+    fn number(&mut self) -> Result<Token<'t>, ParseError> {
+        let at = self.at;
+        let prefixed = [("0x", 16), ("0X", 16), ("0b", 2), ("0B", 2)];
+        let prefix = prefixed.iter().find(|(prefix, _)| self.rest.starts_with(prefix));
+        let (text, value) = match prefix {
+            Some((prefix, radix)) if digits(&self.rest[2..], *radix) > 0 => {
+                let text = self.take(prefix.len() + digits(&self.rest[2..], *radix));
+                let value = u64::from_str_radix(&text[2..].replace('_', ""), *radix);
+                (text, value.ok().map(|value| value as f64))
+            }
+            _ => {
+                let length = decimal_length(self.rest).map_err(|length| ParseError::BadNumber {
+                    at,
+                    text: self.rest[..length].to_owned(),
+                    expected: "digits in the exponent".to_owned(),
+                })?;
+                let text = self.take(length);
+                (text, text.replace('_', "").parse().ok())
+            }
+        };
+        match value.filter(|value| value.is_finite()) {
+            Some(value) => Ok(Token { kind: Kind::Number(value), at, text }),
+            None => Err(ParseError::BadNumber {
+                at,
+                text: text.to_owned(),
+                expected: "a number within the range of a 64-bit float".to_owned(),
+            }),
+        }
+    }
+}
+
+/// The length of the decimal number that `text` begins with, or of its part up to an exponent without digits.
+fn decimal_length(text: &str) -> Result<usize, usize> {
+    let mut length = digits(text, 10);
+    if text[length..].starts_with('.') {
+        length += 1;
+        length += digits(&text[length..], 10);
+    }
+    if text[length..].starts_with(['e', 'E']) {
+        length += 1;
+        length += usize::from(text[length..].starts_with(['+', '-']));
+        match digits(&text[length..], 10) {
+            0 => return Err(length),
+            exponent => length += exponent,
+        }
+    }
+    Ok(length)
+}
+
+/// The number of digits that `text` begins with, underscores between digits counted.
+fn digits(text: &str, radix: u32) -> usize {
+    if !text.starts_with(|c: char| c.is_digit(radix)) {
+        return 0;
+    }
+    let end = text.find(|c: char| !c.is_digit(radix) && c != '_').unwrap_or(text.len());
+    text[..end].trim_end_matches('_').len()
+}
+
+fn is_word_start(c: char) -> bool {
+    c.is_alphabetic() || c == '_' || c == '$'
+}
+
+fn is_word_part(c: char) -> bool {
+    is_word_start(c) || c.is_numeric() || c == '.'
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn check(text: &str, expected: &str) {
+        let tokens = tokens(text).unwrap();
+        let shown: Vec<&str> = tokens.iter().map(|token| token.text).collect();
+        assert_eq!(shown.join(" "), format!("{expected} "), "{text}");
+    }
+
+    #[test]
+    fn tokens_are_as_long_as_they_can_be() {
+        check("a<->b", "a <-> b");
+        check("a<-1", "a < - 1");
+        check("a!==b!=c", "a !== b != c");
+        check("a-1e-3.5", "a - 1e-3 .5");
+        check("x/0", "x / 0");
+        check("pose.x_1>=.5", "pose.x_1 >= .5");
+        check("a // to the end\n/* b\n c */ d", "a d");
+        check("[1s:2ms]", "[ 1 s : 2 ms ]");
+    }
+
+    #[test]
+    fn numbers_have_the_value_they_are_written_with() {
+        let cases =
+            [("1_000", 1000.0), ("1.", 1.0), (".5", 0.5), ("1E+3", 1000.0), ("0x1F", 31.0), ("0b11", 3.0)];
+        for (text, value) in cases {
+            assert_eq!(tokens(text).unwrap()[0].kind, Kind::Number(value), "{text}");
+        }
+    }
+
+    #[test]
+    fn lines_and_columns_count_characters() {
+        let tokens = tokens("größe >\n  1").unwrap();
+        let places: Vec<_> = tokens.iter().map(|token| (token.at.line, token.at.column)).collect();
+        assert_eq!(places, [(1, 1), (1, 7), (2, 3), (2, 4)]);
+    }
+}

@@ -1,0 +1,193 @@
+//! The operators of the language, one row each: how they are written, how tightly they bind, what they apply to.
+
+/// An operator or function of the language.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Operator {
+    Negate,
+    Abs,
+    Sqrt,
+    Exp,
+    Ln,
+    Pow,
+    Multiply,
+    Divide,
+    Add,
+    Subtract,
+    LessOrEqual,
+    GreaterOrEqual,
+    Less,
+    Greater,
+    Equal,
+    NotEqual,
+    Not,
+    Always,
+    Eventually,
+    Historically,
+    Once,
+    Previous,
+    Next,
+    StrongPrevious,
+    StrongNext,
+    Until,
+    Release,
+    Unless,
+    Since,
+    And,
+    Or,
+    Implies,
+    Iff,
+    Xor,
+    Rise,
+    Fall,
+}
+
+/// Where an operator stands in the text.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Shape {
+    /// Before its only operand.
+    Prefix,
+    /// Between its two operands; all group to the left.
+    Infix,
+    /// A name with this many operands in parentheses.
+    Call(usize),
+}
+
+/// Whether the value at one sample depends on others, and whether the operator takes an interval.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Time {
+    Pointwise,
+    Untimed,
+    Timed,
+}
+
+use Operator::*;
+use Shape::{Call, Infix, Prefix};
+use Time::{Pointwise, Timed, Untimed};
+
+type Row = (Operator, &'static [&'static str], Shape, u8, Time);
+
+/// Spellings (the first is the one we print), shape, binding power (larger binds tighter), relation to time.
+///
+/// The binding powers are RTAMT 0.4.10's. Note that `*` binds tighter than `/` and `+` tighter than `-`, so that
+/// `a - b + c` is `a - (b + c)`, and that all infix operators group to the left, `->` too. The unary minus on anything
+/// but a number, `ln` and `release` are not in that grammar.
+#[rustfmt::skip]
+const TABLE: [Row; 36] = [
+    (Negate,         &["-"],                       Prefix,  27, Pointwise),
+    (Abs,            &["abs"],                     Call(1), 28, Pointwise),
+    (Sqrt,           &["sqrt"],                    Call(1), 28, Pointwise),
+    (Exp,            &["exp"],                     Call(1), 28, Pointwise),
+    (Ln,             &["ln"],                      Call(1), 28, Pointwise),
+    (Pow,            &["pow"],                     Call(2), 28, Pointwise),
+    (Multiply,       &["*"],                       Infix,   26, Pointwise),
+    (Divide,         &["/"],                       Infix,   25, Pointwise),
+    (Add,            &["+"],                       Infix,   24, Pointwise),
+    (Subtract,       &["-"],                       Infix,   23, Pointwise),
+    (LessOrEqual,    &["<="],                      Infix,   22, Pointwise),
+    (GreaterOrEqual, &[">="],                      Infix,   22, Pointwise),
+    (Less,           &["<"],                       Infix,   22, Pointwise),
+    (Greater,        &[">"],                       Infix,   22, Pointwise),
+    (Equal,          &["=="],                      Infix,   22, Pointwise),
+    (NotEqual,       &["!==", "!="],               Infix,   22, Pointwise),
+    (Not,            &["not", "!"],                Prefix,  21, Pointwise),
+    (Always,         &["always", "G"],             Prefix,  20, Timed),
+    (Eventually,     &["eventually", "F"],         Prefix,  19, Timed),
+    (Historically,   &["historically", "H"],       Prefix,  18, Timed),
+    (Once,           &["once", "O"],               Prefix,  17, Timed),
+    (Previous,       &["prev", "Y"],               Prefix,  16, Untimed),
+    (Next,           &["next", "X"],               Prefix,  15, Untimed),
+    (StrongPrevious, &["s_prev", "sY"],            Prefix,  14, Untimed),
+    (StrongNext,     &["s_next", "sX"],            Prefix,  13, Untimed),
+    (Until,          &["until", "U"],              Infix,   12, Timed),
+    (Release,        &["release", "R"],            Infix,   12, Timed),
+    (Unless,         &["unless", "W"],             Infix,   11, Timed),
+    (Since,          &["since", "S"],              Infix,   10, Timed),
+    (And,            &["and", "&", "&&"],          Infix,    9, Pointwise),
+    (Or,             &["or", "|", "||"],           Infix,    8, Pointwise),
+    (Implies,        &["implies", "->"],           Infix,    7, Pointwise),
+    (Iff,            &["iff", "<->"],              Infix,    6, Pointwise),
+    (Xor,            &["xor"],                     Infix,    5, Pointwise),
+    (Rise,           &["rise"],                    Call(1), 28, Untimed),
+    (Fall,           &["fall"],                    Call(1), 28, Untimed),
+];
+
+impl Operator {
+    /// Every operator, in the order of the table.
+    pub(crate) fn all() -> impl Iterator<Item = Operator> {
+        TABLE.iter().map(|row| row.0)
+    }
+
+    /// The operator of this shape (a call counts whatever the number of its operands) that is written `text`.
+    pub(crate) fn written(text: &str, shape: Shape) -> Option<Operator> {
+        let same = |a: Shape| std::mem::discriminant(&a) == std::mem::discriminant(&shape);
+        TABLE.iter().find(|row| same(row.2) && row.1.contains(&text)).map(|row| row.0)
+    }
+
+    /// The rows stand in the order of the variants; a test holds them to it.
+    fn row(self) -> &'static Row {
+        &TABLE[self as usize]
+    }
+
+    /// The spelling that we print.
+    pub(crate) fn name(self) -> &'static str {
+        self.row().1[0]
+    }
+
+    pub(crate) fn spellings(self) -> &'static [&'static str] {
+        self.row().1
+    }
+
+    pub(crate) fn shape(self) -> Shape {
+        self.row().2
+    }
+
+    /// The number of operands.
+    pub(crate) fn arity(self) -> usize {
+        match self.shape() {
+            Prefix => 1,
+            Infix => 2,
+            Call(operands) => operands,
+        }
+    }
+
+    /// How tightly the operator binds; larger is tighter.
+    pub(crate) fn power(self) -> u8 {
+        self.row().3
+    }
+
+    /// Whether the value at one sample depends on other samples.
+    pub(crate) fn is_temporal(self) -> bool {
+        self.row().4 != Pointwise
+    }
+
+    /// Whether the operator computes numbers from numbers, and may fail to.
+    pub(crate) fn is_arithmetic(self) -> bool {
+        matches!(self, Sqrt | Exp | Ln | Pow | Multiply | Divide | Add | Subtract)
+    }
+
+    /// Whether an interval may follow the operator.
+    pub(crate) fn takes_interval(self) -> bool {
+        self.row().4 == Timed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_stand_in_the_order_of_the_variants() {
+        for (index, operator) in Operator::all().enumerate() {
+            assert_eq!(operator as usize, index, "{operator:?}");
+        }
+    }
+
+    #[test]
+    fn no_two_operators_of_one_shape_share_a_spelling() {
+        for operator in Operator::all() {
+            for text in operator.spellings() {
+                assert_eq!(Operator::written(text, operator.shape()), Some(operator), "{text}");
+            }
+        }
+    }
+}

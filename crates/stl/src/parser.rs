@@ -1,0 +1,459 @@
+//! From tokens to a formula in postfix order, by operator precedence with an explicit stack.
+
+use crate::clock::{Bound, Interval, Unit};
+use crate::error::{ParseError, Position};
+use crate::formula::{Formula, Node};
+use crate::lexer::{Kind, Token, tokens};
+use crate::operator::{Operator, Shape};
+use std::collections::HashMap;
+
+/// The most operands that may wait for their operators: a monitor keeps a buffer of the trace's length for each.
+const MAX_WAITING: usize = 1000;
+
+/// The most operators and operands of a formula, named parts written out.
+const MAX_NODES: usize = 1 << 22;
+
+/// Words that begin a declaration of a signal.
+const TYPES: [&str; 3] = ["float", "int", "long"];
+
+const OPERAND: &str = "a signal, a number, `(` or an operator that stands before its operand";
+
+const NO_INTERVAL: &str = "an operand; only always, eventually, historically, once, until, release, unless and since \
+                           take an interval";
+
+/// Reads a text of declarations, definitions and the formula that ends it.
+pub(crate) fn parse(text: &str) -> Result<Formula, ParseError> {
+    let tokens = tokens(text)?;
+    let mut parser = Parser {
+        tokens: &tokens,
+        next: 0,
+        signals: Vec::new(),
+        places: HashMap::new(),
+        named: HashMap::new(),
+    };
+    let nodes = parser.text()?;
+    Ok(with_own_signals(nodes, &parser.signals))
+}
+
+/// The formula of these nodes, its signals numbered by their first appearance; signals of unused definitions fall away.
+fn with_own_signals(mut nodes: Vec<Node>, names: &[&str]) -> Formula {
+    let mut own = vec![None; names.len()];
+    let mut signals = Vec::new();
+    for node in &mut nodes {
+        if let Node::Signal(signal) = node {
+            let name = *signal as usize;
+            *signal = *own[name].get_or_insert_with(|| {
+                signals.push(names[name].to_owned());
+                signals.len() as u32 - 1
+            });
+        }
+    }
+    Formula { signals, nodes }
+}
+
+struct Parser<'t> {
+    tokens: &'t [Token<'t>],
+    next: usize,
+    /// Every signal named so far, and where each stands in that list.
+    signals: Vec<&'t str>,
+    places: HashMap<&'t str, u32>,
+    /// What names stand for: constants and sub-formulas, in postfix order, with the operands they make wait.
+    named: HashMap<&'t str, Operands>,
+}
+
+/// A formula under construction: nodes in postfix order, the operands that wait now, and the most that ever did.
+#[derive(Default)]
+struct Operands {
+    nodes: Vec<Node>,
+    waiting: usize,
+    most: usize,
+}
+
+/// An operator or bracket whose last operand has not ended.
+enum Pending {
+    Operator(Operator, Option<Interval>),
+    Parenthesis(Position),
+    /// A call and the commas still to come.
+    Call(Operator, usize, Position),
+}
+
+impl<'t> Parser<'t> {
+    fn peek(&self) -> Token<'t> {
+        self.ahead(0)
+    }
+
+    /// The token `n` after the next; the end lasts for ever.
+    fn ahead(&self, n: usize) -> Token<'t> {
+        self.tokens[(self.next + n).min(self.tokens.len() - 1)]
+    }
+
+    fn advance(&mut self) -> Token<'t> {
+        let token = self.peek();
+        self.next += 1;
+        token
+    }
+
+    fn accept(&mut self, symbol: &str) -> bool {
+        let found = self.peek().is_symbol(symbol);
+        self.next += usize::from(found);
+        found
+    }
+
+    fn unexpected<T>(&self, expected: impl Into<String>) -> Result<T, ParseError> {
+        let token = self.peek();
+        Err(ParseError::Unexpected { at: token.at, expected: expected.into(), found: token.found() })
+    }
+
+    fn expect(&mut self, symbol: &str, why: &str) -> Result<(), ParseError> {
+        if self.accept(symbol) { Ok(()) } else { self.unexpected(format!("`{symbol}` {why}")) }
+    }
+
+    /// Statements up to the end of the text; the last one is the formula.
+    fn text(&mut self) -> Result<Vec<Node>, ParseError> {
+        loop {
+            while self.accept(";") {}
+            let Some((name, formula)) = self.statement()? else { continue };
+            let has_end = self.peek().is_symbol(";");
+            while self.accept(";") {}
+            if self.peek().kind == Kind::End {
+                return Ok(formula.nodes);
+            }
+            match name {
+                Some(token) => self.define(token, formula)?,
+                None if has_end => {
+                    return self.unexpected("the end; only a last formula goes without `name =`");
+                }
+                None => return self.unexpected("an operator or the end of the formula"),
+            }
+        }
+    }
+
+    /// One statement: `None` for a declaration, else a formula with the name before its `=`.
+    fn statement(&mut self) -> Result<Option<(Option<Token<'t>>, Operands)>, ParseError> {
+        if self.peek().is_symbol("@") || (self.at_word("from") && self.is_name(1)) {
+            return self.unexpected("a formula; annotations and imports belong to ROS and are not read here");
+        }
+        if self.at_word("specification") && self.is_name(1) {
+            self.next += 2;
+            return Ok(None);
+        }
+        if self.at_word("const") && self.is_name(1) {
+            self.constant()?;
+            return Ok(None);
+        }
+        if self.declares() && !self.ahead(1).is_symbol("=") {
+            self.next += 1;
+            return Ok(None);
+        }
+        let name = self.names_statement().then(|| self.peek());
+        self.next += if name.is_some() { 2 } else { 0 };
+        Ok(Some((name, self.formula()?)))
+    }
+
+    fn at_word(&self, word: &str) -> bool {
+        self.peek().kind == Kind::Word(word)
+    }
+
+    /// Whether the token `n` after the next can name something.
+    fn is_name(&self, n: usize) -> bool {
+        matches!(self.ahead(n).kind, Kind::Word(word) if !is_reserved(word))
+    }
+
+    /// Whether a statement begins here with `name =`.
+    fn names_statement(&self) -> bool {
+        self.is_name(0) && self.ahead(1).is_symbol("=")
+    }
+
+    /// Skips `input float` and the like if a declaration begins here; its name is then the next token.
+    fn declares(&mut self) -> bool {
+        let direction = usize::from((self.at_word("input") || self.at_word("output")) && self.is_name(1));
+        let is_type = matches!(self.ahead(direction).kind, Kind::Word(word) if TYPES.contains(&word));
+        let found = is_type && self.is_name(direction + 1);
+        self.next += if found { direction + 1 } else { 0 };
+        found
+    }
+
+    /// `const float limit = 0.3`
+    fn constant(&mut self) -> Result<(), ParseError> {
+        self.next += 1;
+        if !matches!(self.peek().kind, Kind::Word(word) if TYPES.contains(&word)) {
+            return self.unexpected(format!("the constant's type: {}", TYPES.join(", ")));
+        }
+        self.next += 1;
+        if !self.is_name(0) {
+            return self.unexpected("the constant's name");
+        }
+        let name = self.advance();
+        self.expect("=", "and the constant's value")?;
+        let sign = if self.accept("-") { -1.0 } else { 1.0 };
+        let Kind::Number(value) = self.peek().kind else {
+            return self.unexpected("the constant's value, a number");
+        };
+        self.next += 1;
+        self.define(name, Operands { nodes: vec![Node::Constant(sign * value)], waiting: 1, most: 1 })
+    }
+
+    fn define(&mut self, name: Token<'t>, formula: Operands) -> Result<(), ParseError> {
+        match self.named.insert(name.text, formula) {
+            None => Ok(()),
+            Some(_) => Err(ParseError::DefinedTwice { at: name.at, name: name.text.to_owned() }),
+        }
+    }
+
+    /// A formula, up to the first token that cannot belong to it.
+    fn formula(&mut self) -> Result<Operands, ParseError> {
+        let mut operands = Operands::default();
+        let mut pending = Vec::new();
+        loop {
+            self.operand(&mut operands, &mut pending)?;
+            while self.accept_closing(&mut operands, &mut pending)? {}
+            if self.accept_comma(&mut operands, &mut pending) {
+                continue;
+            }
+            let Some(operator) = self.infix() else { break };
+            self.next += 1;
+            let interval = self.interval(operator)?;
+            reduce(&mut operands, &mut pending, operator.power());
+            pending.push(Pending::Operator(operator, interval));
+        }
+        self.finish(&mut operands, &mut pending)?;
+        Ok(operands)
+    }
+
+    /// The infix operator that is next, if one is. A name before `=` begins the next statement instead.
+    fn infix(&self) -> Option<Operator> {
+        match self.peek().kind {
+            Kind::Word(_) if self.names_statement() => None,
+            Kind::Word(word) => Operator::written(word, Shape::Infix),
+            Kind::Symbol(symbol) => Operator::written(symbol, Shape::Infix),
+            _ => None,
+        }
+    }
+
+    /// One operand, after any number of opening brackets and operators that stand before it.
+    fn operand(&mut self, operands: &mut Operands, pending: &mut Vec<Pending>) -> Result<(), ParseError> {
+        loop {
+            let token = self.peek();
+            let text = match token.kind {
+                Kind::Number(value) => {
+                    self.next += 1;
+                    return operands.push(&[Node::Constant(value)], 1, token.at);
+                }
+                Kind::Symbol("(") => {
+                    self.next += 1;
+                    pending.push(Pending::Parenthesis(token.at));
+                    continue;
+                }
+                Kind::Symbol("[") if self.next > 0 => return self.unexpected(NO_INTERVAL),
+                Kind::Symbol(text) | Kind::Word(text) => text,
+                Kind::End => return self.unexpected(OPERAND),
+            };
+            if let Some(operator) = Operator::written(text, Shape::Prefix) {
+                self.next += 1;
+                let interval = self.interval(operator)?;
+                pending.push(Pending::Operator(operator, interval));
+            } else if let Some(operator) = self.call() {
+                self.next += 1;
+                self.expect("(", &format!("after `{text}`"))?;
+                pending.push(Pending::Call(operator, operator.arity() - 1, token.at));
+            } else {
+                return self.name(operands);
+            }
+        }
+    }
+
+    /// The function whose call is next, if one is. `ln` is a name like any other where no `(` follows.
+    fn call(&self) -> Option<Operator> {
+        let operator = Operator::written(self.peek().text, Shape::Call(0))?;
+        (operator != Operator::Ln || self.ahead(1).is_symbol("(")).then_some(operator)
+    }
+
+    /// A truth value, a constant, a named sub-formula or a signal.
+    fn name(&mut self, operands: &mut Operands) -> Result<(), ParseError> {
+        let token = self.peek();
+        let truth = match token.text {
+            "true" | "TRUE" => Some(f64::INFINITY),
+            "false" | "FALSE" => Some(f64::NEG_INFINITY),
+            _ => None,
+        };
+        if let Some(value) = truth {
+            self.next += 1;
+            return operands.push(&[Node::Constant(value)], 1, token.at);
+        }
+        if !self.is_name(0) {
+            return self.unexpected(OPERAND);
+        }
+        self.next += 1;
+        if let Some(part) = self.named.get(token.text) {
+            return operands.push(&part.nodes, part.most, token.at);
+        }
+        let place = *self.places.entry(token.text).or_insert_with(|| {
+            self.signals.push(token.text);
+            self.signals.len() as u32 - 1
+        });
+        operands.push(&[Node::Signal(place)], 1, token.at)
+    }
+
+    /// Takes a `)` that ends a parenthesis or a call of this formula.
+    fn accept_closing(
+        &mut self,
+        operands: &mut Operands,
+        pending: &mut Vec<Pending>,
+    ) -> Result<bool, ParseError> {
+        if !self.peek().is_symbol(")") {
+            return Ok(false);
+        }
+        reduce(operands, pending, 0);
+        match pending.pop() {
+            Some(Pending::Parenthesis(_)) => {}
+            Some(Pending::Call(operator, 0, _)) => operands.apply(operator, None),
+            Some(Pending::Call(operator, ..)) => {
+                return self.unexpected(format!("`,` and another operand of `{}`", operator.name()));
+            }
+            _ => return self.unexpected("an operator or the end of the formula"),
+        }
+        self.next += 1;
+        Ok(true)
+    }
+
+    /// Takes a `,` between two operands of a call.
+    fn accept_comma(&mut self, operands: &mut Operands, pending: &mut Vec<Pending>) -> bool {
+        if !self.peek().is_symbol(",") {
+            return false;
+        }
+        reduce(operands, pending, 0);
+        match pending.last_mut() {
+            Some(Pending::Call(_, commas, _)) if *commas > 0 => {
+                *commas -= 1;
+                self.next += 1;
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// Applies what is pending at the end of a formula, where no bracket may be open.
+    fn finish(&self, operands: &mut Operands, pending: &mut Vec<Pending>) -> Result<(), ParseError> {
+        reduce(operands, pending, 0);
+        match pending.last() {
+            None if self.ends_statement() => Ok(()),
+            None => self.unexpected("an operator or the end of the formula"),
+            Some(Pending::Parenthesis(at)) => {
+                self.unexpected(format!("an operator or `)` to match the `(` at {at}"))
+            }
+            Some(Pending::Call(operator, 0, at)) => {
+                self.unexpected(format!("an operator or `)` to end the `{}(` at {at}", operator.name()))
+            }
+            Some(Pending::Call(operator, _, at)) => {
+                self.unexpected(format!("an operator or `,` in the `{}(` at {at}", operator.name()))
+            }
+            // `reduce` applies every pending operator above a bracket.
+            Some(Pending::Operator(..)) => Ok(()),
+        }
+    }
+
+    fn ends_statement(&self) -> bool {
+        let token = self.peek();
+        token.kind == Kind::End || token.is_symbol(";") || self.names_statement()
+    }
+
+    /// The interval that may follow `operator`.
+    fn interval(&mut self, operator: Operator) -> Result<Option<Interval>, ParseError> {
+        let at = self.peek().at;
+        if !operator.takes_interval() || !self.accept("[") {
+            return Ok(None);
+        }
+        let mut begin = self.bound()?;
+        if !begin.value.is_finite() {
+            self.next -= 1;
+            return self.unexpected("a finite begin");
+        }
+        if !self.accept(":") && !self.accept(",") {
+            let unit = if begin.unit.is_none() { "a unit (s, ms, us, ns), " } else { "" };
+            return self.unexpected(format!("{unit}`:` or `,` and the interval's end"));
+        }
+        let mut end = self.bound()?;
+        if end.value.is_infinite() {
+            end.unit = begin.unit;
+        }
+        if begin.unit.is_some() && end.unit.is_none() {
+            return self.unexpected("a unit (s, ms, us, ns) at the interval's end, since its begin has one");
+        }
+        if !self.peek().is_symbol("]") && end.unit.is_none() {
+            return self.unexpected("a unit (s, ms, us, ns) or `]`");
+        }
+        self.expect("]", "to end the interval")?;
+        begin.unit = begin.unit.or(end.unit);
+        let interval = Interval { begin, end };
+        if interval.is_reversed() {
+            let (begin, end) = (begin.to_string(), end.to_string());
+            return Err(ParseError::BeginAfterEnd { at, begin, end });
+        }
+        Ok(Some(interval))
+    }
+
+    /// A bound: a number, a constant or `inf`, with or without a unit.
+    fn bound(&mut self) -> Result<Bound, ParseError> {
+        let value = match self.peek().kind {
+            Kind::Number(value) => Some(value),
+            Kind::Word(word) => match self.named.get(word).map(|part| part.nodes.as_slice()) {
+                Some([Node::Constant(value)]) => Some(*value),
+                Some(_) => None,
+                None => (word == "inf").then_some(f64::INFINITY),
+            },
+            _ => None,
+        };
+        let Some(value) = value.filter(|value| *value >= 0.0) else {
+            return self.unexpected("a bound: a number that is not negative, a constant or `inf`");
+        };
+        self.next += 1;
+        let unit = Unit::ALL.into_iter().find(|unit| self.at_word(unit.symbol()));
+        self.next += usize::from(unit.is_some());
+        Ok(Bound { value, unit })
+    }
+}
+
+impl Operands {
+    /// Appends an operand that itself makes `most` operands wait.
+    fn push(&mut self, nodes: &[Node], most: usize, at: Position) -> Result<(), ParseError> {
+        self.most = self.most.max(self.waiting + most);
+        if self.most > MAX_WAITING {
+            return Err(ParseError::TooDeep { at, limit: MAX_WAITING });
+        }
+        if self.nodes.len() + nodes.len() > MAX_NODES {
+            return Err(ParseError::TooLong { at, limit: MAX_NODES });
+        }
+        self.nodes.extend_from_slice(nodes);
+        self.waiting += 1;
+        Ok(())
+    }
+
+    /// Applies an operator to the last operands. The sign of a number becomes part of the number.
+    fn apply(&mut self, operator: Operator, interval: Option<Interval>) {
+        if let (Operator::Negate, Some(Node::Constant(value))) = (operator, self.nodes.last_mut()) {
+            *value = -*value;
+            return;
+        }
+        self.waiting -= operator.arity() - 1;
+        self.nodes.push(Node::Apply(operator, interval));
+    }
+}
+
+/// Applies the pending operators that bind at least as tightly as `power`, up to the innermost open bracket.
+fn reduce(operands: &mut Operands, pending: &mut Vec<Pending>, power: u8) {
+    while let Some(&Pending::Operator(operator, interval)) = pending.last() {
+        if operator.power() < power {
+            break;
+        }
+        pending.pop();
+        operands.apply(operator, interval);
+    }
+}
+
+/// Words that cannot name a signal or a part. `R`, `release` and `ln`, which RTAMT reads as names, are told by their place.
+fn is_reserved(word: &str) -> bool {
+    let place_tells = [Operator::Release, Operator::Ln];
+    let is_operator =
+        |operator: Operator| operator.spellings().contains(&word) && !place_tells.contains(&operator);
+    ["true", "TRUE", "false", "FALSE"].contains(&word) || Operator::all().any(is_operator)
+}
