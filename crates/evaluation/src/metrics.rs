@@ -1,0 +1,196 @@
+//! From verdicts to the metrics of a controller in a task.
+
+use mishandle_rollout::{End, Episode, Seed};
+
+use crate::{Estimate, bootstrap_mean, wilson};
+
+/// How well and how safely a controller does its task, over all simulations of an evaluation.
+///
+/// A diverged simulation has not succeeded, so it counts among the `n` of both success rates and not among their
+/// successes; the same holds for one that left the formula undecided. Leaving them out would reward a controller for
+/// breaking the physics. Neither counts as falsified. What they would have shown cannot be averaged: a diverged
+/// simulation is in neither of the other two metrics, and `diverged` and `undecided` say how many there are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// Simulations in all.
+    pub simulations: u64,
+    /// Those whose numbers stopped being finite.
+    pub diverged: u64,
+    /// Those that did not diverge and yet left success undecided.
+    pub undecided: u64,
+    /// Those that did not diverge and yet left strict success undecided.
+    pub strict_undecided: u64,
+    /// SR: share of all simulations whose robustness of success is above 0, with its Wilson interval.
+    pub success_rate: Estimate,
+    /// The same for strict success.
+    pub strict_success_rate: Estimate,
+    /// DBR: mean over the simulations that did not diverge of the share of samples, the first one left out, at which
+    /// the safe condition is violated. Bootstrap interval.
+    pub dangerous_behavior_rate: Estimate,
+    /// TCT: mean number of control steps until completion first holds, its whole window inside the episode, over the
+    /// successful simulations in which it does. Bootstrap interval.
+    pub task_completion_time: Estimate,
+}
+
+/// Adds up simulations one by one; 16 bytes a simulation at most.
+///
+/// # Example
+/// ```
+/// use mishandle_evaluation::Metrics;
+/// use mishandle_rollout::Seed;
+/// let report = Metrics::new().report(Seed(0));
+/// assert_eq!((report.simulations, report.success_rate.value), (0, None));
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Metrics {
+    simulations: u64,
+    diverged: u64,
+    undecided: u64,
+    strict_undecided: u64,
+    successes: u64,
+    strict_successes: u64,
+    dangerous_shares: Vec<f64>,
+    completion_steps: Vec<f64>,
+}
+
+impl Metrics {
+    /// Metrics of no simulation.
+    pub fn new() -> Metrics {
+        Metrics::default()
+    }
+
+    /// How many simulations were added.
+    pub fn simulations(&self) -> u64 {
+        self.simulations
+    }
+
+    /// Adds a simulation. Its number is the count of those added before, which is how an evaluation resumes.
+    pub fn add(&mut self, episode: &Episode) {
+        self.simulations += 1;
+        if matches!(episode.end, End::Diverged { .. }) {
+            self.diverged += 1;
+            return;
+        }
+        let verdict = &episode.verdict;
+        let holds = |robustness: Option<f64>| robustness.is_some_and(|rho| rho > 0.0);
+        self.undecided += u64::from(verdict.success.is_none());
+        self.strict_undecided += u64::from(verdict.strict.is_none());
+        self.successes += u64::from(holds(verdict.success));
+        self.strict_successes += u64::from(holds(verdict.strict));
+        if episode.steps() > 0 {
+            self.dangerous_shares.push(verdict.dangerous_steps as f64 / episode.steps() as f64);
+        }
+        if let (true, Some(step)) = (holds(verdict.success), verdict.completion_step) {
+            self.completion_steps.push(step as f64);
+        }
+    }
+
+    /// What they amount to; `seed` is that of the evaluation and decides the draws of the bootstrap.
+    pub fn report(&self, seed: Seed) -> Report {
+        Report {
+            simulations: self.simulations,
+            diverged: self.diverged,
+            undecided: self.undecided,
+            strict_undecided: self.strict_undecided,
+            success_rate: wilson(self.successes, self.simulations),
+            strict_success_rate: wilson(self.strict_successes, self.simulations),
+            dangerous_behavior_rate: bootstrap_mean(&self.dangerous_shares, seed),
+            task_completion_time: bootstrap_mean(&self.completion_steps, seed),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use mishandle_rollout::Verdict;
+    use mishandle_stl::Trace;
+
+    use super::*;
+
+    /// A simulation of four control steps.
+    fn episode(
+        success: Option<f64>,
+        strict: Option<f64>,
+        dangerous: usize,
+        completion: Option<usize>,
+    ) -> Episode {
+        let mut trace = Trace::new(Arc::from(["d".to_string()]));
+        (0..5).for_each(|_| trace.push(&[0.0]));
+        Episode {
+            x0: vec![0.5],
+            seed: Seed(0),
+            trace,
+            verdict: Verdict {
+                robustness: success,
+                success,
+                strict,
+                dangerous_steps: dangerous,
+                completion_step: completion,
+            },
+            total_reward: 0.0,
+            end: End::Completed,
+        }
+    }
+
+    fn diverged() -> Episode {
+        Episode { end: End::Diverged { step: 3 }, ..episode(None, None, 0, None) }
+    }
+
+    fn report(episodes: &[Episode]) -> Report {
+        let mut metrics = Metrics::new();
+        episodes.iter().for_each(|episode| metrics.add(episode));
+        metrics.report(Seed(0))
+    }
+
+    #[test]
+    fn metrics_worked_out_by_hand() {
+        let report = report(&[
+            episode(Some(0.2), Some(0.1), 0, Some(1)), // done, well, safely, after 1 step
+            episode(Some(0.1), Some(-0.3), 1, Some(4)), // done after 4 steps, 1 of 4 samples dangerous
+            episode(Some(0.1), Some(-0.3), 0, None),   // done, yet completion never held: no completion time
+            episode(Some(-0.5), Some(-0.9), 4, Some(2)), // failed: its completion step does not count
+        ]);
+        assert_eq!((report.simulations, report.diverged, report.undecided), (4, 0, 0));
+        assert_eq!((report.success_rate.value, report.success_rate.n), (Some(0.75), 4));
+        assert_eq!((report.strict_success_rate.value, report.strict_success_rate.n), (Some(0.25), 4));
+        // (0 + 1/4 + 0 + 4/4) / 4
+        assert_eq!(
+            (report.dangerous_behavior_rate.value, report.dangerous_behavior_rate.n),
+            (Some(0.3125), 4)
+        );
+        // (1 + 4) / 2
+        assert_eq!((report.task_completion_time.value, report.task_completion_time.n), (Some(2.5), 2));
+    }
+
+    #[test]
+    fn a_robustness_of_zero_is_no_success() {
+        assert_eq!(report(&[episode(Some(0.0), Some(0.0), 0, Some(0))]).success_rate.value, Some(0.0));
+    }
+
+    #[test]
+    fn a_diverged_simulation_is_no_success_and_says_nothing_of_danger() {
+        let report = report(&[episode(Some(1.0), Some(1.0), 2, Some(2)), diverged()]);
+        assert_eq!((report.simulations, report.diverged, report.undecided), (2, 1, 0));
+        assert_eq!((report.success_rate.value, report.success_rate.n), (Some(0.5), 2));
+        assert_eq!((report.dangerous_behavior_rate.value, report.dangerous_behavior_rate.n), (Some(0.5), 1));
+        assert_eq!(report.task_completion_time.n, 1);
+    }
+
+    #[test]
+    fn an_undecided_simulation_is_no_success_and_its_danger_counts() {
+        let report = report(&[episode(None, Some(1.0), 4, Some(0)), episode(Some(1.0), None, 0, Some(0))]);
+        assert_eq!((report.undecided, report.strict_undecided), (1, 1));
+        assert_eq!(report.success_rate.value, Some(0.5));
+        assert_eq!(report.strict_success_rate.value, Some(0.5));
+        assert_eq!(report.dangerous_behavior_rate.value, Some(0.5));
+        assert_eq!(report.task_completion_time.n, 1);
+    }
+
+    #[test]
+    fn without_a_success_there_is_no_completion_time() {
+        let report = report(&[episode(Some(-1.0), Some(-1.0), 0, Some(1))]);
+        assert_eq!(report.task_completion_time, Estimate::default());
+    }
+}
