@@ -1,5 +1,6 @@
 //! PPO learns, and its results do not depend on threads or interruptions.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
 use std::sync::Arc;
 
 use mishandle_controllers::Policy;
