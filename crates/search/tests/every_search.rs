@@ -220,6 +220,23 @@ fn unknown_names_and_wrong_options_are_refused_with_what_would_be_right() {
     }
 }
 
+#[test]
+fn the_local_search_refuses_wrong_options() {
+    let cases = [
+        ("start", vec![1.5], LbfgsbOptions::default()),
+        ("memory", vec![0.5], LbfgsbOptions { memory: 0, ..Default::default() }),
+        ("ftol", vec![0.5], LbfgsbOptions { ftol: f64::NAN, ..Default::default() }),
+        ("difference", vec![0.5], LbfgsbOptions { difference: 0.0, ..Default::default() }),
+        ("max_line_search", vec![0.5], LbfgsbOptions { max_line_search: 0, ..Default::default() }),
+    ];
+    for (wrong, start, options) in cases {
+        let error = Lbfgsb::new(&start, &options).err().unwrap_or_else(|| panic!("{wrong} was accepted"));
+        assert!(matches!(error, SearchError::Option { option, .. } if option == wrong), "{error}");
+    }
+    let empty = Lbfgsb::new(&[], &LbfgsbOptions::default()).err();
+    assert_eq!(empty, Some(SearchError::Dimension { found: 0 }));
+}
+
 // --- known optima ---
 
 /// With the budget of a falsification, 300 evaluations, each search comes near the minimum of the functions it suits.
