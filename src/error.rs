@@ -76,6 +76,28 @@ pub enum MishandleError {
     /// Episodes cannot run.
     #[error(transparent)]
     Rollout(#[from] mishandle_rollout::RolloutError),
+    /// The controller of a record is another one now.
+    #[error("controller `{controller}` has changed since the run: it had hash {recorded}, now it has {found}")]
+    OtherController {
+        /// As the plan names it.
+        controller: String,
+        /// Hash in the record.
+        recorded: String,
+        /// Hash of the present one.
+        found: String,
+    },
+    /// A system returned no episode for a request.
+    #[error("the simulation returned no episode")]
+    NoEpisode,
+    /// An evaluation cannot run.
+    #[error(transparent)]
+    Evaluation(#[from] mishandle_evaluation::EvaluationError),
+    /// A falsification cannot run.
+    #[error(transparent)]
+    Falsification(#[from] mishandle_falsification::FalsificationError),
+    /// A search cannot be made.
+    #[error(transparent)]
+    Search(#[from] mishandle_search::SearchError),
     /// The run file.
     #[error(transparent)]
     Store(#[from] mishandle_store::StoreError),

@@ -124,7 +124,7 @@ impl Environment for TaskEnvironment {
     }
 
     fn observation_size(&self) -> usize {
-        2 * JOINTS + self.definition.observation.iter().map(|entry| entry.size).sum::<usize>()
+        self.definition.layout().observation_size()
     }
 
     fn action_size(&self) -> usize {
