@@ -21,15 +21,24 @@
 //! # Ok::<(), mishandle_search::SearchError>(())
 //! ```
 
+mod dual_annealing;
 mod error;
+pub mod functions;
+mod lbfgsb;
 mod ledger;
+mod nelder_mead;
 mod random;
 mod random_stream;
 mod registry;
+mod rounds;
 mod search;
 
+pub use dual_annealing::{DualAnnealing, DualAnnealingOptions, VisitingDistribution};
 pub use error::SearchError;
+pub use lbfgsb::{Lbfgsb, LbfgsbOptions};
+pub use nelder_mead::{NelderMead, NelderMeadOptions};
 pub use random::Random;
 pub use random_stream::{RandomStream, philox4x32};
 pub use registry::{Make, SEARCHES, SearchEntry, SearchOptions, by_name};
+pub use rounds::{AskTell, RoundBased};
 pub use search::{Finish, Search};

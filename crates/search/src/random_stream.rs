@@ -65,10 +65,12 @@ impl RandomStream {
     /// Two independent standard normal numbers, by the method of Box and Muller.
     ///
     /// ```text
-    /// r = sqrt(-2 ln(1 - u1)),  (r cos(2 pi u2), r sin(2 pi u2))
+    /// r = sqrt(-2 ln u₁),  (r cos 2πu₂, r sin 2πu₂)
     /// ```
+    /// with u₁ in (0, 1), so that the pair is never (0, 0).
     pub fn normal_pair(&mut self) -> (f64, f64) {
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+        let inside = ((self.bits() >> 11) as f64 + 0.5) * (1.0 / (1u64 << 53) as f64);
+        let radius = (-2.0 * inside.ln()).sqrt();
         let (sin, cos) = (std::f64::consts::TAU * self.uniform()).sin_cos();
         (radius * cos, radius * sin)
     }

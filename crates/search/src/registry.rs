@@ -1,10 +1,17 @@
 //! The list of searches, by name.
 
-use crate::{Random, Search, SearchError};
+use crate::{
+    AskTell, DualAnnealing, DualAnnealingOptions, NelderMead, NelderMeadOptions, Random, Search, SearchError,
+};
 
 /// The options of every search; each reads its own part.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct SearchOptions {}
+pub struct SearchOptions {
+    /// Those of `nelder-mead`.
+    pub nelder_mead: NelderMeadOptions,
+    /// Those of `dual-annealing`.
+    pub dual_annealing: DualAnnealingOptions,
+}
 
 /// One line of the list of searches.
 #[derive(Debug, Clone, Copy)]
@@ -21,11 +28,27 @@ pub struct SearchEntry {
 pub type Make = fn(usize, u64, &SearchOptions) -> Result<Box<dyn Search>, SearchError>;
 
 /// Every search there is; a further one is one more line.
-pub const SEARCHES: &[SearchEntry] = &[SearchEntry {
-    name: "random",
-    summary: "independent uniform points",
-    make: |dimension, seed, _| Ok(Box::new(Random::new(dimension, seed)?)),
-}];
+pub const SEARCHES: &[SearchEntry] = &[
+    SearchEntry {
+        name: "random",
+        summary: "independent uniform points",
+        make: |dimension, seed, _| Ok(Box::new(Random::new(dimension, seed)?)),
+    },
+    SearchEntry {
+        name: "nelder-mead",
+        summary: "the simplex search of Nelder and Mead from one start, as in SciPy",
+        make: |dimension, seed, options| {
+            Ok(Box::new(AskTell::new(NelderMead::new(dimension, seed, &options.nelder_mead)?)))
+        },
+    },
+    SearchEntry {
+        name: "dual-annealing",
+        summary: "simulated annealing with restarts and local search (L-BFGS-B), as in SciPy",
+        make: |dimension, seed, options| {
+            Ok(Box::new(AskTell::new(DualAnnealing::new(dimension, seed, &options.dual_annealing)?)))
+        },
+    },
+];
 
 /// Makes the search called `name` on [0,1]^d with d = `dimension`.
 ///

@@ -1,0 +1,336 @@
+//! Nelder and Mead's simplex, move for move as SciPy's `minimize(method="Nelder-Mead")` with bounds [0,1].
+
+use std::cmp::Ordering;
+
+use crate::{Finish, RandomStream, RoundBased, SearchError};
+
+const NAME: &str = "nelder-mead";
+
+/// The first simplex moves each coordinate by this share of itself,
+const RELATIVE_STEP: f64 = 0.05;
+/// or to this value where the coordinate is zero.
+const STEP_FROM_ZERO: f64 = 0.00025;
+
+/// The options of [`NelderMead`], with SciPy's defaults.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NelderMeadOptions {
+    /// The first vertex, in [0,1]^d; drawn uniformly from the seed where absent. The other vertices follow from it:
+    /// vertex k + 1 has coordinate k raised by 5 %, or set to 0.00025 where it is 0.
+    pub start: Option<Vec<f64>>,
+    /// The d + 1 vertices of the first simplex, instead of those made from a start. What lies above 1 is reflected
+    /// into the box (2 - u), then all is clipped to it.
+    pub initial_simplex: Option<Vec<Vec<f64>>>,
+    /// Ends when no coordinate of any vertex is further than this from the best vertex's (1e-4), and
+    pub xatol: f64,
+    /// no value further than this from the best one (1e-4).
+    pub fatol: f64,
+    /// Ends after this many iterations, counted as SciPy does, from 1. See `max_evaluations` for the default.
+    pub max_iterations: Option<usize>,
+    /// Ends after this many evaluations. Where neither limit is given, both are 200 d; where one is given, the other
+    /// does not bind.
+    pub max_evaluations: Option<usize>,
+    /// Chooses the coefficients by dimension (Gao and Han) instead of 2, 1/2, 1/2.
+    pub adaptive: bool,
+}
+
+impl Default for NelderMeadOptions {
+    fn default() -> Self {
+        Self {
+            start: None,
+            initial_simplex: None,
+            xatol: 1e-4,
+            fatol: 1e-4,
+            max_iterations: None,
+            max_evaluations: None,
+            adaptive: false,
+        }
+    }
+}
+
+/// The simplex search of Nelder and Mead in [0,1]^d: d + 1 vertices that reflect, expand, contract and shrink.
+///
+/// With the vertices sorted by value, c the mean of all but the worst, and w the worst, every single trial is
+///
+/// ```text
+/// u = clip((1 + t) c - t w, 0, 1)    t = 1 reflect, χ expand, ψ contract outside, -ψ contract inside
+/// v ← v₀ + σ (v - v₀)                shrink towards the best vertex v₀
+/// χ = 2, ψ = 1/2, σ = 1/2            adaptive: χ = 1 + 2/d, ψ = 3/4 - 1/(2d), σ = 1 - 1/d
+/// ```
+///
+/// From the same first simplex and the same values its points are SciPy's to the last bit. Vertices of equal value
+/// keep their order; SciPy's own order of ties depends on the processor (NumPy's vectorised sort is not stable), and
+/// is this one where NumPy runs without that sort and d < 16. A simplex whose values are all +∞ keeps shrinking
+/// until a limit ends it, as in SciPy. There is no restart.
+///
+/// # Reference
+/// Nelder and Mead, "A simplex method for function minimization", The Computer Journal 7, 1965. Gao and Han,
+/// "Implementing the Nelder-Mead simplex algorithm with adaptive parameters", Comput. Optim. Appl. 51, 2012.
+#[derive(Debug, Clone)]
+pub struct NelderMead {
+    xatol: f64,
+    fatol: f64,
+    max_iterations: usize,
+    max_evaluations: usize,
+    expansion: f64,
+    contraction: f64,
+    shrinkage: f64,
+    /// Sorted by value between iterations.
+    vertices: Vec<Vertex>,
+    /// The mean of all vertices but the worst.
+    centroid: Vec<f64>,
+    iteration: usize,
+    n_evaluations: usize,
+    step: Step,
+    round: Vec<Vec<f64>>,
+    finish: Option<Finish>,
+}
+
+#[derive(Debug, Clone)]
+struct Vertex {
+    u: Vec<f64>,
+    value: f64,
+}
+
+/// What the points of the present round are.
+#[derive(Debug, Clone)]
+enum Step {
+    FirstSimplex,
+    Reflection,
+    Expansion { reflected: Vertex },
+    OutsideContraction { reflected_value: f64 },
+    InsideContraction,
+    Shrink,
+}
+
+impl NelderMead {
+    /// A simplex search of `dimension` coordinates; `seed` draws the start where the options give none.
+    ///
+    /// # Errors
+    /// [`SearchError::Dimension`] for dimension 0; [`SearchError::Option`] for a start outside the box or of another
+    /// length, a simplex that is not d + 1 finite points, a tolerance that is not at least 0, a limit of 0.
+    pub fn new(dimension: usize, seed: u64, options: &NelderMeadOptions) -> Result<Self, SearchError> {
+        check(dimension, options)?;
+        let simplex = match &options.initial_simplex {
+            Some(simplex) => simplex.clone(),
+            None => simplex_around(&options.start.clone().unwrap_or_else(|| uniform_point(dimension, seed))),
+        };
+        let (default_iterations, default_evaluations) =
+            match (options.max_iterations, options.max_evaluations) {
+                (None, None) => (200 * dimension, 200 * dimension),
+                _ => (usize::MAX, usize::MAX),
+            };
+        let d = dimension as f64;
+        let (expansion, contraction, shrinkage) = if options.adaptive {
+            (1.0 + 2.0 / d, 0.75 - 1.0 / (2.0 * d), 1.0 - 1.0 / d)
+        } else {
+            (2.0, 0.5, 0.5)
+        };
+        let mut search = Self {
+            xatol: options.xatol,
+            fatol: options.fatol,
+            max_iterations: options.max_iterations.unwrap_or(default_iterations),
+            max_evaluations: options.max_evaluations.unwrap_or(default_evaluations),
+            expansion,
+            contraction,
+            shrinkage,
+            vertices: Vec::new(),
+            centroid: vec![0.0; dimension],
+            iteration: 1,
+            n_evaluations: 0,
+            step: Step::FirstSimplex,
+            round: Vec::new(),
+            finish: None,
+        };
+        search.propose(simplex.into_iter().map(reflected_into_box).collect(), Step::FirstSimplex);
+        Ok(search)
+    }
+
+    /// Asks for `points`, or for as many of them as the limit on evaluations leaves.
+    fn propose(&mut self, mut points: Vec<Vec<f64>>, step: Step) {
+        points.truncate(self.max_evaluations - self.n_evaluations);
+        if points.is_empty() {
+            self.finish = Some(Finish::EvaluationLimit);
+        }
+        self.round = points;
+        self.step = step;
+    }
+
+    /// Asks for the point `t` times as far beyond the centroid as the worst vertex is before it.
+    fn propose_beyond(&mut self, t: f64, step: Step) {
+        let worst = &self.vertices[self.vertices.len() - 1].u;
+        let point = self.centroid.iter().zip(worst).map(|(c, w)| clip((1.0 + t) * c - t * w)).collect();
+        self.propose(vec![point], step);
+    }
+
+    fn propose_shrink(&mut self) {
+        let best = &self.vertices[0].u;
+        let shrunk = |v: &Vertex| {
+            let toward_best = v.u.iter().zip(best).map(|(x, b)| clip(b + self.shrinkage * (x - b)));
+            toward_best.collect::<Vec<f64>>()
+        };
+        let points = self.vertices[1..].iter().map(shrunk).collect();
+        self.propose(points, Step::Shrink);
+    }
+
+    /// Ends, or begins the next iteration with a reflection.
+    fn begin_iteration(&mut self) {
+        self.vertices.sort_by(|a, b| a.value.partial_cmp(&b.value).unwrap_or(Ordering::Equal));
+        let finish = if self.n_evaluations >= self.max_evaluations {
+            Some(Finish::EvaluationLimit)
+        } else if self.iteration >= self.max_iterations {
+            Some(Finish::IterationLimit)
+        } else if self.is_small() {
+            Some(Finish::Converged)
+        } else {
+            None
+        };
+        if finish.is_some() {
+            self.finish = finish;
+            self.round.clear();
+            return;
+        }
+        let d = self.centroid.len();
+        self.centroid.fill(0.0);
+        for vertex in &self.vertices[..d] {
+            self.centroid.iter_mut().zip(&vertex.u).for_each(|(c, x)| *c += x);
+        }
+        self.centroid.iter_mut().for_each(|c| *c /= d as f64);
+        self.propose_beyond(1.0, Step::Reflection);
+    }
+
+    /// Whether the simplex meets both tolerances. Values of +∞ throughout differ by NaN, which does not.
+    fn is_small(&self) -> bool {
+        let best = &self.vertices[0];
+        self.vertices[1..].iter().all(|v| {
+            v.u.iter().zip(&best.u).all(|(x, b)| (x - b).abs() <= self.xatol)
+                && (best.value - v.value).abs() <= self.fatol
+        })
+    }
+
+    fn end_iteration(&mut self) {
+        self.iteration += 1;
+        self.begin_iteration();
+    }
+
+    fn replace_worst(&mut self, vertex: Vertex) {
+        let worst = self.vertices.len() - 1;
+        self.vertices[worst] = vertex;
+        self.end_iteration();
+    }
+
+    fn after_reflection(&mut self, reflected: Vertex) {
+        let value = |i: usize| self.vertices[i].value;
+        let d = self.centroid.len();
+        if reflected.value < value(0) {
+            self.propose_beyond(self.expansion, Step::Expansion { reflected });
+        } else if reflected.value < value(d - 1) {
+            self.replace_worst(reflected);
+        } else if reflected.value < value(d) {
+            let reflected_value = reflected.value;
+            self.propose_beyond(self.contraction, Step::OutsideContraction { reflected_value });
+        } else {
+            self.propose_beyond(-self.contraction, Step::InsideContraction);
+        }
+    }
+}
+
+impl RoundBased for NelderMead {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+
+    fn round(&self) -> &[Vec<f64>] {
+        &self.round
+    }
+
+    fn receive(&mut self, values: &[f64]) {
+        self.n_evaluations += values.len();
+        let step = std::mem::replace(&mut self.step, Step::FirstSimplex);
+        let told = std::mem::take(&mut self.round).into_iter().zip(values);
+        let mut told = told.map(|(u, value)| Vertex { u, value: *value });
+        if matches!(step, Step::FirstSimplex | Step::Shrink) {
+            let first = usize::from(matches!(step, Step::Shrink));
+            self.vertices.truncate(first);
+            self.vertices.extend(told);
+            self.iteration += first;
+            self.begin_iteration();
+            return;
+        }
+        // Every other round is a single point.
+        let Some(trial) = told.next() else { return };
+        let worst_value = self.vertices[self.vertices.len() - 1].value;
+        match step {
+            Step::FirstSimplex | Step::Shrink => {}
+            Step::Reflection => self.after_reflection(trial),
+            Step::Expansion { reflected } if trial.value < reflected.value => self.replace_worst(trial),
+            Step::Expansion { reflected } => self.replace_worst(reflected),
+            Step::OutsideContraction { reflected_value } if trial.value <= reflected_value => {
+                self.replace_worst(trial);
+            }
+            Step::InsideContraction if trial.value < worst_value => self.replace_worst(trial),
+            Step::OutsideContraction { .. } | Step::InsideContraction => self.propose_shrink(),
+        }
+    }
+
+    fn finish(&self) -> Option<Finish> {
+        self.finish
+    }
+}
+
+fn check(dimension: usize, options: &NelderMeadOptions) -> Result<(), SearchError> {
+    if dimension == 0 {
+        return Err(SearchError::Dimension { found: dimension });
+    }
+    let wrong = |option: &'static str, found: String, expected: String| {
+        Err(SearchError::Option { search: NAME, option, found, expected })
+    };
+    if let Some(start) = &options.start
+        && !(start.len() == dimension && start.iter().all(|x| (0.0..=1.0).contains(x)))
+    {
+        return wrong("start", format!("{start:?}"), format!("{dimension} numbers in [0, 1]"));
+    }
+    if let Some(simplex) = &options.initial_simplex
+        && !(simplex.len() == dimension + 1
+            && simplex.iter().all(|u| u.len() == dimension && u.iter().all(|x| x.is_finite())))
+    {
+        let expected = format!("{} points of {dimension} finite numbers", dimension + 1);
+        return wrong("initial_simplex", format!("{simplex:?}"), expected);
+    }
+    for (option, tolerance) in [("xatol", options.xatol), ("fatol", options.fatol)] {
+        let is_right = tolerance >= 0.0;
+        if !is_right {
+            return wrong(option, tolerance.to_string(), "at least 0".to_owned());
+        }
+    }
+    for (option, limit) in
+        [("max_iterations", options.max_iterations), ("max_evaluations", options.max_evaluations)]
+    {
+        if limit == Some(0) {
+            return wrong(option, "0".to_owned(), "at least 1".to_owned());
+        }
+    }
+    Ok(())
+}
+
+fn uniform_point(dimension: usize, seed: u64) -> Vec<f64> {
+    let mut stream = RandomStream::new(seed, 0);
+    (0..dimension).map(|_| stream.uniform()).collect()
+}
+
+fn simplex_around(start: &[f64]) -> Vec<Vec<f64>> {
+    let mut simplex = vec![start.to_vec(); start.len() + 1];
+    for (vertex, k) in simplex[1..].iter_mut().zip(0..) {
+        vertex[k] = if vertex[k] == 0.0 { STEP_FROM_ZERO } else { (1.0 + RELATIVE_STEP) * vertex[k] };
+    }
+    simplex
+}
+
+/// Reflects at 1 rather than clips, lest a start at the upper bound give a flat simplex.
+fn reflected_into_box(mut vertex: Vec<f64>) -> Vec<f64> {
+    vertex.iter_mut().for_each(|x| *x = clip(if *x > 1.0 { 2.0 - *x } else { *x }));
+    vertex
+}
+
+fn clip(x: f64) -> f64 {
+    x.clamp(0.0, 1.0)
+}

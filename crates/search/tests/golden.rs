@@ -1,0 +1,341 @@
+//! Agreement with SciPy: the files in `golden/scipy` hold what the real one does; `make.py` there makes them.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use mishandle_search::{
+    AskTell, DualAnnealing, DualAnnealingOptions, Finish, Lbfgsb, LbfgsbOptions, NelderMead,
+    NelderMeadOptions, RandomStream, Search, VisitingDistribution, functions,
+};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+
+#[derive(Deserialize)]
+struct Golden<T> {
+    runs: Vec<T>,
+}
+
+fn golden<T: DeserializeOwned>(name: &str) -> Vec<T> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/scipy").join(name);
+    let text = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    serde_json::from_str::<Golden<T>>(&text).unwrap_or_else(|error| panic!("{name}: {error}")).runs
+}
+
+/// A number, or the text `inf`, which JSON has no number for.
+#[derive(Deserialize, Clone, Copy)]
+#[serde(untagged)]
+enum Number {
+    Finite(f64),
+    Infinite(Infinite),
+}
+
+#[derive(Deserialize, Clone, Copy)]
+enum Infinite {
+    #[serde(rename = "inf")]
+    Positive,
+}
+
+impl Number {
+    fn value(self) -> f64 {
+        match self {
+            Number::Finite(value) => value,
+            Number::Infinite(Infinite::Positive) => f64::INFINITY,
+        }
+    }
+}
+
+// --- the functions make.py runs SciPy on, operation for operation ---
+
+fn function(name: &str) -> fn(&[f64]) -> f64 {
+    match name {
+        "sphere" => functions::sphere,
+        "rosenbrock" => functions::rosenbrock,
+        "rastrigin" => functions::rastrigin,
+        "ackley" => functions::ackley,
+        "min_max" => functions::min_max,
+        "hole" => functions::hole,
+        "noisy" => noisy,
+        "cliff" => cliff,
+        "corner" => corner,
+        "edge" => edge,
+        "flat" => |_| 1.0,
+        "failing" => |_| f64::INFINITY,
+        _ => panic!("make.py knows a function `{name}` that this file does not"),
+    }
+}
+
+fn noisy(u: &[f64]) -> f64 {
+    let phase: f64 = u.iter().zip(1..).map(|(x, i)| f64::from(i) * 12345.0 * x).sum();
+    functions::sphere(u) + 0.01 * (phase - phase.floor())
+}
+
+fn cliff(u: &[f64]) -> f64 {
+    if u[0] > 0.55 { f64::INFINITY } else { functions::sphere(u) }
+}
+
+fn corner(u: &[f64]) -> f64 {
+    let term = |(i, x): (usize, &f64)| {
+        let y = if i % 2 == 0 { *x } else { 1.0 - x };
+        (i as f64 + 1.0) * y + 0.5 * y * y
+    };
+    u.iter().enumerate().map(term).sum()
+}
+
+fn edge(u: &[f64]) -> f64 {
+    let mut total = 0.0;
+    for (i, x) in u.iter().enumerate() {
+        let y = x - if i == 0 { 1.2 } else { 0.35 };
+        total += y * y + 3.0 * y * y * y * y;
+    }
+    u.windows(2).fold(total, |total, pair| total + 0.5 * (pair[0] - pair[1]) * (pair[0] - pair[1]))
+}
+
+// --- Nelder-Mead ---
+
+#[derive(Deserialize)]
+struct NelderMeadRun {
+    function: String,
+    start: Vec<f64>,
+    simplex: Option<Vec<Vec<f64>>>,
+    options: NelderMeadGiven,
+    n: usize,
+    hash: String,
+    points: BTreeMap<usize, Vec<f64>>,
+    finish: String,
+}
+
+#[derive(Deserialize)]
+struct NelderMeadGiven {
+    xatol: Option<f64>,
+    fatol: Option<f64>,
+    maxiter: Option<usize>,
+    maxfev: Option<usize>,
+    #[serde(default)]
+    adaptive: bool,
+}
+
+impl NelderMeadRun {
+    fn options(&self) -> NelderMeadOptions {
+        let defaults = NelderMeadOptions::default();
+        NelderMeadOptions {
+            start: Some(self.start.clone()),
+            initial_simplex: self.simplex.clone(),
+            xatol: self.options.xatol.unwrap_or(defaults.xatol),
+            fatol: self.options.fatol.unwrap_or(defaults.fatol),
+            max_iterations: self.options.maxiter,
+            max_evaluations: self.options.maxfev,
+            adaptive: self.options.adaptive,
+        }
+    }
+}
+
+/// The 64-bit FNV-1a hash of the coordinates' bytes, little endian.
+fn fnv1a(points: &[Vec<f64>]) -> String {
+    let bytes = points.iter().flatten().flat_map(|x| x.to_le_bytes());
+    let hash = bytes.fold(0xCBF2_9CE4_8422_2325_u64, |state, byte| {
+        (state ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
+    });
+    format!("{hash:016x}")
+}
+
+fn run_to_the_end(search: &mut dyn Search, f: fn(&[f64]) -> f64) -> Vec<Vec<f64>> {
+    let mut points = Vec::new();
+    while let Some(u) = search.ask() {
+        search.tell(&u, f(&u)).expect("told as asked");
+        points.push(u);
+    }
+    points
+}
+
+/// Every point of every run is SciPy's to the last bit, and so are number of points and reason of ending.
+#[test]
+fn nelder_mead_proposes_the_points_of_scipy() {
+    for run in golden::<NelderMeadRun>("nelder_mead.json") {
+        let name = format!("{} from {:?} with {:?}", run.function, run.start, run.options());
+        let machine = NelderMead::new(run.start.len(), 0, &run.options()).expect("valid options");
+        let mut search = AskTell::new(machine);
+        let points = run_to_the_end(&mut search, function(&run.function));
+        for (i, expected) in &run.points {
+            assert_eq!(points.get(*i), Some(expected), "point {i} of {name}");
+        }
+        assert_eq!((points.len(), fnv1a(&points)), (run.n, run.hash), "all points of {name}");
+        let finish = search.finished().expect("it has ended");
+        assert_eq!(format!("{finish:?}"), run.finish, "end of {name}");
+    }
+}
+
+// --- L-BFGS-B ---
+
+#[derive(Deserialize)]
+struct LbfgsbRun {
+    function: String,
+    start: Vec<f64>,
+    options: LbfgsbGiven,
+    points: Vec<Vec<f64>>,
+    values: Vec<Vec<Number>>,
+    /// None where SciPy went on to a point that is not a number.
+    result: Option<LbfgsbResult>,
+}
+
+#[derive(Deserialize)]
+struct LbfgsbGiven {
+    maxcor: Option<usize>,
+    ftol: Option<f64>,
+    gtol: Option<f64>,
+    maxiter: Option<usize>,
+    maxfun: Option<usize>,
+}
+
+#[derive(Deserialize)]
+struct LbfgsbResult {
+    x: Vec<f64>,
+    value: f64,
+    success: bool,
+}
+
+impl LbfgsbRun {
+    fn options(&self) -> LbfgsbOptions {
+        let defaults = LbfgsbOptions::default();
+        LbfgsbOptions {
+            memory: self.options.maxcor.unwrap_or(defaults.memory),
+            ftol: self.options.ftol.unwrap_or(defaults.ftol),
+            gtol: self.options.gtol.unwrap_or(defaults.gtol),
+            max_iterations: self.options.maxiter.unwrap_or(defaults.max_iterations),
+            max_evaluations: self.options.maxfun.unwrap_or(defaults.max_evaluations),
+            ..defaults
+        }
+    }
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+/// Told SciPy's values, the search proposes SciPy's points.
+///
+/// Values are SciPy's own, round by round, since finite differences multiply the rounding error of a value by 1e8 and
+/// two runs of the same program part after a few iterations for that reason alone.
+#[test]
+fn the_local_search_proposes_the_points_of_scipy() {
+    for run in golden::<LbfgsbRun>("lbfgsb.json") {
+        let name = format!("{} from {:?}", run.function, run.start);
+        let d = run.start.len();
+        let mut search = AskTell::new(Lbfgsb::new(&run.start, &run.options()).expect("a start in the box"));
+        for (i, (expected, values)) in run.points.iter().zip(&run.values).enumerate() {
+            let round = search.ask_batch(d + 1);
+            assert_eq!(round.len(), d + 1, "round {i} of {} of {name}", run.points.len());
+            let error = distance(&round[0], expected);
+            assert!(error < 1e-8, "round {i} of {name}: {:?}, not {expected:?}, off by {error:e}", round[0]);
+            for (u, value) in round.iter().zip(values) {
+                search.tell(u, value.value()).expect("told as asked");
+            }
+        }
+        let finish = search.finished().unwrap_or_else(|| panic!("{name} goes on after {}", run.points.len()));
+        let Some(result) = run.result else {
+            assert_eq!(finish, Finish::Abnormal, "{name}");
+            continue;
+        };
+        assert_eq!(finish == Finish::Converged, result.success, "{name}: {finish}");
+        let (x, value) = search.machine().result();
+        assert!(distance(x, &result.x) < 1e-8, "{name}: {x:?}, not {:?}", result.x);
+        assert_eq!(value, result.value, "{name}");
+    }
+}
+
+// --- dual annealing ---
+
+/// The largest distance between the distribution functions of two sorted samples.
+fn kolmogorov_smirnov(a: &[f64], b: &[f64]) -> f64 {
+    let share = |sample: &[f64], x: f64| sample.partition_point(|s| *s <= x) as f64 / sample.len() as f64;
+    a.iter().chain(b).map(|x| (share(a, *x) - share(b, *x)).abs()).fold(0.0, f64::max)
+}
+
+/// The distance that two samples of one law exceed with probability 1 % (asymptotically, and less often with ties).
+fn critical_distance(n: usize, m: usize) -> f64 {
+    let (n, m) = (n as f64, m as f64);
+    (-(0.01_f64 / 2.0).ln() / 2.0 * (n + m) / (n * m)).sqrt()
+}
+
+#[track_caller]
+fn check_same_law(name: &str, mut ours: Vec<f64>, mut theirs: Vec<f64>) {
+    ours.sort_by(f64::total_cmp);
+    theirs.sort_by(f64::total_cmp);
+    let (found, most) = (kolmogorov_smirnov(&ours, &theirs), critical_distance(ours.len(), theirs.len()));
+    let median = |sample: &[f64]| sample[sample.len() / 2];
+    let medians = format!("medians {} and {}", median(&ours), median(&theirs));
+    #[expect(clippy::print_stdout, reason = "the distances are figures to report")]
+    {
+        println!("{name}: distance {found:.4}, 1 % level {most:.4}, {medians}");
+    }
+    assert!(found <= most, "{name}: distance {found} exceeds {most}; {medians}");
+}
+
+#[derive(Deserialize)]
+struct Race {
+    function: String,
+    d: usize,
+    threshold: f64,
+    most: usize,
+    evaluations: Vec<f64>,
+}
+
+fn evaluations_to(race: &Race, seed: u64) -> usize {
+    let f = function(&race.function);
+    let options = DualAnnealingOptions { max_iterations: 100_000, ..Default::default() };
+    let mut search = AskTell::new(DualAnnealing::new(race.d, seed, &options).expect("valid options"));
+    for count in 1..=race.most {
+        let u = search.ask().expect("100,000 chains outlast the cap");
+        let value = f(&u);
+        if value <= race.threshold {
+            return count;
+        }
+        search.tell(&u, value).expect("told as asked");
+    }
+    race.most + 1
+}
+
+/// On six functions, 200 seeds of ours and 200 of SciPy's need as many evaluations to a threshold, by the two-sample test
+/// of Kolmogorov and Smirnov at the 1 % level.
+#[test]
+fn dual_annealing_needs_as_many_evaluations_as_scipy() {
+    let races = golden::<Race>("dual_annealing.json");
+    assert_eq!(races.len(), 6);
+    for race in races {
+        assert!(race.evaluations.len() >= 200);
+        let n_seeds = race.evaluations.len() as u64;
+        let ours = (0..n_seeds).map(|seed| evaluations_to(&race, seed) as f64).collect();
+        check_same_law(
+            &format!("{} in {} dimensions", race.function, race.d),
+            ours,
+            race.evaluations.clone(),
+        );
+    }
+}
+
+#[derive(Deserialize)]
+struct Visits {
+    visit: f64,
+    temperature: f64,
+    jumps: Vec<f64>,
+    first_of_all: Vec<f64>,
+    last_alone: Vec<f64>,
+}
+
+/// Jumps, and points visited from (0.1, 0.5, 0.9) by all coordinates or by the last, have SciPy's laws.
+#[test]
+fn visits_are_distributed_as_those_of_scipy() {
+    for (i, visits) in golden::<Visits>("visiting.json").into_iter().enumerate() {
+        let law = VisitingDistribution::new(visits.visit);
+        let t = visits.temperature;
+        let mut stream = RandomStream::new(1, i as u64);
+        let name = format!("q = {}, T = {t}", visits.visit);
+        let jumps = (0..20_000).map(|_| law.jump(t, &mut stream)).collect();
+        check_same_law(&format!("jumps at {name}"), jumps, visits.jumps);
+        let mut visit = |step: usize, coordinate: usize| {
+            (0..20_000).map(|_| law.visit(&[0.1, 0.5, 0.9], step, t, &mut stream)[coordinate]).collect()
+        };
+        check_same_law(&format!("first of all at {name}"), visit(0, 0), visits.first_of_all);
+        check_same_law(&format!("last alone at {name}"), visit(5, 2), visits.last_alone);
+    }
+}
