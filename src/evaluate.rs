@@ -39,7 +39,9 @@ pub fn evaluate(
             }
         }
     }
-    watch(metrics.simulations());
+    if watch(metrics.simulations()).is_break() {
+        return Ok(metrics.report(Seed(plan.seed)));
+    }
     let mut system = subject.system()?;
     let report = mishandle_evaluation::evaluate(&mut system, &evaluation, &mut metrics, |first, episodes| {
         let records: Vec<_> = (first..)
