@@ -1,4 +1,5 @@
 //! What a wrong formula, a wrong trace or a wrong clock is told, and what odd ones are read as.
+#![allow(clippy::unwrap_used)] // the setting for tests does not reach the helpers of test files
 
 use mishandle_stl::{Clock, Formula, Monitor, MonitorError, ParseError, Trace, Unit};
 use std::sync::Arc;
@@ -158,6 +159,18 @@ fn what_rtamt_refuses_or_misreads_is_read_the_usual_way() {
     check_same("TRUE && a || false", "(true and a) or false");
     check_same("a > 0x1F", "a > 31");
     check_same("a - -1 > - 2", "a - (-1) > (-2)");
+}
+
+#[test]
+fn a_formula_prints_with_the_parentheses_that_say_how_it_was_read() {
+    let check = |text: &str, printed: &str| assert_eq!(Formula::parse(text).unwrap().to_string(), printed);
+    check("a - b + c > 0", "a - (b + c) > 0");
+    check("a / b * c > 0", "a / (b * c) > 0");
+    check("(a - b) + c > 0", "(a - b) + c > 0");
+    check("a -> b -> c", "a implies b implies c");
+    check("a -> (b -> c)", "a implies (b implies c)");
+    check("G[0,5] F[0ms,3s] a>0 & !b<-1e-9", "always[0:5] eventually[0ms:3s](a > 0) and not(b < -1e-9)");
+    check("((not a)) * 2 until[3:inf] true", "(not a) * 2 until[3:inf] true");
 }
 
 #[test]

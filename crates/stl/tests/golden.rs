@@ -1,4 +1,5 @@
 //! Agreement with RTAMT, by files that `tests/golden/rtamt/make.py` wrote by running it.
+#![allow(clippy::unwrap_used)] // the setting for tests does not reach the helpers of test files
 
 use mishandle_stl::{Clock, Formula, Monitor, Trace, Unit};
 use serde_json::Value;
@@ -16,8 +17,8 @@ fn numbers(value: &Value) -> Vec<f64> {
 fn trace_of(columns: &[Vec<f64>]) -> Trace {
     let names: Arc<[String]> = ["a", "b", "c"].map(String::from).into();
     let mut trace = Trace::new(names);
-    for step in 0..columns[0].len() {
-        trace.push(&[columns[0][step], columns[1][step], columns[2][step]]);
+    for ((a, b), c) in columns[0].iter().zip(&columns[1]).zip(&columns[2]) {
+        trace.push(&[*a, *b, *c]);
     }
     trace
 }

@@ -170,6 +170,35 @@ for clock in CLOCKS:
     clock["period_ns"] = round(clock["period"] * FACTORS[clock["period_unit"]])
 
 
+# Windows that hold many samples of a longer trace, and the specifications that the paper falsifies with.
+LONG = [
+    f"{name}{window} (b > 0.5)" if name in PREFIX else f"(a > -4.5) {name}{window} (b > 4)"
+    for name in TIMED for window in ["[0:30]", "[3:66]", "[10:110]", "[100:170]"]
+] + [
+    "always[50:300](a <= 0.12)",
+    "eventually[0:300](a <= 0.024 and b > 0)",
+    "eventually[0:90](always[0:30](a <= 4 and b >= -4.5 and c <= 4.5))",
+    "always[0:100]((a > -4) until[0:50] (b > 0))",
+]
+
+
+def make_long():
+    rng = random.Random(20240603)
+    for text in LONG:
+        columns = [[rng.randrange(-40, 41) / 8 for _ in range(150)] for _ in SIGNALS]
+        yield case(text, CLOCKS[0], columns, evaluate(text, CLOCKS[0], columns))
+
+
+def case(text, clock, columns, values):
+    return {
+        "formula": text,
+        "period_secs": clock["period_ns"] / 1e9,
+        "unit": clock["unit"],
+        "trace": [as_text(column) for column in columns],
+        "robustness": as_text(values),
+    }
+
+
 def make_values():
     rng = random.Random(20240601)
     cases = []
@@ -186,13 +215,7 @@ def make_values():
             continue
         reached |= {word for name, (words, _) in (INFIX | PREFIX).items() for word in words if f"{word} " in text or f"{word}[" in text}
         reached |= {name for name in ["abs", "sqrt", "exp", "pow", "rise", "fall"] if f"{name}(" in text}
-        cases.append({
-            "formula": text,
-            "period_secs": clock["period_ns"] / 1e9,
-            "unit": clock["unit"],
-            "trace": [as_text(column) for column in columns],
-            "robustness": as_text(values),
-        })
+        cases.append(case(text, clock, columns, values))
     wanted = {word for words, _ in (INFIX | PREFIX).values() for word in words} | {"abs", "sqrt", "exp", "pow", "rise", "fall"}
     assert wanted <= reached, wanted - reached
     return cases
@@ -238,5 +261,5 @@ def save(name, rows):
 
 if __name__ == "__main__":
     logging.disable(logging.WARNING)
-    save("values.json", make_values())
+    save("values.json", make_values() + list(make_long()))
     save("trees.json", make_trees())
