@@ -1,4 +1,5 @@
 //! Evaluations of a system in closed form: what they run, and that batches change nothing.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
