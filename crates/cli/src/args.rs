@@ -106,10 +106,10 @@ pub struct Subject {
     #[arg(long)]
     pub preset: Option<String>,
     /// Standard deviation of the noise on each action, added after the action is clipped to [-1, 1]
-    #[arg(long, value_name = "STD")]
+    #[arg(long, value_name = "STD", allow_negative_numbers = true)]
     pub action_noise: Option<f64>,
     /// Standard deviation of the noise on each observation
-    #[arg(long, value_name = "STD")]
+    #[arg(long, value_name = "STD", allow_negative_numbers = true)]
     pub observation_noise: Option<f64>,
     /// Sample the policy's actions instead of taking their mean
     #[arg(long)]
