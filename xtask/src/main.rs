@@ -2,7 +2,13 @@
 //!
 //! Depends on no crate of ours and not on MuJoCo, since fetching MuJoCo is one of the chores.
 
+mod check;
+mod demo;
+mod golden;
 mod mujoco;
+mod process;
+mod readme;
+mod tidy;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -18,12 +24,44 @@ struct Chore {
     run: fn(root: &Path, arguments: &[String]) -> Result<()>,
 }
 
-const CHORES: &[Chore] = &[Chore {
-    name: "mujoco",
-    arguments: "",
-    about: "put MuJoCo's library into target/mujoco/lib (from PyPI, its SHA-256 checked)",
-    run: |root, _| mujoco::fetch(root),
-}];
+const CHORES: &[Chore] = &[
+    Chore {
+        name: "demo",
+        arguments: "",
+        about: "fetch MuJoCo, build, break a shipped controller, say what to do next",
+        run: |root, _| demo::demo(root),
+    },
+    Chore {
+        name: "test",
+        arguments: "",
+        about: "everything CI runs: fmt, tidy, clippy, tests, doc tests, readme",
+        run: |root, _| check::check(root),
+    },
+    Chore {
+        name: "mujoco",
+        arguments: "",
+        about: "put MuJoCo's library into target/mujoco/lib (from PyPI, its SHA-256 checked)",
+        run: |root, _| mujoco::fetch(root),
+    },
+    Chore {
+        name: "tidy",
+        arguments: "",
+        about: "compare ARCHITECTURE.md with the crates; check the house's rules and the links",
+        run: |root, _| tidy::check(root),
+    },
+    Chore {
+        name: "readme",
+        arguments: "",
+        about: "run the commands that README.md shows",
+        run: |root, _| readme::check(root),
+    },
+    Chore {
+        name: "golden",
+        arguments: "[NAME...]",
+        about: "make the golden files of the tests again, from the programs we agree with",
+        run: golden::remake,
+    },
+];
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

@@ -121,11 +121,14 @@ fn download(scratch: &Path) -> Result<()> {
 }
 
 fn python<'a>(arguments: impl Iterator<Item = &'a OsStr>) -> Result<Output> {
-    Command::new("python3").args(arguments).output().map_err(|error| match error.kind() {
-        ErrorKind::NotFound => {
-            anyhow!("MuJoCo comes from PyPI, but there is no `python3`; install Python 3 with pip")
+    // A user's habit of installing into virtual environments only is about installing, which this is not.
+    Command::new("python3").args(arguments).env("PIP_REQUIRE_VIRTUALENV", "0").output().map_err(|error| {
+        match error.kind() {
+            ErrorKind::NotFound => {
+                anyhow!("MuJoCo comes from PyPI, but there is no `python3`; install Python 3 with pip")
+            }
+            _ => anyhow!(error).context("cannot run `python3`"),
         }
-        _ => anyhow!(error).context("cannot run `python3`"),
     })
 }
 
@@ -170,4 +173,45 @@ fn place(scratch: &Path, folder: &Path) -> Result<()> {
 
 fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pips_complaints_become_one_line() {
+        for (stderr, expected) in [
+            ("/usr/bin/python3: No module named pip\n", "has no pip"),
+            (
+                "WARNING: Retrying ... NewConnectionError('...')\nERROR: No matching distribution\n",
+                "does not reach PyPI",
+            ),
+            (
+                "WARNING: a\nERROR: No matching distribution found\n\n",
+                "pip says: ERROR: No matching distribution found",
+            ),
+            ("", "pip says: (nothing)"),
+        ] {
+            let line = why_pip_failed(stderr);
+            assert!(line.contains(expected) && !line.contains('\n'), "{line}");
+        }
+    }
+
+    #[test]
+    fn other_bytes_than_the_library_are_refused_and_not_placed() {
+        let scratch = std::env::temp_dir().join(format!("mishandle-xtask-{}", std::process::id()));
+        let folder = scratch.join("lib");
+        fs::create_dir_all(&scratch).unwrap();
+        fs::write(scratch.join(LIBRARY), "abc").unwrap();
+        let error = place(&scratch, &folder).unwrap_err().to_string();
+        let placed = folder.exists();
+        fs::remove_dir_all(&scratch).unwrap();
+        // The SHA-256 of "abc" as FIPS 180-2 gives it.
+        assert!(
+            error.contains("ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"),
+            "{error}"
+        );
+        assert!(!placed);
+    }
 }

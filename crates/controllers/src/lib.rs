@@ -1,3 +1,14 @@
 //! Learned policies, their file format, and the parts that experts are made of.
 
+mod atomic;
+mod error;
+mod file;
 pub mod kinematic;
+mod layout;
+mod policy;
+
+pub use atomic::write_atomically;
+pub use error::{ControllerError, FileProblem};
+pub use file::{ControllerFile, FORMAT_VERSION, Header, TrainingRecord, ValidationRecord, bytes_hash};
+pub use layout::{Entry, Layout};
+pub use policy::Policy;

@@ -4,7 +4,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use mishandle_network::{Activation, Adam, CHUNK_ROWS, ChunkPool, Mlp, NetworkError, Workspace};
+use mishandle_network::{Activation, Adam, CHUNK_ROWS, ChunkPool, Mlp, Workspace};
 
 /// The least time of a run, s.
 fn least(runs: usize, mut run: impl FnMut()) -> f64 {
@@ -17,13 +17,32 @@ fn least(runs: usize, mut run: impl FnMut()) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-fn main() -> Result<(), NetworkError> {
+/// One step of Adam on the mean of (y − 1)² / 2.
+fn update(
+    network: &mut Mlp<f32>,
+    inputs: &[f32],
+    pool: &mut ChunkPool<f32, (Workspace<f32>, Vec<f32>)>,
+    gradient: &mut [f32],
+    adam: &mut Adam<f32>,
+) {
+    let columns = network.input_size();
+    let rows = inputs.len() / columns;
+    let shared = &*network;
+    pool.sum(rows, gradient, |chunk, (workspace, error), gradient| {
+        let outputs = shared.forward(&inputs[chunk.start * columns..chunk.end * columns], workspace);
+        error.clear();
+        error.extend(outputs.iter().map(|y| (y - 1.0) / rows as f32));
+        shared.backward(error, workspace, Some(gradient), None);
+    });
+    network.update(|parameters| adam.step(parameters, gradient));
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut state = 1_u64;
     let mut uniform = move || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 11) as f64 / (1_u64 << 53) as f64
     };
-    // One thread: rayon runs nested work where it is called from.
     for sizes in [&[30, 256, 128, 64, 9][..], &[30, 64, 64, 9], &[30, 512, 256, 128, 9], &[39, 256, 256, 1]] {
         let mut network = Mlp::<f32>::new(sizes, Activation::Elu, Activation::Identity)?;
         network.initialize_uniform(&mut uniform);
@@ -37,45 +56,27 @@ fn main() -> Result<(), NetworkError> {
             });
             println!("  forward, {rows:4} rows: {:8.2} us", time * 1e6);
         }
-        let mut adam = Adam::new(network.parameter_count(), 1e-4);
-        let mut gradient = vec![0.0; network.parameter_count()];
-        for rows in [256, 4096] {
-            let columns = sizes[0];
-            let mut pool = ChunkPool::<f32, Workspace<f32>>::new(CHUNK_ROWS);
-            let (mut forward, mut backward, mut step) = (f64::INFINITY, f64::INFINITY, f64::INFINITY);
-            let whole = least(40, || {
-                let network = &network;
-                let inputs = &inputs;
-                pool.sum(rows, &mut gradient, |rows, workspace, gradient| {
-                    let outputs =
-                        network.forward(&inputs[rows.start * columns..rows.end * columns], workspace);
-                    let error: Vec<f32> = outputs.iter().map(|y| y - 1.0).collect();
-                    network.backward(&error, workspace, Some(gradient), None);
-                });
+        let count = network.parameter_count();
+        let (mut gradient, mut adam) = (vec![0.0; count], Adam::new(count, 1e-4));
+        for threads in [1, rayon::current_num_threads()] {
+            let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+            let mut pool = ChunkPool::<f32, (Workspace<f32>, Vec<f32>)>::new(CHUNK_ROWS);
+            let time = least(100, || {
+                threads.install(|| update(&mut network, &inputs, &mut pool, &mut gradient, &mut adam));
             });
-            let start = Instant::now();
-            network.update(|parameters| adam.step(parameters, &gradient));
-            step = step.min(start.elapsed().as_secs_f64());
-            let part = &inputs[..CHUNK_ROWS * columns];
-            forward = forward.min(least(40, || {
-                black_box(network.forward(part, &mut workspace));
-            }));
-            let error = vec![1.0; CHUNK_ROWS * network.output_size()];
-            backward = backward
-                .min(least(40, || network.backward(&error, &mut workspace, Some(&mut gradient), None)));
-            let direction = gradient.clone();
-            let tangent = least(40, || {
-                black_box(network.tangent(Some(&direction), None, &mut workspace));
-            });
-            println!(
-                "  gradient, {rows:4} rows: {:8.3} ms; a chunk: forward {:.0} us, backward {:.0} us, tangent {:.0} us; Adam {:.0} us",
-                whole * 1e3,
-                forward * 1e6,
-                backward * 1e6,
-                tangent * 1e6,
-                step * 1e6
-            );
+            println!("  update, 4096 rows, {} threads: {:7.2} ms", threads.current_num_threads(), time * 1e3);
         }
+        let part = &inputs[..CHUNK_ROWS * sizes[0]];
+        let error = vec![1.0; CHUNK_ROWS * network.output_size()];
+        let direction = vec![1.0; count];
+        network.forward(part, &mut workspace);
+        let backward = least(200, || network.backward(&error, &mut workspace, Some(&mut gradient), None));
+        let tangent = least(200, || {
+            black_box(network.tangent(Some(&direction), None, &mut workspace));
+        });
+        let step = least(200, || network.update(|parameters| adam.step(parameters, &gradient)));
+        println!("  backward and tangent, {CHUNK_ROWS} rows: {:.1}, {:.1} us", backward * 1e6, tangent * 1e6);
+        println!("  Adam's step and packing: {:.1} us", step * 1e6);
     }
     Ok(())
 }

@@ -7,8 +7,8 @@ use crate::scalar::Scalar;
 impl<T: Scalar> Mlp<T> {
     /// Gives each layer an orthogonal weight times its gain, and zero bias.
     ///
-    /// The rows of a weight (its columns, where it has more rows than columns) are orthogonal and `gain` long: a uniformly random one
-    /// of such matrices if `normal` draws standard normal numbers. Each layer takes outputs · inputs of them, in order. It is
+    /// The columns of a weight (its rows, where there are fewer of them) are orthogonal and `gain` long: a uniformly random one of
+    /// such matrices if `normal` draws standard normal numbers. Each layer takes outputs · inputs of them, in order. It is
     /// PyTorch's `orthogonal_`: the same numbers give the same matrix up to rounding.
     ///
     /// # Errors
@@ -67,29 +67,35 @@ impl<T: Scalar> Mlp<T> {
     }
 }
 
-/// The orthogonal factor of `matrix`, which is plain and of `rows` x `columns`, by modified Gram-Schmidt along its longer
-/// side.
-fn orthogonal(matrix: Vec<f64>, rows: usize, columns: usize) -> Vec<f64> {
-    if rows > columns {
-        return transpose(&orthogonal(transpose(&matrix, rows, columns), columns, rows), columns, rows);
+/// The orthogonal factor of `matrix`, which is plain and of `rows` x `columns`: its columns made orthogonal, or its rows where
+/// there are fewer of them.
+fn orthogonal(mut matrix: Vec<f64>, rows: usize, columns: usize) -> Vec<f64> {
+    if rows < columns {
+        orthonormalize(&mut matrix, columns);
+        return matrix;
     }
-    let mut vectors = matrix;
-    for i in 0..rows {
-        let (done, rest) = vectors.split_at_mut(i * columns);
-        let vector = &mut rest[..columns];
-        for earlier in done.chunks_exact(columns) {
-            let along: f64 = dot(earlier, vector);
+    let mut transposed = transpose(&matrix, rows, columns);
+    orthonormalize(&mut transposed, rows);
+    transpose(&transposed, columns, rows)
+}
+
+/// Modified Gram-Schmidt on the rows of `vectors`, which are `length` long.
+fn orthonormalize(vectors: &mut [f64], length: usize) {
+    for i in 0..vectors.len() / length {
+        let (done, rest) = vectors.split_at_mut(i * length);
+        let vector = &mut rest[..length];
+        for earlier in done.chunks_exact(length) {
+            let along = dot(earlier, vector);
             for (x, e) in vector.iter_mut().zip(earlier) {
                 *x -= along * e;
             }
         }
-        let length = dot(vector, vector).sqrt();
-        assert!(length > 0.0, "the random numbers given make no basis");
+        let norm = dot(vector, vector).sqrt();
+        assert!(norm > 0.0, "the random numbers given make no basis");
         for x in vector {
-            *x /= length;
+            *x /= norm;
         }
     }
-    vectors
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

@@ -162,6 +162,7 @@ impl<T: Scalar> Operands<'_, T> {
 
     /// The rows from `first` of the `P` panels from `panel`, where `c` begins with the first of them.
     #[inline(always)]
+    #[allow(clippy::needless_range_loop)] // Indices keep the sums in registers; iterators do not.
     fn tile<const R: usize, const P: usize>(&self, first: usize, panel: usize, c: &mut [Lanes<T>]) {
         let rows = self.rows;
         let mut sums: [[Lanes<T>; P]; R] = std::array::from_fn(|r| {
@@ -199,21 +200,13 @@ pub(crate) fn add_transposed_product<T: Scalar>(
     (b, b_columns): (&[Lanes<T>], usize),
     c: &mut [T],
 ) {
-    /// Four rows of c at a time make eight sums under way at once.
-    const TILE: usize = 4;
     for (bp, b) in b.chunks_exact(rows).enumerate() {
         let column = bp * WIDTH;
         let width = WIDTH.min(b_columns - column);
         for (ap, a) in a.chunks_exact(rows).enumerate() {
             let columns = WIDTH.min(a_columns - ap * WIDTH);
             for tile in 0..columns.div_ceil(TILE) {
-                let mut sums = [Lanes::ZERO; TILE];
-                for (a, b) in a.iter().zip(b) {
-                    let a = &a.0.as_chunks::<TILE>().0[tile];
-                    for (sum, a) in sums.iter_mut().zip(a) {
-                        sum.add_product(*a, b);
-                    }
-                }
+                let sums = transposed_tile(a, b, tile);
                 let first = ap * WIDTH + tile * TILE;
                 for (sum, row) in sums.iter().zip(first..first + TILE.min(a_columns - first)) {
                     let c = &mut c[row * b_columns + column..][..width];
@@ -224,6 +217,23 @@ pub(crate) fn add_transposed_product<T: Scalar>(
             }
         }
     }
+}
+
+/// How many rows of aᵀ b are made at a time: with two registers each, eight sums are under way at once.
+const TILE: usize = 4;
+
+/// The columns of `a` from `TILE · tile`, transposed, times `b`.
+#[inline(always)]
+#[allow(clippy::needless_range_loop)] // Indices keep the sums in registers; iterators do not.
+fn transposed_tile<T: Scalar>(a: &[Lanes<T>], b: &[Lanes<T>], tile: usize) -> [Lanes<T>; TILE] {
+    let mut sums = [Lanes::ZERO; TILE];
+    let first = tile.min(WIDTH / TILE - 1) * TILE;
+    for (a, b) in a.iter().zip(b) {
+        for r in 0..TILE {
+            sums[r].add_product(a.0[first + r], b);
+        }
+    }
+    sums
 }
 
 /// c += the sum of the rows of `a`, whose panels hold `rows` rows.

@@ -46,7 +46,7 @@ pub(crate) enum Node {
 /// # Where the syntax is not RTAMT 0.4.10's
 /// Its precedence is kept exactly, even where it is not school arithmetic: `*` binds tighter than `/` and `+` tighter than
 /// `-`, so that **`a - b + c` is `a - (b + c)`** and `a / b * c` is `a / (b * c)`. Write the parentheses; a formula prints
-/// with those it needs. What RTAMT refuses or misreads is read the usual way: `!=`, `-x`, `a - 1` (a syntax error there),
+/// with them. What RTAMT refuses or misreads is read the usual way: `!=`, `-x`, `a - 1` (refused there at first),
 /// `x/y` (one name there), `ln`, `release`, `true`, `unless` without an interval, trailing semicolons, constants as
 /// bounds. Refused here: annotations (`@topic`) and imports, which belong to ROS; and a begin with a unit before an end
 /// without one.
@@ -197,12 +197,15 @@ impl Formula {
     /// operand reaches as far right as it can, so it stays outside tighter ones; and what stands between two operands
     /// is set off behind such an operator for the reader's sake.
     fn operand(&self, parent: Operator, index: usize, is_left: bool) -> Piece {
+        use Operator::{Add, Divide, Multiply, Subtract};
         let Node::Apply(child, _) = self.nodes[index] else { return Piece::Node(index) };
         let set_off = match (parent.shape(), child.shape()) {
             (_, Shape::Call(_)) | (Shape::Call(_), _) => false,
             (Shape::Prefix, Shape::Infix) => true,
             (Shape::Prefix, Shape::Prefix) => parent == Operator::Negate && child != Operator::Negate,
             (Shape::Infix, _) if is_left => child.power() < parent.power(),
+            // Not needed, but school arithmetic reads these the other way.
+            _ if matches!((parent, child), (Subtract, Add) | (Divide, Multiply)) => true,
             (Shape::Infix, _) => child.power() <= parent.power(),
         };
         if set_off { Piece::InParentheses(index) } else { Piece::Node(index) }

@@ -33,10 +33,10 @@ impl Token<'_> {
     }
 }
 
-/// Every symbol, a longer one before those it begins with.
-const SYMBOLS: [&str; 28] = [
-    "!==", "<->", "<=", ">=", "==", "!=", "->", "&&", "||", "<", ">", "=", "!", "&", "|", "+", "-", "*", "/",
-    "(", ")", "[", "]", ",", ":", ";", "@", ".",
+/// Every symbol, a longer one before those it begins with. `=>` and `<=>` mean nothing, but are better named whole.
+const SYMBOLS: [&str; 30] = [
+    "!==", "<->", "<=>", "=>", "<=", ">=", "==", "!=", "->", "&&", "||", "<", ">", "=", "!", "&", "|", "+",
+    "-", "*", "/", "(", ")", "[", "]", ",", ":", ";", "@", ".",
 ];
 
 /// The tokens of `text`, with an [`Kind::End`] after the last. White space and comments (`// …`, `/* … */`) part them.

@@ -70,7 +70,7 @@ use std::sync::Arc;
 ///
 /// # Reference
 /// Donzé and Maler, "Robust Satisfaction of Temporal Logic over Real-Valued Signals", FORMATS 2010.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Monitor {
     program: Program,
     clock: Clock,

@@ -11,7 +11,7 @@ use std::collections::HashMap;
 const MAX_WAITING: usize = 1000;
 
 /// The most operators and operands of a formula, named parts written out.
-const MAX_NODES: usize = 1 << 22;
+const MAX_NODES: usize = 1 << 20;
 
 /// Words that begin a declaration of a signal.
 const TYPES: [&str; 3] = ["float", "int", "long"];

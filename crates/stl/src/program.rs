@@ -42,7 +42,7 @@ pub(crate) struct Instruction {
 }
 
 /// The instructions of a formula; the last one computes its robustness.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Program {
     pub instructions: Vec<Instruction>,
     /// How many buffers the instructions name.

@@ -1,6 +1,8 @@
-//! What a campaign costs on disk and in time: `cargo bench -p mishandle-store [-- SIMULATIONS]` (100,000 if not said).
+//! What a campaign costs on disk and in time: `cargo bench -p mishandle-store [-- SIMULATIONS]` (100,000 if
+//! not said).
 //!
-//! The ratio is against what one would do without a store: a line of CSV per simulation, appended and flushed.
+//! The ratio is against what one would do without a store: a line of CSV per simulation, appended and
+//! flushed.
 #![allow(clippy::print_stdout)]
 
 use std::error::Error;
@@ -88,8 +90,8 @@ fn traces(path: &Path) -> Result<(), Box<dyn Error>> {
     let raw = trace.columns.iter().map(|column| column.len() * 8).sum::<usize>();
     let start = Instant::now();
     for number in 1..=count {
-        writer
-            .record(&[SimulationRecord { simulation: simulation(0, number), trace: Some(trace.clone()) }])?;
+        let simulation = Simulation { trace_digest: None, ..simulation(0, number) };
+        writer.record(&[SimulationRecord { simulation, trace: Some(trace.clone()) }])?;
     }
     let each = start.elapsed().as_secs_f64() / f64::from(count) * 1e6;
     writer.close()?;
@@ -146,7 +148,8 @@ fn simulation(trial: u32, number: u32) -> Simulation {
     }
 }
 
-/// A servo that follows a sine, a ball that bounces, distances between them, and a distance that comes to rest.
+/// A servo that follows a sine, a ball that bounces, distances between them, and a distance that comes to
+/// rest.
 fn smooth_trace() -> Trace {
     let (mut q, mut q_dot, mut z, mut z_dot) = (0.7_f64, 0.0, 1.0_f64, 0.3);
     let mut columns = vec![Vec::new(); 6];

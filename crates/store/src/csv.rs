@@ -4,12 +4,14 @@ use std::io::{self, Write};
 
 use crate::{Axis, Result, RunFile, Simulation, StoreError, Trace, row};
 
-/// Writes all simulations of a run as CSV (RFC 4180): a line of names, then a line each, ordered by trial and number.
+/// Writes all simulations of a run as CSV (RFC 4180): a line of names, then a line each, ordered by trial and
+/// number.
 ///
-/// The columns are `trial`, `simulation`, `seed`, `robustness`, `end`, `end_step`, `steps`; then, per axis, `u_NAME`
-/// (the unit point) and, per axis, `NAME_UNIT` (the initial configuration; `m/s` is written `m_per_s`); then a column
-/// per further verdict; then `trace_digest` in hexadecimal. Numbers are written with as many digits as it takes to
-/// read them back exactly, infinities as `inf` and `-inf`; what is not there is left empty.
+/// The columns are `trial`, `simulation`, `seed`, `robustness`, `end`, `end_step`, `steps`; then, per axis,
+/// `u_NAME` (the unit point) and, per axis, `NAME_UNIT` (the initial configuration; `m/s` is written
+/// `m_per_s`); then a column per further verdict; then `trace_digest` in hexadecimal. Numbers are written
+/// with as many digits as it takes to read them back exactly, infinities as `inf` and `-inf`; what is not
+/// there is left empty.
 ///
 /// # Errors
 /// [`Io`](StoreError::Io) if `writer` fails, or a failure of the file.
@@ -29,8 +31,8 @@ pub fn export_csv(run: &RunFile, writer: &mut impl Write) -> Result<()> {
     writer.flush().map_err(failed)
 }
 
-/// Writes a trace as CSV (RFC 4180), in the form that `monitor` reads: a column `time` in seconds, then a column per
-/// signal of the run's header, a line per sample.
+/// Writes a trace as CSV (RFC 4180), in the form that `monitor` reads: a column `time` in seconds, then a
+/// column per signal of the run's header, a line per sample.
 ///
 /// # Errors
 /// [`Io`](StoreError::Io) if `writer` fails.

@@ -1,4 +1,5 @@
-//! SHA-256 over values, each fed in one canonical form, so that a digest never depends on how they are stored.
+//! SHA-256 over values, each fed in one canonical form, so that a digest never depends on how they are
+//! stored.
 
 use sha2::{Digest as _, Sha256};
 
@@ -42,7 +43,8 @@ impl Digest {
         self.0.update(text);
     }
 
-    /// The first 16 bytes of the SHA-256, read as a big-endian number, so that its hexadecimal form is theirs.
+    /// The first 16 bytes of the SHA-256, read as a big-endian number, so that its hexadecimal form is
+    /// theirs.
     pub(crate) fn finish(self) -> u128 {
         let bytes: [u8; 32] = self.0.finalize().into();
         bytes[..16].iter().fold(0, |number, &byte| number << 8 | u128::from(byte))

@@ -107,6 +107,25 @@ pub enum StoreError {
         /// How many there should be.
         expected: usize,
     },
+    /// The signals of a trace have different lengths.
+    #[error(
+        "cannot record simulation {number} of trial {trial}: its trace has {found} samples of `{signal}`, \
+         but {expected} of `{first}`"
+    )]
+    RaggedTrace {
+        /// Number of the trial.
+        trial: u32,
+        /// Number of the simulation.
+        number: u32,
+        /// A signal.
+        signal: String,
+        /// Its samples.
+        found: usize,
+        /// The first signal.
+        first: String,
+        /// The samples of that.
+        expected: usize,
+    },
     /// A simulation has the number 0.
     #[error("cannot record simulation 0 of trial {trial}: the simulations of a trial are numbered from 1")]
     NumberedFromOne {
@@ -187,6 +206,18 @@ pub enum StoreError {
 impl StoreError {
     pub(crate) fn damaged(path: &Path, what: impl Into<String>) -> Self {
         Self::Damaged { what: what.into(), path: path.into() }
+    }
+
+    /// `doing` is what was tried, as a verb.
+    pub(crate) fn from_io(path: &Path, doing: &str, source: std::io::Error) -> Self {
+        use std::io::ErrorKind;
+        match source.kind() {
+            ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+                Self::ReadOnly { path: path.into() }
+            }
+            ErrorKind::StorageFull => Self::DiskFull { path: path.into() },
+            _ => Self::Io { what: format!("cannot {doing} {}", path.display()), source },
+        }
     }
 
     /// Gives SQLite's codes their meaning here. Our SQL text never changes, so a statement that SQLite cannot

@@ -41,8 +41,8 @@ pub struct Axis {
 
 /// What was run, by which build, from which plan.
 ///
-/// All of it is given by the caller and comes back as it was given. There is no time or date in it, so that the
-/// same run gives the same header.
+/// All of it is given by the caller and comes back as it was given. There is no time or date in it, so that
+/// the same run gives the same header.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunHeader {
     /// Whether the run falsifies or evaluates.

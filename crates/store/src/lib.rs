@@ -12,12 +12,15 @@
 //! # What can be relied on
 //! - A number comes back with the same bits: ±infinity, −0.0 and seeds above 2⁶³ included.
 //! - A process that is killed loses at most the transaction in flight.
-//! - Every row carries a hash of itself, every trace one in its simulation's row: a changed byte is found out
-//!   ([`StoreError::Damaged`]), never shown as a result.
-//! - At rest a run is a single file, which can be copied and read from a read-only folder. While it is written,
-//!   and after a kill, two more files stand beside it (`-wal`, `-shm`) and belong to it.
-//! - The same records in give the same content out, [`RunFile::content_digest`]. The bytes of two SQLite files
-//!   are not to be compared: they depend on the order and the size of the transactions.
+//! - Every row carries a hash of itself, and one of its trace: a changed byte in them is found out
+//!   ([`StoreError::Damaged`]) whenever they are read, never shown as a result. That rows are missing is
+//!   found out by [`RunFile::check`].
+//! - At rest a run is a single file, which can be copied and read from a read-only folder. While it is
+//!   written, and after a kill, two more files stand beside it (`-wal`, `-shm`) and belong to it.
+//! - The folder of a run that is being written has to be on a disk of the machine itself, not on a network:
+//!   SQLite's log needs memory that its readers and its writer share.
+//! - The same records in give the same content out, [`RunFile::content_digest`]. The bytes of two SQLite
+//!   files are not to be compared: they depend on the order and the size of the transactions.
 //! - A file of an older format is upgraded in place when it is opened; one of a newer format is refused.
 //!
 //! # Example

@@ -64,8 +64,8 @@ pub struct Simulation {
     pub steps: u32,
     /// The further verdicts that the header names, one each; `None` where there is nothing to say.
     pub verdicts: Vec<Option<f64>>,
-    /// [`trace_digest`](crate::trace_digest) of the trace, so that a replay can be compared with it even if the
-    /// trace is not stored.
+    /// [`trace_digest`](crate::trace_digest) of the trace, so that a replay can be compared with it even if
+    /// the trace is not stored.
     pub trace_digest: Option<u128>,
 }
 

@@ -135,8 +135,12 @@ pub(crate) fn guard(record: &SimulationRecord, header: &RunHeader) -> Result<()>
     length("list of verdicts", simulation.verdicts.len(), header.verdicts.len())?;
     if let Some(trace) = &record.trace {
         length("trace", trace.columns.len(), header.signals.len())?;
-        for column in &trace.columns {
-            length("trace's column", column.len(), trace.samples())?;
+        for (signal, column) in header.signals.iter().zip(&trace.columns) {
+            let (found, expected) = (column.len(), trace.samples());
+            if found != expected {
+                let (signal, first) = (signal.clone(), header.signals[0].clone());
+                return Err(StoreError::RaggedTrace { trial, number, signal, found, first, expected });
+            }
         }
     }
     let bad = |what: &str, name: &str, value| {

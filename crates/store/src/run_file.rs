@@ -36,8 +36,8 @@ impl RunFile {
     /// # Errors
     /// [`Missing`](StoreError::Missing), [`NotARun`](StoreError::NotARun),
     /// [`NewerVersion`](StoreError::NewerVersion) and [`Damaged`](StoreError::Damaged) as their names say;
-    /// [`NotClosed`](StoreError::NotClosed) for a run that was killed and now lies in a read-only folder; for a
-    /// file of an older format also all of [`RunWriter::resume`].
+    /// [`NotClosed`](StoreError::NotClosed) for a run that was killed and now lies in a read-only folder; for
+    /// a file of an older format also all of [`RunWriter::resume`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         Self::open_with(path.as_ref(), STEPS)
     }
@@ -144,8 +144,8 @@ impl RunFile {
     /// One simulation, with its trace if that is stored.
     ///
     /// # Errors
-    /// [`UnknownSimulation`](StoreError::UnknownSimulation), [`Damaged`](StoreError::Damaged), or another failure
-    /// of the file.
+    /// [`UnknownSimulation`](StoreError::UnknownSimulation), [`Damaged`](StoreError::Damaged), or another
+    /// failure of the file.
     pub fn simulation(&self, trial: u32, number: u32) -> Result<SimulationRecord> {
         let sql = format!("SELECT {} FROM simulation WHERE trial = ?1 AND number = ?2", row::COLUMNS);
         let mut select = self.connection.prepare_cached(&sql).in_file(&self.path)?;
@@ -169,9 +169,10 @@ impl RunFile {
         rows.collect::<rusqlite::Result<_>>().in_file(&self.path)
     }
 
-    /// A digest of all trials and simulations in order, and of which traces are stored: equal for two runs in which
-    /// the same was recorded, in whatever batches. The header is left out, so that two builds can be compared;
-    /// traces count by their digests.
+    /// A digest of all trials and simulations in order, and of which traces are stored: equal for two runs in
+    /// which the same was recorded, in whatever batches. The header is left out, so that two builds can be
+    /// compared; traces count by their digests. For a run that is being written, ask its writer's
+    /// [`file`](RunWriter::file): another process may see simulations come in between.
     ///
     /// # Errors
     /// [`Damaged`](StoreError::Damaged), or another failure of the file.
@@ -201,10 +202,8 @@ impl RunFile {
             return Err(StoreError::damaged(&self.path, verdict));
         }
         self.trials()?;
-        for simulation in self.simulations() {
-            self.trace_of(&simulation?)?;
-        }
-        Ok(())
+        self.simulations().try_for_each(|simulation| simulation.map(drop))?;
+        self.traced()?.into_iter().try_for_each(|(trial, number)| self.simulation(trial, number).map(drop))
     }
 
     fn trace_of(&self, simulation: &Simulation) -> Result<Option<Trace>> {
@@ -299,6 +298,11 @@ pub(crate) fn connect(path: &Path, access: OpenFlags) -> Result<Connection> {
     if found.len() == 0 {
         return Err(StoreError::NotARun { found: "an empty file".into(), path: path.into() });
     }
+    open(path, access)
+}
+
+/// Opens a file that is there, an empty one too.
+pub(crate) fn open(path: &Path, access: OpenFlags) -> Result<Connection> {
     let connection =
         Connection::open_with_flags(path, access | OpenFlags::SQLITE_OPEN_NO_MUTEX).in_file(path)?;
     connection.busy_timeout(PATIENCE).in_file(path)?;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use rusqlite::{Connection, OpenFlags, ffi, params};
 
 use crate::error::{InFile, StoreError};
-use crate::run_file::{RunFile, connect};
+use crate::run_file::{RunFile, connect, open};
 use crate::schema::{APPLICATION_ID, FORMAT_VERSION, TABLES};
 use crate::upgrade::{STEPS, Step};
 use crate::{
@@ -19,14 +19,14 @@ use crate::{
 pub enum Existing {
     /// Refuse, and leave it as it is.
     Refuse,
-    /// Remove it, all of it. Only a run of ours, or an empty file, is ever removed.
+    /// Remove it, all of it. Only a run of ours, or a file with nothing in it, is ever removed.
     Replace,
 }
 
 /// The one writer of a run.
 ///
-/// It holds SQLite's write lock for as long as it lives, so that a second one is refused, and readers are not. Each
-/// call is a transaction of its own: once it has returned, a killed process loses nothing of it.
+/// It holds SQLite's write lock for as long as it lives, so that a second one is refused, and readers are
+/// not. Each call is a transaction of its own: once it has returned, a killed process loses nothing of it.
 /// (After a power failure the last few transactions may be missing; those before them are whole.)
 #[derive(Debug)]
 pub struct RunWriter {
@@ -38,10 +38,10 @@ impl RunWriter {
     ///
     /// # Errors
     /// [`Exists`](StoreError::Exists) if there is a file already that is not to be replaced,
-    /// [`NotARun`](StoreError::NotARun) if it is not ours to replace, [`Locked`](StoreError::Locked) if it is being
-    /// written; [`BadHeader`](StoreError::BadHeader) if names repeat or numbers are not finite;
-    /// [`Missing`](StoreError::Missing), [`ReadOnly`](StoreError::ReadOnly) and [`DiskFull`](StoreError::DiskFull)
-    /// for the folder.
+    /// [`NotARun`](StoreError::NotARun) if it is not ours to replace, [`Locked`](StoreError::Locked) if it is
+    /// being written; [`BadHeader`](StoreError::BadHeader) if names repeat or numbers are not finite;
+    /// [`Missing`](StoreError::Missing), [`ReadOnly`](StoreError::ReadOnly) and
+    /// [`DiskFull`](StoreError::DiskFull) for the folder.
     pub fn create(path: impl AsRef<Path>, header: &RunHeader, existing: Existing) -> Result<Self> {
         let path = path.as_ref();
         header_table::guard(header)?;
@@ -58,8 +58,8 @@ impl RunWriter {
     /// Opens a run to record more in it. A file of an older format is upgraded first, in place.
     ///
     /// # Errors
-    /// [`Locked`](StoreError::Locked) if another writer has it, [`ReadOnly`](StoreError::ReadOnly), and all that
-    /// [`RunFile::open`] may find.
+    /// [`Locked`](StoreError::Locked) if another writer has it, [`ReadOnly`](StoreError::ReadOnly), and all
+    /// that [`RunFile::open`] may find.
     pub fn resume(path: impl AsRef<Path>) -> Result<Self> {
         Self::resume_with(path.as_ref(), STEPS)
     }
@@ -121,9 +121,9 @@ impl RunWriter {
     /// # Errors
     /// [`UnknownTrial`](StoreError::UnknownTrial), [`AlreadyRecorded`](StoreError::AlreadyRecorded),
     /// [`WrongLength`](StoreError::WrongLength), [`NotANumber`](StoreError::NotANumber),
-    /// [`NumberedFromOne`](StoreError::NumberedFromOne) and [`WrongDigest`](StoreError::WrongDigest) for a record
-    /// that does not fit; [`DiskFull`](StoreError::DiskFull) or another failure of the file. The writer can be used
-    /// on after any of them.
+    /// [`NumberedFromOne`](StoreError::NumberedFromOne) and [`WrongDigest`](StoreError::WrongDigest) for a
+    /// record that does not fit; [`DiskFull`](StoreError::DiskFull) or another failure of the file. The
+    /// writer can be used on after any of them.
     pub fn record(&mut self, records: &[SimulationRecord]) -> Result<()> {
         for record in records {
             row::guard(record, self.file.header())?;
@@ -136,8 +136,8 @@ impl RunWriter {
 
     /// Ends the writing: everything is on the disk, in a single file.
     ///
-    /// Dropping the writer does the same, but cannot say if it failed. While somebody reads the run, the log beside
-    /// the file stays; it goes with the last of them.
+    /// Dropping the writer does the same, but cannot say if it failed. While somebody reads the run, the log
+    /// beside the file stays; it goes with the last of them.
     ///
     /// # Errors
     /// A failure of the file; what was recorded is safe all the same, in the file and its log.
@@ -174,17 +174,13 @@ fn claim(path: &Path) -> Result<File> {
     OpenOptions::new().write(true).create_new(true).open(path).map_err(|source| match source.kind() {
         ErrorKind::AlreadyExists => StoreError::Exists { path: path.into() },
         ErrorKind::NotFound => StoreError::Missing { what: "the folder", path: path.into() },
-        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
-            StoreError::ReadOnly { path: path.into() }
-        }
-        ErrorKind::StorageFull => StoreError::DiskFull { path: path.into() },
-        _ => StoreError::Io { what: format!("cannot create the run {}", path.display()), source },
+        _ => StoreError::from_io(path, "create", source),
     })
 }
 
 /// Makes a run of an empty file.
 fn fill(path: &Path, header: &RunHeader) -> Result<RunWriter> {
-    let connection = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_WRITE).in_file(path)?;
+    let connection = open(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
     prepare(&connection, path)?;
     begin(&connection).in_file(path)?;
     connection.execute_batch(TABLES).in_file(path)?;
@@ -264,14 +260,20 @@ fn constraint(error: &rusqlite::Error) -> Option<i32> {
 fn remove(path: &Path) -> Result<()> {
     if std::fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() > 0) {
         let connection = connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
-        // A newer or an older one is a run too.
+        // A newer or an older one is a run too, and so is one whose making was broken off.
         match upgrade::version(&connection, path, STEPS) {
             Ok(_) | Err(StoreError::NewerVersion { .. }) => {}
+            Err(StoreError::NotARun { .. }) if is_blank(&connection) => {}
             Err(error) => return Err(error),
         }
         begin(&connection).in_file(path)?;
     }
     remove_files(path)
+}
+
+/// Whether this is a database without a single table.
+fn is_blank(connection: &Connection) -> bool {
+    connection.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0)) == Ok(0)
 }
 
 fn remove_files(path: &Path) -> Result<()> {
@@ -283,10 +285,80 @@ fn remove_files(path: &Path) -> Result<()> {
     for file in [path.into(), beside("-wal"), beside("-shm"), beside("-journal")] {
         match std::fs::remove_file(&file) {
             Err(source) if source.kind() != ErrorKind::NotFound => {
-                return Err(StoreError::Io { what: format!("cannot remove {}", file.display()), source });
+                return Err(StoreError::from_io(&file, "remove", source));
             }
             _ => {}
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Build, End, RunKind, Simulation, Trace};
+
+    fn record(number: u32) -> SimulationRecord {
+        let simulation = Simulation {
+            trial: 1,
+            number,
+            seed: 0,
+            unit_point: vec![],
+            initial_configuration: vec![],
+            robustness: Some(1.0),
+            end: End::Horizon,
+            steps: 300,
+            verdicts: vec![],
+            trace_digest: None,
+        };
+        // Noise, so that it takes as much room as it has bits.
+        let column = (0..301_u32).map(|step| f64::from(step * 31 + number * 17).sin()).collect();
+        SimulationRecord { simulation, trace: Some(Trace { columns: vec![column] }) }
+    }
+
+    #[test]
+    fn a_full_disk_loses_nothing_that_was_recorded() {
+        let header = RunHeader {
+            kind: RunKind::Falsify,
+            build: Build::default(),
+            plan: String::new(),
+            controller: String::new(),
+            controller_hash: String::new(),
+            controller_bytes_hash: String::new(),
+            task: String::new(),
+            preset: String::new(),
+            formula: String::new(),
+            search: String::new(),
+            seed: 0,
+            control_dt: 1.0,
+            signals: vec!["a".into()],
+            axes: vec![],
+            verdicts: vec![],
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.sqlite");
+        let mut writer = RunWriter::create(&path, &header, Existing::Refuse).unwrap();
+        writer.start_trial(1, 0).unwrap();
+        writer.file.connection.pragma_update(None, "max_page_count", 100).unwrap();
+
+        let mut recorded = 0;
+        let error = loop {
+            match writer.record(&[record(recorded + 1), record(recorded + 2), record(recorded + 3)]) {
+                Ok(()) => recorded += 3,
+                Err(error) => break error,
+            }
+        };
+        assert!(matches!(error, StoreError::DiskFull { .. }), "{error}");
+        assert!(recorded > 30, "{recorded}");
+        assert_eq!(writer.file().last_number(1).unwrap(), recorded);
+
+        // With room again, the same writer goes on.
+        writer.file.connection.pragma_update(None, "max_page_count", 10_000).unwrap();
+        writer.record(&[record(recorded + 1)]).unwrap();
+        writer.close().unwrap();
+        let run = RunFile::open(&path).unwrap();
+        run.check().unwrap();
+        assert_eq!(run.simulation(1, recorded).unwrap().trace, record(recorded).trace);
+        assert_eq!(run.last_number(1).unwrap(), recorded + 1);
+    }
 }

@@ -1,8 +1,8 @@
 //! The tables of a run file.
 //!
-//! Texts are words that a person can read with any SQLite tool. Numbers are little-endian doubles in blobs where
-//! there are several; `seed` and the hashes are 64 bits in SQLite's signed integer. `robustness` is of type `ANY`,
-//! since SQLite would turn −0.0 into 0 in a column of type `REAL`; NULL stands for undecided.
+//! Texts are words that a person can read with any SQLite tool. Numbers are little-endian doubles in blobs
+//! where there are several; `seed` and the hashes are 64 bits in SQLite's signed integer. `robustness` is of
+//! type `ANY`, since SQLite would turn −0.0 into 0 in a column of type `REAL`; NULL stands for undecided.
 
 use crate::upgrade::STEPS;
 

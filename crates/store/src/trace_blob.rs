@@ -11,16 +11,16 @@
 //!                      column, then the next higher one, up to the eighth
 //! ```
 //!
-//! A sample's bits are read as an unsigned integer x and predicted from the three before it (0 where there are
-//! none), modulo 2⁶⁴:
+//! A sample's bits are read as an unsigned integer x and predicted from the three before it (0 where there
+//! are none), modulo 2⁶⁴:
 //!
 //! ```text
 //! order 0: 0      order 1: x₁      order 2: 2 x₁ − x₂      order 3: 3 x₁ − 3 x₂ + x₃
 //! ```
 //!
-//! The residual is the difference to that, its sign moved to the lowest bit. The motion of a robot is smooth, so
-//! the high bytes of the residuals are mostly 0; the low ones are rounding noise, which nothing can compress. Every
-//! bit pattern comes back, NaN included.
+//! The residual is the difference to that, its sign moved to the lowest bit. The motion of a robot is smooth,
+//! so the high bytes of the residuals are mostly 0; the low ones are rounding noise, which nothing can
+//! compress. Every bit pattern comes back, NaN included.
 
 use crate::digest::Digest;
 
@@ -33,7 +33,8 @@ const LARGEST_RATIO: usize = 256;
 /// The signals of one episode: a column per signal of the header, a sample per control step, from step 0.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Trace {
-    /// The columns, all of the same length, in the order of [`RunHeader::signals`](crate::RunHeader::signals).
+    /// The columns, all of the same length, in the order of
+    /// [`RunHeader::signals`](crate::RunHeader::signals).
     pub columns: Vec<Vec<f64>>,
 }
 
@@ -49,11 +50,12 @@ impl Trace {
     }
 }
 
-/// Digest of a trace's bits: equal for two traces if, and for all practical purposes only if, every sample of every
-/// column has the same bits.
+/// Digest of a trace's bits: equal for two traces if, and for all practical purposes only if, every sample of
+/// every column has the same bits.
 ///
-/// It is the first 128 bits of a SHA-256 over the columns in their order, each as its length and its samples, 8
-/// bytes little-endian each. It does not depend on how a trace is stored.
+/// It is the first 128 bits of a SHA-256 over the text `trace`, after its length, and the columns in their
+/// order, each after its length; lengths and samples take 8 bytes, little-endian. It does not depend on how a
+/// trace is stored.
 ///
 /// # Example
 /// ```
@@ -191,6 +193,15 @@ mod tests {
                 .map(|c| (0..301).map(|k| f64::from(c * k).sin() * 10f64.powi(c * 20 - 60)).collect())
                 .collect(),
         );
+    }
+
+    #[test]
+    fn the_digest_is_the_one_that_others_compute() {
+        // Python: b = struct.pack('<Q', 5) + b'trace'
+        //         for c in [[1.0, -0.0], [0.1, inf]]: b += struct.pack('<Qdd', 2, *c)
+        //         hashlib.sha256(b).hexdigest()[:32]
+        let trace = Trace { columns: vec![vec![1.0, -0.0], vec![0.1, f64::INFINITY]] };
+        assert_eq!(format!("{:032x}", trace.digest()), "cf047e2b102f4a1bd97202808264f47b");
     }
 
     #[test]

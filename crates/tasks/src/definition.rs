@@ -1,7 +1,8 @@
+use mishandle_controllers::{Entry, Layout};
 use mishandle_rollout::{Axis, InitialBox, RolloutError, Specification};
 use mishandle_world::{Model, Rows, World, WorldError};
 
-use crate::robot::Panda;
+use crate::robot::{ARM_JOINTS, JOINTS, Panda};
 
 /// Which reading of the original benchmark counts: changes formulas, metrics and box, nothing else.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -75,12 +76,22 @@ pub struct BoxAxis {
     pub name: &'static str,
     /// Unit.
     pub unit: &'static str,
-    /// Bounds under each preset: `[low, high]`.
+    /// Bounds under [`Preset::Paper`].
     pub paper: [f64; 2],
     /// Bounds under [`Preset::Code`].
     pub code: [f64; 2],
     /// What the axis sets in the scene.
     pub sets: &'static str,
+}
+
+impl BoxAxis {
+    /// Lower and upper bound under a preset.
+    pub fn bounds(&self, preset: Preset) -> [f64; 2] {
+        match preset {
+            Preset::Paper => self.paper,
+            Preset::Code => self.code,
+        }
+    }
 }
 
 /// Something the hand holds for good: part of the hand's body.
@@ -152,16 +163,44 @@ impl Definition {
         }
     }
 
+    /// The parts of an observation: the robot's joints, then what the task adds.
+    pub fn whole_observation(&self) -> Vec<Quantity> {
+        let robot = [
+            Quantity {
+                name: "joint_positions",
+                unit: "",
+                size: JOINTS,
+                meaning: "seven joints and two fingers, mapped from their limits to [-1, 1]",
+            },
+            Quantity {
+                name: "joint_velocities",
+                unit: "rad/s, m/s",
+                size: JOINTS,
+                meaning: "times the task's velocity scale",
+            },
+        ];
+        robot.iter().chain(self.observation).copied().collect()
+    }
+
+    /// What a controller of this task takes and gives.
+    pub fn layout(&self) -> Layout {
+        let entry = |name: &str, unit: &str, size| Entry { name: name.into(), unit: unit.into(), size };
+        Layout {
+            observation: self.whole_observation().iter().map(|q| entry(q.name, q.unit, q.size)).collect(),
+            action: vec![
+                entry("arm_target_steps", "", ARM_JOINTS),
+                entry("finger_target_steps", "", JOINTS - ARM_JOINTS),
+            ],
+        }
+    }
+
     /// The initial box of a preset.
     ///
     /// # Errors
     /// If an axis's bounds are not in order.
     pub fn initial_box(&self, preset: Preset) -> Result<InitialBox, RolloutError> {
         let axis = |axis: &BoxAxis| {
-            let [low, high] = match preset {
-                Preset::Paper => axis.paper,
-                Preset::Code => axis.code,
-            };
+            let [low, high] = axis.bounds(preset);
             Axis { name: axis.name.to_string(), unit: axis.unit.to_string(), low, high }
         };
         InitialBox::new(self.initial_box.iter().map(axis).collect())
@@ -178,6 +217,14 @@ pub trait Task: Send + Sync {
     /// # Errors
     /// If one is missing.
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError>;
+
+    /// Whether the task can be done at all from an initial configuration of its box.
+    ///
+    /// It can unless a task proves otherwise, from kinematics or from the time there is: failures of a controller, of
+    /// the expert too, are no proof.
+    fn reachable(&self, _x0: &[f64]) -> bool {
+        true
+    }
 
     /// A controller that meets the formula by model and feedback, from what a controller may see.
     ///

@@ -1,0 +1,8 @@
+//! One file for each command.
+
+pub mod evaluate;
+pub mod falsify;
+pub mod monitor;
+pub mod replay;
+pub mod tasks;
+pub mod train;

@@ -1,0 +1,73 @@
+//! Data on stdout, words on stderr.
+
+use std::io::{IsTerminal, Write};
+
+use anyhow::{Error, Result};
+use mishandle::MishandleError;
+use serde_json::{Number, Value};
+
+/// Writes a line of data.
+pub fn line(text: &str) -> Result<()> {
+    writeln!(std::io::stdout().lock(), "{text}")?;
+    Ok(())
+}
+
+/// Writes a JSON document.
+pub fn json(value: &Value) -> Result<()> {
+    line(&serde_json::to_string_pretty(value)?)
+}
+
+/// A number in JSON; infinities, which JSON lacks, are the strings "inf" and "-inf".
+pub fn number(value: f64) -> Value {
+    match Number::from_f64(value) {
+        Some(number) => Value::Number(number),
+        None => Value::String(value.to_string()),
+    }
+}
+
+/// Says something on stderr.
+pub fn say(text: &str) {
+    // There is nowhere to report that stderr is closed.
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
+}
+
+/// Whether stderr is a terminal, where a progress bar can be drawn.
+pub fn shows_progress() -> bool {
+    std::io::stderr().is_terminal()
+}
+
+/// Says what went wrong, from the outside in, and what to try instead.
+pub fn report_error(error: &Error) {
+    say(&format!("error: {error:#}"));
+    let hint = error
+        .chain()
+        .find_map(|cause| cause.downcast_ref::<MishandleError>().and_then(MishandleError::hint));
+    if let Some(hint) = hint {
+        say(&format!("hint: {hint}"));
+    }
+}
+
+/// Whether the reader of stdout went away, as `head` does.
+pub fn is_broken_pipe(error: &Error) -> bool {
+    error
+        .chain()
+        .filter_map(|cause| cause.downcast_ref::<std::io::Error>())
+        .any(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
+}
+
+/// Lines up the columns of a table; numbers should be formatted already. The first row is the header.
+pub fn table(rows: &[Vec<String>]) -> String {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width =
+        |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|c| c.chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..columns).map(width).collect();
+    let mut text = String::new();
+    for row in rows {
+        let cells: Vec<String> =
+            row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
+        text.push_str(cells.join("  ").trim_end());
+        text.push('\n');
+    }
+    text.truncate(text.trim_end().len());
+    text
+}

@@ -1,0 +1,439 @@
+//! A controller's file: safetensors, with a JSON header.
+//!
+//! The tensors are `normalizer.mean` and `normalizer.variance` (`F64`), `policy.log_std` and `policy.layers.0.weight`,
+//! `policy.layers.0.bias`, … (`F32`, PyTorch's layout). The header is a JSON text under the key `mishandle` of the
+//! file's metadata.
+
+use std::path::Path;
+
+use mishandle_network::{Activation, Mlp, Tensor};
+use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors, TensorView};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use crate::layout::hexadecimal;
+use crate::{ControllerError, FileProblem, Layout, Policy, write_atomically};
+
+/// Newest version of the format; a file of a newer one is refused.
+pub const FORMAT_VERSION: u64 = 1;
+
+/// Key of the header in the file's metadata.
+const HEADER_KEY: &str = "mishandle";
+
+/// What a controller's file says about it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Header {
+    /// Name of the task it was trained for.
+    pub task: String,
+    /// Name of the algorithm that trained it.
+    pub algorithm: String,
+    /// Name of the task's preset.
+    pub preset: String,
+    /// Name of the reward it learned from.
+    pub reward: String,
+    /// What stands where in its observations and actions.
+    pub layout: Layout,
+    /// How it was trained.
+    pub training: TrainingRecord,
+}
+
+/// How a controller was trained.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainingRecord {
+    /// Seed of the training.
+    pub seed: u64,
+    /// Environment steps (control steps times environments) until these weights.
+    pub environment_steps: u64,
+    /// Duration, s.
+    pub wall_clock_secs: f64,
+    /// Commit of the program's source, empty if unknown.
+    pub git_commit: String,
+    /// The command line.
+    pub command: String,
+    /// The settings, as TOML.
+    pub settings: String,
+    /// The last validation of these weights, if there was one.
+    pub validation: Option<ValidationRecord>,
+}
+
+/// What a validation during training found.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ValidationRecord {
+    /// Number of episodes.
+    pub episodes: usize,
+    /// Share that met the success formula.
+    pub success_rate: f64,
+    /// Share that met the strict one.
+    pub strict_success_rate: f64,
+}
+
+/// A controller and what is known about it.
+#[derive(Clone, Debug)]
+pub struct ControllerFile {
+    /// What is known about it.
+    pub header: Header,
+    /// The controller.
+    pub policy: Policy,
+}
+
+/// The JSON text: the header between what the reader needs to know first.
+#[derive(Serialize, Deserialize)]
+struct StoredHeader {
+    format_version: u64,
+    #[serde(flatten)]
+    header: Header,
+    layout_hash: String,
+    policy: StoredPolicy,
+}
+
+#[derive(Serialize, Deserialize)]
+struct StoredPolicy {
+    /// `gaussian`, the only kind so far.
+    kind: String,
+    sizes: Vec<usize>,
+    hidden_activation: String,
+    output_activation: String,
+}
+
+const KIND: &str = "gaussian";
+
+impl StoredPolicy {
+    /// Number of parameters, if it can be counted at all: asked before memory is taken for them.
+    fn parameter_count(&self) -> Option<usize> {
+        self.sizes.windows(2).try_fold(0_usize, |count, layer| {
+            layer[0].checked_add(1)?.checked_mul(layer[1])?.checked_add(count)
+        })
+    }
+}
+
+impl ControllerFile {
+    /// Reads a controller.
+    ///
+    /// # Errors
+    /// If the file cannot be read, is something else, is damaged, holds NaN, or was written by a newer program.
+    pub fn load(path: &Path) -> Result<ControllerFile, ControllerError> {
+        let bytes = std::fs::read(path)
+            .map_err(|source| ControllerError::Read { source, path: path.to_path_buf() })?;
+        Self::from_bytes(&bytes)
+            .map_err(|problem| ControllerError::File { problem, path: path.to_path_buf() })
+    }
+
+    /// Writes the controller, whole or not at all.
+    ///
+    /// # Errors
+    /// If the file cannot be written; one that was there is then as it was.
+    pub fn save(&self, path: &Path) -> Result<(), ControllerError> {
+        write_atomically(path, &self.to_bytes())
+            .map_err(|source| ControllerError::Write { source, path: path.to_path_buf() })
+    }
+
+    /// Checks that the controller was made for `task`, whose observations and actions are laid out as `layout` says.
+    ///
+    /// # Errors
+    /// If it was made for another task or layout; the message names the parts that differ.
+    pub fn check(&self, task: &str, layout: &Layout) -> Result<(), ControllerError> {
+        if self.header.task != task {
+            return Err(ControllerError::Task { wanted: task.to_string(), found: self.header.task.clone() });
+        }
+        let differences = layout.differences(&self.header.layout);
+        if !differences.is_empty() {
+            return Err(ControllerError::Layout { task: task.to_string(), differences });
+        }
+        Ok(())
+    }
+
+    /// The bytes of the file. The same controller and header give the same bytes.
+    ///
+    /// # Panics
+    /// Never: every tensor's length is the product of its shape.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let network = self.policy.network();
+        let stored = StoredHeader {
+            format_version: FORMAT_VERSION,
+            header: self.header.clone(),
+            layout_hash: self.header.layout.hash(),
+            policy: StoredPolicy {
+                kind: KIND.to_string(),
+                sizes: network.sizes().to_vec(),
+                hidden_activation: network.hidden_activation().to_string(),
+                output_activation: network.output_activation().to_string(),
+            },
+        };
+        let mut tensors = vec![
+            stored_f64("normalizer.mean", self.policy.mean()),
+            stored_f64("normalizer.variance", self.policy.variance()),
+            stored_f32("policy.log_std", vec![network.output_size()], self.policy.log_std()),
+        ];
+        for Tensor { name, shape, values } in network.tensors() {
+            tensors.push(stored_f32(&format!("policy.{name}"), shape, values));
+        }
+        let right = "a header is plain data, and every tensor's length is the product of its shape";
+        let json = serde_json::to_string(&stored).expect(right);
+        let views = tensors.iter().map(|tensor| {
+            let view = TensorView::new(tensor.dtype, tensor.shape.clone(), &tensor.bytes).expect(right);
+            (tensor.name.as_str(), view)
+        });
+        let metadata = std::iter::once((HEADER_KEY.to_string(), json)).collect();
+        safetensors::serialize(views, Some(metadata)).expect(right)
+    }
+
+    /// The controller that a file's bytes hold.
+    ///
+    /// # Errors
+    /// If they are something else, damaged, hold NaN, or were written by a newer program.
+    pub fn from_bytes(bytes: &[u8]) -> Result<ControllerFile, FileProblem> {
+        let tensors = SafeTensors::deserialize(bytes).map_err(|error| told(&error, bytes))?;
+        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| told(&error, bytes))?;
+        let json = metadata.metadata().as_ref().and_then(|metadata| metadata.get(HEADER_KEY));
+        let Some(json) = json else {
+            return Err(FileProblem::Foreign { reason: format!("it has no header `{HEADER_KEY}`") });
+        };
+        let stored = read_header(json)?;
+        if stored.policy.parameter_count().is_none_or(|count| count > bytes.len() / size_of::<f32>()) {
+            return Err(FileProblem::Header {
+                reason: "its network has more numbers than the file".to_string(),
+            });
+        }
+        let policy = read_policy(&stored.policy, &tensors)
+            .map_err(|source| FileProblem::Policy { source: Box::new(source) })?;
+        let StoredHeader { header, .. } = stored;
+        let sizes = (policy.network().input_size(), policy.network().output_size());
+        if sizes != (header.layout.observation_size(), header.layout.action_size()) {
+            return Err(FileProblem::Header { reason: "its layout is not its network's".to_string() });
+        }
+        Ok(ControllerFile { header, policy })
+    }
+}
+
+/// The SHA-256 of a file's bytes, its first 16 bytes in hexadecimal.
+pub fn bytes_hash(bytes: &[u8]) -> String {
+    hexadecimal(&Sha256::digest(bytes)[..16])
+}
+
+struct StoredTensor {
+    name: String,
+    dtype: Dtype,
+    shape: Vec<usize>,
+    bytes: Vec<u8>,
+}
+
+fn stored_f64(name: &str, values: &[f64]) -> StoredTensor {
+    let bytes = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+    StoredTensor { name: name.to_string(), dtype: Dtype::F64, shape: vec![values.len()], bytes }
+}
+
+fn stored_f32(name: &str, shape: Vec<usize>, values: &[f32]) -> StoredTensor {
+    let bytes = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+    StoredTensor { name: name.to_string(), dtype: Dtype::F32, shape, bytes }
+}
+
+/// What a reader of safetensors found wrong. A file that begins as one of them was one once.
+fn told(error: &SafeTensorError, bytes: &[u8]) -> FileProblem {
+    let began_well = bytes.get(8) == Some(&b'{');
+    match error {
+        SafeTensorError::MetadataIncompleteBuffer | SafeTensorError::InvalidHeaderLength if began_well => {
+            FileProblem::Length { found: bytes.len() }
+        }
+        other => FileProblem::Foreign { reason: other.to_string() },
+    }
+}
+
+fn read_header(json: &str) -> Result<StoredHeader, FileProblem> {
+    let damaged = |reason: String| FileProblem::Header { reason };
+    let value: serde_json::Value = serde_json::from_str(json).map_err(|error| damaged(error.to_string()))?;
+    let Some(found) = value.get("format_version").and_then(serde_json::Value::as_u64) else {
+        return Err(damaged("it has no `format_version`".to_string()));
+    };
+    if found > FORMAT_VERSION {
+        return Err(FileProblem::Newer { found, known: FORMAT_VERSION });
+    }
+    let stored: StoredHeader = serde_json::from_value(value).map_err(|error| damaged(error.to_string()))?;
+    if stored.layout_hash != stored.header.layout.hash() {
+        return Err(damaged("its layout was changed after it was written".to_string()));
+    }
+    if stored.policy.kind != KIND {
+        return Err(damaged(format!("the policy's kind is `{}`; known is `{KIND}`", stored.policy.kind)));
+    }
+    Ok(stored)
+}
+
+fn read_policy(stored: &StoredPolicy, file: &SafeTensors<'_>) -> Result<Policy, ControllerError> {
+    let hidden_activation: Activation = stored.hidden_activation.parse()?;
+    let mut network = Mlp::new(&stored.sizes, hidden_activation, stored.output_activation.parse()?)?;
+    let (mut mean, mut variance, mut log_std, mut layers) = (vec![], vec![], vec![], vec![]);
+    let mut tensors = file.tensors();
+    tensors.sort_by(|(a, _), (b, _)| a.cmp(b));
+    for (name, view) in tensors {
+        match name.as_str() {
+            "normalizer.mean" => mean = f64s(&view),
+            "normalizer.variance" => variance = f64s(&view),
+            "policy.log_std" => log_std = f32s(&view),
+            _ => {
+                let name = name.strip_prefix("policy.").unwrap_or(&name).to_string();
+                layers.push((name, view.shape().to_vec(), f32s(&view)));
+            }
+        }
+    }
+    let layers: Vec<_> = layers
+        .iter()
+        .map(|(name, shape, values)| Tensor { name: name.clone(), shape: shape.clone(), values })
+        .collect();
+    network.set_tensors(&layers)?;
+    Policy::new(mean, variance, network, log_std)
+}
+
+/// The numbers of a tensor, none if it holds others; its length then tells.
+fn f64s(view: &TensorView<'_>) -> Vec<f64> {
+    let (numbers, _) = view.data().as_chunks();
+    if view.dtype() == Dtype::F64 { numbers.iter().map(|x| f64::from_le_bytes(*x)).collect() } else { vec![] }
+}
+
+fn f32s(view: &TensorView<'_>) -> Vec<f32> {
+    let (numbers, _) = view.data().as_chunks();
+    if view.dtype() == Dtype::F32 { numbers.iter().map(|x| f32::from_le_bytes(*x)).collect() } else { vec![] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Entry;
+    use mishandle_rollout::Controller;
+
+    fn example() -> ControllerFile {
+        let mut network = Mlp::new(&[2, 3, 1], Activation::Elu, Activation::Identity).unwrap();
+        network.update(|parameters| {
+            for (i, parameter) in parameters.iter_mut().enumerate() {
+                *parameter = (i as f32 * 0.37).sin();
+            }
+        });
+        let entry = |name: &str, size| Entry { name: name.into(), unit: "m".into(), size };
+        let layout = Layout { observation: vec![entry("ball", 2)], action: vec![entry("push", 1)] };
+        let header = Header {
+            task: "ball-pushing".into(),
+            algorithm: "ppo".into(),
+            preset: "paper".into(),
+            reward: "shaped".into(),
+            layout,
+            training: TrainingRecord { seed: u64::MAX, wall_clock_secs: 1.5, ..TrainingRecord::default() },
+        };
+        // 0.1 and 0.7 have no short binary form: a round trip through text could change them.
+        let policy = Policy::new(vec![0.1, -3.0], vec![0.7, 0.2], network, vec![-0.3]).unwrap();
+        ControllerFile { header, policy }
+    }
+
+    /// The one sentence that `bytes` are refused with.
+    fn refusal(bytes: &[u8]) -> String {
+        ControllerFile::from_bytes(bytes).unwrap_err().to_string()
+    }
+
+    /// The example's bytes with `from` replaced by `to`, of the same length, in the header.
+    fn with_header(from: &str, to: &str) -> Vec<u8> {
+        assert_eq!(from.len(), to.len());
+        let mut bytes = example().to_bytes();
+        let at = bytes.windows(from.len()).position(|window| window == from.as_bytes()).unwrap();
+        bytes[at..][..to.len()].copy_from_slice(to.as_bytes());
+        bytes
+    }
+
+    #[test]
+    fn a_controller_comes_back_to_the_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ppo.safetensors");
+        let saved = example();
+        saved.save(&path).unwrap();
+        let loaded = ControllerFile::load(&path).unwrap();
+        assert_eq!(loaded.header, saved.header);
+        assert_eq!(loaded.policy.hash(), saved.policy.hash());
+        assert_eq!(loaded.to_bytes(), saved.to_bytes());
+        let (mut a, mut b) = ([0.0], [0.0]);
+        saved.policy.actor().act(1, &[0.3, 0.9], &mut [], &mut a);
+        loaded.policy.actor().act(1, &[0.3, 0.9], &mut [], &mut b);
+        assert_eq!(a, b);
+    }
+
+    #[test]
+    fn the_header_does_not_change_the_hash_of_the_policy() {
+        let mut later = example();
+        later.header.training.wall_clock_secs = 99.0;
+        assert_eq!(later.policy.hash(), example().policy.hash());
+        assert_ne!(bytes_hash(&later.to_bytes()), bytes_hash(&example().to_bytes()));
+    }
+
+    #[test]
+    fn other_files_are_refused() {
+        for bytes in [&b""[..], b"short", b"PK\x03\x04 an archive of some kind", &[0xFF; 64]] {
+            assert!(refusal(bytes).starts_with("not a controller ("), "{}", refusal(bytes));
+        }
+        let foreign = TensorView::new(Dtype::F32, vec![1], &[0; 4]).unwrap();
+        let bytes = safetensors::serialize([("weight", foreign)], None).unwrap();
+        assert!(refusal(&bytes).contains("it has no header `mishandle`"), "{}", refusal(&bytes));
+    }
+
+    #[test]
+    fn a_file_cut_anywhere_or_grown_is_refused() {
+        let bytes = example().to_bytes();
+        for length in 0..bytes.len() {
+            assert!(ControllerFile::from_bytes(&bytes[..length]).is_err(), "cut to {length} bytes");
+        }
+        let half = &bytes[..bytes.len() / 2];
+        let told =
+            format!("the controller is damaged: its {} bytes are not as many as its header says", half.len());
+        assert_eq!(refusal(half), told);
+        assert!(refusal(&[&bytes[..], b"more"].concat()).contains("not as many as its header says"));
+    }
+
+    #[test]
+    fn a_damaged_or_newer_header_is_refused() {
+        let version = "format_version\\\":";
+        assert_eq!(
+            refusal(&with_header(&format!("{version}1"), &format!("{version}2"))),
+            "the controller has format version 2, this program reads up to 1; use a newer program"
+        );
+        for (from, to, told) in [
+            ("ball\\\",", "bull\\\",", "its layout was changed after it was written"),
+            ("gaussian", "caussian", "the policy's kind is `caussian`; known is `gaussian`"),
+            ("[2,3,1]", "[9e9,3]", "invalid type: floating point"),
+            ("[2,3,1]", "[2,4,1]", "tensor `layers.0.weight` needs the shape [4, 2]"),
+            ("[2,3,1]", "[999,9]", "its network has more numbers than the file"),
+            ("\\\"elu\\\"", "\\\"elv\\\"", "activation `elv` is not known"),
+        ] {
+            let refusal = refusal(&with_header(from, to));
+            assert!(refusal.contains(told), "{from} -> {to}: {refusal}");
+            assert!(!refusal.contains('\n'));
+        }
+    }
+
+    #[test]
+    fn weights_that_are_not_numbers_are_refused() {
+        let mut bytes = example().to_bytes();
+        let last = bytes.len() - 4;
+        bytes[last..].copy_from_slice(&f32::NAN.to_le_bytes());
+        assert!(refusal(&bytes).contains("must be finite; number"), "{}", refusal(&bytes));
+    }
+
+    #[test]
+    fn a_controller_for_something_else_is_refused() {
+        let file = example();
+        assert!(file.check("ball-pushing", &file.header.layout).is_ok());
+        let told = file.check("ball-catching", &file.header.layout).unwrap_err().to_string();
+        assert_eq!(told, "the controller was made for ball-pushing, not for ball-catching");
+        let mut other = file.header.layout.clone();
+        other.observation[0].name = "cube".to_string();
+        let told = file.check("ball-pushing", &other).unwrap_err().to_string();
+        assert_eq!(
+            told,
+            "the controller does not fit ball-pushing: part 0 of the observation is `cube` (2 numbers, m), \
+             the controller takes `ball` (2 numbers, m)"
+        );
+    }
+
+    #[test]
+    fn a_file_that_is_not_there_is_named() {
+        let told = ControllerFile::load(Path::new("/nowhere/ppo.safetensors")).unwrap_err().to_string();
+        assert!(
+            told.starts_with("cannot read the controller (") && told.ends_with("/nowhere/ppo.safetensors")
+        );
+    }
+}

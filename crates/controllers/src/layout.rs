@@ -1,0 +1,124 @@
+//! What stands where in an observation and an action.
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+/// A named part of an observation or an action.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Entry {
+    /// Name, for instance `ball_velocity`.
+    pub name: String,
+    /// Unit, empty for plain numbers.
+    pub unit: String,
+    /// How many numbers it is.
+    pub size: usize,
+}
+
+/// What stands where in the observations that a controller takes and the actions that it gives.
+///
+/// # Example
+/// ```
+/// use mishandle_controllers::{Entry, Layout};
+/// let entry = |name: &str, unit: &str, size| Entry { name: name.into(), unit: unit.into(), size };
+/// let wanted = Layout { observation: vec![entry("ball", "m", 3)], action: vec![entry("arm", "", 7)] };
+/// let found = Layout { observation: vec![entry("cube", "m", 3)], action: vec![entry("arm", "", 7)] };
+/// assert_eq!(wanted.observation_size(), 3);
+/// assert_eq!(
+///     wanted.differences(&found),
+///     ["part 0 of the observation is `ball` (3 numbers, m), the controller takes `cube` (3 numbers, m)"],
+/// );
+/// ```
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Layout {
+    /// Parts of an observation, in order.
+    pub observation: Vec<Entry>,
+    /// Parts of an action, in order.
+    pub action: Vec<Entry>,
+}
+
+impl Layout {
+    /// Length of an observation.
+    pub fn observation_size(&self) -> usize {
+        self.observation.iter().map(|entry| entry.size).sum()
+    }
+
+    /// Number of actions.
+    pub fn action_size(&self) -> usize {
+        self.action.iter().map(|entry| entry.size).sum()
+    }
+
+    /// The first 16 bytes of the SHA-256 of all names, units and sizes, in hexadecimal.
+    pub fn hash(&self) -> String {
+        let mut digest = Sha256::new();
+        for (side, entries) in [("observation", &self.observation), ("action", &self.action)] {
+            for Entry { name, unit, size } in entries {
+                digest.update(format!("{side}\0{name}\0{unit}\0{size}\n"));
+            }
+        }
+        hexadecimal(&digest.finalize()[..16])
+    }
+
+    /// Where `found`, a controller's layout, is not this one, an environment's: one sentence for each part.
+    pub fn differences(&self, found: &Layout) -> Vec<String> {
+        let sides = [
+            ("observation", "takes", &self.observation, &found.observation),
+            ("action", "gives", &self.action, &found.action),
+        ];
+        let mut differences = Vec::new();
+        for (side, verb, wanted, found) in sides {
+            for i in 0..wanted.len().max(found.len()) {
+                let (wanted, found) = (wanted.get(i), found.get(i));
+                if wanted != found {
+                    differences.push(format!(
+                        "part {i} of the {side} is {}, the controller {verb} {}",
+                        describe(wanted),
+                        describe(found)
+                    ));
+                }
+            }
+        }
+        differences
+    }
+}
+
+fn describe(entry: Option<&Entry>) -> String {
+    match entry {
+        None => "nothing".to_string(),
+        Some(Entry { name, unit, size }) => {
+            let numbers = if *size == 1 { "number" } else { "numbers" };
+            let unit = if unit.is_empty() { String::new() } else { format!(", {unit}") };
+            format!("`{name}` ({size} {numbers}{unit})")
+        }
+    }
+}
+
+pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn layout(parts: &[(&str, usize)]) -> Layout {
+        let entry = |&(name, size): &(&str, usize)| Entry { name: name.into(), unit: "m".into(), size };
+        Layout { observation: parts.iter().map(entry).collect(), action: vec![] }
+    }
+
+    #[test]
+    fn the_hash_sees_names_sizes_and_order() {
+        let base = layout(&[("a", 1), ("b", 2)]);
+        assert_eq!(base.hash(), layout(&[("a", 1), ("b", 2)]).hash());
+        for other in [layout(&[("b", 2), ("a", 1)]), layout(&[("a", 2), ("b", 1)]), layout(&[("a", 1)])] {
+            assert_ne!(base.hash(), other.hash());
+        }
+    }
+
+    #[test]
+    fn a_missing_part_is_named() {
+        let told = layout(&[("a", 1), ("b", 2)]).differences(&layout(&[("a", 1)]));
+        assert_eq!(told, ["part 1 of the observation is `b` (2 numbers, m), the controller takes nothing"]);
+    }
+}

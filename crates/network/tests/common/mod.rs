@@ -1,0 +1,50 @@
+//! Random numbers and networks for tests.
+
+#![allow(dead_code)] // Each test file uses a part.
+
+use mishandle_network::{Activation, Mlp, Scalar};
+
+/// SplitMix64 (Steele, Lea and Flood, 2014), for random cases that are the same on every run.
+pub struct Random(pub u64);
+
+impl Random {
+    /// A number from [0, 1).
+    pub fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// A standard normal number.
+    pub fn normal(&mut self) -> f64 {
+        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+
+    /// Standard normal numbers.
+    pub fn normals<T: Scalar>(&mut self, count: usize) -> Vec<T> {
+        (0..count).map(|_| T::from_f64(self.normal())).collect()
+    }
+}
+
+/// Every pair of activations that a network is likely to have, and sizes around the width of a panel (16).
+pub const CASES: [(&[usize], Activation, Activation); 8] = [
+    (&[3, 5, 2], Activation::Elu, Activation::Identity),
+    (&[3, 5, 2], Activation::Tanh, Activation::Identity),
+    (&[3, 5, 2], Activation::Relu, Activation::Tanh),
+    (&[17, 33, 31, 16], Activation::Elu, Activation::Tanh),
+    (&[16, 15, 1], Activation::Tanh, Activation::Elu),
+    (&[30, 64, 48, 9], Activation::Elu, Activation::Identity),
+    (&[1, 16, 32, 3], Activation::Relu, Activation::Identity),
+    (&[4, 2], Activation::Elu, Activation::Tanh),
+];
+
+/// A network with random weights and biases.
+pub fn network<T: Scalar>(case: (&[usize], Activation, Activation), random: &mut Random) -> Mlp<T> {
+    let (sizes, hidden, output) = case;
+    let mut network = Mlp::new(sizes, hidden, output).expect("a network");
+    network.initialize_uniform(|| random.uniform());
+    network
+}

@@ -1,0 +1,134 @@
+//! The same bits whatever rows stand beside a row, and whatever the number of threads.
+
+mod common;
+
+use common::{CASES, Random, network};
+use mishandle_network::{ChunkPool, Workspace};
+
+fn bits(numbers: &[f32]) -> Vec<u32> {
+    numbers.iter().map(|number| number.to_bits()).collect()
+}
+
+/// The rows from `first` to `end` of `numbers`, of `columns` each.
+fn rows(numbers: &[f32], columns: usize, first: usize, end: usize) -> &[f32] {
+    &numbers[first * columns..end * columns]
+}
+
+#[test]
+fn a_row_does_not_depend_on_its_neighbours() {
+    const ROWS: usize = 61;
+    let mut random = Random(1);
+    for case in CASES {
+        let network = network::<f32>(case, &mut random);
+        let (ins, outs) = (network.input_size(), network.output_size());
+        let inputs: Vec<f32> = random.normals(ROWS * ins);
+        let output_gradient: Vec<f32> = random.normals(ROWS * outs);
+        let parameter_direction: Vec<f32> = random.normals(network.parameter_count());
+        let input_direction: Vec<f32> = random.normals(ROWS * ins);
+
+        let mut workspace = Workspace::default();
+        let mut pass = |first: usize, end: usize| {
+            let mut input_gradient = vec![0.0; (end - first) * ins];
+            let outputs = network.forward(rows(&inputs, ins, first, end), &mut workspace).to_vec();
+            let gradient = rows(&output_gradient, outs, first, end);
+            network.backward(gradient, &mut workspace, None, Some(&mut input_gradient));
+            let direction = rows(&input_direction, ins, first, end);
+            let tangents =
+                network.tangent(Some(&parameter_direction), Some(direction), &mut workspace).to_vec();
+            [outputs, input_gradient, tangents]
+        };
+        let whole = pass(0, ROWS);
+        // Every number of rows up to some tiles and a rest, and so every way of cutting rows into tiles.
+        for count in 1..=20 {
+            for first in [0, 7, ROWS - count] {
+                let part = pass(first, first + count);
+                for ((part, whole), columns) in part.iter().zip(&whole).zip([outs, ins, outs]) {
+                    let wanted = rows(whole, columns, first, first + count);
+                    assert_eq!(bits(part), bits(wanted), "{case:?}, {count} rows from {first}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_used_workspace_gives_what_a_new_one_gives() {
+    let mut random = Random(2);
+    let network = network::<f32>(CASES[3], &mut random);
+    let inputs: Vec<f32> = random.normals(40 * network.input_size());
+    let few = &inputs[..3 * network.input_size()];
+    let mut used = Workspace::default();
+    // What a NaN leaves in memory must not be seen either.
+    network.forward(&vec![f32::NAN; inputs.len()], &mut used);
+    let after = bits(network.forward(few, &mut used));
+    assert_eq!(after, bits(network.forward(few, &mut Workspace::default())));
+}
+
+/// Gradient and loss of Σ y² / 2 over a batch, with the loss behind the gradient.
+fn gradient_with_threads(threads: usize, chunk_rows: usize, batch: usize) -> Vec<u32> {
+    let mut random = Random(3);
+    let network = network::<f32>(CASES[5], &mut random);
+    let columns = network.input_size();
+    let inputs: Vec<f32> = random.normals(batch * columns);
+    let mut sum = vec![f32::NAN; network.parameter_count() + 1];
+    let mut pool = ChunkPool::<f32, Workspace<f32>>::new(chunk_rows);
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+    for _ in 0..3 {
+        threads.install(|| {
+            pool.sum(batch, &mut sum, |chunk, workspace, sum| {
+                let outputs =
+                    network.forward(rows(&inputs, columns, chunk.start, chunk.end), workspace).to_vec();
+                let (loss, gradient) = sum.split_last_mut().expect("not empty");
+                *loss += outputs.iter().map(|y| y * y / 2.0).sum::<f32>();
+                network.backward(&outputs, workspace, Some(gradient), None);
+            });
+        });
+    }
+    bits(&sum)
+}
+
+#[test]
+fn a_sum_does_not_depend_on_the_number_of_threads() {
+    for (chunk_rows, batch) in [(256, 2048), (64, 1000), (7, 100), (256, 5)] {
+        let one = gradient_with_threads(1, chunk_rows, batch);
+        for threads in [2, 3, 8] {
+            assert_eq!(
+                gradient_with_threads(threads, chunk_rows, batch),
+                one,
+                "{threads} threads, {chunk_rows} rows"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_sum_over_chunks_is_the_sum() {
+    // Whole numbers, so that every order of adding gives the same.
+    let mut pool = ChunkPool::<f64, ()>::new(10);
+    for batch in [0, 1, 9, 10, 11, 105] {
+        let mut total = [f64::NAN; 2];
+        pool.sum(batch, &mut total, |rows, (), sum| {
+            for row in rows {
+                sum[0] += 1.0;
+                sum[1] += row as f64;
+            }
+        });
+        let rows = batch as f64;
+        assert_eq!(total, [rows, rows * (rows - 1.0).max(0.0) / 2.0]);
+    }
+}
+
+#[test]
+fn mapped_rows_are_forward_rows() {
+    let mut random = Random(4);
+    let network = network::<f32>(CASES[5], &mut random);
+    let inputs: Vec<f32> = random.normals(100 * network.input_size());
+    let mut outputs = vec![0.0; 100 * network.output_size()];
+    let pool = ChunkPool::<f32, Workspace<f32>>::new(16);
+    pool.map(100, &mut outputs, |chunk, workspace, share| {
+        share.copy_from_slice(
+            network.forward(rows(&inputs, network.input_size(), chunk.start, chunk.end), workspace),
+        );
+    });
+    assert_eq!(bits(&outputs), bits(network.forward(&inputs, &mut Workspace::default())));
+}

@@ -1,0 +1,129 @@
+//! Running normalisers: arithmetic, the merge law, limits.
+
+mod common;
+
+use common::Random;
+use mishandle_network::{Moments, Normalizer, RunningNormalizer};
+
+#[track_caller]
+fn close(found: &[f64], wanted: &[f64]) {
+    assert_eq!(found.len(), wanted.len());
+    for (found, wanted) in found.iter().zip(wanted) {
+        assert!((found - wanted).abs() < 1e-12 * wanted.abs().max(1.0), "{found}, wanted {wanted}");
+    }
+}
+
+#[test]
+fn moments_by_hand() {
+    // Columns 1, 2, 6 and 10, 10, 40: means 3 and 20, squares 4 + 1 + 9 and 100 + 100 + 400.
+    let moments = Moments::of_rows(&[1.0, 10.0, 2.0, 10.0, 6.0, 40.0], 2);
+    assert_eq!(moments.count(), 3.0);
+    close(moments.mean(), &[3.0, 20.0]);
+    close(&moments.variance().collect::<Vec<_>>(), &[14.0 / 3.0, 200.0]);
+}
+
+#[test]
+fn merged_parts_are_the_whole() {
+    let mut random = Random(1);
+    let rows: Vec<f64> =
+        random.normals::<f64>(3 * 500).iter().enumerate().map(|(i, x)| x + i as f64 * 0.01).collect();
+    let whole = Moments::of_rows(&rows, 3);
+    for cuts in [&[0, 250, 500][..], &[0, 1, 500], &[0, 0, 7, 130, 499, 500]] {
+        let mut merged = Moments::new(3);
+        for cut in cuts.windows(2) {
+            merged.merge(&Moments::of_rows(&rows[cut[0] * 3..cut[1] * 3], 3));
+        }
+        assert_eq!(merged.count(), 500.0);
+        close(merged.mean(), whole.mean());
+        close(&merged.variance().collect::<Vec<_>>(), &whole.variance().collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn two_updates_are_one() {
+    let mut random = Random(2);
+    let rows: Vec<f32> = random.normals(4 * 100);
+    let (mut once, mut twice) = (RunningNormalizer::new(4), RunningNormalizer::new(4));
+    once.update(&rows);
+    twice.update(&rows[..4 * 30]);
+    twice.update(&rows[4 * 30..]);
+    close(twice.mean(), once.mean());
+    close(&twice.variance(), &once.variance());
+    assert_eq!(once.count(), 101.0);
+}
+
+#[test]
+fn large_means_do_not_swallow_small_deviations() {
+    // Deviations of 1 around a million: Σ x² − n mean² would lose half the digits.
+    let rows: Vec<f64> = (0..1000).map(|i| 1e6 + f64::from(i % 2) * 2.0).collect();
+    let mut moments = Moments::new(1);
+    for part in rows.chunks(10) {
+        moments.merge(&Moments::of_rows(part, 1));
+    }
+    close(moments.mean(), &[1e6 + 1.0]);
+    close(&moments.variance().collect::<Vec<_>>(), &[1.0]);
+}
+
+#[test]
+fn normalised_rows_have_mean_zero_and_variance_one() {
+    let mut random = Random(3);
+    let mut rows: Vec<f32> = random.normals::<f32>(2 * 20_000).iter().map(|x| 7.0 + 0.1 * x).collect();
+    let mut normalizer = RunningNormalizer::new(2);
+    normalizer.update(&rows);
+    let kept = rows.clone();
+    let frozen = normalizer.freeze::<f32>();
+    frozen.normalize(&mut rows);
+    let moments = Moments::of_rows(&rows, 2);
+    for (mean, variance) in moments.mean().iter().zip(moments.variance()) {
+        // The row that the normaliser begins with lies 70 deviations off and weighs 1/20001: variance 1 + 70² / 20001.
+        assert!(mean.abs() < 5e-3, "{mean}");
+        assert!((variance - 1.0 / (1.0 + 5000.0 / 20_001.0)).abs() < 0.01, "{variance}");
+    }
+    frozen.invert(&mut rows);
+    for (back, kept) in rows.iter().zip(&kept) {
+        assert!((back - kept).abs() < 1e-5, "{back}, was {kept}");
+    }
+}
+
+#[test]
+fn a_new_normaliser_only_clips() {
+    let mut rows = [0.5_f64, -4.0, 50.0, f64::NEG_INFINITY];
+    RunningNormalizer::new(2).freeze().normalize(&mut rows);
+    close(&rows, &[0.5 / (1.0 + 1e-8), -4.0 / (1.0 + 1e-8), 5.0, -5.0]);
+}
+
+#[test]
+fn a_constant_column_is_harmless_and_nan_is_kept() {
+    let normalizer = Normalizer::<f32>::new(&[2.0], &[0.0]).expect("valid");
+    let mut rows = [2.0, 2.1, f32::NAN];
+    normalizer.normalize(&mut rows);
+    assert_eq!(rows[..2], [0.0, 5.0]);
+    assert!(rows[2].is_nan());
+}
+
+#[test]
+fn a_resumed_normaliser_goes_on() {
+    let mut random = Random(4);
+    let rows: Vec<f64> = random.normals(3 * 50);
+    let mut normalizer = RunningNormalizer::new(3);
+    normalizer.update(&rows);
+    let (mean, variance) = (normalizer.mean().to_vec(), normalizer.variance());
+    let mut resumed = RunningNormalizer::resume(mean, &variance, normalizer.count()).expect("valid");
+    for one in [&mut normalizer, &mut resumed] {
+        one.update(&rows[..30]);
+    }
+    close(resumed.mean(), normalizer.mean());
+    close(&resumed.variance(), &normalizer.variance());
+}
+
+#[test]
+fn statistics_that_are_none_are_refused() {
+    let refused = |mean: &[f64], variance: &[f64]| {
+        Normalizer::<f32>::new(mean, variance).expect_err("refused").to_string()
+    };
+    assert_eq!(refused(&[0.0, 0.0], &[1.0]), "`variance` needs 2 numbers, found 1");
+    assert_eq!(refused(&[f64::NAN], &[1.0]), "`mean` must be finite; number 0 is NaN");
+    assert_eq!(refused(&[0.0], &[-1.0]), "`variance` must be finite and at least 0; number 0 is -1");
+    assert!(RunningNormalizer::resume(vec![0.0], &[1.0], 0.0).is_err());
+    assert!(RunningNormalizer::resume(vec![0.0], &[1.0], f64::NAN).is_err());
+}

@@ -1,0 +1,319 @@
+//! What a wrong formula, a wrong trace or a wrong clock is told, and what odd ones are read as.
+#![allow(clippy::unwrap_used)] // the setting for tests does not reach the helpers of test files
+
+use mishandle_stl::{Clock, Formula, Monitor, MonitorError, ParseError, Trace, Unit};
+use std::sync::Arc;
+
+const CONTROL_DT: f64 = 1.0 / 60.0;
+
+#[track_caller]
+fn check(text: &str, column: usize, message: &str) {
+    let error = Formula::parse(text).expect_err(text);
+    assert_eq!((error.column(), error.to_string().as_str()), (column, message), "{text:?}");
+}
+
+const OPERAND: &str = "expected a signal, a number, `(` or an operator that stands before its operand";
+const BOUND: &str = "expected a bound: a number that is not negative, a constant or `inf`";
+
+#[test]
+fn a_missing_operand_is_asked_for_where_it_should_stand() {
+    check("", 1, &format!("column 1: {OPERAND}, found the end of the formula"));
+    check("always[0:30](d <= )", 19, &format!("column 19: {OPERAND}, found `)`"));
+    check("a and", 6, &format!("column 6: {OPERAND}, found the end of the formula"));
+    check("a and or b", 7, &format!("column 7: {OPERAND}, found `or`"));
+    check("a ** b", 4, &format!("column 4: {OPERAND}, found `*`"));
+    check("a => b", 3, "column 3: expected an operator or the end of the formula, found `=>`");
+    check("()", 2, &format!("column 2: {OPERAND}, found `)`"));
+    check("a until U b", 9, &format!("column 9: {OPERAND}, found `U`"));
+    check("a > +1", 5, &format!("column 5: {OPERAND}, found `+`"));
+}
+
+#[test]
+fn brackets_are_matched() {
+    check(
+        "(a > 0",
+        7,
+        "column 7: expected an operator or `)` to match the `(` at column 1, found the end of the formula",
+    );
+    check("a > 0)", 6, "column 6: expected an operator or the end of the formula, found `)`");
+    check(
+        "abs(a",
+        6,
+        "column 6: expected an operator or `)` to end the `abs(` at column 1, found the end of the formula",
+    );
+    check("abs a", 5, "column 5: expected `(` after `abs`, found `a`");
+    check("pow(a)", 6, "column 6: expected `,` and another operand of `pow`, found `)`");
+    check(
+        "pow(a, 2, 3)",
+        9,
+        "column 9: expected an operator or `)` to end the `pow(` at column 1, found `,`",
+    );
+    check("(a, b)", 3, "column 3: expected an operator or `)` to match the `(` at column 1, found `,`");
+    check("rise a", 6, "column 6: expected `(` after `rise`, found `a`");
+}
+
+#[test]
+fn intervals_say_what_a_bound_is() {
+    check("always[3:1] a", 7, "column 7: expected an interval whose begin is at most its end, found [3:1]");
+    check(
+        "always[2s:500ms] a",
+        7,
+        "column 7: expected an interval whose begin is at most its end, found [2s:500ms]",
+    );
+    check("always[-1:2] a", 8, &format!("column 8: {BOUND}, found `-`"));
+    check("always[0:] a", 10, &format!("column 10: {BOUND}, found `]`"));
+    check("always[0:k] a", 10, &format!("column 10: {BOUND}, found `k`"));
+    check("always[inf:inf] a", 8, "column 8: expected a finite begin, found `inf`");
+    check(
+        "always[2] a",
+        9,
+        "column 9: expected a unit (s, ms, us, ns), `:` or `,` and the interval's end, found `]`",
+    );
+    check("always[0:3 min] a", 12, "column 12: expected a unit (s, ms, us, ns) or `]`, found `min`");
+    check("always[0:3ms a", 14, "column 14: expected `]` to end the interval, found `a`");
+    let unit = "column 11: expected a unit (s, ms, us, ns) at the interval's end, since its begin has one, found `]`";
+    check("always[0s:] a", 11, &format!("column 11: {BOUND}, found `]`"));
+    check("always[1s:] a".replace(":]", ":3]").as_str(), 12, &unit.replace("11", "12"));
+    let no_interval = "expected an operand; only always, eventually, historically, once, until, release, unless and \
+                       since take an interval, found `[`";
+    check("next[1:2] a", 5, &format!("column 5: {no_interval}"));
+    check("a and[1:2] b", 6, &format!("column 6: {no_interval}"));
+}
+
+#[test]
+fn numbers_and_characters_are_read_or_named() {
+    check("a > 1e", 5, "column 5: expected digits in the exponent, found the number `1e`");
+    check(
+        "a > 1e400",
+        5,
+        "column 5: expected a number within the range of a 64-bit float, found the number `1e400`",
+    );
+    check("a > 2b", 6, "column 6: expected an operator or the end of the formula, found `b`");
+    check("a > 5s", 6, "column 6: expected an operator or the end of the formula, found `s`");
+    check("a b", 3, "column 3: expected an operator or the end of the formula, found `b`");
+    check("~a", 1, "column 1: expected a name, a number or an operator, found the character '~'");
+    check("größe ≥ 1", 7, "column 7: expected a name, a number or an operator, found the character '≥'");
+    check(
+        "a > 0 /* b",
+        7,
+        "column 7: expected `*/` after the comment that begins here, found the end of the formula",
+    );
+    check(
+        "a > 0 and\n  b >",
+        6,
+        "line 2, column 6: expected a signal, a number, `(` or an operator that stands before its operand, found the end of the formula",
+    );
+}
+
+#[test]
+fn statements_before_the_formula_are_told_apart() {
+    let ros = "expected a formula; annotations and imports belong to ROS and are not read here";
+    check("@topic(a, b) a > 0", 1, &format!("column 1: {ros}, found `@`"));
+    check("from m import T a > 0", 1, &format!("column 1: {ros}, found `from`"));
+    check(
+        "a > 0; b > 0",
+        8,
+        "column 8: expected the end; only a last formula goes without `name =`, found `b`",
+    );
+    check("p = a; p = b; p", 8, "column 8: `p` is already defined; expected a new name");
+    check("const float k = a; k", 17, "column 17: expected the constant's value, a number, found `a`");
+    check(
+        "const double k = 1; k",
+        7,
+        "column 7: expected the constant's type: float, int, long, found `double`",
+    );
+    check("input float d", 14, &format!("column 14: {OPERAND}, found the end of the formula"));
+    check("and = a > 0", 1, &format!("column 1: {OPERAND}, found `and`"));
+}
+
+#[track_caller]
+fn check_same(text: &str, other: &str) {
+    let parse = |text: &str| Formula::parse(text).unwrap_or_else(|error| panic!("{text:?}: {error}"));
+    assert_eq!(parse(text), parse(other), "{text:?} against {other:?}");
+}
+
+#[test]
+fn declarations_definitions_and_comments_leave_the_formula() {
+    check_same("out = a > 0;", "a > 0");
+    check_same("specification near input float a output float out out = a > 0", "a > 0");
+    check_same("const float limit = -3.5; a > limit", "a > -3.5");
+    check_same("const int k = 3 always[0:k s] a", "always[0:3s] a");
+    check_same("c = a + b\nd = c > 0\nout = always d", "always(a + b > 0)");
+    check_same("float sum = a + b; sum > 0", "a + b > 0");
+    check_same("a > 0 // up\n and /* both */ b > 0", "a > 0 and b > 0");
+    // Words that only their place makes keywords.
+    check_same("s > 1 and input > ms", "(s > 1) and (input > ms)");
+    check_same("R R R", "R release R");
+    check_same("ln(ln) > 0", "(ln(ln)) > 0");
+    let unused = Formula::parse("p = x > 0; q = a > 0; q").unwrap();
+    assert_eq!(unused.signals(), ["a"]);
+}
+
+#[test]
+fn what_rtamt_refuses_or_misreads_is_read_the_usual_way() {
+    check_same("a != b", "a !== b");
+    check_same("a-1 > 0", "(a) - (1) > 0");
+    check_same("-a * b", "(-a) * b");
+    check_same("x/0 > 1", "(x) / (0) > 1");
+    check_same("always[1:2s] a", "always[1s:2s] a");
+    check_same("TRUE && a || false", "(true and a) or false");
+    check_same("a > 0x1F", "a > 31");
+    check_same("a - -1 > - 2", "a - (-1) > (-2)");
+}
+
+#[test]
+fn a_formula_prints_with_the_parentheses_that_say_how_it_was_read() {
+    let check = |text: &str, printed: &str| assert_eq!(Formula::parse(text).unwrap().to_string(), printed);
+    check("a - b + c > 0", "a - (b + c) > 0");
+    check("a / b * c > 0", "a / (b * c) > 0");
+    check("(a - b) + c > 0", "(a - b) + c > 0");
+    check("a -> b -> c", "a implies b implies c");
+    check("a -> (b -> c)", "a implies (b implies c)");
+    check("G[0,5] F[0ms,3s] a>0 & !b<-1e-9", "always[0:5] eventually[0ms:3s](a > 0) and not(b < -1e-9)");
+    check("((not a)) * 2 until[3:inf] true", "(not a) * 2 until[3:inf] true");
+}
+
+#[test]
+fn a_state_predicate_has_no_temporal_operator() {
+    for text in ["a", "true", "not (a > 0 and abs(b) < 3) iff a == b"] {
+        assert!(Formula::parse(text).unwrap().is_state_predicate(), "{text}");
+    }
+    for text in ["always a", "a > 0 and next b", "rise(a)", "a since b", "prev a > 0"] {
+        assert!(!Formula::parse(text).unwrap().is_state_predicate(), "{text}");
+    }
+}
+
+#[test]
+fn nesting_is_bounded_by_an_error_and_not_by_the_call_stack() {
+    let deep = |levels: usize| format!("{}a{}", "(b and ".repeat(levels), ")".repeat(levels));
+    assert!(Formula::parse(&deep(999)).is_ok());
+    let error = Formula::parse(&deep(100_000)).unwrap_err();
+    assert!(matches!(error, ParseError::TooDeep { limit: 1000, .. }), "{error}");
+    // What needs no further buffer may be as deep as it likes.
+    let names = ["a".to_owned()];
+    let mut trace = Trace::new(names.clone().into());
+    trace.push(&[2.0]);
+    let wrapped = format!("{}a{}", "(not ".repeat(100_000), ")".repeat(100_000));
+    for text in [wrapped, vec!["a > 0"; 100_000].join(" and "), vec!["a"; 100_000].join(" -> ")] {
+        let formula = Formula::parse(&text).unwrap();
+        assert_eq!(Formula::parse(&formula.to_string()).as_ref(), Ok(&formula));
+        let mut monitor = Monitor::new(&formula, &names, Clock::steps(CONTROL_DT)).unwrap();
+        assert_eq!(monitor.robustness(&trace), Ok(2.0));
+    }
+}
+
+#[test]
+fn named_parts_that_double_each_time_are_stopped() {
+    let mut text = "p0 = a > 0;".to_owned();
+    for i in 0..40 {
+        text += &format!("p{} = p{i} and p{i};", i + 1);
+    }
+    let error = Formula::parse(&format!("{text} p40")).unwrap_err();
+    assert!(matches!(error, ParseError::TooLong { .. }), "{error}");
+}
+
+fn trace_of(name: &str, values: &[f64]) -> Trace {
+    let mut trace = Trace::new(Arc::from([name.to_owned()]));
+    values.iter().for_each(|value| trace.push(&[*value]));
+    trace
+}
+
+/// What measuring `text` on the signal `d` with these samples says.
+fn measure(text: &str, d: &[f64]) -> Result<Vec<f64>, MonitorError> {
+    let trace = trace_of("d", d);
+    let mut monitor = Monitor::new(&Formula::parse(text).unwrap(), trace.names(), Clock::steps(0.5))?;
+    monitor.robustness_signal(&trace).map(<[f64]>::to_vec)
+}
+
+#[test]
+fn an_unknown_signal_comes_with_the_known_ones_and_the_nearest() {
+    let known = ["cube_height".to_owned(), "cube_speed".to_owned()];
+    let formula = Formula::parse("always(cube_hight > 0)").unwrap();
+    let error = Monitor::new(&formula, &known, Clock::steps(CONTROL_DT)).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "signal `cube_hight` is not in the trace, which holds: cube_height, cube_speed"
+    );
+    assert!(
+        matches!(error, MonitorError::UnknownSignal { nearest: Some(name), .. } if name == "cube_height")
+    );
+    let error = Monitor::new(&formula, &[], Clock::steps(CONTROL_DT)).unwrap_err();
+    assert_eq!(error.to_string(), "signal `cube_hight` is not in the trace, which holds: no signals");
+}
+
+#[test]
+fn a_bound_between_two_samples_comes_with_both_numbers() {
+    let check = |text: &str, clock: Clock, message: &str| {
+        let error = Monitor::new(&Formula::parse(text).unwrap(), &["d".to_owned()], clock).unwrap_err();
+        assert_eq!(error.to_string(), message, "{text}");
+    };
+    let control = Clock::steps(CONTROL_DT);
+    let steps = "must be a whole number of steps of 0.016666666666666666 s";
+    check("always[0:0.01s] d", control, &format!("bound 0.01 s of `always` {steps}; it is 0.6 of them"));
+    check("d until[0:0.5] d", control, &format!("bound 0.5 (steps) of `until` {steps}; it is 0.5 of them"));
+    let rtamt = Clock::rtamt(0.1, Unit::Seconds);
+    check(
+        "once[0:0.25] d",
+        rtamt,
+        "bound 0.25 s of `once` must be a whole number of steps of 0.1 s; it is 2.5 of them",
+    );
+    for period in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        check(
+            "d",
+            Clock::steps(period),
+            &format!("the sampling period must be positive and finite, in seconds; it is {period}"),
+        );
+    }
+}
+
+#[test]
+fn samples_that_are_no_numbers_are_named_with_their_time() {
+    let message = |d: &[f64]| measure("d > 0", d).unwrap_err().to_string();
+    assert_eq!(
+        message(&[0.0, f64::NAN]),
+        "signal `d` is NaN at step 1 (t = 0.5 s); every sample must be finite"
+    );
+    let infinite = [0.0, 0.0, f64::NEG_INFINITY];
+    assert_eq!(message(&infinite), "signal `d` is -inf at step 2 (t = 1 s); every sample must be finite");
+    assert_eq!(message(&[]), "the trace is empty; robustness needs at least one sample");
+    // A signal that the formula does not read is not its business.
+    let names: Arc<[String]> = ["d", "e"].map(String::from).into();
+    let mut trace = Trace::new(Arc::clone(&names));
+    trace.push(&[1.0, f64::NAN]);
+    let mut monitor = Monitor::new(&Formula::parse("d").unwrap(), &names, Clock::steps(1.0)).unwrap();
+    assert_eq!(monitor.robustness(&trace), Ok(1.0));
+}
+
+#[test]
+fn arithmetic_without_a_value_is_named_with_its_operands() {
+    let message = |text: &str| measure(text, &[1.0, 0.0]).unwrap_err().to_string();
+    assert_eq!(message("2 / d > 0"), "`2 / 0` has no finite value at step 1 (t = 0.5 s)");
+    assert_eq!(message("sqrt(d - 1) > 0"), "`sqrt(-1)` has no finite value at step 1 (t = 0.5 s)");
+    assert_eq!(message("ln(d) > 0"), "`ln(0)` has no finite value at step 1 (t = 0.5 s)");
+    assert_eq!(message("pow(d, -1) > 0"), "`pow(0, -1)` has no finite value at step 1 (t = 0.5 s)");
+    assert_eq!(message("exp(1000 * d) > 0"), "`exp(1000)` has no finite value at step 0 (t = 0 s)");
+    // Infinities that cut windows give are values; what has no value with them is an error as well.
+    assert_eq!(measure("1 + (always[5:6] d) > 0", &[1.0]), Ok(vec![f64::INFINITY]));
+    assert!(measure("(always[5:6] d) * 0 > 0", &[1.0]).is_err());
+    // The value at time 0 does not depend on the second sample.
+    let trace = trace_of("d", &[1.0, 0.0]);
+    let mut monitor =
+        Monitor::new(&Formula::parse("2 / d > 0").unwrap(), trace.names(), Clock::steps(1.0)).unwrap();
+    assert_eq!(monitor.robustness(&trace), Ok(2.0));
+}
+
+#[test]
+fn a_trace_of_other_signals_is_refused() {
+    let mut monitor =
+        Monitor::new(&Formula::parse("d > 0").unwrap(), &["d".to_owned()], Clock::steps(1.0)).unwrap();
+    assert_eq!(monitor.robustness(&trace_of("d", &[1.0])), Ok(1.0));
+    let error = monitor.robustness(&trace_of("e", &[1.0])).unwrap_err();
+    assert_eq!(error.to_string(), "the monitor was made for `d` as signal 0 of the trace, which holds: e");
+    assert_eq!(monitor.robustness(&trace_of("d", &[3.0])), Ok(3.0));
+}
+
+#[test]
+#[should_panic(expected = "one value per signal")]
+fn a_sample_of_the_wrong_width_is_a_fault_of_the_caller() {
+    Trace::new(Arc::from(["d".to_owned()])).push(&[1.0, 2.0]);
+}

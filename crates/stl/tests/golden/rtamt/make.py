@@ -1,0 +1,265 @@
+"""Runs RTAMT over seeded formulas and traces and writes what it gives to values.json and trees.json beside this file.
+
+values.json: formulas, traces and the robustness at every sample, for its discrete-time offline monitor.
+trees.json: formulas without redundant parentheses, and the tree that RTAMT reads each as, fully in parentheses.
+Neither holds what RTAMT refuses or gets wrong: bounded operators on a bare variable (it appends to the caller's list),
+traces of one sample, `unless` without an interval, NaN from the difference of two infinities. Its parser refuses
+`a - 1` until it has read a few formulas and accepts it from then on, so the order of the formulas matters.
+"""
+
+import copy
+import json
+import logging
+import math
+import pathlib
+import random
+
+import rtamt
+
+HERE = pathlib.Path(__file__).resolve().parent
+SIGNALS = ["a", "b", "c"]
+# Name, spellings and binding power of each operator, and the calls that take operands in parentheses.
+INFIX = {
+    "*": (["*"], 26), "/": (["/"], 25), "+": (["+"], 24), "-": (["-"], 23),
+    "<=": (["<="], 22), ">=": ([">="], 22), "<": (["<"], 22), ">": ([">"], 22), "==": (["=="], 22), "!==": (["!=="], 22),
+    "until": (["until", "U"], 12), "unless": (["unless", "W"], 11), "since": (["since", "S"], 10),
+    "and": (["and", "&"], 9), "or": (["or", "|"], 8), "implies": (["implies", "->"], 7), "iff": (["iff", "<->"], 6),
+    "xor": (["xor"], 5),
+}
+PREFIX = {
+    "not": (["not", "!"], 21), "always": (["always", "G"], 20), "eventually": (["eventually", "F"], 19),
+    "historically": (["historically", "H"], 18), "once": (["once", "O"], 17), "prev": (["prev", "Y"], 16),
+    "next": (["next", "X"], 15), "s_prev": (["s_prev", "sY"], 14), "s_next": (["s_next", "sX"], 13),
+}
+TIMED = ["always", "eventually", "historically", "once", "until", "unless", "since"]
+COMPARISONS = ["<=", ">=", "<", ">", "==", "!=="]
+LOGIC = ["and", "or", "implies", "iff", "xor"]
+FACTORS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+
+
+def number(rng):
+    value = rng.randrange(-16, 17) / 4
+    return rng.choice([str(value), f"{value:.3e}", str(int(value))])
+
+
+def arithmetic(rng, depth):
+    """A tree over signals and numbers: text, or a list of operator, interval and operands."""
+    kind = rng.randrange(8) if depth else rng.randrange(2)
+    if kind == 0:
+        return number(rng)
+    if kind < 3:
+        return rng.choice(SIGNALS)
+    sub = lambda: arithmetic(rng, depth - 1)
+    if kind < 6:
+        return [rng.choice(["+", "-", "*"]), "", sub(), sub()]
+    return rng.choice([
+        ["/", "", sub(), ["+", "", ["abs", "", sub()], "1"]],
+        ["sqrt", "", ["abs", "", sub()]],
+        ["exp", "", ["/", "", sub(), "10"]],
+        ["pow", "", sub(), rng.choice(["2", "3"])],
+        ["abs", "", sub()],
+    ])
+
+
+def interval(rng, clock, samples):
+    """An interval as text: inside the trace, a point, across its end or beyond; bare bounds or bounds with units."""
+    shape = rng.randrange(6)
+    begin = rng.randrange(samples)
+    if shape == 0:
+        begin, end = 0, rng.randrange(samples)
+    elif shape == 1:
+        end = begin
+    elif shape == 2:
+        end = begin + samples
+    elif shape == 3:
+        begin, end = samples, samples + rng.randrange(samples)
+    elif shape == 4:
+        begin, end = 0, 0
+    else:
+        end = begin + rng.randrange(4)
+    units = rng.choice([("", ""), ("", ""), ("", clock["bound_unit"]), ("ms", "ms"), ("us", "ms"), ("ns", "us")])
+    bounds = []
+    for steps, unit in zip((begin, end), units):
+        reference = unit or (units[1] or clock["unit"])
+        value = steps * clock["period_ns"] / FACTORS[reference]
+        bounds.append((f"{value:g}" if value != int(value) else str(int(value))) + rng.choice(["", " "]) * bool(unit) + unit)
+    return "[" + bounds[0] + rng.choice([":", ",", ", ", " : "]) + bounds[1] + "]"
+
+
+def formula(rng, depth, clock, samples, untimed=False):
+    sub = lambda: formula(rng, depth - 1, clock, samples)
+    if depth == 0:
+        if rng.randrange(8) == 0:
+            return ["+", "", rng.choice(SIGNALS), "0"]
+        return [rng.choice(COMPARISONS), "", arithmetic(rng, 2), arithmetic(rng, 1)]
+    kind = rng.randrange(10)
+    if kind < 2:
+        return [rng.choice(LOGIC), "", sub(), sub()]
+    if kind == 2:
+        return [rng.choice(["not", "not", "next", "prev", "s_next", "s_prev"]), "", sub()]
+    if kind == 3:
+        return [rng.choice(["rise", "fall"]), "", sub()]
+    if kind == 4:
+        return [rng.choice(COMPARISONS), "", sub(), sub()]
+    name = rng.choice(TIMED)
+    window = interval(rng, clock, samples) if rng.randrange(4) or name == "unless" else ""
+    return [name, window, sub()] if name in PREFIX else [name, window, sub(), sub()]
+
+
+def write(rng, tree, parent=0, right=False):
+    """The tree as text, in parentheses where it needs them and sometimes where it does not."""
+    if isinstance(tree, str):
+        return tree if not tree.startswith("-") or rng.randrange(2) else tree.replace("-", "- ", 1)
+    name, window, *operands = tree
+    if name in INFIX:
+        spellings, power = INFIX[name]
+        left = write(rng, operands[0], power)
+        text = f"{left} {rng.choice(spellings)}{window} {write(rng, operands[1], power, True)}"
+        needed = power < parent or (right and power == parent)
+    elif name in PREFIX:
+        spellings, power = PREFIX[name]
+        operand = write(rng, operands[0], power)
+        text = f"{rng.choice(spellings)}{window} {operand}"
+        needed = parent > 0
+    else:
+        return f"{name}({', '.join(write(rng, operand) for operand in operands)})"
+    return f"({text})" if needed or rng.randrange(10) == 0 else text
+
+
+def specification(text, clock):
+    spec = rtamt.StlDiscreteTimeOfflineSpecification()
+    for name in SIGNALS:
+        spec.declare_var(name, "float")
+    spec.ast.unit = clock["unit"]
+    spec.set_sampling_period(clock["period"], clock["period_unit"], 0.1)
+    spec.spec = text
+    spec.parse()
+    assert len(spec.ast.specs) == 1, text
+    return spec
+
+
+def evaluate(text, clock, columns):
+    """The robustness at every sample, or None where RTAMT refuses or computes a NaN on the way."""
+    try:
+        spec = specification(text, clock)
+        samples = len(columns[0])
+        dataset = dict(zip(SIGNALS, copy.deepcopy(columns)), time=list(range(samples)))
+        values = [value for _, value in spec.evaluate(dataset)]
+    except (rtamt.RTAMTException, AssertionError, ArithmeticError, ValueError):
+        return None
+    results = (value for key, signal in spec.ast.offline_results.items() if key != "time" for value in signal)
+    if any(math.isnan(value) for value in results):
+        return None
+    # It must not have changed the lists it was given, or later operands were read from the wrong ones.
+    assert all(dataset[name] == column for name, column in zip(SIGNALS, columns)), text
+    assert len(values) == samples, text
+    return values
+
+
+def as_text(values):
+    """Numbers that read back exactly, infinities too, whatever the JSON parser."""
+    return " ".join(str(value) for value in values)
+
+
+CLOCKS = [
+    {"period": 1, "period_unit": "s", "unit": "s", "bound_unit": "s"},
+    {"period": 0.1, "period_unit": "s", "unit": "s", "bound_unit": "ms"},
+    {"period": 20, "period_unit": "ms", "unit": "ms", "bound_unit": "s"},
+]
+for clock in CLOCKS:
+    clock["period_ns"] = round(clock["period"] * FACTORS[clock["period_unit"]])
+
+
+# Windows that hold many samples of a longer trace, and the specifications that the paper falsifies with.
+LONG = [
+    f"{name}{window} (b > 0.5)" if name in PREFIX else f"(a > -4.5) {name}{window} (b > 4)"
+    for name in TIMED for window in ["[0:30]", "[3:66]", "[10:110]", "[100:170]"]
+] + [
+    "always[50:300](a <= 0.12)",
+    "eventually[0:300](a <= 0.024 and b > 0)",
+    "eventually[0:90](always[0:30](a <= 4 and b >= -4.5 and c <= 4.5))",
+    "always[0:100]((a > -4) until[0:50] (b > 0))",
+]
+
+
+def make_long():
+    rng = random.Random(20240603)
+    for text in LONG:
+        columns = [[rng.randrange(-40, 41) / 8 for _ in range(150)] for _ in SIGNALS]
+        yield case(text, CLOCKS[0], columns, evaluate(text, CLOCKS[0], columns))
+
+
+def case(text, clock, columns, values):
+    return {
+        "formula": text,
+        "period_secs": clock["period_ns"] / 1e9,
+        "unit": clock["unit"],
+        "trace": [as_text(column) for column in columns],
+        "robustness": as_text(values),
+    }
+
+
+def make_values():
+    rng = random.Random(20240601)
+    cases = []
+    reached = set()
+    while len(cases) < 500:
+        clock = CLOCKS[len(cases) % 3]
+        samples = rng.choice([2, 3, 5, 8, 8, 12, 12, 20])
+        text = write(rng, formula(rng, rng.choice([0, 1, 1, 2, 2, 3]), clock, samples))
+        if len(text) > 400:
+            continue
+        columns = [[rng.randrange(-40, 41) / 8 for _ in range(samples)] for _ in SIGNALS]
+        values = evaluate(text, clock, columns)
+        if values is None:
+            continue
+        reached |= {word for name, (words, _) in (INFIX | PREFIX).items() for word in words if f"{word} " in text or f"{word}[" in text}
+        reached |= {name for name in ["abs", "sqrt", "exp", "pow", "rise", "fall"] if f"{name}(" in text}
+        cases.append(case(text, clock, columns, values))
+    wanted = {word for words, _ in (INFIX | PREFIX).values() for word in words} | {"abs", "sqrt", "exp", "pow", "rise", "fall"}
+    assert wanted <= reached, wanted - reached
+    return cases
+
+
+def make_trees():
+    """Random infix and prefix operators over names, with few parentheses; `unless` is left out, which RTAMT expands."""
+    rng = random.Random(20240602)
+    infix = [word for name, (words, _) in INFIX.items() if name != "unless" for word in words]
+    prefix = [word for words, _ in PREFIX.values() for word in words]
+
+    def operand(depth):
+        kind = rng.randrange(10)
+        if kind < 2 and depth:
+            return f"({expression(depth - 1)})"
+        if kind < 5:
+            return f"{rng.choice(prefix)} {operand(depth)}"
+        if kind == 5:
+            return f"{rng.choice(['rise', 'fall', 'abs', 'sqrt', 'exp'])}({expression(depth - 1) if depth else 'a'})"
+        return rng.choice(["a", "b", "c", "2", "1.5e-3"])
+
+    def expression(depth):
+        text = operand(depth)
+        for _ in range(rng.choice([0, 1, 1, 2, 3])):
+            text += f" {rng.choice(infix)} {operand(depth)}"
+        return text
+
+    pairs = {}
+    while len(pairs) < 500:
+        text = expression(2)
+        if 3 <= len(text) <= 160 and text not in pairs:
+            try:
+                pairs[text] = specification(text, CLOCKS[0]).ast.specs[0].name
+            except (rtamt.RTAMTException, AssertionError):
+                continue
+    return list(pairs.items())
+
+
+def save(name, rows):
+    lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)
+    (HERE / name).write_text(f"[\n{lines}\n]\n")
+
+
+if __name__ == "__main__":
+    logging.disable(logging.WARNING)
+    save("values.json", make_values() + list(make_long()))
+    save("trees.json", make_trees())

@@ -1,0 +1,398 @@
+//! What must hold for every formula and trace, tried on random ones.
+#![allow(clippy::unwrap_used)] // the setting for tests does not reach the helpers of test files
+
+mod naive;
+
+use mishandle_stl::{Clock, Formula, Monitor, Trace};
+use naive::{Interval, NAMES, Random, TIMED_ONE, TIMED_TWO, Tree};
+use std::sync::Arc;
+
+fn names() -> Arc<[String]> {
+    NAMES.map(String::from).into()
+}
+
+fn trace_of(columns: &[Vec<f64>]) -> Trace {
+    let mut trace = Trace::with_capacity(names(), columns[0].len());
+    for step in 0..columns[0].len() {
+        let sample: Vec<f64> = columns.iter().map(|column| column[step]).collect();
+        trace.push(&sample);
+    }
+    trace
+}
+
+fn random_columns(random: &mut Random, n: usize) -> Vec<Vec<f64>> {
+    NAMES.map(|_| random.column(n)).to_vec()
+}
+
+fn monitor(text: &str) -> Monitor {
+    let formula = Formula::parse(text).unwrap_or_else(|error| panic!("{text}: {error}"));
+    Monitor::new(&formula, &names(), Clock::steps(1.0 / 60.0)).unwrap()
+}
+
+/// Robustness at every sample of the trace with these columns.
+fn robustness(text: &str, columns: &[Vec<f64>]) -> Vec<f64> {
+    monitor(text).robustness_signal(&trace_of(columns)).unwrap().to_vec()
+}
+
+#[track_caller]
+fn check_equal(one: &str, other: &str, columns: &[Vec<f64>]) {
+    let (a, b) = (robustness(one, columns), robustness(other, columns));
+    assert_eq!(a, b, "{one} against {other} on {columns:?}");
+}
+
+#[test]
+fn robustness_is_what_the_definitions_say() {
+    let mut random = Random(1);
+    for case in 0..20_000 {
+        let n = 1 + random.below(if case % 10 == 0 { 90 } else { 14 });
+        let size = random.below(6);
+        let tree = Tree::random(&mut random, size, n);
+        let text = tree.write(&mut random);
+        let columns = random_columns(&mut random, n);
+        assert_eq!(robustness(&text, &columns), tree.evaluate(&columns), "{text} on {columns:?}");
+    }
+}
+
+#[test]
+fn windows_of_all_lengths_on_long_traces_are_what_the_definitions_say() {
+    let mut random = Random(2);
+    let lengths = [1, 2, 3, 4, 5, 7, 8, 15, 16, 17, 31, 64, 127, 250, 500, 1023, 1024, 1025, 1500, 3000];
+    for name in TIMED_ONE.into_iter().chain(TIMED_TWO) {
+        for length in lengths {
+            let n = random.pick(&[1, 64, 65, 250, 301, 1024, 1088, 1500, 2100]);
+            let begin = random.pick(&[0, 0, 1, 7, 300]);
+            let window = Some((begin, begin + length - 1));
+            let tree = match TIMED_ONE.contains(&name) {
+                true => Tree::One(name, window, Box::new(Tree::Signal(0))),
+                false => Tree::Two(name, window, Box::new(Tree::Signal(0)), Box::new(Tree::Signal(1))),
+            };
+            // Left operands that fall rarely and right ones that rise rarely, so that far samples count too.
+            let mut columns = random_columns(&mut random, n);
+            for (step, value) in columns[0].iter_mut().enumerate() {
+                *value = 20.0 - (step as f64 / 40.0) + if step % 97 == 5 { *value } else { 0.0 };
+            }
+            for (step, value) in columns[1].iter_mut().enumerate() {
+                *value = if step % 89 == 3 { *value } else { -30.0 } + step as f64 / 100.0;
+            }
+            let text = tree.write(&mut random);
+            assert_eq!(robustness(&text, &columns), tree.evaluate(&columns), "{text} on {n} samples");
+        }
+    }
+}
+
+/// A random interval as text, and the same one sample longer at its end.
+fn intervals(random: &mut Random) -> (String, String) {
+    let (begin, length) = (random.below(5), random.below(12));
+    (format!("[{begin}:{}]", begin + length), format!("[{begin}:{}]", begin + length + 1))
+}
+
+#[test]
+fn operators_have_their_duals() {
+    let mut random = Random(3);
+    for _ in 0..500 {
+        let n = 1 + random.below(20);
+        let columns = random_columns(&mut random, n);
+        let p = Tree::random(&mut random, 2, n).write(&mut random);
+        let q = Tree::random(&mut random, 2, n).write(&mut random);
+        let (bounded, _) = intervals(&mut random);
+        for w in [bounded.as_str(), ""] {
+            check_equal(&format!("not always{w} ({p})"), &format!("eventually{w} not ({p})"), &columns);
+            check_equal(&format!("not historically{w} ({p})"), &format!("once{w} not ({p})"), &columns);
+            let until = format!("not ((not ({p})) until{w} (not ({q})))");
+            check_equal(&format!("({p}) release{w} ({q})"), &until, &columns);
+        }
+        check_equal(&format!("fall({p})"), &format!("rise(not ({p}))"), &columns);
+        check_equal(&format!("not next ({p})"), &format!("s_next not ({p})"), &columns);
+        check_equal(&format!("not (({p}) and ({q}))"), &format!("not ({p}) or not ({q})"), &columns);
+        check_equal(&format!("({p}) implies ({q})"), &format!("not ({p}) or ({q})"), &columns);
+        check_equal(&format!("({p}) xor ({q})"), &format!("not (({p}) iff ({q}))"), &columns);
+        check_equal(
+            &format!("({p}) unless ({q})"),
+            &format!("always ({p}) or (({p}) until ({q}))"),
+            &columns,
+        );
+        check_equal(&format!("eventually{bounded} ({p})"), &format!("true until{bounded} ({p})"), &columns);
+        check_equal(&format!("once{bounded} ({p})"), &format!("true since{bounded} ({p})"), &columns);
+    }
+}
+
+#[test]
+fn the_past_is_the_future_of_the_trace_reversed() {
+    let mut random = Random(4);
+    let reversed = |columns: &[Vec<f64>]| -> Vec<Vec<f64>> {
+        columns.iter().map(|column| column.iter().rev().copied().collect()).collect()
+    };
+    for _ in 0..500 {
+        let n = 1 + random.below(30);
+        let columns = random_columns(&mut random, n);
+        let (w, _) = intervals(&mut random);
+        let pairs = [
+            (format!("historically{w} a"), format!("always{w} a")),
+            (format!("once{w} a"), format!("eventually{w} a")),
+            (format!("a since{w} b"), format!("a until{w} b")),
+            ("a since b".to_owned(), "a until b".to_owned()),
+            ("prev a".to_owned(), "next a".to_owned()),
+        ];
+        for (past, future) in pairs {
+            let mut expected = robustness(&future, &reversed(&columns));
+            expected.reverse();
+            assert_eq!(robustness(&past, &columns), expected, "{past} on {columns:?}");
+        }
+    }
+}
+
+#[test]
+fn a_longer_window_never_helps_always_and_never_hurts_eventually_and_until() {
+    let mut random = Random(5);
+    for _ in 0..1000 {
+        let n = 1 + random.below(30);
+        let columns = random_columns(&mut random, n);
+        let (shorter, longer) = intervals(&mut random);
+        let grows = [("eventually", ""), ("once", ""), ("a until", " b"), ("a since", " b")];
+        let shrinks = [("always", ""), ("historically", ""), ("a release", " b")];
+        for (operator, operand) in grows.into_iter().chain(shrinks) {
+            let operand = if operand.is_empty() { " a" } else { operand };
+            let short = robustness(&format!("{operator}{shorter}{operand}"), &columns);
+            let long = robustness(&format!("{operator}{longer}{operand}"), &columns);
+            let is_ordered =
+                |(short, long): (&f64, &f64)| match grows.iter().any(|(name, _)| *name == operator) {
+                    true => short <= long,
+                    false => short >= long,
+                };
+            assert!(
+                short.iter().zip(&long).all(is_ordered),
+                "{operator}{shorter} and {longer} on {columns:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_trace_that_is_better_everywhere_is_at_least_as_robust() {
+    let mut random = Random(6);
+    let formulas = [
+        "always[1:4] a",
+        "a until[2:5] b",
+        "b since[0:3] a",
+        "a release[1:3] b",
+        "a unless[1:6] b",
+        "once a",
+    ];
+    for _ in 0..500 {
+        let n = 1 + random.below(20);
+        let columns = random_columns(&mut random, n);
+        let mut better = columns.clone();
+        better.iter_mut().flatten().for_each(|value| *value += random.below(3) as f64);
+        for formula in formulas {
+            let (low, high) = (robustness(formula, &columns), robustness(formula, &better));
+            assert!(
+                low.iter().zip(&high).all(|(low, high)| low <= high),
+                "{formula} on {columns:?}, {better:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_formula_about_the_future_forgets_what_came_before() {
+    let mut random = Random(7);
+    let is_past =
+        |name: &str| ["historically", "once", "since", "prev", "s_prev", "rise", "fall"].contains(&name);
+    fn any(tree: &Tree, test: &dyn Fn(&str) -> bool) -> bool {
+        match tree {
+            Tree::Number(_) | Tree::Signal(_) => false,
+            Tree::One(name, _, x) => test(name) || any(x, test),
+            Tree::Two(name, _, x, y) => test(name) || any(x, test) || any(y, test),
+        }
+    }
+    let mut tried = 0;
+    while tried < 500 {
+        let n = 2 + random.below(20);
+        let tree = Tree::random(&mut random, 3, n);
+        if any(&tree, &is_past) {
+            continue;
+        }
+        tried += 1;
+        let text = tree.write(&mut random);
+        let columns = random_columns(&mut random, n);
+        let cut = 1 + random.below(n - 1);
+        let later: Vec<Vec<f64>> = columns.iter().map(|column| column[cut..].to_vec()).collect();
+        assert_eq!(robustness(&text, &columns)[cut..], robustness(&text, &later), "{text} on {columns:?}");
+    }
+}
+
+#[test]
+fn samples_past_the_horizon_change_nothing() {
+    let mut random = Random(8);
+    let mut bounded = 0;
+    for _ in 0..5000 {
+        let n = 1 + random.below(12);
+        let tree = Tree::random(&mut random, 3, 4);
+        let text = tree.write(&mut random);
+        let mut monitor = monitor(&text);
+        let columns = random_columns(&mut random, n);
+        let trace = trace_of(&columns);
+        let signal = monitor.robustness_signal(&trace).unwrap().to_vec();
+        assert_eq!(monitor.robustness(&trace), Ok(signal[0]), "{text}");
+
+        let Some(horizon) = monitor.horizon() else { continue };
+        bounded += 1;
+        let mut longer = columns.clone();
+        for column in &mut longer {
+            column.extend(random.column(1 + horizon.min(20)));
+        }
+        let more = monitor.robustness_signal(&trace_of(&longer)).unwrap();
+        let settled = n.saturating_sub(horizon);
+        assert_eq!(signal[..settled], more[..settled], "{text} with horizon {horizon} on {longer:?}");
+    }
+    assert!(bounded > 1000);
+}
+
+#[test]
+fn the_horizon_is_the_furthest_sample_that_counts() {
+    let cases = [
+        ("a > 0", Some(0)),
+        ("always[0:30](a > 0)", Some(30)),
+        ("eventually[0:270](always[0:30](a > 0))", Some(300)),
+        ("always a", None),
+        ("always[3:inf] a", None),
+        ("a until[0:5] b", Some(5)),
+        ("(next a) until[0:0] b", Some(0)),
+        ("(always[0:9] a) until[0:5] b", Some(13)), // the left operand is needed up to the fourth sample
+        ("(always[0:9] a) unless[0:5] b", Some(14)),
+        ("once[3:4](next next a)", Some(0)),
+        ("once[1:4](always[0:5] a)", Some(4)),
+        ("historically a since b", Some(0)),
+        ("next s_next prev rise(a)", Some(2)), // whether there is a second sample ahead counts
+        ("1 > 0", Some(0)),
+    ];
+    for (text, expected) in cases {
+        assert_eq!(monitor(text).horizon(), expected, "{text}");
+    }
+}
+
+#[test]
+fn a_printed_formula_reads_back_as_itself() {
+    let mut random = Random(9);
+    for _ in 0..20_000 {
+        let size = random.below(9);
+        let text = Tree::random(&mut random, size, 10).write(&mut random);
+        let formula = Formula::parse(&text).unwrap();
+        let printed = formula.to_string();
+        assert_eq!(Formula::parse(&printed).as_ref(), Ok(&formula), "{text} printed as {printed}");
+        assert!(printed.matches('(').count() <= text.matches('(').count(), "{text} printed as {printed}");
+    }
+}
+
+/// Token soup: what reads at all must print as something that reads the same.
+#[test]
+fn whatever_reads_prints_and_reads_back() {
+    let mut random = Random(10);
+    let tokens = [
+        "a",
+        "b",
+        "1",
+        "-",
+        "-",
+        "+",
+        "*",
+        "/",
+        "(",
+        ")",
+        "not ",
+        "always ",
+        "G[1:2]",
+        "until",
+        " U[0:3s] ",
+        ">",
+        "==",
+        " and ",
+        " or ",
+        "->",
+        "<->",
+        " xor ",
+        "next ",
+        "rise(",
+        "abs(",
+        "pow(",
+        ",",
+        " since ",
+        " unless ",
+        " R ",
+        "true",
+    ];
+    let mut read = 0;
+    for _ in 0..400_000 {
+        let text: String = (0..1 + random.below(9)).map(|_| random.pick(&tokens)).collect();
+        let Ok(formula) = Formula::parse(&text) else { continue };
+        read += 1;
+        let printed = formula.to_string();
+        assert_eq!(Formula::parse(&printed).as_ref(), Ok(&formula), "{text} printed as {printed}");
+    }
+    assert!(read > 5000, "{read}");
+}
+
+#[test]
+fn no_text_makes_the_reader_panic() {
+    let mut random = Random(13);
+    let pieces = [
+        "a", "é", "≤", "\u{301}", "0x", "0b", "1", "_", ".", "e", "+", "-", "/", "/*", "*/", "//", "\n", " ",
+        "(", ")", "[", "]", ":", ",", ";", "=", "<", ">", "!", "&", "|", "@", "s", "inf", "const ", "float ",
+        "input ", "G", "U", "pow(", "ln",
+    ];
+    for _ in 0..200_000 {
+        let text: String = (0..1 + random.below(12)).map(|_| random.pick(&pieces)).collect();
+        if let Err(error) = Formula::parse(&text) {
+            let line = text.split('\n').nth(error.position().line - 1).unwrap();
+            assert!((1..=line.chars().count() + 1).contains(&error.column()), "{text:?}: {error}");
+        }
+    }
+}
+
+#[test]
+fn no_value_is_nan() {
+    let mut random = Random(11);
+    for _ in 0..3000 {
+        let n = 1 + random.below(8);
+        let text = Tree::random(&mut random, 6, n).write(&mut random);
+        let values = robustness(&text, &random_columns(&mut random, n));
+        assert!(values.iter().all(|value| !value.is_nan()), "{text}: {values:?}");
+    }
+}
+
+#[test]
+fn huge_and_empty_windows_have_their_values() {
+    let columns = [vec![1.0, -2.0, 3.0], vec![0.0, 5.0, -1.0], vec![0.0; 3]];
+    let check = |text: &str, expected: [f64; 3]| assert_eq!(robustness(text, &columns), expected, "{text}");
+    const INF: f64 = f64::INFINITY;
+    check("always[0:1000000000000000000] a", [-2.0, -2.0, 3.0]);
+    check("always[0:1e300] a", [-2.0, -2.0, 3.0]);
+    check("once[0:18446744073709551615] a", [1.0, 1.0, 3.0]);
+    check("a until[0:9e18] b", [1.0, 5.0, -1.0]);
+    check("a since[0:9e18] b", [0.0, 5.0, 3.0]);
+    check("always[5:9] a", [INF; 3]);
+    check("eventually[5:9] a", [-INF; 3]);
+    check("a until[5:9] b", [-INF; 3]);
+    check("a release[5:9] b", [INF; 3]);
+    check("a since[5:9] b", [-INF; 3]);
+    check("(always[5:9] a) iff (always[5:9] b)", [0.0; 3]);
+    check("(always[5:9] a) xor (eventually[5:9] b)", [INF; 3]);
+    check("true and 1 > 0", [1.0; 3]);
+    check("always 1 > 0", [1.0; 3]);
+}
+
+#[test]
+fn a_monitor_may_meet_traces_of_any_length_in_any_order() {
+    let mut random = Random(12);
+    let window: Interval = Some((1, 70));
+    let tree = Tree::Two("until", window, Box::new(Tree::Signal(0)), Box::new(Tree::Signal(1)));
+    let mut monitor = monitor(&tree.write(&mut random));
+    for n in [1, 200, 3, 71, 72, 500, 1] {
+        let columns = random_columns(&mut random, n);
+        assert_eq!(
+            monitor.robustness_signal(&trace_of(&columns)).unwrap(),
+            tree.evaluate(&columns),
+            "{n} samples"
+        );
+    }
+}

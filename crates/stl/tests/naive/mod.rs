@@ -1,0 +1,265 @@
+//! An evaluator straight from the definitions, in quadratic time, and random formulas to try it on. It shares nothing
+//! with the crate: formulas are trees of its own that it writes as text in any of the allowed spellings.
+
+/// SplitMix64.
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// A whole number below `n`.
+    pub fn below(&mut self, n: usize) -> usize {
+        (self.next() % n as u64) as usize
+    }
+
+    pub fn pick<T: Copy>(&mut self, from: &[T]) -> T {
+        from[self.below(from.len())]
+    }
+
+    /// A multiple of 1/4 in [-5, 5], so that equal values are common.
+    pub fn value(&mut self) -> f64 {
+        self.below(41) as f64 / 4.0 - 5.0
+    }
+
+    pub fn column(&mut self, n: usize) -> Vec<f64> {
+        (0..n).map(|_| self.value()).collect()
+    }
+}
+
+/// A window in samples; no end means to the end (or begin) of the trace.
+pub type Interval = Option<(usize, usize)>;
+
+#[derive(Clone, Debug)]
+pub enum Tree {
+    Number(f64),
+    Signal(usize),
+    One(&'static str, Interval, Box<Tree>),
+    Two(&'static str, Interval, Box<Tree>, Box<Tree>),
+}
+
+pub const NAMES: [&str; 3] = ["a", "b", "c_1"];
+
+const ARITHMETIC_ONE: [&str; 2] = ["abs", "-"];
+const ARITHMETIC_TWO: [&str; 3] = ["+", "-", "*"];
+const COMPARISONS: [&str; 6] = ["<=", ">=", "<", ">", "==", "!=="];
+pub const ONE: [&str; 7] = ["not", "next", "prev", "s_next", "s_prev", "rise", "fall"];
+pub const TWO: [&str; 5] = ["and", "or", "implies", "iff", "xor"];
+pub const TIMED_ONE: [&str; 4] = ["always", "eventually", "historically", "once"];
+pub const TIMED_TWO: [&str; 4] = ["until", "release", "unless", "since"];
+
+/// Other spellings of an operator, its own name among them.
+fn spellings(name: &'static str) -> &'static [&'static str] {
+    match name {
+        "not" => &["not ", "!"],
+        "and" => &["and", "&"],
+        "or" => &["or", "|"],
+        "implies" => &["implies", "->"],
+        "iff" => &["iff", "<->"],
+        "always" => &["always", "G"],
+        "eventually" => &["eventually", "F"],
+        "historically" => &["historically", "H"],
+        "once" => &["once", "O"],
+        "next" => &["next ", "X "],
+        "prev" => &["prev ", "Y "],
+        "s_next" => &["s_next ", "sX "],
+        "s_prev" => &["s_prev ", "sY "],
+        "until" => &["until", "U"],
+        "unless" => &["unless", "W"],
+        "release" => &["release", "R"],
+        "since" => &["since", "S"],
+        "!==" => &["!==", "!="],
+        _ => std::slice::from_ref(match name {
+            "rise" => &"rise",
+            "fall" => &"fall",
+            "abs" => &"abs",
+            "<=" => &"<=",
+            ">=" => &">=",
+            "<" => &"<",
+            ">" => &">",
+            "==" => &"==",
+            "xor" => &"xor",
+            "+" => &"+",
+            "-" => &"-",
+            "*" => &"*",
+            _ => unreachable!("{name}"),
+        }),
+    }
+}
+
+impl Tree {
+    /// A random formula of about `size` operators for traces of about `n` samples.
+    pub fn random(random: &mut Random, size: usize, n: usize) -> Tree {
+        if size == 0 {
+            return match random.below(8) {
+                0 => Tree::Signal(random.below(NAMES.len())),
+                1 => Tree::Number(random.pick(&[f64::INFINITY, f64::NEG_INFINITY, 1.5])),
+                _ => {
+                    let (x, y) = (Tree::arithmetic(random, 1), Tree::arithmetic(random, 0));
+                    Tree::Two(random.pick(&COMPARISONS), None, Box::new(x), Box::new(y))
+                }
+            };
+        }
+        let sub = |random: &mut Random, size| Box::new(Tree::random(random, size, n));
+        match random.below(10) {
+            0 | 1 => Tree::One(random.pick(&ONE), None, sub(random, size - 1)),
+            2..=4 => Tree::One(random.pick(&TIMED_ONE), interval(random, n), sub(random, size - 1)),
+            kind => {
+                let left = random.below(size);
+                let (x, y) = (sub(random, left), sub(random, size - 1 - left));
+                match kind {
+                    5 | 6 => Tree::Two(random.pick(&TWO), None, x, y),
+                    7 => Tree::Two(random.pick(&COMPARISONS), None, x, y),
+                    _ => Tree::Two(random.pick(&TIMED_TWO), interval(random, n), x, y),
+                }
+            }
+        }
+    }
+
+    /// Arithmetic over signals and numbers.
+    fn arithmetic(random: &mut Random, size: usize) -> Tree {
+        match random.below(if size == 0 { 2 } else { 5 }) {
+            0 => Tree::Signal(random.below(NAMES.len())),
+            1 => Tree::Number(random.value()),
+            2 => Tree::One(random.pick(&ARITHMETIC_ONE), None, Box::new(Tree::arithmetic(random, size - 1))),
+            _ => {
+                let (x, y) = (Tree::arithmetic(random, size - 1), Tree::arithmetic(random, size - 1));
+                Tree::Two(random.pick(&ARITHMETIC_TWO), None, Box::new(x), Box::new(y))
+            }
+        }
+    }
+
+    /// The formula as text, in random spellings, every operand in parentheses.
+    pub fn write(&self, random: &mut Random) -> String {
+        match self {
+            Tree::Number(f64::INFINITY) => "true".to_owned(),
+            Tree::Number(f64::NEG_INFINITY) => "false".to_owned(),
+            Tree::Number(value) => value.to_string(),
+            Tree::Signal(signal) => NAMES[*signal].to_owned(),
+            Tree::One(name, window, x) => {
+                format!(
+                    "{}{}({})",
+                    random.pick(spellings(name)),
+                    write_interval(*window, random),
+                    x.write(random)
+                )
+            }
+            Tree::Two(name, window, x, y) => {
+                let (x, y) = (x.write(random), y.write(random));
+                format!("({x}) {}{} ({y})", random.pick(spellings(name)), write_interval(*window, random))
+            }
+        }
+    }
+
+    /// The robustness at every sample, from the definitions.
+    pub fn evaluate(&self, trace: &[Vec<f64>]) -> Vec<f64> {
+        let n = trace[0].len();
+        match self {
+            Tree::Number(value) => vec![*value; n],
+            Tree::Signal(signal) => trace[*signal].clone(),
+            Tree::One(name, window, x) => one(name, *window, &x.evaluate(trace)),
+            Tree::Two(name, window, x, y) => two(name, *window, &x.evaluate(trace), &y.evaluate(trace)),
+        }
+    }
+}
+
+/// A random interval: none, a point, one inside the trace, across its end, or beyond it.
+fn interval(random: &mut Random, n: usize) -> Interval {
+    let begin = match random.below(4) {
+        0 => 0,
+        1 => random.below(3),
+        2 => random.below(n),
+        _ => random.below(2 * n),
+    };
+    match random.below(6) {
+        0 => None,
+        1 => Some((begin, begin)),
+        2 => Some((begin, begin + n)),
+        3 => Some((begin, usize::MAX)),
+        _ => Some((begin, begin + random.below(n))),
+    }
+}
+
+fn write_interval(interval: Interval, random: &mut Random) -> String {
+    let Some((begin, end)) = interval else { return String::new() };
+    let separator = random.pick(&[":", ",", " , ", " : "]);
+    if end == usize::MAX { format!("[{begin}{separator}inf]") } else { format!("[{begin}{separator}{end}]") }
+}
+
+fn least(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(f64::INFINITY, f64::min)
+}
+
+fn greatest(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// `x - y`, with no difference between equal infinities.
+fn minus(x: f64, y: f64) -> f64 {
+    if x == y { 0.0 } else { x - y }
+}
+
+/// Samples in `[t + begin, t + end]`, cut at the end of a trace of `n`.
+fn ahead(t: usize, interval: Interval, n: usize) -> impl Iterator<Item = usize> {
+    let (begin, end) = interval.unwrap_or((0, usize::MAX));
+    (0..n).filter(move |s| *s >= t && s - t >= begin && s - t <= end)
+}
+
+/// Samples in `[t - end, t - begin]`, cut at the begin.
+fn behind(t: usize, interval: Interval) -> impl Iterator<Item = usize> {
+    let (begin, end) = interval.unwrap_or((0, usize::MAX));
+    (0..=t).filter(move |s| t - s >= begin && t - s <= end)
+}
+
+fn one(name: &str, window: Interval, x: &[f64]) -> Vec<f64> {
+    let n = x.len();
+    let before = |t: usize, value: f64| if t == 0 { value } else { x[t - 1] };
+    let after = |t: usize, value: f64| if t + 1 == n { value } else { x[t + 1] };
+    let value = |t: usize| match name {
+        "-" | "not" => -x[t],
+        "abs" => x[t].abs(),
+        "always" => least(ahead(t, window, n).map(|s| x[s])),
+        "eventually" => greatest(ahead(t, window, n).map(|s| x[s])),
+        "historically" => least(behind(t, window).map(|s| x[s])),
+        "once" => greatest(behind(t, window).map(|s| x[s])),
+        "next" => after(t, f64::INFINITY),
+        "s_next" => after(t, f64::NEG_INFINITY),
+        "prev" => before(t, f64::INFINITY),
+        "s_prev" => before(t, f64::NEG_INFINITY),
+        "rise" => f64::min(-before(t, f64::NEG_INFINITY), x[t]),
+        "fall" => f64::min(before(t, f64::INFINITY), -x[t]),
+        _ => unreachable!("{name}"),
+    };
+    (0..n).map(value).collect()
+}
+
+fn two(name: &str, window: Interval, x: &[f64], y: &[f64]) -> Vec<f64> {
+    let n = x.len();
+    let until =
+        |t: usize| greatest(ahead(t, window, n).map(|s| f64::min(y[s], least(x[t..s].iter().copied()))));
+    let value = |t: usize| match name {
+        "+" => x[t] + y[t],
+        "-" | ">=" | ">" => minus(x[t], y[t]),
+        "*" => x[t] * y[t],
+        "<=" | "<" => minus(y[t], x[t]),
+        "==" | "iff" => -minus(x[t], y[t]).abs(),
+        "!==" | "xor" => minus(x[t], y[t]).abs(),
+        "and" => f64::min(x[t], y[t]),
+        "or" => f64::max(x[t], y[t]),
+        "implies" => f64::max(-x[t], y[t]),
+        "until" => until(t),
+        "release" => least(ahead(t, window, n).map(|s| f64::max(y[s], greatest(x[t..s].iter().copied())))),
+        "unless" => {
+            let end = window.map_or(usize::MAX, |(_, end)| end);
+            f64::max(least(ahead(t, Some((0, end)), n).map(|s| x[s])), until(t))
+        }
+        "since" => greatest(behind(t, window).map(|s| f64::min(y[s], least(x[s + 1..=t].iter().copied())))),
+        _ => unreachable!("{name}"),
+    };
+    (0..n).map(value).collect()
+}

@@ -1,0 +1,182 @@
+//! A file that is damaged, foreign, read-only or not there is answered with one clear error, never with wrong
+//! values.
+#![allow(clippy::unwrap_used)] // what serves tests is a test
+
+mod sample;
+
+use std::path::{Path, PathBuf};
+
+use mishandle_store::{Existing, Result, RunFile, RunWriter, StoreError};
+use sample::{header, record, traced_record};
+use tempfile::TempDir;
+
+fn small_run() -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    let mut writer = RunWriter::create(&path, &header(), Existing::Refuse).unwrap();
+    for trial in 1..=3 {
+        writer.start_trial(trial, 1 << trial).unwrap();
+        let records: Vec<_> = (1..=40).map(|number| record(trial, number)).collect();
+        writer.record(&records).unwrap();
+        writer.record(&[traced_record(trial, 41)]).unwrap();
+    }
+    writer.close().unwrap();
+    (folder, path)
+}
+
+/// Everything a reader can ask for.
+fn content(path: &Path) -> Result<String> {
+    let run = RunFile::open(path)?;
+    run.check()?;
+    let mut content = format!("{:?} {:x} ", run.header(), run.content_digest()?);
+    for (trial, number) in run.traced()? {
+        content += &format!("{:?} ", run.simulation(trial, number)?);
+    }
+    Ok(content)
+}
+
+/// Bytes that repeat with the seed (xorshift).
+fn noise(seed: u64) -> impl Iterator<Item = u64> {
+    std::iter::successors(Some(seed), |&x| {
+        let x = x ^ x << 13;
+        let x = x ^ x >> 7;
+        Some(x ^ x << 17)
+    })
+    .skip(8)
+}
+
+#[test]
+fn changed_bytes_are_found_out_or_do_not_matter() {
+    let (_folder, path) = small_run();
+    let bytes = std::fs::read(&path).unwrap();
+    let expected = content(&path).unwrap();
+    let mut found_out = 0;
+    let places = noise(1).zip(noise(2)).take(600);
+    for (place, change) in
+        places.map(|(place, change)| (place as usize % bytes.len(), 1 + (change % 255) as u8))
+    {
+        let mut damaged = bytes.clone();
+        damaged[place] ^= change;
+        std::fs::write(&path, &damaged).unwrap();
+        match content(&path) {
+            Err(_) => found_out += 1,
+            Ok(read) => assert!(read == expected, "byte {place} changed by {change:#x}"),
+        }
+    }
+    assert!(found_out > 100, "only {found_out} of 600 changes were found out");
+}
+
+#[test]
+fn a_truncated_file_is_an_error() {
+    let (_folder, path) = small_run();
+    let bytes = std::fs::read(&path).unwrap();
+    for length in
+        [1, 15, 16, 100, 512, 4095, 4096, 8192, bytes.len() / 2, bytes.len() - 4096, bytes.len() - 1]
+    {
+        std::fs::write(&path, &bytes[..length]).unwrap();
+        let error = content(&path).unwrap_err();
+        let expected = matches!(error, StoreError::Damaged { .. } | StoreError::NotARun { .. });
+        assert!(expected, "cut to {length} bytes: {error}");
+    }
+}
+
+#[test]
+fn overwritten_pages_are_an_error() {
+    let (_folder, path) = small_run();
+    let bytes = std::fs::read(&path).unwrap();
+    for page in 0..bytes.len() / 4096 {
+        let mut damaged = bytes.clone();
+        let random = noise(page as u64 + 1).flat_map(u64::to_le_bytes);
+        damaged[page * 4096..(page + 1) * 4096]
+            .iter_mut()
+            .zip(random)
+            .for_each(|(byte, random)| *byte = random);
+        std::fs::write(&path, &damaged).unwrap();
+        let outcome = RunFile::open(&path).and_then(|run| run.check());
+        let expected = matches!(outcome, Err(StoreError::Damaged { .. } | StoreError::NotARun { .. }));
+        assert!(expected, "page {page}: {outcome:?}");
+    }
+}
+
+#[track_caller]
+fn check_message(outcome: Result<impl Sized>, message: &str, path: &Path) {
+    let Err(error) = outcome else { panic!("expected: {message}") };
+    assert_eq!(error.to_string(), format!("{message}: {}", path.display()));
+}
+
+#[test]
+fn a_file_that_is_not_ours_is_named_and_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("thing");
+    let ours = "not a run file: expected a SQLite database made by mishandle, found";
+    let other = "a SQLite database of another program, or one whose making was broken off";
+
+    check_message(RunFile::open(folder.path()), &format!("{ours} a folder or a device"), folder.path());
+    std::fs::write(&path, "").unwrap();
+    check_message(RunFile::open(&path), &format!("{ours} an empty file"), &path);
+    check_message(RunWriter::resume(&path), &format!("{ours} an empty file"), &path);
+
+    std::fs::write(&path, "trial,simulation\n1,1\n".repeat(400)).unwrap();
+    check_message(RunFile::open(&path), &format!("{ours} a file of another kind"), &path);
+    check_message(RunWriter::resume(&path), &format!("{ours} a file of another kind"), &path);
+    let replaced = RunWriter::create(&path, &header(), Existing::Replace);
+    check_message(replaced, &format!("{ours} a file of another kind"), &path);
+    assert!(std::fs::read_to_string(&path).unwrap().starts_with("trial"));
+
+    std::fs::remove_file(&path).unwrap();
+    rusqlite::Connection::open(&path).unwrap().execute_batch("CREATE TABLE t (x)").unwrap();
+    check_message(RunFile::open(&path), &format!("{ours} {other}"), &path);
+    check_message(RunWriter::resume(&path), &format!("{ours} {other}"), &path);
+    check_message(RunWriter::create(&path, &header(), Existing::Replace), &format!("{ours} {other}"), &path);
+}
+
+#[test]
+fn an_empty_file_may_be_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run");
+    std::fs::write(&path, "").unwrap();
+    assert!(matches!(RunWriter::create(&path, &header(), Existing::Refuse), Err(StoreError::Exists { .. })));
+    RunWriter::create(&path, &header(), Existing::Replace).unwrap();
+}
+
+#[test]
+fn a_run_whose_making_was_broken_off_is_named_and_may_be_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run");
+    // The first thing that a new file is told; the tables come in one transaction after it.
+    rusqlite::Connection::open(&path).unwrap().pragma_update(None, "journal_mode", "WAL").unwrap();
+    assert!(matches!(RunFile::open(&path), Err(StoreError::NotARun { .. })));
+    RunWriter::create(&path, &header(), Existing::Replace).unwrap();
+}
+
+#[test]
+fn a_locked_file_is_named() {
+    let (_folder, path) = small_run();
+    let other = rusqlite::Connection::open(&path).unwrap();
+    other.execute_batch("BEGIN EXCLUSIVE").unwrap();
+    let message = "another process is writing this run; wait until it ends, or stop it";
+    check_message(RunFile::open(&path), message, &path);
+    check_message(RunWriter::resume(&path), message, &path);
+    other.execute_batch("ROLLBACK").unwrap();
+    RunWriter::resume(&path).unwrap();
+}
+
+#[test]
+fn a_newer_file_is_refused_with_both_versions() {
+    let (_folder, path) = small_run();
+    rusqlite::Connection::open(&path).unwrap().pragma_update(None, "user_version", 9).unwrap();
+    let message =
+        "the run file has format version 9, this program reads versions up to 1; use a newer program";
+    check_message(RunFile::open(&path), message, &path);
+    check_message(RunWriter::resume(&path), message, &path);
+    RunWriter::create(&path, &header(), Existing::Replace).unwrap();
+}
+
+#[test]
+fn what_is_missing_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("nowhere/run.sqlite");
+    check_message(RunFile::open(&path), "cannot open a run: the file does not exist", &path);
+    let created = RunWriter::create(&path, &header(), Existing::Refuse);
+    check_message(created, "cannot open a run: the folder does not exist", &path);
+}

@@ -1,0 +1,59 @@
+//! The tables as CSV, against lines written by hand.
+#![allow(clippy::unwrap_used)] // what serves tests is a test
+
+mod sample;
+
+use mishandle_store::{
+    End, Existing, RunHeader, RunWriter, Simulation, SimulationRecord, Trace, export_csv, export_trace_csv,
+};
+use sample::header;
+
+#[test]
+fn simulations_are_lines_that_read_back_exactly() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut writer = RunWriter::create(folder.path().join("run"), &header(), Existing::Refuse).unwrap();
+    writer.start_trial(1, 0).unwrap();
+    let full = Simulation {
+        trial: 1,
+        number: 1,
+        seed: u64::MAX,
+        unit_point: vec![0.1 + 0.2, 1.0],
+        initial_configuration: vec![1e-300, -0.0],
+        robustness: Some(f64::NEG_INFINITY),
+        end: End::Stopped { step: 17 },
+        steps: 17,
+        verdicts: vec![Some(0.5), None],
+        trace_digest: Some(0xab),
+    };
+    let bare = Simulation {
+        number: 2,
+        unit_point: vec![],
+        robustness: None,
+        end: End::Horizon,
+        steps: 300,
+        trace_digest: None,
+        ..full.clone()
+    };
+    writer.record(&[full, bare].map(|simulation| SimulationRecord { simulation, trace: None })).unwrap();
+    let mut csv = Vec::new();
+    export_csv(writer.file(), &mut csv).unwrap();
+    assert_eq!(
+        String::from_utf8(csv).unwrap(),
+        "trial,simulation,seed,robustness,end,end_step,steps,u_ball_x,u_ball_velocity_x,ball_x_m,\
+         ball_velocity_x_m_per_s,strict_robustness,completion_step,trace_digest\n\
+         1,1,18446744073709551615,-inf,stopped,17,17,0.30000000000000004,1.0,1e-300,-0.0,0.5,,\
+         000000000000000000000000000000ab\n\
+         1,2,18446744073709551615,,horizon,,300,,,1e-300,-0.0,0.5,,\n"
+    );
+}
+
+#[test]
+fn a_trace_has_a_column_of_time_and_one_per_signal() {
+    let folder = tempfile::tempdir().unwrap();
+    let header = RunHeader { control_dt: 0.25, signals: vec!["a".into(), "say \"b\", c".into()], ..header() };
+    let writer = RunWriter::create(folder.path().join("run"), &header, Existing::Refuse).unwrap();
+    let trace = Trace { columns: vec![vec![1.0, 2.5], vec![f64::INFINITY, f64::NAN]] };
+    let mut csv = Vec::new();
+    export_trace_csv(writer.file(), &trace, &mut csv).unwrap();
+    assert_eq!(String::from_utf8(csv).unwrap(), "time,a,\"say \"\"b\"\", c\"\n0.0,1.0,inf\n0.25,2.5,NaN\n");
+}

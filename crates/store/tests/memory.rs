@@ -1,0 +1,32 @@
+//! Memory does not grow with the number of simulations: a run is written and read in less than its file's
+//! size.
+#![allow(clippy::unwrap_used)] // what serves tests is a test
+#![cfg(target_os = "linux")] // where a process can ask for its own peak
+
+mod sample;
+
+use mishandle_store::{Existing, RunFile, RunWriter, export_csv};
+use sample::{header, record};
+
+#[test]
+fn a_run_is_larger_than_the_memory_it_takes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    let mut writer = RunWriter::create(&path, &header(), Existing::Refuse).unwrap();
+    let simulations = 120_000;
+    writer.start_trial(1, 0).unwrap();
+    for first in (1..=simulations).step_by(500) {
+        writer.record(&(first..first + 500).map(|number| record(1, number)).collect::<Vec<_>>()).unwrap();
+    }
+    writer.close().unwrap();
+    let run = RunFile::open(&path).unwrap();
+    assert_eq!(run.simulations().filter(Result::is_ok).count(), simulations as usize);
+    run.content_digest().unwrap();
+    export_csv(&run, &mut std::io::sink()).unwrap();
+
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));
+    let peak = peak.unwrap().parse::<u64>().unwrap() * 1024;
+    let size = path.metadata().unwrap().len();
+    assert!(peak < size / 2, "{peak} bytes of memory for a file of {size} bytes");
+}

@@ -1,0 +1,86 @@
+//! What cannot be written can be read, and says why it cannot be written.
+//!
+//! Permissions mean nothing to root, so the checks run in a process of their own, as a user who is not.
+#![allow(clippy::unwrap_used)] // what serves tests is a test
+#![cfg(unix)]
+
+mod sample;
+
+use std::fs::{Permissions, copy, create_dir, metadata, set_permissions};
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use mishandle_store::{Existing, RunFile, RunWriter, StoreError};
+use sample::{header, record};
+
+const FOLDER: &str = "MISHANDLE_STORE_TEST_FOLDER";
+const ROOT: u32 = 0;
+const NOBODY: u32 = 65_534;
+
+fn allow(path: &Path, mode: u32) {
+    set_permissions(path, Permissions::from_mode(mode)).unwrap();
+}
+
+/// The checks. Without the variable, as one of the tests, it does nothing.
+#[test]
+fn as_an_ordinary_user() {
+    let Some(folder) = std::env::var_os(FOLDER).map(PathBuf::from) else { return };
+    let closed = folder.join("closed/run.sqlite");
+    let killed = folder.join("killed/run.sqlite");
+    let secret = folder.join("secret.sqlite");
+
+    assert_eq!(RunFile::open(&closed).unwrap().last_number(1).unwrap(), 1);
+    let error = RunWriter::resume(&closed).unwrap_err();
+    assert!(matches!(error, StoreError::ReadOnly { .. }), "{error}");
+    let error = RunWriter::create(folder.join("closed/new.sqlite"), &header(), Existing::Refuse).unwrap_err();
+    assert!(matches!(error, StoreError::ReadOnly { .. }), "{error}");
+    let error = RunWriter::create(&closed, &header(), Existing::Replace).unwrap_err();
+    assert!(matches!(error, StoreError::ReadOnly { .. }), "{error}");
+
+    let error = RunFile::open(&killed).unwrap_err();
+    assert!(matches!(error, StoreError::NotClosed { .. }), "{error}");
+    let error = RunFile::open(&secret).unwrap_err();
+    assert!(matches!(error, StoreError::CannotOpen { .. }), "{error}");
+    println!("all checked");
+}
+
+#[test]
+fn a_read_only_folder_is_named_and_its_runs_are_readable() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name);
+    create_dir(place("closed")).unwrap();
+    create_dir(place("killed")).unwrap();
+    let mut writer = RunWriter::create(place("closed/run.sqlite"), &header(), Existing::Refuse).unwrap();
+    writer.start_trial(1, 0).unwrap();
+    writer.record(&[record(1, 1)]).unwrap();
+    // What a kill at this moment would leave.
+    copy(place("closed/run.sqlite"), place("killed/run.sqlite")).unwrap();
+    copy(place("closed/run.sqlite-wal"), place("killed/run.sqlite-wal")).unwrap();
+    writer.close().unwrap();
+    copy(place("closed/run.sqlite"), place("secret.sqlite")).unwrap();
+
+    let program = place("program");
+    copy(std::env::current_exe().unwrap(), &program).unwrap();
+    allow(&program, 0o755);
+    allow(folder.path(), 0o755);
+    allow(&place("secret.sqlite"), 0o000);
+    for file in ["closed/run.sqlite", "killed/run.sqlite", "killed/run.sqlite-wal"] {
+        allow(&place(file), 0o444);
+    }
+    for name in ["closed", "killed"] {
+        allow(&place(name), 0o555);
+    }
+    let mut checks = Command::new(&program);
+    checks.args(["--exact", "as_an_ordinary_user", "--nocapture"]).env(FOLDER, folder.path());
+    if metadata("/proc/self").map_or(ROOT + 1, |process| process.uid()) == ROOT {
+        checks.uid(NOBODY).gid(NOBODY);
+    }
+    let output = checks.output().unwrap();
+    for name in ["closed", "killed"] {
+        allow(&place(name), 0o755); // so that they can be removed
+    }
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(said.contains("all checked"), "{said}{}", String::from_utf8_lossy(&output.stderr));
+}

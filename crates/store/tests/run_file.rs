@@ -1,0 +1,414 @@
+//! What is recorded comes back, to the bit, in order, and nothing else is accepted.
+#![allow(clippy::unwrap_used)] // what serves tests is a test
+
+mod sample;
+
+use mishandle_store::{
+    Axis, Counts, End, Existing, RunFile, RunHeader, RunWriter, Simulation, SimulationRecord, StoreError,
+    Trace, TrialStatus,
+};
+use sample::{header, record, trace, traced_record};
+use tempfile::TempDir;
+
+fn new_run() -> (TempDir, RunWriter) {
+    let folder = tempfile::tempdir().unwrap();
+    let writer = RunWriter::create(folder.path().join("run.sqlite"), &header(), Existing::Refuse).unwrap();
+    (folder, writer)
+}
+
+/// All bits of a simulation; `==` on floats would take -0.0 for 0.0.
+fn bits(simulation: &Simulation) -> String {
+    let hex =
+        |values: &[f64]| values.iter().map(|value| format!("{:x} ", value.to_bits())).collect::<String>();
+    format!(
+        "{simulation:?} {} {} {:?} {:?}",
+        hex(&simulation.unit_point),
+        hex(&simulation.initial_configuration),
+        simulation.robustness.map(f64::to_bits),
+        simulation.verdicts.iter().map(|verdict| verdict.map(f64::to_bits)).collect::<Vec<_>>()
+    )
+}
+
+#[test]
+fn the_header_comes_back() {
+    let (_folder, writer) = new_run();
+    let path = writer.file().path().to_owned();
+    writer.close().unwrap();
+    assert_eq!(RunFile::open(path).unwrap().header(), &header());
+}
+
+#[test]
+fn every_bit_comes_back_in_order_from_any_order_of_recording() {
+    let (_folder, mut writer) = new_run();
+    for trial in [2, 0, 1] {
+        writer.start_trial(trial, u64::MAX - u64::from(trial)).unwrap();
+    }
+    // More than one page of the iterator, in batches of 1, 2, 3, …, trials in turn.
+    let mut expected = Vec::new();
+    let (mut first, mut length) = (1, 1);
+    while first < 700 {
+        for trial in [1, 2, 0] {
+            let batch: Vec<_> = (first..first + length).map(|number| record(trial, number)).collect();
+            writer.record(&batch).unwrap();
+            expected.extend(batch.into_iter().map(|record| record.simulation));
+        }
+        first += length;
+        length += 1;
+    }
+    expected.sort_by_key(|simulation| (simulation.trial, simulation.number));
+    let path = writer.file().path().to_owned();
+    writer.close().unwrap();
+
+    let run = RunFile::open(path).unwrap();
+    let got: Vec<Simulation> = run.simulations().map(Result::unwrap).collect();
+    assert_eq!(got.len(), expected.len());
+    for (got, expected) in got.iter().zip(&expected) {
+        assert_eq!(bits(got), bits(expected));
+        assert_eq!(
+            bits(&run.simulation(expected.trial, expected.number).unwrap().simulation),
+            bits(expected)
+        );
+    }
+    let of_one: Vec<Simulation> = run.simulations_of(1).map(Result::unwrap).collect();
+    assert_eq!(
+        of_one,
+        expected.iter().filter(|simulation| simulation.trial == 1).cloned().collect::<Vec<_>>()
+    );
+    assert_eq!(run.simulations_of(3).count(), 0);
+    run.check().unwrap();
+}
+
+#[test]
+fn hard_values_come_back() {
+    let hard = [-0.0, 5e-324, f64::MAX, f64::MIN, 0.1 + 0.2, 1e15, -3.0, f64::INFINITY, f64::NEG_INFINITY];
+    let (_folder, mut writer) = new_run();
+    writer.start_trial(1, 0).unwrap();
+    for (number, value) in (1..).zip(hard) {
+        let mut record = record(1, number);
+        record.simulation.robustness = Some(value);
+        record.simulation.verdicts = vec![Some(value), None];
+        record.simulation.seed = [0, 1 << 63, u64::MAX][number as usize % 3];
+        if value.is_finite() {
+            record.simulation.unit_point = vec![value, -value];
+            record.simulation.initial_configuration = vec![-value, value];
+        }
+        writer.record(std::slice::from_ref(&record)).unwrap();
+        assert_eq!(bits(&writer.file().simulation(1, number).unwrap().simulation), bits(&record.simulation));
+    }
+}
+
+#[test]
+fn a_simulation_without_a_unit_point_and_a_run_without_axes_are_fine() {
+    let (_folder, mut writer) = new_run();
+    writer.start_trial(1, 0).unwrap();
+    let mut bare = record(1, 1);
+    bare.simulation.unit_point.clear();
+    writer.record(std::slice::from_ref(&bare)).unwrap();
+    assert_eq!(writer.file().simulation(1, 1).unwrap(), bare);
+
+    let folder = tempfile::tempdir().unwrap();
+    let nothing = RunHeader { axes: vec![], verdicts: vec![], signals: vec![], ..header() };
+    let mut writer = RunWriter::create(folder.path().join("run"), &nothing, Existing::Refuse).unwrap();
+    writer.start_trial(1, 0).unwrap();
+    let simulation =
+        Simulation { unit_point: vec![], initial_configuration: vec![], verdicts: vec![], ..bare.simulation };
+    let bare = SimulationRecord { simulation, trace: None };
+    writer.record(std::slice::from_ref(&bare)).unwrap();
+    assert_eq!(writer.file().simulation(1, 1).unwrap(), bare);
+}
+
+#[test]
+fn traces_come_back_where_they_were_given() {
+    let (_folder, mut writer) = new_run();
+    writer.start_trial(1, 0).unwrap();
+    writer.record(&[record(1, 1), traced_record(1, 2)]).unwrap();
+    let mut diverged = traced_record(1, 3);
+    diverged.trace = Some(Trace { columns: vec![vec![1.0, f64::NAN], vec![f64::INFINITY, -0.0]] });
+    diverged.simulation.trace_digest = None;
+    writer.record(std::slice::from_ref(&diverged)).unwrap();
+
+    let run = writer.file();
+    assert_eq!(run.simulation(1, 1).unwrap().trace, None);
+    assert_eq!(run.simulation(1, 2).unwrap(), traced_record(1, 2));
+    assert_eq!(run.traced().unwrap(), [(1, 2), (1, 3)]);
+    // A digest that was not given is filled in; NaN is compared by its bits.
+    let read = run.simulation(1, 3).unwrap();
+    assert_eq!(read.simulation.trace_digest, Some(diverged.trace.unwrap().digest()));
+    assert!(read.trace.unwrap().columns[0][1].is_nan());
+}
+
+#[test]
+fn counts_are_those_of_the_records() {
+    let (_folder, mut writer) = new_run();
+    writer.start_trial(1, 11).unwrap();
+    writer.start_trial(2, 22).unwrap();
+    let with = |number, robustness, end| {
+        let mut record = record(1, number);
+        record.simulation.robustness = robustness;
+        record.simulation.end = end;
+        record
+    };
+    writer
+        .record(&[
+            with(1, Some(0.5), End::Horizon),
+            with(2, Some(-0.25), End::Stopped { step: 9 }),
+            with(3, Some(-0.0), End::Horizon),
+            with(4, None, End::Horizon),
+            with(5, Some(f64::INFINITY), End::Diverged { step: 7 }),
+        ])
+        .unwrap();
+    writer.end_trial(1, TrialStatus::Falsified).unwrap();
+
+    let expected = Counts { simulations: 5, falsified: 1, undecided: 1, diverged: 1 };
+    let run = writer.file();
+    assert_eq!(run.counts().unwrap(), expected);
+    let [first, second] = run.trials().unwrap()[..] else { panic!("two trials") };
+    assert_eq!(first.counts, expected);
+    assert_eq!((first.trial.number, first.trial.seed, first.trial.status), (1, 11, TrialStatus::Falsified));
+    assert_eq!(first.minimum_robustness, Some(-0.25));
+    assert_eq!(second.counts, Counts::default());
+    assert_eq!((second.trial.status, second.minimum_robustness), (TrialStatus::Running, None));
+    assert_eq!((run.last_number(1).unwrap(), run.last_number(2).unwrap()), (5, 0));
+}
+
+#[test]
+fn every_status_comes_back() {
+    let (_folder, mut writer) = new_run();
+    writer.start_trial(1, 0).unwrap();
+    for status in
+        [TrialStatus::Falsified, TrialStatus::BudgetSpent, TrialStatus::Converged, TrialStatus::Running]
+    {
+        writer.end_trial(1, status).unwrap();
+        assert_eq!(writer.file().trial(1).unwrap().status, status);
+    }
+}
+
+#[test]
+fn a_resumed_run_goes_on_where_it_stood() {
+    let (_folder, mut writer) = new_run();
+    let path = writer.file().path().to_owned();
+    writer.start_trial(1, 0).unwrap();
+    writer.record(&[record(1, 1), record(1, 2)]).unwrap();
+    drop(writer);
+    let mut writer = RunWriter::resume(&path).unwrap();
+    assert_eq!(writer.file().last_number(1).unwrap(), 2);
+    writer.record(&[record(1, 3)]).unwrap();
+    writer.close().unwrap();
+    let run = RunFile::open(&path).unwrap();
+    assert_eq!(run.header(), &header());
+    assert_eq!(run.simulations().map(|simulation| simulation.unwrap().number).collect::<Vec<_>>(), [1, 2, 3]);
+}
+
+#[test]
+fn the_content_digest_knows_no_batches_and_sees_every_difference() {
+    let digest = |batches: &[&[SimulationRecord]], status| {
+        let (_folder, mut writer) = new_run();
+        writer.start_trial(1, 5).unwrap();
+        batches.iter().for_each(|batch| writer.record(batch).unwrap());
+        writer.end_trial(1, status).unwrap();
+        writer.file().content_digest().unwrap()
+    };
+    let records: Vec<_> = (1..=600).map(|number| record(1, number)).collect();
+    let (budget_spent, converged) = (TrialStatus::BudgetSpent, TrialStatus::Converged);
+    let one = digest(&[&records], budget_spent);
+    assert_eq!(digest(&[&records[..100], &records[100..101], &records[101..]], budget_spent), one);
+    assert_eq!(digest(&[&records[300..], &records[..300]], budget_spent), one);
+
+    assert_ne!(digest(&[&records], converged), one);
+    assert_ne!(digest(&[&records[..599]], budget_spent), one);
+    let changes: [fn(&mut Simulation); 9] = [
+        |simulation| simulation.seed ^= 1,
+        |simulation| simulation.steps += 1,
+        |simulation| simulation.robustness = Some(0.0), // it was -0.0
+        |simulation| simulation.unit_point[1] = -0.0,
+        |simulation| simulation.initial_configuration[0] = 0.5,
+        |simulation| simulation.verdicts[1] = Some(0.0), // it was None
+        |simulation| simulation.end = End::Stopped { step: 1 },
+        |simulation| simulation.trace_digest = None,
+        |simulation| simulation.number += 1000,
+    ];
+    for (index, change) in changes.into_iter().enumerate() {
+        let mut changed = records.clone();
+        change(&mut changed[596].simulation);
+        assert_ne!(digest(&[&changed], budget_spent), one, "change {index}");
+    }
+}
+
+#[test]
+fn a_reader_sees_each_transaction_while_the_run_goes_on() {
+    let (_folder, mut writer) = new_run();
+    let reader = RunFile::open(writer.file().path()).unwrap();
+    writer.start_trial(1, 0).unwrap();
+    for number in 1..=3 {
+        writer.record(&[record(1, number)]).unwrap();
+        assert_eq!(reader.counts().unwrap().simulations, u64::from(number));
+    }
+    writer.close().unwrap();
+    assert_eq!(reader.counts().unwrap().simulations, 3);
+}
+
+#[test]
+fn a_closed_run_is_a_single_file() {
+    let (folder, mut writer) = new_run();
+    writer.start_trial(1, 0).unwrap();
+    writer.record(&[traced_record(1, 1)]).unwrap();
+    writer.close().unwrap();
+    let names: Vec<_> =
+        std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(names, ["run.sqlite"]);
+}
+
+#[test]
+fn the_log_does_not_grow_with_the_run() {
+    let (folder, mut writer) = new_run();
+    writer.start_trial(1, 0).unwrap();
+    let numbers: Vec<u32> = (1..=60_000).collect();
+    for batch in numbers.chunks(200) {
+        writer.record(&batch.iter().map(|&number| record(1, number)).collect::<Vec<_>>()).unwrap();
+    }
+    // SQLite moves the log into the file every 1,000 pages of 4 KiB.
+    let log = folder.path().join("run.sqlite-wal").metadata().unwrap().len();
+    assert!(log < 6 << 20, "{log} bytes");
+}
+
+// What is refused.
+
+#[track_caller]
+fn check_refused(change: impl FnOnce(&mut SimulationRecord), message: &str) {
+    let (_folder, mut writer) = new_run();
+    writer.start_trial(1, 0).unwrap();
+    writer.record(&[record(1, 1)]).unwrap();
+    let mut refused = traced_record(1, 3);
+    change(&mut refused);
+    let error = writer.record(&[record(1, 2), refused]).unwrap_err();
+    assert_eq!(error.to_string(), message);
+    // None of the batch is there, and the writer works on.
+    assert_eq!(writer.file().counts().unwrap().simulations, 1);
+    writer.record(&[record(1, 2)]).unwrap();
+}
+
+#[test]
+fn a_record_that_does_not_fit_is_refused_with_its_batch() {
+    let cannot = "cannot record simulation 3 of trial 1: its";
+    check_refused(
+        |record| record.simulation.initial_configuration.truncate(1),
+        &format!("{cannot} initial configuration has 1 elements, the run's header asks for 2"),
+    );
+    check_refused(
+        |record| record.simulation.unit_point.push(0.0),
+        &format!("{cannot} unit point has 3 elements, the run's header asks for 2"),
+    );
+    check_refused(
+        |record| record.simulation.verdicts.clear(),
+        &format!("{cannot} list of verdicts has 0 elements, the run's header asks for 2"),
+    );
+    check_refused(
+        |record| record.trace.as_mut().unwrap().columns.truncate(1),
+        &format!("{cannot} trace has 1 elements, the run's header asks for 2"),
+    );
+    check_refused(
+        |record| record.trace.as_mut().unwrap().columns[1].truncate(52),
+        &format!("{cannot} trace has 52 samples of `ball_height`, but 53 of `ball_hole_distance`"),
+    );
+    check_refused(
+        |record| record.simulation.robustness = Some(f64::NAN),
+        &format!("{cannot} robustness is NaN"),
+    );
+    check_refused(
+        |record| record.simulation.initial_configuration[1] = f64::INFINITY,
+        &format!("{cannot} initial configuration's axis `ball_velocity_x` is inf"),
+    );
+    check_refused(
+        |record| record.simulation.unit_point[0] = f64::NAN,
+        &format!("{cannot} unit point's axis `ball_x` is NaN"),
+    );
+    check_refused(
+        |record| record.simulation.verdicts[0] = Some(f64::NAN),
+        &format!("{cannot} verdict `strict_robustness` is NaN"),
+    );
+    check_refused(
+        |record| record.simulation.trace_digest = Some(0xabc),
+        &format!(
+            "{cannot} trace digest is 00000000000000000000000000000abc, but the trace given with it has {:032x}",
+            trace(53).digest()
+        ),
+    );
+    check_refused(
+        |record| record.simulation.number = 0,
+        "cannot record simulation 0 of trial 1: the simulations of a trial are numbered from 1",
+    );
+    check_refused(
+        |record| record.simulation.number = 1,
+        "cannot record simulation 1 of trial 1: it is in the run already",
+    );
+    check_refused(|record| record.simulation.trial = 4, "the run holds no trial 4");
+}
+
+#[test]
+fn what_is_not_there_is_named() {
+    let (_folder, mut writer) = new_run();
+    writer.start_trial(1, 0).unwrap();
+    let run = writer.file();
+    assert_eq!(run.simulation(1, 2).unwrap_err().to_string(), "the run holds no simulation 2 of trial 1");
+    assert_eq!(run.trial(9).unwrap_err().to_string(), "the run holds no trial 9");
+    let error = writer.end_trial(9, TrialStatus::Converged).unwrap_err();
+    assert_eq!(error.to_string(), "the run holds no trial 9");
+    assert_eq!(
+        writer.start_trial(1, 3).unwrap_err().to_string(),
+        "cannot record trial 1: it is in the run already"
+    );
+}
+
+#[test]
+fn a_header_that_contradicts_itself_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let axis = |name: &str, low| Axis { name: name.into(), unit: String::new(), low, high: 1.0 };
+    for (header, message) in [
+        (
+            RunHeader { signals: vec!["a".into(), "b".into(), "a".into()], ..header() },
+            "cannot create a run: two of its signals have the name `a`, each must have its own",
+        ),
+        (
+            RunHeader { axes: vec![axis("x", 0.0), axis("x", 0.0)], ..header() },
+            "cannot create a run: two of its axes have the name `x`, each must have its own",
+        ),
+        (
+            RunHeader { axes: vec![axis("x", f64::NAN)], ..header() },
+            "cannot create a run: axis `x` has the bounds NaN and 1, they must be finite",
+        ),
+        (
+            RunHeader { control_dt: f64::NAN, ..header() },
+            "cannot create a run: its control period is NaN s, it must be above 0 and finite",
+        ),
+    ] {
+        let path = folder.path().join("run.sqlite");
+        assert_eq!(RunWriter::create(&path, &header, Existing::Refuse).unwrap_err().to_string(), message);
+        assert!(!path.exists());
+    }
+}
+
+#[test]
+fn an_existing_run_is_replaced_only_if_told() {
+    let (_folder, mut writer) = new_run();
+    let path = writer.file().path().to_owned();
+    writer.start_trial(1, 0).unwrap();
+    // While it is being written it is not touched at all.
+    assert!(matches!(RunWriter::create(&path, &header(), Existing::Replace), Err(StoreError::Locked { .. })));
+    writer.close().unwrap();
+    assert!(matches!(RunWriter::create(&path, &header(), Existing::Refuse), Err(StoreError::Exists { .. })));
+    assert_eq!(RunFile::open(&path).unwrap().trials().unwrap().len(), 1);
+
+    let header = RunHeader { seed: 3, ..header() };
+    let writer = RunWriter::create(&path, &header, Existing::Replace).unwrap();
+    assert_eq!((writer.file().header(), writer.file().trials().unwrap().len()), (&header, 0));
+}
+
+#[test]
+fn there_is_one_writer_at_a_time() {
+    let (_folder, writer) = new_run();
+    let path = writer.file().path().to_owned();
+    let error = RunWriter::resume(&path).unwrap_err();
+    assert!(matches!(error, StoreError::Locked { .. }), "{error}");
+    writer.close().unwrap();
+    RunWriter::resume(&path).unwrap();
+}

@@ -1,0 +1,67 @@
+//! A control step allocates nothing.
+#![allow(unsafe_code)] // a global allocator that counts cannot be written without
+
+use std::alloc::{GlobalAlloc, Layout, System as Allocator};
+use std::cell::Cell;
+
+use mishandle_rollout::{Environment, Sample, Seed};
+use mishandle_tasks::{Preset, Reward, TASKS, TaskEnvironment};
+
+thread_local! {
+    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
+}
+
+struct Counting;
+
+// SAFETY: everything is passed on to the system's allocator.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        let _ = ALLOCATIONS.try_with(|count| count.set(count.get() + 1));
+        unsafe { Allocator.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        unsafe { Allocator.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+fn allocations() -> usize {
+    ALLOCATIONS.with(Cell::get)
+}
+
+#[test]
+fn a_control_step_and_its_expert_allocate_nothing() {
+    for task in TASKS {
+        let environment = TaskEnvironment::new(*task, Preset::Paper, Reward::Shaped).unwrap();
+        let expert = task.expert().unwrap();
+        let (mut worker, mut actor) = (environment.worker(), expert.actor());
+        let mut state = vec![0.0; environment.state_size()];
+        let mut memory = vec![0.0; expert.state_size()];
+        let mut observation = vec![0.0; environment.observation_size()];
+        let mut signals = vec![0.0; environment.signals().len()];
+        let mut rewards = vec![0.0; environment.reward_terms().len()];
+        let (mut wanted, mut action) = (vec![0.0; 9], vec![0.0; 9]);
+        let x0 = environment.initial_box().at(&vec![0.5; environment.initial_box().dimension()]);
+        macro_rules! sample {
+            () => {
+                Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards }
+            };
+        }
+        worker.reset(&x0, Seed(0), &mut state, sample!());
+        actor.reset(&mut memory, Seed(0));
+        let before = allocations();
+        for _ in 0..300 {
+            actor.act(1, &observation, &mut memory, &mut wanted);
+            action.iter_mut().zip(&wanted).for_each(|(a, w)| *a = f64::from(*w));
+            worker.step(&action, &mut state, sample!());
+        }
+        assert_eq!(allocations() - before, 0, "{}", environment.name());
+    }
+    // The counter counts.
+    let before = allocations();
+    drop(std::hint::black_box(vec![1_u8; 100]));
+    assert_eq!(allocations() - before, 1);
+}

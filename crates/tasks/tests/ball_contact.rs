@@ -1,0 +1,147 @@
+//! Balls rest, roll, bounce and stay where they would on a bench.
+
+use mishandle_tasks::{JOINT_NAMES, compose, task};
+use mishandle_world::frame::rotate;
+use mishandle_world::{Joint, Model, World};
+
+/// The scene of a task with the robot held in its start pose; `extra` is more MJCF.
+struct Bench {
+    world: World,
+    ball: Joint,
+}
+
+impl Bench {
+    fn new(task_name: &str, extra: &str) -> Bench {
+        let definition = task(task_name).unwrap().definition();
+        let xml = compose(definition).unwrap().replacen("</mujoco>", &format!("{extra}</mujoco>"), 1);
+        let model = Model::from_xml(&xml).unwrap().with_timestep(1.0 / 60.0 / definition.n_substeps as f64);
+        let mut world = model.world();
+        for (i, (name, q)) in JOINT_NAMES.iter().zip(definition.start).enumerate() {
+            world.qpos_mut()[model.joint(name).unwrap().qpos] = q;
+            world.ctrl_mut()[i] = q;
+        }
+        Bench { world, ball: model.joint("ball").unwrap() }
+    }
+
+    fn place(&mut self, position: [f64; 3]) {
+        self.world.place_free(self.ball, position, [1.0, 0.0, 0.0, 0.0]);
+    }
+
+    fn position(&self) -> [f64; 3] {
+        self.world.rows().free_position(self.ball)
+    }
+
+    fn velocity(&self) -> [f64; 3] {
+        self.world.rows().free_velocity(self.ball)
+    }
+
+    fn run(&mut self, seconds: f64) {
+        let steps = (seconds / self.world.model().timestep()).round() as usize;
+        (0..steps).for_each(|_| self.world.step());
+    }
+}
+
+#[test]
+fn a_ball_at_rest_on_the_table_stays_and_sinks_less_than_a_millimetre() {
+    let mut bench = Bench::new("ball-pushing", "");
+    bench.place([0.5, 0.0, 0.44]);
+    bench.run(1.0);
+    let settled = bench.position();
+    bench.run(10.0);
+    let after = bench.position();
+    assert!((after[2] - 0.44).abs() < 1e-3, "it rests at {}", after[2]);
+    assert!((after[0] - settled[0]).hypot(after[1] - settled[1]) < 1e-3, "{settled:?} {after:?}");
+}
+
+#[test]
+fn a_ball_dropped_on_the_tray_does_not_bounce() {
+    let mut bench = Bench::new("ball-balancing", "");
+    bench.place([0.342, 0.0, 1.1]);
+    bench.run(0.2);
+    let mut highest: f64 = 0.0;
+    for _ in 0..120 {
+        bench.run(1.0 / 120.0);
+        highest = highest.max(bench.position()[2]);
+    }
+    // It falls 0.08 m; a restitution of 0.1 would let it rise by 0.0008 m.
+    assert!(highest < 1.0208, "it rises to {highest}");
+}
+
+#[test]
+fn a_ball_rolls_down_a_slope_with_five_sevenths_of_its_pull() {
+    // Gravity leans by 0.1 rad instead of the tray: what a slope of that angle is.
+    let (sin, cos) = 0.1_f64.sin_cos();
+    let gravity = format!("<option gravity=\"{} 0 {}\"/>", 9.81 * sin, -9.81 * cos);
+    let mut bench = Bench::new("ball-balancing", &gravity);
+    bench.place([0.25, 0.0, 1.02]);
+    bench.run(0.1);
+    let tray = bench.world.model().body("tray").unwrap();
+    let (start, seconds, parts) = (bench.velocity()[0], 0.4, 48);
+    let mut expected = 0.0;
+    for _ in 0..parts {
+        bench.run(seconds / f64::from(parts));
+        // The servos give way a little under tray and ball: the tray's own slope counts, too.
+        bench.world.refresh();
+        let normal = rotate(bench.world.rows().quaternion(tray), [0.0, 0.0, 1.0]);
+        expected += 5.0 / 7.0 * 9.81 * (sin * normal[2] + cos * normal[0]) / f64::from(parts);
+    }
+    let acceleration = (bench.velocity()[0] - start) / seconds;
+    assert!((acceleration / expected - 1.0).abs() < 0.02, "{acceleration} m/s² instead of {expected}");
+}
+
+#[test]
+fn a_ball_bounces_on_the_ground_with_a_restitution_of_0_4() {
+    for (name, x, radius) in [("ball-balancing", 1.5, 0.02), ("ball-pushing", -1.0, 0.04)] {
+        let restitutions: Vec<f64> = (0..20)
+            .map(|i| {
+                let mut bench = Bench::new(name, "");
+                bench.place([x, 0.8, radius + 0.3 + 0.03 * f64::from(i)]);
+                let (mut down, mut up): (f64, f64) = (0.0, 0.0);
+                while up < 0.05 || bench.velocity()[2] > up - 0.3 {
+                    bench.world.step();
+                    let v = bench.velocity()[2];
+                    down = down.min(v);
+                    up = up.max(v);
+                }
+                -up / down
+            })
+            .collect();
+        // Where in a physics step the ball touches down moves a single bounce by a quarter of it.
+        assert!(restitutions.iter().all(|e| (0.28..0.52).contains(e)), "{name}: {restitutions:?}");
+        let mean = restitutions.iter().sum::<f64>() / restitutions.len() as f64;
+        assert!((mean - 0.4).abs() < 0.04, "{name}: {mean}");
+    }
+}
+
+#[test]
+fn a_rolling_ball_keeps_its_speed_on_the_table_and_stays_in_the_pit() {
+    let mut bench = Bench::new("ball-pushing", "");
+    bench.place([0.5, 0.0, 0.44]);
+    let dof = bench.ball.dof;
+    // Rolling without slipping: v = ω r.
+    bench.world.qvel_mut()[dof] = 0.4;
+    bench.world.qvel_mut()[dof + 4] = 10.0;
+    bench.run(0.5);
+    assert!((bench.velocity()[0] - 0.4).abs() < 0.01, "{:?}", bench.velocity());
+    bench.run(4.5);
+    let [x, y, z] = bench.position();
+    assert!((0.9..1.15).contains(&x) && y.abs() < 0.15, "it is at {x}, {y}");
+    assert!((z - 0.34).abs() < 1e-3, "it rests at {z}, the pit's floor is at 0.3 and its radius 0.04");
+}
+
+#[test]
+fn scenes_are_where_the_reference_has_them() {
+    let bench = Bench::new("ball-pushing", "");
+    let hole = bench.world.model().site("hole").unwrap();
+    let mut world = bench.world;
+    world.refresh();
+    assert_eq!(world.rows().site_position(hole), [1.025, 0.0, 0.295]);
+
+    let mut bench = Bench::new("ball-balancing", "");
+    bench.world.refresh();
+    let tray = bench.world.model().body("tray").unwrap();
+    let (p, q) = (bench.world.rows().position(tray), bench.world.rows().quaternion(tray));
+    for (found, wanted) in p.iter().chain(&q).zip([0.342, 0.0, 0.89, 1.0, 0.0, 0.0, 0.0]) {
+        assert!((found.abs() - wanted).abs() < 1e-9, "{p:?} {q:?}");
+    }
+}

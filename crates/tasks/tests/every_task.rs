@@ -1,0 +1,254 @@
+//! What holds for every task there is.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use mishandle_rollout::{
+    End, Environment, Episode, Judge, Noise, Request, Rollout, Sample, Seed, Status, System, Worker,
+};
+use mishandle_tasks::{Definition, Preset, Quantity, Reward, TASKS, Task, TaskEnvironment};
+
+const PRESETS: [Preset; 2] = [Preset::Paper, Preset::Code];
+const REWARDS: [Reward; 2] = [Reward::Original, Reward::Shaped];
+
+fn environment(task: &dyn Task, preset: Preset, reward: Reward) -> TaskEnvironment {
+    TaskEnvironment::new(task, preset, reward).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// One simulation, stepped by hand.
+struct Hand {
+    worker: Box<dyn Worker>,
+    state: Vec<f64>,
+    observation: Vec<f32>,
+    signals: Vec<f64>,
+    rewards: Vec<f64>,
+}
+
+impl Hand {
+    fn new(environment: &TaskEnvironment) -> Hand {
+        Hand {
+            worker: environment.worker(),
+            state: vec![0.0; environment.state_size()],
+            observation: vec![0.0; environment.observation_size()],
+            signals: vec![0.0; environment.signals().len()],
+            rewards: vec![0.0; environment.reward_terms().len()],
+        }
+    }
+
+    fn reset(&mut self, x0: &[f64], seed: Seed) {
+        let sample =
+            Sample { observation: &mut self.observation, signals: &mut self.signals, rewards: &mut self.rewards };
+        self.worker.reset(x0, seed, &mut self.state, sample);
+    }
+
+    fn step(&mut self, action: &[f64]) -> Status {
+        let sample =
+            Sample { observation: &mut self.observation, signals: &mut self.signals, rewards: &mut self.rewards };
+        self.worker.step(action, &mut self.state, sample)
+    }
+
+    /// Everything it shows, as bits.
+    fn bits(&self) -> Vec<u64> {
+        let wide = self.state.iter().chain(&self.signals).chain(&self.rewards).map(|x| x.to_bits());
+        wide.chain(self.observation.iter().map(|x| u64::from(x.to_bits()))).collect()
+    }
+}
+
+/// An action that moves every joint, different in every step.
+fn wiggle(step: usize) -> Vec<f64> {
+    (0..9).map(|joint| (0.3 * step as f64 + joint as f64).sin()).collect()
+}
+
+fn middle(definition: &Definition) -> Vec<f64> {
+    definition.initial_box.iter().map(|axis| 0.5 * (axis.paper[0] + axis.paper[1])).collect()
+}
+
+#[test]
+fn names_are_distinct_and_told() {
+    let mut tasks = HashSet::new();
+    for task in TASKS {
+        let definition = task.definition();
+        assert!(tasks.insert(definition.name), "two tasks are named {}", definition.name);
+        let lists: [&[Quantity]; 4] = [
+            definition.signals,
+            definition.observation,
+            definition.original_reward,
+            definition.shaped_reward,
+        ];
+        for list in lists {
+            let mut names = HashSet::new();
+            for quantity in list {
+                assert!(names.insert(quantity.name), "{} has two {}", definition.name, quantity.name);
+                assert!(quantity.meaning.len() > 3, "{}: {} has no meaning", definition.name, quantity.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn every_formula_names_signals_that_exist_and_is_decided_by_an_episode() {
+    for task in TASKS {
+        for preset in PRESETS {
+            let environment = environment(*task, preset, Reward::Original);
+            let specification = task.definition().formulas(preset).specification().unwrap();
+            let mut judge =
+                Judge::new(&specification, environment.signals(), environment.control_dt()).unwrap();
+            let mut trace = mishandle_stl::Trace::new(environment.signals().clone());
+            for _ in 0..=environment.episode_steps() {
+                trace.push(&vec![1.0; environment.signals().len()]);
+            }
+            let verdict = judge.verdict(&trace).unwrap();
+            assert!(verdict.success.is_some() && verdict.strict.is_some(), "{}", environment.name());
+        }
+    }
+}
+
+#[test]
+fn numbers_stay_finite_and_as_many_as_documented() {
+    for task in TASKS {
+        for reward in REWARDS {
+            let environment = environment(*task, Preset::Paper, reward);
+            let mut hand = Hand::new(&environment);
+            hand.reset(&middle(task.definition()), Seed(1));
+            for step in 0..300 {
+                // Twice the range of a policy, as noise may ask for.
+                let action: Vec<f64> = wiggle(step).iter().map(|a| 2.0 * a).collect();
+                assert_ne!(hand.step(&action), Status::Diverged, "{} at {step}", environment.name());
+                assert!(hand.observation.iter().all(|x| x.abs() <= 5.0));
+                assert!(hand.signals.iter().chain(&hand.rewards).all(|x| x.is_finite()));
+            }
+        }
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits_and_another_row_in_between_changes_nothing() {
+    for task in TASKS {
+        let environment = environment(*task, Preset::Paper, Reward::Shaped);
+        let x0 = middle(task.definition());
+        let (mut alone, mut between) = (Hand::new(&environment), Hand::new(&environment));
+        let mut other = Hand::new(&environment);
+        alone.reset(&x0, Seed(5));
+        between.reset(&x0, Seed(5));
+        other.reset(&environment.initial_box().at(&vec![0.1; x0.len()]), Seed(6));
+        for step in 0..60 {
+            alone.step(&wiggle(step));
+            between.step(&wiggle(step));
+            // Another simulation passes through the same worker.
+            std::mem::swap(&mut between.worker, &mut other.worker);
+            other.step(&wiggle(step + 7));
+            std::mem::swap(&mut between.worker, &mut other.worker);
+            assert_eq!(alone.bits(), between.bits(), "{} at step {step}", environment.name());
+        }
+    }
+}
+
+#[test]
+fn a_snapshot_in_mid_episode_continues_to_the_same_bits() {
+    for task in TASKS {
+        let environment = environment(*task, Preset::Paper, Reward::Shaped);
+        let mut hand = Hand::new(&environment);
+        hand.reset(&middle(task.definition()), Seed(2));
+        (0..80).for_each(|step| {
+            hand.step(&wiggle(step));
+        });
+        let mut restored = Hand::new(&environment);
+        restored.state.copy_from_slice(&hand.state);
+        for step in 80..140 {
+            hand.step(&wiggle(step));
+            restored.step(&wiggle(step));
+            assert_eq!(hand.bits(), restored.bits(), "{} at step {step}", environment.name());
+        }
+    }
+}
+
+#[test]
+fn every_axis_of_the_box_reaches_the_scene() {
+    for task in TASKS {
+        let environment = environment(*task, Preset::Paper, Reward::Shaped);
+        let dimension = environment.initial_box().dimension();
+        let mut hand = Hand::new(&environment);
+        for axis in 0..dimension {
+            let at = |hand: &mut Hand, value: f64| {
+                let mut u = vec![0.5; dimension];
+                u[axis] = value;
+                let x0 = environment.initial_box().at(&u);
+                hand.reset(&x0, Seed(3));
+                let task_part = &hand.observation[18..];
+                let seen = task_part.iter().any(|o| (f64::from(*o) - x0[axis]).abs() < 1e-6);
+                assert!(seen, "{}: axis {axis} at {} is nowhere in the observation", environment.name(), x0[axis]);
+                hand.observation.clone()
+            };
+            assert_ne!(at(&mut hand, 0.1), at(&mut hand, 0.9), "{} axis {axis}", environment.name());
+        }
+    }
+}
+
+fn expert_episodes(task: &dyn Task, environment: TaskEnvironment, starts: u64) -> Vec<Episode> {
+    let specification = task.definition().paper.specification().unwrap();
+    let expert = task.expert().unwrap();
+    let mut rollout = Rollout::new(Arc::new(environment), expert, specification, Noise::default()).unwrap();
+    let requests: Vec<Request> = (0..starts)
+        .map(|i| Request { x0: rollout.initial_box().sample(Seed(11), i), seed: Seed(11).child(i) })
+        .collect();
+    rollout.rollout(&requests).unwrap()
+}
+
+#[test]
+fn the_expert_meets_both_formulas() {
+    for task in TASKS {
+        for episode in expert_episodes(*task, environment(*task, Preset::Paper, Reward::Shaped), 40) {
+            let name = task.definition().name;
+            assert_eq!(episode.end, End::Completed);
+            assert!(episode.verdict.success > Some(0.0), "{name} from {:?}: {:?}", episode.x0, episode.verdict);
+            assert!(episode.verdict.strict > Some(0.0), "{name} from {:?}: {:?}", episode.x0, episode.verdict);
+        }
+    }
+}
+
+#[test]
+fn halving_the_physics_step_changes_no_outcome() {
+    for task in TASKS {
+        let halved = TaskEnvironment::with_substeps(
+            *task,
+            Preset::Paper,
+            Reward::Shaped,
+            2 * task.definition().n_substeps,
+        );
+        for episode in expert_episodes(*task, halved.unwrap(), 20) {
+            assert!(episode.verdict.strict > Some(0.0), "{} {:?}", task.definition().name, episode.x0);
+        }
+    }
+}
+
+#[test]
+fn an_episode_is_the_same_alone_and_in_a_batch_on_any_number_of_threads() {
+    for task in TASKS {
+        let run = |threads: usize, starts: u64| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| expert_episodes(*task, environment(*task, Preset::Paper, Reward::Shaped), starts))
+        };
+        let together = run(2, 19);
+        assert_eq!(together, run(3, 19));
+        assert_eq!(together[..1], run(1, 1));
+    }
+}
+
+#[test]
+fn every_reward_ranks_the_expert_above_doing_nothing() {
+    for task in TASKS {
+        for reward in REWARDS {
+            let idle_environment = environment(*task, Preset::Paper, reward);
+            let mut hand = Hand::new(&idle_environment);
+            let mut idle = 0.0;
+            hand.reset(&middle(task.definition()), Seed(4));
+            for _ in 0..300 {
+                hand.step(&[0.0; 9]);
+                idle += hand.rewards.iter().sum::<f64>();
+            }
+            let episodes = expert_episodes(*task, environment(*task, Preset::Paper, reward), 8);
+            let expert = episodes.iter().map(|e| e.total_reward).sum::<f64>() / episodes.len() as f64;
+            assert!(expert > idle, "{} {reward:?}: expert {expert}, idle {idle}", task.definition().name);
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! `cargo xtask test`: everything CI runs, one step after the other, up to the first that fails.
+
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+
+use crate::process::{as_typed, cargo, run};
+use crate::{mujoco, readme, tidy};
+
+struct Step {
+    name: &'static str,
+    action: Action,
+}
+
+enum Action {
+    /// Arguments of `cargo`.
+    Cargo(&'static [&'static str]),
+    /// Another chore.
+    Chore(fn(&Path) -> Result<()>),
+}
+
+/// Quick checks first. Benches are compiled by clippy but not run: they are no tests, and take minutes.
+const STEPS: &[Step] = &[
+    Step { name: "mujoco", action: Action::Chore(mujoco::fetch) },
+    Step { name: "fmt", action: Action::Cargo(&["fmt", "--all", "--check"]) },
+    Step { name: "tidy", action: Action::Chore(tidy::check) },
+    Step {
+        name: "clippy",
+        action: Action::Cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"]),
+    },
+    Step { name: "tests", action: Action::Chore(tests) },
+    Step { name: "doc tests", action: Action::Cargo(&["test", "--workspace", "--doc"]) },
+    Step { name: "readme", action: Action::Chore(readme::check) },
+];
+
+/// Runs every step.
+///
+/// # Errors
+/// The first step that fails, with its name and its command.
+pub fn check(root: &Path) -> Result<()> {
+    let started = Instant::now();
+    for (number, step) in (1..).zip(STEPS) {
+        let label = format!("[{number}/{}] {}", STEPS.len(), step.name);
+        let began = Instant::now();
+        let done = match step.action {
+            Action::Cargo(arguments) => {
+                let mut command = cargo(root, arguments);
+                eprintln!("{label}: {}", as_typed(&command));
+                run(&mut command, &[0])
+            }
+            Action::Chore(chore) => {
+                eprintln!("{label}");
+                chore(root)
+            }
+        };
+        done.with_context(|| format!("step `{}` failed", step.name))?;
+        eprintln!("{label}: passed in {:.1} s\n", began.elapsed().as_secs_f64());
+    }
+    eprintln!("all {} steps passed in {:.1} s", STEPS.len(), started.elapsed().as_secs_f64());
+    Ok(())
+}
+
+/// The tests, by nextest where it is installed (a process each, a summary line) and by cargo's own runner elsewhere.
+fn tests(root: &Path) -> Result<()> {
+    let has_nextest =
+        cargo(root, &["nextest", "--version"]).output().is_ok_and(|output| output.status.success());
+    let arguments: &[&str] = if has_nextest {
+        &["nextest", "run", "--workspace"]
+    } else {
+        &["test", "--workspace", "--lib", "--bins", "--tests", "--examples"]
+    };
+    run(&mut cargo(root, arguments), &[0])
+}

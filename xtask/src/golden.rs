@@ -1,0 +1,104 @@
+//! `cargo xtask golden`: makes the golden files again, which hold what other programs (RTAMT, SciPy, PyTorch) answer.
+//!
+//! A folder `crates/<crate>/tests/golden/<name>` holds a `make.py`, the `requirements.txt` it needs and the files that
+//! it writes beside itself, the same bytes each time. It runs in a virtual environment of its own under `target`.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, ensure};
+
+use crate::process::run;
+
+struct Golden {
+    /// `<crate>-<name>`
+    id: String,
+    /// `<name>`
+    name: String,
+    folder: PathBuf,
+}
+
+/// Runs `make.py` of the folders with one of the given names (all folders if none is given), and shows what changed.
+///
+/// # Errors
+/// A name that no folder has, or a command that fails.
+pub fn remake(root: &Path, names: &[String]) -> Result<()> {
+    let found = find(root)?;
+    let known = || found.iter().map(|golden| golden.id.as_str()).collect::<Vec<_>>().join(", ");
+    let is_called = |golden: &Golden, name: &String| golden.name == *name || golden.id == *name;
+    for name in names {
+        ensure!(
+            found.iter().any(|golden| is_called(golden, name)),
+            "no golden files `{name}`; there are: {}",
+            known()
+        );
+    }
+    let chosen: Vec<&Golden> = found
+        .iter()
+        .filter(|golden| names.is_empty() || names.iter().any(|name| is_called(golden, name)))
+        .collect();
+    for golden in &chosen {
+        eprintln!("{}: running {}", golden.id, golden.folder.join("make.py").display());
+        let python = environment(root, golden)?;
+        // No .pyc files beside the golden ones, and no order that depends on random hashes.
+        let fixed = [("PYTHONDONTWRITEBYTECODE", "1"), ("PYTHONHASHSEED", "0")];
+        run(Command::new(python).arg("make.py").current_dir(&golden.folder).envs(fixed), &[0])?;
+    }
+    let folders = || chosen.iter().map(|golden| &golden.folder);
+    eprintln!("{} made again; what git sees:", chosen.len());
+    run(Command::new("git").args(["status", "--short", "--"]).args(folders()).current_dir(root), &[0])?;
+    run(
+        Command::new("git").args(["--no-pager", "diff", "--stat", "--"]).args(folders()).current_dir(root),
+        &[0],
+    )
+}
+
+/// Every golden folder, sorted by its id.
+fn find(root: &Path) -> Result<Vec<Golden>> {
+    let mut found = Vec::new();
+    for package in folders_in(&root.join("crates"))? {
+        for folder in folders_in(&package.join("tests/golden"))? {
+            let (of, name) = (file_name(&package), file_name(&folder));
+            if folder.join("make.py").is_file() {
+                found.push(Golden { id: format!("{of}-{name}"), name, folder });
+            }
+        }
+    }
+    found.sort_by(|a, b| a.id.cmp(&b.id));
+    Ok(found)
+}
+
+/// The folders in a folder; none if there is no such folder.
+fn folders_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let entries = fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
+    let paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
+    Ok(paths.into_iter().filter(|path| path.is_dir()).collect())
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// The Python of the folder's virtual environment, made or brought up to date if its requirements changed.
+fn environment(root: &Path, golden: &Golden) -> Result<PathBuf> {
+    let venv = root.join("target/golden-venv").join(&golden.id);
+    let python = venv.join("bin/python");
+    let requirements = golden.folder.join("requirements.txt");
+    let wanted =
+        fs::read(&requirements).with_context(|| format!("cannot read {}", requirements.display()))?;
+    let installed = venv.join("installed.txt");
+    if fs::read(&installed).is_ok_and(|bytes| bytes == wanted) {
+        return Ok(python);
+    }
+    eprintln!("{}: installing its requirements into {}", golden.id, venv.display());
+    run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&venv), &[0])
+        .context("cannot make a virtual environment (Debian: `apt install python3-venv`)")?;
+    let install = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--requirement"];
+    run(Command::new(&python).args(install).arg(&requirements), &[0])?;
+    fs::write(&installed, wanted).with_context(|| format!("cannot write {}", installed.display()))?;
+    Ok(python)
+}

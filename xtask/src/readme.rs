@@ -1,0 +1,239 @@
+//! `cargo xtask readme`: runs the commands that README.md shows, so that they stay true.
+//!
+//! In a code block marked `console`, a line that starts with `$ ` is a command (a `\` at its end carries on in the next
+//! line) and the lines below are its output. Blocks run in order, each command in a shell of its own, in the
+//! repository's root, with the release build on the path. A command has to exit with 0, unless a comment right above the
+//! block gives the code of each command in it, as `<!-- exit: 0 1 -->`. The first line of output that is shown has to be
+//! written by the command too, to stdout or stderr; numbers and the width of gaps are not compared.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail, ensure};
+
+use crate::process::{cargo, run};
+
+const README: &str = "README.md";
+/// Limit for one command, in seconds.
+const LIMIT_SECS: u32 = 180;
+/// The exit code of `timeout` when the limit was reached.
+const TIMED_OUT: i32 = 124;
+
+/// Commands that are shown but not run: how they start, and why.
+const SKIPPED: &[(&str, &str)] = &[
+    ("git clone", "the reader has the repository by now"),
+    ("cd ", "each command runs in the repository's root"),
+    ("cargo xtask demo", "its parts are run by other steps"),
+    ("cargo xtask test", "it is what runs this"),
+    ("cargo bench", "takes minutes"),
+];
+
+#[derive(Debug, PartialEq)]
+struct Shown {
+    /// In README.md, from 1.
+    line: usize,
+    command: String,
+    exit: i32,
+    first_output: Option<String>,
+}
+
+/// Builds the program, then runs every command of README.md.
+///
+/// # Errors
+/// The first command that does not do what README.md shows, with its line.
+pub fn check(root: &Path) -> Result<()> {
+    let text = fs::read_to_string(root.join(README)).with_context(|| format!("cannot read {README}"))?;
+    let shown = commands(&text)?;
+    run(&mut cargo(root, &["build", "--release"]), &[0])?;
+    for shown in &shown {
+        let place = format!("{README}:{}: `{}`", shown.line, shown.command);
+        if let Some((_, reason)) = SKIPPED.iter().find(|(start, _)| shown.command.starts_with(start)) {
+            eprintln!("{place}: not run, {reason}");
+            continue;
+        }
+        let started = Instant::now();
+        try_out(root, shown).with_context(|| place.clone())?;
+        eprintln!("{place}: as shown, {:.1} s", started.elapsed().as_secs_f64());
+    }
+    Ok(())
+}
+
+/// The commands of all blocks marked `console`, in order.
+fn commands(text: &str) -> Result<Vec<Shown>> {
+    let mut found = Vec::new();
+    let mut lines = (1..).zip(text.lines()).peekable();
+    let mut above = "";
+    while let Some((number, line)) = lines.next() {
+        if line.trim() != "```console" {
+            // A blank line between the comment and its block is allowed: Markdown needs it.
+            above = if line.trim().is_empty() { above } else { line };
+            continue;
+        }
+        let mut block: Vec<(usize, &str)> = Vec::new();
+        while let Some(inside) = lines.next_if(|(_, line)| line.trim() != "```") {
+            block.push(inside);
+        }
+        found.extend(commands_of_block(number, &block, above)?);
+        lines.next();
+        above = "";
+    }
+    Ok(found)
+}
+
+fn commands_of_block(number: usize, block: &[(usize, &str)], above: &str) -> Result<Vec<Shown>> {
+    let mut found: Vec<Shown> = Vec::new();
+    let mut goes_on = false;
+    for (line, text) in block {
+        let last = found.last_mut();
+        if goes_on && let Some(last) = last {
+            goes_on = text.ends_with('\\');
+            last.command += " ";
+            last.command += text.trim_end_matches('\\').trim_start_matches("> ").trim();
+        } else if let Some(command) = text.strip_prefix("$ ") {
+            goes_on = command.ends_with('\\');
+            let command = command.trim_end_matches('\\').trim().to_owned();
+            found.push(Shown { line: *line, command, exit: 0, first_output: None });
+        } else if let Some(last) = last
+            && last.first_output.is_none()
+            && !text.trim().is_empty()
+        {
+            last.first_output = Some((*text).to_owned());
+        }
+    }
+    if let Some(codes) = above.trim().strip_prefix("<!-- exit:").and_then(|rest| rest.strip_suffix("-->")) {
+        let codes: Vec<i32> =
+            codes.split_whitespace().map(str::parse).collect::<Result<_, _>>().with_context(|| {
+                format!("{README}:{number}: the exit codes above the block, `{codes}`, are not numbers")
+            })?;
+        ensure!(
+            codes.len() == found.len(),
+            "{README}:{number}: the block has {} commands, and {} exit codes above it",
+            found.len(),
+            codes.len()
+        );
+        for (shown, code) in found.iter_mut().zip(codes) {
+            shown.exit = code;
+        }
+    }
+    Ok(found)
+}
+
+fn try_out(root: &Path, shown: &Shown) -> Result<()> {
+    let old = std::env::var_os("PATH").unwrap_or_default();
+    let path =
+        std::env::join_paths([root.join("target/release")].into_iter().chain(std::env::split_paths(&old)))?;
+    let output = Command::new("timeout")
+        .args(["--kill-after=5", &LIMIT_SECS.to_string(), "bash", "-c", &shown.command])
+        .current_dir(root)
+        .env("PATH", path)
+        .output()
+        .context("cannot run it")?;
+    let written =
+        format!("{}\n{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    match output.status.code() {
+        Some(TIMED_OUT) => bail!("takes more than {LIMIT_SECS} s"),
+        code if code != Some(shown.exit) => {
+            bail!("{}, not exit code {} as shown; it wrote:\n{}", output.status, shown.exit, written.trim());
+        }
+        _ => {}
+    }
+    if let Some(line) = &shown.first_output {
+        let wanted = without_numbers(line);
+        ensure!(
+            written.lines().any(|line| without_numbers(line) == wanted),
+            "its output does not have the line that is shown:\n{line}\nit wrote:\n{}",
+            written.trim()
+        );
+    }
+    Ok(())
+}
+
+/// A line with each number (sign, digits, point, exponent) as `#` and each gap as one blank.
+fn without_numbers(line: &str) -> String {
+    let mut out = String::new();
+    let mut rest = line.trim();
+    while let Some(first) = rest.chars().next() {
+        let length = number_length(rest);
+        if length > 0 {
+            out.push('#');
+        } else if !(first.is_whitespace() && out.ends_with(' ')) {
+            out.push(if first.is_whitespace() { ' ' } else { first });
+        }
+        rest = &rest[length.max(first.len_utf8())..];
+    }
+    out
+}
+
+/// How many bytes at the start of a text are one number; 0 if it does not start with one.
+fn number_length(text: &str) -> usize {
+    let digits = |text: &str| text.bytes().take_while(u8::is_ascii_digit).count();
+    let sign = usize::from(text.starts_with(['-', '+']));
+    let whole = digits(&text[sign..]);
+    if whole == 0 {
+        return 0;
+    }
+    let mut length = sign + whole;
+    while text[length..].starts_with(['.', ',']) && digits(&text[length + 1..]) > 0 {
+        length += 1 + digits(&text[length + 1..]);
+    }
+    if text[length..].starts_with(['e', 'E']) {
+        let sign = usize::from(text[length + 1..].starts_with(['-', '+']));
+        let exponent = digits(&text[length + 1 + sign..]);
+        length += if exponent > 0 { 1 + sign + exponent } else { 0 };
+    }
+    length
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shown(line: usize, command: &str, exit: i32, first_output: Option<&str>) -> Shown {
+        Shown { line, command: command.into(), exit, first_output: first_output.map(Into::into) }
+    }
+
+    #[test]
+    fn only_console_blocks_hold_commands() {
+        let text = "```sh\n$ no\n```\n\n<!-- exit: 0 1 -->\n\n```console\n$ one\nout\nmore\n$ two \\\n    --long\n```\n$ no\n";
+        let expected = vec![shown(8, "one", 0, Some("out")), shown(11, "two --long", 1, None)];
+        assert_eq!(commands(text).unwrap(), expected);
+    }
+
+    #[test]
+    fn exit_codes_belong_to_the_block_below_them_and_match_its_commands() {
+        let two = commands("<!-- exit: 1 -->\n```console\n$ a\n```\ntext\n```console\n$ b\n```\n").unwrap();
+        assert_eq!(two.iter().map(|shown| shown.exit).collect::<Vec<_>>(), [1, 0]);
+        let error = commands("<!-- exit: 1 -->\n```console\n$ a\n$ b\n```\n").unwrap_err();
+        assert_eq!(error.to_string(), "README.md:2: the block has 2 commands, and 1 exit codes above it");
+    }
+
+    #[test]
+    fn numbers_and_gaps_are_not_compared_but_words_are() {
+        for (line, expected) in [
+            ("falsified 27 of 30  trials", "falsified # of # trials"),
+            ("rho -0.031 (1.5e-7)", "rho # (#)"),
+            ("1,000.5 s, x1 and v2.0.", "# s, x# and v#."),
+            ("| a |  3 |", "| a | # |"),
+            ("3 e, 3e, -e", "# e, #e, -e"),
+            ("ρ = −3 µm", "ρ = −# µm"),
+        ] {
+            assert_eq!(without_numbers(line), expected, "{line}");
+        }
+    }
+
+    #[test]
+    fn a_command_is_held_to_its_exit_code_and_first_line() {
+        let root = std::env::temp_dir();
+        let try_out =
+            |command: &str, exit, first_output| try_out(&root, &shown(1, command, exit, first_output));
+        assert!(try_out("echo took 3 s >&2; exit 1", 1, Some("took 12.5 s")).is_ok());
+        assert!(
+            try_out("exit 1", 0, None).unwrap_err().to_string().contains("exit status: 1, not exit code 0")
+        );
+        assert!(
+            try_out("echo held", 0, Some("falsified")).unwrap_err().to_string().contains("\nfalsified\n")
+        );
+    }
+}

@@ -1,0 +1,96 @@
+//! `cargo xtask tidy`: what the compiler does not check. Each check reads a [`Tree`] and returns what is wrong.
+
+mod crates;
+mod links;
+mod rules;
+
+use std::fmt;
+use std::path::Path;
+use std::process::Command;
+
+use anyhow::{Result, bail};
+
+use crate::process::{cargo, output};
+
+/// The files of the repository: those that git tracks, or would if they were added.
+struct Tree {
+    files: Vec<File>,
+}
+
+struct File {
+    /// From the root, with `/`.
+    path: String,
+    /// Empty for a file that is not text.
+    text: String,
+}
+
+#[derive(Debug, PartialEq)]
+struct Problem {
+    path: String,
+    /// From 1.
+    line: usize,
+    what: String,
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:{}: {}", self.path, self.line, self.what)
+    }
+}
+
+impl Tree {
+    fn read(root: &Path) -> Result<Tree> {
+        let list = ["ls-files", "-z", "--cached", "--others", "--exclude-standard"];
+        let names = output(Command::new("git").args(list).current_dir(root))?;
+        let mut files: Vec<File> = names
+            .split_terminator('\0')
+            .filter(|name| root.join(name).is_file()) // git lists a file that was deleted until it is told so
+            .map(|name| {
+                let text = String::from_utf8(std::fs::read(root.join(name))?).unwrap_or_default();
+                Ok(File { path: name.to_owned(), text })
+            })
+            .collect::<Result<_>>()?;
+        files.sort_by(|a, b| a.path.cmp(&b.path));
+        Ok(Tree { files })
+    }
+
+    fn file(&self, path: &str) -> Option<&File> {
+        self.files.iter().find(|file| file.path == path)
+    }
+
+    fn has_folder(&self, path: &str) -> bool {
+        self.files.iter().any(|file| file.path.strip_prefix(path).is_some_and(|rest| rest.starts_with('/')))
+    }
+
+    /// For tests: a tree of these files.
+    #[cfg(test)]
+    fn of(files: &[(&str, &str)]) -> Tree {
+        let file = |(path, text): &(&str, &str)| File { path: (*path).into(), text: (*text).into() };
+        Tree { files: files.iter().map(file).collect() }
+    }
+}
+
+/// Runs every check on the repository.
+///
+/// # Errors
+/// Says how many problems there are, after a line for each.
+pub fn check(root: &Path) -> Result<()> {
+    let tree = Tree::read(root)?;
+    let metadata = output(&mut cargo(root, &["metadata", "--no-deps", "--format-version=1"]))?;
+    let packages = crates::packages(&metadata, root)?;
+    let problems = [crates::check(&tree, &packages), rules::check(&tree), links::check(&tree)]
+        .into_iter()
+        .flatten()
+        .collect::<Vec<_>>();
+    for problem in &problems {
+        eprintln!("{problem}");
+    }
+    match problems.len() {
+        0 => {
+            eprintln!("{} files and {} crates are tidy", tree.files.len(), packages.len());
+            Ok(())
+        }
+        1 => bail!("1 thing is not tidy"),
+        n => bail!("{n} things are not tidy"),
+    }
+}
