@@ -15,6 +15,7 @@
 mod error;
 mod interval;
 mod metrics;
+mod resample;
 mod run;
 
 pub use error::EvaluationError;

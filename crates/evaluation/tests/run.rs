@@ -77,6 +77,16 @@ fn any_batch_size_gives_the_same_simulations_and_the_same_report() {
 }
 
 #[test]
+fn simulation_i_is_the_ith_child_and_the_ith_start_of_the_seed() {
+    let mut system = Closed::new(0.3, 8);
+    let (_, episodes) = run(&mut system, &Evaluation::new(20, Seed(6)));
+    for (episode, i) in episodes.iter().zip(0..) {
+        assert_eq!(episode.seed, Seed(6).child(i));
+        assert_eq!(episode.x0, system.initial_box.sample(Seed(6), i));
+    }
+}
+
+#[test]
 fn two_controllers_meet_the_same_starts_and_seeds() {
     let keys = |threshold, episodes| -> Vec<(Vec<f64>, Seed)> {
         let (_, episodes) = run(&mut Closed::new(threshold, 8), &Evaluation::new(episodes, Seed(5)));

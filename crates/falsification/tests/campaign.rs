@@ -110,6 +110,19 @@ fn how_trials_end() {
 }
 
 #[test]
+fn the_earliest_of_equal_minima_counts() {
+    let outcome = run(&mut walk(&[0.5, 0.3, 0.3, 0.5], 1, 9), &mut system(by_place)).unwrap();
+    assert_eq!(outcome.trials[0].minimum.as_ref().unwrap().number, 2);
+}
+
+#[test]
+fn nothing_is_simulated_beyond_the_budget() {
+    let mut system = system(by_place).with_batch_size(100);
+    let outcome = run(&mut walk(&[0.5; 40], 2, 17), &mut system).unwrap();
+    assert_eq!((outcome.simulations, system.simulations()), (34, 34));
+}
+
+#[test]
 fn a_search_that_has_nothing_to_say_ends_its_trial() {
     check(&[], 9, (TrialEnd::SearchEnded(Finish::Converged), 0, None, 0, 0));
 }
