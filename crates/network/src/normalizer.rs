@@ -89,6 +89,16 @@ impl Moments {
         self.count = count;
     }
 
+    /// Moments that go on where others were, to the bit.
+    ///
+    /// # Errors
+    /// If the lengths differ, or a number is NaN or infinite, or a sum of squares or the count negative.
+    pub fn resume(count: f64, mean: Vec<f64>, squares: Vec<f64>) -> Result<Moments, NetworkError> {
+        check_statistics(&mean, &squares)?;
+        check_numbers("count", &[count], "finite and at least 0", |count| count.is_finite() && count >= 0.0)?;
+        Ok(Moments { count, mean, squares })
+    }
+
     /// How many rows.
     pub fn count(&self) -> f64 {
         self.count
@@ -97,6 +107,11 @@ impl Moments {
     /// The mean of each column.
     pub fn mean(&self) -> &[f64] {
         &self.mean
+    }
+
+    /// The sum of squared deviations of each column.
+    pub fn squares(&self) -> &[f64] {
+        &self.squares
     }
 
     /// The variance of each column, squares / n.
@@ -141,6 +156,20 @@ impl RunningNormalizer {
         check_numbers("count", &[count], "finite and above 0", |count| count.is_finite() && count > 0.0)?;
         let squares = variance.iter().map(|variance| variance * count).collect();
         Ok(RunningNormalizer { moments: Moments { count, mean, squares } })
+    }
+
+    /// A normaliser that goes on from the [`moments`](RunningNormalizer::moments) of another, to the bit.
+    ///
+    /// # Errors
+    /// If the moments are those of no row.
+    pub fn from_moments(moments: Moments) -> Result<RunningNormalizer, NetworkError> {
+        check_numbers("count", &[moments.count], "above 0", |count| count > 0.0)?;
+        Ok(RunningNormalizer { moments })
+    }
+
+    /// What it has learned.
+    pub fn moments(&self) -> &Moments {
+        &self.moments
     }
 
     /// Learns from plain rows.

@@ -1,1 +1,27 @@
 //! Training algorithms: environments in, controllers out.
+//!
+//! An algorithm is a folder: its settings, its loss, its loop. What algorithms share stands beside them: rows of
+//! never-ending [`Episodes`], a rollout's [`Buffer`], [`gae`], a [`gaussian`] policy and a [`Critic`] that learn, the
+//! choice of the best policy, checkpoints, and what an [`Observer`] is told.
+//!
+//! Everything runs on the threads of the current rayon pool. The same environment, settings and seed give the same
+//! controller to the bit for any number of threads, resumed or not.
+
+mod buffer;
+mod checkpoint;
+mod critic;
+mod episodes;
+mod error;
+pub mod gae;
+pub mod gaussian;
+pub mod ppo;
+mod progress;
+mod selection;
+
+pub use buffer::{Buffer, shuffle};
+pub use checkpoint::{Checkpoint, Numbers};
+pub use critic::Critic;
+pub use episodes::{Boundary, EpisodeStatistics, Episodes};
+pub use error::TrainingError;
+pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation};
+pub use selection::{Best, Selection};

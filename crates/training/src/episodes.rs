@@ -1,0 +1,289 @@
+//! Rows of never-ending episodes: what on-policy and off-policy learners act in.
+
+use std::sync::Arc;
+
+use mishandle_rollout::{Batch, Environment, Seed, Status, Stream};
+use rayon::prelude::*;
+
+use crate::{Checkpoint, TrainingError};
+
+/// How a control step left an episode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Boundary {
+    /// It goes on.
+    Running,
+    /// The task ended it: nothing of value follows.
+    Terminated,
+    /// The clock ended it: what would have followed has its value.
+    Truncated,
+}
+
+/// A batch of simulations that start anew, at random initial configurations, when they end.
+///
+/// Episode k of row r is that of seed `seed.child(r).child(k)`, whatever happens in other rows. An episode ends where
+/// the task is lost, where it diverges (its last observation is then the one before), or at the time limit. First
+/// episodes may begin with part of their time gone by, so that the rows are not in step.
+pub struct Episodes {
+    batch: Batch,
+    seed: Seed,
+    time_limit: usize,
+    action_noise: f64,
+    clocks: Vec<Clock>,
+    actions: Vec<f64>,
+    rewards: Vec<f64>,
+    boundaries: Vec<Boundary>,
+    final_observations: Vec<f32>,
+    statistics: EpisodeStatistics,
+}
+
+/// Where a row stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Clock {
+    /// Number of the row's episode.
+    episode: u64,
+    /// Control steps since its reset: the step of its random streams.
+    step: u64,
+    /// Control steps that count against the time limit.
+    elapsed: usize,
+    /// Rewards so far.
+    total_reward: f64,
+}
+
+/// What happened since the statistics were last taken.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct EpisodeStatistics {
+    /// Control steps, over all rows.
+    pub steps: u64,
+    /// Sums of the reward terms over these steps.
+    pub reward_terms: Vec<f64>,
+    /// Episodes that ended, of those that had their whole time.
+    pub episodes: u64,
+    /// Sum of their rewards.
+    pub total_reward: f64,
+    /// Sum of their control steps.
+    pub total_steps: u64,
+    /// Episodes that the task ended.
+    pub terminated: u64,
+    /// Episodes whose numbers stopped being finite.
+    pub diverged: u64,
+}
+
+impl Episodes {
+    /// `rows` fresh episodes of at most `time_limit` control steps, with noise of the standard deviation
+    /// `action_noise` on each clipped action.
+    ///
+    /// If `staggered`, the first episode of each row has only a random part of its time, and is not counted.
+    pub fn new(
+        environment: Arc<dyn Environment>,
+        rows: usize,
+        seed: Seed,
+        time_limit: usize,
+        action_noise: f64,
+        staggered: bool,
+    ) -> Episodes {
+        let mut episodes = Episodes {
+            actions: vec![0.0; rows * environment.action_size()],
+            rewards: vec![0.0; rows],
+            boundaries: vec![Boundary::Running; rows],
+            final_observations: vec![0.0; rows * environment.observation_size()],
+            statistics: EpisodeStatistics {
+                reward_terms: vec![0.0; environment.reward_terms().len()],
+                ..EpisodeStatistics::default()
+            },
+            batch: Batch::new(environment, rows),
+            seed,
+            time_limit,
+            action_noise,
+            clocks: vec![Clock::default(); rows],
+        };
+        for (row, clock) in episodes.clocks.iter_mut().enumerate() {
+            if staggered {
+                let part = seed.child(row as u64).uniform(Stream::Shuffle, 0, 0);
+                clock.elapsed = (part * time_limit as f64) as usize;
+            }
+        }
+        let Episodes { batch, clocks, .. } = &mut episodes;
+        let environment = batch.environment().clone();
+        batch.reset(|row| Some(start(environment.as_ref(), episode_seed(seed, row, &clocks[row]))));
+        episodes
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.batch.rows()
+    }
+
+    /// The environment.
+    pub fn environment(&self) -> &Arc<dyn Environment> {
+        self.batch.environment()
+    }
+
+    /// What each row shows now, `[rows, observation_size]`; of a fresh episode where one has just ended.
+    pub fn observations(&self) -> &[f32] {
+        self.batch.observations()
+    }
+
+    /// Rewards of the last step.
+    pub fn rewards(&self) -> &[f64] {
+        &self.rewards
+    }
+
+    /// How the last step left each row's episode.
+    pub fn boundaries(&self) -> &[Boundary] {
+        &self.boundaries
+    }
+
+    /// What each row showed after the last step, before any reset, `[rows, observation_size]`.
+    pub fn final_observations(&self) -> &[f32] {
+        &self.final_observations
+    }
+
+    /// Fills `draws`, as many for each row, with standard normal numbers for a policy's choice of the next action.
+    pub fn policy_draws(&self, draws: &mut [f64]) {
+        let (columns, seed, clocks) = (draws.len() / self.rows(), self.seed, &self.clocks);
+        draws.par_chunks_mut(columns).with_min_len(ROWS_PER_TASK).enumerate().for_each(|(row, draws)| {
+            let clock = &clocks[row];
+            episode_seed(seed, row, clock).normals(Stream::Policy, clock.step, draws);
+        });
+    }
+
+    /// Carries every row on under `actions`, `[rows, action_size]`: clipped to [-1, 1], with noise, not clipped again.
+    pub fn step(&mut self, actions: &[f32]) {
+        self.set_actions(actions);
+        // What a diverged row showed before is all that is left of it.
+        self.final_observations.copy_from_slice(self.batch.observations());
+        self.batch.step(&self.actions);
+        self.judge();
+        if self.boundaries.iter().all(|boundary| *boundary == Boundary::Running) {
+            return;
+        }
+        let Episodes { batch, clocks, boundaries, seed, .. } = self;
+        let environment = batch.environment().clone();
+        batch.reset(|row| match boundaries[row] {
+            Boundary::Running => None,
+            _ => Some(start(environment.as_ref(), episode_seed(*seed, row, &clocks[row]))),
+        });
+    }
+
+    /// What happened since this was last asked.
+    pub fn take_statistics(&mut self) -> EpisodeStatistics {
+        let fresh = EpisodeStatistics {
+            reward_terms: vec![0.0; self.statistics.reward_terms.len()],
+            ..EpisodeStatistics::default()
+        };
+        std::mem::replace(&mut self.statistics, fresh)
+    }
+
+    fn set_actions(&mut self, actions: &[f32]) {
+        let Episodes { seed, action_noise, clocks, actions: noisy_actions, .. } = self;
+        let (seed, action_noise, clocks) = (*seed, *action_noise, &*clocks);
+        let size = actions.len() / clocks.len();
+        let rows =
+            noisy_actions.par_chunks_mut(size).zip(actions.par_chunks(size)).with_min_len(ROWS_PER_TASK);
+        rows.enumerate().for_each(|(row, (noisy, actions))| {
+            if action_noise > 0.0 {
+                let clock = &clocks[row];
+                episode_seed(seed, row, clock).normals(Stream::ActionNoise, clock.step, noisy);
+            }
+            for (noisy, action) in noisy.iter_mut().zip(actions) {
+                let noise = if action_noise > 0.0 { action_noise * *noisy } else { 0.0 };
+                *noisy = f64::from(*action).clamp(-1.0, 1.0) + noise;
+            }
+        });
+    }
+
+    /// Rewards, boundaries and statistics of the step just made; moves the clocks.
+    fn judge(&mut self) {
+        let terms = self.statistics.reward_terms.len();
+        let observation_size = self.batch.environment().observation_size();
+        for (row, clock) in self.clocks.iter_mut().enumerate() {
+            let status = self.batch.statuses()[row];
+            clock.step += 1;
+            clock.elapsed += 1;
+            self.statistics.steps += 1;
+            self.rewards[row] = 0.0;
+            if status == Status::Diverged {
+                self.statistics.diverged += 1;
+            } else {
+                let observation = row * observation_size..(row + 1) * observation_size;
+                self.final_observations[observation.clone()]
+                    .copy_from_slice(&self.batch.observations()[observation]);
+                let rewards = &self.batch.rewards()[row * terms..][..terms];
+                for (sum, reward) in self.statistics.reward_terms.iter_mut().zip(rewards) {
+                    *sum += reward;
+                }
+                self.rewards[row] = rewards.iter().sum();
+            }
+            clock.total_reward += self.rewards[row];
+            self.boundaries[row] = match status {
+                Status::Terminated | Status::Diverged => Boundary::Terminated,
+                Status::Running if clock.elapsed >= self.time_limit => Boundary::Truncated,
+                Status::Running => Boundary::Running,
+            };
+            if self.boundaries[row] == Boundary::Running {
+                continue;
+            }
+            let had_its_whole_time = clock.elapsed as u64 == clock.step;
+            if had_its_whole_time {
+                self.statistics.episodes += 1;
+                self.statistics.total_reward += clock.total_reward;
+                self.statistics.total_steps += clock.step;
+                self.statistics.terminated += u64::from(self.boundaries[row] == Boundary::Terminated);
+            }
+            *clock = Clock { episode: clock.episode + 1, ..Clock::default() };
+        }
+    }
+
+    /// Puts all that the future depends on into a checkpoint.
+    pub fn save(&self, checkpoint: &mut Checkpoint) {
+        let (rows, state_size) = (self.rows(), self.environment().state_size());
+        let mut states = vec![0.0; rows * state_size];
+        for (row, state) in states.chunks_mut(state_size).enumerate() {
+            self.batch.read_state(row, state);
+        }
+        checkpoint.put("episodes.states", states);
+        checkpoint.put("episodes.observations", self.observations().to_vec());
+        let clocks = || self.clocks.iter();
+        checkpoint.put("episodes.episode", clocks().map(|c| c.episode).collect::<Vec<_>>());
+        checkpoint.put("episodes.step", clocks().map(|c| c.step).collect::<Vec<_>>());
+        checkpoint.put("episodes.elapsed", clocks().map(|c| c.elapsed as u64).collect::<Vec<_>>());
+        checkpoint.put("episodes.total_reward", clocks().map(|c| c.total_reward).collect::<Vec<_>>());
+    }
+
+    /// Goes on where a checkpoint was taken. Statistics begin anew.
+    ///
+    /// # Errors
+    /// If the checkpoint holds other rows than these.
+    pub fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
+        let (rows, state_size) = (self.rows(), self.environment().state_size());
+        let observation_size = self.environment().observation_size();
+        let states = checkpoint.f64s("episodes.states", rows * state_size)?;
+        let observations = checkpoint.f32s("episodes.observations", rows * observation_size)?;
+        let episode = checkpoint.u64s("episodes.episode", rows)?;
+        let step = checkpoint.u64s("episodes.step", rows)?;
+        let elapsed = checkpoint.u64s("episodes.elapsed", rows)?;
+        let total_reward = checkpoint.f64s("episodes.total_reward", rows)?;
+        for row in 0..rows {
+            self.batch.write_state(row, &states[row * state_size..][..state_size]);
+            self.batch.set_observation(row, &observations[row * observation_size..][..observation_size]);
+            self.clocks[row] = Clock {
+                episode: episode[row],
+                step: step[row],
+                elapsed: elapsed[row] as usize,
+                total_reward: total_reward[row],
+            };
+        }
+        Ok(())
+    }
+}
+
+/// Rows whose random numbers one task draws: about 50 us of work.
+const ROWS_PER_TASK: usize = 64;
+
+fn episode_seed(seed: Seed, row: usize, clock: &Clock) -> Seed {
+    seed.child(row as u64).child(clock.episode)
+}
+
+fn start(environment: &dyn Environment, seed: Seed) -> (Vec<f64>, Seed) {
+    (environment.initial_box().sample(seed, 0), seed)
+}

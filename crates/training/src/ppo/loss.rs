@@ -1,0 +1,171 @@
+//! PPO's losses at one row, and their gradient over a chunk of rows.
+
+use mishandle_network::{Mlp, Normalizer, Workspace};
+
+use crate::Buffer;
+use crate::gaussian::Deviations;
+
+/// The clipped surrogate loss at one row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surrogate {
+    /// -min(r A, clip(r, 1-ε, 1+ε) A)
+    pub loss: f64,
+    /// Its derivative by log π(a|s): -r A where the unclipped product is the smaller, else 0.
+    pub slope: f64,
+    /// (r - 1) - log r, whose mean estimates the divergence of the new policy from the old one, and is never negative.
+    pub kl: f64,
+}
+
+/// The clipped surrogate loss of an action whose density had the logarithm `old_log_prob` and has `log_prob` now.
+///
+/// ```text
+/// r = e^(log_prob - old_log_prob),   loss = -min(r A, clip(r, 1-ε, 1+ε) A)
+/// ```
+///
+/// # Example
+/// ```
+/// use mishandle_training::ppo::surrogate;
+/// // Twice as likely, and good: nothing is gained beyond 1.2.
+/// let s = surrogate(2.0_f64.ln(), 0.0, 3.0, 0.2);
+/// assert!((s.loss + 3.6).abs() < 1e-12 && s.slope == 0.0);
+/// // Twice as likely, and bad: the full price.
+/// let s = surrogate(2.0_f64.ln(), 0.0, -3.0, 0.2);
+/// assert!((s.loss - 6.0).abs() < 1e-12 && (s.slope - 6.0).abs() < 1e-12);
+/// ```
+pub fn surrogate(log_prob: f64, old_log_prob: f64, advantage: f64, clip_epsilon: f64) -> Surrogate {
+    let log_ratio = log_prob - old_log_prob;
+    let ratio = log_ratio.exp();
+    let plain = ratio * advantage;
+    let clipped = ratio.clamp(1.0 - clip_epsilon, 1.0 + clip_epsilon) * advantage;
+    let slope = if plain <= clipped { -plain } else { 0.0 };
+    Surrogate { loss: -plain.min(clipped), slope, kl: (ratio - 1.0) - log_ratio }
+}
+
+/// ½ (output - target)², and its derivative by the output.
+pub fn value_loss(output: f64, target: f64) -> (f64, f64) {
+    let error = output - target;
+    (0.5 * error * error, error)
+}
+
+/// What the gradient of a minibatch is computed from.
+pub(super) struct Minibatch<'a> {
+    pub buffer: &'a Buffer,
+    /// Targets of the critic's outputs, one for each entry of the buffer.
+    pub targets: &'a [f32],
+    /// Places in the buffer.
+    pub order: &'a [u32],
+    /// Mean of the advantages at these places, and one over their standard deviation.
+    pub advantage_mean: f64,
+    pub advantage_scale: f64,
+    pub normalizer: &'a Normalizer<f32>,
+    pub policy: &'a Mlp<f32>,
+    pub deviations: &'a Deviations,
+    pub critic: &'a Mlp<f32>,
+    pub clip_epsilon: f64,
+    pub entropy_coef: f64,
+}
+
+/// What one thread needs for it.
+#[derive(Debug, Default)]
+pub(super) struct Scratch {
+    inputs: Vec<f32>,
+    policy: Workspace<f32>,
+    critic: Workspace<f32>,
+    mean_gradient: Vec<f32>,
+    value_gradient: Vec<f32>,
+}
+
+/// Mean of some advantages, and one over their standard deviation.
+pub(super) fn mean_and_scale(advantages: &[f64], places: &[u32]) -> (f64, f64) {
+    let chosen = || places.iter().map(|place| advantages[*place as usize]);
+    let count = places.len() as f64;
+    let mean = chosen().sum::<f64>() / count;
+    let variance = chosen().map(|a| (a - mean) * (a - mean)).sum::<f64>() / (count - 1.0).max(1.0);
+    (mean, 1.0 / (variance.sqrt() + 1e-8))
+}
+
+/// Numbers behind the gradients: the means of the divergence's estimate and of the critic's loss.
+pub(super) const RIDERS: usize = 2;
+
+impl Minibatch<'_> {
+    /// Adds the share of the rows `rows` of the minibatch to the gradient of the mean loss: by the policy's parameters,
+    /// by log σ, by the critic's parameters, then the [riders](RIDERS).
+    pub fn add_gradient(&self, rows: std::ops::Range<usize>, scratch: &mut Scratch, gradient: &mut [f32]) {
+        let share = 1.0 / self.order.len() as f64;
+        let places = &self.order[rows];
+        let actions = self.policy.output_size();
+        let (by_policy, rest) = gradient.split_at_mut(self.policy.parameter_count());
+        let (by_log_std, rest) = rest.split_at_mut(actions);
+        let (by_critic, riders) = rest.split_at_mut(self.critic.parameter_count());
+        let columns = self.policy.input_size();
+        let Scratch { inputs, policy, critic, mean_gradient, value_gradient } = scratch;
+
+        inputs.clear();
+        for place in places {
+            inputs.extend_from_slice(&self.buffer.observations[*place as usize * columns..][..columns]);
+        }
+        self.normalizer.normalize(inputs);
+
+        let (mut kl, mut loss) = (0.0, 0.0);
+        mean_gradient.resize(places.len() * actions, 0.0);
+        let means = self.policy.forward(inputs, policy);
+        for ((place, mean), mean_gradient) in
+            places.iter().zip(means.chunks_exact(actions)).zip(mean_gradient.chunks_exact_mut(actions))
+        {
+            let place = *place as usize;
+            let action = &self.buffer.actions[place * actions..][..actions];
+            let advantage = (self.buffer.advantages[place] - self.advantage_mean) * self.advantage_scale;
+            let log_prob = self.deviations.log_prob(mean, action);
+            let at_row = surrogate(log_prob, self.buffer.log_probs[place], advantage, self.clip_epsilon);
+            kl += at_row.kl;
+            self.deviations.log_prob_gradient(mean, action, share * at_row.slope, mean_gradient, by_log_std);
+        }
+        for by_log_std in by_log_std {
+            *by_log_std -= (self.entropy_coef * share * places.len() as f64) as f32;
+        }
+        self.policy.backward(mean_gradient, policy, Some(by_policy), None);
+
+        value_gradient.clear();
+        for (place, output) in places.iter().zip(self.critic.forward(inputs, critic)) {
+            let (at_row, slope) = value_loss(f64::from(*output), f64::from(self.targets[*place as usize]));
+            loss += at_row;
+            value_gradient.push((share * slope) as f32);
+        }
+        self.critic.backward(value_gradient, critic, Some(by_critic), None);
+        riders[0] += (share * kl) as f32;
+        riders[1] += (share * loss) as f32;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_surrogate_worked_out_by_hand() {
+        // r = 1: -A, slope -A.
+        assert_eq!(surrogate(-1.0, -1.0, 2.0, 0.2), Surrogate { loss: -2.0, slope: -2.0, kl: 0.0 });
+        // r = ½, A = 2: min(1, 0.8 · 2) = 1, the slope is live.
+        let s = surrogate(0.5_f64.ln(), 0.0, 2.0, 0.2);
+        assert!((s.loss + 1.0).abs() < 1e-15 && (s.slope + 1.0).abs() < 1e-15);
+        // (½ - 1) - log ½ = log 2 - ½
+        assert!((s.kl - (2.0_f64.ln() - 0.5)).abs() < 1e-15);
+        // r = ½, A = -2: min(-1, -0.8 · 2) = -1.6, clipped.
+        let s = surrogate(0.5_f64.ln(), 0.0, -2.0, 0.2);
+        assert!((s.loss - 1.6).abs() < 1e-15 && s.slope == 0.0);
+    }
+
+    #[test]
+    fn slopes_are_those_of_the_losses() {
+        let h = 1e-6;
+        for log_prob in [-0.5, -0.15, 0.0, 0.1, 0.4] {
+            for advantage in [-1.5, 0.7] {
+                let at = |log_prob: f64| surrogate(log_prob, 0.0, advantage, 0.2);
+                let slope = (at(log_prob + h).loss - at(log_prob - h).loss) / (2.0 * h);
+                assert!((slope - at(log_prob).slope).abs() < 1e-8, "{log_prob} {advantage}: {slope}");
+            }
+        }
+        let (loss, slope) = value_loss(1.5, 1.0);
+        assert_eq!((loss, slope), (0.125, 0.5));
+    }
+}
