@@ -95,6 +95,17 @@ pub enum MishandleError {
     /// A falsification cannot run.
     #[error(transparent)]
     Falsification(#[from] mishandle_falsification::FalsificationError),
+    /// A training cannot run.
+    #[error(transparent)]
+    Training(#[from] mishandle_training::TrainingError),
+    /// Training settings that cannot be used.
+    #[error("{}", path.display())]
+    Settings {
+        /// The settings file.
+        path: PathBuf,
+        /// What is wrong.
+        source: mishandle_training::TrainingError,
+    },
     /// A search cannot be made.
     #[error(transparent)]
     Search(#[from] mishandle_search::SearchError),

@@ -29,7 +29,10 @@ pub fn falsify(
     let initial_box = subject.environment.initial_box();
     let dimension = initial_box.dimension();
     check_search(falsify)?;
-    let make = |seed| by_name(&falsify.search, dimension, seed, &SearchOptions::default());
+    let mut options = SearchOptions::default();
+    // As SciPy does when it is told how many evaluations there are: they are the only limit.
+    options.nelder_mead.max_evaluations = Some(falsify.budget.into());
+    let make = |seed| by_name(&falsify.search, dimension, seed, &options);
     let mut campaign = Campaign::new(settings, initial_box, make)?;
     let mut progress = Progress::default();
     for simulation in run.file().simulations() {

@@ -24,6 +24,7 @@ mod plan;
 mod record;
 mod replay;
 mod subject;
+mod train;
 
 pub use build::{VERSION, build};
 pub use error::MishandleError;
@@ -34,6 +35,7 @@ pub use record::create_run;
 pub use plan::{EvaluatePlan, FalsifyPlan, Plan, Starts};
 pub use replay::{Replayed, check_controller, choose, other_build, replay};
 pub use subject::{Subject, preset, task};
+pub use train::{ALGORITHMS, TrainPlan, default_out, train};
 
 pub use {
     mishandle_evaluation as evaluation, mishandle_falsification as falsification, mishandle_rollout as rollout,

@@ -136,7 +136,10 @@ pub struct Train {
     /// Control steps to train for, over all parallel environments [default: as the settings say]
     #[arg(long, value_name = "N")]
     pub steps: Option<u64>,
-    /// Where the controller goes [default: runs/TASK-ALGORITHM-seedN.safetensors]
+    /// Reward to learn from: shaped or original
+    #[arg(long, default_value = "shaped")]
+    pub reward: String,
+    /// Where the controller goes [default: runs/TASK-ALGORITHM-sSEED.safetensors]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Settings (TOML) [default: experiments/training/TASK/ALGORITHM.toml]
