@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::SearchError;
 
-/// A search proposes points of [0,1]^d and is told their value; it minimises.
+/// A search proposes points of `[0,1]^d` and is told their value; it minimises.
 ///
 /// The points are a pure function of dimension, seed, options and the values told so far. A search is therefore
 /// resumed by making it anew and telling it the recorded values again. The caller owns the budget: it may stop

@@ -1,4 +1,4 @@
-//! L-BFGS-B in [0,1]^d with finite differences: the local search inside dual annealing.
+//! L-BFGS-B in `[0,1]^d` with finite differences: the local search inside dual annealing.
 
 mod cauchy;
 mod dense;
@@ -52,7 +52,7 @@ impl Default for LbfgsbOptions {
     }
 }
 
-/// The quasi-Newton search L-BFGS-B 3.0 in [0,1]^d, as SciPy runs it without a gradient.
+/// The quasi-Newton search L-BFGS-B 3.0 in `[0,1]^d`, as SciPy runs it without a gradient.
 ///
 /// Each round is one point u and its d neighbours u + h eᵢ (u - h eᵢ where that would leave the box), which give value
 /// and gradient. An iteration finds the generalised Cauchy point of the limited-memory model, minimises the model
@@ -122,7 +122,7 @@ impl Lbfgsb {
     /// A local search from `start`.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] for an empty start; [`SearchError::Option`] for one outside [0,1]^d, for a memory, a
+    /// [`SearchError::Dimension`] for an empty start; [`SearchError::Option`] for one outside `[0,1]^d`, for a memory, a
     /// line search or a limit of 0, a tolerance that is not at least 0 or a difference outside (0, 0.5].
     ///
     /// # Example
