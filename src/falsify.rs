@@ -31,7 +31,7 @@ pub fn falsify(
     check_search(falsify)?;
     let mut options = SearchOptions::default();
     // As SciPy does when it is told how many evaluations there are: they are the only limit.
-    options.nelder_mead.max_evaluations = Some(falsify.budget.into());
+    options.nelder_mead.max_evaluations = Some(falsify.budget as usize);
     let make = |seed| by_name(&falsify.search, dimension, seed, &options);
     let mut campaign = Campaign::new(settings, initial_box, make)?;
     let mut progress = Progress::default();
