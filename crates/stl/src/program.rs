@@ -95,7 +95,7 @@ fn column(wanted: &str, names: &[String]) -> Result<(usize, String), MonitorErro
         None => Err(MonitorError::UnknownSignal {
             wanted: wanted.to_owned(),
             known: names.to_vec(),
-            nearest: nearest(wanted, names).cloned(),
+            nearest: nearest(wanted, names).map(str::to_owned),
         }),
     }
 }
