@@ -52,7 +52,7 @@ pub enum MishandleError {
         steps: usize,
     },
     /// A file cannot be read or written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}", path.display())]
     File {
         /// Its path.
         path: PathBuf,
@@ -66,7 +66,7 @@ pub enum MishandleError {
     #[error(transparent)]
     Task(#[from] mishandle_tasks::TaskError),
     /// An expert cannot be built.
-    #[error("the expert of {task}: {source}")]
+    #[error("the expert of {task}")]
     Expert {
         /// The task.
         task: String,
@@ -76,6 +76,39 @@ pub enum MishandleError {
     /// Episodes cannot run.
     #[error(transparent)]
     Rollout(#[from] mishandle_rollout::RolloutError),
+    /// The controller of a record is another one now.
+    #[error("controller `{controller}` has changed since the run: it had hash {recorded}, now it has {found}")]
+    OtherController {
+        /// As the plan names it.
+        controller: String,
+        /// Hash in the record.
+        recorded: String,
+        /// Hash of the present one.
+        found: String,
+    },
+    /// A system returned no episode for a request.
+    #[error("the simulation returned no episode")]
+    NoEpisode,
+    /// An evaluation cannot run.
+    #[error(transparent)]
+    Evaluation(#[from] mishandle_evaluation::EvaluationError),
+    /// A falsification cannot run.
+    #[error(transparent)]
+    Falsification(#[from] mishandle_falsification::FalsificationError),
+    /// A training cannot run.
+    #[error(transparent)]
+    Training(#[from] mishandle_training::TrainingError),
+    /// Training settings that cannot be used.
+    #[error("{}", path.display())]
+    Settings {
+        /// The settings file.
+        path: PathBuf,
+        /// What is wrong.
+        source: mishandle_training::TrainingError,
+    },
+    /// A search cannot be made.
+    #[error(transparent)]
+    Search(#[from] mishandle_search::SearchError),
     /// The run file.
     #[error(transparent)]
     Store(#[from] mishandle_store::StoreError),
@@ -94,7 +127,8 @@ impl MishandleError {
 /// The known name that is nearest to `name`, if one is near.
 fn nearest<'a>(name: &str, known: &'a [String]) -> Option<&'a str> {
     let reach = name.chars().count() / 2 + 1;
-    known.iter().map(|other| (edits(name, other), other.as_str())).min().filter(|(d, _)| *d <= reach).map(|(_, n)| n)
+    let distance = |other: &String| if other.starts_with(name) { 0 } else { edits(name, other) };
+    known.iter().map(|other| (distance(other), other.as_str())).min().filter(|(d, _)| *d <= reach).map(|(_, n)| n)
 }
 
 /// Letters to insert, delete or replace to turn `a` into `b`.
@@ -121,6 +155,7 @@ mod tests {
     fn the_nearest_name_is_offered_only_when_it_is_near() {
         let known = ["ball-balancing", "ball-pushing"].map(String::from);
         assert_eq!(nearest("ball-balance", &known), Some("ball-balancing"));
+        assert_eq!(nearest("ball-p", &known), Some("ball-pushing"));
         assert_eq!(nearest("xyz", &known), None);
         assert_eq!(edits("kitten", "sitting"), 3);
     }

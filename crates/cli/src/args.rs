@@ -106,10 +106,10 @@ pub struct Subject {
     #[arg(long)]
     pub preset: Option<String>,
     /// Standard deviation of the noise on each action, added after the action is clipped to [-1, 1]
-    #[arg(long, value_name = "STD")]
+    #[arg(long, value_name = "STD", allow_negative_numbers = true)]
     pub action_noise: Option<f64>,
     /// Standard deviation of the noise on each observation
-    #[arg(long, value_name = "STD")]
+    #[arg(long, value_name = "STD", allow_negative_numbers = true)]
     pub observation_noise: Option<f64>,
     /// Sample the policy's actions instead of taking their mean
     #[arg(long)]
@@ -136,7 +136,10 @@ pub struct Train {
     /// Control steps to train for, over all parallel environments [default: as the settings say]
     #[arg(long, value_name = "N")]
     pub steps: Option<u64>,
-    /// Where the controller goes [default: runs/TASK-ALGORITHM-seedN.safetensors]
+    /// Reward to learn from: shaped or original
+    #[arg(long, default_value = "shaped")]
+    pub reward: String,
+    /// Where the controller goes [default: runs/TASK-ALGORITHM-sSEED.safetensors]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Settings (TOML) [default: experiments/training/TASK/ALGORITHM.toml]

@@ -15,7 +15,7 @@ pub enum ControllerError {
         path: PathBuf,
     },
     /// The file cannot be read.
-    #[error("cannot read the controller ({source}): {}", path.display())]
+    #[error("cannot read the controller {}", path.display())]
     Read {
         /// What the system says.
         source: std::io::Error,
@@ -23,7 +23,7 @@ pub enum ControllerError {
         path: PathBuf,
     },
     /// The file cannot be written.
-    #[error("cannot write the controller ({source}): {}", path.display())]
+    #[error("cannot write the controller {}", path.display())]
     Write {
         /// What the system says.
         source: std::io::Error,

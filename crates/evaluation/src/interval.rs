@@ -2,6 +2,8 @@
 
 use mishandle_rollout::Seed;
 
+use crate::resample::{Draws, Resample};
+
 /// The 0.975 quantile of the standard normal distribution.
 const Z: f64 = 1.959_963_984_540_054;
 
@@ -60,9 +62,9 @@ pub fn wilson(successes: u64, n: u64) -> Estimate {
 /// The mean of `values` with its percentile bootstrap interval.
 ///
 /// 2000 times, as many values are drawn with replacement; the interval goes from the 2.5 % to the 97.5 % quantile of
-/// their means, interpolated linearly. The draws depend on `seed` only, so the same values in the same order give the
+/// their means, interpolated linearly. The draws depend on `seed` only, so the same values, in any order, give the
 /// same interval. Of a single value the interval is `None`: one number says nothing about its spread. The time is
-/// 2000 draws for each value, about 10 s for a million.
+/// 2000 draws for each value, about 6 s for a million.
 ///
 /// # Example
 /// ```
@@ -86,10 +88,13 @@ pub fn bootstrap_mean(values: &[f64], seed: Seed) -> Estimate {
     if n == 1 {
         return Estimate { value, low: None, high: None, n };
     }
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let table = Resample::new(&sorted);
     let mut means: Vec<f64> = (0..RESAMPLES)
         .map(|resample| {
             let mut draws = Draws(seed.child(resample).0);
-            mean((0..n).map(|_| values[draws.below(n)]).sum())
+            mean((0..n).map(|_| table.draw(&mut draws)).sum())
         })
         .collect();
     means.sort_by(f64::total_cmp);
@@ -101,25 +106,6 @@ fn quantile(sorted: &[f64], p: f64) -> f64 {
     let position = p * (sorted.len() - 1) as f64;
     let (below, above) = (position.floor() as usize, position.ceil() as usize);
     sorted[below] + (position - below as f64) * (sorted[above] - sorted[below])
-}
-
-/// The SplitMix64 generator: a thousand resamples of a long list need draws that cost next to nothing.
-///
-/// Steele, Lea and Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014.
-struct Draws(u64);
-
-impl Draws {
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// A number below `n`; none is likelier than another by more than n / 2⁶⁴.
-    fn below(&mut self, n: u64) -> usize {
-        ((u128::from(self.bits()) * u128::from(n)) >> 64) as usize
-    }
 }
 
 #[cfg(test)]
@@ -167,14 +153,6 @@ mod tests {
     fn nothing_has_no_average() {
         assert_eq!(wilson(0, 0), Estimate { value: None, low: None, high: None, n: 0 });
         assert_eq!(bootstrap_mean(&[], Seed(0)), Estimate { value: None, low: None, high: None, n: 0 });
-    }
-
-    #[test]
-    fn splitmix_gives_the_published_sequence() {
-        // The first outputs for seed 1234567 in the reference implementation's test.
-        let mut draws = Draws(1_234_567);
-        let expected = [6_457_827_717_110_365_317, 3_203_168_211_198_807_973, 9_817_491_932_198_370_423];
-        assert_eq!([draws.bits(), draws.bits(), draws.bits()], expected);
     }
 
     #[test]

@@ -15,9 +15,10 @@
 mod error;
 mod interval;
 mod metrics;
+mod resample;
 mod run;
 
 pub use error::EvaluationError;
 pub use interval::{Estimate, bootstrap_mean, wilson};
 pub use metrics::{Metrics, Report};
-pub use run::{Evaluation, evaluate};
+pub use run::{Accepts, Evaluation, evaluate};

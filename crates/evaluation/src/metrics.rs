@@ -1,6 +1,6 @@
 //! From verdicts to the metrics of a controller in a task.
 
-use mishandle_rollout::{End, Episode, Seed};
+use mishandle_rollout::{End, Episode, Seed, Verdict};
 
 use crate::{Estimate, bootstrap_mean, wilson};
 
@@ -66,19 +66,23 @@ impl Metrics {
 
     /// Adds a simulation. Its number is the count of those added before, which is how an evaluation resumes.
     pub fn add(&mut self, episode: &Episode) {
+        self.add_verdict(episode.end, episode.steps(), &episode.verdict);
+    }
+
+    /// Counts a simulation of which only the record is left: how it ended, its control steps, its verdict.
+    pub fn add_verdict(&mut self, end: End, steps: usize, verdict: &Verdict) {
         self.simulations += 1;
-        if matches!(episode.end, End::Diverged { .. }) {
+        if matches!(end, End::Diverged { .. }) {
             self.diverged += 1;
             return;
         }
-        let verdict = &episode.verdict;
         let holds = |robustness: Option<f64>| robustness.is_some_and(|rho| rho > 0.0);
         self.undecided += u64::from(verdict.success.is_none());
         self.strict_undecided += u64::from(verdict.strict.is_none());
         self.successes += u64::from(holds(verdict.success));
         self.strict_successes += u64::from(holds(verdict.strict));
-        if episode.steps() > 0 {
-            self.dangerous_shares.push(verdict.dangerous_steps as f64 / episode.steps() as f64);
+        if steps > 0 {
+            self.dangerous_shares.push(verdict.dangerous_steps as f64 / steps as f64);
         }
         if let (true, Some(step)) = (holds(verdict.success), verdict.completion_step) {
             self.completion_steps.push(step as f64);
@@ -104,7 +108,6 @@ impl Metrics {
 mod tests {
     use std::sync::Arc;
 
-    use mishandle_rollout::Verdict;
     use mishandle_stl::Trace;
 
     use super::*;

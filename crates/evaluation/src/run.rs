@@ -9,6 +9,9 @@ use crate::{EvaluationError, Metrics, Report};
 /// How many starts are drawn for one simulation before the accepted part of the box is taken to be empty.
 const DRAWS: u64 = 100_000;
 
+/// Says which initial configurations count.
+pub type Accepts<'a> = dyn Fn(&[f64]) -> bool + 'a;
+
 /// What to run: how many simulations, keyed by which seed, from which part of the box.
 ///
 /// Simulation i, counted from 0, has the seed `seed.child(i)` and starts at `initial_box.sample(seed, i)` if that is
@@ -21,7 +24,7 @@ pub struct Evaluation<'a> {
     /// Key of starts and simulations.
     pub seed: Seed,
     /// Which initial configurations count; `None` for the whole box.
-    pub accepted: Option<&'a dyn Fn(&[f64]) -> bool>,
+    pub accepted: Option<&'a Accepts<'a>>,
 }
 
 impl Evaluation<'_> {

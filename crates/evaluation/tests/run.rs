@@ -1,4 +1,5 @@
 //! Evaluations of a system in closed form: what they run, and that batches change nothing.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -72,6 +73,16 @@ fn any_batch_size_gives_the_same_simulations_and_the_same_report() {
     let expected = run(&mut Closed::new(0.3, 1), &evaluation);
     for batch_size in [0, 2, 7, 32, 101, 1000] {
         assert_eq!(run(&mut Closed::new(0.3, batch_size), &evaluation), expected, "batch size {batch_size}");
+    }
+}
+
+#[test]
+fn simulation_i_is_the_ith_child_and_the_ith_start_of_the_seed() {
+    let mut system = Closed::new(0.3, 8);
+    let (_, episodes) = run(&mut system, &Evaluation::new(20, Seed(6)));
+    for (episode, i) in episodes.iter().zip(0..) {
+        assert_eq!(episode.seed, Seed(6).child(i));
+        assert_eq!(episode.x0, system.initial_box.sample(Seed(6), i));
     }
 }
 

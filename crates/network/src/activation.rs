@@ -63,24 +63,38 @@ impl FromStr for Activation {
 
 impl Activation {
     /// Replaces each x by y(x).
-    #[inline]
+    ///
+    /// Every number is written, also one that stays as it is: where some may be left alone, the compiler makes masked
+    /// stores, which some processors do very slowly. NaN stays NaN.
+    #[inline(never)]
     pub(crate) fn apply<T: Scalar>(self, values: &mut [Lanes<T>]) {
         match self {
-            Activation::Elu => map(values, |x| if x > T::ZERO { x } else { x.exp_m1_of_nonpositive() }),
+            Activation::Elu => map(values, |x| {
+                let (above, below) = if x > T::ZERO { (x, T::ZERO) } else { (T::ZERO, x) };
+                above + below.exp_m1_of_nonpositive()
+            }),
             Activation::Tanh => map(values, T::tanh),
-            // Asked this way round, NaN stays NaN.
-            Activation::Relu => map(values, |x| if x < T::ZERO { T::ZERO } else { x }),
+            Activation::Relu => map(values, |x| {
+                let (above, below) = if x > T::ZERO { (x, T::ZERO) } else { (T::ZERO, x) };
+                above + if below < T::ZERO { T::ZERO } else { below }
+            }),
             Activation::Identity => {}
         }
     }
 
     /// Multiplies each of `factors` by dy/dx at the place where the activation gave the value in `outputs`.
-    #[inline]
+    ///
+    /// The two with a bend add f · (dy/dx − 1) to f, so that every number is written here too.
+    #[inline(never)]
     pub(crate) fn times_derivative<T: Scalar>(self, outputs: &[Lanes<T>], factors: &mut [Lanes<T>]) {
         match self {
-            Activation::Elu => zip(outputs, factors, |y, f| if y > T::ZERO { f } else { f * (y + T::ONE) }),
+            Activation::Elu => {
+                zip(outputs, factors, |y, f| f.mul_add(if y > T::ZERO { T::ZERO } else { y }, f))
+            }
             Activation::Tanh => zip(outputs, factors, |y, f| f * (-y).mul_add(y, T::ONE)),
-            Activation::Relu => zip(outputs, factors, |y, f| if y > T::ZERO { f } else { T::ZERO }),
+            Activation::Relu => {
+                zip(outputs, factors, |y, f| f.mul_add(if y > T::ZERO { T::ZERO } else { -T::ONE }, f))
+            }
             Activation::Identity => {}
         }
     }

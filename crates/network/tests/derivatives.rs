@@ -131,11 +131,11 @@ fn gradients_are_limits_of_differences() {
                 });
             close(&format!("parameter {i}"), &[gradient[i]], &difference, 1e-6);
         }
-        for i in 0..inputs.len() {
+        for (i, gradient) in input_gradient.iter().enumerate() {
             let difference = central_difference(&inputs, &unit(i, inputs.len()), |inputs| {
                 vec![dot(&outputs_by_loops(&network, inputs), &output_gradient)]
             });
-            close(&format!("input {i}"), &[input_gradient[i]], &difference, 1e-6);
+            close(&format!("input {i}"), &[*gradient], &difference, 1e-6);
         }
     }
 }

@@ -74,7 +74,7 @@ pub enum RolloutError {
         formula: String,
     },
     /// A formula that does not parse.
-    #[error("formula `{formula}`: {source}")]
+    #[error("formula `{formula}`")]
     Parse {
         /// Text of the formula.
         formula: String,
@@ -82,7 +82,7 @@ pub enum RolloutError {
         source: mishandle_stl::ParseError,
     },
     /// A formula that does not fit the signals or the clock, or a trace that holds NaN.
-    #[error("formula `{formula}`: {source}")]
+    #[error("formula `{formula}`")]
     Monitor {
         /// Text of the formula.
         formula: String,

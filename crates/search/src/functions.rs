@@ -1,10 +1,10 @@
-//! Functions on [0,1]^d with known minima, to try searches on.
+//! Functions on `[0,1]^d` with known minima, to try searches on.
 //!
 //! The classical ones are scaled from their usual boxes. [`FUNCTIONS`] lists them all.
 
 use std::f64::consts::{E, TAU};
 
-/// A function on [0,1]^d whose least value is known.
+/// A function on `[0,1]^d` whose least value is known.
 #[derive(Debug, Clone, Copy)]
 pub struct TestFunction {
     /// Its name.
@@ -13,7 +13,7 @@ pub struct TestFunction {
     pub at: fn(&[f64]) -> f64,
     /// The fewest coordinates it is defined for.
     pub least_dimension: usize,
-    /// The least value on [0,1]^d, the same for all d.
+    /// The least value on `[0,1]^d`, the same for all d.
     pub minimum: f64,
     /// One point where it is attained, as the value of all coordinates.
     pub minimiser: f64,

@@ -1,4 +1,4 @@
-//! Searches that propose points of [0,1]^d and are told their value.
+//! Searches that propose points of `[0,1]^d` and are told their value.
 //!
 //! A [`Search`] minimises. It knows no unit, no box and no physics: whoever evaluates maps a point of the unit
 //! cube to what is simulated and tells one number back. Every search is a plain state machine, so it can be

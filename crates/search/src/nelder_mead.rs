@@ -1,4 +1,4 @@
-//! Nelder and Mead's simplex, move for move as SciPy's `minimize(method="Nelder-Mead")` with bounds [0,1].
+//! Nelder and Mead's simplex, move for move as SciPy's `minimize(method="Nelder-Mead")` with bounds 0 and 1.
 
 use std::cmp::Ordering;
 
@@ -14,7 +14,7 @@ const STEP_FROM_ZERO: f64 = 0.00025;
 /// The options of [`NelderMead`], with SciPy's defaults.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NelderMeadOptions {
-    /// The first vertex, in [0,1]^d; drawn uniformly from the seed where absent. The other vertices follow from it:
+    /// The first vertex, in `[0,1]^d`; drawn uniformly from the seed where absent. The other vertices follow from it:
     /// vertex k + 1 has coordinate k raised by 5 %, or set to 0.00025 where it is 0.
     pub start: Option<Vec<f64>>,
     /// The d + 1 vertices of the first simplex, instead of those made from a start. What lies above 1 is reflected
@@ -47,7 +47,7 @@ impl Default for NelderMeadOptions {
     }
 }
 
-/// The simplex search of Nelder and Mead in [0,1]^d: d + 1 vertices that reflect, expand, contract and shrink.
+/// The simplex search of Nelder and Mead in `[0,1]^d`: d + 1 vertices that reflect, expand, contract and shrink.
 ///
 /// With the vertices sorted by value, c the mean of all but the worst, and w the worst, every single trial is
 ///

@@ -3,7 +3,7 @@
 use crate::ledger::Ledger;
 use crate::{Finish, RandomStream, Search, SearchError};
 
-/// Independent uniform points of [0,1]^d; point i depends on (seed, i) only and the search never ends.
+/// Independent uniform points of `[0,1]^d`; point i depends on (seed, i) only and the search never ends.
 #[derive(Debug, Clone)]
 pub struct Random {
     dimension: usize,

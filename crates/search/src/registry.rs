@@ -50,7 +50,7 @@ pub const SEARCHES: &[SearchEntry] = &[
     },
 ];
 
-/// Makes the search called `name` on [0,1]^d with d = `dimension`.
+/// Makes the search called `name` on `[0,1]^d` with d = `dimension`.
 ///
 /// # Errors
 /// [`SearchError::UnknownSearch`] with the nearest name, or what the search's constructor refuses.

@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::SearchError;
 
-/// A search proposes points of [0,1]^d and is told their value; it minimises.
+/// A search proposes points of `[0,1]^d` and is told their value; it minimises.
 ///
 /// The points are a pure function of dimension, seed, options and the values told so far. A search is therefore
 /// resumed by making it anew and telling it the recorded values again. The caller owns the budget: it may stop
@@ -20,8 +20,8 @@ pub trait Search: Send {
 
     /// The next points to evaluate, at most `n`, each of length d with coordinates in [0, 1].
     ///
-    /// Fewer than `n` where the next point depends on a value not yet told: `nelder-mead` gives its first simplex
-    /// at once and `dual-annealing` the points of a finite-difference gradient, otherwise one. None at all while
+    /// Fewer than `n` where the next point depends on a value not yet told: `nelder-mead` gives its first simplex or
+    /// a shrunken one at once, `dual-annealing` a point with its neighbours for a gradient; otherwise both give one. None at all while
     /// such a value is awaited, or when the search has ended, which [`finished`](Search::finished) tells apart.
     /// The sequence of points does not depend on how it is cut into batches.
     fn ask_batch(&mut self, n: usize) -> Vec<Vec<f64>>;
@@ -34,8 +34,8 @@ pub trait Search: Send {
     /// Tells the value at a point that was asked for; values are told in the order of asking.
     ///
     /// # Errors
-    /// [`SearchError::NotAsked`] if no point awaits its value, [`SearchError::WrongPoint`] if `u` is not, bit for
-    /// bit, the point that has waited longest, [`SearchError::NotANumber`] if `value` is NaN. After an error the
+    /// [`SearchError::NotAsked`] if no point awaits its value, [`SearchError::WrongPoint`] if `u` does not equal the
+    /// point that has waited longest, [`SearchError::NotANumber`] if `value` is NaN. After an error the
     /// search is as it was: the same point still waits.
     fn tell(&mut self, u: &[f64], value: f64) -> Result<(), SearchError>;
 
@@ -46,7 +46,7 @@ pub trait Search: Send {
     fn best(&self) -> Option<(&[f64], f64)>;
 }
 
-/// Why a search ended by its own criterion.
+/// Why a search ended by its own criterion; it will propose nothing more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Finish {

@@ -12,7 +12,8 @@ use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-const FORMULAS: [(&str, &str); 10] = [
+const FORMULAS: [(&str, &str); 11] = [
+    ("completion", "always[0:4](a <= 0.1)"),
     ("bar", "always[0:30](a <= 0.3)"),
     ("point reaching", "always[50:300](a <= 0.12)"),
     ("cube stacking", "eventually[0:300](a <= 0.024 and b > 0)"),

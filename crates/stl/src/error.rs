@@ -23,7 +23,7 @@ impl std::fmt::Display for Position {
 #[non_exhaustive]
 pub enum ParseError {
     /// Something else stands where a certain thing had to.
-    #[error("{at}: expected {expected}, found {found}")]
+    #[error("{at}: expected {expected}, found {found}{}", hint(nearest))]
     Unexpected {
         /// Where it stands.
         at: Position,
@@ -31,6 +31,8 @@ pub enum ParseError {
         expected: String,
         /// What stands there, in quotes, or "the end of the formula".
         found: String,
+        /// The operator that is written most like this word, or the one before it, where one is close.
+        nearest: Option<&'static str>,
     },
     /// A number that is not written as one, or that no `f64` can hold.
     #[error("{at}: expected {expected}, found the number `{text}`")]
@@ -174,16 +176,29 @@ pub enum MonitorError {
     },
 }
 
+fn hint(nearest: &Option<&'static str>) -> String {
+    nearest.map(|word| format!("; did you mean `{word}`?")).unwrap_or_default()
+}
+
 fn list(names: &[String]) -> String {
     if names.is_empty() { "no signals".to_owned() } else { names.join(", ") }
 }
 
 /// The known name that takes the fewest edits to reach, if it is at most a third of the name away (or two edits).
-pub(crate) fn nearest<'a>(wanted: &str, known: &'a [String]) -> Option<&'a String> {
-    let close = (wanted.chars().count() / 3).max(2);
-    let ranked = known.iter().map(|name| (edits(wanted, name), name));
+pub(crate) fn nearest<'a>(wanted: &str, known: &'a [String]) -> Option<&'a str> {
+    let limit = (wanted.chars().count() / 3).max(2);
+    nearest_within(limit, wanted, known.iter().map(String::as_str))
+}
+
+/// The known name that takes the fewest edits to reach, if it takes no more than `limit`.
+pub(crate) fn nearest_within<'a>(
+    limit: usize,
+    wanted: &str,
+    known: impl Iterator<Item = &'a str>,
+) -> Option<&'a str> {
+    let ranked = known.map(|name| (edits(wanted, name), name));
     ranked
-        .filter(|(distance, _)| *distance <= close)
+        .filter(|(distance, _)| *distance <= limit)
         .min_by_key(|(distance, _)| *distance)
         .map(|(_, name)| name)
 }
@@ -212,7 +227,7 @@ mod tests {
     fn the_nearest_name_is_the_one_fewest_edits_away() {
         let known = ["cube_height", "cube_speed", "door_yaw_deg"].map(String::from);
         let check = |wanted: &str, expected: Option<&str>| {
-            assert_eq!(nearest(wanted, &known).map(String::as_str), expected, "{wanted}");
+            assert_eq!(nearest(wanted, &known), expected, "{wanted}");
         };
         check("cube_hieght", Some("cube_height")); // two letters swapped: two edits
         check("Cube_Speed", Some("cube_speed"));

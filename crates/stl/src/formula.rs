@@ -26,7 +26,7 @@ pub(crate) enum Node {
 /// |---|---|
 /// | functions | `abs(x)` `sqrt(x)` `exp(x)` `ln(x)` `pow(x, y)` `rise(p)` `fall(p)` |
 /// | sign | `-x` |
-/// | arithmetic | `*`, then `/`, then `+`, then `-` |
+/// | arithmetic | `*` `/`, then `+` `-` |
 /// | comparison | `<=` `>=` `<` `>` `==` `!==` (or `!=`) |
 /// | negation | `not` `!` |
 /// | future | `always` `G`, `eventually` `F`, `next` `X`, `s_next` `sX` |
@@ -43,13 +43,14 @@ pub(crate) enum Node {
 /// may declare (`input float d`), define constants (`const float limit = 0.3`) and name sub-formulas
 /// (`near = d <= limit`) before the last formula, which is the one that counts; semicolons between them are optional.
 ///
-/// # Where the syntax is not RTAMT 0.4.10's
-/// Its precedence is kept exactly, even where it is not school arithmetic: `*` binds tighter than `/` and `+` tighter than
-/// `-`, so that **`a - b + c` is `a - (b + c)`** and `a / b * c` is `a / (b * c)`. Write the parentheses; a formula prints
-/// with those it needs. What RTAMT refuses or misreads is read the usual way: `!=`, `-x`, `a - 1` (refused there at first),
-/// `x/y` (one name there), `ln`, `release`, `true`, `unless` without an interval, trailing semicolons, constants as
-/// bounds. Refused here: annotations (`@topic`) and imports, which belong to ROS; and a begin with a unit before an end
-/// without one.
+/// # Where the reading is not RTAMT's
+/// RTAMT 0.4.10 lets `+` bind tighter than `-` and `*` tighter than `/`: **it reads `a - b + c` as `a - (b + c)`** and
+/// `a / b * c` as `a / (b * c)`. Here they are `(a - b) + c` and `(a / b) * c`, as in arithmetic. A formula prints with
+/// these parentheses, so that both read what it prints alike. All other operators bind as they do there.
+///
+/// What RTAMT refuses or misreads besides is read the usual way: `!=`, `-x`, `a - 1` (refused there at first), `x/y` (one
+/// name there), `ln`, `release`, `true`, `unless` without an interval, trailing semicolons, constants as bounds. Refused
+/// here: annotations (`@topic`) and imports, which belong to ROS; and a begin with a unit before an end without one.
 ///
 /// # Example
 /// ```
@@ -197,11 +198,14 @@ impl Formula {
     /// operand reaches as far right as it can, so it stays outside tighter ones; and what stands between two operands
     /// is set off behind such an operator for the reader's sake.
     fn operand(&self, parent: Operator, index: usize, is_left: bool) -> Piece {
+        use Operator::{Add, Divide, Multiply, Subtract};
         let Node::Apply(child, _) = self.nodes[index] else { return Piece::Node(index) };
         let set_off = match (parent.shape(), child.shape()) {
             (_, Shape::Call(_)) | (Shape::Call(_), _) => false,
             (Shape::Prefix, Shape::Infix) => true,
             (Shape::Prefix, Shape::Prefix) => parent == Operator::Negate && child != Operator::Negate,
+            // Not needed, but RTAMT 0.4.10 reads these the other way.
+            _ if is_left && matches!((parent, child), (Add, Subtract) | (Multiply, Divide)) => true,
             (Shape::Infix, _) if is_left => child.power() < parent.power(),
             (Shape::Infix, _) => child.power() <= parent.power(),
         };

@@ -86,6 +86,7 @@ impl<'t> Lexer<'t> {
                     at,
                     expected: "`*/` after the comment that begins here".to_owned(),
                     found: "the end of the formula".to_owned(),
+                    nearest: None,
                 })?;
                 self.take(inside + 4);
             } else {
@@ -115,6 +116,7 @@ impl<'t> Lexer<'t> {
             at,
             expected: "a name, a number or an operator".to_owned(),
             found: format!("the character {first:?}"),
+            nearest: None,
         })
     }
 

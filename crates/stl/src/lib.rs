@@ -4,6 +4,10 @@
 //! [`Monitor`] is a formula compiled for the signals of a trace and a [`Clock`]; it measures robustness: how far a trace
 //! is from violating the formula, as a number whose sign is the verdict.
 //!
+//! # Where the reading is not RTAMT's
+//! RTAMT 0.4.10 reads `a - b + c` as `a - (b + c)` and `a / b * c` as `a / (b * c)`. Here `+` and `-` bind alike and group
+//! to the left, and so do `*` and `/`. [`Formula`] lists the other differences of reading, [`Monitor`] those of value.
+//!
 //! # Example
 //! ```
 //! use std::sync::Arc;

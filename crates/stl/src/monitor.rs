@@ -35,7 +35,8 @@ use std::sync::Arc;
 ///
 /// Windows are cut where the trace ends; the minimum over no sample is +∞ and the maximum −∞. Without an interval,
 /// windows reach to the end (or begin) of the trace. A number or a signal alone is its own robustness. These are the
-/// values of RTAMT 0.4.10's discrete-time offline monitor.
+/// values of RTAMT 0.4.10's discrete-time offline monitor for a formula that it reads as we do; see
+/// [`Formula`](Formula#where-the-reading-is-not-rtamts) for the few that it does not.
 ///
 /// # Where the values are not RTAMT's
 /// Two infinities of the same sign, which cut windows can give, differ by 0 in `-`, comparisons, `iff` and `xor`; RTAMT
@@ -70,7 +71,7 @@ use std::sync::Arc;
 ///
 /// # Reference
 /// Donzé and Maler, "Robust Satisfaction of Temporal Logic over Real-Valued Signals", FORMATS 2010.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Monitor {
     program: Program,
     clock: Clock,

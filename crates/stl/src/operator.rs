@@ -52,6 +52,13 @@ pub(crate) enum Shape {
     Call(usize),
 }
 
+impl Shape {
+    /// Whether both stand in the same place; calls do whatever the number of their operands.
+    fn is_like(self, other: Shape) -> bool {
+        std::mem::discriminant(&self) == std::mem::discriminant(&other)
+    }
+}
+
 /// Whether the value at one sample depends on others, and whether the operator takes an interval.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Time {
@@ -68,20 +75,20 @@ type Row = (Operator, &'static [&'static str], Shape, u8, Time);
 
 /// Spellings (the first is the one we print), shape, binding power (larger binds tighter), relation to time.
 ///
-/// The binding powers are RTAMT 0.4.10's. Note that `*` binds tighter than `/` and `+` tighter than `-`, so that
-/// `a - b + c` is `a - (b + c)`, and that all infix operators group to the left, `->` too. The unary minus on anything
-/// but a number, `ln` and `release` are not in that grammar.
+/// The order is RTAMT 0.4.10's but for one fault: there `*` binds tighter than `/` and `+` tighter than `-`, so that it
+/// reads `a - b + c` as `a - (b + c)`. Here each pair binds alike. All infix operators group to the left, `->` too. The
+/// unary minus on anything but a number, `ln` and `release` are not in that grammar.
 #[rustfmt::skip]
 const TABLE: [Row; 36] = [
-    (Negate,         &["-"],                       Prefix,  27, Pointwise),
-    (Abs,            &["abs"],                     Call(1), 28, Pointwise),
-    (Sqrt,           &["sqrt"],                    Call(1), 28, Pointwise),
-    (Exp,            &["exp"],                     Call(1), 28, Pointwise),
-    (Ln,             &["ln"],                      Call(1), 28, Pointwise),
-    (Pow,            &["pow"],                     Call(2), 28, Pointwise),
-    (Multiply,       &["*"],                       Infix,   26, Pointwise),
-    (Divide,         &["/"],                       Infix,   25, Pointwise),
-    (Add,            &["+"],                       Infix,   24, Pointwise),
+    (Negate,         &["-"],                       Prefix,  25, Pointwise),
+    (Abs,            &["abs"],                     Call(1), 26, Pointwise),
+    (Sqrt,           &["sqrt"],                    Call(1), 26, Pointwise),
+    (Exp,            &["exp"],                     Call(1), 26, Pointwise),
+    (Ln,             &["ln"],                      Call(1), 26, Pointwise),
+    (Pow,            &["pow"],                     Call(2), 26, Pointwise),
+    (Multiply,       &["*"],                       Infix,   24, Pointwise),
+    (Divide,         &["/"],                       Infix,   24, Pointwise),
+    (Add,            &["+"],                       Infix,   23, Pointwise),
     (Subtract,       &["-"],                       Infix,   23, Pointwise),
     (LessOrEqual,    &["<="],                      Infix,   22, Pointwise),
     (GreaterOrEqual, &[">="],                      Infix,   22, Pointwise),
@@ -107,8 +114,8 @@ const TABLE: [Row; 36] = [
     (Implies,        &["implies", "->"],           Infix,    7, Pointwise),
     (Iff,            &["iff", "<->"],              Infix,    6, Pointwise),
     (Xor,            &["xor"],                     Infix,    5, Pointwise),
-    (Rise,           &["rise"],                    Call(1), 28, Untimed),
-    (Fall,           &["fall"],                    Call(1), 28, Untimed),
+    (Rise,           &["rise"],                    Call(1), 26, Untimed),
+    (Fall,           &["fall"],                    Call(1), 26, Untimed),
 ];
 
 impl Operator {
@@ -117,10 +124,15 @@ impl Operator {
         TABLE.iter().map(|row| row.0)
     }
 
-    /// The operator of this shape (a call counts whatever the number of its operands) that is written `text`.
+    /// The operator of this shape that is written `text`.
     pub(crate) fn written(text: &str, shape: Shape) -> Option<Operator> {
-        let same = |a: Shape| std::mem::discriminant(&a) == std::mem::discriminant(&shape);
-        TABLE.iter().find(|row| same(row.2) && row.1.contains(&text)).map(|row| row.0)
+        TABLE.iter().find(|row| row.2.is_like(shape) && row.1.contains(&text)).map(|row| row.0)
+    }
+
+    /// Every spelling of the operators of these shapes.
+    pub(crate) fn words(shapes: &[Shape]) -> impl Iterator<Item = &'static str> {
+        let is_wanted = |row: &&Row| shapes.iter().any(|shape| row.2.is_like(*shape));
+        TABLE.iter().filter(is_wanted).flat_map(|row| row.1).copied()
     }
 
     /// The rows stand in the order of the variants; a test holds them to it.

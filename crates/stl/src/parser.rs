@@ -1,7 +1,7 @@
 //! From tokens to a formula in postfix order, by operator precedence with an explicit stack.
 
 use crate::clock::{Bound, Interval, Unit};
-use crate::error::{ParseError, Position};
+use crate::error::{ParseError, Position, nearest_within};
 use crate::formula::{Formula, Node};
 use crate::lexer::{Kind, Token, tokens};
 use crate::operator::{Operator, Shape};
@@ -11,7 +11,7 @@ use std::collections::HashMap;
 const MAX_WAITING: usize = 1000;
 
 /// The most operators and operands of a formula, named parts written out.
-const MAX_NODES: usize = 1 << 22;
+const MAX_NODES: usize = 1 << 20;
 
 /// Words that begin a declaration of a signal.
 const TYPES: [&str; 3] = ["float", "int", "long"];
@@ -101,7 +101,8 @@ impl<'t> Parser<'t> {
 
     fn unexpected<T>(&self, expected: impl Into<String>) -> Result<T, ParseError> {
         let token = self.peek();
-        Err(ParseError::Unexpected { at: token.at, expected: expected.into(), found: token.found() })
+        let (expected, found) = (expected.into(), token.found());
+        Err(ParseError::Unexpected { at: token.at, expected, found, nearest: None })
     }
 
     fn expect(&mut self, symbol: &str, why: &str) -> Result<(), ParseError> {
@@ -335,21 +336,33 @@ impl<'t> Parser<'t> {
     /// Applies what is pending at the end of a formula, where no bracket may be open.
     fn finish(&self, operands: &mut Operands, pending: &mut Vec<Pending>) -> Result<(), ParseError> {
         reduce(operands, pending, 0);
-        match pending.last() {
-            None if self.ends_statement() => Ok(()),
-            None => self.unexpected("an operator or the end of the formula"),
-            Some(Pending::Parenthesis(at)) => {
-                self.unexpected(format!("an operator or `)` to match the `(` at {at}"))
-            }
+        let expected = match pending.last() {
+            None if self.ends_statement() => return Ok(()),
+            None => "an operator or the end of the formula".to_owned(),
+            Some(Pending::Parenthesis(at)) => format!("an operator or `)` to match the `(` at {at}"),
             Some(Pending::Call(operator, 0, at)) => {
-                self.unexpected(format!("an operator or `)` to end the `{}(` at {at}", operator.name()))
+                format!("an operator or `)` to end the `{}(` at {at}", operator.name())
             }
             Some(Pending::Call(operator, _, at)) => {
-                self.unexpected(format!("an operator or `,` in the `{}(` at {at}", operator.name()))
+                format!("an operator or `,` in the `{}(` at {at}", operator.name())
             }
             // `reduce` applies every pending operator above a bracket.
-            Some(Pending::Operator(..)) => Ok(()),
-        }
+            Some(Pending::Operator(..)) => return Ok(()),
+        };
+        let (token, nearest) = (self.peek(), self.misspelt());
+        Err(ParseError::Unexpected { at: token.at, expected, found: token.found(), nearest })
+    }
+
+    /// The operator that was meant, perhaps, where none could be read: by the next token, which should be one between
+    /// operands, or by the name before it, which was taken for an operand.
+    fn misspelt(&self) -> Option<&'static str> {
+        let operator = |token: &Token<'_>, shapes: &[Shape]| match token.kind {
+            Kind::Word(word) if !is_reserved(word) => nearest_operator(word, shapes),
+            _ => None,
+        };
+        let before = self.next.checked_sub(1).map(|index| &self.tokens[index]);
+        operator(&self.peek(), &[Shape::Infix])
+            .or_else(|| before.and_then(|token| operator(token, &[Shape::Prefix, Shape::Call(0)])))
     }
 
     fn ends_statement(&self) -> bool {
@@ -448,6 +461,13 @@ fn reduce(operands: &mut Operands, pending: &mut Vec<Pending>, power: u8) {
         pending.pop();
         operands.apply(operator, interval);
     }
+}
+
+/// The operator of these shapes that is written most like `word`, at most a third of its letters apart. One letter is
+/// like any other.
+fn nearest_operator(word: &str, shapes: &[Shape]) -> Option<&'static str> {
+    let words = Operator::words(shapes).filter(|word| word.len() > 1);
+    nearest_within(word.chars().count() / 3, word, words)
 }
 
 /// Words that cannot name a signal or a part. `R`, `release` and `ln`, which RTAMT reads as names, are told by their place.

@@ -42,7 +42,7 @@ pub(crate) struct Instruction {
 }
 
 /// The instructions of a formula; the last one computes its robustness.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Program {
     pub instructions: Vec<Instruction>,
     /// How many buffers the instructions name.
@@ -95,7 +95,7 @@ fn column(wanted: &str, names: &[String]) -> Result<(usize, String), MonitorErro
         None => Err(MonitorError::UnknownSignal {
             wanted: wanted.to_owned(),
             known: names.to_vec(),
-            nearest: nearest(wanted, names).cloned(),
+            nearest: nearest(wanted, names).map(str::to_owned),
         }),
     }
 }

@@ -1,4 +1,5 @@
 //! What a wrong formula, a wrong trace or a wrong clock is told, and what odd ones are read as.
+#![allow(clippy::unwrap_used)] // the setting for tests does not reach the helpers of test files
 
 use mishandle_stl::{Clock, Formula, Monitor, MonitorError, ParseError, Trace, Unit};
 use std::sync::Arc;
@@ -80,6 +81,26 @@ fn intervals_say_what_a_bound_is() {
 }
 
 #[test]
+fn a_misspelt_operator_comes_with_the_nearest() {
+    let check = |text: &str, column: usize, found: &str, hint: &str| {
+        let expected = "expected an operator or the end of the formula";
+        check(text, column, &format!("column {column}: {expected}, found `{found}`{hint}"));
+    };
+    check("allways[0:3](d < 1)", 8, "[", "; did you mean `always`?");
+    check("d > 0 and eventualy(d < 1)", 20, "(", "; did you mean `eventually`?");
+    check("nott d < 1", 6, "d", "; did you mean `not`?");
+    check("squrt(d) < 1", 6, "(", "; did you mean `sqrt`?");
+    check("x unti y", 3, "unti", "; did you mean `until`?");
+    check("x > 0 AND y > 0", 7, "AND", "; did you mean `and`?");
+    // Not a word between operands, and not an operator at all.
+    check("x alway y", 3, "alway", "");
+    check("door_yaw (d)", 10, "(", "");
+    check("x y", 3, "y", "");
+    check("x not y", 3, "not", "");
+    check("always d[0:3]", 9, "[", "");
+}
+
+#[test]
 fn numbers_and_characters_are_read_or_named() {
     check("a > 1e", 5, "column 5: expected digits in the exponent, found the number `1e`");
     check(
@@ -158,6 +179,20 @@ fn what_rtamt_refuses_or_misreads_is_read_the_usual_way() {
     check_same("TRUE && a || false", "(true and a) or false");
     check_same("a > 0x1F", "a > 31");
     check_same("a - -1 > - 2", "a - (-1) > (-2)");
+}
+
+#[test]
+fn a_formula_prints_with_the_parentheses_that_say_how_it_was_read() {
+    let check = |text: &str, printed: &str| assert_eq!(Formula::parse(text).unwrap().to_string(), printed);
+    check("a - b + c > 0", "(a - b) + c > 0");
+    check("a / b * c > 0", "(a / b) * c > 0");
+    check("a - (b + c) > a / (b * c)", "a - (b + c) > a / (b * c)");
+    check("(a + b) - c - a > 0", "a + b - c - a > 0");
+    check("a + (b - c) > a * (b / c)", "a + (b - c) > a * (b / c)");
+    check("a -> b -> c", "a implies b implies c");
+    check("a -> (b -> c)", "a implies (b implies c)");
+    check("G[0,5] F[0ms,3s] a>0 & !b<-1e-9", "always[0:5] eventually[0ms:3s](a > 0) and not(b < -1e-9)");
+    check("((not a)) * 2 until[3:inf] true", "(not a) * 2 until[3:inf] true");
 }
 
 #[test]

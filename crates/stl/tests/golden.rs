@@ -1,4 +1,5 @@
 //! Agreement with RTAMT, by files that `tests/golden/rtamt/make.py` wrote by running it.
+#![allow(clippy::unwrap_used)] // the setting for tests does not reach the helpers of test files
 
 use mishandle_stl::{Clock, Formula, Monitor, Trace, Unit};
 use serde_json::Value;
@@ -16,8 +17,8 @@ fn numbers(value: &Value) -> Vec<f64> {
 fn trace_of(columns: &[Vec<f64>]) -> Trace {
     let names: Arc<[String]> = ["a", "b", "c"].map(String::from).into();
     let mut trace = Trace::new(names);
-    for step in 0..columns[0].len() {
-        trace.push(&[columns[0][step], columns[1][step], columns[2][step]]);
+    for ((a, b), c) in columns[0].iter().zip(&columns[1]).zip(&columns[2]) {
+        trace.push(&[*a, *b, *c]);
     }
     trace
 }
@@ -28,25 +29,31 @@ fn is_close(text: &str, got: f64, expected: f64) -> bool {
     got == expected || (!is_exact && (got - expected).abs() <= 1e-12 * expected.abs().max(1.0))
 }
 
+/// A case's trace, and the monitor of `text` for its signals and its clock.
+fn setting(case: &Value, text: &str) -> (Trace, Monitor) {
+    let unit = Unit::ALL.into_iter().find(|unit| unit.symbol() == case["unit"]).unwrap();
+    let clock = Clock::rtamt(case["period_secs"].as_f64().unwrap(), unit);
+    let columns: Vec<Vec<f64>> = case["trace"].as_array().unwrap().iter().map(numbers).collect();
+    let trace = trace_of(&columns);
+    let formula = Formula::parse(text).unwrap_or_else(|error| panic!("{text}: {error}"));
+    let monitor = Monitor::new(&formula, trace.names(), clock).unwrap();
+    (trace, monitor)
+}
+
 #[test]
 fn robustness_is_rtamts() {
     let cases = rows(include_str!("golden/rtamt/values.json"));
     assert!(cases.len() >= 300);
     for case in &cases {
         let text = case["formula"].as_str().unwrap();
-        let unit = Unit::ALL.into_iter().find(|unit| unit.symbol() == case["unit"]).unwrap();
-        let clock = Clock::rtamt(case["period_secs"].as_f64().unwrap(), unit);
-        let columns: Vec<Vec<f64>> = case["trace"].as_array().unwrap().iter().map(numbers).collect();
-        let trace = trace_of(&columns);
-
-        let formula = Formula::parse(text).unwrap_or_else(|error| panic!("{text}: {error}"));
-        let mut monitor = Monitor::new(&formula, trace.names(), clock).unwrap();
+        let (trace, mut monitor) = setting(case, text);
         let expected = numbers(&case["robustness"]);
         let got = monitor.robustness_signal(&trace).unwrap().to_vec();
         let agrees = got.iter().zip(&expected).all(|(got, expected)| is_close(text, *got, *expected));
         assert!(
             agrees && got.len() == expected.len(),
-            "{text} on {columns:?}: {got:?}, RTAMT has {expected:?}"
+            "{text} on {}: {got:?}, RTAMT has {expected:?}",
+            case["trace"]
         );
         assert!(is_close(text, monitor.robustness(&trace).unwrap(), expected[0]), "{text} at time 0");
     }
@@ -62,5 +69,31 @@ fn operators_bind_as_they_do_in_rtamt() {
         let tree = tree.replace("previous", "prev");
         let parse = |text: &str| Formula::parse(text).unwrap_or_else(|error| panic!("{text}: {error}"));
         assert_eq!(parse(text), parse(&tree), "{text} is {tree} in RTAMT");
+    }
+}
+
+/// Where RTAMT lets `+` bind tighter than `-` and `*` tighter than `/`, ours is the value that arithmetic gives.
+#[test]
+fn sums_and_products_are_read_from_left_to_right_as_they_are_not_in_rtamt() {
+    // At the two samples a = 8, 4; b = 2, 4; c = 4, 1/2. Beside each value stands RTAMT's, of its own reading.
+    let expected = [
+        ("a - b + c", [10.0, 0.5], [2.0, -0.5]), // 6 + 4, 0 + 1/2; 8 - 6, 4 - 9/2
+        ("a / b * c", [16.0, 0.5], [1.0, 2.0]),  // 4 · 4, 1 · 1/2; 8 / 8, 4 / 2
+        ("a - b + c - a + b", [4.0, 0.5], [-8.0, -8.5]), // 10 - 8 + 2, 1/2 - 4 + 4; 8 - 6 - 10, 4 - 9/2 - 8
+        ("a / b * c / a * b", [4.0, 0.5], [0.0625, 0.125]), // 16 / 8 · 2, 1/2 / 4 · 4; 8 / 8 / 16, 4 / 2 / 16
+        ("a - b / c * a + c", [8.0, -27.5], [3.9375, 1.5]), // 8 - 4 + 4, 4 - 32 + 1/2; 8 - (1/16 + 4), 4 - (2 + 1/2)
+        ("always(a / b * c - b + c > a)", [-7.0; 2], [-13.0, -6.5]), // 18 - 8, -3 - 4; 1 - 6 - 8, 2 - 9/2 - 4
+    ];
+    let cases = rows(include_str!("golden/rtamt/differences.json"));
+    assert_eq!(cases.len(), expected.len());
+    for (case, (text, ours, rtamts)) in cases.iter().zip(expected) {
+        assert_eq!(case["formula"], text);
+        let (trace, mut monitor) = setting(case, text);
+        assert_eq!(monitor.robustness_signal(&trace).unwrap(), ours, "{text}");
+        assert_eq!(numbers(&case["robustness"]), rtamts, "{text} in RTAMT");
+
+        // What we print, RTAMT reads as we do.
+        assert_eq!(case["mended"], Formula::parse(text).unwrap().to_string());
+        assert_eq!(numbers(&case["mended_robustness"]), ours, "{text} in RTAMT, mended");
     }
 }

@@ -1,5 +1,6 @@
 //! A monitor that is used again allocates nothing. Counting allocations takes a global allocator, which takes `unsafe`;
 //! it only counts and passes every call on to the system's. The file holds one test, so that nothing else allocates.
+#![allow(clippy::unwrap_used)] // the setting for tests does not reach the helpers of test files
 #![allow(unsafe_code)]
 
 use mishandle_stl::{Clock, Formula, Monitor, Trace};

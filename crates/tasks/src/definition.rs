@@ -1,7 +1,8 @@
+use mishandle_controllers::{Entry, Layout};
 use mishandle_rollout::{Axis, InitialBox, RolloutError, Specification};
 use mishandle_world::{Model, Rows, World, WorldError};
 
-use crate::robot::Panda;
+use crate::robot::{ARM_JOINTS, JOINTS, Panda};
 
 /// Which reading of the original benchmark counts: changes formulas, metrics and box, nothing else.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -162,6 +163,37 @@ impl Definition {
         }
     }
 
+    /// The parts of an observation: the robot's joints, then what the task adds.
+    pub fn whole_observation(&self) -> Vec<Quantity> {
+        let robot = [
+            Quantity {
+                name: "joint_positions",
+                unit: "",
+                size: JOINTS,
+                meaning: "seven joints and two fingers, mapped from their limits to [-1, 1]",
+            },
+            Quantity {
+                name: "joint_velocities",
+                unit: "rad/s, m/s",
+                size: JOINTS,
+                meaning: "times the task's velocity scale",
+            },
+        ];
+        robot.iter().chain(self.observation).copied().collect()
+    }
+
+    /// What a controller of this task takes and gives.
+    pub fn layout(&self) -> Layout {
+        let entry = |name: &str, unit: &str, size| Entry { name: name.into(), unit: unit.into(), size };
+        Layout {
+            observation: self.whole_observation().iter().map(|q| entry(q.name, q.unit, q.size)).collect(),
+            action: vec![
+                entry("arm_target_steps", "", ARM_JOINTS),
+                entry("finger_target_steps", "", JOINTS - ARM_JOINTS),
+            ],
+        }
+    }
+
     /// The initial box of a preset.
     ///
     /// # Errors
@@ -185,6 +217,14 @@ pub trait Task: Send + Sync {
     /// # Errors
     /// If one is missing.
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError>;
+
+    /// Whether the task can be done at all from an initial configuration of its box.
+    ///
+    /// It can unless a task proves otherwise, from kinematics or from the time there is: failures of a controller, of
+    /// the expert too, are no proof.
+    fn reachable(&self, _x0: &[f64]) -> bool {
+        true
+    }
 
     /// A controller that meets the formula by model and feedback, from what a controller may see.
     ///

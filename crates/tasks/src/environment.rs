@@ -14,7 +14,7 @@ const OBSERVATION_LIMIT: f64 = 5.0;
 #[non_exhaustive]
 pub enum TaskError {
     /// The scene does not compile, or an element is missing.
-    #[error("task {task}: {source}")]
+    #[error("task {task}")]
     Scene {
         /// Name of the task.
         task: &'static str,
@@ -22,7 +22,7 @@ pub enum TaskError {
         source: WorldError,
     },
     /// The box or a formula is wrong.
-    #[error("task {task}: {source}")]
+    #[error("task {task}")]
     Data {
         /// Name of the task.
         task: &'static str,
@@ -124,7 +124,7 @@ impl Environment for TaskEnvironment {
     }
 
     fn observation_size(&self) -> usize {
-        2 * JOINTS + self.definition.observation.iter().map(|entry| entry.size).sum::<usize>()
+        self.definition.layout().observation_size()
     }
 
     fn action_size(&self) -> usize {

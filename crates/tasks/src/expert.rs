@@ -67,7 +67,7 @@ fn arm<B: Behavior>(model: &Model) -> Result<ResolvedRate, WorldError> {
 
 impl<B: Behavior> Controller for Expert<B> {
     fn observation_size(&self) -> usize {
-        2 * JOINTS + self.definition.observation.iter().map(|entry| entry.size).sum::<usize>()
+        self.definition.layout().observation_size()
     }
 
     fn action_size(&self) -> usize {

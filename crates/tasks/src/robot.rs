@@ -77,7 +77,7 @@ impl Panda {
     }
 
     /// Puts the robot at rest at `q`.
-    pub(crate) fn place(&self, q: &[f64; JOINTS], world: &mut World) {
+    pub fn place(&self, q: &[f64; JOINTS], world: &mut World) {
         for (joint, q) in self.joints.iter().zip(q) {
             world.qpos_mut()[joint.qpos] = *q;
             world.qvel_mut()[joint.dof] = 0.0;
@@ -85,7 +85,7 @@ impl Panda {
     }
 
     /// Moves the arm's joint targets (rad) by an action, and keeps them inside the joints' limits.
-    pub(crate) fn move_targets(&self, action: &[f64], targets: &mut [f64]) {
+    pub fn move_targets(&self, action: &[f64], targets: &mut [f64]) {
         for ((joint, a), target) in self.joints[..ARM_JOINTS].iter().zip(action).zip(targets) {
             *target = (*target + TARGET_STEP * a).clamp(joint.low, joint.high);
         }
@@ -95,7 +95,7 @@ impl Panda {
     ///
     /// MuJoCo has no velocity limits. A servo that is asked for at most `v_max` times its lag beyond the joint's
     /// position settles at `v_max`, so that is what it is asked for.
-    pub(crate) fn set_servos(&self, targets: &[f64], world: &mut World) {
+    pub fn set_servos(&self, targets: &[f64], world: &mut World) {
         for (i, (joint, target)) in self.joints.iter().zip(targets).enumerate() {
             let q = world.qpos()[joint.qpos];
             let reach = VELOCITY_LIMIT[i] * SERVO_LAG[i];

@@ -87,14 +87,12 @@ fn page(definition: &Definition, preset: Preset) -> String {
                 .collect::<Vec<_>>(),
         ),
         section("Signals", &quantities(definition.signals)),
-        section(
-            "Observation",
-            &[robot_observation(definition), quantities(definition.observation)].concat(),
-        ),
+        section("Observation", &quantities(&definition.whole_observation())),
     ];
     for (title, reward) in [("Original reward", Reward::Original), ("Shaped reward", Reward::Shaped)] {
         sections.push(section(title, &quantities(definition.reward(reward))));
     }
+    sections.push(format!("Scale of joint velocities in the observation\n  {}", definition.velocity_scale));
     sections.push(format!("A training episode ends early when\n  {}", definition.termination));
     if definition.start_noise > 0.0 {
         sections.push(format!(
@@ -106,14 +104,6 @@ fn page(definition: &Definition, preset: Preset) -> String {
     sections
         .push(format!("Controllers\n  {}", mishandle::shipped_controllers(definition.name).join(", ")));
     sections.join("\n\n")
-}
-
-fn robot_observation(definition: &Definition) -> Vec<Vec<String>> {
-    let row = |name: &str, meaning: String| vec![name.to_string(), "9".to_string(), String::new(), meaning];
-    vec![
-        row("joint_positions", "seven joints and two fingers, mapped from their limits to [-1, 1]".to_string()),
-        row("joint_velocities", format!("rad/s and m/s, times {}", definition.velocity_scale)),
-    ]
 }
 
 fn quantities(list: &[Quantity]) -> Vec<Vec<String>> {

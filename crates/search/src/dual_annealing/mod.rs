@@ -18,7 +18,7 @@ const PATIENCE: usize = 1000;
 /// The options of [`DualAnnealing`], with SciPy's defaults.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DualAnnealingOptions {
-    /// The first point, in [0,1]^d; drawn uniformly where absent.
+    /// The first point, in `[0,1]^d`; drawn uniformly where absent.
     pub start: Option<Vec<f64>>,
     /// Ends after this many chains, of 2d visits each (1000).
     pub max_iterations: usize,
@@ -48,7 +48,7 @@ impl Default for DualAnnealingOptions {
     }
 }
 
-/// Dual annealing in [0,1]^d: chains of visits at falling temperature, each followed by a local search if it paid.
+/// Dual annealing in `[0,1]^d`: chains of visits at falling temperature, each followed by a local search if it paid.
 ///
 /// Chain t = 0, 1, ... makes 2d visits from the current point at
 ///

@@ -7,7 +7,7 @@ const TAIL_LIMIT: f64 = 1e8;
 /// Coordinates closer to 0 than this are moved up by it.
 const LEAST_COORDINATE: f64 = 1e-10;
 
-/// The distorted Cauchy-Lorentz distribution of generalised simulated annealing, wrapped into [0,1]^d.
+/// The distorted Cauchy-Lorentz distribution of generalised simulated annealing, wrapped into `[0,1]^d`.
 ///
 /// A jump at temperature T is, with x and y standard normal and q the visiting parameter in (1, 3),
 ///

@@ -15,7 +15,7 @@ pub(super) struct CauchyPoint {
     pub(super) free: Vec<usize>,
 }
 
-/// Walks from `x` along -`g`, bent at the faces of [0,1]^d, to the first minimum of the quadratic model.
+/// Walks from `x` along -`g`, bent at the faces of `[0,1]^d`, to the first minimum of the quadratic model.
 ///
 /// The model's slope f' and curvature f'' along each straight piece follow from those of the piece before; at each
 /// face met, one coordinate stops.

@@ -1,4 +1,4 @@
-//! L-BFGS-B in [0,1]^d with finite differences: the local search inside dual annealing.
+//! L-BFGS-B in `[0,1]^d` with finite differences: the local search inside dual annealing.
 
 mod cauchy;
 mod dense;
@@ -52,7 +52,7 @@ impl Default for LbfgsbOptions {
     }
 }
 
-/// The quasi-Newton search L-BFGS-B 3.0 in [0,1]^d, as SciPy runs it without a gradient.
+/// The quasi-Newton search L-BFGS-B 3.0 in `[0,1]^d`, as SciPy runs it without a gradient.
 ///
 /// Each round is one point u and its d neighbours u + h eᵢ (u - h eᵢ where that would leave the box), which give value
 /// and gradient. An iteration finds the generalised Cauchy point of the limited-memory model, minimises the model
@@ -122,15 +122,23 @@ impl Lbfgsb {
     /// A local search from `start`.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] for an empty start, [`SearchError::Option`] for one outside [0,1]^d.
+    /// [`SearchError::Dimension`] for an empty start; [`SearchError::Option`] for one outside `[0,1]^d`, for a memory, a
+    /// line search or a limit of 0, a tolerance that is not at least 0 or a difference outside (0, 0.5].
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_search::{AskTell, Lbfgsb, LbfgsbOptions, Search};
+    ///
+    /// let mut search = AskTell::new(Lbfgsb::new(&[0.9, 0.4], &LbfgsbOptions::default())?);
+    /// while let Some(u) = search.ask() {
+    ///     search.tell(&u, (u[0] - 0.3).powi(2) + 5.0 * (u[1] + 0.2).powi(2))?;
+    /// }
+    /// let (u, _) = search.machine().result();
+    /// assert!((u[0] - 0.3).abs() < 1e-6 && u[1] == 0.0, "the second minimiser is beyond the bound");
+    /// # Ok::<(), mishandle_search::SearchError>(())
+    /// ```
     pub fn new(start: &[f64], options: &LbfgsbOptions) -> Result<Self, SearchError> {
-        if start.is_empty() {
-            return Err(SearchError::Dimension { found: 0 });
-        }
-        if !start.iter().all(|x| (0.0..=1.0).contains(x)) {
-            let (found, expected) = (format!("{start:?}"), "numbers in [0, 1]".to_owned());
-            return Err(SearchError::Option { search: NAME, option: "start", found, expected });
-        }
+        check(start, options)?;
         Ok(Self::from_inside(start, options.clone()))
     }
 
@@ -301,6 +309,34 @@ impl RoundBased for Lbfgsb {
 
     fn finish(&self) -> Option<Finish> {
         self.finish
+    }
+}
+
+fn check(start: &[f64], options: &LbfgsbOptions) -> Result<(), SearchError> {
+    if start.is_empty() {
+        return Err(SearchError::Dimension { found: 0 });
+    }
+    let inside = start.iter().all(|x| (0.0..=1.0).contains(x));
+    let LbfgsbOptions { memory, ftol, gtol, difference, max_iterations, max_evaluations, max_line_search } =
+        *options;
+    let count = |option, found: usize| (option, found.to_string(), found >= 1, "at least 1");
+    let tolerance = |option, found: f64| (option, found.to_string(), found >= 0.0, "at least 0");
+    let is_step = difference > 0.0 && difference <= 0.5;
+    let ranges = [
+        ("start", format!("{start:?}"), inside, "of numbers in [0, 1]"),
+        ("difference", difference.to_string(), is_step, "in (0, 0.5]"),
+        count("memory", memory),
+        tolerance("ftol", ftol),
+        tolerance("gtol", gtol),
+        count("max_iterations", max_iterations),
+        count("max_evaluations", max_evaluations),
+        count("max_line_search", max_line_search),
+    ];
+    match ranges.into_iter().find(|(_, _, is_right, _)| !is_right) {
+        Some((option, found, _, expected)) => {
+            Err(SearchError::Option { search: NAME, option, found, expected: expected.to_owned() })
+        }
+        None => Ok(()),
     }
 }
 

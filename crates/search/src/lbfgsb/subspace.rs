@@ -5,7 +5,7 @@ use super::clipped;
 use super::dense::{Square, dot};
 use super::memory::Memory;
 
-/// The point the line search heads for: the model's minimum over the free coordinates, inside [0,1]^d.
+/// The point the line search heads for: the model's minimum over the free coordinates, inside `[0,1]^d`.
 ///
 /// The Newton step is projected on the box; where the projected step would not descend, it is cut at the first face
 /// instead. `factor` is that of the [`ReducedMatrix`](super::reduced::ReducedMatrix) for these free coordinates.

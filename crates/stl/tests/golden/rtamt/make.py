@@ -1,8 +1,12 @@
-"""Runs RTAMT over seeded formulas and traces and writes what it gives to values.json and trees.json beside this file.
+"""Runs RTAMT over seeded formulas and traces and writes what it gives to the .json files beside this one.
 
 values.json: formulas, traces and the robustness at every sample, for its discrete-time offline monitor.
 trees.json: formulas without redundant parentheses, and the tree that RTAMT reads each as, fully in parentheses.
-Neither holds what RTAMT refuses or gets wrong: bounded operators on a bare variable (it appends to the caller's list),
+differences.json: formulas that RTAMT reads otherwise than arithmetic does, for it lets `+` bind tighter than `-` and `*`
+tighter than `/`. Each stands with the parentheses that make it read them right, and its robustness with and without.
+In the other two files all such formulas have the parentheses.
+
+None holds what RTAMT refuses or gets wrong: bounded operators on a bare variable (it appends to the caller's list),
 traces of one sample, `unless` without an interval, NaN from the difference of two infinities. Its parser refuses
 `a - 1` until it has read a few formulas and accepts it from then on, so the order of the formulas matters.
 """
@@ -20,7 +24,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 SIGNALS = ["a", "b", "c"]
 # Name, spellings and binding power of each operator, and the calls that take operands in parentheses.
 INFIX = {
-    "*": (["*"], 26), "/": (["/"], 25), "+": (["+"], 24), "-": (["-"], 23),
+    "*": (["*"], 24), "/": (["/"], 24), "+": (["+"], 23), "-": (["-"], 23),
     "<=": (["<="], 22), ">=": ([">="], 22), "<": (["<"], 22), ">": ([">"], 22), "==": (["=="], 22), "!==": (["!=="], 22),
     "until": (["until", "U"], 12), "unless": (["unless", "W"], 11), "since": (["since", "S"], 10),
     "and": (["and", "&"], 9), "or": (["or", "|"], 8), "implies": (["implies", "->"], 7), "iff": (["iff", "<->"], 6),
@@ -31,6 +35,9 @@ PREFIX = {
     "historically": (["historically", "H"], 18), "once": (["once", "O"], 17), "prev": (["prev", "Y"], 16),
     "next": (["next", "X"], 15), "s_prev": (["s_prev", "sY"], 14), "s_next": (["s_next", "sX"], 13),
 }
+POWER = {name: power for name, (_, power) in (INFIX | PREFIX).items()}
+# RTAMT lets the first of each pair bind tighter than the second.
+UNEQUAL = {"+": "-", "*": "/"}
 TIMED = ["always", "eventually", "historically", "once", "until", "unless", "since"]
 COMPARISONS = ["<=", ">=", "<", ">", "==", "!=="]
 LOGIC = ["and", "or", "implies", "iff", "xor"]
@@ -106,21 +113,22 @@ def formula(rng, depth, clock, samples, untimed=False):
     return [name, window, sub()] if name in PREFIX else [name, window, sub(), sub()]
 
 
-def write(rng, tree, parent=0, right=False):
+def write(rng, tree, parent=None, right=False):
     """The tree as text, in parentheses where it needs them and sometimes where it does not."""
     if isinstance(tree, str):
         return tree if not tree.startswith("-") or rng.randrange(2) else tree.replace("-", "- ", 1)
     name, window, *operands = tree
     if name in INFIX:
         spellings, power = INFIX[name]
-        left = write(rng, operands[0], power)
-        text = f"{left} {rng.choice(spellings)}{window} {write(rng, operands[1], power, True)}"
-        needed = power < parent or (right and power == parent)
+        left = write(rng, operands[0], name)
+        text = f"{left} {rng.choice(spellings)}{window} {write(rng, operands[1], name, True)}"
+        outer = POWER.get(parent, 0)
+        needed = power < outer or (right and power == outer) or name == UNEQUAL.get(parent)
     elif name in PREFIX:
-        spellings, power = PREFIX[name]
-        operand = write(rng, operands[0], power)
+        spellings, _ = PREFIX[name]
+        operand = write(rng, operands[0], name)
         text = f"{rng.choice(spellings)}{window} {operand}"
-        needed = parent > 0
+        needed = parent is not None
     else:
         return f"{name}({', '.join(write(rng, operand) for operand in operands)})"
     return f"({text})" if needed or rng.randrange(10) == 0 else text
@@ -170,6 +178,35 @@ for clock in CLOCKS:
     clock["period_ns"] = round(clock["period"] * FACTORS[clock["period_unit"]])
 
 
+# Windows that hold many samples of a longer trace, and the specifications that the paper falsifies with.
+LONG = [
+    f"{name}{window} (b > 0.5)" if name in PREFIX else f"(a > -4.5) {name}{window} (b > 4)"
+    for name in TIMED for window in ["[0:30]", "[3:66]", "[10:110]", "[100:170]"]
+] + [
+    "always[50:300](a <= 0.12)",
+    "eventually[0:300](a <= 0.024 and b > 0)",
+    "eventually[0:90](always[0:30](a <= 4 and b >= -4.5 and c <= 4.5))",
+    "always[0:100]((a > -4) until[0:50] (b > 0))",
+]
+
+
+def make_long():
+    rng = random.Random(20240603)
+    for text in LONG:
+        columns = [[rng.randrange(-40, 41) / 8 for _ in range(150)] for _ in SIGNALS]
+        yield case(text, CLOCKS[0], columns, evaluate(text, CLOCKS[0], columns))
+
+
+def case(text, clock, columns, values):
+    return {
+        "formula": text,
+        "period_secs": clock["period_ns"] / 1e9,
+        "unit": clock["unit"],
+        "trace": [as_text(column) for column in columns],
+        "robustness": as_text(values),
+    }
+
+
 def make_values():
     rng = random.Random(20240601)
     cases = []
@@ -186,16 +223,20 @@ def make_values():
             continue
         reached |= {word for name, (words, _) in (INFIX | PREFIX).items() for word in words if f"{word} " in text or f"{word}[" in text}
         reached |= {name for name in ["abs", "sqrt", "exp", "pow", "rise", "fall"] if f"{name}(" in text}
-        cases.append({
-            "formula": text,
-            "period_secs": clock["period_ns"] / 1e9,
-            "unit": clock["unit"],
-            "trace": [as_text(column) for column in columns],
-            "robustness": as_text(values),
-        })
+        cases.append(case(text, clock, columns, values))
     wanted = {word for words, _ in (INFIX | PREFIX).values() for word in words} | {"abs", "sqrt", "exp", "pow", "rise", "fall"}
     assert wanted <= reached, wanted - reached
     return cases
+
+
+def is_read_unequally(word, before):
+    """Whether this operator follows one of its pair that it binds tighter than, with none between that parts them."""
+    for earlier in reversed(before):
+        if earlier == UNEQUAL.get(word):
+            return True
+        if POWER.get(earlier, 0) < POWER.get(word, 0):
+            return False
+    return False
 
 
 def make_trees():
@@ -215,9 +256,13 @@ def make_trees():
         return rng.choice(["a", "b", "c", "2", "1.5e-3"])
 
     def expression(depth):
-        text = operand(depth)
+        text, before = operand(depth), []
         for _ in range(rng.choice([0, 1, 1, 2, 3])):
-            text += f" {rng.choice(infix)} {operand(depth)}"
+            word = rng.choice(infix)
+            if is_read_unequally(word, before):
+                text, before = f"({text})", []
+            text += f" {word} {operand(depth)}"
+            before.append(word)
         return text
 
     pairs = {}
@@ -231,6 +276,25 @@ def make_trees():
     return list(pairs.items())
 
 
+DIFFERENCES = {
+    "a - b + c": "(a - b) + c",
+    "a / b * c": "(a / b) * c",
+    "a - b + c - a + b": "((a - b) + c - a) + b",
+    "a / b * c / a * b": "((a / b) * c / a) * b",
+    "a - b / c * a + c": "(a - (b / c) * a) + c",
+    "always(a / b * c - b + c > a)": "always(((a / b) * c - b) + c > a)",
+}
+
+
+def make_differences():
+    """Samples that are powers of two, so that no order of the arithmetic rounds."""
+    columns = [[8.0, 4.0], [2.0, 4.0], [4.0, 0.5]]
+    clock = CLOCKS[0]
+    for text, mended in DIFFERENCES.items():
+        without, right = (evaluate(text, clock, columns) for text in (text, mended))
+        yield case(text, clock, columns, without) | {"mended": mended, "mended_robustness": as_text(right)}
+
+
 def save(name, rows):
     lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)
     (HERE / name).write_text(f"[\n{lines}\n]\n")
@@ -238,5 +302,6 @@ def save(name, rows):
 
 if __name__ == "__main__":
     logging.disable(logging.WARNING)
-    save("values.json", make_values())
+    save("values.json", make_values() + list(make_long()))
     save("trees.json", make_trees())
+    save("differences.json", make_differences())

@@ -1,0 +1,135 @@
+use std::ops::ControlFlow;
+
+use anyhow::{Result, ensure};
+use mishandle::evaluation::{Estimate, Report};
+use mishandle::{EvaluatePlan, Plan, Starts};
+use serde_json::{Value, json};
+
+use crate::output::{self, number};
+use crate::{Outcome, args, progress, run};
+
+pub fn run(command: &args::Evaluate) -> Result<Outcome> {
+    run::set_threads(&command.run)?;
+    let (plan, subject, file) =
+        run::open(command.resume.as_deref(), command.out.as_deref(), || plan(command))?;
+    let name = run::name(file.file());
+    let episodes = plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
+    let bar = progress::bar(episodes, "simulations");
+    let report = mishandle::evaluate(&plan, &subject, file, |done| {
+        bar.set_position(done);
+        ControlFlow::Continue(())
+    })?;
+    bar.finish_and_clear();
+    if command.run.json {
+        output::json(&document(&plan, &report))?;
+    } else {
+        output::line(&text(&plan, &report))?;
+    }
+    output::say(&format!("Every simulation is in {name}"));
+    Ok(Outcome::Done)
+}
+
+fn plan(command: &args::Evaluate) -> Result<Plan> {
+    let mut plan = run::plan(&command.subject, &command.run)?;
+    let mut evaluate = plan.evaluate.take().unwrap_or_default();
+    evaluate.episodes = command.episodes.unwrap_or(evaluate.episodes);
+    if let Some(starts) = &command.starts {
+        evaluate.starts = match starts.as_str() {
+            "whole" => Starts::Whole,
+            "reachable" => Starts::Reachable,
+            other => anyhow::bail!("--box is `{other}`; it has to be whole or reachable"),
+        };
+    }
+    ensure!(evaluate.episodes > 0, "--episodes is 0; it has to be at least 1");
+    plan.falsify = None;
+    plan.evaluate = Some(EvaluatePlan { ..evaluate });
+    Ok(plan)
+}
+
+fn document(plan: &Plan, report: &Report) -> Value {
+    let estimate = |estimate: &Estimate| {
+        let value = |value: Option<f64>| value.map_or(Value::Null, number);
+        json!({
+            "value": value(estimate.value),
+            "low": value(estimate.low),
+            "high": value(estimate.high),
+            "n": estimate.n,
+        })
+    };
+    json!({
+        "task": plan.task,
+        "preset": plan.preset,
+        "controller": plan.controller,
+        "stochastic": plan.stochastic,
+        "action_noise": plan.action_noise,
+        "observation_noise": plan.observation_noise,
+        "seed": plan.seed,
+        "simulations": report.simulations,
+        "diverged": report.diverged,
+        "undecided": report.undecided,
+        "success_rate": estimate(&report.success_rate),
+        "strict_success_rate": estimate(&report.strict_success_rate),
+        "dangerous_behavior_rate": estimate(&report.dangerous_behavior_rate),
+        "task_completion_time": estimate(&report.task_completion_time),
+    })
+}
+
+fn text(plan: &Plan, report: &Report) -> String {
+    let percent = |estimate: &Estimate| match (estimate.value, estimate.low, estimate.high) {
+        (Some(value), Some(low), Some(high)) => {
+            [format!("{:.2} %", 100.0 * value), format!("[{:.2}, {:.2}]", 100.0 * low, 100.0 * high)]
+        }
+        _ => [String::from("-"), String::new()],
+    };
+    let steps = |estimate: &Estimate| match (estimate.value, estimate.low, estimate.high) {
+        (Some(value), Some(low), Some(high)) => [
+            format!("{value:.1} control steps ({:.2} s)", value / 60.0),
+            format!("[{low:.1}, {high:.1}]"),
+        ],
+        _ => [String::from("-"), String::new()],
+    };
+    let row = |name: &str, [value, interval]: [String; 2], n: u64| {
+        vec![name.to_string(), value, interval, n.to_string()]
+    };
+    let rows = vec![
+        ["", "value", "95 % interval", "n"].map(String::from).to_vec(),
+        row("success rate", percent(&report.success_rate), report.success_rate.n),
+        row("strict success rate", percent(&report.strict_success_rate), report.strict_success_rate.n),
+        row(
+            "dangerous behavior rate",
+            percent(&report.dangerous_behavior_rate),
+            report.dangerous_behavior_rate.n,
+        ),
+        row("task completion time", steps(&report.task_completion_time), report.task_completion_time.n),
+    ];
+    let mut text = format!(
+        "{}, controller {}, preset {}{}\n\n{}",
+        plan.task,
+        plan.controller,
+        plan.preset,
+        noise(plan),
+        output::table(&rows)
+    );
+    if report.diverged + report.undecided > 0 {
+        text.push_str(&format!(
+            "\n\n{} simulations diverged, {} were undecided; neither counts as a success.",
+            report.diverged, report.undecided
+        ));
+    }
+    text
+}
+
+/// What is out of the ordinary about the plan, for a heading.
+pub fn noise(plan: &Plan) -> String {
+    let mut text = String::new();
+    if plan.action_noise > 0.0 {
+        text.push_str(&format!(", action noise {}", plan.action_noise));
+    }
+    if plan.observation_noise > 0.0 {
+        text.push_str(&format!(", observation noise {}", plan.observation_noise));
+    }
+    if plan.stochastic {
+        text.push_str(", sampled actions");
+    }
+    text
+}

@@ -1,0 +1,160 @@
+use std::ops::ControlFlow;
+
+use anyhow::Result;
+use mishandle::falsification::{Outcome as Found, TrialEnd};
+use mishandle::rollout::Environment;
+use mishandle::{FalsifyPlan, Plan, Subject};
+use serde_json::{Value, json};
+
+use crate::commands::evaluate::noise;
+use crate::output::{self, number};
+use crate::{Outcome, args, progress, run};
+
+pub fn run(command: &args::Falsify) -> Result<Outcome> {
+    run::set_threads(&command.run)?;
+    let (plan, subject, file) =
+        run::open(command.resume.as_deref(), command.out.as_deref(), || plan(command))?;
+    let name = run::name(file.file());
+    let trials = plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
+    let bar = progress::bar(u64::from(trials), "trials");
+    let found = mishandle::falsify(&plan, &subject, file, |progress| {
+        bar.set_position(u64::from(progress.ended));
+        bar.set_message(format!("({} simulations, {} falsified)", progress.simulations, progress.falsified));
+        ControlFlow::Continue(())
+    })?;
+    bar.finish_and_clear();
+    if command.run.json {
+        output::json(&document(&plan, &subject, &found))?;
+    } else {
+        output::line(&text(&plan, &subject, &found))?;
+    }
+    output::say(&format!("Every simulation is in {name}"));
+    if found.falsified_trials == 0 {
+        return Ok(Outcome::Done);
+    }
+    output::say(&format!("See the first counterexample again: mishandle replay {name}"));
+    Ok(Outcome::Violated)
+}
+
+fn plan(command: &args::Falsify) -> Result<Plan> {
+    let mut plan = run::plan(&command.subject, &command.run)?;
+    let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
+    falsify.search = command.search.clone().unwrap_or(falsify.search);
+    falsify.formula = command.formula.clone().unwrap_or(falsify.formula);
+    falsify.trials = command.trials.unwrap_or(falsify.trials);
+    falsify.budget = command.budget.unwrap_or(falsify.budget);
+    plan.evaluate = None;
+    plan.falsify = Some(falsify);
+    Ok(plan)
+}
+
+fn document(plan: &Plan, subject: &Subject, found: &Found) -> Value {
+    let falsify = plan.falsify.clone().unwrap_or_default();
+    let trials: Vec<Value> = found
+        .trials
+        .iter()
+        .map(|trial| {
+            let minimum = trial.minimum.as_ref();
+            json!({
+                "trial": trial.trial + 1,
+                "falsified": trial.falsified(),
+                "simulations": trial.simulations,
+                "minimum_robustness": minimum.map_or(Value::Null, |minimum| number(minimum.robustness)),
+                "initial_configuration": minimum.map(|minimum| &minimum.initial_configuration),
+                "simulation": minimum.map(|minimum| minimum.number),
+                "seed": minimum.map(|minimum| minimum.seed.0.to_string()),
+                "end": trial.end.map(end),
+                "diverged": trial.diverged,
+                "undecided": trial.undecided,
+            })
+        })
+        .collect();
+    json!({
+        "task": plan.task,
+        "preset": plan.preset,
+        "controller": plan.controller,
+        "stochastic": plan.stochastic,
+        "action_noise": plan.action_noise,
+        "observation_noise": plan.observation_noise,
+        "seed": plan.seed,
+        "search": falsify.search,
+        "formula": subject.specification.requirement.to_string(),
+        "budget": falsify.budget,
+        "falsified_trials": found.falsified_trials,
+        "falsification_rate": {
+            "value": found.falsification_rate.value,
+            "low": found.falsification_rate.low,
+            "high": found.falsification_rate.high,
+            "n": found.falsification_rate.n,
+        },
+        "mean_simulations": found.mean_simulations,
+        "median_simulations": found.median_simulations,
+        "restricted_mean_simulations": found.restricted_mean_simulations,
+        "trials": trials,
+    })
+}
+
+/// How a trial ended, in a word.
+fn end(end: TrialEnd) -> &'static str {
+    match end {
+        TrialEnd::Falsified => "falsified",
+        TrialEnd::BudgetSpent => "budget spent",
+        TrialEnd::SearchEnded(_) => "search ended",
+    }
+}
+
+fn text(plan: &Plan, subject: &Subject, found: &Found) -> String {
+    let falsify = plan.falsify.clone().unwrap_or_default();
+    let axes = subject.environment.initial_box().axes();
+    let start = |x0: &[f64]| -> String {
+        let values =
+            axes.iter().zip(x0).map(|(axis, value)| format!("{} = {value:.4} {}", axis.name, axis.unit));
+        values.collect::<Vec<_>>().join(", ")
+    };
+    let mut rows =
+        vec![["trial", "", "simulations", "least robustness", "at"].map(String::from).to_vec()];
+    for trial in &found.trials {
+        let minimum = trial.minimum.as_ref();
+        rows.push(vec![
+            (trial.trial + 1).to_string(),
+            trial.end.map_or("cut short", end).to_string(),
+            trial.simulations.to_string(),
+            minimum.map_or("-".to_string(), |minimum| format!("{:.4}", minimum.robustness)),
+            minimum.map_or(String::new(), |minimum| start(&minimum.initial_configuration)),
+        ]);
+    }
+    let ended = found.falsification_rate.n;
+    let mut text = format!(
+        "{}, controller {}, preset {}{}\nsearch {}, at most {} simulations a trial, seed {}\nformula {}\n\n{}\n\n\
+         falsified {} of {ended} trials",
+        plan.task,
+        plan.controller,
+        plan.preset,
+        noise(plan),
+        falsify.search,
+        falsify.budget,
+        plan.seed,
+        subject.specification.requirement,
+        output::table(&rows),
+        found.falsified_trials,
+    );
+    if let Some(mean) = found.mean_simulations {
+        text.push_str(&format!(", after {mean:.1} simulations on average"));
+    }
+    let first = found.trials.iter().filter(|trial| trial.falsified()).find_map(|trial| trial.minimum.as_ref());
+    if let Some(first) = first {
+        text.push_str(&format!(
+            "\ncounterexample: {}, seed {}: robustness {:.4}",
+            start(&first.initial_configuration),
+            first.seed.0,
+            first.robustness
+        ));
+    }
+    if found.diverged + found.undecided > 0 {
+        text.push_str(&format!(
+            "\n{} simulations diverged, {} were undecided; neither counts as a counterexample",
+            found.diverged, found.undecided
+        ));
+    }
+    text
+}

@@ -1,0 +1,59 @@
+use anyhow::{Context, Result, bail};
+use mishandle::store::{self, RunFile};
+use serde_json::{Value, json};
+
+use crate::Outcome;
+use crate::args;
+use crate::output::{self, number};
+
+pub fn run(command: &args::Replay) -> Result<Outcome> {
+    let file = RunFile::open(&command.file)?;
+    let Some((trial, simulation)) = mishandle::choose(&file, command.trial, command.simulation)? else {
+        bail!("{} has no decided simulation to replay", command.file.display());
+    };
+    let replayed = mishandle::replay(&file, trial, simulation)?;
+    for difference in &replayed.other_build {
+        output::say(&format!("warning: the run was made by another build: {difference}"));
+    }
+    let robustness = replayed.episode.verdict.robustness;
+    let axes = &file.header().axes;
+    if command.json {
+        let value = |value: Option<f64>| value.map_or(Value::Null, number);
+        output::json(&json!({
+            "trial": trial,
+            "simulation": simulation,
+            "initial_configuration": replayed.recorded.initial_configuration,
+            "seed": replayed.recorded.seed.to_string(),
+            "steps": replayed.episode.steps(),
+            "robustness": value(robustness),
+            "same": replayed.differences.is_empty(),
+            "differences": replayed.differences,
+        }))?;
+    } else {
+        let start: Vec<String> = axes
+            .iter()
+            .zip(&replayed.recorded.initial_configuration)
+            .map(|(axis, value)| format!("{} = {value} {}", axis.name, axis.unit))
+            .collect();
+        output::line(&format!(
+            "trial {trial}, simulation {simulation}, from {}, seed {}\nformula {}\nrobustness {} after {} control steps",
+            start.join(", "),
+            replayed.recorded.seed,
+            file.header().formula,
+            robustness.map_or("undecided".to_string(), |rho| rho.to_string()),
+            replayed.episode.steps(),
+        ))?;
+    }
+    if let Some(path) = &command.trace {
+        let trace = &replayed.episode.trace;
+        let columns = (0..trace.names().len()).map(|i| trace.column(i).to_vec()).collect();
+        let mut out = std::fs::File::create(path).with_context(|| path.display().to_string())?;
+        store::export_trace_csv(&file, &store::Trace { columns }, &mut out)?;
+        output::say(&format!("wrote the trace to {}", path.display()));
+    }
+    if !replayed.differences.is_empty() {
+        bail!("the replay is not the same: {}", replayed.differences.join("; "));
+    }
+    output::say("the replay is the same as the record, to the bit");
+    Ok(Outcome::Done)
+}

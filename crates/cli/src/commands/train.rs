@@ -1,0 +1,103 @@
+use std::time::{Duration, Instant};
+
+use anyhow::{Result, bail};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use mishandle::training::{Flow, Progress};
+use mishandle::{TrainPlan, default_out};
+use serde_json::json;
+
+use crate::output::{self, number, shows_progress};
+use crate::{Outcome, args, run};
+
+/// Without a terminal, a line is written this often.
+const QUIET: Duration = Duration::from_secs(30);
+
+pub fn run(command: &args::Train) -> Result<Outcome> {
+    run::set_threads(&command.run)?;
+    let seed = command.run.seed.unwrap_or(0);
+    let plan = TrainPlan {
+        task: command.task.clone(),
+        algorithm: command.algorithm.clone(),
+        reward: command.reward.clone(),
+        settings: command.settings.clone(),
+        steps: command.steps,
+        seed,
+        out: command.out.clone().unwrap_or_else(|| default_out(&command.task, &command.algorithm, seed)),
+        resume: command.resume,
+    };
+    if plan.out.exists() && !plan.resume {
+        bail!("{} exists already; give another --out, or --resume to carry on", plan.out.display());
+    }
+    let line = live_line();
+    let mut last = Instant::now();
+    let trained = mishandle::train(&plan, |progress| {
+        line.set_message(progress.to_string());
+        line.tick();
+        if !shows_progress() && (progress.validation_is_fresh && last.elapsed() > QUIET) {
+            output::say(&progress.to_string());
+            last = Instant::now();
+        } else if shows_progress() && progress.validation_is_fresh {
+            line.println(curve_line(progress));
+        }
+        Flow::Continue
+    })?;
+    line.finish_and_clear();
+    if command.run.json {
+        let found = trained.best_validation;
+        output::json(&json!({
+            "task": plan.task,
+            "algorithm": plan.algorithm,
+            "seed": plan.seed,
+            "environment_steps": trained.environment_steps,
+            "best_environment_steps": trained.best_environment_steps,
+            "success_rate": found.map(|found| number(found.success_rate)),
+            "strict_success_rate": found.map(|found| number(found.strict_success_rate)),
+            "controller_hash": trained.best.hash(),
+        }))?;
+    } else {
+        let rate = trained.environment_steps as f64 / trained.wall_clock_secs;
+        output::line(&format!(
+            "{} environment steps in {:.0} s, {rate:.0} a second",
+            trained.environment_steps, trained.wall_clock_secs
+        ))?;
+        if let Some(found) = trained.best_validation {
+            output::line(&format!(
+                "best on validation: success {:.1} %, strict {:.1} %, after {} steps",
+                100.0 * found.success_rate,
+                100.0 * found.strict_success_rate,
+                trained.best_environment_steps
+            ))?;
+        }
+    }
+    output::say(&format!("The controller is in {}", plan.out.display()));
+    output::say(&format!("Measure it: mishandle evaluate {} --controller {}", plan.task, plan.out.display()));
+    Ok(Outcome::Done)
+}
+
+/// A line on stderr that is written over, if somebody can watch it.
+fn live_line() -> ProgressBar {
+    let target = if shows_progress() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    let line = ProgressBar::with_draw_target(None, target);
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {msg}") {
+        line.set_style(style);
+    }
+    line
+}
+
+/// A validation as a line of the learning curve: a bar for success, full of strict success.
+fn curve_line(progress: &Progress) -> String {
+    const WIDTH: f64 = 40.0;
+    let (success, strict) =
+        progress.validation.map_or((0.0, 0.0), |found| (found.success_rate, found.strict_success_rate));
+    let strict_cells = (WIDTH * strict).round() as usize;
+    let success_cells = ((WIDTH * success).round() as usize).max(strict_cells);
+    format!(
+        "{:>8.2}M steps |{}{}{}| success {:5.1} %  strict {:5.1} %",
+        progress.environment_steps as f64 / 1e6,
+        "#".repeat(strict_cells),
+        "-".repeat(success_cells - strict_cells),
+        " ".repeat(WIDTH as usize - success_cells),
+        100.0 * success,
+        100.0 * strict
+    )
+}

@@ -1,0 +1,71 @@
+//! What evaluate and falsify share: from flags to a plan, and where its run is stored.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use mishandle::store::{RunFile, RunWriter};
+use mishandle::{Plan, Subject};
+
+use crate::args;
+use crate::output;
+
+/// Makes a rayon pool of the wanted size the one that everything runs in.
+pub fn set_threads(run: &args::Run) -> Result<()> {
+    if let Some(threads) = run.threads {
+        ensure!(threads > 0, "--threads is 0; it has to be at least 1");
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
+    }
+    Ok(())
+}
+
+/// The plan that the flags describe: one from a file or a run, or a new one, edited.
+pub fn plan(subject: &args::Subject, run: &args::Run) -> Result<Plan> {
+    let mut plan = match (&subject.plan, &subject.task, &subject.controller) {
+        (Some(path), _, _) => {
+            let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+            Plan::from_toml(&text).with_context(|| path.display().to_string())?
+        }
+        (None, Some(task), Some(controller)) => Plan::new(task, controller),
+        _ => anyhow::bail!("a task and a --controller are needed, or a --plan"),
+    };
+    let edit = |field: &mut String, flag: &Option<String>| {
+        if let Some(value) = flag {
+            field.clone_from(value);
+        }
+    };
+    edit(&mut plan.task, &subject.task);
+    edit(&mut plan.controller, &subject.controller);
+    edit(&mut plan.preset, &subject.preset);
+    plan.action_noise = subject.action_noise.unwrap_or(plan.action_noise);
+    plan.observation_noise = subject.observation_noise.unwrap_or(plan.observation_noise);
+    plan.stochastic |= subject.stochastic;
+    plan.seed = run.seed.unwrap_or(plan.seed);
+    Ok(plan)
+}
+
+/// Plan, subject and open run file: of a stopped run, or of a new one that the flags describe.
+pub fn open(
+    resume: Option<&Path>,
+    out: Option<&Path>,
+    new_plan: impl FnOnce() -> Result<Plan>,
+) -> Result<(Plan, Subject, RunWriter)> {
+    let Some(path) = resume else {
+        let plan = new_plan()?;
+        let subject = Subject::new(&plan)?;
+        let run = mishandle::create_run(&plan, &subject, out)?;
+        return Ok((plan, subject, run));
+    };
+    let run = RunWriter::resume(path)?;
+    let plan = Plan::from_toml(&run.file().header().plan)?;
+    let subject = Subject::new(&plan)?;
+    mishandle::check_controller(&plan, &subject, run.file().header())?;
+    for difference in mishandle::other_build(run.file().header()) {
+        output::say(&format!("warning: the run was begun by another build: {difference}"));
+    }
+    Ok((plan, subject, run))
+}
+
+/// Where a run is, as a person would type it.
+pub fn name(run: &RunFile) -> String {
+    run.path().display().to_string()
+}

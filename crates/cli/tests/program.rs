@@ -1,0 +1,295 @@
+//! The program from outside.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+/// A fresh folder to run the program in.
+struct Bench {
+    folder: tempfile::TempDir,
+}
+
+impl Bench {
+    fn new() -> Bench {
+        Bench { folder: tempfile::tempdir().unwrap() }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        std::fs::write(self.path(name), text).unwrap();
+    }
+
+    fn command(&self, arguments: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mishandle"));
+        command.args(words(arguments)).current_dir(self.folder.path());
+        command
+    }
+
+    fn run(&self, arguments: &str) -> Output {
+        self.command(arguments).output().unwrap()
+    }
+
+    /// Runs the program, which has to end with `code`, and returns stdout.
+    #[track_caller]
+    fn check(&self, arguments: &str, code: i32) -> String {
+        let output = self.run(arguments);
+        let (out, err) = (text(&output.stdout), text(&output.stderr));
+        assert_eq!(output.status.code(), Some(code), "mishandle {arguments}\n{out}\n{err}");
+        out
+    }
+
+    #[track_caller]
+    fn json(&self, arguments: &str, code: i32) -> Value {
+        serde_json::from_str(&self.check(arguments, code)).unwrap()
+    }
+
+    /// Runs the program, which has to fail and to say all of `parts` in one line or two.
+    #[track_caller]
+    fn refuses(&self, arguments: &str, parts: &[&str]) {
+        let output = self.run(arguments);
+        let err = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "mishandle {arguments}\n{err}");
+        assert!(output.stdout.is_empty(), "{}", text(&output.stdout));
+        for part in parts {
+            assert!(err.contains(part), "mishandle {arguments} does not say `{part}`:\n{err}");
+        }
+    }
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+/// Splits at spaces, but not inside single quotes.
+fn words(arguments: &str) -> Vec<String> {
+    let parts = arguments.split('\'').enumerate();
+    parts
+        .flat_map(|(i, part)| match i % 2 {
+            0 => part.split_whitespace().map(String::from).collect::<Vec<_>>(),
+            _ => vec![part.to_string()],
+        })
+        .collect()
+}
+
+const FAST: &str = "--controller expert --seed 3";
+
+/// A formula that the expert of point reaching violates from some starts.
+const HARD: &str = "--formula 'always[22:300](finger_target_distance <= 0.12)'";
+
+#[test]
+fn every_command_explains_itself_with_examples() {
+    let bench = Bench::new();
+    for command in ["tasks", "monitor", "train", "evaluate", "falsify", "replay"] {
+        let help = bench.check(&format!("{command} --help"), 0);
+        assert!(help.contains("Examples:"), "{command}");
+        assert!(help.contains(&format!("mishandle {command}")), "{command}");
+    }
+}
+
+#[test]
+fn tasks_are_listed_with_what_the_glossary_names() {
+    let bench = Bench::new();
+    let tasks = bench.json("tasks --json", 0);
+    let names: Vec<&str> = tasks.as_array().unwrap().iter().map(|task| task["name"].as_str().unwrap()).collect();
+    assert_eq!(names[..3], ["point-reaching", "ball-balancing", "ball-pushing"]);
+    for task in tasks.as_array().unwrap() {
+        for key in ["success", "strict", "safe", "completion", "signals", "initial_box", "controllers"] {
+            assert!(!task[key].is_null(), "{key}");
+        }
+    }
+    // The code's box differs from the paper's in its lower bound.
+    let code = bench.json("tasks ball-balancing --preset code --json", 0);
+    assert_eq!(code[0]["initial_box"][0]["low"], 0.192);
+    assert!(bench.check("tasks ball-pushing", 0).contains("Initial box"));
+    bench.refuses("tasks ball-pusing", &["no task `ball-pusing`", "hint: did you mean `ball-pushing`?"]);
+}
+
+#[test]
+fn a_task_s_scene_can_be_taken_out() {
+    let bench = Bench::new();
+    bench.check("tasks ball-balancing --mjcf scene.xml", 0);
+    let xml = std::fs::read_to_string(bench.path("scene.xml")).unwrap();
+    assert!(xml.starts_with("<mujoco") && xml.trim_end().ends_with("</mujoco>"));
+    assert!(xml.contains("name=\"tray\"") && xml.contains("name=\"joint7\""));
+}
+
+#[test]
+fn monitor_measures_and_its_exit_code_tells() {
+    let bench = Bench::new();
+    bench.write("d.csv", "time,d\n0.0,0.2\n0.1,0.3\n0.2,0.1\n");
+    // 0.35 - d = 0.15, 0.05, 0.25
+    let found = bench.json("monitor --formula 'always[0:2](d <= 0.35)' d.csv --json", 0);
+    let (rho, signal) = (found["robustness"].as_f64().unwrap(), found["robustness_signal"].as_array().unwrap());
+    assert!((rho - 0.05).abs() < 1e-12);
+    assert_eq!(signal.len(), 3);
+    bench.check("monitor --formula 'always[0:2](d <= 0.25)' d.csv", 1);
+    // 0.2 s are two samples of 0.1 s; the same in RTAMT's reading.
+    for formula in ["--formula 'always[0:0.2s](d <= 0.35)'", "--formula 'always[0:0.2](d <= 0.35)' --unit s"] {
+        let found = bench.json(&format!("monitor {formula} d.csv --json"), 0);
+        assert!((found["robustness"].as_f64().unwrap() - 0.05).abs() < 1e-12, "{formula}");
+    }
+    let empty_window = bench.json("monitor --formula 'always[5:9](d <= 0.25)' d.csv --json", 0);
+    assert_eq!(empty_window["robustness"], "inf");
+}
+
+#[test]
+fn monitor_says_what_is_wrong_and_where() {
+    let bench = Bench::new();
+    bench.write("d.csv", "d,e\n0.2,1\n0.3,nan\n0.1,2\n");
+    bench.write("text.csv", "d\n0.2\nabc\n");
+    bench.write("twice.csv", "d,d\n1,2\n");
+    bench.write("uneven.csv", "time,d\n0,1\n0.1,1\n0.3,1\n");
+    bench.refuses("monitor --formula 'always[0:2](d <= )' d.csv", &["column 18", "^"]);
+    bench.refuses("monitor --formula 'x > 1' d.csv", &["signal `x` is not in the trace", "d, e"]);
+    bench.refuses("monitor --formula 'e > 0' d.csv", &["`e` is NaN at step 1"]);
+    bench.refuses("monitor --formula 'd > 0' text.csv", &["line 3", "`d` is `abc`"]);
+    bench.refuses("monitor --formula 'd > 0' twice.csv", &["two columns are named `d`"]);
+    bench.refuses("monitor --formula 'd > 0' uneven.csv", &["evenly spaced", "0.15"]);
+    bench.refuses("monitor --formula 'd > 0' missing.csv", &["missing.csv", "No such file"]);
+    bench.refuses("monitor --formula 'always[0:9](d > 0)' d.csv --strict-horizon", &["reaches 9 samples"]);
+    bench.refuses("monitor --formula 'always[0:0.5s](d > 0)' d.csv", &["0.5 s", "1 s"]);
+}
+
+#[test]
+fn an_evaluation_gives_the_same_document_for_any_number_of_threads() {
+    let bench = Bench::new();
+    let one = bench.check(&format!("evaluate point-reaching {FAST} --episodes 40 --threads 1 --json"), 0);
+    let two = bench.check(&format!("evaluate point-reaching {FAST} --episodes 40 --threads 2 --json"), 0);
+    assert_eq!(one, two);
+    let report: Value = serde_json::from_str(&one).unwrap();
+    assert_eq!(report["success_rate"]["value"], 1.0);
+    for key in ["strict_success_rate", "dangerous_behavior_rate", "task_completion_time"] {
+        for part in ["value", "low", "high", "n"] {
+            assert!(report[key][part].is_number(), "{key} {part}");
+        }
+    }
+    let noisy = bench
+        .json(&format!("evaluate point-reaching {FAST} --episodes 40 --action-noise 0.5 --json"), 0);
+    assert_ne!(noisy["task_completion_time"], report["task_completion_time"]);
+}
+
+#[test]
+fn a_falsification_finds_stores_and_replays_a_counterexample() {
+    let bench = Bench::new();
+    for search in ["random", "nelder-mead", "dual-annealing"] {
+        let run = format!("{search}.sqlite");
+        let arguments =
+            format!("falsify point-reaching {FAST} {HARD} --search {search} --trials 3 --budget 60 --out {run}");
+        let found = bench.json(&format!("{arguments} --json"), 1);
+        assert!(found["falsified_trials"].as_u64().unwrap() > 0, "{search}: {found}");
+        for trial in found["trials"].as_array().unwrap() {
+            let falsified = trial["falsified"].as_bool().unwrap();
+            assert_eq!(falsified, trial["minimum_robustness"].as_f64().unwrap() < 0.0);
+            assert!(trial["simulations"].as_u64().unwrap() <= 60);
+            assert_eq!(trial["initial_configuration"].as_array().unwrap().len(), 3);
+        }
+        let again = bench.json(&format!("replay {run} --trace trace.csv --json"), 0);
+        assert_eq!(again["same"], true);
+        assert!(again["robustness"].as_f64().unwrap() < 0.0);
+        // The trace that the replay wrote gives the very robustness that was recorded.
+        let formula = HARD.trim_start_matches("--formula ");
+        let measured = bench.json(&format!("monitor --formula {formula} trace.csv --json"), 1);
+        assert_eq!(measured["robustness"], again["robustness"]);
+        bench.refuses(&arguments, &["already"]);
+    }
+}
+
+#[test]
+fn what_a_controller_survives_ends_with_exit_code_0() {
+    let bench = Bench::new();
+    let found = bench.json(&format!("falsify point-reaching {FAST} --trials 2 --budget 10 --json"), 0);
+    assert_eq!(found["falsified_trials"], 0);
+    assert!(found["mean_simulations"].is_null());
+}
+
+#[test]
+fn a_killed_falsification_goes_on_to_the_same_result() {
+    let bench = Bench::new();
+    // A formula that holds: every trial spends its budget, so there is time to kill it.
+    let arguments = format!("falsify point-reaching {FAST} --search dual-annealing --trials 4 --budget 120");
+    let whole = bench.check(&format!("{arguments} --out whole.sqlite --json"), 0);
+    let mut child = bench.command(&format!("{arguments} --out killed.sqlite")).spawn().unwrap();
+    wait_for_rows(&bench.path("killed.sqlite"), 40);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let rows = simulations(&bench.path("killed.sqlite"));
+    assert!((40..480).contains(&rows), "it was killed after {rows} simulations");
+    let resumed = bench.check("falsify --resume killed.sqlite --json", 0);
+    assert_eq!(resumed, whole);
+    assert_eq!(simulations(&bench.path("killed.sqlite")), 480);
+    let digest = |name: &str| mishandle::store::RunFile::open(bench.path(name)).unwrap().content_digest().unwrap();
+    assert_eq!(digest("killed.sqlite"), digest("whole.sqlite"));
+    // Resuming what has ended changes nothing.
+    assert_eq!(bench.check("falsify --resume killed.sqlite --json", 0), whole);
+}
+
+fn simulations(path: &Path) -> u64 {
+    mishandle::store::RunFile::open(path).and_then(|run| run.counts()).map_or(0, |counts| counts.simulations)
+}
+
+fn wait_for_rows(path: &Path, rows: u64) {
+    let start = Instant::now();
+    while !path.exists() || simulations(path) < rows {
+        assert!(start.elapsed() < Duration::from_secs(60), "no {rows} simulations within a minute");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_killed_evaluation_goes_on_to_the_same_result() {
+    let bench = Bench::new();
+    let arguments = format!("evaluate point-reaching {FAST} --episodes 400");
+    let whole = bench.check(&format!("{arguments} --out whole.sqlite --json"), 0);
+    let mut child = bench.command(&format!("{arguments} --out killed.sqlite")).spawn().unwrap();
+    wait_for_rows(&bench.path("killed.sqlite"), 32);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(simulations(&bench.path("killed.sqlite")) < 400);
+    assert_eq!(bench.check("evaluate --resume killed.sqlite --json", 0), whole);
+}
+
+#[test]
+fn a_plan_says_the_same_as_its_flags() {
+    let bench = Bench::new();
+    bench.write(
+        "plan.toml",
+        "task = \"point-reaching\"\ncontroller = \"expert\"\nseed = 3\n[evaluate]\nepisodes = 20\n",
+    );
+    let planned = bench.check("evaluate --plan plan.toml --json", 0);
+    assert_eq!(planned, bench.check(&format!("evaluate point-reaching {FAST} --episodes 20 --json"), 0));
+    // Flags edit the plan.
+    let edited = bench.json("evaluate --plan plan.toml --seed 4 --json", 0);
+    assert_eq!(edited["seed"], 4);
+    bench.write("wrong.toml", "task = \"point-reaching\"\ncontroler = \"expert\"\n");
+    bench.refuses("evaluate --plan wrong.toml", &["wrong.toml", "controler"]);
+    bench.write("newer.toml", "format = 9\ntask = \"point-reaching\"\ncontroller = \"expert\"\n");
+    bench.refuses("evaluate --plan newer.toml", &["format 9", "newer Mishandle"]);
+}
+
+#[test]
+fn mistakes_are_refused_before_anything_runs() {
+    let bench = Bench::new();
+    bench.write("junk.safetensors", "this is no controller");
+    bench.write("junk.sqlite", "this is no run");
+    let falsify = "falsify point-reaching --controller expert";
+    bench.refuses("evaluate point-reaching --controller nobody", &["no controller `nobody`", "expert"]);
+    bench.refuses("evaluate point-reaching --controller junk.safetensors", &["junk.safetensors", "not a controller"]);
+    bench.refuses("evaluate point-reaching --controller ./none.safetensors", &["none.safetensors", "No such file"]);
+    bench.refuses(&format!("{falsify} --search anealing"), &["no search `anealing`", "dual-annealing"]);
+    bench.refuses(&format!("{falsify} --formula 'always[0:301](finger_twist < 9)'"), &["301", "never be decided"]);
+    bench.refuses(&format!("{falsify} --formula 'finger_twst < 9'"), &["finger_twst", "finger_twist"]);
+    bench.refuses(&format!("{falsify} --action-noise -1"), &["action noise is -1"]);
+    bench.refuses(&format!("{falsify} --action-noise nan"), &["action noise is NaN"]);
+    bench.refuses(&format!("{falsify} --trials 0"), &["0"]);
+    bench.refuses(&format!("{falsify} --threads 0"), &["--threads is 0"]);
+    bench.refuses(&format!("{falsify} --preset papper"), &["no preset `papper`", "did you mean `paper`?"]);
+    bench.refuses("replay junk.sqlite", &["junk.sqlite"]);
+    bench.refuses("replay missing.sqlite", &["missing.sqlite"]);
+    bench.refuses("falsify --resume junk.sqlite", &["junk.sqlite"]);
+    assert!(!bench.path("runs").exists(), "a run was begun");
+}

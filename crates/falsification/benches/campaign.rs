@@ -1,0 +1,60 @@
+//! What a campaign costs beside its simulations: `cargo bench -p mishandle-falsification [-- SIMULATIONS]` (a million
+//! if not said), for every search, on a system in closed form. Memory is the peak of the process so far.
+#![allow(clippy::print_stdout, reason = "a benchmark prints")]
+
+use std::error::Error;
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+use mishandle_falsification::{Campaign, FakeSystem, FalsificationError, Fate, Settings};
+use mishandle_rollout::{Axis, InitialBox, Request, Seed, System};
+use mishandle_search::{SEARCHES, SearchOptions};
+
+const AXES: usize = 6;
+const BUDGET: u32 = 300;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let asked = std::env::args().find_map(|word| word.parse().ok());
+    let simulations: u32 = asked.unwrap_or(1_000_000);
+    let axis = |i: usize| Axis { name: format!("x{i}"), unit: "m".into(), low: -1.0, high: 1.0 };
+    let initial_box = InitialBox::new((0..AXES).map(axis).collect())?;
+    let system = || {
+        FakeSystem::new(initial_box.clone(), |request| {
+            Fate::Robustness(0.01 + request.x0.iter().map(|x| x * x).sum::<f64>())
+        })
+    };
+
+    let bare = bare(&mut system(), simulations)?;
+    println!("{:<16} {:>11} {:>14} {:>12}", "", "simulations", "us/simulation", "peak MiB");
+    println!("{:<16} {simulations:>11} {bare:>14.3} {:>12}", "system alone", peak_memory());
+    for search in SEARCHES {
+        let settings = Settings { trials: simulations / BUDGET, budget: BUDGET, seed: Seed(0) };
+        let make = |seed| (search.make)(AXES, seed, &SearchOptions::default());
+        let mut campaign = Campaign::new(settings, &initial_box, make)?;
+        let start = Instant::now();
+        let outcome =
+            campaign.run(&mut system(), |_| Ok::<_, FalsificationError>(ControlFlow::Continue(())))?;
+        let each = 1e6 * start.elapsed().as_secs_f64() / outcome.simulations as f64;
+        println!("{:<16} {:>11} {each:>14.3} {:>12}", search.name, outcome.simulations, peak_memory());
+    }
+    Ok(())
+}
+
+/// Microseconds a simulation takes in batches without a search.
+fn bare(system: &mut FakeSystem, simulations: u32) -> Result<f64, Box<dyn Error>> {
+    let batch: Vec<Request> =
+        (0..system.batch_size() as u64).map(|i| Request { x0: vec![0.1; AXES], seed: Seed(i) }).collect();
+    let start = Instant::now();
+    for _ in 0..simulations as usize / batch.len() {
+        std::hint::black_box(system.rollout(&batch)?);
+    }
+    Ok(1e6 * start.elapsed().as_secs_f64() / f64::from(simulations))
+}
+
+/// Peak memory of the process in MiB, where the system says it.
+fn peak_memory() -> String {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let kib = line.and_then(|line| line.split_whitespace().next()?.parse::<f64>().ok());
+    kib.map_or("unknown".to_string(), |kib| format!("{:.1}", kib / 1024.0))
+}

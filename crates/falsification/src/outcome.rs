@@ -1,0 +1,177 @@
+//! What trials found, and what a campaign of them amounts to.
+
+use mishandle_evaluation::{Estimate, wilson};
+use mishandle_rollout::{End, Seed};
+
+use crate::{Asked, Spell, Survival, TrialEnd};
+
+/// The simulation of a trial with the least robustness, the earliest of equals: its counterexample, if it has one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Minimum {
+    /// Robustness.
+    pub robustness: f64,
+    /// Initial configuration.
+    pub initial_configuration: Vec<f64>,
+    /// Key of everything random in it.
+    pub seed: Seed,
+    /// Its number in the trial, from 1.
+    pub number: u32,
+}
+
+/// What a trial found, as far as it went.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrialOutcome {
+    /// Number of the trial, from 0.
+    pub trial: u32,
+    /// Its seed.
+    pub seed: Seed,
+    /// How it ended; `None` if it was cut short.
+    pub end: Option<TrialEnd>,
+    /// Simulations it made, the falsifying one included.
+    pub simulations: u32,
+    /// How many of them diverged.
+    pub diverged: u32,
+    /// How many of them did not diverge and were stopped undecided.
+    pub undecided: u32,
+    /// The least robustness; `None` if no simulation has one.
+    pub minimum: Option<Minimum>,
+}
+
+impl TrialOutcome {
+    /// The outcome of a trial that has not begun.
+    pub(crate) fn new(trial: u32, seed: Seed) -> TrialOutcome {
+        TrialOutcome { trial, seed, end: None, simulations: 0, diverged: 0, undecided: 0, minimum: None }
+    }
+
+    /// Whether it found a violation.
+    pub fn falsified(&self) -> bool {
+        self.end == Some(TrialEnd::Falsified)
+    }
+
+    /// Adds a simulation.
+    pub(crate) fn add(&mut self, asked: &Asked, x0: &[f64], robustness: Option<f64>, end: End) {
+        self.simulations += 1;
+        let Some(rho) = robustness else {
+            let diverged = matches!(end, End::Diverged { .. });
+            self.diverged += u32::from(diverged);
+            self.undecided += u32::from(!diverged);
+            return;
+        };
+        if self.minimum.as_ref().is_none_or(|minimum| rho < minimum.robustness) {
+            self.minimum = Some(Minimum {
+                robustness: rho,
+                initial_configuration: x0.to_vec(),
+                seed: asked.seed,
+                number: asked.number,
+            });
+        }
+    }
+
+    /// How long it was watched. A search that ended by itself finds nothing more, however large the budget, so it counts
+    /// as watched for the whole budget.
+    fn spell(&self, budget: u32) -> Spell {
+        match self.end {
+            Some(TrialEnd::Falsified) => Spell { simulations: self.simulations, falsified: true },
+            Some(TrialEnd::BudgetSpent | TrialEnd::SearchEnded(_)) => {
+                Spell { simulations: budget, falsified: false }
+            }
+            None => Spell { simulations: self.simulations, falsified: false },
+        }
+    }
+}
+
+/// What a campaign found, as far as it went.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// The trials that have begun, in order.
+    pub trials: Vec<TrialOutcome>,
+    /// How many of them found a violation.
+    pub falsified_trials: u32,
+    /// FR: their share of the trials that have ended, with its Wilson interval.
+    pub falsification_rate: Estimate,
+    /// S̄: mean number of simulations over the falsified trials; `None` if there is none. It says nothing of how often
+    /// a search fails: the two below do.
+    pub mean_simulations: Option<f64>,
+    /// Simulations after which half of the trials have found a violation, by Kaplan and Meier's estimate; `None` if
+    /// fewer than half do within the budget.
+    pub median_simulations: Option<u32>,
+    /// Mean number of simulations to the first violation, the budget where there is none, by the same estimate; `None`
+    /// if the campaign was cut short before that can be said.
+    pub restricted_mean_simulations: Option<f64>,
+    /// Simulations of all trials.
+    pub simulations: u64,
+    /// How many of them diverged.
+    pub diverged: u64,
+    /// How many of them did not diverge and were stopped undecided.
+    pub undecided: u64,
+}
+
+impl Outcome {
+    /// What trials with this budget amount to.
+    pub fn new(trials: Vec<TrialOutcome>, budget: u32) -> Outcome {
+        let survival = Survival::new(trials.iter().map(|trial| trial.spell(budget)).collect());
+        let ended = trials.iter().filter(|trial| trial.end.is_some()).count() as u64;
+        let total =
+            |count: fn(&TrialOutcome) -> u32| trials.iter().map(|trial| u64::from(count(trial))).sum();
+        let falsified = || trials.iter().filter(|trial| trial.falsified());
+        let falsified_trials = falsified().count() as u32;
+        let spent: u64 = falsified().map(|trial| u64::from(trial.simulations)).sum();
+        Outcome {
+            falsified_trials,
+            falsification_rate: wilson(falsified_trials.into(), ended),
+            mean_simulations: (falsified_trials > 0).then(|| spent as f64 / f64::from(falsified_trials)),
+            median_simulations: survival.median(),
+            restricted_mean_simulations: survival.restricted_mean(budget),
+            simulations: total(|trial| trial.simulations),
+            diverged: total(|trial| trial.diverged),
+            undecided: total(|trial| trial.undecided),
+            trials,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use mishandle_search::Finish;
+
+    use super::*;
+
+    fn trial(simulations: u32, end: Option<TrialEnd>) -> TrialOutcome {
+        TrialOutcome { end, simulations, diverged: 1, undecided: 2, ..TrialOutcome::new(0, Seed(0)) }
+    }
+
+    #[test]
+    fn an_outcome_worked_out_by_hand() {
+        let outcome = Outcome::new(
+            vec![
+                trial(20, Some(TrialEnd::Falsified)),
+                trial(40, Some(TrialEnd::Falsified)),
+                trial(300, Some(TrialEnd::BudgetSpent)),
+                trial(100, Some(TrialEnd::SearchEnded(Finish::Converged))),
+            ],
+            300,
+        );
+        assert_eq!(outcome.falsified_trials, 2);
+        assert_eq!((outcome.falsification_rate.value, outcome.falsification_rate.n), (Some(0.5), 4));
+        assert_eq!(outcome.mean_simulations, Some(30.0));
+        // Half of the trials are falsified by simulation 40; the two others count 300 each.
+        assert_eq!(outcome.median_simulations, Some(40));
+        assert_eq!(outcome.restricted_mean_simulations, Some((20.0 + 40.0 + 300.0 + 300.0) / 4.0));
+        assert_eq!((outcome.simulations, outcome.diverged, outcome.undecided), (460, 4, 8));
+    }
+
+    #[test]
+    fn without_a_violation_there_is_no_mean() {
+        let outcome = Outcome::new(vec![trial(300, Some(TrialEnd::BudgetSpent))], 300);
+        assert_eq!((outcome.mean_simulations, outcome.median_simulations), (None, None));
+        assert_eq!(outcome.restricted_mean_simulations, Some(300.0));
+    }
+
+    #[test]
+    fn a_trial_cut_short_is_in_no_rate() {
+        let outcome = Outcome::new(vec![trial(20, Some(TrialEnd::Falsified)), trial(50, None)], 300);
+        assert_eq!((outcome.falsification_rate.value, outcome.falsification_rate.n), (Some(1.0), 1));
+        assert_eq!(outcome.median_simulations, Some(20));
+        assert_eq!(outcome.restricted_mean_simulations, None);
+    }
+}

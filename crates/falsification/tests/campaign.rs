@@ -1,0 +1,269 @@
+//! Single facts of campaigns: how trials end, and what is refused.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use std::ops::ControlFlow;
+
+use mishandle_falsification::{
+    Campaign, FakeSystem, FalsificationError, Fate, Outcome, Recorded, Settings, TrialEnd,
+};
+use mishandle_rollout::{Axis, End, Episode, InitialBox, Request, RolloutError, Seed, System};
+use mishandle_search::{Finish, Search, SearchError, SearchOptions, by_name};
+
+fn initial_box() -> InitialBox {
+    InitialBox::new(vec![Axis { name: "x".into(), unit: "m".into(), low: 0.0, high: 10.0 }]).unwrap()
+}
+
+fn system(fate: impl Fn(&Request) -> Fate + 'static) -> FakeSystem {
+    FakeSystem::new(initial_box(), fate)
+}
+
+/// Walks through given points, and takes values below 6.5 and +∞.
+struct Walk {
+    points: Vec<f64>,
+    asked: usize,
+    told: Vec<f64>,
+}
+
+impl Search for Walk {
+    fn name(&self) -> &'static str {
+        "walk"
+    }
+
+    fn dimension(&self) -> usize {
+        1
+    }
+
+    fn ask_batch(&mut self, n: usize) -> Vec<Vec<f64>> {
+        let points: Vec<Vec<f64>> = self.points[self.asked..].iter().take(n).map(|u| vec![*u]).collect();
+        self.asked += points.len();
+        points
+    }
+
+    fn tell(&mut self, u: &[f64], value: f64) -> Result<(), SearchError> {
+        assert_eq!(u, [self.points[self.told.len()]], "values come back in the order of asking");
+        assert!(self.told.iter().all(|told| *told >= 0.0), "nothing is told after a violation");
+        assert!(value < 6.5 || value == f64::INFINITY, "what is no counterexample is told as +inf");
+        self.told.push(value);
+        Ok(())
+    }
+
+    fn finished(&self) -> Option<Finish> {
+        (self.told.len() == self.points.len()).then_some(Finish::Converged)
+    }
+
+    fn best(&self) -> Option<(&[f64], f64)> {
+        None
+    }
+}
+
+fn walk(points: &[f64], trials: u32, budget: u32) -> Campaign<'_> {
+    let settings = Settings { trials, budget, seed: Seed(3) };
+    let make =
+        move |_| Ok(Box::new(Walk { points: points.to_vec(), asked: 0, told: vec![] }) as Box<dyn Search>);
+    Campaign::new(settings, &initial_box(), make).unwrap()
+}
+
+fn run(campaign: &mut Campaign<'_>, system: &mut dyn System) -> Result<Outcome, FalsificationError> {
+    campaign.run(system, |_| Ok(ControlFlow::Continue(())))
+}
+
+/// Robustness x - 2; above x = 9 it diverges, above x = 8 it is undecided.
+fn by_place(request: &Request) -> Fate {
+    match request.x0[0] {
+        x if x > 9.0 => Fate::Diverged,
+        x if x > 8.0 => Fate::Undecided,
+        x => Fate::Robustness(x - 2.0),
+    }
+}
+
+/// One trial that walks through `points`: how it ended, after how many simulations, with which minimum, diverged and
+/// undecided ones.
+#[track_caller]
+fn check(points: &[f64], budget: u32, expected: (TrialEnd, u32, Option<f64>, u32, u32)) {
+    for batch_size in [1, 2, 100] {
+        let outcome =
+            run(&mut walk(points, 1, budget), &mut system(by_place).with_batch_size(batch_size)).unwrap();
+        let trial = &outcome.trials[0];
+        let minimum = trial.minimum.as_ref().map(|minimum| minimum.robustness);
+        let found = (trial.end.unwrap(), trial.simulations, minimum, trial.diverged, trial.undecided);
+        assert_eq!(found, expected, "{points:?}, batches of {batch_size}");
+    }
+}
+
+#[test]
+fn how_trials_end() {
+    let converged = TrialEnd::SearchEnded(Finish::Converged);
+    // x = 10 u. A violation counts itself, and nothing after it.
+    check(&[0.1], 9, (TrialEnd::Falsified, 1, Some(-1.0), 0, 0));
+    check(&[0.5, 0.7, 0.1, 0.0, 0.5], 9, (TrialEnd::Falsified, 3, Some(-1.0), 0, 0));
+    // A violation by the last simulation of the budget, or by the last one of the search, is one.
+    check(&[0.5, 0.1, 0.1], 2, (TrialEnd::Falsified, 2, Some(-1.0), 0, 0));
+    check(&[0.5, 0.1], 9, (TrialEnd::Falsified, 2, Some(-1.0), 0, 0));
+    // One just after the budget is not seen.
+    check(&[0.5, 0.7, 0.1], 2, (TrialEnd::BudgetSpent, 2, Some(3.0), 0, 0));
+    check(&[0.5, 0.7], 9, (converged, 2, Some(3.0), 0, 0));
+    // Robustness 0 is no violation.
+    check(&[0.2], 9, (converged, 1, Some(0.0), 0, 0));
+    // Diverged and undecided simulations are spent, counted, and neither found nor least.
+    check(&[0.95, 0.85, 0.5, 1.0], 9, (converged, 4, Some(3.0), 2, 1));
+    check(&[0.95, 0.85], 9, (converged, 2, None, 1, 1));
+}
+
+#[test]
+fn the_earliest_of_equal_minima_counts() {
+    let outcome = run(&mut walk(&[0.5, 0.3, 0.3, 0.5], 1, 9), &mut system(by_place)).unwrap();
+    assert_eq!(outcome.trials[0].minimum.as_ref().unwrap().number, 2);
+}
+
+#[test]
+fn nothing_is_simulated_beyond_the_budget() {
+    let mut system = system(by_place).with_batch_size(100);
+    let outcome = run(&mut walk(&[0.5; 40], 2, 17), &mut system).unwrap();
+    assert_eq!((outcome.simulations, system.simulations()), (34, 34));
+}
+
+#[test]
+fn a_search_that_has_nothing_to_say_ends_its_trial() {
+    check(&[], 9, (TrialEnd::SearchEnded(Finish::Converged), 0, None, 0, 0));
+}
+
+#[test]
+fn a_negative_robustness_of_a_diverged_simulation_is_no_violation() {
+    struct Diverging(FakeSystem);
+    impl System for Diverging {
+        fn initial_box(&self) -> &InitialBox {
+            self.0.initial_box()
+        }
+        fn batch_size(&self) -> usize {
+            1
+        }
+        fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
+            let mut episodes = self.0.rollout(requests)?;
+            episodes.iter_mut().for_each(|episode| episode.end = End::Diverged { step: 1 });
+            Ok(episodes)
+        }
+    }
+    let mut system = Diverging(system(|_| Fate::Robustness(-1.0)));
+    let outcome = run(&mut walk(&[0.5, 0.6], 1, 9), &mut system).unwrap();
+    assert_eq!((outcome.falsified_trials, outcome.diverged), (0, 2));
+    assert_eq!(outcome.trials[0].minimum, None);
+}
+
+#[test]
+fn a_formula_longer_than_the_episode_is_refused() {
+    struct Short(FakeSystem);
+    impl System for Short {
+        fn initial_box(&self) -> &InitialBox {
+            self.0.initial_box()
+        }
+        fn batch_size(&self) -> usize {
+            1
+        }
+        fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
+            let mut episodes = self.0.rollout(requests)?;
+            episodes.iter_mut().for_each(|episode| episode.end = End::Completed);
+            Ok(episodes)
+        }
+    }
+    let error = run(&mut walk(&[0.5], 1, 9), &mut Short(system(|_| Fate::Undecided))).unwrap_err();
+    assert!(matches!(error, FalsificationError::Undecidable { trial: 0, number: 1 }), "{error}");
+}
+
+#[test]
+fn a_robustness_that_is_nan_is_refused_with_its_place() {
+    let error = run(&mut walk(&[0.5], 1, 9), &mut system(|_| Fate::Robustness(f64::NAN))).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "the robustness of simulation 1 of trial 0, from [5.0], is NaN; it has to be a number"
+    );
+}
+
+#[test]
+fn a_system_that_gives_too_few_episodes_is_refused() {
+    struct Lazy(FakeSystem);
+    impl System for Lazy {
+        fn initial_box(&self) -> &InitialBox {
+            self.0.initial_box()
+        }
+        fn batch_size(&self) -> usize {
+            4
+        }
+        fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
+            self.0.rollout(&requests[1..])
+        }
+    }
+    let error = run(&mut walk(&[0.5], 3, 9), &mut Lazy(system(by_place))).unwrap_err();
+    assert!(matches!(error, FalsificationError::Episodes { asked: 3, given: 2 }), "{error}");
+}
+
+#[test]
+fn a_search_of_another_dimension_than_the_box_is_refused() {
+    let settings = Settings { trials: 1, budget: 1, seed: Seed(0) };
+    let make = |seed| by_name("random", 2, seed, &SearchOptions::default());
+    let mut campaign = Campaign::new(settings, &initial_box(), make).unwrap();
+    let error = run(&mut campaign, &mut system(by_place)).unwrap_err();
+    assert!(matches!(error, FalsificationError::Dimension { found: 2, wanted: 1, .. }), "{error}");
+}
+
+#[test]
+fn an_empty_campaign_is_refused() {
+    for (trials, budget) in [(0, 1), (1, 0)] {
+        let settings = Settings { trials, budget, seed: Seed(0) };
+        let make = |seed| by_name("random", 1, seed, &SearchOptions::default());
+        assert!(Campaign::new(settings, &initial_box(), make).is_err());
+    }
+}
+
+/// The record of simulation `number` of trial 0, at unit point `u`, with robustness 3.
+fn recorded(number: u32, u: &[f64; 1], x0: &[f64; 1]) -> Recorded<'static> {
+    Recorded {
+        trial: 0,
+        number,
+        unit_point: Box::leak(Box::new(*u)),
+        initial_configuration: Box::leak(Box::new(*x0)),
+        seed: Seed(3).child(0).child(number.into()),
+        robustness: Some(3.0),
+        end: End::Completed,
+    }
+}
+
+#[test]
+fn records_that_are_not_the_campaigns_are_refused() {
+    let good = recorded(1, &[0.5], &[5.0]);
+    let next_up = f64::from_bits(0.5_f64.to_bits() + 1);
+    let refused = |record: Recorded<'_>| walk(&[0.5, 0.6], 1, 2).replay(&record).unwrap_err();
+    assert!(walk(&[0.5, 0.6], 1, 2).replay(&good).is_ok());
+    for other in [
+        recorded(1, &[next_up], &[5.0]),
+        recorded(1, &[0.5], &[5.000_000_000_000_001]),
+        Recorded { seed: Seed(3), ..good },
+        Recorded { unit_point: &[], ..good },
+    ] {
+        let error = refused(other);
+        assert!(matches!(error, FalsificationError::OtherBuild { trial: 0, number: 1, .. }), "{error}");
+        assert!(error.to_string().contains("another build"), "{error}");
+    }
+    assert!(matches!(
+        refused(Recorded { trial: 1, ..good }),
+        FalsificationError::UnknownTrial { trials: 1, .. }
+    ));
+    assert!(matches!(
+        refused(Recorded { number: 2, ..good }),
+        FalsificationError::OutOfOrder { wanted: 1, .. }
+    ));
+
+    let mut full = walk(&[0.5, 0.6, 0.7], 1, 2);
+    full.replay(&good).unwrap();
+    assert!(matches!(full.replay(&good), Err(FalsificationError::OutOfOrder { wanted: 2, .. })));
+    full.replay(&recorded(2, &[0.6], &[6.0])).unwrap();
+    let error = full.replay(&recorded(3, &[0.7], &[7.0])).unwrap_err();
+    assert!(matches!(error, FalsificationError::PastTheEnd { last: 2, .. }), "{error}");
+}
+
+#[test]
+fn what_the_callback_cannot_do_ends_the_campaign() {
+    let found = walk(&[0.5], 1, 9).run(&mut system(by_place), |_| {
+        Err(FalsificationError::Rollout(RolloutError::System("disk full".into())))
+    });
+    assert!(found.unwrap_err().to_string().contains("disk full"));
+}

@@ -1,0 +1,166 @@
+//! What a control step costs, beside the bare `mj_step` calls in it: `cargo bench -p mishandle-tasks --bench step`.
+//!
+//! The expert drives; its actions are recorded first, so that its own time does not count, and shown in a column of
+//! its own. Times are the least of many repetitions of an episode on one thread; what counts are the ratios, which
+//! come from interleaved runs.
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use mishandle_rollout::{Environment, Judge, Sample, Seed, Worker};
+use mishandle_stl::Trace;
+use mishandle_tasks::{EPISODE_STEPS, JOINTS, Panda, Preset, Reward, TASKS, Task, TaskEnvironment};
+
+const REPETITIONS: usize = 30;
+
+fn main() {
+    println!("{:<16} {:>10} {:>10} {:>7} {:>12} {:>11}", "task", "step", "bare", "ratio", "steps/s/core", "expert");
+    for task in TASKS {
+        let mut episode = Episode::record(*task);
+        let (mut whole, mut bare) = (Duration::MAX, Duration::MAX);
+        for _ in 0..REPETITIONS {
+            whole = whole.min(time(|| episode.whole()));
+            bare = bare.min(time(|| episode.bare()));
+        }
+        let step = whole.as_secs_f64() / EPISODE_STEPS as f64;
+        println!(
+            "{:<16} {:>7.2} us {:>7.2} us {:>7.3} {:>12.0} {:>8.2} us",
+            task.definition().name,
+            1e6 * step,
+            1e6 * bare.as_secs_f64() / EPISODE_STEPS as f64,
+            whole.as_secs_f64() / bare.as_secs_f64(),
+            1.0 / step,
+            1e6 * episode.expert.as_secs_f64() / EPISODE_STEPS as f64,
+        );
+    }
+    println!(
+        "\nstep: physics, observation, reward, signals, and the four formulas at the end of the episode\n\
+         bare: the same mj_step calls with the same controls, nothing else"
+    );
+}
+
+fn time(run: impl FnOnce()) -> Duration {
+    let start = Instant::now();
+    run();
+    start.elapsed()
+}
+
+/// One episode of a task's expert, to be run again and again.
+struct Episode {
+    environment: TaskEnvironment,
+    worker: Box<dyn Worker>,
+    judge: Judge,
+    trace: Trace,
+    start: Vec<f64>,
+    state: Vec<f64>,
+    actions: Vec<[f64; JOINTS]>,
+    controls: Vec<[f64; JOINTS]>,
+    world: mishandle_world::World,
+    observation: Vec<f32>,
+    signals: Vec<f64>,
+    rewards: Vec<f64>,
+    expert: Duration,
+}
+
+impl Episode {
+    fn record(task: &dyn Task) -> Episode {
+        let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).expect("the task is sound");
+        let specification = task.definition().paper.specification().expect("the formulas parse");
+        let judge = Judge::new(&specification, environment.signals(), environment.control_dt());
+        let mut episode = Episode {
+            worker: environment.worker(),
+            judge: judge.expect("the formulas fit the signals"),
+            trace: Trace::with_capacity(environment.signals().clone(), EPISODE_STEPS + 1),
+            start: vec![0.0; environment.state_size()],
+            state: vec![0.0; environment.state_size()],
+            actions: Vec::new(),
+            controls: Vec::new(),
+            world: environment.model().world(),
+            observation: vec![0.0; environment.observation_size()],
+            signals: vec![0.0; environment.signals().len()],
+            rewards: vec![0.0; environment.reward_terms().len()],
+            expert: Duration::ZERO,
+            environment,
+        };
+        episode.record_actions(task);
+        episode.record_controls();
+        episode
+    }
+
+    fn record_actions(&mut self, task: &dyn Task) {
+        let expert = task.expert().expect("there is an expert");
+        let mut actor = expert.actor();
+        let (mut memory, mut wanted) = (vec![0.0; expert.state_size()], [0.0_f32; JOINTS]);
+        let x0 = self.environment.initial_box().at(&vec![0.4; self.environment.initial_box().dimension()]);
+        let sample = Sample {
+            observation: &mut self.observation,
+            signals: &mut self.signals,
+            rewards: &mut self.rewards,
+        };
+        self.worker.reset(&x0, Seed(0), &mut self.start, sample);
+        self.state.copy_from_slice(&self.start);
+        actor.reset(&mut memory, Seed(0));
+        for _ in 0..EPISODE_STEPS {
+            let begin = Instant::now();
+            actor.act(1, &self.observation, &mut memory, &mut wanted);
+            self.expert += begin.elapsed();
+            let action = wanted.map(f64::from);
+            self.actions.push(action);
+            let sample = Sample {
+                observation: &mut self.observation,
+                signals: &mut self.signals,
+                rewards: &mut self.rewards,
+            };
+            self.worker.step(&action, &mut self.state, sample);
+        }
+    }
+
+    /// The controls of every physics step, by the servos' rule.
+    fn record_controls(&mut self) {
+        let model = self.environment.model();
+        let panda = Panda::new(model).expect("the robot is in the model");
+        let (physics, targets) = self.start.split_at(model.state_size());
+        let mut targets = targets.to_vec();
+        self.world.set_state(physics);
+        for action in &self.actions {
+            panda.move_targets(action, &mut targets);
+            targets[7..].fill(self.environment.definition().grip);
+            for _ in 0..self.environment.definition().n_substeps {
+                panda.set_servos(&targets, &mut self.world);
+                let mut controls = [0.0; JOINTS];
+                controls.copy_from_slice(self.world.ctrl());
+                self.controls.push(controls);
+                self.world.step();
+            }
+        }
+        // Both ways lead to the same state, or the comparison would be of two things.
+        let mut end = vec![0.0; physics.len()];
+        self.world.read_state(&mut end);
+        assert_eq!(end, self.state[..physics.len()]);
+    }
+
+    fn whole(&mut self) {
+        self.state.copy_from_slice(&self.start);
+        self.trace.clear();
+        self.trace.push(&self.signals);
+        for action in &self.actions {
+            let sample = Sample {
+                observation: &mut self.observation,
+                signals: &mut self.signals,
+                rewards: &mut self.rewards,
+            };
+            self.worker.step(action, &mut self.state, sample);
+            self.trace.push(&self.signals);
+        }
+        black_box(self.judge.verdict(&self.trace).expect("the trace is finite"));
+    }
+
+    fn bare(&mut self) {
+        self.world.set_state(&self.start);
+        for controls in &self.controls {
+            self.world.ctrl_mut().copy_from_slice(controls);
+            self.world.step();
+        }
+        black_box(self.world.qpos());
+    }
+}

@@ -1,0 +1,131 @@
+use std::ops::ControlFlow;
+
+use mishandle_falsification::{Campaign, Outcome, Recorded, Settings, TrialEnd};
+use mishandle_rollout::{Environment, Seed};
+use mishandle_search::{SEARCHES, SearchOptions, by_name};
+use mishandle_store::{RunWriter, TrialStatus};
+
+use crate::record::{self, Place};
+use crate::{FalsifyPlan, MishandleError, Plan, Subject};
+
+/// Trials are counted from 1 on screen and in run files, from 0 in a campaign.
+fn shown(trial: u32) -> u32 {
+    trial + 1
+}
+
+/// Searches for counterexamples as `plan` says, and stores every simulation in `run`, an open run file of that plan:
+/// those it holds already are not run again. `watch` is told how things stand after each batch, and may stop.
+///
+/// # Errors
+/// If the plan has nothing to falsify, or a simulation cannot be run or stored.
+pub fn falsify(
+    plan: &Plan,
+    subject: &Subject,
+    mut run: RunWriter,
+    mut watch: impl FnMut(&Progress) -> ControlFlow<()>,
+) -> Result<Outcome, MishandleError> {
+    let falsify = plan.falsify.as_ref().ok_or(MishandleError::OtherPlan { wanted: "falsify" })?;
+    let settings = Settings { trials: falsify.trials, budget: falsify.budget, seed: Seed(plan.seed) };
+    let initial_box = subject.environment.initial_box();
+    let dimension = initial_box.dimension();
+    check_search(falsify)?;
+    let mut options = SearchOptions::default();
+    // As SciPy does when it is told how many evaluations there are: they are the only limit.
+    options.nelder_mead.max_evaluations = Some(falsify.budget as usize);
+    let make = |seed| by_name(&falsify.search, dimension, seed, &options);
+    let mut campaign = Campaign::new(settings, initial_box, make)?;
+    let mut progress = Progress::default();
+    for simulation in run.file().simulations() {
+        let simulation = simulation?;
+        campaign.replay(&Recorded {
+            trial: simulation.trial.saturating_sub(1),
+            number: simulation.number,
+            unit_point: &simulation.unit_point,
+            initial_configuration: &simulation.initial_configuration,
+            seed: record::seed(&simulation),
+            robustness: simulation.robustness,
+            end: record::end(&simulation),
+        })?;
+        progress.simulations += 1;
+    }
+    let mut begun = Vec::with_capacity(falsify.trials as usize);
+    for trial in run.file().trials()? {
+        begun.push(trial.trial.number);
+        progress.ended += u32::from(trial.trial.status != TrialStatus::Running);
+        progress.falsified += u32::from(trial.trial.status == TrialStatus::Falsified);
+    }
+    let mut system = subject.system()?;
+    let outcome = campaign.run(&mut system, |simulations| {
+        for simulation in simulations {
+            let trial = shown(simulation.trial);
+            if !begun.contains(&trial) {
+                run.start_trial(trial, simulation.trial_seed.0)?;
+                begun.push(trial);
+            }
+        }
+        let records: Vec<_> = simulations
+            .iter()
+            .map(|simulation| {
+                let place = Place {
+                    trial: shown(simulation.trial),
+                    number: simulation.number,
+                    unit_point: simulation.unit_point,
+                };
+                record::record(&place, simulation.episode)
+            })
+            .collect();
+        run.record(&records)?;
+        for simulation in simulations {
+            if let Some(end) = simulation.trial_end {
+                run.end_trial(shown(simulation.trial), status(end))?;
+                progress.ended += 1;
+                progress.falsified += u32::from(end == TrialEnd::Falsified);
+            }
+        }
+        progress.simulations += simulations.len() as u64;
+        Ok::<_, MishandleError>(watch(&progress))
+    })?;
+    // A search may end without another simulation, and a run may have been killed between its last simulation and the
+    // end of its trial.
+    for trial in &outcome.trials {
+        let number = shown(trial.trial);
+        if let (Some(end), true) = (trial.end, begun.contains(&number)) {
+            if run.file().trial(number)?.status == TrialStatus::Running {
+                run.end_trial(number, status(end))?;
+            }
+        }
+    }
+    run.close()?;
+    Ok(outcome)
+}
+
+/// How a falsification stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// Simulations so far.
+    pub simulations: u64,
+    /// Trials that have ended.
+    pub ended: u32,
+    /// Trials that have found a counterexample.
+    pub falsified: u32,
+}
+
+fn status(end: TrialEnd) -> TrialStatus {
+    match end {
+        TrialEnd::Falsified => TrialStatus::Falsified,
+        TrialEnd::BudgetSpent => TrialStatus::BudgetSpent,
+        TrialEnd::SearchEnded(_) => TrialStatus::Converged,
+    }
+}
+
+/// Checks that the search is one of those there are.
+pub(crate) fn check_search(falsify: &FalsifyPlan) -> Result<(), MishandleError> {
+    if SEARCHES.iter().any(|entry| entry.name == falsify.search) {
+        return Ok(());
+    }
+    Err(MishandleError::Name {
+        kind: "search",
+        name: falsify.search.clone(),
+        known: SEARCHES.iter().map(|entry| entry.name.to_string()).collect(),
+    })
+}

@@ -1,0 +1,156 @@
+use std::path::Path;
+use std::sync::Arc;
+
+use mishandle_controllers::{ControllerFile, bytes_hash};
+use mishandle_rollout::{Controller, Environment, Judge, Noise, Rollout, RolloutError, Specification};
+use mishandle_stl::{Clock, Formula, Monitor};
+use mishandle_tasks::{Preset, Reward, TASKS, Task, TaskEnvironment};
+
+use crate::{MishandleError, Plan, controller_path, shipped_controllers};
+
+/// The task of that name.
+///
+/// # Errors
+/// If there is none; the message lists those there are.
+pub fn task(name: &str) -> Result<&'static dyn Task, MishandleError> {
+    mishandle_tasks::task(name).ok_or_else(|| MishandleError::Name {
+        kind: "task",
+        name: name.to_string(),
+        known: TASKS.iter().map(|task| task.definition().name.to_string()).collect(),
+    })
+}
+
+/// The preset of that name: `paper` or `code`.
+///
+/// # Errors
+/// If there is none.
+pub fn preset(name: &str) -> Result<Preset, MishandleError> {
+    match name {
+        "paper" => Ok(Preset::Paper),
+        "code" => Ok(Preset::Code),
+        _ => Err(MishandleError::Name {
+            kind: "preset",
+            name: name.to_string(),
+            known: ["paper", "code"].map(String::from).to_vec(),
+        }),
+    }
+}
+
+/// What a plan puts to the test: a task, a controller and what they are judged by, all looked up and checked.
+pub struct Subject {
+    /// The task.
+    pub task: &'static dyn Task,
+    /// The task as an environment.
+    pub environment: Arc<TaskEnvironment>,
+    /// The formulas; the requirement is what a falsification tries to violate.
+    pub specification: Specification,
+    /// The controller.
+    pub controller: Arc<dyn Controller>,
+    /// Hash of all that decides the controller's actions; of an expert, which has no file, its name.
+    pub controller_hash: String,
+    /// Hash of the controller's file; empty for an expert.
+    pub controller_bytes_hash: String,
+    noise: Noise,
+}
+
+impl Subject {
+    /// Looks up and checks all that `plan` names.
+    ///
+    /// # Errors
+    /// If a name is unknown, a file cannot be read or does not fit, a formula is wrong or longer than an episode, or
+    /// a number makes no sense.
+    pub fn new(plan: &Plan) -> Result<Subject, MishandleError> {
+        let task = task(&plan.task)?;
+        let preset = preset(&plan.preset)?;
+        let environment = Arc::new(TaskEnvironment::new(task, preset, Reward::Original)?);
+        let mut specification = task.definition().formulas(preset).specification()?;
+        if let Some(falsify) = &plan.falsify {
+            crate::falsify::check_search(falsify)?;
+            specification.requirement = requirement(&falsify.formula, &specification)?;
+        }
+        check_decided(&specification.requirement, &environment)?;
+        Judge::new(&specification, environment.signals(), environment.control_dt())?;
+        let noise = Noise { action_std: plan.action_noise, observation_std: plan.observation_noise };
+        noise.check()?;
+        let loaded = load_controller(task, &plan.controller, plan.stochastic)?;
+        Ok(Subject {
+            task,
+            environment,
+            specification,
+            controller: loaded.controller,
+            controller_hash: loaded.hash,
+            controller_bytes_hash: loaded.bytes_hash,
+            noise,
+        })
+    }
+
+    /// The system that runs its simulations.
+    ///
+    /// # Errors
+    /// If the controller does not fit the environment.
+    pub fn system(&self) -> Result<Rollout, MishandleError> {
+        Ok(Rollout::new(
+            self.environment.clone(),
+            self.controller.clone(),
+            self.specification.clone(),
+            self.noise,
+        )?)
+    }
+}
+
+fn requirement(text: &str, specification: &Specification) -> Result<Formula, MishandleError> {
+    match text {
+        "success" => Ok(specification.success.clone()),
+        "strict" => Ok(specification.strict.clone()),
+        _ => Formula::parse(text).map_err(|source| {
+            MishandleError::Rollout(RolloutError::Parse { formula: text.to_string(), source })
+        }),
+    }
+}
+
+/// Refuses a formula that an episode could never decide.
+fn check_decided(formula: &Formula, environment: &TaskEnvironment) -> Result<(), MishandleError> {
+    let clock = Clock::steps(environment.control_dt());
+    let monitor = Monitor::new(formula, environment.signals(), clock).map_err(|source| {
+        MishandleError::Rollout(RolloutError::Monitor { formula: formula.to_string(), source })
+    })?;
+    match monitor.horizon() {
+        Some(needed) if needed > environment.episode_steps() => Err(MishandleError::Undecidable {
+            formula: formula.to_string(),
+            needed: needed.to_string(),
+            steps: environment.episode_steps(),
+        }),
+        _ => Ok(()),
+    }
+}
+
+struct Loaded {
+    controller: Arc<dyn Controller>,
+    hash: String,
+    bytes_hash: String,
+}
+
+/// Loads a controller: the expert, a shipped one by name, or a file by its path.
+fn load_controller(task: &dyn Task, name: &str, stochastic: bool) -> Result<Loaded, MishandleError> {
+    let definition = task.definition();
+    if name == "expert" {
+        let controller = task
+            .expert()
+            .map_err(|source| MishandleError::Expert { task: definition.name.to_string(), source })?;
+        return Ok(Loaded { controller, hash: "expert".to_string(), bytes_hash: String::new() });
+    }
+    let is_path = name.contains(std::path::MAIN_SEPARATOR) || Path::new(name).extension().is_some();
+    let path = if is_path { Path::new(name).to_path_buf() } else { controller_path(definition.name, name) };
+    if !is_path && !path.is_file() {
+        return Err(MishandleError::Name {
+            kind: "controller",
+            name: name.to_string(),
+            known: shipped_controllers(definition.name),
+        });
+    }
+    let file = ControllerFile::load(&path)?;
+    file.check(definition.name, &definition.layout())?;
+    let policy = file.policy.sampling(stochastic);
+    let bytes = std::fs::read(&path).map_err(|source| MishandleError::File { path, source })?;
+    Ok(Loaded { hash: policy.hash(), bytes_hash: bytes_hash(&bytes), controller: Arc::new(policy) })
+}

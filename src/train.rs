@@ -1,0 +1,206 @@
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
+use mishandle_rollout::{Environment, Noise, Request, Rollout, Seed, Specification, System};
+use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment};
+use mishandle_training::ppo::{self, PpoConfig};
+use mishandle_training::{Checkpoint, Flow, Observer, Progress, Trained, Validation};
+
+use crate::{MishandleError, build, settings_path, task};
+
+/// Names of the training algorithms.
+pub const ALGORITHMS: [&str; 1] = [ppo::ALGORITHM];
+
+/// Key of the starts that a training validates on: no evaluation has it unless it is asked for.
+const VALIDATION_SEED: Seed = Seed(0x7661_6c69_6461_7465);
+
+/// What to train.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrainPlan {
+    /// Name of the task.
+    pub task: String,
+    /// Name of the algorithm.
+    pub algorithm: String,
+    /// Name of the reward: `original` or `shaped`.
+    pub reward: String,
+    /// The settings file; without one, that of the task and algorithm in `experiments/training/`.
+    pub settings: Option<PathBuf>,
+    /// Environment steps, if others than the settings say.
+    pub steps: Option<u64>,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Where the controller goes; the checkpoint goes beside it.
+    pub out: PathBuf,
+    /// Whether to carry on from the checkpoint.
+    pub resume: bool,
+}
+
+impl TrainPlan {
+    /// Where the checkpoint is.
+    pub fn checkpoint(&self) -> PathBuf {
+        self.out.with_extension("checkpoint")
+    }
+
+    /// The command line that does the same again.
+    fn command(&self) -> String {
+        let mut command = format!("mishandle train {} --algorithm {}", self.task, self.algorithm);
+        if self.reward != "shaped" {
+            command += &format!(" --reward {}", self.reward);
+        }
+        if let Some(settings) = &self.settings {
+            command += &format!(" --settings {}", settings.display());
+        }
+        if let Some(steps) = self.steps {
+            command += &format!(" --steps {steps}");
+        }
+        command + &format!(" --seed {}", self.seed)
+    }
+}
+
+/// Trains a controller and writes it to the plan's file: the best one by validation. `watch` is told how it goes after
+/// each iteration, and may stop it; what has been learned until then is written all the same.
+///
+/// # Errors
+/// If a name is unknown, the settings are wrong, the checkpoint does not fit, or a file cannot be written.
+pub fn train(
+    plan: &TrainPlan,
+    watch: impl FnMut(&Progress) -> Flow,
+) -> Result<Trained, MishandleError> {
+    let task = task(&plan.task)?;
+    let reward = reward(&plan.reward)?;
+    known("training algorithm", &plan.algorithm, &ALGORITHMS)?;
+    let mut config = settings(plan)?;
+    config.total_steps = plan.steps.unwrap_or(config.total_steps);
+    config.check()?;
+    if let Some(folder) = plan.out.parent() {
+        std::fs::create_dir_all(folder)
+            .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
+    }
+    let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, reward)?);
+    let specification = task.definition().formulas(Preset::Paper).specification()?;
+    let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
+    if let Some(checkpoint) = &resumed {
+        checkpoint.check(&plan.algorithm, &plan.task, plan.seed)?;
+    }
+    let mut watcher = Watcher {
+        environment: environment.clone(),
+        specification,
+        checkpoint: plan.checkpoint(),
+        watch,
+        failure: None,
+    };
+    let trained = ppo::train(environment, &config, Seed(plan.seed), resumed.as_ref(), &mut watcher)?;
+    if let Some(failure) = watcher.failure {
+        return Err(failure);
+    }
+    controller(plan, task, &config, &trained).save(&plan.out)?;
+    Ok(trained)
+}
+
+fn settings(plan: &TrainPlan) -> Result<PpoConfig, MishandleError> {
+    let path = plan.settings.clone().unwrap_or_else(|| settings_path(&plan.task, &plan.algorithm));
+    let text = std::fs::read_to_string(&path)
+        .map_err(|source| MishandleError::File { path: path.clone(), source })?;
+    PpoConfig::from_toml(&text).map_err(|source| MishandleError::Settings { path, source })
+}
+
+fn reward(name: &str) -> Result<Reward, MishandleError> {
+    known("reward", name, &["shaped", "original"])?;
+    Ok(if name == "original" { Reward::Original } else { Reward::Shaped })
+}
+
+fn known(kind: &'static str, name: &str, names: &[&str]) -> Result<(), MishandleError> {
+    if names.contains(&name) {
+        return Ok(());
+    }
+    let known = names.iter().map(|name| (*name).to_string()).collect();
+    Err(MishandleError::Name { kind, name: name.to_string(), known })
+}
+
+fn controller(plan: &TrainPlan, task: &dyn Task, config: &PpoConfig, trained: &Trained) -> ControllerFile {
+    let definition = task.definition();
+    ControllerFile {
+        header: Header {
+            task: plan.task.clone(),
+            algorithm: plan.algorithm.clone(),
+            preset: "paper".to_string(),
+            reward: plan.reward.clone(),
+            layout: definition.layout(),
+            training: TrainingRecord {
+                seed: plan.seed,
+                environment_steps: trained.best_environment_steps,
+                wall_clock_secs: trained.wall_clock_secs,
+                git_commit: build().git_commit,
+                command: plan.command(),
+                settings: config.to_toml(),
+                validation: trained.best_validation.map(|found| ValidationRecord {
+                    episodes: config.validation_episodes,
+                    success_rate: found.success_rate,
+                    strict_success_rate: found.strict_success_rate,
+                }),
+            },
+        },
+        policy: trained.best.clone(),
+    }
+}
+
+/// Validates on the task's formulas, keeps the checkpoint, passes progress on.
+struct Watcher<W> {
+    environment: Arc<TaskEnvironment>,
+    specification: Specification,
+    checkpoint: PathBuf,
+    watch: W,
+    failure: Option<MishandleError>,
+}
+
+impl<W> Watcher<W> {
+    fn measure(&self, policy: &Policy, episodes: usize) -> Result<Validation, MishandleError> {
+        let mut rollout = Rollout::new(
+            self.environment.clone(),
+            Arc::new(policy.clone()),
+            self.specification.clone(),
+            Noise::default(),
+        )?;
+        let starts = self.environment.initial_box();
+        let requests: Vec<Request> = (0..episodes as u64)
+            .map(|i| Request { x0: starts.sample(VALIDATION_SEED, i), seed: VALIDATION_SEED.child(i) })
+            .collect();
+        let found = rollout.rollout(&requests)?;
+        let share = |holds: &dyn Fn(&mishandle_rollout::Episode) -> bool| {
+            found.iter().filter(|episode| holds(episode)).count() as f64 / episodes as f64
+        };
+        Ok(Validation {
+            success_rate: share(&|episode| episode.verdict.success > Some(0.0)),
+            strict_success_rate: share(&|episode| episode.verdict.strict > Some(0.0)),
+            mean_return: found.iter().map(|episode| episode.total_reward).sum::<f64>() / episodes as f64,
+        })
+    }
+}
+
+impl<W: FnMut(&Progress) -> Flow> Observer for Watcher<W> {
+    fn validate(&mut self, policy: &Policy, episodes: usize) -> Option<Validation> {
+        match self.measure(policy, episodes) {
+            Ok(found) => Some(found),
+            Err(error) => {
+                self.failure = Some(error);
+                None
+            }
+        }
+    }
+
+    fn progress(&mut self, progress: &Progress) -> Flow {
+        if self.failure.is_some() { Flow::Stop } else { (self.watch)(progress) }
+    }
+
+    fn checkpoint(&mut self, checkpoint: &Checkpoint) {
+        if let Err(error) = checkpoint.save(&self.checkpoint) {
+            self.failure = Some(error.into());
+        }
+    }
+}
+
+/// Where a training puts its controller if nothing else is said.
+pub fn default_out(task: &str, algorithm: &str, seed: u64) -> PathBuf {
+    Path::new("runs").join(format!("{task}-{algorithm}-s{seed}.safetensors"))
+}
