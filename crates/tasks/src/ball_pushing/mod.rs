@@ -48,9 +48,10 @@ const DEFINITION: Definition = Definition {
         one("in", "", "100 where d < 0.1 and the ball is lower than 0.38 m, else 0"),
     ],
     shaped_reward: &[
-        one("behind", "", "0.2 (1 - tanh(5 b)), b the distance of the grasp point from the point behind the ball"),
-        one("near", "", "0.5 (1 - tanh(3 d)), d the horizontal distance of ball and hole"),
-        one("in", "", "1 where d <= 0.13 and the ball is lower than 0.36 m, else 0"),
+        one("behind", "", "0.1 (1 - tanh(3 b)), b the distance of the grasp point from the point behind the ball"),
+        one("pushed", "", "0.3 v / 0.5 m/s within ±0.3, v the ball's horizontal velocity towards the hole"),
+        one("near", "", "0.3 (1 - tanh(3 d)), d the horizontal distance of ball and hole"),
+        one("in", "", "0.6 where d <= 0.13 and the ball is lower than 0.36 m, else 0"),
         one("calm", "", "-0.01 times the mean of the arm's squared actions"),
     ],
     initial_box: &[
@@ -130,10 +131,13 @@ impl Scene for Bound {
                     ball[2],
                 ];
                 let b = norm(sub(rows.site_position(self.panda.grasp), behind));
-                out[0] = 0.2 * (1.0 - (5.0 * b).tanh());
-                out[1] = 0.5 * (1.0 - (3.0 * d).tanh());
-                out[2] = if d <= 0.13 && height <= 0.36 { 1.0 } else { 0.0 };
-                out[3] = crate::reward::effort(action);
+                let (to_hole, velocity) = (sub(hole, ball), rows.free_velocity(self.ball));
+                let towards = (to_hole[0] * velocity[0] + to_hole[1] * velocity[1]) / d.max(BEHIND);
+                out[0] = 0.1 * (1.0 - (3.0 * b).tanh());
+                out[1] = 0.3 * (towards / 0.5).clamp(-1.0, 1.0);
+                out[2] = 0.3 * (1.0 - (3.0 * d).tanh());
+                out[3] = if d <= 0.13 && height <= 0.36 { 0.6 } else { 0.0 };
+                out[4] = crate::reward::effort(action);
             }
         }
     }

@@ -1,0 +1,196 @@
+//! Rows of never-ending episodes: where they end, what is seen there, what reaches the environment.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+use std::sync::Arc;
+
+use mishandle_rollout::{Axis, Environment, InitialBox, Sample, Seed, Status, Worker};
+use mishandle_training::{Boundary, Buffer, Episodes};
+
+/// Shows its control step, then 100; the reward is the action. What ends it is said by the first value of x₀:
+/// below 1 nothing, below 2 the task at control step 5, else divergence at step 3.
+struct Counter {
+    initial_box: InitialBox,
+    signals: Arc<[String]>,
+    reward_terms: Vec<String>,
+}
+
+fn counter(low: f64) -> Arc<Counter> {
+    let axis = Axis { name: "fate".into(), unit: String::new(), low, high: low + 0.5 };
+    Arc::new(Counter {
+        initial_box: InitialBox::new(vec![axis]).unwrap(),
+        signals: Arc::from(["step".to_string()]),
+        reward_terms: vec!["action".to_string()],
+    })
+}
+
+impl Environment for Counter {
+    fn name(&self) -> &str {
+        "counter"
+    }
+    fn initial_box(&self) -> &InitialBox {
+        &self.initial_box
+    }
+    fn signals(&self) -> &Arc<[String]> {
+        &self.signals
+    }
+    fn reward_terms(&self) -> &[String] {
+        &self.reward_terms
+    }
+    fn observation_size(&self) -> usize {
+        2
+    }
+    fn action_size(&self) -> usize {
+        1
+    }
+    fn state_size(&self) -> usize {
+        2
+    }
+    fn control_dt(&self) -> f64 {
+        0.1
+    }
+    fn episode_steps(&self) -> usize {
+        300
+    }
+    fn worker(&self) -> Box<dyn Worker> {
+        Box::new(CounterWorker)
+    }
+}
+
+struct CounterWorker;
+
+impl Worker for CounterWorker {
+    fn reset(&mut self, x0: &[f64], _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
+        state.copy_from_slice(&[0.0, x0[0]]);
+        sample.observation.copy_from_slice(&[0.0, 100.0]);
+        sample.rewards.fill(0.0);
+    }
+
+    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> Status {
+        state[0] += 1.0;
+        if state[1] >= 2.0 && state[0] == 3.0 {
+            sample.observation.fill(f32::NAN);
+            sample.rewards.fill(f64::NAN);
+            return Status::Diverged;
+        }
+        sample.observation.copy_from_slice(&[state[0] as f32, 100.0]);
+        sample.rewards[0] = action[0];
+        if state[1] >= 1.0 && state[0] == 5.0 { Status::Terminated } else { Status::Running }
+    }
+}
+
+fn episodes(low: f64, rows: usize, time_limit: usize, action_noise: f64, staggered: bool) -> Episodes {
+    Episodes::new(counter(low), rows, Seed(3), time_limit, action_noise, staggered)
+}
+
+/// Steps one row with the action 0.5 until its episode ends: the control step, how, what was seen there and after it.
+#[track_caller]
+fn check_end(low: f64, step: usize, boundary: Boundary, last_seen: f32, reward: f64) {
+    let mut episodes = episodes(low, 1, 7, 0.0, false);
+    for i in 1.. {
+        episodes.step(&[0.5]);
+        if episodes.boundaries()[0] != Boundary::Running {
+            assert_eq!((i, episodes.boundaries()[0]), (step, boundary));
+            break;
+        }
+        assert_eq!(episodes.observations(), [i as f32, 100.0]);
+    }
+    assert_eq!(episodes.final_observations(), [last_seen, 100.0]);
+    assert_eq!(episodes.observations(), [0.0, 100.0]);
+    assert_eq!(episodes.rewards(), [reward]);
+}
+
+#[test]
+fn the_clock_truncates_and_shows_the_true_last_observation() {
+    check_end(0.0, 7, Boundary::Truncated, 7.0, 0.5);
+}
+
+#[test]
+fn the_task_terminates() {
+    check_end(1.0, 5, Boundary::Terminated, 5.0, 0.5);
+}
+
+#[test]
+fn a_diverged_row_terminates_with_its_last_finite_observation() {
+    check_end(2.0, 3, Boundary::Terminated, 2.0, 0.0);
+}
+
+#[test]
+fn statistics_count_whole_episodes() {
+    let mut one = episodes(1.0, 2, 7, 0.0, false);
+    (0..11).for_each(|_| one.step(&[0.5, 3.0]));
+    let statistics = one.take_statistics();
+    // Two rows with two episodes of 5 steps each; an action of 3 counts as 1.
+    assert_eq!((statistics.steps, statistics.episodes, statistics.terminated), (22, 4, 4));
+    assert_eq!((statistics.total_steps, statistics.total_reward), (20, 15.0));
+    assert_eq!(statistics.reward_terms, [16.5]);
+    assert_eq!(one.take_statistics().steps, 0);
+}
+
+#[test]
+fn staggered_rows_end_at_different_times_and_their_first_episodes_do_not_count() {
+    let mut episodes = episodes(0.0, 100, 50, 0.0, true);
+    let mut ends = vec![0; 51];
+    for end in &mut ends[1..] {
+        episodes.step(&[0.0; 100]);
+        *end = episodes.boundaries().iter().filter(|boundary| **boundary == Boundary::Truncated).count();
+    }
+    assert!(ends.iter().all(|count| *count < 15), "{ends:?}");
+    let statistics = episodes.take_statistics();
+    assert!(ends.iter().sum::<usize>() >= 100);
+    // Only a row that had its whole time from the start can have been counted by now.
+    assert!(statistics.episodes <= 5, "{}", statistics.episodes);
+    (0..50).for_each(|_| episodes.step(&[0.0; 100]));
+    let statistics = episodes.take_statistics();
+    assert_eq!(statistics.total_steps, 50 * statistics.episodes);
+    assert!(statistics.episodes >= 95);
+}
+
+#[test]
+fn noise_is_added_to_the_clipped_action_and_not_clipped() {
+    let mut episodes = episodes(0.0, 4000, 300, 0.5, false);
+    episodes.step(&[9.0; 4000]);
+    let deviations: Vec<f64> = episodes.rewards().iter().map(|reward| reward - 1.0).collect();
+    let n = deviations.len() as f64;
+    let variance = deviations.iter().map(|x| x * x).sum::<f64>() / n;
+    // Five standard errors.
+    assert!((deviations.iter().sum::<f64>() / n).abs() < 5.0 * 0.5 / n.sqrt());
+    assert!((variance / 0.25 - 1.0).abs() < 5.0 * (2.0 / n).sqrt());
+}
+
+#[test]
+fn a_row_does_not_depend_on_the_others() {
+    let (mut few, mut many) = (episodes(0.0, 2, 4, 0.5, true), episodes(0.0, 30, 4, 0.5, true));
+    for _ in 0..20 {
+        few.step(&[0.1; 2]);
+        many.step(&[0.1; 30]);
+        assert_eq!(few.rewards(), &many.rewards()[..2]);
+        assert_eq!(few.boundaries(), &many.boundaries()[..2]);
+    }
+}
+
+#[test]
+fn a_buffer_knows_what_followed_each_step() {
+    let mut episodes = episodes(0.0, 2, 3, 0.0, false);
+    let mut buffer = Buffer::new(4, &episodes);
+    for step in 0..4 {
+        let (seen, actions, log_probs) = buffer.begin_step(&episodes);
+        assert_eq!(seen, [step as f32 % 3.0, 100.0].repeat(2));
+        actions.fill(0.25);
+        log_probs.fill(-1.0);
+        episodes.step(buffer.step_actions());
+        buffer.end_step(&episodes);
+    }
+    // Both rows are truncated by their third step, which is seen as 3.
+    assert_eq!(buffer.truncated, [4, 5]);
+    assert_eq!(buffer.truncated_observations, [3.0, 100.0, 3.0, 100.0]);
+    for (value, place) in buffer.values.iter_mut().zip(0..) {
+        *value = f64::from(place);
+    }
+    buffer.set_next_values(&[20.0, 21.0], &[30.0, 31.0]);
+    assert_eq!(buffer.next_values, [2.0, 3.0, 4.0, 5.0, 30.0, 31.0, 20.0, 21.0]);
+    // Steps seen: 0 1 2 0 in both rows: mean 3/4, variance 5/4 - 9/16.
+    let moments = buffer.observation_moments();
+    assert_eq!(moments.mean(), [0.75, 100.0]);
+    assert_eq!(moments.variance().collect::<Vec<_>>(), [0.6875, 0.0]);
+}
