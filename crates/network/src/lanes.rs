@@ -19,7 +19,7 @@ pub(crate) const WIDTH: usize = 16;
 /// One row of a panel.
 #[derive(Debug, Clone, Copy, Default)]
 #[repr(C, align(64))]
-pub(crate) struct Lanes<T>(pub [T; WIDTH]);
+pub struct Lanes<T>(pub [T; WIDTH]);
 
 impl<T: Scalar> Lanes<T> {
     pub(crate) const ZERO: Lanes<T> = Lanes([T::ZERO; WIDTH]);
@@ -86,13 +86,9 @@ pub(crate) fn pack_transposed<T: Scalar>(from: &[T], columns: usize, to: &mut [L
     debug_assert_eq!(to.len(), panels(rows) * panels(columns) * WIDTH);
 }
 
-/// How many rows a tile has where there are enough: with two registers each, twelve sums are under way at once, and three
-/// registers are left for the operands.
-const TILE_ROWS: usize = 6;
-
 /// What is done to each panel of a product while it is in the cache.
-#[derive(Clone, Copy)]
-pub(crate) enum Finish<'a, T> {
+#[derive(Debug, Clone, Copy)]
+pub enum Finish<'a, T> {
     /// Nothing.
     Keep,
     /// The activation is applied.
@@ -101,11 +97,86 @@ pub(crate) enum Finish<'a, T> {
     TimesDerivative(Activation, &'a [Lanes<T>]),
 }
 
-/// c = start + a b, then `finish`.
+/// The inner loops, compiled in this crate and once for each kind of number.
 ///
-/// `a` has `rows` rows and `b` as many as `a` has columns (counting those that pad the last panel). `start` is one row, added to every
-/// row, with a panel for each of c's; without it, the product is added to what c holds.
-pub(crate) fn product<T: Scalar>(
+/// Generic functions are compiled again in each crate that uses them, and whether the compiler then keeps the sums of a tile in registers
+/// has been seen to depend on what it inlines around them, at a factor of two in time. Hence these functions are never inlined.
+pub trait Kernels: Sized {
+    /// c = start + a b, then `finish`.
+    ///
+    /// `a` has `rows` rows and `b` as many as `a` has columns (counting those that pad the last panel). `start` is one row,
+    /// added to every row, with a panel for each of c's; without it, the product is added to what c holds.
+    fn product(
+        rows: usize,
+        a: &[Lanes<Self>],
+        b: &[Lanes<Self>],
+        start: Option<&[Lanes<Self>]>,
+        c: &mut [Lanes<Self>],
+        finish: Finish<'_, Self>,
+    );
+
+    /// c += aᵀ b, where `c` is plain, of `a_columns` x `b_columns`, and `a` and `b` have `rows` rows in panels.
+    ///
+    /// Each number's sum over the rows is one chain in order, begun at zero and added to `c` once.
+    fn add_transposed_product(
+        rows: usize,
+        a: (&[Lanes<Self>], usize),
+        b: (&[Lanes<Self>], usize),
+        c: &mut [Self],
+    );
+
+    /// Replaces each x by the activation's y(x).
+    fn activate(activation: Activation, values: &mut [Lanes<Self>]);
+
+    /// Multiplies each of `factors` by dy/dx at the place where the activation gave the value in `outputs`.
+    fn times_derivative(activation: Activation, outputs: &[Lanes<Self>], factors: &mut [Lanes<Self>]);
+}
+
+macro_rules! compile_kernels {
+    ($($number:ty),*) => {$(
+        impl Kernels for $number {
+            #[inline(never)]
+            fn product(
+                rows: usize,
+                a: &[Lanes<Self>],
+                b: &[Lanes<Self>],
+                start: Option<&[Lanes<Self>]>,
+                c: &mut [Lanes<Self>],
+                finish: Finish<'_, Self>,
+            ) {
+                product(rows, a, b, start, c, finish);
+            }
+
+            #[inline(never)]
+            fn add_transposed_product(
+                rows: usize,
+                a: (&[Lanes<Self>], usize),
+                b: (&[Lanes<Self>], usize),
+                c: &mut [Self],
+            ) {
+                add_transposed_product(rows, a, b, c);
+            }
+
+            #[inline(never)]
+            fn activate(activation: Activation, values: &mut [Lanes<Self>]) {
+                activation.apply(values);
+            }
+
+            #[inline(never)]
+            fn times_derivative(activation: Activation, outputs: &[Lanes<Self>], factors: &mut [Lanes<Self>]) {
+                activation.times_derivative(outputs, factors);
+            }
+        }
+    )*};
+}
+compile_kernels!(f32, f64);
+
+/// How many rows a tile has where there are enough: with two registers each, twelve sums are under way at once, and three
+/// registers are left for the operands.
+const TILE_ROWS: usize = 6;
+
+#[inline(always)]
+fn product<T: Scalar>(
     rows: usize,
     a: &[Lanes<T>],
     b: &[Lanes<T>],
@@ -125,14 +196,12 @@ pub(crate) fn product<T: Scalar>(
         _ => {}
     }
     for (p, panel) in c.chunks_exact_mut(rows).enumerate() {
-        for first in (0..tiled).step_by(TILE_ROWS) {
-            operands.tile::<TILE_ROWS, 1>(first, p, panel);
-        }
+        operands.many_rows(tiled, p, panel);
         match finish {
             Finish::Keep => {}
-            Finish::Activate(activation) => activation.apply(panel),
+            Finish::Activate(activation) => T::activate(activation, panel),
             Finish::TimesDerivative(activation, outputs) => {
-                activation.times_derivative(&outputs[p * rows..][..rows], panel);
+                T::times_derivative(activation, &outputs[p * rows..][..rows], panel);
             }
         }
     }
@@ -147,8 +216,16 @@ struct Operands<'a, T> {
 }
 
 impl<T: Scalar> Operands<'_, T> {
+    /// The rows before `end`, a multiple of `TILE_ROWS`, of the panel `c`, which is the one numbered `p`.
+    #[inline(never)]
+    fn many_rows(&self, end: usize, p: usize, c: &mut [Lanes<T>]) {
+        for first in (0..end).step_by(TILE_ROWS) {
+            self.tile::<TILE_ROWS, 1>(first, p, c);
+        }
+    }
+
     /// The last `R` rows of all panels, `P` panels at a time.
-    #[inline(always)]
+    #[inline(never)]
     fn few_rows<const R: usize, const P: usize>(&self, first: usize, c: &mut [Lanes<T>]) {
         let panels = c.len() / self.rows;
         let together = panels / P * P;
@@ -191,10 +268,8 @@ impl<T: Scalar> Operands<'_, T> {
     }
 }
 
-/// c += aᵀ b, where `c` is plain, of `a_columns` x `b_columns`, and `a` and `b` have `rows` rows in panels.
-///
-/// Each number's sum over the rows is one chain in order, begun at zero and added to `c` once.
-pub(crate) fn add_transposed_product<T: Scalar>(
+#[inline(always)]
+fn add_transposed_product<T: Scalar>(
     rows: usize,
     (a, a_columns): (&[Lanes<T>], usize),
     (b, b_columns): (&[Lanes<T>], usize),
@@ -223,7 +298,7 @@ pub(crate) fn add_transposed_product<T: Scalar>(
 const TILE: usize = 4;
 
 /// The columns of `a` from `TILE · tile`, transposed, times `b`.
-#[inline(always)]
+#[inline(never)]
 #[allow(clippy::needless_range_loop)] // Indices keep the sums in registers; iterators do not.
 fn transposed_tile<T: Scalar>(a: &[Lanes<T>], b: &[Lanes<T>], tile: usize) -> [Lanes<T>; TILE] {
     let mut sums = [Lanes::ZERO; TILE];

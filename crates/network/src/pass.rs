@@ -1,6 +1,6 @@
 //! The three passes: forward, backward and forward tangents.
 
-use crate::lanes::{self, Finish, Lanes, product};
+use crate::lanes::{self, Finish, Lanes};
 use crate::mlp::{Mlp, PackedLayer};
 use crate::scalar::Scalar;
 
@@ -77,7 +77,7 @@ impl<T: Scalar> Mlp<T> {
         for (l, layer) in self.packed.iter().enumerate() {
             let (before, after) = workspace.values.split_at_mut(l + 1);
             let finish = Finish::Activate(self.activation(l));
-            product(rows, &before[l], &layer.weight, Some(&layer.bias), &mut after[0], finish);
+            T::product(rows, &before[l], &layer.weight, Some(&layer.bias), &mut after[0], finish);
         }
         lanes::unpack(&workspace.values[self.layer_count()], self.output_size(), &mut workspace.outputs);
         &workspace.outputs
@@ -131,11 +131,11 @@ impl<T: Scalar> Mlp<T> {
         let Workspace { values, flow: [gradient, next], zeros, .. } = workspace;
         lanes::resize(gradient, rows, self.output_size());
         lanes::pack(output_gradient, self.output_size(), rows, gradient);
-        self.output_activation().times_derivative(&values[self.layer_count()], gradient);
+        T::times_derivative(self.output_activation(), &values[self.layer_count()], gradient);
         for (l, shape) in self.shapes.iter().enumerate().rev() {
             if let Some(flat) = parameter_gradient.as_deref_mut() {
                 let (weight, bias) = shape.split_mut(flat);
-                lanes::add_transposed_product(
+                T::add_transposed_product(
                     rows,
                     (gradient, shape.outputs),
                     (&values[l], shape.inputs),
@@ -153,7 +153,7 @@ impl<T: Scalar> Mlp<T> {
             };
             lanes::resize(next, rows, shape.inputs);
             let start = &zeros[..lanes::panels(shape.inputs)];
-            product(rows, gradient, &self.packed_for_inputs[l], Some(start), next, finish);
+            T::product(rows, gradient, &self.packed_for_inputs[l], Some(start), next, finish);
             std::mem::swap(gradient, next);
         }
         if let Some(to) = input_gradient {
@@ -217,11 +217,11 @@ impl<T: Scalar> Mlp<T> {
             if parameter_direction.is_some() {
                 let PackedLayer { weight, bias } = &direction[l];
                 let finish = if inputs_move { Finish::Keep } else { finish };
-                product(rows, &values[l], weight, Some(bias), next, finish);
+                T::product(rows, &values[l], weight, Some(bias), next, finish);
                 start = None;
             }
             if inputs_move {
-                product(rows, tangent, &self.packed[l].weight, start, next, finish);
+                T::product(rows, tangent, &self.packed[l].weight, start, next, finish);
             }
             std::mem::swap(tangent, next);
         }

@@ -5,19 +5,14 @@ use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
 use crate::elementary;
-
-mod sealed {
-    pub trait Sealed {}
-    impl Sealed for f32 {}
-    impl Sealed for f64 {}
-}
+use crate::lanes::Kernels;
 
 /// `f32`, the number to use, or `f64`, for checking gradients.
 ///
 /// Elementary functions of `f32` are this crate's own ([`elementary`]), so their bits depend on the build alone; those of
 /// `f64` are the standard library's.
 pub trait Scalar:
-    sealed::Sealed
+    Kernels
     + Copy
     + Debug
     + Default
