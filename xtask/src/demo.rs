@@ -31,7 +31,6 @@ const EXPECTED: &[i32] = &[0, 1];
 const NEXT: &[(&str, &str)] = &[
     ("tasks", "the tasks, their formulas and the controllers that come with them"),
     ("evaluate ball-balancing --controller ppo", "how good and how safe that controller is"),
-    ("report RUN", "one HTML page about a run, the one above for instance"),
     ("replay RUN", "a recorded simulation again, the same to the bit"),
     ("help", "everything else"),
 ];

@@ -1,8 +1,8 @@
 //! Values against plain loops; gradients and tangents against finite differences and against each other. All in f64.
 
-mod common;
+mod reference;
 
-use common::{CASES, Random, network};
+use reference::{CASES, Random, network};
 use mishandle_network::{Activation, Mlp, Workspace};
 
 const ROWS: usize = 11;

@@ -1,8 +1,8 @@
 //! The same bits whatever rows stand beside a row, and whatever the number of threads.
 
-mod common;
+mod reference;
 
-use common::{CASES, Random, network};
+use reference::{CASES, Random, network};
 use mishandle_network::{ChunkPool, Workspace};
 
 fn bits(numbers: &[f32]) -> Vec<u32> {

@@ -1,8 +1,8 @@
 //! Running normalisers: arithmetic, the merge law, limits.
 
-mod common;
+mod reference;
 
-use common::Random;
+use reference::Random;
 use mishandle_network::{Moments, Normalizer, RunningNormalizer};
 
 #[track_caller]

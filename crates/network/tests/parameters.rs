@@ -1,8 +1,8 @@
 //! Parameters: names, initial values, steps.
 
-mod common;
+mod reference;
 
-use common::{CASES, Random, network};
+use reference::{CASES, Random, network};
 use mishandle_network::{Activation, Adam, Mlp, NetworkError, Tensor, clip_norm};
 
 fn small() -> Mlp<f32> {

@@ -1,0 +1,115 @@
+//! What falsification costs beside stepping and inference alone, and what a second core gives:
+//! `cargo bench -p mishandle --bench campaign`.
+//!
+//! Each figure is the best of several interleaved repetitions; what counts are the ratios.
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use mishandle::rollout::{Environment, Request, Sample, Seed};
+use mishandle::store::RunWriter;
+use mishandle::{FalsifyPlan, Plan, Subject};
+
+const REPETITIONS: usize = 5;
+const SIMULATIONS: u32 = 320;
+
+fn main() {
+    let shipped = |task: &str| mishandle::shipped_controllers(task)[0].clone();
+    println!(
+        "{:<16} {:<8} {:>16} {:>16} {:>7} {:>12}",
+        "task", "policy", "stepping alone", "falsification", "ratio", "two cores"
+    );
+    for task in mishandle::tasks::TASKS {
+        let name = task.definition().name;
+        let controller = shipped(name);
+        let mut plan = Plan::new(name, &controller);
+        // A formula that always holds: every trial spends its whole budget.
+        plan.falsify = Some(FalsifyPlan {
+            formula: format!("{} < 1e9", task.definition().signals[0].name),
+            search: "random".to_string(),
+            trials: 16,
+            budget: SIMULATIONS / 16,
+        });
+        let subject = Subject::new(&plan).expect("the plan is sound");
+        let (one, two) = (pool(1), pool(2));
+        let (mut alone, mut whole, mut both) = (Duration::MAX, Duration::MAX, Duration::MAX);
+        for _ in 0..REPETITIONS {
+            alone = alone.min(one.install(|| stepping(&subject)));
+            whole = whole.min(one.install(|| falsification(&plan, &subject)));
+            both = both.min(two.install(|| falsification(&plan, &subject)));
+        }
+        let each = |time: Duration| 1e3 * time.as_secs_f64() / f64::from(SIMULATIONS);
+        println!(
+            "{name:<16} {controller:<8} {:>13.2} ms {:>13.2} ms {:>7.3} {:>11.2}x",
+            each(alone),
+            each(whole),
+            whole.as_secs_f64() / alone.as_secs_f64(),
+            whole.as_secs_f64() / both.as_secs_f64()
+        );
+    }
+    println!(
+        "\nper simulation of 300 control steps, one thread: stepping 16 rows and inferring them together, nothing else; \
+         a falsification\nwith search, noise, formulas and every simulation stored; and how much faster two threads do that"
+    );
+}
+
+fn pool(threads: usize) -> rayon::ThreadPool {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be had")
+}
+
+/// Steps and infers as many rows as a falsification has, 16 together.
+fn stepping(subject: &Subject) -> Duration {
+    const ROWS: usize = 16;
+    let environment = &subject.environment;
+    let (mut worker, mut actor) = (environment.worker(), subject.controller.actor());
+    let (states, seen, taken) =
+        (environment.state_size(), environment.observation_size(), environment.action_size());
+    let mut state = vec![0.0; ROWS * states];
+    let mut memory = vec![0.0; ROWS * subject.controller.state_size()];
+    let mut observation = vec![0.0; ROWS * seen];
+    let mut wanted = vec![0.0; ROWS * taken];
+    let mut action = vec![0.0; taken];
+    let mut signals = vec![0.0; environment.signals().len()];
+    let mut rewards = vec![0.0; environment.reward_terms().len()];
+    let requests: Vec<Request> = (0..u64::from(SIMULATIONS))
+        .map(|i| Request { x0: environment.initial_box().sample(Seed(1), i), seed: Seed(1).child(i) })
+        .collect();
+    let begin = Instant::now();
+    for requests in requests.chunks(ROWS) {
+        for (row, request) in requests.iter().enumerate() {
+            let sample = Sample {
+                observation: &mut observation[row * seen..][..seen],
+                signals: &mut signals,
+                rewards: &mut rewards,
+            };
+            worker.reset(&request.x0, request.seed, &mut state[row * states..][..states], sample);
+        }
+        actor.reset(&mut memory, Seed(0));
+        for _ in 0..environment.episode_steps() {
+            actor.act(ROWS, &observation, &mut memory, &mut wanted);
+            for row in 0..requests.len() {
+                for (a, wanted) in action.iter_mut().zip(&wanted[row * taken..]) {
+                    *a = f64::from(wanted.clamp(-1.0, 1.0));
+                }
+                let sample = Sample {
+                    observation: &mut observation[row * seen..][..seen],
+                    signals: &mut signals,
+                    rewards: &mut rewards,
+                };
+                worker.step(&action, &mut state[row * states..][..states], sample);
+            }
+        }
+    }
+    begin.elapsed()
+}
+
+fn falsification(plan: &Plan, subject: &Subject) -> Duration {
+    let folder = tempfile::tempdir().expect("there is a temporary folder");
+    let path = folder.path().join("run.sqlite");
+    let run: RunWriter = mishandle::create_run(plan, subject, Some(&path)).expect("the run can be written");
+    let begin = Instant::now();
+    let found = mishandle::falsify(plan, subject, run, |_| ControlFlow::Continue(()));
+    let elapsed = begin.elapsed();
+    assert_eq!(found.expect("it runs").simulations, u64::from(SIMULATIONS));
+    elapsed
+}
