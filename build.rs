@@ -10,7 +10,8 @@ fn main() {
     }
     println!("cargo::rerun-if-changed=build.rs");
     let commit = output("git", &["rev-parse", "--short=12", "HEAD"]).unwrap_or_else(|| "unknown".to_string());
-    let changed = output("git", &["status", "--porcelain", "--untracked-files=no"]).is_some_and(|s| !s.is_empty());
+    let changed =
+        output("git", &["status", "--porcelain", "--untracked-files=no"]).is_some_and(|s| !s.is_empty());
     println!("cargo::rustc-env=MISHANDLE_COMMIT={commit}{}", if changed { "-changed" } else { "" });
     let rustc = std::env::var("RUSTC").ok().and_then(|rustc| output(&rustc, &["--version"]));
     println!("cargo::rustc-env=MISHANDLE_RUSTC={}", rustc.unwrap_or_default());

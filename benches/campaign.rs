@@ -3,6 +3,8 @@
 //!
 //! Each figure is the best of several interleaved repetitions; what counts are the ratios.
 
+#![allow(clippy::print_stdout)]
+
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 

@@ -77,7 +77,9 @@ pub enum MishandleError {
     #[error(transparent)]
     Rollout(#[from] mishandle_rollout::RolloutError),
     /// The controller of a record is another one now.
-    #[error("controller `{controller}` has changed since the run: it had hash {recorded}, now it has {found}")]
+    #[error(
+        "controller `{controller}` has changed since the run: it had hash {recorded}, now it has {found}"
+    )]
     OtherController {
         /// As the plan names it.
         controller: String,
@@ -118,7 +120,9 @@ impl MishandleError {
     /// What to try instead, if something can be said.
     pub fn hint(&self) -> Option<String> {
         match self {
-            MishandleError::Name { name, known, .. } => nearest(name, known).map(|near| format!("did you mean `{near}`?")),
+            MishandleError::Name { name, known, .. } => {
+                nearest(name, known).map(|near| format!("did you mean `{near}`?"))
+            }
             _ => None,
         }
     }
@@ -128,7 +132,12 @@ impl MishandleError {
 fn nearest<'a>(name: &str, known: &'a [String]) -> Option<&'a str> {
     let reach = name.chars().count() / 2 + 1;
     let distance = |other: &String| if other.starts_with(name) { 0 } else { edits(name, other) };
-    known.iter().map(|other| (distance(other), other.as_str())).min().filter(|(d, _)| *d <= reach).map(|(_, n)| n)
+    known
+        .iter()
+        .map(|other| (distance(other), other.as_str()))
+        .min()
+        .filter(|(d, _)| *d <= reach)
+        .map(|(_, n)| n)
 }
 
 /// Letters to insert, delete or replace to turn `a` into `b`.

@@ -43,17 +43,18 @@ pub fn evaluate(
         return Ok(metrics.report(Seed(plan.seed)));
     }
     let mut system = subject.system()?;
-    let report = mishandle_evaluation::evaluate(&mut system, &evaluation, &mut metrics, |first, episodes| {
-        let records: Vec<_> = (first..)
-            .zip(episodes)
-            .map(|(index, episode)| {
-                let place = Place { trial: TRIAL, number: index as u32 + 1, unit_point: &[] };
-                record::record(&place, episode)
-            })
-            .collect();
-        run.record(&records)?;
-        Ok::<_, MishandleError>(watch(first + episodes.len() as u64))
-    })?;
+    let report =
+        mishandle_evaluation::evaluate(&mut system, &evaluation, &mut metrics, |first, episodes| {
+            let records: Vec<_> = (first..)
+                .zip(episodes)
+                .map(|(index, episode)| {
+                    let place = Place { trial: TRIAL, number: index as u32 + 1, unit_point: &[] };
+                    record::record(&place, episode)
+                })
+                .collect();
+            run.record(&records)?;
+            Ok::<_, MishandleError>(watch(first + episodes.len() as u64))
+        })?;
     if report.simulations == evaluate.episodes && run.file().trial(TRIAL)?.status == TrialStatus::Running {
         run.end_trial(TRIAL, TrialStatus::BudgetSpent)?;
     }

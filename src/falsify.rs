@@ -89,10 +89,9 @@ pub fn falsify(
     // end of its trial.
     for trial in &outcome.trials {
         let number = shown(trial.trial);
-        if let (Some(end), true) = (trial.end, begun.contains(&number)) {
-            if run.file().trial(number)?.status == TrialStatus::Running {
-                run.end_trial(number, status(end))?;
-            }
+        let Some(end) = trial.end else { continue };
+        if begun.contains(&number) && run.file().trial(number)?.status == TrialStatus::Running {
+            run.end_trial(number, status(end))?;
         }
     }
     run.close()?;

@@ -31,14 +31,14 @@ pub use error::MishandleError;
 pub use evaluate::evaluate;
 pub use falsify::{Progress, falsify};
 pub use home::{controller_path, home, settings_path, shipped_controllers};
-pub use record::create_run;
 pub use plan::{EvaluatePlan, FalsifyPlan, Plan, Starts};
+pub use record::create_run;
 pub use replay::{Replayed, check_controller, choose, other_build, replay};
 pub use subject::{Subject, preset, task};
 pub use train::{ALGORITHMS, TrainPlan, default_out, train};
 
 pub use {
-    mishandle_evaluation as evaluation, mishandle_falsification as falsification, mishandle_rollout as rollout,
-    mishandle_search as search, mishandle_stl as stl, mishandle_store as store, mishandle_tasks as tasks,
-    mishandle_training as training,
+    mishandle_evaluation as evaluation, mishandle_falsification as falsification,
+    mishandle_rollout as rollout, mishandle_search as search, mishandle_stl as stl, mishandle_store as store,
+    mishandle_tasks as tasks, mishandle_training as training,
 };

@@ -26,8 +26,7 @@ pub fn replay(run: &RunFile, trial: u32, number: u32) -> Result<Replayed, Mishan
     let subject = Subject::new(&plan)?;
     let header = run.header();
     check_controller(&plan, &subject, header)?;
-    let request =
-        Request { x0: recorded.initial_configuration.clone(), seed: record::seed(&recorded) };
+    let request = Request { x0: recorded.initial_configuration.clone(), seed: record::seed(&recorded) };
     let mut episodes = subject.system()?.rollout(&[request])?;
     let episode = episodes.pop().ok_or(MishandleError::NoEpisode)?;
     let place = Place { trial, number, unit_point: &recorded.unit_point };
@@ -80,8 +79,7 @@ fn differences(recorded: &Simulation, again: &Simulation) -> Vec<String> {
         ));
     }
     if bits(recorded.robustness) != bits(again.robustness) {
-        differences
-            .push(format!("its robustness was {:?}, now {:?}", recorded.robustness, again.robustness));
+        differences.push(format!("its robustness was {:?}, now {:?}", recorded.robustness, again.robustness));
     }
     if recorded.trace_digest != again.trace_digest {
         differences.push("its trace has other bits".to_string());

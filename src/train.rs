@@ -63,10 +63,7 @@ impl TrainPlan {
 ///
 /// # Errors
 /// If a name is unknown, the settings are wrong, the checkpoint does not fit, or a file cannot be written.
-pub fn train(
-    plan: &TrainPlan,
-    watch: impl FnMut(&Progress) -> Flow,
-) -> Result<Trained, MishandleError> {
+pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<Trained, MishandleError> {
     let task = task(&plan.task)?;
     let reward = reward(&plan.reward)?;
     known("training algorithm", &plan.algorithm, &ALGORITHMS)?;

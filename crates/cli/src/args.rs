@@ -50,7 +50,8 @@ pub struct Tasks {
 
 /// Measures the robustness of a formula on a recorded trace
 #[derive(Debug, Args)]
-#[command(after_help = "The trace is a CSV file: a header of signal names, then a row of numbers for each sample. A column
+#[command(
+    after_help = "The trace is a CSV file: a header of signal names, then a row of numbers for each sample. A column
 named `time` (seconds) gives the sampling period.
 
 Examples:
@@ -58,7 +59,8 @@ Examples:
   mishandle monitor --formula 'always[0:2s](d <= 0.3)' --period 0.1 trace.csv
   mishandle monitor --formula 'always[0:2](d <= 0.3)' --period 0.1 --unit s trace.csv    as RTAMT reads it
 
-Exit code 1 if the robustness at time 0 is negative.")]
+Exit code 1 if the robustness at time 0 is negative."
+)]
 pub struct Monitor {
     /// The formula, in RTAMT's syntax
     #[arg(long)]

@@ -39,9 +39,8 @@ pub fn shows_progress() -> bool {
 /// Says what went wrong, from the outside in, and what to try instead.
 pub fn report_error(error: &Error) {
     say(&format!("error: {error:#}"));
-    let hint = error
-        .chain()
-        .find_map(|cause| cause.downcast_ref::<MishandleError>().and_then(MishandleError::hint));
+    let hint =
+        error.chain().find_map(|cause| cause.downcast_ref::<MishandleError>().and_then(MishandleError::hint));
     if let Some(hint) = hint {
         say(&format!("hint: {hint}"));
     }
@@ -58,8 +57,9 @@ pub fn is_broken_pipe(error: &Error) -> bool {
 /// Lines up the columns of a table; numbers should be formatted already. The first row is the header.
 pub fn table(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let width =
-        |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|c| c.chars().count()).max().unwrap_or(0);
+    let width = |column: usize| {
+        rows.iter().filter_map(|row| row.get(column)).map(|c| c.chars().count()).max().unwrap_or(0)
+    };
     let widths: Vec<usize> = (0..columns).map(width).collect();
     let mut text = String::new();
     for row in rows {

@@ -1,5 +1,7 @@
 //! The program from outside.
 
+#![allow(clippy::unwrap_used)]
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
@@ -95,7 +97,8 @@ fn every_command_explains_itself_with_examples() {
 fn tasks_are_listed_with_what_the_glossary_names() {
     let bench = Bench::new();
     let tasks = bench.json("tasks --json", 0);
-    let names: Vec<&str> = tasks.as_array().unwrap().iter().map(|task| task["name"].as_str().unwrap()).collect();
+    let names: Vec<&str> =
+        tasks.as_array().unwrap().iter().map(|task| task["name"].as_str().unwrap()).collect();
     assert_eq!(names[..3], ["point-reaching", "ball-balancing", "ball-pushing"]);
     for task in tasks.as_array().unwrap() {
         for key in ["success", "strict", "safe", "completion", "signals", "initial_box", "controllers"] {
@@ -124,12 +127,14 @@ fn monitor_measures_and_its_exit_code_tells() {
     bench.write("d.csv", "time,d\n0.0,0.2\n0.1,0.3\n0.2,0.1\n");
     // 0.35 - d = 0.15, 0.05, 0.25
     let found = bench.json("monitor --formula 'always[0:2](d <= 0.35)' d.csv --json", 0);
-    let (rho, signal) = (found["robustness"].as_f64().unwrap(), found["robustness_signal"].as_array().unwrap());
+    let (rho, signal) =
+        (found["robustness"].as_f64().unwrap(), found["robustness_signal"].as_array().unwrap());
     assert!((rho - 0.05).abs() < 1e-12);
     assert_eq!(signal.len(), 3);
     bench.check("monitor --formula 'always[0:2](d <= 0.25)' d.csv", 1);
     // 0.2 s are two samples of 0.1 s; the same in RTAMT's reading.
-    for formula in ["--formula 'always[0:0.2s](d <= 0.35)'", "--formula 'always[0:0.2](d <= 0.35)' --unit s"] {
+    for formula in ["--formula 'always[0:0.2s](d <= 0.35)'", "--formula 'always[0:0.2](d <= 0.35)' --unit s"]
+    {
         let found = bench.json(&format!("monitor {formula} d.csv --json"), 0);
         assert!((found["robustness"].as_f64().unwrap() - 0.05).abs() < 1e-12, "{formula}");
     }
@@ -168,8 +173,8 @@ fn an_evaluation_gives_the_same_document_for_any_number_of_threads() {
             assert!(report[key][part].is_number(), "{key} {part}");
         }
     }
-    let noisy = bench
-        .json(&format!("evaluate point-reaching {FAST} --episodes 40 --action-noise 0.5 --json"), 0);
+    let noisy =
+        bench.json(&format!("evaluate point-reaching {FAST} --episodes 40 --action-noise 0.5 --json"), 0);
     assert_ne!(noisy["task_completion_time"], report["task_completion_time"]);
 }
 
@@ -178,8 +183,9 @@ fn a_falsification_finds_stores_and_replays_a_counterexample() {
     let bench = Bench::new();
     for search in ["random", "nelder-mead", "dual-annealing"] {
         let run = format!("{search}.sqlite");
-        let arguments =
-            format!("falsify point-reaching {FAST} {HARD} --search {search} --trials 3 --budget 60 --out {run}");
+        let arguments = format!(
+            "falsify point-reaching {FAST} {HARD} --search {search} --trials 3 --budget 60 --out {run}"
+        );
         let found = bench.json(&format!("{arguments} --json"), 1);
         assert!(found["falsified_trials"].as_u64().unwrap() > 0, "{search}: {found}");
         for trial in found["trials"].as_array().unwrap() {
@@ -222,7 +228,8 @@ fn a_killed_falsification_goes_on_to_the_same_result() {
     let resumed = bench.check("falsify --resume killed.sqlite --json", 0);
     assert_eq!(resumed, whole);
     assert_eq!(simulations(&bench.path("killed.sqlite")), 480);
-    let digest = |name: &str| mishandle::store::RunFile::open(bench.path(name)).unwrap().content_digest().unwrap();
+    let digest =
+        |name: &str| mishandle::store::RunFile::open(bench.path(name)).unwrap().content_digest().unwrap();
     assert_eq!(digest("killed.sqlite"), digest("whole.sqlite"));
     // Resuming what has ended changes nothing.
     assert_eq!(bench.check("falsify --resume killed.sqlite --json", 0), whole);
@@ -278,10 +285,19 @@ fn mistakes_are_refused_before_anything_runs() {
     bench.write("junk.sqlite", "this is no run");
     let falsify = "falsify point-reaching --controller expert";
     bench.refuses("evaluate point-reaching --controller nobody", &["no controller `nobody`", "expert"]);
-    bench.refuses("evaluate point-reaching --controller junk.safetensors", &["junk.safetensors", "not a controller"]);
-    bench.refuses("evaluate point-reaching --controller ./none.safetensors", &["none.safetensors", "No such file"]);
+    bench.refuses(
+        "evaluate point-reaching --controller junk.safetensors",
+        &["junk.safetensors", "not a controller"],
+    );
+    bench.refuses(
+        "evaluate point-reaching --controller ./none.safetensors",
+        &["none.safetensors", "No such file"],
+    );
     bench.refuses(&format!("{falsify} --search anealing"), &["no search `anealing`", "dual-annealing"]);
-    bench.refuses(&format!("{falsify} --formula 'always[0:301](finger_twist < 9)'"), &["301", "never be decided"]);
+    bench.refuses(
+        &format!("{falsify} --formula 'always[0:301](finger_twist < 9)'"),
+        &["301", "never be decided"],
+    );
     bench.refuses(&format!("{falsify} --formula 'finger_twst < 9'"), &["finger_twst", "finger_twist"]);
     bench.refuses(&format!("{falsify} --action-noise -1"), &["action noise is -1"]);
     bench.refuses(&format!("{falsify} --action-noise nan"), &["action noise is NaN"]);

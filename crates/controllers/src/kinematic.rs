@@ -76,8 +76,9 @@ impl ResolvedRate {
         let rest: [f64; JOINTS] = std::array::from_fn(|i| REST_GAIN * (self.rest[i] - q[i]));
         // What the pull alone would do to the site is taken off the wanted twist; then both are solved for at once:
         // q̇ = pull + Jᵀ (J Jᵀ + λ² I)⁻¹ (v - J pull).
-        let residual: [f64; ROWS] =
-            std::array::from_fn(|r| wanted[r] - (0..JOINTS).map(|i| j[r * JOINTS + i] * rest[i]).sum::<f64>());
+        let residual: [f64; ROWS] = std::array::from_fn(|r| {
+            wanted[r] - (0..JOINTS).map(|i| j[r * JOINTS + i] * rest[i]).sum::<f64>()
+        });
         let gram: [[f64; ROWS]; ROWS] = std::array::from_fn(|r| {
             std::array::from_fn(|c| {
                 let product: f64 = (0..JOINTS).map(|i| j[r * JOINTS + i] * j[c * JOINTS + i]).sum();

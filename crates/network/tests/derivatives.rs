@@ -2,8 +2,8 @@
 
 mod reference;
 
-use reference::{CASES, Random, network};
 use mishandle_network::{Activation, Mlp, Workspace};
+use reference::{CASES, Random, network};
 
 const ROWS: usize = 11;
 

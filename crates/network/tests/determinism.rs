@@ -2,8 +2,8 @@
 
 mod reference;
 
-use reference::{CASES, Random, network};
 use mishandle_network::{ChunkPool, Workspace};
+use reference::{CASES, Random, network};
 
 fn bits(numbers: &[f32]) -> Vec<u32> {
     numbers.iter().map(|number| number.to_bits()).collect()

@@ -2,8 +2,8 @@
 
 mod reference;
 
-use reference::Random;
 use mishandle_network::{Moments, Normalizer, RunningNormalizer};
+use reference::Random;
 
 #[track_caller]
 fn close(found: &[f64], wanted: &[f64]) {

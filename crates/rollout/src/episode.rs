@@ -4,8 +4,8 @@ use mishandle_stl::Trace;
 use rayon::prelude::*;
 
 use crate::{
-    Actor, Controller, Environment, InitialBox, Judge, Noise, Request, RolloutError, Sample, Seed, Specification,
-    Status, System, Verdict, Worker,
+    Actor, Controller, Environment, InitialBox, Judge, Noise, Request, RolloutError, Sample, Seed,
+    Specification, Status, System, Verdict, Worker,
 };
 
 /// Most rows that are stepped in lockstep by one thread: enough to share the reading of a network's weights among
@@ -94,7 +94,14 @@ impl Rollout {
         }
         noise.check()?;
         Judge::new(&specification, environment.signals(), environment.control_dt())?;
-        Ok(Rollout { environment, controller, specification, noise, stop: None, seats: Mutex::new(Vec::new()) })
+        Ok(Rollout {
+            environment,
+            controller,
+            specification,
+            noise,
+            stop: None,
+            seats: Mutex::new(Vec::new()),
+        })
     }
 
     /// Ends episodes early where `stop` says so; formulas that the shorter trace does not cover are undecided.
@@ -210,9 +217,13 @@ impl Seat {
         let mut episodes = Vec::with_capacity(requests.len());
         for (row, request) in requests.iter().enumerate() {
             let observation = &mut self.observations[row * observation_size..][..observation_size];
-            let sample =
-                Sample { observation, signals: &mut self.signals, rewards: &mut self.rewards };
-            self.worker.reset(&request.x0, request.seed, &mut self.states[row * state_size..][..state_size], sample);
+            let sample = Sample { observation, signals: &mut self.signals, rewards: &mut self.rewards };
+            self.worker.reset(
+                &request.x0,
+                request.seed,
+                &mut self.states[row * state_size..][..state_size],
+                sample,
+            );
             self.actor.reset(&mut self.memories[row * memory_size..][..memory_size], request.seed);
             let mut trace = Trace::with_capacity(rollout.environment.signals().clone(), samples);
             trace.push(&self.signals);

@@ -21,7 +21,9 @@ pub enum RolloutError {
         value: f64,
     },
     /// An axis whose lower bound does not lie below its upper bound, or is not finite.
-    #[error("axis `{axis}` goes from {low} to {high}: the lower bound has to be a finite number below the upper one")]
+    #[error(
+        "axis `{axis}` goes from {low} to {high}: the lower bound has to be a finite number below the upper one"
+    )]
     Bounds {
         /// Name of the axis.
         axis: String,

@@ -18,7 +18,8 @@ impl Noise {
     /// # Errors
     /// If one is negative, NaN or infinite.
     pub fn check(&self) -> Result<(), RolloutError> {
-        for (what, value) in [("action noise", self.action_std), ("observation noise", self.observation_std)] {
+        for (what, value) in [("action noise", self.action_std), ("observation noise", self.observation_std)]
+        {
             if !(value >= 0.0 && value.is_finite()) {
                 return Err(RolloutError::Noise { what, value });
             }

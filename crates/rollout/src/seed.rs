@@ -73,7 +73,10 @@ impl Seed {
     }
 
     fn block(self, stream: Stream, step: u64, index: u32) -> [u32; 4] {
-        philox([index, stream as u32, step as u32, (step >> 32) as u32], [self.0 as u32, (self.0 >> 32) as u32])
+        philox(
+            [index, stream as u32, step as u32, (step >> 32) as u32],
+            [self.0 as u32, (self.0 >> 32) as u32],
+        )
     }
 }
 

@@ -152,7 +152,8 @@ mod tests {
     }
 
     fn judge(success: &str, completion: &str) -> Judge {
-        let specification = Specification::parse(success, "eventually[0:3](d <= 1)", "d < 3", completion).unwrap();
+        let specification =
+            Specification::parse(success, "eventually[0:3](d <= 1)", "d < 3", completion).unwrap();
         Judge::new(&specification, &Arc::from(["d".to_string()]), 1.0 / 60.0).unwrap()
     }
 
@@ -180,7 +181,8 @@ mod tests {
 
     #[test]
     fn completion_needs_its_whole_window_inside_the_trace() {
-        let verdict = judge("d < 9", "always[0:4](d < 1)").verdict(&trace(&[2.0, 0.0, 0.0, 0.0, 0.0])).unwrap();
+        let verdict =
+            judge("d < 9", "always[0:4](d < 1)").verdict(&trace(&[2.0, 0.0, 0.0, 0.0, 0.0])).unwrap();
         assert_eq!(verdict.completion_step, None);
     }
 

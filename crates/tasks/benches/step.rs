@@ -4,6 +4,8 @@
 //! its own. Times are the least of many repetitions of an episode on one thread; what counts are the ratios, which
 //! come from interleaved runs.
 
+#![allow(clippy::print_stdout)]
+
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
@@ -14,7 +16,10 @@ use mishandle_tasks::{EPISODE_STEPS, JOINTS, Panda, Preset, Reward, TASKS, Task,
 const REPETITIONS: usize = 30;
 
 fn main() {
-    println!("{:<16} {:>10} {:>10} {:>7} {:>12} {:>11}", "task", "step", "bare", "ratio", "steps/s/core", "expert");
+    println!(
+        "{:<16} {:>10} {:>10} {:>7} {:>12} {:>11}",
+        "task", "step", "bare", "ratio", "steps/s/core", "expert"
+    );
     for task in TASKS {
         let mut episode = Episode::record(*task);
         let (mut whole, mut bare) = (Duration::MAX, Duration::MAX);
@@ -64,7 +69,8 @@ struct Episode {
 
 impl Episode {
     fn record(task: &dyn Task) -> Episode {
-        let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).expect("the task is sound");
+        let environment =
+            TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).expect("the task is sound");
         let specification = task.definition().paper.specification().expect("the formulas parse");
         let judge = Judge::new(&specification, environment.signals(), environment.control_dt());
         let mut episode = Episode {

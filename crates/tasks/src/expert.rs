@@ -50,7 +50,10 @@ pub(crate) struct Expert<B> {
 
 impl<B: Behavior> Expert<B> {
     /// The expert of the task that `definition` describes.
-    pub fn controller(behavior: B, definition: &'static Definition) -> Result<Arc<dyn Controller>, WorldError> {
+    pub fn controller(
+        behavior: B,
+        definition: &'static Definition,
+    ) -> Result<Arc<dyn Controller>, WorldError> {
         let model = Model::from_xml(PANDA)?;
         // Both are made for every thread later; that they can be made is found out here.
         Panda::new(&model)?;

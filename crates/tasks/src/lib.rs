@@ -14,7 +14,9 @@ mod robot;
 
 pub use definition::{BoxAxis, Definition, Formulas, Held, Preset, Quantity, Reward, Scene, Task};
 pub use environment::{TaskEnvironment, TaskError};
-pub use robot::{CONTROL_DT, EPISODE_STEPS, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT, compose};
+pub use robot::{
+    CONTROL_DT, EPISODE_STEPS, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT, compose,
+};
 
 /// All tasks, in the order in which they are listed.
 pub static TASKS: &[&dyn Task] =

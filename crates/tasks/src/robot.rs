@@ -11,9 +11,8 @@ pub const JOINTS: usize = 9;
 pub const ARM_JOINTS: usize = 7;
 
 /// Names of the joints and of their servos.
-pub const JOINT_NAMES: [&str; JOINTS] = [
-    "joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "joint7", "finger_joint1", "finger_joint2",
-];
+pub const JOINT_NAMES: [&str; JOINTS] =
+    ["joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "joint7", "finger_joint1", "finger_joint2"];
 
 /// Duration of a control step, s.
 pub const CONTROL_DT: f64 = 1.0 / 60.0;
@@ -149,9 +148,7 @@ fn attach(held: &Held, start: &[f64; JOINTS]) -> Result<String, WorldError> {
         w * c + x * d - y * a - z * b,
         w * d - x * c + y * b - z * a,
     ];
-    let pose = format!(
-        "<body pos=\"{} {} {}\" quat=\"{} {} {} {}\"",
-        p[0], p[1], p[2], q[0], q[1], q[2], q[3]
-    );
+    let pose =
+        format!("<body pos=\"{} {} {}\" quat=\"{} {} {} {}\"", p[0], p[1], p[2], q[0], q[1], q[2], q[3]);
     Ok(held.mjcf.replacen("<body", &pose, 1))
 }

@@ -36,14 +36,20 @@ impl Hand {
     }
 
     fn reset(&mut self, x0: &[f64], seed: Seed) {
-        let sample =
-            Sample { observation: &mut self.observation, signals: &mut self.signals, rewards: &mut self.rewards };
+        let sample = Sample {
+            observation: &mut self.observation,
+            signals: &mut self.signals,
+            rewards: &mut self.rewards,
+        };
         self.worker.reset(x0, seed, &mut self.state, sample);
     }
 
     fn step(&mut self, action: &[f64]) -> Status {
-        let sample =
-            Sample { observation: &mut self.observation, signals: &mut self.signals, rewards: &mut self.rewards };
+        let sample = Sample {
+            observation: &mut self.observation,
+            signals: &mut self.signals,
+            rewards: &mut self.rewards,
+        };
         self.worker.step(action, &mut self.state, sample)
     }
 
@@ -176,7 +182,12 @@ fn every_axis_of_the_box_reaches_the_scene() {
                 hand.reset(&x0, Seed(3));
                 let task_part = &hand.observation[18..];
                 let seen = task_part.iter().any(|o| (f64::from(*o) - x0[axis]).abs() < 1e-6);
-                assert!(seen, "{}: axis {axis} at {} is nowhere in the observation", environment.name(), x0[axis]);
+                assert!(
+                    seen,
+                    "{}: axis {axis} at {} is nowhere in the observation",
+                    environment.name(),
+                    x0[axis]
+                );
                 hand.observation.clone()
             };
             assert_ne!(at(&mut hand, 0.1), at(&mut hand, 0.9), "{} axis {axis}", environment.name());
@@ -200,8 +211,18 @@ fn the_expert_meets_both_formulas() {
         for episode in expert_episodes(*task, environment(*task, Preset::Paper, Reward::Shaped), 40) {
             let name = task.definition().name;
             assert_eq!(episode.end, End::Completed);
-            assert!(episode.verdict.success > Some(0.0), "{name} from {:?}: {:?}", episode.x0, episode.verdict);
-            assert!(episode.verdict.strict > Some(0.0), "{name} from {:?}: {:?}", episode.x0, episode.verdict);
+            assert!(
+                episode.verdict.success > Some(0.0),
+                "{name} from {:?}: {:?}",
+                episode.x0,
+                episode.verdict
+            );
+            assert!(
+                episode.verdict.strict > Some(0.0),
+                "{name} from {:?}: {:?}",
+                episode.x0,
+                episode.verdict
+            );
         }
     }
 }

@@ -82,10 +82,9 @@ fn text(plan: &Plan, report: &Report) -> String {
         _ => [String::from("-"), String::new()],
     };
     let steps = |estimate: &Estimate| match (estimate.value, estimate.low, estimate.high) {
-        (Some(value), Some(low), Some(high)) => [
-            format!("{value:.1} control steps ({:.2} s)", value / 60.0),
-            format!("[{low:.1}, {high:.1}]"),
-        ],
+        (Some(value), Some(low), Some(high)) => {
+            [format!("{value:.1} control steps ({:.2} s)", value / 60.0), format!("[{low:.1}, {high:.1}]")]
+        }
         _ => [String::from("-"), String::new()],
     };
     let row = |name: &str, [value, interval]: [String; 2], n: u64| {

@@ -111,8 +111,7 @@ fn text(plan: &Plan, subject: &Subject, found: &Found) -> String {
             axes.iter().zip(x0).map(|(axis, value)| format!("{} = {value:.4} {}", axis.name, axis.unit));
         values.collect::<Vec<_>>().join(", ")
     };
-    let mut rows =
-        vec![["trial", "", "simulations", "least robustness", "at"].map(String::from).to_vec()];
+    let mut rows = vec![["trial", "", "simulations", "least robustness", "at"].map(String::from).to_vec()];
     for trial in &found.trials {
         let minimum = trial.minimum.as_ref();
         rows.push(vec![
@@ -141,7 +140,8 @@ fn text(plan: &Plan, subject: &Subject, found: &Found) -> String {
     if let Some(mean) = found.mean_simulations {
         text.push_str(&format!(", after {mean:.1} simulations on average"));
     }
-    let first = found.trials.iter().filter(|trial| trial.falsified()).find_map(|trial| trial.minimum.as_ref());
+    let first =
+        found.trials.iter().filter(|trial| trial.falsified()).find_map(|trial| trial.minimum.as_ref());
     if let Some(first) = first {
         text.push_str(&format!(
             "\ncounterexample: {}, seed {}: robustness {:.4}",

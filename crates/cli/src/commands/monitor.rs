@@ -86,9 +86,10 @@ fn read(path: &Path) -> Result<Trace> {
     for (row, record) in reader.records().enumerate() {
         let record = record?;
         for ((value, cell), name) in sample.iter_mut().zip(&record).zip(names.iter()) {
-            *value = cell.parse().ok().with_context(|| {
-                format!("line {}: `{name}` is `{cell}`, which is not a number", row + 2)
-            })?;
+            *value = cell
+                .parse()
+                .ok()
+                .with_context(|| format!("line {}: `{name}` is `{cell}`, which is not a number", row + 2))?;
         }
         trace.push(&sample);
     }

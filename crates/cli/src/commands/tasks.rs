@@ -69,10 +69,12 @@ fn page(definition: &Definition, preset: Preset) -> String {
         format!("{}: {}", definition.name, definition.summary),
         section(
             "Formulas (bounds count control steps of 1/60 s)",
-            &[("success", formulas.success), ("strict", formulas.strict), ("safe", formulas.safe), (
-                "completion",
-                formulas.completion,
-            )]
+            &[
+                ("success", formulas.success),
+                ("strict", formulas.strict),
+                ("safe", formulas.safe),
+                ("completion", formulas.completion),
+            ]
             .map(|(name, text)| vec![name.to_string(), text.to_string()]),
         ),
         section(
@@ -82,7 +84,11 @@ fn page(definition: &Definition, preset: Preset) -> String {
                 .iter()
                 .map(|axis| {
                     let [low, high] = axis.bounds(preset);
-                    vec![axis.name.to_string(), format!("[{low}, {high}] {}", axis.unit), axis.sets.to_string()]
+                    vec![
+                        axis.name.to_string(),
+                        format!("[{low}, {high}] {}", axis.unit),
+                        axis.sets.to_string(),
+                    ]
                 })
                 .collect::<Vec<_>>(),
         ),
@@ -101,8 +107,7 @@ fn page(definition: &Definition, preset: Preset) -> String {
         ));
     }
     sections.push(format!("Differences from the original\n  {}", definition.differences));
-    sections
-        .push(format!("Controllers\n  {}", mishandle::shipped_controllers(definition.name).join(", ")));
+    sections.push(format!("Controllers\n  {}", mishandle::shipped_controllers(definition.name).join(", ")));
     sections.join("\n\n")
 }
 

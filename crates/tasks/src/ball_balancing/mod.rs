@@ -35,8 +35,16 @@ const DEFINITION: Definition = Definition {
     n_substeps: 2,
     velocity_scale: 0.1,
     signals: &[
-        one("ball_tray_horizontal_distance", "m", "horizontal distance of the ball from the tray's axis point"),
-        one("ball_height_above_tray", "m", "height of the ball's centre above the tray's top, along its normal"),
+        one(
+            "ball_tray_horizontal_distance",
+            "m",
+            "horizontal distance of the ball from the tray's axis point",
+        ),
+        one(
+            "ball_height_above_tray",
+            "m",
+            "height of the ball's centre above the tray's top, along its normal",
+        ),
         one("ball_speed", "m/s", "speed of the ball"),
     ],
     observation: &[

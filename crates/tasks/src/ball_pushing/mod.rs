@@ -31,7 +31,11 @@ const DEFINITION: Definition = Definition {
     n_substeps: 4,
     velocity_scale: 0.01,
     signals: &[
-        one("ball_hole_distance", "m", "distance of the ball from a point 5 mm below the pit's floor, at its centre"),
+        one(
+            "ball_hole_distance",
+            "m",
+            "distance of the ball from a point 5 mm below the pit's floor, at its centre",
+        ),
         one("ball_hole_horizontal_distance", "m", "the horizontal part of it"),
         one("ball_height", "m", "height of the ball's centre above the ground"),
         one("ball_speed", "m/s", "speed of the ball"),
@@ -44,11 +48,19 @@ const DEFINITION: Definition = Definition {
         three("ball", "m", "centre of the ball"),
     ],
     original_reward: &[
-        one("near", "", "10 (1 - tanh(3 d)), d the horizontal distance of ball and hole, until the ball is past it"),
+        one(
+            "near",
+            "",
+            "10 (1 - tanh(3 d)), d the horizontal distance of ball and hole, until the ball is past it",
+        ),
         one("in", "", "100 where d < 0.1 and the ball is lower than 0.38 m, else 0"),
     ],
     shaped_reward: &[
-        one("behind", "", "0.1 (1 - tanh(3 b)), b the distance of the grasp point from the point behind the ball"),
+        one(
+            "behind",
+            "",
+            "0.1 (1 - tanh(3 b)), b the distance of the grasp point from the point behind the ball",
+        ),
         one("pushed", "", "0.3 v / 0.5 m/s within ±0.3, v the ball's horizontal velocity towards the hole"),
         one("near", "", "0.3 (1 - tanh(3 d)), d the horizontal distance of ball and hole"),
         one("in", "", "0.6 where d <= 0.13 and the ball is lower than 0.36 m, else 0"),
@@ -125,11 +137,8 @@ impl Scene for Bound {
             }
             Reward::Shaped => {
                 let away = 1.0 + BEHIND / d.max(BEHIND);
-                let behind = [
-                    hole[0] + away * (ball[0] - hole[0]),
-                    hole[1] + away * (ball[1] - hole[1]),
-                    ball[2],
-                ];
+                let behind =
+                    [hole[0] + away * (ball[0] - hole[0]), hole[1] + away * (ball[1] - hole[1]), ball[2]];
                 let b = norm(sub(rows.site_position(self.panda.grasp), behind));
                 let (to_hole, velocity) = (sub(hole, ball), rows.free_velocity(self.ball));
                 let towards = (to_hole[0] * velocity[0] + to_hole[1] * velocity[1]) / d.max(BEHIND);

@@ -67,7 +67,11 @@ impl Task for PointReaching {
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
-        Ok(Box::new(Bound { panda: *panda, target: model.body("target")?, target_mocap: model.mocap("target")? }))
+        Ok(Box::new(Bound {
+            panda: *panda,
+            target: model.body("target")?,
+            target_mocap: model.mocap("target")?,
+        }))
     }
 
     fn expert(&self) -> Result<Arc<dyn Controller>, WorldError> {
@@ -101,11 +105,9 @@ impl Scene for Bound {
     fn reward(&self, reward: Reward, _rows: &Rows<'_>, signals: &[f64], action: &[f64], out: &mut [f64]) {
         let (d, v) = (signals[0], signals[1]);
         let terms = match reward {
-            Reward::Original => [
-                1.0 / (1.0 + d),
-                if d < 0.03 && v < 0.02 { 10.0 } else { 0.0 },
-                0.1 / (1.0 + v),
-            ],
+            Reward::Original => {
+                [1.0 / (1.0 + d), if d < 0.03 && v < 0.02 { 10.0 } else { 0.0 }, 0.1 / (1.0 + v)]
+            }
             Reward::Shaped => [
                 0.5 * (1.0 - (4.0 * d).tanh()),
                 0.5 * (1.0 - (25.0 * d).tanh()),
@@ -119,4 +121,3 @@ impl Scene for Bound {
         false
     }
 }
-
