@@ -3,12 +3,12 @@
 //! A matrix of `rows` x `columns` is stored as ⌈columns / 16⌉ panels, a panel as one [`Lanes`] per row. Columns that
 //! do not exist hold zeros. A product then reads and writes memory in order and never has to repack an operand.
 //!
-//! Why not a library: `gemm`, `faer` and `matrixmultiply` choose their kernel by the machine and their blocks by its caches, and
-//! some add the products of a long sum in another order when there are few rows, so their bits depend on
-//! both. Here each number of a product is one chain of fused multiply-adds over the inner index, in order, whatever tile it
-//! falls into: a row's result cannot depend on its neighbours. On one Zen 3 core (layers of 30 to 512) it reaches 83 to 101 GFLOP/s at
-//! 16 rows and more, where `gemm` 0.19 reaches 45 to 97 and `matrixmultiply` 0.3 44 to 86, and 40 to 77 GFLOP/s
-//! at one row, where they reach 15 to 33 and 4; both of them read and write plain rows, which the panels here spare.
+//! Why not a library: `gemm` 0.19 (and `faer`, which stands on it) and `matrixmultiply` 0.3 choose their kernel by the machine that
+//! runs them; `gemm` also cuts its blocks by the sizes of the caches and takes another path where a matrix is a vector. Their bits depend
+//! on both. Here each number of a product is one chain of fused multiply-adds over the inner index, in order, whatever tile it
+//! falls into: a row's result cannot depend on its neighbours. Measured on one Zen 3 core with layers of 30 to 512: 72 to 101
+//! GFLOP/s at 16 rows and more (`gemm` 41 to 98, `matrixmultiply` 44 to 87), 39 to 77 at one row (15 to 34, and 4). The
+//! layer of 64 to 9 fills only half of its last panel: 53 (46, 28), and 17 at one row (19, 2).
 
 use crate::activation::Activation;
 use crate::scalar::Scalar;

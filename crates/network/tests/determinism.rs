@@ -119,6 +119,17 @@ fn a_sum_over_chunks_is_the_sum() {
 }
 
 #[test]
+fn every_number_of_a_long_vector_is_summed() {
+    let mut total = vec![f64::NAN; 10_000];
+    ChunkPool::<f64, ()>::new(3).sum(8, &mut total, |rows, (), sum| {
+        for (i, number) in sum.iter_mut().enumerate() {
+            *number += (i * rows.len()) as f64;
+        }
+    });
+    assert!(total.iter().enumerate().all(|(i, number)| *number == (8 * i) as f64));
+}
+
+#[test]
 fn mapped_rows_are_forward_rows() {
     let mut random = Random(4);
     let network = network::<f32>(CASES[5], &mut random);
