@@ -1,5 +1,7 @@
 //! Balls rest, roll, bounce and stay where they would on a bench.
 
+#![allow(clippy::unwrap_used)]
+
 use mishandle_tasks::{JOINT_NAMES, compose, task};
 use mishandle_world::frame::rotate;
 use mishandle_world::{Joint, Model, World};

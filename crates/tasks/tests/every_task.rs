@@ -1,5 +1,7 @@
 //! What holds for every task there is.
 
+#![allow(clippy::unwrap_used)]
+
 use std::collections::HashSet;
 use std::sync::Arc;
 
