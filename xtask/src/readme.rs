@@ -24,7 +24,7 @@ const TIMED_OUT: i32 = 124;
 /// Commands that are shown but not run: how they start, and why.
 const SKIPPED: &[(&str, &str)] = &[
     ("git clone", "the reader has the repository by now"),
-    ("cd ", "each command runs in the repository's root"),
+    ("cd ", "the commands run in a folder of their own"),
     ("cargo xtask demo", "its parts are run by other steps"),
     ("cargo xtask test", "it is what runs this"),
     ("cargo bench", "takes minutes"),
@@ -47,6 +47,12 @@ pub fn check(root: &Path) -> Result<()> {
     let text = fs::read_to_string(root.join(README)).with_context(|| format!("cannot read {README}"))?;
     let shown = commands(&text)?;
     run(&mut cargo(root, &["build", "--release"]), &[0])?;
+    // An empty folder, so that what an earlier try left behind stands in nobody's way.
+    let folder = root.join("target/readme");
+    if folder.exists() {
+        fs::remove_dir_all(&folder).with_context(|| format!("cannot empty {}", folder.display()))?;
+    }
+    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     for shown in &shown {
         let place = format!("{README}:{}: `{}`", shown.line, shown.command);
         if let Some((_, reason)) = SKIPPED.iter().find(|(start, _)| shown.command.starts_with(start)) {
@@ -54,7 +60,7 @@ pub fn check(root: &Path) -> Result<()> {
             continue;
         }
         let started = Instant::now();
-        try_out(root, shown).with_context(|| place.clone())?;
+        try_out(root, &folder, shown).with_context(|| place.clone())?;
         eprintln!("{place}: as shown, {:.1} s", started.elapsed().as_secs_f64());
     }
     Ok(())
@@ -120,14 +126,16 @@ fn commands_of_block(number: usize, block: &[(usize, &str)], above: &str) -> Res
     Ok(found)
 }
 
-fn try_out(root: &Path, shown: &Shown) -> Result<()> {
+/// Runs a command in `folder`, with the repository's programs, controllers and settings.
+fn try_out(root: &Path, folder: &Path, shown: &Shown) -> Result<()> {
     let old = std::env::var_os("PATH").unwrap_or_default();
     let path =
         std::env::join_paths([root.join("target/release")].into_iter().chain(std::env::split_paths(&old)))?;
     let output = Command::new("timeout")
         .args(["--kill-after=5", &LIMIT_SECS.to_string(), "bash", "-c", &shown.command])
-        .current_dir(root)
+        .current_dir(folder)
         .env("PATH", path)
+        .env("MISHANDLE_HOME", root)
         .output()
         .context("cannot run it")?;
     let written =
@@ -227,7 +235,7 @@ mod tests {
     fn a_command_is_held_to_its_exit_code_and_first_line() {
         let root = std::env::temp_dir();
         let try_out =
-            |command: &str, exit, first_output| try_out(&root, &shown(1, command, exit, first_output));
+            |command: &str, exit, first_output| try_out(&root, &root, &shown(1, command, exit, first_output));
         assert!(try_out("echo took 3 s >&2; exit 1", 1, Some("took 12.5 s")).is_ok());
         assert!(
             try_out("exit 1", 0, None).unwrap_err().to_string().contains("exit status: 1, not exit code 0")

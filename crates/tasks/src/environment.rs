@@ -170,7 +170,6 @@ impl TaskWorker {
     /// Writes signals and observation of the present state.
     fn show(&mut self, sample: &mut Sample<'_>) {
         self.world.refresh();
-        self.world.refresh_twists();
         let rows = self.world.rows();
         self.scene.signals(&rows, sample.signals);
         self.panda.observe(&rows, self.definition.velocity_scale, &mut self.observation[..2 * JOINTS]);

@@ -29,6 +29,17 @@ const SERVO_LAG: [f64; JOINTS] = [0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.01, 0.01]
 /// Velocity limits, rad/s for the arm, m/s for the fingers.
 pub const VELOCITY_LIMIT: [f64; JOINTS] = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61, 0.2, 0.2];
 
+/// How far ahead of a joint its servo may be asked to be, rad or m: the velocity limit times the lag.
+const REACH: [f64; JOINTS] = {
+    let mut reach = VELOCITY_LIMIT;
+    let mut i = 0;
+    while i < JOINTS {
+        reach[i] *= SERVO_LAG[i];
+        i += 1;
+    }
+    reach
+};
+
 /// The robot's elements in a compiled model.
 #[derive(Clone, Copy, Debug)]
 pub struct Panda {
@@ -95,11 +106,12 @@ impl Panda {
     /// MuJoCo has no velocity limits. A servo that is asked for at most `v_max` times its lag beyond the joint's
     /// position settles at `v_max`, so that is what it is asked for.
     pub fn set_servos(&self, targets: &[f64], world: &mut World) {
-        for (i, (joint, target)) in self.joints.iter().zip(targets).enumerate() {
-            let q = world.qpos()[joint.qpos];
-            let reach = VELOCITY_LIMIT[i] * SERVO_LAG[i];
-            world.ctrl_mut()[i] = q + (target - q).clamp(-reach, reach);
-        }
+        let qpos = world.qpos();
+        let asked: [f64; JOINTS] = std::array::from_fn(|i| {
+            let q = qpos[self.joints[i].qpos];
+            q + (targets[i] - q).clamp(-REACH[i], REACH[i])
+        });
+        world.ctrl_mut()[..JOINTS].copy_from_slice(&asked);
     }
 
     /// Writes the first 18 numbers of an observation: positions mapped from their limits to [-1, 1], and velocities

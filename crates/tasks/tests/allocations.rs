@@ -1,6 +1,5 @@
 //! A control step allocates nothing.
 #![allow(unsafe_code)] // a global allocator that counts cannot be written without
-
 #![allow(clippy::unwrap_used)]
 
 use std::alloc::{GlobalAlloc, Layout, System as Allocator};

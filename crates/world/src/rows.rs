@@ -1,10 +1,11 @@
-use crate::frame::{add, cross, sub};
+use mujoco_rs::prelude::MjtJoint;
+
+use crate::frame::{add, cross, rotate, scale, sub};
 use crate::{Body, Joint, Site};
 
 /// The state of a world and what follows from it, as plain rows of numbers: all that a task may look at.
 ///
-/// Poses are those of the last [`World::refresh`](crate::World::refresh), twists those of the last
-/// [`World::refresh_twists`](crate::World::refresh_twists).
+/// Poses, and the twists made of them, are those of the last [`World::refresh`](crate::World::refresh).
 #[derive(Clone, Copy, Debug)]
 pub struct Rows<'a> {
     /// Generalised positions.
@@ -17,10 +18,19 @@ pub struct Rows<'a> {
     pub(crate) body_quaternions: &'a [[f64; 4]],
     pub(crate) site_positions: &'a [[f64; 3]],
     pub(crate) site_rotations: &'a [[f64; 9]],
-    /// Angular and linear velocity of each body, the latter at the centre of mass of its tree.
-    pub(crate) body_velocities: &'a [[f64; 6]],
-    pub(crate) centers: &'a [[f64; 3]],
-    pub(crate) roots: &'a [i32],
+    pub(crate) joint_anchors: &'a [[f64; 3]],
+    pub(crate) joint_axes: &'a [[f64; 3]],
+    pub(crate) tree: Tree<'a>,
+}
+
+/// Which body hangs on which, by which joints.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Tree<'a> {
+    pub parents: &'a [i32],
+    pub first_joints: &'a [i32],
+    pub joint_counts: &'a [i32],
+    pub joint_kinds: &'a [MjtJoint],
+    pub joint_dofs: &'a [i32],
 }
 
 impl Rows<'_> {
@@ -34,12 +44,36 @@ impl Rows<'_> {
         self.body_quaternions[body.0]
     }
 
-    /// Linear (m/s) and angular (rad/s) velocity of a body's frame, both in world axes.
+    /// Linear (m/s) and angular (rad/s) velocity of a body's frame, both in world axes: the sum of what each joint
+    /// between it and the world adds.
+    ///
+    /// A fixture whose pose is set has no velocity. Joints with three angles alone (ball joints) are not supported:
+    /// no model of ours has one.
     pub fn twist(&self, body: Body) -> ([f64; 3], [f64; 3]) {
-        let [a, b, c, x, y, z] = self.body_velocities[body.0];
-        let angular = [a, b, c];
-        let arm = sub(self.position(body), self.centers[self.roots[body.0] as usize]);
-        (add([x, y, z], cross(angular, arm)), angular)
+        let point = self.position(body);
+        let (mut linear, mut angular) = ([0.0; 3], [0.0; 3]);
+        let mut at = body.0;
+        while at > 0 {
+            let first = self.tree.first_joints[at];
+            for joint in (first..first + self.tree.joint_counts[at]).map(|joint| joint as usize) {
+                let dof = self.tree.joint_dofs[joint] as usize;
+                let (axis, anchor) = (self.joint_axes[joint], self.joint_anchors[joint]);
+                let (v, w) = match self.tree.joint_kinds[joint] {
+                    MjtJoint::mjJNT_SLIDE => (scale(axis, self.qvel[dof]), [0.0; 3]),
+                    MjtJoint::mjJNT_HINGE => ([0.0; 3], scale(axis, self.qvel[dof])),
+                    MjtJoint::mjJNT_FREE => {
+                        let v = [self.qvel[dof], self.qvel[dof + 1], self.qvel[dof + 2]];
+                        let w = [self.qvel[dof + 3], self.qvel[dof + 4], self.qvel[dof + 5]];
+                        (v, rotate(self.body_quaternions[at], w))
+                    }
+                    MjtJoint::mjJNT_BALL => ([0.0; 3], [0.0; 3]),
+                };
+                linear = add(linear, add(v, cross(w, sub(point, anchor))));
+                angular = add(angular, w);
+            }
+            at = self.tree.parents[at] as usize;
+        }
+        (linear, angular)
     }
 
     /// Position of a site, m.

@@ -3,6 +3,7 @@ use std::sync::Arc;
 use mujoco_rs::prelude::*;
 
 use crate::model::INTEGRATION;
+use crate::rows::Tree;
 use crate::{Actuator, Equality, Joint, Mocap, Model, Rows};
 
 /// What one thread needs to step state rows of a [`Model`].
@@ -77,13 +78,6 @@ impl World {
         self.data.kinematics();
     }
 
-    /// Computes what [`Rows::twist`] and [`Arm::jacobian`](crate::Arm) need, from poses and
-    /// velocities.
-    pub fn refresh_twists(&mut self) {
-        self.data.com_pos();
-        self.data.com_vel();
-    }
-
     /// Whether a number is not finite or absurdly large, now or in a step since the last call; clears that.
     ///
     /// MuJoCo checks positions and velocities when a step begins, so those that the last step left are checked here.
@@ -148,9 +142,15 @@ impl World {
             body_quaternions: self.data.xquat(),
             site_positions: self.data.site_xpos(),
             site_rotations: self.data.site_xmat(),
-            body_velocities: self.data.cvel(),
-            centers: self.data.subtree_com(),
-            roots: self.model.inner.body_rootid(),
+            joint_anchors: self.data.xanchor(),
+            joint_axes: self.data.xaxis(),
+            tree: Tree {
+                parents: self.model.inner.body_parentid(),
+                first_joints: self.model.inner.body_jntadr(),
+                joint_counts: self.model.inner.body_jntnum(),
+                joint_kinds: self.model.inner.jnt_type(),
+                joint_dofs: self.model.inner.jnt_dofadr(),
+            },
         }
     }
 

@@ -225,7 +225,6 @@ fn a_twist_is_the_jacobian_times_the_joint_velocities() {
         world.qpos_mut().copy_from_slice(&q);
         world.qvel_mut().copy_from_slice(&velocity);
         world.refresh();
-        world.refresh_twists();
         arm.set(&q);
         arm.jacobian(&mut jacobian);
         let (linear, angular) = world.rows().twist(finger);
