@@ -48,19 +48,17 @@ pub fn falsify(
         })?;
         progress.simulations += 1;
     }
-    let mut begun = Vec::with_capacity(falsify.trials as usize);
+    let mut begun = vec![false; falsify.trials as usize];
     for trial in run.file().trials()? {
-        begun.push(trial.trial.number);
+        begun[trial.trial.number as usize - 1] = true;
         progress.ended += u32::from(trial.trial.status != TrialStatus::Running);
         progress.falsified += u32::from(trial.trial.status == TrialStatus::Falsified);
     }
     let mut system = subject.system()?;
     let outcome = campaign.run(&mut system, |simulations| {
         for simulation in simulations {
-            let trial = shown(simulation.trial);
-            if !begun.contains(&trial) {
-                run.start_trial(trial, simulation.trial_seed.0)?;
-                begun.push(trial);
+            if !std::mem::replace(&mut begun[simulation.trial as usize], true) {
+                run.start_trial(shown(simulation.trial), simulation.trial_seed.0)?;
             }
         }
         let records: Vec<_> = simulations
@@ -90,7 +88,7 @@ pub fn falsify(
     for trial in &outcome.trials {
         let number = shown(trial.trial);
         let Some(end) = trial.end else { continue };
-        if begun.contains(&number) && run.file().trial(number)?.status == TrialStatus::Running {
+        if begun[trial.trial as usize] && run.file().trial(number)?.status == TrialStatus::Running {
             run.end_trial(number, status(end))?;
         }
     }
