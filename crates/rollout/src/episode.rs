@@ -58,8 +58,8 @@ pub type Stop = dyn Fn(usize, &[f64]) -> bool + Send + Sync;
 
 /// A controller in an environment, with noise and a specification: the [`System`] that our tasks are.
 ///
-/// Simulations run on all threads of the current rayon pool, [16](Self::rollout) at a time on each, their observations
-/// inferred together. An episode is the same to the bit whatever it runs beside.
+/// Simulations run on all threads of the current rayon pool, up to 16 at a time on each, their observations inferred
+/// together. An episode is the same to the bit whatever it runs beside.
 pub struct Rollout {
     environment: Arc<dyn Environment>,
     controller: Arc<dyn Controller>,
