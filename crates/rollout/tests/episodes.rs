@@ -5,8 +5,8 @@
 use std::sync::{Arc, Mutex};
 
 use mishandle_rollout::{
-    Actor, Axis, Batch, Controller, End, Environment, InitialBox, Noise, Request, Rollout, RolloutError, Sample,
-    Seed, Specification, Status, Stream, System, Worker,
+    Actor, Axis, Batch, Controller, End, Environment, InitialBox, Noise, Request, Rollout, RolloutError,
+    Sample, Seed, Specification, Status, Stream, System, Worker,
 };
 
 /// A point on a line that moves by each action; it starts up to 0.01 off, drawn with the simulation's seed.
@@ -245,7 +245,10 @@ fn what_does_not_fit_is_refused() {
 
     let mut system = rollout(Line::new(9.0), 1.0, Noise::default());
     let wrong = |x0: Vec<f64>| vec![Request { x0, seed: Seed(0) }];
-    assert!(matches!(system.rollout(&wrong(vec![])), Err(RolloutError::Dimension { wanted: 1, found: 0, .. })));
+    assert!(matches!(
+        system.rollout(&wrong(vec![])),
+        Err(RolloutError::Dimension { wanted: 1, found: 0, .. })
+    ));
     assert!(matches!(system.rollout(&wrong(vec![f64::NAN])), Err(RolloutError::NotFinite { .. })));
 
     let mut broken = rollout(Line::new(9.0), f32::NAN, Noise::default());

@@ -96,8 +96,9 @@ impl Rows<'_> {
         [self.qvel[joint.dof], self.qvel[joint.dof + 1], self.qvel[joint.dof + 2]]
     }
 
-    /// Angular velocity of a free body, its own axes, rad/s.
+    /// Angular velocity of a free body, world axes, rad/s. (MuJoCo has it in the body's own axes.)
     pub fn free_angular_velocity(&self, joint: Joint) -> [f64; 3] {
-        [self.qvel[joint.dof + 3], self.qvel[joint.dof + 4], self.qvel[joint.dof + 5]]
+        let quaternion = [3, 4, 5, 6].map(|i| self.qpos[joint.qpos + i]);
+        rotate(quaternion, [3, 4, 5].map(|i| self.qvel[joint.dof + i]))
     }
 }
