@@ -35,7 +35,7 @@ pub fn remake(root: &Path) -> Result<()> {
     let mut measured = Vec::new();
     for task in tasks.as_array().context("`tasks --json` is no list")? {
         for controller in task["controllers"].as_array().into_iter().flatten() {
-            let figures = Figures::measure(root, text(&task["name"]), text(&controller))?;
+            let figures = Figures::measure(root, text(&task["name"]), text(controller))?;
             eprintln!("{} {}: measured", figures.task, figures.controller);
             measured.push(figures);
         }
@@ -188,7 +188,7 @@ fn controllers_table(measured: &[Figures], commit: &str) -> String {
             );
         }
     }
-    table += "\n| task | controller | command | environment steps | wall clock of the training | commit |\n\
+    table += "\n| task | controller | command | environment steps to the best | wall clock of the training | commit |\n\
               |---|---|---|--:|--:|---|\n";
     for figures in measured.iter().filter(|figures| !figures.training.is_null()) {
         let training = &figures.training;

@@ -200,10 +200,14 @@ impl Seat {
                     self.step(rollout, row, step, episode)?;
                 }
             }
+            if episodes.iter().all(|episode| episode.end != End::Completed) {
+                break;
+            }
         }
         for episode in &mut episodes {
             if !matches!(episode.end, End::Diverged { .. }) {
-                episode.verdict = self.judge.verdict(&episode.trace)?;
+                let whole = episode.end == End::Completed;
+                episode.verdict = self.judge.verdict(&episode.trace, whole)?;
             }
         }
         Ok(episodes)
@@ -259,7 +263,12 @@ impl Seat {
             }
             if let Some(component) = actions.iter().position(|a| !a.is_finite()) {
                 let value = f64::from(actions[component]);
-                return Err(RolloutError::Action { component, value, step, x0: episode.x0.clone() });
+                return Err(RolloutError::Action {
+                    component,
+                    value,
+                    step: step + 1,
+                    x0: episode.x0.clone(),
+                });
             }
         }
         Ok(())

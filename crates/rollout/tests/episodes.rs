@@ -72,7 +72,7 @@ struct LineWorker {
 }
 
 impl LineWorker {
-    fn show(x: f64, sample: Sample<'_>) {
+    fn show(x: f64, sample: &mut Sample<'_>) {
         sample.observation[0] = x as f32;
         sample.signals[0] = x;
         sample.rewards[0] = -x.abs();
@@ -80,15 +80,15 @@ impl LineWorker {
 }
 
 impl Worker for LineWorker {
-    fn reset(&mut self, x0: &[f64], seed: Seed, state: &mut [f64], sample: Sample<'_>) {
+    fn reset(&mut self, x0: &[f64], seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
         state[0] = x0[0] + 0.01 * seed.uniform(Stream::Reset, 0, 0);
-        Self::show(state[0], sample);
+        Self::show(state[0], &mut sample);
     }
 
-    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> Status {
+    fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> Status {
         self.seen.lock().unwrap().push(action[0]);
         state[0] += 0.1 * action[0];
-        Self::show(state[0], sample);
+        Self::show(state[0], &mut sample);
         if state[0] > self.cliff { Status::Diverged } else { Status::Running }
     }
 }
@@ -252,7 +252,7 @@ fn what_does_not_fit_is_refused() {
     assert!(matches!(system.rollout(&wrong(vec![f64::NAN])), Err(RolloutError::NotFinite { .. })));
 
     let mut broken = rollout(Line::new(9.0), f32::NAN, Noise::default());
-    assert!(matches!(broken.rollout(&requests(1)), Err(RolloutError::Action { step: 0, .. })));
+    assert!(matches!(broken.rollout(&requests(1)), Err(RolloutError::Action { step: 1, .. })));
 }
 
 #[test]
