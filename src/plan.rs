@@ -88,7 +88,7 @@ pub struct FalsifyPlan {
     pub trials: u32,
     /// Simulations a trial may spend.
     pub budget: u32,
-    /// First simplex of `nelder-mead`, d + 1 points of [0,1]^d; without one SciPy's, around a random start.
+    /// First simplex of `nelder-mead`, d + 1 points of the unit cube; without one SciPy's, around a random start.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub initial_simplex: Option<Vec<Vec<f64>>>,
 }
