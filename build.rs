@@ -3,12 +3,14 @@
 use std::process::Command;
 
 fn main() {
-    for file in [".git/HEAD", ".git/index"] {
-        if std::path::Path::new(file).exists() {
-            println!("cargo::rerun-if-changed={file}");
-        }
+    // Whether anything is changed can be told only by looking whenever something is.
+    for file in ["build.rs", "Cargo.toml", "Cargo.lock", "src", "crates"] {
+        println!("cargo::rerun-if-changed={file}");
     }
-    println!("cargo::rerun-if-changed=build.rs");
+    if let Some(folder) = output("git", &["rev-parse", "--git-dir"]) {
+        println!("cargo::rerun-if-changed={folder}/HEAD");
+        println!("cargo::rerun-if-changed={folder}/index");
+    }
     let commit = output("git", &["rev-parse", "--short=12", "HEAD"]).unwrap_or_else(|| "unknown".to_string());
     let changed =
         output("git", &["status", "--porcelain", "--untracked-files=no"]).is_some_and(|s| !s.is_empty());

@@ -31,6 +31,7 @@ fn main() {
             search: "random".to_string(),
             trials: 16,
             budget: SIMULATIONS / 16,
+            initial_simplex: None,
         });
         let subject = Subject::new(&plan).expect("the plan is sound");
         let (one, two) = (pool(1), pool(2));

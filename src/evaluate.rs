@@ -3,9 +3,10 @@ use std::ops::ControlFlow;
 use mishandle_evaluation::{Evaluation, Metrics, Report};
 use mishandle_rollout::Seed;
 use mishandle_store::{RunWriter, TrialStatus};
+use mishandle_tasks::Preset;
 
 use crate::record::{self, Place};
-use crate::{MishandleError, Plan, Starts, Subject};
+use crate::{MishandleError, Plan, Starts, Subject, preset};
 
 /// An evaluation's simulations are one trial of its run.
 const TRIAL: u32 = 1;
@@ -28,7 +29,10 @@ pub fn evaluate(
         accepted: (evaluate.starts == Starts::Reachable).then_some(&reachable as &dyn Fn(&[f64]) -> bool),
         ..Evaluation::new(evaluate.episodes, Seed(plan.seed))
     };
-    let mut metrics = Metrics::new();
+    let mut metrics = match preset(&plan.preset)? {
+        Preset::Paper => Metrics::new(),
+        Preset::Code => Metrics::with_failures_completing(),
+    };
     match run.file().trials()?.is_empty() {
         true => run.start_trial(TRIAL, plan.seed)?,
         false => {

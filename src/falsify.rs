@@ -2,7 +2,7 @@ use std::ops::ControlFlow;
 
 use mishandle_falsification::{Campaign, Outcome, Recorded, Settings, TrialEnd};
 use mishandle_rollout::{Environment, Seed};
-use mishandle_search::{SEARCHES, SearchOptions, by_name};
+use mishandle_search::{SEARCHES, Search, SearchError, SearchOptions, by_name};
 use mishandle_store::{RunWriter, TrialStatus};
 
 use crate::record::{self, Place};
@@ -28,11 +28,7 @@ pub fn falsify(
     let settings = Settings { trials: falsify.trials, budget: falsify.budget, seed: Seed(plan.seed) };
     let initial_box = subject.environment.initial_box();
     let dimension = initial_box.dimension();
-    check_search(falsify)?;
-    let mut options = SearchOptions::default();
-    // As SciPy does when it is told how many evaluations there are: they are the only limit.
-    options.nelder_mead.max_evaluations = Some(falsify.budget as usize);
-    let make = |seed| by_name(&falsify.search, dimension, seed, &options);
+    let make = |seed| make(falsify, dimension, seed);
     let mut campaign = Campaign::new(settings, initial_box, make)?;
     let mut progress = Progress::default();
     for simulation in run.file().simulations() {
@@ -50,7 +46,10 @@ pub fn falsify(
     }
     let mut begun = vec![false; falsify.trials as usize];
     for trial in run.file().trials()? {
-        begun[trial.trial.number as usize - 1] = true;
+        // A number past the plan's trials cannot come this far: the campaign has refused its simulations.
+        if let Some(begun) = begun.get_mut((trial.trial.number as usize).wrapping_sub(1)) {
+            *begun = true;
+        }
         progress.ended += u32::from(trial.trial.status != TrialStatus::Running);
         progress.falsified += u32::from(trial.trial.status == TrialStatus::Falsified);
     }
@@ -115,14 +114,29 @@ fn status(end: TrialEnd) -> TrialStatus {
     }
 }
 
-/// Checks that the search is one of those there are.
-pub(crate) fn check_search(falsify: &FalsifyPlan) -> Result<(), MishandleError> {
-    if SEARCHES.iter().any(|entry| entry.name == falsify.search) {
-        return Ok(());
+/// Checks all that a falsification is asked to do, for a box with this number of axes.
+pub(crate) fn check(falsify: &FalsifyPlan, dimension: usize) -> Result<(), MishandleError> {
+    for (what, value) in [("the number of trials", falsify.trials), ("the budget", falsify.budget)] {
+        if value == 0 {
+            return Err(MishandleError::Value { what, value: value.to_string(), wanted: "at least 1" });
+        }
     }
-    Err(MishandleError::Name {
-        kind: "search",
-        name: falsify.search.clone(),
-        known: SEARCHES.iter().map(|entry| entry.name.to_string()).collect(),
-    })
+    if !SEARCHES.iter().any(|entry| entry.name == falsify.search) {
+        return Err(MishandleError::Name {
+            kind: "search",
+            name: falsify.search.clone(),
+            known: SEARCHES.iter().map(|entry| entry.name.to_string()).collect(),
+        });
+    }
+    make(falsify, dimension, 0)?;
+    Ok(())
+}
+
+/// The search of a trial.
+fn make(falsify: &FalsifyPlan, dimension: usize, seed: u64) -> Result<Box<dyn Search>, SearchError> {
+    let mut options = SearchOptions::default();
+    options.nelder_mead.initial_simplex.clone_from(&falsify.initial_simplex);
+    // As SciPy does when it is told how many evaluations there are: they are the only limit.
+    options.nelder_mead.max_evaluations = Some(falsify.budget as usize);
+    by_name(&falsify.search, dimension, seed, &options)
 }

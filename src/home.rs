@@ -1,8 +1,8 @@
 //! Where the repository's data files are: shipped controllers and training settings.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-/// The folder that holds `controllers/` and `experiments/`: `MISHANDLE_HOME` if it is set, else the first such folder
+/// The folder that holds `controllers/` and `experiments/training/`: `MISHANDLE_HOME` if it is set, else the first such folder
 /// at or above the working directory or the program's own.
 pub fn home() -> PathBuf {
     if let Some(home) = std::env::var_os("MISHANDLE_HOME") {
@@ -12,13 +12,18 @@ pub fn home() -> PathBuf {
     let program = std::env::current_exe().unwrap_or_default();
     here.ancestors()
         .chain(program.ancestors())
-        .find(|folder| folder.join("controllers").is_dir() && folder.join("experiments").is_dir())
+        .find(|folder| folder.join("controllers").is_dir() && folder.join("experiments/training").is_dir())
         .map_or(here.clone(), PathBuf::from)
 }
 
 /// Where the shipped controller of that name for a task is.
 pub fn controller_path(task: &str, name: &str) -> PathBuf {
     home().join("controllers").join(task).join(format!("{name}.safetensors"))
+}
+
+/// What a controller is called: its name, or that of its file without folder and extension.
+pub fn controller_name(controller: &str) -> String {
+    Path::new(controller).file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Where the training settings of an algorithm for a task are.

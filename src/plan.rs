@@ -88,11 +88,20 @@ pub struct FalsifyPlan {
     pub trials: u32,
     /// Simulations a trial may spend.
     pub budget: u32,
+    /// First simplex of `nelder-mead`, d + 1 points of the unit cube; without one SciPy's, around a random start.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub initial_simplex: Option<Vec<Vec<f64>>>,
 }
 
 impl Default for FalsifyPlan {
     fn default() -> Self {
-        FalsifyPlan { formula: "success".to_string(), search: "random".to_string(), trials: 30, budget: 300 }
+        FalsifyPlan {
+            formula: "success".to_string(),
+            search: "random".to_string(),
+            trials: 30,
+            budget: 300,
+            initial_simplex: None,
+        }
     }
 }
 

@@ -6,13 +6,19 @@ use mishandle_rollout::{End, Environment, Episode, Seed, Verdict};
 use mishandle_store as store;
 use mishandle_store::{Existing, RunHeader, RunKind, RunWriter, SimulationRecord};
 
-use crate::{MishandleError, Plan, Subject, build};
+use crate::subject::is_path;
+use crate::{MishandleError, Plan, Subject, build, controller_name};
 
 /// Names of the verdicts that are stored beside the robustness.
 const VERDICTS: [&str; 5] = ["success", "strict", "dangerous_steps", "completion_step", "total_reward"];
 
 /// The header of a run of `plan` on `subject`.
 fn header(plan: &Plan, subject: &Subject) -> RunHeader {
+    // A run is resumed and replayed from anywhere, so a path in it leads there from anywhere.
+    let mut stored = plan.clone();
+    if let (true, Ok(path)) = (is_path(&plan.controller), std::path::absolute(&plan.controller)) {
+        stored.controller = path.to_string_lossy().into_owned();
+    }
     let environment = &subject.environment;
     let axes = environment.initial_box().axes().iter().map(|axis| store::Axis {
         name: axis.name.clone(),
@@ -23,8 +29,8 @@ fn header(plan: &Plan, subject: &Subject) -> RunHeader {
     RunHeader {
         kind: if plan.falsify.is_some() { RunKind::Falsify } else { RunKind::Evaluate },
         build: build(),
-        plan: plan.to_toml(),
-        controller: plan.controller.clone(),
+        plan: stored.to_toml(),
+        controller: controller_name(&plan.controller),
         controller_hash: subject.controller_hash.clone(),
         controller_bytes_hash: subject.controller_bytes_hash.clone(),
         task: plan.task.clone(),
@@ -56,7 +62,7 @@ fn free_path(plan: &Plan) -> Result<PathBuf, MishandleError> {
     let folder = PathBuf::from("runs");
     std::fs::create_dir_all(&folder)
         .map_err(|source| MishandleError::File { path: folder.clone(), source })?;
-    let controller = Path::new(&plan.controller).file_stem().unwrap_or_default().to_string_lossy();
+    let controller = controller_name(&plan.controller);
     let work = match &plan.falsify {
         Some(falsify) => format!("falsify-{}-{controller}-{}", plan.task, falsify.search),
         None => format!("evaluate-{}-{controller}", plan.task),

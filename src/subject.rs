@@ -65,7 +65,7 @@ impl Subject {
         let environment = Arc::new(TaskEnvironment::new(task, preset, Reward::Original)?);
         let mut specification = task.definition().formulas(preset).specification()?;
         if let Some(falsify) = &plan.falsify {
-            crate::falsify::check_search(falsify)?;
+            crate::falsify::check(falsify, environment.initial_box().dimension())?;
             specification.requirement = requirement(&falsify.formula, &specification)?;
         }
         check_decided(&specification.requirement, &environment)?;
@@ -124,6 +124,11 @@ fn check_decided(formula: &Formula, environment: &TaskEnvironment) -> Result<(),
     }
 }
 
+/// Whether a controller is named by a path, not by the name of a shipped one.
+pub(crate) fn is_path(controller: &str) -> bool {
+    controller.contains(std::path::MAIN_SEPARATOR) || Path::new(controller).extension().is_some()
+}
+
 struct Loaded {
     controller: Arc<dyn Controller>,
     hash: String,
@@ -134,14 +139,21 @@ struct Loaded {
 fn load_controller(task: &dyn Task, name: &str, stochastic: bool) -> Result<Loaded, MishandleError> {
     let definition = task.definition();
     if name == "expert" {
+        if stochastic {
+            return Err(MishandleError::Value {
+                what: "controller",
+                value: "the expert".to_string(),
+                wanted: "a learned policy, for its actions to be sampled",
+            });
+        }
         let controller = task
             .expert()
             .map_err(|source| MishandleError::Expert { task: definition.name.to_string(), source })?;
         return Ok(Loaded { controller, hash: "expert".to_string(), bytes_hash: String::new() });
     }
-    let is_path = name.contains(std::path::MAIN_SEPARATOR) || Path::new(name).extension().is_some();
-    let path = if is_path { Path::new(name).to_path_buf() } else { controller_path(definition.name, name) };
-    if !is_path && !path.is_file() {
+    let path =
+        if is_path(name) { Path::new(name).to_path_buf() } else { controller_path(definition.name, name) };
+    if !is_path(name) && !path.is_file() {
         return Err(MishandleError::Name {
             kind: "controller",
             name: name.to_string(),

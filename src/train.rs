@@ -5,7 +5,7 @@ use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, Vali
 use mishandle_rollout::{Environment, Noise, Request, Rollout, Seed, Specification, System};
 use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment};
 use mishandle_training::ppo::{self, PpoConfig};
-use mishandle_training::{Checkpoint, Flow, Observer, Progress, Trained, Validation};
+use mishandle_training::{Checkpoint, Flow, Observer, Progress, Trained, TrainingError, Validation};
 
 use crate::{MishandleError, build, settings_path, task};
 
@@ -39,7 +39,9 @@ pub struct TrainPlan {
 impl TrainPlan {
     /// Where the checkpoint is.
     pub fn checkpoint(&self) -> PathBuf {
-        self.out.with_extension("checkpoint")
+        let mut name = self.out.clone().into_os_string();
+        name.push(".checkpoint");
+        name.into()
     }
 
     /// The command line that does the same again.
@@ -62,7 +64,8 @@ impl TrainPlan {
 /// each iteration, and may stop it; what has been learned until then is written all the same.
 ///
 /// # Errors
-/// If a name is unknown, the settings are wrong, the checkpoint does not fit, or a file cannot be written.
+/// If a name is unknown, the settings are wrong, the checkpoint is another training's, or a file cannot be written. If
+/// only the last checkpoint could not, the controller is there nevertheless.
 pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<Trained, MishandleError> {
     let task = task(&plan.task)?;
     let reward = reward(&plan.reward)?;
@@ -77,22 +80,23 @@ pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<T
     let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, reward)?);
     let specification = task.definition().formulas(Preset::Paper).specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
-    if let Some(checkpoint) = &resumed {
-        checkpoint.check(&plan.algorithm, &plan.task, plan.seed)?;
-    }
     let mut watcher = Watcher {
         environment: environment.clone(),
         specification,
         checkpoint: plan.checkpoint(),
         watch,
         failure: None,
+        unsaved: None,
     };
     let trained = ppo::train(environment, &config, Seed(plan.seed), resumed.as_ref(), &mut watcher)?;
     if let Some(failure) = watcher.failure {
         return Err(failure);
     }
     controller(plan, task, &config, &trained).save(&plan.out)?;
-    Ok(trained)
+    match watcher.unsaved {
+        Some(failure) => Err(failure.into()),
+        None => Ok(trained),
+    }
 }
 
 fn settings(plan: &TrainPlan) -> Result<PpoConfig, MishandleError> {
@@ -148,7 +152,10 @@ struct Watcher<W> {
     specification: Specification,
     checkpoint: PathBuf,
     watch: W,
+    /// Why the last validation was not possible: that ends the training.
     failure: Option<MishandleError>,
+    /// Why the last checkpoint could not be written: the training goes on, and the next may be.
+    unsaved: Option<TrainingError>,
 }
 
 impl<W> Watcher<W> {
@@ -191,9 +198,7 @@ impl<W: FnMut(&Progress) -> Flow> Observer for Watcher<W> {
     }
 
     fn checkpoint(&mut self, checkpoint: &Checkpoint) {
-        if let Err(error) = checkpoint.save(&self.checkpoint) {
-            self.failure = Some(error.into());
-        }
+        self.unsaved = checkpoint.save(&self.checkpoint).err();
     }
 }
 

@@ -30,6 +30,7 @@ const STEPS: &[Step] = &[
         action: Action::Cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"]),
     },
     Step { name: "tests", action: Action::Chore(tests) },
+    Step { name: "docs", action: Action::Cargo(&["doc", "--workspace", "--no-deps", "--quiet"]) },
     Step { name: "doc tests", action: Action::Cargo(&["test", "--workspace", "--doc"]) },
     Step { name: "readme", action: Action::Chore(readme::check) },
 ];

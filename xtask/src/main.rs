@@ -4,6 +4,7 @@
 
 mod check;
 mod demo;
+mod figures;
 mod golden;
 mod mujoco;
 mod process;
@@ -60,6 +61,12 @@ const CHORES: &[Chore] = &[
         arguments: "[NAME...]",
         about: "make the golden files of the tests again, from the programs we agree with",
         run: golden::remake,
+    },
+    Chore {
+        name: "figures",
+        arguments: "",
+        about: "measure the shipped controllers; rewrite the tables of README.md and controllers/README.md",
+        run: |root, _| figures::remake(root),
     },
 ];
 

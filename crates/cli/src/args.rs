@@ -97,6 +97,7 @@ pub struct Run {
 
 /// Which controller acts in which task, and how.
 #[derive(Debug, Args)]
+#[group(id = "subject", multiple = true)]
 pub struct Subject {
     /// Name of a task
     #[arg(required_unless_present_any = ["plan", "resume"])]
@@ -172,8 +173,8 @@ pub struct Evaluate {
     /// Run file for the simulations [default: a new one in runs/]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Carry on a run that was stopped
-    #[arg(long, value_name = "RUN")]
+    /// Carry on a run that was stopped, as its own plan says
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["subject", "episodes", "starts", "out", "seed"])]
     pub resume: Option<PathBuf>,
     #[command(flatten)]
     pub run: Run,
@@ -206,8 +207,9 @@ pub struct Falsify {
     /// Run file for the simulations [default: a new one in runs/]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Carry on a run that was stopped
+    /// Carry on a run that was stopped, as its own plan says
     #[arg(long, value_name = "RUN")]
+    #[arg(conflicts_with_all = ["subject", "search", "formula", "trials", "budget", "out", "seed"])]
     pub resume: Option<PathBuf>,
     #[command(flatten)]
     pub run: Run,
@@ -224,15 +226,18 @@ pub struct Replay {
     /// Run file
     #[arg(value_name = "RUN")]
     pub file: PathBuf,
-    /// Number of the trial [default: that of the first counterexample, else 1]
+    /// Number of the trial [default: with --simulation 1, else any]
     #[arg(long, value_name = "N")]
     pub trial: Option<u32>,
-    /// Number of the simulation within the trial [default: the one with the least robustness]
+    /// Number of the simulation within the trial [default: the first counterexample, else the least robust]
     #[arg(long, value_name = "N")]
     pub simulation: Option<u32>,
     /// Write the trace to this CSV file
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
+    /// Number of threads; the result never depends on it [default: all cores]
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
     /// One JSON document on stdout
     #[arg(long)]
     pub json: bool,

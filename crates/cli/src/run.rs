@@ -10,8 +10,8 @@ use crate::args;
 use crate::output;
 
 /// Makes a rayon pool of the wanted size the one that everything runs in.
-pub fn set_threads(run: &args::Run) -> Result<()> {
-    if let Some(threads) = run.threads {
+pub fn set_threads(threads: Option<usize>) -> Result<()> {
+    if let Some(threads) = threads {
         ensure!(threads > 0, "--threads is 0; it has to be at least 1");
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
     }

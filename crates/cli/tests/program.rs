@@ -309,3 +309,35 @@ fn mistakes_are_refused_before_anything_runs() {
     bench.refuses("falsify --resume junk.sqlite", &["junk.sqlite"]);
     assert!(!bench.path("runs").exists(), "a run was begun");
 }
+
+#[test]
+fn a_training_resumes_to_the_same_controller_and_can_be_measured() {
+    let bench = Bench::new();
+    bench.write(
+        "ppo.toml",
+        "environments = 16\nrollout_steps = 16\ntotal_steps = 2048\nminibatch_rows = 128\nvalidation_every = 4\n\
+         validation_episodes = 4\n",
+    );
+    let train = "train point-reaching --settings ppo.toml --seed 7 --json";
+    let whole = bench.json(&format!("{train} --out whole.safetensors --threads 2"), 0);
+    bench.json(&format!("{train} --out halved.safetensors --steps 1024 --threads 1"), 0);
+    let halved = bench.json(&format!("{train} --out halved.safetensors --resume --threads 1"), 0);
+    assert_eq!(whole, halved);
+    assert_eq!(whole["environment_steps"], 2048);
+    let report = bench.json("evaluate point-reaching --controller whole.safetensors --episodes 8 --json", 0);
+    assert_eq!(report["success_rate"]["n"], 8);
+    // Another task's controller is refused, and says why.
+    bench.refuses(
+        "evaluate ball-balancing --controller whole.safetensors",
+        &["point-reaching", "ball-balancing"],
+    );
+    // Nothing is written over unasked.
+    bench.refuses(&format!("{train} --out whole.safetensors"), &["exists already"]);
+    bench.write("wrong.toml", "gama = 0.9\n");
+    bench.refuses("train point-reaching --settings wrong.toml", &["wrong.toml", "gama"]);
+    bench.refuses(
+        "train point-reaching --algorithm pppo",
+        &["no training algorithm `pppo`", "did you mean `ppo`?"],
+    );
+    bench.refuses("train point-reaching --reward best", &["no reward `best`", "shaped"]);
+}

@@ -51,12 +51,18 @@ pub struct Metrics {
     strict_successes: u64,
     dangerous_shares: Vec<f64>,
     completion_steps: Vec<f64>,
+    failures_complete: bool,
 }
 
 impl Metrics {
     /// Metrics of no simulation.
     pub fn new() -> Metrics {
         Metrics::default()
+    }
+
+    /// Nothing measured yet; the completion time of a failed simulation counts, too, as in the original's code.
+    pub fn with_failures_completing() -> Metrics {
+        Metrics { failures_complete: true, ..Metrics::default() }
     }
 
     /// How many simulations were added.
@@ -84,7 +90,9 @@ impl Metrics {
         if steps > 0 {
             self.dangerous_shares.push(verdict.dangerous_steps as f64 / steps as f64);
         }
-        if let (true, Some(step)) = (holds(verdict.success), verdict.completion_step) {
+        if let (true, Some(step)) =
+            (self.failures_complete || holds(verdict.success), verdict.completion_step)
+        {
             self.completion_steps.push(step as f64);
         }
     }
@@ -189,6 +197,15 @@ mod tests {
         assert_eq!(report.strict_success_rate.value, Some(0.5));
         assert_eq!(report.dangerous_behavior_rate.value, Some(0.5));
         assert_eq!(report.task_completion_time.n, 1);
+    }
+
+    #[test]
+    fn the_completion_of_a_failure_counts_only_if_asked_for() {
+        let mut metrics = Metrics::with_failures_completing();
+        metrics.add(&episode(Some(-0.5), Some(-0.9), 0, Some(2)));
+        metrics.add(&episode(Some(0.5), Some(0.9), 0, Some(4)));
+        let time = metrics.report(Seed(0)).task_completion_time;
+        assert_eq!((time.value, time.n), (Some(3.0), 2));
     }
 
     #[test]

@@ -29,7 +29,8 @@ pub enum FalsificationError {
     Search(#[from] SearchError),
     /// A search gave no point though it has not ended and no value is awaited.
     #[error(
-        "the search `{search}` gave no point in trial {trial}, though it has not ended and awaits no value"
+        "the search `{search}` gave no point in trial {trial}, though it has not ended and awaits no value",
+        trial = .trial + 1
     )]
     Stalled {
         /// Name of the search.
@@ -50,7 +51,8 @@ pub enum FalsificationError {
     /// An episode ran to its end and left the formula undecided, so every other one would too.
     #[error(
         "simulation {number} of trial {trial} ran to its end and left the formula undecided; \
-         the formula's intervals have to lie within the episode"
+         the formula's intervals have to lie within the episode",
+        trial = .trial + 1
     )]
     Undecidable {
         /// Number of the trial.
@@ -60,7 +62,8 @@ pub enum FalsificationError {
     },
     /// A robustness that is no number.
     #[error(
-        "the robustness of simulation {number} of trial {trial}, from {x0:?}, is NaN; it has to be a number"
+        "the robustness of simulation {number} of trial {trial}, from {x0:?}, is NaN; it has to be a number",
+        trial = .trial + 1
     )]
     NotANumber {
         /// Number of the trial.
@@ -72,7 +75,8 @@ pub enum FalsificationError {
     },
     /// A recorded simulation of a trial that the campaign does not have.
     #[error(
-        "simulation {number} of trial {trial} is recorded, but the campaign has {trials} trials, numbered from 0"
+        "simulation {number} of trial {trial} is recorded, but the campaign has {trials} trials",
+        trial = .trial + 1
     )]
     UnknownTrial {
         /// Number of the trial.
@@ -83,7 +87,7 @@ pub enum FalsificationError {
         trials: u32,
     },
     /// A recorded simulation that is not the next one of its trial.
-    #[error("simulation {found} of trial {trial} is recorded where simulation {wanted} has to come next")]
+    #[error("simulation {found} of trial {trial} is recorded where simulation {wanted} has to come next", trial = .trial + 1)]
     OutOfOrder {
         /// Number of the trial.
         trial: u32,
@@ -93,7 +97,7 @@ pub enum FalsificationError {
         wanted: u32,
     },
     /// A recorded simulation after the end of its trial.
-    #[error("simulation {number} of trial {trial} is recorded, but the trial ended with simulation {last}")]
+    #[error("simulation {number} of trial {trial} is recorded, but the trial ended with simulation {last}", trial = .trial + 1)]
     PastTheEnd {
         /// Number of the trial.
         trial: u32,
@@ -105,7 +109,8 @@ pub enum FalsificationError {
     /// What was recorded is not what the trial now asks for.
     #[error(
         "simulation {number} of trial {trial} was recorded {recorded}, but the trial now asks for one {asked}: \
-         the run was made by another build or with other settings and has to be resumed with those"
+         the run was made by another build or with other settings and has to be resumed with those",
+        trial = .trial + 1
     )]
     OtherBuild {
         /// Number of the trial.

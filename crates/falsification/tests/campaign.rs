@@ -174,7 +174,7 @@ fn a_robustness_that_is_nan_is_refused_with_its_place() {
     let error = run(&mut walk(&[0.5], 1, 9), &mut system(|_| Fate::Robustness(f64::NAN))).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "the robustness of simulation 1 of trial 0, from [5.0], is NaN; it has to be a number"
+        "the robustness of simulation 1 of trial 1, from [5.0], is NaN; it has to be a number"
     );
 }
 

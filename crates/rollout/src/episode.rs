@@ -58,8 +58,8 @@ pub type Stop = dyn Fn(usize, &[f64]) -> bool + Send + Sync;
 
 /// A controller in an environment, with noise and a specification: the [`System`] that our tasks are.
 ///
-/// Simulations run on all threads of the current rayon pool, [16](Self::rollout) at a time on each, their observations
-/// inferred together. An episode is the same to the bit whatever it runs beside.
+/// Simulations run on all threads of the current rayon pool, up to 16 at a time on each, their observations inferred
+/// together. An episode is the same to the bit whatever it runs beside.
 pub struct Rollout {
     environment: Arc<dyn Environment>,
     controller: Arc<dyn Controller>,
@@ -200,10 +200,14 @@ impl Seat {
                     self.step(rollout, row, step, episode)?;
                 }
             }
+            if episodes.iter().all(|episode| episode.end != End::Completed) {
+                break;
+            }
         }
         for episode in &mut episodes {
             if !matches!(episode.end, End::Diverged { .. }) {
-                episode.verdict = self.judge.verdict(&episode.trace)?;
+                let whole = episode.end == End::Completed;
+                episode.verdict = self.judge.verdict(&episode.trace, whole)?;
             }
         }
         Ok(episodes)
@@ -259,7 +263,12 @@ impl Seat {
             }
             if let Some(component) = actions.iter().position(|a| !a.is_finite()) {
                 let value = f64::from(actions[component]);
-                return Err(RolloutError::Action { component, value, step, x0: episode.x0.clone() });
+                return Err(RolloutError::Action {
+                    component,
+                    value,
+                    step: step + 1,
+                    x0: episode.x0.clone(),
+                });
             }
         }
         Ok(())

@@ -15,7 +15,7 @@ pub struct Axis {
 
 /// The set X₀ of initial configurations: a box, one [`Axis`] for each value of x₀.
 ///
-/// This is the one place where a unit point u of [0,1]^d becomes metres and radians.
+/// This is the one place where a unit point u of \[0,1\]^d becomes metres and radians.
 ///
 /// # Example
 /// ```
@@ -53,7 +53,7 @@ impl InitialBox {
         self.axes.len()
     }
 
-    /// The initial configuration at unit point `u` of [0,1]^d; bounds are met exactly at 0 and 1.
+    /// The initial configuration at unit point `u` of \[0,1\]^d; bounds are met exactly at 0 and 1.
     pub fn at(&self, u: &[f64]) -> Vec<f64> {
         self.axes.iter().zip(u).map(|(axis, u)| axis.low * (1.0 - u) + axis.high * u).collect()
     }

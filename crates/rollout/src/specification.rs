@@ -89,16 +89,18 @@ impl Rule {
             .map_err(|source| RolloutError::Monitor { formula: self.text.clone(), source })
     }
 
-    /// Number of samples at whose time the formula is covered by a trace of `len` samples.
-    fn covered(&self, len: usize) -> usize {
+    /// Number of samples at whose time the formula is covered by a trace of `len` samples, the `whole` episode or its
+    /// begin. A formula that reaches to the end, wherever that is, is covered by a whole one alone.
+    fn covered(&self, len: usize, whole: bool) -> usize {
         match self.monitor.horizon() {
             Some(horizon) => len.saturating_sub(horizon),
-            None => len,
+            None if whole => len,
+            None => 0,
         }
     }
 
-    fn at_start(&mut self, trace: &Trace) -> Result<Option<f64>, RolloutError> {
-        if self.covered(trace.len()) == 0 {
+    fn at_start(&mut self, trace: &Trace, whole: bool) -> Result<Option<f64>, RolloutError> {
+        if self.covered(trace.len(), whole) == 0 {
             return Ok(None);
         }
         Ok(self.signal(trace)?.first().copied())
@@ -125,16 +127,16 @@ impl Judge {
         })
     }
 
-    /// The verdict on `trace`.
+    /// The verdict on `trace`, which holds the `whole` episode or its begin.
     ///
     /// # Errors
     /// If a signal that a formula names holds NaN or an infinity.
-    pub fn verdict(&mut self, trace: &Trace) -> Result<Verdict, RolloutError> {
-        let covered = self.completion.covered(trace.len());
+    pub fn verdict(&mut self, trace: &Trace, whole: bool) -> Result<Verdict, RolloutError> {
+        let covered = self.completion.covered(trace.len(), whole);
         Ok(Verdict {
-            robustness: self.requirement.at_start(trace)?,
-            success: self.success.at_start(trace)?,
-            strict: self.strict.at_start(trace)?,
+            robustness: self.requirement.at_start(trace, whole)?,
+            success: self.success.at_start(trace, whole)?,
+            strict: self.strict.at_start(trace, whole)?,
             dangerous_steps: self.safe.signal(trace)?.iter().skip(1).filter(|rho| **rho < 0.0).count(),
             completion_step: self.completion.signal(trace)?[..covered].iter().position(|rho| *rho > 0.0),
         })
@@ -162,7 +164,7 @@ mod tests {
         // d = 5 4 2 1 1: success needs d <= 2.5 at samples 2 to 4, the worst of 0.5 1.5 1.5;
         // unsafe after sample 0: only the 4; complete once d <= 2 for two samples: from sample 2.
         let verdict = judge("always[2:4](d <= 2.5)", "always[0:1](d < 2.5)")
-            .verdict(&trace(&[5.0, 4.0, 2.0, 1.0, 1.0]))
+            .verdict(&trace(&[5.0, 4.0, 2.0, 1.0, 1.0]), true)
             .unwrap();
         assert_eq!(verdict.success, Some(0.5));
         assert_eq!(verdict.robustness, Some(0.5));
@@ -173,16 +175,24 @@ mod tests {
 
     #[test]
     fn a_formula_past_the_end_of_the_trace_is_undecided() {
-        let verdict = judge("always[2:9](d <= 2.5)", "d < 0").verdict(&trace(&[1.0, 1.0, 1.0])).unwrap();
+        let verdict =
+            judge("always[2:9](d <= 2.5)", "d < 0").verdict(&trace(&[1.0, 1.0, 1.0]), true).unwrap();
         assert_eq!(verdict.success, None);
         assert_eq!(verdict.strict, None);
         assert_eq!(verdict.completion_step, None);
     }
 
     #[test]
+    fn a_formula_that_reaches_to_the_end_is_undecided_before_it() {
+        let mut judge = judge("always(d <= 2.5)", "d < 0");
+        assert_eq!(judge.verdict(&trace(&[1.0, 1.0]), true).unwrap().success, Some(1.5));
+        assert_eq!(judge.verdict(&trace(&[1.0, 1.0]), false).unwrap().success, None);
+    }
+
+    #[test]
     fn completion_needs_its_whole_window_inside_the_trace() {
         let verdict =
-            judge("d < 9", "always[0:4](d < 1)").verdict(&trace(&[2.0, 0.0, 0.0, 0.0, 0.0])).unwrap();
+            judge("d < 9", "always[0:4](d < 1)").verdict(&trace(&[2.0, 0.0, 0.0, 0.0, 0.0]), true).unwrap();
         assert_eq!(verdict.completion_step, None);
     }
 

@@ -21,8 +21,9 @@ pub trait Search: Send {
     /// The next points to evaluate, at most `n`, each of length d with coordinates in [0, 1].
     ///
     /// Fewer than `n` where the next point depends on a value not yet told: `nelder-mead` gives its first simplex or
-    /// a shrunken one at once, `dual-annealing` a point with its neighbours for a gradient; otherwise both give one. None at all while
-    /// such a value is awaited, or when the search has ended, which [`finished`](Search::finished) tells apart.
+    /// a shrunken one at once, `dual-annealing` a point with its neighbours for a gradient; otherwise both give one.
+    /// None at all while such a value is awaited, or when the search has ended, which
+    /// [`finished`](Search::finished) tells apart.
     /// The sequence of points does not depend on how it is cut into batches.
     fn ask_batch(&mut self, n: usize) -> Vec<Vec<f64>>;
 

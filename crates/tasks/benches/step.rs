@@ -158,7 +158,7 @@ impl Episode {
             self.worker.step(action, &mut self.state, sample);
             self.trace.push(&self.signals);
         }
-        black_box(self.judge.verdict(&self.trace).expect("the trace is finite"));
+        black_box(self.judge.verdict(&self.trace, true).expect("the trace is finite"));
     }
 
     fn bare(&mut self) {

@@ -7,11 +7,7 @@ use mishandle_rollout::{Actor, Controller};
 use mishandle_world::{Joint, Model, PANDA, WorldError};
 
 use crate::definition::Definition;
-use crate::robot::{ARM_JOINTS, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT};
-
-/// Damping over stiffness of the arm's servos, s: a joint whose target is this many seconds ahead of it at a velocity
-/// moves at that velocity.
-const LAG: f64 = 0.2;
+use crate::robot::{ARM_JOINTS, JOINT_NAMES, JOINTS, Panda, SERVO_LAG, TARGET_STEP, VELOCITY_LIMIT};
 
 /// What an expert sees in one sample.
 pub(crate) struct Seen<'a> {
@@ -124,7 +120,7 @@ impl<B: Behavior> Actor for ExpertActor<B> {
             for i in 0..ARM_JOINTS {
                 let velocity = f64::from(observation[JOINTS + i]) / self.velocity_scale;
                 let wanted = wanted[i].clamp(-VELOCITY_LIMIT[i], VELOCITY_LIMIT[i]);
-                action[i] = (LAG * (wanted - velocity) / TARGET_STEP).clamp(-1.0, 1.0) as f32;
+                action[i] = (SERVO_LAG[i] * (wanted - velocity) / TARGET_STEP).clamp(-1.0, 1.0) as f32;
             }
             action[ARM_JOINTS..].fill(0.0);
         }

@@ -24,7 +24,7 @@ pub const EPISODE_STEPS: usize = 300;
 pub const TARGET_STEP: f64 = 7.5 / 60.0;
 
 /// Time constant of the servos: damping over stiffness, s (80 / 400 for the arm, 100 / 10,000 for the fingers).
-const SERVO_LAG: [f64; JOINTS] = [0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.01, 0.01];
+pub(crate) const SERVO_LAG: [f64; JOINTS] = [0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.01, 0.01];
 
 /// Velocity limits, rad/s for the arm, m/s for the fingers.
 pub const VELOCITY_LIMIT: [f64; JOINTS] = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61, 0.2, 0.2];

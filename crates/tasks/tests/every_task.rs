@@ -105,7 +105,7 @@ fn every_formula_names_signals_that_exist_and_is_decided_by_an_episode() {
             for _ in 0..=environment.episode_steps() {
                 trace.push(&vec![1.0; environment.signals().len()]);
             }
-            let verdict = judge.verdict(&trace).unwrap();
+            let verdict = judge.verdict(&trace, true).unwrap();
             assert!(verdict.success.is_some() && verdict.strict.is_some(), "{}", environment.name());
         }
     }

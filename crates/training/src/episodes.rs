@@ -192,6 +192,12 @@ impl Episodes {
         });
     }
 
+    /// What tells this environment from another: its name and the terms of its reward.
+    pub(crate) fn identity(&self) -> String {
+        let environment = self.environment();
+        format!("{} ({})", environment.name(), environment.reward_terms().join(", "))
+    }
+
     /// Rewards, boundaries and statistics of the step just made; moves the clocks.
     fn judge(&mut self) {
         let terms = self.statistics.reward_terms.len();

@@ -25,6 +25,8 @@ pub struct Progress {
     pub mean_episode_steps: Option<f64>,
     /// Share of these episodes that the task ended.
     pub terminated_rate: Option<f64>,
+    /// How many of these episodes ended because their numbers stopped being finite.
+    pub diverged: u64,
     /// Mean of each reward term per control step in this iteration, in the environment's order.
     pub reward_terms: Vec<f64>,
     /// What the last validation found, if there was one.
@@ -65,6 +67,9 @@ impl fmt::Display for Progress {
         if let Some(Validation { success_rate, strict_success_rate, .. }) = self.validation {
             let (success, strict) = (100.0 * success_rate, 100.0 * strict_success_rate);
             write!(f, ", success {success:.1} %, strict {strict:.1} %")?;
+        }
+        if self.diverged > 0 {
+            write!(f, ", {} diverged", self.diverged)?;
         }
         write!(f, ", {}:{:02} left", (left / 60.0).floor(), left % 60.0)
     }
@@ -148,6 +153,7 @@ mod tests {
             mean_return: Some(101.26),
             mean_episode_steps: Some(300.0),
             terminated_rate: Some(0.0),
+            diverged: 0,
             reward_terms: vec![],
             validation: Some(Validation {
                 success_rate: 0.985,

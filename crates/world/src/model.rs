@@ -32,6 +32,11 @@ impl Model {
             return Err(WorldError::Model("the document holds a zero byte".to_string()));
         }
         let inner = MjModel::from_xml_string(xml).map_err(|error| WorldError::Model(error.to_string()))?;
+        if inner.jnt_type().contains(&MjtJoint::mjJNT_BALL) {
+            return Err(WorldError::Model(
+                "it has a ball joint; only hinge, slide and free ones are known".into(),
+            ));
+        }
         let state_size = inner.state_size(INTEGRATION);
         Ok(Model { inner: Arc::new(inner), state_size })
     }

@@ -47,8 +47,7 @@ impl Rows<'_> {
     /// Linear (m/s) and angular (rad/s) velocity of a body's frame, both in world axes: the sum of what each joint
     /// between it and the world adds.
     ///
-    /// A fixture whose pose is set has no velocity. Joints with three angles alone (ball joints) are not supported:
-    /// no model of ours has one.
+    /// A fixture whose pose is set has no velocity.
     pub fn twist(&self, body: Body) -> ([f64; 3], [f64; 3]) {
         let point = self.position(body);
         let (mut linear, mut angular) = ([0.0; 3], [0.0; 3]);
@@ -66,7 +65,8 @@ impl Rows<'_> {
                         let w = [self.qvel[dof + 3], self.qvel[dof + 4], self.qvel[dof + 5]];
                         (v, rotate(self.body_quaternions[at], w))
                     }
-                    MjtJoint::mjJNT_BALL => ([0.0; 3], [0.0; 3]),
+                    // A model with one is refused when it is compiled.
+                    MjtJoint::mjJNT_BALL => continue,
                 };
                 linear = add(linear, add(v, cross(w, sub(point, anchor))));
                 angular = add(angular, w);
@@ -96,8 +96,9 @@ impl Rows<'_> {
         [self.qvel[joint.dof], self.qvel[joint.dof + 1], self.qvel[joint.dof + 2]]
     }
 
-    /// Angular velocity of a free body, its own axes, rad/s.
+    /// Angular velocity of a free body, world axes, rad/s. (MuJoCo has it in the body's own axes.)
     pub fn free_angular_velocity(&self, joint: Joint) -> [f64; 3] {
-        [self.qvel[joint.dof + 3], self.qvel[joint.dof + 4], self.qvel[joint.dof + 5]]
+        let quaternion = [3, 4, 5, 6].map(|i| self.qpos[joint.qpos + i]);
+        rotate(quaternion, [3, 4, 5].map(|i| self.qvel[joint.dof + i]))
     }
 }

@@ -2,14 +2,15 @@ use std::ops::ControlFlow;
 
 use anyhow::{Result, ensure};
 use mishandle::evaluation::{Estimate, Report};
-use mishandle::{EvaluatePlan, Plan, Starts};
+use mishandle::tasks::CONTROL_DT;
+use mishandle::{EvaluatePlan, Plan, Starts, Subject};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
 use crate::{Outcome, args, progress, run};
 
 pub fn run(command: &args::Evaluate) -> Result<Outcome> {
-    run::set_threads(&command.run)?;
+    run::set_threads(command.run.threads)?;
     let (plan, subject, file) =
         run::open(command.resume.as_deref(), command.out.as_deref(), || plan(command))?;
     let name = run::name(file.file());
@@ -21,7 +22,7 @@ pub fn run(command: &args::Evaluate) -> Result<Outcome> {
     })?;
     bar.finish_and_clear();
     if command.run.json {
-        output::json(&document(&plan, &report))?;
+        output::json(&document(&plan, &subject, &report))?;
     } else {
         output::line(&text(&plan, &report))?;
     }
@@ -46,7 +47,7 @@ fn plan(command: &args::Evaluate) -> Result<Plan> {
     Ok(plan)
 }
 
-fn document(plan: &Plan, report: &Report) -> Value {
+fn document(plan: &Plan, subject: &Subject, report: &Report) -> Value {
     let estimate = |estimate: &Estimate| {
         let value = |value: Option<f64>| value.map_or(Value::Null, number);
         json!({
@@ -59,7 +60,8 @@ fn document(plan: &Plan, report: &Report) -> Value {
     json!({
         "task": plan.task,
         "preset": plan.preset,
-        "controller": plan.controller,
+        "controller": mishandle::controller_name(&plan.controller),
+        "controller_hash": subject.controller_hash,
         "stochastic": plan.stochastic,
         "action_noise": plan.action_noise,
         "observation_noise": plan.observation_noise,
@@ -82,9 +84,10 @@ fn text(plan: &Plan, report: &Report) -> String {
         _ => [String::from("-"), String::new()],
     };
     let steps = |estimate: &Estimate| match (estimate.value, estimate.low, estimate.high) {
-        (Some(value), Some(low), Some(high)) => {
-            [format!("{value:.1} control steps ({:.2} s)", value / 60.0), format!("[{low:.1}, {high:.1}]")]
-        }
+        (Some(value), Some(low), Some(high)) => [
+            format!("{value:.1} control steps ({:.2} s)", value * CONTROL_DT),
+            format!("[{low:.1}, {high:.1}]"),
+        ],
         _ => [String::from("-"), String::new()],
     };
     let row = |name: &str, [value, interval]: [String; 2], n: u64| {

@@ -11,7 +11,7 @@ use crate::output::{self, number};
 use crate::{Outcome, args, progress, run};
 
 pub fn run(command: &args::Falsify) -> Result<Outcome> {
-    run::set_threads(&command.run)?;
+    run::set_threads(command.run.threads)?;
     let (plan, subject, file) =
         run::open(command.resume.as_deref(), command.out.as_deref(), || plan(command))?;
     let name = run::name(file.file());
@@ -72,7 +72,8 @@ fn document(plan: &Plan, subject: &Subject, found: &Found) -> Value {
     json!({
         "task": plan.task,
         "preset": plan.preset,
-        "controller": plan.controller,
+        "controller": mishandle::controller_name(&plan.controller),
+        "controller_hash": subject.controller_hash,
         "stochastic": plan.stochastic,
         "action_noise": plan.action_noise,
         "observation_noise": plan.observation_noise,

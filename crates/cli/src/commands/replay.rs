@@ -2,11 +2,11 @@ use anyhow::{Context, Result, bail};
 use mishandle::store::{self, RunFile};
 use serde_json::{Value, json};
 
-use crate::Outcome;
-use crate::args;
 use crate::output::{self, number};
+use crate::{Outcome, args, run};
 
 pub fn run(command: &args::Replay) -> Result<Outcome> {
+    run::set_threads(command.threads)?;
     let file = RunFile::open(&command.file)?;
     let Some((trial, simulation)) = mishandle::choose(&file, command.trial, command.simulation)? else {
         bail!("{} has no decided simulation to replay", command.file.display());

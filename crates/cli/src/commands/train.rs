@@ -13,7 +13,7 @@ use crate::{Outcome, args, run};
 const QUIET: Duration = Duration::from_secs(30);
 
 pub fn run(command: &args::Train) -> Result<Outcome> {
-    run::set_threads(&command.run)?;
+    run::set_threads(command.run.threads)?;
     let seed = command.run.seed.unwrap_or(0);
     let plan = TrainPlan {
         task: command.task.clone(),
@@ -25,8 +25,9 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
         out: command.out.clone().unwrap_or_else(|| default_out(&command.task, &command.algorithm, seed)),
         resume: command.resume,
     };
-    if plan.out.exists() && !plan.resume {
-        bail!("{} exists already; give another --out, or --resume to carry on", plan.out.display());
+    let taken = [plan.out.clone(), plan.checkpoint()].into_iter().find(|path| path.exists());
+    if let (Some(path), false) = (taken, plan.resume) {
+        bail!("{} exists already; give another --out, or --resume to carry on", path.display());
     }
     let line = live_line();
     let mut last = Instant::now();

@@ -81,7 +81,8 @@ const DEFINITION: Definition = Definition {
     },
     termination: "the ball is farther than 0.54 m from the tray's reference point, or lower than 0.5 m",
     differences: "The original's tray is held by friction alone; here it is part of the hand, since dropping the tray \
-                  is not the failure under study. The ball hits the ground with a restitution of 0.4.",
+                  is not the failure under study. The ball hits the ground with a \
+                  restitution of 0.4. The tray's handle touches nothing, and neither tray nor robot reaches the ground.",
 };
 
 const STRICT: &str = "always[50:300](ball_tray_horizontal_distance <= 0.2 and ball_height_above_tray > 0) \

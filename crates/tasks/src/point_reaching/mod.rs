@@ -51,7 +51,8 @@ const DEFINITION: Definition = Definition {
     paper: FORMULAS,
     code: FORMULAS,
     termination: "never",
-    differences: "None that matters: nothing is touched.",
+    differences: "The finger position is the midpoint of both fingers; the original took the left one, at most 1 cm off. \
+                  Nothing is touched.",
 };
 
 const FORMULAS: Formulas = Formulas {

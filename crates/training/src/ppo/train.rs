@@ -31,7 +31,8 @@ const LEARNING_RATE_FACTOR: f64 = 1.5;
 
 /// Trains a policy in `environment`, on the threads of the current rayon pool.
 ///
-/// With a checkpoint it goes on from there, to the same bits as if it had not been interrupted.
+/// With a checkpoint of the same settings it goes on from there, to the same bits as if it had not been interrupted.
+/// Only `total_steps` may differ.
 ///
 /// # Errors
 /// If a setting is out of its range, the checkpoint is another training's, or the weights stop being finite.
@@ -58,7 +59,6 @@ pub fn train(
     while !ended {
         let mut progress = learner.iterate()?;
         let is_last = learner.iteration >= config.iterations();
-        progress.validation_is_fresh = false;
         if is_last || learner.iteration.is_multiple_of(config.validation_every) {
             let policy = learner.policy()?;
             if let Some(found) = observer.validate(&policy, config.validation_episodes) {
@@ -249,6 +249,7 @@ impl<'a> Learner<'a> {
             mean_return: mean(statistics.total_reward),
             mean_episode_steps: mean(statistics.total_steps as f64),
             terminated_rate: mean(statistics.terminated as f64),
+            diverged: statistics.diverged,
             reward_terms: statistics.reward_terms.iter().map(|sum| sum / statistics.steps as f64).collect(),
             validation: None,
             validation_is_fresh: false,
@@ -381,8 +382,8 @@ impl<'a> Learner<'a> {
     }
 
     fn checkpoint(&self) -> Checkpoint {
-        let environment = self.episodes.environment().name().to_string();
-        let mut checkpoint = Checkpoint::new(ALGORITHM, &environment, self.seed.0, &self.config.to_toml());
+        let settings = self.config.to_toml();
+        let mut checkpoint = Checkpoint::new(ALGORITHM, &self.episodes.identity(), self.seed.0, &settings);
         checkpoint.put("iteration", vec![self.iteration]);
         checkpoint.put("policy.parameters", self.network.parameters().to_vec());
         checkpoint.put("policy.log_std", self.log_std.clone());
@@ -395,7 +396,15 @@ impl<'a> Learner<'a> {
     }
 
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
-        checkpoint.check(ALGORITHM, self.episodes.environment().name(), self.seed.0)?;
+        checkpoint.check(ALGORITHM, &self.episodes.identity(), self.seed.0)?;
+        let began = PpoConfig::from_toml(checkpoint.settings())?;
+        if (PpoConfig { total_steps: self.config.total_steps, ..began.clone() }) != *self.config {
+            return Err(TrainingError::OtherTraining {
+                what: "settings",
+                wanted: self.config.to_toml().replace('\n', ", "),
+                found: began.to_toml().replace('\n', ", "),
+            });
+        }
         let (parameters, actions) = (self.network.parameter_count(), self.log_std.len());
         self.iteration = checkpoint.u64s("iteration", 1)?[0];
         let own = checkpoint.f32s("policy.parameters", parameters)?;

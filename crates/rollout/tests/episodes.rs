@@ -1,0 +1,283 @@
+//! Episodes of an environment in closed form: what they record, and that nothing depends on what runs beside them.
+
+#![allow(clippy::unwrap_used)]
+
+use std::sync::{Arc, Mutex};
+
+use mishandle_rollout::{
+    Actor, Axis, Batch, Controller, End, Environment, InitialBox, Noise, Request, Rollout, RolloutError,
+    Sample, Seed, Specification, Status, Stream, System, Worker,
+};
+
+/// A point on a line that moves by each action; it starts up to 0.01 off, drawn with the simulation's seed.
+struct Line {
+    initial_box: InitialBox,
+    signals: Arc<[String]>,
+    terms: [String; 1],
+    /// Position beyond which its numbers stop being finite.
+    cliff: f64,
+    /// Actions as they arrived, for the tests that look at them.
+    seen: Arc<Mutex<Vec<f64>>>,
+}
+
+impl Line {
+    fn new(cliff: f64) -> Line {
+        let axis = Axis { name: "x".into(), unit: "m".into(), low: -1.0, high: 1.0 };
+        Line {
+            initial_box: InitialBox::new(vec![axis]).unwrap(),
+            signals: Arc::from(["x".to_string()]),
+            terms: ["near".to_string()],
+            cliff,
+            seen: Arc::default(),
+        }
+    }
+}
+
+impl Environment for Line {
+    fn name(&self) -> &str {
+        "line"
+    }
+    fn initial_box(&self) -> &InitialBox {
+        &self.initial_box
+    }
+    fn signals(&self) -> &Arc<[String]> {
+        &self.signals
+    }
+    fn reward_terms(&self) -> &[String] {
+        &self.terms
+    }
+    fn observation_size(&self) -> usize {
+        1
+    }
+    fn action_size(&self) -> usize {
+        1
+    }
+    fn state_size(&self) -> usize {
+        1
+    }
+    fn control_dt(&self) -> f64 {
+        0.1
+    }
+    fn episode_steps(&self) -> usize {
+        20
+    }
+    fn worker(&self) -> Box<dyn Worker> {
+        Box::new(LineWorker { cliff: self.cliff, seen: self.seen.clone() })
+    }
+}
+
+struct LineWorker {
+    cliff: f64,
+    seen: Arc<Mutex<Vec<f64>>>,
+}
+
+impl LineWorker {
+    fn show(x: f64, sample: &mut Sample<'_>) {
+        sample.observation[0] = x as f32;
+        sample.signals[0] = x;
+        sample.rewards[0] = -x.abs();
+    }
+}
+
+impl Worker for LineWorker {
+    fn reset(&mut self, x0: &[f64], seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
+        state[0] = x0[0] + 0.01 * seed.uniform(Stream::Reset, 0, 0);
+        Self::show(state[0], &mut sample);
+    }
+
+    fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> Status {
+        self.seen.lock().unwrap().push(action[0]);
+        state[0] += 0.1 * action[0];
+        Self::show(state[0], &mut sample);
+        if state[0] > self.cliff { Status::Diverged } else { Status::Running }
+    }
+}
+
+/// Gives `gain` times what it sees, plus how often it has acted in this simulation.
+struct Gain {
+    gain: f32,
+    inputs: usize,
+}
+
+impl Controller for Gain {
+    fn observation_size(&self) -> usize {
+        self.inputs
+    }
+    fn action_size(&self) -> usize {
+        1
+    }
+    fn state_size(&self) -> usize {
+        1
+    }
+    fn actor(&self) -> Box<dyn Actor> {
+        Box::new(GainActor(self.gain))
+    }
+}
+
+struct GainActor(f32);
+
+impl Actor for GainActor {
+    fn reset(&mut self, state: &mut [f64], _seed: Seed) {
+        state[0] = 0.0;
+    }
+
+    fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
+        for row in 0..rows {
+            actions[row] = self.0 * observations[row] + 0.001 * states[row] as f32;
+            states[row] += 1.0;
+        }
+    }
+}
+
+fn specification() -> Specification {
+    Specification::parse("always[0:20](x <= 2)", "eventually[0:20](x < 0.1)", "x <= 0.5", "x < 0.3").unwrap()
+}
+
+fn rollout(line: Line, gain: f32, noise: Noise) -> Rollout {
+    Rollout::new(Arc::new(line), Arc::new(Gain { gain, inputs: 1 }), specification(), noise).unwrap()
+}
+
+fn requests(n: u64) -> Vec<Request> {
+    (0..n).map(|i| Request { x0: vec![0.1 * i as f64 - 1.0], seed: Seed(5).child(i) }).collect()
+}
+
+const NOISE: Noise = Noise { action_std: 0.3, observation_std: 0.1 };
+
+#[test]
+fn an_episode_holds_every_sample_and_its_verdict() {
+    let request = Request { x0: vec![0.8], seed: Seed(1) };
+    let mut system = rollout(Line::new(9.0), -1.0, Noise::default());
+    let episode = system.rollout(&[request]).unwrap().remove(0);
+    assert_eq!((episode.steps(), episode.end), (20, End::Completed));
+    let start = 0.8 + 0.01 * Seed(1).uniform(Stream::Reset, 0, 0);
+    assert_eq!(episode.trace.column(0)[0], start);
+    // x falls by a tenth of itself in each step, but for the 0.001 a step that the controller adds.
+    let second = start + 0.1 * f64::from(-(start as f32));
+    assert_eq!(episode.trace.column(0)[1], second);
+    assert_eq!(episode.verdict.success, Some(2.0 - start));
+    let dangerous = episode.trace.column(0)[1..].iter().filter(|x| **x > 0.5).count();
+    assert_eq!(episode.verdict.dangerous_steps, dangerous);
+    let rewards: f64 = episode.trace.column(0)[1..].iter().map(|x| -x.abs()).sum();
+    assert!((episode.total_reward - rewards).abs() < 1e-12);
+}
+
+#[test]
+fn an_episode_is_the_same_to_the_bit_alone_in_a_batch_and_on_any_number_of_threads() {
+    let run = |threads: usize, requests: &[Request]| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| rollout(Line::new(9.0), 0.3, NOISE).rollout(requests).unwrap())
+    };
+    let all = requests(21);
+    let together = run(2, &all);
+    assert_eq!(together, run(1, &all));
+    assert_eq!(together, run(5, &all));
+    for (request, episode) in all.iter().zip(&together) {
+        assert_eq!(run(1, std::slice::from_ref(request)), std::slice::from_ref(episode));
+    }
+}
+
+#[test]
+fn actions_are_clipped_before_noise_and_not_after() {
+    // A gain of 1000 asks for far more than 1, so every clipped action is -1 or 1.
+    let quiet = Line::new(1e9);
+    let (seen, request) = (quiet.seen.clone(), Request { x0: vec![0.5], seed: Seed(3) });
+    rollout(quiet, 1000.0, Noise::default()).rollout(std::slice::from_ref(&request)).unwrap();
+    assert!(seen.lock().unwrap().iter().all(|action| *action == 1.0));
+
+    let noisy = Line::new(1e9);
+    let seen = noisy.seen.clone();
+    let noise = Noise { action_std: 0.5, observation_std: 0.0 };
+    rollout(noisy, 1000.0, noise).rollout(std::slice::from_ref(&request)).unwrap();
+    for (step, action) in seen.lock().unwrap().iter().enumerate() {
+        let mut draw = [0.0];
+        Seed(3).normals(Stream::ActionNoise, step as u64, &mut draw);
+        assert_eq!(*action, 1.0 + 0.5 * draw[0], "at step {step}");
+    }
+    assert!(seen.lock().unwrap().iter().any(|action| *action > 1.0));
+}
+
+#[test]
+fn a_diverged_simulation_ends_undecided_and_disturbs_no_other() {
+    let mut system = rollout(Line::new(1.2), 1.0, Noise::default());
+    let episodes = system.rollout(&requests(21)).unwrap();
+    let (mut diverged, mut completed) = (0, 0);
+    for episode in &episodes {
+        match episode.end {
+            End::Diverged { step } => {
+                diverged += 1;
+                assert_eq!(episode.trace.len(), step, "samples 0 to the last finite one");
+                assert_eq!(episode.verdict, mishandle_rollout::Verdict::default());
+            }
+            _ => {
+                completed += 1;
+                assert_eq!(episode.steps(), 20);
+            }
+        }
+    }
+    assert!(diverged > 0 && completed > 0);
+}
+
+#[test]
+fn a_stopped_episode_says_where_and_what_it_cannot_decide() {
+    let stop = Box::new(|step: usize, _signals: &[f64]| step == 7);
+    let mut system = rollout(Line::new(9.0), -1.0, Noise::default()).with_stop(stop);
+    for episode in system.rollout(&requests(3)).unwrap() {
+        assert_eq!(episode.end, End::Stopped { step: 7 });
+        assert_eq!(episode.steps(), 7);
+        assert_eq!(episode.verdict.success, None);
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let two = Arc::new(Gain { gain: 1.0, inputs: 2 });
+    let refused = Rollout::new(Arc::new(Line::new(9.0)), two, specification(), Noise::default());
+    assert!(matches!(refused.err(), Some(RolloutError::Layout { found_observation: 2, .. })));
+
+    let noise = Noise { action_std: f64::NAN, observation_std: 0.0 };
+    let controller = Arc::new(Gain { gain: 1.0, inputs: 1 });
+    let refused = Rollout::new(Arc::new(Line::new(9.0)), controller.clone(), specification(), noise);
+    assert!(matches!(refused.err(), Some(RolloutError::Noise { .. })));
+
+    let unknown = Specification::parse("y < 1", "x < 1", "x < 1", "x < 1").unwrap();
+    let refused = Rollout::new(Arc::new(Line::new(9.0)), controller, unknown, Noise::default());
+    assert!(matches!(refused.err(), Some(RolloutError::Monitor { .. })));
+
+    let mut system = rollout(Line::new(9.0), 1.0, Noise::default());
+    let wrong = |x0: Vec<f64>| vec![Request { x0, seed: Seed(0) }];
+    assert!(matches!(
+        system.rollout(&wrong(vec![])),
+        Err(RolloutError::Dimension { wanted: 1, found: 0, .. })
+    ));
+    assert!(matches!(system.rollout(&wrong(vec![f64::NAN])), Err(RolloutError::NotFinite { .. })));
+
+    let mut broken = rollout(Line::new(9.0), f32::NAN, Noise::default());
+    assert!(matches!(broken.rollout(&requests(1)), Err(RolloutError::Action { step: 1, .. })));
+}
+
+#[test]
+fn a_batch_has_the_same_bits_on_any_number_of_threads_and_continues_from_a_snapshot() {
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut batch = Batch::new(Arc::new(Line::new(9.0)), 13);
+            batch.reset(|row| Some((vec![0.1 * row as f64 - 0.6], Seed(2).child(row as u64))));
+            let actions: Vec<f64> = (0..13).map(|row| (row as f64).sin()).collect();
+            let mut snapshot = [0.0];
+            for step in 0..10 {
+                if step == 5 {
+                    batch.read_state(4, &mut snapshot);
+                }
+                batch.step(&actions);
+            }
+            let end = batch.signals().to_vec();
+            batch.write_state(4, &snapshot);
+            (0..5).for_each(|_| batch.step(&actions));
+            assert_eq!(batch.signals()[4], end[4]);
+            end
+        })
+    };
+    let one = run(1);
+    assert_eq!(one, run(2));
+    assert_eq!(one, run(7));
+}

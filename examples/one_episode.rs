@@ -1,0 +1,48 @@
+//! One episode, step by step: the positions of everything in it as CSV, to be shown by MuJoCo.
+//!
+//! ```text
+//! cargo run --release --example one_episode -- ball-balancing ppo 0.45 0.1 > positions.csv
+//! ```
+
+#![allow(clippy::print_stdout)]
+
+use mishandle::rollout::{Environment, Sample, Seed, Status};
+use mishandle::{Plan, Subject};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [task, controller, start @ ..] = arguments.as_slice() else {
+        return Err("give a task, a controller, and a value for each axis of the initial box".into());
+    };
+    let x0 = start.iter().map(|value| value.parse()).collect::<Result<Vec<f64>, _>>()?;
+    let subject = Subject::new(&Plan::new(task, controller))?;
+    let environment = &subject.environment;
+    environment.initial_box().check(&x0)?;
+
+    // A simulation is a row of numbers; a worker carries it on, an actor chooses its actions.
+    let (mut worker, mut actor) = (environment.worker(), subject.controller.actor());
+    let mut state = vec![0.0; environment.state_size()];
+    let mut memory = vec![0.0; subject.controller.state_size()];
+    let mut observation = vec![0.0; environment.observation_size()];
+    let mut signals = vec![0.0; environment.signals().len()];
+    let mut rewards = vec![0.0; environment.reward_terms().len()];
+    let mut action = vec![0.0_f32; environment.action_size()];
+
+    let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
+    worker.reset(&x0, Seed(0), &mut state, sample);
+    actor.reset(&mut memory, Seed(0));
+    let mut world = environment.model().world();
+    for _ in 0..environment.episode_steps() {
+        world.set_state(&state);
+        let positions: Vec<String> = world.qpos().iter().map(f64::to_string).collect();
+        println!("{}", positions.join(","));
+
+        actor.act(1, &observation, &mut memory, &mut action);
+        let clipped: Vec<f64> = action.iter().map(|a| f64::from(a.clamp(-1.0, 1.0))).collect();
+        let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
+        if worker.step(&clipped, &mut state, sample) == Status::Diverged {
+            return Err("the simulation diverged".into());
+        }
+    }
+    Ok(())
+}
