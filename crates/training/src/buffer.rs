@@ -36,11 +36,8 @@ pub struct Buffer {
 }
 
 impl Buffer {
-    /// An empty buffer for `steps` control steps of `episodes`.
-    pub fn new(steps: usize, episodes: &Episodes) -> Buffer {
-        let rows = episodes.rows();
-        let (observation_size, action_size) =
-            (episodes.environment().observation_size(), episodes.environment().action_size());
+    /// An empty buffer for `steps` control steps of `rows` simulations.
+    pub fn new(steps: usize, rows: usize, observation_size: usize, action_size: usize) -> Buffer {
         let count = steps * rows;
         Buffer {
             rows,

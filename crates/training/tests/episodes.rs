@@ -172,7 +172,7 @@ fn a_row_does_not_depend_on_the_others() {
 #[test]
 fn a_buffer_knows_what_followed_each_step() {
     let mut episodes = episodes(0.0, 2, 3, 0.0, false);
-    let mut buffer = Buffer::new(4, &episodes);
+    let mut buffer = Buffer::new(4, 2, 2, 1);
     for step in 0..4 {
         let (seen, actions, log_probs) = buffer.begin_step(&episodes);
         assert_eq!(seen, [step as f32 % 3.0, 100.0].repeat(2));

@@ -140,6 +140,8 @@ impl Minibatch<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mishandle_network::Activation;
+    use mishandle_rollout::{Seed, Stream};
 
     #[test]
     fn the_surrogate_worked_out_by_hand() {
@@ -167,5 +169,119 @@ mod tests {
         }
         let (loss, slope) = value_loss(1.5, 1.0);
         assert_eq!((loss, slope), (0.125, 0.5));
+    }
+
+    /// Two observations, two actions, five rows of which the minibatch takes four, one of them clipped.
+    struct Example {
+        buffer: Buffer,
+        targets: Vec<f32>,
+        policy: Mlp<f64>,
+        critic: Mlp<f64>,
+        log_std: Vec<f64>,
+    }
+
+    const PLACES: [u32; 4] = [4, 0, 3, 1];
+    const ENTROPY_COEF: f64 = 0.1;
+
+    fn network(outputs: usize, seed: u64) -> Mlp<f64> {
+        let mut network = Mlp::new(&[2, 5, outputs], Activation::Tanh, Activation::Identity).unwrap();
+        let mut index = 0;
+        network.initialize_uniform(|| {
+            index += 1;
+            // Weights that f32 holds exactly, so that both precisions speak of the same network.
+            f64::from(Seed(seed).uniform(Stream::Weights, 0, index) as f32)
+        });
+        network.update(|parameters| parameters.iter_mut().for_each(|p| *p = f64::from(*p as f32)));
+        network
+    }
+
+    fn example() -> Example {
+        let mut buffer = Buffer::new(5, 1, 2, 2);
+        let numbers = |count: usize, shift: f64| (0..count).map(move |i| (i as f64 * 1.7 + shift).sin());
+        buffer.observations = numbers(10, 0.0).map(|x| x as f32).collect();
+        buffer.actions = numbers(10, 1.0).map(|x| x as f32).collect();
+        buffer.advantages = numbers(5, 2.0).collect();
+        // The actions were about as likely as they are, but for the last, which has become far less so.
+        buffer.log_probs = vec![-2.0, -1.9, -2.1, -2.2, 3.0];
+        let targets = numbers(5, 3.0).map(|x| x as f32).collect();
+        Example { buffer, targets, policy: network(2, 1), critic: network(1, 2), log_std: vec![-0.25, 0.125] }
+    }
+
+    /// The mean loss, written down from its definition in f64.
+    fn loss(example: &Example) -> f64 {
+        let Example { buffer, targets, policy, critic, log_std } = example;
+        let (mean, scale) = mean_and_scale(&buffer.advantages, &PLACES);
+        let mut sum = 0.0;
+        for place in PLACES.map(|place| place as usize) {
+            let row = [0, 1].map(|i| f64::from(buffer.observations[2 * place + i]));
+            let means = policy.forward(&row, &mut Workspace::default()).to_vec();
+            let log_prob: f64 = (0..2)
+                .map(|i| {
+                    let z = (f64::from(buffer.actions[2 * place + i]) - means[i]) / log_std[i].exp();
+                    -0.5 * z * z - log_std[i] - 0.5 * std::f64::consts::TAU.ln()
+                })
+                .sum();
+            let ratio = (log_prob - buffer.log_probs[place]).exp();
+            let advantage = (buffer.advantages[place] - mean) * scale;
+            sum -= (ratio * advantage).min(ratio.clamp(0.8, 1.2) * advantage);
+            let value = critic.forward(&row, &mut Workspace::default())[0];
+            sum += 0.5 * (value - f64::from(targets[place])).powi(2);
+        }
+        // The entropy but for its constant.
+        sum / PLACES.len() as f64 - ENTROPY_COEF * log_std.iter().sum::<f64>()
+    }
+
+    fn single(network: &Mlp<f64>) -> Mlp<f32> {
+        let mut copy = Mlp::new(network.sizes(), Activation::Tanh, Activation::Identity).unwrap();
+        copy.update(|own| {
+            for (own, parameter) in own.iter_mut().zip(network.parameters()) {
+                *own = *parameter as f32;
+            }
+        });
+        copy
+    }
+
+    #[test]
+    fn the_gradient_of_a_minibatch_is_the_slope_of_its_loss() {
+        let mut example = example();
+        let (policy, critic) = (single(&example.policy), single(&example.critic));
+        let (policy_size, critic_size) = (policy.parameter_count(), critic.parameter_count());
+        let mut gradient = vec![0.0; policy_size + 2 + critic_size + RIDERS];
+        let (advantage_mean, advantage_scale) = mean_and_scale(&example.buffer.advantages, &PLACES);
+        let log_std: Vec<f32> = example.log_std.iter().map(|x| *x as f32).collect();
+        let minibatch = Minibatch {
+            buffer: &example.buffer,
+            targets: &example.targets,
+            order: &PLACES,
+            advantage_mean,
+            advantage_scale,
+            normalizer: &Normalizer::new(&[0.0; 2], &[1.0; 2]).unwrap(),
+            policy: &policy,
+            deviations: &Deviations::new(&log_std),
+            critic: &critic,
+            clip_epsilon: 0.2,
+            entropy_coef: ENTROPY_COEF,
+        };
+        // In two chunks, as threads would.
+        let mut scratch = Scratch::default();
+        minibatch.add_gradient(0..3, &mut scratch, &mut gradient);
+        minibatch.add_gradient(3..4, &mut scratch, &mut gradient);
+        let h = 1e-6;
+        for (i, found) in gradient[..policy_size + 2 + critic_size].iter().enumerate() {
+            let mut moved = |by: f64| {
+                if i < policy_size {
+                    example.policy.update(|parameters| parameters[i] += by);
+                } else if i < policy_size + 2 {
+                    example.log_std[i - policy_size] += by;
+                } else {
+                    example.critic.update(|parameters| parameters[i - policy_size - 2] += by);
+                }
+                loss(&example)
+            };
+            let (above, below) = (moved(h), moved(-2.0 * h));
+            moved(h);
+            let slope = (above - below) / (2.0 * h);
+            assert!((slope - f64::from(*found)).abs() < 2e-6 * (1.0 + slope.abs()), "{i}: {slope} {found}");
+        }
     }
 }

@@ -185,7 +185,7 @@ impl<'a> Learner<'a> {
             config.normalize_values,
             seed.child(CRITIC_WEIGHTS),
         )?;
-        let buffer = Buffer::new(config.rollout_steps, &episodes);
+        let buffer = Buffer::new(config.rollout_steps, rows, inputs, outputs);
         let gradient = network.parameter_count() + outputs + critic.network().parameter_count() + RIDERS;
         Ok(Learner {
             config,
