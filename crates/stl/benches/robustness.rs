@@ -1,9 +1,8 @@
 //! Robustness of the paper's specifications and of nested ones, against RTAMT in the same run.
 //!
-//! `MISHANDLE_PYTHON=/path/to/python cargo bench -p mishandle-stl` names a Python that has RTAMT
-//! (`pip install -r crates/stl/tests/golden/rtamt/requirements.txt` in a virtual environment). Without it, only our own
-//! times are printed. Times are the least of several runs, of a formula that was read before, for the signal at all
-//! samples.
+//! RTAMT runs in the virtual environment that `cargo xtask golden rtamt` makes, or in the Python that `MISHANDLE_PYTHON`
+//! names. Without either, only our own times are printed. Times are the least of several runs, of a formula that was
+//! read before, for the signal at all samples.
 #![allow(clippy::print_stdout)]
 
 use mishandle_stl::{Clock, Formula, Monitor, Trace};
@@ -12,14 +11,17 @@ use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-const FORMULAS: [(&str, &str); 11] = [
+const FORMULAS: [(&str, &str); 14] = [
     ("completion", "always[0:4](a <= 0.1)"),
     ("bar", "always[0:30](a <= 0.3)"),
     ("point reaching", "always[50:300](a <= 0.12)"),
     ("cube stacking", "eventually[0:300](a <= 0.024 and b > 0)"),
     ("peg in hole", "always[250:300](a <= 0.12)"),
     ("ball balancing", "always[50:200](a <= 0.25)"),
+    ("ball catching", "always[50:300](a <= 0.1)"),
+    ("ball pushing", "eventually[0:300](a <= 0.3)"),
     ("door opening", "eventually[0:300](b >= 20)"),
+    ("cloth placing", "eventually[0:300](a <= 0.25)"),
     (
         "strict stacking",
         "eventually[0:270](always[0:30](a <= 0.024 and b >= 0.045 and b <= 0.055 and c <= 0.05))",
@@ -104,15 +106,19 @@ fn rtamt(python: &str, formula: &str, trace: &Trace, repetitions: usize) -> Opti
     String::from_utf8(answer.stdout).ok()?.trim().parse().ok()
 }
 
+/// A Python that has RTAMT.
+fn python() -> Option<String> {
+    let made = concat!(env!("CARGO_MANIFEST_DIR"), "/../../target/golden-venv/stl-rtamt/bin/python");
+    let found = || std::path::Path::new(made).exists().then(|| made.to_string());
+    std::env::var("MISHANDLE_PYTHON").ok().or_else(found)
+}
+
 fn main() {
     // `cargo test --benches` only has to see that it runs.
     let is_test = !std::env::args().any(|argument| argument == "--bench");
-    let python = std::env::var("MISHANDLE_PYTHON").ok().filter(|_| !is_test);
+    let python = python().filter(|_| !is_test);
     if python.is_none() {
-        println!(
-            "RTAMT is not timed: set MISHANDLE_PYTHON to a Python that has rtamt, from a virtual environment with"
-        );
-        println!("  pip install -r crates/stl/tests/golden/rtamt/requirements.txt\n");
+        println!("RTAMT is not timed: `cargo xtask golden rtamt` makes an environment that has it\n");
     }
     println!(
         "{:<16} {:>8} {:>12} {:>12} {:>12} {:>9}",
