@@ -9,10 +9,16 @@ use mishandle::{Plan, Subject};
 use crate::args;
 use crate::output;
 
+/// More threads than any machine of one program has cores for.
+const MAX_THREADS: usize = 1024;
+
 /// Makes a rayon pool of the wanted size the one that everything runs in.
 pub fn set_threads(threads: Option<usize>) -> Result<()> {
     if let Some(threads) = threads {
-        ensure!(threads > 0, "--threads is 0; it has to be at least 1");
+        ensure!(
+            (1..=MAX_THREADS).contains(&threads),
+            "--threads is {threads}; it has to be from 1 to {MAX_THREADS}"
+        );
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
     }
     Ok(())
