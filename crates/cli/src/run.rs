@@ -9,7 +9,7 @@ use mishandle::{Plan, Subject};
 use crate::args;
 use crate::output;
 
-/// More threads than any machine of one program has cores for.
+/// More threads than any machine has cores for.
 const MAX_THREADS: usize = 1024;
 
 /// Makes a rayon pool of the wanted size the one that everything runs in.
