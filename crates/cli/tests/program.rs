@@ -194,14 +194,16 @@ fn a_falsification_finds_stores_and_replays_a_counterexample() {
             assert!(trial["simulations"].as_u64().unwrap() <= 60);
             assert_eq!(trial["initial_configuration"].as_array().unwrap().len(), 3);
         }
-        let again = bench.json(&format!("replay {run} --trace trace.csv --json"), 0);
+        let again = bench.json(&format!("replay {run} --trace {search}.csv --json"), 0);
         assert_eq!(again["same"], true);
         assert!(again["robustness"].as_f64().unwrap() < 0.0);
         // The trace that the replay wrote gives the very robustness that was recorded.
         let formula = HARD.trim_start_matches("--formula ");
-        let measured = bench.json(&format!("monitor --formula {formula} trace.csv --json"), 1);
+        let measured = bench.json(&format!("monitor --formula {formula} {search}.csv --json"), 1);
         assert_eq!(measured["robustness"], again["robustness"]);
         bench.refuses(&arguments, &["already"]);
+        // A trace is written over nothing, least of all over the run.
+        bench.refuses(&format!("replay {run} --trace {run}"), &[&run]);
     }
 }
 

@@ -103,7 +103,8 @@ impl Rule {
         if self.covered(trace.len(), whole) == 0 {
             return Ok(None);
         }
-        Ok(self.signal(trace)?.first().copied())
+        // An infinite value is that of an empty window: the formula speaks of no sample of the trace.
+        Ok(self.signal(trace)?.first().copied().filter(|rho| rho.is_finite()))
     }
 }
 
@@ -187,6 +188,14 @@ mod tests {
         let mut judge = judge("always(d <= 2.5)", "d < 0");
         assert_eq!(judge.verdict(&trace(&[1.0, 1.0]), true).unwrap().success, Some(1.5));
         assert_eq!(judge.verdict(&trace(&[1.0, 1.0]), false).unwrap().success, None);
+    }
+
+    #[test]
+    fn a_window_that_no_trace_can_fill_decides_nothing() {
+        for formula in ["eventually[9:inf](d <= 2.5)", "always[9:inf](d <= 2.5)", "once[1:2](d <= 2.5)"] {
+            let verdict = judge(formula, "d < 0").verdict(&trace(&[1.0, 1.0]), true).unwrap();
+            assert_eq!(verdict.success, None, "{formula}");
+        }
     }
 
     #[test]

@@ -15,6 +15,13 @@ pub fn run(command: &args::Replay) -> Result<Outcome> {
     for difference in &replayed.other_build {
         output::say(&format!("warning: the run was made by another build: {difference}"));
     }
+    if let Some(path) = &command.trace {
+        let trace = &replayed.episode.trace;
+        let columns = (0..trace.names().len()).map(|i| trace.column(i).to_vec()).collect();
+        let mut out = std::fs::File::create_new(path).with_context(|| path.display().to_string())?;
+        store::export_trace_csv(&file, &store::Trace { columns }, &mut out)?;
+        output::say(&format!("wrote the trace to {}", path.display()));
+    }
     let robustness = replayed.episode.verdict.robustness;
     let axes = &file.header().axes;
     if command.json {
@@ -43,13 +50,6 @@ pub fn run(command: &args::Replay) -> Result<Outcome> {
             robustness.map_or("undecided".to_string(), |rho| rho.to_string()),
             replayed.episode.steps(),
         ))?;
-    }
-    if let Some(path) = &command.trace {
-        let trace = &replayed.episode.trace;
-        let columns = (0..trace.names().len()).map(|i| trace.column(i).to_vec()).collect();
-        let mut out = std::fs::File::create(path).with_context(|| path.display().to_string())?;
-        store::export_trace_csv(&file, &store::Trace { columns }, &mut out)?;
-        output::say(&format!("wrote the trace to {}", path.display()));
     }
     if !replayed.differences.is_empty() {
         bail!("the replay is not the same: {}", replayed.differences.join("; "));

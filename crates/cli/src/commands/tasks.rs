@@ -1,3 +1,5 @@
+use std::io::Write;
+
 use anyhow::{Context, Result};
 use mishandle::tasks::{Definition, Preset, Quantity, Reward, TASKS, compose};
 use serde_json::{Value, json};
@@ -13,7 +15,8 @@ pub fn run(command: &args::Tasks) -> Result<Outcome> {
         None => TASKS.iter().map(|task| task.definition()).collect(),
     };
     if let (Some(path), [definition]) = (&command.mjcf, chosen.as_slice()) {
-        std::fs::write(path, compose(definition)?).with_context(|| path.display().to_string())?;
+        let mut file = std::fs::File::create_new(path).with_context(|| path.display().to_string())?;
+        file.write_all(compose(definition)?.as_bytes())?;
         output::say(&format!("wrote {}", path.display()));
         return Ok(Outcome::Done);
     }
