@@ -4,7 +4,7 @@ use std::sync::Arc;
 use mishandle_controllers::{ControllerFile, bytes_hash};
 use mishandle_rollout::{Controller, Environment, Judge, Noise, Rollout, RolloutError, Specification};
 use mishandle_stl::{Clock, Formula, Monitor};
-use mishandle_tasks::{Preset, Reward, TASKS, Task, TaskEnvironment};
+use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment};
 
 use crate::{MishandleError, Plan, controller_path, shipped_controllers};
 
@@ -16,7 +16,7 @@ pub fn task(name: &str) -> Result<&'static dyn Task, MishandleError> {
     mishandle_tasks::task(name).ok_or_else(|| MishandleError::Name {
         kind: "task",
         name: name.to_string(),
-        known: TASKS.iter().map(|task| task.definition().name.to_string()).collect(),
+        known: mishandle_tasks::tasks().iter().map(|task| task.definition().name.to_string()).collect(),
     })
 }
 

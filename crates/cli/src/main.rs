@@ -1,45 +1,5 @@
-//! The command line of Mishandle.
-//!
-//! Words go to stderr, data to stdout. Exit codes: 0 done, 1 falsified or violated, 2 an error.
+//! The program `mishandle`.
 
-mod args;
-mod commands;
-mod output;
-mod progress;
-mod run;
-
-use std::process::ExitCode;
-
-use clap::Parser;
-
-use args::{Arguments, Command};
-
-fn main() -> ExitCode {
-    let arguments = Arguments::parse();
-    let outcome = match &arguments.command {
-        Command::Tasks(command) => commands::tasks::run(command),
-        Command::Monitor(command) => commands::monitor::run(command),
-        Command::Train(command) => commands::train::run(command),
-        Command::Evaluate(command) => commands::evaluate::run(command),
-        Command::Falsify(command) => commands::falsify::run(command),
-        Command::Replay(command) => commands::replay::run(command),
-    };
-    match outcome {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Violated) => ExitCode::from(1),
-        Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
-        Err(error) => {
-            output::report_error(&error);
-            ExitCode::from(2)
-        }
-    }
-}
-
-/// How a command that did its work ends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Outcome {
-    /// Nothing was violated.
-    Done,
-    /// A counterexample was found, or a formula is violated.
-    Violated,
+fn main() -> std::process::ExitCode {
+    mishandle_cli::main()
 }

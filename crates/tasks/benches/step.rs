@@ -59,7 +59,9 @@ struct Episode {
     start: Vec<f64>,
     state: Vec<f64>,
     actions: Vec<[f64; JOINTS]>,
-    controls: Vec<[f64; JOINTS]>,
+    /// Joint targets of every control step, and whether the hand still holds on.
+    targets: Vec<([f64; JOINTS], bool)>,
+    controls: Vec<([f64; JOINTS], bool)>,
     world: mishandle_world::World,
     observation: Vec<f32>,
     signals: Vec<f64>,
@@ -80,6 +82,7 @@ impl Episode {
             start: vec![0.0; environment.state_size()],
             state: vec![0.0; environment.state_size()],
             actions: Vec::new(),
+            targets: Vec::new(),
             controls: Vec::new(),
             world: environment.model().world(),
             observation: vec![0.0; environment.observation_size()],
@@ -118,6 +121,11 @@ impl Episode {
                 rewards: &mut self.rewards,
             };
             self.worker.step(&action, &mut self.state, sample);
+            self.world.set_state(&self.state);
+            let holds = self.world.rows().active.iter().all(|on| *on);
+            let mut targets = [0.0; JOINTS];
+            targets.copy_from_slice(&self.state[self.environment.model().state_size()..]);
+            self.targets.push((targets, holds));
         }
     }
 
@@ -125,17 +133,17 @@ impl Episode {
     fn record_controls(&mut self) {
         let model = self.environment.model();
         let panda = Panda::new(model).expect("the robot is in the model");
-        let (physics, targets) = self.start.split_at(model.state_size());
-        let mut targets = targets.to_vec();
+        let physics = &self.start[..model.state_size()];
         self.world.set_state(physics);
-        for action in &self.actions {
-            panda.move_targets(action, &mut targets);
-            targets[7..].fill(self.environment.definition().grip);
+        for (targets, holds) in &self.targets {
+            if !holds {
+                self.world.switch_all(false);
+            }
             for _ in 0..self.environment.definition().n_substeps {
-                panda.set_servos(&targets, &mut self.world);
+                panda.set_servos(targets, &mut self.world);
                 let mut controls = [0.0; JOINTS];
                 controls.copy_from_slice(self.world.ctrl());
-                self.controls.push(controls);
+                self.controls.push((controls, *holds));
                 self.world.step();
             }
         }
@@ -163,7 +171,10 @@ impl Episode {
 
     fn bare(&mut self) {
         self.world.set_state(&self.start);
-        for controls in &self.controls {
+        for (controls, holds) in &self.controls {
+            if !holds {
+                self.world.switch_all(false);
+            }
             self.world.ctrl_mut().copy_from_slice(controls);
             self.world.step();
         }

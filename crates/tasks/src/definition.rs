@@ -37,12 +37,12 @@ pub struct Quantity {
 }
 
 /// A quantity of one number.
-pub(crate) const fn one(name: &'static str, unit: &'static str, meaning: &'static str) -> Quantity {
+pub const fn one(name: &'static str, unit: &'static str, meaning: &'static str) -> Quantity {
     Quantity { name, unit, size: 1, meaning }
 }
 
 /// A quantity of three numbers.
-pub(crate) const fn three(name: &'static str, unit: &'static str, meaning: &'static str) -> Quantity {
+pub const fn three(name: &'static str, unit: &'static str, meaning: &'static str) -> Quantity {
     Quantity { name, unit, size: 3, meaning }
 }
 
@@ -94,15 +94,37 @@ impl BoxAxis {
     }
 }
 
-/// Something the hand holds for good: part of the hand's body.
+/// How the hand holds something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hold {
+    /// For good: it is part of the hand's body.
+    Fixed,
+    /// By a weld to the hand, until the gripper lets go: it is a free body, its free joint and its weld carry its name.
+    Weld,
+}
+
+/// Something the hand holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Held {
-    /// A `<body>` whose `pos` and `quat` are left out.
+    /// Name of its body.
+    pub name: &'static str,
+    /// How it is held.
+    pub hold: Hold,
+    /// Its `<body>`, without name, pose and free joint.
     pub mjcf: &'static str,
     /// Where its frame is when the robot stands in its start pose, m.
     pub position: [f64; 3],
     /// Orientation there.
     pub quaternion: [f64; 4],
+}
+
+/// Who moves the fingers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Grip {
+    /// Nobody: they are held at this opening, m for each finger.
+    Fixed(f64),
+    /// The scene decides before each control step, by [`Scene::grip`].
+    Scene,
 }
 
 /// All that a task states as data, each fact once.
@@ -112,16 +134,16 @@ pub struct Definition {
     pub name: &'static str,
     /// One sentence for people.
     pub summary: &'static str,
-    /// MJCF of what stands around the robot: children of `<mujoco>`.
-    pub scene: &'static str,
-    /// What the hand holds for good.
+    /// Of another version of a task of the benchmark, that task's name: it shares formulas, layout and controllers.
+    pub variant_of: Option<&'static str>,
+    /// What the hand holds at the start.
     pub held: Option<Held>,
     /// Start of the seven arm joints (rad) and the two fingers (m).
     pub start: [f64; 9],
     /// Largest random offset of each arm joint's start, rad. Its stream is keyed by the simulation's seed.
     pub start_noise: f64,
-    /// Finger opening held while the task runs, m for each finger.
-    pub grip: f64,
+    /// Who moves the fingers.
+    pub grip: Grip,
     /// Physics steps in a control step.
     pub n_substeps: usize,
     /// What joint velocities are multiplied with in the observation.
@@ -212,6 +234,11 @@ pub trait Task: Send + Sync {
     /// What the task states as data.
     fn definition(&self) -> &'static Definition;
 
+    /// MJCF of what stands around the robot: children of `<mujoco>`.
+    ///
+    /// Its equality constraints are what the hand holds: all are switched off for good when the gripper lets go.
+    fn scene(&self) -> std::borrow::Cow<'static, str>;
+
     /// Finds the scene's elements in the compiled model.
     ///
     /// # Errors
@@ -237,6 +264,14 @@ pub trait Task: Send + Sync {
 pub trait Scene: Send + Sync {
     /// Puts the scene where `x0` says; the robot is placed already.
     fn place(&self, x0: &[f64], world: &mut World);
+
+    /// Under [`Grip::Scene`]: sets the fingers' targets (m, clamped to their stroke afterwards) for the coming control
+    /// step, from the state before it, and says whether the gripper lets go of what it holds.
+    ///
+    /// `fingers` comes with the targets of the step before; the action is not clipped.
+    fn grip(&self, _rows: &Rows<'_>, _action: &[f64], _fingers: &mut [f64]) -> bool {
+        false
+    }
 
     /// Writes the signals.
     fn signals(&self, rows: &Rows<'_>, out: &mut [f64]);

@@ -3,7 +3,7 @@ use std::sync::Arc;
 use mishandle_rollout::{Environment, InitialBox, RolloutError, Sample, Seed, Status, Stream, Worker};
 use mishandle_world::{Model, World, WorldError};
 
-use crate::definition::{Definition, Preset, Reward, Scene, Task};
+use crate::definition::{Definition, Grip, Preset, Reward, Scene, Task};
 use crate::robot::{ARM_JOINTS, CONTROL_DT, EPISODE_STEPS, JOINTS, Panda, compose};
 
 /// Observations are clipped to this.
@@ -69,7 +69,7 @@ impl TaskEnvironment {
     ) -> Result<TaskEnvironment, TaskError> {
         let definition = task.definition();
         let scene_error = |source| TaskError::Scene { task: definition.name, source };
-        let model = compose(definition)
+        let model = compose(task)
             .and_then(|xml| Model::from_xml(&without_visuals(&xml)))
             .map_err(scene_error)?
             .with_timestep(CONTROL_DT / n_substeps as f64);
@@ -167,6 +167,21 @@ struct TaskWorker {
 }
 
 impl TaskWorker {
+    /// Sets the fingers' targets, and lets go of what the hand holds when the scene says so.
+    fn move_fingers(&mut self, action: &[f64], fingers: &mut [f64]) {
+        match self.definition.grip {
+            Grip::Fixed(opening) => fingers.fill(opening),
+            Grip::Scene => {
+                // The poses left behind may be those of another row.
+                self.world.refresh();
+                if self.scene.grip(&self.world.rows(), action, fingers) {
+                    self.world.switch_all(false);
+                }
+                self.panda.limit_fingers(fingers);
+            }
+        }
+    }
+
     /// Writes signals and observation of the present state.
     fn show(&mut self, sample: &mut Sample<'_>) {
         self.world.refresh();
@@ -201,7 +216,7 @@ impl Worker for TaskWorker {
         let (physics, targets) = state.split_at_mut(self.world.model().state_size());
         self.world.set_state(physics);
         self.panda.move_targets(action, targets);
-        targets[ARM_JOINTS..].fill(self.definition.grip);
+        self.move_fingers(action, &mut targets[ARM_JOINTS..]);
         for _ in 0..self.n_substeps {
             self.panda.set_servos(targets, &mut self.world);
             self.world.step();

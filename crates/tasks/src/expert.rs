@@ -10,9 +10,11 @@ use crate::definition::Definition;
 use crate::robot::{ARM_JOINTS, JOINT_NAMES, JOINTS, Panda, SERVO_LAG, TARGET_STEP, VELOCITY_LIMIT};
 
 /// What an expert sees in one sample.
-pub(crate) struct Seen<'a> {
+pub struct Seen<'a> {
     /// Positions of the arm's joints, rad.
     pub q: [f64; ARM_JOINTS],
+    /// Positions of the fingers, m.
+    pub fingers: [f64; JOINTS - ARM_JOINTS],
     /// The task's part of the observation.
     pub task: &'a [f32],
 }
@@ -25,7 +27,7 @@ impl Seen<'_> {
 }
 
 /// How one task's expert moves.
-pub(crate) trait Behavior: Send + Sync + 'static {
+pub trait Behavior: Send + Sync + 'static {
     /// Length of its memory.
     const MEMORY: usize = 0;
     /// Site whose motion it thinks in.
@@ -35,10 +37,16 @@ pub(crate) trait Behavior: Send + Sync + 'static {
 
     /// The joint velocities it wants, rad/s.
     fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; ARM_JOINTS];
+
+    /// The actions for the fingers, in [-1, 1]; called after [`velocity`](Self::velocity). They count where the policy
+    /// moves the fingers.
+    fn fingers(&self, _seen: &Seen<'_>, _memory: &[f64]) -> [f64; JOINTS - ARM_JOINTS] {
+        [0.0; JOINTS - ARM_JOINTS]
+    }
 }
 
 /// An expert of a task: a [`Behavior`] on top of the robot's kinematics.
-pub(crate) struct Expert<B> {
+pub struct Expert<B> {
     behavior: Arc<B>,
     definition: &'static Definition,
     model: Model,
@@ -108,11 +116,13 @@ impl<B: Behavior> Actor for ExpertActor<B> {
         let rows = observations.chunks(self.observation_size).zip(actions.chunks_mut(JOINTS));
         for (row, (observation, action)) in rows.enumerate() {
             let memory = &mut states[row * B::MEMORY..][..B::MEMORY];
-            let q: [f64; ARM_JOINTS] = std::array::from_fn(|i| {
+            let position = |i: usize| {
                 let Joint { low, high, .. } = self.joints[i];
                 low + 0.5 * (f64::from(observation[i]) + 1.0) * (high - low)
-            });
-            let seen = Seen { q, task: &observation[2 * JOINTS..] };
+            };
+            let q: [f64; ARM_JOINTS] = std::array::from_fn(position);
+            let fingers = std::array::from_fn(|i| position(ARM_JOINTS + i));
+            let seen = Seen { q, fingers, task: &observation[2 * JOINTS..] };
             self.arm.set(&q);
             let wanted = self.behavior.velocity(&seen, &mut self.arm, memory);
             // A servo that is not held up moves at (target - q) / lag, so the velocity seen tells where the target
@@ -122,13 +132,14 @@ impl<B: Behavior> Actor for ExpertActor<B> {
                 let wanted = wanted[i].clamp(-VELOCITY_LIMIT[i], VELOCITY_LIMIT[i]);
                 action[i] = (SERVO_LAG[i] * (wanted - velocity) / TARGET_STEP).clamp(-1.0, 1.0) as f32;
             }
-            action[ARM_JOINTS..].fill(0.0);
+            let fingers = self.behavior.fingers(&seen, memory);
+            action[ARM_JOINTS..].copy_from_slice(&fingers.map(|a| a as f32));
         }
     }
 }
 
 /// `v` shortened to at most `limit`.
-pub(crate) fn limited(v: [f64; 3], limit: f64) -> [f64; 3] {
+pub fn limited(v: [f64; 3], limit: f64) -> [f64; 3] {
     let length = mishandle_world::frame::norm(v);
     if length > limit { mishandle_world::frame::scale(v, limit / length) } else { v }
 }

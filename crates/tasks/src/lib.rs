@@ -3,6 +3,8 @@
 //! A task states each fact once: its scene, signals, formulas, initial box, observation and reward. A new task is a
 //! folder and one line of [`TASKS`].
 
+use std::sync::{PoisonError, RwLock};
+
 mod ball_balancing;
 mod ball_pushing;
 mod definition;
@@ -12,15 +14,37 @@ mod point_reaching;
 mod reward;
 mod robot;
 
-pub use definition::{BoxAxis, Definition, Formulas, Held, Preset, Quantity, Reward, Scene, Task};
+pub use definition::{
+    BoxAxis, Definition, Formulas, Grip, Held, Hold, Preset, Quantity, Reward, Scene, Task, one, three,
+};
 pub use environment::{TaskEnvironment, TaskError};
+pub use expert::{Behavior, Expert, Seen, limited};
 pub use robot::{
-    CONTROL_DT, EPISODE_STEPS, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT, compose,
+    CONTROL_DT, EPISODE_STEPS, FINGER_STEP, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT, compose,
 };
 
-/// All tasks, in the order in which they are listed.
+/// The benchmark's tasks, in the order in which they are listed.
 pub static TASKS: &[&dyn Task] =
     &[&point_reaching::PointReaching, &ball_balancing::BallBalancing, &ball_pushing::BallPushing];
+
+/// Tasks beside the benchmark's.
+static ADDED: RwLock<Vec<&'static dyn Task>> = RwLock::new(Vec::new());
+
+/// Adds a task to those that are known by name.
+///
+/// # Panics
+/// If a task of that name is known already.
+pub fn add(added: &'static dyn Task) {
+    let name = added.definition().name;
+    assert!(task(name).is_none(), "there is a task named {name} already");
+    ADDED.write().unwrap_or_else(PoisonError::into_inner).push(added);
+}
+
+/// All tasks: the benchmark's, then those that were added.
+pub fn tasks() -> Vec<&'static dyn Task> {
+    let added = ADDED.read().unwrap_or_else(PoisonError::into_inner);
+    TASKS.iter().chain(added.iter()).copied().collect()
+}
 
 /// The task of that name.
 ///
@@ -31,5 +55,5 @@ pub static TASKS: &[&dyn Task] =
 /// assert!(mishandle_tasks::task("ball_balancing").is_none());
 /// ```
 pub fn task(name: &str) -> Option<&'static dyn Task> {
-    TASKS.iter().copied().find(|task| task.definition().name == name)
+    tasks().into_iter().find(|task| task.definition().name == name)
 }

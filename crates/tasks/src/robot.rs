@@ -2,7 +2,7 @@
 
 use mishandle_world::{Body, Joint, Model, PANDA, Rows, Site, World, WorldError};
 
-use crate::definition::{Definition, Held};
+use crate::definition::{Held, Hold, Task};
 
 /// Number of joints: seven of the arm, two of the fingers. Also the number of actions.
 pub const JOINTS: usize = 9;
@@ -22,6 +22,9 @@ pub const EPISODE_STEPS: usize = 300;
 
 /// How far an action of 1 moves an arm joint's target in one control step, rad.
 pub const TARGET_STEP: f64 = 7.5 / 60.0;
+
+/// How far an action of 1 moves a finger's target in one control step, m, where a policy moves the fingers.
+pub const FINGER_STEP: f64 = 0.1 * TARGET_STEP;
 
 /// Time constant of the servos: damping over stiffness, s (80 / 400 for the arm, 100 / 10,000 for the fingers).
 pub(crate) const SERVO_LAG: [f64; JOINTS] = [0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.01, 0.01];
@@ -101,6 +104,21 @@ impl Panda {
         }
     }
 
+    /// Moves the fingers' targets (m) by the last two numbers of an action.
+    pub fn move_fingers(&self, action: &[f64], fingers: &mut [f64]) {
+        for (finger, a) in fingers.iter_mut().zip(&action[ARM_JOINTS..]) {
+            *finger += FINGER_STEP * a;
+        }
+        self.limit_fingers(fingers);
+    }
+
+    /// Keeps the fingers' targets (m) inside their stroke.
+    pub(crate) fn limit_fingers(&self, fingers: &mut [f64]) {
+        for (finger, joint) in fingers.iter_mut().zip(&self.joints[ARM_JOINTS..]) {
+            *finger = finger.clamp(joint.low, joint.high);
+        }
+    }
+
     /// Sets the servos for one physics step towards `targets`.
     ///
     /// MuJoCo has no velocity limits. A servo that is asked for at most `v_max` times its lag beyond the joint's
@@ -132,17 +150,41 @@ impl Panda {
 ///
 /// # Errors
 /// If the robot's own document does not compile, or an element it needs is missing.
-pub fn compose(definition: &Definition) -> Result<String, WorldError> {
-    let held = match &definition.held {
-        Some(held) => attach(held, &definition.start)?,
-        None => String::new(),
-    };
-    let hand = PANDA.replacen("<!-- held -->", &held, 1);
-    Ok(hand.replacen("</mujoco>", &format!("{}\n</mujoco>", definition.scene), 1))
+pub fn compose(task: &dyn Task) -> Result<String, WorldError> {
+    let definition = task.definition();
+    let (mut in_hand, mut beside) = (String::new(), String::new());
+    if let Some(held) = &definition.held {
+        let (p, q) = pose_in_hand(held, &definition.start)?;
+        match held.hold {
+            Hold::Fixed => in_hand = body(held, p, q, ""),
+            Hold::Weld => {
+                let name = held.name;
+                let free =
+                    body(held, held.position, held.quaternion, &format!("<freejoint name=\"{name}\"/>"));
+                let relpose = numbers(&[p.as_slice(), &q].concat());
+                beside = format!(
+                    "<worldbody>\n{free}\n</worldbody>\n<equality>\n  <weld name=\"{name}\" body1=\"hand\" \
+                     body2=\"{name}\" relpose=\"{relpose}\"/>\n</equality>\n"
+                );
+            }
+        }
+    }
+    let hand = PANDA.replacen("<!-- held -->", &in_hand, 1);
+    Ok(hand.replacen("</mujoco>", &format!("{beside}{}\n</mujoco>", task.scene()), 1))
 }
 
-/// The held body with its pose in the frame of the hand, from its pose in the world when the robot is at `start`.
-fn attach(held: &Held, start: &[f64; JOINTS]) -> Result<String, WorldError> {
+/// The held body with its name, pose and joint.
+fn body(held: &Held, position: [f64; 3], quaternion: [f64; 4], joint: &str) -> String {
+    let (name, pos, quat) = (held.name, numbers(&position), numbers(&quaternion));
+    held.mjcf.replacen("<body>", &format!("<body name=\"{name}\" pos=\"{pos}\" quat=\"{quat}\">{joint}"), 1)
+}
+
+fn numbers(values: &[f64]) -> String {
+    values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ")
+}
+
+/// Pose of the held body in the frame of the hand, from its pose in the world when the robot is at `start`.
+fn pose_in_hand(held: &Held, start: &[f64; JOINTS]) -> Result<([f64; 3], [f64; 4]), WorldError> {
     use mishandle_world::frame::{rotate_back, sub};
     let model = Model::from_xml(PANDA)?;
     let (panda, hand, mut world) = (Panda::new(&model)?, model.body("hand")?, model.world());
@@ -160,7 +202,5 @@ fn attach(held: &Held, start: &[f64; JOINTS]) -> Result<String, WorldError> {
         w * c + x * d - y * a - z * b,
         w * d - x * c + y * b - z * a,
     ];
-    let pose =
-        format!("<body pos=\"{} {} {}\" quat=\"{} {} {} {}\"", p[0], p[1], p[2], q[0], q[1], q[2], q[3]);
-    Ok(held.mjcf.replacen("<body", &pose, 1))
+    Ok((p, q))
 }

@@ -14,8 +14,9 @@ struct Bench {
 
 impl Bench {
     fn new(task_name: &str, extra: &str) -> Bench {
-        let definition = task(task_name).unwrap().definition();
-        let xml = compose(definition).unwrap().replacen("</mujoco>", &format!("{extra}</mujoco>"), 1);
+        let task = task(task_name).unwrap();
+        let definition = task.definition();
+        let xml = compose(task).unwrap().replacen("</mujoco>", &format!("{extra}</mujoco>"), 1);
         let model = Model::from_xml(&xml).unwrap().with_timestep(1.0 / 60.0 / definition.n_substeps as f64);
         let mut world = model.world();
         for (i, (name, q)) in JOINT_NAMES.iter().zip(definition.start).enumerate() {

@@ -1,7 +1,7 @@
 use mujoco_rs::prelude::MjtJoint;
 
 use crate::frame::{add, cross, rotate, scale, sub};
-use crate::{Body, Joint, Site};
+use crate::{Body, Equality, Joint, Site};
 
 /// The state of a world and what follows from it, as plain rows of numbers: all that a task may look at.
 ///
@@ -14,6 +14,8 @@ pub struct Rows<'a> {
     pub qvel: &'a [f64],
     /// Controls.
     pub ctrl: &'a [f64],
+    /// Which equality constraints are switched on.
+    pub active: &'a [bool],
     pub(crate) body_positions: &'a [[f64; 3]],
     pub(crate) body_quaternions: &'a [[f64; 4]],
     pub(crate) site_positions: &'a [[f64; 3]],
@@ -74,6 +76,11 @@ impl Rows<'_> {
             at = self.tree.parents[at] as usize;
         }
         (linear, angular)
+    }
+
+    /// Whether an equality constraint is switched on.
+    pub fn is_active(&self, equality: Equality) -> bool {
+        self.active[equality.0]
     }
 
     /// Position of a site, m.

@@ -138,6 +138,7 @@ impl World {
             qpos: self.data.qpos(),
             qvel: self.data.qvel(),
             ctrl: self.data.ctrl(),
+            active: self.data.eq_active(),
             body_positions: self.data.xpos(),
             body_quaternions: self.data.xquat(),
             site_positions: self.data.site_xpos(),
@@ -171,6 +172,11 @@ impl World {
     /// Switches an equality constraint on or off.
     pub fn switch(&mut self, equality: Equality, on: bool) {
         self.data.eq_active_mut()[equality.0] = on;
+    }
+
+    /// Switches all equality constraints on or off.
+    pub fn switch_all(&mut self, on: bool) {
+        self.data.eq_active_mut().fill(on);
     }
 
     /// The deepest penetration among the present contacts, m; 0 without one.

@@ -1,7 +1,7 @@
 use std::io::Write;
 
 use anyhow::{Context, Result};
-use mishandle::tasks::{Definition, Preset, Quantity, Reward, TASKS, compose};
+use mishandle::tasks::{Definition, Preset, Quantity, Reward, Task, compose, tasks};
 use serde_json::{Value, json};
 
 use crate::Outcome;
@@ -10,23 +10,24 @@ use crate::output::{self, table};
 
 pub fn run(command: &args::Tasks) -> Result<Outcome> {
     let preset = mishandle::preset(&command.preset)?;
-    let chosen: Vec<&'static Definition> = match &command.task {
-        Some(name) => vec![mishandle::task(name)?.definition()],
-        None => TASKS.iter().map(|task| task.definition()).collect(),
+    let chosen: Vec<&'static dyn Task> = match &command.task {
+        Some(name) => vec![mishandle::task(name)?],
+        None => tasks(),
     };
-    if let (Some(path), [definition]) = (&command.mjcf, chosen.as_slice()) {
+    if let (Some(path), [task]) = (&command.mjcf, chosen.as_slice()) {
         let mut file = std::fs::File::create_new(path).with_context(|| path.display().to_string())?;
-        file.write_all(compose(definition)?.as_bytes())?;
+        file.write_all(compose(*task)?.as_bytes())?;
         output::say(&format!("wrote {}", path.display()));
         return Ok(Outcome::Done);
     }
+    let definitions: Vec<&Definition> = chosen.iter().map(|task| task.definition()).collect();
     if command.json {
-        let all = chosen.iter().map(|definition| document(definition, preset)).collect();
+        let all = definitions.iter().map(|definition| document(definition, preset)).collect();
         output::json(&Value::Array(all))?;
-    } else if let (Some(_), [definition]) = (&command.task, chosen.as_slice()) {
+    } else if let (Some(_), [definition]) = (&command.task, definitions.as_slice()) {
         output::line(&page(definition, preset))?;
     } else {
-        output::line(&list(&chosen, preset))?;
+        output::line(&list(&definitions, preset))?;
     }
     Ok(Outcome::Done)
 }

@@ -2,13 +2,14 @@
 
 mod expert;
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, norm_xy, rotate, sub};
 use mishandle_world::{Body, Joint, Model, Rows, World, WorldError};
 
-use crate::definition::{BoxAxis, Definition, Formulas, Held, Reward, Scene, Task, one, three};
+use crate::definition::{BoxAxis, Definition, Formulas, Grip, Held, Hold, Reward, Scene, Task, one, three};
 use crate::robot::Panda;
 
 /// The task.
@@ -23,15 +24,17 @@ const DROP_HEIGHT: f64 = 1.1;
 const DEFINITION: Definition = Definition {
     name: "ball-balancing",
     summary: "Keep a ball that drops onto a flat tray, held by the robot, from rolling off.",
-    scene: include_str!("scene.xml"),
+    variant_of: None,
     held: Some(Held {
+        name: "tray",
+        hold: Hold::Fixed,
         mjcf: include_str!("tray.xml"),
         position: [0.342, 0.0, 0.89],
         quaternion: [1.0, 0.0, 0.0, 0.0],
     }),
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.004, 0.004],
     start_noise: 0.0,
-    grip: 0.004,
+    grip: Grip::Fixed(0.004),
     n_substeps: 2,
     velocity_scale: 0.1,
     signals: &[
@@ -93,6 +96,10 @@ const COMPLETION: &str = "always[0:4](ball_tray_horizontal_distance <= 0.1)";
 impl Task for BallBalancing {
     fn definition(&self) -> &'static Definition {
         const { &DEFINITION }
+    }
+
+    fn scene(&self) -> Cow<'static, str> {
+        include_str!("scene.xml").into()
     }
 
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

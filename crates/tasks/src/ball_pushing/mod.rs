@@ -2,13 +2,14 @@
 
 mod expert;
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, norm_xy, sub};
 use mishandle_world::{Joint, Model, Rows, Site, World, WorldError};
 
-use crate::definition::{BoxAxis, Definition, Formulas, Reward, Scene, Task, one, three};
+use crate::definition::{BoxAxis, Definition, Formulas, Grip, Reward, Scene, Task, one, three};
 use crate::robot::Panda;
 
 /// The task.
@@ -23,11 +24,11 @@ const BEHIND: f64 = 0.055;
 const DEFINITION: Definition = Definition {
     name: "ball-pushing",
     summary: "Push a ball across a table into a pit.",
-    scene: include_str!("scene.xml"),
+    variant_of: None,
     held: None,
     start: [1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035],
     start_noise: 0.125,
-    grip: 0.015,
+    grip: Grip::Fixed(0.015),
     n_substeps: 4,
     velocity_scale: 0.01,
     signals: &[
@@ -87,6 +88,10 @@ const FORMULAS: Formulas = Formulas {
 impl Task for BallPushing {
     fn definition(&self) -> &'static Definition {
         const { &DEFINITION }
+    }
+
+    fn scene(&self) -> Cow<'static, str> {
+        include_str!("scene.xml").into()
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

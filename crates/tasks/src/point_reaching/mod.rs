@@ -2,13 +2,14 @@
 
 mod expert;
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, sub};
 use mishandle_world::{Body, Mocap, Model, Rows, World, WorldError};
 
-use crate::definition::{BoxAxis, Definition, Formulas, Reward, Scene, Task, one, three};
+use crate::definition::{BoxAxis, Definition, Formulas, Grip, Reward, Scene, Task, one, three};
 use crate::robot::Panda;
 
 /// The task.
@@ -17,11 +18,11 @@ pub struct PointReaching;
 const DEFINITION: Definition = Definition {
     name: "point-reaching",
     summary: "Bring the fingers to a point in space and keep them there.",
-    scene: include_str!("scene.xml"),
+    variant_of: None,
     held: None,
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.01, 0.01],
     start_noise: 0.0,
-    grip: 0.01,
+    grip: Grip::Fixed(0.01),
     n_substeps: 2,
     velocity_scale: 0.1,
     signals: &[
@@ -65,6 +66,10 @@ const FORMULAS: Formulas = Formulas {
 impl Task for PointReaching {
     fn definition(&self) -> &'static Definition {
         const { &DEFINITION }
+    }
+
+    fn scene(&self) -> Cow<'static, str> {
+        include_str!("scene.xml").into()
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
