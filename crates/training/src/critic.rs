@@ -5,7 +5,7 @@ use mishandle_network::{
 };
 use mishandle_rollout::{Seed, Stream};
 
-use crate::{Checkpoint, TrainingError};
+use crate::{Checkpoint, CriticSettings, TrainingError};
 
 /// A value network with its optimiser, and the scale that its outputs are in.
 ///
@@ -32,23 +32,21 @@ struct Scratch {
 impl Critic {
     /// A critic of observations of `observation_size` numbers, orthogonally initialised from `seed`.
     ///
-    /// With `scaled` its outputs follow the scale of the returns.
+    /// With `normalize_values` its outputs follow the scale of the returns.
     ///
     /// # Errors
     /// If a layer has no outputs.
     pub fn new(
         observation_size: usize,
-        hidden: &[usize],
-        activation: Activation,
-        learning_rate: f64,
-        scaled: bool,
+        settings: &CriticSettings,
         seed: Seed,
     ) -> Result<Critic, TrainingError> {
-        let network = initial_network(observation_size, hidden, 1, activation, 1.0, seed)?;
+        let CriticSettings { hidden, activation, learning_rate, normalize_values } = settings;
+        let network = initial_network(observation_size, hidden, 1, *activation, 1.0, seed)?;
         Ok(Critic {
-            adam: Adam::new(network.parameter_count(), learning_rate),
+            adam: Adam::new(network.parameter_count(), *learning_rate),
             network,
-            scale: scaled.then(|| RunningNormalizer::new(1)),
+            scale: normalize_values.then(|| RunningNormalizer::new(1)),
             pool: ChunkPool::new(CHUNK_ROWS),
         })
     }

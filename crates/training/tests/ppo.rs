@@ -158,9 +158,9 @@ fn best_return(episodes: usize) -> f64 {
 }
 
 fn settings(text: &str) -> PpoConfig {
-    let common = "environments = 48\nrollout_steps = 16\nminibatch_rows = 300\npolicy_hidden = [16]\n\
-                  value_hidden = [16]\nvalidation_episodes = 10\n";
-    PpoConfig { validation_every: 2, ..PpoConfig::from_toml(&format!("{common}{text}")).unwrap() }
+    let common = "episodes.environments = 48\nrollout_steps = 16\nminibatch_rows = 300\npolicy.hidden = [16]\n\
+                  critic.hidden = [16]\nrun.validation_episodes = 10\nrun.validation_every = 2\n";
+    PpoConfig::from_toml(&format!("{common}{text}")).unwrap()
 }
 
 fn run(threads: usize, config: &PpoConfig, resume: Option<&Checkpoint>, watch: &mut Watch) -> Trained {
@@ -190,7 +190,7 @@ fn facts(watch: &Watch) -> Vec<String> {
 
 #[test]
 fn the_line_is_learned() {
-    let config = settings("total_steps = 120_000\ngamma = 0.9\nepisode_steps = 20");
+    let config = settings("run.total_steps = 120_000\ngamma = 0.9\nepisodes.time_limit = 20");
     let trained = run(2, &config, None, &mut Watch::default());
     let (found, best) = (mean_return(&trained.last, 500), best_return(500));
     assert!(found > 0.98 * best, "mean return {found}, the best there is {best}");
@@ -200,7 +200,7 @@ fn the_line_is_learned() {
 
 #[test]
 fn threads_change_no_bit() {
-    let config = settings("total_steps = 4_000\naction_noise = 0.2");
+    let config = settings("run.total_steps = 4_000\nepisodes.action_noise = 0.2");
     let (mut one, mut many) = (Watch::default(), Watch::default());
     let trained = run(1, &config, None, &mut one);
     for threads in [2, 4] {
@@ -215,7 +215,7 @@ fn threads_change_no_bit() {
 
 #[test]
 fn a_resumed_training_goes_on_to_the_same_bits() {
-    let config = settings("total_steps = 4_600\nlearning_rate_schedule = \"linear\"");
+    let config = settings("run.total_steps = 4_600\nlearning_rate_schedule = \"linear\"");
     let mut whole = Watch::default();
     let trained = run(2, &config, None, &mut whole);
     assert_eq!(whole.told.len(), 6);
@@ -236,7 +236,7 @@ fn a_resumed_training_goes_on_to_the_same_bits() {
 
 #[test]
 fn a_finished_training_resumed_gives_its_controller() {
-    let config = settings("total_steps = 1_000");
+    let config = settings("run.total_steps = 1_000");
     let mut watch = Watch::default();
     let trained = run(1, &config, None, &mut watch);
     let mut nothing = Watch::default();
@@ -247,7 +247,7 @@ fn a_finished_training_resumed_gives_its_controller() {
 
 #[test]
 fn seeds_differ() {
-    let config = settings("total_steps = 1_000");
+    let config = settings("run.total_steps = 1_000");
     let hash = |seed| {
         let trained = train(Line::new(0.0), &config, Seed(seed), None, &mut Watch::default());
         trained.unwrap().last.hash()
@@ -258,7 +258,7 @@ fn seeds_differ() {
 
 #[test]
 fn training_ends_when_it_is_good_enough() {
-    let config = settings("total_steps = 1_000_000\nstop_success = 0.1\nstop_validations = 2");
+    let config = settings("run.total_steps = 1_000_000\nrun.stop_success = 0.1\nrun.stop_validations = 2");
     let mut watch = Watch::default();
     let trained = run(2, &config, None, &mut watch);
     assert!(trained.reached);
@@ -267,7 +267,7 @@ fn training_ends_when_it_is_good_enough() {
 
 #[test]
 fn a_checkpoint_of_another_training_is_refused() {
-    let config = settings("total_steps = 1_000");
+    let config = settings("run.total_steps = 1_000");
     let mut watch = Watch::default();
     run(1, &config, None, &mut watch);
     let checkpoint = watch.checkpoint.unwrap();
@@ -277,11 +277,12 @@ fn a_checkpoint_of_another_training_is_refused() {
             .to_string()
     };
     assert_eq!(refusal(&config, 6), "the checkpoint's seed is 5, this training's is 6");
-    let wider = PpoConfig { environments: 64, ..config.clone() };
+    let mut wider = config.clone();
+    wider.episodes.environments = 64;
     let told = refusal(&wider, 5);
-    assert!(told.contains("the checkpoint's settings is environments = 48,"), "{told}");
-    assert!(told.contains("this training's is environments = 64,"), "{told}");
-    let longer = PpoConfig { total_steps: 2_000, ..config.clone() };
+    assert!(told.contains("environments = 48,") && told.contains("environments = 64,"), "{told}");
+    let mut longer = config.clone();
+    longer.run.total_steps = 2_000;
     let resumed = train(Line::new(0.0), &longer, Seed(5), Some(&checkpoint), &mut Watch::default());
     assert!(resumed.is_ok(), "only the number of steps may differ");
 }
@@ -289,7 +290,7 @@ fn a_checkpoint_of_another_training_is_refused() {
 #[test]
 fn weights_that_run_wild_end_the_training_with_an_error() {
     let config =
-        settings("learning_rate = 1e30\nlearning_rate_schedule = \"constant\"\ntotal_steps = 100_000");
+        settings("learning_rate = 1e30\nlearning_rate_schedule = \"constant\"\nrun.total_steps = 100_000");
     let error = train(Line::new(0.0), &config, Seed(1), None, &mut Watch::default()).unwrap_err();
     assert!(matches!(error, TrainingError::NotFinite { .. } | TrainingError::Network(_)), "{error}");
 }
