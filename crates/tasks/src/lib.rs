@@ -7,6 +7,7 @@ use std::sync::{PoisonError, RwLock};
 
 mod ball_balancing;
 mod ball_pushing;
+mod cloth_placing;
 mod definition;
 mod environment;
 mod expert;
@@ -24,8 +25,13 @@ pub use robot::{
 };
 
 /// The benchmark's tasks, in the order in which they are listed.
-pub static TASKS: &[&dyn Task] =
-    &[&point_reaching::PointReaching, &ball_balancing::BallBalancing, &ball_pushing::BallPushing];
+pub static TASKS: &[&dyn Task] = &[
+    &point_reaching::PointReaching,
+    &ball_balancing::BallBalancing,
+    &ball_pushing::BallPushing,
+    &cloth_placing::CLOTH_PLACING,
+    &cloth_placing::CLOTH_PLACING_7X7,
+];
 
 /// Tasks beside the benchmark's.
 static ADDED: RwLock<Vec<&'static dyn Task>> = RwLock::new(Vec::new());

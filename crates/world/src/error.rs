@@ -18,4 +18,7 @@ pub enum WorldError {
     /// The body is there, but its pose cannot be set.
     #[error("body `{0}` is not a mocap body, so its pose cannot be set")]
     NotMocap(String),
+    /// The flex is there, but its vertices are no plain rows.
+    #[error("flex `{0}` is not made of bodies of the world in a row, each with slides along x, y and z")]
+    NotFree(String),
 }
