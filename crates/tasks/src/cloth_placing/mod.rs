@@ -140,7 +140,7 @@ fn definition(name: &'static str, variant_of: Option<&'static str>, sheet: Sheet
 const FORMULAS: Formulas = Formulas {
     success: "eventually[0:300](cloth_target_distance <= 0.25)",
     strict: "eventually[0:270](always[0:30](cloth_target_horizontal_distance <= 0.05 and cloth_vertices_over_table >= 0.8 \
-             and cloth_speed <= 0.05 and cloth_released >= 1))",
+             and cloth_speed <= 0.05 and cloth_released >= 0.5))",
     safe: "cloth_target_distance <= 0.3",
     completion: "cloth_target_distance <= 0.25",
 };
