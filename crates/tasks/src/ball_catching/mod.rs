@@ -1,0 +1,205 @@
+//! Ball catching: catch a thrown ball in a box, and keep it there.
+
+mod expert;
+
+use std::borrow::Cow;
+use std::sync::Arc;
+
+use mishandle_rollout::Controller;
+use mishandle_world::frame::{dot, norm, norm_xy, sub};
+use mishandle_world::{Joint, Model, Rows, Site, World, WorldError};
+
+use crate::definition::{BoxAxis, Definition, Formulas, Grip, Held, Hold, Reward, Scene, Task, one, three};
+use crate::robot::Panda;
+
+/// The task.
+pub struct BallCatching;
+
+/// Height from which the ball is thrown, m.
+const THROW_HEIGHT: f64 = 1.5;
+
+/// Velocity with which it is thrown, m/s: towards the robot.
+const THROW_VELOCITY: [f64; 3] = [-1.0, 0.0, 0.0];
+
+/// Height of the box's floor above the tool point, m.
+const FLOOR: f64 = 0.005;
+
+/// Depth of the box, m.
+const DEPTH: f64 = 0.1;
+
+/// Where the tool point is when the robot stands in its start pose, m: 5 mm above the box's origin.
+const TOOL_START: [f64; 3] = [0.35, 0.0, 0.885];
+
+const DEFINITION: Definition = Definition {
+    name: "ball-catching",
+    summary: "Catch a ball thrown towards the robot in a box, and keep it there.",
+    variant_of: None,
+    held: Some(Held {
+        name: "box",
+        hold: Hold::Fixed,
+        mjcf: include_str!("box.xml"),
+        position: [0.35, 0.0, 0.88],
+        quaternion: [1.0, 0.0, 0.0, 0.0],
+    }),
+    start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.04, 0.04],
+    start_noise: 0.0,
+    grip: Grip::Fixed(0.04),
+    n_substeps: 8,
+    velocity_scale: 0.1,
+    signals: &[
+        one(
+            "ball_box_horizontal_distance",
+            "m",
+            "horizontal distance of the ball from the tool point, 5 mm below the middle of the box's floor",
+        ),
+        one(
+            "ball_height_above_box_floor",
+            "m",
+            "height of the ball's centre above the box's floor, along the box's axis",
+        ),
+        one("ball_height", "m", "height of the ball's centre above the ground"),
+        one("ball_speed", "m/s", "speed of the ball"),
+        one("box_tilt", "rad", "angle between the box's axis and the vertical"),
+    ],
+    observation: &[
+        three("ball", "m", "centre of the ball"),
+        three("tool_from_ball", "m", "tool point minus ball"),
+        three("ball_velocity", "m/s", "velocity of the ball"),
+    ],
+    original_reward: &[
+        one("near", "", "1 / (1 + 100 d), d the distance of the ball from the tool point"),
+        one("slow", "", "1 / (1 + 100 v), v the ball's speed"),
+        one("caught", "", "0.5 where d < 0.03, else 0"),
+        one("effort", "", "-0.01 (1 - 1 / (1 + s)), s the sum of the arm's squared actions"),
+    ],
+    shaped_reward: &[
+        one(
+            "intercept",
+            "",
+            "0.3 (1 - tanh(5 m)) while the ball is above the box's mouth, m the horizontal distance from its middle \
+             at which the ball will come down to it",
+        ),
+        one("caught", "", "0.7 where the ball is in the box, else 0"),
+        one("level", "", "0.2 cos(tilt of the box) where the ball is in the box, else 0"),
+        one("still", "", "0.1 / (1 + 10 v) where the ball is in the box, v its speed, else 0"),
+        one("calm", "", "-0.01 times the mean of the arm's squared actions"),
+    ],
+    initial_box: &[
+        BoxAxis { name: "ball_x", unit: "m", paper: [1.05, 1.15], code: [1.05, 1.15], sets: "ball's x" },
+        BoxAxis { name: "ball_y", unit: "m", paper: [-0.05, 0.05], code: [-0.05, 0.05], sets: "ball's y" },
+    ],
+    paper: FORMULAS,
+    code: FORMULAS,
+    termination: "the ball is lower than 0.02 m: on the ground",
+    differences: "The original's box is held by friction alone, with hardly any clearance; here it is part of the \
+                  hand, since dropping the box is not the failure under study.",
+};
+
+const FORMULAS: Formulas = Formulas {
+    success: "always[50:300](ball_box_horizontal_distance <= 0.1)",
+    strict: "always[100:300](ball_box_horizontal_distance <= 0.04 and ball_height_above_box_floor >= 0 \
+             and ball_height_above_box_floor <= 0.1)",
+    safe: "ball_box_horizontal_distance <= 0.2",
+    completion: "always[0:4](ball_box_horizontal_distance <= 0.1)",
+};
+
+impl Task for BallCatching {
+    fn definition(&self) -> &'static Definition {
+        const { &DEFINITION }
+    }
+
+    fn scene(&self) -> Cow<'static, str> {
+        include_str!("scene.xml").into()
+    }
+
+    fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
+        Ok(Box::new(Bound { ball: model.joint("ball")?, tool: model.site("tool")? }))
+    }
+
+    fn expert(&self) -> Result<Arc<dyn Controller>, WorldError> {
+        expert::expert()
+    }
+}
+
+struct Bound {
+    ball: Joint,
+    tool: Site,
+}
+
+impl Bound {
+    /// The box's axis, from its floor to its mouth.
+    fn axis(&self, rows: &Rows<'_>) -> [f64; 3] {
+        let rotation = rows.site_rotation(self.tool);
+        [rotation[2], rotation[5], rotation[8]]
+    }
+}
+
+impl Scene for Bound {
+    fn place(&self, x0: &[f64], world: &mut World) {
+        world.place_free(self.ball, [x0[0], x0[1], THROW_HEIGHT], [1.0, 0.0, 0.0, 0.0]);
+        world.qvel_mut()[self.ball.dof..][..3].copy_from_slice(&THROW_VELOCITY);
+    }
+
+    fn signals(&self, rows: &Rows<'_>, out: &mut [f64]) {
+        let ball = rows.free_position(self.ball);
+        let from_tool = sub(ball, rows.site_position(self.tool));
+        let axis = self.axis(rows);
+        out[0] = norm_xy(from_tool);
+        out[1] = dot(from_tool, axis) - FLOOR;
+        out[2] = ball[2];
+        out[3] = norm(rows.free_velocity(self.ball));
+        out[4] = axis[2].clamp(-1.0, 1.0).acos();
+    }
+
+    fn observe(&self, rows: &Rows<'_>, out: &mut [f64]) {
+        let ball = rows.free_position(self.ball);
+        out[..3].copy_from_slice(&ball);
+        out[3..6].copy_from_slice(&sub(rows.site_position(self.tool), ball));
+        out[6..].copy_from_slice(&rows.free_velocity(self.ball));
+    }
+
+    fn reward(&self, reward: Reward, rows: &Rows<'_>, signals: &[f64], action: &[f64], out: &mut [f64]) {
+        let (distance, height, speed) = (signals[0], signals[1], signals[3]);
+        let ball = rows.free_position(self.ball);
+        let tool = rows.site_position(self.tool);
+        match reward {
+            Reward::Original => {
+                let d = norm(sub(tool, ball));
+                let s: f64 = action[..7].iter().map(|a| a * a).sum();
+                out[0] = 1.0 / (1.0 + 100.0 * d);
+                out[1] = 1.0 / (1.0 + 100.0 * speed);
+                out[2] = if d < 0.03 { 0.5 } else { 0.0 };
+                out[3] = -0.01 * (1.0 - 1.0 / (1.0 + s));
+            }
+            Reward::Shaped => {
+                let inside = distance <= 0.04 && (0.0..=DEPTH).contains(&height);
+                let axis = self.axis(rows);
+                let mouth = [0, 1, 2].map(|i| tool[i] + (FLOOR + DEPTH) * axis[i]);
+                let miss = miss(ball, rows.free_velocity(self.ball), mouth);
+                out[0] = miss.map_or(0.0, |m| 0.3 * (1.0 - (5.0 * m).tanh()));
+                out[1] = if inside { 0.7 } else { 0.0 };
+                out[2] = if inside { 0.2 * axis[2] } else { 0.0 };
+                out[3] = if inside { 0.1 / (1.0 + 10.0 * speed) } else { 0.0 };
+                out[4] = crate::reward::effort(action);
+            }
+        }
+    }
+
+    fn lost(&self, _rows: &Rows<'_>, signals: &[f64]) -> bool {
+        signals[2] < 0.02
+    }
+}
+
+/// Horizontal distance from `mouth` at which a ball in free flight comes down to its height; none if it is below.
+fn miss(ball: [f64; 3], velocity: [f64; 3], mouth: [f64; 3]) -> Option<f64> {
+    let time = fall_time(ball[2] - mouth[2], velocity[2])?;
+    let at = |i: usize| ball[i] + velocity[i] * time - mouth[i];
+    Some(at(0).hypot(at(1)))
+}
+
+/// Time (s) until a ball in free flight comes down by `height`, m, from where it moves upwards at `velocity`, m/s;
+/// none if it is below.
+fn fall_time(height: f64, velocity: f64) -> Option<f64> {
+    const GRAVITY: f64 = 9.81;
+    (height >= 0.0).then(|| (velocity + (velocity * velocity + 2.0 * GRAVITY * height).sqrt()) / GRAVITY)
+}
