@@ -7,7 +7,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, dot, norm, scale, sub};
 
-use super::{DEFINITION, DEPTH, FLOOR, fall_time};
+use super::{DEFINITION, DEPTH, FLOOR, INSIDE, TOOL_START, fall_time};
 use crate::expert::{Behavior, Expert, Seen};
 
 /// Height at which the ball is met, m: high enough for the arm's joints, low enough for the time they need.
@@ -18,9 +18,6 @@ const TILT: f64 = 0.5;
 
 /// How far above the tool point the ball is met, along the box's axis, m: a little below the mouth.
 const AIM: f64 = 0.085;
-
-/// Distance from the box's axis within which a ball below the mouth is caught, m.
-const CAUGHT: f64 = 0.035;
 
 /// Joint velocity for each radian that is left, 1/s: to meet the ball, and to carry it home.
 const MEET_RATE: f64 = 20.0;
@@ -50,7 +47,7 @@ impl Catch {
         let axis = self.turned(rotation, [0.0, 0.0, 1.0]);
         let height = dot(ball, axis);
         let aside = norm(sub(ball, scale(axis, height)));
-        (FLOOR..FLOOR + DEPTH).contains(&height) && aside < CAUGHT
+        (FLOOR..FLOOR + DEPTH).contains(&height) && aside <= INSIDE
     }
 
     /// The posture that holds the box under a ball at `ball`.
@@ -103,6 +100,6 @@ pub(super) fn expert() -> Result<Arc<dyn Controller>, WorldError> {
     let model = mishandle_world::Model::from_xml(mishandle_world::PANDA)?;
     let mut arm = mishandle_world::Arm::new(&model, &crate::robot::JOINT_NAMES[..7], Catch::SITE)?;
     arm.set(&home());
-    let grasp = sub(arm.position(), super::TOOL_START);
+    let grasp = sub(arm.position(), TOOL_START);
     Expert::controller(Catch { grasp, rotation: arm.rotation() }, definition)
 }

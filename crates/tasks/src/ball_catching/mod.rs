@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use mishandle_rollout::Controller;
-use mishandle_world::frame::{dot, norm, norm_xy, sub};
+use mishandle_world::frame::{add, dot, norm, norm_xy, scale, sub};
 use mishandle_world::{Joint, Model, Rows, Site, World, WorldError};
 
 use crate::definition::{BoxAxis, Definition, Formulas, Grip, Held, Hold, Reward, Scene, Task, one, three};
@@ -26,6 +26,10 @@ const FLOOR: f64 = 0.005;
 
 /// Depth of the box, m.
 const DEPTH: f64 = 0.1;
+
+/// Distance from the box's axis within which a ball below the mouth is in the box, m: one in a corner of the cavity is
+/// 0.025 √2 = 0.0354 from it, one that touches the box from outside 0.05.
+const INSIDE: f64 = 0.04;
 
 /// Where the tool point is when the robot stands in its start pose, m: 5 mm above the box's origin.
 const TOOL_START: [f64; 3] = [0.35, 0.0, 0.885];
@@ -76,11 +80,12 @@ const DEFINITION: Definition = Definition {
         one(
             "intercept",
             "",
-            "0.3 (1 - tanh(5 m)) while the ball is above the box's mouth, m the horizontal distance from its middle \
-             at which the ball will come down to it",
+            "0.15 (1 - tanh(2 m)) + 0.15 (1 - tanh(15 m)) while the ball is above the box's mouth, m the horizontal \
+             distance from its middle at which the ball will come down to it",
         ),
-        one("caught", "", "0.7 where the ball is in the box, else 0"),
-        one("level", "", "0.2 cos(tilt of the box) where the ball is in the box, else 0"),
+        one("caught", "", "0.5 where the ball is in the box, else 0"),
+        one("held", "", "0.2 where the strict formula's condition holds, else 0"),
+        one("level", "", "0.2 times the cosine of the box's tilt where the ball is in the box, else 0"),
         one("still", "", "0.1 / (1 + 10 v) where the ball is in the box, v its speed, else 0"),
         one("calm", "", "-0.01 times the mean of the arm's squared actions"),
     ],
@@ -172,15 +177,19 @@ impl Scene for Bound {
                 out[3] = -0.01 * (1.0 - 1.0 / (1.0 + s));
             }
             Reward::Shaped => {
-                let inside = distance <= 0.04 && (0.0..=DEPTH).contains(&height);
                 let axis = self.axis(rows);
-                let mouth = [0, 1, 2].map(|i| tool[i] + (FLOOR + DEPTH) * axis[i]);
+                let mouth = add(tool, scale(axis, FLOOR + DEPTH));
                 let miss = miss(ball, rows.free_velocity(self.ball), mouth);
-                out[0] = miss.map_or(0.0, |m| 0.3 * (1.0 - (5.0 * m).tanh()));
-                out[1] = if inside { 0.7 } else { 0.0 };
-                out[2] = if inside { 0.2 * axis[2] } else { 0.0 };
-                out[3] = if inside { 0.1 / (1.0 + 10.0 * speed) } else { 0.0 };
-                out[4] = crate::reward::effort(action);
+                let deep = (0.0..=DEPTH).contains(&height);
+                // Across the box's axis, which differs from the horizontal while the box is turned.
+                let inside = deep && norm(sub(sub(ball, tool), scale(axis, height + FLOOR))) <= INSIDE;
+                let held = deep && distance <= INSIDE;
+                out[0] = miss.map_or(0.0, |m| 0.15 * (2.0 - (2.0 * m).tanh() - (15.0 * m).tanh()));
+                out[1] = if inside { 0.5 } else { 0.0 };
+                out[2] = if held { 0.2 } else { 0.0 };
+                out[3] = if inside { 0.2 * axis[2] } else { 0.0 };
+                out[4] = if inside { 0.1 / (1.0 + 10.0 * speed) } else { 0.0 };
+                out[5] = crate::reward::effort(action);
             }
         }
     }
