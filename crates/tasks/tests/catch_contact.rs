@@ -276,20 +276,29 @@ fn a_ball_dropped_in_the_box_does_not_bounce_and_stays_for_ten_seconds() {
     assert!(norm(bench.velocity()) < 0.006, "{:?}", bench.velocity());
 }
 
-#[test]
-fn the_cavity_is_as_wide_as_drawn() {
-    // Gravity leans by 0.5 rad towards each wall in turn; the ball comes to lie against it.
+/// Where the ball comes to lie in the box when gravity leans by 0.5 rad that way.
+fn rolled(x: f64, y: f64) -> [f64; 3] {
     let (sin, cos) = 0.5_f64.sin_cos();
-    for (axis, sign) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)] {
-        let mut g = [0.0, 0.0, -GRAVITY * cos];
-        g[axis] = sign * GRAVITY * sin;
-        let mut bench = Bench::new(&format!("<option gravity=\"{} {} {}\"/>", g[0], g[1], g[2]));
-        bench.throw([0.0, 0.0, RADIUS], [0.0; 3]);
-        bench.run(2.0);
-        let p = bench.ball_in_box();
-        assert!((sign * p[axis] - (HALF_WIDTH - RADIUS)).abs() < 3e-4, "axis {axis}: {p:?}");
+    let (gx, gy, gz) = (GRAVITY * sin * x, GRAVITY * sin * y, -GRAVITY * cos);
+    let mut bench = Bench::new(&format!("<option gravity=\"{gx} {gy} {gz}\"/>"));
+    bench.throw([0.0, 0.0, RADIUS], [0.0; 3]);
+    bench.run(2.0);
+    bench.ball_in_box()
+}
+
+#[test]
+fn the_cavity_is_as_wide_as_drawn_and_a_ball_in_its_corner_is_caught() {
+    let reach = HALF_WIDTH - RADIUS;
+    for (x, y) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {
+        let p = rolled(x, y);
+        assert!((p[0] * x + p[1] * y - reach).abs() < 3e-4, "{x} {y}: {p:?}");
         assert!((p[2] - RADIUS).abs() < 3e-4, "{p:?}");
     }
+    let aside = rolled(1.0, 1.0)[0].hypot(rolled(1.0, 1.0)[1]);
+    assert!((aside - reach * 2.0_f64.sqrt()).abs() < 3e-4, "{aside}");
+    // The strict formula's bound: farther than a corner, nearer than a ball that touches the box from outside.
+    let strict = task("ball-catching").unwrap().definition().paper.strict;
+    assert!(strict.contains("ball_box_horizontal_distance <= 0.04 ") && aside < 0.04, "{strict}");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, dot, norm, scale, sub};
 
-use super::{DEFINITION, DEPTH, FLOOR, INSIDE, TOOL_START, fall_time};
+use super::{DEFINITION, DEPTH, FLOOR, INSIDE, ORIGIN, fall_time};
 use crate::expert::{Behavior, Expert, Seen};
 
 /// Height at which the ball is met, m: high enough for the arm's joints, low enough for the time they need.
@@ -47,7 +47,7 @@ impl Catch {
         let axis = self.turned(rotation, [0.0, 0.0, 1.0]);
         let height = dot(ball, axis);
         let aside = norm(sub(ball, scale(axis, height)));
-        (FLOOR..FLOOR + DEPTH).contains(&height) && aside <= INSIDE
+        (0.0..FLOOR + DEPTH).contains(&height) && aside <= INSIDE
     }
 
     /// The posture that holds the box under a ball at `ball`.
@@ -100,6 +100,6 @@ pub(super) fn expert() -> Result<Arc<dyn Controller>, WorldError> {
     let model = mishandle_world::Model::from_xml(mishandle_world::PANDA)?;
     let mut arm = mishandle_world::Arm::new(&model, &crate::robot::JOINT_NAMES[..7], Catch::SITE)?;
     arm.set(&home());
-    let grasp = sub(arm.position(), TOOL_START);
-    Expert::controller(Catch { grasp, rotation: arm.rotation() }, definition)
+    let tool = add(ORIGIN, [0.0, 0.0, FLOOR]);
+    Expert::controller(Catch { grasp: sub(arm.position(), tool), rotation: arm.rotation() }, definition)
 }
