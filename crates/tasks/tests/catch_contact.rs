@@ -313,7 +313,7 @@ fn a_throw_gains_no_energy_in_the_box() {
         for _ in 0..bench.steps(0.5) {
             bench.step();
             let energy = bench.energy();
-            // A hard landing presses the ball into the floor for a step, and a little of that comes out again.
+            // A hard landing presses the ball into the floor; coming out it gains a little.
             assert!(
                 energy < least + 0.05 * thrown,
                 "throw {k}: {energy} J after {least} J, thrown with {thrown} J"

@@ -48,8 +48,8 @@ const DEFINITION: Definition = Definition {
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.04, 0.04],
     start_noise: 0.0,
     grip: Grip::Fixed(0.04),
-    // At 5 m/s the ball moves 1 cm in a step of 1/480 s, which the floor of 2 cm stops; of 100 throws two go through it
-    // at 1/240 s, none at 1/480, 1/960 and 1/1920 s.
+    // At 5 m/s the ball moves 1 cm in a step of 1/480 s, which the floor of 2 cm stops. Of 100 throws the expert loses
+    // two at 1/240 s, none at 1/480, 1/960 and 1/1920 s.
     n_substeps: 8,
     velocity_scale: 0.1,
     signals: &[
@@ -100,7 +100,7 @@ const DEFINITION: Definition = Definition {
     termination: "the ball is lower than 0.02 m: on the ground",
     differences: "The original's box is held by friction alone, with hardly any clearance; here it is part of the \
                   hand, since dropping the box is not the failure under study. A ball that lands hard is pressed up \
-                  to 1 cm into the box's floor for one physics step of 2 ms; it comes to rest without a rebound. \
+                  to 1 cm into the box's floor and comes out of it within a tenth of a second, without a rebound. \
                   Neither box nor robot touches the ground.",
 };
 
