@@ -6,6 +6,7 @@
 use std::sync::{PoisonError, RwLock};
 
 mod ball_balancing;
+mod ball_catching;
 mod ball_pushing;
 mod cloth_placing;
 mod definition;
@@ -28,6 +29,7 @@ pub use robot::{
 pub static TASKS: &[&dyn Task] = &[
     &point_reaching::PointReaching,
     &ball_balancing::BallBalancing,
+    &ball_catching::BallCatching,
     &ball_pushing::BallPushing,
     &cloth_placing::CLOTH_PLACING,
     &cloth_placing::CLOTH_PLACING_7X7,
