@@ -44,7 +44,10 @@ VARIANTS = {
     "8 substeps, edges twice as fast": (8, [edges(0.0042, 0.95)]),
     "edges of impedance 0.9": (4, [edges(0.0085, 0.9)]),
     "edges of impedance 0.99": (4, [edges(0.0085, 0.99)]),
-    "vertices touch each other": (4, [('conaffinity="9"', 'conaffinity="13"'), ('conaffinity="8"/>', 'conaffinity="12"/>')]),
+    "vertices touch each other": (
+        4,
+        [('conaffinity="9"', 'conaffinity="13"'), ('conaffinity="8"/>', 'conaffinity="12"/>')],
+    ),
     "triangles touch the table": (
         4,
         [
@@ -117,7 +120,8 @@ def main():
     print(f'{"":36} {"us":>6} {"steps/s":>8} {"stretch":>8} {"sinks mm":>9} {"rest s":>7} {"over":>5} {"off m":>6}')
     for name, (substeps, changes) in VARIANTS.items():
         us, rate, stretch, sinks, rest, over, off = measure(document, substeps, changes)
-        print(f"{name:36} {us:6.0f} {rate:8.0f} {stretch:8.1%} {sinks:9.1f} {rest:7.2f} {over:5.2f} {off:6.3f}", flush=True)
+        figures = f"{us:6.0f} {rate:8.0f} {stretch:8.1%} {sinks:9.1f} {rest:7.2f} {over:5.2f} {off:6.3f}"
+        print(f"{name:36} {figures}", flush=True)
 
 
 main()

@@ -1,4 +1,4 @@
-//! Cloth placing: lay a cloth on a table.
+//! Cloth placing: put a cloth down on a table.
 
 mod expert;
 mod sheet;
