@@ -267,10 +267,12 @@ fn the_expert_meets_both_formulas() {
         let fails = |met: fn(&Episode) -> bool| -> Vec<Vec<f64>> {
             episodes.iter().filter(|episode| !met(episode)).map(|episode| episode.x0.clone()).collect()
         };
-        // The experts' bars are 99 % and 95 % of 1,000 starts.
+        // The experts' bars are 99 % and 95 % of 1,000 starts. A variant has the expert of its task, which is made for
+        // that one: 90 % is what it has to reach.
         let (success, strict) = (fails(succeeds), fails(is_strict));
         assert!(success.len() <= 1, "{name} breaks the formula from {success:?}");
-        assert!(strict.len() <= 2, "{name} breaks the strict formula from {strict:?}");
+        let allowed = if task.definition().variant_of.is_some() { 6 } else { 2 };
+        assert!(strict.len() <= allowed, "{name} breaks the strict formula from {strict:?}");
     }
 }
 

@@ -28,13 +28,13 @@ const LOWER_SPEED: f64 = 0.3;
 const OPEN: f64 = 0.03;
 
 /// How long it waits for the cloth to come to rest, goes there, down, and pushes at most, control steps.
-const SETTLE: f64 = 25.0;
-const GO_STEPS: f64 = 60.0;
-const DESCEND_STEPS: f64 = 30.0;
+const SETTLE: f64 = 15.0;
+const GO_STEPS: f64 = 30.0;
+const DESCEND_STEPS: f64 = 20.0;
 const PUSH_STEPS: f64 = 90.0;
 
 /// Horizontal distances of the centroid from the table's centre between which it pushes, m.
-const TOO_FAR: f64 = 0.042;
+const TOO_FAR: f64 = 0.038;
 const GOOD: f64 = 0.02;
 
 /// Where the grasp point is when it starts to push: this far beyond the centroid, and no farther from the table's centre
@@ -46,7 +46,7 @@ const INSIDE: f64 = 0.075;
 const UPRIGHT_REACH: f64 = 0.7;
 
 /// Speed of pushing, m/s.
-const PUSH_SPEED: f64 = 0.12;
+const PUSH_SPEED: f64 = 0.16;
 
 /// What it does next; the first value in its memory. The second counts control steps.
 const CARRY: f64 = 0.0;
@@ -73,7 +73,7 @@ impl Behavior for Place {
             CARRY | LOWER if seen.fingers[0] > OPEN => LEAVE,
             CARRY if distance < NEAR => LOWER,
             LEAVE if memory[1] > SETTLE && distance > TOO_FAR => GO_BEYOND,
-            GO_BEYOND if norm(sub(above, grasp)) < 0.03 || memory[1] > GO_STEPS => DESCEND,
+            GO_BEYOND if norm(sub(above, grasp)) < 0.04 || memory[1] > GO_STEPS => DESCEND,
             DESCEND if grasp[2] < PUSH_HEIGHT + 0.005 || memory[1] > DESCEND_STEPS => PUSH,
             PUSH if distance < GOOD || memory[1] > PUSH_STEPS => LEAVE,
             phase => phase,
@@ -85,7 +85,7 @@ impl Behavior for Place {
         let linear = match next {
             CARRY => [x, y, rise(TRAVEL_HEIGHT, 4.0, 0.3)],
             LOWER => [x, y, rise(LOW, 8.0, LOWER_SPEED)],
-            GO_BEYOND => limited(scale(sub(above, grasp), 4.0), 0.6),
+            GO_BEYOND => limited(scale(sub(above, grasp), 5.0), 0.6),
             DESCEND => [0.0, 0.0, rise(PUSH_HEIGHT, 5.0, 0.3)],
             PUSH => [-PUSH_SPEED * away[0], -PUSH_SPEED * away[1], rise(PUSH_HEIGHT, 5.0, 0.1)],
             _ => [0.0, 0.0, rise(ABOVE, 4.0, 0.3)],
