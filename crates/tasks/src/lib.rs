@@ -10,6 +10,7 @@ mod ball_pushing;
 mod definition;
 mod environment;
 mod expert;
+mod peg_in_hole;
 mod point_reaching;
 mod reward;
 mod robot;
@@ -24,8 +25,12 @@ pub use robot::{
 };
 
 /// The benchmark's tasks, in the order in which they are listed.
-pub static TASKS: &[&dyn Task] =
-    &[&point_reaching::PointReaching, &ball_balancing::BallBalancing, &ball_pushing::BallPushing];
+pub static TASKS: &[&dyn Task] = &[
+    &point_reaching::PointReaching,
+    &peg_in_hole::PegInHole,
+    &ball_balancing::BallBalancing,
+    &ball_pushing::BallPushing,
+];
 
 /// Tasks beside the benchmark's.
 static ADDED: RwLock<Vec<&'static dyn Task>> = RwLock::new(Vec::new());

@@ -1,0 +1,88 @@
+//! Folds the arm until the peg is over the block, carries it upright to above the hole, and lowers it until the
+//! gripper lets go.
+
+use std::sync::Arc;
+
+use mishandle_controllers::kinematic::ResolvedRate;
+use mishandle_rollout::Controller;
+use mishandle_world::WorldError;
+use mishandle_world::frame::{add, cross, norm_xy, rotate, scale, sub};
+
+use super::{AXIS, DEPTH};
+use crate::expert::{Behavior, Expert, Seen, limited};
+
+/// Joints 2, 4 and 6 that hold the peg upright 0.15 m above the block, at these distances of the hole from the base, m:
+/// between them it interpolates.
+const FOLDED: [(f64, [f64; 3]); 2] = [(0.3, [-0.725, -2.069, 1.395]), (0.6, [0.235, -1.1, 1.387])];
+
+/// Joint 7 on the way, rad. The hand holds the peg at an angle of 0.07 rad; turned like this, it leans to where the
+/// arm reaches 2 cm farther than at 0.
+const WRIST: f64 = 2.4;
+
+/// Height of the peg's origin above its inserted place from which it is lowered, m: its tip is 15 mm above the surface.
+const ABOVE: f64 = 0.065;
+
+/// How fast joints and pose follow what is wanted, 1/s.
+const RATE: f64 = 5.0;
+
+/// Speed on the way to above the hole, and when lowering, m/s.
+const TRAVEL_SPEED: f64 = 0.6;
+const LOWER_SPEED: f64 = 0.12;
+
+/// Horizontal offset (m) and tilt (sine) with which the peg may be lowered: half its play, and half the tilt with which
+/// it can lie in the hole. It is lifted again at twice that offset.
+const OFFSET: f64 = 0.002;
+const TILT: f64 = 0.08;
+
+/// What it does next; the value in its memory.
+const FOLD: f64 = 0.0;
+const TRAVEL: f64 = 1.0;
+const LOWER: f64 = 2.0;
+const LEAVE: f64 = 3.0;
+
+struct Insert;
+
+impl Behavior for Insert {
+    const MEMORY: usize = 1;
+    const SITE: &'static str = "grasp";
+    const REST: [f64; 7] = [0.0, 0.0, 0.0, -1.6, 0.0, 1.5, WRIST];
+
+    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
+        let (peg, from_bottom) = (seen.point(0), seen.point(7));
+        let axis = rotate([3, 4, 5, 6].map(|i| f64::from(seen.task[i])), AXIS);
+        // From the peg to its inserted place.
+        let to_place = sub([0.0, 0.0, super::SHAFT / 2.0], from_bottom);
+        let folded = folded(add(peg, to_place));
+        let unfolded = folded.iter().zip(&seen.q).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let (offset, height) = (norm_xy(to_place), -to_place[2]);
+        memory[0] = match memory[0] {
+            FOLD if unfolded < 0.2 => TRAVEL,
+            TRAVEL if offset < OFFSET && norm_xy(axis) < TILT && height < ABOVE + 0.01 => LOWER,
+            // The gripper lets go long before the hand is as low as this.
+            LOWER if height < 0.2 * DEPTH => LEAVE,
+            LOWER if offset > 2.0 * OFFSET && height > DEPTH => TRAVEL,
+            phase => phase,
+        };
+        let wanted = match memory[0] {
+            FOLD => return std::array::from_fn(|i| RATE * (folded[i] - seen.q[i])),
+            TRAVEL => limited(scale(add(to_place, [0.0, 0.0, ABOVE]), RATE), TRAVEL_SPEED),
+            LOWER => [RATE * to_place[0], RATE * to_place[1], -LOWER_SPEED],
+            _ => return arm.twist(&seen.q, [0.0, 0.0, 0.1], [0.0; 3]),
+        };
+        // The turn that sets the peg upright; the hand moves as the peg's origin wants it to.
+        let turn = limited(scale(cross(axis, [0.0, 0.0, 1.0]), RATE), 1.5);
+        arm.twist(&seen.q, add(wanted, cross(turn, sub(arm.position(), peg))), turn)
+    }
+}
+
+/// The joints that hold the peg above a hole there.
+fn folded(hole: [f64; 3]) -> [f64; 7] {
+    let [(near, a), (far, b)] = FOLDED;
+    let part = ((norm_xy(hole) - near) / (far - near)).clamp(0.0, 1.0);
+    let [j2, j4, j6] = [0, 1, 2].map(|i| a[i] + part * (b[i] - a[i]));
+    [hole[1].atan2(hole[0]), j2, 0.0, j4, 0.0, j6, WRIST]
+}
+
+pub(super) fn expert() -> Result<Arc<dyn Controller>, WorldError> {
+    Expert::controller(Insert, const { &super::DEFINITION })
+}
