@@ -6,9 +6,9 @@ use std::sync::Arc;
 use mishandle_controllers::kinematic::ResolvedRate;
 use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
-use mishandle_world::frame::{add, cross, norm_xy, rotate, scale, sub};
+use mishandle_world::frame::{add, cross, norm, norm_xy, rotate, scale, sub};
 
-use super::{AXIS, DEPTH};
+use super::{AXIS, DEPTH, SHAFT};
 use crate::expert::{Behavior, Expert, Seen, limited};
 
 /// Joints 2, 4 and 6 that hold the peg upright 0.15 m above the block, at these distances of the hole from the base, m:
@@ -19,8 +19,14 @@ const FOLDED: [(f64, [f64; 3]); 2] = [(0.3, [-0.725, -2.069, 1.395]), (0.6, [0.2
 /// arm reaches 2 cm farther than at 0.
 const WRIST: f64 = 2.4;
 
-/// Height of the peg's origin above its inserted place from which it is lowered, m: its tip is 15 mm above the surface.
+/// Height of the peg's tip above the hole's bottom from which it is lowered, m: 15 mm above the surface.
 const ABOVE: f64 = 0.065;
+
+/// Leaning of the peg at the farthest holes, rad, and the distances from the base over which it grows, m. An upright
+/// peg above the farthest hole is 2 mm beyond the arm's reach; leaning by this much brings the wrist 2 cm closer.
+const LEAN: f64 = 0.08;
+const LEAN_FROM: f64 = 0.68;
+const FARTHEST: f64 = 0.728;
 
 /// How fast joints and pose follow what is wanted, 1/s.
 const RATE: f64 = 5.0;
@@ -29,10 +35,14 @@ const RATE: f64 = 5.0;
 const TRAVEL_SPEED: f64 = 0.6;
 const LOWER_SPEED: f64 = 0.12;
 
-/// Horizontal offset (m) and tilt (sine) with which the peg may be lowered: half its play, and half the tilt with which
-/// it can lie in the hole. It is lifted again at twice that offset.
-const OFFSET: f64 = 0.002;
+/// Horizontal offset (m) and tilt (sine) with which the peg may be lowered: less than its play of 4 mm, and half the
+/// tilt with which it fits into the hole. It is lifted again at twice that offset.
+const OFFSET: f64 = 0.0025;
 const TILT: f64 = 0.08;
+
+/// Height to which the empty hand rises, m, and its speed, m/s.
+const LEAVE_HEIGHT: f64 = 0.6;
+const LEAVE_SPEED: f64 = 0.15;
 
 /// What it does next; the value in its memory.
 const FOLD: f64 = 0.0;
@@ -45,34 +55,45 @@ struct Insert;
 impl Behavior for Insert {
     const MEMORY: usize = 1;
     const SITE: &'static str = "grasp";
-    const REST: [f64; 7] = [0.0, 0.0, 0.0, -1.6, 0.0, 1.5, WRIST];
+    const REST: [f64; 7] = [0.0, 0.4, 0.0, -1.0, 0.0, 1.4, WRIST];
 
     fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
-        let (peg, from_bottom) = (seen.point(0), seen.point(7));
+        let (peg, peg_from_hole) = (seen.point(0), seen.point(7));
         let axis = rotate([3, 4, 5, 6].map(|i| f64::from(seen.task[i])), AXIS);
-        // From the peg to its inserted place.
-        let to_place = sub([0.0, 0.0, super::SHAFT / 2.0], from_bottom);
-        let folded = folded(add(peg, to_place));
-        let unfolded = folded.iter().zip(&seen.q).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        let (offset, height) = (norm_xy(to_place), -to_place[2]);
+        let tip = add(peg_from_hole, scale(axis, -SHAFT / 2.0));
+        let hole = sub(peg, peg_from_hole);
+        let (posture, upright) = (folded(hole), upright(hole));
+        let unfolded = posture.iter().zip(&seen.q).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let (offset, height) = (norm_xy(tip), tip[2]);
         memory[0] = match memory[0] {
             FOLD if unfolded < 0.2 => TRAVEL,
-            TRAVEL if offset < OFFSET && norm_xy(axis) < TILT && height < ABOVE + 0.01 => LOWER,
+            TRAVEL if offset < OFFSET && norm(sub(axis, upright)) < TILT && height < ABOVE + 0.01 => LOWER,
             // The gripper lets go long before the hand is as low as this.
             LOWER if height < 0.2 * DEPTH => LEAVE,
             LOWER if offset > 2.0 * OFFSET && height > DEPTH => TRAVEL,
             phase => phase,
         };
         let wanted = match memory[0] {
-            FOLD => return std::array::from_fn(|i| RATE * (folded[i] - seen.q[i])),
-            TRAVEL => limited(scale(add(to_place, [0.0, 0.0, ABOVE]), RATE), TRAVEL_SPEED),
-            LOWER => [RATE * to_place[0], RATE * to_place[1], -LOWER_SPEED],
-            _ => return arm.twist(&seen.q, [0.0, 0.0, 0.1], [0.0; 3]),
+            FOLD => return std::array::from_fn(|i| RATE * (posture[i] - seen.q[i])),
+            TRAVEL => limited(scale(sub([0.0, 0.0, ABOVE], tip), RATE), TRAVEL_SPEED),
+            LOWER => [-RATE * tip[0], -RATE * tip[1], -LOWER_SPEED],
+            _ => {
+                let up = (RATE * (LEAVE_HEIGHT - arm.position()[2])).min(LEAVE_SPEED);
+                return arm.twist(&seen.q, [0.0, 0.0, up], [0.0; 3]);
+            }
         };
-        // The turn that sets the peg upright; the hand moves as the peg's origin wants it to.
-        let turn = limited(scale(cross(axis, [0.0, 0.0, 1.0]), RATE), 1.5);
-        arm.twist(&seen.q, add(wanted, cross(turn, sub(arm.position(), peg))), turn)
+        // The hand turns with the peg and moves as the peg's tip has to.
+        let turn = limited(scale(cross(axis, upright), RATE), 1.5);
+        let from_tip = sub(arm.position(), add(hole, tip));
+        arm.twist(&seen.q, add(wanted, cross(turn, from_tip)), turn)
     }
+}
+
+/// How the peg stands when it is lowered: upright, but where the arm is at its end leaning towards the base.
+fn upright(hole: [f64; 3]) -> [f64; 3] {
+    let distance = norm_xy(hole);
+    let lean = LEAN * ((distance - LEAN_FROM) / (FARTHEST - LEAN_FROM)).clamp(0.0, 1.0);
+    [-lean.sin() * hole[0] / distance, -lean.sin() * hole[1] / distance, lean.cos()]
 }
 
 /// The joints that hold the peg above a hole there.
