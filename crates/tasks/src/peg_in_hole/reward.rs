@@ -28,7 +28,7 @@ pub(super) const ORIGINAL: &[Quantity] = &[
     one(
         "inserted",
         "",
-        "100 where the peg is nearer than 0.01 to the point 0.01 m above its inserted place, else 0",
+        "100 where the peg is nearer than 0.01 m to the point 0.01 m above its inserted place (it ends just at that distance), else 0",
     ),
 ];
 
@@ -97,4 +97,46 @@ pub(super) fn shaped(signals: &[f64], height: f64, action: &[f64], out: &mut [f6
     out[4] = 0.2 * (depth / super::DEPTH).clamp(0.0, 1.0);
     out[5] = if d <= 0.005 && depth >= 0.045 { 0.3 } else { 0.0 };
     out[6] = effort(action);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const UPRIGHT: [f64; 4] = [0.5, 0.5, 0.5, 0.5];
+
+    #[track_caller]
+    fn check(d: f64, height: f64, quaternion: [f64; 4], expected: [f64; 9]) {
+        let mut terms = [0.0; 9];
+        original(d, height, quaternion, 0.0, &[0.0; 9], &mut terms);
+        for (found, wanted) in terms.iter().zip(&expected) {
+            assert!((found - wanted).abs() < 1e-4, "{terms:?} instead of {expected:?}");
+        }
+    }
+
+    #[test]
+    fn original_terms_by_hand() {
+        check(0.0, 0.0, UPRIGHT, [3.5, 2.96, 2.0, 0.0, 0.5, 0.1, 0.5, 0.0, 0.0]);
+        check(0.0, 0.01, UPRIGHT, [3.5, 2.96, 1.88014, 0.0, 0.5, 0.1, 0.5, 0.0, 100.0]);
+        // tanh(1) = 0.76159, tanh(1.2) = 0.83365
+        check(0.2, 0.2, UPRIGHT, [0.83442, 2.96, 0.33269, 0.0, 0.5, -1.0, -10.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn an_upright_peg_may_be_turned_about_its_axis() {
+        // Upright, then a quarter turn about the vertical: (cos 45°, 0, 0, sin 45°) times it.
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        check(0.0, 0.0, [0.0, 0.0, half, half], [3.5, 2.96, 2.0, 0.0, 0.5, 0.1, 0.5, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_leaning_peg_is_worth_less() {
+        // Upright, then 0.3 rad about the world's y, along which the peg's own x points: that is roll alone.
+        let (sin, cos) = 0.15_f64.sin_cos();
+        let q = [0.5 * (cos - sin), 0.5 * (cos + sin), 0.5 * (cos + sin), 0.5 * (cos - sin)];
+        let mut terms = [0.0; 9];
+        original(0.0, 0.0, q, 0.0, &[0.0; 9], &mut terms);
+        assert!((terms[1] - (2.96 - 1.48 * 0.6_f64.tanh())).abs() < 1e-4, "{terms:?}");
+        assert_eq!(terms[4], -1.0);
+    }
 }
