@@ -15,12 +15,12 @@ use crate::expert::{Behavior, Expert, Seen, limited};
 /// between them it interpolates.
 const FOLDED: [(f64, [f64; 3]); 2] = [(0.3, [-0.725, -2.069, 1.395]), (0.6, [0.235, -1.1, 1.387])];
 
-/// Joint 7 on the way, rad. The hand holds the peg at an angle of 0.07 rad; turned like this, it leans to where the
-/// arm reaches 2 cm farther than at 0.
+/// Joint 7 on the way, rad. The hand holds the peg at an angle of 0.07 rad; turned like this, an upright peg has it lean
+/// so that the arm reaches 8 mm farther than with the joint at 0.
 const WRIST: f64 = 2.4;
 
-/// Height of the peg's tip above the hole's bottom from which it is lowered, m: 15 mm above the surface.
-const ABOVE: f64 = 0.065;
+/// Height of the peg's tip above the hole's bottom from which it is lowered, m: 8 mm above the surface.
+const ABOVE: f64 = 0.058;
 
 /// Leaning of the peg at the farthest holes, rad, and the distances from the base over which it grows, m. An upright
 /// peg above the farthest hole is 2 mm beyond the arm's reach; leaning by this much brings the wrist 2 cm closer.
@@ -28,16 +28,17 @@ const LEAN: f64 = 0.08;
 const LEAN_FROM: f64 = 0.68;
 const FARTHEST: f64 = 0.728;
 
-/// How fast joints and pose follow what is wanted, 1/s.
-const RATE: f64 = 5.0;
+/// How fast joints and pose follow what is wanted, 1/s. It is fast, as is the lowering, because noise on the actions
+/// moves the tip by millimetres in every step: it is over the hole for moments.
+const RATE: f64 = 12.0;
 
 /// Speed on the way to above the hole, and when lowering, m/s.
 const TRAVEL_SPEED: f64 = 0.6;
-const LOWER_SPEED: f64 = 0.12;
+const LOWER_SPEED: f64 = 0.3;
 
 /// Horizontal offset (m) and tilt (sine) with which the peg may be lowered: less than its play of 4 mm, and half the
 /// tilt with which it fits into the hole. It is lifted again at twice that offset.
-const OFFSET: f64 = 0.0025;
+const OFFSET: f64 = 0.003;
 const TILT: f64 = 0.08;
 
 /// Height to which the empty hand rises, m, and its speed, m/s.
