@@ -156,6 +156,28 @@ fn a_peg_beside_the_hole_stands_on_the_block() {
     }
 }
 
+#[test]
+fn a_peg_bounces_on_the_ground_with_a_restitution_of_0_4_and_not_on_the_block() {
+    let restitution = |offset: [f64; 2], surface: f64, fall: f64| {
+        let mut bench = Bench::loose(offset, surface + 0.5 * SHAFT + fall, UPRIGHT);
+        let (mut down, mut up): (f64, f64) = (0.0, 0.0);
+        for _ in 0..240 {
+            bench.step();
+            let v = bench.world.rows().free_velocity(bench.peg)[2];
+            down = down.min(v);
+            up = up.max(v);
+        }
+        -up / down
+    };
+    // Where in a physics step the peg touches down moves a single bounce by half of it.
+    let mean = |offset: [f64; 2], surface: f64| {
+        (0..20).map(|i| restitution(offset, surface, 0.2 + 0.013 * f64::from(i))).sum::<f64>() / 20.0
+    };
+    let (ground, block) = (mean([0.5, 0.5], 0.0), mean([0.08, 0.08], 0.4));
+    assert!((ground - 0.4).abs() < 0.05, "{ground} on the ground");
+    assert!(block < 0.1, "{block} on the block");
+}
+
 /// Depth to which the lowest point of a shaft that leans by `angle` gets into a hole of that radius.
 ///
 /// In the plane of the axis and the vertical: the lower end's one edge is at the far wall, x = 2 R. The end is
