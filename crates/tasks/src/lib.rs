@@ -6,6 +6,7 @@
 use std::sync::{PoisonError, RwLock};
 
 mod ball_balancing;
+mod ball_catching;
 mod ball_pushing;
 mod definition;
 mod environment;
@@ -29,6 +30,7 @@ pub static TASKS: &[&dyn Task] = &[
     &point_reaching::PointReaching,
     &peg_in_hole::PegInHole,
     &ball_balancing::BallBalancing,
+    &ball_catching::BallCatching,
     &ball_pushing::BallPushing,
 ];
 

@@ -118,7 +118,7 @@ const DEFINITION: Definition = Definition {
                   pads touch the peg's cap, 6.3 mm beside the middle of the hand, instead of being driven 5 mm into \
                   it; after that they obey the original's rule. The hole is a polygon of 16 sides around its circle: \
                   the peg's play is 4 mm, in places 4.08 mm. Nothing of the robot fits into the hole, so that it meets \
-                  the block as one box; the base and the block, both fixed, are not tested against each other.",
+                  the block as one box; the base, which cannot reach the block, is not tested against it.",
 };
 
 const STRICT: &str = "eventually[0:270](always[0:30](peg_hole_horizontal_distance <= 0.005 and \
