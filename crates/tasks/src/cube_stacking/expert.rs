@@ -27,8 +27,8 @@ const LET_GO: f64 = 0.027;
 const OPENED: f64 = 0.037;
 
 /// Distance from the base up to which a level cube can be set down, m, and how much a radian of lean adds.
-const LEVEL_REACH: f64 = 0.77;
-const REACH_OF_LEAN: f64 = 0.17;
+const LEVEL_REACH: f64 = 0.78;
+const REACH_OF_LEAN: f64 = 0.2;
 
 /// How fast position and orientation are approached, 1/s.
 const RATE: f64 = 5.0;
@@ -60,7 +60,7 @@ impl Behavior for Stack {
         let turn = rotation_between(&arm.rotation(), &self.standing(along, lean));
         let narrowest = seen.fingers[0].min(seen.fingers[1]);
         memory[0] = match memory[0] {
-            TRAVEL if norm(above) < 0.004 && norm(turn) < 0.03 => LOWER,
+            TRAVEL if norm(above) < 0.006 && norm(turn) < 0.03 => LOWER,
             TRAVEL | LOWER if narrowest > LET_GO => OPEN,
             OPEN if narrowest > OPENED => LEAVE,
             phase => phase,
