@@ -109,7 +109,8 @@ const DEFINITION: Definition = Definition {
     termination: "the cubes are farther than 0.8 m from each other horizontally",
     differences: "In the original friction alone holds the cube. Here the fingers press on it in the same way, and a \
                   weld to the hand keeps it in place until the gripper opens for the first time: dropping the cube on \
-                  the way is not the failure under study. A cube that was let go is as free as in the original.",
+                  the way is not the failure under study. A cube that was let go is as free as in the original. It twists \
+                  on what it lies on by the friction of its contact points alone, without PhysX's patch.",
 };
 
 const FORMULAS: Formulas = Formulas {
@@ -152,12 +153,12 @@ struct Bound {
 
 impl Bound {
     /// The cube's centre, seen from the target's.
-    fn from_target(&self, rows: &Rows<'_>) -> [f64; 3] {
+    fn cube_from_target(&self, rows: &Rows<'_>) -> [f64; 3] {
         sub(rows.free_position(self.cube), rows.free_position(self.target))
     }
 
     fn original(&self, rows: &Rows<'_>, signals: &[f64], out: &mut [f64]) {
-        let [x, y, z] = self.from_target(rows);
+        let [x, y, z] = self.cube_from_target(rows);
         let (cube, d, r) = (rows.free_position(self.cube), norm([x, y, z - 0.02]), signals[0]);
         let away = norm(sub(self.panda.finger_position(rows), cube)) > 0.05;
         out[0] = 2.0 / (1.0 + d);
@@ -186,14 +187,14 @@ impl Scene for Bound {
     }
 
     fn grip(&self, rows: &Rows<'_>, _action: &[f64], fingers: &mut [f64]) -> bool {
-        let from_target = self.from_target(rows);
+        let from_target = self.cube_from_target(rows);
         let open = norm(from_target) < RELEASE_DISTANCE && from_target[2] >= RELEASE_HEIGHT;
         fingers.fill(if open { OPEN } else { CLOSED });
         open
     }
 
     fn signals(&self, rows: &Rows<'_>, out: &mut [f64]) {
-        let (cube, from_target) = (rows.free_position(self.cube), self.from_target(rows));
+        let (cube, from_target) = (rows.free_position(self.cube), self.cube_from_target(rows));
         out[0] = norm_xy(from_target);
         out[1] = from_target[2];
         out[2] = norm(rows.free_velocity(self.cube));
@@ -205,7 +206,7 @@ impl Scene for Bound {
     fn observe(&self, rows: &Rows<'_>, out: &mut [f64]) {
         out[..3].copy_from_slice(&rows.free_position(self.cube));
         out[3..7].copy_from_slice(&quaternion(rows, self.cube));
-        out[7..].copy_from_slice(&self.from_target(rows));
+        out[7..].copy_from_slice(&self.cube_from_target(rows));
     }
 
     fn reward(&self, reward: Reward, rows: &Rows<'_>, signals: &[f64], action: &[f64], out: &mut [f64]) {
