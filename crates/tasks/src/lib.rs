@@ -6,6 +6,7 @@
 use std::sync::{PoisonError, RwLock};
 
 mod ball_balancing;
+mod ball_catching;
 mod ball_pushing;
 mod cube_stacking;
 mod definition;
@@ -29,6 +30,7 @@ pub static TASKS: &[&dyn Task] = &[
     &point_reaching::PointReaching,
     &cube_stacking::CubeStacking,
     &ball_balancing::BallBalancing,
+    &ball_catching::BallCatching,
     &ball_pushing::BallPushing,
 ];
 
