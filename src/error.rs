@@ -1,5 +1,7 @@
 use std::path::PathBuf;
 
+use mishandle_rollout::RolloutError;
+
 /// What can be wrong with what a user asks for, or with the run that does it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -75,7 +77,7 @@ pub enum MishandleError {
     },
     /// Episodes cannot run.
     #[error(transparent)]
-    Rollout(#[from] mishandle_rollout::RolloutError),
+    Rollout(#[from] RolloutError),
     /// The controller of a record is another one now.
     #[error(
         "controller `{controller}` has changed since the run: it had hash {recorded}, now it has {found}"
@@ -121,51 +123,11 @@ impl MishandleError {
     pub fn hint(&self) -> Option<String> {
         match self {
             MishandleError::Name { name, known, .. } => {
-                nearest(name, known).map(|near| format!("did you mean `{near}`?"))
+                let near = mishandle_stl::nearest(name, known.iter().map(String::as_str));
+                near.map(|near| format!("did you mean `{near}`?"))
             }
+            MishandleError::Rollout(RolloutError::Monitor { source, .. }) => source.hint(),
             _ => None,
         }
-    }
-}
-
-/// The known name that is nearest to `name`, if one is near.
-fn nearest<'a>(name: &str, known: &'a [String]) -> Option<&'a str> {
-    let reach = name.chars().count() / 2 + 1;
-    let distance = |other: &String| if other.starts_with(name) { 0 } else { edits(name, other) };
-    known
-        .iter()
-        .map(|other| (distance(other), other.as_str()))
-        .min()
-        .filter(|(d, _)| *d <= reach)
-        .map(|(_, n)| n)
-}
-
-/// Letters to insert, delete or replace to turn `a` into `b`.
-fn edits(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(x != *y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_nearest_name_is_offered_only_when_it_is_near() {
-        let known = ["ball-balancing", "ball-pushing"].map(String::from);
-        assert_eq!(nearest("ball-balance", &known), Some("ball-balancing"));
-        assert_eq!(nearest("ball-p", &known), Some("ball-pushing"));
-        assert_eq!(nearest("xyz", &known), None);
-        assert_eq!(edits("kitten", "sitting"), 3);
     }
 }

@@ -66,7 +66,7 @@ impl Subject {
         let mut specification = task.definition().formulas(preset).specification()?;
         if let Some(falsify) = &plan.falsify {
             crate::falsify::check(falsify, environment.initial_box().dimension())?;
-            specification.requirement = requirement(&falsify.formula, &specification)?;
+            specification.requirement = requirement(&falsify.formula, &specification, environment.signals())?;
         }
         check_decided(&specification.requirement, &environment)?;
         Judge::new(&specification, environment.signals(), environment.control_dt())?;
@@ -98,14 +98,28 @@ impl Subject {
     }
 }
 
-fn requirement(text: &str, specification: &Specification) -> Result<Formula, MishandleError> {
-    match text {
-        "success" => Ok(specification.success.clone()),
-        "strict" => Ok(specification.strict.clone()),
-        _ => Formula::parse(text).map_err(|source| {
-            MishandleError::Rollout(RolloutError::Parse { formula: text.to_string(), source })
-        }),
+/// A formula by its name or its text. A single word is a name, or else a signal.
+fn requirement(
+    text: &str,
+    specification: &Specification,
+    signals: &[String],
+) -> Result<Formula, MishandleError> {
+    let named = [("success", &specification.success), ("strict", &specification.strict)];
+    if let Some((_, formula)) = named.iter().find(|(name, _)| *name == text) {
+        return Ok((*formula).clone());
     }
+    let formula = Formula::parse(text).map_err(|source| {
+        MishandleError::Rollout(RolloutError::Parse { formula: text.to_string(), source })
+    })?;
+    if formula.signals() == [text] && !signals.iter().any(|signal| signal == text) {
+        let names = named.iter().map(|(name, _)| (*name).to_string());
+        return Err(MishandleError::Name {
+            kind: "formula or signal",
+            name: text.to_string(),
+            known: names.chain(signals.iter().cloned()).collect(),
+        });
+    }
+    Ok(formula)
 }
 
 /// Refuses a formula that an episode could never decide.

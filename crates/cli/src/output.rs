@@ -4,6 +4,7 @@ use std::io::{IsTerminal, Write};
 
 use anyhow::{Error, Result};
 use mishandle::MishandleError;
+use mishandle::stl::{Formula, MonitorError};
 use serde_json::{Number, Value};
 
 /// Writes a line of data.
@@ -31,6 +32,16 @@ pub fn say(text: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 
+/// Warns of a formula that is hardly ever meant.
+pub fn warn_of_chains(formula: &Formula) {
+    if formula.chains_comparisons() {
+        say(&format!(
+            "warning: comparisons are not chained: `0.2 <= v <= 0.3` is `(0.2 <= v) <= 0.3`, as in RTAMT; write \
+             `0.2 <= v and v <= 0.3`. The formula is {formula}"
+        ));
+    }
+}
+
 /// Whether stderr is a terminal, where a progress bar can be drawn.
 pub fn shows_progress() -> bool {
     std::io::stderr().is_terminal()
@@ -39,8 +50,10 @@ pub fn shows_progress() -> bool {
 /// Says what went wrong, from the outside in, and what to try instead.
 pub fn report_error(error: &Error) {
     say(&format!("error: {error:#}"));
-    let hint =
-        error.chain().find_map(|cause| cause.downcast_ref::<MishandleError>().and_then(MishandleError::hint));
+    let hint = error.chain().find_map(|cause| {
+        let ours = cause.downcast_ref::<MishandleError>().and_then(MishandleError::hint);
+        ours.or_else(|| cause.downcast_ref::<MonitorError>().and_then(MonitorError::hint))
+    });
     if let Some(hint) = hint {
         say(&format!("hint: {hint}"));
     }

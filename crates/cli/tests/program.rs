@@ -157,6 +157,18 @@ fn monitor_says_what_is_wrong_and_where() {
     bench.refuses("monitor --formula 'd > 0' uneven.csv", &["evenly spaced", "0.15"]);
     bench.refuses("monitor --formula 'd > 0' missing.csv", &["missing.csv", "No such file"]);
     bench.refuses("monitor --formula 'always[0:9](d > 0)' d.csv --strict-horizon", &["reaches 9 samples"]);
+    // 2^64 and just below: no horizon wraps, or passes for one without an end.
+    for bound in ["18446744073709551616", "18446744073709549568", "1e300"] {
+        let formula = format!("always[0:{bound}](d > 0)");
+        bench.refuses(
+            &format!("monitor --formula '{formula}' d.csv --strict-horizon"),
+            &["more than any trace has"],
+        );
+    }
+    bench.refuses("monitor --formula 'd = 0.1' d.csv", &["did you mean `==`"]);
+    bench.refuses("monitor --formula 'dd > 1' d.csv", &["hint: did you mean `d`?"]);
+    let chained = text(&bench.run("monitor --formula '0.2 <= d <= 0.3' d.csv").stderr);
+    assert!(chained.contains("comparisons are not chained"), "{chained}");
     bench.refuses("monitor --formula 'always[0:0.5s](d > 0)' d.csv", &["0.5 s", "1 s"]);
 }
 
@@ -300,7 +312,11 @@ fn mistakes_are_refused_before_anything_runs() {
         &format!("{falsify} --formula 'always[0:301](finger_twist < 9)'"),
         &["301", "never be decided"],
     );
-    bench.refuses(&format!("{falsify} --formula 'finger_twst < 9'"), &["finger_twst", "finger_twist"]);
+    bench.refuses(
+        &format!("{falsify} --formula 'finger_twst < 9'"),
+        &["finger_twst", "did you mean `finger_twist`?"],
+    );
+    bench.refuses(&format!("{falsify} --formula strikt"), &["`strikt`", "did you mean `strict`?"]);
     bench.refuses(&format!("{falsify} --action-noise -1"), &["action noise is -1"]);
     bench.refuses(&format!("{falsify} --action-noise nan"), &["action noise is NaN"]);
     bench.refuses(&format!("{falsify} --trials 0"), &["0"]);

@@ -14,6 +14,7 @@ pub fn run(command: &args::Falsify) -> Result<Outcome> {
     run::set_threads(command.run.threads)?;
     let (plan, subject, file) =
         run::open(command.resume.as_deref(), command.out.as_deref(), || plan(command))?;
+    output::warn_of_chains(&subject.specification.requirement);
     let name = run::name(file.file());
     let trials = plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
     let bar = progress::bar(u64::from(trials), "trials");
