@@ -69,8 +69,9 @@ pub fn train(
         }
         progress.validation = validation;
         clock.tell(&mut progress);
-        ended = observer.progress(&progress) == Flow::Stop || is_last || selection.content();
-        if ended || learner.iteration.is_multiple_of(config.checkpoint_every) {
+        let flow = observer.progress(&progress);
+        ended = flow == Flow::Stop || is_last || selection.content();
+        if ended || flow == Flow::Save || learner.iteration.is_multiple_of(config.checkpoint_every) {
             let mut checkpoint = learner.checkpoint();
             selection.save(&mut checkpoint);
             checkpoint.put("wall_clock_secs", vec![clock.secs()]);
@@ -401,8 +402,8 @@ impl<'a> Learner<'a> {
         if (PpoConfig { total_steps: self.config.total_steps, ..began.clone() }) != *self.config {
             return Err(TrainingError::OtherTraining {
                 what: "settings",
-                wanted: self.config.to_toml().replace('\n', ", "),
-                found: began.to_toml().replace('\n', ", "),
+                wanted: without(&self.config.to_toml(), &began.to_toml()),
+                found: without(&began.to_toml(), &self.config.to_toml()),
             });
         }
         let (parameters, actions) = (self.network.parameter_count(), self.log_std.len());
@@ -447,6 +448,14 @@ impl Acting {
             *log_prob = deviations.log_prob(means, actions);
         });
     }
+}
+
+/// The lines of `settings` that `others` lack, but for the number of steps, which may differ.
+fn without(settings: &str, others: &str) -> String {
+    let differs =
+        |line: &&str| !others.lines().any(|other| other == *line) && !line.starts_with("total_steps");
+    let lines: Vec<&str> = settings.lines().filter(differs).collect();
+    if lines.is_empty() { "the default".to_string() } else { lines.join(", ") }
 }
 
 /// The step length after an epoch with the divergence `kl`.
