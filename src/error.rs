@@ -27,6 +27,20 @@ pub enum MishandleError {
         /// Newest format known.
         known: u32,
     },
+    /// `MISHANDLE_HOME` names no folder with our data files.
+    #[error("MISHANDLE_HOME is `{}`, which has no folder `{wanted}`", path.display())]
+    Home {
+        /// What it is set to.
+        path: PathBuf,
+        /// What is missing there.
+        wanted: &'static str,
+    },
+    /// Another process trains the same controller.
+    #[error("another training is writing {}; wait until it ends, or give another --out", path.display())]
+    Busy {
+        /// The controller's file.
+        path: PathBuf,
+    },
     /// The plan is not for this.
     #[error("the plan has no [{wanted}] table, so there is nothing to {wanted}")]
     OtherPlan {
@@ -80,7 +94,8 @@ pub enum MishandleError {
     Rollout(#[from] RolloutError),
     /// The controller of a record is another one now.
     #[error(
-        "controller `{controller}` has changed since the run: it had hash {recorded}, now it has {found}"
+        "controller `{controller}` is not the run's: that had hash {recorded}, this one has {found}; if it was moved, \
+         --controller FILE says where it is now"
     )]
     OtherController {
         /// As the plan names it.
@@ -89,6 +104,19 @@ pub enum MishandleError {
         recorded: String,
         /// Hash of the present one.
         found: String,
+    },
+    /// The controller of a record cannot be loaded from where it was.
+    #[error(
+        "the run's controller `{controller}` (hash {hash}) is not where it was; if it was moved, --controller FILE says \
+         where it is now"
+    )]
+    LostController {
+        /// As the plan names it.
+        controller: String,
+        /// Hash in the record.
+        hash: String,
+        /// What was found there.
+        source: Box<MishandleError>,
     },
     /// A system returned no episode for a request.
     #[error("the simulation returned no episode")]

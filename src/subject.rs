@@ -6,6 +6,7 @@ use mishandle_rollout::{Controller, Environment, Judge, Noise, Rollout, RolloutE
 use mishandle_stl::{Clock, Formula, Monitor};
 use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment};
 
+use crate::home::check_home;
 use crate::{MishandleError, Plan, controller_path, shipped_controllers};
 
 /// The task of that name.
@@ -64,6 +65,9 @@ impl Subject {
         let preset = preset(&plan.preset)?;
         let environment = Arc::new(TaskEnvironment::new(task, preset, Reward::Original)?);
         let mut specification = task.definition().formulas(preset).specification()?;
+        if let Some(evaluate) = &plan.evaluate {
+            crate::evaluate::check(evaluate)?;
+        }
         if let Some(falsify) = &plan.falsify {
             crate::falsify::check(falsify, environment.initial_box().dimension())?;
             specification.requirement = requirement(&falsify.formula, &specification, environment.signals())?;
@@ -168,6 +172,7 @@ fn load_controller(task: &dyn Task, name: &str, stochastic: bool) -> Result<Load
     let path =
         if is_path(name) { Path::new(name).to_path_buf() } else { controller_path(definition.name, name) };
     if !is_path(name) && !path.is_file() {
+        check_home("controllers")?;
         return Err(MishandleError::Name {
             kind: "controller",
             name: name.to_string(),

@@ -1,8 +1,10 @@
 //! Data on stdout, words on stderr.
 
+use std::fs::File;
 use std::io::{IsTerminal, Write};
+use std::path::Path;
 
-use anyhow::{Error, Result};
+use anyhow::{Context, Error, Result};
 use mishandle::MishandleError;
 use mishandle::stl::{Formula, MonitorError};
 use serde_json::{Number, Value};
@@ -16,6 +18,16 @@ pub fn line(text: &str) -> Result<()> {
 /// Writes a JSON document.
 pub fn json(value: &Value) -> Result<()> {
     line(&serde_json::to_string_pretty(value)?)
+}
+
+/// Writes a file that is not there yet. If that fails, nothing is left of it.
+pub fn write_new(path: &Path, write: impl FnOnce(&mut File) -> Result<()>) -> Result<()> {
+    let name = || format!("cannot write {}", path.display());
+    let mut file = File::create_new(path).with_context(name)?;
+    write(&mut file).and_then(|()| Ok(file.flush()?)).with_context(name).inspect_err(|_| {
+        // It was made here and is worth nothing; the first failure is the one to tell.
+        let _ = std::fs::remove_file(path);
+    })
 }
 
 /// A number in JSON; infinities, which JSON lacks, are the strings "inf" and "-inf".

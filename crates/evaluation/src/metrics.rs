@@ -82,6 +82,11 @@ impl Metrics {
             self.diverged += 1;
             return;
         }
+        if matches!(end, End::Undefined { .. }) {
+            self.undecided += 1;
+            self.strict_undecided += 1;
+            return;
+        }
         let holds = |robustness: Option<f64>| robustness.is_some_and(|rho| rho > 0.0);
         self.undecided += u64::from(verdict.success.is_none());
         self.strict_undecided += u64::from(verdict.strict.is_none());

@@ -44,6 +44,17 @@ pub struct Progress {
 }
 
 impl Progress {
+    /// What steps are counted in, and its letter: thousands for short trainings, else millions.
+    fn unit(&self) -> (f64, &'static str) {
+        if self.total_steps < 1_000_000 { (1e3, "k") } else { (1e6, "M") }
+    }
+
+    /// Environment steps done, for people.
+    pub fn steps_done(&self) -> String {
+        let (unit, letter) = self.unit();
+        format!("{:.2}{letter}", self.environment_steps as f64 / unit)
+    }
+
     /// Time left at the present speed, s.
     pub fn seconds_left(&self) -> f64 {
         self.total_steps.saturating_sub(self.environment_steps) as f64 / self.steps_per_second
@@ -54,11 +65,11 @@ impl Progress {
 impl fmt::Display for Progress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let left = self.seconds_left().round();
-        let (unit, letter) = if self.total_steps < 1_000_000 { (1e3, "k") } else { (1e6, "M") };
+        let (unit, letter) = self.unit();
         write!(
             f,
-            "{:.2}{letter} of {}{letter} steps, {:.1}k steps/s",
-            self.environment_steps as f64 / unit,
+            "{} of {}{letter} steps, {:.1}k steps/s",
+            self.steps_done(),
             (self.total_steps as f64 / unit * 100.0).round() / 100.0,
             self.steps_per_second / 1e3
         )?;
