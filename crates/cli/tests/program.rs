@@ -316,8 +316,8 @@ fn signal(child: &std::process::Child, name: &str) {
 fn an_interrupted_campaign_says_how_it_goes_on_and_does_to_the_same_result() {
     let bench = Bench::new();
     for (command, name) in [
-        (format!("falsify point-reaching {FAST} --trials 4 --budget 300"), "INT"),
-        (format!("evaluate point-reaching {FAST} --episodes 1200"), "TERM"),
+        (format!("falsify point-reaching {FAST} --trials 4 --budget 100"), "INT"),
+        (format!("evaluate point-reaching {FAST} --episodes 400"), "TERM"),
     ] {
         let verb = command.split(' ').next().unwrap();
         let whole = bench.check(&format!("{command} --out {verb}.sqlite --json"), 0);
@@ -333,7 +333,7 @@ fn an_interrupted_campaign_says_how_it_goes_on_and_does_to_the_same_result() {
         assert!(output.stdout.is_empty());
         let quoted = format!(r"Carry on: mishandle {verb} --resume 'it'\''s {verb}.sqlite'");
         assert!(err.contains(&quoted), "{err}");
-        assert!(simulations(&bench.path(&run)) < 1200);
+        assert!(simulations(&bench.path(&run)) < 400);
         let resumed = bench.command(&format!("{verb} --json")).arg("--resume").arg(&run).output().unwrap();
         assert_eq!(text(&resumed.stdout), whole);
     }
@@ -392,8 +392,8 @@ fn a_run_follows_its_controller_when_that_has_moved() {
 #[test]
 fn a_formula_without_a_value_from_some_starts_ends_no_campaign() {
     let bench = Bench::new();
-    // The root has no value from starts within 0.3 m of the target.
-    let formula = "--formula 'sqrt(finger_target_distance - 0.3) >= -1'";
+    // The root has no value from starts beyond 0.5 m of the target.
+    let formula = "--formula 'always(sqrt(0.5 - finger_target_distance) >= -1)'";
     let arguments =
         format!("falsify point-reaching {FAST} {formula} --trials 2 --budget 30 --out a.sqlite --json");
     let output = bench.run(&arguments);
