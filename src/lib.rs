@@ -38,7 +38,7 @@ pub use record::create_run;
 pub use replay::{Replayed, choose, other_build, recorded_subject, replay};
 pub use shell::shell_word;
 pub use subject::{Subject, preset, task};
-pub use train::{ALGORITHMS, TrainPlan, default_out, train};
+pub use train::{TrainPlan, default_out, train};
 
 pub use {
     mishandle_evaluation as evaluation, mishandle_falsification as falsification,

@@ -340,8 +340,8 @@ fn an_interrupted_campaign_says_how_it_goes_on_and_does_to_the_same_result() {
 }
 
 /// Settings with which an iteration takes no time.
-const SMALL: &str = "environments = 16\nrollout_steps = 16\ntotal_steps = 2048\nminibatch_rows = 128\n\
-                     validation_every = 4\nvalidation_episodes = 4\n";
+const SMALL: &str = "rollout_steps = 16\nminibatch_rows = 128\nepisodes.environments = 16\nrun.total_steps = 2048\n\
+                     run.validation_every = 4\nrun.validation_episodes = 4\n";
 
 #[test]
 fn an_interrupted_training_goes_on_and_of_two_on_one_file_one_is_refused() {

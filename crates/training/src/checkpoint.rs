@@ -123,6 +123,21 @@ impl Checkpoint {
         Ok(())
     }
 
+    /// Checks that the settings it began with are those wanted now, both as TOML.
+    ///
+    /// # Errors
+    /// If they are not.
+    pub(crate) fn check_settings(&self, began: &str, wanted: &str) -> Result<(), TrainingError> {
+        if began == wanted {
+            return Ok(());
+        }
+        Err(TrainingError::OtherTraining {
+            what: "settings",
+            wanted: without(wanted, began),
+            found: without(began, wanted),
+        })
+    }
+
     /// Puts in a vector of numbers.
     pub fn put(&mut self, name: &str, numbers: impl Into<Numbers>) {
         self.numbers.insert(name.to_string(), numbers.into());
@@ -311,6 +326,13 @@ impl Checkpoint {
         }
         Ok(Checkpoint { header, numbers })
     }
+}
+
+/// The lines of `settings` that `others` lack.
+fn without(settings: &str, others: &str) -> String {
+    let differs = |line: &&str| !others.lines().any(|other| other == *line);
+    let lines: Vec<&str> = settings.lines().filter(differs).collect();
+    if lines.is_empty() { "the default".to_string() } else { lines.join(", ") }
 }
 
 fn chunks<'a, const N: usize>(view: &TensorView<'a>) -> impl Iterator<Item = [u8; N]> + use<'a, N> {
