@@ -205,6 +205,14 @@ mod tests {
     }
 
     #[test]
+    fn a_simulation_without_a_formula_s_value_is_undecided_and_says_nothing_of_danger() {
+        let undefined = Episode { end: End::Undefined { step: 3 }, ..episode(None, None, 0, None) };
+        let report = report(&[episode(Some(1.0), Some(1.0), 2, Some(2)), undefined]);
+        assert_eq!((report.diverged, report.undecided, report.strict_undecided), (0, 1, 1));
+        assert_eq!((report.success_rate.value, report.dangerous_behavior_rate.n), (Some(0.5), 1));
+    }
+
+    #[test]
     fn the_completion_of_a_failure_counts_only_if_asked_for() {
         let mut metrics = Metrics::with_failures_completing();
         metrics.add(&episode(Some(-0.5), Some(-0.9), 0, Some(2)));
