@@ -6,10 +6,13 @@
 use std::sync::{PoisonError, RwLock};
 
 mod ball_balancing;
+mod ball_catching;
 mod ball_pushing;
+mod cube_stacking;
 mod definition;
 mod environment;
 mod expert;
+mod peg_in_hole;
 mod point_reaching;
 mod reward;
 mod robot;
@@ -24,8 +27,14 @@ pub use robot::{
 };
 
 /// The benchmark's tasks, in the order in which they are listed.
-pub static TASKS: &[&dyn Task] =
-    &[&point_reaching::PointReaching, &ball_balancing::BallBalancing, &ball_pushing::BallPushing];
+pub static TASKS: &[&dyn Task] = &[
+    &point_reaching::PointReaching,
+    &cube_stacking::CubeStacking,
+    &peg_in_hole::PegInHole,
+    &ball_balancing::BallBalancing,
+    &ball_catching::BallCatching,
+    &ball_pushing::BallPushing,
+];
 
 /// Tasks beside the benchmark's.
 static ADDED: RwLock<Vec<&'static dyn Task>> = RwLock::new(Vec::new());
