@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::MishandleError;
+
 /// The folder that holds `controllers/` and `experiments/training/`: `MISHANDLE_HOME` if it is set, else the first such folder
 /// at or above the working directory or the program's own.
 pub fn home() -> PathBuf {
@@ -14,6 +16,16 @@ pub fn home() -> PathBuf {
         .chain(program.ancestors())
         .find(|folder| folder.join("controllers").is_dir() && folder.join("experiments/training").is_dir())
         .map_or(here.clone(), PathBuf::from)
+}
+
+/// Checks that `MISHANDLE_HOME`, if it is set, has the folder `wanted`.
+pub(crate) fn check_home(wanted: &'static str) -> Result<(), MishandleError> {
+    match std::env::var_os("MISHANDLE_HOME") {
+        Some(path) if !Path::new(&path).join(wanted).is_dir() => {
+            Err(MishandleError::Home { path: path.into(), wanted })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Where the shipped controller of that name for a task is.

@@ -20,9 +20,11 @@ mod error;
 mod evaluate;
 mod falsify;
 mod home;
+mod lock;
 mod plan;
 mod record;
 mod replay;
+mod shell;
 mod subject;
 mod train;
 
@@ -33,7 +35,8 @@ pub use falsify::{Progress, falsify};
 pub use home::{controller_name, controller_path, home, settings_path, shipped_controllers};
 pub use plan::{EvaluatePlan, FalsifyPlan, Plan, Starts};
 pub use record::create_run;
-pub use replay::{Replayed, check_controller, choose, other_build, replay};
+pub use replay::{Replayed, choose, other_build, recorded_subject, replay};
+pub use shell::shell_word;
 pub use subject::{Subject, preset, task};
 pub use train::{TrainPlan, default_out, train};
 

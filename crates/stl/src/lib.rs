@@ -33,6 +33,7 @@ mod operator;
 mod parser;
 mod pointwise;
 mod program;
+mod spelling;
 mod trace;
 mod until;
 
@@ -40,4 +41,5 @@ pub use clock::{Clock, Unit};
 pub use error::{MonitorError, ParseError, Position};
 pub use formula::Formula;
 pub use monitor::Monitor;
+pub use spelling::nearest;
 pub use trace::Trace;
