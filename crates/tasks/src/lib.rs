@@ -8,6 +8,7 @@ use std::sync::{PoisonError, RwLock};
 mod ball_balancing;
 mod ball_pushing;
 mod definition;
+mod door_opening;
 mod environment;
 mod expert;
 mod point_reaching;
@@ -24,8 +25,12 @@ pub use robot::{
 };
 
 /// The benchmark's tasks, in the order in which they are listed.
-pub static TASKS: &[&dyn Task] =
-    &[&point_reaching::PointReaching, &ball_balancing::BallBalancing, &ball_pushing::BallPushing];
+pub static TASKS: &[&dyn Task] = &[
+    &point_reaching::PointReaching,
+    &ball_balancing::BallBalancing,
+    &ball_pushing::BallPushing,
+    &door_opening::DoorOpening,
+];
 
 /// Tasks beside the benchmark's.
 static ADDED: RwLock<Vec<&'static dyn Task>> = RwLock::new(Vec::new());
