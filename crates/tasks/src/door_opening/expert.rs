@@ -11,20 +11,21 @@ use super::{HANDLE, HINGE};
 use crate::expert::{Behavior, Expert, Seen, limited};
 use crate::robot::{ARM_JOINTS, JOINTS, VELOCITY_LIMIT};
 
-/// Where the lever is taken, in the panel's frame, m: the front of its bar, a finger's width from the free end.
-const FRONT: [f64; 2] = [-0.067, 0.207];
+/// Where the lever is taken, in the panel's frame, m: the front of its bar, at the free end, which is nearest.
+const FRONT: [f64; 2] = [-0.067, 0.198];
 
 /// The grasp point's height over the handle point, m: the upper finger stays further open than the lower one, since
 /// from above it reaches further.
-const HEIGHT: f64 = -0.0167;
+const HEIGHT: f64 = -0.0227;
 
 /// How far over the lever's front the grasp point goes, m, and how far it stops before it at first.
 const DEPTH: f64 = 0.02;
 const BEFORE: f64 = 0.05;
 
-/// The shoulder, and how far from it the grasp point can be brought with the hand level, m.
+/// The shoulder, and how far from it the grasp point is sent at most, m: a little further than it gets (0.9475 m), so
+/// that the arm stretches as far as it goes.
 const SHOULDER: [f64; 3] = [0.0, 0.0, 0.333];
-const REACH: f64 = 0.944;
+const REACH: f64 = 0.96;
 
 /// Yaw rate of pulling, rad/s, and the yaw at which it ends, rad.
 const RATE: f64 = 0.8;
