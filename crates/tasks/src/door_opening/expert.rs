@@ -124,11 +124,13 @@ impl Lever {
 
     /// Where the grasp point goes: over the lever's front as far as the arm reaches.
     fn goal(&self) -> [f64; 3] {
+        let (sin, cos) = self.yaw.sin_cos();
+        let inwards = [cos, sin, 0.0];
         let from_shoulder = sub(self.front, SHOULDER);
-        let along = dot(from_shoulder, self.forward);
+        let along = dot(from_shoulder, inwards);
         let beyond = along * along + REACH * REACH - dot(from_shoulder, from_shoulder);
         let depth = (beyond.max(0.0).sqrt() - along).min(DEPTH);
-        add(self.front, scale(self.forward, depth))
+        add(self.front, scale(inwards, depth))
     }
 }
 
