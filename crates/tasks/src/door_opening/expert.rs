@@ -5,18 +5,19 @@ use std::sync::Arc;
 use mishandle_controllers::kinematic::{ResolvedRate, rotation_between};
 use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
-use mishandle_world::frame::{add, cross, dot, norm, norm_xy, scale, sub};
+use mishandle_world::frame::{add, cross, dot, norm, scale, sub};
 
 use super::{HANDLE, HINGE};
 use crate::expert::{Behavior, Expert, Seen, limited};
 use crate::robot::{ARM_JOINTS, JOINTS, VELOCITY_LIMIT};
 
-/// Where the lever is taken, in the panel's frame, m: the front of its bar, at the free end, which is nearest.
-const FRONT: [f64; 2] = [-0.067, 0.198];
+/// Where the lever is taken, from the handle point, in the panel's frame, m: at the front of its bar, half way up. The
+/// farthest door's is taken at its free end, which is nearest, and from above: the upper finger reaches further.
+const FRONT: [f64; 3] = [-0.0137, 0.024, -0.0017];
+const FRONT_FAR: [f64; 3] = [-0.0137, 0.0018, -0.0227];
 
-/// The grasp point's height over the handle point, m: the upper finger stays further open than the lower one, since
-/// from above it reaches further.
-const HEIGHT: f64 = -0.0227;
+/// Horizontal distances of a closed door's handle point from the robot's axis at which it begins to be far and is, m.
+const FAR: [f64; 2] = [0.75, 0.83];
 
 /// How far over the lever's front the grasp point goes, m, and how far it stops before it at first.
 const DEPTH: f64 = 0.02;
@@ -60,8 +61,8 @@ impl Behavior for Pull {
         memory[1] += 1.0;
         let next = match memory[0] {
             RAISE if Self::REST.iter().zip(&seen.q).all(|(rest, q)| (rest - q).abs() < 0.3) => ENTER,
-            ENTER if norm(error) < 0.008 || memory[1] > 60.0 => CLOSE,
-            CLOSE if memory[1] >= 10.0 => PULL,
+            ENTER if norm(error) < 0.015 || memory[1] > 60.0 => CLOSE,
+            CLOSE if memory[1] >= 12.0 => PULL,
             PULL if !holds && lever.yaw < RETAKE => RAISE,
             phase => phase,
         };
@@ -110,15 +111,18 @@ impl Lever {
         let (handle, [w, z]) = (seen.point(0), [3, 6].map(|i| f64::from(seen.task[i])));
         let yaw = 2.0 * z.atan2(w);
         let (sin, cos) = yaw.sin_cos();
-        let turned = |x: f64, y: f64| [cos * x - sin * y, sin * x + cos * y];
-        let arm = turned(FRONT[0] - HINGE[0], FRONT[1] - HINGE[1]);
-        let to_handle = turned(HANDLE[0] - HINGE[0], HANDLE[1] - HINGE[1]);
-        let front =
-            [handle[0] - to_handle[0] + arm[0], handle[1] - to_handle[1] + arm[1], handle[2] + HEIGHT];
+        let turned = |[x, y]: [f64; 2]| [cos * x - sin * y, sin * x + cos * y];
+        let from_hinge = [HANDLE[0] - HINGE[0], HANDLE[1] - HINGE[1]];
+        let to_handle = turned(from_hinge);
+        let closed = [0, 1].map(|i| handle[i] - to_handle[i] + from_hinge[i]);
+        let far = ((closed[0].hypot(closed[1]) - FAR[0]) / (FAR[1] - FAR[0])).clamp(0.0, 1.0);
+        let [x, y, up] = add(scale(FRONT, 1.0 - far), scale(FRONT_FAR, far));
+        let to_front = turned([x, y]);
+        let front = [handle[0] + to_front[0], handle[1] + to_front[1], handle[2] + up];
         // The arm reaches furthest when the hand points straight away from it.
-        let far = ((norm_xy(front) - 0.74) / 0.08).clamp(0.0, 1.0);
         let away = front[1].atan2(front[0]);
         let (sin, cos) = (far * away * (1.0 - 2.0 * yaw).clamp(0.0, 1.0) - 0.35 * yaw).sin_cos();
+        let arm = [to_handle[0] + to_front[0], to_handle[1] + to_front[1]];
         Lever { yaw, arm, front, forward: [cos, sin, 0.0] }
     }
 
