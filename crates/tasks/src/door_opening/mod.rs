@@ -19,9 +19,9 @@ pub struct DoorOpening;
 /// The original's grasp point, in the frame of link 7, m: the midpoint of the two finger frames, and 4 cm along y.
 const GRASP_IN_LINK7: [f64; 3] = [0.0, 0.04, 0.1654];
 
-/// The hinge's axis and the handle point in the panel's frame, m, as in the scene.
+/// Where the hinge's axis and the handle point are in the scene, in the panel's frame, m: what the expert knows of doors.
 const HINGE: [f64; 2] = [0.005, -0.464];
-const HANDLE: [f64; 3] = [-0.0533, 0.1962, 0.8124];
+const HANDLE: [f64; 2] = [-0.0533, 0.1962];
 
 const DEFINITION: Definition = Definition {
     name: "door-opening",
@@ -87,12 +87,13 @@ const DEFINITION: Definition = Definition {
         one(
             "around",
             "",
-            "0.1 u l g: how far one finger is above and the other below the lever; all of it from 45° on",
+            "0.1 u l g, u and l how far a pad is above and below the lever's middle over half its height, g from 0 to 1 as \
+             d falls from 0.1 to 0.05; all of it from 45° on",
         ),
         one(
             "closed",
             "",
-            "0.05 of what is around, times how far the fingers are closed; all of it from 45° on",
+            "0.05 u l g times how far the fingers are closed on the lever; all of it from 45° on",
         ),
         one("opening", "", "0.15 times the yaw rate over 0.7 rad/s, within ±0.15; all of it from 45° on"),
         one("opened", "", "0.25 times the yaw over 45°, at most 0.25"),
@@ -106,7 +107,12 @@ const DEFINITION: Definition = Definition {
     paper: FORMULAS,
     code: FORMULAS,
     termination: "never",
-    differences: "",
+    differences: "As in the original the frame is one solid slab that fills the doorway; here, too, it, the panel and \
+                  the levers touch all of the robot and nothing else. The original shows the controller a handle \
+                  that is 0.3 m beside the real one, and rewards with one finger in place of both; here both are \
+                  real. Its fingers start with up to 0.125 m of noise, which on a stroke of 0.04 m means nothing; \
+                  here only the arm's joints do. Its cap of 3.5 rad/s on the hinge is left \
+                  out: pulling does not come near it. The cube at the handle point weighs nothing.",
 };
 
 const FORMULAS: Formulas = Formulas {
@@ -187,5 +193,33 @@ impl Scene for Bound {
 
     fn lost(&self, _rows: &Rows<'_>, _signals: &[f64]) -> bool {
         false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn what_the_expert_knows_of_doors_is_so_in_the_scene() {
+        let model = Model::from_xml(&crate::compose(&DoorOpening).unwrap()).unwrap();
+        let (mut world, handle) = (model.world(), model.site("handle").unwrap());
+        world.place(model.mocap("frame").unwrap(), [0.0; 3], [1.0, 0.0, 0.0, 0.0]);
+        let mut at = |yaw: f64| {
+            world.qpos_mut()[model.joint("door").unwrap().qpos] = yaw;
+            world.refresh();
+            let [x, y, _] = world.rows().site_position(handle);
+            [x, y]
+        };
+        let (closed, quarter) = (at(0.0), at(std::f64::consts::FRAC_PI_2));
+        // A quarter turn takes the offset (a, b) from the hinge to (-b, a).
+        let (a, b) = (HANDLE[0] - HINGE[0], HANDLE[1] - HINGE[1]);
+        for (found, wanted) in
+            closed.iter().chain(&quarter).zip([HANDLE[0], HANDLE[1], HINGE[0] - b, HINGE[1] + a])
+        {
+            assert!((found - wanted).abs() < 1e-12, "{found} instead of {wanted}");
+        }
     }
 }
