@@ -1,4 +1,7 @@
 //! Door opening: pull a door open by its lever handle.
+//!
+//! The whole box is within reach: the nearest corner of the farthest door's lever is 0.953 m from the shoulder, and an
+//! open finger's tip comes 0.984 m from it.
 
 mod expert;
 mod rewards;
