@@ -10,6 +10,7 @@ mod ball_catching;
 mod ball_pushing;
 mod cube_stacking;
 mod definition;
+mod door_opening;
 mod environment;
 mod expert;
 mod peg_in_hole;
@@ -34,6 +35,7 @@ pub static TASKS: &[&dyn Task] = &[
     &ball_balancing::BallBalancing,
     &ball_catching::BallCatching,
     &ball_pushing::BallPushing,
+    &door_opening::DoorOpening,
 ];
 
 /// Tasks beside the benchmark's.
