@@ -1,5 +1,9 @@
-use mishandle_rollout::{Episode, Request, System};
+use std::sync::Arc;
+
+use mishandle_rollout::{Environment, Episode, Request, System};
 use mishandle_store::{RunFile, RunHeader, Simulation, SimulationRecord};
+
+use mishandle_tasks::TaskEnvironment;
 
 use crate::record::{self, Place};
 use crate::{MishandleError, Plan, Subject, build};
@@ -21,13 +25,24 @@ pub struct Replayed {
 /// # Errors
 /// If the run has no such simulation, its plan cannot be carried out any more, or its controller is another one now.
 pub fn replay(run: &RunFile, trial: u32, number: u32) -> Result<Replayed, MishandleError> {
+    replay_in(run, trial, number, |environment| environment)
+}
+
+/// As [`replay`], in what `wrapped` makes of the environment.
+pub(crate) fn replay_in(
+    run: &RunFile,
+    trial: u32,
+    number: u32,
+    wrapped: impl FnOnce(Arc<TaskEnvironment>) -> Arc<dyn Environment>,
+) -> Result<Replayed, MishandleError> {
     let plan = Plan::from_toml(&run.header().plan)?;
     let SimulationRecord { simulation: recorded, .. } = run.simulation(trial, number)?;
     let subject = Subject::new(&plan)?;
     let header = run.header();
     check_controller(&plan, &subject, header)?;
     let request = Request { x0: recorded.initial_configuration.clone(), seed: record::seed(&recorded) };
-    let mut episodes = subject.system()?.rollout(&[request])?;
+    let mut system = subject.system_in(wrapped(subject.environment.clone()))?;
+    let mut episodes = system.rollout(&[request])?;
     let episode = episodes.pop().ok_or(MishandleError::NoEpisode)?;
     let place = Place { trial, number, unit_point: &recorded.unit_point };
     let again = record::record(&place, &episode).simulation;

@@ -89,12 +89,12 @@ impl Subject {
     /// # Errors
     /// If the controller does not fit the environment.
     pub fn system(&self) -> Result<Rollout, MishandleError> {
-        Ok(Rollout::new(
-            self.environment.clone(),
-            self.controller.clone(),
-            self.specification.clone(),
-            self.noise,
-        )?)
+        self.system_in(self.environment.clone())
+    }
+
+    /// The same in another environment that does the same.
+    pub(crate) fn system_in(&self, environment: Arc<dyn Environment>) -> Result<Rollout, MishandleError> {
+        Ok(Rollout::new(environment, self.controller.clone(), self.specification.clone(), self.noise)?)
     }
 }
 

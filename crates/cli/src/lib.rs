@@ -4,9 +4,11 @@
 
 mod args;
 mod commands;
+mod new_file;
 mod output;
 mod progress;
 mod run;
+mod video;
 
 use std::process::ExitCode;
 
@@ -26,6 +28,7 @@ pub fn main() -> ExitCode {
         Command::Evaluate(command) => commands::evaluate::run(command),
         Command::Falsify(command) => commands::falsify::run(command),
         Command::Replay(command) => commands::replay::run(command),
+        Command::Render(command) => commands::render::run(command),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -1,0 +1,125 @@
+//! What a scene is lit by, and where it is seen from.
+
+use mujoco_rs::wrappers::mj_model::MjtGeomBase;
+
+use super::Size;
+use crate::World;
+use crate::frame::{add, dot, norm, scale, sub};
+
+/// The camera looks back at the robot from its front right, a little from above.
+pub(super) const AZIMUTH_DEG: f64 = 140.0;
+pub(super) const ELEVATION_DEG: f64 = -22.0;
+
+/// Space around what is seen, as a share of the distance.
+const MARGIN: f64 = 0.04;
+
+/// Rounds of stepping back and centring; the picture does not change visibly any more.
+const ROUNDS: usize = 20;
+
+/// What is farther from the robot's base than this is no part of the scene: a ball that rolls away, m.
+const FAR: f64 = 2.0;
+
+/// The document with light, a sky, room for a picture of this size, and ground if it has none.
+pub(super) fn furnished(document: &str, size: Size, has_ground: bool) -> String {
+    let ground = if has_ground {
+        ""
+    } else {
+        r#"<geom type="plane" size="2 2 0.1" contype="0" conaffinity="0" rgba="0.86 0.87 0.88 1"/>"#
+    };
+    let additions = format!(
+        r#"
+<visual>
+  <global offwidth="{}" offheight="{}" fovy="32"/>
+  <headlight ambient="0.42 0.42 0.42" diffuse="0.28 0.28 0.28" specular="0.05 0.05 0.05"/>
+  <quality shadowsize="4096" offsamples="4"/>
+  <map znear="0.05" zfar="12" shadowclip="2.5"/>
+</visual>
+<statistic extent="1"/>
+<asset>
+  <texture type="skybox" builtin="gradient" rgb1="0.94 0.96 0.98" rgb2="1 1 1" width="64" height="384"/>
+</asset>
+<worldbody>
+  <light directional="true" pos="1.5 -0.9 3.3" dir="-0.35 0.3 -1" diffuse="0.5 0.5 0.5" specular="0.15 0.15 0.15"/>
+  {ground}
+</worldbody>
+</mujoco>"#,
+        size.width(),
+        size.height()
+    );
+    document.trim_end().strip_suffix("</mujoco>").unwrap_or(document).to_string() + &additions
+}
+
+/// Appends the corners of the boxes around all shapes but planes, and the vertices of cloths.
+pub(super) fn corners(world: &World, out: &mut Vec<[f64; 3]>) {
+    let (model, data) = (&world.model().inner, &world.data);
+    let kept = |p: &[f64; 3]| norm(*p) < FAR;
+    for (geom, kind) in model.geom_type().iter().enumerate() {
+        if *kind == MjtGeomBase::mjGEOM_PLANE {
+            continue;
+        }
+        let (bounds, at, turn) = (model.geom_aabb()[geom], data.geom_xpos()[geom], data.geom_xmat()[geom]);
+        for corner in 0..8 {
+            let sign = |axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
+            let local: [f64; 3] = std::array::from_fn(|i| bounds[i] + sign(i) * bounds[3 + i]);
+            let turned = [0, 3, 6]
+                .map(|row| turn[row] * local[0] + turn[row + 1] * local[1] + turn[row + 2] * local[2]);
+            out.extend(Some(add(at, turned)).filter(kept));
+        }
+    }
+    out.extend(data.flexvert_xpos().iter().copied().filter(kept));
+}
+
+/// Where a camera in the fixed direction looks, and from what distance (m), so that all points are in the picture: in
+/// the middle of what it sees of them.
+pub(super) fn fit(points: &[[f64; 3]], fovy: f64, aspect: f64) -> ([f64; 3], f64) {
+    let (azimuth, elevation) = (AZIMUTH_DEG.to_radians(), ELEVATION_DEG.to_radians());
+    let forward = [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()];
+    let right = [azimuth.sin(), -azimuth.cos(), 0.0];
+    let up = crate::frame::cross(right, forward);
+    let middle = |along: &dyn Fn([f64; 3]) -> f64| {
+        let values = || points.iter().map(|p| along(*p));
+        let (low, high) =
+            (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+        if low <= high { 0.5 * (low + high) } else { 0.0 }
+    };
+    let mut centre = [right, up, forward]
+        .iter()
+        .fold([0.0; 3], |sum, axis| add(sum, scale(*axis, middle(&|p| dot(p, *axis)))));
+    let (vertical, horizontal) = ((0.5 * fovy).tan(), (0.5 * fovy).tan() * aspect);
+    let mut distance = 1.0;
+    for _ in 0..ROUNDS {
+        let needed = points.iter().map(|p| {
+            let seen = sub(*p, centre);
+            let beside = (dot(seen, right).abs() / horizontal).max(dot(seen, up).abs() / vertical);
+            beside - dot(seen, forward)
+        });
+        distance = (1.0 + MARGIN) * needed.fold(0.5, f64::max);
+        // What is nearer looks larger, so the middle in the picture is another one than in space.
+        for axis in [right, up] {
+            let middle = middle(&|p| {
+                let seen = sub(p, centre);
+                dot(seen, axis) / (distance + dot(seen, forward))
+            });
+            centre = add(centre, scale(axis, middle * distance));
+        }
+    }
+    (centre, distance)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_at_the_rim_is_as_far_off_the_middle_as_the_opening_says() {
+        // Two points 2 m apart across the view: each 1 m off the middle, seen under half of 90 degrees from 1 m.
+        let azimuth = AZIMUTH_DEG.to_radians();
+        let right = [azimuth.sin(), -azimuth.cos(), 0.0];
+        let fovy = std::f64::consts::FRAC_PI_2;
+        let (centre, distance) = fit(&[right, scale(right, -1.0)], fovy, 1.0);
+        assert!(norm(centre) < 1e-12);
+        assert!((distance - (1.0 + MARGIN)).abs() < 1e-12);
+        // A picture twice as wide as high needs half the distance.
+        assert!((fit(&[right, scale(right, -1.0)], fovy, 2.0).1 - 0.5 * (1.0 + MARGIN)).abs() < 1e-12);
+    }
+}
