@@ -32,7 +32,7 @@ pub use error::MishandleError;
 pub use evaluate::evaluate;
 pub use falsify::{Progress, falsify};
 pub use film::{Film, film, start};
-pub use home::{controller_name, controller_path, home, settings_path, shipped_controllers};
+pub use home::{controller_name, controller_path, home, picture_path, settings_path, shipped_controllers};
 pub use plan::{EvaluatePlan, FalsifyPlan, Plan, Starts};
 pub use record::create_run;
 pub use replay::{Replayed, check_controller, choose, other_build, replay};

@@ -151,17 +151,18 @@ fn load_controller(task: &dyn Task, name: &str, stochastic: bool) -> Result<Load
             .map_err(|source| MishandleError::Expert { task: definition.name.to_string(), source })?;
         return Ok(Loaded { controller, hash: "expert".to_string(), bytes_hash: String::new() });
     }
-    let path =
-        if is_path(name) { Path::new(name).to_path_buf() } else { controller_path(definition.name, name) };
+    let path = if is_path(name) { Path::new(name).to_path_buf() } else { controller_path(definition, name) };
     if !is_path(name) && !path.is_file() {
         return Err(MishandleError::Name {
             kind: "controller",
             name: name.to_string(),
-            known: shipped_controllers(definition.name),
+            known: shipped_controllers(definition),
         });
     }
     let file = ControllerFile::load(&path)?;
-    file.check(definition.name, &definition.layout())?;
+    // What a variant is given may be made for it, or for the task that it varies.
+    let made_for = definition.variant_of.filter(|base| file.header.task == *base).unwrap_or(definition.name);
+    file.check(made_for, &definition.layout())?;
     let policy = file.policy.sampling(stochastic);
     let bytes = std::fs::read(&path).map_err(|source| MishandleError::File { path, source })?;
     Ok(Loaded { hash: policy.hash(), bytes_hash: bytes_hash(&bytes), controller: Arc::new(policy) })
