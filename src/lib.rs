@@ -37,7 +37,7 @@ pub use plan::{EvaluatePlan, FalsifyPlan, Plan, Starts};
 pub use record::create_run;
 pub use replay::{Replayed, check_controller, choose, other_build, replay};
 pub use subject::{Subject, preset, task};
-pub use train::{ALGORITHMS, TrainPlan, default_out, train};
+pub use train::{TrainPlan, default_out, train};
 
 pub use {
     mishandle_controllers as controllers, mishandle_evaluation as evaluation,

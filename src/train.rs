@@ -4,13 +4,11 @@ use std::sync::Arc;
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
 use mishandle_rollout::{Environment, Noise, Request, Rollout, Seed, Specification, System};
 use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment};
-use mishandle_training::ppo::{self, PpoConfig};
-use mishandle_training::{Checkpoint, Flow, Observer, Progress, Trained, TrainingError, Validation};
+use mishandle_training::{
+    ALGORITHMS, Checkpoint, Config, Flow, Observer, Progress, Trained, TrainingError, Validation,
+};
 
 use crate::{MishandleError, build, settings_path, task};
-
-/// Names of the training algorithms.
-pub const ALGORITHMS: [&str; 1] = [ppo::ALGORITHM];
 
 /// Key of the starts that a training validates on: no evaluation has it unless it is asked for.
 const VALIDATION_SEED: Seed = Seed(0x7661_6c69_6461_7465);
@@ -69,10 +67,8 @@ impl TrainPlan {
 pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<Trained, MishandleError> {
     let task = task(&plan.task)?;
     let reward = reward(&plan.reward)?;
-    known("training algorithm", &plan.algorithm, &ALGORITHMS)?;
     let mut config = settings(plan)?;
-    config.total_steps = plan.steps.unwrap_or(config.total_steps);
-    config.check()?;
+    config.run_mut().total_steps = plan.steps.unwrap_or(config.run().total_steps);
     if let Some(folder) = plan.out.parent() {
         std::fs::create_dir_all(folder)
             .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
@@ -88,7 +84,7 @@ pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<T
         failure: None,
         unsaved: None,
     };
-    let trained = ppo::train(environment, &config, Seed(plan.seed), resumed.as_ref(), &mut watcher)?;
+    let trained = config.train(environment, Seed(plan.seed), resumed.as_ref(), &mut watcher)?;
     if let Some(failure) = watcher.failure {
         return Err(failure);
     }
@@ -99,11 +95,13 @@ pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<T
     }
 }
 
-fn settings(plan: &TrainPlan) -> Result<PpoConfig, MishandleError> {
+fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
+    known("training algorithm", &plan.algorithm, &ALGORITHMS)?;
     let path = plan.settings.clone().unwrap_or_else(|| settings_path(&plan.task, &plan.algorithm));
     let text = std::fs::read_to_string(&path)
         .map_err(|source| MishandleError::File { path: path.clone(), source })?;
-    PpoConfig::from_toml(&text).map_err(|source| MishandleError::Settings { path, source })
+    let config = Config::from_toml(&plan.algorithm, &text).expect("the algorithm is known");
+    config.map_err(|source| MishandleError::Settings { path, source })
 }
 
 fn reward(name: &str) -> Result<Reward, MishandleError> {
@@ -119,7 +117,7 @@ fn known(kind: &'static str, name: &str, names: &[&str]) -> Result<(), Mishandle
     Err(MishandleError::Name { kind, name: name.to_string(), known })
 }
 
-fn controller(plan: &TrainPlan, task: &dyn Task, config: &PpoConfig, trained: &Trained) -> ControllerFile {
+fn controller(plan: &TrainPlan, task: &dyn Task, config: &Config, trained: &Trained) -> ControllerFile {
     let definition = task.definition();
     ControllerFile {
         header: Header {
@@ -136,7 +134,7 @@ fn controller(plan: &TrainPlan, task: &dyn Task, config: &PpoConfig, trained: &T
                 command: plan.command(),
                 settings: config.to_toml(),
                 validation: trained.best_validation.map(|found| ValidationRecord {
-                    episodes: config.validation_episodes,
+                    episodes: config.run().validation_episodes,
                     success_rate: found.success_rate,
                     strict_success_rate: found.strict_success_rate,
                 }),

@@ -64,9 +64,9 @@ const CHORES: &[Chore] = &[
     },
     Chore {
         name: "figures",
-        arguments: "",
-        about: "measure the shipped controllers; rewrite the tables of README.md and controllers/README.md",
-        run: |root, _| figures::remake(root),
+        arguments: "[--all | --only TASK[/CONTROLLER]]",
+        about: "measure what has no figures yet; rewrite the tables of README.md and controllers/README.md",
+        run: figures::remake,
     },
 ];
 
@@ -100,7 +100,7 @@ fn dispatch(arguments: &[String]) -> Result<()> {
 fn list() -> Result<()> {
     println!("cargo xtask CHORE\n");
     for chore in CHORES {
-        println!("  {:<16} {}", format!("{} {}", chore.name, chore.arguments), chore.about);
+        println!("  {:<46} {}", format!("{} {}", chore.name, chore.arguments), chore.about);
     }
     Ok(())
 }

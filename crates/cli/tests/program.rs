@@ -317,8 +317,8 @@ fn a_training_resumes_to_the_same_controller_and_can_be_measured() {
     let bench = Bench::new();
     bench.write(
         "ppo.toml",
-        "environments = 16\nrollout_steps = 16\ntotal_steps = 2048\nminibatch_rows = 128\nvalidation_every = 4\n\
-         validation_episodes = 4\n",
+        "rollout_steps = 16\nminibatch_rows = 128\nepisodes.environments = 16\nrun.total_steps = 2048\nrun.validation_every = 4\n\
+         run.validation_episodes = 4\n",
     );
     let train = "train point-reaching --settings ppo.toml --seed 7 --json";
     let whole = bench.json(&format!("{train} --out whole.safetensors --threads 2"), 0);

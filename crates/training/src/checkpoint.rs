@@ -118,6 +118,21 @@ impl Checkpoint {
         Ok(())
     }
 
+    /// Checks that the settings it began with are those wanted now, both as TOML.
+    ///
+    /// # Errors
+    /// If they are not.
+    pub(crate) fn check_settings(&self, began: &str, wanted: &str) -> Result<(), TrainingError> {
+        if began == wanted {
+            return Ok(());
+        }
+        Err(TrainingError::OtherTraining {
+            what: "settings",
+            wanted: wanted.replace('\n', ", "),
+            found: began.replace('\n', ", "),
+        })
+    }
+
     /// Puts in a vector of numbers.
     pub fn put(&mut self, name: &str, numbers: impl Into<Numbers>) {
         self.numbers.insert(name.to_string(), numbers.into());

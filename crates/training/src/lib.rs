@@ -1,27 +1,36 @@
 //! Training algorithms: environments in, controllers out.
 //!
-//! An algorithm is a folder: its settings, its loss, its loop. What algorithms share stands beside them: rows of
+//! An algorithm is a folder: its settings, its loss, what it does in an iteration. What algorithms share stands beside them: rows of
 //! never-ending [`Episodes`], a rollout's [`Buffer`], [`gae`], a [`gaussian`] policy and a [`Critic`] that learn, the
 //! choice of the best policy, checkpoints, and what an [`Observer`] is told.
 //!
 //! Everything runs on the threads of the current rayon pool. The same environment, settings and seed give the same
 //! controller to the bit for any number of threads, resumed or not.
 
+mod algorithm;
 mod buffer;
 mod checkpoint;
+mod conjugate_gradient;
 mod critic;
 mod episodes;
 mod error;
 pub mod gae;
 pub mod gaussian;
+mod learner;
+mod on_policy;
 pub mod ppo;
 mod progress;
 mod selection;
+mod settings;
+pub mod trpo;
 
+pub use algorithm::{ALGORITHMS, Config};
 pub use buffer::{Buffer, shuffle};
 pub use checkpoint::{Checkpoint, Numbers};
-pub use critic::Critic;
+pub use conjugate_gradient::conjugate_gradient;
+pub use critic::{Critic, value_loss};
 pub use episodes::{Boundary, EpisodeStatistics, Episodes};
 pub use error::TrainingError;
 pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation};
 pub use selection::{Best, Selection};
+pub use settings::{CriticSettings, EpisodeSettings, PolicySettings, RunSettings};

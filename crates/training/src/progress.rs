@@ -86,6 +86,17 @@ pub struct Shares {
     pub learning: f64,
 }
 
+impl Shares {
+    /// From the seconds of physics, of acting with physics, and of the whole iteration.
+    pub(crate) fn new(physics: f64, acting: f64, total: f64) -> Shares {
+        Shares {
+            physics: physics / total,
+            inference: (acting - physics) / total,
+            learning: (total - acting) / total,
+        }
+    }
+}
+
 /// What a validation found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Validation {

@@ -1,0 +1,89 @@
+//! The algorithms by their names.
+
+use std::sync::Arc;
+
+use mishandle_rollout::{Environment, Seed};
+
+use crate::ppo::{self, PpoConfig};
+use crate::trpo::{self, TrpoConfig};
+use crate::{Checkpoint, Observer, RunSettings, Trained, TrainingError};
+
+/// Names of the algorithms.
+pub const ALGORITHMS: [&str; 2] = [ppo::ALGORITHM, trpo::ALGORITHM];
+
+/// Settings of one of the algorithms.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Config {
+    /// Proximal policy optimisation.
+    Ppo(PpoConfig),
+    /// Trust region policy optimisation.
+    Trpo(TrpoConfig),
+}
+
+/// The same for every algorithm.
+macro_rules! each {
+    ($config:expr, $own:ident => $what:expr) => {
+        match $config {
+            Config::Ppo($own) => $what,
+            Config::Trpo($own) => $what,
+        }
+    };
+}
+
+impl Config {
+    /// The settings of `algorithm` that a TOML text states; `None` if there is no such algorithm.
+    ///
+    /// # Errors
+    /// If it is not TOML, a key is not known, or a value is of another type or out of its range.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_training::Config;
+    /// let config = Config::from_toml("ppo", "run.total_steps = 5_000").unwrap()?;
+    /// assert_eq!(config.run().total_steps, 5_000);
+    /// assert!(Config::from_toml("reinforce", "").is_none());
+    /// # Ok::<(), mishandle_training::TrainingError>(())
+    /// ```
+    pub fn from_toml(algorithm: &str, text: &str) -> Option<Result<Config, TrainingError>> {
+        match algorithm {
+            ppo::ALGORITHM => Some(PpoConfig::from_toml(text).map(Config::Ppo)),
+            trpo::ALGORITHM => Some(TrpoConfig::from_toml(text).map(Config::Trpo)),
+            _ => None,
+        }
+    }
+
+    /// The settings as TOML, every key with its value; what has none is left out.
+    pub fn to_toml(&self) -> String {
+        each!(self, own => own.to_toml())
+    }
+
+    /// How long to train, and when to look.
+    pub fn run(&self) -> &RunSettings {
+        each!(self, own => &own.run)
+    }
+
+    /// How long to train, and when to look, to be set.
+    pub fn run_mut(&mut self) -> &mut RunSettings {
+        each!(self, own => &mut own.run)
+    }
+
+    /// Trains a policy in `environment`, on the threads of the current rayon pool.
+    ///
+    /// With a checkpoint of the same settings it goes on from there, to the same bits as if it had not been
+    /// interrupted. Only `run.total_steps` may differ.
+    ///
+    /// # Errors
+    /// If a setting is out of its range, the checkpoint is another training's, or the weights stop being finite.
+    pub fn train(
+        &self,
+        environment: Arc<dyn Environment>,
+        seed: Seed,
+        resume: Option<&Checkpoint>,
+        observer: &mut dyn Observer,
+    ) -> Result<Trained, TrainingError> {
+        match self {
+            Config::Ppo(config) => ppo::train(environment, config, seed, resume, observer),
+            Config::Trpo(config) => trpo::train(environment, config, seed, resume, observer),
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! The loop that all algorithms share: learn, validate, keep the best, save.
+
+use std::time::Instant;
+
+use mishandle_controllers::Policy;
+use mishandle_network::Mlp;
+
+use crate::{
+    Checkpoint, EpisodeStatistics, Flow, Observer, Progress, RunSettings, Selection, Shares, Trained,
+    TrainingError,
+};
+
+/// An algorithm at work.
+pub(crate) trait Learner {
+    /// Iterations done.
+    fn iteration(&self) -> u64;
+
+    /// Environment steps of one iteration.
+    fn iteration_steps(&self) -> u64;
+
+    /// Acts and learns; the loop fills in what it knows itself.
+    fn iterate(&mut self) -> Result<Progress, TrainingError>;
+
+    /// The policy so far.
+    fn policy(&self) -> Result<Policy, TrainingError>;
+
+    /// A network of the policy's sizes.
+    fn network(&self) -> &Mlp<f32>;
+
+    /// A checkpoint with all that the algorithm's future depends on.
+    fn checkpoint(&self) -> Checkpoint;
+
+    /// Goes on where a checkpoint was taken.
+    fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError>;
+}
+
+/// Iterations of the whole training: enough for all its steps.
+pub(crate) fn iterations(run: &RunSettings, iteration_steps: u64) -> u64 {
+    run.total_steps.div_ceil(iteration_steps)
+}
+
+/// Trains to the end, from a checkpoint if there is one.
+pub(crate) fn train(
+    mut learner: impl Learner,
+    run: &RunSettings,
+    resume: Option<&Checkpoint>,
+    observer: &mut dyn Observer,
+) -> Result<Trained, TrainingError> {
+    let iterations = iterations(run, learner.iteration_steps());
+    let environment_steps = |learner: &dyn Learner| learner.iteration() * learner.iteration_steps();
+    let mut clock = Clock { start: Instant::now(), secs_before: 0.0, steps_before: 0 };
+    let mut selection = Selection::new(run.stop_success, run.stop_strict, run.stop_validations);
+    let mut validation = None;
+    if let Some(checkpoint) = resume {
+        learner.load(checkpoint)?;
+        selection.load(checkpoint, learner.network())?;
+        clock.secs_before = checkpoint.f64s("wall_clock_secs", 1)?[0];
+        clock.steps_before = environment_steps(&learner);
+        validation = selection.best().map(|best| best.validation);
+    }
+    let mut ended = learner.iteration() >= iterations || selection.content();
+    while !ended {
+        let mut progress = learner.iterate()?;
+        let is_last = learner.iteration() >= iterations;
+        if is_last || learner.iteration().is_multiple_of(run.validation_every) {
+            let policy = learner.policy()?;
+            if let Some(found) = observer.validate(&policy, run.validation_episodes) {
+                selection.offer(&policy, found, environment_steps(&learner));
+                validation = Some(found);
+                progress.validation_is_fresh = true;
+            }
+        }
+        progress.iteration = learner.iteration();
+        progress.environment_steps = environment_steps(&learner);
+        progress.total_steps = run.total_steps;
+        progress.validation = validation;
+        clock.tell(&mut progress);
+        ended = observer.progress(&progress) == Flow::Stop || is_last || selection.content();
+        if ended || learner.iteration().is_multiple_of(run.checkpoint_every) {
+            let mut checkpoint = learner.checkpoint();
+            selection.save(&mut checkpoint);
+            checkpoint.put("wall_clock_secs", vec![clock.secs()]);
+            observer.checkpoint(&checkpoint);
+        }
+    }
+    let last = learner.policy()?;
+    let best = selection.best();
+    Ok(Trained {
+        best: best.map_or_else(|| last.clone(), |best| best.policy.clone()),
+        best_validation: best.map(|best| best.validation),
+        best_environment_steps: best.map_or(environment_steps(&learner), |best| best.environment_steps),
+        last,
+        environment_steps: environment_steps(&learner),
+        wall_clock_secs: clock.secs(),
+        reached: selection.content(),
+    })
+}
+
+/// What an iteration tells of the episodes that ended in it; the rest is to be filled in.
+pub(crate) fn progress_of(statistics: &EpisodeStatistics) -> Progress {
+    let mean = |sum: f64| (statistics.episodes > 0).then(|| sum / statistics.episodes as f64);
+    Progress {
+        iteration: 0,
+        environment_steps: 0,
+        total_steps: 0,
+        steps_per_second: 0.0,
+        wall_clock_secs: 0.0,
+        mean_return: mean(statistics.total_reward),
+        mean_episode_steps: mean(statistics.total_steps as f64),
+        terminated_rate: mean(statistics.terminated as f64),
+        diverged: statistics.diverged,
+        reward_terms: statistics.reward_terms.iter().map(|sum| sum / statistics.steps as f64).collect(),
+        validation: None,
+        validation_is_fresh: false,
+        kl: 0.0,
+        entropy: 0.0,
+        learning_rate: 0.0,
+        shares: Shares::default(),
+    }
+}
+
+/// The time of this run, and what went before it.
+struct Clock {
+    start: Instant,
+    secs_before: f64,
+    steps_before: u64,
+}
+
+impl Clock {
+    fn secs(&self) -> f64 {
+        self.secs_before + self.start.elapsed().as_secs_f64()
+    }
+
+    fn tell(&self, progress: &mut Progress) {
+        let elapsed = self.start.elapsed().as_secs_f64();
+        progress.wall_clock_secs = self.secs_before + elapsed;
+        progress.steps_per_second = (progress.environment_steps - self.steps_before) as f64 / elapsed;
+    }
+}

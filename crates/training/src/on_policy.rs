@@ -1,0 +1,253 @@
+//! What on-policy algorithms share: a Gaussian policy, a critic, and the rollouts that both learn from.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use mishandle_controllers::Policy;
+use mishandle_network::{ChunkPool, Mlp, Normalizer, RunningNormalizer, Workspace};
+use mishandle_rollout::{Environment, Seed};
+use rayon::prelude::*;
+
+use crate::critic::initial_network;
+use crate::gaussian::Deviations;
+use crate::{
+    Buffer, Checkpoint, Critic, CriticSettings, EpisodeSettings, Episodes, PolicySettings, TrainingError, gae,
+};
+
+/// Rows that are inferred by one task: few, so that all threads have some.
+const ACTING_ROWS: usize = 64;
+
+/// Children of the training's seed.
+const EPISODES: u64 = 0;
+const POLICY_WEIGHTS: u64 = 1;
+const CRITIC_WEIGHTS: u64 = 2;
+
+/// What the rollouts of an on-policy algorithm are made with.
+pub(crate) struct Setup<'a> {
+    pub rollout_steps: usize,
+    pub gamma: f64,
+    pub gae_lambda: f64,
+    pub episodes: &'a EpisodeSettings,
+    pub policy: &'a PolicySettings,
+    pub critic: &'a CriticSettings,
+}
+
+/// Policy, critic, and the rollouts that they learn from.
+pub(crate) struct OnPolicy {
+    rollout_steps: usize,
+    gamma: f64,
+    gae_lambda: f64,
+    normalize: bool,
+    pub episodes: Episodes,
+    pub buffer: Buffer,
+    normalizer: RunningNormalizer,
+    pub network: Mlp<f32>,
+    pub log_std: Vec<f32>,
+    log_std_range: (f32, f32),
+    pub critic: Critic,
+    /// Targets of the critic's outputs, one for each entry of the buffer.
+    pub targets: Vec<f32>,
+    acting: Acting,
+    returns: Vec<f64>,
+    last_values: Vec<f64>,
+    truncated_values: Vec<f64>,
+}
+
+/// Scratch for choosing actions.
+struct Acting {
+    pool: ChunkPool<f32, (Vec<f32>, Workspace<f32>)>,
+    means: Vec<f32>,
+    draws: Vec<f64>,
+}
+
+/// Where the time of a rollout went, s.
+pub(crate) struct RolloutSecs {
+    pub physics: f64,
+    pub total: f64,
+}
+
+impl OnPolicy {
+    pub fn new(
+        environment: Arc<dyn Environment>,
+        setup: &Setup<'_>,
+        seed: Seed,
+    ) -> Result<OnPolicy, TrainingError> {
+        let Setup { rollout_steps, gamma, gae_lambda, episodes, policy, critic } = *setup;
+        let (inputs, outputs) = (environment.observation_size(), environment.action_size());
+        let rows = episodes.environments;
+        let time_limit = episodes.time_limit.unwrap_or(environment.episode_steps());
+        let episodes = Episodes::new(
+            environment,
+            rows,
+            seed.child(EPISODES),
+            time_limit,
+            episodes.action_noise,
+            episodes.staggered,
+        );
+        // A small last layer, so that the first actions are near the middle whatever is seen.
+        let network = initial_network(
+            inputs,
+            &policy.hidden,
+            outputs,
+            policy.activation,
+            0.01,
+            seed.child(POLICY_WEIGHTS),
+        )?;
+        let critic = Critic::new(inputs, critic, seed.child(CRITIC_WEIGHTS))?;
+        Ok(OnPolicy {
+            rollout_steps,
+            gamma,
+            gae_lambda,
+            normalize: policy.normalize_observations,
+            normalizer: RunningNormalizer::new(inputs),
+            log_std: vec![policy.initial_log_std as f32; outputs],
+            log_std_range: (policy.min_log_std as f32, policy.max_log_std as f32),
+            network,
+            critic,
+            targets: Vec::new(),
+            acting: Acting {
+                pool: ChunkPool::new(ACTING_ROWS),
+                means: vec![0.0; rows * outputs],
+                draws: vec![0.0; rows * outputs],
+            },
+            returns: Vec::new(),
+            last_values: vec![0.0; rows],
+            truncated_values: Vec::new(),
+            buffer: Buffer::new(rollout_steps, rows, inputs, outputs),
+            episodes,
+        })
+    }
+
+    /// Environment steps of a rollout.
+    pub fn rollout_size(&self) -> u64 {
+        self.buffer.count() as u64
+    }
+
+    pub fn policy(&self) -> Result<Policy, TrainingError> {
+        let (mean, variance) = (self.normalizer.mean().to_vec(), self.normalizer.variance());
+        Ok(Policy::new(mean, variance, self.network.clone(), self.log_std.clone())?)
+    }
+
+    /// How observations are scaled in this rollout and in what is learned from it.
+    pub fn normalizer(&self) -> Normalizer<f32> {
+        self.normalizer.freeze()
+    }
+
+    /// Fills the buffer.
+    pub fn roll_out(&mut self, normalizer: &Normalizer<f32>) -> RolloutSecs {
+        let start = Instant::now();
+        let deviations = Deviations::new(&self.log_std);
+        let mut physics = 0.0;
+        self.buffer.clear();
+        for _ in 0..self.rollout_steps {
+            let (seen, actions, log_probs) = self.buffer.begin_step(&self.episodes);
+            self.episodes.policy_draws(&mut self.acting.draws);
+            self.acting.act(&self.network, normalizer, &deviations, seen, actions, log_probs);
+            let start = Instant::now();
+            self.episodes.step(self.buffer.step_actions());
+            physics += start.elapsed().as_secs_f64();
+            self.buffer.end_step(&self.episodes);
+        }
+        RolloutSecs { physics, total: start.elapsed().as_secs_f64() }
+    }
+
+    /// Values and advantages of the rollout, and the critic's targets.
+    pub fn estimate(&mut self, normalizer: &Normalizer<f32>) {
+        let OnPolicy { buffer, critic, .. } = self;
+        critic.values(normalizer, &buffer.observations, &mut buffer.values);
+        critic.values(normalizer, self.episodes.observations(), &mut self.last_values);
+        self.truncated_values.resize(buffer.truncated.len(), 0.0);
+        critic.values(normalizer, &buffer.truncated_observations, &mut self.truncated_values);
+        buffer.set_next_values(&self.last_values, &self.truncated_values);
+        gae::advantages(
+            self.gamma,
+            self.gae_lambda,
+            buffer.rows(),
+            &buffer.rewards,
+            &buffer.values,
+            &buffer.next_values,
+            &buffer.boundaries,
+            &mut buffer.advantages,
+        );
+        let returns =
+            buffer.advantages.iter().zip(&buffer.values).map(|(advantage, value)| advantage + value);
+        critic.targets(returns, &mut self.targets, &mut self.returns);
+    }
+
+    /// Lets the scale of observations follow those of the rollout.
+    pub fn follow_observations(&mut self) {
+        if self.normalize {
+            self.normalizer.merge(&self.buffer.observation_moments());
+        }
+    }
+
+    /// Keeps each log σ within its range.
+    pub fn limit_log_std(&mut self) {
+        let (low, high) = self.log_std_range;
+        for log_std in &mut self.log_std {
+            *log_std = log_std.clamp(low, high);
+        }
+    }
+
+    /// Puts all that its future depends on into a checkpoint.
+    pub fn save(&self, checkpoint: &mut Checkpoint) {
+        checkpoint.put("policy.parameters", self.network.parameters().to_vec());
+        checkpoint.put("policy.log_std", self.log_std.clone());
+        checkpoint.put_moments("normalizer", self.normalizer.moments());
+        self.critic.save(checkpoint);
+        self.episodes.save(checkpoint);
+    }
+
+    /// Goes on where a checkpoint was taken.
+    ///
+    /// # Errors
+    /// If the checkpoint holds networks or simulations of other sizes.
+    pub fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
+        let own = checkpoint.f32s("policy.parameters", self.network.parameter_count())?;
+        self.network.update(|parameters| parameters.copy_from_slice(own));
+        self.log_std = checkpoint.f32s("policy.log_std", self.log_std.len())?.to_vec();
+        let columns = self.network.input_size();
+        self.normalizer = RunningNormalizer::from_moments(checkpoint.moments("normalizer", columns)?)?;
+        self.critic.load(checkpoint)?;
+        self.episodes.load(checkpoint)
+    }
+}
+
+impl Acting {
+    /// Draws an action for each row of `seen`, and gives the logarithms of their densities.
+    fn act(
+        &mut self,
+        network: &Mlp<f32>,
+        normalizer: &Normalizer<f32>,
+        deviations: &Deviations,
+        seen: &[f32],
+        actions: &mut [f32],
+        log_probs: &mut [f64],
+    ) {
+        let (columns, size) = (network.input_size(), network.output_size());
+        self.pool.map(log_probs.len(), &mut self.means, |rows, (inputs, workspace), means| {
+            inputs.clear();
+            inputs.extend_from_slice(&seen[rows.start * columns..rows.end * columns]);
+            normalizer.normalize(inputs);
+            means.copy_from_slice(network.forward(inputs, workspace));
+        });
+        let rows = self.means.par_chunks(size).zip(self.draws.par_chunks(size));
+        let rows = rows.zip(actions.par_chunks_mut(size)).zip(log_probs);
+        rows.with_min_len(ACTING_ROWS).for_each(|(((means, draws), actions), log_prob)| {
+            let noise = deviations.std().iter().zip(draws).map(|(std, draw)| std * draw);
+            for ((action, mean), noise) in actions.iter_mut().zip(means).zip(noise) {
+                *action = (f64::from(*mean) + noise) as f32;
+            }
+            *log_prob = deviations.log_prob(means, actions);
+        });
+    }
+}
+
+/// Mean of some advantages, and one over their standard deviation.
+pub(crate) fn mean_and_scale(advantages: &[f64], places: &[u32]) -> (f64, f64) {
+    let chosen = || places.iter().map(|place| advantages[*place as usize]);
+    let count = places.len() as f64;
+    let mean = chosen().sum::<f64>() / count;
+    let variance = chosen().map(|a| (a - mean) * (a - mean)).sum::<f64>() / (count - 1.0).max(1.0);
+    (mean, 1.0 / (variance.sqrt() + 1e-8))
+}
