@@ -31,7 +31,7 @@ pub(super) fn furnished(document: &str, size: Size, has_ground: bool) -> String 
 <visual>
   <global offwidth="{}" offheight="{}" fovy="32"/>
   <headlight ambient="0.42 0.42 0.42" diffuse="0.28 0.28 0.28" specular="0.05 0.05 0.05"/>
-  <quality shadowsize="4096" offsamples="4"/>
+  <quality shadowsize="{}" offsamples="4"/>
   <map znear="0.05" zfar="12" shadowclip="2.5"/>
 </visual>
 <statistic extent="1"/>
@@ -44,7 +44,8 @@ pub(super) fn furnished(document: &str, size: Size, has_ground: bool) -> String 
 </worldbody>
 </mujoco>"#,
         size.width(),
-        size.height()
+        size.height(),
+        (3 * size.width().max(size.height())).next_power_of_two().clamp(256, 4096),
     );
     document.trim_end().strip_suffix("</mujoco>").unwrap_or(document).to_string() + &additions
 }
