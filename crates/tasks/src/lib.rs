@@ -6,6 +6,7 @@
 use std::sync::{PoisonError, RwLock};
 
 mod ball_balancing;
+mod ball_catching;
 mod ball_pushing;
 mod definition;
 mod environment;
@@ -25,8 +26,12 @@ pub use robot::{
 };
 
 /// The benchmark's tasks, in the order in which they are listed.
-pub static TASKS: &[&dyn Task] =
-    &[&point_reaching::PointReaching, &ball_balancing::BallBalancing, &ball_pushing::BallPushing];
+pub static TASKS: &[&dyn Task] = &[
+    &point_reaching::PointReaching,
+    &ball_balancing::BallBalancing,
+    &ball_catching::BallCatching,
+    &ball_pushing::BallPushing,
+];
 
 /// Tasks beside the benchmark's.
 static ADDED: RwLock<Vec<&'static dyn Task>> = RwLock::new(Vec::new());
