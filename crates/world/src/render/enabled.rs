@@ -17,8 +17,8 @@ const HIDDEN_SITES: usize = 4;
 
 /// Draws states of one scene.
 ///
-/// A scene with a camera named `view` is seen through that; any other from a place that follows from its extent, by
-/// one rule for all scenes.
+/// A scene with a camera named `view` is seen through that; any other from a place that follows from its extent and
+/// from what would stand before the robot, by one rule for all scenes.
 pub struct Renderer {
     world: World,
     inner: MjRenderer,
@@ -53,12 +53,7 @@ impl Renderer {
             .opts(options)
             .build(&model.inner)
             .map_err(|error| WorldError::Render(said(&error)))?;
-        let mut renderer = Renderer { world: model.world(), inner };
-        if renderer.is_free() {
-            let camera = renderer.inner.camera_mut();
-            (camera.azimuth, camera.elevation) = (view::AZIMUTH_DEG, view::ELEVATION_DEG);
-        }
-        Ok(renderer)
+        Ok(Renderer { world: model.world(), inner })
     }
 
     fn is_free(&self) -> bool {
@@ -74,16 +69,25 @@ impl Renderer {
             return;
         }
         let mut corners = Vec::new();
+        let mut first = None;
         for state in states {
+            first = first.or(Some(state));
             self.world.set_state(state);
             self.world.data.forward();
             view::corners(&self.world, &mut corners);
         }
+        if let Some(first) = first {
+            self.world.set_state(first);
+            self.world.data.forward();
+        }
         let global = &self.world.model().inner.vis().global;
         let aspect = f64::from(global.offwidth) / f64::from(global.offheight);
-        let (centre, distance) = view::fit(&corners, f64::from(global.fovy).to_radians(), aspect);
+        let fovy = f64::from(global.fovy).to_radians();
+        let groups = self.inner.opts().geomgroup;
+        let view = view::best(&mut self.world, &corners, &groups, fovy, aspect);
         let camera = self.inner.camera_mut();
-        (camera.lookat, camera.distance) = (centre, distance);
+        (camera.azimuth, camera.elevation) = (view.azimuth_deg, view::ELEVATION_DEG);
+        (camera.lookat, camera.distance) = (view.centre, view.distance);
     }
 
     /// The picture of a state: three bytes a pixel (red, green, blue), rows from the top.
