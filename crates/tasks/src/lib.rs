@@ -8,6 +8,7 @@ use std::sync::{PoisonError, RwLock};
 mod ball_balancing;
 mod ball_catching;
 mod ball_pushing;
+mod cube_stacking;
 mod definition;
 mod environment;
 mod expert;
@@ -28,6 +29,7 @@ pub use robot::{
 /// The benchmark's tasks, in the order in which they are listed.
 pub static TASKS: &[&dyn Task] = &[
     &point_reaching::PointReaching,
+    &cube_stacking::CubeStacking,
     &ball_balancing::BallBalancing,
     &ball_catching::BallCatching,
     &ball_pushing::BallPushing,
