@@ -43,10 +43,15 @@ pub fn start(task: &dyn Task, x0: Option<&[f64]>) -> Result<Film, MishandleError
 ///
 /// # Errors
 /// As [`replay`](crate::replay()).
-pub fn film(run: &RunFile, trial: u32, number: u32) -> Result<(Replayed, Film), MishandleError> {
+pub fn film(
+    run: &RunFile,
+    trial: u32,
+    number: u32,
+    controller: Option<&str>,
+) -> Result<(Replayed, Film), MishandleError> {
     let states = Arc::new(Mutex::new(Vec::new()));
     let task = crate::task(&run.header().task)?;
-    let replayed = replay_in(run, trial, number, |environment| {
+    let replayed = replay_in(run, trial, number, controller, |environment| {
         Arc::new(Filmed { environment, states: states.clone() })
     })?;
     let states = std::mem::take(&mut *states.lock().unwrap_or_else(PoisonError::into_inner));

@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use mishandle_tasks::Definition;
 
+use crate::MishandleError;
+
 /// The folder that holds `controllers/` and `experiments/training/`: `MISHANDLE_HOME` if it is set, else the first such folder
 /// at or above the working directory or the program's own.
 pub fn home() -> PathBuf {
@@ -26,6 +28,16 @@ fn controllers_of(definition: &Definition) -> PathBuf {
 /// Where the picture of a task is.
 pub fn picture_path(task: &str) -> PathBuf {
     home().join("docs").join("tasks").join(format!("{task}.png"))
+}
+
+/// Checks that `MISHANDLE_HOME`, if it is set, has the folder `wanted`.
+pub(crate) fn check_home(wanted: &'static str) -> Result<(), MishandleError> {
+    match std::env::var_os("MISHANDLE_HOME") {
+        Some(path) if !Path::new(&path).join(wanted).is_dir() => {
+            Err(MishandleError::Home { path: path.into(), wanted })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Where the shipped controller of that name for a task is.

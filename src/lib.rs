@@ -21,9 +21,11 @@ mod evaluate;
 mod falsify;
 mod film;
 mod home;
+mod lock;
 mod plan;
 mod record;
 mod replay;
+mod shell;
 mod subject;
 mod train;
 
@@ -35,7 +37,8 @@ pub use film::{Film, film, start};
 pub use home::{controller_name, controller_path, home, picture_path, settings_path, shipped_controllers};
 pub use plan::{EvaluatePlan, FalsifyPlan, Plan, Starts};
 pub use record::create_run;
-pub use replay::{Replayed, check_controller, choose, other_build, replay};
+pub use replay::{Replayed, choose, other_build, recorded_subject, replay};
+pub use shell::shell_word;
 pub use subject::{Subject, preset, task};
 pub use train::{TrainPlan, default_out, train};
 

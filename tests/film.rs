@@ -34,7 +34,7 @@ fn a_film_holds_every_sample_of_the_recorded_episode() {
     let run = mishandle::create_run(&plan, &subject, Some(&path)).unwrap();
     mishandle::evaluate(&plan, &subject, run, |_| ControlFlow::Continue(())).unwrap();
 
-    let (replayed, film) = mishandle::film(&RunFile::open(&path).unwrap(), 1, 2).unwrap();
+    let (replayed, film) = mishandle::film(&RunFile::open(&path).unwrap(), 1, 2, None).unwrap();
     assert_eq!(replayed.differences, Vec::<String>::new());
     assert_eq!(film.states.len(), replayed.episode.trace.len());
     // The arm has moved from its start, and the target that it moved to has not.

@@ -12,7 +12,8 @@ use clap::{Args, Parser, Subcommand};
   mishandle evaluate ball-balancing --controller ppo --episodes 1000
   mishandle falsify ball-balancing --controller ppo --formula strict --trials 5
 
-Words go to stderr, data to stdout. Exit codes: 0 done, 1 falsified or violated, 2 an error.")]
+Words go to stderr, data to stdout. Exit codes: 0 done, 1 falsified or violated, 2 an error,
+130 interrupted (what was done is saved).")]
 pub struct Arguments {
     #[command(subcommand)]
     pub command: Command,
@@ -64,12 +65,12 @@ Exit code 1 if the robustness at time 0 is negative."
 )]
 pub struct Monitor {
     /// The formula, in RTAMT's syntax
-    #[arg(long)]
+    #[arg(long, allow_hyphen_values = true)]
     pub formula: String,
     /// CSV file with the trace; - for stdin
     pub trace: PathBuf,
     /// Seconds between samples; without it, the `time` column says, else 1
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     pub period: Option<f64>,
     /// Unit of interval bounds that have none (s, ms, us or ns); without it, they count samples
     #[arg(long)]
@@ -86,19 +87,21 @@ pub struct Monitor {
 #[derive(Debug, Args)]
 pub struct Run {
     /// Seed of everything random
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     pub seed: Option<u64>,
     /// Number of threads; results never depend on it [default: all cores]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub threads: Option<usize>,
     /// One JSON document on stdout
     #[arg(long)]
     pub json: bool,
 }
 
+/// What of a subject a run's own plan decides: all but where the controller is.
+const PLANNED: [&str; 6] = ["task", "preset", "action_noise", "observation_noise", "stochastic", "plan"];
+
 /// Which controller acts in which task, and how.
 #[derive(Debug, Args)]
-#[group(id = "subject", multiple = true)]
 pub struct Subject {
     /// Name of a task
     #[arg(required_unless_present_any = ["plan", "resume"])]
@@ -137,8 +140,9 @@ pub struct Train {
     /// Training algorithm: ppo or trpo
     #[arg(long, default_value = "ppo")]
     pub algorithm: String,
-    /// Control steps to train for, over all parallel environments [default: as the settings say]
-    #[arg(long, value_name = "N")]
+    /// Control steps to train for, over all parallel environments, rounded up to whole iterations [default: as the
+    /// settings say]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub steps: Option<u64>,
     /// Reward to learn from: shaped or original
     #[arg(long, default_value = "shaped")]
@@ -166,7 +170,7 @@ pub struct Evaluate {
     #[command(flatten)]
     pub subject: Subject,
     /// Number of simulations [default: 100]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub episodes: Option<u64>,
     /// Where they start: whole, or reachable (the part of the box from which the task can be done)
     #[arg(long = "box", value_name = "PART")]
@@ -174,8 +178,9 @@ pub struct Evaluate {
     /// Run file for the simulations [default: a new one in runs/]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Carry on a run that was stopped, as its own plan says
-    #[arg(long, value_name = "RUN", conflicts_with_all = ["subject", "episodes", "starts", "out", "seed"])]
+    /// Carry on a run that was stopped, as its own plan says; --controller says where its controller is, if it moved
+    #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
+    #[arg(conflicts_with_all = ["episodes", "starts", "out", "seed"])]
     pub resume: Option<PathBuf>,
     #[command(flatten)]
     pub run: Run,
@@ -189,6 +194,7 @@ pub struct Evaluate {
   mishandle falsify ball-balancing --controller ppo --formula 'always[50:300](ball_height_above_tray > 0)'
   mishandle falsify --resume runs/RUN.sqlite
 
+In JSON, median_simulations is the least number of simulations after which half of the trials are falsified.
 Exit code 1 if a counterexample was found.")]
 pub struct Falsify {
     #[command(flatten)]
@@ -197,20 +203,20 @@ pub struct Falsify {
     #[arg(long, value_name = "S")]
     pub search: Option<String>,
     /// What is to be violated: success, strict, or the text of a formula [default: success]
-    #[arg(long)]
+    #[arg(long, allow_hyphen_values = true)]
     pub formula: Option<String>,
     /// Number of trials [default: 30]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub trials: Option<u32>,
     /// Simulations that a trial may spend [default: 300]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub budget: Option<u32>,
     /// Run file for the simulations [default: a new one in runs/]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Carry on a run that was stopped, as its own plan says
-    #[arg(long, value_name = "RUN")]
-    #[arg(conflicts_with_all = ["subject", "search", "formula", "trials", "budget", "out", "seed"])]
+    /// Carry on a run that was stopped, as its own plan says; --controller says where its controller is, if it moved
+    #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
+    #[arg(conflicts_with_all = ["search", "formula", "trials", "budget", "out", "seed"])]
     pub resume: Option<PathBuf>,
     #[command(flatten)]
     pub run: Run,
@@ -228,16 +234,19 @@ pub struct Replay {
     #[arg(value_name = "RUN")]
     pub file: PathBuf,
     /// Number of the trial [default: with --simulation 1, else any]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub trial: Option<u32>,
     /// Number of the simulation within the trial [default: the first counterexample, else the least robust]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub simulation: Option<u32>,
+    /// Where the run's controller is now, if it has moved: the very same one
+    #[arg(long, value_name = "C")]
+    pub controller: Option<String>,
     /// Write the trace to this CSV file
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
     /// Number of threads; the result never depends on it [default: all cores]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub threads: Option<usize>,
     /// One JSON document on stdout
     #[arg(long)]
@@ -270,6 +279,9 @@ pub struct Render {
     /// Number of the simulation within the trial [default: the first counterexample, else the least robust]
     #[arg(long, value_name = "N", requires = "run")]
     pub simulation: Option<u32>,
+    /// Where the run's controller is now, if it has moved: the very same one
+    #[arg(long, value_name = "C", requires = "run")]
+    pub controller: Option<String>,
     /// Where it goes: a .png, or an .mp4 for a film
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,

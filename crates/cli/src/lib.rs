@@ -1,9 +1,10 @@
 //! The command line of Mishandle.
 //!
-//! Words go to stderr, data to stdout. Exit codes: 0 done, 1 falsified or violated, 2 an error.
+//! Words go to stderr, data to stdout. Exit codes: 0 done, 1 falsified or violated, 2 an error, 130 interrupted.
 
 mod args;
 mod commands;
+mod interrupt;
 mod new_file;
 mod output;
 mod progress;
@@ -46,6 +47,7 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Violated) => ExitCode::from(1),
+        Ok(Outcome::Interrupted) => ExitCode::from(interrupt::EXIT_CODE),
         Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             output::report_error(&error);
@@ -61,4 +63,6 @@ enum Outcome {
     Done,
     /// A counterexample was found, or a formula is violated.
     Violated,
+    /// It was asked to end before it was done, and has saved what it had.
+    Interrupted,
 }

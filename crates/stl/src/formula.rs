@@ -41,7 +41,12 @@ pub(crate) enum Node {
 ///
 /// Numbers may have exponents and underscores. `true` is +∞ and `false` −∞. Comments are `// …` and `/* … */`. A text
 /// may declare (`input float d`), define constants (`const float limit = 0.3`) and name sub-formulas
-/// (`near = d <= limit`) before the last formula, which is the one that counts; semicolons between them are optional.
+/// (`near = d <= limit`) before the last formula, which is the one that counts and may have a name, too (`out = d <= 1`);
+/// semicolons between them are optional. A definition that bears the name of a signal of the trace is refused by the
+/// [`Monitor`](crate::Monitor): most often `=` was typed for `==`. So is a last statement that names a number.
+///
+/// **Comparisons are not chained**: as in RTAMT, `0.2 <= v <= 0.3` is `(0.2 <= v) <= 0.3`, which bounds `v - 0.2`. Write
+/// `0.2 <= v and v <= 0.3`. [`Formula::chains_comparisons`] finds it.
 ///
 /// # Where the reading is not RTAMT's
 /// RTAMT 0.4.10 lets `+` bind tighter than `-` and `*` tighter than `/`: **it reads `a - b + c` as `a - (b + c)`** and
@@ -67,12 +72,22 @@ pub(crate) enum Node {
 ///
 /// # Reference
 /// Nickovic and Yamaguchi, "RTAMT: Online Robustness Monitors from STL", ATVA 2020.
-#[derive(Clone, Debug, PartialEq)]
+///
+/// Two formulas are equal if they mean the same tree; what their texts define on the way to it does not count.
+#[derive(Clone, Debug)]
 pub struct Formula {
     /// Distinct, in the order of their first appearance.
     pub(crate) signals: Vec<String>,
     /// In postfix order, so that no depth of nesting can exhaust the call stack.
     pub(crate) nodes: Vec<Node>,
+    /// The names that the text defines, used or not.
+    pub(crate) defined: Vec<String>,
+}
+
+impl PartialEq for Formula {
+    fn eq(&self, other: &Formula) -> bool {
+        self.signals == other.signals && self.nodes == other.nodes
+    }
 }
 
 impl Formula {
@@ -93,6 +108,15 @@ impl Formula {
     /// `fall`.
     pub fn is_state_predicate(&self) -> bool {
         !self.nodes.iter().any(|node| matches!(node, Node::Apply(operator, _) if operator.is_temporal()))
+    }
+
+    /// Whether the outcome of a comparison is compared again, as in `0.2 <= v <= 0.3`: that is `(0.2 <= v) <= 0.3`, a
+    /// bound on `v - 0.2`, and hardly ever what was meant.
+    pub fn chains_comparisons(&self) -> bool {
+        let starts = self.starts();
+        let compares =
+            |node: usize| matches!(self.nodes[node], Node::Apply(operator, _) if operator.is_order());
+        (0..self.nodes.len()).any(|node| compares(node) && compares(starts[node - 1] - 1))
     }
 
     /// For each node the index where its operands begin.

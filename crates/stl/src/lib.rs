@@ -34,6 +34,7 @@ mod operator;
 mod parser;
 mod pointwise;
 mod program;
+mod spelling;
 mod trace;
 mod until;
 
@@ -42,4 +43,5 @@ pub use error::{MonitorError, ParseError, Position};
 pub use explain::Moment;
 pub use formula::Formula;
 pub use monitor::Monitor;
+pub use spelling::nearest;
 pub use trace::Trace;

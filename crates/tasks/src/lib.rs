@@ -12,6 +12,7 @@ mod cube_stacking;
 mod definition;
 mod environment;
 mod expert;
+mod peg_in_hole;
 mod point_reaching;
 mod reward;
 mod robot;
@@ -30,6 +31,7 @@ pub use robot::{
 pub static TASKS: &[&dyn Task] = &[
     &point_reaching::PointReaching,
     &cube_stacking::CubeStacking,
+    &peg_in_hole::PegInHole,
     &ball_balancing::BallBalancing,
     &ball_catching::BallCatching,
     &ball_pushing::BallPushing,

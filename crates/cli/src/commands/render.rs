@@ -89,7 +89,7 @@ fn recorded(path: &Path, command: &args::Render) -> Result<Film> {
     let Some((trial, simulation)) = mishandle::choose(&run, command.trial, command.simulation)? else {
         bail!("{} has no decided simulation to draw", path.display());
     };
-    let (replayed, film) = mishandle::film(&run, trial, simulation)?;
+    let (replayed, film) = mishandle::film(&run, trial, simulation, command.controller.as_deref())?;
     for difference in &replayed.other_build {
         output::say(&format!("warning: the run was made by another build: {difference}"));
     }

@@ -2,7 +2,7 @@ mod page;
 
 use std::io::Write;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use mishandle::tasks::{Definition, Preset, Task, compose, tasks};
 use serde_json::{Value, json};
 
@@ -17,10 +17,12 @@ pub fn run(command: &args::Tasks) -> Result<Outcome> {
         None => tasks(),
     };
     if let (Some(path), [task]) = (&command.mjcf, chosen.as_slice()) {
-        let mut file = std::fs::File::create_new(path).with_context(|| path.display().to_string())?;
-        file.write_all(compose(*task)?.as_bytes())?;
+        let scene = compose(*task)?;
+        output::write_new(path, |file| Ok(file.write_all(scene.as_bytes())?))?;
         output::say(&format!("wrote {}", path.display()));
-        return Ok(Outcome::Done);
+        if !command.json {
+            return Ok(Outcome::Done);
+        }
     }
     let definitions: Vec<&Definition> = chosen.iter().map(|task| task.definition()).collect();
     if command.json {
