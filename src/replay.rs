@@ -1,5 +1,9 @@
-use mishandle_rollout::{Episode, Request, System};
+use std::sync::Arc;
+
+use mishandle_rollout::{Environment, Episode, Request, System};
 use mishandle_store::{RunFile, RunHeader, Simulation, SimulationRecord};
+
+use mishandle_tasks::TaskEnvironment;
 
 use crate::record::{self, Place};
 use crate::{MishandleError, Plan, Subject, build};
@@ -27,11 +31,23 @@ pub fn replay(
     number: u32,
     controller: Option<&str>,
 ) -> Result<Replayed, MishandleError> {
+    replay_in(run, trial, number, controller, |environment| environment)
+}
+
+/// As [`replay`], in what `wrapped` makes of the environment.
+pub(crate) fn replay_in(
+    run: &RunFile,
+    trial: u32,
+    number: u32,
+    controller: Option<&str>,
+    wrapped: impl FnOnce(Arc<TaskEnvironment>) -> Arc<dyn Environment>,
+) -> Result<Replayed, MishandleError> {
     let SimulationRecord { simulation: recorded, .. } = run.simulation(trial, number)?;
     let header = run.header();
     let (_, subject) = recorded_subject(header, controller)?;
     let request = Request { x0: recorded.initial_configuration.clone(), seed: record::seed(&recorded) };
-    let mut episodes = subject.system()?.rollout(&[request])?;
+    let mut system = subject.system_in(wrapped(subject.environment.clone()))?;
+    let mut episodes = system.rollout(&[request])?;
     let episode = episodes.pop().ok_or(MishandleError::NoEpisode)?;
     let place = Place { trial, number, unit_point: &recorded.unit_point };
     let again = record::record(&place, &episode).simulation;

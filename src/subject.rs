@@ -93,12 +93,12 @@ impl Subject {
     /// # Errors
     /// If the controller does not fit the environment.
     pub fn system(&self) -> Result<Rollout, MishandleError> {
-        Ok(Rollout::new(
-            self.environment.clone(),
-            self.controller.clone(),
-            self.specification.clone(),
-            self.noise,
-        )?)
+        self.system_in(self.environment.clone())
+    }
+
+    /// The same in another environment that does the same.
+    pub(crate) fn system_in(&self, environment: Arc<dyn Environment>) -> Result<Rollout, MishandleError> {
+        Ok(Rollout::new(environment, self.controller.clone(), self.specification.clone(), self.noise)?)
     }
 }
 
@@ -169,18 +169,19 @@ fn load_controller(task: &dyn Task, name: &str, stochastic: bool) -> Result<Load
             .map_err(|source| MishandleError::Expert { task: definition.name.to_string(), source })?;
         return Ok(Loaded { controller, hash: "expert".to_string(), bytes_hash: String::new() });
     }
-    let path =
-        if is_path(name) { Path::new(name).to_path_buf() } else { controller_path(definition.name, name) };
+    let path = if is_path(name) { Path::new(name).to_path_buf() } else { controller_path(definition, name) };
     if !is_path(name) && !path.is_file() {
         check_home("controllers")?;
         return Err(MishandleError::Name {
             kind: "controller",
             name: name.to_string(),
-            known: shipped_controllers(definition.name),
+            known: shipped_controllers(definition),
         });
     }
     let file = ControllerFile::load(&path)?;
-    file.check(definition.name, &definition.layout())?;
+    // What a variant is given may be made for it, or for the task that it varies.
+    let made_for = definition.variant_of.filter(|base| file.header.task == *base).unwrap_or(definition.name);
+    file.check(made_for, &definition.layout())?;
     let policy = file.policy.sampling(stochastic);
     let bytes = std::fs::read(&path).map_err(|source| MishandleError::File { path, source })?;
     Ok(Loaded { hash: policy.hash(), bytes_hash: bytes_hash(&bytes), controller: Arc::new(policy) })

@@ -27,6 +27,7 @@ pub enum Command {
     Evaluate(Evaluate),
     Falsify(Falsify),
     Replay(Replay),
+    Render(Render),
 }
 
 /// Lists the tasks with their formulas, initial boxes and controllers; explains one in full
@@ -250,4 +251,45 @@ pub struct Replay {
     /// One JSON document on stdout
     #[arg(long)]
     pub json: bool,
+}
+
+/// Draws the start of a task, or films a recorded simulation
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle render ball-pushing --out start.png
+  mishandle render ball-pushing --at 0.45,-0.1 --out start.png
+  mishandle render --run runs/RUN.sqlite --out film.mp4            the first counterexample
+  mishandle render --run runs/RUN.sqlite --trial 2 --simulation 17 --out strip.png     six moments of it
+
+No display is needed. Films are made by the program ffmpeg.")]
+pub struct Render {
+    /// Name of a task, to draw its start
+    #[arg(required_unless_present = "run", conflicts_with = "run")]
+    pub task: Option<String>,
+    /// Initial configuration: a value for each axis of the initial box [default: the middle of the box]
+    #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_negative_numbers = true)]
+    #[arg(conflicts_with = "run")]
+    pub at: Option<Vec<f64>>,
+    /// Run file, to run one of its simulations again
+    #[arg(long, value_name = "RUN")]
+    pub run: Option<PathBuf>,
+    /// Number of the trial [default: with --simulation 1, else any]
+    #[arg(long, value_name = "N", requires = "run")]
+    pub trial: Option<u32>,
+    /// Number of the simulation within the trial [default: the first counterexample, else the least robust]
+    #[arg(long, value_name = "N", requires = "run")]
+    pub simulation: Option<u32>,
+    /// Where the run's controller is now, if it has moved: the very same one
+    #[arg(long, value_name = "C", requires = "run")]
+    pub controller: Option<String>,
+    /// Where it goes: a .png, or an .mp4 for a film
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Width and height in pixels, of each picture in a filmstrip [default: 960x720, of a film 640x480, in a
+    /// filmstrip 480x360]
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<String>,
+    /// Write over FILE if it is there
+    #[arg(long)]
+    pub force: bool,
 }

@@ -5,10 +5,13 @@
 mod args;
 mod commands;
 mod interrupt;
+mod new_file;
 mod output;
 mod progress;
 mod run;
+mod video;
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -19,7 +22,19 @@ use args::{Arguments, Command};
 ///
 /// A program that adds tasks of its own (`mishandle::tasks::add`) and then calls this is Mishandle with those tasks.
 pub fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    run_with(std::env::args_os())
+}
+
+/// Runs the program on these arguments, the first of which is its own name.
+pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let arguments = match Arguments::try_parse_from(arguments) {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Help goes to stdout, whose reader may be gone.
+            let _ = error.print();
+            return ExitCode::from(error.exit_code() as u8);
+        }
+    };
     let outcome = match &arguments.command {
         Command::Tasks(command) => commands::tasks::run(command),
         Command::Monitor(command) => commands::monitor::run(command),
@@ -27,6 +42,7 @@ pub fn main() -> ExitCode {
         Command::Evaluate(command) => commands::evaluate::run(command),
         Command::Falsify(command) => commands::falsify::run(command),
         Command::Replay(command) => commands::replay::run(command),
+        Command::Render(command) => commands::render::run(command),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -96,3 +96,31 @@ pub fn table(rows: &[Vec<String>]) -> String {
     text.truncate(text.trim_end().len());
     text
 }
+
+/// Breaks text into lines of at most `width` characters, between words.
+pub fn wrapped(text: &str, width: usize) -> String {
+    let mut lines = vec![String::new()];
+    for word in text.split_whitespace() {
+        let line = lines.len() - 1;
+        if lines[line].is_empty() {
+            lines[line] = word.to_string();
+        } else if lines[line].chars().count() + 1 + word.chars().count() <= width {
+            lines[line] += &format!(" {word}");
+        } else {
+            lines.push(word.to_string());
+        }
+    }
+    lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_as_full_as_the_width_allows_and_no_word_is_cut() {
+        assert_eq!(wrapped("to be or  not", 5), "to be\nor\nnot");
+        assert_eq!(wrapped("incorrigible a b", 3), "incorrigible\na b");
+        assert_eq!(wrapped("", 3), "");
+    }
+}

@@ -86,7 +86,7 @@ const HARD: &str = "--formula 'always[22:300](finger_target_distance <= 0.12)'";
 #[test]
 fn every_command_explains_itself_with_examples() {
     let bench = Bench::new();
-    for command in ["tasks", "monitor", "train", "evaluate", "falsify", "replay"] {
+    for command in ["tasks", "monitor", "train", "evaluate", "falsify", "replay", "render"] {
         let help = bench.check(&format!("{command} --help"), 0);
         assert!(help.contains("Examples:"), "{command}");
         assert!(help.contains(&format!("mishandle {command}")), "{command}");
@@ -524,4 +524,23 @@ fn a_training_resumes_to_the_same_controller_and_can_be_measured() {
         &["no training algorithm `pppo`", "did you mean `ppo`?"],
     );
     bench.refuses("train point-reaching --reward best", &["no reward `best`", "shaped"]);
+}
+
+#[test]
+fn a_task_is_explained_by_what_it_states() {
+    let bench = Bench::new();
+    let page = bench.check("tasks point-reaching", 0);
+    for line in [
+        "  at every step from 50 to 300 (0.83 s to 5 s): finger_target_distance is at most 0.12 m",
+        "□[50:300](finger_target_distance ≤ 0.12)",
+        "  0-8    joint_positions",
+        "  18-20  target",
+        "mishandle render point-reaching --out point-reaching.png",
+    ] {
+        assert!(page.contains(line), "the page has no `{line}`:\n{page}");
+    }
+    // The paper's box and the code's stand side by side, and so do formulas that differ.
+    let page = bench.check("tasks ball-balancing", 0);
+    assert!(page.contains("[0.2, 0.5]") && page.contains("[0.192, 0.492]"), "{page}");
+    assert!(page.contains("preset code: always[50:300](ball_tray_horizontal_distance <= 0.25)"), "{page}");
 }

@@ -153,6 +153,16 @@ enum Piece {
 
 impl fmt::Display for Formula {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.write(f, Operator::name)
+    }
+}
+
+/// How an operator is written.
+type Spelling = fn(Operator) -> &'static str;
+
+impl Formula {
+    /// Writes the formula with operators spelled in this way.
+    pub(crate) fn write(&self, f: &mut fmt::Formatter<'_>, spelling: Spelling) -> fmt::Result {
         let starts = self.starts();
         let mut pieces = vec![Piece::Node(self.nodes.len() - 1)];
         while let Some(piece) = pieces.pop() {
@@ -167,20 +177,19 @@ impl fmt::Display for Formula {
                     Node::Constant(value) => write_number(f, value)?,
                     Node::Signal(signal) => f.write_str(&self.signals[signal as usize])?,
                     Node::Apply(operator, interval) => {
-                        self.unfold(operator, interval, index, &starts, &mut pieces);
+                        self.unfold(operator, spelling(operator), interval, index, &starts, &mut pieces);
                     }
                 },
             }
         }
         Ok(())
     }
-}
 
-impl Formula {
     /// Pushes the pieces of an operator and its operands, the last piece first.
     fn unfold(
         &self,
         operator: Operator,
+        name: &'static str,
         interval: Option<Interval>,
         index: usize,
         starts: &[usize],
@@ -195,7 +204,7 @@ impl Formula {
                     operand,
                     Piece::Text(if tight { "" } else { " " }),
                     Piece::Interval(interval),
-                    Piece::Text(operator.name()),
+                    Piece::Text(name),
                 ]);
             }
             Shape::Infix => {
@@ -204,16 +213,16 @@ impl Formula {
                     self.operand(operator, last, false),
                     Piece::Text(" "),
                     Piece::Interval(interval),
-                    Piece::Text(operator.name()),
+                    Piece::Text(name),
                     Piece::Text(" "),
                     self.operand(operator, left, true),
                 ]);
             }
-            Shape::Call(1) => pieces.extend([Piece::InParentheses(last), Piece::Text(operator.name())]),
+            Shape::Call(1) => pieces.extend([Piece::InParentheses(last), Piece::Text(name)]),
             Shape::Call(_) => {
                 let left = starts[last] - 1;
                 pieces.extend([Piece::Text(")"), Piece::Node(last), Piece::Text(", "), Piece::Node(left)]);
-                pieces.extend([Piece::Text("("), Piece::Text(operator.name())]);
+                pieces.extend([Piece::Text("("), Piece::Text(name)]);
             }
         }
     }
@@ -238,7 +247,7 @@ impl Formula {
 }
 
 /// The shortest text that reads back as the same number; infinities are the truth values.
-fn write_number(f: &mut fmt::Formatter<'_>, value: f64) -> fmt::Result {
+pub(crate) fn write_number(f: &mut fmt::Formatter<'_>, value: f64) -> fmt::Result {
     match value {
         f64::INFINITY => f.write_str("true"),
         f64::NEG_INFINITY => f.write_str("false"),

@@ -23,6 +23,7 @@ pub use definition::{
 };
 pub use environment::{TaskEnvironment, TaskError};
 pub use expert::{Behavior, Expert, Seen, limited};
+pub use reward::effort;
 pub use robot::{
     CONTROL_DT, EPISODE_STEPS, FINGER_STEP, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT, compose,
 };
