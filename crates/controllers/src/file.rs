@@ -12,10 +12,11 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::layout::hexadecimal;
+use crate::seal::{UNSEALED, is_sealed, seal};
 use crate::{ControllerError, FileProblem, Layout, Policy, write_atomically};
 
-/// Newest version of the format; a file of a newer one is refused.
-pub const FORMAT_VERSION: u64 = 1;
+/// Newest version of the format; a file of a newer one is refused. Version 1 had no hash of itself.
+pub const FORMAT_VERSION: u64 = 2;
 
 /// Key of the header in the file's metadata.
 const HEADER_KEY: &str = "mishandle";
@@ -82,6 +83,9 @@ pub struct ControllerFile {
 #[derive(Serialize, Deserialize)]
 struct StoredHeader {
     format_version: u64,
+    /// Hash of the file; see [`seal`].
+    #[serde(default)]
+    sha256: String,
     #[serde(flatten)]
     header: Header,
     layout_hash: String,
@@ -152,6 +156,7 @@ impl ControllerFile {
         let network = self.policy.network();
         let stored = StoredHeader {
             format_version: FORMAT_VERSION,
+            sha256: UNSEALED.to_string(),
             header: self.header.clone(),
             layout_hash: self.header.layout.hash(),
             policy: StoredPolicy {
@@ -176,7 +181,9 @@ impl ControllerFile {
             (tensor.name.as_str(), view)
         });
         let metadata = std::iter::once((HEADER_KEY.to_string(), json)).collect();
-        safetensors::serialize(views, Some(metadata)).expect(right)
+        let mut bytes = safetensors::serialize(views, Some(metadata)).expect(right);
+        seal(&mut bytes);
+        bytes
     }
 
     /// The controller that a file's bytes hold.
@@ -190,7 +197,7 @@ impl ControllerFile {
         let Some(json) = json else {
             return Err(FileProblem::Foreign { reason: format!("it has no header `{HEADER_KEY}`") });
         };
-        let stored = read_header(json)?;
+        let stored = read_header(json, bytes)?;
         if stored.policy.parameter_count().is_none_or(|count| count > bytes.len() / size_of::<f32>()) {
             return Err(FileProblem::Header {
                 reason: "its network has more numbers than the file".to_string(),
@@ -240,7 +247,7 @@ fn told(error: &SafeTensorError, bytes: &[u8]) -> FileProblem {
     }
 }
 
-fn read_header(json: &str) -> Result<StoredHeader, FileProblem> {
+fn read_header(json: &str, bytes: &[u8]) -> Result<StoredHeader, FileProblem> {
     let damaged = |reason: String| FileProblem::Header { reason };
     let value: serde_json::Value = serde_json::from_str(json).map_err(|error| damaged(error.to_string()))?;
     let Some(found) = value.get("format_version").and_then(serde_json::Value::as_u64) else {
@@ -248,6 +255,9 @@ fn read_header(json: &str) -> Result<StoredHeader, FileProblem> {
     };
     if found > FORMAT_VERSION {
         return Err(FileProblem::Newer { found, known: FORMAT_VERSION });
+    }
+    if (found != 1 || value.get("sha256").is_some()) && !is_sealed(bytes) {
+        return Err(FileProblem::Changed);
     }
     let stored: StoredHeader = serde_json::from_value(value).map_err(|error| damaged(error.to_string()))?;
     if stored.layout_hash != stored.header.layout.hash() {
@@ -328,12 +338,13 @@ mod tests {
         ControllerFile::from_bytes(bytes).unwrap_err().to_string()
     }
 
-    /// The example's bytes with `from` replaced by `to`, of the same length, in the header.
+    /// The example's bytes with `from` replaced by `to`, of the same length, in the header, and sealed again.
     fn with_header(from: &str, to: &str) -> Vec<u8> {
         assert_eq!(from.len(), to.len());
         let mut bytes = example().to_bytes();
         let at = bytes.windows(from.len()).position(|window| window == from.as_bytes()).unwrap();
         bytes[at..][..to.len()].copy_from_slice(to.as_bytes());
+        seal(&mut bytes);
         bytes
     }
 
@@ -385,11 +396,43 @@ mod tests {
     }
 
     #[test]
+    fn a_single_changed_bit_is_found_out() {
+        let mut bytes = example().to_bytes();
+        for place in 0..bytes.len() {
+            for bit in 0..8 {
+                bytes[place] ^= 1 << bit;
+                assert!(ControllerFile::from_bytes(&bytes).is_err(), "bit {bit} of byte {place}");
+                bytes[place] ^= 1 << bit;
+            }
+        }
+        let last = bytes.len() - 1;
+        bytes[last] ^= 1;
+        assert_eq!(
+            refusal(&bytes),
+            "the controller is damaged: its bytes are not those that were written; restore it from a copy"
+        );
+    }
+
+    #[test]
+    fn a_file_from_before_the_hash_is_read() {
+        // Version 1 had no such field; one that is longer takes its room.
+        let hash = format!("\\\"sha256\\\":\\\"{}\\\",", "0".repeat(64));
+        let text = example().to_bytes();
+        let at = text.windows(9).position(|window| window == b"\\\"sha256\\").unwrap();
+        let mut bytes = [&text[..at], " ".repeat(hash.len()).as_bytes(), &text[at + hash.len()..]].concat();
+        let version = bytes.windows(9).position(|window| window == b"version\\\"").unwrap() + 10;
+        bytes[version] = b'1';
+        let read = ControllerFile::from_bytes(&bytes).unwrap();
+        assert_eq!(read.policy.hash(), example().policy.hash());
+        assert_eq!(read.to_bytes(), example().to_bytes());
+    }
+
+    #[test]
     fn a_damaged_or_newer_header_is_refused() {
         let version = "format_version\\\":";
         assert_eq!(
-            refusal(&with_header(&format!("{version}1"), &format!("{version}2"))),
-            "the controller has format version 2, this program reads up to 1; use a newer program"
+            refusal(&with_header(&format!("{version}2"), &format!("{version}3"))),
+            "the controller has format version 3, this program reads up to 2; use a newer program"
         );
         for (from, to, told) in [
             ("ball\\\",", "bull\\\",", "its layout was changed after it was written"),
@@ -410,6 +453,7 @@ mod tests {
         let mut bytes = example().to_bytes();
         let last = bytes.len() - 4;
         bytes[last..].copy_from_slice(&f32::NAN.to_le_bytes());
+        seal(&mut bytes);
         assert!(refusal(&bytes).contains("must be finite; number"), "{}", refusal(&bytes));
     }
 

@@ -6,9 +6,11 @@ mod file;
 pub mod kinematic;
 mod layout;
 mod policy;
+mod seal;
 
 pub use atomic::write_atomically;
 pub use error::{ControllerError, FileProblem};
 pub use file::{ControllerFile, FORMAT_VERSION, Header, TrainingRecord, ValidationRecord, bytes_hash};
 pub use layout::{Entry, Layout};
 pub use policy::Policy;
+pub use seal::{UNSEALED, is_sealed, seal};

@@ -9,9 +9,12 @@ mod ball_balancing;
 mod ball_catching;
 mod ball_pushing;
 mod cloth_placing;
+mod cube_stacking;
 mod definition;
+mod door_opening;
 mod environment;
 mod expert;
+mod peg_in_hole;
 mod point_reaching;
 mod reward;
 mod robot;
@@ -21,6 +24,7 @@ pub use definition::{
 };
 pub use environment::{TaskEnvironment, TaskError};
 pub use expert::{Behavior, Expert, Seen, limited};
+pub use reward::effort;
 pub use robot::{
     CONTROL_DT, EPISODE_STEPS, FINGER_STEP, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT, compose,
 };
@@ -28,9 +32,12 @@ pub use robot::{
 /// The benchmark's tasks, in the order in which they are listed.
 pub static TASKS: &[&dyn Task] = &[
     &point_reaching::PointReaching,
+    &cube_stacking::CubeStacking,
+    &peg_in_hole::PegInHole,
     &ball_balancing::BallBalancing,
     &ball_catching::BallCatching,
     &ball_pushing::BallPushing,
+    &door_opening::DoorOpening,
     &cloth_placing::CLOTH_PLACING,
     &cloth_placing::CLOTH_PLACING_7X7,
 ];

@@ -21,4 +21,15 @@ pub enum WorldError {
     /// The flex is there, but its vertices are no plain rows.
     #[error("flex `{0}` is not made of bodies of the world in a row, each with slides along x, y and z")]
     NotFree(String),
+    /// Nothing can be drawn.
+    #[error(
+        "no picture can be drawn without a display here: {0} (it takes EGL and OpenGL; on Debian and Ubuntu: apt install \
+         libegl1 libgl1-mesa-dri)"
+    )]
+    Render(String),
+    /// The program cannot draw.
+    #[error(
+        "this program was built without pictures; build it with `cargo build --release --features render`"
+    )]
+    NoRenderer,
 }
