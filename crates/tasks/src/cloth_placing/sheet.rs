@@ -76,7 +76,7 @@ impl Sheet {
     }
 
     /// Where a vertex is from the cloth's centre, m.
-    fn from_centre(self, [i, j]: [usize; 2]) -> [f64; 3] {
+    fn offset(self, [i, j]: [usize; 2]) -> [f64; 3] {
         let along = |k: usize| k as f64 * self.spacing() - 0.5 * SIDE;
         let (x, z) = (along(i), along(j));
         // Waves that lie askew, so that no fold is the mirror image of another.
@@ -117,8 +117,8 @@ impl Sheet {
 
     fn vertex(self, place: [usize; 2], pinched: bool) -> String {
         let name = Sheet::name(place);
-        let from_centre = self.from_centre(place);
-        let [x, y, z] = [0, 1, 2].map(|axis| CENTRE[axis] + from_centre[axis]);
+        let offset = self.offset(place);
+        let [x, y, z] = [0, 1, 2].map(|axis| CENTRE[axis] + offset[axis]);
         let mass = MASS / (self.vertices * self.vertices) as f64;
         // Table and ground (8); the fingers (1) only from where they pinch downwards: a flap that falls over from
         // above the fingers would have to pass through the hand, which it does not touch, and hang on a finger.
@@ -150,7 +150,7 @@ impl Sheet {
     /// MJCF of the points of the hand that hold the cloth, in a frame at the cloth's centre.
     pub fn pinch(self) -> String {
         let sites = self.pinched().into_iter().enumerate().map(|(corner, place)| {
-            let [x, y, z] = self.from_centre(place);
+            let [x, y, z] = self.offset(place);
             format!("<site name=\"pinch_{corner}\" pos=\"{x} {y} {z}\" group=\"4\" size=\"0.004\"/>")
         });
         format!("<body>{}</body>", sites.collect::<String>())
