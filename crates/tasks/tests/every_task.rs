@@ -301,7 +301,11 @@ fn halving_the_physics_step_changes_at_most_one_outcome_in_twenty() {
         let others = whole.iter().zip(&halved).filter(other).count();
         // Where one start in ten fails by chance, as in a variant, other chances decide other starts.
         let allowed = if task.definition().variant_of.is_some() { 5 } else { 1 };
-        assert!(others <= allowed, "{}: {others} of 20 outcomes hang on the physics step", task.definition().name);
+        assert!(
+            others <= allowed,
+            "{}: {others} of 20 outcomes hang on the physics step",
+            task.definition().name
+        );
     }
 }
 
