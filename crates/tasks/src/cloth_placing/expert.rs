@@ -24,7 +24,9 @@ const NEAR: f64 = 0.1;
 /// Speed of lowering, m/s. It has to be faster than 0.1 m/s: a slower cloth is let go at once.
 const LOWER_SPEED: f64 = 0.3;
 
-/// Opening of the fingers at which the cloth has been let go, m.
+/// Openings of the fingers up to which it presses them shut, so that noise does not open them, and from which on the
+/// cloth has been let go, m.
+const SHUT: f64 = 0.004;
 const OPEN: f64 = 0.03;
 
 /// How long it waits for the cloth to come to rest, goes there, down, and pushes at most, control steps.
@@ -96,6 +98,11 @@ impl Behavior for Place {
         }
         let angular = rotation_between(&arm.rotation(), &across(away, &arm.rotation()));
         arm.twist(&seen.q, linear, limited(scale(angular, 4.0), 2.0))
+    }
+
+    fn fingers(&self, seen: &Seen<'_>, memory: &[f64]) -> [f64; 2] {
+        let carries = memory[0] < LEAVE && seen.fingers.iter().all(|opening| *opening < SHUT);
+        [if carries { -1.0 } else { 1.0 }; 2]
     }
 }
 
