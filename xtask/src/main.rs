@@ -65,7 +65,7 @@ const CHORES: &[Chore] = &[
     },
     Chore {
         name: "figures",
-        arguments: "[--all | --only TASK[/CONTROLLER]]",
+        arguments: "[--all | --only TASK[/CONTROLLER]] [--evaluate]",
         about: "measure what has no figures yet; rewrite the tables of README.md and controllers/README.md",
         run: figures::remake,
     },

@@ -1,4 +1,4 @@
-//! `cargo xtask pictures`: draws the start of every task, into `docs/tasks/TASK.png`, and shows them in README.md.
+//! `cargo xtask pictures`: draws the start of every task of the benchmark, into `docs/tasks/TASK.png`, and shows them in README.md.
 //!
 //! A picture's bits depend on the OpenGL that draws it, so they are looked at, not compared.
 
@@ -15,8 +15,8 @@ const PROGRAM: &[&str] = &["run", "--quiet", "-p", "mishandle-cli", "--bin", "mi
 const FOLDER: &str = "docs/tasks";
 const SIZE: &str = "640x480";
 
-/// How wide each picture is shown: three stand side by side.
-const SHOWN: &str = "32%";
+/// How wide each picture is shown: four stand side by side.
+const SHOWN: &str = "24%";
 
 /// Draws every task.
 ///
@@ -25,8 +25,8 @@ const SHOWN: &str = "32%";
 pub fn draw(root: &Path) -> Result<()> {
     let program = |arguments: &[&str]| cargo(root, &[PROGRAM, arguments].concat());
     let tasks: Value = serde_json::from_str(&output(&mut program(&["tasks", "--json"]))?)?;
-    let names: Vec<&str> =
-        tasks.as_array().into_iter().flatten().filter_map(|task| task["name"].as_str()).collect();
+    let own = tasks.as_array().into_iter().flatten().filter(|task| task["variant_of"].is_null());
+    let names: Vec<&str> = own.filter_map(|task| task["name"].as_str()).collect();
     fs::create_dir_all(root.join(FOLDER)).context(FOLDER)?;
     for name in &names {
         let path = format!("{FOLDER}/{name}.png");

@@ -39,21 +39,18 @@ impl Record {
         Ok(Some(Record { task: task.to_string(), controller: controller.to_string(), document }))
     }
 
-    /// Measures, and writes the record.
-    pub fn measure(root: &Path, task: &Value, controller: &str) -> Result<Record> {
+    /// Measures, and writes the record; without falsifying if that would take too long.
+    pub fn measure(root: &Path, task: &Value, controller: &str, falsifies: bool) -> Result<Record> {
         let name = text(&task["name"]);
-        let evaluate = |part: &str, noise: f64| {
+        let evaluate = |noise: f64| {
             let line = format!(
-                "evaluate {name} --controller {controller} --episodes {EPISODES} --box {part} --action-noise {noise}"
+                "evaluate {name} --controller {controller} --episodes {EPISODES} --action-noise {noise}"
             );
             run(root, &line)
         };
-        let part = |part: &str| -> Result<Value> {
-            Ok(json!([evaluate(part, NOISE[0])?, evaluate(part, NOISE[1])?]))
-        };
-        let partly = task["reachable_share"].as_f64().is_some_and(|share| share < 1.0);
         // Experts are measured, not put to the test.
         let falsification = match controller {
+            _ if !falsifies => Value::Null,
             "expert" => Value::Null,
             _ => run(
                 root,
@@ -66,8 +63,7 @@ impl Record {
         let commit = output(Command::new("git").args(["rev-parse", "--short=12", "HEAD"]).current_dir(root))?;
         let document = json!({
             "commit": commit.trim(),
-            "whole": part("whole")?,
-            "reachable": if partly { part("reachable")? } else { Value::Null },
+            "evaluations": [evaluate(NOISE[0])?, evaluate(NOISE[1])?],
             "falsification": falsification,
         });
         let path = file(root, &name, controller);
@@ -81,15 +77,9 @@ impl Record {
         text(&self.document["commit"])
     }
 
-    /// Whether part of the box is proven to be beyond any controller.
-    pub fn is_partly_reachable(&self) -> bool {
-        !self.document["reachable"].is_null()
-    }
-
-    /// An estimate over a part of the box (`whole` or `reachable`; the same where all of it is reachable).
-    pub fn estimate(&self, part: &str, noise: usize, key: &str) -> &Value {
-        let part = if self.is_partly_reachable() { part } else { "whole" };
-        &self.document[part][noise][key]
+    /// An estimate under one of the [`NOISE`]s.
+    pub fn estimate(&self, noise: usize, key: &str) -> &Value {
+        &self.document["evaluations"][noise][key]
     }
 
     /// In how many of its trials random search broke the success formula under noise; nothing for an expert.

@@ -22,17 +22,24 @@ use measure::Record;
 const PROGRAM: &str = "target/release/mishandle";
 
 /// Measures what `arguments` say (`--only TASK` or `--only TASK/CONTROLLER`; without, everything that has no record
-/// yet; `--all`, everything), and rewrites the tables.
+/// yet; `--all`, everything; `--evaluate`, without falsifying), and rewrites the tables.
 ///
 /// # Errors
 /// If something cannot be built, measured, read or written.
 pub fn remake(root: &Path, arguments: &[String]) -> Result<()> {
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    let (all, only) = match words.as_slice() {
+    let (words, falsifies) = match words.split_last() {
+        Some((&"--evaluate", rest)) => (rest, false),
+        _ => (words.as_slice(), true),
+    };
+    let (all, only) = match words {
         [] => (false, None),
         ["--all"] => (true, None),
         ["--only", name] => (false, Some(*name)),
-        _ => bail!("`figures` takes --all or --only TASK[/CONTROLLER], not `{}`", arguments.join(" ")),
+        _ => bail!(
+            "`figures` takes --all or --only TASK[/CONTROLLER], and --evaluate, not `{}`",
+            arguments.join(" ")
+        ),
     };
     run(&mut cargo(root, &["build", "--release", "-p", "mishandle-cli"]), &[0])?;
     let tasks: Value = serde_json::from_str(&output(program(root).args(["tasks", "--json"]))?)?;
@@ -48,7 +55,7 @@ pub fn remake(root: &Path, arguments: &[String]) -> Result<()> {
                 Some(record) if !wanted => records.push(record),
                 None if !wanted => eprintln!("{name} {controller}: not measured yet"),
                 _ => {
-                    records.push(Record::measure(root, task, &controller)?);
+                    records.push(Record::measure(root, task, &controller, falsifies)?);
                     eprintln!("{name} {controller}: measured");
                 }
             }

@@ -15,13 +15,13 @@ pub fn tasks(tasks: &Value, records: &[Record]) -> String {
         "| task | success | expert: SR | strict | PPO: SR | SR, noise 0.5 | strict | broken, noise 0.5 |\n\
          |---|---|--:|--:|--:|--:|--:|--:|\n",
     );
-    for task in tasks.as_array().into_iter().flatten() {
+    for task in tasks.as_array().into_iter().flatten().filter(|task| task["variant_of"].is_null()) {
         let name = text(&task["name"]);
         let of = |controller: &str, noise: usize, key: &str| {
             records
                 .iter()
                 .find(|record| record.task == name && record.controller == controller)
-                .map_or("-".to_string(), |record| percent(&record.estimate("reachable", noise, key)["value"]))
+                .map_or("-".to_string(), |record| percent(&record.estimate(noise, key)["value"]))
         };
         let ppo = records.iter().find(|record| record.task == name && record.controller == "ppo");
         table += &format!(
@@ -43,20 +43,16 @@ pub fn controllers(root: &Path, records: &[Record]) -> Result<String> {
     let mut table = format!(
         "Measured by `cargo xtask figures` with {EPISODES} starts and seed 1, preset `paper`, mean action; in percent, \
          with 95 %\nintervals (Wilson's for rates, bootstrap for DBR); TCT in control steps of 1/60 s. The second row of \
-         each pair has action\nnoise of standard deviation {}. The starts are drawn from the box: where part of it is \
-         proven to be beyond any controller,\nthe reachable part has rows of its own. The last column counts the \
-         trials in which random search found a violation of\nthe success formula within 300 simulations, with that \
-         noise.\n\n\
-         | task | controller | starts | noise | SR | strict SR | DBR | TCT | the paper's SR | broken | commit |\n\
-         |---|---|---|--:|--:|--:|--:|--:|--:|--:|---|\n",
+         each pair has action\nnoise of standard deviation {}. The starts are drawn from the whole box, of which no part \
+         is proven to be out of reach. `broken`\ncounts the trials in which random search found a violation of the \
+         success formula within 300 simulations, with that noise.\n\n\
+         | task | controller | noise | SR | strict SR | DBR | TCT | the paper's SR | broken | commit |\n\
+         |---|---|--:|--:|--:|--:|--:|--:|--:|---|\n",
         NOISE[1]
     );
     for record in records {
-        let parts: &[&str] = if record.is_partly_reachable() { &["whole", "reachable"] } else { &["whole"] };
-        for part in parts {
-            for noise in 0..NOISE.len() {
-                table += &row(record, part, noise);
-            }
+        for noise in 0..NOISE.len() {
+            table += &row(record, noise);
         }
     }
     table += "\n| task | controller | command | environment steps to the best | wall clock of the training | commit |\n\
@@ -81,9 +77,9 @@ pub fn controllers(root: &Path, records: &[Record]) -> Result<String> {
     Ok(table)
 }
 
-fn row(record: &Record, part: &str, noise: usize) -> String {
+fn row(record: &Record, noise: usize) -> String {
     let interval = |key: &str| {
-        let estimate = record.estimate(part, noise, key);
+        let estimate = record.estimate(noise, key);
         format!(
             "{} [{}, {}]",
             percent(&estimate["value"]),
@@ -93,14 +89,14 @@ fn row(record: &Record, part: &str, noise: usize) -> String {
     };
     let paper = paper::success_rates(&record.task, &record.controller);
     format!(
-        "| `{}` | `{}` | {part} | {} | {} | {} | {} | {} | {} | {} | {} |\n",
+        "| `{}` | `{}` | {} | {} | {} | {} | {} | {} | {} | {} |\n",
         record.task,
         record.controller,
         NOISE[noise],
         interval("success_rate"),
         interval("strict_success_rate"),
         interval("dangerous_behavior_rate"),
-        record.estimate(part, noise, "task_completion_time")["value"]
+        record.estimate(noise, "task_completion_time")["value"]
             .as_f64()
             .map_or("-".to_string(), |steps| format!("{steps:.1}")),
         paper.map_or("-".to_string(), |rates| rates[noise].to_string()),

@@ -49,6 +49,7 @@ fn document(definition: &Definition, preset: Preset) -> Value {
     let signals: Vec<&str> = definition.signals.iter().map(|signal| signal.name).collect();
     json!({
         "name": definition.name,
+        "variant_of": definition.variant_of,
         "success": formulas.success,
         "strict": formulas.strict,
         "safe": formulas.safe,
