@@ -5,16 +5,19 @@ use std::sync::Arc;
 use mishandle_rollout::{Environment, Seed};
 
 use crate::ppo::{self, PpoConfig};
+use crate::trpo::{self, TrpoConfig};
 use crate::{Checkpoint, Observer, RunSettings, Trained, TrainingError};
 
 /// Names of the algorithms.
-pub const ALGORITHMS: [&str; 1] = [ppo::ALGORITHM];
+pub const ALGORITHMS: [&str; 2] = [ppo::ALGORITHM, trpo::ALGORITHM];
 
 /// Settings of one of the algorithms.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Config {
     /// Proximal policy optimisation.
     Ppo(PpoConfig),
+    /// Trust region policy optimisation.
+    Trpo(TrpoConfig),
 }
 
 /// The same for every algorithm.
@@ -22,6 +25,7 @@ macro_rules! each {
     ($config:expr, $own:ident => $what:expr) => {
         match $config {
             Config::Ppo($own) => $what,
+            Config::Trpo($own) => $what,
         }
     };
 }
@@ -43,6 +47,7 @@ impl Config {
     pub fn from_toml(algorithm: &str, text: &str) -> Option<Result<Config, TrainingError>> {
         match algorithm {
             ppo::ALGORITHM => Some(PpoConfig::from_toml(text).map(Config::Ppo)),
+            trpo::ALGORITHM => Some(TrpoConfig::from_toml(text).map(Config::Trpo)),
             _ => None,
         }
     }
@@ -78,6 +83,7 @@ impl Config {
     ) -> Result<Trained, TrainingError> {
         match self {
             Config::Ppo(config) => ppo::train(environment, config, seed, resume, observer),
+            Config::Trpo(config) => trpo::train(environment, config, seed, resume, observer),
         }
     }
 }

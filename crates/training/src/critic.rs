@@ -2,6 +2,7 @@
 
 use mishandle_network::{
     Activation, Adam, CHUNK_ROWS, ChunkPool, Mlp, Moments, Normalizer, RunningNormalizer, Workspace,
+    clip_norm,
 };
 use mishandle_rollout::{Seed, Stream};
 
@@ -21,12 +22,14 @@ pub struct Critic {
     adam: Adam<f32>,
     scale: Option<RunningNormalizer>,
     pool: ChunkPool<f32, Scratch>,
+    gradient: Vec<f32>,
 }
 
 #[derive(Debug, Default)]
 struct Scratch {
     inputs: Vec<f32>,
     workspace: Workspace<f32>,
+    by_output: Vec<f32>,
 }
 
 impl Critic {
@@ -48,6 +51,7 @@ impl Critic {
             network,
             scale: normalize_values.then(|| RunningNormalizer::new(1)),
             pool: ChunkPool::new(CHUNK_ROWS),
+            gradient: Vec::new(),
         })
     }
 
@@ -67,11 +71,47 @@ impl Critic {
         network.update(|parameters| adam.step(parameters, gradient));
     }
 
+    /// One step of the optimiser on the mean loss of the rows at `places`, whose gradient has at most the norm
+    /// `max_grad_norm`; gives the loss.
+    pub fn learn(
+        &mut self,
+        normalizer: &Normalizer<f32>,
+        observations: &[f32],
+        targets: &[f32],
+        places: &[u32],
+        max_grad_norm: f64,
+    ) -> f64 {
+        let Critic { network, adam, pool, gradient, .. } = self;
+        let (columns, share) = (network.input_size(), 1.0 / places.len() as f64);
+        // The loss rides along behind the gradient.
+        gradient.resize(network.parameter_count() + 1, 0.0);
+        pool.sum(places.len(), gradient, |rows, scratch, gradient| {
+            let Scratch { inputs, workspace, by_output } = scratch;
+            let (by_network, loss) = gradient.split_at_mut(network.parameter_count());
+            inputs.clear();
+            by_output.clear();
+            for place in &places[rows.clone()] {
+                inputs.extend_from_slice(&observations[*place as usize * columns..][..columns]);
+            }
+            normalizer.normalize(inputs);
+            for (place, output) in places[rows].iter().zip(network.forward(inputs, workspace)) {
+                let (at_row, slope) = value_loss(f64::from(*output), f64::from(targets[*place as usize]));
+                loss[0] += (share * at_row) as f32;
+                by_output.push((share * slope) as f32);
+            }
+            network.backward(by_output, workspace, Some(by_network), None);
+        });
+        let (by_network, loss) = gradient.split_at_mut(network.parameter_count());
+        clip_norm(by_network, max_grad_norm);
+        network.update(|parameters| adam.step(parameters, by_network));
+        f64::from(loss[0])
+    }
+
     /// The values of plain observations, which `normalizer` scales.
     pub fn values(&self, normalizer: &Normalizer<f32>, observations: &[f32], values: &mut [f64]) {
         let columns = self.network.input_size();
         let (mean, std) = self.mean_and_std();
-        self.pool.map(values.len(), values, |rows, Scratch { inputs, workspace }, values| {
+        self.pool.map(values.len(), values, |rows, Scratch { inputs, workspace, .. }, values| {
             inputs.clear();
             inputs.extend_from_slice(&observations[rows.start * columns..rows.end * columns]);
             normalizer.normalize(inputs);
@@ -132,6 +172,12 @@ impl Critic {
         }
         Ok(())
     }
+}
+
+/// ½ (output - target)², and its derivative by the output.
+pub fn value_loss(output: f64, target: f64) -> (f64, f64) {
+    let error = output - target;
+    (0.5 * error * error, error)
 }
 
 /// Values stay within ± this many standard deviations of the returns.

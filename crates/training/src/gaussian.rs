@@ -75,6 +75,22 @@ impl Deviations {
         }
     }
 
+    /// How far the Gaussian `other` around `other_mean` is from this one around `mean`.
+    ///
+    /// ```text
+    /// KL(p ‖ q) = Σ_i log(σ_q / σ_p) + (σ_p² + (μ_p - μ_q)²) / (2 σ_q²) - ½
+    /// ```
+    pub fn divergence(&self, mean: &[f32], other: &Deviations, other_mean: &[f32]) -> f64 {
+        let deviations = self.std.iter().zip(&other.inverse);
+        let rows = deviations.zip(mean.iter().zip(other_mean));
+        rows.map(|((std, inverse), (mean, other_mean))| {
+            let ratio = std * inverse;
+            let shift = (f64::from(*mean) - f64::from(*other_mean)) * inverse;
+            0.5 * (ratio * ratio + shift * shift - 1.0) - ratio.ln()
+        })
+        .sum()
+    }
+
     /// The entropy, Σ log σ_i + ½ log 2π + ½; its derivative by each log σ_i is 1.
     pub fn entropy(&self) -> f64 {
         self.log_normalizer + 0.5 * self.std.len() as f64
@@ -106,6 +122,15 @@ mod tests {
             let slope = 1.0 + 2.0 * (at_log_std(step) - at_log_std(-step)) / width;
             assert!((slope - f64::from(by_log_std[i])).abs() < 1e-4, "log σ {i}: {slope} {}", by_log_std[i]);
         }
+    }
+
+    #[test]
+    fn the_divergence_worked_out_by_hand() {
+        // σ 1 to σ 2: log 2 + 1/8 - 1/2; a shift by 1 adds 1/8.
+        let (p, q) = (Deviations::new(&[0.0]), Deviations::new(&[2.0_f32.ln()]));
+        let expected = 2.0_f64.ln() + 0.25 - 0.5;
+        assert!((p.divergence(&[0.0], &q, &[1.0]) - expected).abs() < 1e-7);
+        assert_eq!(p.divergence(&[0.3], &p, &[0.3]), 0.0);
     }
 
     #[test]

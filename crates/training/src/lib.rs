@@ -10,6 +10,7 @@
 mod algorithm;
 mod buffer;
 mod checkpoint;
+mod conjugate_gradient;
 mod critic;
 mod episodes;
 mod error;
@@ -21,11 +22,13 @@ pub mod ppo;
 mod progress;
 mod selection;
 mod settings;
+pub mod trpo;
 
 pub use algorithm::{ALGORITHMS, Config};
 pub use buffer::{Buffer, shuffle};
 pub use checkpoint::{Checkpoint, Numbers};
-pub use critic::Critic;
+pub use conjugate_gradient::conjugate_gradient;
+pub use critic::{Critic, value_loss};
 pub use episodes::{Boundary, EpisodeStatistics, Episodes};
 pub use error::TrainingError;
 pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation};

@@ -242,3 +242,12 @@ impl Acting {
         });
     }
 }
+
+/// Mean of some advantages, and one over their standard deviation.
+pub(crate) fn mean_and_scale(advantages: &[f64], places: &[u32]) -> (f64, f64) {
+    let chosen = || places.iter().map(|place| advantages[*place as usize]);
+    let count = places.len() as f64;
+    let mean = chosen().sum::<f64>() / count;
+    let variance = chosen().map(|a| (a - mean) * (a - mean)).sum::<f64>() / (count - 1.0).max(1.0);
+    (mean, 1.0 / (variance.sqrt() + 1e-8))
+}

@@ -3,6 +3,7 @@
 use mishandle_network::{Mlp, Normalizer, Workspace};
 
 use crate::Buffer;
+use crate::critic::value_loss;
 use crate::gaussian::Deviations;
 
 /// The clipped surrogate loss at one row.
@@ -41,12 +42,6 @@ pub fn surrogate(log_prob: f64, old_log_prob: f64, advantage: f64, clip_epsilon:
     Surrogate { loss: -plain.min(clipped), slope, kl: (ratio - 1.0) - log_ratio }
 }
 
-/// ½ (output - target)², and its derivative by the output.
-pub fn value_loss(output: f64, target: f64) -> (f64, f64) {
-    let error = output - target;
-    (0.5 * error * error, error)
-}
-
 /// What the gradient of a minibatch is computed from.
 pub(super) struct Minibatch<'a> {
     pub buffer: &'a Buffer,
@@ -73,15 +68,6 @@ pub(super) struct Scratch {
     critic: Workspace<f32>,
     mean_gradient: Vec<f32>,
     value_gradient: Vec<f32>,
-}
-
-/// Mean of some advantages, and one over their standard deviation.
-pub(super) fn mean_and_scale(advantages: &[f64], places: &[u32]) -> (f64, f64) {
-    let chosen = || places.iter().map(|place| advantages[*place as usize]);
-    let count = places.len() as f64;
-    let mean = chosen().sum::<f64>() / count;
-    let variance = chosen().map(|a| (a - mean) * (a - mean)).sum::<f64>() / (count - 1.0).max(1.0);
-    (mean, 1.0 / (variance.sqrt() + 1e-8))
 }
 
 /// Numbers behind the gradients: the means of the divergence's estimate and of the critic's loss.
@@ -140,6 +126,7 @@ impl Minibatch<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::on_policy::mean_and_scale;
     use mishandle_network::Activation;
     use mishandle_rollout::{Seed, Stream};
 

@@ -21,5 +21,5 @@ mod loss;
 mod train;
 
 pub use config::{PpoConfig, Schedule};
-pub use loss::{Surrogate, surrogate, value_loss};
+pub use loss::{Surrogate, surrogate};
 pub use train::{ALGORITHM, train};

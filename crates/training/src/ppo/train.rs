@@ -6,10 +6,10 @@ use mishandle_network::{Adam, CHUNK_ROWS, ChunkPool, Mlp, Normalizer, clip_norm}
 use mishandle_rollout::{Environment, Seed};
 
 use super::config::{PpoConfig, Schedule};
-use super::loss::{Minibatch, RIDERS, Scratch, mean_and_scale};
+use super::loss::{Minibatch, RIDERS, Scratch};
 use crate::gaussian::Deviations;
 use crate::learner::{self, Learner, iterations, progress_of};
-use crate::on_policy::{OnPolicy, Setup};
+use crate::on_policy::{OnPolicy, Setup, mean_and_scale};
 use crate::{Checkpoint, Observer, Progress, Shares, Trained, TrainingError, shuffle};
 
 /// Name of the algorithm.

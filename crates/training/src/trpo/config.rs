@@ -1,0 +1,119 @@
+use serde::{Deserialize, Serialize};
+
+use crate::settings::{ask, at_least_1, from_toml, not_negative, positive, share, to_toml};
+use crate::{CriticSettings, EpisodeSettings, PolicySettings, RunSettings, TrainingError};
+
+/// Settings of TRPO. As TOML, each is a key of its name, the last four are tables; a key that is left out has its
+/// default, one that is not known is an error.
+///
+/// # Example
+/// ```
+/// use mishandle_training::trpo::TrpoConfig;
+/// let config = TrpoConfig::from_toml("max_kl = 0.02\npolicy.hidden = [128, 64]")?;
+/// assert_eq!((config.max_kl, config.cg_iterations), (0.02, 10));
+/// assert_eq!(TrpoConfig::from_toml(&config.to_toml())?, config);
+/// # Ok::<(), mishandle_training::TrainingError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrpoConfig {
+    /// Control steps of each simulation between two updates. Default 32.
+    pub rollout_steps: usize,
+    /// γ, the discount of a control step. Default 0.99.
+    pub gamma: f64,
+    /// λ of generalised advantage estimation. Default 0.95.
+    pub gae_lambda: f64,
+    /// δ, the largest mean divergence of the new policy from the old one. Default 0.01.
+    pub max_kl: f64,
+    /// What is added to the diagonal of the Fisher information. Default 0.1.
+    pub damping: f64,
+    /// Largest number of iterations of conjugate gradients. Default 10.
+    pub cg_iterations: usize,
+    /// Squared residual at which they end. Default 1e-10.
+    pub cg_tolerance: f64,
+    /// Every how manieth row of the rollout the Fisher information is taken over. Default 1: all of them.
+    pub fisher_every: usize,
+    /// How many steps are tried, each half as long as the last. Default 10.
+    pub backtracks: usize,
+    /// Share of the improvement expected from the gradient that a step has to bring. Default 0.5.
+    pub accept_ratio: f64,
+    /// Passes of the critic over each rollout. Default 5.
+    pub epochs: usize,
+    /// Rows of the critic's minibatch; the last of an epoch has what is left. Default 4096.
+    pub minibatch_rows: usize,
+    /// Largest norm of the critic's gradient. Default 1.
+    pub max_grad_norm: f64,
+    /// How long, and when to look.
+    pub run: RunSettings,
+    /// The simulations.
+    pub episodes: EpisodeSettings,
+    /// The policy.
+    pub policy: PolicySettings,
+    /// The critic.
+    pub critic: CriticSettings,
+}
+
+impl Default for TrpoConfig {
+    fn default() -> TrpoConfig {
+        TrpoConfig {
+            rollout_steps: 32,
+            gamma: 0.99,
+            gae_lambda: 0.95,
+            max_kl: 0.01,
+            damping: 0.1,
+            cg_iterations: 10,
+            cg_tolerance: 1e-10,
+            fisher_every: 1,
+            backtracks: 10,
+            accept_ratio: 0.5,
+            epochs: 5,
+            minibatch_rows: 4096,
+            max_grad_norm: 1.0,
+            run: RunSettings::default(),
+            episodes: EpisodeSettings::default(),
+            policy: PolicySettings::default(),
+            critic: CriticSettings::default(),
+        }
+    }
+}
+
+impl TrpoConfig {
+    /// The settings that a TOML text states.
+    ///
+    /// # Errors
+    /// If it is not TOML, a key is not known, or a value is of another type or out of its range.
+    pub fn from_toml(text: &str) -> Result<TrpoConfig, TrainingError> {
+        let config: TrpoConfig = from_toml(text)?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// The settings as TOML, every key with its value; what has none is left out.
+    pub fn to_toml(&self) -> String {
+        to_toml(self)
+    }
+
+    /// Checks that every setting is in its range.
+    ///
+    /// # Errors
+    /// If one is not; the message says what it must be.
+    pub fn check(&self) -> Result<(), TrainingError> {
+        at_least_1("rollout_steps", self.rollout_steps as u64)?;
+        share("gamma", self.gamma)?;
+        share("gae_lambda", self.gae_lambda)?;
+        positive("max_kl", self.max_kl)?;
+        not_negative("damping", self.damping)?;
+        at_least_1("cg_iterations", self.cg_iterations as u64)?;
+        not_negative("cg_tolerance", self.cg_tolerance)?;
+        at_least_1("fisher_every", self.fisher_every as u64)?;
+        at_least_1("backtracks", self.backtracks as u64)?;
+        share("accept_ratio", self.accept_ratio)?;
+        at_least_1("epochs", self.epochs as u64)?;
+        ask("minibatch_rows", "at least 2", self.minibatch_rows, self.minibatch_rows >= 2)?;
+        positive("max_grad_norm", self.max_grad_norm)?;
+        self.run.check()?;
+        self.episodes.check()?;
+        self.policy.check()?;
+        self.critic.check()
+    }
+}
