@@ -6,6 +6,7 @@ mod file;
 pub mod kinematic;
 mod layout;
 mod policy;
+pub mod squashed;
 
 pub use atomic::write_atomically;
 pub use error::{ControllerError, FileProblem};

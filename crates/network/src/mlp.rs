@@ -192,6 +192,11 @@ impl<T: Scalar> Mlp<T> {
         self.output_activation
     }
 
+    /// Whether hidden layers are standardised before their activation.
+    pub fn has_layer_norm(&self) -> bool {
+        self.layer_norm
+    }
+
     /// How many parameters there are.
     pub fn parameter_count(&self) -> usize {
         self.parameters.len()

@@ -213,8 +213,9 @@ impl<T: Scalar> Mlp<T> {
     ) -> &'w [T] {
         let rows = workspace.rows;
         assert!(workspace.fits(self), "the workspace holds no forward pass of this network");
-        let Workspace { values, standardized, flow: [tangent, next], direction, zeros, output_tangents, .. } =
-            workspace;
+        let Workspace {
+            values, standardized, flow: [tangent, next], direction, zeros, output_tangents, ..
+        } = workspace;
         output_tangents.clear();
         output_tangents.resize(rows * self.output_size(), T::ZERO);
         if let Some(flat) = parameter_direction {
