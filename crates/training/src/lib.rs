@@ -7,21 +7,30 @@
 //! Everything runs on the threads of the current rayon pool. The same environment, settings and seed give the same
 //! controller to the bit for any number of threads, resumed or not.
 
+mod action_value;
 mod algorithm;
 mod buffer;
 mod checkpoint;
 mod conjugate_gradient;
 mod critic;
+pub mod ddpg;
+pub mod deterministic;
 mod episodes;
 mod error;
 pub mod gae;
 pub mod gaussian;
 mod learner;
+mod off_policy;
+mod off_policy_settings;
 mod on_policy;
 pub mod ppo;
 mod progress;
+pub mod replay;
+pub mod sac;
 mod selection;
 mod settings;
+pub mod squashed;
+pub mod td3;
 pub mod trpo;
 
 pub use algorithm::{ALGORITHMS, Config};
@@ -31,6 +40,7 @@ pub use conjugate_gradient::conjugate_gradient;
 pub use critic::{Critic, value_loss};
 pub use episodes::{Boundary, EpisodeStatistics, Episodes};
 pub use error::TrainingError;
+pub use off_policy_settings::{ActionValueSettings, ActorSettings, ReplaySettings};
 pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation};
 pub use selection::{Best, Selection};
 pub use settings::{CriticSettings, EpisodeSettings, PolicySettings, RunSettings};
