@@ -79,14 +79,18 @@ fn zip<T: Scalar>(to: &mut Lanes<T>, from: &Lanes<T>, f: impl Fn(T, T) -> T) {
     }
 }
 
-/// The sum of all lanes, in a fixed order.
+/// The sum of all lanes, by halves.
 #[inline(always)]
 fn total<T: Scalar>(lanes: &Lanes<T>) -> T {
-    let mut sum = T::ZERO;
-    for x in &lanes.0 {
-        sum += *x;
+    let mut sums = lanes.0;
+    let mut width = WIDTH;
+    while width > 1 {
+        width /= 2;
+        for i in 0..width {
+            sums[i] += sums[i + width];
+        }
     }
-    sum
+    sums[0]
 }
 
 /// Sets the lanes of the panel numbered `p` beyond the last column to 0.

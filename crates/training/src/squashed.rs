@@ -13,8 +13,8 @@ use crate::gaussian::HALF_LOG_TAU;
 /// ```
 ///
 /// μ and h are outputs of the policy's network; σ(h) is that of [`mishandle_controllers::squashed`]. The last term, the
-/// Jacobian's, is computed as log(1 - tanh² u) = 2 (log 2 - |u| - log(1 + e^(-2|u|))), which is exact where a is ±1 to
-/// the last bit.
+/// Jacobian's, is computed as log(1 - tanh² u) = 2 (log 2 - |u| - log(1 + t)), t = e^(-2|u|), which is exact where a is
+/// ±1 to the last bit.
 ///
 /// # Example
 /// ```
@@ -47,11 +47,13 @@ impl Drawn {
         let log_std = log_std(output);
         let deviation = log_std.exp() * z;
         let u = mean + deviation;
-        let log_slope = 2.0 * (LN_2 - u.abs() - (-2.0 * u.abs()).exp().ln_1p());
+        let t_minus_1 = (-2.0 * u.abs()).exp_m1();
+        let t = t_minus_1 + 1.0;
+        let log_slope = 2.0 * (LN_2 - u.abs() - t.ln_1p());
         Drawn {
-            action: u.tanh(),
+            action: (-t_minus_1 / (1.0 + t)).copysign(u),
             log_prob: -0.5 * z * z - log_std - HALF_LOG_TAU - log_slope,
-            slope: log_slope.exp(),
+            slope: 4.0 * t / ((1.0 + t) * (1.0 + t)),
             deviation,
             output,
         }

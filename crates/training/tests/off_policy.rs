@@ -27,7 +27,7 @@ fn the_line_is_learned() {
     for algorithm in ALGORITHMS {
         let config = settings(
             algorithm,
-            "run.total_steps = 24_000\ngamma = 0.9\nreplay.updates_per_step = 0.125\nreplay.reward_scale = 1.0\n\
+            "run.total_steps = 24_000\ngamma = 0.9\nreplay.updates_per_step = 0.25\nreplay.reward_scale = 1.0\n\
              policy.learning_rate = 0.001",
         );
         let trained = run(2, &config, None, &mut Watch::default());
