@@ -29,6 +29,8 @@ pub mod replay;
 pub mod sac;
 mod selection;
 mod settings;
+#[cfg(test)]
+mod skrl_updates;
 pub mod squashed;
 pub mod td3;
 pub mod trpo;

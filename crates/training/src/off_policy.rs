@@ -31,6 +31,11 @@ pub(crate) fn weights(seed: Seed, index: u64) -> Seed {
     seed.child(16 + index)
 }
 
+/// How many numbers an observation and an action have.
+pub(crate) fn sizes_of(environment: &dyn Environment) -> (usize, usize) {
+    (environment.observation_size(), environment.action_size())
+}
+
 /// What is particular to an algorithm.
 pub(crate) trait Agent {
     /// Name of the algorithm.
@@ -111,8 +116,8 @@ struct Acting {
 impl<A: Agent + Sync> OffPolicy<A> {
     pub fn new(environment: Arc<dyn Environment>, setup: Setup<'_>, seed: Seed, agent: A) -> OffPolicy<A> {
         let Setup { gamma, steps_per_iteration, total_steps, episodes, replay, policy, text } = setup;
-        let (inputs, size, rows) =
-            (environment.observation_size(), environment.action_size(), episodes.environments);
+        let (inputs, size) = sizes_of(environment.as_ref());
+        let rows = episodes.environments;
         let time_limit = episodes.time_limit.unwrap_or(environment.episode_steps());
         let episodes = Episodes::new(
             environment,
@@ -292,11 +297,11 @@ pub(crate) fn draw_rows(seed: Seed, index: u64, rows: usize, draws: &mut [f64]) 
     });
 }
 
-/// The gradient in front of a loss that was summed with it.
+/// The gradient in front of a loss that was summed with it, and the loss.
 ///
 /// # Errors
 /// The loss's name, if it is not finite.
-pub(crate) fn finite<'a>(sums: &'a [f32], name: &'static str) -> Result<&'a [f32], &'static str> {
+pub(crate) fn finite<'a>(sums: &'a [f32], name: &'static str) -> Result<(&'a [f32], f32), &'static str> {
     let (loss, gradient) = sums.split_last().ok_or(name)?;
-    if loss.is_finite() { Ok(gradient) } else { Err(name) }
+    if loss.is_finite() { Ok((gradient, *loss)) } else { Err(name) }
 }

@@ -19,4 +19,6 @@ mod train;
 
 pub use config::DdpgConfig;
 pub use loss::{CriticLoss, CriticScratch};
+#[cfg(test)]
+pub(crate) use train::Ddpg;
 pub use train::{ALGORITHM, train};

@@ -8,7 +8,7 @@ use super::config::DdpgConfig;
 use super::loss::{CriticLoss, CriticScratch};
 use crate::action_value::Followed;
 use crate::deterministic::{self, Exploration, PolicyLoss, PolicyScratch};
-use crate::off_policy::{Agent, LEARNING_ROWS, OffPolicy, Setup, finite, weights};
+use crate::off_policy::{Agent, LEARNING_ROWS, OffPolicy, Setup, finite, sizes_of, weights};
 use crate::replay::Batch;
 use crate::{Checkpoint, Observer, Trained, TrainingError, learner};
 
@@ -30,7 +30,7 @@ pub fn train(
     observer: &mut dyn Observer,
 ) -> Result<Trained, TrainingError> {
     config.check()?;
-    let agent = Ddpg::new(environment.as_ref(), config, seed)?;
+    let agent = Ddpg::new(sizes_of(environment.as_ref()), config, seed)?;
     let setup = Setup {
         gamma: config.gamma,
         steps_per_iteration: config.steps_per_iteration,
@@ -43,11 +43,11 @@ pub fn train(
     learner::train(OffPolicy::new(environment, setup, seed, agent), &config.run, resume, observer)
 }
 
-struct Ddpg {
+pub(crate) struct Ddpg {
     tau: f64,
     exploration: Exploration,
-    actor: Followed,
-    critic: Followed,
+    pub actor: Followed,
+    pub critic: Followed,
     critic_pool: ChunkPool<f32, CriticScratch<f32>>,
     policy_pool: ChunkPool<f32, PolicyScratch<f32>>,
     /// The gradient of a network, and the loss.
@@ -56,8 +56,7 @@ struct Ddpg {
 }
 
 impl Ddpg {
-    fn new(environment: &dyn Environment, config: &DdpgConfig, seed: Seed) -> Result<Ddpg, TrainingError> {
-        let sizes = (environment.observation_size(), environment.action_size());
+    pub fn new(sizes: (usize, usize), config: &DdpgConfig, seed: Seed) -> Result<Ddpg, TrainingError> {
         let actor = deterministic::actor(sizes, &config.policy, weights(seed, 0))?;
         let critic = Followed::critic(sizes, &config.critic, weights(seed, 1))?;
         Ok(Ddpg {
@@ -70,6 +69,38 @@ impl Ddpg {
             actor,
             critic,
         })
+    }
+
+    /// One step of both networks; gives the losses of critic and policy.
+    ///
+    /// # Errors
+    /// What is not finite.
+    pub fn learn(&mut self, batch: &Batch<f32>) -> Result<[f32; 2], &'static str> {
+        let Ddpg { actor, critic, by_critic, by_actor, .. } = self;
+        let loss = CriticLoss {
+            batch,
+            target_actor: &actor.target,
+            critic: &critic.network,
+            target_critic: &critic.target,
+        };
+        self.critic_pool.sum(batch.rows(), by_critic, |rows, scratch, sums| {
+            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
+            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
+        });
+        let (gradient, critic_loss) = finite(by_critic, "the critic's loss")?;
+        critic.step(gradient);
+
+        let loss = PolicyLoss { batch, actor: &actor.network, critic: &critic.network };
+        self.policy_pool.sum(batch.rows(), by_actor, |rows, scratch, sums| {
+            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
+            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
+        });
+        let (gradient, policy_loss) = finite(by_actor, "the policy's loss")?;
+        actor.step(gradient);
+
+        critic.follow(self.tau);
+        actor.follow(self.tau);
+        Ok([critic_loss, policy_loss])
     }
 }
 
@@ -85,29 +116,7 @@ impl Agent for Ddpg {
     }
 
     fn update(&mut self, batch: &Batch<f32>, _seed: Seed, _index: u64) -> Result<(), &'static str> {
-        let Ddpg { actor, critic, by_critic, by_actor, .. } = self;
-        let loss = CriticLoss {
-            batch,
-            target_actor: &actor.target,
-            critic: &critic.network,
-            target_critic: &critic.target,
-        };
-        self.critic_pool.sum(batch.rows(), by_critic, |rows, scratch, sums| {
-            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
-            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
-        });
-        critic.step(finite(by_critic, "the critic's loss")?);
-
-        let loss = PolicyLoss { batch, actor: &actor.network, critic: &critic.network };
-        self.policy_pool.sum(batch.rows(), by_actor, |rows, scratch, sums| {
-            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
-            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
-        });
-        actor.step(finite(by_actor, "the policy's loss")?);
-
-        critic.follow(self.tau);
-        actor.follow(self.tau);
-        Ok(())
+        self.learn(batch).map(|_| ())
     }
 
     fn policy(&self, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError> {

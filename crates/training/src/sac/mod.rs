@@ -23,4 +23,6 @@ mod train;
 
 pub use config::SacConfig;
 pub use loss::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch, temperature_loss};
+#[cfg(test)]
+pub(crate) use train::Sac;
 pub use train::{ALGORITHM, train};

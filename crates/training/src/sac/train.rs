@@ -9,7 +9,7 @@ use super::loss::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch, temperat
 use crate::action_value::Followed;
 use crate::critic::initial_network;
 use crate::gaussian::Deviations;
-use crate::off_policy::{Agent, LEARNING_ROWS, OffPolicy, Setup, draw_rows, finite, weights};
+use crate::off_policy::{Agent, LEARNING_ROWS, OffPolicy, Setup, draw_rows, finite, sizes_of, weights};
 use crate::replay::Batch;
 use crate::squashed::Drawn;
 use crate::{Checkpoint, Observer, Trained, TrainingError, learner};
@@ -32,7 +32,7 @@ pub fn train(
     observer: &mut dyn Observer,
 ) -> Result<Trained, TrainingError> {
     config.check()?;
-    let agent = Sac::new(environment.as_ref(), config, seed)?;
+    let agent = Sac::new(sizes_of(environment.as_ref()), config, seed)?;
     let setup = Setup {
         gamma: config.gamma,
         steps_per_iteration: config.steps_per_iteration,
@@ -45,19 +45,20 @@ pub fn train(
     learner::train(OffPolicy::new(environment, setup, seed, agent), &config.run, resume, observer)
 }
 
-struct Sac {
+pub(crate) struct Sac {
     tau: f64,
     /// H̄
-    target_entropy: f64,
-    actor: Mlp<f32>,
+    pub target_entropy: f64,
+    pub actor: Mlp<f32>,
     actor_adam: Adam<f32>,
-    critics: [Followed; 2],
+    pub critics: [Followed; 2],
     /// log α, alone in a vector for its optimiser.
-    log_temperature: [f64; 1],
+    pub log_temperature: [f64; 1],
     temperature_adam: Adam<f64>,
     /// Of the last update.
     entropy: f64,
-    draws: Vec<f64>,
+    /// z of the actions behind the returns, and of those that the policy learns from.
+    draws: [Vec<f64>; 2],
     critic_pool: ChunkPool<f32, CriticScratch<f32>>,
     policy_pool: ChunkPool<f32, PolicyScratch<f32>>,
     /// The gradient of both critics, and the loss.
@@ -67,8 +68,7 @@ struct Sac {
 }
 
 impl Sac {
-    fn new(environment: &dyn Environment, config: &SacConfig, seed: Seed) -> Result<Sac, TrainingError> {
-        let sizes = (environment.observation_size(), environment.action_size());
+    pub fn new(sizes: (usize, usize), config: &SacConfig, seed: Seed) -> Result<Sac, TrainingError> {
         let policy = &config.policy;
         // A small last layer: the first actions are near the middle, with h near 0, whatever is seen.
         let actor =
@@ -84,7 +84,7 @@ impl Sac {
             log_temperature: [config.initial_temperature.ln()],
             temperature_adam: Adam::new(1, config.temperature_learning_rate),
             entropy: 0.0,
-            draws: vec![0.0; config.replay.batch_rows * sizes.1],
+            draws: [0, 1].map(|_| vec![0.0; config.replay.batch_rows * sizes.1]),
             critic_pool: ChunkPool::new(LEARNING_ROWS),
             policy_pool: ChunkPool::new(LEARNING_ROWS),
             by_critics: vec![0.0; 2 * critics[0].network.parameter_count() + 1],
@@ -92,6 +92,54 @@ impl Sac {
             actor,
             critics,
         })
+    }
+
+    /// One step of all networks and of the temperature, with z of both kinds; gives the losses of critics and policy.
+    ///
+    /// # Errors
+    /// What is not finite.
+    pub fn learn(&mut self, batch: &Batch<f32>, draws: &[Vec<f64>; 2]) -> Result<[f32; 2], &'static str> {
+        let Sac { actor, critics, by_critics, by_actor, .. } = self;
+        let temperature = self.log_temperature[0].exp();
+        let loss = CriticLoss {
+            batch,
+            draws: &draws[0],
+            temperature,
+            actor,
+            critics: [&critics[0].network, &critics[1].network],
+            target_critics: [&critics[0].target, &critics[1].target],
+        };
+        self.critic_pool.sum(batch.rows(), by_critics, |rows, scratch, sums| {
+            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
+            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
+        });
+        let (gradient, critic_loss) = finite(by_critics, "the critics' loss")?;
+        let parts = gradient.chunks_exact(critics[0].network.parameter_count());
+        critics.iter_mut().zip(parts).for_each(|(critic, gradient)| critic.step(gradient));
+
+        let loss = PolicyLoss {
+            batch,
+            draws: &draws[1],
+            temperature,
+            actor,
+            critics: [&critics[0].network, &critics[1].network],
+        };
+        self.policy_pool.sum(batch.rows(), by_actor, |rows, scratch, sums| {
+            let (gradient, riders) = sums.split_at_mut(actor.parameter_count());
+            let (loss, mean_log_prob) = loss.add_gradient(rows, scratch, gradient);
+            riders[0] += mean_log_prob as f32;
+            riders[1] += loss as f32;
+        });
+        let (numbers, policy_loss) = finite(by_actor, "the policy's loss")?;
+        let (mean_log_prob, gradient) = numbers.split_last().expect("the mean of log π is there");
+        actor.update(|parameters| self.actor_adam.step(parameters, gradient));
+
+        let mean_log_prob = f64::from(*mean_log_prob);
+        let (_, slope) = temperature_loss(self.log_temperature[0], mean_log_prob, self.target_entropy);
+        self.temperature_adam.step(&mut self.log_temperature, &[slope]);
+        self.entropy = -mean_log_prob;
+        critics.iter_mut().for_each(|critic| critic.follow(self.tau));
+        Ok([critic_loss, policy_loss])
     }
 }
 
@@ -110,49 +158,13 @@ impl Agent for Sac {
     }
 
     fn update(&mut self, batch: &Batch<f32>, seed: Seed, index: u64) -> Result<(), &'static str> {
-        let Sac { actor, critics, draws, by_critics, by_actor, .. } = self;
-        let temperature = self.log_temperature[0].exp();
-        draw_rows(seed.child(0), index, batch.rows(), draws);
-        let loss = CriticLoss {
-            batch,
-            draws,
-            temperature,
-            actor,
-            critics: [&critics[0].network, &critics[1].network],
-            target_critics: [&critics[0].target, &critics[1].target],
-        };
-        self.critic_pool.sum(batch.rows(), by_critics, |rows, scratch, sums| {
-            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
-            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
-        });
-        let gradient = finite(by_critics, "the critics' loss")?;
-        let parts = gradient.chunks_exact(critics[0].network.parameter_count());
-        critics.iter_mut().zip(parts).for_each(|(critic, gradient)| critic.step(gradient));
-
-        draw_rows(seed.child(1), index, batch.rows(), draws);
-        let loss = PolicyLoss {
-            batch,
-            draws,
-            temperature,
-            actor,
-            critics: [&critics[0].network, &critics[1].network],
-        };
-        self.policy_pool.sum(batch.rows(), by_actor, |rows, scratch, sums| {
-            let (gradient, riders) = sums.split_at_mut(actor.parameter_count());
-            let (loss, mean_log_prob) = loss.add_gradient(rows, scratch, gradient);
-            riders[0] += mean_log_prob as f32;
-            riders[1] += loss as f32;
-        });
-        let (mean_log_prob, gradient) =
-            finite(by_actor, "the policy's loss")?.split_last().expect("the mean of log π is there");
-        actor.update(|parameters| self.actor_adam.step(parameters, gradient));
-
-        let mean_log_prob = f64::from(*mean_log_prob);
-        let (_, slope) = temperature_loss(self.log_temperature[0], mean_log_prob, self.target_entropy);
-        self.temperature_adam.step(&mut self.log_temperature, &[slope]);
-        self.entropy = -mean_log_prob;
-        critics.iter_mut().for_each(|critic| critic.follow(self.tau));
-        Ok(())
+        let mut draws = std::mem::take(&mut self.draws);
+        for (draws, child) in draws.iter_mut().zip(0..) {
+            draw_rows(seed.child(child), index, batch.rows(), draws);
+        }
+        let told = self.learn(batch, &draws);
+        self.draws = draws;
+        told.map(|_| ())
     }
 
     fn policy(&self, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError> {

@@ -19,4 +19,6 @@ mod train;
 
 pub use config::Td3Config;
 pub use loss::{CriticLoss, CriticScratch, Smoothing};
+#[cfg(test)]
+pub(crate) use train::Td3;
 pub use train::{ALGORITHM, train};

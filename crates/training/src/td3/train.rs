@@ -8,7 +8,7 @@ use super::config::Td3Config;
 use super::loss::{CriticLoss, CriticScratch, Smoothing};
 use crate::action_value::Followed;
 use crate::deterministic::{self, Exploration, PolicyLoss, PolicyScratch};
-use crate::off_policy::{Agent, LEARNING_ROWS, OffPolicy, Setup, draw_rows, finite, weights};
+use crate::off_policy::{Agent, LEARNING_ROWS, OffPolicy, Setup, draw_rows, finite, sizes_of, weights};
 use crate::replay::Batch;
 use crate::{Checkpoint, Observer, Trained, TrainingError, learner};
 
@@ -30,7 +30,7 @@ pub fn train(
     observer: &mut dyn Observer,
 ) -> Result<Trained, TrainingError> {
     config.check()?;
-    let agent = Td3::new(environment.as_ref(), config, seed)?;
+    let agent = Td3::new(sizes_of(environment.as_ref()), config, seed)?;
     let setup = Setup {
         gamma: config.gamma,
         steps_per_iteration: config.steps_per_iteration,
@@ -43,11 +43,11 @@ pub fn train(
     learner::train(OffPolicy::new(environment, setup, seed, agent), &config.run, resume, observer)
 }
 
-struct Td3 {
+pub(crate) struct Td3 {
     tau: f64,
     exploration: Exploration,
-    actor: Followed,
-    critics: [Followed; 2],
+    pub actor: Followed,
+    pub critics: [Followed; 2],
     smoothing: Smoothing,
     policy_delay: u64,
     draws: Vec<f64>,
@@ -59,8 +59,7 @@ struct Td3 {
 }
 
 impl Td3 {
-    fn new(environment: &dyn Environment, config: &Td3Config, seed: Seed) -> Result<Td3, TrainingError> {
-        let sizes = (environment.observation_size(), environment.action_size());
+    pub fn new(sizes: (usize, usize), config: &Td3Config, seed: Seed) -> Result<Td3, TrainingError> {
         let actor = deterministic::actor(sizes, &config.policy, weights(seed, 0))?;
         let critics = [
             Followed::critic(sizes, &config.critic, weights(seed, 1))?,
@@ -80,6 +79,49 @@ impl Td3 {
             critics,
         })
     }
+
+    /// The update numbered `index`, with z of the smoothing; gives the losses of critics and policy, if it had its turn.
+    ///
+    /// # Errors
+    /// What is not finite.
+    pub fn learn(
+        &mut self,
+        batch: &Batch<f32>,
+        draws: &[f64],
+        index: u64,
+    ) -> Result<(f32, Option<f32>), &'static str> {
+        let Td3 { actor, critics, by_critics, by_actor, .. } = self;
+        let loss = CriticLoss {
+            batch,
+            draws,
+            smoothing: self.smoothing,
+            target_actor: &actor.target,
+            critics: [&critics[0].network, &critics[1].network],
+            target_critics: [&critics[0].target, &critics[1].target],
+        };
+        self.critic_pool.sum(batch.rows(), by_critics, |rows, scratch, sums| {
+            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
+            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
+        });
+        let (gradient, critic_loss) = finite(by_critics, "the critics' loss")?;
+        let parts = gradient.chunks_exact(critics[0].network.parameter_count());
+        critics.iter_mut().zip(parts).for_each(|(critic, gradient)| critic.step(gradient));
+        if !(index + 1).is_multiple_of(self.policy_delay) {
+            return Ok((critic_loss, None));
+        }
+
+        let loss = PolicyLoss { batch, actor: &actor.network, critic: &critics[0].network };
+        self.policy_pool.sum(batch.rows(), by_actor, |rows, scratch, sums| {
+            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
+            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
+        });
+        let (gradient, policy_loss) = finite(by_actor, "the policy's loss")?;
+        actor.step(gradient);
+
+        critics.iter_mut().for_each(|critic| critic.follow(self.tau));
+        actor.follow(self.tau);
+        Ok((critic_loss, Some(policy_loss)))
+    }
 }
 
 impl Agent for Td3 {
@@ -94,37 +136,11 @@ impl Agent for Td3 {
     }
 
     fn update(&mut self, batch: &Batch<f32>, seed: Seed, index: u64) -> Result<(), &'static str> {
-        let Td3 { actor, critics, draws, by_critics, by_actor, .. } = self;
-        draw_rows(seed, index, batch.rows(), draws);
-        let loss = CriticLoss {
-            batch,
-            draws,
-            smoothing: self.smoothing,
-            target_actor: &actor.target,
-            critics: [&critics[0].network, &critics[1].network],
-            target_critics: [&critics[0].target, &critics[1].target],
-        };
-        self.critic_pool.sum(batch.rows(), by_critics, |rows, scratch, sums| {
-            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
-            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
-        });
-        let gradient = finite(by_critics, "the critics' loss")?;
-        let parts = gradient.chunks_exact(critics[0].network.parameter_count());
-        critics.iter_mut().zip(parts).for_each(|(critic, gradient)| critic.step(gradient));
-        if !(index + 1).is_multiple_of(self.policy_delay) {
-            return Ok(());
-        }
-
-        let loss = PolicyLoss { batch, actor: &actor.network, critic: &critics[0].network };
-        self.policy_pool.sum(batch.rows(), by_actor, |rows, scratch, sums| {
-            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
-            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
-        });
-        actor.step(finite(by_actor, "the policy's loss")?);
-
-        critics.iter_mut().for_each(|critic| critic.follow(self.tau));
-        actor.follow(self.tau);
-        Ok(())
+        let mut draws = std::mem::take(&mut self.draws);
+        draw_rows(seed, index, batch.rows(), &mut draws);
+        let told = self.learn(batch, &draws, index);
+        self.draws = draws;
+        told.map(|_| ())
     }
 
     fn policy(&self, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError> {
