@@ -44,6 +44,9 @@ pub(crate) trait Agent {
     /// The network that is acted with.
     fn actor(&self) -> &Mlp<f32>;
 
+    /// For how many control steps a row keeps the random numbers that it explores with.
+    fn hold(&self) -> u64;
+
     /// The action that row `row` of `rows` explores with: from the actor's outputs and standard normal numbers.
     fn explore(&self, row: usize, rows: usize, outputs: &[f32], draws: &[f64], action: &mut [f32]);
 
@@ -162,9 +165,9 @@ impl<A: Agent + Sync> OffPolicy<A> {
     fn act(&mut self, step: u64, normalizer: &Normalizer<f32>) {
         self.acting.seen.copy_from_slice(self.episodes.observations());
         if self.steps_before(step) < self.replay_settings.warmup_steps {
-            self.acting.act_randomly(self.seed.child(WARMUP), step);
+            self.acting.act_randomly(self.seed.child(WARMUP), step / self.agent.hold());
         } else {
-            self.episodes.policy_draws(&mut self.acting.draws);
+            self.episodes.held_policy_draws(self.agent.hold(), &mut self.acting.draws);
             self.acting.act(&self.agent, self.episodes.rows(), normalizer);
         }
     }

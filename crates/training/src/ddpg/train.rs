@@ -46,6 +46,7 @@ pub fn train(
 pub(crate) struct Ddpg {
     tau: f64,
     exploration: Exploration,
+    hold: u64,
     pub actor: Followed,
     pub critic: Followed,
     critic_pool: ChunkPool<f32, CriticScratch<f32>>,
@@ -62,6 +63,7 @@ impl Ddpg {
         Ok(Ddpg {
             tau: config.tau,
             exploration: Exploration(config.exploration_std),
+            hold: config.exploration_hold,
             critic_pool: ChunkPool::new(LEARNING_ROWS),
             policy_pool: ChunkPool::new(LEARNING_ROWS),
             by_critic: vec![0.0; critic.network.parameter_count() + 1],
@@ -109,6 +111,10 @@ impl Agent for Ddpg {
 
     fn actor(&self) -> &Mlp<f32> {
         &self.actor.network
+    }
+
+    fn hold(&self) -> u64 {
+        self.hold
     }
 
     fn explore(&self, row: usize, rows: usize, outputs: &[f32], draws: &[f64], action: &mut [f32]) {

@@ -150,6 +150,10 @@ impl Agent for Sac {
         &self.actor
     }
 
+    fn hold(&self) -> u64 {
+        1
+    }
+
     fn explore(&self, _row: usize, _rows: usize, outputs: &[f32], draws: &[f64], action: &mut [f32]) {
         let (means, raw) = outputs.split_at(action.len());
         for (((action, mean), raw), z) in action.iter_mut().zip(means).zip(raw).zip(draws) {

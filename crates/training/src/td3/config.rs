@@ -26,6 +26,8 @@ pub struct Td3Config {
     pub tau: f64,
     /// Deviations of the exploring noise: of the first simulation and of the last. Default `[0.05, 0.5]`.
     pub exploration_std: [f64; 2],
+    /// Control steps for which a simulation keeps its noise: an arm hardly follows what changes each step. Default 1.
+    pub exploration_hold: u64,
     /// σ of the noise on the target's action. Default 0.1.
     pub smoothing_std: f64,
     /// c, where that noise is clipped. Default 0.3.
@@ -52,6 +54,7 @@ impl Default for Td3Config {
             gamma: 0.98,
             tau: 0.005,
             exploration_std: [0.05, 0.5],
+            exploration_hold: 1,
             smoothing_std: 0.1,
             smoothing_clip: 0.3,
             policy_delay: 2,
@@ -89,6 +92,7 @@ impl Td3Config {
         share("gamma", self.gamma)?;
         share("tau", self.tau)?;
         Exploration(self.exploration_std).check()?;
+        at_least_1("exploration_hold", self.exploration_hold)?;
         not_negative("smoothing_std", self.smoothing_std)?;
         not_negative("smoothing_clip", self.smoothing_clip)?;
         at_least_1("policy_delay", self.policy_delay)?;

@@ -46,6 +46,7 @@ pub fn train(
 pub(crate) struct Td3 {
     tau: f64,
     exploration: Exploration,
+    hold: u64,
     pub actor: Followed,
     pub critics: [Followed; 2],
     smoothing: Smoothing,
@@ -68,6 +69,7 @@ impl Td3 {
         Ok(Td3 {
             tau: config.tau,
             exploration: Exploration(config.exploration_std),
+            hold: config.exploration_hold,
             smoothing: Smoothing { std: config.smoothing_std, clip: config.smoothing_clip },
             policy_delay: config.policy_delay,
             draws: vec![0.0; config.replay.batch_rows * sizes.1],
@@ -129,6 +131,10 @@ impl Agent for Td3 {
 
     fn actor(&self) -> &Mlp<f32> {
         &self.actor.network
+    }
+
+    fn hold(&self) -> u64 {
+        self.hold
     }
 
     fn explore(&self, row: usize, rows: usize, outputs: &[f32], draws: &[f64], action: &mut [f32]) {
