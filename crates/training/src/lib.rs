@@ -1,8 +1,9 @@
 //! Training algorithms: environments in, controllers out.
 //!
 //! An algorithm is a folder: its settings, its loss, what it does in an iteration. What algorithms share stands beside them: rows of
-//! never-ending [`Episodes`], a rollout's [`Buffer`], [`gae`], a [`gaussian`] policy and a [`Critic`] that learn, the
-//! choice of the best policy, checkpoints, and what an [`Observer`] is told.
+//! never-ending [`Episodes`], the choice of the best policy, checkpoints, and what an [`Observer`] is told; for [`ppo`]
+//! and [`trpo`] a rollout's [`Buffer`], [`gae`], a [`gaussian`] policy and a [`Critic`]; for [`sac`], [`td3`] and
+//! [`ddpg`] a [`replay`], critics of actions, and a [`squashed`] or [`deterministic`] policy.
 //!
 //! Everything runs on the threads of the current rayon pool. The same environment, settings and seed give the same
 //! controller to the bit for any number of threads, resumed or not.

@@ -18,7 +18,7 @@ pub struct ReplaySettings {
     pub batch_rows: usize,
     /// Environment steps with uniformly random actions, before anything is learned. Default 10,000.
     pub warmup_steps: u64,
-    /// Updates for each environment step after that. Default 1/64: two for each control step of 128 simulations.
+    /// Updates for each environment step after that. Default 1/32: four for each control step of 128 simulations.
     pub updates_per_step: f64,
     /// Factor on rewards, so that values have a size that networks like. Default 0.1.
     pub reward_scale: f64,
@@ -61,7 +61,7 @@ impl Default for ReplaySettings {
             n_steps: 3,
             batch_rows: 256,
             warmup_steps: 10_000,
-            updates_per_step: 1.0 / 64.0,
+            updates_per_step: 1.0 / 32.0,
             reward_scale: 0.1,
         }
     }
