@@ -8,6 +8,7 @@
 //! Everything runs on the threads of the current rayon pool. The same environment, settings and seed give the same
 //! controller to the bit for any number of threads, resumed or not.
 
+mod acting;
 mod action_value;
 mod algorithm;
 mod buffer;

@@ -4,10 +4,11 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use mishandle_controllers::Policy;
-use mishandle_network::{ChunkPool, Mlp, Normalizer, RunningNormalizer, Workspace};
+use mishandle_network::{Mlp, Normalizer, RunningNormalizer};
 use mishandle_rollout::{Environment, Seed, Stream};
 use rayon::prelude::*;
 
+use crate::acting::Acting;
 use crate::learner::{Learner, progress_of};
 use crate::replay::{Batch, Replay, Sampling};
 use crate::{
@@ -15,10 +16,7 @@ use crate::{
     TrainingError,
 };
 
-/// Rows that are inferred by one task: few, so that all threads have some.
-const ACTING_ROWS: usize = 64;
-
-/// Rows of a batch that one task learns from, likewise.
+/// Rows of a batch that one task learns from: few, so that all threads have some.
 pub(crate) const LEARNING_ROWS: usize = 64;
 
 /// Children of the training's seed.
@@ -107,15 +105,6 @@ pub(crate) struct OffPolicy<A> {
     acting: Acting,
 }
 
-/// Scratch for choosing actions.
-struct Acting {
-    pool: ChunkPool<f32, (Vec<f32>, Workspace<f32>)>,
-    seen: Vec<f32>,
-    outputs: Vec<f32>,
-    draws: Vec<f64>,
-    actions: Vec<f32>,
-}
-
 impl<A: Agent + Sync> OffPolicy<A> {
     pub fn new(environment: Arc<dyn Environment>, setup: Setup<'_>, seed: Seed, agent: A) -> OffPolicy<A> {
         let Setup { gamma, steps_per_iteration, total_steps, episodes, replay, policy, text } = setup;
@@ -144,13 +133,7 @@ impl<A: Agent + Sync> OffPolicy<A> {
             iteration: 0,
             updates: 0,
             batch: Batch::default(),
-            acting: Acting {
-                pool: ChunkPool::new(ACTING_ROWS),
-                seen: vec![0.0; rows * inputs],
-                outputs: vec![0.0; rows * agent.actor().output_size()],
-                draws: vec![0.0; rows * size],
-                actions: vec![0.0; rows * size],
-            },
+            acting: Acting::new(rows, inputs, size, agent.actor().output_size()),
             episodes,
             agent,
         }
@@ -168,7 +151,7 @@ impl<A: Agent + Sync> OffPolicy<A> {
             self.acting.act_randomly(self.seed.child(WARMUP), step / self.agent.hold());
         } else {
             self.episodes.held_policy_draws(self.agent.hold(), &mut self.acting.draws);
-            self.acting.act(&self.agent, self.episodes.rows(), normalizer);
+            self.acting.act(&self.agent, normalizer);
         }
     }
 
@@ -189,31 +172,6 @@ impl<A: Agent + Sync> OffPolicy<A> {
         let updated = self.agent.update(&self.batch, self.seed.child(UPDATES), self.updates);
         self.updates += 1;
         updated.map_err(|what| TrainingError::NotFinite { iteration: self.iteration + 1, what })
-    }
-}
-
-impl Acting {
-    /// Uniformly from [-1, 1].
-    fn act_randomly(&mut self, seed: Seed, step: u64) {
-        for (action, index) in self.actions.iter_mut().zip(0..) {
-            *action = (2.0 * seed.uniform(Stream::Policy, step, index) - 1.0) as f32;
-        }
-    }
-
-    fn act<A: Agent + Sync>(&mut self, agent: &A, rows: usize, normalizer: &Normalizer<f32>) {
-        let Acting { pool, seen, outputs, draws, actions } = self;
-        let actor = agent.actor();
-        let columns = actor.input_size();
-        pool.map(rows, outputs, |rows, (inputs, workspace), outputs| {
-            inputs.clear();
-            inputs.extend_from_slice(&seen[rows.start * columns..rows.end * columns]);
-            normalizer.normalize(inputs);
-            outputs.copy_from_slice(actor.forward(inputs, workspace));
-        });
-        let size = draws.len() / rows;
-        let each = outputs.par_chunks(actor.output_size()).zip(draws.par_chunks(size));
-        let each = each.zip(actions.par_chunks_mut(size)).enumerate().with_min_len(ACTING_ROWS);
-        each.for_each(|(row, ((outputs, draws), action))| agent.explore(row, rows, outputs, draws, action));
     }
 }
 

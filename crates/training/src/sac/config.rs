@@ -25,6 +25,9 @@ pub struct SacConfig {
     pub tau: f64,
     /// Deviation of each action, before squashing, of a Gaussian with the entropy that is aimed at. Default 0.2.
     pub target_std: f64,
+    /// Control steps for which a simulation keeps the z that it draws its actions with: an arm hardly follows what changes
+    /// each step. Default 1.
+    pub exploration_hold: u64,
     /// α at the start. Default 0.01.
     pub initial_temperature: f64,
     /// Step length of the optimiser of log α. Default 0.001.
@@ -49,6 +52,7 @@ impl Default for SacConfig {
             gamma: 0.98,
             tau: 0.005,
             target_std: 0.2,
+            exploration_hold: 1,
             initial_temperature: 0.01,
             temperature_learning_rate: 1e-3,
             steps_per_iteration: 64,
@@ -85,6 +89,7 @@ impl SacConfig {
         share("gamma", self.gamma)?;
         share("tau", self.tau)?;
         positive("target_std", self.target_std)?;
+        at_least_1("exploration_hold", self.exploration_hold)?;
         positive("initial_temperature", self.initial_temperature)?;
         positive("temperature_learning_rate", self.temperature_learning_rate)?;
         at_least_1("steps_per_iteration", self.steps_per_iteration as u64)?;

@@ -47,6 +47,7 @@ pub fn train(
 
 pub(crate) struct Sac {
     tau: f64,
+    hold: u64,
     /// H̄
     pub target_entropy: f64,
     pub actor: Mlp<f32>,
@@ -79,6 +80,7 @@ impl Sac {
         ];
         Ok(Sac {
             tau: config.tau,
+            hold: config.exploration_hold,
             target_entropy: Deviations::new(&vec![config.target_std.ln() as f32; sizes.1]).entropy(),
             actor_adam: Adam::new(actor.parameter_count(), policy.learning_rate),
             log_temperature: [config.initial_temperature.ln()],
@@ -151,7 +153,7 @@ impl Agent for Sac {
     }
 
     fn hold(&self) -> u64 {
-        1
+        self.hold
     }
 
     fn explore(&self, _row: usize, _rows: usize, outputs: &[f32], draws: &[f64], action: &mut [f32]) {
