@@ -16,14 +16,13 @@ const REPETITIONS: usize = 5;
 const SIMULATIONS: u32 = 320;
 
 fn main() {
-    let shipped = |task: &str| mishandle::shipped_controllers(task)[0].clone();
     println!(
         "{:<16} {:<8} {:>16} {:>16} {:>7} {:>12}",
         "task", "policy", "stepping alone", "falsification", "ratio", "two cores"
     );
     for task in mishandle::tasks::TASKS {
         let name = task.definition().name;
-        let controller = shipped(name);
+        let controller = mishandle::shipped_controllers(task.definition())[0].clone();
         let mut plan = Plan::new(name, &controller);
         // A formula that always holds: every trial spends its whole budget.
         plan.falsify = Some(FalsifyPlan {

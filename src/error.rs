@@ -1,5 +1,7 @@
 use std::path::PathBuf;
 
+use mishandle_rollout::RolloutError;
+
 /// What can be wrong with what a user asks for, or with the run that does it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -24,6 +26,20 @@ pub enum MishandleError {
         found: u32,
         /// Newest format known.
         known: u32,
+    },
+    /// `MISHANDLE_HOME` names no folder with our data files.
+    #[error("MISHANDLE_HOME is `{}`, which has no folder `{wanted}`", path.display())]
+    Home {
+        /// What it is set to.
+        path: PathBuf,
+        /// What is missing there.
+        wanted: &'static str,
+    },
+    /// Another process trains the same controller.
+    #[error("another training is writing {}; wait until it ends, or give another --out", path.display())]
+    Busy {
+        /// The controller's file.
+        path: PathBuf,
     },
     /// The plan is not for this.
     #[error("the plan has no [{wanted}] table, so there is nothing to {wanted}")]
@@ -75,10 +91,11 @@ pub enum MishandleError {
     },
     /// Episodes cannot run.
     #[error(transparent)]
-    Rollout(#[from] mishandle_rollout::RolloutError),
+    Rollout(#[from] RolloutError),
     /// The controller of a record is another one now.
     #[error(
-        "controller `{controller}` has changed since the run: it had hash {recorded}, now it has {found}"
+        "controller `{controller}` is not the run's: that had hash {recorded}, this one has {found}; if it was moved, \
+         --controller FILE says where it is now"
     )]
     OtherController {
         /// As the plan names it.
@@ -87,6 +104,19 @@ pub enum MishandleError {
         recorded: String,
         /// Hash of the present one.
         found: String,
+    },
+    /// The controller of a record cannot be loaded from where it was.
+    #[error(
+        "the run's controller `{controller}` (hash {hash}) is not where it was; if it was moved, --controller FILE says \
+         where it is now"
+    )]
+    LostController {
+        /// As the plan names it.
+        controller: String,
+        /// Hash in the record.
+        hash: String,
+        /// What was found there.
+        source: Box<MishandleError>,
     },
     /// A system returned no episode for a request.
     #[error("the simulation returned no episode")]
@@ -121,51 +151,11 @@ impl MishandleError {
     pub fn hint(&self) -> Option<String> {
         match self {
             MishandleError::Name { name, known, .. } => {
-                nearest(name, known).map(|near| format!("did you mean `{near}`?"))
+                let near = mishandle_stl::nearest(name, known.iter().map(String::as_str));
+                near.map(|near| format!("did you mean `{near}`?"))
             }
+            MishandleError::Rollout(RolloutError::Monitor { source, .. }) => source.hint(),
             _ => None,
         }
-    }
-}
-
-/// The known name that is nearest to `name`, if one is near.
-fn nearest<'a>(name: &str, known: &'a [String]) -> Option<&'a str> {
-    let reach = name.chars().count() / 2 + 1;
-    let distance = |other: &String| if other.starts_with(name) { 0 } else { edits(name, other) };
-    known
-        .iter()
-        .map(|other| (distance(other), other.as_str()))
-        .min()
-        .filter(|(d, _)| *d <= reach)
-        .map(|(_, n)| n)
-}
-
-/// Letters to insert, delete or replace to turn `a` into `b`.
-fn edits(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(x != *y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_nearest_name_is_offered_only_when_it_is_near() {
-        let known = ["ball-balancing", "ball-pushing"].map(String::from);
-        assert_eq!(nearest("ball-balance", &known), Some("ball-balancing"));
-        assert_eq!(nearest("ball-p", &known), Some("ball-pushing"));
-        assert_eq!(nearest("xyz", &known), None);
-        assert_eq!(edits("kitten", "sitting"), 3);
     }
 }

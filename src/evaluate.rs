@@ -6,10 +6,13 @@ use mishandle_store::{RunWriter, TrialStatus};
 use mishandle_tasks::Preset;
 
 use crate::record::{self, Place};
-use crate::{MishandleError, Plan, Starts, Subject, preset};
+use crate::{EvaluatePlan, MishandleError, Plan, Starts, Subject, preset};
 
 /// An evaluation's simulations are one trial of its run.
 const TRIAL: u32 = 1;
+
+/// Most simulations of an evaluation; their numbers are 32 bits in its run.
+const MOST: u64 = 1_000_000_000;
 
 /// Measures a controller as `plan` says, and stores every simulation in `run`, an open run file of that plan: those it
 /// holds already count and are not run again. `watch` is told how many are done, and may stop.
@@ -64,4 +67,13 @@ pub fn evaluate(
     }
     run.close()?;
     Ok(report)
+}
+
+/// Checks what an evaluation is asked to do.
+pub(crate) fn check(evaluate: &EvaluatePlan) -> Result<(), MishandleError> {
+    if (1..=MOST).contains(&evaluate.episodes) {
+        return Ok(());
+    }
+    let (what, wanted) = ("the number of episodes", "from 1 to 1000000000");
+    Err(MishandleError::Value { what, value: evaluate.episodes.to_string(), wanted })
 }

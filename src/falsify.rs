@@ -8,6 +8,9 @@ use mishandle_store::{RunWriter, TrialStatus};
 use crate::record::{self, Place};
 use crate::{FalsifyPlan, MishandleError, Plan, Subject};
 
+/// Most trials of a campaign, and most simulations of a trial: each trial takes some memory from the start.
+const MOST: u32 = 1_000_000;
+
 /// Trials are counted from 1 on screen and in run files, from 0 in a campaign.
 fn shown(trial: u32) -> u32 {
     trial + 1
@@ -30,7 +33,8 @@ pub fn falsify(
     let dimension = initial_box.dimension();
     let make = |seed| make(falsify, dimension, seed);
     let mut campaign = Campaign::new(settings, initial_box, make)?;
-    let mut progress = Progress::default();
+    let mut progress =
+        Progress { most: u64::from(falsify.trials) * u64::from(falsify.budget), ..Progress::default() };
     for simulation in run.file().simulations() {
         let simulation = simulation?;
         campaign.replay(&Recorded {
@@ -50,7 +54,10 @@ pub fn falsify(
         if let Some(begun) = begun.get_mut((trial.trial.number as usize).wrapping_sub(1)) {
             *begun = true;
         }
-        progress.ended += u32::from(trial.trial.status != TrialStatus::Running);
+        if trial.trial.status != TrialStatus::Running {
+            progress.ended += 1;
+            progress.most -= u64::from(falsify.budget).saturating_sub(trial.counts.simulations);
+        }
         progress.falsified += u32::from(trial.trial.status == TrialStatus::Falsified);
     }
     let mut system = subject.system()?;
@@ -76,6 +83,7 @@ pub fn falsify(
             if let Some(end) = simulation.trial_end {
                 run.end_trial(shown(simulation.trial), status(end))?;
                 progress.ended += 1;
+                progress.most -= u64::from(falsify.budget - simulation.number);
                 progress.falsified += u32::from(end == TrialEnd::Falsified);
             }
         }
@@ -100,6 +108,8 @@ pub fn falsify(
 pub struct Progress {
     /// Simulations so far.
     pub simulations: u64,
+    /// Simulations there will be if no further trial ends before its budget is spent.
+    pub most: u64,
     /// Trials that have ended.
     pub ended: u32,
     /// Trials that have found a counterexample.
@@ -116,10 +126,9 @@ fn status(end: TrialEnd) -> TrialStatus {
 
 /// Checks all that a falsification is asked to do, for a box with this number of axes.
 pub(crate) fn check(falsify: &FalsifyPlan, dimension: usize) -> Result<(), MishandleError> {
-    for (what, value) in [("the number of trials", falsify.trials), ("the budget", falsify.budget)] {
-        if value == 0 {
-            return Err(MishandleError::Value { what, value: value.to_string(), wanted: "at least 1" });
-        }
+    let numbers = [("the number of trials", falsify.trials), ("the budget", falsify.budget)];
+    if let Some((what, value)) = numbers.into_iter().find(|(_, value)| !(1..=MOST).contains(value)) {
+        return Err(MishandleError::Value { what, value: value.to_string(), wanted: "from 1 to 1000000" });
     }
     if !SEARCHES.iter().any(|entry| entry.name == falsify.search) {
         return Err(MishandleError::Name {

@@ -2,6 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use mishandle_tasks::Definition;
+
+use crate::MishandleError;
+
 /// The folder that holds `controllers/` and `experiments/training/`: `MISHANDLE_HOME` if it is set, else the first such folder
 /// at or above the working directory or the program's own.
 pub fn home() -> PathBuf {
@@ -16,9 +20,29 @@ pub fn home() -> PathBuf {
         .map_or(here.clone(), PathBuf::from)
 }
 
+/// The task whose controllers a task takes: of a variant, the task that it varies.
+fn controllers_of(definition: &Definition) -> PathBuf {
+    home().join("controllers").join(definition.variant_of.unwrap_or(definition.name))
+}
+
+/// Where the picture of a task is.
+pub fn picture_path(task: &str) -> PathBuf {
+    home().join("docs").join("tasks").join(format!("{task}.png"))
+}
+
+/// Checks that `MISHANDLE_HOME`, if it is set, has the folder `wanted`.
+pub(crate) fn check_home(wanted: &'static str) -> Result<(), MishandleError> {
+    match std::env::var_os("MISHANDLE_HOME") {
+        Some(path) if !Path::new(&path).join(wanted).is_dir() => {
+            Err(MishandleError::Home { path: path.into(), wanted })
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Where the shipped controller of that name for a task is.
-pub fn controller_path(task: &str, name: &str) -> PathBuf {
-    home().join("controllers").join(task).join(format!("{name}.safetensors"))
+pub fn controller_path(definition: &Definition, name: &str) -> PathBuf {
+    controllers_of(definition).join(format!("{name}.safetensors"))
 }
 
 /// What a controller is called: its name, or that of its file without folder and extension.
@@ -32,9 +56,8 @@ pub fn settings_path(task: &str, algorithm: &str) -> PathBuf {
 }
 
 /// Names of the shipped controllers of a task, in alphabetical order; the expert comes last.
-pub fn shipped_controllers(task: &str) -> Vec<String> {
-    let folder = home().join("controllers").join(task);
-    let mut names: Vec<String> = std::fs::read_dir(folder)
+pub fn shipped_controllers(definition: &Definition) -> Vec<String> {
+    let mut names: Vec<String> = std::fs::read_dir(controllers_of(definition))
         .into_iter()
         .flatten()
         .filter_map(|entry| {

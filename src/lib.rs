@@ -19,10 +19,13 @@ mod build;
 mod error;
 mod evaluate;
 mod falsify;
+mod film;
 mod home;
+mod lock;
 mod plan;
 mod record;
 mod replay;
+mod shell;
 mod subject;
 mod train;
 
@@ -30,15 +33,18 @@ pub use build::{VERSION, build};
 pub use error::MishandleError;
 pub use evaluate::evaluate;
 pub use falsify::{Progress, falsify};
-pub use home::{controller_name, controller_path, home, settings_path, shipped_controllers};
+pub use film::{Film, film, start};
+pub use home::{controller_name, controller_path, home, picture_path, settings_path, shipped_controllers};
 pub use plan::{EvaluatePlan, FalsifyPlan, Plan, Starts};
 pub use record::create_run;
-pub use replay::{Replayed, check_controller, choose, other_build, replay};
+pub use replay::{Replayed, choose, other_build, recorded_subject, replay};
+pub use shell::shell_word;
 pub use subject::{Subject, preset, task};
 pub use train::{TrainPlan, default_out, train};
 
 pub use {
-    mishandle_evaluation as evaluation, mishandle_falsification as falsification,
-    mishandle_rollout as rollout, mishandle_search as search, mishandle_stl as stl, mishandle_store as store,
-    mishandle_tasks as tasks, mishandle_training as training,
+    mishandle_controllers as controllers, mishandle_evaluation as evaluation,
+    mishandle_falsification as falsification, mishandle_rollout as rollout, mishandle_search as search,
+    mishandle_stl as stl, mishandle_store as store, mishandle_tasks as tasks, mishandle_training as training,
+    mishandle_world as world,
 };

@@ -22,12 +22,14 @@ pub struct Plan {
     /// Version of the format.
     #[serde(default = "format")]
     pub format: u32,
-    /// Name of the task.
+    /// Name of the task; a plan that leaves it out needs it from a flag.
+    #[serde(default)]
     pub task: String,
     /// Which reading of the original benchmark counts: `paper` or `code`.
     #[serde(default = "paper")]
     pub preset: String,
-    /// A shipped controller's name, or a path.
+    /// A shipped controller's name, or a path; a plan that leaves it out needs it from a flag.
+    #[serde(default)]
     pub controller: String,
     /// Sample the policy's actions instead of taking their mean.
     #[serde(default)]
@@ -66,7 +68,8 @@ pub enum Starts {
 pub struct EvaluatePlan {
     /// Number of simulations.
     pub episodes: u64,
-    /// Where they start.
+    /// Where they start: `box = "whole"` or `"reachable"`. Older plans call it `starts`.
+    #[serde(rename = "box", alias = "starts")]
     pub starts: Starts,
 }
 
@@ -146,5 +149,46 @@ impl Plan {
     pub fn to_toml(&self) -> String {
         // Strings, numbers and booleans in tables: TOML has a form for each.
         toml::to_string(self).unwrap_or_default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The example of docs/plans.md.
+    fn documented() -> &'static str {
+        let page = include_str!("../docs/plans.md");
+        page.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap()
+    }
+
+    #[test]
+    fn the_documented_plan_names_every_key_and_every_default() {
+        let plan = Plan::from_toml(documented()).unwrap();
+        let simplex = plan.falsify.as_ref().unwrap().initial_simplex.clone();
+        assert!(simplex.is_some());
+        let falsify = FalsifyPlan { initial_simplex: simplex, ..FalsifyPlan::default() };
+        let defaults =
+            Plan { evaluate: Some(EvaluatePlan::default()), falsify: Some(falsify), ..plan.clone() };
+        assert_eq!(plan, Plan { task: plan.task.clone(), controller: plan.controller.clone(), ..defaults });
+        assert_eq!(
+            Plan { evaluate: None, falsify: None, ..plan.clone() },
+            Plan::new("ball-balancing", "ppo")
+        );
+        // Whatever a plan can hold is written out by `to_toml`, and stands in the example.
+        let is_key = |line: &&str| line.contains(" = ");
+        let keys = |text: &str| -> Vec<String> {
+            text.lines().filter(is_key).map(|line| line.split(' ').next().unwrap().to_string()).collect()
+        };
+        let (mut written, mut shown) = (keys(&plan.to_toml()), keys(documented()));
+        written.sort();
+        shown.sort();
+        assert_eq!(written, shown);
+    }
+
+    #[test]
+    fn what_an_older_plan_calls_starts_is_read() {
+        let plan = |key| format!("task = \"a\"\ncontroller = \"b\"\n[evaluate]\n{key} = \"reachable\"\n");
+        assert_eq!(Plan::from_toml(&plan("starts")).unwrap(), Plan::from_toml(&plan("box")).unwrap());
     }
 }

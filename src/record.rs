@@ -86,7 +86,7 @@ pub(crate) fn record(place: &Place<'_>, episode: &Episode) -> SimulationRecord {
         (0..episode.trace.names().len()).map(|i| episode.trace.column(i).to_vec()).collect();
     let trace = store::Trace { columns };
     let verdict = &episode.verdict;
-    let decided = !matches!(episode.end, End::Diverged { .. });
+    let decided = !matches!(episode.end, End::Diverged { .. } | End::Undefined { .. });
     let falsified = verdict.robustness.is_some_and(|rho| rho < 0.0);
     SimulationRecord {
         simulation: store::Simulation {
@@ -100,6 +100,7 @@ pub(crate) fn record(place: &Place<'_>, episode: &Episode) -> SimulationRecord {
                 End::Completed => store::End::Horizon,
                 End::Stopped { step } => store::End::Stopped { step: step as u32 },
                 End::Diverged { step } => store::End::Diverged { step: step as u32 },
+                End::Undefined { step } => store::End::Undefined { step: step as u32 },
             },
             steps: episode.steps() as u32,
             verdicts: vec![
@@ -121,6 +122,7 @@ pub(crate) fn end(simulation: &store::Simulation) -> End {
         store::End::Horizon => End::Completed,
         store::End::Stopped { step } => End::Stopped { step: step as usize },
         store::End::Diverged { step } => End::Diverged { step: step as usize },
+        store::End::Undefined { step } => End::Undefined { step: step as usize },
     }
 }
 

@@ -1,5 +1,9 @@
-use mishandle_rollout::{Episode, Request, System};
+use std::sync::Arc;
+
+use mishandle_rollout::{Environment, Episode, Request, System};
 use mishandle_store::{RunFile, RunHeader, Simulation, SimulationRecord};
+
+use mishandle_tasks::TaskEnvironment;
 
 use crate::record::{self, Place};
 use crate::{MishandleError, Plan, Subject, build};
@@ -16,18 +20,34 @@ pub struct Replayed {
     pub other_build: Vec<String>,
 }
 
-/// Runs simulation `number` of trial `trial` of a run again and compares it with its record, bit for bit.
+/// Runs simulation `number` of trial `trial` of a run again and compares it with its record, bit for bit. `controller`
+/// says where the run's controller is now, if it has moved.
 ///
 /// # Errors
 /// If the run has no such simulation, its plan cannot be carried out any more, or its controller is another one now.
-pub fn replay(run: &RunFile, trial: u32, number: u32) -> Result<Replayed, MishandleError> {
-    let plan = Plan::from_toml(&run.header().plan)?;
+pub fn replay(
+    run: &RunFile,
+    trial: u32,
+    number: u32,
+    controller: Option<&str>,
+) -> Result<Replayed, MishandleError> {
+    replay_in(run, trial, number, controller, |environment| environment)
+}
+
+/// As [`replay`], in what `wrapped` makes of the environment.
+pub(crate) fn replay_in(
+    run: &RunFile,
+    trial: u32,
+    number: u32,
+    controller: Option<&str>,
+    wrapped: impl FnOnce(Arc<TaskEnvironment>) -> Arc<dyn Environment>,
+) -> Result<Replayed, MishandleError> {
     let SimulationRecord { simulation: recorded, .. } = run.simulation(trial, number)?;
-    let subject = Subject::new(&plan)?;
     let header = run.header();
-    check_controller(&plan, &subject, header)?;
+    let (_, subject) = recorded_subject(header, controller)?;
     let request = Request { x0: recorded.initial_configuration.clone(), seed: record::seed(&recorded) };
-    let mut episodes = subject.system()?.rollout(&[request])?;
+    let mut system = subject.system_in(wrapped(subject.environment.clone()))?;
+    let mut episodes = system.rollout(&[request])?;
     let episode = episodes.pop().ok_or(MishandleError::NoEpisode)?;
     let place = Place { trial, number, unit_point: &recorded.unit_point };
     let again = record::record(&place, &episode).simulation;
@@ -43,12 +63,15 @@ pub fn replay(run: &RunFile, trial: u32, number: u32) -> Result<Replayed, Mishan
 /// robustness; `trial` and `number` restrict the choice. `None` if the run has none such.
 ///
 /// # Errors
-/// If the run cannot be read.
+/// If the run has no such trial, or cannot be read.
 pub fn choose(
     run: &RunFile,
     trial: Option<u32>,
     number: Option<u32>,
 ) -> Result<Option<(u32, u32)>, MishandleError> {
+    if let Some(trial) = trial {
+        run.trial(trial)?;
+    }
     if let Some(number) = number {
         return Ok(Some((trial.unwrap_or(1), number)));
     }
@@ -87,19 +110,40 @@ fn differences(recorded: &Simulation, again: &Simulation) -> Vec<String> {
     differences
 }
 
-/// Checks that a run's controller is still the one it was made with.
+/// The plan of a run, and its subject with the very controller that the run was made with: the one that the plan names,
+/// or the file `controller`, if that has moved.
 ///
 /// # Errors
-/// If it acts otherwise now.
-pub fn check_controller(plan: &Plan, subject: &Subject, header: &RunHeader) -> Result<(), MishandleError> {
-    if subject.controller_hash == header.controller_hash {
-        return Ok(());
+/// If the plan cannot be carried out any more, or the controller acts otherwise than the run's.
+pub fn recorded_subject(
+    header: &RunHeader,
+    controller: Option<&str>,
+) -> Result<(Plan, Subject), MishandleError> {
+    let mut plan = Plan::from_toml(&header.plan)?;
+    if let Some(controller) = controller {
+        plan.controller = controller.to_string();
     }
-    Err(MishandleError::OtherController {
-        controller: plan.controller.clone(),
-        recorded: header.controller_hash.clone(),
-        found: subject.controller_hash.clone(),
-    })
+    let lost = |error| match error {
+        MishandleError::Controller(_) | MishandleError::Name { kind: "controller", .. }
+            if controller.is_none() =>
+        {
+            MishandleError::LostController {
+                controller: plan.controller.clone(),
+                hash: header.controller_hash.clone(),
+                source: Box::new(error),
+            }
+        }
+        error => error,
+    };
+    let subject = Subject::new(&plan).map_err(lost)?;
+    if subject.controller_hash != header.controller_hash {
+        return Err(MishandleError::OtherController {
+            controller: plan.controller,
+            recorded: header.controller_hash.clone(),
+            found: subject.controller_hash,
+        });
+    }
+    Ok((plan, subject))
 }
 
 /// How this program differs from the one that made a run, part by part.

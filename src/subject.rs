@@ -6,6 +6,7 @@ use mishandle_rollout::{Controller, Environment, Judge, Noise, Rollout, RolloutE
 use mishandle_stl::{Clock, Formula, Monitor};
 use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment};
 
+use crate::home::check_home;
 use crate::{MishandleError, Plan, controller_path, shipped_controllers};
 
 /// The task of that name.
@@ -64,9 +65,12 @@ impl Subject {
         let preset = preset(&plan.preset)?;
         let environment = Arc::new(TaskEnvironment::new(task, preset, Reward::Original)?);
         let mut specification = task.definition().formulas(preset).specification()?;
+        if let Some(evaluate) = &plan.evaluate {
+            crate::evaluate::check(evaluate)?;
+        }
         if let Some(falsify) = &plan.falsify {
             crate::falsify::check(falsify, environment.initial_box().dimension())?;
-            specification.requirement = requirement(&falsify.formula, &specification)?;
+            specification.requirement = requirement(&falsify.formula, &specification, environment.signals())?;
         }
         check_decided(&specification.requirement, &environment)?;
         Judge::new(&specification, environment.signals(), environment.control_dt())?;
@@ -89,23 +93,37 @@ impl Subject {
     /// # Errors
     /// If the controller does not fit the environment.
     pub fn system(&self) -> Result<Rollout, MishandleError> {
-        Ok(Rollout::new(
-            self.environment.clone(),
-            self.controller.clone(),
-            self.specification.clone(),
-            self.noise,
-        )?)
+        self.system_in(self.environment.clone())
+    }
+
+    /// The same in another environment that does the same.
+    pub(crate) fn system_in(&self, environment: Arc<dyn Environment>) -> Result<Rollout, MishandleError> {
+        Ok(Rollout::new(environment, self.controller.clone(), self.specification.clone(), self.noise)?)
     }
 }
 
-fn requirement(text: &str, specification: &Specification) -> Result<Formula, MishandleError> {
-    match text {
-        "success" => Ok(specification.success.clone()),
-        "strict" => Ok(specification.strict.clone()),
-        _ => Formula::parse(text).map_err(|source| {
-            MishandleError::Rollout(RolloutError::Parse { formula: text.to_string(), source })
-        }),
+/// A formula by its name or its text. A single word is a name, or else a signal.
+fn requirement(
+    text: &str,
+    specification: &Specification,
+    signals: &[String],
+) -> Result<Formula, MishandleError> {
+    let named = [("success", &specification.success), ("strict", &specification.strict)];
+    if let Some((_, formula)) = named.iter().find(|(name, _)| *name == text) {
+        return Ok((*formula).clone());
     }
+    let formula = Formula::parse(text).map_err(|source| {
+        MishandleError::Rollout(RolloutError::Parse { formula: text.to_string(), source })
+    })?;
+    if formula.signals() == [text] && !signals.iter().any(|signal| signal == text) {
+        let names = named.iter().map(|(name, _)| (*name).to_string());
+        return Err(MishandleError::Name {
+            kind: "formula or signal",
+            name: text.to_string(),
+            known: names.chain(signals.iter().cloned()).collect(),
+        });
+    }
+    Ok(formula)
 }
 
 /// Refuses a formula that an episode could never decide.
@@ -151,17 +169,19 @@ fn load_controller(task: &dyn Task, name: &str, stochastic: bool) -> Result<Load
             .map_err(|source| MishandleError::Expert { task: definition.name.to_string(), source })?;
         return Ok(Loaded { controller, hash: "expert".to_string(), bytes_hash: String::new() });
     }
-    let path =
-        if is_path(name) { Path::new(name).to_path_buf() } else { controller_path(definition.name, name) };
+    let path = if is_path(name) { Path::new(name).to_path_buf() } else { controller_path(definition, name) };
     if !is_path(name) && !path.is_file() {
+        check_home("controllers")?;
         return Err(MishandleError::Name {
             kind: "controller",
             name: name.to_string(),
-            known: shipped_controllers(definition.name),
+            known: shipped_controllers(definition),
         });
     }
     let file = ControllerFile::load(&path)?;
-    file.check(definition.name, &definition.layout())?;
+    // What a variant is given may be made for it, or for the task that it varies.
+    let made_for = definition.variant_of.filter(|base| file.header.task == *base).unwrap_or(definition.name);
+    file.check(made_for, &definition.layout())?;
     let policy = file.policy.sampling(stochastic);
     let bytes = std::fs::read(&path).map_err(|source| MishandleError::File { path, source })?;
     Ok(Loaded { hash: policy.hash(), bytes_hash: bytes_hash(&bytes), controller: Arc::new(policy) })

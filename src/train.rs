@@ -1,5 +1,6 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
 use mishandle_rollout::{Environment, Noise, Request, Rollout, Seed, Specification, System};
@@ -8,10 +9,15 @@ use mishandle_training::{
     ALGORITHMS, Checkpoint, Config, Flow, Observer, Progress, Trained, TrainingError, Validation,
 };
 
-use crate::{MishandleError, build, settings_path, task};
+use crate::home::check_home;
+use crate::lock::Lock;
+use crate::{MishandleError, build, settings_path, shell_word, task};
 
 /// Key of the starts that a training validates on: no evaluation has it unless it is asked for.
 const VALIDATION_SEED: Seed = Seed(0x7661_6c69_6461_7465);
+
+/// A checkpoint is written at least this often, whatever the settings say of iterations: so much work may be lost.
+const SAVE_EVERY: Duration = Duration::from_secs(60);
 
 /// What to train.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,19 +43,24 @@ pub struct TrainPlan {
 impl TrainPlan {
     /// Where the checkpoint is.
     pub fn checkpoint(&self) -> PathBuf {
+        self.beside(".checkpoint")
+    }
+
+    /// The output's name with this at its end.
+    fn beside(&self, ending: &str) -> PathBuf {
         let mut name = self.out.clone().into_os_string();
-        name.push(".checkpoint");
+        name.push(ending);
         name.into()
     }
 
-    /// The command line that does the same again.
-    fn command(&self) -> String {
+    /// The command line that does the same again, but for where the controller goes.
+    pub fn command(&self) -> String {
         let mut command = format!("mishandle train {} --algorithm {}", self.task, self.algorithm);
         if self.reward != "shaped" {
             command += &format!(" --reward {}", self.reward);
         }
         if let Some(settings) = &self.settings {
-            command += &format!(" --settings {}", settings.display());
+            command += &format!(" --settings {}", shell_word(&settings.to_string_lossy()));
         }
         if let Some(steps) = self.steps {
             command += &format!(" --steps {steps}");
@@ -73,6 +84,7 @@ pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<T
         std::fs::create_dir_all(folder)
             .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
     }
+    let _lock = Lock::take(plan.beside(".lock"), &plan.out)?;
     let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, reward)?);
     let specification = task.definition().formulas(Preset::Paper).specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
@@ -83,6 +95,7 @@ pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<T
         watch,
         failure: None,
         unsaved: None,
+        saved: Instant::now(),
     };
     let trained = config.train(environment, Seed(plan.seed), resumed.as_ref(), &mut watcher)?;
     if let Some(failure) = watcher.failure {
@@ -97,6 +110,9 @@ pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<T
 
 fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
     known("training algorithm", &plan.algorithm, &ALGORITHMS)?;
+    if plan.settings.is_none() {
+        check_home("experiments/training")?;
+    }
     let path = plan.settings.clone().unwrap_or_else(|| settings_path(&plan.task, &plan.algorithm));
     let text = std::fs::read_to_string(&path)
         .map_err(|source| MishandleError::File { path: path.clone(), source })?;
@@ -154,6 +170,8 @@ struct Watcher<W> {
     failure: Option<MishandleError>,
     /// Why the last checkpoint could not be written: the training goes on, and the next may be.
     unsaved: Option<TrainingError>,
+    /// When the last checkpoint was written.
+    saved: Instant,
 }
 
 impl<W> Watcher<W> {
@@ -192,11 +210,16 @@ impl<W: FnMut(&Progress) -> Flow> Observer for Watcher<W> {
     }
 
     fn progress(&mut self, progress: &Progress) -> Flow {
-        if self.failure.is_some() { Flow::Stop } else { (self.watch)(progress) }
+        match (self.watch)(progress) {
+            _ if self.failure.is_some() => Flow::Stop,
+            Flow::Continue if self.saved.elapsed() > SAVE_EVERY => Flow::Save,
+            flow => flow,
+        }
     }
 
     fn checkpoint(&mut self, checkpoint: &Checkpoint) {
         self.unsaved = checkpoint.save(&self.checkpoint).err();
+        self.saved = Instant::now();
     }
 }
 

@@ -7,6 +7,7 @@ mod demo;
 mod figures;
 mod golden;
 mod mujoco;
+mod pictures;
 mod process;
 mod readme;
 mod tidy;
@@ -67,6 +68,12 @@ const CHORES: &[Chore] = &[
         arguments: "[--all | --only TASK[/CONTROLLER]]",
         about: "measure what has no figures yet; rewrite the tables of README.md and controllers/README.md",
         run: figures::remake,
+    },
+    Chore {
+        name: "pictures",
+        arguments: "",
+        about: "draw every task into docs/tasks, and show the pictures in README.md",
+        run: |root, _| pictures::draw(root),
     },
 ];
 

@@ -12,7 +12,8 @@ use clap::{Args, Parser, Subcommand};
   mishandle evaluate ball-balancing --controller ppo --episodes 1000
   mishandle falsify ball-balancing --controller ppo --formula strict --trials 5
 
-Words go to stderr, data to stdout. Exit codes: 0 done, 1 falsified or violated, 2 an error.")]
+Words go to stderr, data to stdout. Exit codes: 0 done, 1 falsified or violated, 2 an error,
+130 interrupted (what was done is saved).")]
 pub struct Arguments {
     #[command(subcommand)]
     pub command: Command,
@@ -26,6 +27,7 @@ pub enum Command {
     Evaluate(Evaluate),
     Falsify(Falsify),
     Replay(Replay),
+    Render(Render),
 }
 
 /// Lists the tasks with their formulas, initial boxes and controllers; explains one in full
@@ -63,12 +65,12 @@ Exit code 1 if the robustness at time 0 is negative."
 )]
 pub struct Monitor {
     /// The formula, in RTAMT's syntax
-    #[arg(long)]
+    #[arg(long, allow_hyphen_values = true)]
     pub formula: String,
     /// CSV file with the trace; - for stdin
     pub trace: PathBuf,
     /// Seconds between samples; without it, the `time` column says, else 1
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     pub period: Option<f64>,
     /// Unit of interval bounds that have none (s, ms, us or ns); without it, they count samples
     #[arg(long)]
@@ -85,19 +87,21 @@ pub struct Monitor {
 #[derive(Debug, Args)]
 pub struct Run {
     /// Seed of everything random
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     pub seed: Option<u64>,
     /// Number of threads; results never depend on it [default: all cores]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub threads: Option<usize>,
     /// One JSON document on stdout
     #[arg(long)]
     pub json: bool,
 }
 
+/// What of a subject a run's own plan decides: all but where the controller is.
+const PLANNED: [&str; 6] = ["task", "preset", "action_noise", "observation_noise", "stochastic", "plan"];
+
 /// Which controller acts in which task, and how.
 #[derive(Debug, Args)]
-#[group(id = "subject", multiple = true)]
 pub struct Subject {
     /// Name of a task
     #[arg(required_unless_present_any = ["plan", "resume"])]
@@ -136,8 +140,9 @@ pub struct Train {
     /// Training algorithm: ppo, trpo, sac, td3 or ddpg
     #[arg(long, default_value = "ppo")]
     pub algorithm: String,
-    /// Control steps to train for, over all parallel environments [default: as the settings say]
-    #[arg(long, value_name = "N")]
+    /// Control steps to train for, over all parallel environments, rounded up to whole iterations [default: as the
+    /// settings say]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub steps: Option<u64>,
     /// Reward to learn from: shaped or original
     #[arg(long, default_value = "shaped")]
@@ -165,7 +170,7 @@ pub struct Evaluate {
     #[command(flatten)]
     pub subject: Subject,
     /// Number of simulations [default: 100]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub episodes: Option<u64>,
     /// Where they start: whole, or reachable (the part of the box from which the task can be done)
     #[arg(long = "box", value_name = "PART")]
@@ -173,8 +178,9 @@ pub struct Evaluate {
     /// Run file for the simulations [default: a new one in runs/]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Carry on a run that was stopped, as its own plan says
-    #[arg(long, value_name = "RUN", conflicts_with_all = ["subject", "episodes", "starts", "out", "seed"])]
+    /// Carry on a run that was stopped, as its own plan says; --controller says where its controller is, if it moved
+    #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
+    #[arg(conflicts_with_all = ["episodes", "starts", "out", "seed"])]
     pub resume: Option<PathBuf>,
     #[command(flatten)]
     pub run: Run,
@@ -188,6 +194,7 @@ pub struct Evaluate {
   mishandle falsify ball-balancing --controller ppo --formula 'always[50:300](ball_height_above_tray > 0)'
   mishandle falsify --resume runs/RUN.sqlite
 
+In JSON, median_simulations is the least number of simulations after which half of the trials are falsified.
 Exit code 1 if a counterexample was found.")]
 pub struct Falsify {
     #[command(flatten)]
@@ -196,20 +203,20 @@ pub struct Falsify {
     #[arg(long, value_name = "S")]
     pub search: Option<String>,
     /// What is to be violated: success, strict, or the text of a formula [default: success]
-    #[arg(long)]
+    #[arg(long, allow_hyphen_values = true)]
     pub formula: Option<String>,
     /// Number of trials [default: 30]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub trials: Option<u32>,
     /// Simulations that a trial may spend [default: 300]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub budget: Option<u32>,
     /// Run file for the simulations [default: a new one in runs/]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Carry on a run that was stopped, as its own plan says
-    #[arg(long, value_name = "RUN")]
-    #[arg(conflicts_with_all = ["subject", "search", "formula", "trials", "budget", "out", "seed"])]
+    /// Carry on a run that was stopped, as its own plan says; --controller says where its controller is, if it moved
+    #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
+    #[arg(conflicts_with_all = ["search", "formula", "trials", "budget", "out", "seed"])]
     pub resume: Option<PathBuf>,
     #[command(flatten)]
     pub run: Run,
@@ -227,18 +234,62 @@ pub struct Replay {
     #[arg(value_name = "RUN")]
     pub file: PathBuf,
     /// Number of the trial [default: with --simulation 1, else any]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub trial: Option<u32>,
     /// Number of the simulation within the trial [default: the first counterexample, else the least robust]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub simulation: Option<u32>,
+    /// Where the run's controller is now, if it has moved: the very same one
+    #[arg(long, value_name = "C")]
+    pub controller: Option<String>,
     /// Write the trace to this CSV file
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
     /// Number of threads; the result never depends on it [default: all cores]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub threads: Option<usize>,
     /// One JSON document on stdout
     #[arg(long)]
     pub json: bool,
+}
+
+/// Draws the start of a task, or films a recorded simulation
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle render ball-pushing --out start.png
+  mishandle render ball-pushing --at 0.45,-0.1 --out start.png
+  mishandle render --run runs/RUN.sqlite --out film.mp4            the first counterexample
+  mishandle render --run runs/RUN.sqlite --trial 2 --simulation 17 --out strip.png     six moments of it
+
+No display is needed. Films are made by the program ffmpeg.")]
+pub struct Render {
+    /// Name of a task, to draw its start
+    #[arg(required_unless_present = "run", conflicts_with = "run")]
+    pub task: Option<String>,
+    /// Initial configuration: a value for each axis of the initial box [default: the middle of the box]
+    #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_negative_numbers = true)]
+    #[arg(conflicts_with = "run")]
+    pub at: Option<Vec<f64>>,
+    /// Run file, to run one of its simulations again
+    #[arg(long, value_name = "RUN")]
+    pub run: Option<PathBuf>,
+    /// Number of the trial [default: with --simulation 1, else any]
+    #[arg(long, value_name = "N", requires = "run")]
+    pub trial: Option<u32>,
+    /// Number of the simulation within the trial [default: the first counterexample, else the least robust]
+    #[arg(long, value_name = "N", requires = "run")]
+    pub simulation: Option<u32>,
+    /// Where the run's controller is now, if it has moved: the very same one
+    #[arg(long, value_name = "C", requires = "run")]
+    pub controller: Option<String>,
+    /// Where it goes: a .png, or an .mp4 for a film
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Width and height in pixels, of each picture in a filmstrip [default: 960x720, of a film 640x480, in a
+    /// filmstrip 480x360]
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<String>,
+    /// Write over FILE if it is there
+    #[arg(long)]
+    pub force: bool,
 }

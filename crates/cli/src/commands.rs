@@ -3,6 +3,7 @@
 pub mod evaluate;
 pub mod falsify;
 pub mod monitor;
+pub mod render;
 pub mod replay;
 pub mod tasks;
 pub mod train;

@@ -1,13 +1,17 @@
 //! The command line of Mishandle.
 //!
-//! Words go to stderr, data to stdout. Exit codes: 0 done, 1 falsified or violated, 2 an error.
+//! Words go to stderr, data to stdout. Exit codes: 0 done, 1 falsified or violated, 2 an error, 130 interrupted.
 
 mod args;
 mod commands;
+mod interrupt;
+mod new_file;
 mod output;
 mod progress;
 mod run;
+mod video;
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -18,7 +22,19 @@ use args::{Arguments, Command};
 ///
 /// A program that adds tasks of its own (`mishandle::tasks::add`) and then calls this is Mishandle with those tasks.
 pub fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    run_with(std::env::args_os())
+}
+
+/// Runs the program on these arguments, the first of which is its own name.
+pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let arguments = match Arguments::try_parse_from(arguments) {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Help goes to stdout, whose reader may be gone.
+            let _ = error.print();
+            return ExitCode::from(error.exit_code() as u8);
+        }
+    };
     let outcome = match &arguments.command {
         Command::Tasks(command) => commands::tasks::run(command),
         Command::Monitor(command) => commands::monitor::run(command),
@@ -26,10 +42,12 @@ pub fn main() -> ExitCode {
         Command::Evaluate(command) => commands::evaluate::run(command),
         Command::Falsify(command) => commands::falsify::run(command),
         Command::Replay(command) => commands::replay::run(command),
+        Command::Render(command) => commands::render::run(command),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Violated) => ExitCode::from(1),
+        Ok(Outcome::Interrupted) => ExitCode::from(interrupt::EXIT_CODE),
         Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             output::report_error(&error);
@@ -45,4 +63,6 @@ enum Outcome {
     Done,
     /// A counterexample was found, or a formula is violated.
     Violated,
+    /// It was asked to end before it was done, and has saved what it had.
+    Interrupted,
 }

@@ -1,13 +1,13 @@
 //! What evaluate and falsify share: from flags to a plan, and where its run is stored.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use mishandle::store::{RunFile, RunWriter};
 use mishandle::{Plan, Subject};
 
-use crate::args;
-use crate::output;
+use crate::{args, interrupt, output};
 
 /// More threads than any machine has cores for.
 const MAX_THREADS: usize = 1024;
@@ -32,7 +32,7 @@ pub fn plan(subject: &args::Subject, run: &args::Run) -> Result<Plan> {
             Plan::from_toml(&text).with_context(|| path.display().to_string())?
         }
         (None, Some(task), Some(controller)) => Plan::new(task, controller),
-        _ => anyhow::bail!("a task and a --controller are needed, or a --plan"),
+        _ => bail!("a task and a --controller are needed, or a --plan"),
     };
     let edit = |field: &mut String, flag: &Option<String>| {
         if let Some(value) = flag {
@@ -46,12 +46,17 @@ pub fn plan(subject: &args::Subject, run: &args::Run) -> Result<Plan> {
     plan.observation_noise = subject.observation_noise.unwrap_or(plan.observation_noise);
     plan.stochastic |= subject.stochastic;
     plan.seed = run.seed.unwrap_or(plan.seed);
+    for (key, value) in [("task", &plan.task), ("controller", &plan.controller)] {
+        ensure!(!value.is_empty(), "the plan names no `{key}`, and no argument does");
+    }
     Ok(plan)
 }
 
-/// Plan, subject and open run file: of a stopped run, or of a new one that the flags describe.
+/// Plan, subject and open run file: of a stopped run, whose controller may have moved, or of a new one that the flags
+/// describe.
 pub fn open(
     resume: Option<&Path>,
+    controller: Option<&str>,
     out: Option<&Path>,
     new_plan: impl FnOnce() -> Result<Plan>,
 ) -> Result<(Plan, Subject, RunWriter)> {
@@ -62,9 +67,7 @@ pub fn open(
         return Ok((plan, subject, run));
     };
     let run = RunWriter::resume(path)?;
-    let plan = Plan::from_toml(&run.file().header().plan)?;
-    let subject = Subject::new(&plan)?;
-    mishandle::check_controller(&plan, &subject, run.file().header())?;
+    let (plan, subject) = mishandle::recorded_subject(run.file().header(), controller)?;
     for difference in mishandle::other_build(run.file().header()) {
         output::say(&format!("warning: the run was begun by another build: {difference}"));
     }
@@ -73,5 +76,16 @@ pub fn open(
 
 /// Where a run is, as a person would type it.
 pub fn name(run: &RunFile) -> String {
-    run.path().display().to_string()
+    mishandle::shell_word(&run.path().to_string_lossy())
+}
+
+/// Says how far an interrupted run came, and how it goes on.
+pub fn say_interrupted(command: &str, simulations: u64, name: &str) {
+    output::say(&format!("interrupted after {simulations} simulations; every one is in {name}"));
+    output::say(&format!("Carry on: mishandle {command} --resume {name}"));
+}
+
+/// Whether to go on after a batch.
+pub fn flow() -> ControlFlow<()> {
+    if interrupt::asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
 }

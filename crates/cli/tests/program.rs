@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -86,7 +86,7 @@ const HARD: &str = "--formula 'always[22:300](finger_target_distance <= 0.12)'";
 #[test]
 fn every_command_explains_itself_with_examples() {
     let bench = Bench::new();
-    for command in ["tasks", "monitor", "train", "evaluate", "falsify", "replay"] {
+    for command in ["tasks", "monitor", "train", "evaluate", "falsify", "replay", "render"] {
         let help = bench.check(&format!("{command} --help"), 0);
         assert!(help.contains("Examples:"), "{command}");
         assert!(help.contains(&format!("mishandle {command}")), "{command}");
@@ -99,7 +99,7 @@ fn tasks_are_listed_with_what_the_glossary_names() {
     let tasks = bench.json("tasks --json", 0);
     let names: Vec<&str> =
         tasks.as_array().unwrap().iter().map(|task| task["name"].as_str().unwrap()).collect();
-    assert_eq!(names[..3], ["point-reaching", "ball-balancing", "ball-pushing"]);
+    assert_eq!(names[..3], ["point-reaching", "cube-stacking", "peg-in-hole"]);
     for task in tasks.as_array().unwrap() {
         for key in ["success", "strict", "safe", "completion", "signals", "initial_box", "controllers"] {
             assert!(!task[key].is_null(), "{key}");
@@ -157,6 +157,18 @@ fn monitor_says_what_is_wrong_and_where() {
     bench.refuses("monitor --formula 'd > 0' uneven.csv", &["evenly spaced", "0.15"]);
     bench.refuses("monitor --formula 'd > 0' missing.csv", &["missing.csv", "No such file"]);
     bench.refuses("monitor --formula 'always[0:9](d > 0)' d.csv --strict-horizon", &["reaches 9 samples"]);
+    // 2^64 and just below: no horizon wraps, or passes for one without an end.
+    for bound in ["18446744073709551616", "18446744073709549568", "1e300"] {
+        let formula = format!("always[0:{bound}](d > 0)");
+        bench.refuses(
+            &format!("monitor --formula '{formula}' d.csv --strict-horizon"),
+            &["more than any trace has"],
+        );
+    }
+    bench.refuses("monitor --formula 'd = 0.1' d.csv", &["did you mean `==`"]);
+    bench.refuses("monitor --formula 'dd > 1' d.csv", &["hint: did you mean `d`?"]);
+    let chained = text(&bench.run("monitor --formula '0.2 <= d <= 0.3' d.csv").stderr);
+    assert!(chained.contains("comparisons are not chained"), "{chained}");
     bench.refuses("monitor --formula 'always[0:0.5s](d > 0)' d.csv", &["0.5 s", "1 s"]);
 }
 
@@ -273,11 +285,165 @@ fn a_plan_says_the_same_as_its_flags() {
     assert_eq!(planned, bench.check(&format!("evaluate point-reaching {FAST} --episodes 20 --json"), 0));
     // Flags edit the plan.
     let edited = bench.json("evaluate --plan plan.toml --seed 4 --json", 0);
-    assert_eq!(edited["seed"], 4);
+    assert_eq!(edited["seed"], "4");
     bench.write("wrong.toml", "task = \"point-reaching\"\ncontroler = \"expert\"\n");
     bench.refuses("evaluate --plan wrong.toml", &["wrong.toml", "controler"]);
     bench.write("newer.toml", "format = 9\ntask = \"point-reaching\"\ncontroller = \"expert\"\n");
     bench.refuses("evaluate --plan newer.toml", &["format 9", "newer Mishandle"]);
+}
+
+#[test]
+fn flags_complete_a_plan_and_what_it_lacks_has_its_default() {
+    let bench = Bench::new();
+    bench.write("plan.toml", "seed = 3\n[evaluate]\nepisodes = 20\nbox = \"reachable\"\n");
+    bench.refuses("evaluate --plan plan.toml", &["the plan names no `task`"]);
+    bench.refuses("evaluate point-reaching --plan plan.toml", &["the plan names no `controller`"]);
+    let flags = "point-reaching --plan plan.toml --controller expert --json";
+    let found = bench.json(&format!("evaluate {flags}"), 0);
+    assert_eq!((&found["simulations"], &found["seed"]), (&20.into(), &"3".into()));
+    // It says nothing of falsification.
+    let found = bench.json(&format!("falsify {flags} --trials 1 --budget 2"), 0);
+    assert_eq!((&found["search"], &found["budget"]), (&"random".into(), &2.into()));
+}
+
+/// Sends a signal by its name.
+fn signal(child: &std::process::Child, name: &str) {
+    let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+}
+
+#[test]
+fn an_interrupted_campaign_says_how_it_goes_on_and_does_to_the_same_result() {
+    let bench = Bench::new();
+    for (command, name) in [
+        (format!("falsify point-reaching {FAST} --trials 4 --budget 100"), "INT"),
+        (format!("evaluate point-reaching {FAST} --episodes 400"), "TERM"),
+    ] {
+        let verb = command.split(' ').next().unwrap();
+        let whole = bench.check(&format!("{command} --out {verb}.sqlite --json"), 0);
+        let run = format!("it's {verb}.sqlite");
+        let mut child = bench.command(&command);
+        let child =
+            child.arg("--out").arg(&run).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        wait_for_rows(&bench.path(&run), 32);
+        signal(&child, name);
+        let output = child.wait_with_output().unwrap();
+        let err = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(130), "{err}");
+        assert!(output.stdout.is_empty());
+        let quoted = format!(r"Carry on: mishandle {verb} --resume 'it'\''s {verb}.sqlite'");
+        assert!(err.contains(&quoted), "{err}");
+        assert!(simulations(&bench.path(&run)) < 400);
+        let resumed = bench.command(&format!("{verb} --json")).arg("--resume").arg(&run).output().unwrap();
+        assert_eq!(text(&resumed.stdout), whole);
+    }
+}
+
+/// Settings with which an iteration takes no time.
+const SMALL: &str = "rollout_steps = 16\nminibatch_rows = 128\nepisodes.environments = 16\nrun.total_steps = 2048\n\
+                     run.validation_every = 4\nrun.validation_episodes = 4\n";
+
+#[test]
+fn an_interrupted_training_goes_on_and_of_two_on_one_file_one_is_refused() {
+    let bench = Bench::new();
+    bench.write("ppo.toml", SMALL);
+    // So long that it is interrupted, and resumed with fewer steps.
+    let train = "train point-reaching --settings ppo.toml --seed 7 --out a.safetensors";
+    let child = bench.command(&format!("{train} --steps 100000000")).stderr(Stdio::piped()).spawn().unwrap();
+    let start = Instant::now();
+    while !bench.path("a.safetensors.lock").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    bench.refuses(&format!("{train} --steps 512"), &["another training is writing a.safetensors"]);
+    signal(&child, "INT");
+    let output = child.wait_with_output().unwrap();
+    let err = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{err}");
+    let again = err.lines().find_map(|line| line.strip_prefix("Carry on: mishandle ")).unwrap();
+    assert!(again.ends_with("--seed 7 --out a.safetensors --resume"), "{again}");
+    assert!(bench.path("a.safetensors.checkpoint").exists() && !bench.path("a.safetensors.lock").exists());
+    // Steps are in whole iterations of 256.
+    let finished = bench.run(&again.replace("--steps 100000000", "--steps 1"));
+    assert_eq!(finished.status.code(), Some(0), "{}", text(&finished.stderr));
+    assert!(text(&finished.stderr).contains("--steps 1 was rounded up"), "{}", text(&finished.stderr));
+}
+
+#[test]
+fn a_run_follows_its_controller_when_that_has_moved() {
+    let bench = Bench::new();
+    bench.write("ppo.toml", SMALL);
+    bench.check("train point-reaching --settings ppo.toml --steps 256 --out a.safetensors", 0);
+    bench.check("train point-reaching --settings ppo.toml --steps 256 --seed 1 --out other.safetensors", 0);
+    let whole = bench
+        .json("evaluate point-reaching --controller a.safetensors --episodes 4 --out a.sqlite --json", 0);
+    std::fs::create_dir(bench.path("moved")).unwrap();
+    std::fs::rename(bench.path("a.safetensors"), bench.path("moved/b.safetensors")).unwrap();
+    for command in ["replay a.sqlite", "evaluate --resume a.sqlite"] {
+        bench
+            .refuses(command, &["a.safetensors", "is not where it was", "--controller FILE", "No such file"]);
+        bench.refuses(&format!("{command} --controller other.safetensors"), &["is not the run's"]);
+    }
+    assert_eq!(bench.json("replay a.sqlite --controller moved/b.safetensors --json", 0)["same"], true);
+    let resumed = bench.json("evaluate --resume a.sqlite --controller moved/b.safetensors --json", 0);
+    assert_eq!(resumed["success_rate"], whole["success_rate"]);
+}
+
+#[test]
+fn a_formula_without_a_value_from_some_starts_ends_no_campaign() {
+    let bench = Bench::new();
+    // The root has no value from starts beyond 0.5 m of the target.
+    let formula = "--formula 'always(sqrt(0.5 - finger_target_distance) >= -1)'";
+    let arguments =
+        format!("falsify point-reaching {FAST} {formula} --trials 2 --budget 30 --out a.sqlite --json");
+    let output = bench.run(&arguments);
+    let (out, err) = (text(&output.stdout), text(&output.stderr));
+    assert_eq!(output.status.code(), Some(0), "{err}");
+    let found: Value = serde_json::from_str(&out).unwrap();
+    let undecided: u64 =
+        found["trials"].as_array().unwrap().iter().map(|t| t["undecided"].as_u64().unwrap()).sum();
+    assert!((1..60).contains(&undecided), "{undecided}");
+    assert_eq!(simulations(&bench.path("a.sqlite")), 60);
+    assert!(err.contains("no finite value at step 0") && err.contains("from target_x = "), "{err}");
+    assert_eq!(bench.check("falsify --resume a.sqlite --json", 0), out);
+    // Such a simulation replays, too.
+    let file = mishandle::store::RunFile::open(bench.path("a.sqlite")).unwrap();
+    let undefined =
+        file.simulations().map(Result::unwrap).find(|simulation| simulation.robustness.is_none()).unwrap();
+    let replay =
+        format!("replay a.sqlite --trial {} --simulation {} --json", undefined.trial, undefined.number);
+    assert_eq!(bench.json(&replay, 0)["same"], true);
+}
+
+#[test]
+fn a_single_episode_has_means_without_intervals() {
+    let bench = Bench::new();
+    let table = bench.check(&format!("evaluate point-reaching {FAST} --episodes 1"), 0);
+    let row = table.lines().find(|line| line.starts_with("task completion time")).unwrap();
+    let cells: Vec<&str> = row.split_whitespace().collect();
+    assert!(row.contains("control steps (") && cells[cells.len() - 2..] == ["-", "1"], "{row}");
+}
+
+#[test]
+fn what_cannot_be_written_leaves_no_file_and_is_named() {
+    let bench = Bench::new();
+    bench.check(&format!("evaluate point-reaching {FAST} --episodes 1 --out a.sqlite"), 0);
+    // The shell lets no file grow beyond 512 bytes, and lets the program see that as an error.
+    for (arguments, path) in
+        [("replay a.sqlite --trace t.csv", "t.csv"), ("tasks ball-balancing --mjcf scene.xml", "scene.xml")]
+    {
+        let limited =
+            format!("trap '' XFSZ; ulimit -f 1; exec {} {arguments}", env!("CARGO_BIN_EXE_mishandle"));
+        let output = Command::new("sh").args(["-c", &limited]).current_dir(bench.path(".")).output().unwrap();
+        let err = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{err}");
+        assert!(err.contains(&format!("cannot write {path}")), "{err}");
+        assert!(!bench.path(path).exists(), "{path} is there");
+    }
+    // A document asked for beside the scene is given, too.
+    let tasks = bench.json("tasks ball-balancing --mjcf scene.xml --json", 0);
+    assert_eq!(tasks[0]["name"], "ball-balancing");
+    bench.refuses("replay a.sqlite --trial 3", &["holds no trial 3"]);
 }
 
 #[test]
@@ -300,10 +466,30 @@ fn mistakes_are_refused_before_anything_runs() {
         &format!("{falsify} --formula 'always[0:301](finger_twist < 9)'"),
         &["301", "never be decided"],
     );
-    bench.refuses(&format!("{falsify} --formula 'finger_twst < 9'"), &["finger_twst", "finger_twist"]);
+    bench.refuses(
+        &format!("{falsify} --formula 'finger_twst < 9'"),
+        &["finger_twst", "did you mean `finger_twist`?"],
+    );
+    bench.refuses(&format!("{falsify} --formula strikt"), &["`strikt`", "did you mean `strict`?"]);
     bench.refuses(&format!("{falsify} --action-noise -1"), &["action noise is -1"]);
     bench.refuses(&format!("{falsify} --action-noise nan"), &["action noise is NaN"]);
     bench.refuses(&format!("{falsify} --trials 0"), &["0"]);
+    bench.refuses(&format!("{falsify} --trials 1000000000"), &["trials is 1000000000", "from 1 to 1000000"]);
+    bench.refuses(
+        "evaluate point-reaching --controller expert --episodes 9999999999",
+        &["9999999999", "from 1 to"],
+    );
+    bench
+        .refuses("evaluate point-reaching --controller expert --episodes -5", &["'-5' for '--episodes <N>'"]);
+    bench.refuses(&format!("{falsify} --formula '-finger_twst <= 1'"), &["`finger_twist`"]);
+    let elsewhere = |arguments: &str| {
+        let output = bench.command(arguments).env("MISHANDLE_HOME", "/nowhere").output().unwrap();
+        text(&output.stderr)
+    };
+    for arguments in ["evaluate point-reaching --controller ppo", "train point-reaching"] {
+        let err = elsewhere(arguments);
+        assert!(err.contains("MISHANDLE_HOME is `/nowhere`"), "{err}");
+    }
     bench.refuses(&format!("{falsify} --threads 0"), &["--threads is 0"]);
     bench.refuses(&format!("{falsify} --preset papper"), &["no preset `papper`", "did you mean `paper`?"]);
     bench.refuses("replay junk.sqlite", &["junk.sqlite"]);
@@ -315,11 +501,7 @@ fn mistakes_are_refused_before_anything_runs() {
 #[test]
 fn a_training_resumes_to_the_same_controller_and_can_be_measured() {
     let bench = Bench::new();
-    bench.write(
-        "ppo.toml",
-        "rollout_steps = 16\nminibatch_rows = 128\nepisodes.environments = 16\nrun.total_steps = 2048\nrun.validation_every = 4\n\
-         run.validation_episodes = 4\n",
-    );
+    bench.write("ppo.toml", SMALL);
     let train = "train point-reaching --settings ppo.toml --seed 7 --json";
     let whole = bench.json(&format!("{train} --out whole.safetensors --threads 2"), 0);
     bench.json(&format!("{train} --out halved.safetensors --steps 1024 --threads 1"), 0);
@@ -342,4 +524,23 @@ fn a_training_resumes_to_the_same_controller_and_can_be_measured() {
         &["no training algorithm `pppo`", "did you mean `ppo`?"],
     );
     bench.refuses("train point-reaching --reward best", &["no reward `best`", "shaped"]);
+}
+
+#[test]
+fn a_task_is_explained_by_what_it_states() {
+    let bench = Bench::new();
+    let page = bench.check("tasks point-reaching", 0);
+    for line in [
+        "  at every step from 50 to 300 (0.83 s to 5 s): finger_target_distance is at most 0.12 m",
+        "□[50:300](finger_target_distance ≤ 0.12)",
+        "  0-8    joint_positions",
+        "  18-20  target",
+        "mishandle render point-reaching --out point-reaching.png",
+    ] {
+        assert!(page.contains(line), "the page has no `{line}`:\n{page}");
+    }
+    // The paper's box and the code's stand side by side, and so do formulas that differ.
+    let page = bench.check("tasks ball-balancing", 0);
+    assert!(page.contains("[0.2, 0.5]") && page.contains("[0.192, 0.492]"), "{page}");
+    assert!(page.contains("preset code: always[50:300](ball_tray_horizontal_distance <= 0.25)"), "{page}");
 }

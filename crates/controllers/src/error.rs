@@ -85,6 +85,9 @@ pub enum FileProblem {
         /// Length of the file.
         found: usize,
     },
+    /// Its hash is not that of its bytes.
+    #[error("the controller is damaged: its bytes are not those that were written; restore it from a copy")]
+    Changed,
     /// A header that this program's version should understand, and does not.
     #[error("the controller's header is damaged: {reason}")]
     Header {

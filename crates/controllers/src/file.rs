@@ -2,7 +2,7 @@
 //!
 //! The tensors are `normalizer.mean` and `normalizer.variance` (`F64`), `policy.log_std` (not of a squashed policy),
 //! `policy.layers.0.weight`, `policy.layers.0.bias`, … (`F32`, PyTorch's layout). The header is a JSON text under the key
-//! `mishandle` of the file's metadata. Format version 2 knows squashed policies; other files are written as version 1.
+//! `mishandle` of the file's metadata. Squashed policies are written as format version 3, others as 2.
 
 use std::path::Path;
 
@@ -14,10 +14,12 @@ use sha2::{Digest, Sha256};
 
 use crate::layout::hexadecimal;
 use crate::policy::{GAUSSIAN, SQUASHED};
+use crate::seal::{UNSEALED, is_sealed, seal};
 use crate::{ControllerError, FileProblem, Layout, Policy, write_atomically};
 
-/// Newest version of the format; a file of a newer one is refused.
-pub const FORMAT_VERSION: u64 = 2;
+/// Newest version of the format; a file of a newer one is refused. Version 1 had no hash of itself,
+/// version 2 no squashed policies.
+pub const FORMAT_VERSION: u64 = 3;
 
 /// Key of the header in the file's metadata.
 const HEADER_KEY: &str = "mishandle";
@@ -84,6 +86,9 @@ pub struct ControllerFile {
 #[derive(Serialize, Deserialize)]
 struct StoredHeader {
     format_version: u64,
+    /// Hash of the file; see [`seal`].
+    #[serde(default)]
+    sha256: String,
     #[serde(flatten)]
     header: Header,
     layout_hash: String,
@@ -99,11 +104,12 @@ struct StoredPolicy {
     output_activation: String,
 }
 
-/// The oldest version that knows a kind of policy; none if there is no such kind.
+/// The version that a file with a kind of policy is written in: the oldest that says all of it. None if there is no such
+/// kind.
 fn version_of(kind: &str) -> Option<u64> {
     match kind {
-        GAUSSIAN => Some(1),
-        SQUASHED => Some(2),
+        GAUSSIAN => Some(2),
+        SQUASHED => Some(3),
         _ => None,
     }
 }
@@ -161,6 +167,7 @@ impl ControllerFile {
         let network = self.policy.network();
         let stored = StoredHeader {
             format_version: version_of(self.policy.kind()).unwrap_or(FORMAT_VERSION),
+            sha256: UNSEALED.to_string(),
             header: self.header.clone(),
             layout_hash: self.header.layout.hash(),
             policy: StoredPolicy {
@@ -187,7 +194,9 @@ impl ControllerFile {
             (tensor.name.as_str(), view)
         });
         let metadata = std::iter::once((HEADER_KEY.to_string(), json)).collect();
-        safetensors::serialize(views, Some(metadata)).expect(right)
+        let mut bytes = safetensors::serialize(views, Some(metadata)).expect(right);
+        seal(&mut bytes);
+        bytes
     }
 
     /// The controller that a file's bytes hold.
@@ -201,7 +210,7 @@ impl ControllerFile {
         let Some(json) = json else {
             return Err(FileProblem::Foreign { reason: format!("it has no header `{HEADER_KEY}`") });
         };
-        let stored = read_header(json)?;
+        let stored = read_header(json, bytes)?;
         if stored.policy.parameter_count().is_none_or(|count| count > bytes.len() / size_of::<f32>()) {
             return Err(FileProblem::Header {
                 reason: "its network has more numbers than the file".to_string(),
@@ -251,7 +260,7 @@ fn told(error: &SafeTensorError, bytes: &[u8]) -> FileProblem {
     }
 }
 
-fn read_header(json: &str) -> Result<StoredHeader, FileProblem> {
+fn read_header(json: &str, bytes: &[u8]) -> Result<StoredHeader, FileProblem> {
     let damaged = |reason: String| FileProblem::Header { reason };
     let value: serde_json::Value = serde_json::from_str(json).map_err(|error| damaged(error.to_string()))?;
     let Some(found) = value.get("format_version").and_then(serde_json::Value::as_u64) else {
@@ -260,13 +269,16 @@ fn read_header(json: &str) -> Result<StoredHeader, FileProblem> {
     if found > FORMAT_VERSION {
         return Err(FileProblem::Newer { found, known: FORMAT_VERSION });
     }
+    if (found != 1 || value.get("sha256").is_some()) && !is_sealed(bytes) {
+        return Err(FileProblem::Changed);
+    }
     let stored: StoredHeader = serde_json::from_value(value).map_err(|error| damaged(error.to_string()))?;
     if stored.layout_hash != stored.header.layout.hash() {
         return Err(damaged("its layout was changed after it was written".to_string()));
     }
-    if version_of(&stored.policy.kind).is_none_or(|version| version > found) {
+    if version_of(&stored.policy.kind).is_none() {
         return Err(damaged(format!(
-            "the policy's kind is `{}`; known are `{GAUSSIAN}` and, from format version 2, `{SQUASHED}`",
+            "the policy's kind is `{}`; known are `{GAUSSIAN}` and `{SQUASHED}`",
             stored.policy.kind
         )));
     }
@@ -345,12 +357,13 @@ mod tests {
         ControllerFile::from_bytes(bytes).unwrap_err().to_string()
     }
 
-    /// The example's bytes with `from` replaced by `to`, of the same length, in the header.
+    /// The example's bytes with `from` replaced by `to`, of the same length, in the header, and sealed again.
     fn with_header(from: &str, to: &str) -> Vec<u8> {
         assert_eq!(from.len(), to.len());
         let mut bytes = example().to_bytes();
         let at = bytes.windows(from.len()).position(|window| window == from.as_bytes()).unwrap();
         bytes[at..][..to.len()].copy_from_slice(to.as_bytes());
+        seal(&mut bytes);
         bytes
     }
 
@@ -383,7 +396,7 @@ mod tests {
         assert_eq!(loaded.policy.hash(), saved.policy.hash());
         assert_eq!(loaded.to_bytes(), saved.to_bytes());
         let version =
-            |file: &ControllerFile| String::from_utf8_lossy(&file.to_bytes()).contains("version\\\":2");
+            |file: &ControllerFile| String::from_utf8_lossy(&file.to_bytes()).contains("version\\\":3");
         assert_eq!((version(&saved), version(&example())), (true, false));
     }
 
@@ -419,15 +432,47 @@ mod tests {
     }
 
     #[test]
+    fn a_single_changed_bit_is_found_out() {
+        let mut bytes = example().to_bytes();
+        for place in 0..bytes.len() {
+            for bit in 0..8 {
+                bytes[place] ^= 1 << bit;
+                assert!(ControllerFile::from_bytes(&bytes).is_err(), "bit {bit} of byte {place}");
+                bytes[place] ^= 1 << bit;
+            }
+        }
+        let last = bytes.len() - 1;
+        bytes[last] ^= 1;
+        assert_eq!(
+            refusal(&bytes),
+            "the controller is damaged: its bytes are not those that were written; restore it from a copy"
+        );
+    }
+
+    #[test]
+    fn a_file_from_before_the_hash_is_read() {
+        // Version 1 had no such field; one that is longer takes its room.
+        let hash = format!("\\\"sha256\\\":\\\"{}\\\",", "0".repeat(64));
+        let text = example().to_bytes();
+        let at = text.windows(9).position(|window| window == b"\\\"sha256\\").unwrap();
+        let mut bytes = [&text[..at], " ".repeat(hash.len()).as_bytes(), &text[at + hash.len()..]].concat();
+        let version = bytes.windows(9).position(|window| window == b"version\\\"").unwrap() + 10;
+        bytes[version] = b'1';
+        let read = ControllerFile::from_bytes(&bytes).unwrap();
+        assert_eq!(read.policy.hash(), example().policy.hash());
+        assert_eq!(read.to_bytes(), example().to_bytes());
+    }
+
+    #[test]
     fn a_damaged_or_newer_header_is_refused() {
         let version = "format_version\\\":";
         assert_eq!(
-            refusal(&with_header(&format!("{version}1"), &format!("{version}3"))),
-            "the controller has format version 3, this program reads up to 2; use a newer program"
+            refusal(&with_header(&format!("{version}2"), &format!("{version}4"))),
+            "the controller has format version 4, this program reads up to 3; use a newer program"
         );
         for (from, to, told) in [
             ("ball\\\",", "bull\\\",", "its layout was changed after it was written"),
-            ("gaussian", "caussian", "the policy's kind is `caussian`; known are `gaussian` and,"),
+            ("gaussian", "caussian", "the policy's kind is `caussian`; known are `gaussian` and"),
             ("[2,3,1]", "[9e9,3]", "invalid type: floating point"),
             ("[2,3,1]", "[2,4,1]", "tensor `layers.0.weight` needs the shape [4, 2]"),
             ("[2,3,1]", "[999,9]", "its network has more numbers than the file"),
@@ -444,6 +489,7 @@ mod tests {
         let mut bytes = example().to_bytes();
         let last = bytes.len() - 4;
         bytes[last..].copy_from_slice(&f32::NAN.to_le_bytes());
+        seal(&mut bytes);
         assert!(refusal(&bytes).contains("must be finite; number"), "{}", refusal(&bytes));
     }
 

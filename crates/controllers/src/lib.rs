@@ -6,6 +6,7 @@ mod file;
 pub mod kinematic;
 mod layout;
 mod policy;
+mod seal;
 pub mod squashed;
 
 pub use atomic::write_atomically;
@@ -13,3 +14,4 @@ pub use error::{ControllerError, FileProblem};
 pub use file::{ControllerFile, FORMAT_VERSION, Header, TrainingRecord, ValidationRecord, bytes_hash};
 pub use layout::{Entry, Layout};
 pub use policy::Policy;
+pub use seal::{UNSEALED, is_sealed, seal};

@@ -82,6 +82,11 @@ impl Metrics {
             self.diverged += 1;
             return;
         }
+        if matches!(end, End::Undefined { .. }) {
+            self.undecided += 1;
+            self.strict_undecided += 1;
+            return;
+        }
         let holds = |robustness: Option<f64>| robustness.is_some_and(|rho| rho > 0.0);
         self.undecided += u64::from(verdict.success.is_none());
         self.strict_undecided += u64::from(verdict.strict.is_none());
@@ -197,6 +202,14 @@ mod tests {
         assert_eq!(report.strict_success_rate.value, Some(0.5));
         assert_eq!(report.dangerous_behavior_rate.value, Some(0.5));
         assert_eq!(report.task_completion_time.n, 1);
+    }
+
+    #[test]
+    fn a_simulation_without_a_formula_s_value_is_undecided_and_says_nothing_of_danger() {
+        let undefined = Episode { end: End::Undefined { step: 3 }, ..episode(None, None, 0, None) };
+        let report = report(&[episode(Some(1.0), Some(1.0), 2, Some(2)), undefined]);
+        assert_eq!((report.diverged, report.undecided, report.strict_undecided), (0, 1, 1));
+        assert_eq!((report.success_rate.value, report.dangerous_behavior_rate.n), (Some(0.5), 1));
     }
 
     #[test]

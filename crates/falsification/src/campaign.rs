@@ -33,7 +33,7 @@ pub struct Simulation<'a> {
     pub number: u32,
     /// The search's point of \[0,1\]^d.
     pub unit_point: &'a [f64],
-    /// Robustness of the requirement; `None` if it diverged or was stopped undecided, which the search is told as +∞.
+    /// Robustness of the requirement; `None` if it diverged or is undecided, which the search is told as +∞.
     pub robustness: Option<f64>,
     /// How it went.
     pub episode: &'a Episode,

@@ -34,7 +34,7 @@ pub struct Asked {
 /// simulation m counts as m simulations. The trial holds no history, only the least robustness.
 ///
 /// A diverged simulation is told to the search as +∞, the worst there is, since it is no counterexample. So is one that
-/// was stopped with the formula undecided. Both are counted. An episode that ran to its end and still left the formula
+/// was stopped with the formula undecided, or on whose trace the formula has no finite value. All are counted. An episode that ran to its end and still left the formula
 /// undecided is an error: the formula is longer than the episode, and the whole budget would be spent on nothing.
 pub struct Trial {
     search: Box<dyn Search>,
@@ -126,7 +126,7 @@ impl Trial {
 /// The robustness of an episode as a trial takes it: `None` if it diverged or was left undecided.
 pub(crate) fn robustness_of(episode: &Episode) -> Option<f64> {
     match episode.end {
-        End::Diverged { .. } => None,
+        End::Diverged { .. } | End::Undefined { .. } => None,
         End::Completed | End::Stopped { .. } => episode.verdict.robustness,
     }
 }

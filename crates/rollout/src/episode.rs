@@ -1,6 +1,6 @@
 use std::sync::{Arc, Mutex};
 
-use mishandle_stl::Trace;
+use mishandle_stl::{MonitorError, Trace};
 use rayon::prelude::*;
 
 use crate::{
@@ -49,6 +49,12 @@ pub enum End {
     /// Its numbers stopped being finite in this control step. Neither a success nor a falsification.
     Diverged {
         /// Control step.
+        step: usize,
+    },
+    /// It ran on, but a formula has no finite value on its trace, as in a division by zero, so all are undecided. Neither
+    /// a success nor a falsification.
+    Undefined {
+        /// Sample of the trace at which it has none.
         step: usize,
     },
 }
@@ -207,7 +213,12 @@ impl Seat {
         for episode in &mut episodes {
             if !matches!(episode.end, End::Diverged { .. }) {
                 let whole = episode.end == End::Completed;
-                episode.verdict = self.judge.verdict(&episode.trace, whole)?;
+                match self.judge.verdict(&episode.trace, whole) {
+                    Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
+                        episode.end = End::Undefined { step };
+                    }
+                    verdict => episode.verdict = verdict?,
+                }
             }
         }
         Ok(episodes)

@@ -5,14 +5,12 @@
 #[non_exhaustive]
 pub enum SearchError {
     /// No search has this name.
-    #[error("there is no search `{wanted}`; there are {}{}", known.join(", "), hint(.nearest))]
+    #[error("there is no search `{wanted}`; there are {}", known.join(", "))]
     UnknownSearch {
         /// The name asked for.
         wanted: String,
         /// The names there are.
         known: Vec<&'static str>,
-        /// The name most like the one asked for, where one is close.
-        nearest: Option<&'static str>,
     },
     /// A search needs at least one coordinate.
     #[error("a search of dimension {found} was asked for; the dimension must be at least 1")]
@@ -52,8 +50,4 @@ pub enum SearchError {
         /// The point told.
         told: Vec<f64>,
     },
-}
-
-fn hint(nearest: &Option<&'static str>) -> String {
-    nearest.map(|name| format!("; did you mean {name}?")).unwrap_or_default()
 }

@@ -53,7 +53,7 @@ pub const SEARCHES: &[SearchEntry] = &[
 /// Makes the search called `name` on `[0,1]^d` with d = `dimension`.
 ///
 /// # Errors
-/// [`SearchError::UnknownSearch`] with the nearest name, or what the search's constructor refuses.
+/// [`SearchError::UnknownSearch`] with the names there are, or what the search's constructor refuses.
 ///
 /// # Example
 /// ```
@@ -62,7 +62,7 @@ pub const SEARCHES: &[SearchEntry] = &[
 /// assert_eq!((search.name(), search.dimension()), ("random", 3));
 ///
 /// let error = by_name("randon", 3, 0, &SearchOptions::default()).err().expect("misspelt");
-/// assert!(error.to_string().ends_with("did you mean random?"));
+/// assert!(error.to_string().ends_with("there are random, nelder-mead, dual-annealing"));
 /// # Ok::<(), mishandle_search::SearchError>(())
 /// ```
 pub fn by_name(
@@ -72,33 +72,10 @@ pub fn by_name(
     options: &SearchOptions,
 ) -> Result<Box<dyn Search>, SearchError> {
     let Some(entry) = SEARCHES.iter().find(|entry| entry.name == name) else {
-        let known: Vec<&'static str> = SEARCHES.iter().map(|entry| entry.name).collect();
         return Err(SearchError::UnknownSearch {
             wanted: name.to_owned(),
-            nearest: nearest(name, &known),
-            known,
+            known: SEARCHES.iter().map(|entry| entry.name).collect(),
         });
     };
     (entry.make)(dimension, seed, options)
-}
-
-/// The known name within a third of its letters of `wanted`, the closest first.
-fn nearest(wanted: &str, known: &[&'static str]) -> Option<&'static str> {
-    let wanted = wanted.to_lowercase().replace(['_', ' '], "-");
-    let distances = known.iter().map(|name| (edit_distance(&wanted, name), *name));
-    distances.filter(|(distance, name)| 3 * distance <= name.len()).min().map(|(_, name)| name)
-}
-
-/// The number of letters to insert, delete or replace to get from `a` to `b` (Levenshtein).
-fn edit_distance(a: &str, b: &str) -> usize {
-    let mut row: Vec<usize> = (0..=b.chars().count()).collect();
-    for (i, from) in a.chars().enumerate() {
-        let mut diagonal = std::mem::replace(&mut row[0], i + 1);
-        for (j, to) in b.chars().enumerate() {
-            let replaced = diagonal + usize::from(from != to);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row.last().copied().unwrap_or(0)
 }

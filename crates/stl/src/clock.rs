@@ -87,6 +87,10 @@ impl Window {
     pub(crate) const UNBOUNDED: Window = Window { begin: 0, end: usize::MAX };
 }
 
+/// The latest sample that a bound may name: so few that those of the longest formula add up to less than 2^63, and more
+/// than a trace of 60 samples a second has after four thousand years.
+const LATEST: f64 = (1_u64 << 43) as f64;
+
 /// The sampling period, and what an interval bound without a unit means.
 ///
 /// A bound has to fall on a sample. It does if it lies within a billionth of a whole number of periods, relative to
@@ -152,18 +156,22 @@ impl Clock {
     pub(crate) fn window(&self, operator: &str, interval: Option<Interval>) -> Result<Window, MonitorError> {
         let Some(interval) = interval else { return Ok(Window::UNBOUNDED) };
         let samples = |bound: Bound| {
-            self.samples(bound).map_err(|samples| MonitorError::NotAMultiple {
-                operator: operator.to_owned(),
-                bound: self.describe(bound),
-                samples,
-                period_secs: self.period_secs,
+            self.samples(bound).map_err(|samples| {
+                let (operator, bound) = (operator.to_owned(), self.describe(bound));
+                if samples > LATEST {
+                    return MonitorError::TooLate { operator, bound, samples };
+                }
+                MonitorError::NotAMultiple { operator, bound, samples, period_secs: self.period_secs }
             })
         };
         Ok(Window { begin: samples(interval.begin)?, end: samples(interval.end)? })
     }
 
-    /// The bound in samples, or, where it falls between two, its quotient by the period.
+    /// The bound in samples, or, where it falls between two or past the latest, its quotient by the period.
     fn samples(&self, bound: Bound) -> Result<usize, f64> {
+        if bound.value.is_infinite() {
+            return Ok(usize::MAX);
+        }
         let unit = bound.unit.or(match self.bare {
             Bare::Steps => None,
             Bare::Time(unit) => Some(unit),
@@ -174,7 +182,7 @@ impl Clock {
         };
         let whole = samples.round();
         let on_a_sample = samples == whole || (samples - whole).abs() <= 1e-9 * whole;
-        if on_a_sample { Ok(whole as usize) } else { Err(samples) }
+        if on_a_sample && whole <= LATEST { Ok(whole as usize) } else { Err(samples) }
     }
 
     /// The bound as written, with the unit that the clock gives it.
@@ -208,7 +216,10 @@ mod tests {
         check(control, f64::INFINITY, None, Ok(usize::MAX));
         check(Clock::rtamt(0.1, Unit::Seconds), 0.3, None, Ok(3));
         check(Clock::rtamt(0.1, Unit::Milliseconds), 300.0, None, Ok(3));
-        check(Clock::rtamt(1.0, Unit::Seconds), 1e300, None, Ok(usize::MAX));
+        check(control, LATEST, None, Ok(1 << 43));
+        check(control, LATEST + 1.0, None, Err(LATEST + 1.0));
+        check(Clock::rtamt(1.0, Unit::Seconds), 1e300, None, Err(1e300));
+        check(Clock::steps(1e-9), 1e300, Some(Unit::Seconds), Err(f64::INFINITY));
     }
 
     #[test]

@@ -62,6 +62,14 @@ pub enum ParseError {
         /// The name.
         name: String,
     },
+    /// A last statement that gives a name to a number, where a formula has to stand.
+    #[error("{at}: `{name} = ...` names a number and measures nothing; did you mean `==`?")]
+    NamesNumber {
+        /// Where the name stands.
+        at: Position,
+        /// The name.
+        name: String,
+    },
     /// More operands wait for their operators than a monitor has buffers for.
     #[error("{at}: expected at most {limit} operands waiting for their operators; the formula nests deeper")]
     TooDeep {
@@ -90,6 +98,7 @@ impl ParseError {
             | ParseError::BadNumber { at, .. }
             | ParseError::BeginAfterEnd { at, .. }
             | ParseError::DefinedTwice { at, .. }
+            | ParseError::NamesNumber { at, .. }
             | ParseError::TooDeep { at, .. }
             | ParseError::TooLong { at, .. } => *at,
         }
@@ -116,6 +125,15 @@ pub enum MonitorError {
         /// The name in the trace that is written most alike, where one is close: a hint to show.
         nearest: Option<String>,
     },
+    /// A definition of the formula bears the name of a signal, which it would hide.
+    #[error(
+        "`{name} = ...` defines a name that is a signal of the trace; did you mean `==`? If not, the definition needs \
+         another name"
+    )]
+    HidesSignal {
+        /// The name.
+        name: String,
+    },
     /// A clock whose period is not a length of time.
     #[error("the sampling period must be positive and finite, in seconds; it is {period_secs}")]
     BadPeriod {
@@ -135,6 +153,19 @@ pub enum MonitorError {
         samples: f64,
         /// The sampling period, s.
         period_secs: f64,
+    },
+    /// An interval bound past the end of any trace, so that horizons could not be added up.
+    #[error(
+        "bound {bound} of `{operator}` is {samples:e} samples, more than any trace has; write `inf` for a window \
+         without an end"
+    )]
+    TooLate {
+        /// The operator whose interval it is.
+        operator: String,
+        /// The bound as written.
+        bound: String,
+        /// The bound divided by the period.
+        samples: f64,
     },
     /// A trace without samples has no time 0.
     #[error("the trace is empty; robustness needs at least one sample")]
@@ -176,62 +207,22 @@ pub enum MonitorError {
     },
 }
 
+impl MonitorError {
+    /// What may have been meant, if something can be said.
+    pub fn hint(&self) -> Option<String> {
+        match self {
+            MonitorError::UnknownSignal { nearest: Some(name), .. } => {
+                Some(format!("did you mean `{name}`?"))
+            }
+            _ => None,
+        }
+    }
+}
+
 fn hint(nearest: &Option<&'static str>) -> String {
     nearest.map(|word| format!("; did you mean `{word}`?")).unwrap_or_default()
 }
 
 fn list(names: &[String]) -> String {
     if names.is_empty() { "no signals".to_owned() } else { names.join(", ") }
-}
-
-/// The known name that takes the fewest edits to reach, if it is at most a third of the name away (or two edits).
-pub(crate) fn nearest<'a>(wanted: &str, known: &'a [String]) -> Option<&'a str> {
-    let limit = (wanted.chars().count() / 3).max(2);
-    nearest_within(limit, wanted, known.iter().map(String::as_str))
-}
-
-/// The known name that takes the fewest edits to reach, if it takes no more than `limit`.
-pub(crate) fn nearest_within<'a>(
-    limit: usize,
-    wanted: &str,
-    known: impl Iterator<Item = &'a str>,
-) -> Option<&'a str> {
-    let ranked = known.map(|name| (edits(wanted, name), name));
-    ranked
-        .filter(|(distance, _)| *distance <= limit)
-        .min_by_key(|(distance, _)| *distance)
-        .map(|(_, name)| name)
-}
-
-/// The Levenshtein distance of two texts, in characters, letter case ignored.
-fn edits(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.to_lowercase().chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, from) in a.to_lowercase().chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, to) in b.iter().enumerate() {
-            let changed = diagonal + usize::from(from != *to);
-            diagonal = row[j + 1];
-            row[j + 1] = changed.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_nearest_name_is_the_one_fewest_edits_away() {
-        let known = ["cube_height", "cube_speed", "door_yaw_deg"].map(String::from);
-        let check = |wanted: &str, expected: Option<&str>| {
-            assert_eq!(nearest(wanted, &known), expected, "{wanted}");
-        };
-        check("cube_hieght", Some("cube_height")); // two letters swapped: two edits
-        check("Cube_Speed", Some("cube_speed"));
-        check("door_yaw", None); // four edits, more than a third of eight letters
-        check("x", None);
-    }
 }

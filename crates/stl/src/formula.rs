@@ -41,7 +41,12 @@ pub(crate) enum Node {
 ///
 /// Numbers may have exponents and underscores. `true` is +∞ and `false` −∞. Comments are `// …` and `/* … */`. A text
 /// may declare (`input float d`), define constants (`const float limit = 0.3`) and name sub-formulas
-/// (`near = d <= limit`) before the last formula, which is the one that counts; semicolons between them are optional.
+/// (`near = d <= limit`) before the last formula, which is the one that counts and may have a name, too (`out = d <= 1`);
+/// semicolons between them are optional. A definition that bears the name of a signal of the trace is refused by the
+/// [`Monitor`](crate::Monitor): most often `=` was typed for `==`. So is a last statement that names a number.
+///
+/// **Comparisons are not chained**: as in RTAMT, `0.2 <= v <= 0.3` is `(0.2 <= v) <= 0.3`, which bounds `v - 0.2`. Write
+/// `0.2 <= v and v <= 0.3`. [`Formula::chains_comparisons`] finds it.
 ///
 /// # Where the reading is not RTAMT's
 /// RTAMT 0.4.10 lets `+` bind tighter than `-` and `*` tighter than `/`: **it reads `a - b + c` as `a - (b + c)`** and
@@ -67,12 +72,22 @@ pub(crate) enum Node {
 ///
 /// # Reference
 /// Nickovic and Yamaguchi, "RTAMT: Online Robustness Monitors from STL", ATVA 2020.
-#[derive(Clone, Debug, PartialEq)]
+///
+/// Two formulas are equal if they mean the same tree; what their texts define on the way to it does not count.
+#[derive(Clone, Debug)]
 pub struct Formula {
     /// Distinct, in the order of their first appearance.
     pub(crate) signals: Vec<String>,
     /// In postfix order, so that no depth of nesting can exhaust the call stack.
     pub(crate) nodes: Vec<Node>,
+    /// The names that the text defines, used or not.
+    pub(crate) defined: Vec<String>,
+}
+
+impl PartialEq for Formula {
+    fn eq(&self, other: &Formula) -> bool {
+        self.signals == other.signals && self.nodes == other.nodes
+    }
 }
 
 impl Formula {
@@ -93,6 +108,15 @@ impl Formula {
     /// `fall`.
     pub fn is_state_predicate(&self) -> bool {
         !self.nodes.iter().any(|node| matches!(node, Node::Apply(operator, _) if operator.is_temporal()))
+    }
+
+    /// Whether the outcome of a comparison is compared again, as in `0.2 <= v <= 0.3`: that is `(0.2 <= v) <= 0.3`, a
+    /// bound on `v - 0.2`, and hardly ever what was meant.
+    pub fn chains_comparisons(&self) -> bool {
+        let starts = self.starts();
+        let compares =
+            |node: usize| matches!(self.nodes[node], Node::Apply(operator, _) if operator.is_order());
+        (0..self.nodes.len()).any(|node| compares(node) && compares(starts[node - 1] - 1))
     }
 
     /// For each node the index where its operands begin.
@@ -129,6 +153,16 @@ enum Piece {
 
 impl fmt::Display for Formula {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.write(f, Operator::name)
+    }
+}
+
+/// How an operator is written.
+type Spelling = fn(Operator) -> &'static str;
+
+impl Formula {
+    /// Writes the formula with operators spelled in this way.
+    pub(crate) fn write(&self, f: &mut fmt::Formatter<'_>, spelling: Spelling) -> fmt::Result {
         let starts = self.starts();
         let mut pieces = vec![Piece::Node(self.nodes.len() - 1)];
         while let Some(piece) = pieces.pop() {
@@ -143,20 +177,19 @@ impl fmt::Display for Formula {
                     Node::Constant(value) => write_number(f, value)?,
                     Node::Signal(signal) => f.write_str(&self.signals[signal as usize])?,
                     Node::Apply(operator, interval) => {
-                        self.unfold(operator, interval, index, &starts, &mut pieces);
+                        self.unfold(operator, spelling(operator), interval, index, &starts, &mut pieces);
                     }
                 },
             }
         }
         Ok(())
     }
-}
 
-impl Formula {
     /// Pushes the pieces of an operator and its operands, the last piece first.
     fn unfold(
         &self,
         operator: Operator,
+        name: &'static str,
         interval: Option<Interval>,
         index: usize,
         starts: &[usize],
@@ -171,7 +204,7 @@ impl Formula {
                     operand,
                     Piece::Text(if tight { "" } else { " " }),
                     Piece::Interval(interval),
-                    Piece::Text(operator.name()),
+                    Piece::Text(name),
                 ]);
             }
             Shape::Infix => {
@@ -180,16 +213,16 @@ impl Formula {
                     self.operand(operator, last, false),
                     Piece::Text(" "),
                     Piece::Interval(interval),
-                    Piece::Text(operator.name()),
+                    Piece::Text(name),
                     Piece::Text(" "),
                     self.operand(operator, left, true),
                 ]);
             }
-            Shape::Call(1) => pieces.extend([Piece::InParentheses(last), Piece::Text(operator.name())]),
+            Shape::Call(1) => pieces.extend([Piece::InParentheses(last), Piece::Text(name)]),
             Shape::Call(_) => {
                 let left = starts[last] - 1;
                 pieces.extend([Piece::Text(")"), Piece::Node(last), Piece::Text(", "), Piece::Node(left)]);
-                pieces.extend([Piece::Text("("), Piece::Text(operator.name())]);
+                pieces.extend([Piece::Text("("), Piece::Text(name)]);
             }
         }
     }
@@ -214,7 +247,7 @@ impl Formula {
 }
 
 /// The shortest text that reads back as the same number; infinities are the truth values.
-fn write_number(f: &mut fmt::Formatter<'_>, value: f64) -> fmt::Result {
+pub(crate) fn write_number(f: &mut fmt::Formatter<'_>, value: f64) -> fmt::Result {
     match value {
         f64::INFINITY => f.write_str("true"),
         f64::NEG_INFINITY => f.write_str("false"),

@@ -25,6 +25,7 @@
 
 mod clock;
 mod error;
+mod explain;
 mod extremum;
 mod formula;
 mod lexer;
@@ -33,11 +34,14 @@ mod operator;
 mod parser;
 mod pointwise;
 mod program;
+mod spelling;
 mod trace;
 mod until;
 
 pub use clock::{Clock, Unit};
 pub use error::{MonitorError, ParseError, Position};
+pub use explain::Moment;
 pub use formula::Formula;
 pub use monitor::Monitor;
+pub use spelling::nearest;
 pub use trace::Trace;

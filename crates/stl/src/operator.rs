@@ -172,6 +172,11 @@ impl Operator {
         self.row().4 != Pointwise
     }
 
+    /// Whether the operator asks which of two values is the larger.
+    pub(crate) fn is_order(self) -> bool {
+        matches!(self, LessOrEqual | GreaterOrEqual | Less | Greater)
+    }
+
     /// Whether the operator computes numbers from numbers, and may fail to.
     pub(crate) fn is_arithmetic(self) -> bool {
         matches!(self, Sqrt | Exp | Ln | Pow | Multiply | Divide | Add | Subtract)

@@ -1,10 +1,11 @@
 //! From tokens to a formula in postfix order, by operator precedence with an explicit stack.
 
 use crate::clock::{Bound, Interval, Unit};
-use crate::error::{ParseError, Position, nearest_within};
+use crate::error::{ParseError, Position};
 use crate::formula::{Formula, Node};
 use crate::lexer::{Kind, Token, tokens};
 use crate::operator::{Operator, Shape};
+use crate::spelling::nearest_within;
 use std::collections::HashMap;
 
 /// The most operands that may wait for their operators: a monitor keeps a buffer of the trace's length for each.
@@ -30,13 +31,15 @@ pub(crate) fn parse(text: &str) -> Result<Formula, ParseError> {
         signals: Vec::new(),
         places: HashMap::new(),
         named: HashMap::new(),
+        defined: Vec::new(),
     };
     let nodes = parser.text()?;
-    Ok(with_own_signals(nodes, &parser.signals))
+    let defined = parser.defined.iter().map(|name| (*name).to_owned()).collect();
+    Ok(with_own_signals(nodes, &parser.signals, defined))
 }
 
 /// The formula of these nodes, its signals numbered by their first appearance; signals of unused definitions fall away.
-fn with_own_signals(mut nodes: Vec<Node>, names: &[&str]) -> Formula {
+fn with_own_signals(mut nodes: Vec<Node>, names: &[&str], defined: Vec<String>) -> Formula {
     let mut own = vec![None; names.len()];
     let mut signals = Vec::new();
     for node in &mut nodes {
@@ -48,7 +51,7 @@ fn with_own_signals(mut nodes: Vec<Node>, names: &[&str]) -> Formula {
             });
         }
     }
-    Formula { signals, nodes }
+    Formula { signals, nodes, defined }
 }
 
 struct Parser<'t> {
@@ -59,6 +62,8 @@ struct Parser<'t> {
     places: HashMap<&'t str, u32>,
     /// What names stand for: constants and sub-formulas, in postfix order, with the operands they make wait.
     named: HashMap<&'t str, Operands>,
+    /// Every name that stands before a `=`, in order.
+    defined: Vec<&'t str>,
 }
 
 /// A formula under construction: nodes in postfix order, the operands that wait now, and the most that ever did.
@@ -117,7 +122,12 @@ impl<'t> Parser<'t> {
             let has_end = self.peek().is_symbol(";");
             while self.accept(";") {}
             if self.peek().kind == Kind::End {
-                return Ok(formula.nodes);
+                return match name {
+                    Some(token) if formula.is_number() => {
+                        Err(ParseError::NamesNumber { at: token.at, name: token.text.to_owned() })
+                    }
+                    _ => Ok(formula.nodes),
+                };
             }
             match name {
                 Some(token) => self.define(token, formula)?,
@@ -147,7 +157,10 @@ impl<'t> Parser<'t> {
             return Ok(None);
         }
         let name = self.names_statement().then(|| self.peek());
-        self.next += if name.is_some() { 2 } else { 0 };
+        if let Some(token) = name {
+            self.defined.push(token.text);
+            self.next += 2;
+        }
         Ok(Some((name, self.formula()?)))
     }
 
@@ -191,6 +204,7 @@ impl<'t> Parser<'t> {
             return self.unexpected("the constant's value, a number");
         };
         self.next += 1;
+        self.defined.push(name.text);
         self.define(name, Operands { nodes: vec![Node::Constant(sign * value)], waiting: 1, most: 1 })
     }
 
@@ -356,6 +370,9 @@ impl<'t> Parser<'t> {
     /// The operator that was meant, perhaps, where none could be read: by the next token, which should be one between
     /// operands, or by the name before it, which was taken for an operand.
     fn misspelt(&self) -> Option<&'static str> {
+        if self.peek().is_symbol("=") {
+            return Some("==");
+        }
         let operator = |token: &Token<'_>, shapes: &[Shape]| match token.kind {
             Kind::Word(word) if !is_reserved(word) => nearest_operator(word, shapes),
             _ => None,
@@ -427,6 +444,12 @@ impl<'t> Parser<'t> {
 }
 
 impl Operands {
+    /// Whether no signal and no truth value is in it.
+    fn is_number(&self) -> bool {
+        let is_finite = |node: &Node| matches!(node, Node::Constant(value) if value.is_finite());
+        self.nodes.iter().all(|node| is_finite(node) || matches!(node, Node::Apply(..)))
+    }
+
     /// Appends an operand that itself makes `most` operands wait.
     fn push(&mut self, nodes: &[Node], most: usize, at: Position) -> Result<(), ParseError> {
         self.most = self.most.max(self.waiting + most);

@@ -1,9 +1,10 @@
 //! A formula compiled to a list of instructions over numbered buffers.
 
 use crate::clock::{Clock, Window};
-use crate::error::{MonitorError, nearest};
+use crate::error::MonitorError;
 use crate::formula::{Formula, Node};
 use crate::operator::Operator;
+use crate::spelling::nearest;
 
 /// Where the values of an operand lie.
 #[derive(Clone, Copy, Debug)]
@@ -61,6 +62,9 @@ impl Program {
         clock: &Clock,
     ) -> Result<Program, MonitorError> {
         clock.check()?;
+        if let Some(name) = formula.defined.iter().find(|name| names.contains(name)) {
+            return Err(MonitorError::HidesSignal { name: name.clone() });
+        }
         let columns =
             formula.signals.iter().map(|name| column(name, names)).collect::<Result<Vec<_>, _>>()?;
         let mut compiler = Compiler::default();
@@ -95,7 +99,7 @@ fn column(wanted: &str, names: &[String]) -> Result<(usize, String), MonitorErro
         None => Err(MonitorError::UnknownSignal {
             wanted: wanted.to_owned(),
             known: names.to_vec(),
-            nearest: nearest(wanted, names).map(str::to_owned),
+            nearest: nearest(wanted, names.iter().map(String::as_str)).map(str::to_owned),
         }),
     }
 }

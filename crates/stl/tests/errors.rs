@@ -339,3 +339,73 @@ fn a_trace_of_other_signals_is_refused() {
 fn a_sample_of_the_wrong_width_is_a_fault_of_the_caller() {
     Trace::new(Arc::from(["d".to_owned()])).push(&[1.0, 2.0]);
 }
+
+#[test]
+fn a_bound_past_every_trace_is_refused_and_horizons_never_wrap() {
+    let names = ["d".to_owned()];
+    let horizon = |text: &str| {
+        Monitor::new(&Formula::parse(text).unwrap(), &names, Clock::steps(1.0))
+            .map(|monitor| monitor.horizon())
+    };
+    // 2^64 - 2048, 2^64 and beyond; the next number above 2^43.
+    for bound in ["18446744073709549568", "18446744073709551616", "1e300", "8796093022209"] {
+        for text in [format!("always[0:{bound}] d"), format!("d until[{bound}:inf] d")] {
+            let error = horizon(&text).unwrap_err();
+            assert!(matches!(error, MonitorError::TooLate { .. }), "{text}: {error}");
+        }
+    }
+    assert_eq!(
+        horizon("always[0:1e16] d").unwrap_err().to_string(),
+        "bound 10000000000000000 (steps) of `always` is 1e16 samples, more than any trace has; write `inf` for a window without an \
+         end"
+    );
+    // The most that a bound may be, added up as often as a formula may nest, still counts.
+    let latest = 1_usize << 43;
+    assert_eq!(horizon(&format!("always[0:{latest}] d")), Ok(Some(latest)));
+    let nested = format!("{}d", format!("always[0:{latest}] ").repeat(1000));
+    assert_eq!(horizon(&nested), Ok(Some(1000 * latest)));
+    assert_eq!(horizon("always[0:inf] d"), Ok(None));
+}
+
+#[test]
+fn an_assignment_that_should_be_a_comparison_is_found_out() {
+    let names = ["ball_speed".to_owned()];
+    check(
+        "ball_sped = 0.1",
+        1,
+        "column 1: `ball_sped = ...` names a number and measures nothing; did you mean `==`?",
+    );
+    check(
+        "p = 1; q = -p * 2",
+        8,
+        "column 8: `q = ...` names a number and measures nothing; did you mean `==`?",
+    );
+    let found = "expected an operator or `)` to match the `(` at column 7, found `=`; did you mean `==`?";
+    check("always(ball_speed = 0.1)", 19, &format!("column 19: {found}"));
+    let monitor = |text: &str| Monitor::new(&Formula::parse(text).unwrap(), &names, Clock::steps(1.0));
+    for text in
+        ["ball_speed = abs(v)", "ball_speed = 3; always ball_speed", "const float ball_speed = 3 true"]
+    {
+        let error = monitor(text).unwrap_err().to_string();
+        assert!(
+            error.contains("`ball_speed = ...`") && error.contains("did you mean `==`?"),
+            "{text}: {error}"
+        );
+    }
+    // RTAMT's own way to write a formula.
+    assert!(monitor("out = ball_speed <= 0.1").is_ok());
+    assert!(monitor("limit = 0.1; out = ball_speed <= limit").is_ok());
+}
+
+#[test]
+fn chained_comparisons_are_found() {
+    let chains = |text: &str| Formula::parse(text).unwrap().chains_comparisons();
+    for text in ["0.2 <= v <= 0.3", "always(1 < v - 2 >= w)", "a and b > c > d or e"] {
+        assert!(chains(text), "{text}");
+    }
+    for text in ["0.2 <= v and v <= 0.3", "v <= (w <= 3)", "(a < b) == (c < d)", "a", "1 < 2"] {
+        assert!(!chains(text), "{text}");
+    }
+    // What RTAMT makes of it: 0.3 - (v - 0.2).
+    assert_eq!(measure("0.2 <= v <= 0.3".replace('v', "d").as_str(), &[0.0]), Ok(vec![0.5]));
+}

@@ -1,5 +1,6 @@
 //! What can go wrong with a run file, told to the user.
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use rusqlite::ErrorCode;
@@ -59,6 +60,12 @@ pub enum StoreError {
     )]
     DiskFull {
         /// The file.
+        path: PathBuf,
+    },
+    /// No room is left for a new run.
+    #[error("the disk is full, so the run could not be begun: {}", path.display())]
+    NoRoom {
+        /// The file, which is not there.
         path: PathBuf,
     },
     /// The file is something else.
@@ -205,7 +212,13 @@ pub enum StoreError {
 
 impl StoreError {
     pub(crate) fn damaged(path: &Path, what: impl Into<String>) -> Self {
-        Self::Damaged { what: what.into(), path: path.into() }
+        Self::Damaged { what: what.into() + if_without_log(path), path: path.into() }
+    }
+
+    /// The file is a database that does not say it is a run.
+    pub(crate) fn of_another_program(path: &Path) -> Self {
+        let found = "a SQLite database of another program, or one whose making was broken off";
+        Self::NotARun { found: found.to_string() + if_without_log(path), path: path.into() }
     }
 
     /// `doing` is what was tried, as a verb.
@@ -228,7 +241,7 @@ impl StoreError {
         let code = match error {
             rusqlite::Error::SqliteFailure(failure, _) => failure,
             rusqlite::Error::SqlInputError { error, .. } => error,
-            _ => return Self::Damaged { what: message, path },
+            _ => return Self::damaged(&path, message),
         };
         match (code.code, code.extended_code) {
             (ErrorCode::DiskFull, _) | (_, rusqlite::ffi::SQLITE_IOERR_SHMSIZE) => Self::DiskFull { path },
@@ -237,9 +250,25 @@ impl StoreError {
             (ErrorCode::CannotOpen, _) => Self::CannotOpen { path },
             (ErrorCode::NotADatabase, _) => Self::NotARun { found: "a file of another kind".into(), path },
             (ErrorCode::DatabaseCorrupt | ErrorCode::Unknown, _)
-            | (_, rusqlite::ffi::SQLITE_IOERR_SHORT_READ) => Self::Damaged { what: message, path },
+            | (_, rusqlite::ffi::SQLITE_IOERR_SHORT_READ) => Self::damaged(&path, message),
             _ => Self::Sqlite { message, path },
         }
+    }
+}
+
+/// What else may be wrong with a file that SQLite would read together with a log, and that has none.
+fn if_without_log(path: &Path) -> &'static str {
+    // Bytes 18 and 19 of a SQLite file are 2 from the time its writer begins a log until it has closed the file.
+    const VERSIONS: std::ops::Range<usize> = 18..20;
+    let mut begin = [0; VERSIONS.end];
+    let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut begin));
+    let mut log = path.as_os_str().to_owned();
+    log.push("-wal");
+    let has_log = std::fs::metadata(log).is_ok_and(|found| found.len() > 0);
+    if read.is_ok() && begin[VERSIONS] == [2, 2] && !has_log {
+        ", or a run that was copied while it was written or after a kill, without the file ending in `-wal` beside it"
+    } else {
+        ""
     }
 }
 

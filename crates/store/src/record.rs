@@ -41,6 +41,11 @@ pub enum End {
         /// The control step in which it did.
         step: u32,
     },
+    /// A formula has no finite value on its trace.
+    Undefined {
+        /// The sample at which it has none.
+        step: u32,
+    },
 }
 
 /// One episode and its robustness: a row of the run.

@@ -36,6 +36,7 @@ pub(crate) fn end_text(end: End) -> (&'static str, Option<u32>) {
         End::Horizon => ("horizon", None),
         End::Stopped { step } => ("stopped", Some(step)),
         End::Diverged { step } => ("diverged", Some(step)),
+        End::Undefined { step } => ("undefined", Some(step)),
     }
 }
 
@@ -44,6 +45,7 @@ fn end_from_text(text: &str, step: Option<u32>) -> Option<End> {
         ("horizon", None) => Some(End::Horizon),
         ("stopped", Some(step)) => Some(End::Stopped { step }),
         ("diverged", Some(step)) => Some(End::Diverged { step }),
+        ("undefined", Some(step)) => Some(End::Undefined { step }),
         _ => None,
     }
 }

@@ -41,17 +41,18 @@ impl RunWriter {
     /// [`NotARun`](StoreError::NotARun) if it is not ours to replace, [`Locked`](StoreError::Locked) if it is
     /// being written; [`BadHeader`](StoreError::BadHeader) if names repeat or numbers are not finite;
     /// [`Missing`](StoreError::Missing), [`ReadOnly`](StoreError::ReadOnly) and
-    /// [`DiskFull`](StoreError::DiskFull) for the folder.
+    /// [`NoRoom`](StoreError::NoRoom) for the folder.
     pub fn create(path: impl AsRef<Path>, header: &RunHeader, existing: Existing) -> Result<Self> {
         let path = path.as_ref();
         header_table::guard(header)?;
         if existing == Existing::Replace && path.exists() {
             remove(path)?;
         }
-        claim(path)?;
-        fill(path, header).inspect_err(|_| {
+        claim(path).map_err(not_begun)?;
+        fill(path, header).map_err(|error| {
             // What was made so far is ours and worth nothing; the first failure is the one to tell.
             let _ = remove_files(path);
+            not_begun(error)
         })
     }
 
@@ -166,6 +167,14 @@ impl Drop for RunWriter {
     fn drop(&mut self) {
         // Nobody is left to tell; the log holds what could not be moved into the file.
         let _ = settle(&self.file.connection);
+    }
+}
+
+/// A failure of a run that is not there: nothing of it is safe, and nothing can be resumed.
+fn not_begun(error: StoreError) -> StoreError {
+    match error {
+        StoreError::DiskFull { path } => StoreError::NoRoom { path },
+        error => error,
     }
 }
 
@@ -314,6 +323,12 @@ mod tests {
         // Noise, so that it takes as much room as it has bits.
         let column = (0..301_u32).map(|step| f64::from(step * 31 + number * 17).sin()).collect();
         SimulationRecord { simulation, trace: Some(Trace { columns: vec![column] }) }
+    }
+
+    #[test]
+    fn a_run_that_found_no_room_to_begin_is_not_to_be_resumed() {
+        let full = StoreError::from_io(Path::new("run"), "create", ErrorKind::StorageFull.into());
+        assert_eq!(not_begun(full).to_string(), "the disk is full, so the run could not be begun: run");
     }
 
     #[test]

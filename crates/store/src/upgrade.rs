@@ -23,8 +23,7 @@ pub(crate) fn version(connection: &Connection, path: &Path, steps: &[Step]) -> R
     let found = integer("user_version")?;
     let supported = steps.len() as i64 + 1;
     if application_id != APPLICATION_ID {
-        let found = "a SQLite database of another program, or one whose making was broken off".into();
-        return Err(StoreError::NotARun { found, path: path.into() });
+        return Err(StoreError::of_another_program(path));
     }
     if found > supported {
         return Err(StoreError::NewerVersion { found, supported, path: path.into() });

@@ -150,6 +150,21 @@ fn a_run_whose_making_was_broken_off_is_named_and_may_be_replaced() {
 }
 
 #[test]
+fn a_copy_without_its_log_is_told_what_it_may_be_and_a_closed_run_is_one_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, copy) = (folder.path().join("run.sqlite"), folder.path().join("copy.sqlite"));
+    let mut writer = RunWriter::create(&path, &header(), Existing::Refuse).unwrap();
+    writer.start_trial(1, 1).unwrap();
+    writer.record(&[record(1, 1)]).unwrap();
+    std::fs::copy(&path, &copy).unwrap();
+    let error = RunFile::open(&copy).err().unwrap().to_string();
+    assert!(error.contains("a run that was copied") && error.contains("`-wal`"), "{error}");
+    writer.close().unwrap();
+    std::fs::copy(&path, &copy).unwrap();
+    assert_eq!(RunFile::open(&copy).unwrap().counts().unwrap().simulations, 1);
+}
+
+#[test]
 fn a_locked_file_is_named() {
     let (_folder, path) = small_run();
     let other = rusqlite::Connection::open(&path).unwrap();

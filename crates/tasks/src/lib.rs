@@ -6,10 +6,14 @@
 use std::sync::{PoisonError, RwLock};
 
 mod ball_balancing;
+mod ball_catching;
 mod ball_pushing;
+mod cube_stacking;
 mod definition;
+mod door_opening;
 mod environment;
 mod expert;
+mod peg_in_hole;
 mod point_reaching;
 mod reward;
 mod robot;
@@ -19,13 +23,21 @@ pub use definition::{
 };
 pub use environment::{TaskEnvironment, TaskError};
 pub use expert::{Behavior, Expert, Seen, limited};
+pub use reward::effort;
 pub use robot::{
     CONTROL_DT, EPISODE_STEPS, FINGER_STEP, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT, compose,
 };
 
 /// The benchmark's tasks, in the order in which they are listed.
-pub static TASKS: &[&dyn Task] =
-    &[&point_reaching::PointReaching, &ball_balancing::BallBalancing, &ball_pushing::BallPushing];
+pub static TASKS: &[&dyn Task] = &[
+    &point_reaching::PointReaching,
+    &cube_stacking::CubeStacking,
+    &peg_in_hole::PegInHole,
+    &ball_balancing::BallBalancing,
+    &ball_catching::BallCatching,
+    &ball_pushing::BallPushing,
+    &door_opening::DoorOpening,
+];
 
 /// Tasks beside the benchmark's.
 static ADDED: RwLock<Vec<&'static dyn Task>> = RwLock::new(Vec::new());

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use mishandle_controllers::{Policy, write_atomically};
+use mishandle_controllers::{Policy, UNSEALED, is_sealed, seal, write_atomically};
 use mishandle_network::{Adam, Mlp, Moments};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
@@ -62,13 +62,17 @@ pub struct Checkpoint {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Header {
     format_version: u64,
+    /// Hash of the file, where it was read; see [`seal`].
+    #[serde(default)]
+    sha256: String,
     algorithm: String,
     environment: String,
     seed: u64,
     settings: String,
 }
 
-const FORMAT_VERSION: u64 = 1;
+/// Version 1 had no hash of itself.
+const FORMAT_VERSION: u64 = 2;
 const HEADER_KEY: &str = "mishandle-checkpoint";
 
 impl Checkpoint {
@@ -77,6 +81,7 @@ impl Checkpoint {
         Checkpoint {
             header: Header {
                 format_version: FORMAT_VERSION,
+                sha256: UNSEALED.to_string(),
                 algorithm: algorithm.to_string(),
                 environment: environment.to_string(),
                 seed,
@@ -128,8 +133,8 @@ impl Checkpoint {
         }
         Err(TrainingError::OtherTraining {
             what: "settings",
-            wanted: wanted.replace('\n', ", "),
-            found: began.replace('\n', ", "),
+            wanted: without(wanted, began),
+            found: without(began, wanted),
         })
     }
 
@@ -285,8 +290,10 @@ impl Checkpoint {
         let views = tensors.iter().map(|(name, dtype, length, bytes)| {
             (*name, TensorView::new(*dtype, vec![*length], bytes).expect(right))
         });
-        safetensors::serialize(views, Some(std::iter::once((HEADER_KEY.to_string(), json)).collect()))
-            .expect(right)
+        let metadata = std::iter::once((HEADER_KEY.to_string(), json)).collect();
+        let mut bytes = safetensors::serialize(views, Some(metadata)).expect(right);
+        seal(&mut bytes);
+        bytes
     }
 
     fn from_bytes(bytes: &[u8]) -> Result<Checkpoint, String> {
@@ -296,7 +303,11 @@ impl Checkpoint {
         let json = json.ok_or_else(|| format!("it has no header `{HEADER_KEY}`"))?;
         let value: serde_json::Value = serde_json::from_str(json).map_err(|error| error.to_string())?;
         match value.get("format_version").and_then(serde_json::Value::as_u64) {
-            Some(1..=FORMAT_VERSION) => {}
+            Some(1) if value.get("sha256").is_none() => {}
+            Some(0..=FORMAT_VERSION) if is_sealed(bytes) => {}
+            Some(0..=FORMAT_VERSION) => {
+                return Err("it is damaged, its bytes are not those that were written".to_string());
+            }
             Some(newer) => {
                 return Err(format!(
                     "it has format version {newer}, this program reads up to {FORMAT_VERSION}"
@@ -304,7 +315,9 @@ impl Checkpoint {
             }
             None => return Err("its header has no `format_version`".to_string()),
         }
-        let header = serde_json::from_value(value).map_err(|error| error.to_string())?;
+        let found: Header = serde_json::from_value(value).map_err(|error| error.to_string())?;
+        // What is written again is written in the present format.
+        let header = Header { format_version: FORMAT_VERSION, sha256: UNSEALED.to_string(), ..found };
         let mut numbers = BTreeMap::new();
         for (name, view) in file.tensors() {
             let numbers_of_tensor = match view.dtype() {
@@ -317,6 +330,13 @@ impl Checkpoint {
         }
         Ok(Checkpoint { header, numbers })
     }
+}
+
+/// The lines of `settings` that `others` lack.
+fn without(settings: &str, others: &str) -> String {
+    let differs = |line: &&str| !others.lines().any(|other| other == *line);
+    let lines: Vec<&str> = settings.lines().filter(differs).collect();
+    if lines.is_empty() { "the default".to_string() } else { lines.join(", ") }
 }
 
 fn chunks<'a, const N: usize>(view: &TensorView<'a>) -> impl Iterator<Item = [u8; N]> + use<'a, N> {
@@ -369,14 +389,27 @@ mod tests {
     }
 
     #[test]
+    fn a_single_changed_bit_is_found_out() {
+        let mut bytes = example().to_bytes();
+        for place in 0..bytes.len() {
+            for bit in 0..8 {
+                bytes[place] ^= 1 << bit;
+                assert!(Checkpoint::from_bytes(&bytes).is_err(), "bit {bit} of byte {place}");
+                bytes[place] ^= 1 << bit;
+            }
+        }
+        assert!(Checkpoint::from_bytes(&bytes).is_ok());
+    }
+
+    #[test]
     fn damaged_and_newer_files_are_refused() {
         let bytes = example().to_bytes();
         for length in 0..bytes.len() {
             assert!(Checkpoint::from_bytes(&bytes[..length]).is_err(), "cut to {length} bytes");
         }
         let mut newer = example();
-        newer.header.format_version = 2;
+        newer.header.format_version = 3;
         let told = Checkpoint::from_bytes(&newer.to_bytes()).unwrap_err();
-        assert_eq!(told, "it has format version 2, this program reads up to 1");
+        assert_eq!(told, "it has format version 3, this program reads up to 2");
     }
 }

@@ -75,8 +75,9 @@ pub(crate) fn train(
         progress.total_steps = run.total_steps;
         progress.validation = validation;
         clock.tell(&mut progress);
-        ended = observer.progress(&progress) == Flow::Stop || is_last || selection.content();
-        if ended || learner.iteration().is_multiple_of(run.checkpoint_every) {
+        let flow = observer.progress(&progress);
+        ended = flow == Flow::Stop || is_last || selection.content();
+        if ended || flow == Flow::Save || learner.iteration().is_multiple_of(run.checkpoint_every) {
             let mut checkpoint = learner.checkpoint();
             selection.save(&mut checkpoint);
             checkpoint.put("wall_clock_secs", vec![clock.secs()]);

@@ -44,6 +44,17 @@ pub struct Progress {
 }
 
 impl Progress {
+    /// What steps are counted in, and its letter: thousands for short trainings, else millions.
+    fn unit(&self) -> (f64, &'static str) {
+        if self.total_steps < 1_000_000 { (1e3, "k") } else { (1e6, "M") }
+    }
+
+    /// Environment steps done, for people.
+    pub fn steps_done(&self) -> String {
+        let (unit, letter) = self.unit();
+        format!("{:.2}{letter}", self.environment_steps as f64 / unit)
+    }
+
     /// Time left at the present speed, s.
     pub fn seconds_left(&self) -> f64 {
         self.total_steps.saturating_sub(self.environment_steps) as f64 / self.steps_per_second
@@ -54,11 +65,12 @@ impl Progress {
 impl fmt::Display for Progress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let left = self.seconds_left().round();
+        let (unit, letter) = self.unit();
         write!(
             f,
-            "{:.2}M of {:.0}M steps, {:.1}k steps/s",
-            self.environment_steps as f64 / 1e6,
-            self.total_steps as f64 / 1e6,
+            "{} of {}{letter} steps, {:.1}k steps/s",
+            self.steps_done(),
+            (self.total_steps as f64 / unit * 100.0).round() / 100.0,
             self.steps_per_second / 1e3
         )?;
         if let Some(mean_return) = self.mean_return {
@@ -113,6 +125,8 @@ pub struct Validation {
 pub enum Flow {
     /// Go on.
     Continue,
+    /// Go on, and give a checkpoint now.
+    Save,
     /// End after this iteration.
     Stop,
 }
@@ -126,7 +140,7 @@ pub trait Observer {
     /// Called after each iteration. [`Flow::Stop`] ends the training.
     fn progress(&mut self, progress: &Progress) -> Flow;
 
-    /// Called as often as the settings say, and at the end. A failure to write it does not end a training: tell it.
+    /// Called as often as the settings say, when [`Flow::Save`] asks for it, and at the end. A failure to write it does not end a training: tell it.
     fn checkpoint(&mut self, _checkpoint: &Checkpoint) {}
 }
 
@@ -182,5 +196,7 @@ mod tests {
             progress.to_string(),
             "1.50M of 20M steps, 50.0k steps/s, return 101.3, success 98.5 %, strict 90.0 %, 6:10 left"
         );
+        let short = Progress { environment_steps: 1024, total_steps: 2048, diverged: 1, ..progress };
+        assert!(short.to_string().starts_with("1.02k of 2.05k steps, "), "{short}");
     }
 }

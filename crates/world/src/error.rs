@@ -18,4 +18,15 @@ pub enum WorldError {
     /// The body is there, but its pose cannot be set.
     #[error("body `{0}` is not a mocap body, so its pose cannot be set")]
     NotMocap(String),
+    /// Nothing can be drawn.
+    #[error(
+        "no picture can be drawn without a display here: {0} (it takes EGL and OpenGL; on Debian and Ubuntu: apt install \
+         libegl1 libgl1-mesa-dri)"
+    )]
+    Render(String),
+    /// The program cannot draw.
+    #[error(
+        "this program was built without pictures; build it with `cargo build --release --features render`"
+    )]
+    NoRenderer,
 }

@@ -12,6 +12,7 @@ mod error;
 pub mod frame;
 mod kinematics;
 mod model;
+mod render;
 mod rows;
 mod state;
 
@@ -19,6 +20,7 @@ pub use element::{Actuator, Body, Equality, Joint, Mocap, Site};
 pub use error::WorldError;
 pub use kinematics::Arm;
 pub use model::Model;
+pub use render::{Renderer, Size, png};
 pub use rows::Rows;
 pub use state::World;
 

@@ -1,4 +1,5 @@
-use std::sync::Arc;
+use std::ffi::c_char;
+use std::sync::{Arc, Once};
 
 use mujoco_rs::prelude::*;
 
@@ -31,6 +32,7 @@ impl Model {
         if xml.contains('\0') {
             return Err(WorldError::Model("the document holds a zero byte".to_string()));
         }
+        keep_warnings();
         let inner = MjModel::from_xml_string(xml).map_err(|error| WorldError::Model(error.to_string()))?;
         if inner.jnt_type().contains(&MjtJoint::mjJNT_BALL) {
             return Err(WorldError::Model(
@@ -156,4 +158,14 @@ impl Model {
         };
         (id < count as usize).then(|| self.inner.id_to_name(kind, id).unwrap_or_default().to_string())
     }
+}
+
+/// MuJoCo writes each warning to a file in the working directory, unless somebody takes it. All that it warns of is also
+/// counted in its data, where [`World::take_divergence`] looks, so nobody needs the file.
+fn keep_warnings() {
+    extern "C" fn take(_warning: *const c_char) {}
+    static ONCE: Once = Once::new();
+    // SAFETY: no thread of ours is in MuJoCo before the first model is compiled, and it is written once.
+    #[allow(unsafe_code)]
+    ONCE.call_once(|| unsafe { mujoco_rs::mujoco_c::mju_user_warning = Some(take) });
 }

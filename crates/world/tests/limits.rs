@@ -188,3 +188,14 @@ fn the_hand_does_not_pass_through_the_base() {
     assert!(touched, "the hand ends at {:?}", robot.world.qpos());
     assert!(deepest < 0.02, "the hand is {deepest} m deep in the robot's own links");
 }
+
+#[test]
+fn numbers_that_run_wild_are_told_once_and_leave_no_file_behind() {
+    let mut world = Model::from_xml(PANDA).unwrap().world();
+    assert!(!world.take_divergence());
+    world.qvel_mut()[0] = 1e12;
+    world.step();
+    assert!(world.take_divergence());
+    assert!(!world.take_divergence());
+    assert!(!std::path::Path::new("MUJOCO_LOG.TXT").exists());
+}

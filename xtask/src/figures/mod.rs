@@ -72,7 +72,7 @@ fn text(value: &Value) -> String {
 }
 
 /// Puts `table` between the comments of that name in a file.
-fn replace(path: &Path, name: &str, table: &str) -> Result<()> {
+pub fn replace(path: &Path, name: &str, table: &str) -> Result<()> {
     let old = fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let new = replaced(&old, name, table).with_context(|| path.display().to_string())?;
     fs::write(path, new)?;

@@ -1,26 +1,30 @@
-use std::ops::ControlFlow;
-
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use mishandle::evaluation::{Estimate, Report};
 use mishandle::tasks::CONTROL_DT;
 use mishandle::{EvaluatePlan, Plan, Starts, Subject};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
-use crate::{Outcome, args, progress, run};
+use crate::{Outcome, args, interrupt, progress, run};
 
 pub fn run(command: &args::Evaluate) -> Result<Outcome> {
     run::set_threads(command.run.threads)?;
+    let moved = command.subject.controller.as_deref();
     let (plan, subject, file) =
-        run::open(command.resume.as_deref(), command.out.as_deref(), || plan(command))?;
+        run::open(command.resume.as_deref(), moved, command.out.as_deref(), || plan(command))?;
+    interrupt::listen()?;
     let name = run::name(file.file());
     let episodes = plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
     let bar = progress::bar(episodes, "simulations");
     let report = mishandle::evaluate(&plan, &subject, file, |done| {
         bar.set_position(done);
-        ControlFlow::Continue(())
+        run::flow()
     })?;
     bar.finish_and_clear();
+    if report.simulations < episodes {
+        run::say_interrupted("evaluate", report.simulations, &name);
+        return Ok(Outcome::Interrupted);
+    }
     if command.run.json {
         output::json(&document(&plan, &subject, &report))?;
     } else {
@@ -41,7 +45,6 @@ fn plan(command: &args::Evaluate) -> Result<Plan> {
             other => anyhow::bail!("--box is `{other}`; it has to be whole or reachable"),
         };
     }
-    ensure!(evaluate.episodes > 0, "--episodes is 0; it has to be at least 1");
     plan.falsify = None;
     plan.evaluate = Some(EvaluatePlan { ..evaluate });
     Ok(plan)
@@ -65,7 +68,7 @@ fn document(plan: &Plan, subject: &Subject, report: &Report) -> Value {
         "stochastic": plan.stochastic,
         "action_noise": plan.action_noise,
         "observation_noise": plan.observation_noise,
-        "seed": plan.seed,
+        "seed": plan.seed.to_string(),
         "simulations": report.simulations,
         "diverged": report.diverged,
         "undecided": report.undecided,
@@ -77,18 +80,18 @@ fn document(plan: &Plan, subject: &Subject, report: &Report) -> Value {
 }
 
 fn text(plan: &Plan, report: &Report) -> String {
-    let percent = |estimate: &Estimate| match (estimate.value, estimate.low, estimate.high) {
-        (Some(value), Some(low), Some(high)) => {
-            [format!("{:.2} %", 100.0 * value), format!("[{:.2}, {:.2}]", 100.0 * low, 100.0 * high)]
-        }
-        _ => [String::from("-"), String::new()],
+    // A single number has a mean, but says nothing of its spread.
+    let cells = |estimate: &Estimate, value: &dyn Fn(f64) -> String, end: &dyn Fn(f64) -> String| {
+        let interval =
+            estimate.low.zip(estimate.high).map(|(low, high)| format!("[{}, {}]", end(low), end(high)));
+        [estimate.value.map_or("-".to_string(), value), interval.unwrap_or("-".to_string())]
     };
-    let steps = |estimate: &Estimate| match (estimate.value, estimate.low, estimate.high) {
-        (Some(value), Some(low), Some(high)) => [
-            format!("{value:.1} control steps ({:.2} s)", value * CONTROL_DT),
-            format!("[{low:.1}, {high:.1}]"),
-        ],
-        _ => [String::from("-"), String::new()],
+    let hundredth = |share: f64| format!("{:.2}", 100.0 * share);
+    let percent =
+        |estimate: &Estimate| cells(estimate, &|share| format!("{} %", hundredth(share)), &hundredth);
+    let steps = |estimate: &Estimate| {
+        let value = |steps: f64| format!("{steps:.1} control steps ({:.2} s)", steps * CONTROL_DT);
+        cells(estimate, &value, &|steps| format!("{steps:.1}"))
     };
     let row = |name: &str, [value, interval]: [String; 2], n: u64| {
         vec![name.to_string(), value, interval, n.to_string()]

@@ -1,28 +1,38 @@
-use std::ops::ControlFlow;
-
 use anyhow::Result;
 use mishandle::falsification::{Outcome as Found, TrialEnd};
 use mishandle::rollout::Environment;
+use mishandle::store::{End, RunFile};
 use mishandle::{FalsifyPlan, Plan, Subject};
 use serde_json::{Value, json};
 
 use crate::commands::evaluate::noise;
 use crate::output::{self, number};
-use crate::{Outcome, args, progress, run};
+use crate::{Outcome, args, interrupt, progress, run};
 
 pub fn run(command: &args::Falsify) -> Result<Outcome> {
     run::set_threads(command.run.threads)?;
+    let moved = command.subject.controller.as_deref();
     let (plan, subject, file) =
-        run::open(command.resume.as_deref(), command.out.as_deref(), || plan(command))?;
+        run::open(command.resume.as_deref(), moved, command.out.as_deref(), || plan(command))?;
+    interrupt::listen()?;
+    output::warn_of_chains(&subject.specification.requirement);
     let name = run::name(file.file());
-    let trials = plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
-    let bar = progress::bar(u64::from(trials), "trials");
+    let path = file.file().path().to_path_buf();
+    let bar = progress::bar(0, "simulations at most");
     let found = mishandle::falsify(&plan, &subject, file, |progress| {
-        bar.set_position(u64::from(progress.ended));
-        bar.set_message(format!("({} simulations, {} falsified)", progress.simulations, progress.falsified));
-        ControlFlow::Continue(())
+        bar.set_length(progress.most);
+        bar.set_position(progress.simulations);
+        bar.set_message(format!("({} trials ended, {} falsified)", progress.ended, progress.falsified));
+        run::flow()
     })?;
     bar.finish_and_clear();
+    say_undefined(&RunFile::open(&path)?, &subject)?;
+    let trials = plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
+    let ended = found.trials.iter().filter(|trial| trial.end.is_some()).count();
+    if ended < trials as usize {
+        run::say_interrupted("falsify", found.simulations, &name);
+        return Ok(Outcome::Interrupted);
+    }
     if command.run.json {
         output::json(&document(&plan, &subject, &found))?;
     } else {
@@ -77,7 +87,7 @@ fn document(plan: &Plan, subject: &Subject, found: &Found) -> Value {
         "stochastic": plan.stochastic,
         "action_noise": plan.action_noise,
         "observation_noise": plan.observation_noise,
-        "seed": plan.seed,
+        "seed": plan.seed.to_string(),
         "search": falsify.search,
         "formula": subject.specification.requirement.to_string(),
         "budget": falsify.budget,
@@ -95,6 +105,38 @@ fn document(plan: &Plan, subject: &Subject, found: &Found) -> Value {
     })
 }
 
+/// Says from where the formula had no finite value, the first few times.
+fn say_undefined(run: &RunFile, subject: &Subject) -> Result<()> {
+    const SHOWN: usize = 3;
+    let mut count = 0;
+    for simulation in run.simulations() {
+        let simulation = simulation?;
+        let End::Undefined { step } = simulation.end else { continue };
+        count += 1;
+        if count <= SHOWN {
+            output::say(&format!(
+                "warning: simulation {} of trial {}, from {}, seed {}: the formula has no finite value at step {step}; \
+                 it counts as undecided",
+                simulation.number,
+                simulation.trial,
+                start(subject, &simulation.initial_configuration),
+                simulation.seed
+            ));
+        }
+    }
+    if count > SHOWN {
+        output::say(&format!("warning: so have {} more simulations", count - SHOWN));
+    }
+    Ok(())
+}
+
+/// An initial configuration for people.
+fn start(subject: &Subject, x0: &[f64]) -> String {
+    let axes = subject.environment.initial_box().axes();
+    let values = axes.iter().zip(x0).map(|(axis, value)| format!("{} = {value:.4} {}", axis.name, axis.unit));
+    values.collect::<Vec<_>>().join(", ")
+}
+
 /// How a trial ended, in a word.
 fn end(end: TrialEnd) -> &'static str {
     match end {
@@ -106,12 +148,7 @@ fn end(end: TrialEnd) -> &'static str {
 
 fn text(plan: &Plan, subject: &Subject, found: &Found) -> String {
     let falsify = plan.falsify.clone().unwrap_or_default();
-    let axes = subject.environment.initial_box().axes();
-    let start = |x0: &[f64]| -> String {
-        let values =
-            axes.iter().zip(x0).map(|(axis, value)| format!("{} = {value:.4} {}", axis.name, axis.unit));
-        values.collect::<Vec<_>>().join(", ")
-    };
+    let start = |x0: &[f64]| start(subject, x0);
     let mut rows = vec![["trial", "", "simulations", "least robustness", "at"].map(String::from).to_vec()];
     for trial in &found.trials {
         let minimum = trial.minimum.as_ref();

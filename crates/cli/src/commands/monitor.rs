@@ -22,6 +22,7 @@ pub fn run(command: &args::Monitor) -> Result<Outcome> {
         let marker = format!("\n  {}\n  {}^", command.formula, " ".repeat(column.saturating_sub(1)));
         anyhow::anyhow!("formula: {error}{marker}")
     })?;
+    output::warn_of_chains(&formula);
     let name = command.trace.display().to_string();
     let trace = read(&command.trace).with_context(|| format!("trace {name}"))?;
     let period = period(&trace, command.period).with_context(|| format!("trace {name}"))?;

@@ -1,4 +1,4 @@
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use mishandle::store::{self, RunFile};
 use serde_json::{Value, json};
 
@@ -9,17 +9,17 @@ pub fn run(command: &args::Replay) -> Result<Outcome> {
     run::set_threads(command.threads)?;
     let file = RunFile::open(&command.file)?;
     let Some((trial, simulation)) = mishandle::choose(&file, command.trial, command.simulation)? else {
-        bail!("{} has no decided simulation to replay", command.file.display());
+        let of = command.trial.map_or(String::new(), |trial| format!(" in trial {trial}"));
+        bail!("{} has no decided simulation{of}; choose one with --simulation", command.file.display());
     };
-    let replayed = mishandle::replay(&file, trial, simulation)?;
+    let replayed = mishandle::replay(&file, trial, simulation, command.controller.as_deref())?;
     for difference in &replayed.other_build {
         output::say(&format!("warning: the run was made by another build: {difference}"));
     }
     if let Some(path) = &command.trace {
         let trace = &replayed.episode.trace;
         let columns = (0..trace.names().len()).map(|i| trace.column(i).to_vec()).collect();
-        let mut out = std::fs::File::create_new(path).with_context(|| path.display().to_string())?;
-        store::export_trace_csv(&file, &store::Trace { columns }, &mut out)?;
+        output::write_new(path, |out| Ok(store::export_trace_csv(&file, &store::Trace { columns }, out)?))?;
         output::say(&format!("wrote the trace to {}", path.display()));
     }
     let robustness = replayed.episode.verdict.robustness;

@@ -7,7 +7,7 @@ use mishandle::{TrainPlan, default_out};
 use serde_json::json;
 
 use crate::output::{self, number, shows_progress};
-use crate::{Outcome, args, run};
+use crate::{Outcome, args, interrupt, run};
 
 /// Without a terminal, a line is written this often.
 const QUIET: Duration = Duration::from_secs(30);
@@ -29,6 +29,7 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
     if let (Some(path), false) = (taken, plan.resume) {
         bail!("{} exists already; give another --out, or --resume to carry on", path.display());
     }
+    interrupt::listen()?;
     let line = live_line();
     let mut last = Instant::now();
     let trained = mishandle::train(&plan, |progress| {
@@ -40,15 +41,24 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
         } else if shows_progress() && progress.validation_is_fresh {
             line.println(curve_line(progress));
         }
-        Flow::Continue
+        if interrupt::asked() { Flow::Stop } else { Flow::Continue }
     })?;
     line.finish_and_clear();
+    let out = mishandle::shell_word(&plan.out.to_string_lossy());
+    if interrupt::asked() {
+        output::say(&format!("interrupted after {} environment steps", trained.environment_steps));
+        output::say(&format!("Carry on: {} --out {out} --resume", plan.command()));
+        return Ok(Outcome::Interrupted);
+    }
+    if let Some(asked) = plan.steps.filter(|asked| trained.environment_steps > *asked) {
+        output::say(&format!("--steps {asked} was rounded up to whole iterations"));
+    }
     if command.run.json {
         let found = trained.best_validation;
         output::json(&json!({
             "task": plan.task,
             "algorithm": plan.algorithm,
-            "seed": plan.seed,
+            "seed": plan.seed.to_string(),
             "environment_steps": trained.environment_steps,
             "best_environment_steps": trained.best_environment_steps,
             "success_rate": found.map(|found| number(found.success_rate)),
@@ -71,7 +81,7 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
         }
     }
     output::say(&format!("The controller is in {}", plan.out.display()));
-    output::say(&format!("Measure it: mishandle evaluate {} --controller {}", plan.task, plan.out.display()));
+    output::say(&format!("Measure it: mishandle evaluate {} --controller {}", plan.task, out));
     Ok(Outcome::Done)
 }
 
@@ -93,8 +103,8 @@ fn curve_line(progress: &Progress) -> String {
     let strict_cells = (WIDTH * strict).round() as usize;
     let success_cells = ((WIDTH * success).round() as usize).max(strict_cells);
     format!(
-        "{:>8.2}M steps |{}{}{}| success {:5.1} %  strict {:5.1} %",
-        progress.environment_steps as f64 / 1e6,
+        "{:>9} steps |{}{}{}| success {:5.1} %  strict {:5.1} %",
+        progress.steps_done(),
         "#".repeat(strict_cells),
         "-".repeat(success_cells - strict_cells),
         " ".repeat(WIDTH as usize - success_cells),

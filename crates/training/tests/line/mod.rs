@@ -105,7 +105,10 @@ impl Worker for LineWorker {
 #[derive(Default)]
 pub struct Watch {
     pub stop_after: Option<u64>,
+    /// Iteration after which a checkpoint is asked for, besides those that the settings say.
+    pub save_after: Option<u64>,
     pub checkpoint: Option<Checkpoint>,
+    pub first_checkpoint: Option<Checkpoint>,
     pub told: Vec<Progress>,
 }
 
@@ -117,9 +120,14 @@ impl Observer for Watch {
     }
     fn progress(&mut self, progress: &Progress) -> Flow {
         self.told.push(progress.clone());
-        if Some(progress.iteration) == self.stop_after { Flow::Stop } else { Flow::Continue }
+        match Some(progress.iteration) {
+            now if now == self.stop_after => Flow::Stop,
+            now if now == self.save_after => Flow::Save,
+            _ => Flow::Continue,
+        }
     }
     fn checkpoint(&mut self, checkpoint: &Checkpoint) {
+        self.first_checkpoint.get_or_insert_with(|| checkpoint.clone());
         self.checkpoint = Some(checkpoint.clone());
     }
 }

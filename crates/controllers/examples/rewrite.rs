@@ -1,0 +1,13 @@
+//! Writes controllers anew in the present format, every number as it was:
+//! `cargo run -p mishandle-controllers --example rewrite -- controllers/*/*.safetensors`
+
+use std::path::PathBuf;
+
+use mishandle_controllers::{ControllerError, ControllerFile};
+
+fn main() -> Result<(), ControllerError> {
+    for path in std::env::args_os().skip(1).map(PathBuf::from) {
+        ControllerFile::load(&path)?.save(&path)?;
+    }
+    Ok(())
+}

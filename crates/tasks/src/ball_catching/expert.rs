@@ -1,0 +1,105 @@
+//! Swings the box, turned towards the ball, to where the ball will come down to a fixed height, and carries it home.
+
+use std::sync::Arc;
+
+use mishandle_controllers::kinematic::{ResolvedRate, rotation_between};
+use mishandle_rollout::Controller;
+use mishandle_world::WorldError;
+use mishandle_world::frame::{add, dot, norm, scale, sub};
+
+use super::{DEFINITION, DEPTH, FLOOR, INSIDE, ORIGIN, fall_time};
+use crate::expert::{Behavior, Expert, Seen};
+
+/// Height at which the ball is met, m: high enough for the arm's joints, low enough for the time they need.
+const HEIGHT: f64 = 0.507;
+
+/// How far the box's mouth is turned forward there, rad: towards the ball, which spares joint 6 most of its way.
+const TILT: f64 = 0.5;
+
+/// How far above the tool point the ball is met, along the box's axis, m: a little below the mouth.
+const AIM: f64 = 0.085;
+
+/// Joint velocity for each radian that is left, 1/s: to meet the ball, and to carry it home.
+const MEET_RATE: f64 = 20.0;
+const HOME_RATE: f64 = 4.0;
+
+/// Largest joint velocity on the way home, rad/s.
+const HOME_SPEED: f64 = 0.8;
+
+/// Steps of Newton's method from the middle of all postures that meet a ball.
+const ITERATIONS: usize = 8;
+
+struct Catch {
+    /// The grasp point from the tool point, m, and the hand's axes (as columns, row by row), while the box is level.
+    grasp: [f64; 3],
+    rotation: [f64; 9],
+}
+
+impl Catch {
+    /// A vector of the level box, m, as the hand's rotation has it now.
+    fn turned(&self, rotation: &[f64; 9], v: [f64; 3]) -> [f64; 3] {
+        let own: [f64; 3] = std::array::from_fn(|i| dot([0, 1, 2].map(|k| self.rotation[3 * k + i]), v));
+        std::array::from_fn(|i| dot([0, 1, 2].map(|k| rotation[3 * i + k]), own))
+    }
+
+    /// Whether the ball, given from the tool point, is in the box.
+    fn holds(&self, rotation: &[f64; 9], ball: [f64; 3]) -> bool {
+        let axis = self.turned(rotation, [0.0, 0.0, 1.0]);
+        let height = dot(ball, axis);
+        let aside = norm(sub(ball, scale(axis, height)));
+        (0.0..FLOOR + DEPTH).contains(&height) && aside <= INSIDE
+    }
+
+    /// The posture that holds the box under a ball at `ball`.
+    fn posture(&self, arm: &mut ResolvedRate, ball: [f64; 3]) -> [f64; 7] {
+        let rotation = facing(&self.rotation, ball[1].atan2(ball[0]));
+        let offset = sub(self.grasp, [0.0, 0.0, AIM]);
+        let position = add(ball, self.turned(&rotation, offset));
+        let mut q = Self::REST;
+        for _ in 0..ITERATIONS {
+            arm.set(&q);
+            let linear = sub(position, arm.position());
+            let step = arm.twist(&q, linear, rotation_between(&arm.rotation(), &rotation));
+            q = std::array::from_fn(|i| q[i] + step[i]);
+        }
+        q
+    }
+}
+
+impl Behavior for Catch {
+    const SITE: &'static str = "grasp";
+    const REST: [f64; 7] = [0.0, 0.05, 0.0, -2.0, 0.0, 3.0, 0.785];
+
+    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
+        let (ball, from_tool, velocity) = (seen.point(0), scale(seen.point(3), -1.0), seen.point(6));
+        let (goal, rate, speed) = match fall_time(ball[2] - HEIGHT, velocity[2]) {
+            _ if self.holds(&arm.rotation(), from_tool) => (home(), HOME_RATE, HOME_SPEED),
+            Some(time) => {
+                let met = [ball[0] + velocity[0] * time, ball[1] + velocity[1] * time, HEIGHT];
+                (self.posture(arm, met), MEET_RATE, f64::INFINITY)
+            }
+            None => return [0.0; 7],
+        };
+        std::array::from_fn(|i| (rate * (goal[i] - seen.q[i])).clamp(-speed, speed))
+    }
+}
+
+fn home() -> [f64; 7] {
+    std::array::from_fn(|i| DEFINITION.start[i])
+}
+
+/// `rotation` turned forward by [`TILT`], then to the left by `yaw`.
+fn facing(rotation: &[f64; 9], yaw: f64) -> [f64; 9] {
+    let ((st, ct), (sy, cy)) = (TILT.sin_cos(), yaw.sin_cos());
+    let turn = [cy * ct, -sy, cy * st, sy * ct, cy, sy * st, -st, 0.0, ct];
+    std::array::from_fn(|i| (0..3).map(|k| turn[3 * (i / 3) + k] * rotation[3 * k + i % 3]).sum())
+}
+
+pub(super) fn expert() -> Result<Arc<dyn Controller>, WorldError> {
+    let definition = const { &DEFINITION };
+    let model = mishandle_world::Model::from_xml(mishandle_world::PANDA)?;
+    let mut arm = mishandle_world::Arm::new(&model, &crate::robot::JOINT_NAMES[..7], Catch::SITE)?;
+    arm.set(&home());
+    let tool = add(ORIGIN, [0.0, 0.0, FLOOR]);
+    Expert::controller(Catch { grasp: sub(arm.position(), tool), rotation: arm.rotation() }, definition)
+}

@@ -1,0 +1,239 @@
+//! Ball catching: catch a thrown ball in a box, and keep it there.
+
+mod expert;
+
+use std::borrow::Cow;
+use std::sync::Arc;
+
+use mishandle_rollout::Controller;
+use mishandle_world::frame::{add, dot, norm, norm_xy, scale, sub};
+use mishandle_world::{Joint, Model, Rows, Site, World, WorldError};
+
+use crate::definition::{BoxAxis, Definition, Formulas, Grip, Held, Hold, Reward, Scene, Task, one, three};
+use crate::robot::Panda;
+
+/// The task.
+pub struct BallCatching;
+
+/// Height from which the ball is thrown, m.
+const THROW_HEIGHT: f64 = 1.5;
+
+/// Velocity with which it is thrown, m/s: towards the robot.
+const THROW_VELOCITY: [f64; 3] = [-1.0, 0.0, 0.0];
+
+/// Where the box's origin is when the robot stands in its start pose, m.
+const ORIGIN: [f64; 3] = [0.35, 0.0, 0.88];
+
+/// Height of the box's floor above the tool point, and of the tool point above the box's origin, m.
+const FLOOR: f64 = 0.005;
+
+/// Depth of the box, m.
+const DEPTH: f64 = 0.1;
+
+/// Distance from the box's axis within which a ball below the mouth is in the box, m: one in a corner of the cavity is
+/// 0.025 √2 = 0.0354 from it, one that touches the box from outside 0.05.
+const INSIDE: f64 = 0.04;
+
+const DEFINITION: Definition = Definition {
+    name: "ball-catching",
+    summary: "Catch a ball thrown towards the robot in a box, and keep it there.",
+    variant_of: None,
+    held: Some(Held {
+        name: "box",
+        hold: Hold::Fixed,
+        mjcf: include_str!("box.xml"),
+        position: ORIGIN,
+        quaternion: [1.0, 0.0, 0.0, 0.0],
+    }),
+    start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.04, 0.04],
+    start_noise: 0.0,
+    grip: Grip::Fixed(0.04),
+    // At 5 m/s the ball moves 1 cm in a step of 1/480 s, which the floor of 2 cm stops. Of 100 throws the expert loses
+    // two at 1/240 s, none at 1/480, 1/960 and 1/1920 s.
+    n_substeps: 8,
+    velocity_scale: 0.1,
+    signals: &[
+        one(
+            "ball_box_horizontal_distance",
+            "m",
+            "horizontal distance of the ball from the tool point, 5 mm below the middle of the box's floor",
+        ),
+        one(
+            "ball_height_above_box_floor",
+            "m",
+            "height of the ball's centre above the box's floor, along the box's axis",
+        ),
+        one("ball_height", "m", "height of the ball's centre above the ground"),
+        one("ball_speed", "m/s", "speed of the ball"),
+        one("box_tilt", "rad", "angle between the box's axis and the vertical"),
+    ],
+    observation: &[
+        three("ball", "m", "centre of the ball"),
+        three("tool_from_ball", "m", "tool point minus ball"),
+        three("ball_velocity", "m/s", "velocity of the ball"),
+    ],
+    original_reward: &[
+        one("near", "", "1 / (1 + 100 d), d the distance of the ball from the tool point"),
+        one("slow", "", "1 / (1 + 100 v), v the ball's speed"),
+        one("caught", "", "0.5 where d < 0.03, else 0"),
+        one("effort", "", "-0.01 (1 - 1 / (1 + s)), s the sum of the arm's squared actions"),
+    ],
+    shaped_reward: &[
+        one(
+            "intercept",
+            "",
+            "0.15 (1 - tanh(2 m)) + 0.15 (1 - tanh(15 m)) while the ball is above the box's mouth, m the horizontal \
+             distance from its middle at which the ball will come down to it",
+        ),
+        one("caught", "", "0.5 where the ball is in the box, else 0"),
+        one("held", "", "0.2 where the strict formula's condition holds, else 0"),
+        one("level", "", "0.2 times the cosine of the box's tilt where the ball is in the box, else 0"),
+        one("still", "", "0.1 / (1 + 10 v) where the ball is in the box, v its speed, else 0"),
+        one("calm", "", "-0.01 times the mean of the arm's squared actions"),
+    ],
+    initial_box: &[
+        BoxAxis { name: "ball_x", unit: "m", paper: [1.05, 1.15], code: [1.05, 1.15], sets: "ball's x" },
+        BoxAxis { name: "ball_y", unit: "m", paper: [-0.05, 0.05], code: [-0.05, 0.05], sets: "ball's y" },
+    ],
+    paper: FORMULAS,
+    code: FORMULAS,
+    termination: "the ball is lower than 0.02 m: on the ground",
+    differences: "The original's box is held by friction alone, with hardly any clearance; here it is part of the \
+                  hand, since dropping the box is not the failure under study. A ball that lands hard is pressed up \
+                  to 1 cm into the box's floor and comes out of it within a tenth of a second, without a rebound. \
+                  Neither box nor robot touches the ground.",
+};
+
+const FORMULAS: Formulas = Formulas {
+    success: "always[50:300](ball_box_horizontal_distance <= 0.1)",
+    strict: "always[100:300](ball_box_horizontal_distance <= 0.04 and ball_height_above_box_floor >= 0 \
+             and ball_height_above_box_floor <= 0.1)",
+    safe: "ball_box_horizontal_distance <= 0.2",
+    completion: "always[0:4](ball_box_horizontal_distance <= 0.1)",
+};
+
+impl Task for BallCatching {
+    fn definition(&self) -> &'static Definition {
+        const { &DEFINITION }
+    }
+
+    fn scene(&self) -> Cow<'static, str> {
+        include_str!("scene.xml").into()
+    }
+
+    fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
+        Ok(Box::new(Bound { ball: model.joint("ball")?, tool: model.site("tool")? }))
+    }
+
+    fn expert(&self) -> Result<Arc<dyn Controller>, WorldError> {
+        expert::expert()
+    }
+}
+
+struct Bound {
+    ball: Joint,
+    tool: Site,
+}
+
+impl Bound {
+    /// The box's axis, from its floor to its mouth.
+    fn axis(&self, rows: &Rows<'_>) -> [f64; 3] {
+        let rotation = rows.site_rotation(self.tool);
+        [rotation[2], rotation[5], rotation[8]]
+    }
+}
+
+impl Scene for Bound {
+    fn place(&self, x0: &[f64], world: &mut World) {
+        world.place_free(self.ball, [x0[0], x0[1], THROW_HEIGHT], [1.0, 0.0, 0.0, 0.0]);
+        world.qvel_mut()[self.ball.dof..][..3].copy_from_slice(&THROW_VELOCITY);
+    }
+
+    fn signals(&self, rows: &Rows<'_>, out: &mut [f64]) {
+        let ball = rows.free_position(self.ball);
+        let from_tool = sub(ball, rows.site_position(self.tool));
+        let axis = self.axis(rows);
+        out[0] = norm_xy(from_tool);
+        out[1] = dot(from_tool, axis) - FLOOR;
+        out[2] = ball[2];
+        out[3] = norm(rows.free_velocity(self.ball));
+        out[4] = axis[2].clamp(-1.0, 1.0).acos();
+    }
+
+    fn observe(&self, rows: &Rows<'_>, out: &mut [f64]) {
+        let ball = rows.free_position(self.ball);
+        out[..3].copy_from_slice(&ball);
+        out[3..6].copy_from_slice(&sub(rows.site_position(self.tool), ball));
+        out[6..].copy_from_slice(&rows.free_velocity(self.ball));
+    }
+
+    fn reward(&self, reward: Reward, rows: &Rows<'_>, signals: &[f64], action: &[f64], out: &mut [f64]) {
+        let (distance, height, speed) = (signals[0], signals[1], signals[3]);
+        let ball = rows.free_position(self.ball);
+        let tool = rows.site_position(self.tool);
+        match reward {
+            Reward::Original => {
+                let d = norm(sub(tool, ball));
+                let s: f64 = action[..7].iter().map(|a| a * a).sum();
+                out[0] = 1.0 / (1.0 + 100.0 * d);
+                out[1] = 1.0 / (1.0 + 100.0 * speed);
+                out[2] = if d < 0.03 { 0.5 } else { 0.0 };
+                out[3] = -0.01 * (1.0 - 1.0 / (1.0 + s));
+            }
+            Reward::Shaped => {
+                let axis = self.axis(rows);
+                let mouth = add(tool, scale(axis, FLOOR + DEPTH));
+                let miss = miss(ball, rows.free_velocity(self.ball), mouth);
+                let deep = (0.0..=DEPTH).contains(&height);
+                // Across the box's axis, which differs from the horizontal while the box is turned.
+                let inside = deep && norm(sub(sub(ball, tool), scale(axis, height + FLOOR))) <= INSIDE;
+                let held = deep && distance <= INSIDE;
+                out[0] = miss.map_or(0.0, |m| 0.15 * (2.0 - (2.0 * m).tanh() - (15.0 * m).tanh()));
+                out[1] = if inside { 0.5 } else { 0.0 };
+                out[2] = if held { 0.2 } else { 0.0 };
+                out[3] = if inside { 0.2 * axis[2] } else { 0.0 };
+                out[4] = if inside { 0.1 / (1.0 + 10.0 * speed) } else { 0.0 };
+                out[5] = crate::reward::effort(action);
+            }
+        }
+    }
+
+    fn lost(&self, _rows: &Rows<'_>, signals: &[f64]) -> bool {
+        signals[2] < 0.02
+    }
+}
+
+/// Horizontal distance from `mouth` at which a ball in free flight comes down to its height; none if it is below.
+fn miss(ball: [f64; 3], velocity: [f64; 3], mouth: [f64; 3]) -> Option<f64> {
+    let time = fall_time(ball[2] - mouth[2], velocity[2])?;
+    let at = |i: usize| ball[i] + velocity[i] * time - mouth[i];
+    Some(at(0).hypot(at(1)))
+}
+
+/// Time (s) until a ball in free flight comes down by `height`, m, from where it moves upwards at `velocity`, m/s;
+/// none if it is below.
+fn fall_time(height: f64, velocity: f64) -> Option<f64> {
+    const GRAVITY: f64 = 9.81;
+    (height >= 0.0).then(|| (velocity + (velocity * velocity + 2.0 * GRAVITY * height).sqrt()) / GRAVITY)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ball_thrown_up_comes_down_later() {
+        // 4.905 m take 1 s from rest; 9.81 m/s upwards take 1 s to the top and 1 s back.
+        assert!((fall_time(4.905, 0.0).unwrap_or(0.0) - 1.0).abs() < 1e-12);
+        assert!((fall_time(0.0, 9.81).unwrap_or(0.0) - 2.0).abs() < 1e-12);
+        assert_eq!(fall_time(-0.01, 9.81), None);
+    }
+
+    #[test]
+    fn a_miss_is_measured_where_the_ball_comes_down() {
+        // In the second it falls it flies 1 m to x = 0.1 and 0.5 m to y = 0.4.
+        let found = miss([1.1, -0.1, 5.905], [-1.0, 0.5, 0.0], [0.4, 0.0, 1.0]);
+        assert!((found.unwrap_or(0.0) - 0.5).abs() < 1e-12, "{found:?}");
+        assert_eq!(miss([0.4, 0.0, 0.9], [0.0; 3], [0.4, 0.0, 1.0]), None);
+    }
+}

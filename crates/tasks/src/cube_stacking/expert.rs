@@ -1,0 +1,103 @@
+//! Carries the cube to above the target with the fingers pointing down, lowers it until the gripper opens, and leaves.
+
+use std::sync::Arc;
+
+use mishandle_controllers::kinematic::{ResolvedRate, rotation_between};
+use mishandle_rollout::Controller;
+use mishandle_world::WorldError;
+use mishandle_world::frame::{add, norm, norm_xy, scale, sub};
+
+use crate::expert::{Behavior, Expert, Seen, limited};
+
+/// Height above the target's centre at which the cube comes to rest before it is lowered, m: 4 cm above the release,
+/// since noise shakes the hand by more than 1 cm.
+const HOVER: f64 = 0.12;
+
+/// How much higher the cube stays for each metre that it is away from above the target.
+const SLOPE: f64 = 1.0;
+
+/// Speed of lowering, m/s.
+const LOWERING: f64 = 0.15;
+
+/// Speed of leaving, m/s, and height of the grasp point above the ground at which it stops, m.
+const LEAVING: f64 = 0.4;
+const CLEAR: f64 = 0.25;
+
+/// Opening of a finger beyond which it has let go of the cube, and at which it is out of the way, m.
+const LET_GO: f64 = 0.027;
+const OPENED: f64 = 0.037;
+
+/// Distance from the base up to which a level cube can be set down, m, and how much a radian of lean adds.
+const LEVEL_REACH: f64 = 0.78;
+const REACH_OF_LEAN: f64 = 0.2;
+
+/// How fast position and orientation are approached, 1/s.
+const RATE: f64 = 8.0;
+
+/// What it does next; the value in its memory.
+const TRAVEL: f64 = 0.0;
+const LOWER: f64 = 1.0;
+const OPEN: f64 = 2.0;
+const LEAVE: f64 = 3.0;
+
+/// How the hand stands while it holds the cube level in its first orientation (its axes as columns, row by row).
+struct Stack {
+    rotation: [f64; 9],
+}
+
+impl Behavior for Stack {
+    const MEMORY: usize = 1;
+    const SITE: &'static str = "grasp";
+    const REST: [f64; 7] = [0.0, 0.1, 0.0, -2.0, 0.0, 2.2, 0.785];
+
+    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
+        let from_target = seen.point(7);
+        let target = sub(seen.point(0), from_target);
+        let along = scale([target[0], target[1], 0.0], 1.0 / norm_xy(target).max(0.01));
+        let lean = ((norm_xy(target) - LEVEL_REACH) / REACH_OF_LEAN).max(0.0);
+        let place = scale(along, -topple(lean));
+        let off = sub(place, [from_target[0], from_target[1], 0.0]);
+        let above = add(off, [0.0, 0.0, HOVER + SLOPE * (norm_xy(off) - 0.01).max(0.0) - from_target[2]]);
+        let turn = rotation_between(&arm.rotation(), &self.standing(along, lean));
+        let narrowest = seen.fingers[0].min(seen.fingers[1]);
+        memory[0] = match memory[0] {
+            TRAVEL if norm(above) < 0.006 && norm(turn) < 0.03 => LOWER,
+            TRAVEL | LOWER if narrowest > LET_GO => OPEN,
+            OPEN if narrowest > OPENED => LEAVE,
+            phase => phase,
+        };
+        let grasp = arm.position();
+        let linear = match memory[0] {
+            TRAVEL => limited(scale(above, RATE), 0.8),
+            LOWER => add(scale(off, RATE), [0.0, 0.0, -LOWERING]),
+            LEAVE => [0.0, 0.0, LEAVING.min(RATE * (CLEAR - grasp[2]))],
+            _ => [0.0; 3],
+        };
+        let angular = limited(scale(turn, RATE), 2.0);
+        arm.twist(&seen.q, linear, angular)
+    }
+}
+
+impl Stack {
+    /// The hand's axes with the fingers pointing down, so that the cube is level but for a lean outwards.
+    fn standing(&self, along: [f64; 3], lean: f64) -> [f64; 9] {
+        // The cube turns forward by a quarter less the lean about y, then to the target's side about z.
+        let (sin, cos) = (std::f64::consts::FRAC_PI_2 - lean).sin_cos();
+        let [c, s, _] = along;
+        let turn = [c * cos, -s, c * sin, s * cos, c, s * sin, -sin, 0.0, cos];
+        std::array::from_fn(|i| (0..3).map(|k| turn[3 * (i / 3) + k] * self.rotation[3 * k + i % 3]).sum())
+    }
+}
+
+/// How far the centre of a leaning cube moves outwards while it topples flat over its lower edge, m.
+fn topple(lean: f64) -> f64 {
+    0.5 * super::EDGE * (1.0 - lean.cos() + lean.sin())
+}
+
+pub(super) fn expert() -> Result<Arc<dyn Controller>, WorldError> {
+    let definition = const { &super::DEFINITION };
+    let model = mishandle_world::Model::from_xml(mishandle_world::PANDA)?;
+    let mut arm = mishandle_world::Arm::new(&model, &crate::robot::JOINT_NAMES[..7], Stack::SITE)?;
+    arm.set(&definition.start[..7]);
+    Expert::controller(Stack { rotation: arm.rotation() }, definition)
+}

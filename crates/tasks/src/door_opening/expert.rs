@@ -1,0 +1,156 @@
+//! Takes the lever between its fingers, one above and one below, and walks back along the arc that the door turns on.
+
+use std::sync::Arc;
+
+use mishandle_controllers::kinematic::{ResolvedRate, rotation_between};
+use mishandle_rollout::Controller;
+use mishandle_world::WorldError;
+use mishandle_world::frame::{add, cross, dot, norm, scale, sub};
+
+use super::{HANDLE, HINGE};
+use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::robot::{ARM_JOINTS, JOINTS, VELOCITY_LIMIT};
+
+/// Where the lever is taken, from the handle point, in the panel's frame, m: at the front of its bar, half way up. The
+/// farthest door's is taken at its free end, which is nearest, and from above: the upper finger reaches further.
+const FRONT: [f64; 3] = [-0.0137, 0.024, -0.0017];
+const FRONT_FAR: [f64; 3] = [-0.0137, 0.0018, -0.0227];
+
+/// Horizontal distances of a closed door's handle point from the robot's axis at which it begins to be far and is, m.
+const FAR: [f64; 2] = [0.75, 0.83];
+
+/// How far over the lever's front the grasp point goes, m, and how far it stops before it at first.
+const DEPTH: f64 = 0.02;
+const BEFORE: f64 = 0.05;
+
+/// The shoulder, and how far from it the grasp point is sent at most, m: a little further than it gets (0.9475 m), so
+/// that the arm stretches as far as it goes.
+const SHOULDER: [f64; 3] = [0.0, 0.0, 0.333];
+const REACH: f64 = 0.96;
+
+/// Yaw rate of pulling, rad/s, and the yaw at which it ends, rad.
+const RATE: f64 = 0.8;
+const OPEN: f64 = 1.047;
+
+/// Up to this yaw a lever that slipped away is taken again, rad; later the closed fingers hook behind it.
+const RETAKE: f64 = 0.26;
+
+/// Sum of the fingers' positions below which nothing is between them, m. The lever is 33.5 mm high.
+const EMPTY: f64 = 0.02;
+
+/// What it does next; the first value in its memory. The second counts the control steps of that.
+const RAISE: f64 = 0.0;
+const ENTER: f64 = 1.0;
+const CLOSE: f64 = 2.0;
+const PULL: f64 = 3.0;
+
+struct Pull;
+
+impl Behavior for Pull {
+    const MEMORY: usize = 2;
+    const SITE: &'static str = "grasp";
+    /// Before the door, the hand level, the left finger above; far from the wrist's singularity (joint 6 at π).
+    const REST: [f64; 7] = [0.6, -0.2, -0.35, -1.75, -1.0, 2.7, 0.2];
+
+    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
+        let lever = Lever::seen(seen);
+        let grasp = arm.position();
+        let turn = rotation_between(&arm.rotation(), &level(lever.forward));
+        let error = sub(lever.goal(), grasp);
+        let holds = seen.fingers.iter().sum::<f64>() >= EMPTY;
+        memory[1] += 1.0;
+        let next = match memory[0] {
+            RAISE if Self::REST.iter().zip(&seen.q).all(|(rest, q)| (rest - q).abs() < 0.3) => ENTER,
+            ENTER if norm(error) < 0.015 || memory[1] > 60.0 => CLOSE,
+            CLOSE if memory[1] >= 12.0 => PULL,
+            PULL if !holds && lever.yaw < RETAKE => RAISE,
+            phase => phase,
+        };
+        if next != memory[0] {
+            memory.copy_from_slice(&[next, 0.0]);
+        }
+        let linear = match memory[0] {
+            RAISE => return std::array::from_fn(|i| 6.0 * (Self::REST[i] - seen.q[i])),
+            ENTER => {
+                // Lined up with the lever first, then forward.
+                let ahead = dot(error, lever.forward);
+                let aside = sub(error, scale(lever.forward, ahead));
+                let lined_up = norm(aside) + 0.1 * norm(turn) < 0.02;
+                let forward = if lined_up { ahead } else { ahead - BEFORE };
+                let speed = (10.0 * forward).clamp(-0.4, 0.4);
+                add(limited(scale(aside, 10.0), 0.6), scale(lever.forward, speed))
+            }
+            CLOSE => limited(scale(error, 10.0), 0.4),
+            _ => {
+                let rate = RATE * (memory[1] / 20.0).min((OPEN - lever.yaw) / 0.15).clamp(0.0, 1.0);
+                let along = [-rate * lever.arm[1], rate * lever.arm[0], 0.0];
+                add(along, limited(scale(error, 5.0), 0.3))
+            }
+        };
+        within_limits(arm.twist(&seen.q, linear, limited(scale(turn, 6.0), 2.5)))
+    }
+
+    fn fingers(&self, _seen: &Seen<'_>, memory: &[f64]) -> [f64; JOINTS - ARM_JOINTS] {
+        if memory[0] == RAISE || memory[0] == ENTER { [1.0; 2] } else { [-1.0; 2] }
+    }
+}
+
+/// Where the lever is and how it is taken.
+struct Lever {
+    yaw: f64,
+    /// From the hinge to the lever's front, horizontally.
+    arm: [f64; 2],
+    front: [f64; 3],
+    /// Where the hand points.
+    forward: [f64; 3],
+}
+
+impl Lever {
+    /// The lever of the door that the handle's pose tells of.
+    fn seen(seen: &Seen<'_>) -> Lever {
+        let (handle, [w, z]) = (seen.point(0), [3, 6].map(|i| f64::from(seen.task[i])));
+        let yaw = 2.0 * z.atan2(w);
+        let (sin, cos) = yaw.sin_cos();
+        let turned = |[x, y]: [f64; 2]| [cos * x - sin * y, sin * x + cos * y];
+        let from_hinge = [HANDLE[0] - HINGE[0], HANDLE[1] - HINGE[1]];
+        let to_handle = turned(from_hinge);
+        let closed = [0, 1].map(|i| handle[i] - to_handle[i] + from_hinge[i]);
+        let far = ((closed[0].hypot(closed[1]) - FAR[0]) / (FAR[1] - FAR[0])).clamp(0.0, 1.0);
+        let [x, y, up] = add(scale(FRONT, 1.0 - far), scale(FRONT_FAR, far));
+        let to_front = turned([x, y]);
+        let front = [handle[0] + to_front[0], handle[1] + to_front[1], handle[2] + up];
+        // The arm reaches furthest when the hand points straight away from it.
+        let away = front[1].atan2(front[0]);
+        let (sin, cos) = (far * away * (1.0 - 2.0 * yaw).clamp(0.0, 1.0) - 0.35 * yaw).sin_cos();
+        let arm = [to_handle[0] + to_front[0], to_handle[1] + to_front[1]];
+        Lever { yaw, arm, front, forward: [cos, sin, 0.0] }
+    }
+
+    /// Where the grasp point goes: over the lever's front as far as the arm reaches.
+    fn goal(&self) -> [f64; 3] {
+        let (sin, cos) = self.yaw.sin_cos();
+        let inwards = [cos, sin, 0.0];
+        let from_shoulder = sub(self.front, SHOULDER);
+        let along = dot(from_shoulder, inwards);
+        let beyond = along * along + REACH * REACH - dot(from_shoulder, from_shoulder);
+        let depth = (beyond.max(0.0).sqrt() - along).min(DEPTH);
+        add(self.front, scale(inwards, depth))
+    }
+}
+
+/// The hand's axes as columns, row by row: it points along a horizontal direction and opens upwards.
+fn level(forward: [f64; 3]) -> [f64; 9] {
+    let up = [0.0, 0.0, 1.0];
+    let x = cross(up, forward);
+    [x[0], up[0], forward[0], x[1], up[1], forward[1], x[2], up[2], forward[2]]
+}
+
+/// Joint velocities slowed down together until the fastest keeps its limit, so that the hand stays on its path.
+fn within_limits(velocity: [f64; ARM_JOINTS]) -> [f64; ARM_JOINTS] {
+    let excess = velocity.iter().zip(VELOCITY_LIMIT).map(|(v, limit)| v.abs() / limit).fold(1.0, f64::max);
+    velocity.map(|v| v / excess)
+}
+
+pub(super) fn expert() -> Result<Arc<dyn Controller>, WorldError> {
+    Expert::controller(Pull, const { &super::DEFINITION })
+}

@@ -1,0 +1,143 @@
+//! Rewards of peg-in-hole.
+
+use std::f64::consts::FRAC_PI_2;
+
+use mishandle_world::frame::norm;
+
+use crate::definition::{Quantity, one};
+use crate::reward::effort;
+use crate::robot::ARM_JOINTS;
+
+pub(super) const ORIGINAL: &[Quantity] = &[
+    one(
+        "near",
+        "",
+        "3.5 (1 - tanh(5 d)), d the horizontal distance of the peg's origin from the hole's axis",
+    ),
+    one(
+        "upright",
+        "",
+        "1.48 (1 - tanh(2 e_r)) + 1.48 (1 - tanh(2 e_p)), e_r and e_p the errors of the peg's roll and pitch (rad)",
+    ),
+    one("down", "", "2 (1 - tanh(6 h)), h the vertical distance of the peg from its inserted place"),
+    one("effort", "", "-0.001 (1 - 1 / (1 + s)), s the sum of the arm's squared actions"),
+    one("angle", "", "0.5 where e_r + e_p < 0.08, -1 where it is above 0.2, else 0"),
+    one("height", "", "0.1 where h < 0.05, -1 where it is above 0.15, else 0"),
+    one("distance", "", "0.5 where d < 0.05, -10 where it is above 0.1, else 0"),
+    one("fast", "", "-1 where the mean velocity of the fingers is above 0.15 m/s, else 0"),
+    one(
+        "inserted",
+        "",
+        "100 where the peg is nearer than 0.01 m to the point 0.01 m above its inserted place (it ends just at that distance), else 0",
+    ),
+];
+
+pub(super) const SHAPED: &[Quantity] = &[
+    one(
+        "near",
+        "",
+        "0.15 (1 - tanh(3 d)), d the horizontal distance of the peg's origin from the hole's axis",
+    ),
+    one("centred", "", "0.1 (1 - tanh(50 d))"),
+    one("upright", "", "0.1 (1 - tanh(3 t)), t the peg's tilt"),
+    one(
+        "down",
+        "",
+        "0.25 (1 - tanh(5 d)) (1 - h / 0.45 m), h the height of the peg above its inserted place, between 0 and 0.45 m",
+    ),
+    one("in", "", "0.2 of the insertion depth's share of 0.05 m, between 0 and 1"),
+    one("inserted", "", "0.3 where d <= 0.005 and the insertion depth is at least 0.045, else 0"),
+    one("calm", "", "-0.01 times the mean of the arm's squared actions"),
+];
+
+/// The original's terms. `d` is the peg's horizontal distance from the hole's axis, `height` its height above its
+/// inserted place, `speed` that of the fingers.
+pub(super) fn original(
+    d: f64,
+    height: f64,
+    quaternion: [f64; 4],
+    speed: f64,
+    action: &[f64],
+    out: &mut [f64],
+) {
+    let [w, x, y, z] = quaternion;
+    let roll = (2.0 * (w * x + y * z)).atan2(1.0 - 2.0 * (x * x + y * y));
+    let pitch = (2.0 * (w * y - x * z)).clamp(-1.0, 1.0).asin();
+    let (e_roll, e_pitch, h) = ((roll - FRAC_PI_2).abs(), pitch.abs(), height.abs());
+    let squares: f64 = action[..ARM_JOINTS].iter().map(|a| a * a).sum();
+    out[0] = 3.5 * (1.0 - (5.0 * d).tanh());
+    out[1] = 1.48 * (2.0 - (2.0 * e_roll).tanh() - (2.0 * e_pitch).tanh());
+    out[2] = 2.0 * (1.0 - (6.0 * h).tanh());
+    out[3] = -0.001 * (1.0 - 1.0 / (1.0 + squares));
+    out[4] = step(e_roll + e_pitch, [0.08, 0.2], [0.5, -1.0]);
+    out[5] = step(h, [0.05, 0.15], [0.1, -1.0]);
+    out[6] = step(d, [0.05, 0.1], [0.5, -10.0]);
+    out[7] = if speed > 0.15 { -1.0 } else { 0.0 };
+    out[8] = if norm([d, 0.0, height - 0.01]) < 0.01 { 100.0 } else { 0.0 };
+}
+
+/// The first value below the first limit, the second above the second, else 0.
+fn step(x: f64, [low, high]: [f64; 2], [below, above]: [f64; 2]) -> f64 {
+    if x < low {
+        below
+    } else if x > high {
+        above
+    } else {
+        0.0
+    }
+}
+
+/// The shaped terms, from the task's signals and the height of the peg above its inserted place.
+pub(super) fn shaped(signals: &[f64], height: f64, action: &[f64], out: &mut [f64]) {
+    let (d, depth, tilt) = (signals[0], signals[1], signals[2]);
+    out[0] = 0.15 * (1.0 - (3.0 * d).tanh());
+    out[1] = 0.1 * (1.0 - (50.0 * d).tanh());
+    out[2] = 0.1 * (1.0 - (3.0 * tilt).tanh());
+    // Even in height: a peg that hovers high above the hole, as it does at first, gains by every bit that it comes down.
+    out[3] = 0.25 * (1.0 - (5.0 * d).tanh()) * (1.0 - (height / 0.45).clamp(0.0, 1.0));
+    out[4] = 0.2 * (depth / super::DEPTH).clamp(0.0, 1.0);
+    out[5] = if d <= 0.005 && depth >= 0.045 { 0.3 } else { 0.0 };
+    out[6] = effort(action);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const UPRIGHT: [f64; 4] = [0.5, 0.5, 0.5, 0.5];
+
+    #[track_caller]
+    fn check(d: f64, height: f64, quaternion: [f64; 4], expected: [f64; 9]) {
+        let mut terms = [0.0; 9];
+        original(d, height, quaternion, 0.0, &[0.0; 9], &mut terms);
+        for (found, wanted) in terms.iter().zip(&expected) {
+            assert!((found - wanted).abs() < 1e-4, "{terms:?} instead of {expected:?}");
+        }
+    }
+
+    #[test]
+    fn original_terms_by_hand() {
+        check(0.0, 0.0, UPRIGHT, [3.5, 2.96, 2.0, 0.0, 0.5, 0.1, 0.5, 0.0, 0.0]);
+        check(0.0, 0.01, UPRIGHT, [3.5, 2.96, 1.88014, 0.0, 0.5, 0.1, 0.5, 0.0, 100.0]);
+        // tanh(1) = 0.76159, tanh(1.2) = 0.83365
+        check(0.2, 0.2, UPRIGHT, [0.83442, 2.96, 0.33269, 0.0, 0.5, -1.0, -10.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn an_upright_peg_may_be_turned_about_its_axis() {
+        // Upright, then a quarter turn about the vertical: (cos 45°, 0, 0, sin 45°) times it.
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        check(0.0, 0.0, [0.0, 0.0, half, half], [3.5, 2.96, 2.0, 0.0, 0.5, 0.1, 0.5, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_leaning_peg_is_worth_less() {
+        // Upright, then 0.3 rad about the world's y, along which the peg's own x points: that is roll alone.
+        let (sin, cos) = 0.15_f64.sin_cos();
+        let q = [0.5 * (cos - sin), 0.5 * (cos + sin), 0.5 * (cos + sin), 0.5 * (cos - sin)];
+        let mut terms = [0.0; 9];
+        original(0.0, 0.0, q, 0.0, &[0.0; 9], &mut terms);
+        assert!((terms[1] - (2.96 - 1.48 * 0.6_f64.tanh())).abs() < 1e-4, "{terms:?}");
+        assert_eq!(terms[4], -1.0);
+    }
+}

@@ -1,0 +1,352 @@
+//! A peg falls, stands, jams and is held as it would be on a bench.
+
+#![allow(clippy::unwrap_used)]
+
+use std::f64::consts::TAU;
+
+use mishandle_rollout::{Environment, Sample, Seed};
+use mishandle_tasks::{JOINTS, Panda, Preset, Reward, TaskEnvironment, compose, task};
+use mishandle_world::frame::{norm, norm_xy, rotate, rotate_back, sub};
+use mishandle_world::{Body, Equality, Joint, Model, World};
+
+/// Where the block stands, and its hole: m.
+const HOLE: [f64; 2] = [0.5, 0.0];
+
+/// Heights of the peg's origin: standing on the block, standing on the hole's floor, m.
+const ON_BLOCK: f64 = 0.43;
+const IN_HOLE: f64 = 0.38;
+
+/// Radii and lengths of hole and shaft, m.
+const HOLE_RADIUS: f64 = 0.01;
+const SHAFT_RADIUS: f64 = 0.006;
+const SHAFT: f64 = 0.06;
+
+const UPRIGHT: [f64; 4] = [0.5, 0.5, 0.5, 0.5];
+
+/// The scene, with the arm's servos held as the environment holds them.
+struct Bench {
+    world: World,
+    panda: Panda,
+    peg: Joint,
+    weld: Equality,
+    hand: Body,
+    targets: [f64; JOINTS],
+}
+
+impl Bench {
+    fn new() -> Bench {
+        Bench::with("")
+    }
+
+    /// The scene with more MJCF.
+    fn with(extra: &str) -> Bench {
+        let task = task("peg-in-hole").unwrap();
+        let definition = task.definition();
+        let xml = compose(task).unwrap().replacen("</mujoco>", &format!("{extra}</mujoco>"), 1);
+        let model = Model::from_xml(&xml).unwrap().with_timestep(1.0 / 60.0 / definition.n_substeps as f64);
+        let panda = Panda::new(&model).unwrap();
+        let mut bench = Bench {
+            world: model.world(),
+            panda,
+            peg: model.joint("peg").unwrap(),
+            weld: model.equality("peg").unwrap(),
+            hand: model.body("hand").unwrap(),
+            targets: definition.start,
+        };
+        panda.place(&definition.start, &mut bench.world);
+        let block = model.mocap("block").unwrap();
+        bench.world.place(block, [HOLE[0], HOLE[1], 0.0], [1.0, 0.0, 0.0, 0.0]);
+        bench
+    }
+
+    /// The peg let go of, at rest, its origin at `offset` from the hole's axis and at this height.
+    fn loose(offset: [f64; 2], height: f64, quaternion: [f64; 4]) -> Bench {
+        let mut bench = Bench::new();
+        bench.world.switch(bench.weld, false);
+        bench.world.place_free(bench.peg, [HOLE[0] + offset[0], HOLE[1] + offset[1], height], quaternion);
+        bench
+    }
+
+    fn step(&mut self) {
+        self.panda.set_servos(&self.targets, &mut self.world);
+        self.world.step();
+    }
+
+    /// The deepest penetration on the way, m.
+    fn run(&mut self, seconds: f64) -> f64 {
+        let steps = (seconds / self.world.model().timestep()).round() as usize;
+        (0..steps).fold(0.0, |deepest: f64, _| {
+            self.step();
+            deepest.max(self.world.penetration())
+        })
+    }
+
+    fn position(&self) -> [f64; 3] {
+        self.world.rows().free_position(self.peg)
+    }
+
+    /// Angle of the peg's axis from upright, rad.
+    fn tilt(&self) -> f64 {
+        let axis = rotate(self.quaternion(), [0.0, 1.0, 0.0]);
+        norm_xy(axis).atan2(axis[2])
+    }
+
+    fn quaternion(&self) -> [f64; 4] {
+        [3, 4, 5, 6].map(|i| self.world.qpos()[self.peg.qpos + i])
+    }
+
+    /// The peg's origin and axis in the hand's frame.
+    fn in_hand(&mut self) -> ([f64; 3], [f64; 3]) {
+        self.world.refresh();
+        let rows = self.world.rows();
+        let (p, q) = (rows.position(self.hand), rows.quaternion(self.hand));
+        (rotate_back(q, sub(self.position(), p)), rotate_back(q, rotate(self.quaternion(), [0.0, 1.0, 0.0])))
+    }
+}
+
+/// The peg's quaternion when its axis leans towards -x by `angle`.
+fn leaning(angle: f64) -> [f64; 4] {
+    let (s, c) = (0.5 * angle).sin_cos();
+    // A turn about y by -angle, then upright.
+    let [w, x, y, z] = UPRIGHT;
+    [c * w + s * y, c * x - s * z, c * y - s * w, c * z + s * x]
+}
+
+#[test]
+fn the_play_is_four_millimetres_all_around() {
+    // The walls are tangent to the circle of 10 mm; between two of them, at the polygon's corners, a shaft of 6 mm
+    // moves 4 mm / cos(π / 16) = 4.08 mm.
+    for i in 0..64 {
+        let (sin, cos) = (TAU * f64::from(i) / 64.0).sin_cos();
+        let touches = |offset: f64| {
+            let mut bench = Bench::loose([offset * cos, offset * sin], 0.39, UPRIGHT);
+            bench.step();
+            bench.world.penetration() > 0.0
+        };
+        assert!(!touches(0.0039), "direction {i} of 64");
+        assert!(touches(0.0041), "direction {i} of 64");
+    }
+}
+
+#[test]
+fn a_straight_peg_falls_in_and_stays() {
+    for offset in [0.0, 0.002, 0.0038] {
+        let mut bench = Bench::loose([offset, 0.0], ON_BLOCK + 0.005, UPRIGHT);
+        let deepest = bench.run(1.0);
+        assert!((bench.position()[2] - IN_HOLE).abs() < 1e-4, "{:?}", bench.position());
+        // It arrives at 1 m/s and so moves 4 mm in a physics step.
+        assert!(deepest < 0.002, "{deepest}");
+        let before = bench.position();
+        assert!(bench.run(10.0) < 1e-4);
+        assert!(norm(sub(bench.position(), before)) < 1e-4, "{before:?} {:?}", bench.position());
+    }
+}
+
+#[test]
+fn a_peg_beside_the_hole_stands_on_the_block() {
+    // Over a wall's edge, over a seam of two boxes, on one box.
+    for offset in [[0.02, 0.0], [0.05, 0.003], [0.1, 0.1]] {
+        let mut bench = Bench::loose(offset, ON_BLOCK, UPRIGHT);
+        bench.run(0.5);
+        let before = bench.position();
+        assert!((before[2] - ON_BLOCK).abs() < 1e-4, "{before:?}");
+        assert!(bench.run(10.0) < 1e-4);
+        assert!(norm(sub(bench.position(), before)) < 1e-3, "{before:?} {:?}", bench.position());
+        assert!(bench.tilt() < 1e-3);
+    }
+}
+
+#[test]
+fn a_peg_bounces_on_the_ground_with_a_restitution_of_0_4_and_not_on_the_block() {
+    let restitution = |offset: [f64; 2], surface: f64, fall: f64| {
+        let mut bench = Bench::loose(offset, surface + 0.5 * SHAFT + fall, UPRIGHT);
+        let (mut down, mut up): (f64, f64) = (0.0, 0.0);
+        for _ in 0..240 {
+            bench.step();
+            let v = bench.world.rows().free_velocity(bench.peg)[2];
+            down = down.min(v);
+            up = up.max(v);
+        }
+        -up / down
+    };
+    // Where in a physics step the peg touches down moves a single bounce by half of it.
+    let mean = |offset: [f64; 2], surface: f64| {
+        (0..20).map(|i| restitution(offset, surface, 0.2 + 0.013 * f64::from(i))).sum::<f64>() / 20.0
+    };
+    let (ground, block) = (mean([0.5, 0.5], 0.0), mean([0.08, 0.08], 0.4));
+    assert!((ground - 0.4).abs() < 0.05, "{ground} on the ground");
+    assert!(block < 0.1, "{block} on the block");
+}
+
+/// Depth to which the lowest point of a shaft that leans by `angle` gets into a hole of that radius.
+///
+/// In the plane of the axis and the vertical: the lower end's one edge is at the far wall, x = 2 R. The end is
+/// 2 r cos(angle) wide; from its lowest point the shaft's side rises at `angle` from the vertical to the near rim,
+/// x = 0. So depth · tan(angle) = 2 R - 2 r cos(angle).
+fn depth_leaning(angle: f64) -> f64 {
+    2.0 * (HOLE_RADIUS - SHAFT_RADIUS * angle.cos()) / angle.tan()
+}
+
+/// How deep the lowest point of a peg gets that slides down slowly without turning, leaning by `angle`, m.
+fn depth_reached(angle: f64) -> f64 {
+    let (sin, cos) = angle.sin_cos();
+    // Its lower end's edge passes 0.05 mm from the far wall.
+    let x = HOLE[0] + HOLE_RADIUS - 0.00005 - SHAFT_RADIUS * cos - 0.5 * SHAFT * sin;
+    let lowest_below_origin = 0.5 * SHAFT * cos + SHAFT_RADIUS * sin;
+    let height = 0.4 + lowest_below_origin;
+    let q = leaning(angle);
+    let mut bench = Bench::with(&format!(
+        "<worldbody><body name=\"slide\" pos=\"{x} {y} {height}\"><joint type=\"slide\" axis=\"1 0 0\"/>
+         <joint type=\"slide\" axis=\"0 1 0\"/><joint type=\"slide\" axis=\"0 0 1\" damping=\"10\"/>
+         <inertial pos=\"0 0 0\" mass=\"0.02\" diaginertia=\"1 1 1\"/></body></worldbody>
+         <equality><weld body1=\"slide\" body2=\"peg\" relpose=\"0 0 0 {} {} {} {}\" torquescale=\"30\"/></equality>",
+        q[0],
+        q[1],
+        q[2],
+        q[3],
+        y = HOLE[1],
+    ));
+    bench.world.switch(bench.weld, false);
+    bench.world.place_free(bench.peg, [x, HOLE[1], height], q);
+    bench.run(2.0);
+    assert!((bench.tilt() - angle).abs() < 1e-4, "it leans by {}", bench.tilt());
+    0.4 - (bench.position()[2] - lowest_below_origin)
+}
+
+#[test]
+fn a_crooked_peg_jams_where_geometry_says() {
+    // 9.3 degrees is the limit: there the lowest point just reaches the floor, 50 mm down.
+    assert!((depth_leaning(0.1616) - 0.05).abs() < 1e-4);
+    for angle in [0.05, 0.10, 0.14] {
+        let depth = depth_reached(angle);
+        assert!((depth - 0.05).abs() < 1e-4, "leaning by {angle} rad it stops at {depth}");
+    }
+    for angle in [0.2, 0.3, 0.4, 0.5] {
+        let (depth, limit) = (depth_reached(angle), depth_leaning(angle));
+        assert!((depth - limit).abs() < 5e-4, "leaning by {angle} rad it stops at {depth}, not {limit}");
+    }
+}
+
+#[test]
+fn the_hand_holds_the_peg_without_squeezing_it() {
+    let mut bench = Bench::new();
+    let start = bench.in_hand();
+    let deepest = bench.run(1.0);
+    let after = bench.in_hand();
+    assert!(deepest < 1e-5, "the pads are {deepest} in the cap");
+    assert!(norm(sub(after.0, start.0)) < 1e-4);
+    let before = bench.position();
+    bench.run(0.5);
+    assert!(norm(sub(bench.position(), before)) < 1e-6, "the peg trembles");
+    // The pads are at the cap: closer by half a millimetre they touch it.
+    for finger in [7, 8] {
+        let mut closer = Bench::new();
+        closer.targets[finger] -= 5e-4;
+        closer.panda.place(&closer.targets, &mut closer.world);
+        closer.step();
+        assert!(closer.world.penetration() > 0.0, "finger {finger}");
+    }
+}
+
+#[test]
+fn a_held_peg_does_not_slip_when_the_arm_shakes() {
+    let mut bench = Bench::new();
+    let start = bench.in_hand();
+    let (mut slip, mut turn): (f64, f64) = (0.0, 0.0);
+    // Up high, far from the block: each joint at full speed to and fro.
+    for step in 0..240 {
+        let sign = if (step / 20) % 2 == 0 { 1.0 } else { -1.0 };
+        bench.panda.move_targets(&[sign, sign * 0.2, -sign, -sign, sign, sign, -sign], &mut bench.targets);
+        for _ in 0..4 {
+            bench.step();
+            let now = bench.in_hand();
+            slip = slip.max(norm(sub(now.0, start.0)));
+            turn = turn.max(norm(sub(now.1, start.1)));
+        }
+    }
+    assert!(slip < 1e-3, "it slips by {slip}");
+    assert!(turn < 0.02, "it turns by {turn}");
+}
+
+#[test]
+fn the_whole_arm_does_not_drive_the_peg_into_the_block() {
+    let mut bench = Bench::new();
+    // Above the block, 4 cm beside its hole.
+    let above = [0.08, -0.137, 0.0, -1.572, 0.0, 1.486, 2.4];
+    bench.targets[..7].copy_from_slice(&above);
+    bench.run(3.0);
+    let start = bench.in_hand();
+    let (mut lowest, mut speed): (f64, f64) = (f64::INFINITY, 0.0);
+    for _ in 0..120 {
+        bench.panda.move_targets(&[0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0], &mut bench.targets);
+        for _ in 0..4 {
+            bench.step();
+            let axis = rotate(bench.quaternion(), [0.0, 1.0, 0.0]);
+            let tip = bench.position()[2] - 0.5 * SHAFT * axis[2] - SHAFT_RADIUS * norm_xy(axis);
+            speed = speed.max(-bench.world.rows().free_velocity(bench.peg)[2]);
+            lowest = lowest.min(tip);
+        }
+    }
+    // It comes down at 1.7 m/s, 7 mm in a physics step: that far it may be before the block is felt, and no farther
+    // under the full torque that follows.
+    assert!(speed > 1.5, "it comes down at {speed} m/s");
+    assert!(lowest > 0.4 - 1.1 * speed / 240.0, "its tip gets down to {lowest} at {speed} m/s");
+    let now = bench.in_hand();
+    assert!(
+        norm(sub(now.0, start.0)) < 1e-3 && norm(sub(now.1, start.1)) < 0.01,
+        "it slipped: {start:?} {now:?}"
+    );
+}
+
+#[test]
+fn the_gripper_lets_go_once_near_the_hole_wherever_it_is() {
+    let task = task("peg-in-hole").unwrap();
+    let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
+    let expert = task.expert().unwrap();
+    let (mut worker, mut actor) = (environment.worker(), expert.actor());
+    let mut state = vec![0.0; environment.state_size()];
+    let mut memory = vec![0.0; expert.state_size()];
+    let mut observation = vec![0.0; environment.observation_size()];
+    let mut signals = vec![0.0; environment.signals().len()];
+    let mut rewards = vec![0.0; environment.reward_terms().len()];
+    let (mut wanted, mut action) = (vec![0.0; JOINTS], vec![0.0; JOINTS]);
+    macro_rules! sample {
+        () => {
+            Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards }
+        };
+    }
+    // In the middle, and at the corners of the box: the nearest and the farthest holes.
+    for hole in [HOLE, [0.3, -0.2], [0.3, 0.2], [0.7, -0.2], [0.7, 0.2]] {
+        worker.reset(&hole, Seed(0), &mut state, sample!());
+        actor.reset(&mut memory, Seed(0));
+        assert_eq!(observation[18..25], [0.109, 0.0, 0.786, 0.5, 0.5, 0.5, 0.5].map(|x: f64| x as f32));
+        let mut held = true;
+        for step in 1..=300 {
+            let [x, y, z] = [25, 26, 27].map(|i| f64::from(observation[i]));
+            // The hole's marker is at its floor, the release point 4 cm above it.
+            let near = norm([x, y, z - 0.04]) <= 0.024;
+            actor.act(1, &observation, &mut memory, &mut wanted);
+            action.iter_mut().zip(&wanted).for_each(|(a, w)| *a = f64::from(*w));
+            worker.step(&action, &mut state, sample!());
+            held &= !near;
+            assert_eq!(signals[4], if held { 1.0 } else { 0.0 }, "hole at {hole:?}, step {step}");
+        }
+        assert!(!held, "hole at {hole:?}");
+        // It lies in the hole as deep as that is, and the fingers are open.
+        assert!((signals[1] - 0.05).abs() < 1e-3 && signals[0] < 0.005, "hole at {hole:?}: {signals:?}");
+        assert!(observation[7] > 0.99 && observation[8] > 0.99);
+    }
+}
+
+#[test]
+fn the_block_is_where_the_box_says_and_leaves_the_base_alone() {
+    let mut bench = Bench::new();
+    let model = bench.world.model().clone();
+    // The nearest holes: the block then reaches to 0.15 m from the base's axis.
+    for y in [-0.2, 0.0, 0.2] {
+        bench.world.place(model.mocap("block").unwrap(), [0.3, y, 0.0], [1.0, 0.0, 0.0, 0.0]);
+        bench.world.refresh();
+        assert_eq!(bench.world.rows().site_position(model.site("hole").unwrap()), [0.3, y, 0.35]);
+        assert!(bench.run(0.2) < 1e-5, "something touches");
+    }
+}

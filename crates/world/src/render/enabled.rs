@@ -1,0 +1,130 @@
+use std::fmt;
+
+use mujoco_rs::prelude::*;
+use mujoco_rs::renderer::MjRenderer;
+use mujoco_rs::wrappers::mj_model::MjtGeomBase;
+use mujoco_rs::wrappers::mj_visualization::{MjvCamera, MjvOption};
+
+use super::{Size, view};
+use crate::{Model, World, WorldError};
+
+/// Name of a camera that a scene may have, to be looked at through that one.
+const CAMERA: &str = "view";
+
+/// Collision shapes of the robot, and its sites: nothing to look at.
+const HIDDEN_GEOMS: usize = 3;
+const HIDDEN_SITES: usize = 4;
+
+/// Draws states of one scene.
+///
+/// A scene with a camera named `view` is seen through that; any other from a place that follows from its extent and
+/// from what would stand before the robot, by one rule for all scenes.
+pub struct Renderer {
+    world: World,
+    inner: MjRenderer,
+}
+
+impl fmt::Debug for Renderer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Renderer").field("world", &self.world).finish_non_exhaustive()
+    }
+}
+
+impl Renderer {
+    /// A renderer of the scene in an MJCF document, which is given light, a sky, and ground if it has none.
+    ///
+    /// # Errors
+    /// If MuJoCo refuses the document, or there is no OpenGL to draw with.
+    pub fn new(document: &str, size: Size) -> Result<Renderer, WorldError> {
+        let bare = Model::from_xml(document)?;
+        let has_ground = bare.inner.geom_type().contains(&MjtGeomBase::mjGEOM_PLANE);
+        let model = Model::from_xml(&view::furnished(document, size, has_ground))?;
+        let camera = match model.inner.name_to_id(MjtObjBase::mjOBJ_CAMERA, CAMERA) {
+            Some(id) => MjvCamera::new_fixed(id),
+            None => MjvCamera::new_free(&model.inner),
+        };
+        let mut options = MjvOption::default();
+        options.geomgroup[HIDDEN_GEOMS] = 0;
+        options.sitegroup[HIDDEN_SITES] = 0;
+        let inner = MjRenderer::builder()
+            .width(size.width())
+            .height(size.height())
+            .camera(camera)
+            .opts(options)
+            .build(&model.inner)
+            .map_err(|error| WorldError::Render(said(&error)))?;
+        Ok(Renderer { world: model.world(), inner })
+    }
+
+    fn is_free(&self) -> bool {
+        self.inner.camera().type_ == MjtCamera::mjCAMERA_FREE as i32
+    }
+
+    /// Turns the camera so that everything is in the picture in all of these states; a scene's own camera stays.
+    ///
+    /// # Panics
+    /// If a state is shorter than the scene's [`Model::state_size`].
+    pub fn frame<'a>(&mut self, states: impl IntoIterator<Item = &'a [f64]>) {
+        if !self.is_free() {
+            return;
+        }
+        let mut corners = Vec::new();
+        let mut first = None;
+        for state in states {
+            first = first.or(Some(state));
+            self.world.set_state(state);
+            self.world.data.forward();
+            view::corners(&self.world, &mut corners);
+        }
+        if let Some(first) = first {
+            self.world.set_state(first);
+            self.world.data.forward();
+        }
+        let global = &self.world.model().inner.vis().global;
+        let aspect = f64::from(global.offwidth) / f64::from(global.offheight);
+        let fovy = f64::from(global.fovy).to_radians();
+        let groups = self.inner.opts().geomgroup;
+        let view = view::best(&mut self.world, &corners, &groups, fovy, aspect);
+        let camera = self.inner.camera_mut();
+        (camera.azimuth, camera.elevation) = (view.azimuth_deg, view::ELEVATION_DEG);
+        (camera.lookat, camera.distance) = (view.centre, view.distance);
+    }
+
+    /// The picture of a state: three bytes a pixel (red, green, blue), rows from the top.
+    ///
+    /// # Errors
+    /// If OpenGL fails.
+    ///
+    /// # Panics
+    /// If the state is shorter than the scene's [`Model::state_size`].
+    pub fn draw(&mut self, state: &[f64]) -> Result<&[u8], WorldError> {
+        self.world.set_state(state);
+        self.world.data.forward();
+        let drawn = self.inner.sync_data(&mut self.world.data).and_then(|()| self.inner.render());
+        drawn.map_err(|error| WorldError::Render(said(&error)))?;
+        Ok(self.inner.rgb_flat().unwrap_or_default())
+    }
+}
+
+/// An error with its causes, on one line.
+fn said(error: &dyn std::error::Error) -> String {
+    std::iter::successors(Some(error), |error| error.source())
+        .map(ToString::to_string)
+        .collect::<Vec<_>>()
+        .join(": ")
+}
+
+/// A picture, three bytes a pixel and rows from the top, as a PNG file.
+///
+/// # Errors
+/// If there are not as many bytes as the size wants.
+pub fn png(width: u32, height: u32, pixels: &[u8]) -> Result<Vec<u8>, WorldError> {
+    let mut file = Vec::new();
+    let mut encoder = png::Encoder::new(&mut file, width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(png::Compression::High);
+    let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(pixels));
+    written.map_err(|error| WorldError::Render(error.to_string()))?;
+    Ok(file)
+}

@@ -1,0 +1,188 @@
+//! What a scene is lit by, and where it is seen from.
+
+use mujoco_rs::wrappers::mj_model::MjtGeomBase;
+
+use super::Size;
+use crate::World;
+use crate::frame::{add, dot, norm, scale, sub};
+
+/// The camera looks back at the robot from its front right, a little from above; from another corner where something
+/// would stand before the robot.
+pub(super) const AZIMUTHS_DEG: [f64; 4] = [140.0, -140.0, 40.0, -40.0];
+pub(super) const ELEVATION_DEG: f64 = -22.0;
+
+/// Share of bodies that have to be seen from a corner, lest another one is tried.
+const SEEN: f64 = 0.7;
+
+/// Space around what is seen, as a share of the distance.
+const MARGIN: f64 = 0.04;
+
+/// Rounds of stepping back and centring; the picture does not change visibly any more.
+const ROUNDS: usize = 20;
+
+/// What is farther from the robot's base than this is no part of the scene: a ball that rolls away, m.
+const FAR: f64 = 2.0;
+
+/// The document with light, a sky, room for a picture of this size, and ground if it has none.
+pub(super) fn furnished(document: &str, size: Size, has_ground: bool) -> String {
+    let ground = if has_ground {
+        ""
+    } else {
+        r#"<geom type="plane" size="2 2 0.1" contype="0" conaffinity="0" rgba="0.86 0.87 0.88 1"/>"#
+    };
+    let additions = format!(
+        r#"
+<visual>
+  <global offwidth="{}" offheight="{}" fovy="32"/>
+  <headlight ambient="0.42 0.42 0.42" diffuse="0.28 0.28 0.28" specular="0.05 0.05 0.05"/>
+  <quality shadowsize="{}" offsamples="4"/>
+  <map znear="0.05" zfar="12" shadowclip="3.2"/>
+</visual>
+<statistic extent="1"/>
+<asset>
+  <texture type="skybox" builtin="gradient" rgb1="0.94 0.96 0.98" rgb2="1 1 1" width="64" height="384"/>
+</asset>
+<worldbody>
+  <light directional="true" pos="1.5 -0.9 3.3" dir="-0.35 0.3 -1" diffuse="0.5 0.5 0.5" specular="0.15 0.15 0.15"/>
+  {ground}
+</worldbody>
+</mujoco>"#,
+        size.width(),
+        size.height(),
+        (3 * size.width().max(size.height())).next_power_of_two().clamp(256, 4096),
+    );
+    document.trim_end().strip_suffix("</mujoco>").unwrap_or(document).to_string() + &additions
+}
+
+/// Appends the corners of the boxes around all shapes but planes, and the vertices of cloths.
+pub(super) fn corners(world: &World, out: &mut Vec<[f64; 3]>) {
+    let (model, data) = (&world.model().inner, &world.data);
+    let kept = |p: &[f64; 3]| norm(*p) < FAR;
+    for (geom, kind) in model.geom_type().iter().enumerate() {
+        if *kind == MjtGeomBase::mjGEOM_PLANE {
+            continue;
+        }
+        let (bounds, at, turn) = (model.geom_aabb()[geom], data.geom_xpos()[geom], data.geom_xmat()[geom]);
+        for corner in 0..8 {
+            let sign = |axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
+            let local: [f64; 3] = std::array::from_fn(|i| bounds[i] + sign(i) * bounds[3 + i]);
+            let turned = [0, 3, 6]
+                .map(|row| turn[row] * local[0] + turn[row + 1] * local[1] + turn[row + 2] * local[2]);
+            out.extend(Some(add(at, turned)).filter(kept));
+        }
+    }
+    out.extend(data.flexvert_xpos().iter().copied().filter(kept));
+}
+
+/// Where a camera stands and looks.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct View {
+    pub azimuth_deg: f64,
+    pub centre: [f64; 3],
+    pub distance: f64,
+}
+
+/// The first view of the points from which enough of the world's bodies are seen as they stand now, or that from which
+/// most are.
+pub(super) fn best(world: &mut World, points: &[[f64; 3]], groups: &[u8; 6], fovy: f64, aspect: f64) -> View {
+    let mut best = (f64::NEG_INFINITY, None);
+    for azimuth_deg in AZIMUTHS_DEG {
+        let (centre, distance) = fit(points, azimuth_deg, fovy, aspect);
+        let view = View { azimuth_deg, centre, distance };
+        let eye = sub(centre, scale(forward(azimuth_deg), distance));
+        let seen = seen(world, eye, groups);
+        if seen > best.0 {
+            best = (seen, Some(view));
+        }
+        if seen >= SEEN {
+            break;
+        }
+    }
+    let straight = View { azimuth_deg: AZIMUTHS_DEG[0], centre: [0.0; 3], distance: 1.0 };
+    best.1.unwrap_or(straight)
+}
+
+/// Share of the bodies of which the middle of a shape is seen from a point.
+fn seen(world: &mut World, eye: [f64; 3], groups: &[u8; 6]) -> f64 {
+    let model = world.model().clone();
+    let bodies = model.inner.geom_bodyid();
+    let (mut there, mut found) = (vec![false; model.inner.nbody() as usize], Vec::new());
+    for (geom, kind) in model.inner.geom_type().iter().enumerate() {
+        let is_shown = groups.get(model.inner.geom_group()[geom] as usize).is_some_and(|shown| *shown != 0);
+        let body = bodies[geom] as usize;
+        if *kind == MjtGeomBase::mjGEOM_PLANE || body == 0 || !is_shown {
+            continue;
+        }
+        there[body] = true;
+        let towards = sub(world.data.geom_xpos()[geom], eye);
+        let (hit, _) = world.data.ray(&eye, &towards, Some(groups), true, None, None);
+        if hit.is_some_and(|hit| bodies[hit] as usize == body) && !found.contains(&body) {
+            found.push(body);
+        }
+    }
+    found.len() as f64 / there.iter().filter(|there| **there).count().max(1) as f64
+}
+
+/// The direction in which a camera looks.
+fn forward(azimuth_deg: f64) -> [f64; 3] {
+    let (azimuth, elevation) = (azimuth_deg.to_radians(), ELEVATION_DEG.to_radians());
+    [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()]
+}
+
+/// Where a camera with that azimuth looks, and from what distance (m), so that all points are in the picture: in
+/// the middle of what it sees of them.
+fn fit(points: &[[f64; 3]], azimuth_deg: f64, fovy: f64, aspect: f64) -> ([f64; 3], f64) {
+    let forward = forward(azimuth_deg);
+    let (sin, cos) = azimuth_deg.to_radians().sin_cos();
+    let right = [sin, -cos, 0.0];
+    let up = crate::frame::cross(right, forward);
+    let middle = |along: &dyn Fn([f64; 3]) -> f64| {
+        let values = || points.iter().map(|p| along(*p));
+        let (low, high) =
+            (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+        if low <= high { 0.5 * (low + high) } else { 0.0 }
+    };
+    let mut centre = [right, up, forward]
+        .iter()
+        .fold([0.0; 3], |sum, axis| add(sum, scale(*axis, middle(&|p| dot(p, *axis)))));
+    let (vertical, horizontal) = ((0.5 * fovy).tan(), (0.5 * fovy).tan() * aspect);
+    let mut distance = 1.0;
+    for _ in 0..ROUNDS {
+        let needed = points.iter().map(|p| {
+            let seen = sub(*p, centre);
+            let beside = (dot(seen, right).abs() / horizontal).max(dot(seen, up).abs() / vertical);
+            beside - dot(seen, forward)
+        });
+        distance = (1.0 + MARGIN) * needed.fold(0.5, f64::max);
+        // What is nearer looks larger, so the middle in the picture is another one than in space.
+        for axis in [right, up] {
+            let middle = middle(&|p| {
+                let seen = sub(p, centre);
+                dot(seen, axis) / (distance + dot(seen, forward))
+            });
+            centre = add(centre, scale(axis, middle * distance));
+        }
+    }
+    (centre, distance)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_at_the_rim_is_as_far_off_the_middle_as_the_opening_says() {
+        // Two points 2 m apart across the view: each 1 m off the middle, seen under half of 90 degrees from 1 m.
+        let azimuth = AZIMUTHS_DEG[0].to_radians();
+        let right = [azimuth.sin(), -azimuth.cos(), 0.0];
+        let fovy = std::f64::consts::FRAC_PI_2;
+        let (centre, distance) = fit(&[right, scale(right, -1.0)], AZIMUTHS_DEG[0], fovy, 1.0);
+        assert!(norm(centre) < 1e-12);
+        assert!((distance - (1.0 + MARGIN)).abs() < 1e-12);
+        // A picture twice as wide as high needs half the distance.
+        assert!(
+            (fit(&[right, scale(right, -1.0)], AZIMUTHS_DEG[0], fovy, 2.0).1 - 0.5 * (1.0 + MARGIN)).abs()
+                < 1e-12
+        );
+    }
+}

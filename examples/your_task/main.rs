@@ -1,0 +1,8 @@
+//! The whole command line with a task of your own; docs/your_task.md says more.
+
+mod cube_flipping;
+
+fn main() -> std::process::ExitCode {
+    mishandle::tasks::add(&cube_flipping::CubeFlipping);
+    mishandle_cli::main()
+}

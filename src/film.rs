@@ -1,0 +1,139 @@
+//! The states of a scene, one after the other, to be drawn.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use mishandle_rollout::{Environment, InitialBox, Sample, Seed, Status, Worker};
+use mishandle_store::RunFile;
+use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment, compose};
+use mishandle_world::WorldError;
+
+use crate::replay::replay_in;
+use crate::{MishandleError, Replayed};
+
+/// States of a task's scene, a control step apart.
+pub struct Film {
+    /// The scene with all that is to be seen, an MJCF document.
+    pub document: String,
+    /// State rows of it.
+    pub states: Vec<Vec<f64>>,
+    /// Time between two of them, s.
+    pub control_dt: f64,
+}
+
+/// A task's scene at its start: from `x0`, which may lie outside the initial box, or from the middle of the paper's box.
+///
+/// # Errors
+/// If `x0` does not have a finite number for each axis, or the task cannot be built.
+pub fn start(task: &dyn Task, x0: Option<&[f64]>) -> Result<Film, MishandleError> {
+    let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original)?;
+    let initial_box = environment.initial_box();
+    let middle = initial_box.at(&vec![0.5; initial_box.dimension()]);
+    let x0 = x0.unwrap_or(&middle);
+    initial_box.check(x0)?;
+    let mut state = vec![0.0; environment.state_size()];
+    let mut observation = vec![0.0; environment.observation_size()];
+    let mut signals = vec![0.0; environment.signals().len()];
+    let mut rewards = vec![0.0; environment.reward_terms().len()];
+    let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
+    environment.worker().reset(x0, Seed(0), &mut state, sample);
+    Ok(Film { document: document(task)?, states: vec![state], control_dt: environment.control_dt() })
+}
+
+/// Runs simulation `number` of trial `trial` of a run again, as [`replay`](crate::replay()) does, and keeps its states.
+///
+/// # Errors
+/// As [`replay`](crate::replay()).
+pub fn film(
+    run: &RunFile,
+    trial: u32,
+    number: u32,
+    controller: Option<&str>,
+) -> Result<(Replayed, Film), MishandleError> {
+    let states = Arc::new(Mutex::new(Vec::new()));
+    let task = crate::task(&run.header().task)?;
+    let replayed = replay_in(run, trial, number, controller, |environment| {
+        Arc::new(Filmed { environment, states: states.clone() })
+    })?;
+    let states = std::mem::take(&mut *states.lock().unwrap_or_else(PoisonError::into_inner));
+    Ok((replayed, Film { document: document(task)?, states, control_dt: run.header().control_dt }))
+}
+
+fn document(task: &dyn Task) -> Result<String, MishandleError> {
+    compose(task).map_err(|source: WorldError| {
+        MishandleError::Task(mishandle_tasks::TaskError::Scene { task: task.definition().name, source })
+    })
+}
+
+/// An environment that keeps the states of the one simulation that runs in it.
+struct Filmed {
+    environment: Arc<TaskEnvironment>,
+    states: Arc<Mutex<Vec<Vec<f64>>>>,
+}
+
+impl Environment for Filmed {
+    fn name(&self) -> &str {
+        self.environment.name()
+    }
+
+    fn initial_box(&self) -> &InitialBox {
+        self.environment.initial_box()
+    }
+
+    fn signals(&self) -> &Arc<[String]> {
+        self.environment.signals()
+    }
+
+    fn reward_terms(&self) -> &[String] {
+        self.environment.reward_terms()
+    }
+
+    fn observation_size(&self) -> usize {
+        self.environment.observation_size()
+    }
+
+    fn action_size(&self) -> usize {
+        self.environment.action_size()
+    }
+
+    fn state_size(&self) -> usize {
+        self.environment.state_size()
+    }
+
+    fn control_dt(&self) -> f64 {
+        self.environment.control_dt()
+    }
+
+    fn episode_steps(&self) -> usize {
+        self.environment.episode_steps()
+    }
+
+    fn worker(&self) -> Box<dyn Worker> {
+        Box::new(FilmedWorker { worker: self.environment.worker(), states: self.states.clone() })
+    }
+}
+
+struct FilmedWorker {
+    worker: Box<dyn Worker>,
+    states: Arc<Mutex<Vec<Vec<f64>>>>,
+}
+
+impl FilmedWorker {
+    fn keep(&self, state: &[f64]) {
+        self.states.lock().unwrap_or_else(PoisonError::into_inner).push(state.to_vec());
+    }
+}
+
+impl Worker for FilmedWorker {
+    fn reset(&mut self, x0: &[f64], seed: Seed, state: &mut [f64], sample: Sample<'_>) {
+        self.worker.reset(x0, seed, state, sample);
+        self.keep(state);
+    }
+
+    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> Status {
+        let status = self.worker.step(action, state, sample);
+        if status != Status::Diverged {
+            self.keep(state);
+        }
+        status
+    }
+}

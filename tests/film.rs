@@ -1,0 +1,53 @@
+//! What is drawn is what was simulated.
+
+#![allow(clippy::unwrap_used)]
+
+use std::ops::ControlFlow;
+
+use mishandle::rollout::Environment;
+use mishandle::store::RunFile;
+use mishandle::tasks::{Preset, Reward, TaskEnvironment, tasks};
+use mishandle::world::Model;
+use mishandle::{EvaluatePlan, Plan, Subject};
+
+/// The environment drops what only pictures need; its states have to fit the scene with all of it.
+#[test]
+fn the_states_of_every_task_fit_its_scene_with_visuals() {
+    for task in tasks() {
+        let name = task.definition().name;
+        let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original).unwrap();
+        let film = mishandle::start(task, None).unwrap();
+        let (drawn, stepped) = (Model::from_xml(&film.document).unwrap(), environment.model());
+        assert_eq!(drawn.state_size(), stepped.state_size(), "{name}");
+        assert_eq!(drawn.qpos_size(), stepped.qpos_size(), "{name}");
+        assert_eq!(film.states[0].len(), environment.state_size(), "{name}");
+    }
+}
+
+#[test]
+fn a_film_holds_every_sample_of_the_recorded_episode() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    let evaluate = EvaluatePlan { episodes: 2, ..EvaluatePlan::default() };
+    let plan = Plan { evaluate: Some(evaluate), ..Plan::new("point-reaching", "expert") };
+    let subject = Subject::new(&plan).unwrap();
+    let run = mishandle::create_run(&plan, &subject, Some(&path)).unwrap();
+    mishandle::evaluate(&plan, &subject, run, |_| ControlFlow::Continue(())).unwrap();
+
+    let (replayed, film) = mishandle::film(&RunFile::open(&path).unwrap(), 1, 2, None).unwrap();
+    assert_eq!(replayed.differences, Vec::<String>::new());
+    assert_eq!(film.states.len(), replayed.episode.trace.len());
+    // The arm has moved from its start, and the target that it moved to has not.
+    let model = Model::from_xml(&film.document).unwrap();
+    let target = model.body("target").unwrap();
+    let mut world = model.world();
+    let mut seen = |state: &[f64]| {
+        world.set_state(state);
+        world.refresh();
+        (world.qpos().to_vec(), world.rows().position(target).to_vec())
+    };
+    let (first, last) = (seen(&film.states[0]), seen(&film.states[film.states.len() - 1]));
+    assert_ne!(first.0, last.0);
+    assert_eq!(first.1, replayed.recorded.initial_configuration);
+    assert_eq!(last.1, first.1);
+}

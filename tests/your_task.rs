@@ -1,0 +1,67 @@
+//! A task outside the benchmark is taken by every command: the one of `examples/your_task`.
+
+#![allow(clippy::unwrap_used)]
+
+use std::ffi::OsString;
+use std::path::Path;
+use std::process::ExitCode;
+
+use mishandle::store::RunFile;
+
+#[path = "../examples/your_task/cube_flipping.rs"]
+mod cube_flipping;
+
+/// Runs the program with the task in a folder; what is in single quotes is one word.
+fn run(folder: &Path, arguments: &str) -> ExitCode {
+    let folder = folder.to_str().unwrap();
+    let words = arguments.split('\'').enumerate().flat_map(|(i, part)| match i % 2 {
+        0 => part.split_whitespace().map(String::from).collect::<Vec<_>>(),
+        _ => vec![part.to_string()],
+    });
+    let words = words.map(|word| OsString::from(word.replace("HERE", folder)));
+    mishandle_cli::run_with(std::iter::once("mishandle".into()).chain(words))
+}
+
+#[test]
+fn every_command_takes_a_task_of_ones_own() {
+    mishandle::tasks::add(&cube_flipping::CubeFlipping);
+    let folder = tempfile::tempdir().unwrap();
+    let run = |arguments: &str| run(folder.path(), arguments);
+    let done = ExitCode::SUCCESS;
+
+    assert_eq!(run("tasks cube-flipping"), done);
+    assert_eq!(run("tasks cube-flipping --mjcf HERE/scene.xml"), done);
+    assert_eq!(
+        run("evaluate cube-flipping --controller expert --episodes 24 --seed 5 --out HERE/run.sqlite"),
+        done
+    );
+    let measured = RunFile::open(folder.path().join("run.sqlite")).unwrap();
+    let robustness: Vec<f64> =
+        measured.simulations().map(|simulation| simulation.unwrap().robustness.unwrap()).collect();
+    assert_eq!(robustness.len(), 24);
+    assert!(robustness.iter().all(|rho| *rho > 0.0), "the expert leaves a cube as it was: {robustness:?}");
+    assert_eq!(run("replay HERE/run.sqlite --simulation 7"), done);
+
+    // Nobody tips the cube within half a second, so this is violated from everywhere.
+    let early = "falsify cube-flipping --controller expert --formula 'eventually[0:30](cube_tilt >= 1.5)' --trials 1 \
+                 --out HERE/early.sqlite";
+    assert_eq!(run(early), ExitCode::from(1));
+
+    let settings = "rollout_steps = 16\nminibatch_rows = 128\nepisodes.environments = 16\nrun.total_steps = 512\n\
+                    run.validation_episodes = 2\n";
+    std::fs::write(folder.path().join("ppo.toml"), settings).unwrap();
+    assert_eq!(run("train cube-flipping --settings HERE/ppo.toml --out HERE/mine.safetensors"), done);
+    assert_eq!(
+        run("evaluate cube-flipping --controller HERE/mine.safetensors --episodes 2 --out HERE/mine.sqlite"),
+        done
+    );
+    assert_eq!(run("evaluate cube-floping --controller expert"), ExitCode::from(2));
+}
+
+#[test]
+fn the_example_fits_on_a_few_screens() {
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/your_task");
+    let lines = |name: &str| std::fs::read_to_string(example.join(name)).unwrap().lines().count();
+    let all: usize = ["main.rs", "cube_flipping.rs", "scene.xml", "ppo.toml"].map(lines).iter().sum();
+    assert!(all < 200, "it has {all} lines");
+}
