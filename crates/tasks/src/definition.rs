@@ -236,7 +236,8 @@ pub trait Task: Send + Sync {
 
     /// MJCF of what stands around the robot: children of `<mujoco>`.
     ///
-    /// Its equality constraints are what the hand holds: all are switched off for good when the gripper lets go.
+    /// Its equality constraints, but those that keep the edges of a flex, are what the hand holds: all are switched
+    /// off for good when the gripper lets go.
     fn scene(&self) -> std::borrow::Cow<'static, str>;
 
     /// Finds the scene's elements in the compiled model.

@@ -8,6 +8,7 @@ use std::sync::{PoisonError, RwLock};
 mod ball_balancing;
 mod ball_catching;
 mod ball_pushing;
+mod cloth_placing;
 mod cube_stacking;
 mod definition;
 mod door_opening;
@@ -37,6 +38,8 @@ pub static TASKS: &[&dyn Task] = &[
     &ball_catching::BallCatching,
     &ball_pushing::BallPushing,
     &door_opening::DoorOpening,
+    &cloth_placing::CLOTH_PLACING,
+    &cloth_placing::CLOTH_PLACING_7X7,
 ];
 
 /// Tasks beside the benchmark's.

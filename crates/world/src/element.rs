@@ -20,6 +20,15 @@ pub struct Equality(pub(crate) usize);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mocap(pub(crate) usize);
 
+/// A flex whose vertices are bodies that move along the world's axes and do not turn: a cloth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Flex {
+    pub(crate) body: usize,
+    pub(crate) dof: usize,
+    /// Number of vertices.
+    pub vertices: usize,
+}
+
 /// A joint. A free joint has seven positions (point, quaternion) and six velocities (linear in the world frame,
 /// angular in the body's own).
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -18,6 +18,9 @@ pub enum WorldError {
     /// The body is there, but its pose cannot be set.
     #[error("body `{0}` is not a mocap body, so its pose cannot be set")]
     NotMocap(String),
+    /// The flex is there, but its vertices are no plain rows.
+    #[error("flex `{0}` is not made of bodies of the world in a row, each with slides along x, y and z")]
+    NotFree(String),
     /// Nothing can be drawn.
     #[error(
         "no picture can be drawn without a display here: {0} (it takes EGL and OpenGL; on Debian and Ubuntu: apt install \

@@ -16,7 +16,7 @@ mod render;
 mod rows;
 mod state;
 
-pub use element::{Actuator, Body, Equality, Joint, Mocap, Site};
+pub use element::{Actuator, Body, Equality, Flex, Joint, Mocap, Site};
 pub use error::WorldError;
 pub use kinematics::Arm;
 pub use model::Model;

@@ -3,7 +3,7 @@ use std::sync::{Arc, Once};
 
 use mujoco_rs::prelude::*;
 
-use crate::{Actuator, Body, Equality, Joint, Mocap, Site, World, WorldError};
+use crate::{Actuator, Body, Equality, Flex, Joint, Mocap, Site, World, WorldError};
 
 /// The state that determines the future: positions, velocities, controls, mocap poses, switched constraints, and the
 /// warm start of the solver, without which the next step would have other bits.
@@ -138,6 +138,33 @@ impl Model {
             .map_err(|_| WorldError::NotMocap(name.to_string()))
     }
 
+    /// The flex of that name: a cloth.
+    ///
+    /// # Errors
+    /// If there is none, or its vertices are not bodies of the world that follow one another, each with slides along
+    /// x, y and z.
+    pub fn flex(&self, name: &str) -> Result<Flex, WorldError> {
+        let id = self.find(MjtObjBase::mjOBJ_FLEX, "flex", name)?;
+        let model = &*self.inner;
+        let vertices = model.flex_vertnum()[id] as usize;
+        let bodies = &model.flex_vertbodyid()[model.flex_vertadr()[id] as usize..][..vertices];
+        let first = bodies[0] as usize;
+        let free = |(i, body): (usize, &i32)| {
+            let body = *body as usize;
+            let joint = model.body_jntadr()[body].max(0) as usize;
+            body == first + i
+                && model.body_parentid()[body] == 0
+                && model.body_quat()[body] == [1.0, 0.0, 0.0, 0.0]
+                && model.body_jntnum()[body] == 3
+                && model.jnt_type()[joint..][..3] == [MjtJoint::mjJNT_SLIDE; 3]
+                && model.jnt_axis()[joint..][..3] == [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+        };
+        if !bodies.iter().enumerate().all(free) {
+            return Err(WorldError::NotFree(name.to_string()));
+        }
+        Ok(Flex { body: first, dof: model.body_dofadr()[first] as usize, vertices })
+    }
+
     fn find(&self, kind: MjtObjBase, kind_name: &'static str, name: &str) -> Result<usize, WorldError> {
         let found = if name.contains('\0') { None } else { self.inner.name_to_id(kind, name) };
         found.ok_or_else(|| WorldError::Element {
@@ -154,6 +181,7 @@ impl Model {
             MjtObjBase::mjOBJ_SITE => self.inner.nsite(),
             MjtObjBase::mjOBJ_ACTUATOR => self.inner.nu(),
             MjtObjBase::mjOBJ_EQUALITY => self.inner.neq(),
+            MjtObjBase::mjOBJ_FLEX => self.inner.nflex(),
             _ => self.inner.njnt(),
         };
         (id < count as usize).then(|| self.inner.id_to_name(kind, id).unwrap_or_default().to_string())

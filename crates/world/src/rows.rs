@@ -1,7 +1,7 @@
 use mujoco_rs::prelude::MjtJoint;
 
 use crate::frame::{add, cross, rotate, scale, sub};
-use crate::{Body, Equality, Joint, Site};
+use crate::{Body, Equality, Flex, Joint, Site};
 
 /// The state of a world and what follows from it, as plain rows of numbers: all that a task may look at.
 ///
@@ -91,6 +91,16 @@ impl Rows<'_> {
     /// Rotation matrix of a site, row by row: takes its own axes to the world's.
     pub fn site_rotation(&self, site: Site) -> [f64; 9] {
         self.site_rotations[site.0]
+    }
+
+    /// Positions of a flex's vertices, m.
+    pub fn vertices(&self, flex: Flex) -> &[[f64; 3]] {
+        &self.body_positions[flex.body..][..flex.vertices]
+    }
+
+    /// Velocities of a flex's vertices, m/s.
+    pub fn vertex_velocities(&self, flex: Flex) -> &[[f64; 3]] {
+        self.qvel[flex.dof..][..3 * flex.vertices].as_chunks().0
     }
 
     /// Position of a free body, m.

@@ -174,9 +174,15 @@ impl World {
         self.data.eq_active_mut()[equality.0] = on;
     }
 
-    /// Switches all equality constraints on or off.
+    /// Switches all equality constraints on or off, but those that keep the edges of a flex: they are what a cloth is
+    /// made of.
     pub fn switch_all(&mut self, on: bool) {
-        self.data.eq_active_mut().fill(on);
+        let kinds = self.model.inner.eq_type();
+        for (active, kind) in self.data.eq_active_mut().iter_mut().zip(kinds) {
+            if *kind != MjtEq::mjEQ_FLEX {
+                *active = on;
+            }
+        }
     }
 
     /// The deepest penetration among the present contacts, m; 0 without one.
