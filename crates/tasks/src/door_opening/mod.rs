@@ -86,17 +86,17 @@ const DEFINITION: Definition = Definition {
         one("bonus", "", "0.5 where e < 0.7, A more where e < 0.5, 2 A more where e < 0.2"),
     ],
     shaped_reward: &[
-        one("near", "", "0.15 (1 - tanh(4 d)), d from the grasp point to the lever; all of it from 45° on"),
+        one("near", "", "0.15 (1 - tanh(4 d)), d from the grasp point to the lever; all of it from 15° on"),
         one(
             "around",
             "",
             "0.1 u l g, u and l how far a pad is above and below the lever's middle over half its height, g from 0 to 1 as \
-             d falls from 0.1 to 0.05; all of it from 45° on",
+             d falls from 0.1 to 0.05; all of it from 15° on",
         ),
         one(
             "closed",
             "",
-            "0.05 u l g times how far the fingers are closed on the lever; all of it from 45° on",
+            "0.05 u l g times how far the fingers are closed on the lever; all of it from 15° on",
         ),
         one("opening", "", "0.15 times the yaw rate over 0.7 rad/s, within ±0.15; all of it from 45° on"),
         one("opened", "", "0.25 times the yaw over 45°, at most 0.25"),

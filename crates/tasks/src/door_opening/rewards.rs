@@ -20,6 +20,9 @@ const PAD: f64 = 0.045;
 /// Stroke of a finger, m.
 const STROKE: f64 = 0.04;
 
+/// Yaw from which on a door that is let go swings on by itself, rad: from here on the hand need not hold the lever.
+const AJAR: f64 = 15.0_f64.to_radians();
+
 /// Yaw rate that the shaped reward asks for, rad/s.
 const RATE: f64 = 0.7;
 
@@ -54,9 +57,14 @@ impl Bound {
         let yaw = signals[0].to_radians();
         let effort = crate::reward::effort(action);
         let opened = 0.25 * (yaw / FRAC_PI_4).min(1.0);
+        // An open door asks for nothing more, one that is ajar for nothing of the hand: a hand that is paid for holding on
+        // stops where its own joints do, at about 30 degrees.
         if yaw >= FRAC_PI_4 {
-            // An open door asks for nothing more of the hand.
             return [0.15, 0.1, 0.05, 0.15, opened, 0.3, effort];
+        }
+        let opening = 0.15 * (signals[1] / RATE).clamp(-1.0, 1.0);
+        if yaw >= AJAR {
+            return [0.15, 0.1, 0.05, opening, opened, 0.0, effort];
         }
         let lever = add(rows.position(self.panel), rotate(rows.quaternion(self.panel), LEVER));
         let d = norm(sub(rows.site_position(self.panda.grasp), lever));
@@ -66,7 +74,7 @@ impl Bound {
             0.15 * (1.0 - (4.0 * d).tanh()),
             0.1 * around,
             0.05 * around * (1.0 - slack).clamp(0.0, 1.0),
-            0.15 * (signals[1] / RATE).clamp(-1.0, 1.0),
+            opening,
             opened,
             0.0,
             effort,
