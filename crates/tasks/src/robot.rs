@@ -170,7 +170,9 @@ pub fn compose(task: &dyn Task) -> Result<String, WorldError> {
         }
     }
     let hand = PANDA.replacen("<!-- held -->", &in_hand, 1);
-    Ok(hand.replacen("</mujoco>", &format!("{beside}{}\n</mujoco>", task.scene()), 1))
+    let timestep = CONTROL_DT / definition.n_substeps as f64;
+    let clock = format!("<option timestep=\"{timestep}\"/>\n");
+    Ok(hand.replacen("</mujoco>", &format!("{clock}{beside}{}\n</mujoco>", task.scene()), 1))
 }
 
 /// The held body with its name, pose and joint.

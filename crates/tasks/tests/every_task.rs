@@ -8,7 +8,8 @@ use std::sync::Arc;
 use mishandle_rollout::{
     End, Environment, Episode, Judge, Noise, Request, Rollout, Sample, Seed, Status, System, Worker,
 };
-use mishandle_tasks::{Definition, Preset, Quantity, Reward, TASKS, Task, TaskEnvironment};
+use mishandle_tasks::{Definition, Panda, Preset, Quantity, Reward, TASKS, Task, TaskEnvironment, compose};
+use mishandle_world::Model;
 
 const PRESETS: [Preset; 2] = [Preset::Paper, Preset::Code];
 const REWARDS: [Reward; 2] = [Reward::Original, Reward::Shaped];
@@ -90,6 +91,26 @@ fn names_are_distinct_and_told() {
                 assert!(quantity.meaning.len() > 3, "{}: {} has no meaning", definition.name, quantity.name);
             }
         }
+    }
+}
+
+#[test]
+fn the_document_is_the_model_that_is_stepped() {
+    for task in TASKS {
+        let environment = environment(*task, Preset::Paper, Reward::Shaped);
+        let document = Model::from_xml(&compose(*task).unwrap()).unwrap();
+        assert_eq!(document.timestep(), environment.model().timestep(), "{}", environment.name());
+        // Shapes that are only drawn are in the document alone, which changes no bit of what moves.
+        let fall = |model: &Model| {
+            let (panda, mut world) = (Panda::new(model).unwrap(), model.world());
+            panda.place(&task.definition().start, &mut world);
+            for _ in 0..100 {
+                panda.set_servos(&[0.3, -0.5, 0.2, -1.5, 0.1, 1.5, 0.5, 0.02, 0.02], &mut world);
+                world.step();
+            }
+            world.qpos().iter().map(|q| q.to_bits()).collect::<Vec<_>>()
+        };
+        assert_eq!(fall(&document), fall(environment.model()), "{}", environment.name());
     }
 }
 
@@ -285,7 +306,7 @@ fn is_strict(episode: &Episode) -> bool {
 }
 
 #[test]
-fn halving_the_physics_step_changes_at_most_one_outcome_in_twenty() {
+fn halving_the_physics_step_changes_at_most_three_outcomes_in_a_hundred() {
     for task in TASKS {
         let halved = TaskEnvironment::with_substeps(
             *task,
@@ -295,15 +316,15 @@ fn halving_the_physics_step_changes_at_most_one_outcome_in_twenty() {
         );
         let whole = environment(*task, Preset::Paper, Reward::Shaped);
         let (whole, halved) =
-            (expert_episodes(*task, whole, 20), expert_episodes(*task, halved.unwrap(), 20));
+            (expert_episodes(*task, whole, 100), expert_episodes(*task, halved.unwrap(), 100));
         let other =
             |(a, b): &(&Episode, &Episode)| succeeds(a) != succeeds(b) || is_strict(a) != is_strict(b);
         let others = whole.iter().zip(&halved).filter(other).count();
         // Where one start in ten fails by chance, as in a variant, other chances decide other starts.
-        let allowed = if task.definition().variant_of.is_some() { 5 } else { 1 };
+        let allowed = if task.definition().variant_of.is_some() { 30 } else { 3 };
         assert!(
             others <= allowed,
-            "{}: {others} of 20 outcomes hang on the physics step",
+            "{}: {others} of 100 outcomes hang on the physics step",
             task.definition().name
         );
     }

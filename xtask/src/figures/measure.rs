@@ -14,6 +14,9 @@ use crate::process::output;
 pub const EPISODES: u32 = 1000;
 const SEED: u32 = 1;
 
+/// Trials of a falsification.
+const TRIALS: u32 = 10;
+
 /// Standard deviations of the action noise: none, and the paper's.
 pub const NOISE: [f64; 2] = [0.0, 0.5];
 
@@ -55,7 +58,7 @@ impl Record {
             _ => run(
                 root,
                 &format!(
-                    "falsify {name} --controller {controller} --search random --action-noise {}",
+                    "falsify {name} --controller {controller} --search random --trials {TRIALS} --action-noise {}",
                     NOISE[1]
                 ),
             )?,
