@@ -137,7 +137,7 @@ Training writes a checkpoint beside FILE as it goes; --resume carries on from it
 pub struct Train {
     /// Name of a task
     pub task: String,
-    /// Training algorithm: ppo or trpo
+    /// Training algorithm: ppo, trpo, sac, td3 or ddpg
     #[arg(long, default_value = "ppo")]
     pub algorithm: String,
     /// Control steps to train for, over all parallel environments, rounded up to whole iterations [default: as the

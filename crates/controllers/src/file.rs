@@ -1,22 +1,25 @@
 //! A controller's file: safetensors, with a JSON header.
 //!
-//! The tensors are `normalizer.mean` and `normalizer.variance` (`F64`), `policy.log_std` and `policy.layers.0.weight`,
-//! `policy.layers.0.bias`, … (`F32`, PyTorch's layout). The header is a JSON text under the key `mishandle` of the
-//! file's metadata.
+//! The tensors are `normalizer.mean` and `normalizer.variance` (`F64`), `policy.log_std` (not of a squashed policy),
+//! `policy.layers.0.weight`, `policy.layers.0.bias`, … (`F32`, PyTorch's layout). The header is a JSON text under the key
+//! `mishandle` of the file's metadata. Squashed policies are written as format version 3, others as 2.
 
 use std::path::Path;
 
 use mishandle_network::{Activation, Mlp, Tensor};
+use mishandle_rollout::Controller;
 use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::layout::hexadecimal;
+use crate::policy::{GAUSSIAN, SQUASHED};
 use crate::seal::{UNSEALED, is_sealed, seal};
 use crate::{ControllerError, FileProblem, Layout, Policy, write_atomically};
 
-/// Newest version of the format; a file of a newer one is refused. Version 1 had no hash of itself.
-pub const FORMAT_VERSION: u64 = 2;
+/// Newest version of the format; a file of a newer one is refused. Version 1 had no hash of itself,
+/// version 2 no squashed policies.
+pub const FORMAT_VERSION: u64 = 3;
 
 /// Key of the header in the file's metadata.
 const HEADER_KEY: &str = "mishandle";
@@ -94,14 +97,22 @@ struct StoredHeader {
 
 #[derive(Serialize, Deserialize)]
 struct StoredPolicy {
-    /// `gaussian`, the only kind so far.
+    /// `gaussian` or `squashed-gaussian`.
     kind: String,
     sizes: Vec<usize>,
     hidden_activation: String,
     output_activation: String,
 }
 
-const KIND: &str = "gaussian";
+/// The version that a file with a kind of policy is written in: the oldest that says all of it. None if there is no such
+/// kind.
+fn version_of(kind: &str) -> Option<u64> {
+    match kind {
+        GAUSSIAN => Some(2),
+        SQUASHED => Some(3),
+        _ => None,
+    }
+}
 
 impl StoredPolicy {
     /// Number of parameters, if it can be counted at all: asked before memory is taken for them.
@@ -155,12 +166,12 @@ impl ControllerFile {
     pub fn to_bytes(&self) -> Vec<u8> {
         let network = self.policy.network();
         let stored = StoredHeader {
-            format_version: FORMAT_VERSION,
+            format_version: version_of(self.policy.kind()).unwrap_or(FORMAT_VERSION),
             sha256: UNSEALED.to_string(),
             header: self.header.clone(),
             layout_hash: self.header.layout.hash(),
             policy: StoredPolicy {
-                kind: KIND.to_string(),
+                kind: self.policy.kind().to_string(),
                 sizes: network.sizes().to_vec(),
                 hidden_activation: network.hidden_activation().to_string(),
                 output_activation: network.output_activation().to_string(),
@@ -169,8 +180,10 @@ impl ControllerFile {
         let mut tensors = vec![
             stored_f64("normalizer.mean", self.policy.mean()),
             stored_f64("normalizer.variance", self.policy.variance()),
-            stored_f32("policy.log_std", vec![network.output_size()], self.policy.log_std()),
         ];
+        if !self.policy.is_squashed() {
+            tensors.push(stored_f32("policy.log_std", vec![network.output_size()], self.policy.log_std()));
+        }
         for Tensor { name, shape, values } in network.tensors() {
             tensors.push(stored_f32(&format!("policy.{name}"), shape, values));
         }
@@ -206,7 +219,7 @@ impl ControllerFile {
         let policy = read_policy(&stored.policy, &tensors)
             .map_err(|source| FileProblem::Policy { source: Box::new(source) })?;
         let StoredHeader { header, .. } = stored;
-        let sizes = (policy.network().input_size(), policy.network().output_size());
+        let sizes = (policy.observation_size(), policy.action_size());
         if sizes != (header.layout.observation_size(), header.layout.action_size()) {
             return Err(FileProblem::Header { reason: "its layout is not its network's".to_string() });
         }
@@ -263,8 +276,11 @@ fn read_header(json: &str, bytes: &[u8]) -> Result<StoredHeader, FileProblem> {
     if stored.layout_hash != stored.header.layout.hash() {
         return Err(damaged("its layout was changed after it was written".to_string()));
     }
-    if stored.policy.kind != KIND {
-        return Err(damaged(format!("the policy's kind is `{}`; known is `{KIND}`", stored.policy.kind)));
+    if version_of(&stored.policy.kind).is_none() {
+        return Err(damaged(format!(
+            "the policy's kind is `{}`; known are `{GAUSSIAN}` and `{SQUASHED}`",
+            stored.policy.kind
+        )));
     }
     Ok(stored)
 }
@@ -291,7 +307,11 @@ fn read_policy(stored: &StoredPolicy, file: &SafeTensors<'_>) -> Result<Policy, 
         .map(|(name, shape, values)| Tensor { name: name.clone(), shape: shape.clone(), values })
         .collect();
     network.set_tensors(&layers)?;
-    Policy::new(mean, variance, network, log_std)
+    if stored.kind == SQUASHED {
+        Policy::squashed(mean, variance, network)
+    } else {
+        Policy::new(mean, variance, network, log_std)
+    }
 }
 
 /// The numbers of a tensor, none if it holds others; its length then tells.
@@ -309,7 +329,6 @@ fn f32s(view: &TensorView<'_>) -> Vec<f32> {
 mod tests {
     use super::*;
     use crate::Entry;
-    use mishandle_rollout::Controller;
 
     fn example() -> ControllerFile {
         let mut network = Mlp::new(&[2, 3, 1], Activation::Elu, Activation::Identity).unwrap();
@@ -362,6 +381,23 @@ mod tests {
         saved.policy.actor().act(1, &[0.3, 0.9], &mut [], &mut a);
         loaded.policy.actor().act(1, &[0.3, 0.9], &mut [], &mut b);
         assert_eq!(a, b);
+    }
+
+    #[test]
+    fn a_squashed_controller_comes_back_to_the_bit() {
+        let mut saved = example();
+        let mut network = Mlp::new(&[2, 3, 2], Activation::Elu, Activation::Identity).unwrap();
+        network.update(|parameters| {
+            parameters.iter_mut().zip(0..).for_each(|(parameter, i)| *parameter = (0.7 * i as f32).sin());
+        });
+        saved.policy = Policy::squashed(vec![0.1, -3.0], vec![0.7, 0.2], network).unwrap();
+        let loaded = ControllerFile::from_bytes(&saved.to_bytes()).unwrap();
+        assert!(loaded.policy.is_squashed());
+        assert_eq!(loaded.policy.hash(), saved.policy.hash());
+        assert_eq!(loaded.to_bytes(), saved.to_bytes());
+        let version =
+            |file: &ControllerFile| String::from_utf8_lossy(&file.to_bytes()).contains("version\\\":3");
+        assert_eq!((version(&saved), version(&example())), (true, false));
     }
 
     #[test]
@@ -431,12 +467,12 @@ mod tests {
     fn a_damaged_or_newer_header_is_refused() {
         let version = "format_version\\\":";
         assert_eq!(
-            refusal(&with_header(&format!("{version}2"), &format!("{version}3"))),
-            "the controller has format version 3, this program reads up to 2; use a newer program"
+            refusal(&with_header(&format!("{version}2"), &format!("{version}4"))),
+            "the controller has format version 4, this program reads up to 3; use a newer program"
         );
         for (from, to, told) in [
             ("ball\\\",", "bull\\\",", "its layout was changed after it was written"),
-            ("gaussian", "caussian", "the policy's kind is `caussian`; known is `gaussian`"),
+            ("gaussian", "caussian", "the policy's kind is `caussian`; known are `gaussian` and"),
             ("[2,3,1]", "[9e9,3]", "invalid type: floating point"),
             ("[2,3,1]", "[2,4,1]", "tensor `layers.0.weight` needs the shape [4, 2]"),
             ("[2,3,1]", "[999,9]", "its network has more numbers than the file"),

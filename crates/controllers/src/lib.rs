@@ -7,6 +7,7 @@ pub mod kinematic;
 mod layout;
 mod policy;
 mod seal;
+pub mod squashed;
 
 pub use atomic::write_atomically;
 pub use error::{ControllerError, FileProblem};

@@ -1,22 +1,25 @@
-//! A learned Gaussian policy.
+//! A learned policy: a Gaussian, or one that is squashed into [-1, 1].
 
 use std::sync::Arc;
 
+use mishandle_network::elementary::tanh;
 use mishandle_network::{Mlp, Normalizer, Workspace};
 use mishandle_rollout::{Actor, Controller, Seed, Stream};
 use sha2::{Digest, Sha256};
 
-use crate::ControllerError;
 use crate::layout::hexadecimal;
+use crate::{ControllerError, squashed};
 
-/// A Gaussian policy: a frozen normaliser, a network that gives the mean, and a standard deviation for each action.
+/// A policy: a frozen normaliser and a network behind it, x = clamp((o - mean) / (√variance + 1e-8), -5, 5).
 ///
 /// ```text
-/// μ(o) = network(clamp((o - mean) / (√variance + 1e-8), -5, 5)),   a ~ N(μ(o), diag(e^log_std)²)
+/// Gaussian:            μ = network(x),               a ~ N(μ, diag(e^log_std)²)
+/// squashed Gaussian:   (μ, h) = network(x),          a = tanh(u), u ~ N(μ, diag(σ(h))²)
 /// ```
 ///
-/// As a [`Controller`] it gives the mean; [`sampling`](Self::sampling) gives one that draws, from
-/// [`Stream::Policy`] of each simulation's seed. Actions are not clipped here.
+/// As a [`Controller`] it gives μ, or tanh μ; [`sampling`](Self::sampling) gives one that draws, from
+/// [`Stream::Policy`] of each simulation's seed. Actions are not clipped here. σ(h) is that of [`squashed`]. A Gaussian
+/// whose network ends in tanh is a deterministic policy with the noise that it explored with.
 ///
 /// # Example
 /// ```
@@ -46,7 +49,16 @@ pub struct Policy {
 struct Core {
     normalizer: Normalizer<f32>,
     network: Mlp<f32>,
-    std: Vec<f32>,
+    kind: Kind,
+}
+
+/// How actions come out of the network's outputs.
+#[derive(Debug)]
+enum Kind {
+    /// They are the outputs, with these deviations.
+    Gaussian { std: Vec<f32> },
+    /// The first half of the outputs is μ, the second h.
+    Squashed,
 }
 
 impl Policy {
@@ -72,11 +84,57 @@ impl Policy {
         if let Some((index, found)) = log_std.iter().enumerate().find(|(_, x)| !x.is_finite()) {
             return Err(ControllerError::LogStd { index, found: *found });
         }
+        let kind = Kind::Gaussian { std: log_std.iter().map(|x| x.exp()).collect() };
+        Self::of_kind(mean, variance, network, log_std, kind)
+    }
+
+    /// A squashed policy that scales observations by `mean` and `variance`; the network gives μ of all actions, then
+    /// h of all actions.
+    ///
+    /// # Errors
+    /// If a length is not the network's, its outputs are no pairs, or a number is not finite, or a variance negative.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_controllers::Policy;
+    /// use mishandle_network::{Activation, Mlp};
+    /// use mishandle_rollout::Controller;
+    ///
+    /// let mut network = Mlp::new(&[1, 2], Activation::Elu, Activation::Identity)?;
+    /// network.update(|parameters| parameters.copy_from_slice(&[3.0, 0.0, 0.5, 0.0])); // μ = 3 x + 0.5, h = 0
+    /// let policy = Policy::squashed(vec![0.0], vec![1.0], network)?;
+    /// let mut action = [0.0];
+    /// policy.actor().act(1, &[0.25], &mut [], &mut action);
+    /// assert!((action[0] - 1.25_f32.tanh()).abs() < 1e-6);
+    /// # Ok::<(), mishandle_controllers::ControllerError>(())
+    /// ```
+    pub fn squashed(
+        mean: Vec<f64>,
+        variance: Vec<f64>,
+        network: Mlp<f32>,
+    ) -> Result<Policy, ControllerError> {
+        let (outputs, inputs) = (network.output_size(), network.input_size());
+        for (what, wanted, found) in
+            [("normaliser", inputs, mean.len()), ("pairs of outputs", outputs, outputs / 2 * 2)]
+        {
+            if wanted != found {
+                return Err(ControllerError::Size { what, wanted, found });
+            }
+        }
+        Self::of_kind(mean, variance, network, Vec::new(), Kind::Squashed)
+    }
+
+    fn of_kind(
+        mean: Vec<f64>,
+        variance: Vec<f64>,
+        network: Mlp<f32>,
+        log_std: Vec<f32>,
+        kind: Kind,
+    ) -> Result<Policy, ControllerError> {
         // A network that was set from tensors holds finite numbers alone; one that was trained may not.
         network.clone().set_tensors(&network.tensors())?;
         let normalizer = Normalizer::new(&mean, &variance)?;
-        let std = log_std.iter().map(|x| x.exp()).collect();
-        let core = Arc::new(Core { normalizer, network, std });
+        let core = Arc::new(Core { normalizer, network, kind });
         Ok(Policy { mean, variance, log_std, core, samples: false })
     }
 
@@ -97,14 +155,24 @@ impl Policy {
         &self.variance
     }
 
-    /// The network that gives the mean action.
+    /// The network behind the normaliser.
     pub fn network(&self) -> &Mlp<f32> {
         &self.core.network
     }
 
-    /// Logarithms of the standard deviations of the actions.
+    /// Logarithms of the standard deviations of the actions; none of a squashed policy, whose network gives them.
     pub fn log_std(&self) -> &[f32] {
         &self.log_std
+    }
+
+    /// Whether it is a squashed policy.
+    pub fn is_squashed(&self) -> bool {
+        matches!(self.core.kind, Kind::Squashed)
+    }
+
+    /// What kind it is, as files name it.
+    pub(crate) fn kind(&self) -> &'static str {
+        if self.is_squashed() { SQUASHED } else { GAUSSIAN }
     }
 
     /// A hash of all that decides its actions: the first 16 bytes of a SHA-256, in hexadecimal.
@@ -114,7 +182,8 @@ impl Policy {
         let network = self.network();
         let mut digest = Sha256::new();
         digest.update(format!(
-            "gaussian\0{:?}\0{}\0{}\0{}\n",
+            "{}\0{:?}\0{}\0{}\0{}\n",
+            self.kind(),
             network.sizes(),
             network.hidden_activation(),
             network.output_activation(),
@@ -130,6 +199,10 @@ impl Policy {
     }
 }
 
+/// Names of the kinds.
+pub(crate) const GAUSSIAN: &str = "gaussian";
+pub(crate) const SQUASHED: &str = "squashed-gaussian";
+
 /// Numbers of a sampling policy's memory: two halves of the seed, each exact in an `f64`, and the control step.
 const MEMORY: usize = 3;
 
@@ -139,7 +212,8 @@ impl Controller for Policy {
     }
 
     fn action_size(&self) -> usize {
-        self.network().output_size()
+        let outputs = self.network().output_size();
+        if self.is_squashed() { outputs / 2 } else { outputs }
     }
 
     fn state_size(&self) -> usize {
@@ -173,18 +247,36 @@ impl Actor for PolicyActor {
     }
 
     fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
-        let Core { normalizer, network, std } = self.core.as_ref();
+        let Core { normalizer, network, kind } = self.core.as_ref();
         self.inputs.clear();
         self.inputs.extend_from_slice(&observations[..rows * network.input_size()]);
         normalizer.normalize(&mut self.inputs);
-        actions.copy_from_slice(network.forward(&self.inputs, &mut self.workspace));
-        if self.samples {
-            for (memory, action) in states.chunks_mut(MEMORY).zip(actions.chunks_mut(std.len())) {
+        let outputs = network.forward(&self.inputs, &mut self.workspace);
+        let size = self.draws.len();
+        for (row, action) in actions.chunks_exact_mut(size).enumerate() {
+            if self.samples {
+                let memory = &mut states[row * MEMORY..][..MEMORY];
                 let seed = Seed(memory[0] as u64 | (memory[1] as u64) << 32);
                 seed.normals(Stream::Policy, memory[2] as u64, &mut self.draws);
                 memory[2] += 1.0;
-                for ((a, std), z) in action.iter_mut().zip(std).zip(&self.draws) {
-                    *a += std * *z as f32;
+            }
+            match kind {
+                Kind::Gaussian { std } => {
+                    let outputs = &outputs[row * size..][..size];
+                    for (((a, output), std), z) in action.iter_mut().zip(outputs).zip(std).zip(&self.draws) {
+                        *a = if self.samples { output + std * *z as f32 } else { *output };
+                    }
+                }
+                Kind::Squashed => {
+                    let (means, raw) = outputs[row * 2 * size..][..2 * size].split_at(size);
+                    for (((a, mean), raw), z) in action.iter_mut().zip(means).zip(raw).zip(&self.draws) {
+                        let u = if self.samples {
+                            f64::from(*mean) + squashed::log_std(f64::from(*raw)).exp() * z
+                        } else {
+                            f64::from(*mean)
+                        };
+                        *a = tanh(u as f32);
+                    }
                 }
             }
         }
@@ -249,6 +341,31 @@ mod tests {
             let variance = deviations.map(|x| x * x).sum::<f64>() / n;
             assert!((variance / (std * std) - 1.0).abs() < 5.0 * (2.0 / n).sqrt());
         }
+    }
+
+    #[test]
+    fn squashed_draws_are_the_tanh_of_normal_numbers() {
+        let mut network = Mlp::new(&[1, 2], Activation::Elu, Activation::Identity).unwrap();
+        network.update(|parameters| parameters.copy_from_slice(&[0.0, 0.0, 0.3, 0.25]));
+        let policy = Policy::squashed(vec![0.0], vec![1.0], network).unwrap();
+        assert_eq!((policy.action_size(), policy.log_std().len()), (1, 0));
+        let rows = 20_000;
+        let (mut actor, mut states) = (policy.clone().sampling(true).actor(), vec![0.0; rows * MEMORY]);
+        for (row, state) in states.chunks_mut(MEMORY).enumerate() {
+            actor.reset(state, Seed(row as u64));
+        }
+        let mut actions = vec![0.0; rows];
+        actor.act(rows, &vec![0.7; rows], &mut states, &mut actions);
+        // log σ = -5 + 3.5 (1 + tanh 0.25) = -0.64279
+        let (std, n) = ((-0.64279_f64).exp(), rows as f64);
+        let deviations = actions.iter().map(|a| f64::from(*a).atanh() - 0.3);
+        assert!((deviations.clone().sum::<f64>() / n).abs() < 5.0 * std / n.sqrt());
+        let variance = deviations.map(|x| x * x).sum::<f64>() / n;
+        assert!((variance / (std * std) - 1.0).abs() < 5.0 * (2.0 / n).sqrt());
+        assert_ne!(policy.hash(), policy.clone().sampling(true).hash());
+        let odd = Mlp::new(&[1, 3], Activation::Elu, Activation::Identity).unwrap();
+        let told = Policy::squashed(vec![0.0], vec![1.0], odd).unwrap_err().to_string();
+        assert_eq!(told, "the policy's pairs of outputs has 2 numbers, its network 3");
     }
 
     #[test]

@@ -11,6 +11,7 @@
 //! layer of 64 to 9 fills only half of its last panel: 53 (46, 28), and 17 at one row (19, 2).
 
 use crate::activation::Activation;
+use crate::layer_norm;
 use crate::scalar::Scalar;
 
 /// How many columns stand side by side in a panel: two vector registers of `f32`.
@@ -130,6 +131,18 @@ pub trait Kernels: Sized {
 
     /// Multiplies each of `factors` by dy/dx at the place where the activation gave the value in `outputs`.
     fn times_derivative(activation: Activation, outputs: &[Lanes<Self>], factors: &mut [Lanes<Self>]);
+
+    /// Gives each row of a matrix of `columns` columns the mean 0 and the variance 1; `scales` gets what it was multiplied by.
+    fn standardize(columns: usize, values: &mut [Lanes<Self>], scales: &mut [Self]);
+
+    /// Multiplies each row of `flow` by the derivative of [`standardize`](Kernels::standardize), a symmetric matrix, at the place
+    /// where it gave `values` and `scales`.
+    fn times_standardize_derivative(
+        columns: usize,
+        values: &[Lanes<Self>],
+        scales: &[Self],
+        flow: &mut [Lanes<Self>],
+    );
 }
 
 macro_rules! compile_kernels {
@@ -165,6 +178,21 @@ macro_rules! compile_kernels {
             #[inline(never)]
             fn times_derivative(activation: Activation, outputs: &[Lanes<Self>], factors: &mut [Lanes<Self>]) {
                 activation.times_derivative(outputs, factors);
+            }
+
+            #[inline(never)]
+            fn standardize(columns: usize, values: &mut [Lanes<Self>], scales: &mut [Self]) {
+                layer_norm::standardize(columns, values, scales);
+            }
+
+            #[inline(never)]
+            fn times_standardize_derivative(
+                columns: usize,
+                values: &[Lanes<Self>],
+                scales: &[Self],
+                flow: &mut [Lanes<Self>],
+            ) {
+                layer_norm::times_derivative(columns, values, scales, flow);
             }
         }
     )*};

@@ -34,6 +34,7 @@ mod chunks;
 pub mod elementary;
 mod initialization;
 mod lanes;
+mod layer_norm;
 mod mlp;
 mod normalizer;
 mod pass;

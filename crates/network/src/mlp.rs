@@ -15,6 +15,8 @@ use crate::scalar::Scalar;
 /// flat vector, layer by layer, each layer's weight `[outputs, inputs]` row by row and then its bias `[outputs]`: the order
 /// of PyTorch's `Sequential` of `Linear` layers.
 ///
+/// [With layer normalisation](Mlp::with_layer_norm) each hidden layer is standardised over its outputs, before the activation.
+///
 /// A new network is all zeros: give it parameters with [`update`](Mlp::update), [`set_tensors`](Mlp::set_tensors) or an
 /// initialiser.
 ///
@@ -32,6 +34,7 @@ pub struct Mlp<T> {
     sizes: Vec<usize>,
     hidden_activation: Activation,
     output_activation: Activation,
+    layer_norm: bool,
     parameters: Vec<T>,
     pub(crate) shapes: Vec<LayerShape>,
     /// The parameters again, in the layout that the products read.
@@ -123,6 +126,7 @@ impl<T: Scalar> Mlp<T> {
             sizes: sizes.to_vec(),
             hidden_activation,
             output_activation,
+            layer_norm: false,
             parameters: vec![T::ZERO; count],
             shapes: shapes.clone(),
             packed: shapes.iter().map(|_| PackedLayer::default()).collect(),
@@ -138,6 +142,29 @@ impl<T: Scalar> Mlp<T> {
         };
         network.pack();
         Ok(network)
+    }
+
+    /// The same network with layer normalisation in every layer but the last, without parameters of its own.
+    ///
+    /// ```text
+    /// z = W_l y_(l−1) + b_l,  y_l = f_l((z − mean(z)) / √(variance(z) + 1e-5))
+    /// ```
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_network::{Activation, Mlp, Workspace};
+    ///
+    /// let mut network = Mlp::<f32>::new(&[1, 2, 1], Activation::Identity, Activation::Identity)?.with_layer_norm();
+    /// network.update(|parameters| parameters.copy_from_slice(&[1.0, 3.0, 0.0, 0.0, 5.0, 1.0, 0.5]));
+    /// // z = (x, 3 x) has the mean 2 x and the deviations -x and x: (-1, 1) whatever x > 0 is, then -5 + 1 + 0.5.
+    /// let outputs = network.forward(&[1.0, 100.0], &mut Workspace::default()).to_vec();
+    /// assert!(outputs.iter().all(|y| (y + 3.5).abs() < 1e-4));
+    /// # Ok::<(), mishandle_network::NetworkError>(())
+    /// ```
+    #[must_use]
+    pub fn with_layer_norm(mut self) -> Mlp<T> {
+        self.layer_norm = true;
+        self
     }
 
     /// The number of inputs, then the number of outputs of each layer.
@@ -163,6 +190,11 @@ impl<T: Scalar> Mlp<T> {
     /// The activation of the last layer.
     pub fn output_activation(&self) -> Activation {
         self.output_activation
+    }
+
+    /// Whether hidden layers are standardised before their activation.
+    pub fn has_layer_norm(&self) -> bool {
+        self.layer_norm
     }
 
     /// How many parameters there are.
@@ -265,6 +297,11 @@ impl<T: Scalar> Mlp<T> {
     /// The activation behind layer `l`, counted from 0.
     pub(crate) fn activation(&self, l: usize) -> Activation {
         if l + 1 == self.layer_count() { self.output_activation } else { self.hidden_activation }
+    }
+
+    /// Whether the outputs of layer `l`, counted from 0, are standardised before its activation.
+    pub(crate) fn is_standardized(&self, l: usize) -> bool {
+        self.layer_norm && l + 1 < self.layer_count()
     }
 
     fn pack(&mut self) {

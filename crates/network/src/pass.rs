@@ -13,6 +13,8 @@ pub struct Workspace<T> {
     rows: usize,
     /// The input, then the output of each layer.
     values: Vec<Vec<Lanes<T>>>,
+    /// Of each layer with layer normalisation: what it gave to the activation, and by what it multiplied each row.
+    standardized: Vec<Standardized<T>>,
     /// The gradient or the tangent of the layer at hand, and of its neighbour.
     flow: [Vec<Lanes<T>>; 2],
     /// The parameter direction of a tangent, layer by layer.
@@ -21,6 +23,12 @@ pub struct Workspace<T> {
     zeros: Vec<Lanes<T>>,
     outputs: Vec<T>,
     output_tangents: Vec<T>,
+}
+
+#[derive(Debug, Clone, Default)]
+struct Standardized<T> {
+    values: Vec<Lanes<T>>,
+    scales: Vec<T>,
 }
 
 impl<T: Scalar> Workspace<T> {
@@ -41,6 +49,7 @@ impl<T: Scalar> Workspace<T> {
         for (values, size) in self.values.iter_mut().zip(sizes) {
             lanes::resize(values, rows, *size);
         }
+        self.standardized.resize_with(network.layer_count(), Standardized::default);
         let widest = sizes.iter().copied().max().unwrap_or(0);
         lanes::resize(&mut self.zeros, 1, widest);
         self.outputs.resize(rows * network.output_size(), T::ZERO);
@@ -76,8 +85,17 @@ impl<T: Scalar> Mlp<T> {
         lanes::pack(inputs, columns, rows, &mut workspace.values[0]);
         for (l, layer) in self.packed.iter().enumerate() {
             let (before, after) = workspace.values.split_at_mut(l + 1);
-            let finish = Finish::Activate(self.activation(l));
-            T::product(rows, &before[l], &layer.weight, Some(&layer.bias), &mut after[0], finish);
+            let (activation, after) = (self.activation(l), &mut after[0]);
+            let is_standardized = self.is_standardized(l);
+            let finish = if is_standardized { Finish::Keep } else { Finish::Activate(activation) };
+            T::product(rows, &before[l], &layer.weight, Some(&layer.bias), after, finish);
+            if is_standardized {
+                let Standardized { values, scales } = &mut workspace.standardized[l];
+                scales.resize(rows, T::ZERO);
+                T::standardize(self.shapes[l].outputs, after, scales);
+                values.clone_from(after);
+                T::activate(activation, after);
+            }
         }
         lanes::unpack(&workspace.values[self.layer_count()], self.output_size(), &mut workspace.outputs);
         &workspace.outputs
@@ -128,7 +146,7 @@ impl<T: Scalar> Mlp<T> {
         if rows == 0 {
             return;
         }
-        let Workspace { values, flow: [gradient, next], zeros, .. } = workspace;
+        let Workspace { values, standardized, flow: [gradient, next], zeros, .. } = workspace;
         lanes::resize(gradient, rows, self.output_size());
         lanes::pack(output_gradient, self.output_size(), rows, gradient);
         T::times_derivative(self.output_activation(), &values[self.layer_count()], gradient);
@@ -154,6 +172,10 @@ impl<T: Scalar> Mlp<T> {
             lanes::resize(next, rows, shape.inputs);
             let start = &zeros[..lanes::panels(shape.inputs)];
             T::product(rows, gradient, &self.packed_for_inputs[l], Some(start), next, finish);
+            if l > 0 && self.is_standardized(l - 1) {
+                let Standardized { values, scales } = &standardized[l - 1];
+                T::times_standardize_derivative(shape.inputs, values, scales, next);
+            }
             std::mem::swap(gradient, next);
         }
         if let Some(to) = input_gradient {
@@ -191,7 +213,9 @@ impl<T: Scalar> Mlp<T> {
     ) -> &'w [T] {
         let rows = workspace.rows;
         assert!(workspace.fits(self), "the workspace holds no forward pass of this network");
-        let Workspace { values, flow: [tangent, next], direction, zeros, output_tangents, .. } = workspace;
+        let Workspace {
+            values, standardized, flow: [tangent, next], direction, zeros, output_tangents, ..
+        } = workspace;
         output_tangents.clear();
         output_tangents.resize(rows * self.output_size(), T::ZERO);
         if let Some(flat) = parameter_direction {
@@ -211,7 +235,12 @@ impl<T: Scalar> Mlp<T> {
         }
         for (l, shape) in self.shapes.iter().enumerate() {
             lanes::resize(next, rows, shape.outputs);
-            let finish = Finish::TimesDerivative(self.activation(l), &values[l + 1]);
+            let is_standardized = self.is_standardized(l);
+            let finish = if is_standardized {
+                Finish::Keep
+            } else {
+                Finish::TimesDerivative(self.activation(l), &values[l + 1])
+            };
             let inputs_move = l > 0 || input_direction.is_some();
             let mut start = Some(&zeros[..lanes::panels(shape.outputs)]);
             if parameter_direction.is_some() {
@@ -222,6 +251,11 @@ impl<T: Scalar> Mlp<T> {
             }
             if inputs_move {
                 T::product(rows, tangent, &self.packed[l].weight, start, next, finish);
+            }
+            if is_standardized {
+                let Standardized { values: at, scales } = &standardized[l];
+                T::times_standardize_derivative(shape.outputs, at, scales, next);
+                T::times_derivative(self.activation(l), &values[l + 1], next);
             }
             std::mem::swap(tangent, next);
         }

@@ -16,6 +16,13 @@ fn activate(activation: Activation, x: f64) -> f64 {
     }
 }
 
+fn standardize(z: &mut [f64]) {
+    let n = z.len() as f64;
+    let mean = z.iter().sum::<f64>() / n;
+    let variance = z.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n;
+    z.iter_mut().for_each(|x| *x = (*x - mean) / (variance + 1e-5).sqrt());
+}
+
 /// The definition, one number at a time.
 fn outputs_by_loops(network: &Mlp<f64>, inputs: &[f64]) -> Vec<f64> {
     let tensors = network.tensors();
@@ -28,8 +35,12 @@ fn outputs_by_loops(network: &Mlp<f64>, inputs: &[f64]) -> Vec<f64> {
                 let activation = if last { network.output_activation() } else { network.hidden_activation() };
                 let (weight, bias) = (layer[0].values, layer[1].values);
                 let rows = weight.chunks(x.len()).zip(bias);
-                rows.map(|(w, b)| activate(activation, w.iter().zip(&x).map(|(w, x)| w * x).sum::<f64>() + b))
-                    .collect()
+                let mut z: Vec<f64> =
+                    rows.map(|(w, b)| w.iter().zip(&x).map(|(w, x)| w * x).sum::<f64>() + b).collect();
+                if network.has_layer_norm() && !last {
+                    standardize(&mut z);
+                }
+                z.into_iter().map(|z| activate(activation, z)).collect()
             })
         })
         .collect()

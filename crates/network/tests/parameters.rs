@@ -43,7 +43,8 @@ fn check_refused(change: impl Fn(&mut Vec<Tensor<'_, f32>>), message: &str) {
     let source = small();
     let mut tensors = source.tensors();
     change(&mut tensors);
-    let mut network = network::<f32>((&[2, 3, 1], Activation::Elu, Activation::Identity), &mut Random(2));
+    let mut network =
+        network::<f32>((&[2, 3, 1], Activation::Elu, Activation::Identity, false), &mut Random(2));
     let before = network.parameters().to_vec();
     let error = network.set_tensors(&tensors).expect_err("refused");
     assert_eq!(error.to_string(), message);

@@ -4,12 +4,16 @@ use std::sync::Arc;
 
 use mishandle_rollout::{Environment, Seed};
 
+use crate::ddpg::{self, DdpgConfig};
 use crate::ppo::{self, PpoConfig};
+use crate::sac::{self, SacConfig};
+use crate::td3::{self, Td3Config};
 use crate::trpo::{self, TrpoConfig};
 use crate::{Checkpoint, Observer, RunSettings, Trained, TrainingError};
 
 /// Names of the algorithms.
-pub const ALGORITHMS: [&str; 2] = [ppo::ALGORITHM, trpo::ALGORITHM];
+pub const ALGORITHMS: [&str; 5] =
+    [ppo::ALGORITHM, trpo::ALGORITHM, sac::ALGORITHM, td3::ALGORITHM, ddpg::ALGORITHM];
 
 /// Settings of one of the algorithms.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,6 +22,12 @@ pub enum Config {
     Ppo(PpoConfig),
     /// Trust region policy optimisation.
     Trpo(TrpoConfig),
+    /// Soft actor-critic.
+    Sac(SacConfig),
+    /// Twin delayed deep deterministic policy gradient.
+    Td3(Td3Config),
+    /// Deep deterministic policy gradient.
+    Ddpg(DdpgConfig),
 }
 
 /// The same for every algorithm.
@@ -26,6 +36,9 @@ macro_rules! each {
         match $config {
             Config::Ppo($own) => $what,
             Config::Trpo($own) => $what,
+            Config::Sac($own) => $what,
+            Config::Td3($own) => $what,
+            Config::Ddpg($own) => $what,
         }
     };
 }
@@ -48,6 +61,9 @@ impl Config {
         match algorithm {
             ppo::ALGORITHM => Some(PpoConfig::from_toml(text).map(Config::Ppo)),
             trpo::ALGORITHM => Some(TrpoConfig::from_toml(text).map(Config::Trpo)),
+            sac::ALGORITHM => Some(SacConfig::from_toml(text).map(Config::Sac)),
+            td3::ALGORITHM => Some(Td3Config::from_toml(text).map(Config::Td3)),
+            ddpg::ALGORITHM => Some(DdpgConfig::from_toml(text).map(Config::Ddpg)),
             _ => None,
         }
     }
@@ -84,6 +100,9 @@ impl Config {
         match self {
             Config::Ppo(config) => ppo::train(environment, config, seed, resume, observer),
             Config::Trpo(config) => trpo::train(environment, config, seed, resume, observer),
+            Config::Sac(config) => sac::train(environment, config, seed, resume, observer),
+            Config::Td3(config) => td3::train(environment, config, seed, resume, observer),
+            Config::Ddpg(config) => ddpg::train(environment, config, seed, resume, observer),
         }
     }
 }

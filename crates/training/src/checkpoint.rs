@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use mishandle_controllers::{Policy, UNSEALED, is_sealed, seal, write_atomically};
-use mishandle_network::{Activation, Adam, Mlp, Moments};
+use mishandle_network::{Adam, Mlp, Moments};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 
@@ -230,12 +230,16 @@ impl Checkpoint {
     /// # Errors
     /// If there is none, or it has other sizes.
     pub fn policy(&self, name: &str, like: &Mlp<f32>) -> Result<Policy, TrainingError> {
-        let mut network = Mlp::new(like.sizes(), like.hidden_activation(), Activation::Identity)?;
+        let mut network = Mlp::new(like.sizes(), like.hidden_activation(), like.output_activation())?;
         let parameters = self.f32s(&format!("{name}.parameters"), network.parameter_count())?;
         network.update(|own| own.copy_from_slice(parameters));
         let mean = self.f64s(&format!("{name}.mean"), like.input_size())?.to_vec();
         let variance = self.f64s(&format!("{name}.variance"), like.input_size())?.to_vec();
-        let log_std = self.f32s(&format!("{name}.log_std"), like.output_size())?.to_vec();
+        let log_std = format!("{name}.log_std");
+        if self.f32s(&log_std, 0).is_ok() {
+            return Ok(Policy::squashed(mean, variance, network)?);
+        }
+        let log_std = self.f32s(&log_std, like.output_size())?.to_vec();
         Ok(Policy::new(mean, variance, network, log_std)?)
     }
 

@@ -197,7 +197,16 @@ pub(crate) fn initial_network(
 ) -> Result<Mlp<f32>, TrainingError> {
     let sizes = [&[inputs], hidden, &[outputs]].concat();
     let mut network = Mlp::new(&sizes, activation, Activation::Identity)?;
-    let mut gains = vec![std::f64::consts::SQRT_2; hidden.len()];
+    initialize(&mut network, last_gain, seed)?;
+    Ok(network)
+}
+
+/// Orthogonal weights: gain √2 for hidden layers, `last_gain` for the last.
+///
+/// # Errors
+/// Never: there is a gain for each layer.
+pub(crate) fn initialize(network: &mut Mlp<f32>, last_gain: f64, seed: Seed) -> Result<(), TrainingError> {
+    let mut gains = vec![std::f64::consts::SQRT_2; network.sizes().len() - 2];
     gains.push(last_gain);
     let mut step = 0;
     network.initialize_orthogonal(&gains, || {
@@ -206,5 +215,5 @@ pub(crate) fn initial_network(
         step += 1;
         draw[0]
     })?;
-    Ok(network)
+    Ok(())
 }

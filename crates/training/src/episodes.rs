@@ -140,10 +140,15 @@ impl Episodes {
 
     /// Fills `draws`, as many for each row, with standard normal numbers for a policy's choice of the next action.
     pub fn policy_draws(&self, draws: &mut [f64]) {
+        self.held_policy_draws(1, draws);
+    }
+
+    /// The same, but each row keeps its numbers for `hold` control steps of its episode.
+    pub fn held_policy_draws(&self, hold: u64, draws: &mut [f64]) {
         let (columns, seed, clocks) = (draws.len() / self.rows(), self.seed, &self.clocks);
         draws.par_chunks_mut(columns).with_min_len(ROWS_PER_TASK).enumerate().for_each(|(row, draws)| {
             let clock = &clocks[row];
-            episode_seed(seed, row, clock).normals(Stream::Policy, clock.step, draws);
+            episode_seed(seed, row, clock).normals(Stream::Policy, clock.step / hold, draws);
         });
     }
 

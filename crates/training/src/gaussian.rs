@@ -1,7 +1,7 @@
 //! A diagonal Gaussian: logarithms of densities, their derivatives, entropy.
 
 /// ½ log 2π
-const HALF_LOG_TAU: f64 = 0.918_938_533_204_672_8;
+pub(crate) const HALF_LOG_TAU: f64 = 0.918_938_533_204_672_8;
 
 /// The deviations of a Gaussian over actions, in the forms that its formulas need.
 ///

@@ -164,13 +164,31 @@ impl CriticSettings {
     }
 }
 
-/// Settings from a TOML text: a key that is left out has its default, one that is not known is an error.
-pub(crate) fn from_toml<S: DeserializeOwned>(text: &str) -> Result<S, TrainingError> {
-    toml::from_str(text).map_err(|error| {
+/// Settings from a TOML text: a key that is left out, at any depth, has the value that it has in `S::default()`; one
+/// that is not known is an error.
+pub(crate) fn from_toml<S: DeserializeOwned + Serialize + Default>(text: &str) -> Result<S, TrainingError> {
+    let told = |error: toml::de::Error| {
         let start = error.span().map_or(0, |span| span.start).min(text.len());
         let line = 1 + text.as_bytes()[..start].iter().filter(|byte| **byte == b'\n').count();
         TrainingError::Settings { line, message: error.message().replace('\n', ", ") }
-    })
+    };
+    // The first reading finds mistakes, and knows their lines.
+    toml::from_str::<S>(text).map_err(told)?;
+    let mut settings: toml::Table = to_toml(&S::default()).parse().map_err(told)?;
+    overlay(&mut settings, text.parse().map_err(told)?);
+    settings.try_into().map_err(told)
+}
+
+/// Lets `own` have what `other` states.
+fn overlay(own: &mut toml::Table, other: toml::Table) {
+    for (key, value) in other {
+        match (own.get_mut(&key), value) {
+            (Some(toml::Value::Table(own)), toml::Value::Table(other)) => overlay(own, other),
+            (_, value) => {
+                own.insert(key, value);
+            }
+        }
+    }
 }
 
 /// Settings as TOML, every key with its value; what has none is left out.
@@ -204,7 +222,7 @@ pub(crate) fn number(name: &'static str, x: f64) -> Result<(), TrainingError> {
     ask(name, "a finite number", x, x.is_finite())
 }
 
-fn layer_sizes(name: &'static str, hidden: &[usize]) -> Result<(), TrainingError> {
+pub(crate) fn layer_sizes(name: &'static str, hidden: &[usize]) -> Result<(), TrainingError> {
     ask(name, "sizes of at least 1", format!("{hidden:?}"), !hidden.contains(&0))
 }
 
@@ -218,7 +236,7 @@ pub(crate) fn ask(
 }
 
 /// An activation as its name.
-mod activation_name {
+pub(crate) mod activation_name {
     use mishandle_network::Activation;
     use serde::{Deserialize, Deserializer, Serializer, de::Error};
 

@@ -29,22 +29,30 @@ impl Random {
     }
 }
 
+/// Sizes, activations of the hidden layers and of the last, whether there is layer normalisation.
+type Case = (&'static [usize], Activation, Activation, bool);
+
 /// Every pair of activations that a network is likely to have, and sizes around the width of a panel (16).
-pub const CASES: [(&[usize], Activation, Activation); 8] = [
-    (&[3, 5, 2], Activation::Elu, Activation::Identity),
-    (&[3, 5, 2], Activation::Tanh, Activation::Identity),
-    (&[3, 5, 2], Activation::Relu, Activation::Tanh),
-    (&[17, 33, 31, 16], Activation::Elu, Activation::Tanh),
-    (&[16, 15, 1], Activation::Tanh, Activation::Elu),
-    (&[30, 64, 48, 9], Activation::Elu, Activation::Identity),
-    (&[1, 16, 32, 3], Activation::Relu, Activation::Identity),
-    (&[4, 2], Activation::Elu, Activation::Tanh),
+pub const CASES: [Case; 10] = [
+    (&[3, 5, 2], Activation::Elu, Activation::Identity, false),
+    (&[3, 5, 2], Activation::Tanh, Activation::Identity, false),
+    (&[3, 5, 2], Activation::Relu, Activation::Tanh, false),
+    (&[17, 33, 31, 16], Activation::Elu, Activation::Tanh, false),
+    (&[16, 15, 1], Activation::Tanh, Activation::Elu, false),
+    (&[30, 64, 48, 9], Activation::Elu, Activation::Identity, false),
+    (&[1, 16, 32, 3], Activation::Relu, Activation::Identity, false),
+    (&[4, 2], Activation::Elu, Activation::Tanh, false),
+    (&[5, 7, 33, 2], Activation::Elu, Activation::Identity, true),
+    (&[20, 32, 16, 1], Activation::Tanh, Activation::Tanh, true),
 ];
 
 /// A network with random weights and biases.
-pub fn network<T: Scalar>(case: (&[usize], Activation, Activation), random: &mut Random) -> Mlp<T> {
-    let (sizes, hidden, output) = case;
+pub fn network<T: Scalar>(case: Case, random: &mut Random) -> Mlp<T> {
+    let (sizes, hidden, output, layer_norm) = case;
     let mut network = Mlp::new(sizes, hidden, output).expect("a network");
+    if layer_norm {
+        network = network.with_layer_norm();
+    }
     network.initialize_uniform(|| random.uniform());
     network
 }

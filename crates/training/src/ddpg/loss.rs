@@ -1,0 +1,58 @@
+//! The critic's loss; the policy's is [`PolicyLoss`](crate::deterministic::PolicyLoss).
+
+use std::ops::Range;
+
+use mishandle_network::{Mlp, Scalar, Workspace};
+
+use crate::action_value::{join, squared_error};
+use crate::replay::Batch;
+
+/// mean (Q(s, a) - y)²,  y = returns + discounts · Q'(s', μ'(s'))
+pub struct CriticLoss<'a, T> {
+    /// The rows that are learned from.
+    pub batch: &'a Batch<T>,
+    /// μ'
+    pub target_actor: &'a Mlp<T>,
+    /// Q
+    pub critic: &'a Mlp<T>,
+    /// Q'
+    pub target_critic: &'a Mlp<T>,
+}
+
+/// What one thread needs for it.
+#[derive(Debug, Default)]
+pub struct CriticScratch<T> {
+    actor: Workspace<T>,
+    target: Workspace<T>,
+    critic: Workspace<T>,
+    inputs: Vec<T>,
+    targets: Vec<T>,
+    slopes: Vec<T>,
+}
+
+impl<T: Scalar> CriticLoss<'_, T> {
+    /// The share of the rows `rows` of the batch; its derivatives by the critic's parameters are added to `gradient`.
+    pub fn add_gradient(
+        &self,
+        rows: Range<usize>,
+        scratch: &mut CriticScratch<T>,
+        gradient: &mut [T],
+    ) -> f64 {
+        let CriticLoss { batch, target_actor, critic, target_critic } = self;
+        let (columns, size, count) = (target_actor.input_size(), target_actor.output_size(), rows.len());
+        let CriticScratch { actor, target, critic: critic_pass, inputs, targets, slopes } = scratch;
+
+        let next = &batch.next_observations[rows.start * columns..rows.end * columns];
+        join(next, target_actor.forward(next, actor), count, inputs);
+        targets.clear();
+        let behind = batch.returns[rows.clone()].iter().zip(&batch.discounts[rows.clone()]);
+        for (value, (returns, discount)) in target_critic.forward(inputs, target).iter().zip(behind) {
+            targets.push(discount.mul_add(*value, *returns));
+        }
+
+        let observations = &batch.observations[rows.start * columns..rows.end * columns];
+        join(observations, &batch.actions[rows.start * size..rows.end * size], count, inputs);
+        let share = 1.0 / batch.rows() as f64;
+        squared_error(critic, inputs, targets, share, critic_pass, slopes, gradient)
+    }
+}

@@ -1,0 +1,130 @@
+//! A deterministic policy a = μ(o), whose network ends in tanh: how it explores, and how it learns from a critic.
+
+use std::ops::Range;
+
+use mishandle_controllers::Policy;
+use mishandle_network::{Activation, Mlp, Scalar, Workspace};
+use mishandle_rollout::Seed;
+
+use crate::action_value::{Followed, join};
+use crate::critic::initialize;
+use crate::replay::Batch;
+use crate::settings::ask;
+use crate::{ActorSettings, TrainingError};
+
+/// Deviations of the exploring noise, of the first row and of the last; rows between them have evenly spaced ones.
+///
+/// Rows that explore little show the critic what nearly the present policy gives, rows that explore much find what is
+/// new; no schedule has to be tuned.
+///
+/// # Reference
+/// Li et al., "Parallel Q-Learning: Scaling Off-policy Reinforcement Learning under Massively Parallel Simulation",
+/// ICML 2023.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Exploration(pub [f64; 2]);
+
+impl Exploration {
+    fn std(&self, row: usize, rows: usize) -> f64 {
+        let [low, high] = self.0;
+        low + (high - low) * row as f64 / (rows.max(2) - 1) as f64
+    }
+
+    /// clip(μ + σ z, -1, 1)
+    pub fn explore(&self, row: usize, rows: usize, means: &[f32], draws: &[f64], action: &mut [f32]) {
+        let std = self.std(row, rows);
+        for ((action, mean), z) in action.iter_mut().zip(means).zip(draws) {
+            *action = (f64::from(*mean) + std * z).clamp(-1.0, 1.0) as f32;
+        }
+    }
+
+    pub fn check(&self) -> Result<(), TrainingError> {
+        let [low, high] = self.0;
+        let wanted = "two finite numbers, above 0 and not falling";
+        let right = low > 0.0 && low <= high && high.is_finite();
+        ask("exploration_std", wanted, format!("[{low}, {high}]"), right)
+    }
+
+    /// The policy of `actor`; if it is to draw its actions, it has the noise of the middle row.
+    ///
+    /// # Errors
+    /// If weights are not finite.
+    pub fn policy(
+        &self,
+        actor: &Mlp<f32>,
+        mean: Vec<f64>,
+        variance: Vec<f64>,
+    ) -> Result<Policy, TrainingError> {
+        let [low, high] = self.0;
+        let log_std = (0.5 * (low + high)).ln() as f32;
+        Ok(Policy::new(mean, variance, actor.clone(), vec![log_std; actor.output_size()])?)
+    }
+}
+
+/// An actor with small first actions whatever is seen.
+///
+/// # Errors
+/// If a layer has no outputs.
+pub(crate) fn actor(
+    (observation_size, action_size): (usize, usize),
+    settings: &ActorSettings,
+    seed: Seed,
+) -> Result<Followed, TrainingError> {
+    let sizes = [&[observation_size], &settings.hidden[..], &[action_size]].concat();
+    let mut network = Mlp::new(&sizes, settings.activation, Activation::Tanh)?;
+    initialize(&mut network, 0.01, seed)?;
+    Ok(Followed::new(network, settings.learning_rate))
+}
+
+/// The deterministic policy gradient: -mean Q(o, μ(o)).
+///
+/// # Reference
+/// Silver et al., "Deterministic Policy Gradient Algorithms", ICML 2014.
+pub struct PolicyLoss<'a, T> {
+    /// The rows that are learned from.
+    pub batch: &'a Batch<T>,
+    /// μ
+    pub actor: &'a Mlp<T>,
+    /// Q
+    pub critic: &'a Mlp<T>,
+}
+
+/// What one thread needs for it.
+#[derive(Debug, Default)]
+pub struct PolicyScratch<T> {
+    actor: Workspace<T>,
+    critic: Workspace<T>,
+    inputs: Vec<T>,
+    slopes: Vec<T>,
+    by_inputs: Vec<T>,
+    by_actions: Vec<T>,
+}
+
+impl<T: Scalar> PolicyLoss<'_, T> {
+    /// The share of the rows `rows` of the batch; its derivatives by the actor's parameters are added to `gradient`.
+    pub fn add_gradient(
+        &self,
+        rows: Range<usize>,
+        scratch: &mut PolicyScratch<T>,
+        gradient: &mut [T],
+    ) -> f64 {
+        let PolicyLoss { batch, actor, critic } = self;
+        let share = 1.0 / batch.rows() as f64;
+        let (columns, count) = (actor.input_size(), rows.len());
+        let PolicyScratch { actor: actor_pass, critic: critic_pass, inputs, slopes, by_inputs, by_actions } =
+            scratch;
+        let observations = &batch.observations[rows.start * columns..rows.end * columns];
+        join(observations, actor.forward(observations, actor_pass), count, inputs);
+        let values = critic.forward(inputs, critic_pass);
+        let loss = values.iter().map(|value| -share * value.to_f64()).sum();
+        slopes.clear();
+        slopes.resize(count, T::from_f64(-share));
+        by_inputs.resize(inputs.len(), T::ZERO);
+        critic.backward(slopes, critic_pass, None, Some(by_inputs));
+        by_actions.clear();
+        for row in by_inputs.chunks_exact(critic.input_size()) {
+            by_actions.extend_from_slice(&row[columns..]);
+        }
+        actor.backward(by_actions, actor_pass, Some(gradient), None);
+        loss
+    }
+}

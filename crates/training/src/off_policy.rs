@@ -1,0 +1,268 @@
+//! What off-policy algorithms share: acting, remembering, and updates in proportion to the steps made.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use mishandle_controllers::Policy;
+use mishandle_network::{Mlp, Normalizer, RunningNormalizer};
+use mishandle_rollout::{Environment, Seed, Stream};
+use rayon::prelude::*;
+
+use crate::acting::Acting;
+use crate::learner::{Learner, progress_of};
+use crate::replay::{Batch, Replay, Sampling};
+use crate::{
+    ActorSettings, Checkpoint, Config, EpisodeSettings, Episodes, Progress, ReplaySettings, Shares,
+    TrainingError,
+};
+
+/// Rows of a batch that one task learns from: few, so that all threads have some.
+pub(crate) const LEARNING_ROWS: usize = 64;
+
+/// Children of the training's seed.
+const EPISODES: u64 = 0;
+const BATCHES: u64 = 3;
+const UPDATES: u64 = 4;
+const WARMUP: u64 = 5;
+/// The child that the weights of network `index` are drawn from.
+pub(crate) fn weights(seed: Seed, index: u64) -> Seed {
+    seed.child(16 + index)
+}
+
+/// How many numbers an observation and an action have.
+pub(crate) fn sizes_of(environment: &dyn Environment) -> (usize, usize) {
+    (environment.observation_size(), environment.action_size())
+}
+
+/// What is particular to an algorithm.
+pub(crate) trait Agent {
+    /// Name of the algorithm.
+    const ALGORITHM: &'static str;
+
+    /// The network that is acted with.
+    fn actor(&self) -> &Mlp<f32>;
+
+    /// For how many control steps a row keeps the random numbers that it explores with.
+    fn hold(&self) -> u64;
+
+    /// The action that row `row` of `rows` explores with: from the actor's outputs and standard normal numbers.
+    fn explore(&self, row: usize, rows: usize, outputs: &[f32], draws: &[f64], action: &mut [f32]);
+
+    /// One update from a batch; `index` counts them, and `seed` is for random numbers of its own.
+    ///
+    /// # Errors
+    /// What is not finite.
+    fn update(&mut self, batch: &Batch<f32>, seed: Seed, index: u64) -> Result<(), &'static str>;
+
+    /// The policy so far, for observations of these moments.
+    ///
+    /// # Errors
+    /// If weights are not finite.
+    fn policy(&self, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError>;
+
+    /// Entropy of the policy in the last update, 0 for a deterministic one.
+    fn entropy(&self) -> f64;
+
+    /// Puts all that its future depends on into a checkpoint.
+    fn save(&self, checkpoint: &mut Checkpoint);
+
+    /// Goes on where a checkpoint was taken.
+    ///
+    /// # Errors
+    /// If the checkpoint holds networks of other sizes.
+    fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError>;
+}
+
+/// Settings that an off-policy algorithm shares with the others.
+pub(crate) struct Setup<'a> {
+    pub gamma: f64,
+    pub steps_per_iteration: usize,
+    pub total_steps: u64,
+    pub episodes: &'a EpisodeSettings,
+    pub replay: &'a ReplaySettings,
+    pub policy: &'a ActorSettings,
+    /// All settings, as TOML.
+    pub text: String,
+}
+
+/// An off-policy algorithm at work.
+pub(crate) struct OffPolicy<A> {
+    agent: A,
+    seed: Seed,
+    steps_per_iteration: usize,
+    total_steps: u64,
+    settings: String,
+    replay_settings: ReplaySettings,
+    sampling: Sampling,
+    normalize: bool,
+    learning_rate: f64,
+    episodes: Episodes,
+    replay: Replay,
+    normalizer: RunningNormalizer,
+    iteration: u64,
+    updates: u64,
+    batch: Batch<f32>,
+    acting: Acting,
+}
+
+impl<A: Agent + Sync> OffPolicy<A> {
+    pub fn new(environment: Arc<dyn Environment>, setup: Setup<'_>, seed: Seed, agent: A) -> OffPolicy<A> {
+        let Setup { gamma, steps_per_iteration, total_steps, episodes, replay, policy, text } = setup;
+        let (inputs, size) = sizes_of(environment.as_ref());
+        let rows = episodes.environments;
+        let time_limit = episodes.time_limit.unwrap_or(environment.episode_steps());
+        let episodes = Episodes::new(
+            environment,
+            rows,
+            seed.child(EPISODES),
+            time_limit,
+            episodes.action_noise,
+            episodes.staggered,
+        );
+        OffPolicy {
+            seed,
+            steps_per_iteration,
+            total_steps,
+            settings: text,
+            sampling: Sampling { n_steps: replay.n_steps, gamma, reward_scale: replay.reward_scale },
+            replay: Replay::new(replay.capacity, rows, inputs, size),
+            replay_settings: replay.clone(),
+            normalize: policy.normalize_observations,
+            learning_rate: policy.learning_rate,
+            normalizer: RunningNormalizer::new(inputs),
+            iteration: 0,
+            updates: 0,
+            batch: Batch::default(),
+            acting: Acting::new(rows, inputs, size, agent.actor().output_size()),
+            episodes,
+            agent,
+        }
+    }
+
+    /// Environment steps before the control step numbered `step`.
+    fn steps_before(&self, step: u64) -> u64 {
+        step * self.episodes.rows() as u64
+    }
+
+    /// Chooses the actions of the control step numbered `step`, from what is seen.
+    fn act(&mut self, step: u64, normalizer: &Normalizer<f32>) {
+        self.acting.seen.copy_from_slice(self.episodes.observations());
+        if self.steps_before(step) < self.replay_settings.warmup_steps {
+            self.acting.act_randomly(self.seed.child(WARMUP), step / self.agent.hold());
+        } else {
+            self.episodes.held_policy_draws(self.agent.hold(), &mut self.acting.draws);
+            self.acting.act(&self.agent, normalizer);
+        }
+    }
+
+    /// How many updates there should have been after `steps` control steps.
+    fn updates_due(&self, steps: u64) -> u64 {
+        let ReplaySettings { warmup_steps, updates_per_step, .. } = self.replay_settings;
+        if steps < self.replay_settings.first_steps() as u64 {
+            return 0;
+        }
+        let learned_from = self.steps_before(steps).saturating_sub(warmup_steps);
+        (learned_from as f64 * updates_per_step) as u64
+    }
+
+    fn update(&mut self, normalizer: &Normalizer<f32>) -> Result<(), TrainingError> {
+        let batches = (self.seed.child(BATCHES), self.updates);
+        let rows = self.replay_settings.batch_rows;
+        self.replay.sample(&self.sampling, batches, rows, normalizer, &mut self.batch);
+        let updated = self.agent.update(&self.batch, self.seed.child(UPDATES), self.updates);
+        self.updates += 1;
+        updated.map_err(|what| TrainingError::NotFinite { iteration: self.iteration + 1, what })
+    }
+}
+
+impl<A: Agent + Sync> Learner for OffPolicy<A> {
+    fn iteration(&self) -> u64 {
+        self.iteration
+    }
+
+    fn iteration_steps(&self) -> u64 {
+        self.steps_before(self.steps_per_iteration as u64)
+    }
+
+    fn iterate(&mut self) -> Result<Progress, TrainingError> {
+        let start = Instant::now();
+        let (mut physics, mut learning) = (0.0, 0.0);
+        let first = self.iteration * self.steps_per_iteration as u64;
+        for step in first..first + self.steps_per_iteration as u64 {
+            let normalizer = self.normalizer.freeze();
+            self.act(step, &normalizer);
+            let before = Instant::now();
+            self.episodes.step(&self.acting.actions);
+            physics += before.elapsed().as_secs_f64();
+            self.replay.push(&self.acting.seen, &self.acting.actions, &self.episodes);
+            if self.normalize {
+                self.normalizer.update(&self.acting.seen);
+            }
+            let before = Instant::now();
+            while self.updates < self.updates_due(step + 1) {
+                self.update(&normalizer)?;
+            }
+            learning += before.elapsed().as_secs_f64();
+        }
+        self.iteration += 1;
+        let total = start.elapsed().as_secs_f64();
+        Ok(Progress {
+            entropy: self.agent.entropy(),
+            learning_rate: self.learning_rate,
+            shares: Shares::new(physics, total - learning, total),
+            ..progress_of(&self.episodes.take_statistics())
+        })
+    }
+
+    fn policy(&self) -> Result<Policy, TrainingError> {
+        self.agent.policy(self.normalizer.mean().to_vec(), self.normalizer.variance())
+    }
+
+    fn network(&self) -> &Mlp<f32> {
+        self.agent.actor()
+    }
+
+    fn checkpoint(&self) -> Checkpoint {
+        let mut checkpoint =
+            Checkpoint::new(A::ALGORITHM, &self.episodes.identity(), self.seed.0, &self.settings);
+        checkpoint.put("iteration", vec![self.iteration]);
+        checkpoint.put("updates", vec![self.updates]);
+        checkpoint.put_moments("normalizer", self.normalizer.moments());
+        self.agent.save(&mut checkpoint);
+        self.episodes.save(&mut checkpoint);
+        self.replay.save(&mut checkpoint);
+        checkpoint
+    }
+
+    fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
+        checkpoint.check(A::ALGORITHM, &self.episodes.identity(), self.seed.0)?;
+        let mut began =
+            Config::from_toml(A::ALGORITHM, checkpoint.settings()).expect("the algorithm is known")?;
+        began.run_mut().total_steps = self.total_steps;
+        checkpoint.check_settings(&began.to_toml(), &self.settings)?;
+        self.iteration = checkpoint.u64s("iteration", 1)?[0];
+        self.updates = checkpoint.u64s("updates", 1)?[0];
+        let columns = self.agent.actor().input_size();
+        self.normalizer = RunningNormalizer::from_moments(checkpoint.moments("normalizer", columns)?)?;
+        self.agent.load(checkpoint)?;
+        self.episodes.load(checkpoint)?;
+        self.replay.load(checkpoint)
+    }
+}
+
+/// Fills `draws` with standard normal numbers, as many for each of `rows` rows: those of the update numbered `index`.
+pub(crate) fn draw_rows(seed: Seed, index: u64, rows: usize, draws: &mut [f64]) {
+    let columns = draws.len() / rows;
+    draws.par_chunks_mut(columns).with_min_len(LEARNING_ROWS).enumerate().for_each(|(row, draws)| {
+        seed.normals(Stream::Policy, index * rows as u64 + row as u64, draws);
+    });
+}
+
+/// The gradient in front of a loss that was summed with it, and the loss.
+///
+/// # Errors
+/// The loss's name, if it is not finite.
+pub(crate) fn finite<'a>(sums: &'a [f32], name: &'static str) -> Result<(&'a [f32], f32), &'static str> {
+    let (loss, gradient) = sums.split_last().ok_or(name)?;
+    if loss.is_finite() { Ok((gradient, *loss)) } else { Err(name) }
+}

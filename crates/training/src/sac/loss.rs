@@ -1,0 +1,211 @@
+//! The losses of the critics, the policy and the temperature.
+
+use std::ops::Range;
+
+use mishandle_network::{Mlp, Scalar, Workspace};
+
+use crate::action_value::{join, squared_error};
+use crate::replay::Batch;
+use crate::squashed::Drawn;
+
+/// mean ½ (Q₁(s, a) - y)² + mean ½ (Q₂(s, a) - y)²,
+/// y = returns + discounts · (min(Q₁'(s', a'), Q₂'(s', a')) - α log π(a'|s'))
+pub struct CriticLoss<'a, T> {
+    /// The rows that are learned from.
+    pub batch: &'a Batch<T>,
+    /// z of a', as many for each row as an action has numbers.
+    pub draws: &'a [f64],
+    /// α
+    pub temperature: f64,
+    /// The network behind π: μ of all actions, then h of all actions.
+    pub actor: &'a Mlp<T>,
+    /// Q₁ and Q₂
+    pub critics: [&'a Mlp<T>; 2],
+    /// Q₁' and Q₂'
+    pub target_critics: [&'a Mlp<T>; 2],
+}
+
+/// What one thread needs for it.
+#[derive(Debug, Default)]
+pub struct CriticScratch<T> {
+    actor: Workspace<T>,
+    targets_of: [Workspace<T>; 2],
+    critics: [Workspace<T>; 2],
+    drawn: Vec<Drawn>,
+    actions: Vec<T>,
+    inputs: Vec<T>,
+    targets: Vec<T>,
+    slopes: Vec<T>,
+}
+
+impl<T: Scalar> CriticLoss<'_, T> {
+    /// The share of the rows `rows` of the batch; its derivatives by the parameters of Q₁, then of Q₂, are added to
+    /// `gradient`.
+    pub fn add_gradient(
+        &self,
+        rows: Range<usize>,
+        scratch: &mut CriticScratch<T>,
+        gradient: &mut [T],
+    ) -> f64 {
+        let CriticLoss { batch, temperature, actor, critics, target_critics, .. } = self;
+        let (columns, size, count) = (actor.input_size(), actor.output_size() / 2, rows.len());
+        let CriticScratch {
+            actor: actor_pass,
+            targets_of,
+            critics: passes,
+            drawn,
+            actions,
+            inputs,
+            targets,
+            slopes,
+        } = scratch;
+
+        let next = &batch.next_observations[rows.start * columns..rows.end * columns];
+        let draws = &self.draws[rows.start * size..rows.end * size];
+        draw(actor.forward(next, actor_pass), draws, size, drawn, actions);
+        join(next, actions, count, inputs);
+        let [first, second] = targets_of;
+        let values = target_critics[0].forward(inputs, first).iter();
+        let values = values.zip(target_critics[1].forward(inputs, second));
+        let behind = batch.returns[rows.clone()].iter().zip(&batch.discounts[rows.clone()]);
+        targets.clear();
+        for (((first, second), (returns, discount)), drawn) in
+            values.zip(behind).zip(drawn.chunks_exact(size))
+        {
+            let least = if second < first { second } else { first };
+            let soft = T::from_f64(least.to_f64() - temperature * log_prob(drawn));
+            targets.push(discount.mul_add(soft, *returns));
+        }
+
+        let observations = &batch.observations[rows.start * columns..rows.end * columns];
+        join(observations, &batch.actions[rows.start * size..rows.end * size], count, inputs);
+        let half_share = 0.5 / batch.rows() as f64;
+        let (by_first, by_second) = gradient.split_at_mut(critics[0].parameter_count());
+        squared_error(critics[0], inputs, targets, half_share, &mut passes[0], slopes, by_first)
+            + squared_error(critics[1], inputs, targets, half_share, &mut passes[1], slopes, by_second)
+    }
+}
+
+/// mean α log π(a|s) - min(Q₁(s, a), Q₂(s, a)),  a = tanh(μ(s) + σ(s) z)
+pub struct PolicyLoss<'a, T> {
+    /// The rows that are learned from.
+    pub batch: &'a Batch<T>,
+    /// z of a, as many for each row as an action has numbers.
+    pub draws: &'a [f64],
+    /// α
+    pub temperature: f64,
+    /// The network behind π.
+    pub actor: &'a Mlp<T>,
+    /// Q₁ and Q₂
+    pub critics: [&'a Mlp<T>; 2],
+}
+
+/// What one thread needs for it.
+#[derive(Debug, Default)]
+pub struct PolicyScratch<T> {
+    actor: Workspace<T>,
+    critics: [Workspace<T>; 2],
+    drawn: Vec<Drawn>,
+    actions: Vec<T>,
+    inputs: Vec<T>,
+    slopes: [Vec<T>; 2],
+    by_inputs: [Vec<T>; 2],
+    by_outputs: Vec<T>,
+}
+
+impl<T: Scalar> PolicyLoss<'_, T> {
+    /// The share of the rows `rows` of the batch, and of the mean log π(a|s); derivatives of the loss by the actor's
+    /// parameters are added to `gradient`.
+    pub fn add_gradient(
+        &self,
+        rows: Range<usize>,
+        scratch: &mut PolicyScratch<T>,
+        gradient: &mut [T],
+    ) -> (f64, f64) {
+        let PolicyLoss { batch, temperature, actor, critics, .. } = self;
+        let share = 1.0 / batch.rows() as f64;
+        let (columns, size, count) = (actor.input_size(), actor.output_size() / 2, rows.len());
+        let PolicyScratch {
+            actor: actor_pass,
+            critics: passes,
+            drawn,
+            actions,
+            inputs,
+            slopes,
+            by_inputs,
+            by_outputs,
+        } = scratch;
+
+        let observations = &batch.observations[rows.start * columns..rows.end * columns];
+        let draws = &self.draws[rows.start * size..rows.end * size];
+        draw(actor.forward(observations, actor_pass), draws, size, drawn, actions);
+        join(observations, actions, count, inputs);
+        let [first, second] = &mut *passes;
+        let values = critics[0].forward(inputs, first).iter().zip(critics[1].forward(inputs, second));
+        let (mut loss, mut mean_log_prob) = (0.0, 0.0);
+        slopes.iter_mut().for_each(Vec::clear);
+        for ((first, second), drawn) in values.zip(drawn.chunks_exact(size)) {
+            let log_prob = log_prob(drawn);
+            let (least, slope) =
+                if second < first { (second, [0.0, -share]) } else { (first, [-share, 0.0]) };
+            loss += share * (temperature * log_prob - least.to_f64());
+            mean_log_prob += share * log_prob;
+            slopes.iter_mut().zip(slope).for_each(|(slopes, slope)| slopes.push(T::from_f64(slope)));
+        }
+        for (((critic, pass), slopes), by_inputs) in
+            critics.iter().zip(passes).zip(slopes).zip(&mut *by_inputs)
+        {
+            by_inputs.resize(inputs.len(), T::ZERO);
+            critic.backward(slopes, pass, None, Some(by_inputs));
+        }
+
+        by_outputs.resize(2 * size * count, T::ZERO);
+        let by_inputs =
+            by_inputs[0].chunks_exact(columns + size).zip(by_inputs[1].chunks_exact(columns + size));
+        for ((by_outputs, (first, second)), drawn) in
+            by_outputs.chunks_exact_mut(2 * size).zip(by_inputs).zip(drawn.chunks_exact(size))
+        {
+            let (by_means, by_raw) = by_outputs.split_at_mut(size);
+            for (i, drawn) in drawn.iter().enumerate() {
+                let by_action = (first[columns + i] + second[columns + i]).to_f64();
+                let (by_mean, by_output) = drawn.gradient(by_action, share * temperature);
+                by_means[i] = T::from_f64(by_mean);
+                by_raw[i] = T::from_f64(by_output);
+            }
+        }
+        actor.backward(by_outputs, actor_pass, Some(gradient), None);
+        (loss, mean_log_prob)
+    }
+}
+
+/// -log α (mean log π(a|s) + H̄), and its derivative by log α.
+///
+/// # Example
+/// ```
+/// use mishandle_training::sac::temperature_loss;
+/// // The policy's entropy, 3, is above the target, 2: log α has to fall, so the derivative is positive.
+/// assert_eq!(temperature_loss(0.5, -3.0, 2.0), (0.5, 1.0));
+/// ```
+pub fn temperature_loss(log_temperature: f64, mean_log_prob: f64, target_entropy: f64) -> (f64, f64) {
+    let slope = -(mean_log_prob + target_entropy);
+    (log_temperature * slope, slope)
+}
+
+/// Draws the actions of all rows from the outputs of the policy's network.
+fn draw<T: Scalar>(outputs: &[T], draws: &[f64], size: usize, drawn: &mut Vec<Drawn>, actions: &mut Vec<T>) {
+    drawn.clear();
+    actions.clear();
+    for (outputs, draws) in outputs.chunks_exact(2 * size).zip(draws.chunks_exact(size)) {
+        let (means, raw) = outputs.split_at(size);
+        for ((mean, raw), z) in means.iter().zip(raw).zip(draws) {
+            let one = Drawn::new(mean.to_f64(), raw.to_f64(), *z);
+            actions.push(T::from_f64(one.action));
+            drawn.push(one);
+        }
+    }
+}
+
+/// log π of a row's action.
+fn log_prob(drawn: &[Drawn]) -> f64 {
+    drawn.iter().map(|drawn| drawn.log_prob).sum()
+}

@@ -1,0 +1,130 @@
+use serde::{Deserialize, Serialize};
+
+use crate::deterministic::Exploration;
+use crate::settings::{at_least_1, from_toml, not_negative, share, to_toml};
+use crate::{
+    ActionValueSettings, ActorSettings, EpisodeSettings, ReplaySettings, RunSettings, TrainingError,
+};
+
+/// Settings of TD3. As TOML, each is a key of its name, the last five are tables; a key that is left out has its
+/// default, one that is not known is an error.
+///
+/// # Example
+/// ```
+/// use mishandle_training::td3::Td3Config;
+/// let config = Td3Config::from_toml("tau = 0.01\nepisodes.action_noise = 0.5")?;
+/// assert_eq!((config.tau, config.episodes.environments), (0.01, 128));
+/// assert_eq!(Td3Config::from_toml(&config.to_toml())?, config);
+/// # Ok::<(), mishandle_training::TrainingError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Td3Config {
+    /// γ, the discount of a control step. Default 0.98.
+    pub gamma: f64,
+    /// τ, the targets' share of the networks in each update. Default 0.005.
+    pub tau: f64,
+    /// Deviations of the exploring noise: of the first simulation and of the last. Default `[0.05, 0.5]`.
+    pub exploration_std: [f64; 2],
+    /// Control steps for which a simulation keeps its noise: an arm hardly follows what changes each step. Default 1.
+    pub exploration_hold: u64,
+    /// σ of the noise on the target's action. Default 0.1.
+    pub smoothing_std: f64,
+    /// c, where that noise is clipped. Default 0.3.
+    pub smoothing_clip: f64,
+    /// d, updates of the critics for one of the policy and the targets. Default 2.
+    pub policy_delay: u64,
+    /// Control steps of each simulation in an iteration, after which it may be validated. Default 64.
+    pub steps_per_iteration: usize,
+    /// How long, and when to look.
+    pub run: RunSettings,
+    /// The simulations. By default there are 128.
+    pub episodes: EpisodeSettings,
+    /// What is remembered.
+    pub replay: ReplaySettings,
+    /// The policy.
+    pub policy: ActorSettings,
+    /// The critics.
+    pub critic: ActionValueSettings,
+}
+
+impl Default for Td3Config {
+    fn default() -> Td3Config {
+        Td3Config {
+            gamma: 0.98,
+            tau: 0.005,
+            exploration_std: [0.05, 0.5],
+            exploration_hold: 1,
+            smoothing_std: 0.1,
+            smoothing_clip: 0.3,
+            policy_delay: 2,
+            steps_per_iteration: 64,
+            run: RunSettings::default(),
+            episodes: EpisodeSettings { environments: 128, ..EpisodeSettings::default() },
+            replay: ReplaySettings::default(),
+            policy: ActorSettings::default(),
+            critic: ActionValueSettings::default(),
+        }
+    }
+}
+
+impl Td3Config {
+    /// The settings that a TOML text states.
+    ///
+    /// # Errors
+    /// If it is not TOML, a key is not known, or a value is of another type or out of its range.
+    pub fn from_toml(text: &str) -> Result<Td3Config, TrainingError> {
+        let config: Td3Config = from_toml(text)?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// The settings as TOML, every key with its value; what has none is left out.
+    pub fn to_toml(&self) -> String {
+        to_toml(self)
+    }
+
+    /// Checks that every setting is in its range.
+    ///
+    /// # Errors
+    /// If one is not; the message says what it must be.
+    pub fn check(&self) -> Result<(), TrainingError> {
+        share("gamma", self.gamma)?;
+        share("tau", self.tau)?;
+        Exploration(self.exploration_std).check()?;
+        at_least_1("exploration_hold", self.exploration_hold)?;
+        not_negative("smoothing_std", self.smoothing_std)?;
+        not_negative("smoothing_clip", self.smoothing_clip)?;
+        at_least_1("policy_delay", self.policy_delay)?;
+        at_least_1("steps_per_iteration", self.steps_per_iteration as u64)?;
+        self.run.check()?;
+        self.episodes.check()?;
+        self.replay.check(&self.episodes)?;
+        self.policy.check()?;
+        self.critic.check()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_come_back_from_their_text() {
+        let config = Td3Config::default();
+        assert_eq!(Td3Config::from_toml(&config.to_toml()).unwrap(), config);
+        assert_eq!(Td3Config::from_toml("").unwrap(), config);
+    }
+
+    #[test]
+    fn wrong_values_are_refused() {
+        for (text, told) in [
+            ("smoothing_std = -0.1", "`smoothing_std` must be a number of at least 0, found -0.1"),
+            ("policy_delay = 0", "`policy_delay` must be at least 1, found 0"),
+            ("exploration_std = [0.0, 0.1]", "`exploration_std` must be two finite numbers, above 0 and not"),
+        ] {
+            let refusal = Td3Config::from_toml(text).unwrap_err().to_string();
+            assert!(refusal.contains(told), "{refusal}");
+        }
+    }
+}

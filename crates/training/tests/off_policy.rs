@@ -1,0 +1,104 @@
+//! SAC, TD3 and DDPG learn, and their results do not depend on threads or interruptions.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+mod line;
+
+use line::{Line, Watch, best_return, facts, mean_return};
+use mishandle_rollout::Seed;
+use mishandle_training::{Checkpoint, Config, Trained};
+
+const ALGORITHMS: [&str; 3] = ["sac", "td3", "ddpg"];
+
+fn settings(algorithm: &str, text: &str) -> Config {
+    let common = "episodes.environments = 16\nsteps_per_iteration = 25\npolicy.hidden = [16]\ncritic.hidden = [32]\n\
+                  replay.batch_rows = 100\nreplay.warmup_steps = 500\nrun.validation_episodes = 10\n\
+                  run.validation_every = 2\nepisodes.time_limit = 20\n";
+    Config::from_toml(algorithm, &format!("{common}{text}")).unwrap().unwrap()
+}
+
+fn run(threads: usize, config: &Config, resume: Option<&Checkpoint>, watch: &mut Watch) -> Trained {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| config.train(Line::new(0.05), Seed(5), resume, watch)).unwrap()
+}
+
+#[test]
+fn the_line_is_learned() {
+    for algorithm in ALGORITHMS {
+        let config = settings(
+            algorithm,
+            "run.total_steps = 24_000\ngamma = 0.9\ntau = 0.01\nreplay.n_steps = 1\n\
+             replay.updates_per_step = 0.5\nreplay.reward_scale = 1.0\npolicy.learning_rate = 0.003",
+        );
+        let trained = run(2, &config, None, &mut Watch::default());
+        let (found, best) = (mean_return(&trained.last, 500), best_return(500));
+        assert!(found > 0.97 * best, "{algorithm}: mean return {found}, the best there is {best}");
+    }
+}
+
+#[test]
+fn threads_change_no_bit() {
+    for algorithm in ALGORITHMS {
+        let config = settings(algorithm, "run.total_steps = 2_000\nepisodes.action_noise = 0.2");
+        let mut one = Watch::default();
+        let trained = run(1, &config, None, &mut one);
+        for threads in [2, 4] {
+            let mut many = Watch::default();
+            let again = run(threads, &config, None, &mut many);
+            assert_eq!(trained.last.hash(), again.last.hash(), "{algorithm}, {threads} threads");
+            assert_eq!(trained.best.hash(), again.best.hash(), "{algorithm}, {threads} threads");
+            assert_eq!(facts(&one), facts(&many), "{algorithm}, {threads} threads");
+        }
+        assert_eq!(one.told.len(), 5);
+    }
+}
+
+#[test]
+fn a_resumed_training_goes_on_to_the_same_bits() {
+    for algorithm in ALGORITHMS {
+        // The ring of 1,600 entries is filled and written over.
+        let config = settings(algorithm, "run.total_steps = 2_400\nreplay.capacity = 1_600");
+        let mut whole = Watch::default();
+        let trained = run(2, &config, None, &mut whole);
+        assert_eq!(whole.told.len(), 6);
+        // In the midst of the warm-up, and when the ring is full.
+        for stop in [1, 5] {
+            let mut first = Watch { stop_after: Some(stop), ..Watch::default() };
+            run(2, &config, None, &mut first);
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("line.checkpoint");
+            first.checkpoint.unwrap().save(&path).unwrap();
+            let mut second = Watch::default();
+            let resumed = run(3, &config, Some(&Checkpoint::load(&path).unwrap()), &mut second);
+            assert_eq!(resumed.last.hash(), trained.last.hash(), "{algorithm}");
+            assert_eq!(resumed.best.hash(), trained.best.hash(), "{algorithm}");
+            assert_eq!(facts(&second), facts(&whole)[stop as usize..], "{algorithm}");
+        }
+    }
+}
+
+#[test]
+fn a_checkpoint_of_other_settings_is_refused() {
+    let config = settings("td3", "run.total_steps = 400");
+    let mut watch = Watch::default();
+    run(1, &config, None, &mut watch);
+    let checkpoint = watch.checkpoint.unwrap();
+    let resume = |config: &Config| {
+        config.train(Line::new(0.0), Seed(5), Some(&checkpoint), &mut Watch::default()).map(|_| ())
+    };
+    assert!(resume(&settings("td3", "run.total_steps = 800")).is_ok(), "only the number of steps may differ");
+    let told = resume(&settings("td3", "run.total_steps = 400\ntau = 0.1")).unwrap_err().to_string();
+    assert_eq!(told, "the checkpoint's settings is tau = 0.005, this training's is tau = 0.1");
+    let told = resume(&settings("ddpg", "run.total_steps = 400")).unwrap_err().to_string();
+    assert_eq!(told, "the checkpoint's algorithm is td3, this training's is ddpg");
+}
+
+#[test]
+fn weights_that_run_wild_end_the_training_with_an_error() {
+    for algorithm in ALGORITHMS {
+        let config = settings(algorithm, "critic.learning_rate = 1e30\nrun.total_steps = 100_000");
+        let error = config.train(Line::new(0.0), Seed(1), None, &mut Watch::default()).unwrap_err();
+        let told = error.to_string();
+        assert!(told.contains("training broke down") || told.contains("must be finite"), "{told}");
+    }
+}
