@@ -57,6 +57,20 @@ pub enum MishandleError {
         /// What would be right.
         wanted: &'static str,
     },
+    /// A start that lies in no preset's initial box.
+    #[error("{axis} is {value} {unit}, outside the initial box: from {low} to {high} {unit} in preset paper")]
+    OutsideBox {
+        /// The axis on which it lies outside.
+        axis: &'static str,
+        /// Its value there.
+        value: f64,
+        /// Unit of value and bounds.
+        unit: &'static str,
+        /// Smallest value in the paper's box.
+        low: f64,
+        /// Largest value in the paper's box.
+        high: f64,
+    },
     /// A formula that reaches past the end of an episode can never be decided.
     #[error("`{formula}` needs {needed} control steps, an episode has {steps}: it could never be decided")]
     Undecidable {

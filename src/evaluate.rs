@@ -1,7 +1,7 @@
 use std::ops::ControlFlow;
 
 use mishandle_evaluation::{Evaluation, Metrics, Report};
-use mishandle_rollout::Seed;
+use mishandle_rollout::{Environment, Seed};
 use mishandle_store::{RunWriter, TrialStatus};
 use mishandle_tasks::Preset;
 
@@ -67,6 +67,15 @@ pub fn evaluate(
     }
     run.close()?;
     Ok(report)
+}
+
+/// Whether any start of the plan's evaluation is another than the one drawn first, which was out of reach. If none is,
+/// the starts of the reachable part of the box are those of the whole.
+pub fn leaves_out_starts(plan: &Plan, subject: &Subject) -> bool {
+    let initial_box = subject.environment.initial_box();
+    let left_out = |index| !subject.task.reachable(&initial_box.sample(Seed(plan.seed), index));
+    let reachable = plan.evaluate.as_ref().filter(|evaluate| evaluate.starts == Starts::Reachable);
+    reachable.is_some_and(|evaluate| (0..evaluate.episodes).any(left_out))
 }
 
 /// Checks what an evaluation is asked to do.

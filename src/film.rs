@@ -4,39 +4,54 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use mishandle_rollout::{Environment, InitialBox, Sample, Seed, Status, Worker};
 use mishandle_store::RunFile;
-use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment, compose};
-use mishandle_world::WorldError;
+use mishandle_tasks::{Definition, Preset, Reward, Task, TaskEnvironment, compose};
 
 use crate::replay::replay_in;
 use crate::{MishandleError, Replayed};
 
 /// States of a task's scene, a control step apart.
 pub struct Film {
-    /// The scene with all that is to be seen, an MJCF document.
-    pub document: String,
     /// State rows of it.
     pub states: Vec<Vec<f64>>,
     /// Time between two of them, s.
     pub control_dt: f64,
 }
 
-/// A task's scene at its start: from `x0`, which may lie outside the initial box, or from the middle of the paper's box.
+/// A task's scene at its start: from `x0`, or from the middle of the paper's box.
 ///
 /// # Errors
-/// If `x0` does not have a finite number for each axis, or the task cannot be built.
+/// If `x0` does not have a finite number for each axis, lies in no preset's initial box, or the task cannot be built.
 pub fn start(task: &dyn Task, x0: Option<&[f64]>) -> Result<Film, MishandleError> {
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original)?;
     let initial_box = environment.initial_box();
     let middle = initial_box.at(&vec![0.5; initial_box.dimension()]);
     let x0 = x0.unwrap_or(&middle);
     initial_box.check(x0)?;
+    check_start(task.definition(), x0)?;
     let mut state = vec![0.0; environment.state_size()];
     let mut observation = vec![0.0; environment.observation_size()];
     let mut signals = vec![0.0; environment.signals().len()];
     let mut rewards = vec![0.0; environment.reward_terms().len()];
     let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
     environment.worker().reset(x0, Seed(0), &mut state, sample);
-    Ok(Film { document: document(task)?, states: vec![state], control_dt: environment.control_dt() })
+    Ok(Film { states: vec![state], control_dt: environment.control_dt() })
+}
+
+/// Refuses a start that lies in no preset's box, by what the paper's box says of it.
+fn check_start(definition: &Definition, x0: &[f64]) -> Result<(), MishandleError> {
+    let outside = |preset| {
+        definition.initial_box.iter().zip(x0).find(move |(axis, value)| {
+            let [low, high] = axis.bounds(preset);
+            !(low..=high).contains(*value)
+        })
+    };
+    match (outside(Preset::Paper), outside(Preset::Code)) {
+        (Some((axis, &value)), Some(_)) => {
+            let [low, high] = axis.bounds(Preset::Paper);
+            Err(MishandleError::OutsideBox { axis: axis.name, value, unit: axis.unit, low, high })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Runs simulation `number` of trial `trial` of a run again, as [`replay`](crate::replay()) does, and keeps its states.
@@ -50,16 +65,19 @@ pub fn film(
     controller: Option<&str>,
 ) -> Result<(Replayed, Film), MishandleError> {
     let states = Arc::new(Mutex::new(Vec::new()));
-    let task = crate::task(&run.header().task)?;
     let replayed = replay_in(run, trial, number, controller, |environment| {
         Arc::new(Filmed { environment, states: states.clone() })
     })?;
     let states = std::mem::take(&mut *states.lock().unwrap_or_else(PoisonError::into_inner));
-    Ok((replayed, Film { document: document(task)?, states, control_dt: run.header().control_dt }))
+    Ok((replayed, Film { states, control_dt: run.header().control_dt }))
 }
 
-fn document(task: &dyn Task) -> Result<String, MishandleError> {
-    compose(task).map_err(|source: WorldError| {
+/// A task's scene with all that is to be seen, an MJCF document.
+///
+/// # Errors
+/// If the scene cannot be put together.
+pub fn scene(task: &dyn Task) -> Result<String, MishandleError> {
+    compose(task).map_err(|source| {
         MishandleError::Task(mishandle_tasks::TaskError::Scene { task: task.definition().name, source })
     })
 }

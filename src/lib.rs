@@ -31,9 +31,9 @@ mod train;
 
 pub use build::{VERSION, build};
 pub use error::MishandleError;
-pub use evaluate::evaluate;
+pub use evaluate::{evaluate, leaves_out_starts};
 pub use falsify::{Progress, falsify};
-pub use film::{Film, film, start};
+pub use film::{Film, film, scene, start};
 pub use home::{controller_name, controller_path, home, picture_path, settings_path, shipped_controllers};
 pub use plan::{EvaluatePlan, FalsifyPlan, Plan, Starts};
 pub use record::create_run;

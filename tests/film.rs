@@ -17,7 +17,8 @@ fn the_states_of_every_task_fit_its_scene_with_visuals() {
         let name = task.definition().name;
         let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original).unwrap();
         let film = mishandle::start(task, None).unwrap();
-        let (drawn, stepped) = (Model::from_xml(&film.document).unwrap(), environment.model());
+        let drawn = Model::from_xml(&mishandle::scene(task).unwrap()).unwrap();
+        let stepped = environment.model();
         assert_eq!(drawn.state_size(), stepped.state_size(), "{name}");
         assert_eq!(drawn.qpos_size(), stepped.qpos_size(), "{name}");
         assert_eq!(film.states[0].len(), environment.state_size(), "{name}");
@@ -38,7 +39,7 @@ fn a_film_holds_every_sample_of_the_recorded_episode() {
     assert_eq!(replayed.differences, Vec::<String>::new());
     assert_eq!(film.states.len(), replayed.episode.trace.len());
     // The arm has moved from its start, and the target that it moved to has not.
-    let model = Model::from_xml(&film.document).unwrap();
+    let model = Model::from_xml(&mishandle::scene(subject.task).unwrap()).unwrap();
     let target = model.body("target").unwrap();
     let mut world = model.world();
     let mut seen = |state: &[f64]| {

@@ -264,10 +264,10 @@ pub struct Replay {
 No display is needed. Films are made by the program ffmpeg.")]
 pub struct Render {
     /// Name of a task, to draw its start
-    #[arg(required_unless_present = "run", conflicts_with = "run")]
+    #[arg(conflicts_with = "run")]
     pub task: Option<String>,
     /// Initial configuration: a value for each axis of the initial box [default: the middle of the box]
-    #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_negative_numbers = true)]
+    #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
     #[arg(conflicts_with = "run")]
     pub at: Option<Vec<f64>>,
     /// Run file, to run one of its simulations again

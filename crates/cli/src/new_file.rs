@@ -22,12 +22,17 @@ impl NewFile {
             bail!("{} exists already; give another --out, or --force to write over it", path.display());
         }
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if !folder.is_dir() {
+            bail!("cannot write {}: there is no folder {}", path.display(), folder.display());
+        }
         let part = Builder::new()
             .prefix(".mishandle-")
             .suffix(".part")
             .permissions(Permissions::from_mode(0o666)) // less what the user's umask takes away
             .tempfile_in(folder)
-            .with_context(|| path.display().to_string())?;
+            // What the system says, without the name that is only for now.
+            .map_err(|error| std::io::Error::from(error.kind()))
+            .with_context(|| format!("cannot write {}", path.display()))?;
         Ok(NewFile { part, path: path.to_path_buf(), force })
     }
 

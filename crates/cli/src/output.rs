@@ -1,10 +1,10 @@
 //! Data on stdout, words on stderr.
 
 use std::fs::File;
-use std::io::{IsTerminal, Write};
+use std::io::{ErrorKind, IsTerminal, Write};
 use std::path::Path;
 
-use anyhow::{Context, Error, Result};
+use anyhow::{Context, Error, Result, bail};
 use mishandle::MishandleError;
 use mishandle::stl::{Formula, MonitorError};
 use serde_json::{Number, Value};
@@ -23,7 +23,12 @@ pub fn json(value: &Value) -> Result<()> {
 /// Writes a file that is not there yet. If that fails, nothing is left of it.
 pub fn write_new(path: &Path, write: impl FnOnce(&mut File) -> Result<()>) -> Result<()> {
     let name = || format!("cannot write {}", path.display());
-    let mut file = File::create_new(path).with_context(name)?;
+    let mut file = match File::create_new(path) {
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => {
+            bail!("{} exists already; give another name", path.display());
+        }
+        opened => opened.with_context(name)?,
+    };
     write(&mut file).and_then(|()| Ok(file.flush()?)).with_context(name).inspect_err(|_| {
         // It was made here and is worth nothing; the first failure is the one to tell.
         let _ = std::fs::remove_file(path);
@@ -76,7 +81,7 @@ pub fn is_broken_pipe(error: &Error) -> bool {
     error
         .chain()
         .filter_map(|cause| cause.downcast_ref::<std::io::Error>())
-        .any(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
+        .any(|error| error.kind() == ErrorKind::BrokenPipe)
 }
 
 /// Lines up the columns of a table; numbers should be formatted already. The first row is the header.

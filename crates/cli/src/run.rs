@@ -4,6 +4,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
+use indicatif::ProgressBar;
 use mishandle::store::{RunFile, RunWriter};
 use mishandle::{Plan, Subject};
 
@@ -83,6 +84,16 @@ pub fn name(run: &RunFile) -> String {
 pub fn say_interrupted(command: &str, simulations: u64, name: &str) {
     output::say(&format!("interrupted after {simulations} simulations; every one is in {name}"));
     output::say(&format!("Carry on: mishandle {command} --resume {name}"));
+}
+
+/// Has signals end the run after a batch, and says so below the bar as soon as one comes.
+pub fn end_on_signals(bar: &ProgressBar) -> Result<()> {
+    let bar = bar.clone();
+    interrupt::listen(move || {
+        bar.suspend(|| {
+            output::say("finishing the simulations that have begun; Ctrl-C again ends at once");
+        });
+    })
 }
 
 /// Whether to go on after a batch.

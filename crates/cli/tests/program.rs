@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -215,7 +216,10 @@ fn a_falsification_finds_stores_and_replays_a_counterexample() {
         assert_eq!(measured["robustness"], again["robustness"]);
         bench.refuses(&arguments, &["already"]);
         // A trace is written over nothing, least of all over the run.
-        bench.refuses(&format!("replay {run} --trace {run}"), &[&run]);
+        bench.refuses(
+            &format!("replay {run} --trace {run}"),
+            &[&format!("{run} exists already; give another name")],
+        );
     }
 }
 
@@ -330,12 +334,53 @@ fn an_interrupted_campaign_says_how_it_goes_on_and_does_to_the_same_result() {
         let output = child.wait_with_output().unwrap();
         let err = text(&output.stderr);
         assert_eq!(output.status.code(), Some(130), "{err}");
+        assert!(err.starts_with("finishing the simulations that have begun; Ctrl-C again"), "{err}");
         assert!(output.stdout.is_empty());
         let quoted = format!(r"Carry on: mishandle {verb} --resume 'it'\''s {verb}.sqlite'");
         assert!(err.contains(&quoted), "{err}");
         assert!(simulations(&bench.path(&run)) < 400);
         let resumed = bench.command(&format!("{verb} --json")).arg("--resume").arg(&run).output().unwrap();
         assert_eq!(text(&resumed.stdout), whole);
+    }
+}
+
+#[test]
+fn a_second_signal_ends_a_long_batch_at_once() {
+    let bench = Bench::new();
+    // A batch of cloths takes many times longer than what happens here.
+    let mut command =
+        bench.command("evaluate cloth-placing --controller expert --episodes 64 --threads 1 --out a.sqlite");
+    let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+    let start = Instant::now();
+    while !bench.path("a.sqlite").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    signal(&child, "INT");
+    let mut said = BufReader::new(child.stderr.take().unwrap());
+    let mut line = String::new();
+    said.read_line(&mut line).unwrap();
+    assert!(line.starts_with("finishing the simulations that have begun"), "{line}");
+    signal(&child, "INT");
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    let mut rest = String::new();
+    said.read_to_string(&mut rest).unwrap();
+    assert_eq!(rest, "", "it went on");
+    assert_eq!(simulations(&bench.path("a.sqlite")), 0);
+}
+
+#[test]
+fn an_evaluation_names_the_part_of_the_box_that_it_starts_from() {
+    let bench = Bench::new();
+    let evaluate = format!("evaluate point-reaching {FAST} --episodes 4 --box");
+    let words = "no part of the box is proven out of reach";
+    for (part, named) in [("reachable", true), ("whole", false)] {
+        let output = bench.run(&format!("{evaluate} {part}"));
+        let (out, err) = (text(&output.stdout), text(&output.stderr));
+        let header = out.lines().next().unwrap();
+        assert_eq!(header.contains("starts from the reachable part of the box"), named, "{header}");
+        assert_eq!(err.contains(words), named, "{err}");
+        assert_eq!(bench.json(&format!("{evaluate} {part} --json"), 0)["box"], part);
     }
 }
 

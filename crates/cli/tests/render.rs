@@ -5,10 +5,17 @@
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 /// What stands in for the encoder: it keeps what it is sent.
-const KEEPS: &str = "#!/bin/sh\nfor last; do :; done\ncat > \"$last\"\n";
+const KEEPS: &str = "#!/bin/sh\n[ \"$1\" = -version ] && exit\nfor last; do :; done\ncat > \"$last\"\n";
+/// It says through a file that it has begun, and takes its time over each picture of 32 x 24 pixels.
+const SLOW: &str = "#!/bin/sh
+[ \"$1\" = -version ] && exit
+touch begun
+while head -c 2304 > picture; do sleep 0.05; done
+";
 const FAILS: &str = "#!/bin/sh\necho 'no encoder' >&2\nexit 3\n";
 
 struct Bench {
@@ -37,9 +44,9 @@ impl Bench {
         assert!(output.status.success(), "{arguments}: {}", said(&output));
     }
 
-    /// Runs the program, which has to refuse with these words and leave nothing behind.
+    /// Runs the program, which has to refuse with these words and leave nothing behind. Returns all that it said.
     #[track_caller]
-    fn refuses(&self, command: &mut Command, parts: &[&str]) {
+    fn refuses(&self, command: &mut Command, parts: &[&str]) -> String {
         let before = self.files();
         let output = command.output().unwrap();
         assert_eq!(output.status.code(), Some(2), "{command:?}: {}", said(&output));
@@ -47,6 +54,7 @@ impl Bench {
             assert!(said(&output).contains(part), "{command:?} does not say `{part}`: {}", said(&output));
         }
         assert_eq!(self.files(), before, "{command:?} left something");
+        said(&output)
     }
 
     fn files(&self) -> Vec<PathBuf> {
@@ -125,7 +133,8 @@ fn an_episode_becomes_a_film_or_a_filmstrip() {
 
     let film = || bench.command("render --run run.sqlite --simulation 2 --size 32x24 --out film.mp4");
     let nothing = bench.path("nothing");
-    bench.refuses(film().env("PATH", &nothing), &["`ffmpeg`", "apt install ffmpeg"]);
+    let said_without = bench.refuses(film().env("PATH", &nothing), &["`ffmpeg`", "apt install ffmpeg"]);
+    assert!(!said_without.contains("control steps"), "it simulated for nothing: {said_without}");
     let fails = bench.encoder("fails", FAILS);
     bench.refuses(film().env("PATH", format!("{}:/usr/bin:/bin", fails.display())), &["no encoder"]);
     let keeps = bench.encoder("keeps", KEEPS);
@@ -136,14 +145,43 @@ fn an_episode_becomes_a_film_or_a_filmstrip() {
 }
 
 #[test]
+fn an_interrupted_film_leaves_nothing() {
+    let bench = Bench::new();
+    bench.check("evaluate point-reaching --controller expert --episodes 1 --out run.sqlite");
+    if !bench.can_draw() {
+        return;
+    }
+    let slow = bench.encoder("slow", SLOW);
+    let mut command = bench.command("render --run run.sqlite --size 32x24 --out film.mp4");
+    command.env("PATH", format!("{}:/usr/bin:/bin", slow.display())).stderr(Stdio::piped());
+    let child = command.spawn().unwrap();
+    let start = Instant::now();
+    while !bench.path("begun").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{}", said(&output));
+    assert!(said(&output).ends_with("interrupted; nothing was written\n"), "{}", said(&output));
+    let expected = ["begun", "picture", "probe.png", "run.sqlite", "slow"].map(|name| bench.path(name));
+    assert_eq!(bench.files(), expected);
+}
+
+#[test]
 fn what_cannot_be_drawn_is_said() {
     let bench = Bench::new();
     for (arguments, parts) in [
         ("point-reching --out a.png", ["no task `point-reching`", "did you mean `point-reaching`?"]),
         ("point-reaching --out a.jpg", ["a.jpg", ".png"]),
         ("point-reaching --out a.mp4", ["one picture", "--run"]),
-        ("point-reaching --out no/a.png", ["no/a.png", "No such file"]),
+        ("point-reaching --out no/a.png", ["cannot write no/a.png", "there is no folder no\n"]),
         ("point-reaching --at 0.5,0 --out a.png", ["2 values", "target_z"]),
+        (
+            "point-reaching --at -0.5,0,0.5 --out a.png",
+            ["target_x is -0.5 m, outside the initial box", "from 0.3 to 0.7 m"],
+        ),
+        ("--out a.png", ["give a TASK, or --run RUN", "error"]),
         ("point-reaching --at 0.5,0,nan --out a.png", ["target_z", "NaN"]),
         ("point-reaching --size 33x20 --out a.png", ["33x20", "even"]),
         ("point-reaching --size 5000x20 --out a.png", ["5000x20", "4096"]),

@@ -5,17 +5,18 @@ use mishandle::{EvaluatePlan, Plan, Starts, Subject};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
-use crate::{Outcome, args, interrupt, progress, run};
+use crate::{Outcome, args, progress, run};
 
 pub fn run(command: &args::Evaluate) -> Result<Outcome> {
     run::set_threads(command.run.threads)?;
+    let bar = progress::bar(0, "simulations");
+    run::end_on_signals(&bar)?;
     let moved = command.subject.controller.as_deref();
     let (plan, subject, file) =
         run::open(command.resume.as_deref(), moved, command.out.as_deref(), || plan(command))?;
-    interrupt::listen()?;
     let name = run::name(file.file());
     let episodes = plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
-    let bar = progress::bar(episodes, "simulations");
+    bar.set_length(episodes);
     let report = mishandle::evaluate(&plan, &subject, file, |done| {
         bar.set_position(done);
         run::flow()
@@ -29,6 +30,9 @@ pub fn run(command: &args::Evaluate) -> Result<Outcome> {
         output::json(&document(&plan, &subject, &report))?;
     } else {
         output::line(&text(&plan, &report))?;
+    }
+    if starts(&plan) == Starts::Reachable && !mishandle::leaves_out_starts(&plan, &subject) {
+        output::say("no part of the box is proven out of reach: these are starts of the whole box");
     }
     output::say(&format!("Every simulation is in {name}"));
     Ok(Outcome::Done)
@@ -50,6 +54,10 @@ fn plan(command: &args::Evaluate) -> Result<Plan> {
     Ok(plan)
 }
 
+fn starts(plan: &Plan) -> Starts {
+    plan.evaluate.as_ref().map_or(Starts::Whole, |evaluate| evaluate.starts)
+}
+
 fn document(plan: &Plan, subject: &Subject, report: &Report) -> Value {
     let estimate = |estimate: &Estimate| {
         let value = |value: Option<f64>| value.map_or(Value::Null, number);
@@ -69,6 +77,7 @@ fn document(plan: &Plan, subject: &Subject, report: &Report) -> Value {
         "action_noise": plan.action_noise,
         "observation_noise": plan.observation_noise,
         "seed": plan.seed.to_string(),
+        "box": starts(plan),
         "simulations": report.simulations,
         "diverged": report.diverged,
         "undecided": report.undecided,
@@ -108,10 +117,14 @@ fn text(plan: &Plan, report: &Report) -> String {
         row("task completion time", steps(&report.task_completion_time), report.task_completion_time.n),
     ];
     let mut text = format!(
-        "{}, controller {}, preset {}{}\n\n{}",
+        "{}, controller {}, preset {}{}{}\n\n{}",
         plan.task,
         plan.controller,
         plan.preset,
+        match starts(plan) {
+            Starts::Whole => "",
+            Starts::Reachable => ", starts from the reachable part of the box",
+        },
         noise(plan),
         output::table(&rows)
     );

@@ -7,18 +7,18 @@ use serde_json::{Value, json};
 
 use crate::commands::evaluate::noise;
 use crate::output::{self, number};
-use crate::{Outcome, args, interrupt, progress, run};
+use crate::{Outcome, args, progress, run};
 
 pub fn run(command: &args::Falsify) -> Result<Outcome> {
     run::set_threads(command.run.threads)?;
+    let bar = progress::bar(0, "simulations at most");
+    run::end_on_signals(&bar)?;
     let moved = command.subject.controller.as_deref();
     let (plan, subject, file) =
         run::open(command.resume.as_deref(), moved, command.out.as_deref(), || plan(command))?;
-    interrupt::listen()?;
     output::warn_of_chains(&subject.specification.requirement);
     let name = run::name(file.file());
     let path = file.file().path().to_path_buf();
-    let bar = progress::bar(0, "simulations at most");
     let found = mishandle::falsify(&plan, &subject, file, |progress| {
         bar.set_length(progress.most);
         bar.set_position(progress.simulations);

@@ -6,8 +6,8 @@ use mishandle::store::RunFile;
 use mishandle::world::{Renderer, Size, png};
 
 use crate::new_file::NewFile;
-use crate::video::Video;
-use crate::{Outcome, args, output, progress};
+use crate::video::{self, Video};
+use crate::{Outcome, args, interrupt, output, progress};
 
 /// Pictures a second in a film, nearly: whole control steps lie between two.
 const FILM_RATE: f64 = 30.0;
@@ -29,7 +29,7 @@ enum Kind {
 
 pub fn run(command: &args::Render) -> Result<Outcome> {
     let kind = kind(&command.out)?;
-    if command.run.is_none() {
+    if command.run.is_none() && command.task.is_some() {
         ensure!(
             kind == Kind::Png,
             "a start is one picture; --out has to end in .png, or give a --run to film"
@@ -41,19 +41,29 @@ pub fn run(command: &args::Render) -> Result<Outcome> {
         (Kind::Mp4, _) => FILM_SIZE,
     };
     let size = size(command.size.as_deref(), default)?;
-    let file = NewFile::create(&command.out, command.force)?;
-    let film = match (&command.run, &command.task) {
-        (Some(path), _) => recorded(path, command)?,
-        (None, Some(task)) => mishandle::start(mishandle::task(task)?, command.at.as_deref())?,
-        (None, None) => bail!("give a task, or a --run"),
-    };
-    let mut renderer = Renderer::new(&film.document, size)?;
-    match kind {
-        Kind::Png => strip(&mut renderer, &film, size, file)?,
-        Kind::Mp4 => video(&mut renderer, &film, size, file)?,
+    // Whether it can be made is known before a simulation has run for it.
+    drop(NewFile::create(&command.out, command.force)?);
+    if kind == Kind::Mp4 {
+        video::check_encoder()?;
     }
-    output::say(&format!("wrote {}", command.out.display()));
-    Ok(Outcome::Done)
+    let (mut renderer, film) = match (&command.run, &command.task) {
+        (Some(path), _) => recorded(path, command, size)?,
+        (None, Some(task)) => {
+            let task = mishandle::task(task)?;
+            let film = mishandle::start(task, command.at.as_deref())?;
+            (Renderer::new(&mishandle::scene(task)?, size)?, film)
+        }
+        (None, None) => bail!("give a TASK, or --run RUN"),
+    };
+    let outcome = match kind {
+        Kind::Png => strip(&mut renderer, &film, size, command)?,
+        Kind::Mp4 => video(&mut renderer, &film, size, command)?,
+    };
+    match outcome {
+        Outcome::Interrupted => output::say("interrupted; nothing was written"),
+        _ => output::say(&format!("wrote {}", command.out.display())),
+    }
+    Ok(outcome)
 }
 
 fn kind(out: &Path) -> Result<Kind> {
@@ -84,11 +94,12 @@ fn size(text: Option<&str>, default: (u32, u32)) -> Result<Size> {
 }
 
 /// A recorded simulation, run again.
-fn recorded(path: &Path, command: &args::Render) -> Result<Film> {
+fn recorded(path: &Path, command: &args::Render, size: Size) -> Result<(Renderer, Film)> {
     let run = RunFile::open(path)?;
     let Some((trial, simulation)) = mishandle::choose(&run, command.trial, command.simulation)? else {
         bail!("{} has no decided simulation to draw", path.display());
     };
+    let renderer = Renderer::new(&mishandle::scene(mishandle::task(&run.header().task)?)?, size)?;
     let (replayed, film) = mishandle::film(&run, trial, simulation, command.controller.as_deref())?;
     for difference in &replayed.other_build {
         output::say(&format!("warning: the run was made by another build: {difference}"));
@@ -100,11 +111,11 @@ fn recorded(path: &Path, command: &args::Render) -> Result<Film> {
         "trial {trial}, simulation {simulation}: {} control steps",
         replayed.episode.steps()
     ));
-    Ok(film)
+    Ok((renderer, film))
 }
 
 /// One picture, or several moments of an episode beside and below each other.
-fn strip(renderer: &mut Renderer, film: &Film, size: Size, file: NewFile) -> Result<()> {
+fn strip(renderer: &mut Renderer, film: &Film, size: Size, command: &args::Render) -> Result<Outcome> {
     let last = film.states.len() - 1;
     let count = film.states.len().min(STRIP);
     let moments: Vec<usize> = (0..count).map(|i| last * i / (count - 1).max(1)).collect();
@@ -125,19 +136,28 @@ fn strip(renderer: &mut Renderer, film: &Film, size: Size, file: NewFile) -> Res
             moments.iter().map(|step| format!("{:.2} s", *step as f64 * film.control_dt)).collect();
         output::say(&format!("at {}, row by row", times.join(", ")));
     }
-    file.fill(&png(whole_width as u32, whole_height as u32, &whole)?)
+    let bytes = png(whole_width as u32, whole_height as u32, &whole)?;
+    NewFile::create(&command.out, command.force)?.fill(&bytes)?;
+    Ok(Outcome::Done)
 }
 
-fn video(renderer: &mut Renderer, film: &Film, size: Size, file: NewFile) -> Result<()> {
+fn video(renderer: &mut Renderer, film: &Film, size: Size, command: &args::Render) -> Result<Outcome> {
     let stride = (1.0 / (FILM_RATE * film.control_dt)).round().max(1.0) as usize;
     let rate = 1.0 / (stride as f64 * film.control_dt);
     renderer.frame(film.states.iter().step_by(stride).map(Vec::as_slice));
-    let mut video = Video::begin(file, size, rate)?;
+    // From here on there is a file to take away, so a signal must not end the program by itself.
+    interrupt::listen(|| ())?;
+    let mut video = Video::begin(NewFile::create(&command.out, command.force)?, size, rate)?;
     let bar = progress::bar(film.states.len().div_ceil(stride) as u64, "pictures");
     for state in film.states.iter().step_by(stride) {
+        if interrupt::asked() {
+            bar.finish_and_clear();
+            return Ok(Outcome::Interrupted);
+        }
         video.push(renderer.draw(state)?)?;
         bar.inc(1);
     }
     bar.finish_and_clear();
-    video.end()
+    video.end()?;
+    Ok(Outcome::Done)
 }

@@ -29,8 +29,11 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
     if let (Some(path), false) = (taken, plan.resume) {
         bail!("{} exists already; give another --out, or --resume to carry on", path.display());
     }
-    interrupt::listen()?;
     let line = live_line();
+    let shown = line.clone();
+    interrupt::listen(move || {
+        shown.suspend(|| output::say("finishing the iteration that has begun; Ctrl-C again ends at once"));
+    })?;
     let mut last = Instant::now();
     let trained = mishandle::train(&plan, |progress| {
         line.set_message(progress.to_string());
