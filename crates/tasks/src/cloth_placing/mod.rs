@@ -61,7 +61,7 @@ const DEFINITION: Definition = Definition {
     name: NAME,
     summary: "Carry a cloth to a table and lay it down there.",
     variant_of: None,
-    setting: "A square cloth of 0.3 m and 605 g hangs upright from the closed fingers, its middle at (0.5, 0, 0.65) m, in the plane \
+    setting: "A square cloth of 0.3 m and 605 g, 11 x 11 vertices in the benchmark, hangs upright from the closed fingers, its middle at (0.5, 0, 0.65) m, in the plane \
               of x and z. A table of 0.3 x 0.3 x 0.4 m has a rim 1 cm wide and 2 cm high around its top; the marker is the \
               middle of the top, 0.4 m high.",
     held: None,
