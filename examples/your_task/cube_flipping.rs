@@ -20,6 +20,7 @@ const DEFINITION: Definition = Definition {
     name: "cube-flipping",
     summary: "Tip a cube onto another face.",
     variant_of: None,
+    setting: "A cube with edges of 10 cm and 200 g on a table 0.2 m high.",
     held: None,
     start: [0.0, -0.2, 0.0, -2.3, 0.0, 2.1, 0.785, 0.0, 0.0],
     start_noise: 0.0,

@@ -123,8 +123,9 @@ pub struct Held {
 pub enum Grip {
     /// Nobody: they are held at this opening, m for each finger.
     Fixed(f64),
-    /// The scene decides before each control step, by [`Scene::grip`].
-    Scene,
+    /// The scene decides before each control step, by [`Scene::grip`]; this is its rule in words, and what the last two
+    /// actions do.
+    Scene(&'static str),
 }
 
 /// All that a task states as data, each fact once.
@@ -136,6 +137,8 @@ pub struct Definition {
     pub summary: &'static str,
     /// Of another version of a task of the benchmark, that task's name: it shares formulas, layout and controllers.
     pub variant_of: Option<&'static str>,
+    /// What stands where, how large and how heavy it is, in words.
+    pub setting: &'static str,
     /// What the hand holds at the start.
     pub held: Option<Held>,
     /// Start of the seven arm joints (rad) and the two fingers (m).

@@ -4,7 +4,8 @@ use mishandle_rollout::{Environment, InitialBox, RolloutError, Sample, Seed, Sta
 use mishandle_world::{Model, World, WorldError};
 
 use crate::definition::{Definition, Grip, Preset, Reward, Scene, Task};
-use crate::robot::{ARM_JOINTS, CONTROL_DT, EPISODE_STEPS, JOINTS, Panda, compose};
+use crate::document::compose;
+use crate::robot::{ARM_JOINTS, CONTROL_DT, EPISODE_STEPS, JOINTS, Panda};
 
 /// Observations are clipped to this.
 const OBSERVATION_LIMIT: f64 = 5.0;
@@ -171,7 +172,7 @@ impl TaskWorker {
     fn move_fingers(&mut self, action: &[f64], fingers: &mut [f64]) {
         match self.definition.grip {
             Grip::Fixed(opening) => fingers.fill(opening),
-            Grip::Scene => {
+            Grip::Scene(_) => {
                 // The poses left behind may be those of another row.
                 self.world.refresh();
                 if self.scene.grip(&self.world.rows(), action, fingers) {

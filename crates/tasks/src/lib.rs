@@ -11,6 +11,7 @@ mod ball_pushing;
 mod cloth_placing;
 mod cube_stacking;
 mod definition;
+mod document;
 mod door_opening;
 mod environment;
 mod expert;
@@ -22,11 +23,12 @@ mod robot;
 pub use definition::{
     BoxAxis, Definition, Formulas, Grip, Held, Hold, Preset, Quantity, Reward, Scene, Task, one, three,
 };
+pub use document::{compose, compose_with_start};
 pub use environment::{TaskEnvironment, TaskError};
 pub use expert::{Behavior, Expert, Seen, limited};
 pub use reward::effort;
 pub use robot::{
-    CONTROL_DT, EPISODE_STEPS, FINGER_STEP, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT, compose,
+    CONTROL_DT, EPISODE_STEPS, FINGER_STEP, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT,
 };
 
 /// The benchmark's tasks, in the order in which they are listed.

@@ -1,8 +1,6 @@
 //! The Panda as all tasks use it: its joints, how actions move them, how its servos keep the velocity limits.
 
-use mishandle_world::{Body, Joint, Model, PANDA, Rows, Site, World, WorldError};
-
-use crate::definition::{Held, Hold, Task};
+use mishandle_world::{Body, Joint, Model, Rows, Site, World, WorldError};
 
 /// Number of joints: seven of the arm, two of the fingers. Also the number of actions.
 pub const JOINTS: usize = 9;
@@ -141,68 +139,4 @@ impl Panda {
             velocities[i] = velocity_scale * rows.qvel[joint.dof];
         }
     }
-}
-
-/// The whole MJCF document of a task: the robot, what it holds, and the scene.
-///
-/// Shapes that neither collide nor weigh are left in: pictures need them. [`TaskEnvironment`](crate::TaskEnvironment)
-/// drops them, which changes no bit of the physics and makes a step a fifth cheaper.
-///
-/// # Errors
-/// If the robot's own document does not compile, or an element it needs is missing.
-pub fn compose(task: &dyn Task) -> Result<String, WorldError> {
-    let definition = task.definition();
-    let (mut in_hand, mut beside) = (String::new(), String::new());
-    if let Some(held) = &definition.held {
-        let (p, q) = pose_in_hand(held, &definition.start)?;
-        match held.hold {
-            Hold::Fixed => in_hand = body(held, p, q, ""),
-            Hold::Weld => {
-                let name = held.name;
-                let free =
-                    body(held, held.position, held.quaternion, &format!("<freejoint name=\"{name}\"/>"));
-                let relpose = numbers(&[p.as_slice(), &q].concat());
-                beside = format!(
-                    "<worldbody>\n{free}\n</worldbody>\n<equality>\n  <weld name=\"{name}\" body1=\"hand\" \
-                     body2=\"{name}\" relpose=\"{relpose}\"/>\n</equality>\n"
-                );
-            }
-        }
-    }
-    let hand = PANDA.replacen("<!-- held -->", &in_hand, 1);
-    let timestep = CONTROL_DT / definition.n_substeps as f64;
-    let clock = format!("<option timestep=\"{timestep}\"/>\n");
-    Ok(hand.replacen("</mujoco>", &format!("{clock}{beside}{}\n</mujoco>", task.scene()), 1))
-}
-
-/// The held body with its name, pose and joint.
-fn body(held: &Held, position: [f64; 3], quaternion: [f64; 4], joint: &str) -> String {
-    let (name, pos, quat) = (held.name, numbers(&position), numbers(&quaternion));
-    held.mjcf.replacen("<body>", &format!("<body name=\"{name}\" pos=\"{pos}\" quat=\"{quat}\">{joint}"), 1)
-}
-
-fn numbers(values: &[f64]) -> String {
-    values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ")
-}
-
-/// Pose of the held body in the frame of the hand, from its pose in the world when the robot is at `start`.
-fn pose_in_hand(held: &Held, start: &[f64; JOINTS]) -> Result<([f64; 3], [f64; 4]), WorldError> {
-    use mishandle_world::frame::{rotate_back, sub};
-    let model = Model::from_xml(PANDA)?;
-    let (panda, hand, mut world) = (Panda::new(&model)?, model.body("hand")?, model.world());
-    panda.place(start, &mut world);
-    world.refresh();
-    let rows = world.rows();
-    let world_from_hand = rows.quaternion(hand);
-    let p = rotate_back(world_from_hand, sub(held.position, rows.position(hand)));
-    let [w, x, y, z] = world_from_hand;
-    let [a, b, c, d] = held.quaternion;
-    // The product of the hand's inverse and the held body's quaternion.
-    let q = [
-        w * a + x * b + y * c + z * d,
-        w * b - x * a - y * d + z * c,
-        w * c + x * d - y * a - z * b,
-        w * d - x * c + y * b - z * a,
-    ];
-    Ok((p, q))
 }

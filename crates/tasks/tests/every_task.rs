@@ -8,7 +8,9 @@ use std::sync::Arc;
 use mishandle_rollout::{
     End, Environment, Episode, Judge, Noise, Request, Rollout, Sample, Seed, Status, System, Worker,
 };
-use mishandle_tasks::{Definition, Panda, Preset, Quantity, Reward, TASKS, Task, TaskEnvironment, compose};
+use mishandle_tasks::{
+    Definition, Panda, Preset, Quantity, Reward, TASKS, Task, TaskEnvironment, compose, compose_with_start,
+};
 use mishandle_world::Model;
 
 const PRESETS: [Preset; 2] = [Preset::Paper, Preset::Code];
@@ -111,6 +113,28 @@ fn the_document_is_the_model_that_is_stepped() {
             world.qpos().iter().map(|q| q.to_bits()).collect::<Vec<_>>()
         };
         assert_eq!(fall(&document), fall(environment.model()), "{}", environment.name());
+    }
+}
+
+#[test]
+fn the_document_holds_the_start() {
+    for task in TASKS {
+        let xml = compose_with_start(*task).unwrap();
+        let model = Model::from_xml(&xml).unwrap();
+        let key = |name: &str| -> Vec<f64> {
+            let text = xml.split("<key ").nth(1).unwrap().split(&format!("{name}=\"")).nth(1).unwrap();
+            text.split('"').next().unwrap().split(' ').map(|x| x.parse().unwrap()).collect()
+        };
+        let environment = environment(*task, Preset::Paper, Reward::Shaped);
+        let mut hand = Hand::new(&environment);
+        hand.reset(&middle(task.definition()), Seed(0));
+        let mut world = environment.model().world();
+        world.set_state(&hand.state);
+        // The arm of some tasks starts with noise, which the document leaves out.
+        let arm = if task.definition().start_noise > 0.0 { 7 } else { 0 };
+        assert_eq!(key("qpos")[arm..], world.qpos()[arm..], "{}", environment.name());
+        assert_eq!(key("qvel"), world.qvel(), "{}", environment.name());
+        assert_eq!(key("ctrl").len(), model.actuators());
     }
 }
 

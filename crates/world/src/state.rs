@@ -161,6 +161,11 @@ impl World {
         self.data.mocap_quat_mut()[mocap.0] = quaternion;
     }
 
+    /// Positions and quaternions of all mocap bodies.
+    pub fn mocap_poses(&self) -> (&[[f64; 3]], &[[f64; 4]]) {
+        (self.data.mocap_pos(), self.data.mocap_quat())
+    }
+
     /// Places a free body, at rest.
     pub fn place_free(&mut self, joint: Joint, position: [f64; 3], quaternion: [f64; 4]) {
         let qpos = &mut self.data.qpos_mut()[joint.qpos..][..7];

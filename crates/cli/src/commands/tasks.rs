@@ -3,7 +3,7 @@ mod page;
 use std::io::Write;
 
 use anyhow::Result;
-use mishandle::tasks::{Definition, Preset, Task, compose, tasks};
+use mishandle::tasks::{Definition, Preset, Task, compose_with_start, tasks};
 use serde_json::{Value, json};
 
 use crate::Outcome;
@@ -17,7 +17,7 @@ pub fn run(command: &args::Tasks) -> Result<Outcome> {
         None => tasks(),
     };
     if let (Some(path), [task]) = (&command.mjcf, chosen.as_slice()) {
-        let scene = compose(*task)?;
+        let scene = compose_with_start(*task)?;
         output::write_new(path, |file| Ok(file.write_all(scene.as_bytes())?))?;
         output::say(&format!("wrote {}", path.display()));
         if !command.json {

@@ -25,6 +25,9 @@ const DEFINITION: Definition = Definition {
     name: "ball-balancing",
     summary: "Keep a ball that drops onto a flat tray, held by the robot, from rolling off.",
     variant_of: None,
+    setting: "The hand holds a flat tray without a rim, 0.23 m in radius, 100 g, its top 1 m high, its axis at \
+              (0.342, 0) m; the tray's reference point is 0.11 m below its top. A ball of radius 2 cm and 150 g drops from a \
+              height of 1.1 m.",
     held: Some(Held {
         name: "tray",
         hold: Hold::Fixed,

@@ -38,6 +38,9 @@ const DEFINITION: Definition = Definition {
     name: "ball-catching",
     summary: "Catch a ball thrown towards the robot in a box, and keep it there.",
     variant_of: None,
+    setting: "The hand holds an open box, 2 g, with a cavity of 7 x 7 x 10 cm, its floor at (0.35, 0, 0.89) m. A ball of \
+              radius 1 cm and 1 g is thrown from a height of 1.5 m at 1 m/s towards the robot, level. The tool point is 5 mm \
+              below the middle of the box's floor.",
     held: Some(Held {
         name: "box",
         hold: Hold::Fixed,
@@ -98,7 +101,8 @@ const DEFINITION: Definition = Definition {
     paper: FORMULAS,
     code: FORMULAS,
     termination: "the ball is lower than 0.02 m: on the ground",
-    differences: "The original's box is held by friction alone, with hardly any clearance; here it is part of the \
+    differences: "The strict bound is 0.04 m, since a ball in a corner of the box is 0.0354 m from its axis, one outside at least \
+                  0.05 m. The original's box is held by friction alone, with hardly any clearance; here it is part of the \
                   hand, since dropping the box is not the failure under study. A ball that lands hard is pressed up \
                   to 1 cm into the box's floor and comes out of it within a tenth of a second, without a rebound. \
                   Neither box nor robot touches the ground.",

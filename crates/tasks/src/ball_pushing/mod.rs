@@ -25,6 +25,8 @@ const DEFINITION: Definition = Definition {
     name: "ball-pushing",
     summary: "Push a ball across a table into a pit.",
     variant_of: None,
+    setting: "A table 0.4 m high from x = 0.3 to 1.3 m and y = -0.4 to 0.4 m has a pit, x 0.9 to 1.15 m, y -0.15 to 0.15 m, \
+              0.1 m deep. A ball of radius 4 cm and 20 g drops onto it from 1 cm.",
     held: None,
     start: [1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035],
     start_noise: 0.125,

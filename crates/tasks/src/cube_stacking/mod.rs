@@ -33,6 +33,7 @@ const DEFINITION: Definition = Definition {
     name: "cube-stacking",
     summary: "Set the cube that the robot holds down on another cube, and let go of it.",
     variant_of: None,
+    setting: "Two cubes with edges of 5 cm, 20 g each: one in the hand, at (0.34, 0, 0.91) m, one on the ground.",
     held: Some(Held {
         name: "cube",
         hold: Hold::Weld,
@@ -42,7 +43,10 @@ const DEFINITION: Definition = Definition {
     }),
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.025, 0.025],
     start_noise: 0.0,
-    grip: Grip::Scene,
+    grip: Grip::Scene(
+        "no effect: the fingers press on the cube until, before a control step, the cubes' centres are less than 8 cm \
+         apart and the held one is at least 2.5 cm higher; then they open, and the cube is let go for good",
+    ),
     n_substeps: 4,
     velocity_scale: 0.1,
     signals: &[
@@ -110,7 +114,8 @@ const DEFINITION: Definition = Definition {
     differences: "In the original friction alone holds the cube. Here the fingers press on it in the same way, and a \
                   weld to the hand keeps it in place until the gripper opens for the first time: dropping the cube on \
                   the way is not the failure under study. A cube that was let go is as free as in the original. It twists \
-                  on what it lies on by the friction of its contact points alone, without PhysX's patch.",
+                  on what it lies on by the friction of its contact points alone, without PhysX's patch. \
+                  The ground stops hand and arm.",
 };
 
 const FORMULAS: Formulas = Formulas {

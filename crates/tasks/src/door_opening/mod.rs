@@ -19,7 +19,7 @@ use crate::robot::Panda;
 /// The task.
 pub struct DoorOpening;
 
-/// The original's grasp point, in the frame of link 7, m: the midpoint of the two finger frames, and 4 cm along y.
+/// The original's palm point, in the frame of link 7, m: the midpoint of the two finger frames, and 4 cm along y.
 const GRASP_IN_LINK7: [f64; 3] = [0.0, 0.04, 0.1654];
 
 /// Where the hinge's axis and the handle point are in the scene, in the panel's frame, m: what the expert knows of doors.
@@ -30,10 +30,14 @@ const DEFINITION: Definition = Definition {
     name: "door-opening",
     summary: "Pull a door open by its lever handle.",
     variant_of: None,
+    setting: "A door of 1 kg, 0.762 x 1.519 m, in a frame 0.8 m before the robot in the middle of the box; the box moves the \
+              frame. The hinge is 0.464 m to the right of the frame's middle, upright, with 0.01 N m of friction, opens from \
+              0 to 120 degrees, towards the robot. There is no latch: the lever is fixed to the door, on the left, 0.81 m \
+              high, its bar 11 cm long, 3 cm deep and 3.35 cm high.",
     held: None,
     start: [1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035],
     start_noise: 0.125,
-    grip: Grip::Scene,
+    grip: Grip::Scene("the fingers' targets, moved by 0.0125 m at 1, within 0 and 0.04 m"),
     n_substeps: 4,
     velocity_scale: 0.1,
     signals: &[
@@ -56,7 +60,7 @@ const DEFINITION: Definition = Definition {
         three(
             "handle_from_grasp",
             "m",
-            "handle point minus the grasp point, which is 4 cm beside the fingers' midpoint",
+            "handle point minus the original's palm point, which is 4 cm beside the midpoint of the fingers' frames",
         ),
     ],
     original_reward: &[
@@ -68,7 +72,7 @@ const DEFINITION: Definition = Definition {
         one(
             "rotation",
             "",
-            "0.25 (sgn(c) c² + sgn(c') c'²), c between the hand's z and the handle's x, c' its y and the handle's z",
+            "0.25 (sgn(c) c² + sgn(c') c'²), c the cosine between the hand's z and the handle's x, c' between its y and the handle's z",
         ),
         one(
             "around",
@@ -86,20 +90,24 @@ const DEFINITION: Definition = Definition {
         one("bonus", "", "0.5 where e < 0.7, A more where e < 0.5, 2 A more where e < 0.2"),
     ],
     shaped_reward: &[
-        one("near", "", "0.15 (1 - tanh(4 d)), d from the grasp point to the lever; all of it from 15° on"),
+        one(
+            "near",
+            "",
+            "0.15 (1 - tanh(4 d)), d from the point between the finger pads to the lever; in full from 15° on",
+        ),
         one(
             "around",
             "",
             "0.1 u l g, u and l how far a pad is above and below the lever's middle over half its height, g from 0 to 1 as \
-             d falls from 0.1 to 0.05; all of it from 15° on",
+             d falls from 0.1 to 0.05; in full from 15° on",
         ),
         one(
             "closed",
             "",
-            "0.05 u l g times how far the fingers are closed on the lever; all of it from 15° on",
+            "0.05 u l g times how far the fingers are closed on the lever; in full from 15° on",
         ),
-        one("opening", "", "0.15 times the yaw rate over 0.7 rad/s, within ±0.15; all of it from 45° on"),
-        one("opened", "", "0.25 times the yaw over 45°, at most 0.25"),
+        one("opening", "", "0.15 times the yaw rate over 0.7 rad/s, within ±0.15; in full from 45° on"),
+        one("opened", "", "0.25 times the share of 45° that it is open, at most 0.25"),
         one("open", "", "0.3 from 45° on"),
         one("effort", "", "-0.01 times the mean of the arm's squared actions"),
     ],
@@ -115,7 +123,7 @@ const DEFINITION: Definition = Definition {
                   that is 0.3 m beside the real one, and rewards with one finger in place of both; here both are \
                   real. Its fingers start with up to 0.125 m of noise, which on a stroke of 0.04 m means nothing; \
                   here only the arm's joints do. Its cap of 3.5 rad/s on the hinge is left \
-                  out: pulling does not come near it. The cube at the handle point weighs nothing.",
+                  out: pulling does not come near it. Its small cube at the free end of the lever weighs nothing here.",
 };
 
 const FORMULAS: Formulas = Formulas {

@@ -43,6 +43,10 @@ const DEFINITION: Definition = Definition {
     name: "peg-in-hole",
     summary: "Put a peg into a hole and let go of it.",
     variant_of: None,
+    setting: "A block of 0.3 x 0.3 x 0.4 m on the ground has an upright hole in the middle of its top: 1 cm in radius, 5 cm \
+              deep. The hand holds a peg of 50 g upright at (0.109, 0, 0.786) m: a shaft 6 mm in radius and 6 cm long, whose \
+              middle is the peg's point, and on it a cap 2 cm in radius and 1 cm thick. So there is a play of 4 mm all \
+              around; the inserted peg's cap stays 1 cm above the block.",
     held: Some(Held {
         name: "peg",
         hold: Hold::Weld,
@@ -54,7 +58,10 @@ const DEFINITION: Definition = Definition {
     }),
     start: [0.0, 0.0, 0.0, -0.0698, 0.0, 0.0, 0.0, TOUCHING[0], TOUCHING[1]],
     start_noise: 0.0,
-    grip: Grip::Scene,
+    grip: Grip::Scene(
+        "no effect: the fingers hold the peg until, before a control step, it is within 2.4 cm of the point on the hole's \
+         axis 4 cm above its floor; then they open and the peg is let go for good; away from there they close again",
+    ),
     n_substeps: 4,
     velocity_scale: 0.02,
     signals: &[
@@ -118,7 +125,7 @@ const DEFINITION: Definition = Definition {
                   pads touch the peg's cap, 6.3 mm beside the middle of the hand, instead of being driven 5 mm into \
                   it; after that they obey the original's rule. The hole is a polygon of 16 sides around its circle: \
                   the peg's play is 4 mm, in places 4.08 mm. Nothing of the robot fits into the hole, so that it meets \
-                  the block as one box; the base, which cannot reach the block, is not tested against it.",
+                  the block as one box; the base and the first link, which cannot reach the block, are not tested against it.",
 };
 
 const STRICT: &str = "eventually[0:270](always[0:30](peg_hole_horizontal_distance <= 0.005 and \

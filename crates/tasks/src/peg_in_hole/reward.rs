@@ -17,7 +17,7 @@ pub(super) const ORIGINAL: &[Quantity] = &[
     one(
         "upright",
         "",
-        "1.48 (1 - tanh(2 e_r)) + 1.48 (1 - tanh(2 e_p)), e_r and e_p the errors of the peg's roll and pitch (rad)",
+        "1.48 (1 - tanh(2 e_r)) + 1.48 (1 - tanh(2 e_p)), e_r the distance of the peg's roll from a quarter turn, e_p that of its pitch from 0 (rad): both 0 when upright",
     ),
     one("down", "", "2 (1 - tanh(6 h)), h the vertical distance of the peg from its inserted place"),
     one("effort", "", "-0.001 (1 - 1 / (1 + s)), s the sum of the arm's squared actions"),

@@ -19,6 +19,8 @@ const DEFINITION: Definition = Definition {
     name: "point-reaching",
     summary: "Bring the fingers to a point in space and keep them there.",
     variant_of: None,
+    setting: "A point in the air, drawn as a sphere of radius 2.5 cm; nothing can be touched. \
+              The hand starts at (0.24, 0, 0.92) m, pointing forward.",
     held: None,
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.01, 0.01],
     start_noise: 0.0,

@@ -3,10 +3,14 @@
 use anyhow::Result;
 use mishandle::stl::{Clock, Formula, Moment};
 use mishandle::tasks::{
-    CONTROL_DT, Definition, EPISODE_STEPS, FINGER_STEP, Grip, Preset, Quantity, Reward, TARGET_STEP,
+    CONTROL_DT, Definition, EPISODE_STEPS, Grip, JOINT_NAMES, Preset, Quantity, Reward, TARGET_STEP,
 };
 
 use crate::output::{table, wrapped};
+
+/// What holds for every task.
+const COMMON_DIFFERENCES: &str = "Of the robot's own parts only the hand and the fingers are tested against the four lowest \
+    links; where nothing else is said, no part of it meets the ground.";
 
 /// Longest line of running text.
 const WIDTH: usize = 100;
@@ -20,6 +24,7 @@ pub fn page(definition: &Definition, preset: Preset) -> Result<String> {
     }
     sections.extend([
         section("Picture", &picture(definition)),
+        section("Scene", &scene(definition)),
         section("Formulas", &formulas(definition, preset)?),
         section("Initial box", &initial_box(definition)),
         section("Signals", &table(&quantities(definition.signals))),
@@ -38,7 +43,10 @@ pub fn page(definition: &Definition, preset: Preset) -> Result<String> {
     if definition.start_noise > 0.0 {
         sections.push(text("Start noise", &start_noise(definition)));
     }
-    sections.push(text("Differences from the original", definition.differences));
+    sections.push(text(
+        "Differences from the original",
+        &format!("{} {COMMON_DIFFERENCES}", definition.differences),
+    ));
     sections.push(text("Controllers", &mishandle::shipped_controllers(definition).join(", ")));
     Ok(sections.join("\n\n"))
 }
@@ -56,6 +64,17 @@ fn picture(definition: &Definition) -> String {
         path if path.is_file() => format!("{}\n{command}", path.display()),
         _ => command,
     }
+}
+
+fn scene(definition: &Definition) -> String {
+    let joints = JOINT_NAMES.iter().zip(definition.start).map(|(name, q)| format!("{name} {q}"));
+    let start = format!("The robot starts at {} (rad, m).", joints.collect::<Vec<_>>().join(", "));
+    format!(
+        "{}\n{}\n{}",
+        wrapped("The robot's base is the origin; x points forward, y to its left, z up.", WIDTH),
+        wrapped(definition.setting, WIDTH),
+        wrapped(&start, WIDTH)
+    )
 }
 
 /// What the four formulas of a task are for.
@@ -144,11 +163,10 @@ fn numbered(list: &[Quantity]) -> Vec<Vec<String>> {
 fn actions(definition: &Definition) -> String {
     let fingers = match definition.grip {
         Grip::Fixed(opening) => format!("no effect: the fingers are held at {opening} m each"),
-        Grip::Scene => {
-            format!("the fingers, by the scene's own rule; where a policy moves them, by {FINGER_STEP} m")
-        }
+        Grip::Scene(rule) => rule.to_string(),
     };
-    format!("0-6  joint targets of the arm, moved by {TARGET_STEP} rad at 1\n7-8  {fingers}")
+    let lines = wrapped(&fingers, WIDTH - 5).replace('\n', "\n     ");
+    format!("0-6  joint targets of the arm, moved by {TARGET_STEP} rad at 1\n7-8  {lines}")
 }
 
 fn clock(definition: &Definition) -> String {

@@ -1,0 +1,99 @@
+//! The MJCF document of a task: robot, what it holds, and the scene, as one text.
+
+use mishandle_world::{Model, PANDA, WorldError};
+
+use crate::definition::{Held, Hold, Task};
+use crate::robot::{CONTROL_DT, JOINTS, Panda};
+
+/// The whole MJCF document of a task: the robot, what it holds, and the scene.
+///
+/// Shapes that neither collide nor weigh are left in: pictures need them. [`TaskEnvironment`](crate::TaskEnvironment)
+/// drops them, which changes no bit of the physics and makes a step a fifth cheaper.
+///
+/// # Errors
+/// If the robot's own document does not compile, or an element it needs is missing.
+pub fn compose(task: &dyn Task) -> Result<String, WorldError> {
+    let definition = task.definition();
+    let (mut in_hand, mut beside) = (String::new(), String::new());
+    if let Some(held) = &definition.held {
+        let (p, q) = pose_in_hand(held, &definition.start)?;
+        match held.hold {
+            Hold::Fixed => in_hand = body(held, p, q, ""),
+            Hold::Weld => {
+                let name = held.name;
+                let free =
+                    body(held, held.position, held.quaternion, &format!("<freejoint name=\"{name}\"/>"));
+                let relpose = numbers(&[p.as_slice(), &q].concat());
+                beside = format!(
+                    "<worldbody>\n{free}\n</worldbody>\n<equality>\n  <weld name=\"{name}\" body1=\"hand\" \
+                     body2=\"{name}\" relpose=\"{relpose}\"/>\n</equality>\n"
+                );
+            }
+        }
+    }
+    let hand = PANDA.replacen("<!-- held -->", &in_hand, 1);
+    let timestep = CONTROL_DT / definition.n_substeps as f64;
+    let clock = format!("<option timestep=\"{timestep}\"/>\n");
+    Ok(hand.replacen("</mujoco>", &format!("{clock}{beside}{}\n</mujoco>", task.scene()), 1))
+}
+
+/// The held body with its name, pose and joint.
+fn body(held: &Held, position: [f64; 3], quaternion: [f64; 4], joint: &str) -> String {
+    let (name, pos, quat) = (held.name, numbers(&position), numbers(&quaternion));
+    held.mjcf.replacen("<body>", &format!("<body name=\"{name}\" pos=\"{pos}\" quat=\"{quat}\">{joint}"), 1)
+}
+
+fn numbers(values: &[f64]) -> String {
+    values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ")
+}
+
+/// Pose of the held body in the frame of the hand, from its pose in the world when the robot is at `start`.
+fn pose_in_hand(held: &Held, start: &[f64; JOINTS]) -> Result<([f64; 3], [f64; 4]), WorldError> {
+    use mishandle_world::frame::{rotate_back, sub};
+    let model = Model::from_xml(PANDA)?;
+    let (panda, hand, mut world) = (Panda::new(&model)?, model.body("hand")?, model.world());
+    panda.place(start, &mut world);
+    world.refresh();
+    let rows = world.rows();
+    let world_from_hand = rows.quaternion(hand);
+    let p = rotate_back(world_from_hand, sub(held.position, rows.position(hand)));
+    let [w, x, y, z] = world_from_hand;
+    let [a, b, c, d] = held.quaternion;
+    // The product of the hand's inverse and the held body's quaternion.
+    let q = [
+        w * a + x * b + y * c + z * d,
+        w * b - x * a - y * d + z * c,
+        w * c + x * d - y * a - z * b,
+        w * d - x * c + y * b - z * a,
+    ];
+    Ok((p, q))
+}
+
+/// The document of [`compose`] with a keyframe `start`: the start from the middle of the initial box, for other programs
+/// to begin from.
+///
+/// What a document cannot say: the servos' velocity rule, the gripper's rule, and what it lets go.
+///
+/// # Errors
+/// As [`compose`].
+pub fn compose_with_start(task: &dyn Task) -> Result<String, WorldError> {
+    let (xml, definition) = (compose(task)?, task.definition());
+    let model = Model::from_xml(&xml)?;
+    let (panda, mut world) = (Panda::new(&model)?, model.world());
+    let middle: Vec<f64> =
+        definition.initial_box.iter().map(|axis| 0.5 * (axis.paper[0] + axis.paper[1])).collect();
+    panda.place(&definition.start, &mut world);
+    task.bind(&model, &panda)?.place(&middle, &mut world);
+    let (mocap_positions, mocap_quaternions) = world.mocap_poses();
+    let mut key = format!(
+        "  <key name=\"start\" qpos=\"{}\" qvel=\"{}\" ctrl=\"{}\"",
+        numbers(world.qpos()),
+        numbers(world.qvel()),
+        numbers(&definition.start)
+    );
+    if !mocap_positions.is_empty() {
+        let (mpos, mquat) = (mocap_positions.as_flattened(), mocap_quaternions.as_flattened());
+        key += &format!(" mpos=\"{}\" mquat=\"{}\"", numbers(mpos), numbers(mquat));
+    }
+    Ok(xml.replacen("</mujoco>", &format!("<keyframe>\n{key}/>\n</keyframe>\n</mujoco>"), 1))
+}
