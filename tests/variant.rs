@@ -3,12 +3,12 @@
 #![allow(clippy::unwrap_used)]
 
 use std::borrow::Cow;
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, LazyLock, Once};
 
 use mishandle::rollout::Controller;
 use mishandle::tasks::{Definition, Panda, Scene, Task};
 use mishandle::world::{Model, WorldError};
-use mishandle::{Plan, Subject, shipped_controllers};
+use mishandle::{EvaluatePlan, Plan, Starts, Subject, shipped_controllers};
 
 const BASE: &str = "ball-balancing";
 
@@ -37,14 +37,24 @@ impl Task for Variant {
         base().bind(model, panda)
     }
 
+    fn reachable(&self, x0: &[f64]) -> bool {
+        x0[0] < 0.35
+    }
+
     fn expert(&self) -> Result<Arc<dyn Controller>, WorldError> {
         base().expert()
     }
 }
 
+/// Makes the variant known, once for all tests.
+fn add_variant() {
+    static ADDED: Once = Once::new();
+    ADDED.call_once(|| mishandle::tasks::add(&Variant));
+}
+
 #[test]
 fn controllers_of_the_base_task_are_the_variants_too() {
-    mishandle::tasks::add(&Variant);
+    add_variant();
     assert_eq!(shipped_controllers(&DEFINITION), shipped_controllers(base().definition()));
     let hash = |task: &str| Subject::new(&Plan::new(task, "ppo")).unwrap().controller_hash;
     assert_eq!(hash(DEFINITION.name), hash(BASE));
@@ -52,4 +62,18 @@ fn controllers_of_the_base_task_are_the_variants_too() {
     let other = mishandle::controller_path(mishandle::task("ball-pushing").unwrap().definition(), "ppo");
     let told = Subject::new(&Plan::new(DEFINITION.name, other.to_str().unwrap())).err().unwrap().to_string();
     assert!(told.contains("ball-pushing"), "{told}");
+}
+
+#[test]
+fn starts_are_left_out_only_of_a_box_that_is_in_part_out_of_reach() {
+    add_variant();
+    let leaves_out = |task: &str, starts| {
+        let evaluate = EvaluatePlan { episodes: 20, starts };
+        let plan = Plan { evaluate: Some(evaluate), ..Plan::new(task, "expert") };
+        mishandle::leaves_out_starts(&plan, &Subject::new(&plan).unwrap())
+    };
+    // The variant's reach is half of the box: that all of twenty starts lie within has a chance of one in a million.
+    assert!(leaves_out(DEFINITION.name, Starts::Reachable));
+    assert!(!leaves_out(DEFINITION.name, Starts::Whole));
+    assert!(!leaves_out(BASE, Starts::Reachable));
 }

@@ -116,9 +116,18 @@ fn a_start_is_drawn_and_written_over_only_by_force() {
 #[test]
 fn without_a_driver_the_packages_are_named() {
     let bench = Bench::new();
-    let mut command = bench.command("render point-reaching --out start.png");
-    command.env("__EGL_VENDOR_LIBRARY_DIRS", "/nonexistent").env("LIBGL_DRIVERS_PATH", "/nonexistent");
-    bench.refuses(&mut command, &["error: no picture can be drawn", "apt install libegl1 libgl1-mesa-dri"]);
+    let without_driver = |mut command: Command| {
+        command.env("__EGL_VENDOR_LIBRARY_DIRS", "/nonexistent").env("LIBGL_DRIVERS_PATH", "/nonexistent");
+        command
+    };
+    let mut command = without_driver(bench.command("render point-reaching --out start.png"));
+    let packages = ["error: no picture can be drawn", "apt install libegl1 libgl1-mesa-dri"];
+    bench.refuses(&mut command, &packages);
+    // Of a run, before it is run again.
+    bench.check("evaluate point-reaching --controller expert --episodes 1 --out run.sqlite");
+    let mut command = without_driver(bench.command("render --run run.sqlite --out strip.png"));
+    let said = bench.refuses(&mut command, &packages);
+    assert!(!said.contains("control steps"), "it simulated for nothing: {said}");
 }
 
 #[test]
