@@ -42,7 +42,8 @@ pub struct Tasks {
     /// Reading of the original benchmark: paper or code
     #[arg(long, default_value = "paper")]
     pub preset: String,
-    /// Write the task's MJCF document to this file
+    /// Write the task's MJCF document to this file; the keyframe `start` is its start, but the rules of servos and
+    /// gripper are not in it
     #[arg(long, value_name = "FILE", requires = "task")]
     pub mjcf: Option<PathBuf>,
     /// One JSON document on stdout
