@@ -2,7 +2,6 @@
 #![allow(unsafe_code)] // a global allocator that counts cannot be written without
 #![allow(clippy::unwrap_used)]
 
-#[allow(dead_code)] // only the environment is used here
 mod line;
 
 use std::alloc::{GlobalAlloc, Layout, System as Allocator};

@@ -3,10 +3,12 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
 mod line;
+mod watch;
 
-use line::{Line, Watch, best_return, facts, mean_return};
+use line::Line;
 use mishandle_rollout::Seed;
 use mishandle_training::{Checkpoint, Config, Trained};
+use watch::{Watch, best_return, facts, mean_return};
 
 const ALGORITHMS: [&str; 3] = ["sac", "td3", "ddpg"];
 

@@ -3,11 +3,13 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
 mod line;
+mod watch;
 
-use line::{Line, Watch, best_return, facts, mean_return};
+use line::Line;
 use mishandle_rollout::Seed;
 use mishandle_training::trpo::{TrpoConfig, train};
 use mishandle_training::{Checkpoint, Trained};
+use watch::{Watch, best_return, facts, mean_return};
 
 fn settings(text: &str) -> TrpoConfig {
     let common = "episodes.environments = 48\nrollout_steps = 16\nminibatch_rows = 300\npolicy.hidden = [16]\n\
