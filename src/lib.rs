@@ -28,6 +28,7 @@ mod replay;
 mod shell;
 mod subject;
 mod train;
+mod training_facts;
 
 pub use build::{VERSION, build};
 pub use error::MishandleError;
@@ -41,6 +42,7 @@ pub use replay::{Replayed, choose, other_build, recorded_subject, replay};
 pub use shell::shell_word;
 pub use subject::{Subject, preset, task};
 pub use train::{TrainPlan, default_out, train};
+pub use training_facts::{TrainingFacts, training_facts};
 
 pub use {
     mishandle_controllers as controllers, mishandle_evaluation as evaluation,

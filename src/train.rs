@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
 use mishandle_rollout::{Environment, Noise, Request, Rollout, Seed, Specification, System};
-use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment};
+use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment, task_hash};
 use mishandle_training::{
     ALGORITHMS, Checkpoint, Config, Flow, Observer, Progress, Trained, TrainingError, Validation,
 };
@@ -78,13 +78,13 @@ impl TrainPlan {
 pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<Trained, MishandleError> {
     let task = task(&plan.task)?;
     let reward = reward(&plan.reward)?;
-    let mut config = settings(plan)?;
-    config.run_mut().total_steps = plan.steps.unwrap_or(config.run().total_steps);
+    let config = settings(plan)?;
     if let Some(folder) = plan.out.parent() {
         std::fs::create_dir_all(folder)
             .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
     }
     let _lock = Lock::take(plan.beside(".lock"), &plan.out)?;
+    let hash = task_hash(task, reward)?;
     let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, reward)?);
     let specification = task.definition().formulas(Preset::Paper).specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
@@ -101,14 +101,15 @@ pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<T
     if let Some(failure) = watcher.failure {
         return Err(failure);
     }
-    controller(plan, task, &config, &trained).save(&plan.out)?;
+    controller(plan, task, hash, &config, &trained).save(&plan.out)?;
     match watcher.unsaved {
         Some(failure) => Err(failure.into()),
         None => Ok(trained),
     }
 }
 
-fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
+/// The settings that a plan asks for.
+pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
     known("training algorithm", &plan.algorithm, &ALGORITHMS)?;
     if plan.settings.is_none() {
         check_home("experiments/training")?;
@@ -117,10 +118,12 @@ fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
     let text = std::fs::read_to_string(&path)
         .map_err(|source| MishandleError::File { path: path.clone(), source })?;
     let config = Config::from_toml(&plan.algorithm, &text).expect("the algorithm is known");
-    config.map_err(|source| MishandleError::Settings { path, source })
+    let mut config = config.map_err(|source| MishandleError::Settings { path, source })?;
+    config.run_mut().total_steps = plan.steps.unwrap_or(config.run().total_steps);
+    Ok(config)
 }
 
-fn reward(name: &str) -> Result<Reward, MishandleError> {
+pub(crate) fn reward(name: &str) -> Result<Reward, MishandleError> {
     known("reward", name, &["shaped", "original"])?;
     Ok(if name == "original" { Reward::Original } else { Reward::Shaped })
 }
@@ -133,7 +136,13 @@ fn known(kind: &'static str, name: &str, names: &[&str]) -> Result<(), Mishandle
     Err(MishandleError::Name { kind, name: name.to_string(), known })
 }
 
-fn controller(plan: &TrainPlan, task: &dyn Task, config: &Config, trained: &Trained) -> ControllerFile {
+fn controller(
+    plan: &TrainPlan,
+    task: &dyn Task,
+    task_hash: String,
+    config: &Config,
+    trained: &Trained,
+) -> ControllerFile {
     let definition = task.definition();
     ControllerFile {
         header: Header {
@@ -142,6 +151,7 @@ fn controller(plan: &TrainPlan, task: &dyn Task, config: &Config, trained: &Trai
             preset: "paper".to_string(),
             reward: plan.reward.clone(),
             layout: definition.layout(),
+            task_hash,
             training: TrainingRecord {
                 seed: plan.seed,
                 environment_steps: trained.best_environment_steps,

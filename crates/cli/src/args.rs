@@ -157,6 +157,9 @@ pub struct Train {
     /// Carry on from the checkpoint beside the output
     #[arg(long)]
     pub resume: bool,
+    /// Check everything and print all settings, without training
+    #[arg(long)]
+    pub dry_run: bool,
     #[command(flatten)]
     pub run: Run,
 }

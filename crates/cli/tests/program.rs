@@ -572,6 +572,29 @@ fn a_training_resumes_to_the_same_controller_and_can_be_measured() {
 }
 
 #[test]
+fn a_dry_run_says_what_would_be_trained_and_trains_nothing() {
+    let bench = Bench::new();
+    bench.write("a.toml", "gamma = 0.9\n");
+    let train = |more: &str| bench.json(&format!("train point-reaching --dry-run --json {more}"), 0);
+    let facts = train("--settings a.toml --steps 512");
+    let settings = facts["settings"].as_str().unwrap();
+    // What is stated, what a flag says, and a default.
+    for line in ["gamma = 0.9\n", "total_steps = 512\n", "gae_lambda = 0.95\n"] {
+        assert!(settings.contains(line), "{settings}");
+    }
+    // All settings read again are the same settings, and the task does not hang on them.
+    bench.write("all.toml", settings);
+    let again = train("--settings all.toml");
+    assert_eq!((&again["settings"], &again["task_hash"]), (&facts["settings"], &facts["task_hash"]));
+    assert_ne!(train("--settings a.toml --reward original")["task_hash"], facts["task_hash"]);
+    bench.refuses(
+        "train point-reaching --settings a.toml --dry-run --algorithm sad",
+        &["did you mean `sac`?"],
+    );
+    assert!(!bench.path("runs").exists());
+}
+
+#[test]
 fn a_task_is_explained_by_what_it_states() {
     let bench = Bench::new();
     let page = bench.check("tasks point-reaching", 0);

@@ -4,7 +4,7 @@ use anyhow::{Result, bail};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use mishandle::training::{Flow, Progress};
 use mishandle::{TrainPlan, default_out};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::output::{self, number, shows_progress};
 use crate::{Outcome, args, interrupt, run};
@@ -25,6 +25,9 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
         out: command.out.clone().unwrap_or_else(|| default_out(&command.task, &command.algorithm, seed)),
         resume: command.resume,
     };
+    if command.dry_run {
+        return dry_run(&plan, command.run.json);
+    }
     let taken = [plan.out.clone(), plan.checkpoint()].into_iter().find(|path| path.exists());
     if let (Some(path), false) = (taken, plan.resume) {
         bail!("{} exists already; give another --out, or --resume to carry on", path.display());
@@ -85,6 +88,29 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
     }
     output::say(&format!("The controller is in {}", plan.out.display()));
     output::say(&format!("Measure it: mishandle evaluate {} --controller {}", plan.task, out));
+    Ok(Outcome::Done)
+}
+
+/// Says what would be trained.
+fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<Outcome> {
+    let facts = mishandle::training_facts(plan)?;
+    if !as_json {
+        output::line(facts.settings.trim_end())?;
+        return Ok(Outcome::Done);
+    }
+    let formats: Value =
+        facts.formats.iter().map(|(kind, version)| ((*kind).to_string(), json!(version))).collect();
+    output::json(&json!({
+        "task": plan.task,
+        "algorithm": plan.algorithm,
+        "reward": plan.reward,
+        "seed": plan.seed.to_string(),
+        "command": plan.command(),
+        "settings": facts.settings,
+        "task_hash": facts.task_hash,
+        "layout_hash": facts.layout_hash,
+        "formats": formats,
+    }))?;
     Ok(Outcome::Done)
 }
 
