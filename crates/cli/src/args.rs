@@ -133,8 +133,13 @@ pub struct Subject {
   mishandle train point-reaching --algorithm ppo --out my_controller.safetensors
   mishandle train ball-balancing --algorithm ppo --settings my_settings.toml --seed 3
   mishandle train ball-balancing --algorithm ppo --out my_controller.safetensors --resume
+  mishandle train ball-balancing --algorithm sac --csv curve.csv --tensorboard board
 
-Training writes a checkpoint beside FILE as it goes; --resume carries on from it to the same bits.")]
+Training writes a checkpoint beside --out as it goes; --resume carries on from it to the same bits, and lets the
+files of --csv and --tensorboard go on from there. The best controller by validation goes to --out, the last one
+beside it: FILE.safetensors and FILE.last.safetensors. Settings may have it stop early, once enough validations in
+a row are good enough (run.stop_success, run.stop_strict, run.stop_validations). Columns of the CSV are explained
+in docs/algorithms/README.md.")]
 pub struct Train {
     /// Name of a task
     pub task: String,
@@ -148,9 +153,15 @@ pub struct Train {
     /// Reward to learn from: shaped or original
     #[arg(long, default_value = "shaped")]
     pub reward: String,
-    /// Where the controller goes [default: runs/TASK-ALGORITHM-sSEED.safetensors]
+    /// Where the best controller goes [default: runs/TASK-ALGORITHM-sSEED.safetensors]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// Write the training's curve to this CSV file as it goes, a row for each iteration
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Write event files for TensorBoard to this folder as it goes
+    #[arg(long, value_name = "DIR")]
+    pub tensorboard: Option<PathBuf>,
     /// Settings (TOML) [default: experiments/training/TASK/ALGORITHM.toml]
     #[arg(long, value_name = "FILE")]
     pub settings: Option<PathBuf>,
