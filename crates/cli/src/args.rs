@@ -1,5 +1,6 @@
 //! What can be typed.
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
@@ -24,6 +25,7 @@ pub enum Command {
     Tasks(Tasks),
     Monitor(Monitor),
     Train(Train),
+    Curve(Curve),
     Evaluate(Evaluate),
     Falsify(Falsify),
     Replay(Replay),
@@ -133,8 +135,13 @@ pub struct Subject {
   mishandle train point-reaching --algorithm ppo --out my_controller.safetensors
   mishandle train ball-balancing --algorithm ppo --settings my_settings.toml --seed 3
   mishandle train ball-balancing --algorithm ppo --out my_controller.safetensors --resume
+  mishandle train ball-balancing --algorithm sac --csv curve.csv --tensorboard board
 
-Training writes a checkpoint beside FILE as it goes; --resume carries on from it to the same bits.")]
+Training writes a checkpoint beside --out as it goes; --resume carries on from it to the same bits, and lets the
+files of --csv and --tensorboard go on from there. The best controller by validation goes to --out, the last one
+beside it: FILE.safetensors and FILE.last.safetensors. Settings may have it stop early, once enough validations in
+a row are good enough (run.stop_success, run.stop_strict, run.stop_validations). Columns of the CSV are explained
+in docs/algorithms/README.md.")]
 pub struct Train {
     /// Name of a task
     pub task: String,
@@ -148,9 +155,15 @@ pub struct Train {
     /// Reward to learn from: shaped or original
     #[arg(long, default_value = "shaped")]
     pub reward: String,
-    /// Where the controller goes [default: runs/TASK-ALGORITHM-sSEED.safetensors]
+    /// Where the best controller goes [default: runs/TASK-ALGORITHM-sSEED.safetensors]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// Write the training's curve to this CSV file as it goes, a row for each iteration
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Write event files for TensorBoard to this folder as it goes
+    #[arg(long, value_name = "DIR")]
+    pub tensorboard: Option<PathBuf>,
     /// Settings (TOML) [default: experiments/training/TASK/ALGORITHM.toml]
     #[arg(long, value_name = "FILE")]
     pub settings: Option<PathBuf>,
@@ -162,6 +175,23 @@ pub struct Train {
     pub dry_run: bool,
     #[command(flatten)]
     pub run: Run,
+}
+
+/// Tells the training time of a curve that `train --csv` wrote: when the return became flat
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle curve curve.csv
+  mishandle curve curve.csv --environments 512     control steps of each environment too")]
+pub struct Curve {
+    /// CSV file of a training's curve
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// How many environments the training ran side by side
+    #[arg(long, value_name = "N")]
+    pub environments: Option<NonZeroUsize>,
+    /// One JSON document on stdout
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Measures a controller: success rates, dangerous behavior, completion time, with 95 % intervals

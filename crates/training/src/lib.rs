@@ -47,4 +47,4 @@ pub use error::TrainingError;
 pub use off_policy_settings::{ActionValueSettings, ActorSettings, ReplaySettings};
 pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation};
 pub use selection::{Best, Selection};
-pub use settings::{CriticSettings, EpisodeSettings, PolicySettings, RunSettings};
+pub use settings::{CriticSettings, EpisodeSettings, PolicySettings, RunSettings, Settings};

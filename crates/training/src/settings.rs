@@ -8,6 +8,43 @@ use serde::{Deserialize, Serialize};
 
 use crate::TrainingError;
 
+/// Settings of an algorithm. As TOML, each is a key of its name; a key that is left out has its default, one that is
+/// not known is an error.
+pub trait Settings: Default + Serialize + DeserializeOwned {
+    /// Name of the algorithm.
+    const ALGORITHM: &'static str;
+
+    /// How long to train, and when to look.
+    fn run(&self) -> &RunSettings;
+
+    /// The simulations that are learned from.
+    fn episodes(&self) -> &EpisodeSettings;
+
+    /// How long to train, and when to look, to be set.
+    fn run_mut(&mut self) -> &mut RunSettings;
+
+    /// Checks that every setting is in its range.
+    ///
+    /// # Errors
+    /// If one is not; the message says what it must be.
+    fn check(&self) -> Result<(), TrainingError>;
+
+    /// The settings that a TOML text states.
+    ///
+    /// # Errors
+    /// If it is not TOML, a key is not known, or a value is of another type or out of its range.
+    fn from_toml(text: &str) -> Result<Self, TrainingError> {
+        let settings: Self = read(text)?;
+        settings.check()?;
+        Ok(settings)
+    }
+
+    /// The settings as TOML, every key with its value; what has none is left out.
+    fn to_toml(&self) -> String {
+        toml::to_string(self).expect("settings are numbers, names and lists of numbers")
+    }
+}
+
 /// `[run]`: how long to train, when to look how it goes, when to stop.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -166,7 +203,7 @@ impl CriticSettings {
 
 /// Settings from a TOML text: a key that is left out, at any depth, has the value that it has in `S::default()`; one
 /// that is not known is an error.
-pub(crate) fn from_toml<S: DeserializeOwned + Serialize + Default>(text: &str) -> Result<S, TrainingError> {
+fn read<S: Settings>(text: &str) -> Result<S, TrainingError> {
     let told = |error: toml::de::Error| {
         let start = error.span().map_or(0, |span| span.start).min(text.len());
         let line = 1 + text.as_bytes()[..start].iter().filter(|byte| **byte == b'\n').count();
@@ -174,7 +211,7 @@ pub(crate) fn from_toml<S: DeserializeOwned + Serialize + Default>(text: &str) -
     };
     // The first reading finds mistakes, and knows their lines.
     toml::from_str::<S>(text).map_err(told)?;
-    let mut settings: toml::Table = to_toml(&S::default()).parse().map_err(told)?;
+    let mut settings: toml::Table = S::default().to_toml().parse().map_err(told)?;
     overlay(&mut settings, text.parse().map_err(told)?);
     settings.try_into().map_err(told)
 }
@@ -189,11 +226,6 @@ fn overlay(own: &mut toml::Table, other: toml::Table) {
             }
         }
     }
-}
-
-/// Settings as TOML, every key with its value; what has none is left out.
-pub(crate) fn to_toml<S: Serialize>(settings: &S) -> String {
-    toml::to_string(settings).expect("settings are numbers, names and lists of numbers")
 }
 
 const SHARE: &str = "a number from 0 to 1";

@@ -26,7 +26,7 @@ done
 case $verb in
     tasks) cat "$MISHANDLE_HOME/tasks.json" ;;
     dry-run)
-        text=$(sed 's/$/\\n/' "$settings" | tr -d '\n')
+        text=$(sed 's/$/\\\\n/' "$settings" | tr -d '\n')
         sed "s/SETTINGS/$text/" "$MISHANDLE_HOME/now.json" ;;
     train)
         echo "train $task" >> "$MISHANDLE_HOME/calls"
