@@ -103,9 +103,8 @@ fn standings(
 ) -> Result<Vec<Standing>> {
     let names: Vec<String> = tasks.iter().map(name_of).collect();
     let mut found = Vec::new();
-    for group in plan::plan(&names) {
-        let first = found.len();
-        for training in group {
+    for (group, trainings) in plan::plan(&names).into_iter().enumerate() {
+        for training in trainings {
             let pair = (training.task.clone(), training.algorithm.clone());
             if !wanted.contains_key(&pair) {
                 wanted.insert(pair.clone(), bench.program.wanted(&training)?);
@@ -113,10 +112,10 @@ fn standings(
             let subject = (task_of(tasks, &training)?, &training);
             let adopt = options.adopt && options.chooses(&training);
             let wanted = wanted[&pair].clone();
-            found.push(state::standing(bench.home, bench.program, subject, wanted, adopt)?);
+            let mut standing = state::standing(bench.home, bench.program, subject, wanted, adopt)?;
+            standing.group = group;
+            found.push(standing);
         }
-        // The longest first, those of which nothing is known before them: so that the last does not run alone.
-        found[first..].sort_by(|a: &Standing, b: &Standing| secs(b).total_cmp(&secs(a)));
     }
     Ok(found)
 }
@@ -189,7 +188,10 @@ fn work(bench: &Bench<'_>, tasks: &[Value], chosen: &[Standing], options: &Optio
             jobs.push(Job::MeasureExpert { task, task_hash });
         }
     }
-    for standing in chosen {
+    let mut in_order: Vec<&Standing> = chosen.iter().collect();
+    // The longest first, and those of which nothing is known: so that the last does not run alone.
+    in_order.sort_by(|a, b| a.group.cmp(&b.group).then(secs(b).total_cmp(&secs(a))));
+    for standing in in_order {
         match standing.state {
             State::Unmeasured => jobs.push(Job::Measure(standing)),
             State::Done if measures => jobs.push(Job::Measure(standing)),

@@ -48,6 +48,8 @@ impl fmt::Display for State {
 #[derive(Clone, Debug)]
 pub struct Standing {
     pub training: Training,
+    /// The group of the plan that it belongs to.
+    pub group: usize,
     pub wanted: Wanted,
     pub state: State,
     /// How its controller was trained, if there is one.
@@ -104,7 +106,7 @@ pub fn standing(
         record.adopt(facts);
         record.save(home)?;
     }
-    Ok(Standing { training: training.clone(), wanted, state, facts, record })
+    Ok(Standing { training: training.clone(), group: 0, wanted, state, facts, record })
 }
 
 /// All that keeps a controller from being what the training would give now. Its settings are then told in full; if its
