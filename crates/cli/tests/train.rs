@@ -182,7 +182,7 @@ fn nothing_is_written_over_unasked() {
     std::fs::remove_file(bench.path("a.safetensors")).unwrap();
     bench.refuses(&format!("{train} --out a.safetensors"), &["a.last.safetensors exists already"]);
     // A curve of another training, and one that somebody edited, are left as they are.
-    bench.check(&format!("{train} --out c.safetensors --csv c.csv --seed 8"), 0);
+    bench.check(&format!("{train} --out c.safetensors --csv c.csv").replace("--seed 7", "--seed 8"), 0);
     let text = std::fs::read_to_string(bench.path("c.csv")).unwrap();
     bench.write("edited.csv", &text.replace("\n1,", "\n2,"));
     for (csv, told) in
