@@ -1,5 +1,7 @@
 //! Tables of how controllers were trained, and of all seeds of an algorithm together.
 
+use serde_json::Value;
+
 use super::aggregate::interquartile_mean;
 use super::facts::Facts;
 use super::paper;
@@ -7,6 +9,9 @@ use super::plan::{self, ALGORITHMS, SHIPPED_SEED};
 use super::record::Record;
 use super::state::Standing;
 use super::tables::{NOTHING, Shown, decimal, figures, misses, remarks};
+
+/// The share of a training behind which a return that becomes flat is one that has not become flat.
+const LATE: f64 = 0.95;
 
 /// How the shipped controllers were trained.
 pub fn training(shown: &Shown<'_>) -> String {
@@ -38,12 +43,18 @@ pub fn training(shown: &Shown<'_>) -> String {
 /// What a training took, as cells: steps, steps to the best, seconds, training time in control steps and seconds.
 fn effort(facts: &Facts) -> String {
     let time = &facts.0["training_time"];
+    let count = |value: &Value| decimal(value, 0);
+    let (steps, flat) = (facts.number("trained_steps"), time["environment_steps"].as_f64());
+    let is_flat = steps.zip(flat).is_none_or(|(steps, flat)| flat <= LATE * steps);
+    let time = ["control_steps", "secs"].map(|key| match count(&time[key]) {
+        shown if is_flat => shown,
+        shown => format!("≥ {shown}"),
+    });
     [
-        decimal(&facts.0["trained_steps"], 0),
-        decimal(&facts.0["environment_steps"], 0),
-        decimal(&facts.0["wall_clock_secs"], 0),
-        decimal(&time["control_steps"], 0),
-        decimal(&time["secs"], 0),
+        count(&facts.0["trained_steps"]),
+        count(&facts.0["environment_steps"]),
+        count(&facts.0["wall_clock_secs"]),
+        time.join(" | "),
     ]
     .join(" | ")
 }

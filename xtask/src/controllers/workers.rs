@@ -14,7 +14,7 @@ use anyhow::{Context, Result, bail};
 use crate::process::as_typed;
 
 /// How often a process is looked at.
-const LOOK: Duration = Duration::from_millis(100);
+const LOOK: Duration = Duration::from_millis(20);
 
 /// The exit code of a program that saved what it had when it was interrupted.
 const INTERRUPTED: i32 = 130;
@@ -157,7 +157,7 @@ mod tests {
             stop.store(false, Ordering::Relaxed);
             let running = scope.spawn(|| shell(&script, &stop));
             while !ready.exists() {
-                sleep(LOOK / 10);
+                sleep(LOOK);
             }
             stop.store(true, Ordering::Relaxed);
             running.join().unwrap()
