@@ -137,11 +137,11 @@ pub struct Subject {
   mishandle train ball-balancing --algorithm ppo --out my_controller.safetensors --resume
   mishandle train ball-balancing --algorithm sac --csv curve.csv --tensorboard board
 
-Training writes a checkpoint beside --out as it goes; --resume carries on from it to the same bits, and lets the
-files of --csv and --tensorboard go on from there. The best controller by validation goes to --out, the last one
-beside it: FILE.safetensors and FILE.last.safetensors. Settings may have it stop early, once enough validations in
-a row are good enough (run.stop_success, run.stop_strict, run.stop_validations). Columns of the CSV are explained
-in docs/algorithms/README.md.")]
+The best controller by validation goes to --out, the last one beside it: FILE.safetensors and
+FILE.last.safetensors. A checkpoint is written there, too: --resume carries on from it to the same
+bits, and the files of --csv and --tensorboard go on from there. Settings may end a training early,
+once validations are good enough (run.stop_success, run.stop_strict, run.stop_validations). What
+the columns of the CSV mean: docs/algorithms/README.md.")]
 pub struct Train {
     /// Name of a task
     pub task: String,

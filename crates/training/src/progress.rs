@@ -33,7 +33,7 @@ pub struct Progress {
     pub validation: Option<Validation>,
     /// Whether that validation belongs to this iteration.
     pub validation_is_fresh: bool,
-    /// Mean Kullback-Leibler divergence of the new policy from the old one; `None` off policy, where it is not measured.
+    /// Mean Kullback-Leibler divergence of the new policy from the old one; `None` where it is not measured, off policy.
     pub kl: Option<f64>,
     /// Entropy of the policy; `None` for one that has none, and before the first update off policy.
     pub entropy: Option<f64>,

@@ -1,5 +1,6 @@
 //! Where the files of a training are.
 
+use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -56,6 +57,23 @@ impl Home {
     /// A file of a training that is under way.
     pub fn work(&self, training: &Training, ending: &str) -> PathBuf {
         self.path("target/controllers").join(training.name() + ending)
+    }
+}
+
+/// Takes the lock in a file, which the system lets go of when this process ends; nothing if another process has it.
+///
+/// # Errors
+/// If there can be no such file.
+pub fn lock(path: &Path) -> Result<Option<File>> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    }
+    let told = || path.display().to_string();
+    let file = OpenOptions::new().write(true).create(true).truncate(false).open(path).with_context(told)?;
+    match file.try_lock() {
+        Ok(()) => Ok(Some(file)),
+        Err(TryLockError::WouldBlock) => Ok(None),
+        Err(TryLockError::Error(error)) => Err(error).with_context(told),
     }
 }
 

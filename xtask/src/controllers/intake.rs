@@ -9,12 +9,13 @@ use serde_json::Value;
 use super::curve::Curve;
 use super::facts::{Facts, Wanted, file_hash, keys};
 use super::home::write;
-use super::measure::{Bench, Candidate};
+use super::measure::{Bench, Candidate, remove};
 use super::plan::{NOT_FALSIFIED, Training};
 use super::record::Record;
 use super::state::{Standing, State, differences};
 
-/// Takes in a controller and the curve of its training. The record is written last: it says that all is there.
+/// Takes in a controller and the curve of its training. What says that it is done comes last: the controller's file, and of
+/// further seeds, whose file is where it was trained, the record.
 ///
 /// # Errors
 /// If the training was another one, was not finished, or its controller cannot be measured: nothing is put in place then.
@@ -38,22 +39,27 @@ pub fn take_in(
     facts.0["trained_steps"] = curve.rows.last().map(|row| row.environment_steps).into();
     let record = measured(bench, task, training, &facts, controller)?;
     write(&bench.home.curve(training), curve.thinned().text().as_bytes())?;
+    record.save(bench.home)?;
     let place = bench.home.controller(training);
     if place != controller {
         let bytes = fs::read(controller).with_context(|| controller.display().to_string())?;
         write(&place, &bytes)?;
     }
-    record.save(bench.home)
+    Ok(())
 }
 
-/// Measures a controller that is in its place.
+/// Measures a controller that is in its place. If it was put there by hand, a curve that is there is another training's.
 ///
 /// # Errors
 /// If it cannot be measured.
 pub fn measure_again(bench: &Bench<'_>, task: &Value, standing: &Standing) -> Result<()> {
     let training = &standing.training;
     let facts = standing.facts.as_ref().context("there is no controller to measure")?;
-    measured(bench, task, training, facts, &bench.home.controller(training))?.save(bench.home)
+    let record = measured(bench, task, training, facts, &bench.home.controller(training))?;
+    if standing.record.as_ref().is_none_or(|old| old.file_hash() != record.file_hash()) {
+        remove(&bench.home.curve(training))?;
+    }
+    record.save(bench.home)
 }
 
 fn measured(
@@ -114,11 +120,32 @@ pub fn import(bench: &Bench<'_>, folder: &Path, tasks: &[Value], standings: &[St
         }
         eprintln!("{}: taken in", training.name());
     }
+    for name in others(folder, standings)? {
+        eprintln!("{name}: there is no such training in the plan");
+    }
     eprintln!("{taken} taken in, {refused} refused");
     match refused {
         0 => Ok(()),
         _ => bail!("{refused} of the trainings in {} were refused", folder.display()),
     }
+}
+
+/// Controllers in a folder that are of no training asked for; the last ones beside the best are left out too.
+fn others(folder: &Path, standings: &[Standing]) -> Result<Vec<String>> {
+    let mut names = Vec::new();
+    for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())? {
+        let path = entry?.path();
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let is_known = standings.iter().any(|standing| standing.training.name() == name);
+        if path.extension().is_some_and(|ending| ending == "safetensors")
+            && !is_known
+            && !name.ends_with(".last")
+        {
+            names.push(name);
+        }
+    }
+    names.sort();
+    Ok(names)
 }
 
 /// Checks that a curve goes to the end of its training: to all its steps, or to enough good validations in a row.

@@ -78,14 +78,16 @@ fn act(bench: &Bench<'_>, options: &Options) -> Result<()> {
     let mut chosen = standings(bench, &tasks, options, &mut wanted)?;
     chosen.retain(|standing| options.chooses(&standing.training));
     ensure!(!chosen.is_empty(), "nothing in the plan is what --only and --seeds ask for");
+    if options.action == Action::List {
+        chosen.iter().for_each(tell);
+        return Ok(());
+    }
+    let lock = home::lock(&bench.home.path("target/controllers/lock"))?;
+    ensure!(lock.is_some(), "another `cargo xtask controllers` is at work");
     let done = match &options.action {
-        Action::List => {
-            chosen.iter().for_each(tell);
-            return Ok(());
-        }
         Action::Import(folder) => intake::import(bench, folder, &tasks, &chosen),
         Action::Tables => Ok(()),
-        Action::Help | Action::Train | Action::Measure => work(bench, &tasks, &chosen, options),
+        _ => work(bench, &tasks, &chosen, options),
     };
     let standings = standings(bench, &tasks, options, &mut wanted)?;
     pages(bench.home, &tasks, &standings).and(done)
@@ -194,7 +196,9 @@ fn work(bench: &Bench<'_>, tasks: &[Value], chosen: &[Standing], options: &Optio
     for standing in in_order {
         match standing.state {
             State::Unmeasured => jobs.push(Job::Measure(standing)),
-            State::Done if measures => jobs.push(Job::Measure(standing)),
+            State::Done if measures && bench.home.controller(&standing.training).is_file() => {
+                jobs.push(Job::Measure(standing));
+            }
             State::Missing(_) | State::Interrupted { .. } if !measures => jobs.push(Job::Train(standing)),
             _ => {}
         }

@@ -153,9 +153,12 @@ fn what_is_missing_is_trained_measured_and_shown_once() {
     assert!(bench.path("controllers/point-reaching/ppo.safetensors").is_file());
     assert!(bench.path("controllers/curves/point-reaching/ppo-s0.csv").is_file());
     assert!(bench.read("controllers/curves/point-reaching.svg").contains("</svg>"));
-    let left: Vec<_> = fs::read_dir(bench.path("target/controllers")).unwrap().flatten().collect();
-    let left: Vec<_> = left.iter().filter(|entry| !entry.path().ends_with("settings.toml")).collect();
-    assert!(left.iter().all(|entry| entry.path().extension().unwrap() == "log"), "{left:?}");
+    let left = fs::read_dir(bench.path("target/controllers")).unwrap().flatten();
+    let left: Vec<String> = left.map(|entry| entry.file_name().into_string().unwrap()).collect();
+    assert!(
+        left.iter().all(|name| name.ends_with(".log") || name == "lock" || name == "settings.toml"),
+        "{left:?}"
+    );
     let page = bench.read("controllers/README.md");
     let rows = lines_of(&page, "| `point-reaching` | `ppo` |");
     // The paper's PPO: SR 93, DBR 0.26, TCT 29.3; TT 10500.
@@ -216,7 +219,13 @@ fn a_controller_that_does_not_name_its_task_is_adopted_and_marked() {
     assert_eq!(bench.states(&[0]), ["to be trained: task changed"]);
     bench.run("--seeds 0 --adopt --measure").unwrap();
     assert_eq!(bench.states(&[0]), ["done"]);
-    // One that names another task is not.
+    // One that is put there by hand has no curve.
+    bench.write("controllers/curves/point-reaching/ppo-s0.csv", &bench.read("columns"));
+    bench.trained(shipped, |facts| facts["task_hash"] = "cc".into());
+    bench.run("--seeds 0").unwrap();
+    assert_eq!(bench.states(&[0]), ["done"]);
+    assert!(!bench.path("controllers/curves/point-reaching/ppo-s0.csv").exists());
+    // One that names another task is not adopted.
     bench.trained(shipped, |facts| facts["task_hash"] = "dd".into());
     assert_eq!(bench.states(&[0]), ["to be trained: task changed"]);
 }
@@ -243,6 +252,12 @@ fn a_training_that_is_stopped_or_killed_goes_on() {
     assert_eq!(bench.states(&[0]), ["to be trained: there is none"]);
     bench.write(settings, SETTINGS);
     fs::remove_file(bench.path("slow")).unwrap();
+    // While another process trains it, its files are left alone.
+    let lock = "target/controllers/point-reaching-ppo-s0.safetensors.lock";
+    let other = home::lock(&bench.path(lock)).unwrap();
+    assert!(bench.run("--seeds 0").unwrap_err().to_string().contains("1 of 1 failed"));
+    assert!(checkpoint.exists());
+    drop(other);
     bench.run("--seeds 0").unwrap();
     assert!(bench.read("calls").contains("resumed"));
     assert_eq!(bench.states(&[0]), ["done"]);

@@ -3,10 +3,10 @@
 use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 
-use super::home::write;
+use super::home::{lock, write};
 use super::intake::take_in;
 use super::measure::Bench;
 use super::state::{BEGUN, CHECKPOINT, Standing, State, mark};
@@ -19,6 +19,10 @@ use super::workers;
 pub fn train(bench: &Bench<'_>, task: &Value, standing: &Standing) -> Result<()> {
     let Standing { training, wanted, state, .. } = standing;
     let file = |ending: &str| bench.home.work(training, ending);
+    // Left behind by a call that was killed, its own training may live on.
+    let mine = lock(&file(".safetensors.lock"))?;
+    ensure!(mine.is_some(), "another process is training it");
+    drop(mine);
     if !matches!(state, State::Interrupted { .. }) {
         clear(&file(""), &[])?;
         write(&file(BEGUN), mark(wanted).as_bytes())?;
