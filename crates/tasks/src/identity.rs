@@ -100,8 +100,14 @@ fn behavior(environment: &TaskEnvironment) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::borrow::Cow;
+    use std::sync::Arc;
+
+    use mishandle_rollout::Controller;
+    use mishandle_world::{Model, WorldError};
+
     use super::*;
-    use crate::{TASKS, task};
+    use crate::{Definition, Panda, Scene, TASKS, task};
 
     #[test]
     fn tasks_and_rewards_differ_and_a_hash_repeats() {
@@ -114,6 +120,55 @@ mod tests {
         all.sort();
         all.dedup();
         assert_eq!(all.len(), count);
+    }
+
+    /// A task with another definition, and with text put before its scene.
+    struct Changed {
+        base: &'static dyn Task,
+        definition: &'static Definition,
+        scene: &'static str,
+    }
+
+    impl Task for Changed {
+        fn definition(&self) -> &'static Definition {
+            self.definition
+        }
+
+        fn scene(&self) -> Cow<'static, str> {
+            format!("{}{}", self.scene, self.base.scene()).into()
+        }
+
+        fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
+            self.base.bind(model, panda)
+        }
+
+        fn expert(&self) -> Result<Arc<dyn Controller>, WorldError> {
+            self.base.expert()
+        }
+    }
+
+    #[track_caller]
+    fn check(scene: &'static str, change: impl Fn(&mut Definition), is_other: bool) {
+        let base = task("point-reaching").unwrap();
+        let mut definition = *base.definition();
+        change(&mut definition);
+        let changed = Changed { base, definition: Box::leak(Box::new(definition)), scene };
+        let hash = |task: &dyn Task| task_hash(task, Reward::Shaped).unwrap();
+        assert_eq!(hash(&changed) != hash(base), is_other);
+    }
+
+    #[test]
+    fn what_is_learned_from_counts_and_what_judges_does_not() {
+        check("", |_| {}, false);
+        check("", |definition| definition.paper.success = definition.paper.strict, false);
+        check("", |definition| definition.summary = "another", false);
+        check("<!-- a word -->", |_| {}, false);
+        check("", |definition| definition.n_substeps *= 2, true);
+        check("", |definition| definition.start_noise += 0.01, true);
+        check("", |definition| definition.start[0] += 0.01, true);
+        check("", |definition| definition.velocity_scale *= 2.0, true);
+        check("", |definition| definition.original_reward = &[], false);
+        check("<option gravity=\"0 0 -9.80\"/>", |_| {}, true);
     }
 
     #[test]

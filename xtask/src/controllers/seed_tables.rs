@@ -21,15 +21,15 @@ pub fn training(shown: &Shown<'_>) -> String {
     );
     for task in shown.names() {
         for algorithm in ALGORITHMS {
-            let facts = shown.recorded(task, algorithm, SHIPPED_SEED).and_then(|(_, record)| record.facts());
-            let Some(facts) = facts else {
+            let found = shown.recorded(task, algorithm, SHIPPED_SEED);
+            let Some(facts) = found.and_then(|(standing, _)| standing.facts.as_ref()) else {
                 table += &format!("| `{task}` | `{algorithm}` | | not run | | | | | | | |\n");
                 continue;
             };
             let paper = paper::training_time(task, algorithm);
             table += &format!(
                 "| `{task}` | `{algorithm}` | {SHIPPED_SEED} | {} | {} | `{}` | {}{} |\n",
-                effort(&facts),
+                effort(facts),
                 paper.map_or(NOTHING.to_string(), |steps| steps.to_string()),
                 facts.text("command"),
                 facts.text("git_commit"),
@@ -73,6 +73,10 @@ pub fn seeds(shown: &Shown<'_>) -> String {
     for task in shown.names() {
         for algorithm in ALGORITHMS {
             let runs = runs(shown, task, algorithm);
+            if runs.is_empty() {
+                table += &format!("| `{task}` | `{algorithm}` | 0 | | | | | | | | | | | all |\n");
+                continue;
+            }
             let rates = [("success_rate", 0), ("success_rate", 1), ("strict_success_rate", 0)];
             let cells = rates.map(|(key, noise)| spread(&runs, noise, key)).join(" | ");
             let missing: Vec<String> = (runs.iter())

@@ -164,7 +164,7 @@ pub fn remarks(standing: &Standing, record: &Record) -> String {
     let mut remarks = misses(standing, record);
     match &standing.state {
         State::Missing(why) | State::Interrupted { why, .. } => remarks.push(format!("out of date ({why})")),
-        State::Unmeasured => remarks.push("measured before a change".to_string()),
+        State::Unmeasured => remarks.push("to be measured again".to_string()),
         State::NotPlanned => remarks.push("without settings".to_string()),
         State::Done => {}
     }
