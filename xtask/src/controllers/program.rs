@@ -8,6 +8,7 @@ use serde_json::Value;
 
 use super::facts::Wanted;
 use super::home::{Home, write};
+use super::measure::remove;
 use super::plan::Training;
 use crate::process::{as_typed, cargo, output, run};
 
@@ -108,10 +109,11 @@ impl Program {
     }
 
     fn dry_run(&self, training: &Training, settings: &str) -> Result<Value> {
-        let path = self.home.path("target/controllers/settings.toml");
+        let path = self.home.work(training, ".settings.toml");
         write(&path, settings.as_bytes())?;
-        let path = path.to_string_lossy();
-        let Training { task, algorithm, .. } = training;
-        self.json(&["train", task, "--algorithm", algorithm, "--settings", &path, "--dry-run"])
+        let (Training { task, algorithm, .. }, text) = (training, path.to_string_lossy());
+        let told = self.json(&["train", task, "--algorithm", algorithm, "--settings", &text, "--dry-run"]);
+        remove(&path)?;
+        told
     }
 }

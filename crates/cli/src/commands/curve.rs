@@ -1,3 +1,5 @@
+use std::num::NonZeroUsize;
+
 use anyhow::Result;
 use mishandle::Curve;
 use serde_json::json;
@@ -7,7 +9,7 @@ use crate::{Outcome, args};
 
 pub fn run(command: &args::Curve) -> Result<Outcome> {
     let curve = Curve::load(&command.file)?;
-    let environments = command.environments.map(|count| count.get());
+    let environments = command.environments.map(NonZeroUsize::get);
     let flat_after = curve.flat_after();
     if command.json {
         output::json(&json!({
