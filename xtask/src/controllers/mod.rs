@@ -77,7 +77,8 @@ fn act(bench: &Bench<'_>, options: &Options) -> Result<()> {
     let mut wanted = BTreeMap::new();
     let mut chosen = standings(bench, &tasks, options, &mut wanted)?;
     chosen.retain(|standing| options.chooses(&standing.training));
-    ensure!(!chosen.is_empty(), "nothing in the plan is what --only and --seeds ask for");
+    let an_expert = tasks.iter().any(|task| options.chooses_expert(&name_of(task)));
+    ensure!(an_expert || !chosen.is_empty(), "nothing in the plan is what --only and --seeds ask for");
     if options.action == Action::List {
         chosen.iter().for_each(tell);
         return Ok(());
@@ -87,7 +88,7 @@ fn act(bench: &Bench<'_>, options: &Options) -> Result<()> {
     let done = match &options.action {
         Action::Import(folder) => intake::import(bench, folder, &tasks, &chosen),
         Action::Tables => Ok(()),
-        _ => work(bench, &tasks, &chosen, options),
+        _ => work(bench, &tasks, &chosen, &wanted, options),
     };
     let standings = standings(bench, &tasks, options, &mut wanted)?;
     pages(bench.home, &tasks, &standings).and(done)
@@ -176,14 +177,18 @@ impl Job<'_> {
 }
 
 /// Trains and measures what has to be.
-fn work(bench: &Bench<'_>, tasks: &[Value], chosen: &[Standing], options: &Options) -> Result<()> {
+fn work(
+    bench: &Bench<'_>,
+    tasks: &[Value],
+    chosen: &[Standing],
+    wanted: &AllWanted,
+    options: &Options,
+) -> Result<()> {
     let measures = options.action == Action::Measure;
     let mut jobs = Vec::new();
     for task in tasks.iter().filter(|task| options.chooses_expert(&name_of(task))) {
-        let Some(any) = chosen.iter().find(|standing| standing.training.task == name_of(task)) else {
-            continue;
-        };
-        let task_hash = any.wanted.task_hash.as_str();
+        let Some((_, any)) = wanted.iter().find(|((name, _), _)| *name == name_of(task)) else { continue };
+        let task_hash = any.task_hash.as_str();
         let record = Record::load(bench.home, &name_of(task), "expert")?;
         let is_done = record.is_some_and(|record| record.is_of(&conditions(task, task_hash)));
         if measures || !is_done {

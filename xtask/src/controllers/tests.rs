@@ -334,3 +334,16 @@ fn a_training_that_fails_is_named_and_ends_no_other() {
     assert_eq!(error, "1 of 2 failed; the others are done");
     assert_eq!(bench.states(&[0]), ["done"]);
 }
+
+#[test]
+fn an_expert_is_measured_once_and_trained_never() {
+    let bench = Bench::new();
+    bench.run("--only point-reaching/expert").unwrap();
+    bench.run("--only point-reaching/expert").unwrap();
+    assert_eq!(bench.read("calls").lines().count(), measure::NOISE.len());
+    let rows = lines_of(&bench.read("controllers/README.md"), "| `point-reaching` | `expert` | 97.0");
+    assert_eq!(rows.len(), measure::NOISE.len());
+    assert!(
+        bench.run("--only point-reaching/expret").unwrap_err().to_string().contains("nothing in the plan")
+    );
+}
