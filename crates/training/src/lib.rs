@@ -35,6 +35,8 @@ pub mod sac;
 mod selection;
 mod settings;
 #[cfg(test)]
+mod skrl_on_policy;
+#[cfg(test)]
 mod skrl_updates;
 pub mod squashed;
 pub mod td3;

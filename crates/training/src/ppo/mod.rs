@@ -24,3 +24,5 @@ mod train;
 
 pub use config::{GradNorm, PpoConfig, Reduction, Schedule, Standardized};
 pub use loss::{Surrogate, clipped_value_loss, surrogate};
+#[cfg(test)]
+pub(crate) use train::Ppo;

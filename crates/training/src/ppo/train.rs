@@ -26,19 +26,21 @@ impl Trainable for PpoConfig {
     }
 }
 
-struct Ppo<'a> {
+pub(crate) struct Ppo<'a> {
     config: &'a PpoConfig,
-    common: OnPolicy,
-    network_adam: Adam<f32>,
+    pub common: OnPolicy,
+    pub network_adam: Adam<f32>,
     log_std_adam: Adam<f32>,
     iteration: u64,
     pool: ChunkPool<f32, Scratch>,
-    gradient: Vec<f32>,
+    /// The gradient of the last minibatch: by the policy's parameters, by log σ, by the critic's parameters; then the
+    /// [riders](RIDERS).
+    pub gradient: Vec<f32>,
     minibatches: Minibatches,
 }
 
 impl<'a> Ppo<'a> {
-    fn new(
+    pub fn new(
         environment: Arc<dyn Environment>,
         config: &'a PpoConfig,
         seed: Seed,
@@ -76,7 +78,7 @@ impl<'a> Ppo<'a> {
     }
 
     /// All epochs; gives the mean divergence in the last.
-    fn learn(&mut self) -> Result<f64, TrainingError> {
+    pub fn learn(&mut self) -> Result<f64, TrainingError> {
         let config = self.config;
         if config.learning_rate_schedule == Schedule::Linear {
             let all = iterations(&config.run, self.iteration_steps());

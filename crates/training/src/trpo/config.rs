@@ -40,6 +40,9 @@ pub struct TrpoConfig {
     pub backtracks: usize,
     /// Share of the improvement expected from the gradient that a step has to bring. Default 0.5.
     pub accept_ratio: f64,
+    /// How the line search measures how far a step goes: `exact`, or `flipped`, with the sign of log σ turned, as in
+    /// skrl; see [`Distance`]. Default `exact`.
+    pub distance: Distance,
     /// The improvement expected of a shorter step: its share of the longest one's (`proportional`), or the product of
     /// all shares tried so far (`compounded`: ½, ⅛, 1/64 …), so that a shorter step is accepted ever more easily, as in
     /// skrl. Default `proportional`.
@@ -65,6 +68,17 @@ pub struct TrpoConfig {
     pub critic: CriticSettings,
 }
 
+/// How the line search measures how far the new policy is from the old one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Distance {
+    /// By the divergence KL(π_old ‖ π) = Σ log(σ / σ_old) + (σ_old² + (μ_old - μ)²) / (2 σ²) - ½.
+    Exact,
+    /// By the same, but with log(σ_old / σ). It is not a distance: it is below 0 for steps that widen the policy, which
+    /// may then leave the trust region, and it shortens those that make it narrower.
+    Flipped,
+}
+
 /// The improvement that the line search expects of a step that is shorter than the longest one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -88,6 +102,7 @@ impl Default for TrpoConfig {
             fisher_every: 1,
             backtracks: 10,
             accept_ratio: 0.5,
+            distance: Distance::Exact,
             expected_improvement: Expected::Proportional,
             epochs: 5,
             minibatches: Division::Shuffled,

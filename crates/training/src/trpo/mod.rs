@@ -25,4 +25,6 @@ mod config;
 mod loss;
 mod train;
 
-pub use config::{Expected, TrpoConfig};
+pub use config::{Distance, Expected, TrpoConfig};
+#[cfg(test)]
+pub(crate) use train::Trpo;

@@ -5,7 +5,7 @@ use mishandle_controllers::Policy;
 use mishandle_network::{CHUNK_ROWS, ChunkPool, Mlp};
 use mishandle_rollout::{Environment, Seed};
 
-use super::config::{Expected, TrpoConfig};
+use super::config::{Distance, Expected, TrpoConfig};
 use super::loss::{Batch, Gaussian, Scratch};
 use crate::conjugate_gradient::{conjugate_gradient, dot};
 use crate::gaussian::Deviations;
@@ -23,25 +23,28 @@ impl Trainable for TrpoConfig {
     }
 }
 
-struct Trpo<'a> {
+pub(crate) struct Trpo<'a> {
     config: &'a TrpoConfig,
-    common: OnPolicy,
+    pub common: OnPolicy,
     iteration: u64,
     pool: ChunkPool<f32, Scratch>,
     outcome_pool: ChunkPool<f64, Scratch>,
     old_means: Vec<f32>,
+    /// The gradient of the surrogate at the last step: by the network's parameters, then by log σ.
+    pub gradient: Vec<f64>,
     minibatches: Minibatches,
 }
 
 /// What a step of the policy did.
-struct Step {
-    kl: f64,
+pub(crate) struct Step {
+    /// Mean divergence of the new policy from the old one.
+    pub kl: f64,
     /// The share of the longest step that was taken; 0 if none was good enough.
-    fraction: f64,
+    pub fraction: f64,
 }
 
 impl<'a> Trpo<'a> {
-    fn new(
+    pub fn new(
         environment: Arc<dyn Environment>,
         config: &'a TrpoConfig,
         seed: Seed,
@@ -60,6 +63,7 @@ impl<'a> Trpo<'a> {
             iteration: 0,
             pool: ChunkPool::new(CHUNK_ROWS),
             outcome_pool: ChunkPool::new(CHUNK_ROWS),
+            gradient: Vec::new(),
             old_means: vec![0.0; common.buffer.count() * common.log_std.len()],
             minibatches: Minibatches::new(
                 config.minibatches,
@@ -73,9 +77,9 @@ impl<'a> Trpo<'a> {
     }
 
     /// One step of the policy within the trust region.
-    fn step_policy(&mut self) -> Result<Step, TrainingError> {
+    pub fn step_policy(&mut self) -> Result<Step, TrainingError> {
         self.common.follow_batch();
-        let Trpo { config, common, pool, outcome_pool, old_means, .. } = self;
+        let Trpo { config, common, pool, outcome_pool, old_means, gradient, .. } = self;
         let normalizer = common.normalizer();
         let (advantage_mean, advantage_scale) = mean_and_scale(common.buffer.advantages.iter().copied());
         let batch =
@@ -84,12 +88,12 @@ impl<'a> Trpo<'a> {
         let old = Gaussian { network: &common.network, deviations: &old_deviations };
         pool.map(batch.rows(), old_means, |rows, scratch, means| batch.means(old, rows, scratch, means));
 
-        let gradient = gradient(&batch, old, pool);
+        *gradient = surrogate_gradient(&batch, old, pool);
         if gradient.iter().any(|x| !x.is_finite()) {
             let what = "the policy's gradient";
             return Err(TrainingError::NotFinite { iteration: self.iteration + 1, what });
         }
-        let Some(longest) = longest_step(config, &batch, old, &gradient, pool) else {
+        let Some(longest) = longest_step(config, &batch, old, gradient, pool) else {
             return Ok(Step { kl: 0.0, fraction: 0.0 });
         };
 
@@ -102,12 +106,17 @@ impl<'a> Trpo<'a> {
         };
         // Normalised advantages have the mean 0, and so has r A where r is 1.
         let before = if common.ratios_begin_at_1() { 0.0 } else { outcome(old)[0] };
-        let mut expected = dot(&gradient, &longest);
+        let mut expected = dot(gradient, &longest);
         let mut fraction = 1.0;
         for _ in 0..config.backtracks {
             let (network, log_std) = common.moved_policy(&longest, fraction);
-            let [surrogate, kl] =
-                outcome(Gaussian { network: &network, deviations: &Deviations::new(&log_std) });
+            let deviations = Deviations::new(&log_std);
+            let [surrogate, kl] = outcome(Gaussian { network: &network, deviations: &deviations });
+            let distance = match config.distance {
+                Distance::Exact => kl,
+                // The entropies differ by Σ log(σ_old / σ).
+                Distance::Flipped => kl + 2.0 * (old_deviations.entropy() - deviations.entropy()),
+            };
             let improvement = match config.expected_improvement {
                 Expected::Proportional => fraction * expected,
                 Expected::Compounded => {
@@ -115,7 +124,7 @@ impl<'a> Trpo<'a> {
                     expected
                 }
             };
-            if kl <= config.max_kl && surrogate - before > config.accept_ratio * improvement {
+            if distance <= config.max_kl && surrogate - before > config.accept_ratio * improvement {
                 common.network = network;
                 common.log_std = log_std;
                 return Ok(Step { kl, fraction });
@@ -125,7 +134,9 @@ impl<'a> Trpo<'a> {
         Ok(Step { kl: 0.0, fraction: 0.0 })
     }
 
-    fn learn_values(&mut self) -> Result<(), TrainingError> {
+    /// All epochs of the critic; gives the loss of the last minibatch.
+    pub fn learn_values(&mut self) -> Result<f64, TrainingError> {
+        let mut loss = 0.0;
         let Trpo { config, common, minibatches, .. } = self;
         for epoch in 0..config.epochs as u64 {
             minibatches.begin_epoch(self.iteration * config.epochs as u64 + epoch);
@@ -136,20 +147,23 @@ impl<'a> Trpo<'a> {
                 }
                 let normalizer = common.normalizer();
                 let OnPolicy { critic, buffer, targets, .. } = common;
-                let loss =
-                    critic.learn(&normalizer, &buffer.observations, targets, places, config.max_grad_norm);
+                loss = critic.learn(&normalizer, &buffer.observations, targets, places, config.max_grad_norm);
                 if !loss.is_finite() {
                     let what = "the critic's loss";
                     return Err(TrainingError::NotFinite { iteration: self.iteration + 1, what });
                 }
             }
         }
-        Ok(())
+        Ok(loss)
     }
 }
 
 /// The gradient of the surrogate: by the network's parameters, then by log σ.
-fn gradient(batch: &Batch<'_>, policy: Gaussian<'_>, pool: &mut ChunkPool<f32, Scratch>) -> Vec<f64> {
+fn surrogate_gradient(
+    batch: &Batch<'_>,
+    policy: Gaussian<'_>,
+    pool: &mut ChunkPool<f32, Scratch>,
+) -> Vec<f64> {
     let mut sum = vec![0.0; policy.network.parameter_count() + policy.deviations.std().len()];
     pool.sum(batch.rows(), &mut sum, |rows, scratch, sum| batch.add_gradient(policy, rows, scratch, sum));
     sum.into_iter().map(f64::from).collect()
