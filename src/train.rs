@@ -9,7 +9,9 @@ use std::sync::Arc;
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
 use mishandle_rollout::Seed;
 use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment, task_hash};
-use mishandle_training::{ALGORITHMS, Checkpoint, Config, Flow, Progress, Trained, Validation};
+use mishandle_training::{
+    ALGORITHMS, BEST, Checkpoint, Config, Flow, PRESETS, Progress, Trained, Validation,
+};
 
 use crate::curve::{Curve, CurveRow};
 use crate::home::check_home;
@@ -92,12 +94,16 @@ fn lock(plan: &TrainPlan) -> Result<Vec<Lock>, MishandleError> {
 /// The settings that a plan asks for.
 pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
     known("training algorithm", &plan.algorithm, &ALGORITHMS)?;
-    if plan.settings.is_none() {
+    let given = plan.settings.clone().filter(|path| *path != Path::new(BEST));
+    if given.is_none() {
         check_home("experiments/training")?;
     }
-    let path = plan.settings.clone().unwrap_or_else(|| settings_path(&plan.task, &plan.algorithm));
-    let text = std::fs::read_to_string(&path)
-        .map_err(|source| MishandleError::File { path: path.clone(), source })?;
+    let path = given.unwrap_or_else(|| settings_path(&plan.task, &plan.algorithm));
+    let text = match PRESETS.iter().find(|preset| path == Path::new(preset)) {
+        Some(preset) => format!("preset = \"{preset}\""),
+        None => std::fs::read_to_string(&path)
+            .map_err(|source| MishandleError::File { path: path.clone(), source })?,
+    };
     let config = Config::from_toml(&plan.algorithm, &text).expect("the algorithm is known");
     let mut config = config.map_err(|source| MishandleError::Settings { path, source })?;
     config.run_mut().total_steps = plan.steps.unwrap_or(config.run().total_steps);

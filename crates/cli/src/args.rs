@@ -134,6 +134,7 @@ pub struct Subject {
 #[command(after_help = "Examples:
   mishandle train point-reaching --algorithm ppo --out my_controller.safetensors
   mishandle train ball-balancing --algorithm ppo --settings my_settings.toml --seed 3
+  mishandle train point-reaching --algorithm ppo --settings skrl-0.10
   mishandle train ball-balancing --algorithm ppo --out my_controller.safetensors --resume
   mishandle train ball-balancing --algorithm sac --csv curve.csv --tensorboard board
 
@@ -164,7 +165,8 @@ pub struct Train {
     /// Write event files for TensorBoard to this folder as it goes
     #[arg(long, value_name = "DIR")]
     pub tensorboard: Option<PathBuf>,
-    /// Settings (TOML) [default: experiments/training/TASK/ALGORITHM.toml]
+    /// Settings (TOML), or the name of a preset: skrl-0.10, or best, which is the default
+    /// [default: experiments/training/TASK/ALGORITHM.toml]
     #[arg(long, value_name = "FILE")]
     pub settings: Option<PathBuf>,
     /// Carry on from the checkpoint beside the output

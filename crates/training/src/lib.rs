@@ -21,16 +21,21 @@ mod episodes;
 mod error;
 pub mod gae;
 pub mod gaussian;
+mod initialization;
 mod learner;
+mod minibatches;
 mod off_policy;
 mod off_policy_settings;
 mod on_policy;
 pub mod ppo;
+mod presets;
 mod progress;
 pub mod replay;
 pub mod sac;
 mod selection;
 mod settings;
+#[cfg(test)]
+mod skrl_on_policy;
 #[cfg(test)]
 mod skrl_updates;
 pub mod squashed;
@@ -44,7 +49,13 @@ pub use conjugate_gradient::conjugate_gradient;
 pub use critic::{Critic, value_loss};
 pub use episodes::{Boundary, EpisodeStatistics, Episodes};
 pub use error::TrainingError;
+pub use initialization::Initialization;
+pub use minibatches::Division;
 pub use off_policy_settings::{ActionValueSettings, ActorSettings, ReplaySettings};
+pub use presets::{BEST, PRESETS};
 pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation};
 pub use selection::{Best, Selection};
-pub use settings::{CriticSettings, EpisodeSettings, PolicySettings, RunSettings, Settings};
+pub use settings::{
+    CriticSettings, EpisodeSettings, ObservationMoments, PolicySettings, RunSettings, Settings, TimeLimits,
+    ValueMoments,
+};

@@ -18,15 +18,15 @@ fn document() -> Value {
     serde_json::from_str(include_str!("../tests/golden/skrl/cases.json")).unwrap()
 }
 
-fn number(value: &Value, key: &str) -> f64 {
+pub(crate) fn number(value: &Value, key: &str) -> f64 {
     value[key].as_f64().unwrap_or_else(|| panic!("`{key}` is no number"))
 }
 
-fn numbers(value: &Value) -> Vec<f64> {
+pub(crate) fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
 }
 
-fn singles(value: &Value) -> Vec<f32> {
+pub(crate) fn singles(value: &Value) -> Vec<f32> {
     numbers(value).into_iter().map(|x| x as f32).collect()
 }
 
@@ -74,12 +74,17 @@ fn begin_both(followed: &mut Followed, start: &Value) {
 }
 
 #[track_caller]
-fn close(what: &str, found: &[f32], wanted: &Value) {
+pub(crate) fn close(what: &str, found: &[f32], wanted: &Value) {
+    close_within(1e-5, what, found, wanted);
+}
+
+#[track_caller]
+pub(crate) fn close_within(tolerance: f64, what: &str, found: &[f32], wanted: &Value) {
     let wanted = numbers(wanted);
     assert_eq!(found.len(), wanted.len(), "{what}");
     for (i, (found, wanted)) in found.iter().zip(wanted).enumerate() {
         let error = (f64::from(*found) - wanted).abs();
-        assert!(error < 1e-5 * wanted.abs().max(1.0), "{what} {i}: {found}, skrl has {wanted}");
+        assert!(error < tolerance * wanted.abs().max(1.0), "{what} {i}: {found}, skrl has {wanted}");
     }
 }
 

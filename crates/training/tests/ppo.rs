@@ -141,3 +141,18 @@ fn weights_that_run_wild_end_the_training_with_an_error() {
     let error = config.train(Line::new(0.0), Seed(1), None, &mut Watch::default()).unwrap_err();
     assert!(matches!(error, TrainingError::NotFinite { .. } | TrainingError::Network(_)), "{error}");
 }
+
+#[test]
+fn skrl_s_way_changes_no_bit_with_threads_or_interruptions_either() {
+    let config = settings(
+        "preset = \"skrl-0.10\"\nrun.total_steps = 4_600\npolicy.normalize_observations = true\n\
+         critic.normalize_values = true\nvalue_clip = 0.2\nkl_threshold = 0.05",
+    );
+    let trained = run(1, &config, None, &mut Watch::default());
+    let mut first = Watch { stop_after: Some(3), ..Watch::default() };
+    run(2, &config, None, &mut first);
+    let resumed = run(3, &config, first.checkpoint.as_ref(), &mut Watch::default());
+    assert_eq!(resumed.last.hash(), trained.last.hash());
+    let best = run(1, &settings("run.total_steps = 4_600"), None, &mut Watch::default());
+    assert_ne!(best.last.hash(), trained.last.hash());
+}

@@ -59,3 +59,18 @@ fn a_resumed_training_goes_on_to_the_same_bits() {
     assert_eq!(resumed.last.hash(), trained.last.hash());
     assert_eq!(facts(&second), facts(&whole)[3..]);
 }
+
+#[test]
+fn skrl_s_way_changes_no_bit_with_threads_or_interruptions_either() {
+    let config = settings(
+        "preset = \"skrl-0.10\"\nrun.total_steps = 4_600\npolicy.normalize_observations = true\n\
+         critic.normalize_values = true",
+    );
+    let trained = run(1, &config, None, &mut Watch::default());
+    let mut first = Watch { stop_after: Some(3), ..Watch::default() };
+    run(2, &config, None, &mut first);
+    let resumed = run(3, &config, first.checkpoint.as_ref(), &mut Watch::default());
+    assert_eq!(resumed.last.hash(), trained.last.hash());
+    let best = run(1, &settings("run.total_steps = 4_600"), None, &mut Watch::default());
+    assert_ne!(best.last.hash(), trained.last.hash());
+}

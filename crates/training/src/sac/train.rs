@@ -7,13 +7,13 @@ use mishandle_rollout::{Environment, Seed};
 use super::config::SacConfig;
 use super::loss::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch, temperature_loss};
 use crate::action_value::Followed;
-use crate::critic::initial_network;
 use crate::gaussian::Deviations;
+use crate::initialization::initial_network;
 use crate::learner::{Learner, Trainable};
 use crate::off_policy::{Agent, LEARNING_ROWS, OffPolicy, Setup, draw_rows, finite, sizes_of, weights};
 use crate::replay::Batch;
 use crate::squashed::Drawn;
-use crate::{Checkpoint, TrainingError};
+use crate::{Checkpoint, Initialization, TrainingError};
 
 impl Trainable for SacConfig {
     fn learner(&self, environment: Arc<dyn Environment>, seed: Seed) -> Result<impl Learner, TrainingError> {
@@ -56,8 +56,13 @@ impl Sac {
     pub fn new(sizes: (usize, usize), config: &SacConfig, seed: Seed) -> Result<Sac, TrainingError> {
         let policy = &config.policy;
         // A small last layer: the first actions are near the middle, with h near 0, whatever is seen.
-        let actor =
-            initial_network(sizes.0, &policy.hidden, 2 * sizes.1, policy.activation, 0.01, weights(seed, 0))?;
+        let actor = initial_network(
+            (sizes.0, &policy.hidden, 2 * sizes.1),
+            policy.activation,
+            Initialization::Orthogonal,
+            0.01,
+            weights(seed, 0),
+        )?;
         let critics = [
             Followed::critic(sizes, &config.critic, weights(seed, 1))?,
             Followed::critic(sizes, &config.critic, weights(seed, 2))?,

@@ -1,4 +1,4 @@
-"""Writes cases.json: some updates of skrl's SAC, TD3 and DDPG agents, in double precision.
+"""Writes cases.json: some updates of skrl's SAC, TD3 and DDPG agents, in double precision; and on_policy.json, see there.
 
     python3 -m venv venv && venv/bin/pip install -r requirements.txt && venv/bin/python make.py
 
@@ -12,6 +12,7 @@ import logging
 import math
 
 import gymnasium
+import make_on_policy
 import torch
 from torch import nn
 
@@ -192,3 +193,4 @@ def main():
 
 if __name__ == "__main__":
     main()
+    make_on_policy.main()

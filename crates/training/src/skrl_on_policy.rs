@@ -1,0 +1,204 @@
+//! Updates of PPO and TRPO under the preset `skrl-0.10` against skrl's: `tests/golden/skrl/make_on_policy.py` writes the
+//! cases.
+
+use std::sync::Arc;
+
+use mishandle_network::RunningNormalizer;
+use mishandle_rollout::{Axis, Environment, InitialBox, Sample, Seed, Status, Worker};
+use serde_json::Value;
+
+use crate::on_policy::{OnPolicy, mean_and_scale};
+use crate::ppo::{Ppo, PpoConfig};
+use crate::skrl_updates::{close, close_within, number, numbers, singles};
+use crate::trpo::{Trpo, TrpoConfig};
+use crate::{Boundary, Checkpoint, Settings};
+
+/// Observations and actions of the cases, as many as `make_on_policy.py` says.
+const SIZES: (usize, usize) = (3, 2);
+
+/// Something of the right sizes to act in; what happens in it is not looked at.
+struct Nowhere {
+    initial_box: InitialBox,
+    names: Arc<[String]>,
+}
+
+impl Nowhere {
+    fn new() -> Arc<Nowhere> {
+        let axis = Axis { name: "x".into(), unit: "m".into(), low: 0.0, high: 1.0 };
+        let initial_box = InitialBox::new(vec![axis]).unwrap();
+        Arc::new(Nowhere { initial_box, names: Arc::from(["x".to_string()]) })
+    }
+}
+
+impl Environment for Nowhere {
+    fn name(&self) -> &str {
+        "nowhere"
+    }
+    fn initial_box(&self) -> &InitialBox {
+        &self.initial_box
+    }
+    fn signals(&self) -> &Arc<[String]> {
+        &self.names
+    }
+    fn reward_terms(&self) -> &[String] {
+        &self.names
+    }
+    fn observation_size(&self) -> usize {
+        SIZES.0
+    }
+    fn action_size(&self) -> usize {
+        SIZES.1
+    }
+    fn state_size(&self) -> usize {
+        1
+    }
+    fn control_dt(&self) -> f64 {
+        0.1
+    }
+    fn episode_steps(&self) -> usize {
+        10
+    }
+    fn worker(&self) -> Box<dyn Worker> {
+        Box::new(Still)
+    }
+}
+
+struct Still;
+
+impl Worker for Still {
+    fn reset(&mut self, _x0: &[f64], _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
+        state.fill(0.0);
+        sample.observation.fill(0.0);
+        sample.rewards.fill(0.0);
+    }
+
+    fn step(&mut self, _action: &[f64], _state: &mut [f64], _sample: Sample<'_>) -> Status {
+        Status::Running
+    }
+}
+
+/// The cases of an algorithm, each with its name and the settings that it is for.
+fn cases<S: Settings>() -> Vec<(String, S, Value)> {
+    let document: Value = serde_json::from_str(include_str!("../tests/golden/skrl/on_policy.json")).unwrap();
+    let common = document["common"].as_str().unwrap();
+    let cases = document[S::ALGORITHM].as_object().unwrap().iter();
+    let settings = |case: &Value| S::from_toml(&format!("{common}{}", case["settings"].as_str().unwrap()));
+    cases.map(|(name, case)| (name.clone(), settings(case).unwrap(), case.clone())).collect()
+}
+
+fn begin(common: &mut OnPolicy, start: &Value) {
+    set_policy(common, start);
+    let mut checkpoint = Checkpoint::new("", "", 0, "");
+    common.critic.save(&mut checkpoint);
+    checkpoint.put("critic.parameters", singles(&start["critic"]));
+    common.critic.load(&checkpoint).unwrap();
+}
+
+fn set_policy(common: &mut OnPolicy, weights: &Value) {
+    let network = singles(&weights["network"]);
+    common.network.update(|parameters| parameters.copy_from_slice(&network));
+    common.log_std = singles(&weights["log_std"]);
+}
+
+/// Has the rollout in the buffer, and checks what is made of it before anything is learned.
+fn roll_out(common: &mut OnPolicy, name: &str, rollout: &Value) {
+    let buffer = &mut common.buffer;
+    buffer.clear();
+    buffer.observations = singles(&rollout["observations"]);
+    buffer.last_observations = singles(&rollout["last_observations"]);
+    buffer.actions = singles(&rollout["actions"]);
+    buffer.log_probs = numbers(&rollout["log_probs"]);
+    buffer.rewards = numbers(&rollout["rewards"]);
+    let terminated = rollout["terminated"].as_array().unwrap();
+    for (boundary, terminated) in buffer.boundaries.iter_mut().zip(terminated) {
+        let ends = terminated.as_bool().unwrap();
+        *boundary = if ends { Boundary::Terminated } else { Boundary::Running };
+    }
+    let normalizer = common.normalizer();
+    common.estimate(&normalizer);
+    let single = |numbers: &[f64]| numbers.iter().map(|x| *x as f32).collect::<Vec<f32>>();
+    let (mean, scale) = mean_and_scale(common.buffer.advantages.iter().copied());
+    let advantages: Vec<f64> = common.buffer.advantages.iter().map(|a| (a - mean) * scale).collect();
+    close(&format!("{name}: value"), &single(&common.buffer.values), &rollout["values"]);
+    close(&format!("{name}: advantage"), &single(&advantages), &rollout["advantages"]);
+    close(&format!("{name}: target"), &common.targets, &rollout["targets"]);
+}
+
+fn check_end(common: &OnPolicy, policy_tolerance: f64, name: &str, rollout: &Value) {
+    let end = &rollout["end"];
+    let network = common.network.parameters();
+    close_within(policy_tolerance, &format!("{name}: policy"), network, &end["network"]);
+    close_within(policy_tolerance, &format!("{name}: log σ"), &common.log_std, &end["log_std"]);
+    close(&format!("{name}: critic"), common.critic.network().parameters(), &end["critic"]);
+    let mut checkpoint = Checkpoint::new("", "", 0, "");
+    common.save(&mut checkpoint);
+    for (moments, wanted, columns) in [
+        ("normalizer", &rollout["observation_moments"], SIZES.0),
+        ("critic.scale", &rollout["value_moments"], 1),
+    ] {
+        if !wanted.is_null() {
+            let found =
+                RunningNormalizer::from_moments(checkpoint.moments(moments, columns).unwrap()).unwrap();
+            let single = |numbers: &[f64]| numbers.iter().map(|x| *x as f32).collect::<Vec<f32>>();
+            assert_eq!(found.count(), number(wanted, "count"), "{name}: rows of {moments}");
+            close(&format!("{name}: mean of {moments}"), &single(found.mean()), &wanted["mean"]);
+            close(&format!("{name}: variance of {moments}"), &single(&found.variance()), &wanted["variance"]);
+        }
+    }
+}
+
+#[test]
+fn ppo() {
+    for (name, config, case) in cases::<PpoConfig>() {
+        let mut ppo = Ppo::new(Nowhere::new(), &config, Seed(0)).unwrap();
+        begin(&mut ppo.common, &case["start"]);
+        for (rollout, index) in case["rollouts"].as_array().unwrap().iter().zip(1..) {
+            let name = format!("{name}, update {index}");
+            roll_out(&mut ppo.common, &name, rollout);
+            ppo.learn().unwrap();
+            let rate = ppo.network_adam.learning_rate;
+            assert!((rate / number(rollout, "learning_rate") - 1.0).abs() < 1e-9, "{name}: {rate}");
+            // A minibatch that ended the last epoch was not learned from; skrl's gradient is of one before.
+            if config.kl_threshold.is_none() {
+                let (gradient, riders) = ppo.gradient.split_at(ppo.gradient.len() - 3);
+                close(&format!("{name}: gradient"), gradient, &rollout["last_gradient"]);
+                if config.entropy_coef == 0.0 {
+                    let loss = f64::from(riders[1] + riders[2]);
+                    assert!((loss - number(rollout, "last_loss")).abs() < 1e-5, "{name}: loss {loss}");
+                }
+            }
+            check_end(&ppo.common, 1e-5, &name, rollout);
+        }
+    }
+}
+
+/// How near TRPO's steps come to skrl's in double precision. Ten conjugate gradients, which is the default, enlarge what
+/// single precision leaves in each product with the Fisher information: PyTorch's own in single precision is farther off.
+fn step_tolerance(config: &TrpoConfig) -> f64 {
+    if config.cg_iterations == 10 { 1e-4 } else { 1e-5 }
+}
+
+#[test]
+fn trpo() {
+    for (name, config, case) in cases::<TrpoConfig>() {
+        let tolerance = step_tolerance(&config);
+        let mut trpo = Trpo::new(Nowhere::new(), &config, Seed(0)).unwrap();
+        begin(&mut trpo.common, &case["start"]);
+        for (rollout, index) in case["rollouts"].as_array().unwrap().iter().zip(1..) {
+            let name = format!("{name}, update {index}");
+            roll_out(&mut trpo.common, &name, rollout);
+            let step = trpo.step_policy().unwrap();
+            let gradient: Vec<f32> = trpo.gradient.iter().map(|x| *x as f32).collect();
+            close(&format!("{name}: gradient"), &gradient, &rollout["gradient"]);
+            assert_eq!(step.fraction, number(rollout, "fraction"), "{name}: fraction of the longest step");
+            if let Some(kl) = rollout["kl"].as_f64() {
+                assert!((step.kl - kl).abs() < tolerance * kl.max(1.0), "{name}: divergence {}", step.kl);
+            }
+            let loss = trpo.learn_values().unwrap();
+            assert!((loss - number(rollout, "last_loss")).abs() < 1e-5, "{name}: critic's loss {loss}");
+            check_end(&trpo.common, tolerance, &name, rollout);
+            // What conjugate gradients left is not to add up.
+            set_policy(&mut trpo.common, &rollout["end"]);
+        }
+    }
+}

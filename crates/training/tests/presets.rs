@@ -1,0 +1,44 @@
+//! The page on presets says what they are.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+use std::collections::BTreeMap;
+
+use mishandle_training::{ALGORITHMS, BEST, Config, PRESETS};
+
+const PAGE: &str = include_str!("../../../docs/presets.md");
+
+/// The settings of a preset by their full names; `None` if the algorithm does not have it.
+fn settings(algorithm: &str, preset: &str) -> Option<BTreeMap<String, String>> {
+    let config = Config::from_toml(algorithm, &format!("preset = \"{preset}\"")).unwrap().ok()?;
+    let mut settings = BTreeMap::new();
+    flatten("", &config.to_toml().parse().unwrap(), &mut settings);
+    Some(settings)
+}
+
+fn flatten(within: &str, table: &toml::Table, settings: &mut BTreeMap<String, String>) {
+    for (key, value) in table {
+        match value {
+            toml::Value::Table(table) => flatten(&format!("{within}{key}."), table, settings),
+            value => {
+                settings.insert(format!("{within}{key}"), value.to_string());
+            }
+        }
+    }
+}
+
+#[test]
+fn the_page_lists_what_each_preset_has_other_than_best() {
+    for preset in PRESETS.into_iter().filter(|preset| *preset != BEST) {
+        for algorithm in ALGORITHMS {
+            let Some(own) = settings(algorithm, preset) else { continue };
+            let best = settings(algorithm, BEST).unwrap();
+            let mut table = format!("| `{algorithm}` | `{BEST}` | `{preset}` |\n|---|---|---|\n");
+            for (name, value) in own.iter().filter(|(name, value)| best.get(*name) != Some(value)) {
+                let best = best.get(name).map_or("", |value| value);
+                table += &format!("| `{name}` | {best} | {value} |\n");
+            }
+            assert!(PAGE.contains(&format!("{table}\n")), "docs/presets.md lacks this table:\n\n{table}");
+        }
+    }
+}
