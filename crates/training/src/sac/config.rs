@@ -1,5 +1,6 @@
 use serde::{Deserialize, Serialize};
 
+use super::distribution::Distribution;
 use crate::settings::{at_least_1, positive, share};
 use crate::{
     ActionValueSettings, ActorSettings, EpisodeSettings, ReplaySettings, RunSettings, Settings, TrainingError,
@@ -23,6 +24,8 @@ pub struct SacConfig {
     pub gamma: f64,
     /// τ, the targets' share of the networks in each update. Default 0.005.
     pub tau: f64,
+    /// What the policy draws from: `squashed` or `clipped`. Default `squashed`.
+    pub distribution: Distribution,
     /// Deviation of each action, before squashing, of a Gaussian with the entropy that is aimed at. Default 0.2.
     pub target_std: f64,
     /// Control steps for which a simulation keeps the z that it draws its actions with: an arm hardly follows what changes
@@ -51,6 +54,7 @@ impl Default for SacConfig {
         SacConfig {
             gamma: 0.98,
             tau: 0.005,
+            distribution: Distribution::default(),
             target_std: 0.2,
             exploration_hold: 1,
             initial_temperature: 0.01,

@@ -1,0 +1,200 @@
+"""Trains with the paper's off-policy settings, with ours, and with what lies between, and makes the table of it.
+
+    python3 experiments/off_policy/ladder.py run ball-balancing --seeds 1 --directions up --minutes 30
+    python3 experiments/off_policy/ladder.py table
+
+Run it in the root of the repository, after `cargo build --release`. changes.toml lists the changes from paper/*.toml to the
+preset `best`. A direction is a way through them: `up` makes one after the other, `alone` makes a single one of them, and
+`without` makes all but one. Each training is appended to records.jsonl when it is done; one that is there is not done again,
+so that a run goes on where it was stopped. `table` writes those records into docs/why_off_policy_failed.md.
+"""
+
+import argparse
+import json
+import os
+import pathlib
+import resource
+import subprocess
+import tempfile
+import time
+import tomllib
+
+HERE = pathlib.Path(__file__).parent
+RECORDS = HERE / "records.jsonl"
+PAGE = HERE.parent.parent / "docs" / "why_off_policy_failed.md"
+ALGORITHMS = ["sac", "td3", "ddpg"]
+TOTAL_STEPS = {"ball-balancing": 196_608, "point-reaching": 327_680}
+CHANGES = tomllib.loads((HERE / "changes.toml").read_text())["change"]
+
+
+def changes_for(algorithm):
+    return [change for change in CHANGES if algorithm in change.get("only", ALGORITHMS)]
+
+
+def ways(direction, algorithm):
+    """Which changes are made in each training of a direction, by their names."""
+    names = [change["name"] for change in changes_for(algorithm)]
+    if direction == "up":
+        return [names[:count] for count in range(len(names) + 1)]
+    if direction == "alone":
+        return [[name] for name in names]
+    return [[other for other in names if other != name] for name in names]
+
+
+def overlay(own, other):
+    for key, value in other.items():
+        if isinstance(value, dict) and isinstance(own.get(key), dict):
+            overlay(own[key], value)
+        else:
+            own[key] = value
+
+
+def settings_of(algorithm, names, total_steps):
+    """The settings and the reward of a training."""
+    settings = tomllib.loads((HERE / "paper" / f"{algorithm}.toml").read_text())
+    reward = "original"
+    for change in changes_for(algorithm):
+        if change["name"] in names:
+            overlay(settings, tomllib.loads(change.get("settings", "")))
+            overlay(settings, tomllib.loads(change.get(algorithm, "")))
+            reward = change.get("reward", reward)
+            for key in change.get("drop", []):
+                settings.pop(key, None)
+    settings["run"]["total_steps"] = total_steps
+    if "exploration_decay" in settings:
+        settings["exploration_decay"]["steps"] = total_steps
+    return settings, reward
+
+
+def as_toml(settings, prefix=""):
+    lines = []
+    for key, value in settings.items():
+        if isinstance(value, dict):
+            lines += as_toml(value, f"{prefix}{key}.")
+        else:
+            lines.append(f"{prefix}{key} = {json.dumps(value)}")
+    return lines
+
+
+def train(program, task, algorithm, seed, names):
+    settings, reward = settings_of(algorithm, names, TOTAL_STEPS[task])
+    record = {
+        "task": task,
+        "algorithm": algorithm,
+        "seed": seed,
+        "changes": names,
+        "reward": reward,
+        "settings": as_toml(settings),
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        file = pathlib.Path(folder) / "settings.toml"
+        file.write_text("\n".join(record["settings"]) + "\n")
+        command = [program, "train", task, "--algorithm", algorithm, "--settings", str(file), "--reward", reward]
+        command += ["--seed", str(seed), "--threads", "1", "--json", "--out", f"{folder}/policy.safetensors"]
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        done = subprocess.run(command, capture_output=True, text=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    record["cpu_secs"] = round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, 1)
+    if done.returncode == 0:
+        found = json.loads(done.stdout)
+        for key in ["environment_steps", "success_rate", "strict_success_rate", "controller_hash"]:
+            record[key] = found[key]
+    elif "training broke down" in done.stderr:
+        record["broke_down"] = done.stderr.strip()
+    else:
+        raise SystemExit(f"{' '.join(command)}: {done.stderr}")
+    return record
+
+
+def records():
+    if not RECORDS.exists():
+        return []
+    return [json.loads(line) for line in RECORDS.read_text().splitlines()]
+
+
+def key_of(record):
+    names = tuple(sorted(record["changes"]))
+    return record["task"], record["algorithm"], record["seed"], names
+
+
+def run(arguments):
+    started = time.monotonic()
+    done = {key_of(record): record for record in records()}
+    for seed in arguments.seeds:
+        for direction in arguments.directions:
+            for algorithm in arguments.algorithms:
+                chosen = ways(direction, algorithm)
+                if arguments.ends:
+                    chosen = [chosen[0], chosen[-1]]
+                for names in chosen:
+                    key = arguments.task, algorithm, seed, tuple(sorted(names))
+                    if key in done:
+                        continue
+                    if time.monotonic() - started > 60 * arguments.minutes:
+                        return
+                    record = train(arguments.program, arguments.task, algorithm, seed, names)
+                    done[key] = record
+                    with RECORDS.open("a") as file:
+                        file.write(json.dumps(record) + "\n")
+                    print(algorithm, seed, record.get("success_rate"), record.get("strict_success_rate"), names, flush=True)
+
+
+def cell(found, task, algorithm, names):
+    """Success and strict success of all seeds, in percent; how many seeds, if not one."""
+    own = [record for record in found if key_of(record)[:2] == (task, algorithm) and set(record["changes"]) == set(names)]
+    if not own:
+        return "–"
+    rates = [[100.0 * record.get(key, 0.0) for record in own] for key in ["success_rate", "strict_success_rate"]]
+    text = " / ".join(f"{sum(rate) / len(rate):.0f}" for rate in rates)
+    return text if len(own) == 1 else f"{text} ({len(own)})"
+
+
+def table(found, task):
+    heads = [f"{algorithm.upper()}, {direction}" for direction in ["up", "without", "alone"] for algorithm in ALGORITHMS]
+    lines = ["| change | " + " | ".join(heads) + " |", "|---|" + "--:|" * len(heads)]
+    rows = [("none: the paper's settings", None)] + [(change["name"], change["name"]) for change in CHANGES]
+    for label, name in rows:
+        cells = []
+        for direction in ["up", "without", "alone"]:
+            for algorithm in ALGORITHMS:
+                names = [change["name"] for change in changes_for(algorithm)]
+                if name is None:
+                    cells.append(cell(found, task, algorithm, []) if direction != "without" else cell(found, task, algorithm, names))
+                elif name not in names:
+                    cells.append("")
+                else:
+                    way = ways(direction, algorithm)[names.index(name) + (direction == "up")]
+                    cells.append(cell(found, task, algorithm, way))
+        lines.append(f"| {label} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def write_tables(_):
+    found, text = records(), PAGE.read_text()
+    for task in TOTAL_STEPS:
+        begin, end = f"<!-- {task} -->\n", f"<!-- end of {task} -->"
+        before, rest = text.split(begin)
+        text = before + begin + table(found, task) + "\n" + end + rest.split(end)[1]
+    PAGE.write_text(text)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(required=True)
+    runs = commands.add_parser("run")
+    runs.set_defaults(what=run)
+    runs.add_argument("task", choices=TOTAL_STEPS)
+    runs.add_argument("--seeds", type=int, nargs="+", default=[1])
+    runs.add_argument("--directions", nargs="+", choices=["up", "alone", "without"], default=["up"])
+    runs.add_argument("--algorithms", nargs="+", choices=ALGORITHMS, default=ALGORITHMS)
+    runs.add_argument("--ends", action="store_true", help="the first and the last of each direction alone")
+    runs.add_argument("--minutes", type=float, default=45.0, help="no training begins after these")
+    runs.add_argument("--program", default="target/release/mishandle")
+    commands.add_parser("table").set_defaults(what=write_tables)
+    arguments = parser.parse_args()
+    os.nice(15)
+    arguments.what(arguments)
+
+
+if __name__ == "__main__":
+    main()
