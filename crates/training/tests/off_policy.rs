@@ -49,19 +49,6 @@ fn the_line_is_learned() {
     }
 }
 
-#[test]
-fn skrls_policy_learns_the_line_too() {
-    let config = settings(
-        "sac",
-        "distribution = \"clipped\"\nrun.total_steps = 24_000\ngamma = 0.9\ntau = 0.01\nreplay.n_steps = 1\n\
-         replay.updates_per_step = 0.5\nreplay.reward_scale = 1.0\npolicy.learning_rate = 0.003",
-    );
-    let trained = run(2, &config, None, &mut Watch::default());
-    assert!(!trained.last.is_squashed());
-    let (found, best) = (mean_return(&trained.last, 500), best_return(500));
-    assert!(found > 0.95 * best, "mean return {found}, the best there is {best}");
-}
-
 fn all_ways() -> impl Iterator<Item = (&'static str, &'static str)> {
     ALGORITHMS.iter().map(|algorithm| (*algorithm, "")).chain(OTHER_WAYS)
 }
