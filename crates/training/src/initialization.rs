@@ -1,34 +1,27 @@
-//! The weights that networks begin with.
+//! The weights that a network begins with.
 
-use mishandle_network::Mlp;
+use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::{Seed, Stream};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainingError;
 use crate::settings::positive;
 
-/// How the parameters of a network are drawn.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+/// The weights that a network begins with.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Initialization {
-    /// `"orthogonal"`: orthogonal weights, of a small last layer; no biases.
-    #[default]
+    /// Orthogonal weights and no biases, with the gain √2 in hidden layers; that of the last layer is what its outputs
+    /// need: small for a policy, so that the first actions are near the middle whatever is seen.
     Orthogonal,
-    /// `"uniform"`: weights and biases within ± 1/√inputs of their layer, as PyTorch's `Linear` has them.
+    /// Weights and biases drawn evenly from ±1/√inputs, PyTorch's default.
     Uniform,
-    /// `{ normal = σ }`: all parameters from N(0, σ²), biases too.
+    /// Weights and biases from N(0, σ²), as TOML `{ normal = σ }`.
     Normal(f64),
 }
 
 impl Initialization {
-    pub(crate) fn check(self, name: &'static str) -> Result<(), TrainingError> {
-        match self {
-            Initialization::Normal(std) => positive(name, std),
-            Initialization::Orthogonal | Initialization::Uniform => Ok(()),
-        }
-    }
-
-    /// Gives a network its parameters; orthogonal ones have gain `last_gain` in the last layer.
+    /// Gives `network` its first weights; `last_gain` is that of the last layer, if it has one.
     ///
     /// # Errors
     /// Never: there is a gain for each layer.
@@ -38,68 +31,108 @@ impl Initialization {
         last_gain: f64,
         seed: Seed,
     ) -> Result<(), TrainingError> {
+        let mut step = 0;
+        let mut next = || {
+            step += 1;
+            step - 1
+        };
         match self {
-            Initialization::Orthogonal => crate::critic::initialize(network, last_gain, seed)?,
-            Initialization::Uniform => {
-                let mut steps = 0..;
-                network.initialize_uniform(|| seed.uniform(Stream::Weights, steps.next().unwrap_or(0), 0));
+            Initialization::Orthogonal => {
+                let mut gains = vec![std::f64::consts::SQRT_2; network.sizes().len() - 2];
+                gains.push(last_gain);
+                network.initialize_orthogonal(&gains, || {
+                    let mut draw = [0.0];
+                    seed.normals(Stream::Weights, next(), &mut draw);
+                    draw[0]
+                })?;
             }
-            Initialization::Normal(_) => network.update(|parameters| self.initialize_alone(parameters, seed)),
+            Initialization::Uniform => {
+                network.initialize_uniform(|| seed.uniform(Stream::Weights, next(), 0));
+            }
+            Initialization::Normal(_) => {
+                network.update(|parameters| self.initialize_others(parameters, seed));
+            }
         }
         Ok(())
     }
 
-    /// Gives values to parameters that are no weights: normal numbers if all are to be, 0 else.
-    pub(crate) fn initialize_alone(self, parameters: &mut [f32], seed: Seed) {
+    /// Gives parameters that are no weights their first values: 0, unless all are to be normal numbers.
+    pub(crate) fn initialize_others(self, parameters: &mut [f32], seed: Seed) {
         let std = if let Initialization::Normal(std) = self { std } else { 0.0 };
         let mut draws = vec![0.0; parameters.len()];
         seed.normals(Stream::Weights, 0, &mut draws);
         parameters.iter_mut().zip(draws).for_each(|(parameter, z)| *parameter = (std * z) as f32);
     }
+
+    pub(crate) fn check(self, name: &'static str) -> Result<(), TrainingError> {
+        match self {
+            Initialization::Normal(std) => positive(name, std),
+            Initialization::Orthogonal | Initialization::Uniform => Ok(()),
+        }
+    }
+}
+
+/// A network with its first weights.
+///
+/// # Errors
+/// If a layer has no outputs.
+pub(crate) fn initial_network(
+    sizes: (usize, &[usize], usize),
+    activation: Activation,
+    initialization: Initialization,
+    last_gain: f64,
+    seed: Seed,
+) -> Result<Mlp<f32>, TrainingError> {
+    let (inputs, hidden, outputs) = sizes;
+    let sizes = [&[inputs], hidden, &[outputs]].concat();
+    let mut network = Mlp::new(&sizes, activation, Activation::Identity)?;
+    initialization.initialize(&mut network, last_gain, seed)?;
+    Ok(network)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mishandle_network::Activation;
 
-    fn parameters(weights: Initialization) -> Vec<f32> {
-        let mut network = Mlp::new(&[25, 400, 3], Activation::Elu, Activation::Identity).unwrap();
-        weights.initialize(&mut network, 0.01, Seed(4)).unwrap();
-        network.parameters().to_vec()
+    #[test]
+    fn uniform_weights_and_biases_fill_their_range() {
+        let sizes = (4, &[100][..], 1);
+        let network =
+            initial_network(sizes, Activation::Elu, Initialization::Uniform, 0.01, Seed(2)).unwrap();
+        let (first, last) = network.parameters().split_at(4 * 100 + 100);
+        // ±1/√4 and ±1/√100; a standard deviation of a third root of the bound.
+        for (numbers, bound) in [(first, 0.5_f64), (last, 0.1)] {
+            let squares: f64 = numbers.iter().map(|x| f64::from(*x).powi(2)).sum();
+            let variance = squares / numbers.len() as f64;
+            assert!(numbers.iter().all(|x| f64::from(x.abs()) <= bound));
+            assert!((variance / (bound * bound / 3.0) - 1.0).abs() < 0.25, "{variance}");
+        }
     }
 
     #[test]
     fn normal_parameters_have_the_deviation_that_was_asked_for() {
-        let parameters = parameters(Initialization::Normal(0.5));
-        let n = parameters.len() as f64;
-        let mean = parameters.iter().map(|x| f64::from(*x)).sum::<f64>() / n;
-        let variance = parameters.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>() / n;
+        let sizes = (25, &[400][..], 3);
+        let network =
+            initial_network(sizes, Activation::Elu, Initialization::Normal(0.5), 0.01, Seed(4)).unwrap();
+        let n = network.parameter_count() as f64;
+        let parameters = network.parameters().iter().map(|x| f64::from(*x));
+        let mean = parameters.clone().sum::<f64>() / n;
+        let variance = parameters.map(|x| x * x).sum::<f64>() / n;
         // Five standard errors.
         assert!(mean.abs() < 5.0 * 0.5 / n.sqrt(), "{mean}");
         assert!((variance / 0.25 - 1.0).abs() < 5.0 * (2.0 / n).sqrt(), "{variance}");
     }
 
     #[test]
-    fn uniform_parameters_fill_their_bounds_layer_by_layer() {
-        let parameters = parameters(Initialization::Uniform);
-        let (first, last) = parameters.split_at(25 * 400 + 400);
-        for (layer, bound) in [(first, 1.0 / 5.0), (last, 1.0 / 20.0)] {
-            let most = layer.iter().fold(0.0_f32, |most, x| most.max(x.abs()));
-            assert!(most <= bound && most > 0.99 * bound, "{most} of {bound}");
-        }
-    }
-
-    #[test]
     fn what_is_no_weight_is_zero_unless_all_is_normal() {
-        for (weights, zero) in [
+        for (initialization, zero) in [
             (Initialization::Orthogonal, true),
             (Initialization::Uniform, true),
             (Initialization::Normal(0.1), false),
         ] {
-            let mut alone = [1.0; 4];
-            weights.initialize_alone(&mut alone, Seed(1));
-            assert_eq!(alone.iter().all(|x| *x == 0.0), zero, "{weights:?}");
+            let mut others = [1.0; 4];
+            initialization.initialize_others(&mut others, Seed(1));
+            assert_eq!(others.iter().all(|x| *x == 0.0), zero, "{initialization:?}");
         }
     }
 }

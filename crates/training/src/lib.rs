@@ -28,6 +28,7 @@ mod off_policy;
 mod off_policy_settings;
 mod on_policy;
 pub mod ppo;
+mod presets;
 mod progress;
 pub mod replay;
 pub mod sac;
@@ -49,6 +50,7 @@ pub use initialization::Initialization;
 pub use off_policy_settings::{
     ActionValueSettings, ActorSettings, ExplorationDecay, ReplaySettings, UpdateCount,
 };
+pub use presets::{BEST, PRESETS};
 pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation};
 pub use selection::{Best, Selection};
-pub use settings::{CriticSettings, EpisodeSettings, PolicySettings, RunSettings, Settings};
+pub use settings::{CriticSettings, EpisodeSettings, PolicySettings, RunSettings, Settings, TimeLimits};

@@ -105,15 +105,7 @@ impl<A: Agent + Sync> OffPolicy<A> {
         let Setup { gamma, steps_per_iteration, episodes, replay, policy, decay } = setup;
         let (inputs, size) = sizes_of(environment.as_ref());
         let rows = episodes.environments;
-        let time_limit = episodes.time_limit.unwrap_or(environment.episode_steps());
-        let episodes = Episodes::new(
-            environment,
-            rows,
-            seed.child(EPISODES),
-            time_limit,
-            episodes.action_noise,
-            episodes.staggered,
-        );
+        let episodes = Episodes::new(environment, episodes, seed.child(EPISODES));
         OffPolicy {
             seed,
             steps_per_iteration,

@@ -126,7 +126,7 @@ impl Default for ActorSettings {
             activation: Activation::Elu,
             learning_rate: 3e-4,
             normalize_observations: true,
-            initialization: Initialization::default(),
+            initialization: Initialization::Orthogonal,
         }
     }
 }
@@ -138,7 +138,7 @@ impl Default for ActionValueSettings {
             activation: Activation::Elu,
             learning_rate: 1e-3,
             layer_norm: true,
-            initialization: Initialization::default(),
+            initialization: Initialization::Orthogonal,
         }
     }
 }

@@ -8,8 +8,8 @@ use mishandle_network::{ChunkPool, Mlp, Normalizer, RunningNormalizer, Workspace
 use mishandle_rollout::{Environment, Seed};
 use rayon::prelude::*;
 
-use crate::critic::initial_network;
 use crate::gaussian::Deviations;
+use crate::initialization::initial_network;
 use crate::{
     Buffer, Checkpoint, Critic, CriticSettings, EpisodeSettings, Episodes, PolicySettings, TrainingError, gae,
 };
@@ -75,21 +75,11 @@ impl OnPolicy {
         let Setup { rollout_steps, gamma, gae_lambda, episodes, policy, critic } = *setup;
         let (inputs, outputs) = (environment.observation_size(), environment.action_size());
         let rows = episodes.environments;
-        let time_limit = episodes.time_limit.unwrap_or(environment.episode_steps());
-        let episodes = Episodes::new(
-            environment,
-            rows,
-            seed.child(EPISODES),
-            time_limit,
-            episodes.action_noise,
-            episodes.staggered,
-        );
-        // A small last layer, so that the first actions are near the middle whatever is seen.
+        let episodes = Episodes::new(environment, episodes, seed.child(EPISODES));
         let network = initial_network(
-            inputs,
-            &policy.hidden,
-            outputs,
+            (inputs, &policy.hidden, outputs),
             policy.activation,
+            policy.initialization,
             0.01,
             seed.child(POLICY_WEIGHTS),
         )?;

@@ -1,6 +1,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::deterministic::Exploration;
+use crate::presets::SKRL_0_10;
 use crate::settings::{at_least_1, share};
 use crate::{
     ActionValueSettings, ActorSettings, EpisodeSettings, ExplorationDecay, ReplaySettings, RunSettings,
@@ -65,6 +66,7 @@ impl Default for DdpgConfig {
 
 impl Settings for DdpgConfig {
     const ALGORITHM: &'static str = "ddpg";
+    const PRESETS: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
 
     fn run(&self) -> &RunSettings {
         &self.run

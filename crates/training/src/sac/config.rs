@@ -1,6 +1,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::distribution::Distribution;
+use crate::presets::SKRL_0_10;
 use crate::settings::{at_least_1, positive, share};
 use crate::{
     ActionValueSettings, ActorSettings, EpisodeSettings, ReplaySettings, RunSettings, Settings, TrainingError,
@@ -71,6 +72,7 @@ impl Default for SacConfig {
 
 impl Settings for SacConfig {
     const ALGORITHM: &'static str = "sac";
+    const PRESETS: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
 
     fn run(&self) -> &RunSettings {
         &self.run

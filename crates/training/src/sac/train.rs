@@ -1,7 +1,7 @@
 use std::sync::Arc;
 
 use mishandle_controllers::Policy;
-use mishandle_network::{Activation, Adam, ChunkPool, Mlp};
+use mishandle_network::{Adam, ChunkPool, Mlp};
 use mishandle_rollout::{Environment, Seed};
 
 use super::config::SacConfig;
@@ -10,6 +10,7 @@ use super::loss::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch, temperat
 use crate::action_value::Followed;
 use crate::drawn::CLIPPED_LOG_STD_RANGE;
 use crate::gaussian::Deviations;
+use crate::initialization::initial_network;
 use crate::learner::{Learner, Trainable};
 use crate::off_policy::{Agent, LEARNING_ROWS, OffPolicy, Setup, draw_rows, finite, sizes_of, weights};
 use crate::replay::Batch;
@@ -61,12 +62,16 @@ impl Sac {
     pub fn new(sizes: (usize, usize), config: &SacConfig, seed: Seed) -> Result<Sac, TrainingError> {
         let policy = &config.policy;
         let distribution = config.distribution;
-        let layers = [&[sizes.0], &policy.hidden[..], &[distribution.outputs(sizes.1)]].concat();
-        let mut actor = Mlp::new(&layers, policy.activation, Activation::Identity)?;
         // A small last layer: the first actions are near the middle, with h near 0, whatever is seen.
-        policy.initialization.initialize(&mut actor, 0.01, weights(seed, 0))?;
+        let actor = initial_network(
+            (sizes.0, &policy.hidden, distribution.outputs(sizes.1)),
+            policy.activation,
+            policy.initialization,
+            0.01,
+            weights(seed, 0),
+        )?;
         let mut log_std = vec![0.0; distribution.parameters(sizes.1)];
-        policy.initialization.initialize_alone(&mut log_std, weights(seed, 3));
+        policy.initialization.initialize_others(&mut log_std, weights(seed, 3));
         let critics = [
             Followed::critic(sizes, &config.critic, weights(seed, 1))?,
             Followed::critic(sizes, &config.critic, weights(seed, 2))?,

@@ -1,6 +1,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::deterministic::Exploration;
+use crate::presets::SKRL_0_10;
 use crate::settings::{at_least_1, not_negative, share};
 use crate::{
     ActionValueSettings, ActorSettings, EpisodeSettings, ExplorationDecay, ReplaySettings, RunSettings,
@@ -74,6 +75,7 @@ impl Default for Td3Config {
 
 impl Settings for Td3Config {
     const ALGORITHM: &'static str = "td3";
+    const PRESETS: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
 
     fn run(&self) -> &RunSettings {
         &self.run
