@@ -4,9 +4,10 @@
     python3 experiments/off_policy/ladder.py table
 
 Run it in the root of the repository, after `cargo build --release`. changes.toml lists the changes from paper/*.toml to the
-preset `best`. A direction is a way through them: `up` makes one after the other, `alone` makes a single one of them, and
-`without` makes all but one. Each training is appended to records.jsonl when it is done; one that is there is not done again,
-so that a run goes on where it was stopped. `table` writes those records into docs/why_off_policy_failed.md.
+preset `best`. A direction is a way through them: `up` makes one after the other, `alone` makes a single one of them, `without`
+makes all but one, and `long` makes none, but trains for ten times as long. Each training is appended to records.jsonl when it is
+done; one that is there is not done again, so that a run goes on where it was stopped. `table` writes those records into
+docs/why_off_policy_failed.md.
 """
 
 import argparse
@@ -23,7 +24,9 @@ HERE = pathlib.Path(__file__).parent
 RECORDS = HERE / "records.jsonl"
 PAGE = HERE.parent.parent / "docs" / "why_off_policy_failed.md"
 ALGORITHMS = ["sac", "td3", "ddpg"]
+DIRECTIONS = ["up", "without", "alone", "long"]
 TOTAL_STEPS = {"ball-balancing": 196_608, "point-reaching": 327_680}
+LONG = 10
 CHANGES = tomllib.loads((HERE / "changes.toml").read_text())["change"]
 
 
@@ -33,6 +36,8 @@ def changes_for(algorithm):
 
 def ways(direction, algorithm):
     """Which changes are made in each training of a direction, by their names."""
+    if direction == "long":
+        return [[]]
     names = [change["name"] for change in changes_for(algorithm)]
     if direction == "up":
         return [names[:count] for count in range(len(names) + 1)]
@@ -49,8 +54,8 @@ def overlay(own, other):
             own[key] = value
 
 
-def settings_of(algorithm, names, total_steps):
-    """The settings and the reward of a training."""
+def training(task, algorithm, direction, names):
+    """All that a training is made with, but for its seed."""
     settings = tomllib.loads((HERE / "paper" / f"{algorithm}.toml").read_text())
     reward = "original"
     for change in changes_for(algorithm):
@@ -60,10 +65,17 @@ def settings_of(algorithm, names, total_steps):
             reward = change.get("reward", reward)
             for key in change.get("drop", []):
                 settings.pop(key, None)
+    total_steps = TOTAL_STEPS[task] * (LONG if direction == "long" else 1)
     settings["run"]["total_steps"] = total_steps
     if "exploration_decay" in settings:
         settings["exploration_decay"]["steps"] = total_steps
-    return settings, reward
+    return {
+        "task": task,
+        "algorithm": algorithm,
+        "changes": names,
+        "reward": reward,
+        "settings": as_toml(settings),
+    }
 
 
 def as_toml(settings, prefix=""):
@@ -76,16 +88,9 @@ def as_toml(settings, prefix=""):
     return lines
 
 
-def train(program, task, algorithm, seed, names):
-    settings, reward = settings_of(algorithm, names, TOTAL_STEPS[task])
-    record = {
-        "task": task,
-        "algorithm": algorithm,
-        "seed": seed,
-        "changes": names,
-        "reward": reward,
-        "settings": as_toml(settings),
-    }
+def train(program, made_with, seed):
+    record = {**made_with, "seed": seed}
+    task, algorithm, reward = record["task"], record["algorithm"], record["reward"]
     with tempfile.TemporaryDirectory() as folder:
         file = pathlib.Path(folder) / "settings.toml"
         file.write_text("\n".join(record["settings"]) + "\n")
@@ -112,36 +117,32 @@ def records():
     return [json.loads(line) for line in RECORDS.read_text().splitlines()]
 
 
-def key_of(record):
-    names = tuple(sorted(record["changes"]))
-    return record["task"], record["algorithm"], record["seed"], names
+def is_of(record, made_with):
+    return all(record[key] == value for key, value in made_with.items())
 
 
 def run(arguments):
     started = time.monotonic()
-    done = {key_of(record): record for record in records()}
     for seed in arguments.seeds:
         for direction in arguments.directions:
             for algorithm in arguments.algorithms:
                 chosen = ways(direction, algorithm)
-                if arguments.ends:
-                    chosen = [chosen[0], chosen[-1]]
-                for names in chosen:
-                    key = arguments.task, algorithm, seed, tuple(sorted(names))
-                    if key in done:
+                for names in [chosen[0], chosen[-1]] if arguments.ends else chosen:
+                    made_with = training(arguments.task, algorithm, direction, names)
+                    if any(is_of(record, made_with) and record["seed"] == seed for record in records()):
                         continue
                     if time.monotonic() - started > 60 * arguments.minutes:
                         return
-                    record = train(arguments.program, arguments.task, algorithm, seed, names)
-                    done[key] = record
+                    record = train(arguments.program, made_with, seed)
                     with RECORDS.open("a") as file:
                         file.write(json.dumps(record) + "\n")
-                    print(algorithm, seed, record.get("success_rate"), record.get("strict_success_rate"), names, flush=True)
+                    rates = record.get("success_rate"), record.get("strict_success_rate")
+                    print(direction, algorithm, seed, *rates, names[-1:], flush=True)
 
 
-def cell(found, task, algorithm, names):
+def cell(found, task, algorithm, direction, names):
     """Success and strict success of all seeds, in percent; how many seeds, if not one."""
-    own = [record for record in found if key_of(record)[:2] == (task, algorithm) and set(record["changes"]) == set(names)]
+    own = [record for record in found if is_of(record, training(task, algorithm, direction, names))]
     if not own:
         return "–"
     rates = [[100.0 * record.get(key, 0.0) for record in own] for key in ["success_rate", "strict_success_rate"]]
@@ -149,23 +150,27 @@ def cell(found, task, algorithm, names):
     return text if len(own) == 1 else f"{text} ({len(own)})"
 
 
+def row(found, task, label, name):
+    """A row of a table: the change `name`, or none at all."""
+    cells = []
+    for direction in ["up", "without", "alone"]:
+        for algorithm in ALGORITHMS:
+            names = [change["name"] for change in changes_for(algorithm)]
+            if name is None:
+                cells.append(cell(found, task, algorithm, "up", names if direction == "without" else []))
+            elif name not in names:
+                cells.append("")
+            else:
+                way = ways(direction, algorithm)[names.index(name) + (direction == "up")]
+                cells.append(cell(found, task, algorithm, direction, way))
+    return f"| {label} | " + " | ".join(cells) + " |"
+
+
 def table(found, task):
-    heads = [f"{algorithm.upper()}, {direction}" for direction in ["up", "without", "alone"] for algorithm in ALGORITHMS]
+    heads = [f"{algorithm.upper()} {direction}" for direction in ["up", "without", "alone"] for algorithm in ALGORITHMS]
     lines = ["| change | " + " | ".join(heads) + " |", "|---|" + "--:|" * len(heads)]
-    rows = [("none: the paper's settings", None)] + [(change["name"], change["name"]) for change in CHANGES]
-    for label, name in rows:
-        cells = []
-        for direction in ["up", "without", "alone"]:
-            for algorithm in ALGORITHMS:
-                names = [change["name"] for change in changes_for(algorithm)]
-                if name is None:
-                    cells.append(cell(found, task, algorithm, []) if direction != "without" else cell(found, task, algorithm, names))
-                elif name not in names:
-                    cells.append("")
-                else:
-                    way = ways(direction, algorithm)[names.index(name) + (direction == "up")]
-                    cells.append(cell(found, task, algorithm, way))
-        lines.append(f"| {label} | " + " | ".join(cells) + " |")
+    lines.append(row(found, task, "none", None))
+    lines += [row(found, task, change["name"], change["name"]) for change in CHANGES]
     return "\n".join(lines)
 
 
@@ -185,7 +190,7 @@ def main():
     runs.set_defaults(what=run)
     runs.add_argument("task", choices=TOTAL_STEPS)
     runs.add_argument("--seeds", type=int, nargs="+", default=[1])
-    runs.add_argument("--directions", nargs="+", choices=["up", "alone", "without"], default=["up"])
+    runs.add_argument("--directions", nargs="+", choices=DIRECTIONS, default=["up"])
     runs.add_argument("--algorithms", nargs="+", choices=ALGORITHMS, default=ALGORITHMS)
     runs.add_argument("--ends", action="store_true", help="the first and the last of each direction alone")
     runs.add_argument("--minutes", type=float, default=45.0, help="no training begins after these")
