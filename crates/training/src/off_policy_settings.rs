@@ -90,8 +90,8 @@ impl ExplorationDecay {
     /// # Example
     /// ```
     /// use mishandle_training::ExplorationDecay;
-    /// let decay = ExplorationDecay { steps: 1000, share: 0.2 };
-    /// assert_eq!([0, 500, 1000, 5000].map(|steps| decay.share_after(steps)), [1.0, 0.6, 0.2, 0.2]);
+    /// let decay = ExplorationDecay { steps: 1000, share: 0.25 };
+    /// assert_eq!([0, 500, 1000, 5000].map(|steps| decay.share_after(steps)), [1.0, 0.625, 0.25, 0.25]);
     /// ```
     pub fn share_after(&self, steps: u64) -> f64 {
         let gone = steps.min(self.steps) as f64 / self.steps as f64;

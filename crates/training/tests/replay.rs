@@ -202,7 +202,6 @@ fn starts_are_drawn_evenly() {
 
 #[test]
 fn without_replacement_no_start_comes_twice() {
-    // Three rows after ten steps: 27 starts are followed by one entry, less those that are last observations.
     let (replay, _) = remembered(0.0, 3, 10, 10_000);
     let plain = Normalizer::new(&[0.0], &[1.0]).unwrap();
     let mut seen = std::collections::BTreeSet::new();
@@ -214,8 +213,8 @@ fn without_replacement_no_start_comes_twice() {
         assert_eq!((batch.rows(), distinct.len()), (20, 20));
         seen.extend(distinct);
     }
-    // Ten steps of each row but the last, which nothing follows.
-    assert_eq!(seen.len(), 3 * 9);
+    // Ten steps of each row; the clock ended the last one's episode, so that its last observation is there too.
+    assert_eq!(seen.len(), 3 * 10);
 }
 
 #[test]
