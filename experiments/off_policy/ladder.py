@@ -4,10 +4,11 @@
     python3 experiments/off_policy/ladder.py table
 
 Run it in the root of the repository, after `cargo build --release`. changes.toml lists the changes from paper/*.toml to the
-preset `best`. A direction is a way through them: `up` makes one after the other, `alone` makes a single one of them, `without`
-makes all but one, and `long` makes none, but trains for ten times as long. Each training is appended to records.jsonl when it is
-done; one that is there is not done again, so that a run goes on where it was stopped. `table` writes those records into
-docs/why_off_policy_failed.md.
+preset `best`. A direction is a way through them: `up` makes one after the other, `without` makes all but one, `alone` makes a
+single one and the first, which is there to save time, and `long` makes none, or all but that of the updates, and trains for
+four times as long. Each training is appended to records.jsonl when it is done; one that is there is not done again, so that a
+run goes on where it was stopped. `table` makes the tables and the picture
+of docs/why_off_policy_failed.md of those records.
 """
 
 import argparse
@@ -23,10 +24,11 @@ import tomllib
 HERE = pathlib.Path(__file__).parent
 RECORDS = HERE / "records.jsonl"
 PAGE = HERE.parent.parent / "docs" / "why_off_policy_failed.md"
+PICTURE = PAGE.with_suffix(".svg")
 ALGORITHMS = ["sac", "td3", "ddpg"]
 DIRECTIONS = ["up", "without", "alone", "long"]
 TOTAL_STEPS = {"ball-balancing": 196_608, "point-reaching": 327_680}
-LONG = 10
+LONG = 4
 CHANGES = tomllib.loads((HERE / "changes.toml").read_text())["change"]
 
 
@@ -36,13 +38,13 @@ def changes_for(algorithm):
 
 def ways(direction, algorithm):
     """Which changes are made in each training of a direction, by their names."""
-    if direction == "long":
-        return [[]]
     names = [change["name"] for change in changes_for(algorithm)]
+    if direction == "long":
+        return [[], [name for name in names if name != "updates"]]
     if direction == "up":
         return [names[:count] for count in range(len(names) + 1)]
     if direction == "alone":
-        return [[name] for name in names]
+        return [names[:1] + [name] * (name != names[0]) for name in names]
     return [[other for other in names if other != name] for name in names]
 
 
@@ -128,6 +130,8 @@ def run(arguments):
             for algorithm in arguments.algorithms:
                 chosen = ways(direction, algorithm)
                 for names in [chosen[0], chosen[-1]] if arguments.ends else chosen:
+                    if arguments.small and direction != "long" and names and "networks" not in names:
+                        continue
                     made_with = training(arguments.task, algorithm, direction, names)
                     if any(is_of(record, made_with) and record["seed"] == seed for record in records()):
                         continue
@@ -145,6 +149,8 @@ def cell(found, task, algorithm, direction, names):
     own = [record for record in found if is_of(record, training(task, algorithm, direction, names))]
     if not own:
         return "–"
+    if all("broke_down" in record for record in own):
+        return "broke down"
     rates = [[100.0 * record.get(key, 0.0) for record in own] for key in ["success_rate", "strict_success_rate"]]
     text = " / ".join(f"{sum(rate) / len(rate):.0f}" for rate in rates)
     return text if len(own) == 1 else f"{text} ({len(own)})"
@@ -174,13 +180,56 @@ def table(found, task):
     return "\n".join(lines)
 
 
+def long_table(found, task):
+    heads = [algorithm.upper() for algorithm in ALGORITHMS]
+    lines = ["| four times as long | " + " | ".join(heads) + " |", "|---|" + "--:|" * len(heads)]
+    for index, label in enumerate(["the paper's settings", "all changes but updates"]):
+        cells = [cell(found, task, algorithm, "long", ways("long", algorithm)[index]) for algorithm in ALGORITHMS]
+        lines.append(f"| {label} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def between(text, mark, inside):
+    """The text with `inside` between the comments of `mark`."""
+    begin, end = f"<!-- {mark} -->\n", f"<!-- end of {mark} -->"
+    before, rest = text.split(begin)
+    return before + begin + inside + "\n" + end + rest.split(end)[1]
+
+
+def picture(found, task):
+    """Success on the way up, a row of bars for each algorithm, as SVG."""
+    width, height, left, top = 46, 70, 60, 20
+    shapes = []
+    for row_index, algorithm in enumerate(ALGORITHMS):
+        base = top + (row_index + 1) * (height + 16)
+        shapes.append(f'<text x="4" y="{base - height / 2:.0f}">{algorithm.upper()}</text>')
+        shapes.append(f'<path d="M{left} {base}h{width * (len(CHANGES) + 1)}" stroke="#888"/>')
+        names = [change["name"] for change in changes_for(algorithm)]
+        for column, name in enumerate([None] + [change["name"] for change in CHANGES]):
+            if name is not None and name not in names:
+                continue
+            way = names[: names.index(name) + 1] if name else []
+            own = [record for record in found if is_of(record, training(task, algorithm, "up", way))]
+            x = left + column * width + 4
+            for key, color in [("success_rate", "#9ecae1"), ("strict_success_rate", "#3182bd")]:
+                share = sum(record.get(key, 0.0) for record in own) / max(len(own), 1)
+                bar = height * share
+                shapes.append(f'<rect x="{x}" y="{base - bar:.1f}" width="{width - 8}" height="{bar:.1f}" fill="{color}"/>')
+    base = top + len(ALGORITHMS) * (height + 16)
+    for column, name in enumerate(["paper"] + [change["name"] for change in CHANGES]):
+        x = left + column * width + width / 2
+        shapes.append(f'<text transform="translate({x:.0f} {base + 12}) rotate(40)">{name}</text>')
+    size = f'width="{left + width * (len(CHANGES) + 1) + 60}" height="{base + 80}"'
+    style = '<style>text { font: 12px sans-serif; fill: #555 }</style>'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{style}\n' + "\n".join(shapes) + "\n</svg>\n"
+
+
 def write_tables(_):
     found, text = records(), PAGE.read_text()
+    PICTURE.write_text(picture(found, "ball-balancing"))
     for task in TOTAL_STEPS:
-        begin, end = f"<!-- {task} -->\n", f"<!-- end of {task} -->"
-        before, rest = text.split(begin)
-        text = before + begin + table(found, task) + "\n" + end + rest.split(end)[1]
-    PAGE.write_text(text)
+        text = between(text, task, table(found, task))
+    PAGE.write_text(between(text, "long", long_table(found, "ball-balancing")))
 
 
 def main():
@@ -193,6 +242,7 @@ def main():
     runs.add_argument("--directions", nargs="+", choices=DIRECTIONS, default=["up"])
     runs.add_argument("--algorithms", nargs="+", choices=ALGORITHMS, default=ALGORITHMS)
     runs.add_argument("--ends", action="store_true", help="the first and the last of each direction alone")
+    runs.add_argument("--small", action="store_true", help="no change without that of the networks: the large ones are slow")
     runs.add_argument("--minutes", type=float, default=45.0, help="no training begins after these")
     runs.add_argument("--program", default="target/release/mishandle")
     commands.add_parser("table").set_defaults(what=write_tables)
