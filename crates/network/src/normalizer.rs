@@ -99,6 +99,21 @@ impl Moments {
         Ok(Moments { count, mean, squares })
     }
 
+    /// The same rows, with sums of squares n / (n − 1) times as large: their share of a merged variance is then their
+    /// sample variance, as skrl's `RunningStandardScaler` has it.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_network::Moments;
+    /// let moments = Moments::of_rows(&[1.0, 3.0], 1).with_sample_variance();
+    /// assert_eq!(moments.variance().next(), Some(2.0)); // (1 + 1) / (2 − 1)
+    /// ```
+    pub fn with_sample_variance(mut self) -> Moments {
+        let factor = self.count / (self.count - 1.0);
+        self.squares.iter_mut().for_each(|squares| *squares *= factor);
+        self
+    }
+
     /// How many rows.
     pub fn count(&self) -> f64 {
         self.count
@@ -124,7 +139,8 @@ impl Moments {
 ///
 /// It begins with mean 0 and variance 1 at the weight of one row, as skrl's does, so that it is usable before it has seen any. The
 /// variance is Σ (x − mean)² / n with that row in it. (skrl merges each batch with Σ (x − mean)² / (n − 1) instead, so that its
-/// result depends a little on how rows are batched; ours does not, up to rounding.)
+/// result depends a little on how rows are batched; ours does not, up to rounding. For skrl's way, merge
+/// [`Moments::with_sample_variance`].)
 ///
 /// # Example
 /// ```

@@ -29,6 +29,8 @@ pub struct Buffer {
     pub next_values: Vec<f64>,
     /// Advantages.
     pub advantages: Vec<f64>,
+    /// What was seen after the last step; of a fresh episode where one ended with it.
+    pub last_observations: Vec<f32>,
     /// Places of the truncated steps, in order.
     pub truncated: Vec<usize>,
     /// What was seen after each truncated step, before the reset.
@@ -52,6 +54,7 @@ impl Buffer {
             values: vec![0.0; count],
             next_values: vec![0.0; count],
             advantages: vec![0.0; count],
+            last_observations: vec![0.0; rows * observation_size],
             truncated: Vec::new(),
             truncated_observations: Vec::new(),
         }
@@ -106,6 +109,9 @@ impl Buffer {
             }
         }
         self.filled += self.rows;
+        if self.filled == self.count() {
+            self.last_observations.copy_from_slice(episodes.observations());
+        }
     }
 
     /// Fills `next_values` from `values`, the values of what is seen after the rollout, and those of the truncated
@@ -126,6 +132,21 @@ impl Buffer {
             .par_chunks(CHUNK_ROWS * self.observation_size)
             .map(|rows| Moments::of_rows(rows, self.observation_size))
             .collect();
+        self.merged(&parts)
+    }
+
+    /// Moments of the observations at some places, the same bits for any number of threads.
+    pub fn observation_moments_at(&self, places: &[u32]) -> Moments {
+        let columns = self.observation_size;
+        let at = |place: &u32| &self.observations[*place as usize * columns..][..columns];
+        let parts: Vec<Moments> = places
+            .par_chunks(CHUNK_ROWS)
+            .map(|places| Moments::of_rows(&places.iter().flat_map(at).copied().collect::<Vec<_>>(), columns))
+            .collect();
+        self.merged(&parts)
+    }
+
+    fn merged(&self, parts: &[Moments]) -> Moments {
         let mut moments = Moments::new(self.observation_size);
         parts.iter().for_each(|part| moments.merge(part));
         moments

@@ -6,7 +6,7 @@ use mishandle_network::{
 use mishandle_rollout::Seed;
 
 use crate::initialization::initial_network;
-use crate::{Checkpoint, CriticSettings, TrainingError};
+use crate::{Checkpoint, CriticSettings, TrainingError, ValueMoments};
 
 /// A value network with its optimiser, and the scale that its outputs are in.
 ///
@@ -20,7 +20,9 @@ use crate::{Checkpoint, CriticSettings, TrainingError};
 pub struct Critic {
     network: Mlp<f32>,
     adam: Adam<f32>,
+    loss_scale: f64,
     scale: Option<RunningNormalizer>,
+    value_moments: ValueMoments,
     pool: ChunkPool<f32, Scratch>,
     gradient: Vec<f32>,
 }
@@ -44,16 +46,23 @@ impl Critic {
         settings: &CriticSettings,
         seed: Seed,
     ) -> Result<Critic, TrainingError> {
-        let CriticSettings { hidden, activation, initialization, learning_rate, normalize_values } = settings;
+        let CriticSettings { hidden, activation, initialization, learning_rate, .. } = settings;
         let sizes = (observation_size, &hidden[..], 1);
         let network = initial_network(sizes, *activation, *initialization, 1.0, seed)?;
         Ok(Critic {
             adam: Adam::new(network.parameter_count(), *learning_rate),
             network,
-            scale: normalize_values.then(|| RunningNormalizer::new(1)),
+            loss_scale: settings.loss_scale,
+            scale: settings.normalize_values.then(|| RunningNormalizer::new(1)),
+            value_moments: settings.value_moments,
             pool: ChunkPool::new(CHUNK_ROWS),
             gradient: Vec::new(),
         })
+    }
+
+    /// Factor on the squared error.
+    pub fn loss_scale(&self) -> f64 {
+        self.loss_scale
     }
 
     /// The network, whose output is a value on the critic's scale.
@@ -82,7 +91,7 @@ impl Critic {
         places: &[u32],
         max_grad_norm: f64,
     ) -> f64 {
-        let Critic { network, adam, pool, gradient, .. } = self;
+        let Critic { network, adam, pool, gradient, loss_scale, .. } = self;
         let (columns, share) = (network.input_size(), 1.0 / places.len() as f64);
         // The loss rides along behind the gradient.
         gradient.resize(network.parameter_count() + 1, 0.0);
@@ -96,7 +105,8 @@ impl Critic {
             }
             normalizer.normalize(inputs);
             for (place, output) in places[rows].iter().zip(network.forward(inputs, workspace)) {
-                let (at_row, slope) = value_loss(f64::from(*output), f64::from(targets[*place as usize]));
+                let target = f64::from(targets[*place as usize]);
+                let (at_row, slope) = value_loss(f64::from(*output), target, *loss_scale);
                 loss[0] += (share * at_row) as f32;
                 by_output.push((share * slope) as f32);
             }
@@ -126,21 +136,41 @@ impl Critic {
         });
     }
 
-    /// Lets the scale follow `returns`, and writes them on it: the targets of the network's outputs.
+    /// Lets the scale follow the values and returns of a rollout, and writes both on it: the values as they were when
+    /// the rollout was made, and the targets of the network's outputs.
     pub fn targets(
         &mut self,
-        returns: impl Iterator<Item = f64>,
+        values: &[f64],
+        returns: &[f64],
+        old_values: &mut Vec<f32>,
         targets: &mut Vec<f32>,
-        scratch: &mut Vec<f64>,
     ) {
-        scratch.clear();
-        scratch.extend(returns);
+        if self.value_moments == ValueMoments::Both {
+            self.follow(values);
+        }
+        self.scale(values, old_values);
+        self.follow(returns);
+        self.scale(returns, targets);
+    }
+
+    fn follow(&mut self, numbers: &[f64]) {
         if let Some(scale) = &mut self.scale {
-            scale.merge(&Moments::of_rows(scratch, 1));
+            let moments = Moments::of_rows(numbers, 1);
+            scale.merge(&match self.value_moments {
+                ValueMoments::Returns => moments,
+                ValueMoments::Both => moments.with_sample_variance(),
+            });
+        }
+    }
+
+    fn scale(&self, numbers: &[f64], scaled: &mut Vec<f32>) {
+        scaled.clear();
+        if self.scale.is_none() {
+            scaled.extend(numbers.iter().map(|value| *value as f32));
+            return;
         }
         let (mean, std) = self.mean_and_std();
-        targets.clear();
-        targets.extend(scratch.iter().map(|value| ((value - mean) / (std + 1e-8)).clamp(-CLIP, CLIP) as f32));
+        scaled.extend(numbers.iter().map(|value| ((value - mean) / (std + 1e-8)).clamp(-CLIP, CLIP) as f32));
     }
 
     fn mean_and_std(&self) -> (f64, f64) {
@@ -175,10 +205,10 @@ impl Critic {
     }
 }
 
-/// ½ (output - target)², and its derivative by the output.
-pub fn value_loss(output: f64, target: f64) -> (f64, f64) {
+/// `loss_scale` (output - target)², and its derivative by the output.
+pub fn value_loss(output: f64, target: f64, loss_scale: f64) -> (f64, f64) {
     let error = output - target;
-    (0.5 * error * error, error)
+    (loss_scale * error * error, 2.0 * loss_scale * error)
 }
 
 /// Values stay within ± this many standard deviations of the returns.

@@ -24,6 +24,7 @@ pub mod gae;
 pub mod gaussian;
 mod initialization;
 mod learner;
+mod minibatches;
 mod off_policy;
 mod off_policy_settings;
 mod on_policy;
@@ -47,10 +48,14 @@ pub use critic::{Critic, value_loss};
 pub use episodes::{Boundary, EpisodeStatistics, Episodes};
 pub use error::TrainingError;
 pub use initialization::Initialization;
+pub use minibatches::Division;
 pub use off_policy_settings::{
     ActionValueSettings, ActorSettings, ExplorationDecay, ReplaySettings, UpdateCount,
 };
 pub use presets::{BEST, PRESETS};
 pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation};
 pub use selection::{Best, Selection};
-pub use settings::{CriticSettings, EpisodeSettings, PolicySettings, RunSettings, Settings, TimeLimits};
+pub use settings::{
+    CriticSettings, EpisodeSettings, ObservationMoments, PolicySettings, RunSettings, Settings, TimeLimits,
+    ValueMoments,
+};

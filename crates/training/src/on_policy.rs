@@ -4,14 +4,15 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use mishandle_controllers::Policy;
-use mishandle_network::{ChunkPool, Mlp, Normalizer, RunningNormalizer, Workspace};
+use mishandle_network::{ChunkPool, Mlp, Moments, Normalizer, RunningNormalizer, Workspace};
 use mishandle_rollout::{Environment, Seed};
 use rayon::prelude::*;
 
 use crate::gaussian::Deviations;
 use crate::initialization::initial_network;
 use crate::{
-    Buffer, Checkpoint, Critic, CriticSettings, EpisodeSettings, Episodes, PolicySettings, TrainingError, gae,
+    Buffer, Checkpoint, Critic, CriticSettings, EpisodeSettings, Episodes, ObservationMoments,
+    PolicySettings, TrainingError, gae,
 };
 
 /// Rows that are inferred by one task: few, so that all threads have some.
@@ -38,6 +39,7 @@ pub(crate) struct OnPolicy {
     gamma: f64,
     gae_lambda: f64,
     normalize: bool,
+    observation_moments: ObservationMoments,
     pub episodes: Episodes,
     pub buffer: Buffer,
     normalizer: RunningNormalizer,
@@ -47,6 +49,8 @@ pub(crate) struct OnPolicy {
     pub critic: Critic,
     /// Targets of the critic's outputs, one for each entry of the buffer.
     pub targets: Vec<f32>,
+    /// What its outputs were when the rollout was made, on the same scale.
+    pub old_values: Vec<f32>,
     acting: Acting,
     returns: Vec<f64>,
     last_values: Vec<f64>,
@@ -89,12 +93,14 @@ impl OnPolicy {
             gamma,
             gae_lambda,
             normalize: policy.normalize_observations,
+            observation_moments: policy.observation_moments,
             normalizer: RunningNormalizer::new(inputs),
             log_std: vec![policy.initial_log_std as f32; outputs],
             log_std_range: (policy.min_log_std as f32, policy.max_log_std as f32),
             network,
             critic,
             targets: Vec::new(),
+            old_values: Vec::new(),
             acting: Acting {
                 pool: ChunkPool::new(ACTING_ROWS),
                 means: vec![0.0; rows * outputs],
@@ -145,7 +151,7 @@ impl OnPolicy {
     pub fn estimate(&mut self, normalizer: &Normalizer<f32>) {
         let OnPolicy { buffer, critic, .. } = self;
         critic.values(normalizer, &buffer.observations, &mut buffer.values);
-        critic.values(normalizer, self.episodes.observations(), &mut self.last_values);
+        critic.values(normalizer, &buffer.last_observations, &mut self.last_values);
         self.truncated_values.resize(buffer.truncated.len(), 0.0);
         critic.values(normalizer, &buffer.truncated_observations, &mut self.truncated_values);
         buffer.set_next_values(&self.last_values, &self.truncated_values);
@@ -161,14 +167,37 @@ impl OnPolicy {
         );
         let returns =
             buffer.advantages.iter().zip(&buffer.values).map(|(advantage, value)| advantage + value);
-        critic.targets(returns, &mut self.targets, &mut self.returns);
+        self.returns.clear();
+        self.returns.extend(returns);
+        critic.targets(&buffer.values, &self.returns, &mut self.old_values, &mut self.targets);
     }
 
-    /// Lets the scale of observations follow those of the rollout.
-    pub fn follow_observations(&mut self) {
-        if self.normalize {
-            self.normalizer.merge(&self.buffer.observation_moments());
+    /// Lets the scale of observations follow those of the rollout, now that it has been learned from.
+    pub fn follow_rollout(&mut self) {
+        self.follow(ObservationMoments::Rollout, Buffer::observation_moments);
+    }
+
+    /// Lets the scale of observations follow those of the rollout, which is about to be learned from as one batch.
+    pub fn follow_batch(&mut self) {
+        let moments = |buffer: &Buffer| buffer.observation_moments().with_sample_variance();
+        self.follow(ObservationMoments::Minibatches, moments);
+    }
+
+    /// Lets the scale of observations follow those at some places of the rollout, which are about to be learned from.
+    pub fn follow_minibatch(&mut self, places: &[u32]) {
+        let moments = |buffer: &Buffer| buffer.observation_moments_at(places).with_sample_variance();
+        self.follow(ObservationMoments::Minibatches, moments);
+    }
+
+    fn follow(&mut self, when: ObservationMoments, moments: impl FnOnce(&Buffer) -> Moments) {
+        if self.normalize && self.observation_moments == when {
+            self.normalizer.merge(&moments(&self.buffer));
         }
+    }
+
+    /// Whether the first ratios are exactly 1: observations are scaled as they were when the rollout was made.
+    pub fn ratios_begin_at_1(&self) -> bool {
+        !self.normalize || self.observation_moments == ObservationMoments::Rollout
     }
 
     /// Keeps each log σ within its range.
@@ -177,6 +206,19 @@ impl OnPolicy {
         for log_std in &mut self.log_std {
             *log_std = log_std.clamp(low, high);
         }
+    }
+
+    /// The policy that is `fraction` of `step` away: by the network's parameters, then by log σ.
+    pub fn moved_policy(&self, step: &[f64], fraction: f64) -> (Mlp<f32>, Vec<f32>) {
+        let (by_network, by_log_std) = step.split_at(self.network.parameter_count());
+        let moved = |old: f32, by: &f64| (f64::from(old) + fraction * by) as f32;
+        let mut network = self.network.clone();
+        network.update(|parameters| {
+            parameters.iter_mut().zip(by_network).for_each(|(x, by)| *x = moved(*x, by));
+        });
+        let (low, high) = self.log_std_range;
+        let log_std = self.log_std.iter().zip(by_log_std).map(|(x, by)| moved(*x, by).clamp(low, high));
+        (network, log_std.collect())
     }
 
     /// Puts all that its future depends on into a checkpoint.
@@ -234,10 +276,9 @@ impl Acting {
 }
 
 /// Mean of some advantages, and one over their standard deviation.
-pub(crate) fn mean_and_scale(advantages: &[f64], places: &[u32]) -> (f64, f64) {
-    let chosen = || places.iter().map(|place| advantages[*place as usize]);
-    let count = places.len() as f64;
-    let mean = chosen().sum::<f64>() / count;
-    let variance = chosen().map(|a| (a - mean) * (a - mean)).sum::<f64>() / (count - 1.0).max(1.0);
+pub(crate) fn mean_and_scale(advantages: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
+    let count = advantages.clone().count() as f64;
+    let mean = advantages.clone().sum::<f64>() / count;
+    let variance = advantages.map(|a| (a - mean) * (a - mean)).sum::<f64>() / (count - 1.0).max(1.0);
     (mean, 1.0 / (variance.sqrt() + 1e-8))
 }

@@ -12,7 +12,7 @@ pub const PRESETS: [&str; 2] = [BEST, SKRL_0_10];
 /// Name of the preset that is the defaults.
 pub const BEST: &str = "best";
 
-/// What skrl 0.10.2 does if it is told nothing else.
+/// Name of the preset that is what skrl 0.10.2 does if it is told nothing else.
 pub(crate) const SKRL_0_10: &str = "skrl-0.10";
 
 /// All settings of a preset, but for those that have no value.
@@ -91,7 +91,7 @@ mod tests {
     #[test]
     fn a_preset_that_an_algorithm_lacks_is_refused() {
         let refusal = PpoConfig::from_toml("preset = \"rllib\"").unwrap_err().to_string();
-        assert_eq!(refusal, "ppo has no preset `rllib`; it has: best");
+        assert_eq!(refusal, "ppo has no preset `rllib`; it has: best, skrl-0.10");
         let refusal = PpoConfig::from_toml("gamma = 0.9\npreset = 3").unwrap_err().to_string();
         assert!(refusal.contains("line 2: ") && !refusal.contains('\n'), "{refusal}");
     }

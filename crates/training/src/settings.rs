@@ -114,6 +114,19 @@ pub struct PolicySettings {
     pub max_log_std: f64,
     /// Whether observations are scaled by running moments, for the critic too. Default true.
     pub normalize_observations: bool,
+    /// When these moments follow what is seen; see [`ObservationMoments`]. Default `rollout`.
+    pub observation_moments: ObservationMoments,
+}
+
+/// When the moments that scale observations follow what is seen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ObservationMoments {
+    /// Once for each rollout, after it was learned from, so that the first ratios are exactly 1.
+    Rollout,
+    /// With each minibatch of the first epoch, before it is learned from, and with its sample variance, as skrl's
+    /// `RunningStandardScaler` does; in TRPO with the whole rollout before the step of the policy, too.
+    Minibatches,
 }
 
 /// `[critic]`: a network that learns the value of observations.
@@ -129,8 +142,22 @@ pub struct CriticSettings {
     pub initialization: Initialization,
     /// Step length of the optimiser. Default 0.001.
     pub learning_rate: f64,
+    /// Factor on its mean squared error. Default 0.5.
+    pub loss_scale: f64,
     /// Whether it learns on the scale of the returns. Default true.
     pub normalize_values: bool,
+    /// What this scale follows; see [`ValueMoments`]. Default `returns`.
+    pub value_moments: ValueMoments,
+}
+
+/// What the scale of a critic follows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ValueMoments {
+    /// The returns of each rollout.
+    Returns,
+    /// First its values, then its returns, both with their sample variance, as skrl's `RunningStandardScaler` does.
+    Both,
 }
 
 impl Default for RunSettings {
@@ -169,6 +196,7 @@ impl Default for PolicySettings {
             min_log_std: -3.0,
             max_log_std: 0.5,
             normalize_observations: true,
+            observation_moments: ObservationMoments::Rollout,
         }
     }
 }
@@ -180,7 +208,9 @@ impl Default for CriticSettings {
             activation: Activation::Elu,
             initialization: Initialization::Orthogonal,
             learning_rate: 1e-3,
+            loss_scale: 0.5,
             normalize_values: true,
+            value_moments: ValueMoments::Returns,
         }
     }
 }
@@ -226,7 +256,8 @@ impl CriticSettings {
     pub(crate) fn check(&self) -> Result<(), TrainingError> {
         layer_sizes("critic.hidden", &self.hidden)?;
         self.initialization.check("critic.initialization.normal")?;
-        positive("critic.learning_rate", self.learning_rate)
+        positive("critic.learning_rate", self.learning_rate)?;
+        positive("critic.loss_scale", self.loss_scale)
     }
 }
 

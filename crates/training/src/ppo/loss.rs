@@ -42,14 +42,39 @@ pub fn surrogate(log_prob: f64, old_log_prob: f64, advantage: f64, clip_epsilon:
     Surrogate { loss: -plain.min(clipped), slope, kl: (ratio - 1.0) - log_ratio }
 }
 
+/// The critic's loss at one row, and its derivative by the output: the output counts as no farther from `old` than
+/// `clip` allows, and beyond it changes nothing.
+///
+/// # Example
+/// ```
+/// use mishandle_training::ppo::clipped_value_loss;
+/// // From 1, an output of 2 counts as 1.25: the loss is 0.5 (1.25 - 3)².
+/// assert_eq!(clipped_value_loss(2.0, 1.0, 3.0, Some(0.25), 0.5), (1.53125, 0.0));
+/// assert_eq!(clipped_value_loss(2.0, 1.0, 3.0, None, 0.5), (0.5, -1.0));
+/// ```
+pub fn clipped_value_loss(
+    output: f64,
+    old: f64,
+    target: f64,
+    clip: Option<f64>,
+    loss_scale: f64,
+) -> (f64, f64) {
+    let prediction = clip.map_or(output, |clip| old + (output - old).clamp(-clip, clip));
+    let (loss, slope) = value_loss(prediction, target, loss_scale);
+    let is_held = clip.is_some_and(|clip| (output - old).abs() > clip);
+    (loss, if is_held { 0.0 } else { slope })
+}
+
 /// What the gradient of a minibatch is computed from.
 pub(super) struct Minibatch<'a> {
     pub buffer: &'a Buffer,
     /// Targets of the critic's outputs, one for each entry of the buffer.
     pub targets: &'a [f32],
+    /// What the critic's outputs were, on the same scale.
+    pub old_values: &'a [f32],
     /// Places in the buffer.
     pub order: &'a [u32],
-    /// Mean of the advantages at these places, and one over their standard deviation.
+    /// What advantages are standardised with: a mean, and one over a standard deviation.
     pub advantage_mean: f64,
     pub advantage_scale: f64,
     pub normalizer: &'a Normalizer<f32>,
@@ -57,7 +82,10 @@ pub(super) struct Minibatch<'a> {
     pub deviations: &'a Deviations,
     pub critic: &'a Mlp<f32>,
     pub clip_epsilon: f64,
-    pub entropy_coef: f64,
+    /// Derivative of the weighted entropy by each log σ.
+    pub entropy_slope: f64,
+    pub value_clip: Option<f64>,
+    pub loss_scale: f64,
 }
 
 /// What one thread needs for it.
@@ -70,8 +98,8 @@ pub(super) struct Scratch {
     value_gradient: Vec<f32>,
 }
 
-/// Numbers behind the gradients: the means of the divergence's estimate and of the critic's loss.
-pub(super) const RIDERS: usize = 2;
+/// Numbers behind the gradients: the means of what these name.
+pub(super) const RIDERS: [&str; 3] = ["the policy's divergence", "the policy's loss", "the critic's loss"];
 
 impl Minibatch<'_> {
     /// Adds the share of the rows `rows` of the minibatch to the gradient of the mean loss: by the policy's parameters,
@@ -92,7 +120,7 @@ impl Minibatch<'_> {
         }
         self.normalizer.normalize(inputs);
 
-        let (mut kl, mut loss) = (0.0, 0.0);
+        let (mut kl, mut policy_loss, mut critic_loss) = (0.0, 0.0, 0.0);
         mean_gradient.resize(places.len() * actions, 0.0);
         let means = self.policy.forward(inputs, policy);
         for ((place, mean), mean_gradient) in
@@ -104,22 +132,27 @@ impl Minibatch<'_> {
             let log_prob = self.deviations.log_prob(mean, action);
             let at_row = surrogate(log_prob, self.buffer.log_probs[place], advantage, self.clip_epsilon);
             kl += at_row.kl;
+            policy_loss += at_row.loss;
             self.deviations.log_prob_gradient(mean, action, share * at_row.slope, mean_gradient, by_log_std);
         }
         for by_log_std in by_log_std {
-            *by_log_std -= (self.entropy_coef * share * places.len() as f64) as f32;
+            *by_log_std -= (self.entropy_slope * share * places.len() as f64) as f32;
         }
         self.policy.backward(mean_gradient, policy, Some(by_policy), None);
 
         value_gradient.clear();
         for (place, output) in places.iter().zip(self.critic.forward(inputs, critic)) {
-            let (at_row, slope) = value_loss(f64::from(*output), f64::from(self.targets[*place as usize]));
-            loss += at_row;
+            let place = *place as usize;
+            let (old, target) = (f64::from(self.old_values[place]), f64::from(self.targets[place]));
+            let (at_row, slope) =
+                clipped_value_loss(f64::from(*output), old, target, self.value_clip, self.loss_scale);
+            critic_loss += at_row;
             value_gradient.push((share * slope) as f32);
         }
         self.critic.backward(value_gradient, critic, Some(by_critic), None);
-        riders[0] += (share * kl) as f32;
-        riders[1] += (share * loss) as f32;
+        for (rider, sum) in riders.iter_mut().zip([kl, policy_loss, critic_loss]) {
+            *rider += (share * sum) as f32;
+        }
     }
 }
 
@@ -154,7 +187,7 @@ mod tests {
                 assert!((slope - at(log_prob).slope).abs() < 1e-8, "{log_prob} {advantage}: {slope}");
             }
         }
-        let (loss, slope) = value_loss(1.5, 1.0);
+        let (loss, slope) = value_loss(1.5, 1.0, 0.5);
         assert_eq!((loss, slope), (0.125, 0.5));
     }
 
@@ -194,10 +227,14 @@ mod tests {
         Example { buffer, targets, policy: network(2, 1), critic: network(1, 2), log_std: vec![-0.25, 0.125] }
     }
 
+    fn standardization(buffer: &Buffer) -> (f64, f64) {
+        mean_and_scale(PLACES.iter().map(|place| buffer.advantages[*place as usize]))
+    }
+
     /// The mean loss, written down from its definition in f64.
     fn loss(example: &Example) -> f64 {
         let Example { buffer, targets, policy, critic, log_std } = example;
-        let (mean, scale) = mean_and_scale(&buffer.advantages, &PLACES);
+        let (mean, scale) = standardization(buffer);
         let mut sum = 0.0;
         for place in PLACES.map(|place| place as usize) {
             let row = [0, 1].map(|i| f64::from(buffer.observations[2 * place + i]));
@@ -233,12 +270,13 @@ mod tests {
         let mut example = example();
         let (policy, critic) = (single(&example.policy), single(&example.critic));
         let (policy_size, critic_size) = (policy.parameter_count(), critic.parameter_count());
-        let mut gradient = vec![0.0; policy_size + 2 + critic_size + RIDERS];
-        let (advantage_mean, advantage_scale) = mean_and_scale(&example.buffer.advantages, &PLACES);
+        let mut gradient = vec![0.0; policy_size + 2 + critic_size + RIDERS.len()];
+        let (advantage_mean, advantage_scale) = standardization(&example.buffer);
         let log_std: Vec<f32> = example.log_std.iter().map(|x| *x as f32).collect();
         let minibatch = Minibatch {
             buffer: &example.buffer,
             targets: &example.targets,
+            old_values: &example.targets,
             order: &PLACES,
             advantage_mean,
             advantage_scale,
@@ -247,7 +285,9 @@ mod tests {
             deviations: &Deviations::new(&log_std),
             critic: &critic,
             clip_epsilon: 0.2,
-            entropy_coef: ENTROPY_COEF,
+            entropy_slope: ENTROPY_COEF,
+            value_clip: None,
+            loss_scale: 0.5,
         };
         // In two chunks, as threads would.
         let mut scratch = Scratch::default();

@@ -1,10 +1,13 @@
 use serde::{Deserialize, Serialize};
 
+use crate::minibatches::check_slices;
+use crate::presets::SKRL_0_10;
 use crate::settings::{ask, at_least_1, not_negative, positive, share};
-use crate::{CriticSettings, EpisodeSettings, PolicySettings, RunSettings, Settings, TrainingError};
+use crate::{
+    CriticSettings, Division, EpisodeSettings, PolicySettings, RunSettings, Settings, TrainingError,
+};
 
-/// Settings of TRPO. As TOML, each is a key of its name, the last four are tables; a key that is left out has its
-/// default, one that is not known is an error.
+/// Settings of TRPO. As TOML, each is a key of its name, the last four are tables; see [`Settings`] for keys left out.
 ///
 /// # Example
 /// ```
@@ -37,10 +40,19 @@ pub struct TrpoConfig {
     pub backtracks: usize,
     /// Share of the improvement expected from the gradient that a step has to bring. Default 0.5.
     pub accept_ratio: f64,
+    /// The improvement expected of a shorter step: its share of the longest one's (`proportional`), or the product of
+    /// all shares tried so far (`compounded`: ½, ⅛, 1/64 …), so that a shorter step is accepted ever more easily, as in
+    /// skrl. Default `proportional`.
+    pub expected_improvement: Expected,
     /// Passes of the critic over each rollout. Default 5.
     pub epochs: usize,
-    /// Rows of the critic's minibatch; the last of an epoch has what is left. Default 4096.
+    /// How a rollout is divided into the critic's minibatches: `shuffled` or `slices`; see [`Division`]. Default
+    /// `shuffled`.
+    pub minibatches: Division,
+    /// Rows of a shuffled minibatch; the last of an epoch has what is left. Default 4096.
     pub minibatch_rows: usize,
+    /// Number of slices, each of rows of the rollout / `slices`, rounded down. Default 2.
+    pub slices: usize,
     /// Largest norm of the critic's gradient. Default 1.
     pub max_grad_norm: f64,
     /// How long, and when to look.
@@ -51,6 +63,16 @@ pub struct TrpoConfig {
     pub policy: PolicySettings,
     /// The critic.
     pub critic: CriticSettings,
+}
+
+/// The improvement that the line search expects of a step that is shorter than the longest one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Expected {
+    /// In proportion to its length.
+    Proportional,
+    /// The longest one's, times all lengths tried so far as shares of the longest.
+    Compounded,
 }
 
 impl Default for TrpoConfig {
@@ -66,8 +88,11 @@ impl Default for TrpoConfig {
             fisher_every: 1,
             backtracks: 10,
             accept_ratio: 0.5,
+            expected_improvement: Expected::Proportional,
             epochs: 5,
+            minibatches: Division::Shuffled,
             minibatch_rows: 4096,
+            slices: 2,
             max_grad_norm: 1.0,
             run: RunSettings::default(),
             episodes: EpisodeSettings::default(),
@@ -79,6 +104,8 @@ impl Default for TrpoConfig {
 
 impl Settings for TrpoConfig {
     const ALGORITHM: &'static str = "trpo";
+
+    const PRESETS: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
 
     fn run(&self) -> &RunSettings {
         &self.run
@@ -104,6 +131,7 @@ impl Settings for TrpoConfig {
         positive("max_grad_norm", self.max_grad_norm)?;
         self.run.check()?;
         self.episodes.check()?;
+        check_slices(self.rollout_steps * self.episodes.environments, self.slices)?;
         self.policy.check()?;
         self.critic.check()
     }

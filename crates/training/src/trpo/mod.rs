@@ -16,6 +16,8 @@
 //! Advantages, the critic and the scale of observations are as in [`ppo`](crate::ppo), except that advantages are
 //! normalised over the whole rollout, which is one batch. The critic learns by shuffled minibatches after each step.
 //!
+//! The preset `skrl-0.10` makes it the TRPO of skrl 0.10.2: `docs/presets.md`.
+//!
 //! # Reference
 //! Schulman, Levine, Moritz, Jordan and Abbeel, "Trust Region Policy Optimization", ICML 2015, with its appendix C.
 
@@ -23,4 +25,4 @@ mod config;
 mod loss;
 mod train;
 
-pub use config::TrpoConfig;
+pub use config::{Expected, TrpoConfig};
