@@ -187,8 +187,8 @@ impl Agent for Sac {
         }
     }
 
-    fn entropy(&self) -> f64 {
-        self.entropy
+    fn entropy(&self) -> Option<f64> {
+        Some(self.entropy)
     }
 
     fn save(&self, checkpoint: &mut Checkpoint) {
