@@ -31,6 +31,7 @@ mod shell;
 mod subject;
 mod tensorboard;
 mod train;
+mod training_facts;
 
 pub use build::{VERSION, build};
 pub use curve::{Curve, CurveProblem, CurveRow};
@@ -45,6 +46,7 @@ pub use replay::{Replayed, choose, other_build, recorded_subject, replay};
 pub use shell::shell_word;
 pub use subject::{Subject, preset, task};
 pub use train::{TrainPlan, TrainReport, default_out, train};
+pub use training_facts::{TrainingFacts, training_facts};
 
 pub use {
     mishandle_controllers as controllers, mishandle_evaluation as evaluation,

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
 use mishandle_rollout::Seed;
-use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment};
+use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment, task_hash};
 use mishandle_training::{
     ALGORITHMS, BEST, Checkpoint, Config, Flow, PRESETS, Progress, Trained, Validation,
 };
@@ -59,6 +59,7 @@ pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<T
     let config = settings(plan)?;
     let _locks = lock(plan)?;
     plan.check_places()?;
+    let hash = task_hash(task, reward)?;
     let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, reward)?);
     let specification = task.definition().formulas(Preset::Paper).specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
@@ -67,7 +68,7 @@ pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<T
     if let Some(failure) = watcher.failure() {
         return Err(failure);
     }
-    let (best, last) = controllers(plan, task, &config, &trained);
+    let (best, last) = controllers(plan, (task, &hash), &config, &trained);
     best.save(&plan.out)?;
     last.save(&plan.last())?;
     watcher.finish()?;
@@ -90,7 +91,8 @@ fn lock(plan: &TrainPlan) -> Result<Vec<Lock>, MishandleError> {
         .collect()
 }
 
-fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
+/// The settings that a plan asks for.
+pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
     known("training algorithm", &plan.algorithm, &ALGORITHMS)?;
     let given = plan.settings.clone().filter(|path| *path != Path::new(BEST));
     if given.is_none() {
@@ -109,7 +111,7 @@ fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
     Ok(config)
 }
 
-fn reward(name: &str) -> Result<Reward, MishandleError> {
+pub(crate) fn reward(name: &str) -> Result<Reward, MishandleError> {
     known("reward", name, &["shaped", "original"])?;
     Ok(if name == "original" { Reward::Original } else { Reward::Shaped })
 }
@@ -125,7 +127,7 @@ fn known(kind: &'static str, name: &str, names: &[&str]) -> Result<(), Mishandle
 /// The files of the best controller and of the last.
 fn controllers(
     plan: &TrainPlan,
-    task: &dyn Task,
+    (task, task_hash): (&dyn Task, &str),
     config: &Config,
     trained: &Trained,
 ) -> (ControllerFile, ControllerFile) {
@@ -137,6 +139,7 @@ fn controllers(
             preset: "paper".to_string(),
             reward: plan.reward.clone(),
             layout: definition.layout(),
+            task_hash: task_hash.to_string(),
             training: TrainingRecord {
                 seed: plan.seed,
                 environment_steps,

@@ -3,9 +3,10 @@
 //! Depends on no crate of ours and not on MuJoCo, since fetching MuJoCo is one of the chores.
 
 mod check;
+mod controllers;
 mod demo;
-mod figures;
 mod golden;
+mod marks;
 mod mujoco;
 mod pictures;
 mod process;
@@ -64,10 +65,10 @@ const CHORES: &[Chore] = &[
         run: golden::remake,
     },
     Chore {
-        name: "figures",
-        arguments: "[--all | --only TASK[/CONTROLLER]] [--evaluate]",
-        about: "measure what has no figures yet; rewrite the tables of README.md and controllers/README.md",
-        run: figures::remake,
+        name: "controllers",
+        arguments: "[OPTIONS]",
+        about: "train and measure what is missing or out of date; make tables and curves again",
+        run: controllers::make,
     },
     Chore {
         name: "pictures",

@@ -8,7 +8,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde_json::Value;
 
-use crate::figures::replace;
+use crate::marks::replace;
 use crate::process::{cargo, output, run};
 
 const PROGRAM: &[&str] = &["run", "--quiet", "-p", "mishandle-cli", "--bin", "mishandle", "--"];

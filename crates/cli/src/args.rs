@@ -1,5 +1,6 @@
 //! What can be typed.
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
@@ -24,6 +25,7 @@ pub enum Command {
     Tasks(Tasks),
     Monitor(Monitor),
     Train(Train),
+    Curve(Curve),
     Evaluate(Evaluate),
     Falsify(Falsify),
     Replay(Replay),
@@ -170,8 +172,28 @@ pub struct Train {
     /// Carry on from the checkpoint beside the output
     #[arg(long)]
     pub resume: bool,
+    /// Check everything and print all settings, without training
+    #[arg(long)]
+    pub dry_run: bool,
     #[command(flatten)]
     pub run: Run,
+}
+
+/// Tells the training time of a curve that `train --csv` wrote: when the return became flat
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle curve curve.csv
+  mishandle curve curve.csv --environments 512     control steps of each environment too")]
+pub struct Curve {
+    /// CSV file of a training's curve
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// How many environments the training ran side by side
+    #[arg(long, value_name = "N")]
+    pub environments: Option<NonZeroUsize>,
+    /// One JSON document on stdout
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Measures a controller: success rates, dangerous behavior, completion time, with 95 % intervals

@@ -1,5 +1,6 @@
 //! One file for each command.
 
+pub mod curve;
 pub mod evaluate;
 pub mod falsify;
 pub mod monitor;

@@ -40,6 +40,7 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Tasks(command) => commands::tasks::run(command),
         Command::Monitor(command) => commands::monitor::run(command),
         Command::Train(command) => commands::train::run(command),
+        Command::Curve(command) => commands::curve::run(command),
         Command::Evaluate(command) => commands::evaluate::run(command),
         Command::Falsify(command) => commands::falsify::run(command),
         Command::Replay(command) => commands::replay::run(command),

@@ -20,7 +20,7 @@ const HARD: &str = "--formula 'always[22:300](finger_target_distance <= 0.12)'";
 #[test]
 fn every_command_explains_itself_with_examples() {
     let bench = Bench::new();
-    for command in ["tasks", "monitor", "train", "evaluate", "falsify", "replay", "render"] {
+    for command in ["tasks", "monitor", "train", "curve", "evaluate", "falsify", "replay", "render"] {
         let help = bench.check(&format!("{command} --help"), 0);
         assert!(help.contains("Examples:"), "{command}");
         assert!(help.contains(&format!("mishandle {command}")), "{command}");
@@ -438,6 +438,29 @@ fn mistakes_are_refused_before_anything_runs() {
     bench.refuses("replay missing.sqlite", &["missing.sqlite"]);
     bench.refuses("falsify --resume junk.sqlite", &["junk.sqlite"]);
     assert!(!bench.path("runs").exists(), "a run was begun");
+}
+
+#[test]
+fn a_dry_run_says_what_would_be_trained_and_trains_nothing() {
+    let bench = Bench::new();
+    bench.write("a.toml", "gamma = 0.9\n");
+    let train = |more: &str| bench.json(&format!("train point-reaching --dry-run --json {more}"), 0);
+    let facts = train("--settings a.toml --steps 512");
+    let settings = facts["settings"].as_str().unwrap();
+    // What is stated, what a flag says, and a default.
+    for line in ["gamma = 0.9\n", "total_steps = 512\n", "gae_lambda = 0.95\n"] {
+        assert!(settings.contains(line), "{settings}");
+    }
+    // All settings read again are the same settings, and the task does not hang on them.
+    bench.write("all.toml", settings);
+    let again = train("--settings all.toml");
+    assert_eq!((&again["settings"], &again["task_hash"]), (&facts["settings"], &facts["task_hash"]));
+    assert_ne!(train("--settings a.toml --reward original")["task_hash"], facts["task_hash"]);
+    bench.refuses(
+        "train point-reaching --settings a.toml --dry-run --algorithm sad",
+        &["did you mean `sac`?"],
+    );
+    assert!(!bench.path("runs").exists());
 }
 
 #[test]

@@ -264,3 +264,18 @@ fn a_full_disk_leaves_whole_rows_and_both_controllers() {
     bench.check(&format!("{resume} rest.csv"), 0);
     assert_eq!(curve(&bench, "rest.csv").rows[0].iteration, 401);
 }
+
+#[test]
+fn a_curve_tells_the_training_time_that_the_training_told() {
+    let bench = bench();
+    // Long enough for episodes to end.
+    let told = bench.json(&format!("{TRAIN} --steps 10240 --json --out a.safetensors --csv a.csv"), 0);
+    let found = bench.json("curve a.csv --environments 16 --json", 0);
+    assert_eq!(found["training_time"], told["training_time"]);
+    assert!(found["training_time"]["control_steps"].is_u64(), "{found}");
+    assert_eq!((&found["iterations"], &found["environment_steps"]), (&40.into(), &10240.into()));
+    // How many environments there were, a curve does not know.
+    assert!(bench.json("curve a.csv --json", 0)["training_time"]["control_steps"].is_null());
+    assert!(bench.check("curve a.csv", 0).contains("training time, until the return is flat: "));
+    bench.refuses("curve ppo.toml", &["ppo.toml", "column 1"]);
+}

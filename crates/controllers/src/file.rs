@@ -37,6 +37,10 @@ pub struct Header {
     pub reward: String,
     /// What stands where in its observations and actions.
     pub layout: Layout,
+    /// Hash of all that it learned from: physics, starts, observations, reward; empty in a file that was written before
+    /// there was one.
+    #[serde(default)]
+    pub task_hash: String,
     /// How it was trained.
     pub training: TrainingRecord,
 }
@@ -104,14 +108,12 @@ struct StoredPolicy {
     output_activation: String,
 }
 
-/// The version that a file with a kind of policy is written in: the oldest that says all of it. None if there is no such
-/// kind.
+/// Kinds of policy, and the version that a file with each is written in: the oldest that says all of it.
+pub const WRITTEN_VERSIONS: [(&str, u64); 2] = [(GAUSSIAN, 2), (SQUASHED, 3)];
+
+/// The version that a file with a kind of policy is written in. None if there is no such kind.
 fn version_of(kind: &str) -> Option<u64> {
-    match kind {
-        GAUSSIAN => Some(2),
-        SQUASHED => Some(3),
-        _ => None,
-    }
+    WRITTEN_VERSIONS.iter().find(|(known, _)| *known == kind).map(|(_, version)| *version)
 }
 
 impl StoredPolicy {
@@ -345,6 +347,7 @@ mod tests {
             preset: "paper".into(),
             reward: "shaped".into(),
             layout,
+            task_hash: "0123".into(),
             training: TrainingRecord { seed: u64::MAX, wall_clock_secs: 1.5, ..TrainingRecord::default() },
         };
         // 0.1 and 0.7 have no short binary form: a round trip through text could change them.

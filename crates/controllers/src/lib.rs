@@ -11,7 +11,9 @@ pub mod squashed;
 
 pub use atomic::write_atomically;
 pub use error::{ControllerError, FileProblem};
-pub use file::{ControllerFile, FORMAT_VERSION, Header, TrainingRecord, ValidationRecord, bytes_hash};
+pub use file::{
+    ControllerFile, FORMAT_VERSION, Header, TrainingRecord, ValidationRecord, WRITTEN_VERSIONS, bytes_hash,
+};
 pub use layout::{Entry, Layout};
 pub use policy::Policy;
 pub use seal::{UNSEALED, is_sealed, seal};

@@ -15,6 +15,7 @@ mod document;
 mod door_opening;
 mod environment;
 mod expert;
+mod identity;
 mod peg_in_hole;
 mod point_reaching;
 mod reward;
@@ -26,6 +27,7 @@ pub use definition::{
 pub use document::{compose, compose_with_start};
 pub use environment::{TaskEnvironment, TaskError};
 pub use expert::{Behavior, Expert, Seen, limited};
+pub use identity::task_hash;
 pub use reward::effort;
 pub use robot::{
     CONTROL_DT, EPISODE_STEPS, FINGER_STEP, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT,

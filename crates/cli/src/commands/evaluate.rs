@@ -78,6 +78,7 @@ fn document(plan: &Plan, subject: &Subject, report: &Report) -> Value {
         "observation_noise": plan.observation_noise,
         "seed": plan.seed.to_string(),
         "box": starts(plan),
+        "leaves_out_starts": mishandle::leaves_out_starts(plan, subject),
         "simulations": report.simulations,
         "diverged": report.diverged,
         "undecided": report.undecided,

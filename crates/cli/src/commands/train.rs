@@ -16,6 +16,9 @@ const QUIET: Duration = Duration::from_secs(30);
 pub fn run(command: &args::Train) -> Result<Outcome> {
     run::set_threads(command.run.threads)?;
     let plan = plan(command);
+    if command.dry_run {
+        return dry_run(&plan, command.run.json);
+    }
     let live = LiveCurve::new();
     let shown = live.clone();
     interrupt::listen(move || {
@@ -56,6 +59,29 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
         }
     }
     say_places(&plan);
+    Ok(Outcome::Done)
+}
+
+/// Says what would be trained.
+fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<Outcome> {
+    let facts = mishandle::training_facts(plan)?;
+    if !as_json {
+        output::line(facts.settings.trim_end())?;
+        return Ok(Outcome::Done);
+    }
+    let formats: Value =
+        facts.formats.iter().map(|(kind, version)| ((*kind).to_string(), json!(version))).collect();
+    output::json(&json!({
+        "task": plan.task,
+        "algorithm": plan.algorithm,
+        "reward": plan.reward,
+        "seed": plan.seed.to_string(),
+        "command": plan.command(),
+        "settings": facts.settings,
+        "task_hash": facts.task_hash,
+        "layout_hash": facts.layout_hash,
+        "formats": formats,
+    }))?;
     Ok(Outcome::Done)
 }
 
