@@ -3,7 +3,6 @@
 use mishandle_network::{Activation, Adam, Mlp, Scalar, Workspace};
 use mishandle_rollout::Seed;
 
-use crate::Initialization;
 use crate::{ActionValueSettings, Checkpoint, TrainingError};
 
 /// A network that learns, its optimiser, and a target that follows it.
@@ -25,7 +24,7 @@ impl Followed {
         Followed { target: network.clone(), network, adam }
     }
 
-    /// A critic Q(o, a), orthogonally initialised from `seed`.
+    /// A critic Q(o, a), its first weights drawn from `seed`.
     ///
     /// # Errors
     /// If a layer has no outputs.
@@ -39,7 +38,7 @@ impl Followed {
         if settings.layer_norm {
             network = network.with_layer_norm();
         }
-        Initialization::Orthogonal.initialize(&mut network, 0.1, seed)?;
+        settings.initialization.initialize(&mut network, 0.1, seed)?;
         Ok(Followed::new(network, settings.learning_rate))
     }
 

@@ -6,7 +6,6 @@ use mishandle_controllers::Policy;
 use mishandle_network::{Activation, Mlp, Scalar, Workspace};
 use mishandle_rollout::Seed;
 
-use crate::Initialization;
 use crate::action_value::{Followed, join};
 use crate::replay::Batch;
 use crate::settings::ask;
@@ -22,6 +21,9 @@ use crate::{ActorSettings, TrainingError};
 /// ICML 2023.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Exploration(pub [f64; 2]);
+
+/// The deviation of a policy that explored with none: what it adds to an action is lost in rounding.
+const LEAST_STD: f64 = 1e-9;
 
 impl Exploration {
     fn std(&self, row: usize, rows: usize) -> f64 {
@@ -39,12 +41,12 @@ impl Exploration {
 
     pub fn check(&self) -> Result<(), TrainingError> {
         let [low, high] = self.0;
-        let wanted = "two finite numbers, above 0 and not falling";
-        let right = low > 0.0 && low <= high && high.is_finite();
+        let wanted = "two finite numbers, at least 0 and not falling";
+        let right = low >= 0.0 && low <= high && high.is_finite();
         ask("exploration_std", wanted, format!("[{low}, {high}]"), right)
     }
 
-    /// The policy of `actor`; if it is to draw its actions, it has the noise of the middle row.
+    /// The policy of `actor`; if it is to draw its actions, it has the noise that the middle row begins with.
     ///
     /// # Errors
     /// If weights are not finite.
@@ -55,7 +57,7 @@ impl Exploration {
         variance: Vec<f64>,
     ) -> Result<Policy, TrainingError> {
         let [low, high] = self.0;
-        let log_std = (0.5 * (low + high)).ln() as f32;
+        let log_std = (0.5 * (low + high)).max(LEAST_STD).ln() as f32;
         Ok(Policy::new(mean, variance, actor.clone(), vec![log_std; actor.output_size()])?)
     }
 }
@@ -71,7 +73,7 @@ pub(crate) fn actor(
 ) -> Result<Followed, TrainingError> {
     let sizes = [&[observation_size], &settings.hidden[..], &[action_size]].concat();
     let mut network = Mlp::new(&sizes, settings.activation, Activation::Tanh)?;
-    Initialization::Orthogonal.initialize(&mut network, 0.01, seed)?;
+    settings.initialization.initialize(&mut network, 0.01, seed)?;
     Ok(Followed::new(network, settings.learning_rate))
 }
 

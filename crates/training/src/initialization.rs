@@ -5,9 +5,10 @@ use mishandle_rollout::{Seed, Stream};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainingError;
+use crate::settings::positive;
 
 /// The weights that a network begins with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Initialization {
     /// Orthogonal weights and no biases, with the gain √2 in hidden layers; that of the last layer is what its outputs
@@ -15,6 +16,8 @@ pub enum Initialization {
     Orthogonal,
     /// Weights and biases drawn evenly from ±1/√inputs, PyTorch's default.
     Uniform,
+    /// Weights and biases from N(0, σ²), as TOML `{ normal = σ }`.
+    Normal(f64),
 }
 
 impl Initialization {
@@ -46,8 +49,26 @@ impl Initialization {
             Initialization::Uniform => {
                 network.initialize_uniform(|| seed.uniform(Stream::Weights, next(), 0));
             }
+            Initialization::Normal(_) => {
+                network.update(|parameters| self.initialize_others(parameters, seed));
+            }
         }
         Ok(())
+    }
+
+    /// Gives parameters that are no weights their first values: 0, unless all are to be normal numbers.
+    pub(crate) fn initialize_others(self, parameters: &mut [f32], seed: Seed) {
+        let std = if let Initialization::Normal(std) = self { std } else { 0.0 };
+        let mut draws = vec![0.0; parameters.len()];
+        seed.normals(Stream::Weights, 0, &mut draws);
+        parameters.iter_mut().zip(draws).for_each(|(parameter, z)| *parameter = (std * z) as f32);
+    }
+
+    pub(crate) fn check(self, name: &'static str) -> Result<(), TrainingError> {
+        match self {
+            Initialization::Normal(std) => positive(name, std),
+            Initialization::Orthogonal | Initialization::Uniform => Ok(()),
+        }
     }
 }
 
@@ -85,6 +106,33 @@ mod tests {
             let variance = squares / numbers.len() as f64;
             assert!(numbers.iter().all(|x| f64::from(x.abs()) <= bound));
             assert!((variance / (bound * bound / 3.0) - 1.0).abs() < 0.25, "{variance}");
+        }
+    }
+
+    #[test]
+    fn normal_parameters_have_the_deviation_that_was_asked_for() {
+        let sizes = (25, &[400][..], 3);
+        let network =
+            initial_network(sizes, Activation::Elu, Initialization::Normal(0.5), 0.01, Seed(4)).unwrap();
+        let n = network.parameter_count() as f64;
+        let parameters = network.parameters().iter().map(|x| f64::from(*x));
+        let mean = parameters.clone().sum::<f64>() / n;
+        let variance = parameters.map(|x| x * x).sum::<f64>() / n;
+        // Five standard errors.
+        assert!(mean.abs() < 5.0 * 0.5 / n.sqrt(), "{mean}");
+        assert!((variance / 0.25 - 1.0).abs() < 5.0 * (2.0 / n).sqrt(), "{variance}");
+    }
+
+    #[test]
+    fn what_is_no_weight_is_zero_unless_all_is_normal() {
+        for (initialization, zero) in [
+            (Initialization::Orthogonal, true),
+            (Initialization::Uniform, true),
+            (Initialization::Normal(0.1), false),
+        ] {
+            let mut others = [1.0; 4];
+            initialization.initialize_others(&mut others, Seed(1));
+            assert_eq!(others.iter().all(|x| *x == 0.0), zero, "{initialization:?}");
         }
     }
 }

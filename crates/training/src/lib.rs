@@ -3,7 +3,7 @@
 //! An algorithm is a folder: its settings, its loss, what it does in an iteration. What algorithms share stands beside them: rows of
 //! never-ending [`Episodes`], the choice of the best policy, checkpoints, and what an [`Observer`] is told; for [`ppo`]
 //! and [`trpo`] a rollout's [`Buffer`], [`gae`], a [`gaussian`] policy and a [`Critic`]; for [`sac`], [`td3`] and
-//! [`ddpg`] a [`replay`], critics of actions, and a [`squashed`] or [`deterministic`] policy.
+//! [`ddpg`] a [`replay`], critics of actions, and a [`drawn`] or [`deterministic`] action.
 //!
 //! Everything runs on the threads of the current rayon pool. The same environment, settings and seed give the same
 //! controller to the bit for any number of threads, resumed or not.
@@ -17,6 +17,7 @@ mod conjugate_gradient;
 mod critic;
 pub mod ddpg;
 pub mod deterministic;
+pub mod drawn;
 mod episodes;
 mod error;
 pub mod gae;
@@ -38,7 +39,6 @@ mod settings;
 mod skrl_on_policy;
 #[cfg(test)]
 mod skrl_updates;
-pub mod squashed;
 pub mod td3;
 pub mod trpo;
 
@@ -51,7 +51,9 @@ pub use episodes::{Boundary, EpisodeStatistics, Episodes};
 pub use error::TrainingError;
 pub use initialization::Initialization;
 pub use minibatches::Division;
-pub use off_policy_settings::{ActionValueSettings, ActorSettings, ReplaySettings};
+pub use off_policy_settings::{
+    ActionValueSettings, ActorSettings, ExplorationDecay, ReplaySettings, UpdateCount,
+};
 pub use presets::{BEST, PRESETS};
 pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation};
 pub use selection::{Best, Selection};

@@ -12,7 +12,8 @@ use crate::acting::Acting;
 use crate::learner::{Learner, progress_of};
 use crate::replay::{Batch, Replay, Sampling};
 use crate::{
-    ActorSettings, Checkpoint, EpisodeSettings, Episodes, Progress, ReplaySettings, Shares, TrainingError,
+    ActorSettings, Checkpoint, EpisodeSettings, Episodes, ExplorationDecay, Progress, ReplaySettings, Shares,
+    TrainingError,
 };
 
 /// Rows of a batch that one task learns from: few, so that all threads have some.
@@ -79,6 +80,7 @@ pub(crate) struct Setup<'a> {
     pub episodes: &'a EpisodeSettings,
     pub replay: &'a ReplaySettings,
     pub policy: &'a ActorSettings,
+    pub decay: Option<ExplorationDecay>,
 }
 
 /// An off-policy algorithm at work.
@@ -90,6 +92,7 @@ pub(crate) struct OffPolicy<A> {
     sampling: Sampling,
     normalize: bool,
     learning_rate: f64,
+    decay: Option<ExplorationDecay>,
     episodes: Episodes,
     replay: Replay,
     normalizer: RunningNormalizer,
@@ -101,14 +104,20 @@ pub(crate) struct OffPolicy<A> {
 
 impl<A: Agent + Sync> OffPolicy<A> {
     pub fn new(environment: Arc<dyn Environment>, setup: Setup<'_>, seed: Seed, agent: A) -> OffPolicy<A> {
-        let Setup { gamma, steps_per_iteration, episodes, replay, policy } = setup;
+        let Setup { gamma, steps_per_iteration, episodes, replay, policy, decay } = setup;
         let (inputs, size) = sizes_of(environment.as_ref());
         let rows = episodes.environments;
         let episodes = Episodes::new(environment, episodes, seed.child(EPISODES));
         OffPolicy {
             seed,
             steps_per_iteration,
-            sampling: Sampling { n_steps: replay.n_steps, gamma, reward_scale: replay.reward_scale },
+            sampling: Sampling {
+                n_steps: replay.n_steps,
+                gamma,
+                reward_scale: replay.reward_scale,
+                replacement: replay.replacement,
+            },
+            decay,
             replay: Replay::new(replay.capacity, rows, inputs, size),
             replay_settings: replay.clone(),
             normalize: policy.normalize_observations,
@@ -135,18 +144,12 @@ impl<A: Agent + Sync> OffPolicy<A> {
             self.acting.act_randomly(self.seed.child(WARMUP), step / self.agent.hold());
         } else {
             self.episodes.held_policy_draws(self.agent.hold(), &mut self.acting.draws);
+            if let Some(decay) = self.decay {
+                let share = decay.share_after(self.steps_before(step));
+                self.acting.draws.iter_mut().for_each(|z| *z *= share);
+            }
             self.acting.act(&self.agent, normalizer);
         }
-    }
-
-    /// How many updates there should have been after `steps` control steps.
-    fn updates_due(&self, steps: u64) -> u64 {
-        let ReplaySettings { warmup_steps, updates_per_step, .. } = self.replay_settings;
-        if steps < self.replay_settings.first_steps() as u64 {
-            return 0;
-        }
-        let learned_from = self.steps_before(steps).saturating_sub(warmup_steps);
-        (learned_from as f64 * updates_per_step) as u64
     }
 
     fn update(&mut self, normalizer: &Normalizer<f32>) -> Result<(), TrainingError> {
@@ -172,6 +175,7 @@ impl<A: Agent + Sync> Learner for OffPolicy<A> {
         let start = Instant::now();
         let (mut physics, mut learning) = (0.0, 0.0);
         let first = self.iteration * self.steps_per_iteration as u64;
+        let rows = self.episodes.rows() as u64;
         for step in first..first + self.steps_per_iteration as u64 {
             let normalizer = self.normalizer.freeze();
             self.act(step, &normalizer);
@@ -183,7 +187,7 @@ impl<A: Agent + Sync> Learner for OffPolicy<A> {
                 self.normalizer.update(&self.acting.seen);
             }
             let before = Instant::now();
-            while self.updates < self.updates_due(step + 1) {
+            while self.updates < self.replay_settings.updates_due(step + 1, rows) {
                 self.update(&normalizer)?;
             }
             learning += before.elapsed().as_secs_f64();

@@ -44,6 +44,8 @@ pub struct Sampling {
     pub gamma: f64,
     /// Factor on rewards.
     pub reward_scale: f64,
+    /// Whether an entry may be the start of more than one row.
+    pub replacement: bool,
 }
 
 /// Rows of experience, all arrays `[rows, ..]`.
@@ -63,6 +65,8 @@ pub struct Batch<T> {
     pub discounts: Vec<T>,
     /// What was seen after the k steps, scaled; of no importance where the discount is 0.
     pub next_observations: Vec<T>,
+    /// Where in the replay each row begins.
+    pub starts: Vec<usize>,
 }
 
 impl<T> Batch<T> {
@@ -121,8 +125,9 @@ impl Replay {
         row * self.length + (index % self.length as u64) as usize
     }
 
-    /// Fills `batch` with `rows` rows, the `index`-th batch of `seed`: uniformly drawn starts, with replacement, among
-    /// all that are followed by enough entries.
+    /// Fills `batch` with `rows` rows, the `index`-th batch of `seed`: uniformly drawn starts among all that are followed by
+    /// enough entries. Without replacement there must be as many of them: there are if `rows` is at most the number of rows
+    /// that are remembered.
     ///
     /// # Panics
     /// If a row has fewer than `n_steps` + 2 entries.
@@ -140,14 +145,17 @@ impl Replay {
         batch.returns.clear();
         batch.discounts.clear();
         batch.next_observations.clear();
+        batch.starts.clear();
         let mut draw = 0;
         while batch.rows() < rows {
             let (row, start) = self.start(sampling.n_steps, seed.uniform(Stream::Shuffle, index, draw));
             draw += 1;
             let place = self.place(row, start);
-            if self.kinds[place] == LAST {
+            let is_drawn = !sampling.replacement && batch.starts.contains(&place);
+            if self.kinds[place] == LAST || is_drawn {
                 continue;
             }
+            batch.starts.push(place);
             let Steps { total, discount, next } = self.follow(sampling, row, start);
             batch.observations.extend_from_slice(&self.observations[place * columns..][..columns]);
             batch.actions.extend_from_slice(&self.actions[place * size..][..size]);

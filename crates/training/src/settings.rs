@@ -245,6 +245,7 @@ impl EpisodeSettings {
 impl PolicySettings {
     pub(crate) fn check(&self) -> Result<(), TrainingError> {
         layer_sizes("policy.hidden", &self.hidden)?;
+        self.initialization.check("policy.initialization.normal")?;
         let (low, start, high) = (self.min_log_std, self.initial_log_std, self.max_log_std);
         number("min_log_std", low)?;
         let above = "a finite number of at least `min_log_std`";
@@ -257,6 +258,7 @@ impl PolicySettings {
 impl CriticSettings {
     pub(crate) fn check(&self) -> Result<(), TrainingError> {
         layer_sizes("critic.hidden", &self.hidden)?;
+        self.initialization.check("critic.initialization.normal")?;
         positive("critic.learning_rate", self.learning_rate)?;
         positive("critic.loss_scale", self.loss_scale)
     }

@@ -11,7 +11,7 @@ use line::Line;
 use mishandle_network::{Activation, Mlp, Normalizer};
 use mishandle_rollout::{Seed, Stream};
 use mishandle_training::replay::{Batch, Replay, Sampling};
-use mishandle_training::sac::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch};
+use mishandle_training::sac::{Actor, CriticLoss, CriticScratch, Distribution, PolicyLoss, PolicyScratch};
 use mishandle_training::{EpisodeSettings, Episodes};
 
 thread_local! {
@@ -52,7 +52,7 @@ fn an_update_allocates_nothing() {
     let (actor, critics, targets) =
         (network(2, 2), [network(3, 1), network(3, 1)], [network(3, 1), network(3, 1)]);
     let normalizer = Normalizer::new(&[0.0; 2], &[1.0; 2]).unwrap();
-    let sampling = Sampling { n_steps: 3, gamma: 0.9, reward_scale: 1.0 };
+    let sampling = Sampling { n_steps: 3, gamma: 0.9, reward_scale: 1.0, replacement: true };
     let (mut batch, mut draws) = (Batch::default(), vec![0.0; 64]);
     let (mut critic_scratch, mut policy_scratch) = (CriticScratch::default(), PolicyScratch::default());
     let mut by_critics = vec![0.0; 2 * critics[0].parameter_count()];
@@ -63,10 +63,10 @@ fn an_update_allocates_nothing() {
         Seed(2).normals(Stream::Policy, index, &mut draws);
         let (temperature, critics) = (0.1, [&critics[0], &critics[1]]);
         let target_critics = [&targets[0], &targets[1]];
-        let loss =
-            CriticLoss { batch: &batch, draws: &draws, temperature, actor: &actor, critics, target_critics };
+        let actor = Actor { distribution: Distribution::Squashed, network: &actor, log_std: &[] };
+        let loss = CriticLoss { batch: &batch, draws: &draws, temperature, actor, critics, target_critics };
         loss.add_gradient(0..64, &mut critic_scratch, &mut by_critics);
-        let loss = PolicyLoss { batch: &batch, draws: &draws, temperature, actor: &actor, critics };
+        let loss = PolicyLoss { batch: &batch, draws: &draws, temperature, actor, critics };
         loss.add_gradient(0..64, &mut policy_scratch, &mut by_actor);
         ALLOCATIONS.with(Cell::get) - before
     };

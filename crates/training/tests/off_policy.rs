@@ -12,11 +12,22 @@ use watch::{Watch, best_return, facts, mean_return};
 
 const ALGORITHMS: [&str; 3] = ["sac", "td3", "ddpg"];
 
+/// What else an algorithm may do: the policy that skrl's SAC has, noise that falls, batches without repetition.
+const OTHER_WAYS: [(&str, &str); 3] = [
+    ("sac", "distribution = \"clipped\"\npolicy.initialization.normal = 0.1\n"),
+    ("td3", "exploration_decay = { steps = 1_500, share = 0.1 }\nsmoothing_std = 0\n"),
+    (
+        "ddpg",
+        "replay.replacement = false\nreplay.batch_rows = 16\nreplay.updates_count = \"control-steps\"\n",
+    ),
+];
+
 fn settings(algorithm: &str, text: &str) -> Config {
+    let batch_rows = if text.contains("batch_rows") { "" } else { "replay.batch_rows = 100\n" };
     let common = "episodes.environments = 16\nsteps_per_iteration = 25\npolicy.hidden = [16]\ncritic.hidden = [32]\n\
-                  replay.batch_rows = 100\nreplay.warmup_steps = 500\nrun.validation_episodes = 10\n\
+                  replay.warmup_steps = 500\nrun.validation_episodes = 10\n\
                   run.validation_every = 2\nepisodes.time_limit = 20\n";
-    Config::from_toml(algorithm, &format!("{common}{text}")).unwrap().unwrap()
+    Config::from_toml(algorithm, &format!("{common}{batch_rows}{text}")).unwrap().unwrap()
 }
 
 fn run(threads: usize, config: &Config, resume: Option<&Checkpoint>, watch: &mut Watch) -> Trained {
@@ -38,10 +49,15 @@ fn the_line_is_learned() {
     }
 }
 
+fn all_ways() -> impl Iterator<Item = (&'static str, &'static str)> {
+    ALGORITHMS.iter().map(|algorithm| (*algorithm, "")).chain(OTHER_WAYS)
+}
+
 #[test]
 fn threads_change_no_bit() {
-    for algorithm in ALGORITHMS {
-        let config = settings(algorithm, "run.total_steps = 2_000\nepisodes.action_noise = 0.2");
+    for (algorithm, way) in all_ways() {
+        let config =
+            settings(algorithm, &format!("{way}run.total_steps = 2_000\nepisodes.action_noise = 0.2"));
         let mut one = Watch::default();
         let trained = run(1, &config, None, &mut one);
         for threads in [2, 4] {
@@ -57,9 +73,9 @@ fn threads_change_no_bit() {
 
 #[test]
 fn a_resumed_training_goes_on_to_the_same_bits() {
-    for algorithm in ALGORITHMS {
+    for (algorithm, way) in all_ways() {
         // The ring of 1,600 entries is filled and written over.
-        let config = settings(algorithm, "run.total_steps = 2_400\nreplay.capacity = 1_600");
+        let config = settings(algorithm, &format!("{way}run.total_steps = 2_400\nreplay.capacity = 1_600"));
         let mut whole = Watch::default();
         let trained = run(2, &config, None, &mut whole);
         assert_eq!(whole.told.len(), 6);

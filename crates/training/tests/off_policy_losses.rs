@@ -43,6 +43,7 @@ fn batch() -> Batch<f64> {
         returns: numbers(3, ROWS),
         discounts,
         next_observations: numbers(4, ROWS * OBSERVATION),
+        starts: vec![],
     }
 }
 
@@ -174,6 +175,10 @@ fn squashed(outputs: &[f64], draws: &[f64]) -> (Vec<f64>, f64) {
     (action, log_prob)
 }
 
+fn squashed_policy(network: &Mlp<f64>) -> sac::Actor<'_, f64> {
+    sac::Actor { distribution: sac::Distribution::Squashed, network, log_std: &[] }
+}
+
 const TEMPERATURE: f64 = 0.3;
 
 #[test]
@@ -185,7 +190,7 @@ fn critics_of_sac() {
             batch: &batch,
             draws: &draws,
             temperature: TEMPERATURE,
-            actor: &actor,
+            actor: squashed_policy(&actor),
             critics: [first, second],
             target_critics: [&targets[0], &targets[1]],
         };
@@ -222,7 +227,7 @@ fn policy_of_sac() {
             batch: &batch,
             draws: &draws,
             temperature: TEMPERATURE,
-            actor,
+            actor: squashed_policy(actor),
             critics: [&critics[0], &critics[1]],
         };
         let (mut scratch, mut log_prob) = (sac::PolicyScratch::default(), 0.0);

@@ -97,7 +97,7 @@ fn step_once(replay: &mut Replay, episodes: &mut Episodes, step: usize) {
 
 /// γ = ½
 fn sampling(n_steps: usize) -> Sampling {
-    Sampling { n_steps, gamma: 0.5, reward_scale: 2.0 }
+    Sampling { n_steps, gamma: 0.5, reward_scale: 2.0, replacement: true }
 }
 
 /// The `index`-th batch of 400 rows.
@@ -198,6 +198,23 @@ fn starts_are_drawn_evenly() {
     for (step, count) in counts {
         assert!((f64::from(count) - 392.0).abs() < 5.0 * 392.0_f64.sqrt(), "step {step}: {count}");
     }
+}
+
+#[test]
+fn without_replacement_no_start_comes_twice() {
+    let (replay, _) = remembered(0.0, 3, 10, 10_000);
+    let plain = Normalizer::new(&[0.0], &[1.0]).unwrap();
+    let mut seen = std::collections::BTreeSet::new();
+    for index in 0..50 {
+        let mut batch = Batch::default();
+        let sampling = Sampling { replacement: false, ..sampling(1) };
+        replay.sample(&sampling, (Seed(7), index), 20, &plain, &mut batch);
+        let distinct: std::collections::BTreeSet<usize> = batch.starts.iter().copied().collect();
+        assert_eq!((batch.rows(), distinct.len()), (20, 20));
+        seen.extend(distinct);
+    }
+    // Ten steps of each row; the clock ended the last one's episode, so that its last observation is there too.
+    assert_eq!(seen.len(), 3 * 10);
 }
 
 #[test]

@@ -1,9 +1,11 @@
 use serde::{Deserialize, Serialize};
 
 use crate::deterministic::Exploration;
+use crate::presets::SKRL_0_10;
 use crate::settings::{at_least_1, share};
 use crate::{
-    ActionValueSettings, ActorSettings, EpisodeSettings, ReplaySettings, RunSettings, Settings, TrainingError,
+    ActionValueSettings, ActorSettings, EpisodeSettings, ExplorationDecay, ReplaySettings, RunSettings,
+    Settings, TrainingError,
 };
 
 /// Settings of DDPG. As TOML, each is a key of its name, the last five are tables; a key that is left out has its
@@ -26,6 +28,8 @@ pub struct DdpgConfig {
     pub tau: f64,
     /// Deviations of the exploring noise: of the first simulation and of the last. Default `[0.05, 0.5]`.
     pub exploration_std: [f64; 2],
+    /// How that noise falls, `{ steps, share }`; it does not if left out.
+    pub exploration_decay: Option<ExplorationDecay>,
     /// Control steps for which a simulation keeps its noise: an arm hardly follows what changes each step. Default 1.
     pub exploration_hold: u64,
     /// Control steps of each simulation in an iteration, after which it may be validated. Default 64.
@@ -48,6 +52,7 @@ impl Default for DdpgConfig {
             gamma: 0.98,
             tau: 0.005,
             exploration_std: [0.05, 0.5],
+            exploration_decay: None,
             exploration_hold: 1,
             steps_per_iteration: 64,
             run: RunSettings::default(),
@@ -61,6 +66,7 @@ impl Default for DdpgConfig {
 
 impl Settings for DdpgConfig {
     const ALGORITHM: &'static str = "ddpg";
+    const PRESETS: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
 
     fn run(&self) -> &RunSettings {
         &self.run
@@ -78,6 +84,7 @@ impl Settings for DdpgConfig {
         share("gamma", self.gamma)?;
         share("tau", self.tau)?;
         Exploration(self.exploration_std).check()?;
+        self.exploration_decay.as_ref().map_or(Ok(()), ExplorationDecay::check)?;
         at_least_1("exploration_hold", self.exploration_hold)?;
         at_least_1("steps_per_iteration", self.steps_per_iteration as u64)?;
         self.run.check()?;
@@ -102,7 +109,10 @@ mod tests {
     #[test]
     fn wrong_values_are_refused() {
         for (text, told) in [
-            ("exploration_std = [0.5, 0.1]", "`exploration_std` must be two finite numbers, above 0 and not"),
+            (
+                "exploration_std = [0.5, 0.1]",
+                "`exploration_std` must be two finite numbers, at least 0 and not",
+            ),
             ("replay.capacity = 700", "`replay.capacity` must be enough for `n_steps` + 3 control steps"),
             ("replay.updates_per_step = -1", "`updates_per_step` must be a number of at least 0, found -1"),
             ("critic.norm = true", "line 1: unknown field `norm`"),

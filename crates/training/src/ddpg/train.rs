@@ -22,6 +22,7 @@ impl Trainable for DdpgConfig {
             episodes: &self.episodes,
             replay: &self.replay,
             policy: &self.policy,
+            decay: self.exploration_decay,
         };
         Ok(OffPolicy::new(environment, setup, seed, agent))
     }
@@ -36,8 +37,8 @@ pub(crate) struct Ddpg {
     critic_pool: ChunkPool<f32, CriticScratch<f32>>,
     policy_pool: ChunkPool<f32, PolicyScratch<f32>>,
     /// The gradient of a network, and the loss.
-    by_critic: Vec<f32>,
-    by_actor: Vec<f32>,
+    pub by_critic: Vec<f32>,
+    pub by_actor: Vec<f32>,
 }
 
 impl Ddpg {

@@ -1,5 +1,7 @@
 use serde::{Deserialize, Serialize};
 
+use super::distribution::Distribution;
+use crate::presets::SKRL_0_10;
 use crate::settings::{at_least_1, positive, share};
 use crate::{
     ActionValueSettings, ActorSettings, EpisodeSettings, ReplaySettings, RunSettings, Settings, TrainingError,
@@ -23,6 +25,8 @@ pub struct SacConfig {
     pub gamma: f64,
     /// τ, the targets' share of the networks in each update. Default 0.005.
     pub tau: f64,
+    /// What the policy draws from: `squashed` or `clipped`. Default `squashed`.
+    pub distribution: Distribution,
     /// Deviation of each action, before squashing, of a Gaussian with the entropy that is aimed at. Default 0.2.
     pub target_std: f64,
     /// Control steps for which a simulation keeps the z that it draws its actions with: an arm hardly follows what changes
@@ -51,6 +55,7 @@ impl Default for SacConfig {
         SacConfig {
             gamma: 0.98,
             tau: 0.005,
+            distribution: Distribution::default(),
             target_std: 0.2,
             exploration_hold: 1,
             initial_temperature: 0.01,
@@ -67,6 +72,7 @@ impl Default for SacConfig {
 
 impl Settings for SacConfig {
     const ALGORITHM: &'static str = "sac";
+    const PRESETS: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
 
     fn run(&self) -> &RunSettings {
         &self.run

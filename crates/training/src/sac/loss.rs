@@ -5,8 +5,9 @@ use std::ops::Range;
 use mishandle_network::{Mlp, Scalar, Workspace};
 
 use crate::action_value::{join, squared_error};
+use crate::drawn::Drawn;
 use crate::replay::Batch;
-use crate::squashed::Drawn;
+use crate::sac::{Actor, Distribution};
 
 /// mean ½ (Q₁(s, a) - y)² + mean ½ (Q₂(s, a) - y)²,
 /// y = returns + discounts · (min(Q₁'(s', a'), Q₂'(s', a')) - α log π(a'|s'))
@@ -17,8 +18,8 @@ pub struct CriticLoss<'a, T> {
     pub draws: &'a [f64],
     /// α
     pub temperature: f64,
-    /// The network behind π: μ of all actions, then h of all actions.
-    pub actor: &'a Mlp<T>,
+    /// π
+    pub actor: Actor<'a, T>,
     /// Q₁ and Q₂
     pub critics: [&'a Mlp<T>; 2],
     /// Q₁' and Q₂'
@@ -48,7 +49,7 @@ impl<T: Scalar> CriticLoss<'_, T> {
         gradient: &mut [T],
     ) -> f64 {
         let CriticLoss { batch, temperature, actor, critics, target_critics, .. } = self;
-        let (columns, size, count) = (actor.input_size(), actor.output_size() / 2, rows.len());
+        let (columns, size, count) = (actor.network.input_size(), actor.actions(), rows.len());
         let CriticScratch {
             actor: actor_pass,
             targets_of,
@@ -62,7 +63,7 @@ impl<T: Scalar> CriticLoss<'_, T> {
 
         let next = &batch.next_observations[rows.start * columns..rows.end * columns];
         let draws = &self.draws[rows.start * size..rows.end * size];
-        draw(actor.forward(next, actor_pass), draws, size, drawn, actions);
+        actor.draw(next, draws, actor_pass, drawn, actions);
         join(next, actions, count, inputs);
         let [first, second] = targets_of;
         let values = target_critics[0].forward(inputs, first).iter();
@@ -86,7 +87,7 @@ impl<T: Scalar> CriticLoss<'_, T> {
     }
 }
 
-/// mean α log π(a|s) - min(Q₁(s, a), Q₂(s, a)),  a = tanh(μ(s) + σ(s) z)
+/// mean α log π(a|s) - min(Q₁(s, a), Q₂(s, a)),  a drawn from π(·|s) with z
 pub struct PolicyLoss<'a, T> {
     /// The rows that are learned from.
     pub batch: &'a Batch<T>,
@@ -94,8 +95,8 @@ pub struct PolicyLoss<'a, T> {
     pub draws: &'a [f64],
     /// α
     pub temperature: f64,
-    /// The network behind π.
-    pub actor: &'a Mlp<T>,
+    /// π
+    pub actor: Actor<'a, T>,
     /// Q₁ and Q₂
     pub critics: [&'a Mlp<T>; 2],
 }
@@ -114,8 +115,8 @@ pub struct PolicyScratch<T> {
 }
 
 impl<T: Scalar> PolicyLoss<'_, T> {
-    /// The share of the rows `rows` of the batch, and of the mean log π(a|s); derivatives of the loss by the actor's
-    /// parameters are added to `gradient`.
+    /// The share of the rows `rows` of the batch, and of the mean log π(a|s); derivatives of the loss by the parameters of
+    /// the actor's network, then by those beside it, are added to `gradient`.
     pub fn add_gradient(
         &self,
         rows: Range<usize>,
@@ -124,7 +125,7 @@ impl<T: Scalar> PolicyLoss<'_, T> {
     ) -> (f64, f64) {
         let PolicyLoss { batch, temperature, actor, critics, .. } = self;
         let share = 1.0 / batch.rows() as f64;
-        let (columns, size, count) = (actor.input_size(), actor.output_size() / 2, rows.len());
+        let (columns, size, count) = (actor.network.input_size(), actor.actions(), rows.len());
         let PolicyScratch {
             actor: actor_pass,
             critics: passes,
@@ -138,7 +139,7 @@ impl<T: Scalar> PolicyLoss<'_, T> {
 
         let observations = &batch.observations[rows.start * columns..rows.end * columns];
         let draws = &self.draws[rows.start * size..rows.end * size];
-        draw(actor.forward(observations, actor_pass), draws, size, drawn, actions);
+        actor.draw(observations, draws, actor_pass, drawn, actions);
         join(observations, actions, count, inputs);
         let [first, second] = &mut *passes;
         let values = critics[0].forward(inputs, first).iter().zip(critics[1].forward(inputs, second));
@@ -159,21 +160,26 @@ impl<T: Scalar> PolicyLoss<'_, T> {
             critic.backward(slopes, pass, None, Some(by_inputs));
         }
 
-        by_outputs.resize(2 * size * count, T::ZERO);
+        let (by_network, by_log_std) = gradient.split_at_mut(actor.network.parameter_count());
+        let outputs = actor.network.output_size();
+        by_outputs.resize(outputs * count, T::ZERO);
         let by_inputs =
             by_inputs[0].chunks_exact(columns + size).zip(by_inputs[1].chunks_exact(columns + size));
         for ((by_outputs, (first, second)), drawn) in
-            by_outputs.chunks_exact_mut(2 * size).zip(by_inputs).zip(drawn.chunks_exact(size))
+            by_outputs.chunks_exact_mut(outputs).zip(by_inputs).zip(drawn.chunks_exact(size))
         {
             let (by_means, by_raw) = by_outputs.split_at_mut(size);
             for (i, drawn) in drawn.iter().enumerate() {
                 let by_action = (first[columns + i] + second[columns + i]).to_f64();
-                let (by_mean, by_output) = drawn.gradient(by_action, share * temperature);
+                let (by_mean, by_spread) = drawn.gradient(by_action, share * temperature);
                 by_means[i] = T::from_f64(by_mean);
-                by_raw[i] = T::from_f64(by_output);
+                match actor.distribution {
+                    Distribution::Squashed => by_raw[i] = T::from_f64(by_spread),
+                    Distribution::Clipped => by_log_std[i] += T::from_f64(by_spread),
+                }
             }
         }
-        actor.backward(by_outputs, actor_pass, Some(gradient), None);
+        actor.network.backward(by_outputs, actor_pass, Some(by_network), None);
         (loss, mean_log_prob)
     }
 }
@@ -189,20 +195,6 @@ impl<T: Scalar> PolicyLoss<'_, T> {
 pub fn temperature_loss(log_temperature: f64, mean_log_prob: f64, target_entropy: f64) -> (f64, f64) {
     let slope = -(mean_log_prob + target_entropy);
     (log_temperature * slope, slope)
-}
-
-/// Draws the actions of all rows from the outputs of the policy's network.
-fn draw<T: Scalar>(outputs: &[T], draws: &[f64], size: usize, drawn: &mut Vec<Drawn>, actions: &mut Vec<T>) {
-    drawn.clear();
-    actions.clear();
-    for (outputs, draws) in outputs.chunks_exact(2 * size).zip(draws.chunks_exact(size)) {
-        let (means, raw) = outputs.split_at(size);
-        for ((mean, raw), z) in means.iter().zip(raw).zip(draws) {
-            let one = Drawn::new(mean.to_f64(), raw.to_f64(), *z);
-            actions.push(T::from_f64(one.action));
-            drawn.push(one);
-        }
-    }
 }
 
 /// log π of a row's action.

@@ -9,19 +9,21 @@
 //! θ' ← (1 - τ) θ' + τ θ for both critics
 //! ```
 //!
-//! The policy is a [squashed](crate::squashed) Gaussian whose mean and deviation are outputs of one network. With k > 1 the entropy of the
-//! steps before s_k is left out, as is usual. The temperature's loss is linear in log α, not in α as in the paper. H̄ is
-//! the entropy of a Gaussian with the deviation `target_std` in each action. Where the clock ends an episode, s_k is its
-//! true last observation.
+//! The policy is a [squashed](crate::drawn) Gaussian whose mean and deviation are outputs of one network, or, as in skrl, a
+//! clipped one whose deviation is the same whatever is seen. With k > 1 the entropy of the steps before s_k is left out, as
+//! is usual. The temperature's loss is linear in log α, not in α as in the paper. H̄ is the entropy of a Gaussian with the
+//! deviation `target_std` in each action. Where the clock ends an episode, s_k is its true last observation.
 //!
 //! # Reference
 //! Haarnoja et al., "Soft Actor-Critic Algorithms and Applications", 2018.
 
 mod config;
+mod distribution;
 mod loss;
 mod train;
 
 pub use config::SacConfig;
+pub use distribution::{Actor, Distribution};
 pub use loss::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch, temperature_loss};
 #[cfg(test)]
 pub(crate) use train::Sac;

@@ -5,15 +5,16 @@ use mishandle_network::{Adam, ChunkPool, Mlp};
 use mishandle_rollout::{Environment, Seed};
 
 use super::config::SacConfig;
+use super::distribution::{Actor, Distribution};
 use super::loss::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch, temperature_loss};
 use crate::action_value::Followed;
+use crate::drawn::CLIPPED_LOG_STD_RANGE;
 use crate::gaussian::Deviations;
 use crate::initialization::initial_network;
 use crate::learner::{Learner, Trainable};
 use crate::off_policy::{Agent, LEARNING_ROWS, OffPolicy, Setup, draw_rows, finite, sizes_of, weights};
 use crate::replay::Batch;
-use crate::squashed::Drawn;
-use crate::{Checkpoint, Initialization, TrainingError};
+use crate::{Checkpoint, TrainingError};
 
 impl Trainable for SacConfig {
     fn learner(&self, environment: Arc<dyn Environment>, seed: Seed) -> Result<impl Learner, TrainingError> {
@@ -24,6 +25,7 @@ impl Trainable for SacConfig {
             episodes: &self.episodes,
             replay: &self.replay,
             policy: &self.policy,
+            decay: None,
         };
         Ok(OffPolicy::new(environment, setup, seed, agent))
     }
@@ -34,8 +36,12 @@ pub(crate) struct Sac {
     hold: u64,
     /// H̄
     pub target_entropy: f64,
+    distribution: Distribution,
     pub actor: Mlp<f32>,
     actor_adam: Adam<f32>,
+    /// log σ of each action before it is kept in its range; none if the network gives it.
+    pub log_std: Vec<f32>,
+    log_std_adam: Adam<f32>,
     pub critics: [Followed; 2],
     /// log α, alone in a vector for its optimiser.
     pub log_temperature: [f64; 1],
@@ -47,22 +53,25 @@ pub(crate) struct Sac {
     critic_pool: ChunkPool<f32, CriticScratch<f32>>,
     policy_pool: ChunkPool<f32, PolicyScratch<f32>>,
     /// The gradient of both critics, and the loss.
-    by_critics: Vec<f32>,
-    /// The gradient of the actor, the mean of log π, and the loss.
-    by_actor: Vec<f32>,
+    pub by_critics: Vec<f32>,
+    /// The gradient of the actor, then of log σ, the mean of log π, and the loss.
+    pub by_actor: Vec<f32>,
 }
 
 impl Sac {
     pub fn new(sizes: (usize, usize), config: &SacConfig, seed: Seed) -> Result<Sac, TrainingError> {
         let policy = &config.policy;
+        let distribution = config.distribution;
         // A small last layer: the first actions are near the middle, with h near 0, whatever is seen.
         let actor = initial_network(
-            (sizes.0, &policy.hidden, 2 * sizes.1),
+            (sizes.0, &policy.hidden, distribution.outputs(sizes.1)),
             policy.activation,
-            Initialization::Orthogonal,
+            policy.initialization,
             0.01,
             weights(seed, 0),
         )?;
+        let mut log_std = vec![0.0; distribution.parameters(sizes.1)];
+        policy.initialization.initialize_others(&mut log_std, weights(seed, 3));
         let critics = [
             Followed::critic(sizes, &config.critic, weights(seed, 1))?,
             Followed::critic(sizes, &config.critic, weights(seed, 2))?,
@@ -72,6 +81,8 @@ impl Sac {
             hold: config.exploration_hold,
             target_entropy: Deviations::new(&vec![config.target_std.ln() as f32; sizes.1]).entropy(),
             actor_adam: Adam::new(actor.parameter_count(), policy.learning_rate),
+            log_std_adam: Adam::new(log_std.len(), policy.learning_rate),
+            distribution,
             log_temperature: [config.initial_temperature.ln()],
             temperature_adam: Adam::new(1, config.temperature_learning_rate),
             entropy: 0.0,
@@ -79,8 +90,9 @@ impl Sac {
             critic_pool: ChunkPool::new(LEARNING_ROWS),
             policy_pool: ChunkPool::new(LEARNING_ROWS),
             by_critics: vec![0.0; 2 * critics[0].network.parameter_count() + 1],
-            by_actor: vec![0.0; actor.parameter_count() + 2],
+            by_actor: vec![0.0; actor.parameter_count() + log_std.len() + 2],
             actor,
+            log_std,
             critics,
         })
     }
@@ -90,13 +102,14 @@ impl Sac {
     /// # Errors
     /// What is not finite.
     pub fn learn(&mut self, batch: &Batch<f32>, draws: &[Vec<f64>; 2]) -> Result<[f32; 2], &'static str> {
-        let Sac { actor, critics, by_critics, by_actor, .. } = self;
+        let Sac { distribution, actor, log_std, critics, by_critics, by_actor, .. } = self;
+        let policy = Actor { distribution: *distribution, network: actor, log_std };
         let temperature = self.log_temperature[0].exp();
         let loss = CriticLoss {
             batch,
             draws: &draws[0],
             temperature,
-            actor,
+            actor: policy,
             critics: [&critics[0].network, &critics[1].network],
             target_critics: [&critics[0].target, &critics[1].target],
         };
@@ -112,18 +125,20 @@ impl Sac {
             batch,
             draws: &draws[1],
             temperature,
-            actor,
+            actor: policy,
             critics: [&critics[0].network, &critics[1].network],
         };
         self.policy_pool.sum(batch.rows(), by_actor, |rows, scratch, sums| {
-            let (gradient, riders) = sums.split_at_mut(actor.parameter_count());
+            let (gradient, riders) = sums.split_at_mut(sums.len() - 2);
             let (loss, mean_log_prob) = loss.add_gradient(rows, scratch, gradient);
             riders[0] += mean_log_prob as f32;
             riders[1] += loss as f32;
         });
         let (numbers, policy_loss) = finite(by_actor, "the policy's loss")?;
         let (mean_log_prob, gradient) = numbers.split_last().expect("the mean of log π is there");
-        actor.update(|parameters| self.actor_adam.step(parameters, gradient));
+        let (by_network, by_log_std) = gradient.split_at(actor.parameter_count());
+        actor.update(|parameters| self.actor_adam.step(parameters, by_network));
+        self.log_std_adam.step(log_std, by_log_std);
 
         let mean_log_prob = f64::from(*mean_log_prob);
         let (_, slope) = temperature_loss(self.log_temperature[0], mean_log_prob, self.target_entropy);
@@ -144,9 +159,9 @@ impl Agent for Sac {
     }
 
     fn explore(&self, _row: usize, _rows: usize, outputs: &[f32], draws: &[f64], action: &mut [f32]) {
-        let (means, raw) = outputs.split_at(action.len());
-        for (((action, mean), raw), z) in action.iter_mut().zip(means).zip(raw).zip(draws) {
-            *action = Drawn::new(f64::from(*mean), f64::from(*raw), *z).action as f32;
+        let policy = Actor { distribution: self.distribution, network: &self.actor, log_std: &self.log_std };
+        for (action, drawn) in action.iter_mut().zip(policy.drawn(outputs, draws)) {
+            *action = drawn.action as f32;
         }
     }
 
@@ -161,7 +176,15 @@ impl Agent for Sac {
     }
 
     fn policy(&self, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError> {
-        Ok(Policy::squashed(mean, variance, self.actor.clone())?)
+        let actor = self.actor.clone();
+        match self.distribution {
+            Distribution::Squashed => Ok(Policy::squashed(mean, variance, actor)?),
+            Distribution::Clipped => {
+                let (low, high) = CLIPPED_LOG_STD_RANGE;
+                let kept = self.log_std.iter().map(|x| x.clamp(low as f32, high as f32));
+                Ok(Policy::new(mean, variance, actor, kept.collect())?)
+            }
+        }
     }
 
     fn entropy(&self) -> Option<f64> {
@@ -171,6 +194,10 @@ impl Agent for Sac {
     fn save(&self, checkpoint: &mut Checkpoint) {
         checkpoint.put("policy.parameters", self.actor.parameters().to_vec());
         checkpoint.put_adam("policy.adam", &self.actor_adam);
+        if !self.log_std.is_empty() {
+            checkpoint.put("policy.log_std", self.log_std.clone());
+            checkpoint.put_adam("policy.log_std.adam", &self.log_std_adam);
+        }
         self.critics[0].save("critic_1", checkpoint);
         self.critics[1].save("critic_2", checkpoint);
         let adam = &self.temperature_adam;
@@ -184,6 +211,11 @@ impl Agent for Sac {
         let own = checkpoint.f32s("policy.parameters", count)?;
         self.actor.update(|parameters| parameters.copy_from_slice(own));
         self.actor_adam = checkpoint.adam("policy.adam", count)?;
+        if !self.log_std.is_empty() {
+            let count = self.log_std.len();
+            self.log_std.copy_from_slice(checkpoint.f32s("policy.log_std", count)?);
+            self.log_std_adam = checkpoint.adam("policy.log_std.adam", count)?;
+        }
         self.critics[0].load("critic_1", checkpoint)?;
         self.critics[1].load("critic_2", checkpoint)?;
         let temperature = checkpoint.f64s("temperature", 4)?;

@@ -1,9 +1,11 @@
 use serde::{Deserialize, Serialize};
 
 use crate::deterministic::Exploration;
+use crate::presets::SKRL_0_10;
 use crate::settings::{at_least_1, not_negative, share};
 use crate::{
-    ActionValueSettings, ActorSettings, EpisodeSettings, ReplaySettings, RunSettings, Settings, TrainingError,
+    ActionValueSettings, ActorSettings, EpisodeSettings, ExplorationDecay, ReplaySettings, RunSettings,
+    Settings, TrainingError,
 };
 
 /// Settings of TD3. As TOML, each is a key of its name, the last five are tables; a key that is left out has its
@@ -26,6 +28,8 @@ pub struct Td3Config {
     pub tau: f64,
     /// Deviations of the exploring noise: of the first simulation and of the last. Default `[0.05, 0.5]`.
     pub exploration_std: [f64; 2],
+    /// How that noise falls, `{ steps, share }`; it does not if left out.
+    pub exploration_decay: Option<ExplorationDecay>,
     /// Control steps for which a simulation keeps its noise: an arm hardly follows what changes each step. Default 1.
     pub exploration_hold: u64,
     /// σ of the noise on the target's action. Default 0.1.
@@ -54,6 +58,7 @@ impl Default for Td3Config {
             gamma: 0.98,
             tau: 0.005,
             exploration_std: [0.05, 0.5],
+            exploration_decay: None,
             exploration_hold: 1,
             smoothing_std: 0.1,
             smoothing_clip: 0.3,
@@ -70,6 +75,7 @@ impl Default for Td3Config {
 
 impl Settings for Td3Config {
     const ALGORITHM: &'static str = "td3";
+    const PRESETS: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
 
     fn run(&self) -> &RunSettings {
         &self.run
@@ -87,6 +93,7 @@ impl Settings for Td3Config {
         share("gamma", self.gamma)?;
         share("tau", self.tau)?;
         Exploration(self.exploration_std).check()?;
+        self.exploration_decay.as_ref().map_or(Ok(()), ExplorationDecay::check)?;
         at_least_1("exploration_hold", self.exploration_hold)?;
         not_negative("smoothing_std", self.smoothing_std)?;
         not_negative("smoothing_clip", self.smoothing_clip)?;
@@ -116,7 +123,10 @@ mod tests {
         for (text, told) in [
             ("smoothing_std = -0.1", "`smoothing_std` must be a number of at least 0, found -0.1"),
             ("policy_delay = 0", "`policy_delay` must be at least 1, found 0"),
-            ("exploration_std = [0.0, 0.1]", "`exploration_std` must be two finite numbers, above 0 and not"),
+            (
+                "exploration_std = [-0.1, 0.1]",
+                "`exploration_std` must be two finite numbers, at least 0 and not",
+            ),
         ] {
             let refusal = Td3Config::from_toml(text).unwrap_err().to_string();
             assert!(refusal.contains(told), "{refusal}");

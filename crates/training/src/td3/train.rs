@@ -22,6 +22,7 @@ impl Trainable for Td3Config {
             episodes: &self.episodes,
             replay: &self.replay,
             policy: &self.policy,
+            decay: self.exploration_decay,
         };
         Ok(OffPolicy::new(environment, setup, seed, agent))
     }
@@ -39,8 +40,8 @@ pub(crate) struct Td3 {
     critic_pool: ChunkPool<f32, CriticScratch<f32>>,
     policy_pool: ChunkPool<f32, PolicyScratch<f32>>,
     /// The gradient of all networks with one loss, and the loss.
-    by_critics: Vec<f32>,
-    by_actor: Vec<f32>,
+    pub by_critics: Vec<f32>,
+    pub by_actor: Vec<f32>,
 }
 
 impl Td3 {
