@@ -40,7 +40,7 @@ pub use record::create_run;
 pub use replay::{Replayed, choose, other_build, recorded_subject, replay};
 pub use shell::shell_word;
 pub use subject::{Subject, preset, task};
-pub use train::{TrainPlan, default_out, train};
+pub use train::{TrainPlan, default_out, reward, train};
 
 pub use {
     mishandle_controllers as controllers, mishandle_evaluation as evaluation,

@@ -120,7 +120,11 @@ fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
     config.map_err(|source| MishandleError::Settings { path, source })
 }
 
-fn reward(name: &str) -> Result<Reward, MishandleError> {
+/// The reward of that name: `shaped` or `original`.
+///
+/// # Errors
+/// If there is none.
+pub fn reward(name: &str) -> Result<Reward, MishandleError> {
     known("reward", name, &["shaped", "original"])?;
     Ok(if name == "original" { Reward::Original } else { Reward::Shaped })
 }

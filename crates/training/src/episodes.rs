@@ -5,7 +5,7 @@ use std::sync::Arc;
 use mishandle_rollout::{Batch, Environment, Seed, Status, Stream};
 use rayon::prelude::*;
 
-use crate::{Checkpoint, TrainingError};
+use crate::{Checkpoint, EpisodeSettings, TrainingError};
 
 /// How a control step left an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,6 +17,9 @@ pub enum Boundary {
     /// The clock ended it: what would have followed has its value.
     Truncated,
 }
+
+/// The child of a training's seed that its episodes are drawn from.
+const EPISODES: u64 = 0;
 
 /// A batch of simulations that start anew, at random initial configurations, when they end.
 ///
@@ -106,6 +109,17 @@ impl Episodes {
         let environment = batch.environment().clone();
         batch.reset(|row| Some(start(environment.as_ref(), episode_seed(seed, row, &clocks[row]))));
         episodes
+    }
+
+    /// The episodes that a training with the seed `seed` acts in under `settings`.
+    pub fn of_training(
+        environment: Arc<dyn Environment>,
+        settings: &EpisodeSettings,
+        seed: Seed,
+    ) -> Episodes {
+        let time_limit = settings.time_limit.unwrap_or(environment.episode_steps());
+        let EpisodeSettings { environments, action_noise, staggered, .. } = *settings;
+        Episodes::new(environment, environments, seed.child(EPISODES), time_limit, action_noise, staggered)
     }
 
     /// Number of rows.

@@ -17,8 +17,7 @@ use crate::{
 /// Rows that are inferred by one task: few, so that all threads have some.
 const ACTING_ROWS: usize = 64;
 
-/// Children of the training's seed.
-const EPISODES: u64 = 0;
+/// Children of the training's seed; its episodes have 0.
 const POLICY_WEIGHTS: u64 = 1;
 const CRITIC_WEIGHTS: u64 = 2;
 
@@ -75,15 +74,7 @@ impl OnPolicy {
         let Setup { rollout_steps, gamma, gae_lambda, episodes, policy, critic } = *setup;
         let (inputs, outputs) = (environment.observation_size(), environment.action_size());
         let rows = episodes.environments;
-        let time_limit = episodes.time_limit.unwrap_or(environment.episode_steps());
-        let episodes = Episodes::new(
-            environment,
-            rows,
-            seed.child(EPISODES),
-            time_limit,
-            episodes.action_noise,
-            episodes.staggered,
-        );
+        let episodes = Episodes::of_training(environment, episodes, seed);
         // A small last layer, so that the first actions are near the middle whatever is seen.
         let network = initial_network(
             inputs,
