@@ -6,7 +6,8 @@ use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, Vali
 use mishandle_rollout::{Environment, Noise, Request, Rollout, Seed, Specification, System};
 use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment};
 use mishandle_training::{
-    ALGORITHMS, Checkpoint, Config, Flow, Observer, Progress, Trained, TrainingError, Validation,
+    ALGORITHMS, BEST, Checkpoint, Config, Flow, Observer, PRESETS, Progress, Trained, TrainingError,
+    Validation,
 };
 
 use crate::home::check_home;
@@ -28,7 +29,8 @@ pub struct TrainPlan {
     pub algorithm: String,
     /// Name of the reward: `original` or `shaped`.
     pub reward: String,
-    /// The settings file; without one, that of the task and algorithm in `experiments/training/`.
+    /// The settings file, or the name of a preset; without one, and for the preset `best`, the file of the task and
+    /// algorithm in `experiments/training/`.
     pub settings: Option<PathBuf>,
     /// Environment steps, if others than the settings say.
     pub steps: Option<u64>,
@@ -110,12 +112,16 @@ pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<T
 
 fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
     known("training algorithm", &plan.algorithm, &ALGORITHMS)?;
-    if plan.settings.is_none() {
+    let given = plan.settings.clone().filter(|path| *path != Path::new(BEST));
+    if given.is_none() {
         check_home("experiments/training")?;
     }
-    let path = plan.settings.clone().unwrap_or_else(|| settings_path(&plan.task, &plan.algorithm));
-    let text = std::fs::read_to_string(&path)
-        .map_err(|source| MishandleError::File { path: path.clone(), source })?;
+    let path = given.unwrap_or_else(|| settings_path(&plan.task, &plan.algorithm));
+    let text = match PRESETS.iter().find(|preset| path == Path::new(preset)) {
+        Some(preset) => format!("preset = \"{preset}\""),
+        None => std::fs::read_to_string(&path)
+            .map_err(|source| MishandleError::File { path: path.clone(), source })?,
+    };
     let config = Config::from_toml(&plan.algorithm, &text).expect("the algorithm is known");
     config.map_err(|source| MishandleError::Settings { path, source })
 }

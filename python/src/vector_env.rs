@@ -74,7 +74,13 @@ impl VectorEnv {
         staggered: bool,
         threads: Option<usize>,
     ) -> PyResult<VectorEnv> {
-        let settings = EpisodeSettings { environments, time_limit, staggered, action_noise };
+        let settings = EpisodeSettings {
+            environments,
+            time_limit,
+            staggered,
+            action_noise,
+            ..EpisodeSettings::default()
+        };
         settings.check().map_err(refused)?;
         let task = mishandle::task(task).map_err(raised)?;
         let preset = mishandle::preset(preset).map_err(raised)?;

@@ -17,8 +17,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let task = mishandle::task(&arguments[0])?;
     let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, Reward::Shaped)?);
     let size = environment.action_size();
-    let settings =
-        EpisodeSettings { environments, time_limit: Some(time_limit), staggered: true, action_noise: 0.25 };
+    let settings = EpisodeSettings {
+        environments,
+        time_limit: Some(time_limit),
+        staggered: true,
+        action_noise: 0.25,
+        ..EpisodeSettings::default()
+    };
     let mut episodes = Episodes::of_training(environment, &settings, Seed(seed as u64));
     let mut bytes = Vec::new();
     let floats = |bytes: &mut Vec<u8>, numbers: &[f32]| {

@@ -132,6 +132,7 @@ pub struct Subject {
 #[command(after_help = "Examples:
   mishandle train point-reaching --algorithm ppo --out my_controller.safetensors
   mishandle train ball-balancing --algorithm ppo --settings my_settings.toml --seed 3
+  mishandle train point-reaching --algorithm ppo --settings skrl-0.10
   mishandle train ball-balancing --algorithm ppo --out my_controller.safetensors --resume
 
 Training writes a checkpoint beside FILE as it goes; --resume carries on from it to the same bits.")]
@@ -151,7 +152,8 @@ pub struct Train {
     /// Where the controller goes [default: runs/TASK-ALGORITHM-sSEED.safetensors]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Settings (TOML) [default: experiments/training/TASK/ALGORITHM.toml]
+    /// Settings (TOML), or the name of a preset: skrl-0.10, or best, which is the default
+    /// [default: experiments/training/TASK/ALGORITHM.toml]
     #[arg(long, value_name = "FILE")]
     pub settings: Option<PathBuf>,
     /// Carry on from the checkpoint beside the output

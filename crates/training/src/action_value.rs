@@ -3,7 +3,7 @@
 use mishandle_network::{Activation, Adam, Mlp, Scalar, Workspace};
 use mishandle_rollout::Seed;
 
-use crate::critic::initialize;
+use crate::Initialization;
 use crate::{ActionValueSettings, Checkpoint, TrainingError};
 
 /// A network that learns, its optimiser, and a target that follows it.
@@ -39,7 +39,7 @@ impl Followed {
         if settings.layer_norm {
             network = network.with_layer_norm();
         }
-        initialize(&mut network, 0.1, seed)?;
+        Initialization::Orthogonal.initialize(&mut network, 0.1, seed)?;
         Ok(Followed::new(network, settings.learning_rate))
     }
 

@@ -4,16 +4,21 @@ use std::sync::Arc;
 
 use mishandle_rollout::{Environment, Seed};
 
-use crate::ddpg::{self, DdpgConfig};
-use crate::ppo::{self, PpoConfig};
-use crate::sac::{self, SacConfig};
-use crate::td3::{self, Td3Config};
-use crate::trpo::{self, TrpoConfig};
-use crate::{Checkpoint, Observer, RunSettings, Trained, TrainingError};
+use crate::ddpg::DdpgConfig;
+use crate::ppo::PpoConfig;
+use crate::sac::SacConfig;
+use crate::td3::Td3Config;
+use crate::trpo::TrpoConfig;
+use crate::{Checkpoint, Observer, RunSettings, Settings, Trained, TrainingError, learner};
 
 /// Names of the algorithms.
-pub const ALGORITHMS: [&str; 5] =
-    [ppo::ALGORITHM, trpo::ALGORITHM, sac::ALGORITHM, td3::ALGORITHM, ddpg::ALGORITHM];
+pub const ALGORITHMS: [&str; 5] = [
+    PpoConfig::ALGORITHM,
+    TrpoConfig::ALGORITHM,
+    SacConfig::ALGORITHM,
+    Td3Config::ALGORITHM,
+    DdpgConfig::ALGORITHM,
+];
 
 /// Settings of one of the algorithms.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,11 +64,11 @@ impl Config {
     /// ```
     pub fn from_toml(algorithm: &str, text: &str) -> Option<Result<Config, TrainingError>> {
         match algorithm {
-            ppo::ALGORITHM => Some(PpoConfig::from_toml(text).map(Config::Ppo)),
-            trpo::ALGORITHM => Some(TrpoConfig::from_toml(text).map(Config::Trpo)),
-            sac::ALGORITHM => Some(SacConfig::from_toml(text).map(Config::Sac)),
-            td3::ALGORITHM => Some(Td3Config::from_toml(text).map(Config::Td3)),
-            ddpg::ALGORITHM => Some(DdpgConfig::from_toml(text).map(Config::Ddpg)),
+            PpoConfig::ALGORITHM => Some(PpoConfig::from_toml(text).map(Config::Ppo)),
+            TrpoConfig::ALGORITHM => Some(TrpoConfig::from_toml(text).map(Config::Trpo)),
+            SacConfig::ALGORITHM => Some(SacConfig::from_toml(text).map(Config::Sac)),
+            Td3Config::ALGORITHM => Some(Td3Config::from_toml(text).map(Config::Td3)),
+            DdpgConfig::ALGORITHM => Some(DdpgConfig::from_toml(text).map(Config::Ddpg)),
             _ => None,
         }
     }
@@ -75,12 +80,12 @@ impl Config {
 
     /// How long to train, and when to look.
     pub fn run(&self) -> &RunSettings {
-        each!(self, own => &own.run)
+        each!(self, own => own.run())
     }
 
     /// How long to train, and when to look, to be set.
     pub fn run_mut(&mut self) -> &mut RunSettings {
-        each!(self, own => &mut own.run)
+        each!(self, own => own.run_mut())
     }
 
     /// Trains a policy in `environment`, on the threads of the current rayon pool.
@@ -97,12 +102,6 @@ impl Config {
         resume: Option<&Checkpoint>,
         observer: &mut dyn Observer,
     ) -> Result<Trained, TrainingError> {
-        match self {
-            Config::Ppo(config) => ppo::train(environment, config, seed, resume, observer),
-            Config::Trpo(config) => trpo::train(environment, config, seed, resume, observer),
-            Config::Sac(config) => sac::train(environment, config, seed, resume, observer),
-            Config::Td3(config) => td3::train(environment, config, seed, resume, observer),
-            Config::Ddpg(config) => ddpg::train(environment, config, seed, resume, observer),
-        }
+        each!(self, own => learner::train(own, environment, seed, resume, observer))
     }
 }

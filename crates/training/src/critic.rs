@@ -1,11 +1,11 @@
 //! A network that learns the value of observations.
 
 use mishandle_network::{
-    Activation, Adam, CHUNK_ROWS, ChunkPool, Mlp, Moments, Normalizer, RunningNormalizer, Workspace,
-    clip_norm,
+    Adam, CHUNK_ROWS, ChunkPool, Mlp, Moments, Normalizer, RunningNormalizer, Workspace, clip_norm,
 };
-use mishandle_rollout::{Seed, Stream};
+use mishandle_rollout::Seed;
 
+use crate::initialization::initial_network;
 use crate::{Checkpoint, CriticSettings, TrainingError};
 
 /// A value network with its optimiser, and the scale that its outputs are in.
@@ -33,7 +33,7 @@ struct Scratch {
 }
 
 impl Critic {
-    /// A critic of observations of `observation_size` numbers, orthogonally initialised from `seed`.
+    /// A critic of observations of `observation_size` numbers, initialised from `seed`.
     ///
     /// With `normalize_values` its outputs follow the scale of the returns.
     ///
@@ -44,8 +44,9 @@ impl Critic {
         settings: &CriticSettings,
         seed: Seed,
     ) -> Result<Critic, TrainingError> {
-        let CriticSettings { hidden, activation, learning_rate, normalize_values } = settings;
-        let network = initial_network(observation_size, hidden, 1, *activation, 1.0, seed)?;
+        let CriticSettings { hidden, activation, initialization, learning_rate, normalize_values } = settings;
+        let sizes = (observation_size, &hidden[..], 1);
+        let network = initial_network(sizes, *activation, *initialization, 1.0, seed)?;
         Ok(Critic {
             adam: Adam::new(network.parameter_count(), *learning_rate),
             network,
@@ -182,38 +183,3 @@ pub fn value_loss(output: f64, target: f64) -> (f64, f64) {
 
 /// Values stay within ± this many standard deviations of the returns.
 const CLIP: f64 = 5.0;
-
-/// A network with orthogonal weights: gain √2 for hidden layers, `last_gain` for the last.
-///
-/// # Errors
-/// If a layer has no outputs.
-pub(crate) fn initial_network(
-    inputs: usize,
-    hidden: &[usize],
-    outputs: usize,
-    activation: Activation,
-    last_gain: f64,
-    seed: Seed,
-) -> Result<Mlp<f32>, TrainingError> {
-    let sizes = [&[inputs], hidden, &[outputs]].concat();
-    let mut network = Mlp::new(&sizes, activation, Activation::Identity)?;
-    initialize(&mut network, last_gain, seed)?;
-    Ok(network)
-}
-
-/// Orthogonal weights: gain √2 for hidden layers, `last_gain` for the last.
-///
-/// # Errors
-/// Never: there is a gain for each layer.
-pub(crate) fn initialize(network: &mut Mlp<f32>, last_gain: f64, seed: Seed) -> Result<(), TrainingError> {
-    let mut gains = vec![std::f64::consts::SQRT_2; network.sizes().len() - 2];
-    gains.push(last_gain);
-    let mut step = 0;
-    network.initialize_orthogonal(&gains, || {
-        let mut draw = [0.0];
-        seed.normals(Stream::Weights, step, &mut draw);
-        step += 1;
-        draw[0]
-    })?;
-    Ok(())
-}

@@ -6,8 +6,8 @@ use mishandle_controllers::Policy;
 use mishandle_network::{Activation, Mlp, Scalar, Workspace};
 use mishandle_rollout::Seed;
 
+use crate::Initialization;
 use crate::action_value::{Followed, join};
-use crate::critic::initialize;
 use crate::replay::Batch;
 use crate::settings::ask;
 use crate::{ActorSettings, TrainingError};
@@ -71,7 +71,7 @@ pub(crate) fn actor(
 ) -> Result<Followed, TrainingError> {
     let sizes = [&[observation_size], &settings.hidden[..], &[action_size]].concat();
     let mut network = Mlp::new(&sizes, settings.activation, Activation::Tanh)?;
-    initialize(&mut network, 0.01, seed)?;
+    Initialization::Orthogonal.initialize(&mut network, 0.01, seed)?;
     Ok(Followed::new(network, settings.learning_rate))
 }
 

@@ -5,14 +5,14 @@ use std::sync::Arc;
 use mishandle_rollout::{Batch, Environment, Seed, Status, Stream};
 use rayon::prelude::*;
 
-use crate::{Checkpoint, EpisodeSettings, TrainingError};
+use crate::{Checkpoint, EpisodeSettings, TimeLimits, TrainingError};
 
 /// How a control step left an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Boundary {
     /// It goes on.
     Running,
-    /// The task ended it: nothing of value follows.
+    /// Nothing of value follows: the task ended it, or the clock did and is taken for the task.
     Terminated,
     /// The clock ended it: what would have followed has its value.
     Truncated,
@@ -30,6 +30,8 @@ pub struct Episodes {
     batch: Batch,
     seed: Seed,
     time_limit: usize,
+    /// How the clock ends an episode.
+    at_time_limit: Boundary,
     action_noise: f64,
     clocks: Vec<Clock>,
     actions: Vec<f64>,
@@ -72,18 +74,10 @@ pub struct EpisodeStatistics {
 }
 
 impl Episodes {
-    /// `rows` fresh episodes of at most `time_limit` control steps, with noise of the standard deviation
-    /// `action_noise` on each clipped action.
-    ///
-    /// If `staggered`, the first episode of each row has only a random part of its time, and is not counted.
-    pub fn new(
-        environment: Arc<dyn Environment>,
-        rows: usize,
-        seed: Seed,
-        time_limit: usize,
-        action_noise: f64,
-        staggered: bool,
-    ) -> Episodes {
+    /// Fresh episodes. A staggered first one, which has only a random part of its time, is not counted.
+    pub fn new(environment: Arc<dyn Environment>, settings: &EpisodeSettings, seed: Seed) -> Episodes {
+        let rows = settings.environments;
+        let time_limit = settings.time_limit.unwrap_or(environment.episode_steps());
         let mut episodes = Episodes {
             actions: vec![0.0; rows * environment.action_size()],
             rewards: vec![0.0; rows],
@@ -96,11 +90,15 @@ impl Episodes {
             batch: Batch::new(environment, rows),
             seed,
             time_limit,
-            action_noise,
+            at_time_limit: match settings.time_limits {
+                TimeLimits::Bootstrap => Boundary::Truncated,
+                TimeLimits::Terminal => Boundary::Terminated,
+            },
+            action_noise: settings.action_noise,
             clocks: vec![Clock::default(); rows],
         };
         for (row, clock) in episodes.clocks.iter_mut().enumerate() {
-            if staggered {
+            if settings.staggered {
                 let part = seed.child(row as u64).uniform(Stream::Shuffle, 0, 0);
                 clock.elapsed = (part * time_limit as f64) as usize;
             }
@@ -117,9 +115,7 @@ impl Episodes {
         settings: &EpisodeSettings,
         seed: Seed,
     ) -> Episodes {
-        let time_limit = settings.time_limit.unwrap_or(environment.episode_steps());
-        let EpisodeSettings { environments, action_noise, staggered, .. } = *settings;
-        Episodes::new(environment, environments, seed.child(EPISODES), time_limit, action_noise, staggered)
+        Episodes::new(environment, settings, seed.child(EPISODES))
     }
 
     /// Number of rows.
@@ -242,7 +238,7 @@ impl Episodes {
             clock.total_reward += self.rewards[row];
             self.boundaries[row] = match status {
                 Status::Terminated | Status::Diverged => Boundary::Terminated,
-                Status::Running if clock.elapsed >= self.time_limit => Boundary::Truncated,
+                Status::Running if clock.elapsed >= self.time_limit => self.at_time_limit,
                 Status::Running => Boundary::Running,
             };
             if self.boundaries[row] == Boundary::Running {
@@ -253,7 +249,7 @@ impl Episodes {
                 self.statistics.episodes += 1;
                 self.statistics.total_reward += clock.total_reward;
                 self.statistics.total_steps += clock.step;
-                self.statistics.terminated += u64::from(self.boundaries[row] == Boundary::Terminated);
+                self.statistics.terminated += u64::from(status != Status::Running);
             }
             *clock = Clock { episode: clock.episode + 1, ..Clock::default() };
         }

@@ -25,6 +25,16 @@ pub enum TrainingError {
         /// What the reader says.
         message: String,
     },
+    /// A preset that the algorithm does not have.
+    #[error("{algorithm} has no preset `{found}`; it has: {}", known.join(", "))]
+    Preset {
+        /// Name of the algorithm.
+        algorithm: &'static str,
+        /// Name of the preset.
+        found: String,
+        /// Names of those it has.
+        known: Vec<&'static str>,
+    },
     /// Weights or losses are no longer finite.
     #[error(
         "training broke down in iteration {iteration}: {what} is not finite; a smaller learning rate, or rewards \

@@ -1,13 +1,15 @@
 //! The loop that all algorithms share: learn, validate, keep the best, save.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use mishandle_controllers::Policy;
 use mishandle_network::Mlp;
+use mishandle_rollout::{Environment, Seed};
 
 use crate::{
-    Checkpoint, EpisodeStatistics, Flow, Observer, Progress, RunSettings, Selection, Shares, Trained,
-    TrainingError,
+    Checkpoint, EpisodeStatistics, Flow, Observer, Progress, RunSettings, Selection, Settings, Shares,
+    Trained, TrainingError,
 };
 
 /// An algorithm at work.
@@ -27,11 +29,26 @@ pub(crate) trait Learner {
     /// A network of the policy's sizes.
     fn network(&self) -> &Mlp<f32>;
 
-    /// A checkpoint with all that the algorithm's future depends on.
-    fn checkpoint(&self) -> Checkpoint;
+    /// What its environment is: a checkpoint of another one does not fit.
+    fn identity(&self) -> String;
+
+    /// Puts all that its future depends on into a checkpoint.
+    fn save(&self, checkpoint: &mut Checkpoint);
 
     /// Goes on where a checkpoint was taken.
+    ///
+    /// # Errors
+    /// If the checkpoint holds networks or simulations of other sizes.
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError>;
+}
+
+/// Settings that become an algorithm at work.
+pub(crate) trait Trainable: Settings {
+    /// The algorithm before its first iteration.
+    ///
+    /// # Errors
+    /// If networks of these sizes cannot be made.
+    fn learner(&self, environment: Arc<dyn Environment>, seed: Seed) -> Result<impl Learner, TrainingError>;
 }
 
 /// Iterations of the whole training: enough for all its steps.
@@ -40,18 +57,23 @@ pub(crate) fn iterations(run: &RunSettings, iteration_steps: u64) -> u64 {
 }
 
 /// Trains to the end, from a checkpoint if there is one.
-pub(crate) fn train(
-    mut learner: impl Learner,
-    run: &RunSettings,
+pub(crate) fn train<S: Trainable>(
+    settings: &S,
+    environment: Arc<dyn Environment>,
+    seed: Seed,
     resume: Option<&Checkpoint>,
     observer: &mut dyn Observer,
 ) -> Result<Trained, TrainingError> {
+    settings.check()?;
+    let run = settings.run();
+    let mut learner = settings.learner(environment, seed)?;
     let iterations = iterations(run, learner.iteration_steps());
     let environment_steps = |learner: &dyn Learner| learner.iteration() * learner.iteration_steps();
     let mut clock = Clock { start: Instant::now(), secs_before: 0.0, steps_before: 0 };
     let mut selection = Selection::new(run.stop_success, run.stop_strict, run.stop_validations);
     let mut validation = None;
     if let Some(checkpoint) = resume {
+        check_origin(checkpoint, settings, &learner.identity(), seed)?;
         learner.load(checkpoint)?;
         selection.load(checkpoint, learner.network())?;
         clock.secs_before = checkpoint.f64s("wall_clock_secs", 1)?[0];
@@ -78,7 +100,9 @@ pub(crate) fn train(
         let flow = observer.progress(&progress);
         ended = flow == Flow::Stop || is_last || selection.content();
         if ended || flow == Flow::Save || learner.iteration().is_multiple_of(run.checkpoint_every) {
-            let mut checkpoint = learner.checkpoint();
+            let mut checkpoint =
+                Checkpoint::new(S::ALGORITHM, &learner.identity(), seed.0, &settings.to_toml());
+            learner.save(&mut checkpoint);
             selection.save(&mut checkpoint);
             checkpoint.put("wall_clock_secs", vec![clock.secs()]);
             observer.checkpoint(&checkpoint);
@@ -95,6 +119,19 @@ pub(crate) fn train(
         wall_clock_secs: clock.secs(),
         reached: selection.content(),
     })
+}
+
+/// Checks that a checkpoint is of the same training: only how long it is to last may differ.
+fn check_origin<S: Settings>(
+    checkpoint: &Checkpoint,
+    settings: &S,
+    identity: &str,
+    seed: Seed,
+) -> Result<(), TrainingError> {
+    checkpoint.check(S::ALGORITHM, identity, seed.0)?;
+    let mut began = S::from_toml(checkpoint.settings())?;
+    began.run_mut().total_steps = settings.run().total_steps;
+    checkpoint.check_settings(&began.to_toml(), &settings.to_toml())
 }
 
 /// What an iteration tells of the episodes that ended in it; the rest is to be filled in.

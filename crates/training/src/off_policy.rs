@@ -12,8 +12,7 @@ use crate::acting::Acting;
 use crate::learner::{Learner, progress_of};
 use crate::replay::{Batch, Replay, Sampling};
 use crate::{
-    ActorSettings, Checkpoint, Config, EpisodeSettings, Episodes, Progress, ReplaySettings, Shares,
-    TrainingError,
+    ActorSettings, Checkpoint, EpisodeSettings, Episodes, Progress, ReplaySettings, Shares, TrainingError,
 };
 
 /// Rows of a batch that one task learns from: few, so that all threads have some.
@@ -35,9 +34,6 @@ pub(crate) fn sizes_of(environment: &dyn Environment) -> (usize, usize) {
 
 /// What is particular to an algorithm.
 pub(crate) trait Agent {
-    /// Name of the algorithm.
-    const ALGORITHM: &'static str;
-
     /// The network that is acted with.
     fn actor(&self) -> &Mlp<f32>;
 
@@ -73,15 +69,13 @@ pub(crate) trait Agent {
 }
 
 /// Settings that an off-policy algorithm shares with the others.
+#[derive(Clone, Copy)]
 pub(crate) struct Setup<'a> {
     pub gamma: f64,
     pub steps_per_iteration: usize,
-    pub total_steps: u64,
     pub episodes: &'a EpisodeSettings,
     pub replay: &'a ReplaySettings,
     pub policy: &'a ActorSettings,
-    /// All settings, as TOML.
-    pub text: String,
 }
 
 /// An off-policy algorithm at work.
@@ -89,8 +83,6 @@ pub(crate) struct OffPolicy<A> {
     agent: A,
     seed: Seed,
     steps_per_iteration: usize,
-    total_steps: u64,
-    settings: String,
     replay_settings: ReplaySettings,
     sampling: Sampling,
     normalize: bool,
@@ -106,15 +98,13 @@ pub(crate) struct OffPolicy<A> {
 
 impl<A: Agent + Sync> OffPolicy<A> {
     pub fn new(environment: Arc<dyn Environment>, setup: Setup<'_>, seed: Seed, agent: A) -> OffPolicy<A> {
-        let Setup { gamma, steps_per_iteration, total_steps, episodes, replay, policy, text } = setup;
+        let Setup { gamma, steps_per_iteration, episodes, replay, policy } = setup;
         let (inputs, size) = sizes_of(environment.as_ref());
         let rows = episodes.environments;
         let episodes = Episodes::of_training(environment, episodes, seed);
         OffPolicy {
             seed,
             steps_per_iteration,
-            total_steps,
-            settings: text,
             sampling: Sampling { n_steps: replay.n_steps, gamma, reward_scale: replay.reward_scale },
             replay: Replay::new(replay.capacity, rows, inputs, size),
             replay_settings: replay.clone(),
@@ -213,24 +203,20 @@ impl<A: Agent + Sync> Learner for OffPolicy<A> {
         self.agent.actor()
     }
 
-    fn checkpoint(&self) -> Checkpoint {
-        let mut checkpoint =
-            Checkpoint::new(A::ALGORITHM, &self.episodes.identity(), self.seed.0, &self.settings);
+    fn identity(&self) -> String {
+        self.episodes.identity()
+    }
+
+    fn save(&self, checkpoint: &mut Checkpoint) {
         checkpoint.put("iteration", vec![self.iteration]);
         checkpoint.put("updates", vec![self.updates]);
         checkpoint.put_moments("normalizer", self.normalizer.moments());
-        self.agent.save(&mut checkpoint);
-        self.episodes.save(&mut checkpoint);
-        self.replay.save(&mut checkpoint);
-        checkpoint
+        self.agent.save(checkpoint);
+        self.episodes.save(checkpoint);
+        self.replay.save(checkpoint);
     }
 
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
-        checkpoint.check(A::ALGORITHM, &self.episodes.identity(), self.seed.0)?;
-        let mut began =
-            Config::from_toml(A::ALGORITHM, checkpoint.settings()).expect("the algorithm is known")?;
-        began.run_mut().total_steps = self.total_steps;
-        checkpoint.check_settings(&began.to_toml(), &self.settings)?;
         self.iteration = checkpoint.u64s("iteration", 1)?[0];
         self.updates = checkpoint.u64s("updates", 1)?[0];
         let columns = self.agent.actor().input_size();

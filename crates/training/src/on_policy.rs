@@ -8,8 +8,8 @@ use mishandle_network::{ChunkPool, Mlp, Normalizer, RunningNormalizer, Workspace
 use mishandle_rollout::{Environment, Seed};
 use rayon::prelude::*;
 
-use crate::critic::initial_network;
 use crate::gaussian::Deviations;
+use crate::initialization::initial_network;
 use crate::{
     Buffer, Checkpoint, Critic, CriticSettings, EpisodeSettings, Episodes, PolicySettings, TrainingError, gae,
 };
@@ -75,12 +75,10 @@ impl OnPolicy {
         let (inputs, outputs) = (environment.observation_size(), environment.action_size());
         let rows = episodes.environments;
         let episodes = Episodes::of_training(environment, episodes, seed);
-        // A small last layer, so that the first actions are near the middle whatever is seen.
         let network = initial_network(
-            inputs,
-            &policy.hidden,
-            outputs,
+            (inputs, &policy.hidden, outputs),
             policy.activation,
+            policy.initialization,
             0.01,
             seed.child(POLICY_WEIGHTS),
         )?;

@@ -5,8 +5,47 @@ use std::fmt::Display;
 use mishandle_network::Activation;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use toml::de::{DeTable, ValueDeserializer};
 
-use crate::TrainingError;
+use crate::presets::{BEST, overlay, preset};
+use crate::{Initialization, TrainingError};
+
+/// Settings of an algorithm. As TOML, each is a key of its name; a key that is left out is as the preset has it that
+/// the key `preset` names (`best`, the defaults, if it names none), one that is not known is an error.
+pub trait Settings: Default + Serialize + DeserializeOwned {
+    /// Name of the algorithm.
+    const ALGORITHM: &'static str;
+
+    /// Presets besides `best`: their names, and as TOML what each has other than the defaults.
+    const PRESETS: &'static [(&'static str, &'static str)] = &[];
+
+    /// How long to train, and when to look.
+    fn run(&self) -> &RunSettings;
+
+    /// How long to train, and when to look, to be set.
+    fn run_mut(&mut self) -> &mut RunSettings;
+
+    /// Checks that every setting is in its range.
+    ///
+    /// # Errors
+    /// If one is not; the message says what it must be.
+    fn check(&self) -> Result<(), TrainingError>;
+
+    /// The settings that a TOML text states.
+    ///
+    /// # Errors
+    /// If it is not TOML, a key is not known, or a value is of another type or out of its range.
+    fn from_toml(text: &str) -> Result<Self, TrainingError> {
+        let settings: Self = read(text)?;
+        settings.check()?;
+        Ok(settings)
+    }
+
+    /// The settings as TOML, every key with its value; what has none is left out.
+    fn to_toml(&self) -> String {
+        toml::to_string(self).expect("settings are numbers, names and lists of numbers")
+    }
+}
 
 /// `[run]`: how long to train, when to look how it goes, when to stop.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -36,11 +75,24 @@ pub struct EpisodeSettings {
     pub environments: usize,
     /// Control steps after which the clock ends a training episode; default the environment's.
     pub time_limit: Option<usize>,
+    /// What is learned from an episode that the clock ended: `bootstrap`, that what would have followed has its value;
+    /// or `terminal`, that nothing of value follows, as if the task had ended it. Default `bootstrap`.
+    pub time_limits: TimeLimits,
     /// Whether first episodes have only a random part of their time, so that the simulations are not in step.
     /// Default true.
     pub staggered: bool,
     /// Standard deviation of noise on each clipped action while training. Default 0.
     pub action_noise: f64,
+}
+
+/// What is learned from an episode that the clock ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TimeLimits {
+    /// What would have followed has its value.
+    Bootstrap,
+    /// Nothing of value follows, as if the task had ended it.
+    Terminal,
 }
 
 /// `[policy]`: a Gaussian policy whose deviations do not depend on what is seen.
@@ -52,6 +104,8 @@ pub struct PolicySettings {
     /// Activation of the hidden layers: `elu`, `tanh` or `relu`. Default `elu`.
     #[serde(with = "activation_name")]
     pub activation: Activation,
+    /// Its first weights; see [`Initialization`]. Default `orthogonal`.
+    pub initialization: Initialization,
     /// log σ of each action at the start. Default -0.5.
     pub initial_log_std: f64,
     /// Smallest log σ. Default -3.
@@ -71,6 +125,8 @@ pub struct CriticSettings {
     /// Activation of the hidden layers: `elu`, `tanh` or `relu`. Default `elu`.
     #[serde(with = "activation_name")]
     pub activation: Activation,
+    /// Its first weights; see [`Initialization`]. Default `orthogonal`.
+    pub initialization: Initialization,
     /// Step length of the optimiser. Default 0.001.
     pub learning_rate: f64,
     /// Whether it learns on the scale of the returns. Default true.
@@ -93,7 +149,13 @@ impl Default for RunSettings {
 
 impl Default for EpisodeSettings {
     fn default() -> EpisodeSettings {
-        EpisodeSettings { environments: 512, time_limit: None, staggered: true, action_noise: 0.0 }
+        EpisodeSettings {
+            environments: 512,
+            time_limit: None,
+            time_limits: TimeLimits::Bootstrap,
+            staggered: true,
+            action_noise: 0.0,
+        }
     }
 }
 
@@ -102,6 +164,7 @@ impl Default for PolicySettings {
         PolicySettings {
             hidden: vec![64, 64],
             activation: Activation::Elu,
+            initialization: Initialization::Orthogonal,
             initial_log_std: -0.5,
             min_log_std: -3.0,
             max_log_std: 0.5,
@@ -115,6 +178,7 @@ impl Default for CriticSettings {
         CriticSettings {
             hidden: vec![64, 64],
             activation: Activation::Elu,
+            initialization: Initialization::Orthogonal,
             learning_rate: 1e-3,
             normalize_values: true,
         }
@@ -168,36 +232,23 @@ impl CriticSettings {
     }
 }
 
-/// Settings from a TOML text: a key that is left out, at any depth, has the value that it has in `S::default()`; one
-/// that is not known is an error.
-pub(crate) fn from_toml<S: DeserializeOwned + Serialize + Default>(text: &str) -> Result<S, TrainingError> {
+/// Settings from a TOML text: a key that is left out, at any depth, has the value that it has in the preset that the
+/// text names; one that is not known is an error.
+fn read<S: Settings>(text: &str) -> Result<S, TrainingError> {
     let told = |error: toml::de::Error| {
         let start = error.span().map_or(0, |span| span.start).min(text.len());
         let line = 1 + text.as_bytes()[..start].iter().filter(|byte| **byte == b'\n').count();
         TrainingError::Settings { line, message: error.message().replace('\n', ", ") }
     };
+    let mut stated = DeTable::parse(text).map_err(told)?;
+    let mut settings = match stated.get_mut().remove("preset") {
+        Some(name) => preset::<S>(&String::deserialize(ValueDeserializer::from(name)).map_err(told)?)?,
+        None => preset::<S>(BEST)?,
+    };
     // The first reading finds mistakes, and knows their lines.
-    toml::from_str::<S>(text).map_err(told)?;
-    let mut settings: toml::Table = to_toml(&S::default()).parse().map_err(told)?;
-    overlay(&mut settings, text.parse().map_err(told)?);
+    S::deserialize(toml::Deserializer::from(stated.clone())).map_err(told)?;
+    overlay(&mut settings, toml::Table::deserialize(toml::Deserializer::from(stated)).map_err(told)?);
     settings.try_into().map_err(told)
-}
-
-/// Lets `own` have what `other` states.
-fn overlay(own: &mut toml::Table, other: toml::Table) {
-    for (key, value) in other {
-        match (own.get_mut(&key), value) {
-            (Some(toml::Value::Table(own)), toml::Value::Table(other)) => overlay(own, other),
-            (_, value) => {
-                own.insert(key, value);
-            }
-        }
-    }
-}
-
-/// Settings as TOML, every key with its value; what has none is left out.
-pub(crate) fn to_toml<S: Serialize>(settings: &S) -> String {
-    toml::to_string(settings).expect("settings are numbers, names and lists of numbers")
 }
 
 const SHARE: &str = "a number from 0 to 1";

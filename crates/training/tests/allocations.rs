@@ -10,9 +10,9 @@ use std::cell::Cell;
 use line::Line;
 use mishandle_network::{Activation, Mlp, Normalizer};
 use mishandle_rollout::{Seed, Stream};
-use mishandle_training::Episodes;
 use mishandle_training::replay::{Batch, Replay, Sampling};
 use mishandle_training::sac::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch};
+use mishandle_training::{EpisodeSettings, Episodes};
 
 thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
@@ -42,7 +42,8 @@ fn network(inputs: usize, outputs: usize) -> Mlp<f32> {
 #[test]
 fn an_update_allocates_nothing() {
     let mut replay = Replay::new(1000, 2, 2, 1);
-    let mut episodes = Episodes::new(Line::new(0.0), 2, Seed(0), 40, 0.0, false);
+    let settings = EpisodeSettings { environments: 2, staggered: false, ..EpisodeSettings::default() };
+    let mut episodes = Episodes::new(Line::new(0.0), &settings, Seed(0));
     for _ in 0..20 {
         let seen = episodes.observations().to_vec();
         episodes.step(&[0.5, 0.25]);

@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{Axis, Environment, InitialBox, Sample, Seed, Status, Worker};
-use mishandle_training::{Boundary, Buffer, Episodes};
+use mishandle_training::{Boundary, Buffer, EpisodeSettings, Episodes, TimeLimits};
 
 /// Shows its control step, then 100; the reward is the action. What ends it is said by the first value of x₀:
 /// below 1 nothing, below 2 the task at control step 5, else divergence at step 3.
@@ -79,8 +79,15 @@ impl Worker for CounterWorker {
     }
 }
 
+fn settings(environments: usize, time_limit: usize) -> EpisodeSettings {
+    let settings =
+        EpisodeSettings { environments, time_limit: Some(time_limit), ..EpisodeSettings::default() };
+    EpisodeSettings { staggered: false, ..settings }
+}
+
 fn episodes(low: f64, rows: usize, time_limit: usize, action_noise: f64, staggered: bool) -> Episodes {
-    Episodes::new(counter(low), rows, Seed(3), time_limit, action_noise, staggered)
+    let settings = EpisodeSettings { action_noise, staggered, ..settings(rows, time_limit) };
+    Episodes::new(counter(low), &settings, Seed(3))
 }
 
 /// Steps one row with the action 0.5 until its episode ends: the control step, how, what was seen there and after it.
@@ -113,6 +120,17 @@ fn the_task_terminates() {
 #[test]
 fn a_diverged_row_terminates_with_its_last_finite_observation() {
     check_end(2.0, 3, Boundary::Terminated, 2.0, 0.0);
+}
+
+#[test]
+fn a_terminal_time_limit_ends_an_episode_as_the_task_would_and_is_told_apart_in_the_statistics() {
+    let settings = EpisodeSettings { time_limits: TimeLimits::Terminal, ..settings(1, 7) };
+    let mut episodes = Episodes::new(counter(0.0), &settings, Seed(3));
+    (0..7).for_each(|_| episodes.step(&[0.5]));
+    assert_eq!(episodes.boundaries(), [Boundary::Terminated]);
+    assert_eq!(episodes.observations(), [0.0, 100.0]);
+    let statistics = episodes.take_statistics();
+    assert_eq!((statistics.episodes, statistics.terminated), (1, 0));
 }
 
 #[test]

@@ -7,19 +7,18 @@ mod watch;
 
 use line::Line;
 use mishandle_rollout::Seed;
-use mishandle_training::ppo::{PpoConfig, train};
-use mishandle_training::{Checkpoint, Trained, TrainingError};
+use mishandle_training::{Checkpoint, Config, Trained, TrainingError};
 use watch::{Watch, best_return, facts, mean_return};
 
-fn settings(text: &str) -> PpoConfig {
+fn settings(text: &str) -> Config {
     let common = "episodes.environments = 48\nrollout_steps = 16\nminibatch_rows = 300\npolicy.hidden = [16]\n\
                   critic.hidden = [16]\nrun.validation_episodes = 10\nrun.validation_every = 2\n";
-    PpoConfig::from_toml(&format!("{common}{text}")).unwrap()
+    Config::from_toml("ppo", &format!("{common}{text}")).unwrap().unwrap()
 }
 
-fn run(threads: usize, config: &PpoConfig, resume: Option<&Checkpoint>, watch: &mut Watch) -> Trained {
+fn run(threads: usize, config: &Config, resume: Option<&Checkpoint>, watch: &mut Watch) -> Trained {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| train(Line::new(0.05), config, Seed(5), resume, watch)).unwrap()
+    pool.install(|| config.train(Line::new(0.05), Seed(5), resume, watch)).unwrap()
 }
 
 #[test]
@@ -71,7 +70,7 @@ fn a_resumed_training_goes_on_to_the_same_bits() {
 #[test]
 fn a_checkpoint_asked_for_between_the_regular_ones_changes_nothing_and_can_be_resumed() {
     let config = settings("run.total_steps = 4_600");
-    assert!(config.run.checkpoint_every > 6, "the settings ask for none before the end");
+    assert!(config.run().checkpoint_every > 6, "the settings ask for none before the end");
     let trained = run(2, &config, None, &mut Watch::default());
     let mut saving = Watch { save_after: Some(2), ..Watch::default() };
     assert_eq!(run(2, &config, None, &mut saving).last.hash(), trained.last.hash());
@@ -96,7 +95,7 @@ fn a_finished_training_resumed_gives_its_controller() {
 fn seeds_differ() {
     let config = settings("run.total_steps = 1_000");
     let hash = |seed| {
-        let trained = train(Line::new(0.0), &config, Seed(seed), None, &mut Watch::default());
+        let trained = config.train(Line::new(0.0), Seed(seed), None, &mut Watch::default());
         trained.unwrap().last.hash()
     };
     assert_ne!(hash(1), hash(2));
@@ -114,24 +113,24 @@ fn training_ends_when_it_is_good_enough() {
 
 #[test]
 fn a_checkpoint_of_another_training_is_refused() {
-    let config = settings("run.total_steps = 1_000");
+    let text = "run.total_steps = 1_000\n";
+    let config = settings(text);
     let mut watch = Watch::default();
     run(1, &config, None, &mut watch);
     let checkpoint = watch.checkpoint.unwrap();
-    let refusal = |config: &PpoConfig, seed| {
-        train(Line::new(0.0), config, Seed(seed), Some(&checkpoint), &mut Watch::default())
+    let refusal = |config: &Config, seed| {
+        config
+            .train(Line::new(0.0), Seed(seed), Some(&checkpoint), &mut Watch::default())
             .unwrap_err()
             .to_string()
     };
     assert_eq!(refusal(&config, 6), "the checkpoint's seed is 5, this training's is 6");
-    let mut wider = config.clone();
-    wider.episodes.environments = 64;
-    let told = refusal(&wider, 5);
+    let told = refusal(&settings(&format!("{text}epochs = 9")), 5);
     // Only what differs is told.
-    assert_eq!(told, "the checkpoint's settings is environments = 48, this training's is environments = 64");
+    assert_eq!(told, "the checkpoint's settings is epochs = 5, this training's is epochs = 9");
     let mut longer = config.clone();
-    longer.run.total_steps = 2_000;
-    let resumed = train(Line::new(0.0), &longer, Seed(5), Some(&checkpoint), &mut Watch::default());
+    longer.run_mut().total_steps = 2_000;
+    let resumed = longer.train(Line::new(0.0), Seed(5), Some(&checkpoint), &mut Watch::default());
     assert!(resumed.is_ok(), "only the number of steps may differ");
 }
 
@@ -139,6 +138,6 @@ fn a_checkpoint_of_another_training_is_refused() {
 fn weights_that_run_wild_end_the_training_with_an_error() {
     let config =
         settings("learning_rate = 1e30\nlearning_rate_schedule = \"constant\"\nrun.total_steps = 100_000");
-    let error = train(Line::new(0.0), &config, Seed(1), None, &mut Watch::default()).unwrap_err();
+    let error = config.train(Line::new(0.0), Seed(1), None, &mut Watch::default()).unwrap_err();
     assert!(matches!(error, TrainingError::NotFinite { .. } | TrainingError::Network(_)), "{error}");
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use mishandle_network::Normalizer;
 use mishandle_rollout::{Axis, Environment, InitialBox, Sample, Seed, Status, Worker};
 use mishandle_training::replay::{Batch, Replay, Sampling};
-use mishandle_training::{Checkpoint, Episodes};
+use mishandle_training::{Checkpoint, EpisodeSettings, Episodes};
 
 /// Shows how many control steps it has made, and its fate, the value of x₀; the reward of the k-th step is 10^k, counted
 /// from 0. A fate of at least 1 is to be ended by the task at step 4.
@@ -79,7 +79,9 @@ impl Worker for PowersWorker {
 /// Rows that have made `steps` control steps, in episodes of 5 unless their fate ends them at 4; the action tells the step.
 fn remembered(fate: f64, rows: usize, steps: usize, capacity: usize) -> (Replay, Episodes) {
     let mut replay = Replay::new(capacity, rows, 1, 1);
-    let mut episodes = Episodes::new(powers(fate), rows, Seed(3), 5, 0.0, false);
+    let settings = EpisodeSettings { environments: rows, time_limit: Some(5), ..EpisodeSettings::default() };
+    let settings = EpisodeSettings { staggered: false, ..settings };
+    let mut episodes = Episodes::new(powers(fate), &settings, Seed(3));
     for step in 0..steps {
         step_once(&mut replay, &mut episodes, step);
     }

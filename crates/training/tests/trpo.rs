@@ -7,19 +7,18 @@ mod watch;
 
 use line::Line;
 use mishandle_rollout::Seed;
-use mishandle_training::trpo::{TrpoConfig, train};
-use mishandle_training::{Checkpoint, Trained};
+use mishandle_training::{Checkpoint, Config, Trained};
 use watch::{Watch, best_return, facts, mean_return};
 
-fn settings(text: &str) -> TrpoConfig {
+fn settings(text: &str) -> Config {
     let common = "episodes.environments = 48\nrollout_steps = 16\nminibatch_rows = 300\npolicy.hidden = [16]\n\
                   critic.hidden = [16]\nrun.validation_episodes = 10\nrun.validation_every = 2\n";
-    TrpoConfig::from_toml(&format!("{common}{text}")).unwrap()
+    Config::from_toml("trpo", &format!("{common}{text}")).unwrap().unwrap()
 }
 
-fn run(threads: usize, config: &TrpoConfig, resume: Option<&Checkpoint>, watch: &mut Watch) -> Trained {
+fn run(threads: usize, config: &Config, resume: Option<&Checkpoint>, watch: &mut Watch) -> Trained {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| train(Line::new(0.05), config, Seed(5), resume, watch)).unwrap()
+    pool.install(|| config.train(Line::new(0.05), Seed(5), resume, watch)).unwrap()
 }
 
 #[test]

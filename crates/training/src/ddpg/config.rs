@@ -1,9 +1,9 @@
 use serde::{Deserialize, Serialize};
 
 use crate::deterministic::Exploration;
-use crate::settings::{at_least_1, from_toml, share, to_toml};
+use crate::settings::{at_least_1, share};
 use crate::{
-    ActionValueSettings, ActorSettings, EpisodeSettings, ReplaySettings, RunSettings, TrainingError,
+    ActionValueSettings, ActorSettings, EpisodeSettings, ReplaySettings, RunSettings, Settings, TrainingError,
 };
 
 /// Settings of DDPG. As TOML, each is a key of its name, the last five are tables; a key that is left out has its
@@ -11,7 +11,7 @@ use crate::{
 ///
 /// # Example
 /// ```
-/// use mishandle_training::ddpg::DdpgConfig;
+/// use mishandle_training::{Settings, ddpg::DdpgConfig};
 /// let config = DdpgConfig::from_toml("tau = 0.01\nepisodes.action_noise = 0.5")?;
 /// assert_eq!((config.tau, config.episodes.environments), (0.01, 128));
 /// assert_eq!(DdpgConfig::from_toml(&config.to_toml())?, config);
@@ -59,27 +59,18 @@ impl Default for DdpgConfig {
     }
 }
 
-impl DdpgConfig {
-    /// The settings that a TOML text states.
-    ///
-    /// # Errors
-    /// If it is not TOML, a key is not known, or a value is of another type or out of its range.
-    pub fn from_toml(text: &str) -> Result<DdpgConfig, TrainingError> {
-        let config: DdpgConfig = from_toml(text)?;
-        config.check()?;
-        Ok(config)
+impl Settings for DdpgConfig {
+    const ALGORITHM: &'static str = "ddpg";
+
+    fn run(&self) -> &RunSettings {
+        &self.run
     }
 
-    /// The settings as TOML, every key with its value; what has none is left out.
-    pub fn to_toml(&self) -> String {
-        to_toml(self)
+    fn run_mut(&mut self) -> &mut RunSettings {
+        &mut self.run
     }
 
-    /// Checks that every setting is in its range.
-    ///
-    /// # Errors
-    /// If one is not; the message says what it must be.
-    pub fn check(&self) -> Result<(), TrainingError> {
+    fn check(&self) -> Result<(), TrainingError> {
         share("gamma", self.gamma)?;
         share("tau", self.tau)?;
         Exploration(self.exploration_std).check()?;

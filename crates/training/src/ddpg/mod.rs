@@ -21,4 +21,3 @@ pub use config::DdpgConfig;
 pub use loss::{CriticLoss, CriticScratch};
 #[cfg(test)]
 pub(crate) use train::Ddpg;
-pub use train::{ALGORITHM, train};

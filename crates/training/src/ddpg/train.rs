@@ -8,39 +8,23 @@ use super::config::DdpgConfig;
 use super::loss::{CriticLoss, CriticScratch};
 use crate::action_value::Followed;
 use crate::deterministic::{self, Exploration, PolicyLoss, PolicyScratch};
+use crate::learner::{Learner, Trainable};
 use crate::off_policy::{Agent, LEARNING_ROWS, OffPolicy, Setup, finite, sizes_of, weights};
 use crate::replay::Batch;
-use crate::{Checkpoint, Observer, Trained, TrainingError, learner};
+use crate::{Checkpoint, TrainingError};
 
-/// Name of the algorithm.
-pub const ALGORITHM: &str = "ddpg";
-
-/// Trains a policy in `environment`, on the threads of the current rayon pool.
-///
-/// With a checkpoint of the same settings it goes on from there, to the same bits as if it had not been interrupted.
-/// Only `run.total_steps` may differ.
-///
-/// # Errors
-/// If a setting is out of its range, the checkpoint is another training's, or the weights stop being finite.
-pub fn train(
-    environment: Arc<dyn Environment>,
-    config: &DdpgConfig,
-    seed: Seed,
-    resume: Option<&Checkpoint>,
-    observer: &mut dyn Observer,
-) -> Result<Trained, TrainingError> {
-    config.check()?;
-    let agent = Ddpg::new(sizes_of(environment.as_ref()), config, seed)?;
-    let setup = Setup {
-        gamma: config.gamma,
-        steps_per_iteration: config.steps_per_iteration,
-        total_steps: config.run.total_steps,
-        episodes: &config.episodes,
-        replay: &config.replay,
-        policy: &config.policy,
-        text: config.to_toml(),
-    };
-    learner::train(OffPolicy::new(environment, setup, seed, agent), &config.run, resume, observer)
+impl Trainable for DdpgConfig {
+    fn learner(&self, environment: Arc<dyn Environment>, seed: Seed) -> Result<impl Learner, TrainingError> {
+        let agent = Ddpg::new(sizes_of(environment.as_ref()), self, seed)?;
+        let setup = Setup {
+            gamma: self.gamma,
+            steps_per_iteration: self.steps_per_iteration,
+            episodes: &self.episodes,
+            replay: &self.replay,
+            policy: &self.policy,
+        };
+        Ok(OffPolicy::new(environment, setup, seed, agent))
+    }
 }
 
 pub(crate) struct Ddpg {
@@ -107,8 +91,6 @@ impl Ddpg {
 }
 
 impl Agent for Ddpg {
-    const ALGORITHM: &'static str = ALGORITHM;
-
     fn actor(&self) -> &Mlp<f32> {
         &self.actor.network
     }

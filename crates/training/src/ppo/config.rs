@@ -1,14 +1,14 @@
 use serde::{Deserialize, Serialize};
 
-use crate::settings::{ask, at_least_1, from_toml, number, positive, share, to_toml};
-use crate::{CriticSettings, EpisodeSettings, PolicySettings, RunSettings, TrainingError};
+use crate::settings::{ask, at_least_1, number, positive, share};
+use crate::{CriticSettings, EpisodeSettings, PolicySettings, RunSettings, Settings, TrainingError};
 
 /// Settings of PPO. As TOML, each is a key of its name, the last four are tables; a key that is left out has its
 /// default, one that is not known is an error.
 ///
 /// # Example
 /// ```
-/// use mishandle_training::ppo::PpoConfig;
+/// use mishandle_training::{Settings, ppo::PpoConfig};
 /// let config = PpoConfig::from_toml("gamma = 0.97\npolicy.hidden = [128, 64]")?;
 /// assert_eq!((config.gamma, config.epochs), (0.97, 5));
 /// assert_eq!(PpoConfig::from_toml(&config.to_toml())?, config);
@@ -84,27 +84,18 @@ impl Default for PpoConfig {
     }
 }
 
-impl PpoConfig {
-    /// The settings that a TOML text states.
-    ///
-    /// # Errors
-    /// If it is not TOML, a key is not known, or a value is of another type or out of its range.
-    pub fn from_toml(text: &str) -> Result<PpoConfig, TrainingError> {
-        let config: PpoConfig = from_toml(text)?;
-        config.check()?;
-        Ok(config)
+impl Settings for PpoConfig {
+    const ALGORITHM: &'static str = "ppo";
+
+    fn run(&self) -> &RunSettings {
+        &self.run
     }
 
-    /// The settings as TOML, every key with its value; what has none is left out.
-    pub fn to_toml(&self) -> String {
-        to_toml(self)
+    fn run_mut(&mut self) -> &mut RunSettings {
+        &mut self.run
     }
 
-    /// Checks that every setting is in its range.
-    ///
-    /// # Errors
-    /// If one is not; the message says what it must be.
-    pub fn check(&self) -> Result<(), TrainingError> {
+    fn check(&self) -> Result<(), TrainingError> {
         at_least_1("rollout_steps", self.rollout_steps as u64)?;
         at_least_1("epochs", self.epochs as u64)?;
         ask("minibatch_rows", "at least 2", self.minibatch_rows, self.minibatch_rows >= 2)?;

@@ -22,4 +22,3 @@ mod train;
 
 pub use config::{PpoConfig, Schedule};
 pub use loss::{Surrogate, surrogate};
-pub use train::{ALGORITHM, train};

@@ -8,12 +8,9 @@ use mishandle_rollout::{Environment, Seed};
 use super::config::{PpoConfig, Schedule};
 use super::loss::{Minibatch, RIDERS, Scratch};
 use crate::gaussian::Deviations;
-use crate::learner::{self, Learner, iterations, progress_of};
+use crate::learner::{Learner, Trainable, iterations, progress_of};
 use crate::on_policy::{OnPolicy, Setup, mean_and_scale};
-use crate::{Checkpoint, Observer, Progress, Shares, Trained, TrainingError, shuffle};
-
-/// Name of the algorithm.
-pub const ALGORITHM: &str = "ppo";
+use crate::{Checkpoint, Progress, Shares, TrainingError, shuffle};
 
 /// The adaptive schedule keeps the step length within these.
 const LEARNING_RATES: (f64, f64) = (1e-5, 1e-2);
@@ -24,22 +21,10 @@ const LEARNING_RATE_FACTOR: f64 = 1.5;
 /// The child of the training's seed that shuffles minibatches; the others are those of [`OnPolicy`].
 const MINIBATCHES: u64 = 3;
 
-/// Trains a policy in `environment`, on the threads of the current rayon pool.
-///
-/// With a checkpoint of the same settings it goes on from there, to the same bits as if it had not been interrupted.
-/// Only `run.total_steps` may differ.
-///
-/// # Errors
-/// If a setting is out of its range, the checkpoint is another training's, or the weights stop being finite.
-pub fn train(
-    environment: Arc<dyn Environment>,
-    config: &PpoConfig,
-    seed: Seed,
-    resume: Option<&Checkpoint>,
-    observer: &mut dyn Observer,
-) -> Result<Trained, TrainingError> {
-    config.check()?;
-    learner::train(Ppo::new(environment, config, seed)?, &config.run, resume, observer)
+impl Trainable for PpoConfig {
+    fn learner(&self, environment: Arc<dyn Environment>, seed: Seed) -> Result<impl Learner, TrainingError> {
+        Ppo::new(environment, self, seed)
+    }
 }
 
 struct Ppo<'a> {
@@ -195,22 +180,18 @@ impl Learner for Ppo<'_> {
         &self.common.network
     }
 
-    fn checkpoint(&self) -> Checkpoint {
-        let identity = self.common.episodes.identity();
-        let mut checkpoint = Checkpoint::new(ALGORITHM, &identity, self.seed.0, &self.config.to_toml());
+    fn identity(&self) -> String {
+        self.common.episodes.identity()
+    }
+
+    fn save(&self, checkpoint: &mut Checkpoint) {
         checkpoint.put("iteration", vec![self.iteration]);
         checkpoint.put_adam("policy.adam", &self.network_adam);
         checkpoint.put_adam("policy.log_std_adam", &self.log_std_adam);
-        self.common.save(&mut checkpoint);
-        checkpoint
+        self.common.save(checkpoint);
     }
 
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
-        let identity = self.common.episodes.identity();
-        checkpoint.check(ALGORITHM, &identity, self.seed.0)?;
-        let mut began = PpoConfig::from_toml(checkpoint.settings())?;
-        began.run.total_steps = self.config.run.total_steps;
-        checkpoint.check_settings(&began.to_toml(), &self.config.to_toml())?;
         self.iteration = checkpoint.u64s("iteration", 1)?[0];
         self.network_adam = checkpoint.adam("policy.adam", self.common.network.parameter_count())?;
         self.log_std_adam = checkpoint.adam("policy.log_std_adam", self.common.log_std.len())?;

@@ -1,8 +1,8 @@
 use serde::{Deserialize, Serialize};
 
-use crate::settings::{at_least_1, from_toml, positive, share, to_toml};
+use crate::settings::{at_least_1, positive, share};
 use crate::{
-    ActionValueSettings, ActorSettings, EpisodeSettings, ReplaySettings, RunSettings, TrainingError,
+    ActionValueSettings, ActorSettings, EpisodeSettings, ReplaySettings, RunSettings, Settings, TrainingError,
 };
 
 /// Settings of SAC. As TOML, each is a key of its name, the last five are tables; a key that is left out has its
@@ -10,7 +10,7 @@ use crate::{
 ///
 /// # Example
 /// ```
-/// use mishandle_training::sac::SacConfig;
+/// use mishandle_training::{Settings, sac::SacConfig};
 /// let config = SacConfig::from_toml("tau = 0.01\nepisodes.action_noise = 0.5")?;
 /// assert_eq!((config.tau, config.episodes.environments), (0.01, 128));
 /// assert_eq!(SacConfig::from_toml(&config.to_toml())?, config);
@@ -65,27 +65,18 @@ impl Default for SacConfig {
     }
 }
 
-impl SacConfig {
-    /// The settings that a TOML text states.
-    ///
-    /// # Errors
-    /// If it is not TOML, a key is not known, or a value is of another type or out of its range.
-    pub fn from_toml(text: &str) -> Result<SacConfig, TrainingError> {
-        let config: SacConfig = from_toml(text)?;
-        config.check()?;
-        Ok(config)
+impl Settings for SacConfig {
+    const ALGORITHM: &'static str = "sac";
+
+    fn run(&self) -> &RunSettings {
+        &self.run
     }
 
-    /// The settings as TOML, every key with its value; what has none is left out.
-    pub fn to_toml(&self) -> String {
-        to_toml(self)
+    fn run_mut(&mut self) -> &mut RunSettings {
+        &mut self.run
     }
 
-    /// Checks that every setting is in its range.
-    ///
-    /// # Errors
-    /// If one is not; the message says what it must be.
-    pub fn check(&self) -> Result<(), TrainingError> {
+    fn check(&self) -> Result<(), TrainingError> {
         share("gamma", self.gamma)?;
         share("tau", self.tau)?;
         positive("target_std", self.target_std)?;

@@ -25,4 +25,3 @@ pub use config::SacConfig;
 pub use loss::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch, temperature_loss};
 #[cfg(test)]
 pub(crate) use train::Sac;
-pub use train::{ALGORITHM, train};

@@ -7,42 +7,26 @@ use mishandle_rollout::{Environment, Seed};
 use super::config::SacConfig;
 use super::loss::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch, temperature_loss};
 use crate::action_value::Followed;
-use crate::critic::initial_network;
 use crate::gaussian::Deviations;
+use crate::initialization::initial_network;
+use crate::learner::{Learner, Trainable};
 use crate::off_policy::{Agent, LEARNING_ROWS, OffPolicy, Setup, draw_rows, finite, sizes_of, weights};
 use crate::replay::Batch;
 use crate::squashed::Drawn;
-use crate::{Checkpoint, Observer, Trained, TrainingError, learner};
+use crate::{Checkpoint, Initialization, TrainingError};
 
-/// Name of the algorithm.
-pub const ALGORITHM: &str = "sac";
-
-/// Trains a policy in `environment`, on the threads of the current rayon pool.
-///
-/// With a checkpoint of the same settings it goes on from there, to the same bits as if it had not been interrupted.
-/// Only `run.total_steps` may differ.
-///
-/// # Errors
-/// If a setting is out of its range, the checkpoint is another training's, or the weights stop being finite.
-pub fn train(
-    environment: Arc<dyn Environment>,
-    config: &SacConfig,
-    seed: Seed,
-    resume: Option<&Checkpoint>,
-    observer: &mut dyn Observer,
-) -> Result<Trained, TrainingError> {
-    config.check()?;
-    let agent = Sac::new(sizes_of(environment.as_ref()), config, seed)?;
-    let setup = Setup {
-        gamma: config.gamma,
-        steps_per_iteration: config.steps_per_iteration,
-        total_steps: config.run.total_steps,
-        episodes: &config.episodes,
-        replay: &config.replay,
-        policy: &config.policy,
-        text: config.to_toml(),
-    };
-    learner::train(OffPolicy::new(environment, setup, seed, agent), &config.run, resume, observer)
+impl Trainable for SacConfig {
+    fn learner(&self, environment: Arc<dyn Environment>, seed: Seed) -> Result<impl Learner, TrainingError> {
+        let agent = Sac::new(sizes_of(environment.as_ref()), self, seed)?;
+        let setup = Setup {
+            gamma: self.gamma,
+            steps_per_iteration: self.steps_per_iteration,
+            episodes: &self.episodes,
+            replay: &self.replay,
+            policy: &self.policy,
+        };
+        Ok(OffPolicy::new(environment, setup, seed, agent))
+    }
 }
 
 pub(crate) struct Sac {
@@ -72,8 +56,13 @@ impl Sac {
     pub fn new(sizes: (usize, usize), config: &SacConfig, seed: Seed) -> Result<Sac, TrainingError> {
         let policy = &config.policy;
         // A small last layer: the first actions are near the middle, with h near 0, whatever is seen.
-        let actor =
-            initial_network(sizes.0, &policy.hidden, 2 * sizes.1, policy.activation, 0.01, weights(seed, 0))?;
+        let actor = initial_network(
+            (sizes.0, &policy.hidden, 2 * sizes.1),
+            policy.activation,
+            Initialization::Orthogonal,
+            0.01,
+            weights(seed, 0),
+        )?;
         let critics = [
             Followed::critic(sizes, &config.critic, weights(seed, 1))?,
             Followed::critic(sizes, &config.critic, weights(seed, 2))?,
@@ -146,8 +135,6 @@ impl Sac {
 }
 
 impl Agent for Sac {
-    const ALGORITHM: &'static str = ALGORITHM;
-
     fn actor(&self) -> &Mlp<f32> {
         &self.actor
     }

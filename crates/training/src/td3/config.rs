@@ -1,9 +1,9 @@
 use serde::{Deserialize, Serialize};
 
 use crate::deterministic::Exploration;
-use crate::settings::{at_least_1, from_toml, not_negative, share, to_toml};
+use crate::settings::{at_least_1, not_negative, share};
 use crate::{
-    ActionValueSettings, ActorSettings, EpisodeSettings, ReplaySettings, RunSettings, TrainingError,
+    ActionValueSettings, ActorSettings, EpisodeSettings, ReplaySettings, RunSettings, Settings, TrainingError,
 };
 
 /// Settings of TD3. As TOML, each is a key of its name, the last five are tables; a key that is left out has its
@@ -11,7 +11,7 @@ use crate::{
 ///
 /// # Example
 /// ```
-/// use mishandle_training::td3::Td3Config;
+/// use mishandle_training::{Settings, td3::Td3Config};
 /// let config = Td3Config::from_toml("tau = 0.01\nepisodes.action_noise = 0.5")?;
 /// assert_eq!((config.tau, config.episodes.environments), (0.01, 128));
 /// assert_eq!(Td3Config::from_toml(&config.to_toml())?, config);
@@ -68,27 +68,18 @@ impl Default for Td3Config {
     }
 }
 
-impl Td3Config {
-    /// The settings that a TOML text states.
-    ///
-    /// # Errors
-    /// If it is not TOML, a key is not known, or a value is of another type or out of its range.
-    pub fn from_toml(text: &str) -> Result<Td3Config, TrainingError> {
-        let config: Td3Config = from_toml(text)?;
-        config.check()?;
-        Ok(config)
+impl Settings for Td3Config {
+    const ALGORITHM: &'static str = "td3";
+
+    fn run(&self) -> &RunSettings {
+        &self.run
     }
 
-    /// The settings as TOML, every key with its value; what has none is left out.
-    pub fn to_toml(&self) -> String {
-        to_toml(self)
+    fn run_mut(&mut self) -> &mut RunSettings {
+        &mut self.run
     }
 
-    /// Checks that every setting is in its range.
-    ///
-    /// # Errors
-    /// If one is not; the message says what it must be.
-    pub fn check(&self) -> Result<(), TrainingError> {
+    fn check(&self) -> Result<(), TrainingError> {
         share("gamma", self.gamma)?;
         share("tau", self.tau)?;
         Exploration(self.exploration_std).check()?;

@@ -21,4 +21,3 @@ pub use config::Td3Config;
 pub use loss::{CriticLoss, CriticScratch, Smoothing};
 #[cfg(test)]
 pub(crate) use train::Td3;
-pub use train::{ALGORITHM, train};

@@ -1,14 +1,14 @@
 use serde::{Deserialize, Serialize};
 
-use crate::settings::{ask, at_least_1, from_toml, not_negative, positive, share, to_toml};
-use crate::{CriticSettings, EpisodeSettings, PolicySettings, RunSettings, TrainingError};
+use crate::settings::{ask, at_least_1, not_negative, positive, share};
+use crate::{CriticSettings, EpisodeSettings, PolicySettings, RunSettings, Settings, TrainingError};
 
 /// Settings of TRPO. As TOML, each is a key of its name, the last four are tables; a key that is left out has its
 /// default, one that is not known is an error.
 ///
 /// # Example
 /// ```
-/// use mishandle_training::trpo::TrpoConfig;
+/// use mishandle_training::{Settings, trpo::TrpoConfig};
 /// let config = TrpoConfig::from_toml("max_kl = 0.02\npolicy.hidden = [128, 64]")?;
 /// assert_eq!((config.max_kl, config.cg_iterations), (0.02, 10));
 /// assert_eq!(TrpoConfig::from_toml(&config.to_toml())?, config);
@@ -77,27 +77,18 @@ impl Default for TrpoConfig {
     }
 }
 
-impl TrpoConfig {
-    /// The settings that a TOML text states.
-    ///
-    /// # Errors
-    /// If it is not TOML, a key is not known, or a value is of another type or out of its range.
-    pub fn from_toml(text: &str) -> Result<TrpoConfig, TrainingError> {
-        let config: TrpoConfig = from_toml(text)?;
-        config.check()?;
-        Ok(config)
+impl Settings for TrpoConfig {
+    const ALGORITHM: &'static str = "trpo";
+
+    fn run(&self) -> &RunSettings {
+        &self.run
     }
 
-    /// The settings as TOML, every key with its value; what has none is left out.
-    pub fn to_toml(&self) -> String {
-        to_toml(self)
+    fn run_mut(&mut self) -> &mut RunSettings {
+        &mut self.run
     }
 
-    /// Checks that every setting is in its range.
-    ///
-    /// # Errors
-    /// If one is not; the message says what it must be.
-    pub fn check(&self) -> Result<(), TrainingError> {
+    fn check(&self) -> Result<(), TrainingError> {
         at_least_1("rollout_steps", self.rollout_steps as u64)?;
         share("gamma", self.gamma)?;
         share("gae_lambda", self.gae_lambda)?;

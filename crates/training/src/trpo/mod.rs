@@ -24,4 +24,3 @@ mod loss;
 mod train;
 
 pub use config::TrpoConfig;
-pub use train::{ALGORITHM, train};

@@ -9,32 +9,17 @@ use super::config::TrpoConfig;
 use super::loss::{Batch, Gaussian, Scratch};
 use crate::conjugate_gradient::{conjugate_gradient, dot};
 use crate::gaussian::Deviations;
-use crate::learner::{self, Learner, progress_of};
+use crate::learner::{Learner, Trainable, progress_of};
 use crate::on_policy::{OnPolicy, Setup, mean_and_scale};
-use crate::{Checkpoint, Observer, Progress, Shares, Trained, TrainingError, shuffle};
-
-/// Name of the algorithm.
-pub const ALGORITHM: &str = "trpo";
+use crate::{Checkpoint, Progress, Shares, TrainingError, shuffle};
 
 /// The child of the training's seed that shuffles the critic's minibatches; the others are those of [`OnPolicy`].
 const MINIBATCHES: u64 = 3;
 
-/// Trains a policy in `environment`, on the threads of the current rayon pool.
-///
-/// With a checkpoint of the same settings it goes on from there, to the same bits as if it had not been interrupted.
-/// Only `run.total_steps` may differ.
-///
-/// # Errors
-/// If a setting is out of its range, the checkpoint is another training's, or the weights stop being finite.
-pub fn train(
-    environment: Arc<dyn Environment>,
-    config: &TrpoConfig,
-    seed: Seed,
-    resume: Option<&Checkpoint>,
-    observer: &mut dyn Observer,
-) -> Result<Trained, TrainingError> {
-    config.check()?;
-    learner::train(Trpo::new(environment, config, seed)?, &config.run, resume, observer)
+impl Trainable for TrpoConfig {
+    fn learner(&self, environment: Arc<dyn Environment>, seed: Seed) -> Result<impl Learner, TrainingError> {
+        Trpo::new(environment, self, seed)
+    }
 }
 
 struct Trpo<'a> {
@@ -208,20 +193,16 @@ impl Learner for Trpo<'_> {
         &self.common.network
     }
 
-    fn checkpoint(&self) -> Checkpoint {
-        let identity = self.common.episodes.identity();
-        let mut checkpoint = Checkpoint::new(ALGORITHM, &identity, self.seed.0, &self.config.to_toml());
+    fn identity(&self) -> String {
+        self.common.episodes.identity()
+    }
+
+    fn save(&self, checkpoint: &mut Checkpoint) {
         checkpoint.put("iteration", vec![self.iteration]);
-        self.common.save(&mut checkpoint);
-        checkpoint
+        self.common.save(checkpoint);
     }
 
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
-        let identity = self.common.episodes.identity();
-        checkpoint.check(ALGORITHM, &identity, self.seed.0)?;
-        let mut began = TrpoConfig::from_toml(checkpoint.settings())?;
-        began.run.total_steps = self.config.run.total_steps;
-        checkpoint.check_settings(&began.to_toml(), &self.config.to_toml())?;
         self.iteration = checkpoint.u64s("iteration", 1)?[0];
         self.common.load(checkpoint)
     }

@@ -1,0 +1,90 @@
+//! The weights that a network begins with.
+
+use mishandle_network::{Activation, Mlp};
+use mishandle_rollout::{Seed, Stream};
+use serde::{Deserialize, Serialize};
+
+use crate::TrainingError;
+
+/// The weights that a network begins with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Initialization {
+    /// Orthogonal weights and no biases, with the gain √2 in hidden layers; that of the last layer is what its outputs
+    /// need: small for a policy, so that the first actions are near the middle whatever is seen.
+    Orthogonal,
+    /// Weights and biases drawn evenly from ±1/√inputs, PyTorch's default.
+    Uniform,
+}
+
+impl Initialization {
+    /// Gives `network` its first weights; `last_gain` is that of the last layer, if it has one.
+    ///
+    /// # Errors
+    /// Never: there is a gain for each layer.
+    pub(crate) fn initialize(
+        self,
+        network: &mut Mlp<f32>,
+        last_gain: f64,
+        seed: Seed,
+    ) -> Result<(), TrainingError> {
+        let mut step = 0;
+        let mut next = || {
+            step += 1;
+            step - 1
+        };
+        match self {
+            Initialization::Orthogonal => {
+                let mut gains = vec![std::f64::consts::SQRT_2; network.sizes().len() - 2];
+                gains.push(last_gain);
+                network.initialize_orthogonal(&gains, || {
+                    let mut draw = [0.0];
+                    seed.normals(Stream::Weights, next(), &mut draw);
+                    draw[0]
+                })?;
+            }
+            Initialization::Uniform => {
+                network.initialize_uniform(|| seed.uniform(Stream::Weights, next(), 0));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A network with its first weights.
+///
+/// # Errors
+/// If a layer has no outputs.
+pub(crate) fn initial_network(
+    sizes: (usize, &[usize], usize),
+    activation: Activation,
+    initialization: Initialization,
+    last_gain: f64,
+    seed: Seed,
+) -> Result<Mlp<f32>, TrainingError> {
+    let (inputs, hidden, outputs) = sizes;
+    let sizes = [&[inputs], hidden, &[outputs]].concat();
+    let mut network = Mlp::new(&sizes, activation, Activation::Identity)?;
+    initialization.initialize(&mut network, last_gain, seed)?;
+    Ok(network)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn uniform_weights_and_biases_fill_their_range() {
+        let sizes = (4, &[100][..], 1);
+        let network =
+            initial_network(sizes, Activation::Elu, Initialization::Uniform, 0.01, Seed(2)).unwrap();
+        let (first, last) = network.parameters().split_at(4 * 100 + 100);
+        // ±1/√4 and ±1/√100; a standard deviation of a third root of the bound.
+        for (numbers, bound) in [(first, 0.5_f64), (last, 0.1)] {
+            let squares: f64 = numbers.iter().map(|x| f64::from(*x).powi(2)).sum();
+            let variance = squares / numbers.len() as f64;
+            assert!(numbers.iter().all(|x| f64::from(x.abs()) <= bound));
+            assert!((variance / (bound * bound / 3.0) - 1.0).abs() < 0.25, "{variance}");
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! Presets: what the settings are that a file leaves out.
+//!
+//! Settings as TOML may say `preset = "skrl-0.10"`: what they leave out is then as that preset has it. A preset is
+//! itself TOML, and states what it has other than the defaults.
+
+use crate::{Settings, TrainingError};
+
+/// Names of the presets: `best`, the defaults, which is meant if none is named; and `skrl-0.10`, what skrl 0.10.2 does if it is told
+/// nothing else. Not every algorithm has every preset.
+pub const PRESETS: [&str; 2] = [BEST, SKRL_0_10];
+
+/// Name of the preset that is the defaults.
+pub const BEST: &str = "best";
+
+/// What skrl 0.10.2 does if it is told nothing else.
+const SKRL_0_10: &str = "skrl-0.10";
+
+/// All settings of a preset, but for those that have no value.
+pub(crate) fn preset<S: Settings>(name: &str) -> Result<toml::Table, TrainingError> {
+    let parsed = |text: &str| text.parse::<toml::Table>().expect("settings and presets are TOML");
+    let mut settings = parsed(&S::default().to_toml());
+    if name != BEST {
+        let found = S::PRESETS.iter().find(|(known, _)| *known == name);
+        let (_, stated) = found.ok_or_else(|| TrainingError::Preset {
+            algorithm: S::ALGORITHM,
+            found: name.to_string(),
+            known: std::iter::once(BEST).chain(S::PRESETS.iter().map(|(known, _)| *known)).collect(),
+        })?;
+        overlay(&mut settings, parsed(stated));
+    }
+    Ok(settings)
+}
+
+/// Lets `own` have what `other` states.
+pub(crate) fn overlay(own: &mut toml::Table, other: toml::Table) {
+    for (key, value) in other {
+        match (own.get_mut(&key), value) {
+            (Some(toml::Value::Table(own)), toml::Value::Table(other)) => overlay(own, other),
+            (_, value) => {
+                own.insert(key, value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ddpg::DdpgConfig;
+    use crate::ppo::PpoConfig;
+    use crate::sac::SacConfig;
+    use crate::td3::Td3Config;
+    use crate::trpo::TrpoConfig;
+
+    /// Checks that each preset of an algorithm can be read, and states nothing that is so anyway.
+    fn check<S: Settings + PartialEq + std::fmt::Debug>() {
+        for (name, stated) in S::PRESETS {
+            let alone = S::from_toml(&format!("preset = \"{name}\"")).unwrap();
+            assert_eq!(S::from_toml(&alone.to_toml()).unwrap(), alone, "all of it is written out");
+            let default: toml::Table = S::default().to_toml().parse().unwrap();
+            check_differs(name, &stated.parse().unwrap(), &default);
+        }
+    }
+
+    fn check_differs(within: &str, stated: &toml::Table, default: &toml::Table) {
+        for (key, value) in stated {
+            match (value, default.get(key)) {
+                (toml::Value::Table(stated), Some(toml::Value::Table(default))) => {
+                    check_differs(key, stated, default);
+                }
+                (value, default) => assert!(Some(value) != default, "{within}: `{key}` is {value} anyway"),
+            }
+        }
+    }
+
+    #[test]
+    fn presets_state_what_differs_from_the_defaults() {
+        check::<PpoConfig>();
+        check::<TrpoConfig>();
+        check::<SacConfig>();
+        check::<Td3Config>();
+        check::<DdpgConfig>();
+    }
+
+    #[test]
+    fn best_is_the_defaults() {
+        let best = PpoConfig::from_toml("preset = \"best\"\ngamma = 0.9").unwrap();
+        assert_eq!(best, PpoConfig { gamma: 0.9, ..PpoConfig::default() });
+    }
+
+    #[test]
+    fn a_preset_that_an_algorithm_lacks_is_refused() {
+        let refusal = PpoConfig::from_toml("preset = \"rllib\"").unwrap_err().to_string();
+        assert_eq!(refusal, "ppo has no preset `rllib`; it has: best");
+        let refusal = PpoConfig::from_toml("gamma = 0.9\npreset = 3").unwrap_err().to_string();
+        assert!(refusal.contains("line 2: ") && !refusal.contains('\n'), "{refusal}");
+    }
+}
