@@ -18,6 +18,8 @@ from skrl.trainers.torch import SequentialTrainer
 
 AGENTS = {"ppo": PPO, "trpo": TRPO, "sac": SAC, "td3": TD3, "ddpg": DDPG}
 ON_POLICY = ["ppo", "trpo"]
+# skrl's default, and so the preset's.
+ROLLOUT_STEPS = 16
 
 
 def layers(inputs, hidden, outputs, *last):
@@ -87,8 +89,8 @@ def models(algorithm, settings, spaces):
 def config(algorithm, settings):
     """What differs from skrl's defaults, in skrl's terms."""
     told = {"experiment": {"write_interval": 0, "checkpoint_interval": 0}}
-    on_policy = {"rollout_steps": "rollouts", "epochs": "learning_epochs", "minibatches": "mini_batches"}
-    told |= {theirs: settings[ours] for ours, theirs in on_policy.items() if ours in settings}
+    names = {"gamma": "discount_factor", "initial_temperature": "initial_entropy_value"}
+    told |= {theirs: settings[ours] for ours, theirs in names.items() if ours in settings}
     if "exploration_std" in settings:
         std, decay = settings["exploration_std"][0], settings["exploration_decay"]
         told["exploration"] = {
@@ -105,13 +107,11 @@ def config(algorithm, settings):
 def train(algorithm, env, settings, total_steps):
     """Trains an agent for as many environment steps."""
     on_policy = algorithm in ON_POLICY
-    told = config(algorithm, settings)
-    rollouts = told.get("rollouts", 16)
-    size = rollouts if on_policy else settings["replay"]["capacity"] // env.num_envs
+    size = ROLLOUT_STEPS if on_policy else settings["replay"]["capacity"] // env.num_envs
     agent = AGENTS[algorithm](
         models=models(algorithm, settings, env.spaces),
         memory=RandomMemory(memory_size=size, num_envs=env.num_envs, device="cpu"),
-        cfg=told,
+        cfg=config(algorithm, settings),
         device="cpu",
         **env.spaces,
     )
