@@ -4,7 +4,8 @@
 
 Both sides have the same physics (skrl's agent acts through the Python module), network, rollout, epochs and minibatches:
 settings/speed.toml. Runs take turns, and the medians of the rounds are compared; speed is that between the first and the
-last iteration, without start and end of the program. `scaling` is Mishandle's own PPO under its shipped settings for the
+last iteration, without start and end of the program. On a machine that does other things too, look at the steps per second of
+processor time, which the record has beside it. `scaling` is Mishandle's own PPO under its shipped settings for the
 task on one and on two threads. The record holds every single run, the machine and the versions.
 """
 
@@ -15,6 +16,7 @@ import os
 import pathlib
 import platform
 import re
+import resource
 import statistics
 import subprocess
 import sys
@@ -28,6 +30,7 @@ ROOT = HERE.parent.parent
 TASK = "point-reaching"
 SETTINGS = HERE / "settings/speed.toml"
 SHIPPED = ROOT / "experiments/training" / TASK / "ppo.toml"
+PROCESSOR = "steps_per_processor_second"
 SHARES = ["physics", "inference", "learning"]
 
 
@@ -39,14 +42,21 @@ def program_run(program, settings, threads, steps):
         command = [program, "train", TASK, "--algorithm", "ppo", "--settings", folder / "settings.toml", "--seed", "1"]
         command += ["--steps", str(steps), "--threads", str(threads)]
         command += ["--csv", folder / "curve.csv", "--out", folder / "controller.safetensors"]
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
         with open(folder / "curve.csv", newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
     # The last iteration ends with a validation.
     first, last = rows[0], rows[-2]
     passed = lambda column: float(last[column]) - float(first[column])
     shares = {share: statistics.mean(float(row[f"{share}_share"]) for row in rows[1:-1]) for share in SHARES}
-    return {"steps_per_second": passed("environment_steps") / passed("wall_clock_secs"), "shares": shares}
+    processor_secs = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return {
+        "steps_per_second": passed("environment_steps") / passed("wall_clock_secs"),
+        "steps_per_processor_second": float(rows[-1]["environment_steps"]) / processor_secs,
+        "shares": shares,
+    }
 
 
 def mishandle(program, environments, threads, steps):
@@ -85,14 +95,14 @@ def inside(environments, threads, steps):
 
         def step(self, actions):
             if self.steps % self.iteration_steps == 0:
-                self.times.append(time.perf_counter())
+                self.times.append((time.perf_counter(), time.process_time()))
             return super().step(actions)
 
     env = Timed(TASK, settings, 1, threads, agents.ROLLOUT_STEPS)
     agents.train("ppo", env, settings, steps)
-    iterations = len(env.times) - 2
-    passed = env.times[-1] - env.times[1]
-    print(json.dumps({"steps_per_second": iterations * agents.ROLLOUT_STEPS * environments / passed}))
+    done = (len(env.times) - 2) * agents.ROLLOUT_STEPS * environments
+    wall, processor = (end - start for start, end in zip(env.times[1], env.times[-1]))
+    print(json.dumps({"steps_per_second": done / wall, "steps_per_processor_second": done / processor}))
 
 
 def rounds(arguments):
@@ -123,7 +133,8 @@ def record(arguments, runs):
     command = ["git", "describe", "--always", "--dirty", "--abbrev=12"]
     commit = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True).stdout.strip()
     packages = ["torch", "skrl", "gymnasium", "numpy"]
-    median = lambda name: statistics.median(run["steps_per_second"] for run in runs[name])
+    median = lambda name, of="steps_per_second": statistics.median(run[of] for run in runs[name])
+    processor_ratio = lambda ours, theirs: median(ours, PROCESSOR) / median(theirs, PROCESSOR)
     shares = lambda name: {share: round(statistics.median(run["shares"][share] for run in runs[name]), 3) for share in SHARES}
     cases = [
         {
@@ -132,6 +143,7 @@ def record(arguments, runs):
             "mishandle": round(median(ours := f"mishandle/{environments}/{threads}")),
             "skrl": round(median(theirs := f"skrl/{environments}/{threads}")),
             "ratio": round(median(ours) / median(theirs), 2),
+            "processor_ratio": round(processor_ratio(ours, theirs), 2),
             "shares": shares(ours),
         }
         for environments in arguments.environments
@@ -153,12 +165,12 @@ def record(arguments, runs):
 
 def table(found):
     lines = [
-        "| environments | threads | Mishandle, steps/s | skrl, steps/s | ratio | physics | inference | learning |",
-        "|--:|--:|--:|--:|--:|--:|--:|--:|",
+        "| environments | threads | Mishandle, steps/s | skrl, steps/s | ratio | ratio by processor time | physics | inference | learning |",
+        "|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
     ]
     percent = lambda shares: [f"{100 * shares[share]:.0f} %" for share in SHARES]
     for case in found["cases"]:
-        cells = [case["environments"], case["threads"], case["mishandle"], case["skrl"], case["ratio"]]
+        cells = [case["environments"], case["threads"], case["mishandle"], case["skrl"], case["ratio"], case["processor_ratio"]]
         lines.append("| " + " | ".join(map(str, [*cells, *percent(case["shares"])])) + " |")
     scaling = found["scaling"]
     lines.append("")

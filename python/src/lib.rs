@@ -7,7 +7,6 @@ mod vector_env;
 use std::error::Error;
 use std::iter::successors;
 
-use mishandle::training::TrainingError;
 use pyo3::prelude::*;
 
 use vector_env::VectorEnv;
@@ -28,14 +27,10 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
 }
 
 /// An error with its causes, outermost first, and what to try instead.
-fn raised(error: mishandle::MishandleError) -> PyErr {
+fn raised(error: impl Into<mishandle::MishandleError>) -> PyErr {
+    let error = error.into();
     let hint = error.hint().map_or(String::new(), |hint| format!("; {hint}"));
     let causes = successors(Some(&error as &dyn Error), |error| (*error).source());
     let causes: Vec<String> = causes.map(ToString::to_string).collect();
     MishandleError::new_err(causes.join(": ") + &hint)
-}
-
-/// A setting that is out of its range.
-fn refused(error: TrainingError) -> PyErr {
-    raised(error.into())
 }

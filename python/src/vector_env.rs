@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::{MishandleError, raised, refused};
+use crate::{MishandleError, raised};
 
 /// Simulations of a task that are stepped together, a row each, and start anew when they end.
 ///
@@ -81,11 +81,11 @@ impl VectorEnv {
             action_noise,
             ..EpisodeSettings::default()
         };
-        settings.check().map_err(refused)?;
+        settings.check().map_err(raised)?;
         let task = mishandle::task(task).map_err(raised)?;
         let preset = mishandle::preset(preset).map_err(raised)?;
         let reward = mishandle::reward(reward).map_err(raised)?;
-        let environment = TaskEnvironment::new(task, preset, reward).map_err(|error| raised(error.into()))?;
+        let environment = TaskEnvironment::new(task, preset, reward).map_err(raised)?;
         if threads == Some(0) {
             return Err(MishandleError::new_err("`threads` must be at least 1, found 0"));
         }
