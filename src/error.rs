@@ -35,11 +35,35 @@ pub enum MishandleError {
         /// What is missing there.
         wanted: &'static str,
     },
-    /// Another process trains the same controller.
-    #[error("another training is writing {}; wait until it ends, or give another --out", path.display())]
+    /// Another process trains into the same file.
+    #[error("another training is writing {}; wait until it ends, or give another {flag}", path.display())]
     Busy {
-        /// The controller's file.
+        /// The file.
         path: PathBuf,
+        /// The flag that says where it is.
+        flag: &'static str,
+    },
+    /// Something is where a new training would write.
+    #[error("{} exists already; give another {flag}, or --resume to carry on", path.display())]
+    Exists {
+        /// What is there.
+        path: PathBuf,
+        /// The flag that says where it is.
+        flag: &'static str,
+    },
+    /// The curve would be written over another file of its training.
+    #[error("the curve cannot go to {}, where the training has another file; give another --csv", path.display())]
+    SamePlace {
+        /// The other file.
+        path: PathBuf,
+    },
+    /// The file of a training's curve is damaged, foreign, or another training's.
+    #[error("{}: {problem}", path.display())]
+    Curve {
+        /// Its path.
+        path: PathBuf,
+        /// What is wrong.
+        problem: crate::CurveProblem,
     },
     /// The plan is not for this.
     #[error("the plan has no [{wanted}] table, so there is nothing to {wanted}")]

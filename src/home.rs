@@ -63,7 +63,8 @@ pub fn shipped_controllers(definition: &Definition) -> Vec<String> {
         .filter_map(|entry| {
             let path = entry.ok()?.path();
             let name = path.file_stem()?.to_str()?.to_string();
-            (path.extension()? == "safetensors").then_some(name)
+            // A name with a point would be taken for a path, as that of a training's last controller.
+            (path.extension()? == "safetensors" && !name.contains('.')).then_some(name)
         })
         .collect();
     names.sort();

@@ -16,10 +16,12 @@
 //! ```
 
 mod build;
+mod curve;
 mod error;
 mod evaluate;
 mod falsify;
 mod film;
+mod growing_file;
 mod home;
 mod lock;
 mod plan;
@@ -27,9 +29,11 @@ mod record;
 mod replay;
 mod shell;
 mod subject;
+mod tensorboard;
 mod train;
 
 pub use build::{VERSION, build};
+pub use curve::{Curve, CurveProblem, CurveRow};
 pub use error::MishandleError;
 pub use evaluate::{evaluate, leaves_out_starts};
 pub use falsify::{Progress, falsify};
@@ -40,7 +44,7 @@ pub use record::create_run;
 pub use replay::{Replayed, choose, other_build, recorded_subject, replay};
 pub use shell::shell_word;
 pub use subject::{Subject, preset, task};
-pub use train::{TrainPlan, default_out, reward, train};
+pub use train::{TrainPlan, TrainReport, default_out, reward, train};
 
 pub use {
     mishandle_controllers as controllers, mishandle_evaluation as evaluation,

@@ -11,8 +11,8 @@ pub(crate) struct Lock {
 }
 
 impl Lock {
-    /// Takes the lock file at `path`, which guards `what`.
-    pub(crate) fn take(path: PathBuf, what: &Path) -> Result<Lock, MishandleError> {
+    /// Takes the lock file at `path`, which guards `what`, the place that `flag` gives.
+    pub(crate) fn take(path: PathBuf, what: &Path, flag: &'static str) -> Result<Lock, MishandleError> {
         loop {
             let failed = |source| MishandleError::File { path: path.clone(), source };
             let file =
@@ -20,7 +20,7 @@ impl Lock {
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => {
-                    return Err(MishandleError::Busy { path: what.to_path_buf() });
+                    return Err(MishandleError::Busy { path: what.to_path_buf(), flag });
                 }
                 Err(TryLockError::Error(source)) => return Err(failed(source)),
             }
@@ -60,7 +60,7 @@ mod tests {
     fn of_two_owners_one_is_refused_until_the_other_is_gone() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.lock");
-        let take = || Lock::take(path.clone(), Path::new("a.safetensors"));
+        let take = || Lock::take(path.clone(), Path::new("a.safetensors"), "--out");
         let first = take().unwrap();
         let refused = take().err().unwrap().to_string();
         assert!(refused.contains("another training") && refused.contains("a.safetensors"), "{refused}");

@@ -1,113 +1,93 @@
-use std::path::{Path, PathBuf};
+//! Training, and what it leaves behind.
+
+mod plan;
+mod watcher;
+
+use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
-use mishandle_rollout::{Environment, Noise, Request, Rollout, Seed, Specification, System};
+use mishandle_rollout::Seed;
 use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment};
 use mishandle_training::{
-    ALGORITHMS, BEST, Checkpoint, Config, Flow, Observer, PRESETS, Progress, Trained, TrainingError,
-    Validation,
+    ALGORITHMS, BEST, Checkpoint, Config, Flow, PRESETS, Progress, Trained, Validation,
 };
 
+use crate::curve::{Curve, CurveRow};
 use crate::home::check_home;
 use crate::lock::Lock;
-use crate::{MishandleError, build, settings_path, shell_word, task};
+use crate::{MishandleError, build, settings_path, task};
+use plan::with_ending;
+use watcher::Watcher;
 
-/// Key of the starts that a training validates on: no evaluation has it unless it is asked for.
-const VALIDATION_SEED: Seed = Seed(0x7661_6c69_6461_7465);
+pub use plan::{TrainPlan, default_out};
 
-/// A checkpoint is written at least this often, whatever the settings say of iterations: so much work may be lost.
-const SAVE_EVERY: Duration = Duration::from_secs(60);
-
-/// What to train.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TrainPlan {
-    /// Name of the task.
-    pub task: String,
-    /// Name of the algorithm.
-    pub algorithm: String,
-    /// Name of the reward: `original` or `shaped`.
-    pub reward: String,
-    /// The settings file, or the name of a preset; without one, and for the preset `best`, the file of the task and
-    /// algorithm in `experiments/training/`.
-    pub settings: Option<PathBuf>,
-    /// Environment steps, if others than the settings say.
-    pub steps: Option<u64>,
-    /// Seed of everything random.
-    pub seed: u64,
-    /// Where the controller goes; the checkpoint goes beside it.
-    pub out: PathBuf,
-    /// Whether to carry on from the checkpoint.
-    pub resume: bool,
+/// What a training gave, and the settings it ran with.
+#[derive(Clone, Debug)]
+pub struct TrainReport {
+    /// The best and the last policy.
+    pub trained: Trained,
+    /// The settings.
+    pub config: Config,
+    /// Where the return became flat, if the plan has the curve written; see [`Curve::flat_after`].
+    pub flat_after: Option<CurveRow>,
 }
 
-impl TrainPlan {
-    /// Where the checkpoint is.
-    pub fn checkpoint(&self) -> PathBuf {
-        self.beside(".checkpoint")
+impl TrainReport {
+    /// Whether it came to its end; if not, it was stopped from outside.
+    pub fn has_ended(&self) -> bool {
+        self.trained.reached || self.trained.environment_steps >= self.config.run().total_steps
     }
 
-    /// The output's name with this at its end.
-    fn beside(&self, ending: &str) -> PathBuf {
-        let mut name = self.out.clone().into_os_string();
-        name.push(ending);
-        name.into()
-    }
-
-    /// The command line that does the same again, but for where the controller goes.
-    pub fn command(&self) -> String {
-        let mut command = format!("mishandle train {} --algorithm {}", self.task, self.algorithm);
-        if self.reward != "shaped" {
-            command += &format!(" --reward {}", self.reward);
-        }
-        if let Some(settings) = &self.settings {
-            command += &format!(" --settings {}", shell_word(&settings.to_string_lossy()));
-        }
-        if let Some(steps) = self.steps {
-            command += &format!(" --steps {steps}");
-        }
-        command + &format!(" --seed {}", self.seed)
+    /// Whether it ended before its last step, since its policy was as good as the settings ask for.
+    pub fn stopped_early(&self) -> bool {
+        self.trained.reached && self.trained.environment_steps < self.config.run().total_steps
     }
 }
 
-/// Trains a controller and writes it to the plan's file: the best one by validation. `watch` is told how it goes after
-/// each iteration, and may stop it; what has been learned until then is written all the same.
+/// Trains a controller and writes it to the plan's file, the best one by validation, with the last one beside it.
+/// `watch` is told how it goes after each iteration, and may stop it; what has been learned until then is written all
+/// the same.
 ///
 /// # Errors
-/// If a name is unknown, the settings are wrong, the checkpoint is another training's, or a file cannot be written. If
-/// only the last checkpoint could not, the controller is there nevertheless.
-pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<Trained, MishandleError> {
+/// If a name is unknown, the settings are wrong, the checkpoint or the curve is another training's, something is in the
+/// way of what is to be written, or a file cannot be written. If only the last checkpoint, the curve or the event file
+/// could not, the controllers are there nevertheless.
+pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<TrainReport, MishandleError> {
     let task = task(&plan.task)?;
     let reward = reward(&plan.reward)?;
-    let mut config = settings(plan)?;
-    config.run_mut().total_steps = plan.steps.unwrap_or(config.run().total_steps);
-    if let Some(folder) = plan.out.parent() {
-        std::fs::create_dir_all(folder)
-            .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
-    }
-    let _lock = Lock::take(plan.beside(".lock"), &plan.out)?;
+    let config = settings(plan)?;
+    let _locks = lock(plan)?;
+    plan.check_places()?;
     let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, reward)?);
     let specification = task.definition().formulas(Preset::Paper).specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
-    let mut watcher = Watcher {
-        environment: environment.clone(),
-        specification,
-        checkpoint: plan.checkpoint(),
-        watch,
-        failure: None,
-        unsaved: None,
-        saved: Instant::now(),
-    };
+    let mut watcher = Watcher::new(plan, environment.clone(), specification, resumed.as_ref(), watch)?;
     let trained = config.train(environment, Seed(plan.seed), resumed.as_ref(), &mut watcher)?;
-    if let Some(failure) = watcher.failure {
+    if let Some(failure) = watcher.failure() {
         return Err(failure);
     }
-    controller(plan, task, &config, &trained).save(&plan.out)?;
-    match watcher.unsaved {
-        Some(failure) => Err(failure.into()),
-        None => Ok(trained),
-    }
+    let (best, last) = controllers(plan, task, &config, &trained);
+    best.save(&plan.out)?;
+    last.save(&plan.last())?;
+    watcher.finish()?;
+    let curve = plan.csv.as_deref().map(Curve::load).transpose()?;
+    let flat_after = curve.and_then(|curve| curve.flat_after().cloned());
+    Ok(TrainReport { trained, config, flat_after })
+}
+
+/// Keeps other trainings away from this one's files, whose folders are made.
+fn lock(plan: &TrainPlan) -> Result<Vec<Lock>, MishandleError> {
+    let places = [("--out", Some(&plan.out)), ("--csv", plan.csv.as_ref())];
+    let places = places.into_iter().filter_map(|(flag, path)| Some((flag, path?)));
+    places
+        .map(|(flag, path)| {
+            let folder = path.parent().unwrap_or(Path::new(""));
+            std::fs::create_dir_all(folder)
+                .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
+            Lock::take(with_ending(path, ".lock"), path, flag)
+        })
+        .collect()
 }
 
 fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
@@ -123,7 +103,10 @@ fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
             .map_err(|source| MishandleError::File { path: path.clone(), source })?,
     };
     let config = Config::from_toml(&plan.algorithm, &text).expect("the algorithm is known");
-    config.map_err(|source| MishandleError::Settings { path, source })
+    let mut config = config.map_err(|source| MishandleError::Settings { path, source })?;
+    config.run_mut().total_steps = plan.steps.unwrap_or(config.run().total_steps);
+    config.check()?;
+    Ok(config)
 }
 
 /// The reward of that name: `shaped` or `original`.
@@ -143,9 +126,15 @@ fn known(kind: &'static str, name: &str, names: &[&str]) -> Result<(), Mishandle
     Err(MishandleError::Name { kind, name: name.to_string(), known })
 }
 
-fn controller(plan: &TrainPlan, task: &dyn Task, config: &Config, trained: &Trained) -> ControllerFile {
+/// The files of the best controller and of the last.
+fn controllers(
+    plan: &TrainPlan,
+    task: &dyn Task,
+    config: &Config,
+    trained: &Trained,
+) -> (ControllerFile, ControllerFile) {
     let definition = task.definition();
-    ControllerFile {
+    let file = |policy: &Policy, environment_steps: u64, validation: Option<Validation>| ControllerFile {
         header: Header {
             task: plan.task.clone(),
             algorithm: plan.algorithm.clone(),
@@ -154,86 +143,20 @@ fn controller(plan: &TrainPlan, task: &dyn Task, config: &Config, trained: &Trai
             layout: definition.layout(),
             training: TrainingRecord {
                 seed: plan.seed,
-                environment_steps: trained.best_environment_steps,
+                environment_steps,
                 wall_clock_secs: trained.wall_clock_secs,
                 git_commit: build().git_commit,
                 command: plan.command(),
                 settings: config.to_toml(),
-                validation: trained.best_validation.map(|found| ValidationRecord {
+                validation: validation.map(|found| ValidationRecord {
                     episodes: config.run().validation_episodes,
                     success_rate: found.success_rate,
                     strict_success_rate: found.strict_success_rate,
                 }),
             },
         },
-        policy: trained.best.clone(),
-    }
-}
-
-/// Validates on the task's formulas, keeps the checkpoint, passes progress on.
-struct Watcher<W> {
-    environment: Arc<TaskEnvironment>,
-    specification: Specification,
-    checkpoint: PathBuf,
-    watch: W,
-    /// Why the last validation was not possible: that ends the training.
-    failure: Option<MishandleError>,
-    /// Why the last checkpoint could not be written: the training goes on, and the next may be.
-    unsaved: Option<TrainingError>,
-    /// When the last checkpoint was written.
-    saved: Instant,
-}
-
-impl<W> Watcher<W> {
-    fn measure(&self, policy: &Policy, episodes: usize) -> Result<Validation, MishandleError> {
-        let mut rollout = Rollout::new(
-            self.environment.clone(),
-            Arc::new(policy.clone()),
-            self.specification.clone(),
-            Noise::default(),
-        )?;
-        let starts = self.environment.initial_box();
-        let requests: Vec<Request> = (0..episodes as u64)
-            .map(|i| Request { x0: starts.sample(VALIDATION_SEED, i), seed: VALIDATION_SEED.child(i) })
-            .collect();
-        let found = rollout.rollout(&requests)?;
-        let share = |holds: &dyn Fn(&mishandle_rollout::Episode) -> bool| {
-            found.iter().filter(|episode| holds(episode)).count() as f64 / episodes as f64
-        };
-        Ok(Validation {
-            success_rate: share(&|episode| episode.verdict.success > Some(0.0)),
-            strict_success_rate: share(&|episode| episode.verdict.strict > Some(0.0)),
-            mean_return: found.iter().map(|episode| episode.total_reward).sum::<f64>() / episodes as f64,
-        })
-    }
-}
-
-impl<W: FnMut(&Progress) -> Flow> Observer for Watcher<W> {
-    fn validate(&mut self, policy: &Policy, episodes: usize) -> Option<Validation> {
-        match self.measure(policy, episodes) {
-            Ok(found) => Some(found),
-            Err(error) => {
-                self.failure = Some(error);
-                None
-            }
-        }
-    }
-
-    fn progress(&mut self, progress: &Progress) -> Flow {
-        match (self.watch)(progress) {
-            _ if self.failure.is_some() => Flow::Stop,
-            Flow::Continue if self.saved.elapsed() > SAVE_EVERY => Flow::Save,
-            flow => flow,
-        }
-    }
-
-    fn checkpoint(&mut self, checkpoint: &Checkpoint) {
-        self.unsaved = checkpoint.save(&self.checkpoint).err();
-        self.saved = Instant::now();
-    }
-}
-
-/// Where a training puts its controller if nothing else is said.
-pub fn default_out(task: &str, algorithm: &str, seed: u64) -> PathBuf {
-    Path::new("runs").join(format!("{task}-{algorithm}-s{seed}.safetensors"))
+        policy: policy.clone(),
+    };
+    let best = file(&trained.best, trained.best_environment_steps, trained.best_validation);
+    (best, file(&trained.last, trained.environment_steps, trained.last_validation))
 }

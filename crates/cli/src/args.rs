@@ -134,8 +134,13 @@ pub struct Subject {
   mishandle train ball-balancing --algorithm ppo --settings my_settings.toml --seed 3
   mishandle train point-reaching --algorithm ppo --settings skrl-0.10
   mishandle train ball-balancing --algorithm ppo --out my_controller.safetensors --resume
+  mishandle train ball-balancing --algorithm sac --csv curve.csv --tensorboard board
 
-Training writes a checkpoint beside FILE as it goes; --resume carries on from it to the same bits.")]
+The best controller by validation goes to --out, the last one beside it: FILE.safetensors and
+FILE.last.safetensors. A checkpoint is written there, too: --resume carries on from it to the same
+bits, and the files of --csv and --tensorboard go on from there. Settings may end a training early,
+once validations are good enough (run.stop_success, run.stop_strict, run.stop_validations). What
+the columns of the CSV mean: docs/algorithms/README.md.")]
 pub struct Train {
     /// Name of a task
     pub task: String,
@@ -149,9 +154,15 @@ pub struct Train {
     /// Reward to learn from: shaped or original
     #[arg(long, default_value = "shaped")]
     pub reward: String,
-    /// Where the controller goes [default: runs/TASK-ALGORITHM-sSEED.safetensors]
+    /// Where the best controller goes [default: runs/TASK-ALGORITHM-sSEED.safetensors]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// Write the training's curve to this CSV file as it goes, a row for each iteration
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Write event files for TensorBoard to this folder as it goes
+    #[arg(long, value_name = "DIR")]
+    pub tensorboard: Option<PathBuf>,
     /// Settings (TOML), or the name of a preset: skrl-0.10, or best, which is the default
     /// [default: experiments/training/TASK/ALGORITHM.toml]
     #[arg(long, value_name = "FILE")]

@@ -5,6 +5,7 @@
 mod args;
 mod commands;
 mod interrupt;
+mod live_curve;
 mod new_file;
 mod output;
 mod progress;

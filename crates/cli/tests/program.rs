@@ -2,82 +2,15 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod bench;
+
 use std::io::{BufRead, BufReader, Read};
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::path::Path;
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use bench::{Bench, SMALL, signal, text};
 use serde_json::Value;
-
-/// A fresh folder to run the program in.
-struct Bench {
-    folder: tempfile::TempDir,
-}
-
-impl Bench {
-    fn new() -> Bench {
-        Bench { folder: tempfile::tempdir().unwrap() }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn write(&self, name: &str, text: &str) {
-        std::fs::write(self.path(name), text).unwrap();
-    }
-
-    fn command(&self, arguments: &str) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_mishandle"));
-        command.args(words(arguments)).current_dir(self.folder.path());
-        command
-    }
-
-    fn run(&self, arguments: &str) -> Output {
-        self.command(arguments).output().unwrap()
-    }
-
-    /// Runs the program, which has to end with `code`, and returns stdout.
-    #[track_caller]
-    fn check(&self, arguments: &str, code: i32) -> String {
-        let output = self.run(arguments);
-        let (out, err) = (text(&output.stdout), text(&output.stderr));
-        assert_eq!(output.status.code(), Some(code), "mishandle {arguments}\n{out}\n{err}");
-        out
-    }
-
-    #[track_caller]
-    fn json(&self, arguments: &str, code: i32) -> Value {
-        serde_json::from_str(&self.check(arguments, code)).unwrap()
-    }
-
-    /// Runs the program, which has to fail and to say all of `parts` in one line or two.
-    #[track_caller]
-    fn refuses(&self, arguments: &str, parts: &[&str]) {
-        let output = self.run(arguments);
-        let err = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "mishandle {arguments}\n{err}");
-        assert!(output.stdout.is_empty(), "{}", text(&output.stdout));
-        for part in parts {
-            assert!(err.contains(part), "mishandle {arguments} does not say `{part}`:\n{err}");
-        }
-    }
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8(bytes.to_vec()).unwrap()
-}
-
-/// Splits at spaces, but not inside single quotes.
-fn words(arguments: &str) -> Vec<String> {
-    let parts = arguments.split('\'').enumerate();
-    parts
-        .flat_map(|(i, part)| match i % 2 {
-            0 => part.split_whitespace().map(String::from).collect::<Vec<_>>(),
-            _ => vec![part.to_string()],
-        })
-        .collect()
-}
 
 const FAST: &str = "--controller expert --seed 3";
 
@@ -310,12 +243,6 @@ fn flags_complete_a_plan_and_what_it_lacks_has_its_default() {
     assert_eq!((&found["search"], &found["budget"]), (&"random".into(), &2.into()));
 }
 
-/// Sends a signal by its name.
-fn signal(child: &std::process::Child, name: &str) {
-    let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status().unwrap();
-    assert!(sent.success());
-}
-
 #[test]
 fn an_interrupted_campaign_says_how_it_goes_on_and_does_to_the_same_result() {
     let bench = Bench::new();
@@ -382,36 +309,6 @@ fn an_evaluation_names_the_part_of_the_box_that_it_starts_from() {
         assert_eq!(err.contains(words), named, "{err}");
         assert_eq!(bench.json(&format!("{evaluate} {part} --json"), 0)["box"], part);
     }
-}
-
-/// Settings with which an iteration takes no time.
-const SMALL: &str = "rollout_steps = 16\nminibatch_rows = 128\nepisodes.environments = 16\nrun.total_steps = 2048\n\
-                     run.validation_every = 4\nrun.validation_episodes = 4\n";
-
-#[test]
-fn an_interrupted_training_goes_on_and_of_two_on_one_file_one_is_refused() {
-    let bench = Bench::new();
-    bench.write("ppo.toml", SMALL);
-    // So long that it is interrupted, and resumed with fewer steps.
-    let train = "train point-reaching --settings ppo.toml --seed 7 --out a.safetensors";
-    let child = bench.command(&format!("{train} --steps 100000000")).stderr(Stdio::piped()).spawn().unwrap();
-    let start = Instant::now();
-    while !bench.path("a.safetensors.lock").exists() {
-        assert!(start.elapsed() < Duration::from_secs(60));
-        std::thread::sleep(Duration::from_millis(5));
-    }
-    bench.refuses(&format!("{train} --steps 512"), &["another training is writing a.safetensors"]);
-    signal(&child, "INT");
-    let output = child.wait_with_output().unwrap();
-    let err = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(130), "{err}");
-    let again = err.lines().find_map(|line| line.strip_prefix("Carry on: mishandle ")).unwrap();
-    assert!(again.ends_with("--seed 7 --out a.safetensors --resume"), "{again}");
-    assert!(bench.path("a.safetensors.checkpoint").exists() && !bench.path("a.safetensors.lock").exists());
-    // Steps are in whole iterations of 256.
-    let finished = bench.run(&again.replace("--steps 100000000", "--steps 1"));
-    assert_eq!(finished.status.code(), Some(0), "{}", text(&finished.stderr));
-    assert!(text(&finished.stderr).contains("--steps 1 was rounded up"), "{}", text(&finished.stderr));
 }
 
 #[test]
@@ -541,34 +438,6 @@ fn mistakes_are_refused_before_anything_runs() {
     bench.refuses("replay missing.sqlite", &["missing.sqlite"]);
     bench.refuses("falsify --resume junk.sqlite", &["junk.sqlite"]);
     assert!(!bench.path("runs").exists(), "a run was begun");
-}
-
-#[test]
-fn a_training_resumes_to_the_same_controller_and_can_be_measured() {
-    let bench = Bench::new();
-    bench.write("ppo.toml", SMALL);
-    let train = "train point-reaching --settings ppo.toml --seed 7 --json";
-    let whole = bench.json(&format!("{train} --out whole.safetensors --threads 2"), 0);
-    bench.json(&format!("{train} --out halved.safetensors --steps 1024 --threads 1"), 0);
-    let halved = bench.json(&format!("{train} --out halved.safetensors --resume --threads 1"), 0);
-    assert_eq!(whole, halved);
-    assert_eq!(whole["environment_steps"], 2048);
-    let report = bench.json("evaluate point-reaching --controller whole.safetensors --episodes 8 --json", 0);
-    assert_eq!(report["success_rate"]["n"], 8);
-    // Another task's controller is refused, and says why.
-    bench.refuses(
-        "evaluate ball-balancing --controller whole.safetensors",
-        &["point-reaching", "ball-balancing"],
-    );
-    // Nothing is written over unasked.
-    bench.refuses(&format!("{train} --out whole.safetensors"), &["exists already"]);
-    bench.write("wrong.toml", "gama = 0.9\n");
-    bench.refuses("train point-reaching --settings wrong.toml", &["wrong.toml", "gama"]);
-    bench.refuses(
-        "train point-reaching --algorithm pppo",
-        &["no training algorithm `pppo`", "did you mean `ppo`?"],
-    );
-    bench.refuses("train point-reaching --reward best", &["no reward `best`", "shaped"]);
 }
 
 #[test]

@@ -9,7 +9,7 @@ use crate::ppo::PpoConfig;
 use crate::sac::SacConfig;
 use crate::td3::Td3Config;
 use crate::trpo::TrpoConfig;
-use crate::{Checkpoint, Observer, RunSettings, Settings, Trained, TrainingError, learner};
+use crate::{Checkpoint, EpisodeSettings, Observer, RunSettings, Settings, Trained, TrainingError, learner};
 
 /// Names of the algorithms.
 pub const ALGORITHMS: [&str; 5] = [
@@ -83,9 +83,22 @@ impl Config {
         each!(self, own => own.run())
     }
 
+    /// The simulations that are learned from.
+    pub fn episodes(&self) -> &EpisodeSettings {
+        each!(self, own => own.episodes())
+    }
+
     /// How long to train, and when to look, to be set.
     pub fn run_mut(&mut self) -> &mut RunSettings {
         each!(self, own => own.run_mut())
+    }
+
+    /// Checks that every setting is in its range.
+    ///
+    /// # Errors
+    /// If one is not; the message says what it must be.
+    pub fn check(&self) -> Result<(), TrainingError> {
+        each!(self, own => own.check())
     }
 
     /// Trains a policy in `environment`, on the threads of the current rayon pool.

@@ -78,7 +78,7 @@ pub(crate) fn train<S: Trainable>(
         selection.load(checkpoint, learner.network())?;
         clock.secs_before = checkpoint.f64s("wall_clock_secs", 1)?[0];
         clock.steps_before = environment_steps(&learner);
-        validation = selection.best().map(|best| best.validation);
+        validation = selection.last();
     }
     let mut ended = learner.iteration() >= iterations || selection.content();
     while !ended {
@@ -104,7 +104,8 @@ pub(crate) fn train<S: Trainable>(
                 Checkpoint::new(S::ALGORITHM, &learner.identity(), seed.0, &settings.to_toml());
             learner.save(&mut checkpoint);
             selection.save(&mut checkpoint);
-            checkpoint.put("wall_clock_secs", vec![clock.secs()]);
+            // As the observer was told, so that a record of its own can be known again by it.
+            checkpoint.put("wall_clock_secs", vec![progress.wall_clock_secs]);
             observer.checkpoint(&checkpoint);
         }
     }
@@ -115,6 +116,7 @@ pub(crate) fn train<S: Trainable>(
         best_validation: best.map(|best| best.validation),
         best_environment_steps: best.map_or(environment_steps(&learner), |best| best.environment_steps),
         last,
+        last_validation: selection.last_at(environment_steps(&learner)),
         environment_steps: environment_steps(&learner),
         wall_clock_secs: clock.secs(),
         reached: selection.content(),
@@ -150,8 +152,8 @@ pub(crate) fn progress_of(statistics: &EpisodeStatistics) -> Progress {
         reward_terms: statistics.reward_terms.iter().map(|sum| sum / statistics.steps as f64).collect(),
         validation: None,
         validation_is_fresh: false,
-        kl: 0.0,
-        entropy: 0.0,
+        kl: None,
+        entropy: None,
         learning_rate: 0.0,
         shares: Shares::default(),
     }

@@ -55,8 +55,10 @@ pub(crate) trait Agent {
     /// If weights are not finite.
     fn policy(&self, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError>;
 
-    /// Entropy of the policy in the last update, 0 for a deterministic one.
-    fn entropy(&self) -> f64;
+    /// Entropy of the policy in the last update, if it has one.
+    fn entropy(&self) -> Option<f64> {
+        None
+    }
 
     /// Puts all that its future depends on into a checkpoint.
     fn save(&self, checkpoint: &mut Checkpoint);
@@ -188,7 +190,7 @@ impl<A: Agent + Sync> Learner for OffPolicy<A> {
         self.iteration += 1;
         let total = start.elapsed().as_secs_f64();
         Ok(Progress {
-            entropy: self.agent.entropy(),
+            entropy: self.agent.entropy().filter(|_| self.updates > 0),
             learning_rate: self.learning_rate,
             shares: Shares::new(physics, total - learning, total),
             ..progress_of(&self.episodes.take_statistics())

@@ -33,10 +33,10 @@ pub struct Progress {
     pub validation: Option<Validation>,
     /// Whether that validation belongs to this iteration.
     pub validation_is_fresh: bool,
-    /// Mean Kullback-Leibler divergence of the new policy from the old one.
-    pub kl: f64,
-    /// Entropy of the policy.
-    pub entropy: f64,
+    /// Mean Kullback-Leibler divergence of the new policy from the old one; `None` where it is not measured, off policy.
+    pub kl: Option<f64>,
+    /// Entropy of the policy; `None` for one that has none, and before the first update off policy.
+    pub entropy: Option<f64>,
     /// Step length of the policy's optimiser.
     pub learning_rate: f64,
     /// Where the time of this iteration went.
@@ -155,6 +155,8 @@ pub struct Trained {
     pub best_environment_steps: u64,
     /// The policy after the last iteration.
     pub last: Policy,
+    /// What its validation found, if it had one.
+    pub last_validation: Option<Validation>,
     /// Environment steps.
     pub environment_steps: u64,
     /// Duration, of resumed runs together, s.
@@ -186,8 +188,8 @@ mod tests {
                 mean_return: 100.0,
             }),
             validation_is_fresh: false,
-            kl: 0.01,
-            entropy: 2.0,
+            kl: Some(0.01),
+            entropy: Some(2.0),
             learning_rate: 1e-3,
             shares: Shares::default(),
         };

@@ -5,13 +5,15 @@ use mishandle_network::Mlp;
 
 use crate::{Checkpoint, TrainingError, Validation};
 
-/// Keeps the best policy so far, and counts validations in a row that reached what was asked for.
+/// Keeps the best policy so far and what the last validation found, and counts validations in a row that reached what was asked for.
 #[derive(Clone, Debug)]
 pub struct Selection {
     stop_success: Option<f64>,
     stop_strict: Option<f64>,
     stop_validations: u64,
     best: Option<Best>,
+    /// What the last validation found, and the environment steps until it.
+    last: Option<(Validation, u64)>,
     streak: u64,
 }
 
@@ -30,7 +32,7 @@ impl Selection {
     /// A selection that is content after `stop_validations` validations in a row with at least these rates; never if
     /// both are `None`.
     pub fn new(stop_success: Option<f64>, stop_strict: Option<f64>, stop_validations: u64) -> Selection {
-        Selection { stop_success, stop_strict, stop_validations, best: None, streak: 0 }
+        Selection { stop_success, stop_strict, stop_validations, best: None, last: None, streak: 0 }
     }
 
     /// Takes in a validated policy.
@@ -39,6 +41,7 @@ impl Selection {
         let good = reached(self.stop_success, validation.success_rate)
             && reached(self.stop_strict, validation.strict_success_rate);
         self.streak = if good { self.streak + 1 } else { 0 };
+        self.last = Some((validation, environment_steps));
         if self.best.as_ref().is_none_or(|best| better(&validation, &best.validation)) {
             self.best = Some(Best { policy: policy.clone(), validation, environment_steps });
         }
@@ -55,14 +58,27 @@ impl Selection {
         self.best.as_ref()
     }
 
-    /// Puts the best policy and the count into a checkpoint.
+    /// What the last validation found, if there was one.
+    pub fn last(&self) -> Option<Validation> {
+        self.last.map(|(validation, _)| validation)
+    }
+
+    /// What the validation after `environment_steps` found, if it was the last.
+    pub fn last_at(&self, environment_steps: u64) -> Option<Validation> {
+        self.last.filter(|(_, steps)| *steps == environment_steps).map(|(validation, _)| validation)
+    }
+
+    /// Puts the best policy, the last validation and the count into a checkpoint.
     pub fn save(&self, checkpoint: &mut Checkpoint) {
         checkpoint.put("selection.streak", vec![self.streak]);
         if let Some(Best { policy, validation, environment_steps }) = &self.best {
             checkpoint.put_policy("selection.best", policy);
-            let Validation { success_rate, strict_success_rate, mean_return } = *validation;
-            checkpoint.put("selection.validation", vec![success_rate, strict_success_rate, mean_return]);
+            checkpoint.put("selection.validation", rates(validation));
             checkpoint.put("selection.environment_steps", vec![*environment_steps]);
+        }
+        if let Some((validation, environment_steps)) = &self.last {
+            checkpoint.put("selection.last_validation", rates(validation));
+            checkpoint.put("selection.last_environment_steps", vec![*environment_steps]);
         }
     }
 
@@ -73,19 +89,31 @@ impl Selection {
     pub fn load(&mut self, checkpoint: &Checkpoint, like: &Mlp<f32>) -> Result<(), TrainingError> {
         self.streak = checkpoint.u64s("selection.streak", 1)?[0];
         if checkpoint.holds("selection.validation") {
-            let rates = checkpoint.f64s("selection.validation", 3)?;
             self.best = Some(Best {
                 policy: checkpoint.policy("selection.best", like)?,
-                validation: Validation {
-                    success_rate: rates[0],
-                    strict_success_rate: rates[1],
-                    mean_return: rates[2],
-                },
+                validation: validation(checkpoint, "selection.validation")?,
                 environment_steps: checkpoint.u64s("selection.environment_steps", 1)?[0],
             });
+            self.last = self.best.as_ref().map(|best| (best.validation, best.environment_steps));
+        }
+        // Checkpoints from before it was kept have none.
+        if checkpoint.holds("selection.last_validation") {
+            let environment_steps = checkpoint.u64s("selection.last_environment_steps", 1)?[0];
+            self.last = Some((validation(checkpoint, "selection.last_validation")?, environment_steps));
         }
         Ok(())
     }
+}
+
+/// A validation as a checkpoint has it.
+fn rates(validation: &Validation) -> Vec<f64> {
+    let Validation { success_rate, strict_success_rate, mean_return } = *validation;
+    vec![success_rate, strict_success_rate, mean_return]
+}
+
+fn validation(checkpoint: &Checkpoint, name: &str) -> Result<Validation, TrainingError> {
+    let rates = checkpoint.f64s(name, 3)?;
+    Ok(Validation { success_rate: rates[0], strict_success_rate: rates[1], mean_return: rates[2] })
 }
 
 /// Strict success decides, then success, then the return; a later policy does not replace an equal one.
@@ -133,15 +161,18 @@ mod tests {
 
     #[test]
     fn a_selection_goes_on_after_a_checkpoint() {
-        let mut selection = Selection::new(Some(0.9), None, 2);
+        let mut selection = Selection::new(Some(0.9), None, 3);
         selection.offer(&policy(0.25), found(0.95, 0.1, 3.0), 77);
+        selection.offer(&policy(0.5), found(0.92, 0.1, 4.0), 90);
         let mut checkpoint = Checkpoint::new("ppo", "toy", 0, "");
         selection.save(&mut checkpoint);
-        let mut resumed = Selection::new(Some(0.9), None, 2);
+        let mut resumed = Selection::new(Some(0.9), None, 3);
         resumed.load(&checkpoint, policy(0.0).network()).unwrap();
         assert_eq!(resumed.best().unwrap().policy.hash(), policy(0.25).hash());
         assert_eq!(resumed.best().unwrap().environment_steps, 77);
-        resumed.offer(&policy(0.0), found(0.9, 0.0, 0.0), 78);
+        assert_eq!(resumed.last(), Some(found(0.92, 0.1, 4.0)));
+        assert_eq!((resumed.last_at(90), resumed.last_at(77)), (resumed.last(), None));
+        resumed.offer(&policy(0.0), found(0.9, 0.0, 0.0), 91);
         assert!(resumed.content());
     }
 }

@@ -22,6 +22,9 @@ pub trait Settings: Default + Serialize + DeserializeOwned {
     /// How long to train, and when to look.
     fn run(&self) -> &RunSettings;
 
+    /// The simulations that are learned from.
+    fn episodes(&self) -> &EpisodeSettings;
+
     /// How long to train, and when to look, to be set.
     fn run_mut(&mut self) -> &mut RunSettings;
 

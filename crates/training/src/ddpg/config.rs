@@ -66,6 +66,10 @@ impl Settings for DdpgConfig {
         &self.run
     }
 
+    fn episodes(&self) -> &EpisodeSettings {
+        &self.episodes
+    }
+
     fn run_mut(&mut self) -> &mut RunSettings {
         &mut self.run
     }

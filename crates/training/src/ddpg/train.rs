@@ -111,10 +111,6 @@ impl Agent for Ddpg {
         self.exploration.policy(&self.actor.network, mean, variance)
     }
 
-    fn entropy(&self) -> f64 {
-        0.0
-    }
-
     fn save(&self, checkpoint: &mut Checkpoint) {
         self.actor.save("policy", checkpoint);
         self.critic.save("critic", checkpoint);

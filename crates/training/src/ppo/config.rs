@@ -91,6 +91,10 @@ impl Settings for PpoConfig {
         &self.run
     }
 
+    fn episodes(&self) -> &EpisodeSettings {
+        &self.episodes
+    }
+
     fn run_mut(&mut self) -> &mut RunSettings {
         &mut self.run
     }

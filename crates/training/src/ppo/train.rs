@@ -164,8 +164,8 @@ impl Learner for Ppo<'_> {
         self.common.follow_observations();
         self.iteration += 1;
         Ok(Progress {
-            kl,
-            entropy: Deviations::new(&self.common.log_std).entropy(),
+            kl: Some(kl),
+            entropy: Some(Deviations::new(&self.common.log_std).entropy()),
             learning_rate: self.network_adam.learning_rate,
             shares: Shares::new(acted.physics, acted.total, start.elapsed().as_secs_f64()),
             ..progress_of(&self.common.episodes.take_statistics())

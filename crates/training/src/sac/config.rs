@@ -72,6 +72,10 @@ impl Settings for SacConfig {
         &self.run
     }
 
+    fn episodes(&self) -> &EpisodeSettings {
+        &self.episodes
+    }
+
     fn run_mut(&mut self) -> &mut RunSettings {
         &mut self.run
     }

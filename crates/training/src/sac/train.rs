@@ -164,8 +164,8 @@ impl Agent for Sac {
         Ok(Policy::squashed(mean, variance, self.actor.clone())?)
     }
 
-    fn entropy(&self) -> f64 {
-        self.entropy
+    fn entropy(&self) -> Option<f64> {
+        Some(self.entropy)
     }
 
     fn save(&self, checkpoint: &mut Checkpoint) {

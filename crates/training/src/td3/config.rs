@@ -75,6 +75,10 @@ impl Settings for Td3Config {
         &self.run
     }
 
+    fn episodes(&self) -> &EpisodeSettings {
+        &self.episodes
+    }
+
     fn run_mut(&mut self) -> &mut RunSettings {
         &mut self.run
     }

@@ -135,10 +135,6 @@ impl Agent for Td3 {
         self.exploration.policy(&self.actor.network, mean, variance)
     }
 
-    fn entropy(&self) -> f64 {
-        0.0
-    }
-
     fn save(&self, checkpoint: &mut Checkpoint) {
         self.actor.save("policy", checkpoint);
         self.critics[0].save("critic_1", checkpoint);

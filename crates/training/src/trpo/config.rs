@@ -84,6 +84,10 @@ impl Settings for TrpoConfig {
         &self.run
     }
 
+    fn episodes(&self) -> &EpisodeSettings {
+        &self.episodes
+    }
+
     fn run_mut(&mut self) -> &mut RunSettings {
         &mut self.run
     }

@@ -177,8 +177,8 @@ impl Learner for Trpo<'_> {
         self.common.follow_observations();
         self.iteration += 1;
         Ok(Progress {
-            kl: step.kl,
-            entropy: Deviations::new(&self.common.log_std).entropy(),
+            kl: Some(step.kl),
+            entropy: Some(Deviations::new(&self.common.log_std).entropy()),
             learning_rate: step.fraction,
             shares: Shares::new(acted.physics, acted.total, start.elapsed().as_secs_f64()),
             ..progress_of(&self.common.episodes.take_statistics())

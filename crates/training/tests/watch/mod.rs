@@ -74,7 +74,7 @@ pub fn best_return(episodes: usize) -> f64 {
 pub fn facts(watch: &Watch) -> Vec<String> {
     let fact = |p: &Progress| {
         format!(
-            "{} {} {:?} {:?} {:?} {:?} {:?} {} {} {}",
+            "{} {} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {}",
             p.iteration,
             p.environment_steps,
             p.mean_return,

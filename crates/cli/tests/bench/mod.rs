@@ -1,0 +1,86 @@
+//! The program in a folder of its own.
+
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+/// A fresh folder to run the program in.
+pub struct Bench {
+    folder: tempfile::TempDir,
+}
+
+impl Bench {
+    pub fn new() -> Bench {
+        Bench { folder: tempfile::tempdir().unwrap() }
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    pub fn write(&self, name: &str, text: &str) {
+        std::fs::write(self.path(name), text).unwrap();
+    }
+
+    pub fn command(&self, arguments: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mishandle"));
+        command.args(words(arguments)).current_dir(self.folder.path());
+        command
+    }
+
+    pub fn run(&self, arguments: &str) -> Output {
+        self.command(arguments).output().unwrap()
+    }
+
+    /// Runs the program, which has to end with `code`, and returns stdout.
+    #[track_caller]
+    pub fn check(&self, arguments: &str, code: i32) -> String {
+        let output = self.run(arguments);
+        let (out, err) = (text(&output.stdout), text(&output.stderr));
+        assert_eq!(output.status.code(), Some(code), "mishandle {arguments}\n{out}\n{err}");
+        out
+    }
+
+    #[track_caller]
+    pub fn json(&self, arguments: &str, code: i32) -> Value {
+        serde_json::from_str(&self.check(arguments, code)).unwrap()
+    }
+
+    /// Runs the program, which has to fail and to say all of `parts` in one line or two.
+    #[track_caller]
+    pub fn refuses(&self, arguments: &str, parts: &[&str]) {
+        let output = self.run(arguments);
+        let err = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "mishandle {arguments}\n{err}");
+        assert!(output.stdout.is_empty(), "{}", text(&output.stdout));
+        for part in parts {
+            assert!(err.contains(part), "mishandle {arguments} does not say `{part}`:\n{err}");
+        }
+    }
+}
+
+pub fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+/// Splits at spaces, but not inside single quotes.
+fn words(arguments: &str) -> Vec<String> {
+    let parts = arguments.split('\'').enumerate();
+    parts
+        .flat_map(|(i, part)| match i % 2 {
+            0 => part.split_whitespace().map(String::from).collect::<Vec<_>>(),
+            _ => vec![part.to_string()],
+        })
+        .collect()
+}
+
+/// Sends a signal by its name.
+pub fn signal(child: &std::process::Child, name: &str) {
+    let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+}
+
+/// Training settings with which an iteration takes no time.
+pub const SMALL: &str = "rollout_steps = 16\nminibatch_rows = 128\nepisodes.environments = 16\nrun.total_steps = 2048\n\
+                     run.validation_every = 4\nrun.validation_episodes = 4\n";

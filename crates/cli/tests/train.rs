@@ -1,0 +1,266 @@
+//! Training from outside: what it leaves behind, however it ends.
+
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use bench::{Bench, SMALL, signal, text};
+use mishandle::controllers::ControllerFile;
+use mishandle::{Curve, CurveRow};
+use serde_json::Value;
+
+/// A training whose settings stand in `ppo.toml`, so long that it is stopped.
+const TRAIN: &str = "train point-reaching --settings ppo.toml --seed 7 --threads 1";
+const ENDLESS: &str = "--steps 100000000";
+
+fn bench() -> Bench {
+    let bench = Bench::new();
+    bench.write("ppo.toml", SMALL);
+    bench
+}
+
+fn begin(bench: &Bench, arguments: &str) -> Child {
+    bench.command(arguments).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap()
+}
+
+#[track_caller]
+fn wait_until(what: &str, is_so: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !is_so() {
+        assert!(start.elapsed() < Duration::from_secs(60), "not within a minute: {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn curve(bench: &Bench, name: &str) -> Curve {
+    Curve::load(&bench.path(name)).unwrap()
+}
+
+/// All of a curve but its times.
+fn without_times(curve: Curve) -> Vec<CurveRow> {
+    let timeless = |row| CurveRow { wall_clock_secs: 0.0, shares: Default::default(), ..row };
+    curve.rows.into_iter().map(timeless).collect()
+}
+
+/// What a document says of a training, but for times and places.
+fn results(document: &Value) -> Vec<&Value> {
+    let keys = ["environment_steps", "best_environment_steps", "success_rate", "stopped_early"];
+    keys.iter().chain(&["strict_success_rate", "controller_hash"]).map(|key| &document[key]).collect()
+}
+
+fn lines_of(path: &Path) -> usize {
+    std::fs::read_to_string(path).map_or(0, |text| text.lines().count())
+}
+
+#[test]
+fn an_interrupted_training_goes_on_and_of_two_on_one_file_one_is_refused() {
+    let bench = bench();
+    let places = "--out a.safetensors --csv a.csv --tensorboard board";
+    let child = begin(&bench, &format!("{TRAIN} {ENDLESS} {places}"));
+    wait_until("a row", || lines_of(&bench.path("a.csv")) > 1);
+    bench.refuses(&format!("{TRAIN} --out a.safetensors"), &["another training is writing a.safetensors"]);
+    let other = format!("{TRAIN} --out b.safetensors --csv a.csv --resume");
+    bench.refuses(&other, &["another training is writing a.csv", "give another --csv"]);
+    signal(&child, "INT");
+    let output = child.wait_with_output().unwrap();
+    let err = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{err}");
+    let again = err.lines().find_map(|line| line.strip_prefix("Carry on: mishandle ")).unwrap();
+    assert!(again.ends_with(&format!("--seed 7 {places} --resume")), "{again}");
+    assert!(bench.path("a.safetensors.checkpoint").exists() && !bench.path("a.safetensors.lock").exists());
+    assert!(!bench.path("a.csv.lock").exists());
+    // Resumed with fewer steps: they are in whole iterations of 256.
+    let finished = bench.run(&again.replace(ENDLESS, "--steps 1"));
+    let err = text(&finished.stderr);
+    assert_eq!(finished.status.code(), Some(0), "{err}");
+    assert!(err.contains("--steps 1 was rounded up") && err.contains("nothing was left to do"), "{err}");
+}
+
+#[test]
+fn a_training_resumes_to_the_same_controllers_and_curve() {
+    let bench = bench();
+    let train = |name: &str, flags: &str| {
+        bench.json(&format!("{TRAIN} --json --out {name}.safetensors --csv {name}.csv {flags}"), 0)
+    };
+    let whole = train("whole", "");
+    train("halved", "--steps 1024");
+    let halved = train("halved", "--resume");
+    assert_eq!(results(&whole), results(&halved));
+    assert_eq!((&whole["environment_steps"], &whole["environments"]), (&2048.into(), &16.into()));
+    for (key, path) in
+        [("best", "whole.safetensors"), ("last", "whole.last.safetensors"), ("csv", "whole.csv")]
+    {
+        assert_eq!(whole[key], path);
+    }
+    let rows = without_times(curve(&bench, "whole.csv"));
+    assert_eq!(without_times(curve(&bench, "halved.csv")), rows);
+    let iterations: Vec<u64> = rows.iter().map(|row| row.iteration).collect();
+    assert_eq!(iterations, [1, 2, 3, 4, 5, 6, 7, 8]);
+    let validated = rows.iter().filter(|row| row.validation.is_some()).map(|row| row.iteration);
+    assert_eq!(validated.collect::<Vec<_>>(), [4, 8]);
+    // The wall clock goes on.
+    let clock: Vec<f64> = curve(&bench, "halved.csv").rows.iter().map(|row| row.wall_clock_secs).collect();
+    assert!(clock.is_sorted(), "{clock:?}");
+    for ending in ["safetensors", "last.safetensors"] {
+        let load = |name: &str| ControllerFile::load(&bench.path(&format!("{name}.{ending}"))).unwrap();
+        assert_eq!(load("whole").policy.hash(), load("halved").policy.hash());
+        assert_eq!(load("whole").header.training.validation, load("halved").header.training.validation);
+    }
+}
+
+#[test]
+fn a_killed_training_goes_on_to_the_same_curve() {
+    let bench = bench();
+    bench.write("ppo.toml", &format!("{SMALL}run.checkpoint_every = 10\n"));
+    let train = |name: &str| format!("{TRAIN} --steps 25600 --out {name}.safetensors --csv {name}.csv");
+    bench.check(&train("whole"), 0);
+    let mut child = begin(&bench, &train("killed"));
+    // Somewhere behind its second checkpoint or a later one.
+    wait_until("25 rows", || lines_of(&bench.path("killed.csv")) > 25);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let rows = curve(&bench, "killed.csv").rows.len();
+    assert!((25..100).contains(&rows), "it was killed after {rows} iterations");
+    bench.check(&format!("{} --resume", train("killed")), 0);
+    assert_eq!(without_times(curve(&bench, "killed.csv")), without_times(curve(&bench, "whole.csv")));
+    assert_eq!(curve(&bench, "killed.csv").rows.len(), 100);
+}
+
+#[test]
+fn the_best_and_the_last_controller_can_be_measured() {
+    let bench = bench();
+    // The first validation is the best or as good; the last iteration is validated, too.
+    bench.check(&format!("{TRAIN} --out a.safetensors"), 0);
+    let load = |name: &str| ControllerFile::load(&bench.path(name)).unwrap().header.training;
+    let (best, last) = (load("a.safetensors"), load("a.last.safetensors"));
+    assert!(best.environment_steps <= last.environment_steps && last.environment_steps == 2048);
+    assert!(best.validation.is_some() && last.validation.is_some());
+    for name in ["a.safetensors", "a.last.safetensors"] {
+        let evaluate = format!("evaluate point-reaching --controller {name} --episodes 8 --json");
+        assert_eq!(bench.json(&evaluate, 0)["success_rate"]["n"], 8);
+    }
+    bench.refuses(
+        "evaluate ball-balancing --controller a.last.safetensors",
+        &["point-reaching", "ball-balancing"],
+    );
+    // One that was stopped before its first validation says nothing of its policies.
+    bench.write("ppo.toml", &SMALL.replace("validation_every = 4", "validation_every = 1000000"));
+    let child = begin(&bench, &format!("{TRAIN} {ENDLESS} --out b.safetensors --csv b.csv"));
+    wait_until("a row", || lines_of(&bench.path("b.csv")) > 1);
+    signal(&child, "INT");
+    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(130));
+    assert_eq!(load("b.last.safetensors"), load("b.safetensors"));
+    assert!(load("b.last.safetensors").validation.is_none());
+}
+
+#[test]
+fn nothing_is_written_over_unasked() {
+    let bench = bench();
+    let train = format!("{TRAIN} --steps 256");
+    bench.check(&format!("{train} --out a.safetensors --csv a.csv --tensorboard board"), 0);
+    for (flags, told) in [
+        ("--out a.safetensors", "a.safetensors exists already; give another --out, or --resume"),
+        ("--out b.safetensors --csv a.csv", "a.csv exists already; give another --csv, or --resume"),
+        (
+            "--out b.safetensors --tensorboard board",
+            "exists already; give another --tensorboard, or --resume",
+        ),
+        ("--out b.safetensors --csv b.last.safetensors", "the curve cannot go to b.last.safetensors"),
+        ("--out b.safetensors --csv b.csv --steps 0", "`total_steps` must be at least 1, found 0"),
+        ("--out b.safetensors --csv ppo.toml/b.csv --tensorboard other", "ppo.toml"),
+        ("--out b.safetensors --csv b.csv --tensorboard ppo.toml", "ppo.toml"),
+    ] {
+        bench.refuses(&format!("{TRAIN} {flags}"), &[told]);
+    }
+    let files = std::fs::read_dir(bench.path(".")).unwrap().map(|entry| entry.unwrap().file_name());
+    let of_b = |name: &std::ffi::OsString| name.to_string_lossy().starts_with('b') && name != "board";
+    assert_eq!(files.filter(of_b).collect::<Vec<_>>(), [""; 0]);
+    std::fs::remove_file(bench.path("a.safetensors")).unwrap();
+    bench.refuses(&format!("{train} --out a.safetensors"), &["a.last.safetensors exists already"]);
+    // A curve of another training, and one that somebody edited, are left as they are.
+    bench.check(&format!("{train} --out c.safetensors --csv c.csv").replace("--seed 7", "--seed 8"), 0);
+    let text = std::fs::read_to_string(bench.path("c.csv")).unwrap();
+    bench.write("edited.csv", &text.replace("\n1,", "\n2,"));
+    for (csv, told) in
+        [("c.csv", "another training's"), ("edited.csv", "no row of iteration 1"), ("/dev/full", "plain")]
+    {
+        bench.refuses(&format!("{TRAIN} --steps 512 --out a.safetensors --csv {csv} --resume"), &[csv, told]);
+    }
+    assert_eq!(std::fs::read_to_string(bench.path("c.csv")).unwrap(), text);
+}
+
+#[test]
+fn settings_and_names_are_checked_first() {
+    let bench = bench();
+    bench.write("wrong.toml", "gama = 0.9\n");
+    bench.refuses("train point-reaching --settings wrong.toml", &["wrong.toml", "gama"]);
+    bench.refuses(
+        "train point-reaching --algorithm pppo",
+        &["no training algorithm `pppo`", "did you mean `ppo`?"],
+    );
+    bench.refuses("train point-reaching --reward best", &["no reward `best`", "shaped"]);
+}
+
+#[test]
+fn a_training_that_is_good_enough_stops_early_and_says_so() {
+    let bench = bench();
+    // Every validation is good enough, each after four iterations of 256 steps.
+    let settings =
+        format!("{SMALL}run.stop_success = 0.0\nrun.stop_strict = 0.0\nrun.stop_validations = 3\n");
+    bench.write("ppo.toml", &settings);
+    let train = format!("{TRAIN} {ENDLESS} --out a.safetensors --csv a.csv");
+    let told =
+        "stopped early: success at least 0 % and strict success at least 0 % in 3 validations in a row";
+    let out = bench.check(&train, 0);
+    assert!(out.lines().any(|line| line == told), "{out}");
+    assert!(out.starts_with("3072 environment steps in "), "{out}");
+    // One that has stopped has nothing left to do.
+    let resumed = bench.run(&format!("{train} --resume"));
+    assert!(text(&resumed.stdout).contains(told), "{}", text(&resumed.stdout));
+    assert!(text(&resumed.stderr).contains("nothing was left to do"), "{}", text(&resumed.stderr));
+    let document = bench.json(&format!("{train} --resume --json"), 0);
+    assert_eq!((&document["stopped_early"], &document["environment_steps"]), (&true.into(), &3072.into()));
+    assert_eq!(curve(&bench, "a.csv").rows.len(), 12);
+    // Killed after its second good validation, it stops after the third, and not a row later.
+    bench.write("ppo.toml", &format!("{settings}run.checkpoint_every = 1\n"));
+    bench.check(&format!("{TRAIN} --steps 2048 --out b.safetensors --csv b.csv"), 0);
+    let document =
+        bench.json(&format!("{TRAIN} {ENDLESS} --out b.safetensors --csv b.csv --resume --json"), 0);
+    assert_eq!((&document["stopped_early"], &document["environment_steps"]), (&true.into(), &3072.into()));
+}
+
+#[test]
+fn a_full_disk_leaves_whole_rows_and_both_controllers() {
+    let bench = Bench::new();
+    // Small networks and many short iterations: the curve outgrows every other file.
+    bench.write(
+        "ppo.toml",
+        "rollout_steps = 2\nminibatch_rows = 8\nepochs = 1\nepisodes.environments = 4\npolicy.hidden = [4]\n\
+         critic.hidden = [4]\nrun.validation_every = 1000\nrun.validation_episodes = 1\n",
+    );
+    // The shell lets no file grow beyond 64 blocks of 512 bytes, and lets the program see that as an error.
+    let train = format!("{TRAIN} --steps 3200 --out a.safetensors --csv a.csv");
+    let limited = format!("trap '' XFSZ; ulimit -f 64; exec {} {train}", env!("CARGO_BIN_EXE_mishandle"));
+    let output = Command::new("sh").args(["-c", &limited]).current_dir(bench.path(".")).output().unwrap();
+    let err = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{err}");
+    assert!(err.contains("error: a.csv: File too large"), "{err}");
+    for name in ["a.safetensors", "a.last.safetensors"] {
+        let training = ControllerFile::load(&bench.path(name)).unwrap().header.training;
+        assert_eq!(training.environment_steps, 3200, "{name}");
+    }
+    let rows = curve(&bench, "a.csv").rows.len();
+    assert!((50..400).contains(&rows), "{rows} rows are there");
+    // The rest of the curve is lost: it cannot go on in the same file, but in another.
+    let resume = format!("{TRAIN} --steps 3280 --out a.safetensors --resume --csv");
+    bench.refuses(
+        &format!("{resume} a.csv"),
+        &["a.csv: it has no row of iteration 400", "give another --csv"],
+    );
+    bench.check(&format!("{resume} rest.csv"), 0);
+    assert_eq!(curve(&bench, "rest.csv").rows[0].iteration, 401);
+}

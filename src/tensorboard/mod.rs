@@ -1,0 +1,196 @@
+//! Event files, as TensorBoard reads them.
+//!
+//! A file is a sequence of records: a length, its checksum, a message and its checksum. A message is a protocol buffer
+//! `Event`. Only scalars are written, so the few fields that they need are written here by hand.
+
+mod encoding;
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use mishandle_training::{Progress, Validation};
+
+use crate::MishandleError;
+use crate::growing_file::GrowingFile;
+use encoding::{put_bytes, put_double, put_float, put_integer, record};
+
+/// What the name of every event file has in it: TensorBoard looks for it.
+const MARK: &str = "tfevents";
+
+/// A training's event file, being written.
+#[derive(Debug)]
+pub(crate) struct EventFile {
+    file: GrowingFile,
+    reward_terms: Vec<String>,
+    /// Whether the next record is the first after a checkpoint.
+    resumes: bool,
+}
+
+impl EventFile {
+    /// Begins an event file in `folder`, which is made if it is not there: the next one, if a training is resumed.
+    ///
+    /// # Errors
+    /// If the folder has event files of another training, or the file cannot be made.
+    pub(crate) fn create(
+        folder: &Path,
+        reward_terms: &[String],
+        resumes: bool,
+    ) -> Result<EventFile, MishandleError> {
+        let failed = |source| MishandleError::File { path: folder.to_path_buf(), source };
+        std::fs::create_dir_all(folder).map_err(failed)?;
+        if let (Some(path), false) = (event_file(folder).map_err(failed)?, resumes) {
+            return Err(MishandleError::Exists { path, flag: "--tensorboard" });
+        }
+        let mut file = begin(folder).map_err(failed)?;
+        let mut event = Vec::new();
+        put_double(&mut event, event::WALL_TIME, now_secs());
+        put_bytes(&mut event, event::FILE_VERSION, b"brain.Event:2");
+        file.append(&record(&event)).map_err(failed)?;
+        let reward_terms = reward_terms.iter().map(|name| format!("reward/{name}")).collect();
+        Ok(EventFile { file, reward_terms, resumes })
+    }
+
+    /// Takes the file away again.
+    pub(crate) fn discard(self) {
+        // What stays behind is no harm: a file without records.
+        let _ = std::fs::remove_file(self.path());
+    }
+
+    /// Where it is.
+    pub(crate) fn path(&self) -> PathBuf {
+        self.file.path().to_path_buf()
+    }
+
+    /// Writes what is known after an iteration. What cannot be written is tried again with the next.
+    pub(crate) fn write(&mut self, progress: &Progress) -> io::Result<()> {
+        let mut records = Vec::new();
+        if std::mem::take(&mut self.resumes) {
+            records = record(&start_again(progress.environment_steps));
+        }
+        records.extend(record(&scalars(progress, &self.reward_terms)));
+        self.file.append(&records)
+    }
+
+    /// Has all records reach the disk.
+    pub(crate) fn finish(&mut self) -> io::Result<()> {
+        self.file.finish()
+    }
+}
+
+/// An event file that a folder has, if any.
+fn event_file(folder: &Path) -> io::Result<Option<PathBuf>> {
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_name().to_string_lossy().contains(MARK) {
+            return Ok(Some(entry.path()));
+        }
+    }
+    Ok(None)
+}
+
+/// A file with a name of its own. TensorBoard reads the files of a folder in the order of their names: the time is first.
+fn begin(folder: &Path) -> io::Result<GrowingFile> {
+    let (time, host, process) = (now_secs() as u64, host(), std::process::id());
+    let mut number = 0;
+    loop {
+        let name = format!("events.out.{MARK}.{time:010}.{host}.{process}.{number}");
+        match GrowingFile::create(folder.join(name)) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
+            begun => return begun,
+        }
+    }
+}
+
+/// Name of this machine, for people.
+fn host() -> String {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let name: String =
+        name.trim().chars().filter(|c| c.is_ascii_alphanumeric() || "-_.".contains(*c)).collect();
+    if name.is_empty() { "localhost".to_string() } else { name }
+}
+
+fn now_secs() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
+}
+
+/// An event at which TensorBoard forgets what the folder has from this step on: it is made again.
+fn start_again(environment_steps: u64) -> Vec<u8> {
+    let mut session = Vec::new();
+    put_integer(&mut session, session_log::STATUS, session_log::START);
+    let mut event = event_at(environment_steps);
+    put_bytes(&mut event, event::SESSION_LOG, &session);
+    event
+}
+
+/// An event with all that is known after an iteration.
+fn scalars(progress: &Progress, reward_terms: &[String]) -> Vec<u8> {
+    let validation = progress.validation.filter(|_| progress.validation_is_fresh);
+    let found = |rate: fn(&Validation) -> f64| validation.as_ref().map(rate);
+    let named = [
+        ("validation/success_rate", found(|found| found.success_rate)),
+        ("validation/strict_success_rate", found(|found| found.strict_success_rate)),
+        ("validation/mean_return", found(|found| found.mean_return)),
+        ("train/mean_return", progress.mean_return),
+        ("train/mean_episode_steps", progress.mean_episode_steps),
+        ("train/terminated_rate", progress.terminated_rate),
+        ("train/kl", progress.kl),
+        ("train/entropy", progress.entropy),
+        ("train/learning_rate", Some(progress.learning_rate)),
+        ("time/steps_per_second", Some(progress.steps_per_second)),
+        ("time/wall_clock_secs", Some(progress.wall_clock_secs)),
+        ("time/physics_share", Some(progress.shares.physics)),
+        ("time/inference_share", Some(progress.shares.inference)),
+        ("time/learning_share", Some(progress.shares.learning)),
+    ];
+    let rewards =
+        reward_terms.iter().map(String::as_str).zip(progress.reward_terms.iter().copied().map(Some));
+    let mut summary = Vec::new();
+    for (tag, number) in named.into_iter().chain(rewards) {
+        if let Some(number) = number {
+            let mut value = Vec::new();
+            put_bytes(&mut value, value::TAG, tag.as_bytes());
+            put_float(&mut value, value::SIMPLE_VALUE, number as f32);
+            put_bytes(&mut summary, summary::VALUE, &value);
+        }
+    }
+    let mut event = event_at(progress.environment_steps);
+    put_bytes(&mut event, event::SUMMARY, &summary);
+    event
+}
+
+fn event_at(environment_steps: u64) -> Vec<u8> {
+    let mut event = Vec::new();
+    put_double(&mut event, event::WALL_TIME, now_secs());
+    put_integer(&mut event, event::STEP, environment_steps);
+    event
+}
+
+/// Numbers of the fields of TensorFlow's `Event`.
+mod event {
+    pub const WALL_TIME: u8 = 1;
+    pub const STEP: u8 = 2;
+    pub const FILE_VERSION: u8 = 3;
+    pub const SUMMARY: u8 = 5;
+    pub const SESSION_LOG: u8 = 7;
+}
+
+/// Numbers of the fields of `Summary`.
+mod summary {
+    pub const VALUE: u8 = 1;
+}
+
+/// Numbers of the fields of `Summary.Value`.
+mod value {
+    pub const TAG: u8 = 1;
+    pub const SIMPLE_VALUE: u8 = 2;
+}
+
+/// The number of the field of `SessionLog`, and its value at the start of a session.
+mod session_log {
+    pub const STATUS: u8 = 1;
+    pub const START: u64 = 1;
+}
+
+#[cfg(test)]
+mod tests;
