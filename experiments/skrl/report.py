@@ -2,19 +2,19 @@
 
 import csv
 import json
-import pathlib
 
 import numpy as np
 
-from curves import ALGORITHMS, CURVES, HERE, ROOT, SIDES, TASKS, curve_path
+from curves import ALGORITHMS, CURVES, ROOT, SIDES, TASKS, curve_path
+from page import insert
 from picture import draw
 
 POINTS = 20
 RESAMPLES = 10_000
 SEEDS = range(1, 11)
-PAGE = ROOT / "docs" / "skrl.md"
+# Of fewer seeds a bootstrap says nothing.
+FEWEST_SEEDS = 5
 PICTURE = ROOT / "docs" / "skrl.svg"
-MARKS = ("<!-- curves -->\n", "<!-- end of curves -->\n")
 
 
 def read(path):
@@ -85,8 +85,9 @@ def row(found):
 
     points = len(found["environment_steps"])
     apart = round(points * (1 - found["overlap"]))
+    told = f"{points - apart} of {points}" if len(found["seeds"]) >= FEWEST_SEEDS else "too few seeds"
     cells = [f"`{found['task']}`", found["algorithm"].upper(), len(found["seeds"]), side("mishandle"), side("skrl")]
-    return "| " + " | ".join(map(str, [*cells, f"{points - apart} of {points}"])) + " |"
+    return "| " + " | ".join(map(str, [*cells, told])) + " |"
 
 
 def table(all_found):
@@ -99,8 +100,5 @@ def write():
     all_found = [found for pair in pairs if (found := compare(*pair))]
     (CURVES / "summary.json").write_text(json.dumps(all_found, indent=1) + "\n", encoding="utf-8")
     PICTURE.write_text(draw(all_found, TASKS, ALGORITHMS), encoding="utf-8")
-    text = PAGE.read_text(encoding="utf-8")
-    (before, rest), end = text.split(MARKS[0]), MARKS[1]
-    after = rest.split(end)[1]
-    PAGE.write_text(f"{before}{MARKS[0]}\n{table(all_found)}\n\n{end}{after}", encoding="utf-8")
+    insert("curves", table(all_found))
     print(table(all_found))

@@ -25,6 +25,8 @@ import time
 import tomllib
 from importlib.metadata import version
 
+from page import insert
+
 HERE = pathlib.Path(__file__).parent
 ROOT = HERE.parent.parent
 TASK = "point-reaching"
@@ -187,7 +189,7 @@ def main():
     parser.add_argument("--steps", type=int, default=131_072, help="environment steps of a run")
     parser.add_argument("--environments", type=int, nargs="+", default=[16, 64, 512])
     parser.add_argument("--program", default=str(ROOT / "target/release/mishandle"))
-    parser.add_argument("--out", type=pathlib.Path, help="where the record goes (JSON)")
+    parser.add_argument("--out", type=pathlib.Path, help="where the record goes (JSON); docs/skrl.md has its table then")
     parser.add_argument("--inside", type=int, nargs=3, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.inside:
@@ -195,6 +197,7 @@ def main():
     found = record(arguments, rounds(arguments))
     if arguments.out:
         arguments.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        insert("speed", table(found))
     print(table(found))
 
 
