@@ -45,7 +45,7 @@ pub use record::create_run;
 pub use replay::{Replayed, choose, other_build, recorded_subject, replay};
 pub use shell::shell_word;
 pub use subject::{Subject, preset, task};
-pub use train::{TrainPlan, TrainReport, default_out, train};
+pub use train::{TrainPlan, TrainReport, default_out, reward, train};
 pub use training_facts::{TrainingFacts, training_facts};
 
 pub use {

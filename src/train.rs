@@ -111,7 +111,11 @@ pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
     Ok(config)
 }
 
-pub(crate) fn reward(name: &str) -> Result<Reward, MishandleError> {
+/// The reward of that name: `shaped` or `original`.
+///
+/// # Errors
+/// If there is none.
+pub fn reward(name: &str) -> Result<Reward, MishandleError> {
     known("reward", name, &["shaped", "original"])?;
     Ok(if name == "original" { Reward::Original } else { Reward::Shaped })
 }

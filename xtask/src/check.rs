@@ -1,6 +1,7 @@
 //! `cargo xtask test`: everything CI runs, one step after the other, up to the first that fails.
 
 use std::path::Path;
+use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
@@ -32,6 +33,7 @@ const STEPS: &[Step] = &[
     Step { name: "tests", action: Action::Chore(tests) },
     Step { name: "docs", action: Action::Cargo(&["doc", "--workspace", "--no-deps", "--quiet"]) },
     Step { name: "doc tests", action: Action::Cargo(&["test", "--workspace", "--doc"]) },
+    Step { name: "python", action: Action::Chore(python) },
     Step { name: "readme", action: Action::Chore(readme::check) },
 ];
 
@@ -72,4 +74,9 @@ fn tests(root: &Path) -> Result<()> {
         &["test", "--workspace", "--lib", "--bins", "--tests", "--examples"]
     };
     run(&mut cargo(root, arguments), &[0])
+}
+
+/// Builds, installs and tests the Python module, in a virtual environment of its own.
+fn python(root: &Path) -> Result<()> {
+    run(Command::new("python/dev.sh").current_dir(root), &[0])
 }

@@ -37,7 +37,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "test",
         arguments: "",
-        about: "everything CI runs: fmt, tidy, clippy, tests, doc tests, readme",
+        about: "everything CI runs: fmt, tidy, clippy, tests, doc tests, python, readme",
         run: |root, _| check::check(root),
     },
     Chore {

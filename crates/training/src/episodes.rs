@@ -18,6 +18,9 @@ pub enum Boundary {
     Truncated,
 }
 
+/// The child of a training's seed that its episodes are drawn from.
+const EPISODES: u64 = 0;
+
 /// A batch of simulations that start anew, at random initial configurations, when they end.
 ///
 /// Episode k of row r is that of seed `seed.child(r).child(k)`, whatever happens in other rows. An episode ends where
@@ -104,6 +107,15 @@ impl Episodes {
         let environment = batch.environment().clone();
         batch.reset(|row| Some(start(environment.as_ref(), episode_seed(seed, row, &clocks[row]))));
         episodes
+    }
+
+    /// The episodes that a training with the seed `seed` acts in under `settings`.
+    pub fn of_training(
+        environment: Arc<dyn Environment>,
+        settings: &EpisodeSettings,
+        seed: Seed,
+    ) -> Episodes {
+        Episodes::new(environment, settings, seed.child(EPISODES))
     }
 
     /// Number of rows.

@@ -19,8 +19,7 @@ use crate::{
 /// Rows of a batch that one task learns from: few, so that all threads have some.
 pub(crate) const LEARNING_ROWS: usize = 64;
 
-/// Children of the training's seed.
-const EPISODES: u64 = 0;
+/// Children of the training's seed; its episodes have 0.
 const BATCHES: u64 = 3;
 const UPDATES: u64 = 4;
 const WARMUP: u64 = 5;
@@ -107,7 +106,7 @@ impl<A: Agent + Sync> OffPolicy<A> {
         let Setup { gamma, steps_per_iteration, episodes, replay, policy, decay } = setup;
         let (inputs, size) = sizes_of(environment.as_ref());
         let rows = episodes.environments;
-        let episodes = Episodes::new(environment, episodes, seed.child(EPISODES));
+        let episodes = Episodes::of_training(environment, episodes, seed);
         OffPolicy {
             seed,
             steps_per_iteration,

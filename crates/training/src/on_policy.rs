@@ -18,8 +18,7 @@ use crate::{
 /// Rows that are inferred by one task: few, so that all threads have some.
 const ACTING_ROWS: usize = 64;
 
-/// Children of the training's seed.
-const EPISODES: u64 = 0;
+/// Children of the training's seed; its episodes have 0.
 const POLICY_WEIGHTS: u64 = 1;
 const CRITIC_WEIGHTS: u64 = 2;
 
@@ -79,7 +78,7 @@ impl OnPolicy {
         let Setup { rollout_steps, gamma, gae_lambda, episodes, policy, critic } = *setup;
         let (inputs, outputs) = (environment.observation_size(), environment.action_size());
         let rows = episodes.environments;
-        let episodes = Episodes::new(environment, episodes, seed.child(EPISODES));
+        let episodes = Episodes::of_training(environment, episodes, seed);
         let network = initial_network(
             (inputs, &policy.hidden, outputs),
             policy.activation,

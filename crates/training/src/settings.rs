@@ -235,7 +235,11 @@ impl RunSettings {
 }
 
 impl EpisodeSettings {
-    pub(crate) fn check(&self) -> Result<(), TrainingError> {
+    /// Checks that every setting is in its range.
+    ///
+    /// # Errors
+    /// If one is not; the message says what it must be.
+    pub fn check(&self) -> Result<(), TrainingError> {
         at_least_1("environments", self.environments as u64)?;
         at_least_1("time_limit", self.time_limit.unwrap_or(1) as u64)?;
         not_negative("action_noise", self.action_noise)

@@ -1,0 +1,13 @@
+"""The tables of docs/skrl.md."""
+
+import pathlib
+
+PAGE = pathlib.Path(__file__).parents[2] / "docs" / "skrl.md"
+
+
+def insert(name, text):
+    """Puts `text` between the marks of that name."""
+    start, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
+    before, rest = PAGE.read_text(encoding="utf-8").split(start)
+    after = rest.split(end)[1]
+    PAGE.write_text(f"{before}{start}\n{text}\n\n{end}{after}", encoding="utf-8")

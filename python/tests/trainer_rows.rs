@@ -1,0 +1,46 @@
+//! Writes what the episodes of a training show under actions that any language can make, to be compared with Python:
+//! the first observations, then of every control step rewards, boundaries, last and next observations, as bytes.
+//!
+//! `trainer_rows TASK ENVIRONMENTS SEED TIME_LIMIT STEPS`
+
+use std::io::{Write, stdout};
+use std::sync::Arc;
+
+use mishandle::rollout::{Environment, Seed};
+use mishandle::tasks::{Preset, Reward, TaskEnvironment};
+use mishandle::training::{Boundary, EpisodeSettings, Episodes};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number = |i: usize| arguments[i].parse::<usize>();
+    let (environments, seed, time_limit, steps) = (number(1)?, number(2)?, number(3)?, number(4)?);
+    let task = mishandle::task(&arguments[0])?;
+    let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, Reward::Shaped)?);
+    let size = environment.action_size();
+    let settings = EpisodeSettings {
+        environments,
+        time_limit: Some(time_limit),
+        staggered: true,
+        action_noise: 0.25,
+        ..EpisodeSettings::default()
+    };
+    let mut episodes = Episodes::of_training(environment, &settings, Seed(seed as u64));
+    let mut bytes = Vec::new();
+    let floats = |bytes: &mut Vec<u8>, numbers: &[f32]| {
+        bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+    };
+    floats(&mut bytes, episodes.observations());
+    for step in 0..steps {
+        // From -1.25 to 1.25 in steps of an eighth, which is exact.
+        let actions: Vec<f32> =
+            (0..environments * size).map(|i| ((step * 5 + i * 7) % 21) as f32 / 8.0 - 1.25).collect();
+        episodes.step(&actions);
+        bytes.extend(episodes.rewards().iter().flat_map(|reward| reward.to_le_bytes()));
+        for end in [Boundary::Terminated, Boundary::Truncated] {
+            bytes.extend(episodes.boundaries().iter().map(|boundary| u8::from(*boundary == end)));
+        }
+        floats(&mut bytes, episodes.final_observations());
+        floats(&mut bytes, episodes.observations());
+    }
+    Ok(stdout().write_all(&bytes)?)
+}

@@ -1,0 +1,166 @@
+"""Tests of the Python module, by the standard library's own: `python/dev.sh` builds the module and runs them."""
+
+import ast
+import pathlib
+import subprocess
+import threading
+import time
+import unittest
+
+import mishandle
+import numpy as np
+from mishandle import MishandleError, VectorEnv
+
+ROOT = pathlib.Path(__file__).parents[2]
+
+
+def actions(step, environments, size):
+    """From -1.25 to 1.25 in steps of an eighth: the actions of trainer_rows.rs."""
+    i = np.arange(environments * size)
+    return ((step * 5 + i * 7) % 21 / 8 - 1.25).astype(np.float32).reshape(environments, size)
+
+
+def walk(env, steps):
+    """All that `steps` control steps show, as bytes in the order of trainer_rows.rs."""
+    shown = [env.reset()]
+    for step in range(steps):
+        observations, rewards, terminated, truncated, info = env.step(actions(step, env.environments, env.action_size))
+        shown += [rewards, terminated, truncated, info["final_observation"], observations]
+    return b"".join(array.tobytes() for array in shown)
+
+
+class Bits(unittest.TestCase):
+    def test_rows_are_those_of_the_trainer(self):
+        for task in ["point-reaching", "ball-balancing"]:
+            numbers = dict(environments=5, seed=11, time_limit=40, steps=70)
+            command = ["cargo", "run", "--quiet", "--example", "trainer_rows", "--", task, *map(str, numbers.values())]
+            trainer = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE).stdout
+            env = VectorEnv(task, 5, seed=11, time_limit=40, action_noise=0.25, staggered=True)
+            self.assertEqual(walk(env, 70), trainer, task)
+
+    def test_threads_change_nothing_and_seeds_do(self):
+        make = lambda seed, threads: VectorEnv("ball-balancing", 9, seed=seed, threads=threads, time_limit=20)
+        first = walk(make(1, 1), 45)
+        self.assertEqual(first, walk(make(1, 3), 45))
+        self.assertNotEqual(first, walk(make(2, 1), 45))
+
+    def test_a_reset_begins_again(self):
+        env = VectorEnv("point-reaching", 3, seed=5, action_noise=0.1)
+        self.assertEqual(walk(env, 10), walk(env, 10))
+
+
+class Episodes(unittest.TestCase):
+    def test_shapes_types_and_names(self):
+        env = VectorEnv("ball-balancing", 4)
+        self.assertEqual((env.task, env.environments, env.action_size, env.episode_steps), ("ball-balancing", 4, 9, 300))
+        self.assertEqual(env.control_dt, 1 / 60)
+        self.assertEqual(len(env.observation_names), env.observation_size)
+        self.assertEqual(env.observation_names[8], "joint_positions[8]")
+        seen = (4, env.observation_size)
+        first = env.reset()
+        self.assertEqual((first.shape, first.dtype), (seen, np.float32))
+        observations, rewards, terminated, truncated, info = env.step(np.zeros((4, 9), np.float32))
+        self.assertEqual((observations.shape, observations.dtype), (seen, np.float32))
+        self.assertEqual((rewards.shape, rewards.dtype), ((4,), np.float64))
+        for flags in [terminated, truncated]:
+            self.assertEqual((flags.shape, flags.dtype), ((4,), np.bool_))
+        self.assertEqual(list(info), ["final_observation"])
+        self.assertEqual(info["final_observation"].shape, seen)
+
+    def test_the_clock_truncates_and_the_next_episode_begins_in_the_same_step(self):
+        env = VectorEnv("point-reaching", 2, time_limit=3)
+        first = env.reset()
+        for step in range(1, 7):
+            before = observations if step > 1 else first
+            observations, _, terminated, truncated, info = env.step(np.ones((2, 9), np.float32))
+            self.assertFalse(terminated.any())
+            self.assertEqual(truncated.all(), step % 3 == 0)
+            final = info["final_observation"]
+            # The arm goes on in the step that ends an episode: its last observation is no first one.
+            self.assertFalse(np.array_equal(final, before))
+            self.assertEqual(np.array_equal(final, observations), step % 3 != 0)
+            if step == 3:
+                self.assertTrue(np.array_equal(observations[:, 9:18], first[:, 9:18]), "at rest again")
+                self.assertFalse(np.array_equal(observations[:, 18:21], first[:, 18:21]), "another target")
+
+    def test_a_lost_ball_terminates(self):
+        env = VectorEnv("ball-balancing", 2)
+        env.reset()
+        tilt = np.tile(np.array([1, -1, 1, -1, 1, 1, 1, 0, 0], np.float32), (2, 1))
+        ends = [env.step(tilt)[2:4] for _ in range(299)]
+        self.assertTrue(any(terminated.any() for terminated, _ in ends))
+        self.assertFalse(any(truncated[0] for _, truncated in ends[:100]))
+
+    def test_actions_are_clipped(self):
+        env = VectorEnv("point-reaching", 1)
+        shown = []
+        for size in [1.0, 5.0]:
+            env.reset()
+            shown.append(env.step(np.full((1, 9), size, np.float32))[0])
+        self.assertTrue(np.array_equal(*shown))
+
+    def test_python_runs_while_rows_are_stepped(self):
+        env = VectorEnv("point-reaching", 2000, threads=1)
+        env.reset()
+        still = np.zeros((2000, 9), np.float32)
+        stepping = threading.Thread(target=lambda: [env.step(still) for _ in range(3)])
+        stepping.start()
+        counted = 0
+        while stepping.is_alive():
+            counted += 1
+            time.sleep(0.001)
+        # The interpreter would be asked three times at most, were it held for each of the steps.
+        self.assertGreater(counted, 10)
+
+
+class Mistakes(unittest.TestCase):
+    def check(self, message, action):
+        with self.assertRaises(MishandleError) as raised:
+            action()
+        self.assertIn(message, str(raised.exception))
+        self.assertNotIn("\n", str(raised.exception))
+
+    def test_names_and_numbers(self):
+        self.check("did you mean `point-reaching`?", lambda: VectorEnv("point-reachin", 1))
+        self.check("no preset `x`; there are: paper, code", lambda: VectorEnv("point-reaching", 1, preset="x"))
+        self.check("no reward `x`; there are: shaped", lambda: VectorEnv("point-reaching", 1, reward="x"))
+        self.check("`environments` must be at least 1, found 0", lambda: VectorEnv("point-reaching", 0))
+        self.check("`time_limit` must be at least 1", lambda: VectorEnv("point-reaching", 1, time_limit=0))
+        self.check("`action_noise` must be", lambda: VectorEnv("point-reaching", 1, action_noise=float("nan")))
+        self.check("`threads` must be at least 1", lambda: VectorEnv("point-reaching", 1, threads=0))
+
+    def test_actions(self):
+        env = VectorEnv("point-reaching", 2)
+        good = np.zeros((2, 9), np.float32)
+        self.check("`reset` comes before the first `step`", lambda: env.step(good))
+        first = env.reset()
+        bad = good.copy()
+        bad[1, 4] = np.nan
+        self.check("must be finite, found NaN at [1, 4]", lambda: env.step(bad))
+        self.check("found [2, 8]", lambda: env.step(good[:, :8]))
+        self.check("found [3, 9]", lambda: env.step(np.zeros((3, 9), np.float32)))
+        self.check("float32 and shape (2, 9), found ndarray of float64", lambda: env.step(np.zeros((2, 9))))
+        self.check("found ndarray of float32 and shape (18,)", lambda: env.step(np.zeros(18, np.float32)))
+        self.check("found list", lambda: env.step([[0.0] * 9] * 2))
+        # Nothing was stepped, and columns may lie anywhere in memory.
+        self.assertTrue(np.array_equal(env.step(np.asfortranarray(good))[0], self.after_one_step(first)))
+
+    @staticmethod
+    def after_one_step(first):
+        env = VectorEnv("point-reaching", 2)
+        assert np.array_equal(env.reset(), first)
+        return env.step(np.zeros((2, 9), np.float32))[0]
+
+
+class Types(unittest.TestCase):
+    def test_the_stub_names_what_there_is(self):
+        stub = ast.parse((ROOT / "python/mishandle.pyi").read_text())
+        of = lambda body: {node.name for node in body if isinstance(node, (ast.ClassDef, ast.FunctionDef))}
+        self.assertEqual(of(stub.body) - {"Info"}, set(mishandle.__all__) - {"__version__"})
+        env = next(node for node in stub.body if isinstance(node, ast.ClassDef) and node.name == "VectorEnv")
+        public = {name for name in vars(VectorEnv) if not name.startswith("_")}
+        self.assertEqual(of(env.body) - {"__new__"}, public)
+
+
+if __name__ == "__main__":
+    unittest.main()
