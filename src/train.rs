@@ -99,6 +99,10 @@ pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
         check_home("experiments/training")?;
     }
     let path = given.unwrap_or_else(|| settings_path(&plan.task, &plan.algorithm));
+    // What is neither a file nor looks like one was meant as a preset.
+    if !path.exists() && path.components().count() == 1 && path.extension().is_none_or(|end| end != "toml") {
+        known("preset", &path.to_string_lossy(), &PRESETS)?;
+    }
     let text = match PRESETS.iter().find(|preset| path == Path::new(preset)) {
         Some(preset) => format!("preset = \"{preset}\""),
         None => std::fs::read_to_string(&path)

@@ -132,9 +132,9 @@ impl CurveRow {
     }
 }
 
-/// Seconds as they are written.
+/// Seconds as they are written: to the nanosecond of the clock, so that no two trainings agree, however short they are.
 pub(super) fn secs_cell(secs: f64) -> String {
-    format!("{secs:.3}")
+    format!("{secs:.9}")
 }
 
 /// The cells of a line, taken one after the other.

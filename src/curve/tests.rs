@@ -74,9 +74,12 @@ fn the_file_is_as_the_manual_says() {
     );
     assert_eq!(
         lines[1],
-        "1,512,0.500,,,,,,,0.01,,0.00001,0.5000,0.2500,0.2500,0.30000000000000004,-0.000000001"
+        "1,512,0.500000000,,,,,,,0.01,,0.00001,0.5000,0.2500,0.2500,0.30000000000000004,-0.000000001"
     );
-    assert!(lines[2].starts_with("2,1024,1.000,-0.2,299.5,0.3333333333333333,0.75,0.5,-7,0.01,,"), "{text}");
+    assert!(
+        lines[2].starts_with("2,1024,1.000000000,-0.2,299.5,0.3333333333333333,0.75,0.5,-7,0.01,,"),
+        "{text}"
+    );
     assert!(lines[3].contains(",299.5,0.3333333333333333,,,,0.01,"), "{text}");
     assert_eq!(lines.len(), 4);
 }
@@ -130,10 +133,10 @@ fn a_file_that_is_not_the_training_s_is_refused_and_left_alone() {
             .ends_with("its reward terms are distance, a,b, those of this training a")
     );
     let mut other = checkpoint(2);
-    other.put("wall_clock_secs", vec![1.002]);
+    other.put("wall_clock_secs", vec![1.000_000_002]);
     let told = CurveWriter::resume(&example.path(), &terms(), &other).unwrap_err().to_string();
     assert!(
-        told.ends_with("its row of iteration 2 is from second 1.000, the checkpoint from 1.002"),
+        told.ends_with("its row of iteration 2 is from second 1.000000000, the checkpoint from 1.000000002"),
         "{told}"
     );
     assert!(CurveWriter::create(&example.path(), &terms()).is_err());

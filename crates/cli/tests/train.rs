@@ -198,6 +198,11 @@ fn settings_and_names_are_checked_first() {
     let bench = bench();
     bench.write("wrong.toml", "gama = 0.9\n");
     bench.refuses("train point-reaching --settings wrong.toml", &["wrong.toml", "gama"]);
+    bench.refuses("train point-reaching --settings missing.toml", &["missing.toml: No such file"]);
+    bench.refuses(
+        "train point-reaching --settings skrl-0.1",
+        &["no preset `skrl-0.1`", "did you mean `skrl-0.10`?"],
+    );
     bench.refuses(
         "train point-reaching --algorithm pppo",
         &["no training algorithm `pppo`", "did you mean `ppo`?"],
