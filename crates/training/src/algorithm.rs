@@ -4,11 +4,14 @@ use std::sync::Arc;
 
 use mishandle_rollout::{Environment, Seed};
 
-use crate::ddpg::DdpgConfig;
-use crate::ppo::PpoConfig;
-use crate::sac::SacConfig;
-use crate::td3::Td3Config;
-use crate::trpo::TrpoConfig;
+use crate::ddpg::{Ddpg, DdpgConfig};
+use crate::learner::Learner;
+use crate::off_policy::OffPolicy;
+use crate::on_policy::OnPolicy;
+use crate::ppo::{Ppo, PpoConfig};
+use crate::sac::{Sac, SacConfig};
+use crate::td3::{Td3, Td3Config};
+use crate::trpo::{Trpo, TrpoConfig};
 use crate::{Checkpoint, EpisodeSettings, Observer, RunSettings, Settings, Trained, TrainingError, learner};
 
 /// Names of the algorithms.
@@ -73,6 +76,17 @@ impl Config {
         }
     }
 
+    /// Name of the algorithm.
+    pub fn algorithm(&self) -> &'static str {
+        match self {
+            Config::Ppo(_) => PpoConfig::ALGORITHM,
+            Config::Trpo(_) => TrpoConfig::ALGORITHM,
+            Config::Sac(_) => SacConfig::ALGORITHM,
+            Config::Td3(_) => Td3Config::ALGORITHM,
+            Config::Ddpg(_) => DdpgConfig::ALGORITHM,
+        }
+    }
+
     /// The settings as TOML, every key with its value; what has none is left out.
     pub fn to_toml(&self) -> String {
         each!(self, own => own.to_toml())
@@ -80,17 +94,17 @@ impl Config {
 
     /// How long to train, and when to look.
     pub fn run(&self) -> &RunSettings {
-        each!(self, own => own.run())
+        each!(self, own => &own.run)
     }
 
     /// The simulations that are learned from.
     pub fn episodes(&self) -> &EpisodeSettings {
-        each!(self, own => own.episodes())
+        each!(self, own => &own.episodes)
     }
 
     /// How long to train, and when to look, to be set.
     pub fn run_mut(&mut self) -> &mut RunSettings {
-        each!(self, own => own.run_mut())
+        each!(self, own => &mut own.run)
     }
 
     /// Checks that every setting is in its range.
@@ -115,6 +129,24 @@ impl Config {
         resume: Option<&Checkpoint>,
         observer: &mut dyn Observer,
     ) -> Result<Trained, TrainingError> {
-        each!(self, own => learner::train(own, environment, seed, resume, observer))
+        learner::train(self, environment, seed, resume, observer)
+    }
+
+    /// The algorithm before its first iteration.
+    ///
+    /// # Errors
+    /// If networks of these sizes cannot be made.
+    pub(crate) fn learner(
+        &self,
+        environment: Arc<dyn Environment>,
+        seed: Seed,
+    ) -> Result<Box<dyn Learner>, TrainingError> {
+        Ok(match self {
+            Config::Ppo(own) => Box::new(OnPolicy::<Ppo>::new(environment, own, seed)?),
+            Config::Trpo(own) => Box::new(OnPolicy::<Trpo>::new(environment, own, seed)?),
+            Config::Sac(own) => Box::new(OffPolicy::<Sac>::new(environment, own, seed)?),
+            Config::Td3(own) => Box::new(OffPolicy::<Td3>::new(environment, own, seed)?),
+            Config::Ddpg(own) => Box::new(OffPolicy::<Ddpg>::new(environment, own, seed)?),
+        })
     }
 }

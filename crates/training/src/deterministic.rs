@@ -7,11 +7,11 @@ use mishandle_network::{Activation, Mlp, Scalar, Workspace};
 use mishandle_rollout::Seed;
 
 use crate::action_value::{Followed, join};
-use crate::replay::Batch;
-use crate::settings::ask;
-use crate::{ActorSettings, TrainingError};
+use crate::batch::Batch;
+use crate::settings::{ask, at_least_1};
+use crate::{ActorSettings, ExplorationDecay, TrainingError};
 
-/// Deviations of the exploring noise, of the first row and of the last; rows between them have evenly spaced ones.
+/// How a policy explores: by noise on its actions, with another deviation in each row.
 ///
 /// Rows that explore little show the critic what nearly the present policy gives, rows that explore much find what is
 /// new; no schedule has to be tuned.
@@ -20,30 +20,39 @@ use crate::{ActorSettings, TrainingError};
 /// Li et al., "Parallel Q-Learning: Scaling Off-policy Reinforcement Learning under Massively Parallel Simulation",
 /// ICML 2023.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Exploration(pub [f64; 2]);
+pub(crate) struct Exploration {
+    /// Deviations of the first row and of the last; rows between them have evenly spaced ones.
+    pub std: [f64; 2],
+    /// How the noise falls, if it does.
+    pub decay: Option<ExplorationDecay>,
+    /// Control steps for which a row keeps its noise.
+    pub hold: u64,
+}
 
 /// The deviation of a policy that explored with none: what it adds to an action is lost in rounding.
 const LEAST_STD: f64 = 1e-9;
 
 impl Exploration {
-    fn std(&self, row: usize, rows: usize) -> f64 {
-        let [low, high] = self.0;
+    fn std_of(&self, row: usize, rows: usize) -> f64 {
+        let [low, high] = self.std;
         low + (high - low) * row as f64 / (rows.max(2) - 1) as f64
     }
 
     /// clip(μ + σ z, -1, 1)
     pub fn explore(&self, row: usize, rows: usize, means: &[f32], draws: &[f64], action: &mut [f32]) {
-        let std = self.std(row, rows);
+        let std = self.std_of(row, rows);
         for ((action, mean), z) in action.iter_mut().zip(means).zip(draws) {
             *action = (f64::from(*mean) + std * z).clamp(-1.0, 1.0) as f32;
         }
     }
 
     pub fn check(&self) -> Result<(), TrainingError> {
-        let [low, high] = self.0;
+        let [low, high] = self.std;
         let wanted = "two finite numbers, at least 0 and not falling";
         let right = low >= 0.0 && low <= high && high.is_finite();
-        ask("exploration_std", wanted, format!("[{low}, {high}]"), right)
+        ask("exploration_std", wanted, format!("[{low}, {high}]"), right)?;
+        self.decay.as_ref().map_or(Ok(()), ExplorationDecay::check)?;
+        at_least_1("exploration_hold", self.hold)
     }
 
     /// The policy of `actor`; if it is to draw its actions, it has the noise that the middle row begins with.
@@ -56,7 +65,7 @@ impl Exploration {
         mean: Vec<f64>,
         variance: Vec<f64>,
     ) -> Result<Policy, TrainingError> {
-        let [low, high] = self.0;
+        let [low, high] = self.std;
         let log_std = (0.5 * (low + high)).max(LEAST_STD).ln() as f32;
         Ok(Policy::new(mean, variance, actor.clone(), vec![log_std; actor.output_size()])?)
     }
@@ -112,9 +121,9 @@ impl<T: Scalar> PolicyLoss<'_, T> {
         let PolicyLoss { batch, actor, critic } = self;
         let share = 1.0 / batch.rows() as f64;
         let (columns, count) = (actor.input_size(), rows.len());
+        let observations = batch.part(rows).observations;
         let PolicyScratch { actor: actor_pass, critic: critic_pass, inputs, slopes, by_inputs, by_actions } =
             scratch;
-        let observations = &batch.observations[rows.start * columns..rows.end * columns];
         join(observations, actor.forward(observations, actor_pass), count, inputs);
         let values = critic.forward(inputs, critic_pass);
         let loss = values.iter().map(|value| -share * value.to_f64()).sum();

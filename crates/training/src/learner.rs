@@ -8,8 +8,8 @@ use mishandle_network::Mlp;
 use mishandle_rollout::{Environment, Seed};
 
 use crate::{
-    Checkpoint, EpisodeStatistics, Flow, Observer, Progress, RunSettings, Selection, Settings, Shares,
-    Trained, TrainingError,
+    Checkpoint, Config, EpisodeStatistics, Flow, Observer, Progress, RunSettings, Selection, Shares, Trained,
+    TrainingError,
 };
 
 /// An algorithm at work.
@@ -42,42 +42,33 @@ pub(crate) trait Learner {
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError>;
 }
 
-/// Settings that become an algorithm at work.
-pub(crate) trait Trainable: Settings {
-    /// The algorithm before its first iteration.
-    ///
-    /// # Errors
-    /// If networks of these sizes cannot be made.
-    fn learner(&self, environment: Arc<dyn Environment>, seed: Seed) -> Result<impl Learner, TrainingError>;
-}
-
 /// Iterations of the whole training: enough for all its steps.
 pub(crate) fn iterations(run: &RunSettings, iteration_steps: u64) -> u64 {
     run.total_steps.div_ceil(iteration_steps)
 }
 
 /// Trains to the end, from a checkpoint if there is one.
-pub(crate) fn train<S: Trainable>(
-    settings: &S,
+pub(crate) fn train(
+    config: &Config,
     environment: Arc<dyn Environment>,
     seed: Seed,
     resume: Option<&Checkpoint>,
     observer: &mut dyn Observer,
 ) -> Result<Trained, TrainingError> {
-    settings.check()?;
-    let run = settings.run();
-    let mut learner = settings.learner(environment, seed)?;
+    config.check()?;
+    let run = config.run();
+    let mut learner = config.learner(environment, seed)?;
     let iterations = iterations(run, learner.iteration_steps());
     let environment_steps = |learner: &dyn Learner| learner.iteration() * learner.iteration_steps();
     let mut clock = Clock { start: Instant::now(), secs_before: 0.0, steps_before: 0 };
     let mut selection = Selection::new(run.stop_success, run.stop_strict, run.stop_validations);
     let mut validation = None;
     if let Some(checkpoint) = resume {
-        check_origin(checkpoint, settings, &learner.identity(), seed)?;
+        check_origin(checkpoint, config, &learner.identity(), seed)?;
         learner.load(checkpoint)?;
         selection.load(checkpoint, learner.network())?;
         clock.secs_before = checkpoint.f64s("wall_clock_secs", 1)?[0];
-        clock.steps_before = environment_steps(&learner);
+        clock.steps_before = environment_steps(&*learner);
         validation = selection.last();
     }
     let mut ended = learner.iteration() >= iterations || selection.content();
@@ -87,13 +78,13 @@ pub(crate) fn train<S: Trainable>(
         if is_last || learner.iteration().is_multiple_of(run.validation_every) {
             let policy = learner.policy()?;
             if let Some(found) = observer.validate(&policy, run.validation_episodes) {
-                selection.offer(&policy, found, environment_steps(&learner));
+                selection.offer(&policy, found, environment_steps(&*learner));
                 validation = Some(found);
                 progress.validation_is_fresh = true;
             }
         }
         progress.iteration = learner.iteration();
-        progress.environment_steps = environment_steps(&learner);
+        progress.environment_steps = environment_steps(&*learner);
         progress.total_steps = run.total_steps;
         progress.validation = validation;
         clock.tell(&mut progress);
@@ -101,7 +92,7 @@ pub(crate) fn train<S: Trainable>(
         ended = flow == Flow::Stop || is_last || selection.content();
         if ended || flow == Flow::Save || learner.iteration().is_multiple_of(run.checkpoint_every) {
             let mut checkpoint =
-                Checkpoint::new(S::ALGORITHM, &learner.identity(), seed.0, &settings.to_toml());
+                Checkpoint::new(config.algorithm(), &learner.identity(), seed.0, &config.to_toml());
             learner.save(&mut checkpoint);
             selection.save(&mut checkpoint);
             // As the observer was told, so that a record of its own can be known again by it.
@@ -114,26 +105,27 @@ pub(crate) fn train<S: Trainable>(
     Ok(Trained {
         best: best.map_or_else(|| last.clone(), |best| best.policy.clone()),
         best_validation: best.map(|best| best.validation),
-        best_environment_steps: best.map_or(environment_steps(&learner), |best| best.environment_steps),
+        best_environment_steps: best.map_or(environment_steps(&*learner), |best| best.environment_steps),
         last,
-        last_validation: selection.last_at(environment_steps(&learner)),
-        environment_steps: environment_steps(&learner),
+        last_validation: selection.last_at(environment_steps(&*learner)),
+        environment_steps: environment_steps(&*learner),
         wall_clock_secs: clock.secs(),
         reached: selection.content(),
     })
 }
 
 /// Checks that a checkpoint is of the same training: only how long it is to last may differ.
-fn check_origin<S: Settings>(
+fn check_origin(
     checkpoint: &Checkpoint,
-    settings: &S,
+    config: &Config,
     identity: &str,
     seed: Seed,
 ) -> Result<(), TrainingError> {
-    checkpoint.check(S::ALGORITHM, identity, seed.0)?;
-    let mut began = S::from_toml(checkpoint.settings())?;
-    began.run_mut().total_steps = settings.run().total_steps;
-    checkpoint.check_settings(&began.to_toml(), &settings.to_toml())
+    checkpoint.check(config.algorithm(), identity, seed.0)?;
+    let began = Config::from_toml(config.algorithm(), checkpoint.settings());
+    let mut began = began.expect("the algorithm of settings is known")?;
+    began.run_mut().total_steps = config.run().total_steps;
+    checkpoint.check_settings(&began.to_toml(), &config.to_toml())
 }
 
 /// What an iteration tells of the episodes that ended in it; the rest is to be filled in.

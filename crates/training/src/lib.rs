@@ -10,7 +10,10 @@
 
 mod acting;
 mod action_value;
+mod actor_critic;
 mod algorithm;
+mod batch;
+mod batch_gradient;
 mod buffer;
 mod checkpoint;
 mod conjugate_gradient;
@@ -26,6 +29,7 @@ mod initialization;
 mod learner;
 mod minibatches;
 mod off_policy;
+mod off_policy_config;
 mod off_policy_settings;
 mod on_policy;
 pub mod ppo;
@@ -41,6 +45,7 @@ mod skrl_on_policy;
 mod skrl_updates;
 pub mod td3;
 pub mod trpo;
+mod twin_critics;
 
 pub use algorithm::{ALGORITHMS, Config};
 pub use buffer::{Buffer, shuffle};

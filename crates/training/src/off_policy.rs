@@ -8,38 +8,46 @@ use mishandle_network::{Mlp, Normalizer, RunningNormalizer};
 use mishandle_rollout::{Environment, Seed, Stream};
 use rayon::prelude::*;
 
-use crate::acting::Acting;
+use crate::acting::{ACTING_ROWS, Acting};
+use crate::batch::Batch;
 use crate::learner::{Learner, progress_of};
-use crate::replay::{Batch, Replay, Sampling};
+use crate::replay::{Replay, Sampling};
 use crate::{
     ActorSettings, Checkpoint, EpisodeSettings, Episodes, ExplorationDecay, Progress, ReplaySettings, Shares,
     TrainingError,
 };
 
-/// Rows of a batch that one task learns from: few, so that all threads have some.
-pub(crate) const LEARNING_ROWS: usize = 64;
-
 /// Children of the training's seed; its episodes have 0.
 const BATCHES: u64 = 3;
 const UPDATES: u64 = 4;
 const WARMUP: u64 = 5;
+
 /// The child that the weights of network `index` are drawn from.
 pub(crate) fn weights(seed: Seed, index: u64) -> Seed {
     seed.child(16 + index)
 }
 
-/// How many numbers an observation and an action have.
-pub(crate) fn sizes_of(environment: &dyn Environment) -> (usize, usize) {
-    (environment.observation_size(), environment.action_size())
-}
-
 /// What is particular to an algorithm.
-pub(crate) trait Agent {
+pub(crate) trait Agent: Sized + Sync {
+    /// Its settings.
+    type Config: Shared;
+
+    /// The networks before anything is learned, for observations and actions of these sizes.
+    ///
+    /// # Errors
+    /// If networks of these sizes cannot be made.
+    fn new(sizes: (usize, usize), config: &Self::Config, seed: Seed) -> Result<Self, TrainingError>;
+
     /// The network that is acted with.
     fn actor(&self) -> &Mlp<f32>;
 
     /// For how many control steps a row keeps the random numbers that it explores with.
     fn hold(&self) -> u64;
+
+    /// How these numbers fall in the beginning, if they do.
+    fn decay(&self) -> Option<ExplorationDecay> {
+        None
+    }
 
     /// The action that row `row` of `rows` explores with: from the actor's outputs and standard normal numbers.
     fn explore(&self, row: usize, rows: usize, outputs: &[f32], draws: &[f64], action: &mut [f32]);
@@ -71,15 +79,19 @@ pub(crate) trait Agent {
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError>;
 }
 
+/// Settings of an off-policy algorithm.
+pub(crate) trait Shared {
+    /// Those that it shares with the others.
+    fn setup(&self) -> Setup<'_>;
+}
+
 /// Settings that an off-policy algorithm shares with the others.
-#[derive(Clone, Copy)]
 pub(crate) struct Setup<'a> {
     pub gamma: f64,
     pub steps_per_iteration: usize,
     pub episodes: &'a EpisodeSettings,
     pub replay: &'a ReplaySettings,
     pub policy: &'a ActorSettings,
-    pub decay: Option<ExplorationDecay>,
 }
 
 /// An off-policy algorithm at work.
@@ -91,7 +103,6 @@ pub(crate) struct OffPolicy<A> {
     sampling: Sampling,
     normalize: bool,
     learning_rate: f64,
-    decay: Option<ExplorationDecay>,
     episodes: Episodes,
     replay: Replay,
     normalizer: RunningNormalizer,
@@ -99,15 +110,23 @@ pub(crate) struct OffPolicy<A> {
     updates: u64,
     batch: Batch<f32>,
     acting: Acting,
+    /// What was seen before the last control step, and what was done, within [-1, 1].
+    seen: Vec<f32>,
+    actions: Vec<f32>,
 }
 
-impl<A: Agent + Sync> OffPolicy<A> {
-    pub fn new(environment: Arc<dyn Environment>, setup: Setup<'_>, seed: Seed, agent: A) -> OffPolicy<A> {
-        let Setup { gamma, steps_per_iteration, episodes, replay, policy, decay } = setup;
-        let (inputs, size) = sizes_of(environment.as_ref());
+impl<A: Agent> OffPolicy<A> {
+    pub fn new(
+        environment: Arc<dyn Environment>,
+        config: &A::Config,
+        seed: Seed,
+    ) -> Result<OffPolicy<A>, TrainingError> {
+        let Setup { gamma, steps_per_iteration, episodes, replay, policy } = config.setup();
+        let (inputs, size) = (environment.observation_size(), environment.action_size());
+        let agent = A::new((inputs, size), config, seed)?;
         let rows = episodes.environments;
         let episodes = Episodes::of_training(environment, episodes, seed);
-        OffPolicy {
+        Ok(OffPolicy {
             seed,
             steps_per_iteration,
             sampling: Sampling {
@@ -116,7 +135,6 @@ impl<A: Agent + Sync> OffPolicy<A> {
                 reward_scale: replay.reward_scale,
                 replacement: replay.replacement,
             },
-            decay,
             replay: Replay::new(replay.capacity, rows, inputs, size),
             replay_settings: replay.clone(),
             normalize: policy.normalize_observations,
@@ -125,10 +143,12 @@ impl<A: Agent + Sync> OffPolicy<A> {
             iteration: 0,
             updates: 0,
             batch: Batch::default(),
-            acting: Acting::new(rows, inputs, size, agent.actor().output_size()),
+            acting: Acting::new(rows, agent.actor().output_size(), size),
+            seen: vec![0.0; rows * inputs],
+            actions: vec![0.0; rows * size],
             episodes,
             agent,
-        }
+        })
     }
 
     /// Environment steps before the control step numbered `step`.
@@ -138,17 +158,24 @@ impl<A: Agent + Sync> OffPolicy<A> {
 
     /// Chooses the actions of the control step numbered `step`, from what is seen.
     fn act(&mut self, step: u64, normalizer: &Normalizer<f32>) {
-        self.acting.seen.copy_from_slice(self.episodes.observations());
-        if self.steps_before(step) < self.replay_settings.warmup_steps {
-            self.acting.act_randomly(self.seed.child(WARMUP), step / self.agent.hold());
-        } else {
-            self.episodes.held_policy_draws(self.agent.hold(), &mut self.acting.draws);
-            if let Some(decay) = self.decay {
-                let share = decay.share_after(self.steps_before(step));
-                self.acting.draws.iter_mut().for_each(|z| *z *= share);
-            }
-            self.acting.act(&self.agent, normalizer);
+        let steps = self.steps_before(step);
+        let OffPolicy { agent, episodes, acting, seen, actions, .. } = self;
+        seen.copy_from_slice(episodes.observations());
+        if steps < self.replay_settings.warmup_steps {
+            act_randomly(self.seed.child(WARMUP), step / agent.hold(), actions);
+            return;
         }
+        acting.infer(agent.actor(), normalizer, seen);
+        episodes.held_policy_draws(agent.hold(), &mut acting.draws);
+        if let Some(decay) = agent.decay() {
+            let share = decay.share_after(steps);
+            acting.draws.iter_mut().for_each(|z| *z *= share);
+        }
+        let rows = episodes.rows();
+        let size = actions.len() / rows;
+        let each = acting.outputs.par_chunks(agent.actor().output_size()).zip(acting.draws.par_chunks(size));
+        let each = each.zip(actions.par_chunks_mut(size)).enumerate().with_min_len(ACTING_ROWS);
+        each.for_each(|(row, ((outputs, draws), action))| agent.explore(row, rows, outputs, draws, action));
     }
 
     fn update(&mut self, normalizer: &Normalizer<f32>) -> Result<(), TrainingError> {
@@ -161,7 +188,7 @@ impl<A: Agent + Sync> OffPolicy<A> {
     }
 }
 
-impl<A: Agent + Sync> Learner for OffPolicy<A> {
+impl<A: Agent> Learner for OffPolicy<A> {
     fn iteration(&self) -> u64 {
         self.iteration
     }
@@ -179,11 +206,11 @@ impl<A: Agent + Sync> Learner for OffPolicy<A> {
             let normalizer = self.normalizer.freeze();
             self.act(step, &normalizer);
             let before = Instant::now();
-            self.episodes.step(&self.acting.actions);
+            self.episodes.step(&self.actions);
             physics += before.elapsed().as_secs_f64();
-            self.replay.push(&self.acting.seen, &self.acting.actions, &self.episodes);
+            self.replay.push(&self.seen, &self.actions, &self.episodes);
             if self.normalize {
-                self.normalizer.update(&self.acting.seen);
+                self.normalizer.update(&self.seen);
             }
             let before = Instant::now();
             while self.updates < self.replay_settings.updates_due(step + 1, rows) {
@@ -233,19 +260,17 @@ impl<A: Agent + Sync> Learner for OffPolicy<A> {
     }
 }
 
+/// Fills `actions` with numbers drawn uniformly from [-1, 1], for warming up.
+fn act_randomly(seed: Seed, step: u64, actions: &mut [f32]) {
+    for (action, index) in actions.iter_mut().zip(0..) {
+        *action = (2.0 * seed.uniform(Stream::Policy, step, index) - 1.0) as f32;
+    }
+}
+
 /// Fills `draws` with standard normal numbers, as many for each of `rows` rows: those of the update numbered `index`.
 pub(crate) fn draw_rows(seed: Seed, index: u64, rows: usize, draws: &mut [f64]) {
     let columns = draws.len() / rows;
-    draws.par_chunks_mut(columns).with_min_len(LEARNING_ROWS).enumerate().for_each(|(row, draws)| {
+    draws.par_chunks_mut(columns).with_min_len(ACTING_ROWS).enumerate().for_each(|(row, draws)| {
         seed.normals(Stream::Policy, index * rows as u64 + row as u64, draws);
     });
-}
-
-/// The gradient in front of a loss that was summed with it, and the loss.
-///
-/// # Errors
-/// The loss's name, if it is not finite.
-pub(crate) fn finite<'a>(sums: &'a [f32], name: &'static str) -> Result<(&'a [f32], f32), &'static str> {
-    let (loss, gradient) = sums.split_last().ok_or(name)?;
-    if loss.is_finite() { Ok((gradient, *loss)) } else { Err(name) }
 }

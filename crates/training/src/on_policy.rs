@@ -1,283 +1,128 @@
-//! What on-policy algorithms share: a Gaussian policy, a critic, and the rollouts that both learn from.
+//! What on-policy algorithms share: a rollout, what is learned from it, and the next.
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use mishandle_controllers::Policy;
-use mishandle_network::{ChunkPool, Mlp, Moments, Normalizer, RunningNormalizer, Workspace};
+use mishandle_network::Mlp;
 use mishandle_rollout::{Environment, Seed};
-use rayon::prelude::*;
 
+use crate::actor_critic::{ActorCritic, Setup};
 use crate::gaussian::Deviations;
-use crate::initialization::initial_network;
-use crate::{
-    Buffer, Checkpoint, Critic, CriticSettings, EpisodeSettings, Episodes, ObservationMoments,
-    PolicySettings, TrainingError, gae,
-};
+use crate::learner::{Learner, progress_of};
+use crate::{Checkpoint, Progress, Shares, TrainingError};
 
-/// Rows that are inferred by one task: few, so that all threads have some.
-const ACTING_ROWS: usize = 64;
+/// What is particular to an algorithm.
+pub(crate) trait Improver: Sized {
+    /// Its settings.
+    type Config;
 
-/// Children of the training's seed; its episodes have 0.
-const POLICY_WEIGHTS: u64 = 1;
-const CRITIC_WEIGHTS: u64 = 2;
+    /// What rollouts are made with.
+    fn setup(config: &Self::Config) -> Setup<'_>;
 
-/// What the rollouts of an on-policy algorithm are made with.
-pub(crate) struct Setup<'a> {
-    pub rollout_steps: usize,
-    pub gamma: f64,
-    pub gae_lambda: f64,
-    pub episodes: &'a EpisodeSettings,
-    pub policy: &'a PolicySettings,
-    pub critic: &'a CriticSettings,
-}
+    /// Before anything is learned; `seed` is the training's.
+    fn new(config: &Self::Config, common: &mut ActorCritic, seed: Seed) -> Self;
 
-/// Policy, critic, and the rollouts that they learn from.
-pub(crate) struct OnPolicy {
-    rollout_steps: usize,
-    gamma: f64,
-    gae_lambda: f64,
-    normalize: bool,
-    observation_moments: ObservationMoments,
-    pub episodes: Episodes,
-    pub buffer: Buffer,
-    normalizer: RunningNormalizer,
-    pub network: Mlp<f32>,
-    pub log_std: Vec<f32>,
-    log_std_range: (f32, f32),
-    pub critic: Critic,
-    /// Targets of the critic's outputs, one for each entry of the buffer.
-    pub targets: Vec<f32>,
-    /// What its outputs were when the rollout was made, on the same scale.
-    pub old_values: Vec<f32>,
-    acting: Acting,
-    returns: Vec<f64>,
-    last_values: Vec<f64>,
-    truncated_values: Vec<f64>,
-}
-
-/// Scratch for choosing actions.
-struct Acting {
-    pool: ChunkPool<f32, (Vec<f32>, Workspace<f32>)>,
-    means: Vec<f32>,
-    draws: Vec<f64>,
-}
-
-/// Where the time of a rollout went, s.
-pub(crate) struct RolloutSecs {
-    pub physics: f64,
-    pub total: f64,
-}
-
-impl OnPolicy {
-    pub fn new(
-        environment: Arc<dyn Environment>,
-        setup: &Setup<'_>,
-        seed: Seed,
-    ) -> Result<OnPolicy, TrainingError> {
-        let Setup { rollout_steps, gamma, gae_lambda, episodes, policy, critic } = *setup;
-        let (inputs, outputs) = (environment.observation_size(), environment.action_size());
-        let rows = episodes.environments;
-        let episodes = Episodes::of_training(environment, episodes, seed);
-        let network = initial_network(
-            (inputs, &policy.hidden, outputs),
-            policy.activation,
-            policy.initialization,
-            0.01,
-            seed.child(POLICY_WEIGHTS),
-        )?;
-        let critic = Critic::new(inputs, critic, seed.child(CRITIC_WEIGHTS))?;
-        Ok(OnPolicy {
-            rollout_steps,
-            gamma,
-            gae_lambda,
-            normalize: policy.normalize_observations,
-            observation_moments: policy.observation_moments,
-            normalizer: RunningNormalizer::new(inputs),
-            log_std: vec![policy.initial_log_std as f32; outputs],
-            log_std_range: (policy.min_log_std as f32, policy.max_log_std as f32),
-            network,
-            critic,
-            targets: Vec::new(),
-            old_values: Vec::new(),
-            acting: Acting {
-                pool: ChunkPool::new(ACTING_ROWS),
-                means: vec![0.0; rows * outputs],
-                draws: vec![0.0; rows * outputs],
-            },
-            returns: Vec::new(),
-            last_values: vec![0.0; rows],
-            truncated_values: Vec::new(),
-            buffer: Buffer::new(rollout_steps, rows, inputs, outputs),
-            episodes,
-        })
-    }
-
-    /// Environment steps of a rollout.
-    pub fn rollout_size(&self) -> u64 {
-        self.buffer.count() as u64
-    }
-
-    pub fn policy(&self) -> Result<Policy, TrainingError> {
-        let (mean, variance) = (self.normalizer.mean().to_vec(), self.normalizer.variance());
-        Ok(Policy::new(mean, variance, self.network.clone(), self.log_std.clone())?)
-    }
-
-    /// How observations are scaled in this rollout and in what is learned from it.
-    pub fn normalizer(&self) -> Normalizer<f32> {
-        self.normalizer.freeze()
-    }
-
-    /// Fills the buffer.
-    pub fn roll_out(&mut self, normalizer: &Normalizer<f32>) -> RolloutSecs {
-        let start = Instant::now();
-        let deviations = Deviations::new(&self.log_std);
-        let mut physics = 0.0;
-        self.buffer.clear();
-        for _ in 0..self.rollout_steps {
-            let (seen, actions, log_probs) = self.buffer.begin_step(&self.episodes);
-            self.episodes.policy_draws(&mut self.acting.draws);
-            self.acting.act(&self.network, normalizer, &deviations, seen, actions, log_probs);
-            let start = Instant::now();
-            self.episodes.step(self.buffer.step_actions());
-            physics += start.elapsed().as_secs_f64();
-            self.buffer.end_step(&self.episodes);
-        }
-        RolloutSecs { physics, total: start.elapsed().as_secs_f64() }
-    }
-
-    /// Values and advantages of the rollout, and the critic's targets.
-    pub fn estimate(&mut self, normalizer: &Normalizer<f32>) {
-        let OnPolicy { buffer, critic, .. } = self;
-        critic.values(normalizer, &buffer.observations, &mut buffer.values);
-        critic.values(normalizer, &buffer.last_observations, &mut self.last_values);
-        self.truncated_values.resize(buffer.truncated.len(), 0.0);
-        critic.values(normalizer, &buffer.truncated_observations, &mut self.truncated_values);
-        buffer.set_next_values(&self.last_values, &self.truncated_values);
-        gae::advantages(
-            self.gamma,
-            self.gae_lambda,
-            buffer.rows(),
-            &buffer.rewards,
-            &buffer.values,
-            &buffer.next_values,
-            &buffer.boundaries,
-            &mut buffer.advantages,
-        );
-        let returns =
-            buffer.advantages.iter().zip(&buffer.values).map(|(advantage, value)| advantage + value);
-        self.returns.clear();
-        self.returns.extend(returns);
-        critic.targets(&buffer.values, &self.returns, &mut self.old_values, &mut self.targets);
-    }
-
-    /// Lets the scale of observations follow those of the rollout, now that it has been learned from.
-    pub fn follow_rollout(&mut self) {
-        self.follow(ObservationMoments::Rollout, Buffer::observation_moments);
-    }
-
-    /// Lets the scale of observations follow those of the rollout, which is about to be learned from as one batch.
-    pub fn follow_batch(&mut self) {
-        let moments = |buffer: &Buffer| buffer.observation_moments().with_sample_variance();
-        self.follow(ObservationMoments::Minibatches, moments);
-    }
-
-    /// Lets the scale of observations follow those at some places of the rollout, which are about to be learned from.
-    pub fn follow_minibatch(&mut self, places: &[u32]) {
-        let moments = |buffer: &Buffer| buffer.observation_moments_at(places).with_sample_variance();
-        self.follow(ObservationMoments::Minibatches, moments);
-    }
-
-    fn follow(&mut self, when: ObservationMoments, moments: impl FnOnce(&Buffer) -> Moments) {
-        if self.normalize && self.observation_moments == when {
-            self.normalizer.merge(&moments(&self.buffer));
-        }
-    }
-
-    /// Whether the first ratios are exactly 1: observations are scaled as they were when the rollout was made.
-    pub fn ratios_begin_at_1(&self) -> bool {
-        !self.normalize || self.observation_moments == ObservationMoments::Rollout
-    }
-
-    /// Keeps each log σ within its range.
-    pub fn limit_log_std(&mut self) {
-        let (low, high) = self.log_std_range;
-        for log_std in &mut self.log_std {
-            *log_std = log_std.clamp(low, high);
-        }
-    }
-
-    /// The policy that is `fraction` of `step` away: by the network's parameters, then by log σ.
-    pub fn moved_policy(&self, step: &[f64], fraction: f64) -> (Mlp<f32>, Vec<f32>) {
-        let (by_network, by_log_std) = step.split_at(self.network.parameter_count());
-        let moved = |old: f32, by: &f64| (f64::from(old) + fraction * by) as f32;
-        let mut network = self.network.clone();
-        network.update(|parameters| {
-            parameters.iter_mut().zip(by_network).for_each(|(x, by)| *x = moved(*x, by));
-        });
-        let (low, high) = self.log_std_range;
-        let log_std = self.log_std.iter().zip(by_log_std).map(|(x, by)| moved(*x, by).clamp(low, high));
-        (network, log_std.collect())
-    }
+    /// Improves policy and critic by their rollout; `iteration` counts these.
+    ///
+    /// # Errors
+    /// What is not finite.
+    fn improve(&mut self, common: &mut ActorCritic, iteration: u64) -> Result<Improvement, &'static str>;
 
     /// Puts all that its future depends on into a checkpoint.
-    pub fn save(&self, checkpoint: &mut Checkpoint) {
-        checkpoint.put("policy.parameters", self.network.parameters().to_vec());
-        checkpoint.put("policy.log_std", self.log_std.clone());
-        checkpoint.put_moments("normalizer", self.normalizer.moments());
-        self.critic.save(checkpoint);
-        self.episodes.save(checkpoint);
-    }
+    fn save(&self, checkpoint: &mut Checkpoint);
 
     /// Goes on where a checkpoint was taken.
     ///
     /// # Errors
-    /// If the checkpoint holds networks or simulations of other sizes.
-    pub fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
-        let own = checkpoint.f32s("policy.parameters", self.network.parameter_count())?;
-        self.network.update(|parameters| parameters.copy_from_slice(own));
-        self.log_std = checkpoint.f32s("policy.log_std", self.log_std.len())?.to_vec();
-        let columns = self.network.input_size();
-        self.normalizer = RunningNormalizer::from_moments(checkpoint.moments("normalizer", columns)?)?;
-        self.critic.load(checkpoint)?;
-        self.episodes.load(checkpoint)
+    /// If the checkpoint holds numbers of other sizes.
+    fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError>;
+}
+
+/// What an iteration did to the policy.
+pub(crate) struct Improvement {
+    /// Mean divergence of the new policy from the old one.
+    pub kl: f64,
+    /// Step length of the optimiser, or the share of the longest step that was taken.
+    pub learning_rate: f64,
+}
+
+/// The child of the training's seed that shuffles minibatches; the others are those of [`ActorCritic`].
+const MINIBATCHES: u64 = 3;
+
+/// The seed that minibatches are shuffled with.
+pub(crate) fn minibatches_seed(seed: Seed) -> Seed {
+    seed.child(MINIBATCHES)
+}
+
+/// An on-policy algorithm at work.
+pub(crate) struct OnPolicy<A> {
+    pub common: ActorCritic,
+    pub improver: A,
+    iteration: u64,
+}
+
+impl<A: Improver> OnPolicy<A> {
+    pub fn new(
+        environment: Arc<dyn Environment>,
+        config: &A::Config,
+        seed: Seed,
+    ) -> Result<OnPolicy<A>, TrainingError> {
+        let mut common = ActorCritic::new(environment, &A::setup(config), seed)?;
+        Ok(OnPolicy { improver: A::new(config, &mut common, seed), common, iteration: 0 })
     }
 }
 
-impl Acting {
-    /// Draws an action for each row of `seen`, and gives the logarithms of their densities.
-    fn act(
-        &mut self,
-        network: &Mlp<f32>,
-        normalizer: &Normalizer<f32>,
-        deviations: &Deviations,
-        seen: &[f32],
-        actions: &mut [f32],
-        log_probs: &mut [f64],
-    ) {
-        let (columns, size) = (network.input_size(), network.output_size());
-        self.pool.map(log_probs.len(), &mut self.means, |rows, (inputs, workspace), means| {
-            inputs.clear();
-            inputs.extend_from_slice(&seen[rows.start * columns..rows.end * columns]);
-            normalizer.normalize(inputs);
-            means.copy_from_slice(network.forward(inputs, workspace));
-        });
-        let rows = self.means.par_chunks(size).zip(self.draws.par_chunks(size));
-        let rows = rows.zip(actions.par_chunks_mut(size)).zip(log_probs);
-        rows.with_min_len(ACTING_ROWS).for_each(|(((means, draws), actions), log_prob)| {
-            let noise = deviations.std().iter().zip(draws).map(|(std, draw)| std * draw);
-            for ((action, mean), noise) in actions.iter_mut().zip(means).zip(noise) {
-                *action = (f64::from(*mean) + noise) as f32;
-            }
-            *log_prob = deviations.log_prob(means, actions);
-        });
+impl<A: Improver> Learner for OnPolicy<A> {
+    fn iteration(&self) -> u64 {
+        self.iteration
     }
-}
 
-/// Mean of some advantages, and one over their standard deviation.
-pub(crate) fn mean_and_scale(advantages: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
-    let count = advantages.clone().count() as f64;
-    let mean = advantages.clone().sum::<f64>() / count;
-    let variance = advantages.map(|a| (a - mean) * (a - mean)).sum::<f64>() / (count - 1.0).max(1.0);
-    (mean, 1.0 / (variance.sqrt() + 1e-8))
+    fn iteration_steps(&self) -> u64 {
+        self.common.rollout_size()
+    }
+
+    fn iterate(&mut self) -> Result<Progress, TrainingError> {
+        let start = Instant::now();
+        let OnPolicy { common, improver, iteration } = self;
+        let normalizer = common.normalizer();
+        let acted = common.roll_out(&normalizer);
+        common.estimate(&normalizer);
+        let improved = improver.improve(common, *iteration);
+        *iteration += 1;
+        let improvement =
+            improved.map_err(|what| TrainingError::NotFinite { iteration: *iteration, what })?;
+        common.follow_rollout();
+        Ok(Progress {
+            kl: Some(improvement.kl),
+            entropy: Some(Deviations::new(&common.log_std).entropy()),
+            learning_rate: improvement.learning_rate,
+            shares: Shares::new(acted.physics, acted.total, start.elapsed().as_secs_f64()),
+            ..progress_of(&common.episodes.take_statistics())
+        })
+    }
+
+    fn policy(&self) -> Result<Policy, TrainingError> {
+        self.common.policy()
+    }
+
+    fn network(&self) -> &Mlp<f32> {
+        &self.common.network
+    }
+
+    fn identity(&self) -> String {
+        self.common.episodes.identity()
+    }
+
+    fn save(&self, checkpoint: &mut Checkpoint) {
+        checkpoint.put("iteration", vec![self.iteration]);
+        self.improver.save(checkpoint);
+        self.common.save(checkpoint);
+    }
+
+    fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
+        self.iteration = checkpoint.u64s("iteration", 1)?[0];
+        self.improver.load(checkpoint)?;
+        self.common.load(checkpoint)
+    }
 }

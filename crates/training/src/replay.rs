@@ -3,6 +3,7 @@
 use mishandle_network::Normalizer;
 use mishandle_rollout::{Seed, Stream};
 
+pub use crate::batch::Batch;
 use crate::{Boundary, Checkpoint, Episodes, TrainingError};
 
 /// The last control steps of all rows: a ring for each row.
@@ -46,34 +47,6 @@ pub struct Sampling {
     pub reward_scale: f64,
     /// Whether an entry may be the start of more than one row.
     pub replacement: bool,
-}
-
-/// Rows of experience, all arrays `[rows, ..]`.
-///
-/// ```text
-/// y = returns + discounts · value(next_observations, ·)
-/// ```
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Batch<T> {
-    /// What was seen, scaled.
-    pub observations: Vec<T>,
-    /// What was done, within [-1, 1].
-    pub actions: Vec<T>,
-    /// Σ γ^i r_i over k steps: as many as were asked for, or those up to the episode's end.
-    pub returns: Vec<T>,
-    /// γ^k, or 0 if the task ended the episode.
-    pub discounts: Vec<T>,
-    /// What was seen after the k steps, scaled; of no importance where the discount is 0.
-    pub next_observations: Vec<T>,
-    /// Where in the replay each row begins.
-    pub starts: Vec<usize>,
-}
-
-impl<T> Batch<T> {
-    /// Number of rows.
-    pub fn rows(&self) -> usize {
-        self.returns.len()
-    }
 }
 
 impl Replay {

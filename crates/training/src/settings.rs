@@ -19,15 +19,6 @@ pub trait Settings: Default + Serialize + DeserializeOwned {
     /// Presets besides `best`: their names, and as TOML what each has other than the defaults.
     const PRESETS: &'static [(&'static str, &'static str)] = &[];
 
-    /// How long to train, and when to look.
-    fn run(&self) -> &RunSettings;
-
-    /// The simulations that are learned from.
-    fn episodes(&self) -> &EpisodeSettings;
-
-    /// How long to train, and when to look, to be set.
-    fn run_mut(&mut self) -> &mut RunSettings;
-
     /// Checks that every setting is in its range.
     ///
     /// # Errors

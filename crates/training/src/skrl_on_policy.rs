@@ -7,7 +7,8 @@ use mishandle_network::RunningNormalizer;
 use mishandle_rollout::{Axis, Environment, InitialBox, Sample, Seed, Status, Worker};
 use serde_json::Value;
 
-use crate::on_policy::{OnPolicy, mean_and_scale};
+use crate::actor_critic::{ActorCritic, mean_and_scale};
+use crate::on_policy::{Improver, OnPolicy};
 use crate::ppo::{Ppo, PpoConfig};
 use crate::skrl_updates::{close, close_within, number, numbers, singles};
 use crate::trpo::{Trpo, TrpoConfig};
@@ -86,7 +87,11 @@ fn cases<S: Settings>() -> Vec<(String, S, Value)> {
     cases.map(|(name, case)| (name.clone(), settings(case).unwrap(), case.clone())).collect()
 }
 
-fn begin(common: &mut OnPolicy, start: &Value) {
+fn on_policy<A: Improver>(config: &A::Config) -> OnPolicy<A> {
+    OnPolicy::new(Nowhere::new(), config, Seed(0)).unwrap()
+}
+
+fn begin(common: &mut ActorCritic, start: &Value) {
     set_policy(common, start);
     let mut checkpoint = Checkpoint::new("", "", 0, "");
     common.critic.save(&mut checkpoint);
@@ -94,14 +99,14 @@ fn begin(common: &mut OnPolicy, start: &Value) {
     common.critic.load(&checkpoint).unwrap();
 }
 
-fn set_policy(common: &mut OnPolicy, weights: &Value) {
+fn set_policy(common: &mut ActorCritic, weights: &Value) {
     let network = singles(&weights["network"]);
     common.network.update(|parameters| parameters.copy_from_slice(&network));
     common.log_std = singles(&weights["log_std"]);
 }
 
 /// Has the rollout in the buffer, and checks what is made of it before anything is learned.
-fn roll_out(common: &mut OnPolicy, name: &str, rollout: &Value) {
+fn roll_out(common: &mut ActorCritic, name: &str, rollout: &Value) {
     let buffer = &mut common.buffer;
     buffer.clear();
     buffer.observations = singles(&rollout["observations"]);
@@ -124,7 +129,7 @@ fn roll_out(common: &mut OnPolicy, name: &str, rollout: &Value) {
     close(&format!("{name}: target"), &common.targets, &rollout["targets"]);
 }
 
-fn check_end(common: &OnPolicy, policy_tolerance: f64, name: &str, rollout: &Value) {
+fn check_end(common: &ActorCritic, policy_tolerance: f64, name: &str, rollout: &Value) {
     let end = &rollout["end"];
     let network = common.network.parameters();
     close_within(policy_tolerance, &format!("{name}: policy"), network, &end["network"]);
@@ -150,13 +155,12 @@ fn check_end(common: &OnPolicy, policy_tolerance: f64, name: &str, rollout: &Val
 #[test]
 fn ppo() {
     for (name, config, case) in cases::<PpoConfig>() {
-        let mut ppo = Ppo::new(Nowhere::new(), &config, Seed(0)).unwrap();
-        begin(&mut ppo.common, &case["start"]);
+        let OnPolicy { mut common, improver: mut ppo, .. } = on_policy::<Ppo>(&config);
+        begin(&mut common, &case["start"]);
         for (rollout, index) in case["rollouts"].as_array().unwrap().iter().zip(1..) {
             let name = format!("{name}, update {index}");
-            roll_out(&mut ppo.common, &name, rollout);
-            ppo.learn().unwrap();
-            let rate = ppo.network_adam.learning_rate;
+            roll_out(&mut common, &name, rollout);
+            let rate = ppo.improve(&mut common, 0).unwrap().learning_rate;
             assert!((rate / number(rollout, "learning_rate") - 1.0).abs() < 1e-9, "{name}: {rate}");
             // A minibatch that ended the last epoch was not learned from; skrl's gradient is of one before.
             if config.kl_threshold.is_none() {
@@ -167,7 +171,7 @@ fn ppo() {
                     assert!((loss - number(rollout, "last_loss")).abs() < 1e-5, "{name}: loss {loss}");
                 }
             }
-            check_end(&ppo.common, 1e-5, &name, rollout);
+            check_end(&common, 1e-5, &name, rollout);
         }
     }
 }
@@ -182,23 +186,23 @@ fn step_tolerance(config: &TrpoConfig) -> f64 {
 fn trpo() {
     for (name, config, case) in cases::<TrpoConfig>() {
         let tolerance = step_tolerance(&config);
-        let mut trpo = Trpo::new(Nowhere::new(), &config, Seed(0)).unwrap();
-        begin(&mut trpo.common, &case["start"]);
+        let OnPolicy { mut common, improver: mut trpo, .. } = on_policy::<Trpo>(&config);
+        begin(&mut common, &case["start"]);
         for (rollout, index) in case["rollouts"].as_array().unwrap().iter().zip(1..) {
             let name = format!("{name}, update {index}");
-            roll_out(&mut trpo.common, &name, rollout);
-            let step = trpo.step_policy().unwrap();
+            roll_out(&mut common, &name, rollout);
+            let step = trpo.step_policy(&mut common).unwrap();
             let gradient: Vec<f32> = trpo.gradient.iter().map(|x| *x as f32).collect();
             close(&format!("{name}: gradient"), &gradient, &rollout["gradient"]);
             assert_eq!(step.fraction, number(rollout, "fraction"), "{name}: fraction of the longest step");
             if let Some(kl) = rollout["kl"].as_f64() {
                 assert!((step.kl - kl).abs() < tolerance * kl.max(1.0), "{name}: divergence {}", step.kl);
             }
-            let loss = trpo.learn_values().unwrap();
+            let loss = trpo.learn_values(&mut common, 0).unwrap();
             assert!((loss - number(rollout, "last_loss")).abs() < 1e-5, "{name}: critic's loss {loss}");
-            check_end(&trpo.common, tolerance, &name, rollout);
+            check_end(&common, tolerance, &name, rollout);
             // What conjugate gradients left is not to add up.
-            set_policy(&mut trpo.common, &rollout["end"]);
+            set_policy(&mut common, &rollout["end"]);
         }
     }
 }

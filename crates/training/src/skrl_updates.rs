@@ -6,8 +6,9 @@ use serde_json::Value;
 
 use crate::Settings;
 use crate::action_value::Followed;
+use crate::batch::Batch;
 use crate::ddpg::{Ddpg, DdpgConfig};
-use crate::replay::Batch;
+use crate::off_policy::Agent;
 use crate::sac::{Sac, SacConfig};
 use crate::td3::{Td3, Td3Config};
 
@@ -144,8 +145,8 @@ fn check_sac(kind: &'static str) {
     if let Some(start) = case.of("start").get("log_std") {
         sac.log_std = singles(start);
     }
-    case.begin_both(&mut sac.critics[0], "critic_1");
-    case.begin_both(&mut sac.critics[1], "critic_2");
+    case.begin_both(&mut sac.critics.0[0], "critic_1");
+    case.begin_both(&mut sac.critics.0[1], "critic_2");
     let (batch, count) = (case.batch(), sac.actor.parameter_count());
     let (mut critic_losses, mut policy_losses, mut temperatures) = (vec![], vec![], vec![]);
     for (step, pair) in case.draws().chunks(2).enumerate() {
@@ -153,12 +154,12 @@ fn check_sac(kind: &'static str) {
         critic_losses.push(told[0]);
         policy_losses.push(told[1]);
         temperatures.push(sac.log_temperature[0].exp() as f32);
-        let (first, second) = halves(&sac.by_critics);
+        let (first, second) = halves(&sac.by_critics.sums);
         case.check_gradient("critic_1", step, first);
         case.check_gradient("critic_2", step, second);
-        case.check_gradient("policy", step, &sac.by_actor[..count]);
+        case.check_gradient("policy", step, &sac.by_actor.sums[..count]);
         if !sac.log_std.is_empty() {
-            case.check_gradient("log_std", step, &sac.by_actor[count..][..SIZES.1]);
+            case.check_gradient("log_std", step, &sac.by_actor.sums[count..][..SIZES.1]);
         }
     }
     case.check("critic_losses", &critic_losses);
@@ -168,7 +169,7 @@ fn check_sac(kind: &'static str) {
     if !sac.log_std.is_empty() {
         close("log σ", &sac.log_std, &case.of("end")["log_std"]);
     }
-    case.check_ends(&[(&sac.critics[0], "critic_1"), (&sac.critics[1], "critic_2")]);
+    case.check_ends(&[(&sac.critics.0[0], "critic_1"), (&sac.critics.0[1], "critic_2")]);
     assert_eq!(Some(config.gamma), case.of("gamma").as_f64());
 }
 
@@ -182,23 +183,31 @@ fn check_td3(kind: &'static str, name: &'static str, smoothing: &str) {
     let config: Td3Config = case.config(smoothing);
     let mut td3 = Td3::new(SIZES, &config, Seed(0)).unwrap();
     case.begin_both(&mut td3.actor, "policy");
-    case.begin_both(&mut td3.critics[0], "critic_1");
-    case.begin_both(&mut td3.critics[1], "critic_2");
+    case.begin_both(&mut td3.critics.0[0], "critic_1");
+    case.begin_both(&mut td3.critics.0[1], "critic_2");
     let (batch, mut critic_losses, mut policy_losses) = (case.batch(), vec![], vec![]);
     for (step, draws) in case.draws().iter().enumerate() {
         let (critic_loss, policy_loss) = td3.learn(&batch, draws, step as u64).unwrap();
-        let (first, second) = halves(&td3.by_critics);
+        let (first, second) = halves(&td3.by_critics.sums);
         case.check_gradient("critic_1", step, first);
         case.check_gradient("critic_2", step, second);
         critic_losses.push(critic_loss);
         if let Some(policy_loss) = policy_loss {
-            case.check_gradient("policy", policy_losses.len(), &td3.by_actor[..td3.by_actor.len() - 1]);
+            case.check_gradient(
+                "policy",
+                policy_losses.len(),
+                &td3.by_actor.sums[..td3.by_actor.sums.len() - 1],
+            );
             policy_losses.push(policy_loss);
         }
     }
     case.check("critic_losses", &critic_losses);
     case.check("policy_losses", &policy_losses);
-    case.check_ends(&[(&td3.actor, "policy"), (&td3.critics[0], "critic_1"), (&td3.critics[1], "critic_2")]);
+    case.check_ends(&[
+        (&td3.actor, "policy"),
+        (&td3.critics.0[0], "critic_1"),
+        (&td3.critics.0[1], "critic_2"),
+    ]);
     assert_eq!(Some(config.gamma), case.of("gamma").as_f64());
 }
 
@@ -213,8 +222,8 @@ fn check_ddpg(kind: &'static str) {
         let [critic_loss, policy_loss] = ddpg.learn(&batch).unwrap();
         critic_losses.push(critic_loss);
         policy_losses.push(policy_loss);
-        case.check_gradient("critic", step, &ddpg.by_critic[..ddpg.by_critic.len() - 1]);
-        case.check_gradient("policy", step, &ddpg.by_actor[..ddpg.by_actor.len() - 1]);
+        case.check_gradient("critic", step, &ddpg.by_critic.sums[..ddpg.by_critic.sums.len() - 1]);
+        case.check_gradient("policy", step, &ddpg.by_actor.sums[..ddpg.by_actor.sums.len() - 1]);
     }
     case.check("critic_losses", &critic_losses);
     case.check("policy_losses", &policy_losses);

@@ -1,103 +1,43 @@
-use serde::{Deserialize, Serialize};
-
 use crate::deterministic::Exploration;
-use crate::presets::SKRL_0_10;
-use crate::settings::{at_least_1, share};
-use crate::{
-    ActionValueSettings, ActorSettings, EpisodeSettings, ExplorationDecay, ReplaySettings, RunSettings,
-    Settings, TrainingError,
-};
+use crate::off_policy_config::off_policy_config;
+use crate::{ExplorationDecay, TrainingError};
 
-/// Settings of DDPG. As TOML, each is a key of its name, the last five are tables; a key that is left out has its
-/// default, one that is not known is an error.
-///
-/// # Example
-/// ```
-/// use mishandle_training::{Settings, ddpg::DdpgConfig};
-/// let config = DdpgConfig::from_toml("tau = 0.01\nepisodes.action_noise = 0.5")?;
-/// assert_eq!((config.tau, config.episodes.environments), (0.01, 128));
-/// assert_eq!(DdpgConfig::from_toml(&config.to_toml())?, config);
-/// # Ok::<(), mishandle_training::TrainingError>(())
-/// ```
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct DdpgConfig {
-    /// γ, the discount of a control step. Default 0.98.
-    pub gamma: f64,
-    /// τ, the targets' share of the networks in each update. Default 0.005.
-    pub tau: f64,
-    /// Deviations of the exploring noise: of the first simulation and of the last. Default `[0.05, 0.5]`.
-    pub exploration_std: [f64; 2],
-    /// How that noise falls, `{ steps, share }`; it does not if left out.
-    pub exploration_decay: Option<ExplorationDecay>,
-    /// Control steps for which a simulation keeps its noise: an arm hardly follows what changes each step. Default 1.
-    pub exploration_hold: u64,
-    /// Control steps of each simulation in an iteration, after which it may be validated. Default 64.
-    pub steps_per_iteration: usize,
-    /// How long, and when to look.
-    pub run: RunSettings,
-    /// The simulations. By default there are 128.
-    pub episodes: EpisodeSettings,
-    /// What is remembered.
-    pub replay: ReplaySettings,
-    /// The policy.
-    pub policy: ActorSettings,
-    /// The critic.
-    pub critic: ActionValueSettings,
-}
-
-impl Default for DdpgConfig {
-    fn default() -> DdpgConfig {
-        DdpgConfig {
-            gamma: 0.98,
-            tau: 0.005,
-            exploration_std: [0.05, 0.5],
-            exploration_decay: None,
-            exploration_hold: 1,
-            steps_per_iteration: 64,
-            run: RunSettings::default(),
-            episodes: EpisodeSettings { environments: 128, ..EpisodeSettings::default() },
-            replay: ReplaySettings::default(),
-            policy: ActorSettings::default(),
-            critic: ActionValueSettings::default(),
-        }
+off_policy_config! {
+    /// Settings of DDPG. As TOML, each is a key of its name, the last five are tables; see [`Settings`](crate::Settings)
+    /// for keys left out.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_training::{Settings, ddpg::DdpgConfig};
+    /// let config = DdpgConfig::from_toml("tau = 0.01\nepisodes.action_noise = 0.5")?;
+    /// assert_eq!((config.tau, config.episodes.environments), (0.01, 128));
+    /// assert_eq!(DdpgConfig::from_toml(&config.to_toml())?, config);
+    /// # Ok::<(), mishandle_training::TrainingError>(())
+    /// ```
+    pub struct DdpgConfig for "ddpg" {
+        /// Deviations of the exploring noise: of the first simulation and of the last. Default `[0.05, 0.5]`.
+        pub exploration_std: [f64; 2] = [0.05, 0.5],
+        /// How that noise falls, `{ steps, share }`; it does not if left out.
+        pub exploration_decay: Option<ExplorationDecay> = None,
+        /// Control steps for which a simulation keeps its noise: an arm hardly follows what changes each step. Default 1.
+        pub exploration_hold: u64 = 1,
     }
 }
 
-impl Settings for DdpgConfig {
-    const ALGORITHM: &'static str = "ddpg";
-    const PRESETS: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
-
-    fn run(&self) -> &RunSettings {
-        &self.run
+impl DdpgConfig {
+    pub(super) fn exploration(&self) -> Exploration {
+        Exploration { std: self.exploration_std, decay: self.exploration_decay, hold: self.exploration_hold }
     }
 
-    fn episodes(&self) -> &EpisodeSettings {
-        &self.episodes
-    }
-
-    fn run_mut(&mut self) -> &mut RunSettings {
-        &mut self.run
-    }
-
-    fn check(&self) -> Result<(), TrainingError> {
-        share("gamma", self.gamma)?;
-        share("tau", self.tau)?;
-        Exploration(self.exploration_std).check()?;
-        self.exploration_decay.as_ref().map_or(Ok(()), ExplorationDecay::check)?;
-        at_least_1("exploration_hold", self.exploration_hold)?;
-        at_least_1("steps_per_iteration", self.steps_per_iteration as u64)?;
-        self.run.check()?;
-        self.episodes.check()?;
-        self.replay.check(&self.episodes)?;
-        self.policy.check()?;
-        self.critic.check()
+    fn check_own(&self) -> Result<(), TrainingError> {
+        self.exploration().check()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Settings;
 
     #[test]
     fn the_defaults_come_back_from_their_text() {

@@ -5,7 +5,7 @@ use std::ops::Range;
 use mishandle_network::{Mlp, Scalar, Workspace};
 
 use crate::action_value::{join, squared_error};
-use crate::replay::Batch;
+use crate::batch::Batch;
 
 /// mean (Q(s, a) - y)²,  y = returns + discounts · Q'(s', μ'(s'))
 pub struct CriticLoss<'a, T> {
@@ -39,19 +39,16 @@ impl<T: Scalar> CriticLoss<'_, T> {
         gradient: &mut [T],
     ) -> f64 {
         let CriticLoss { batch, target_actor, critic, target_critic } = self;
-        let (columns, size, count) = (target_actor.input_size(), target_actor.output_size(), rows.len());
+        let part = batch.part(rows);
         let CriticScratch { actor, target, critic: critic_pass, inputs, targets, slopes } = scratch;
 
-        let next = &batch.next_observations[rows.start * columns..rows.end * columns];
-        join(next, target_actor.forward(next, actor), count, inputs);
+        let next_actions = target_actor.forward(part.next_observations, actor);
+        join(part.next_observations, next_actions, part.rows(), inputs);
         targets.clear();
-        let behind = batch.returns[rows.clone()].iter().zip(&batch.discounts[rows.clone()]);
-        for (value, (returns, discount)) in target_critic.forward(inputs, target).iter().zip(behind) {
-            targets.push(discount.mul_add(*value, *returns));
-        }
+        targets.extend_from_slice(target_critic.forward(inputs, target));
+        part.bootstrap(targets);
 
-        let observations = &batch.observations[rows.start * columns..rows.end * columns];
-        join(observations, &batch.actions[rows.start * size..rows.end * size], count, inputs);
+        join(part.observations, part.actions, part.rows(), inputs);
         let share = 1.0 / batch.rows() as f64;
         squared_error(critic, inputs, targets, share, critic_pass, slopes, gradient)
     }

@@ -19,5 +19,4 @@ mod train;
 
 pub use config::DdpgConfig;
 pub use loss::{CriticLoss, CriticScratch};
-#[cfg(test)]
 pub(crate) use train::Ddpg;

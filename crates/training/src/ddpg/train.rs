@@ -1,63 +1,26 @@
-use std::sync::Arc;
-
 use mishandle_controllers::Policy;
-use mishandle_network::{ChunkPool, Mlp};
-use mishandle_rollout::{Environment, Seed};
+use mishandle_network::Mlp;
+use mishandle_rollout::Seed;
 
 use super::config::DdpgConfig;
 use super::loss::{CriticLoss, CriticScratch};
 use crate::action_value::Followed;
+use crate::batch::Batch;
+use crate::batch_gradient::BatchGradient;
 use crate::deterministic::{self, Exploration, PolicyLoss, PolicyScratch};
-use crate::learner::{Learner, Trainable};
-use crate::off_policy::{Agent, LEARNING_ROWS, OffPolicy, Setup, finite, sizes_of, weights};
-use crate::replay::Batch;
-use crate::{Checkpoint, TrainingError};
-
-impl Trainable for DdpgConfig {
-    fn learner(&self, environment: Arc<dyn Environment>, seed: Seed) -> Result<impl Learner, TrainingError> {
-        let agent = Ddpg::new(sizes_of(environment.as_ref()), self, seed)?;
-        let setup = Setup {
-            gamma: self.gamma,
-            steps_per_iteration: self.steps_per_iteration,
-            episodes: &self.episodes,
-            replay: &self.replay,
-            policy: &self.policy,
-            decay: self.exploration_decay,
-        };
-        Ok(OffPolicy::new(environment, setup, seed, agent))
-    }
-}
+use crate::off_policy::{Agent, weights};
+use crate::{Checkpoint, ExplorationDecay, TrainingError};
 
 pub(crate) struct Ddpg {
     tau: f64,
     exploration: Exploration,
-    hold: u64,
     pub actor: Followed,
     pub critic: Followed,
-    critic_pool: ChunkPool<f32, CriticScratch<f32>>,
-    policy_pool: ChunkPool<f32, PolicyScratch<f32>>,
-    /// The gradient of a network, and the loss.
-    pub by_critic: Vec<f32>,
-    pub by_actor: Vec<f32>,
+    pub by_critic: BatchGradient<CriticScratch<f32>>,
+    pub by_actor: BatchGradient<PolicyScratch<f32>>,
 }
 
 impl Ddpg {
-    pub fn new(sizes: (usize, usize), config: &DdpgConfig, seed: Seed) -> Result<Ddpg, TrainingError> {
-        let actor = deterministic::actor(sizes, &config.policy, weights(seed, 0))?;
-        let critic = Followed::critic(sizes, &config.critic, weights(seed, 1))?;
-        Ok(Ddpg {
-            tau: config.tau,
-            exploration: Exploration(config.exploration_std),
-            hold: config.exploration_hold,
-            critic_pool: ChunkPool::new(LEARNING_ROWS),
-            policy_pool: ChunkPool::new(LEARNING_ROWS),
-            by_critic: vec![0.0; critic.network.parameter_count() + 1],
-            by_actor: vec![0.0; actor.network.parameter_count() + 1],
-            actor,
-            critic,
-        })
-    }
-
     /// One step of both networks; gives the losses of critic and policy.
     ///
     /// # Errors
@@ -70,19 +33,13 @@ impl Ddpg {
             critic: &critic.network,
             target_critic: &critic.target,
         };
-        self.critic_pool.sum(batch.rows(), by_critic, |rows, scratch, sums| {
-            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
-            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
-        });
-        let (gradient, critic_loss) = finite(by_critic, "the critic's loss")?;
+        let (gradient, critic_loss) = by_critic
+            .of(batch.rows(), |rows, scratch, gradient| loss.add_gradient(rows, scratch, gradient))?;
         critic.step(gradient);
 
         let loss = PolicyLoss { batch, actor: &actor.network, critic: &critic.network };
-        self.policy_pool.sum(batch.rows(), by_actor, |rows, scratch, sums| {
-            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
-            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
-        });
-        let (gradient, policy_loss) = finite(by_actor, "the policy's loss")?;
+        let (gradient, policy_loss) = by_actor
+            .of(batch.rows(), |rows, scratch, gradient| loss.add_gradient(rows, scratch, gradient))?;
         actor.step(gradient);
 
         critic.follow(self.tau);
@@ -92,12 +49,31 @@ impl Ddpg {
 }
 
 impl Agent for Ddpg {
+    type Config = DdpgConfig;
+
+    fn new(sizes: (usize, usize), config: &DdpgConfig, seed: Seed) -> Result<Ddpg, TrainingError> {
+        let actor = deterministic::actor(sizes, &config.policy, weights(seed, 0))?;
+        let critic = Followed::critic(sizes, &config.critic, weights(seed, 1))?;
+        Ok(Ddpg {
+            tau: config.tau,
+            exploration: config.exploration(),
+            by_critic: BatchGradient::new("the critic's loss", critic.network.parameter_count()),
+            by_actor: BatchGradient::new("the policy's loss", actor.network.parameter_count()),
+            actor,
+            critic,
+        })
+    }
+
     fn actor(&self) -> &Mlp<f32> {
         &self.actor.network
     }
 
     fn hold(&self) -> u64 {
-        self.hold
+        self.exploration.hold
+    }
+
+    fn decay(&self) -> Option<ExplorationDecay> {
+        self.exploration.decay
     }
 
     fn explore(&self, row: usize, rows: usize, outputs: &[f32], draws: &[f64], action: &mut [f32]) {

@@ -159,7 +159,7 @@ impl Minibatch<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::on_policy::mean_and_scale;
+    use crate::actor_critic::mean_and_scale;
     use mishandle_network::Activation;
     use mishandle_rollout::{Seed, Stream};
 

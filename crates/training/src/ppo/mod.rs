@@ -24,5 +24,4 @@ mod train;
 
 pub use config::{GradNorm, PpoConfig, Reduction, Schedule, Standardized};
 pub use loss::{Surrogate, clipped_value_loss, surrogate};
-#[cfg(test)]
 pub(crate) use train::Ppo;

@@ -1,37 +1,24 @@
 use std::ops::Range;
-use std::sync::Arc;
-use std::time::Instant;
 
-use mishandle_controllers::Policy;
-use mishandle_network::{Adam, CHUNK_ROWS, ChunkPool, Mlp, clip_norm};
-use mishandle_rollout::{Environment, Seed};
+use mishandle_network::{Adam, CHUNK_ROWS, ChunkPool, clip_norm};
+use mishandle_rollout::Seed;
 
 use super::config::{GradNorm, PpoConfig, Reduction, Schedule, Standardized};
 use super::loss::{Minibatch, RIDERS, Scratch};
+use crate::actor_critic::{ActorCritic, Setup, mean_and_scale};
 use crate::gaussian::Deviations;
-use crate::learner::{Learner, Trainable, iterations, progress_of};
+use crate::learner::iterations;
 use crate::minibatches::Minibatches;
-use crate::on_policy::{OnPolicy, Setup, mean_and_scale};
-use crate::{Checkpoint, Progress, Shares, TrainingError};
+use crate::on_policy::{Improvement, Improver, minibatches_seed};
+use crate::{Checkpoint, Critic, TrainingError};
 
 /// Factor by which the adaptive schedule changes it.
 const LEARNING_RATE_FACTOR: f64 = 1.5;
 
-/// The child of the training's seed that shuffles minibatches; the others are those of [`OnPolicy`].
-const MINIBATCHES: u64 = 3;
-
-impl Trainable for PpoConfig {
-    fn learner(&self, environment: Arc<dyn Environment>, seed: Seed) -> Result<impl Learner, TrainingError> {
-        Ppo::new(environment, self, seed)
-    }
-}
-
-pub(crate) struct Ppo<'a> {
-    config: &'a PpoConfig,
-    pub common: OnPolicy,
-    pub network_adam: Adam<f32>,
+pub(crate) struct Ppo {
+    config: PpoConfig,
+    network_adam: Adam<f32>,
     log_std_adam: Adam<f32>,
-    iteration: u64,
     pool: ChunkPool<f32, Scratch>,
     /// The gradient of the last minibatch: by the policy's parameters, by log σ, by the critic's parameters; then the
     /// [riders](RIDERS).
@@ -39,90 +26,35 @@ pub(crate) struct Ppo<'a> {
     minibatches: Minibatches,
 }
 
-impl<'a> Ppo<'a> {
-    pub fn new(
-        environment: Arc<dyn Environment>,
-        config: &'a PpoConfig,
-        seed: Seed,
-    ) -> Result<Ppo<'a>, TrainingError> {
-        let setup = Setup {
-            rollout_steps: config.rollout_steps,
-            gamma: config.gamma,
-            gae_lambda: config.gae_lambda,
-            episodes: &config.episodes,
-            policy: &config.policy,
-            critic: &config.critic,
-        };
-        let mut common = OnPolicy::new(environment, &setup, seed)?;
-        if config.shared_learning_rate {
-            common.critic.set_learning_rate(config.learning_rate);
-        }
-        let (weights, actions) = (common.network.parameter_count(), common.log_std.len());
-        let gradient = weights + actions + common.critic.network().parameter_count() + RIDERS.len();
-        Ok(Ppo {
-            config,
-            network_adam: Adam::new(weights, config.learning_rate),
-            log_std_adam: Adam::new(actions, config.learning_rate),
-            iteration: 0,
-            pool: ChunkPool::new(CHUNK_ROWS),
-            gradient: vec![0.0; gradient],
-            minibatches: Minibatches::new(
-                config.minibatches,
-                common.buffer.count(),
-                config.minibatch_rows,
-                config.slices,
-                seed.child(MINIBATCHES),
-            ),
-            common,
-        })
-    }
-
-    /// All epochs; gives the mean divergence in the last.
-    pub fn learn(&mut self) -> Result<f64, TrainingError> {
-        let config = self.config;
-        if config.learning_rate_schedule == Schedule::Linear {
-            let all = iterations(&config.run, self.iteration_steps());
-            let left = 1.0 - self.iteration as f64 / all as f64;
-            self.common.critic.set_learning_rate(left * config.critic.learning_rate);
-            self.set_learning_rate(left * config.learning_rate);
-        }
-        let advantages = &self.common.buffer.advantages;
-        let over_all =
-            (config.advantages == Standardized::Rollout).then(|| mean_and_scale(advantages.iter().copied()));
-        let mut kl = 0.0;
-        for epoch in 0..config.epochs as u64 {
-            self.minibatches.begin_epoch(self.iteration * config.epochs as u64 + epoch);
-            kl = self.learn_epoch(epoch == 0, over_all)?;
-            if config.learning_rate_schedule == Schedule::Adaptive {
-                self.set_learning_rate(adapted(self.network_adam.learning_rate, kl, config));
-            }
-        }
-        Ok(kl)
-    }
-
-    fn set_learning_rate(&mut self, learning_rate: f64) {
+impl Ppo {
+    fn set_learning_rate(&mut self, learning_rate: f64, critic: &mut Critic) {
         self.network_adam.learning_rate = learning_rate;
         self.log_std_adam.learning_rate = learning_rate;
         if self.config.shared_learning_rate {
-            self.common.critic.set_learning_rate(learning_rate);
+            critic.set_learning_rate(learning_rate);
         }
     }
 
     /// One pass over the minibatches, which a divergence beyond the threshold ends; gives the mean divergence.
-    fn learn_epoch(&mut self, first: bool, over_all: Option<(f64, f64)>) -> Result<f64, TrainingError> {
+    fn learn_epoch(
+        &mut self,
+        common: &mut ActorCritic,
+        first: bool,
+        over_all: Option<(f64, f64)>,
+    ) -> Result<f64, &'static str> {
         let all = self.minibatches.order().len() as f64;
         let (mut kl, mut seen) = (0.0, 0);
         for rows in self.minibatches.ranges() {
             if first {
-                self.common.follow_minibatch(&self.minibatches.order()[rows.clone()]);
+                common.follow_minibatch(&self.minibatches.order()[rows.clone()]);
             }
-            let of_minibatch = self.compute_gradient(rows.clone(), over_all)?;
+            let of_minibatch = self.compute_gradient(common, rows.clone(), over_all)?;
             kl += of_minibatch * rows.len() as f64 / all;
             seen += rows.len();
             if self.config.kl_threshold.is_some_and(|threshold| of_minibatch > threshold) {
                 break;
             }
-            self.step();
+            self.step(common);
         }
         Ok(kl * (all / seen as f64))
     }
@@ -130,10 +62,11 @@ impl<'a> Ppo<'a> {
     /// The gradient of the loss of the minibatch of these rows; gives its mean divergence.
     fn compute_gradient(
         &mut self,
+        common: &ActorCritic,
         rows: Range<usize>,
         over_all: Option<(f64, f64)>,
-    ) -> Result<f64, TrainingError> {
-        let Ppo { config, common, pool, gradient, minibatches, .. } = self;
+    ) -> Result<f64, &'static str> {
+        let Ppo { config, pool, gradient, minibatches, .. } = self;
         let order = &minibatches.order()[rows];
         let advantages = &common.buffer.advantages;
         let (advantage_mean, advantage_scale) =
@@ -163,14 +96,14 @@ impl<'a> Ppo<'a> {
         });
         let riders = &gradient[gradient.len() - RIDERS.len()..];
         match RIDERS.iter().zip(riders).find(|(_, number)| !number.is_finite()) {
-            Some((what, _)) => Err(TrainingError::NotFinite { iteration: self.iteration + 1, what }),
+            Some((what, _)) => Err(what),
             None => Ok(f64::from(riders[0])),
         }
     }
 
     /// One step of all optimisers along the gradient.
-    fn step(&mut self) {
-        let Ppo { config, common, gradient, network_adam, log_std_adam, .. } = self;
+    fn step(&mut self, common: &mut ActorCritic) {
+        let Ppo { config, gradient, network_adam, log_std_adam, .. } = self;
         let weights = common.network.parameter_count();
         let policy = weights + common.log_std.len();
         let all = gradient.len() - RIDERS.len();
@@ -190,56 +123,77 @@ impl<'a> Ppo<'a> {
     }
 }
 
-impl Learner for Ppo<'_> {
-    fn iteration(&self) -> u64 {
-        self.iteration
+impl Improver for Ppo {
+    type Config = PpoConfig;
+
+    fn setup(config: &PpoConfig) -> Setup<'_> {
+        Setup {
+            rollout_steps: config.rollout_steps,
+            gamma: config.gamma,
+            gae_lambda: config.gae_lambda,
+            episodes: &config.episodes,
+            policy: &config.policy,
+            critic: &config.critic,
+        }
     }
 
-    fn iteration_steps(&self) -> u64 {
-        self.common.rollout_size()
+    fn new(config: &PpoConfig, common: &mut ActorCritic, seed: Seed) -> Ppo {
+        if config.shared_learning_rate {
+            common.critic.set_learning_rate(config.learning_rate);
+        }
+        let (weights, actions) = (common.network.parameter_count(), common.log_std.len());
+        let gradient = weights + actions + common.critic.network().parameter_count() + RIDERS.len();
+        Ppo {
+            config: config.clone(),
+            network_adam: Adam::new(weights, config.learning_rate),
+            log_std_adam: Adam::new(actions, config.learning_rate),
+            pool: ChunkPool::new(CHUNK_ROWS),
+            gradient: vec![0.0; gradient],
+            minibatches: Minibatches::new(
+                config.minibatches,
+                common.buffer.count(),
+                config.minibatch_rows,
+                config.slices,
+                minibatches_seed(seed),
+            ),
+        }
     }
 
-    fn iterate(&mut self) -> Result<Progress, TrainingError> {
-        let start = Instant::now();
-        let normalizer = self.common.normalizer();
-        let acted = self.common.roll_out(&normalizer);
-        self.common.estimate(&normalizer);
-        let kl = self.learn()?;
-        self.common.follow_rollout();
-        self.iteration += 1;
-        Ok(Progress {
-            kl: Some(kl),
-            entropy: Some(Deviations::new(&self.common.log_std).entropy()),
-            learning_rate: self.network_adam.learning_rate,
-            shares: Shares::new(acted.physics, acted.total, start.elapsed().as_secs_f64()),
-            ..progress_of(&self.common.episodes.take_statistics())
-        })
-    }
-
-    fn policy(&self) -> Result<Policy, TrainingError> {
-        self.common.policy()
-    }
-
-    fn network(&self) -> &Mlp<f32> {
-        &self.common.network
-    }
-
-    fn identity(&self) -> String {
-        self.common.episodes.identity()
+    fn improve(&mut self, common: &mut ActorCritic, iteration: u64) -> Result<Improvement, &'static str> {
+        let (schedule, epochs) = (self.config.learning_rate_schedule, self.config.epochs as u64);
+        if schedule == Schedule::Linear {
+            let all = iterations(&self.config.run, common.rollout_size());
+            let left = 1.0 - iteration as f64 / all as f64;
+            common.critic.set_learning_rate(left * self.config.critic.learning_rate);
+            self.set_learning_rate(left * self.config.learning_rate, &mut common.critic);
+        }
+        let advantages = &common.buffer.advantages;
+        let over_all = (self.config.advantages == Standardized::Rollout)
+            .then(|| mean_and_scale(advantages.iter().copied()));
+        let mut kl = 0.0;
+        for epoch in 0..epochs {
+            self.minibatches.begin_epoch(iteration * epochs + epoch);
+            kl = self.learn_epoch(common, epoch == 0, over_all)?;
+            if schedule == Schedule::Adaptive {
+                let learning_rate = adapted(self.network_adam.learning_rate, kl, &self.config);
+                self.set_learning_rate(learning_rate, &mut common.critic);
+            }
+        }
+        Ok(Improvement { kl, learning_rate: self.network_adam.learning_rate })
     }
 
     fn save(&self, checkpoint: &mut Checkpoint) {
-        checkpoint.put("iteration", vec![self.iteration]);
         checkpoint.put_adam("policy.adam", &self.network_adam);
         checkpoint.put_adam("policy.log_std_adam", &self.log_std_adam);
-        self.common.save(checkpoint);
     }
 
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
-        self.iteration = checkpoint.u64s("iteration", 1)?[0];
-        self.network_adam = checkpoint.adam("policy.adam", self.common.network.parameter_count())?;
-        self.log_std_adam = checkpoint.adam("policy.log_std_adam", self.common.log_std.len())?;
-        self.common.load(checkpoint)
+        for (name, adam) in
+            [("policy.adam", &mut self.network_adam), ("policy.log_std_adam", &mut self.log_std_adam)]
+        {
+            *adam = checkpoint.adam(name, adam.first_moments().len())?;
+        }
+        Ok(())
     }
 }
 

@@ -4,10 +4,11 @@ use std::ops::Range;
 
 use mishandle_network::{Mlp, Scalar, Workspace};
 
-use crate::action_value::{join, squared_error};
+use crate::action_value::join;
+use crate::batch::{Batch, cut};
 use crate::drawn::Drawn;
-use crate::replay::Batch;
 use crate::sac::{Actor, Distribution};
+use crate::twin_critics::TwinScratch;
 
 /// mean ½ (Q₁(s, a) - y)² + mean ½ (Q₂(s, a) - y)²,
 /// y = returns + discounts · (min(Q₁'(s', a'), Q₂'(s', a')) - α log π(a'|s'))
@@ -30,13 +31,9 @@ pub struct CriticLoss<'a, T> {
 #[derive(Debug, Default)]
 pub struct CriticScratch<T> {
     actor: Workspace<T>,
-    targets_of: [Workspace<T>; 2],
-    critics: [Workspace<T>; 2],
     drawn: Vec<Drawn>,
-    actions: Vec<T>,
-    inputs: Vec<T>,
-    targets: Vec<T>,
-    slopes: Vec<T>,
+    next_actions: Vec<T>,
+    critics: TwinScratch<T>,
 }
 
 impl<T: Scalar> CriticLoss<'_, T> {
@@ -49,41 +46,17 @@ impl<T: Scalar> CriticLoss<'_, T> {
         gradient: &mut [T],
     ) -> f64 {
         let CriticLoss { batch, temperature, actor, critics, target_critics, .. } = self;
-        let (columns, size, count) = (actor.network.input_size(), actor.actions(), rows.len());
-        let CriticScratch {
-            actor: actor_pass,
-            targets_of,
-            critics: passes,
-            drawn,
-            actions,
-            inputs,
-            targets,
-            slopes,
-        } = scratch;
+        let CriticScratch { actor: actor_pass, drawn, next_actions, critics: scratch } = scratch;
+        let draws = cut(self.draws, batch.rows(), &rows);
+        let part = batch.part(rows);
 
-        let next = &batch.next_observations[rows.start * columns..rows.end * columns];
-        let draws = &self.draws[rows.start * size..rows.end * size];
-        actor.draw(next, draws, actor_pass, drawn, actions);
-        join(next, actions, count, inputs);
-        let [first, second] = targets_of;
-        let values = target_critics[0].forward(inputs, first).iter();
-        let values = values.zip(target_critics[1].forward(inputs, second));
-        let behind = batch.returns[rows.clone()].iter().zip(&batch.discounts[rows.clone()]);
-        targets.clear();
-        for (((first, second), (returns, discount)), drawn) in
-            values.zip(behind).zip(drawn.chunks_exact(size))
-        {
-            let least = if second < first { second } else { first };
-            let soft = T::from_f64(least.to_f64() - temperature * log_prob(drawn));
-            targets.push(discount.mul_add(soft, *returns));
+        actor.draw(part.next_observations, draws, actor_pass, drawn, next_actions);
+        scratch.least_values(*target_critics, &part, next_actions);
+        for (value, drawn) in scratch.targets.iter_mut().zip(drawn.chunks_exact(actor.actions())) {
+            *value = T::from_f64(value.to_f64() - temperature * log_prob(drawn));
         }
-
-        let observations = &batch.observations[rows.start * columns..rows.end * columns];
-        join(observations, &batch.actions[rows.start * size..rows.end * size], count, inputs);
-        let half_share = 0.5 / batch.rows() as f64;
-        let (by_first, by_second) = gradient.split_at_mut(critics[0].parameter_count());
-        squared_error(critics[0], inputs, targets, half_share, &mut passes[0], slopes, by_first)
-            + squared_error(critics[1], inputs, targets, half_share, &mut passes[1], slopes, by_second)
+        part.bootstrap(&mut scratch.targets);
+        scratch.squared_errors(*critics, &part, 0.5 / batch.rows() as f64, gradient)
     }
 }
 
@@ -137,8 +110,8 @@ impl<T: Scalar> PolicyLoss<'_, T> {
             by_outputs,
         } = scratch;
 
-        let observations = &batch.observations[rows.start * columns..rows.end * columns];
-        let draws = &self.draws[rows.start * size..rows.end * size];
+        let draws = cut(self.draws, batch.rows(), &rows);
+        let observations = batch.part(rows).observations;
         actor.draw(observations, draws, actor_pass, drawn, actions);
         join(observations, actions, count, inputs);
         let [first, second] = &mut *passes;

@@ -25,5 +25,4 @@ mod train;
 pub use config::SacConfig;
 pub use distribution::{Actor, Distribution};
 pub use loss::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch, temperature_loss};
-#[cfg(test)]
 pub(crate) use train::Sac;

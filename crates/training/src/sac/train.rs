@@ -1,35 +1,18 @@
-use std::sync::Arc;
-
 use mishandle_controllers::Policy;
-use mishandle_network::{Adam, ChunkPool, Mlp};
-use mishandle_rollout::{Environment, Seed};
+use mishandle_network::{Adam, Mlp};
+use mishandle_rollout::Seed;
 
 use super::config::SacConfig;
 use super::distribution::{Actor, Distribution};
 use super::loss::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch, temperature_loss};
-use crate::action_value::Followed;
+use crate::batch::Batch;
+use crate::batch_gradient::BatchGradient;
 use crate::drawn::CLIPPED_LOG_STD_RANGE;
 use crate::gaussian::Deviations;
 use crate::initialization::initial_network;
-use crate::learner::{Learner, Trainable};
-use crate::off_policy::{Agent, LEARNING_ROWS, OffPolicy, Setup, draw_rows, finite, sizes_of, weights};
-use crate::replay::Batch;
+use crate::off_policy::{Agent, draw_rows, weights};
+use crate::twin_critics::TwinCritics;
 use crate::{Checkpoint, TrainingError};
-
-impl Trainable for SacConfig {
-    fn learner(&self, environment: Arc<dyn Environment>, seed: Seed) -> Result<impl Learner, TrainingError> {
-        let agent = Sac::new(sizes_of(environment.as_ref()), self, seed)?;
-        let setup = Setup {
-            gamma: self.gamma,
-            steps_per_iteration: self.steps_per_iteration,
-            episodes: &self.episodes,
-            replay: &self.replay,
-            policy: &self.policy,
-            decay: None,
-        };
-        Ok(OffPolicy::new(environment, setup, seed, agent))
-    }
-}
 
 pub(crate) struct Sac {
     tau: f64,
@@ -42,7 +25,7 @@ pub(crate) struct Sac {
     /// log σ of each action before it is kept in its range; none if the network gives it.
     pub log_std: Vec<f32>,
     log_std_adam: Adam<f32>,
-    pub critics: [Followed; 2],
+    pub critics: TwinCritics,
     /// log α, alone in a vector for its optimiser.
     pub log_temperature: [f64; 1],
     temperature_adam: Adam<f64>,
@@ -50,53 +33,12 @@ pub(crate) struct Sac {
     entropy: f64,
     /// z of the actions behind the returns, and of those that the policy learns from.
     draws: [Vec<f64>; 2],
-    critic_pool: ChunkPool<f32, CriticScratch<f32>>,
-    policy_pool: ChunkPool<f32, PolicyScratch<f32>>,
-    /// The gradient of both critics, and the loss.
-    pub by_critics: Vec<f32>,
-    /// The gradient of the actor, then of log σ, the mean of log π, and the loss.
-    pub by_actor: Vec<f32>,
+    pub by_critics: BatchGradient<CriticScratch<f32>>,
+    /// By the actor's network, then by log σ; then the mean of log π.
+    pub by_actor: BatchGradient<PolicyScratch<f32>>,
 }
 
 impl Sac {
-    pub fn new(sizes: (usize, usize), config: &SacConfig, seed: Seed) -> Result<Sac, TrainingError> {
-        let policy = &config.policy;
-        let distribution = config.distribution;
-        // A small last layer: the first actions are near the middle, with h near 0, whatever is seen.
-        let actor = initial_network(
-            (sizes.0, &policy.hidden, distribution.outputs(sizes.1)),
-            policy.activation,
-            policy.initialization,
-            0.01,
-            weights(seed, 0),
-        )?;
-        let mut log_std = vec![0.0; distribution.parameters(sizes.1)];
-        policy.initialization.initialize_others(&mut log_std, weights(seed, 3));
-        let critics = [
-            Followed::critic(sizes, &config.critic, weights(seed, 1))?,
-            Followed::critic(sizes, &config.critic, weights(seed, 2))?,
-        ];
-        Ok(Sac {
-            tau: config.tau,
-            hold: config.exploration_hold,
-            target_entropy: Deviations::new(&vec![config.target_std.ln() as f32; sizes.1]).entropy(),
-            actor_adam: Adam::new(actor.parameter_count(), policy.learning_rate),
-            log_std_adam: Adam::new(log_std.len(), policy.learning_rate),
-            distribution,
-            log_temperature: [config.initial_temperature.ln()],
-            temperature_adam: Adam::new(1, config.temperature_learning_rate),
-            entropy: 0.0,
-            draws: [0, 1].map(|_| vec![0.0; config.replay.batch_rows * sizes.1]),
-            critic_pool: ChunkPool::new(LEARNING_ROWS),
-            policy_pool: ChunkPool::new(LEARNING_ROWS),
-            by_critics: vec![0.0; 2 * critics[0].network.parameter_count() + 1],
-            by_actor: vec![0.0; actor.parameter_count() + log_std.len() + 2],
-            actor,
-            log_std,
-            critics,
-        })
-    }
-
     /// One step of all networks and of the temperature, with z of both kinds; gives the losses of critics and policy.
     ///
     /// # Errors
@@ -110,46 +52,72 @@ impl Sac {
             draws: &draws[0],
             temperature,
             actor: policy,
-            critics: [&critics[0].network, &critics[1].network],
-            target_critics: [&critics[0].target, &critics[1].target],
+            critics: critics.networks(),
+            target_critics: critics.targets(),
         };
-        self.critic_pool.sum(batch.rows(), by_critics, |rows, scratch, sums| {
-            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
-            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
-        });
-        let (gradient, critic_loss) = finite(by_critics, "the critics' loss")?;
-        let parts = gradient.chunks_exact(critics[0].network.parameter_count());
-        critics.iter_mut().zip(parts).for_each(|(critic, gradient)| critic.step(gradient));
+        let (gradient, critic_loss) = by_critics
+            .of(batch.rows(), |rows, scratch, gradient| loss.add_gradient(rows, scratch, gradient))?;
+        critics.step(gradient);
 
-        let loss = PolicyLoss {
-            batch,
-            draws: &draws[1],
-            temperature,
-            actor: policy,
-            critics: [&critics[0].network, &critics[1].network],
-        };
-        self.policy_pool.sum(batch.rows(), by_actor, |rows, scratch, sums| {
-            let (gradient, riders) = sums.split_at_mut(sums.len() - 2);
+        let loss =
+            PolicyLoss { batch, draws: &draws[1], temperature, actor: policy, critics: critics.networks() };
+        let log_stds_end = actor.parameter_count() + log_std.len();
+        let (numbers, policy_loss) = by_actor.of(batch.rows(), |rows, scratch, numbers| {
+            let (gradient, mean_log_prob_sum) = numbers.split_at_mut(log_stds_end);
             let (loss, mean_log_prob) = loss.add_gradient(rows, scratch, gradient);
-            riders[0] += mean_log_prob as f32;
-            riders[1] += loss as f32;
-        });
-        let (numbers, policy_loss) = finite(by_actor, "the policy's loss")?;
-        let (mean_log_prob, gradient) = numbers.split_last().expect("the mean of log π is there");
+            mean_log_prob_sum[0] += mean_log_prob as f32;
+            loss
+        })?;
+        let (gradient, mean_log_prob) = numbers.split_at(log_stds_end);
         let (by_network, by_log_std) = gradient.split_at(actor.parameter_count());
         actor.update(|parameters| self.actor_adam.step(parameters, by_network));
         self.log_std_adam.step(log_std, by_log_std);
 
-        let mean_log_prob = f64::from(*mean_log_prob);
+        let mean_log_prob = f64::from(mean_log_prob[0]);
         let (_, slope) = temperature_loss(self.log_temperature[0], mean_log_prob, self.target_entropy);
         self.temperature_adam.step(&mut self.log_temperature, &[slope]);
         self.entropy = -mean_log_prob;
-        critics.iter_mut().for_each(|critic| critic.follow(self.tau));
+        critics.follow(self.tau);
         Ok([critic_loss, policy_loss])
     }
 }
 
 impl Agent for Sac {
+    type Config = SacConfig;
+
+    fn new(sizes: (usize, usize), config: &SacConfig, seed: Seed) -> Result<Sac, TrainingError> {
+        let policy = &config.policy;
+        let distribution = config.distribution;
+        // A small last layer: the first actions are near the middle, with h near 0, whatever is seen.
+        let actor = initial_network(
+            (sizes.0, &policy.hidden, distribution.outputs(sizes.1)),
+            policy.activation,
+            policy.initialization,
+            0.01,
+            weights(seed, 0),
+        )?;
+        let mut log_std = vec![0.0; distribution.parameters(sizes.1)];
+        policy.initialization.initialize_others(&mut log_std, weights(seed, 3));
+        let critics = TwinCritics::new(sizes, &config.critic, seed)?;
+        Ok(Sac {
+            tau: config.tau,
+            hold: config.exploration_hold,
+            target_entropy: Deviations::new(&vec![config.target_std.ln() as f32; sizes.1]).entropy(),
+            actor_adam: Adam::new(actor.parameter_count(), policy.learning_rate),
+            log_std_adam: Adam::new(log_std.len(), policy.learning_rate),
+            distribution,
+            log_temperature: [config.initial_temperature.ln()],
+            temperature_adam: Adam::new(1, config.temperature_learning_rate),
+            entropy: 0.0,
+            draws: [0, 1].map(|_| vec![0.0; config.replay.batch_rows * sizes.1]),
+            by_critics: BatchGradient::new("the critics' loss", critics.parameter_count()),
+            by_actor: BatchGradient::new("the policy's loss", actor.parameter_count() + log_std.len() + 1),
+            actor,
+            log_std,
+            critics,
+        })
+    }
+
     fn actor(&self) -> &Mlp<f32> {
         &self.actor
     }
@@ -198,8 +166,7 @@ impl Agent for Sac {
             checkpoint.put("policy.log_std", self.log_std.clone());
             checkpoint.put_adam("policy.log_std.adam", &self.log_std_adam);
         }
-        self.critics[0].save("critic_1", checkpoint);
-        self.critics[1].save("critic_2", checkpoint);
+        self.critics.save(checkpoint);
         let adam = &self.temperature_adam;
         let (first, second) = (adam.first_moments()[0], adam.second_moments()[0]);
         checkpoint.put("temperature", vec![self.log_temperature[0], first, second, self.entropy]);
@@ -216,8 +183,7 @@ impl Agent for Sac {
             self.log_std.copy_from_slice(checkpoint.f32s("policy.log_std", count)?);
             self.log_std_adam = checkpoint.adam("policy.log_std.adam", count)?;
         }
-        self.critics[0].load("critic_1", checkpoint)?;
-        self.critics[1].load("critic_2", checkpoint)?;
+        self.critics.load(checkpoint)?;
         let temperature = checkpoint.f64s("temperature", 4)?;
         let steps = checkpoint.u64s("temperature.steps", 1)?[0];
         let (rate, first, second) =

@@ -1,115 +1,53 @@
-use serde::{Deserialize, Serialize};
-
 use crate::deterministic::Exploration;
-use crate::presets::SKRL_0_10;
-use crate::settings::{at_least_1, not_negative, share};
-use crate::{
-    ActionValueSettings, ActorSettings, EpisodeSettings, ExplorationDecay, ReplaySettings, RunSettings,
-    Settings, TrainingError,
-};
+use crate::off_policy_config::off_policy_config;
+use crate::settings::{at_least_1, not_negative};
+use crate::{ExplorationDecay, TrainingError};
 
-/// Settings of TD3. As TOML, each is a key of its name, the last five are tables; a key that is left out has its
-/// default, one that is not known is an error.
-///
-/// # Example
-/// ```
-/// use mishandle_training::{Settings, td3::Td3Config};
-/// let config = Td3Config::from_toml("tau = 0.01\nepisodes.action_noise = 0.5")?;
-/// assert_eq!((config.tau, config.episodes.environments), (0.01, 128));
-/// assert_eq!(Td3Config::from_toml(&config.to_toml())?, config);
-/// # Ok::<(), mishandle_training::TrainingError>(())
-/// ```
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Td3Config {
-    /// γ, the discount of a control step. Default 0.98.
-    pub gamma: f64,
-    /// τ, the targets' share of the networks in each update. Default 0.005.
-    pub tau: f64,
-    /// Deviations of the exploring noise: of the first simulation and of the last. Default `[0.05, 0.5]`.
-    pub exploration_std: [f64; 2],
-    /// How that noise falls, `{ steps, share }`; it does not if left out.
-    pub exploration_decay: Option<ExplorationDecay>,
-    /// Control steps for which a simulation keeps its noise: an arm hardly follows what changes each step. Default 1.
-    pub exploration_hold: u64,
-    /// σ of the noise on the target's action. Default 0.1.
-    pub smoothing_std: f64,
-    /// c, where that noise is clipped. Default 0.3.
-    pub smoothing_clip: f64,
-    /// d, updates of the critics for one of the policy and the targets. Default 2.
-    pub policy_delay: u64,
-    /// Control steps of each simulation in an iteration, after which it may be validated. Default 64.
-    pub steps_per_iteration: usize,
-    /// How long, and when to look.
-    pub run: RunSettings,
-    /// The simulations. By default there are 128.
-    pub episodes: EpisodeSettings,
-    /// What is remembered.
-    pub replay: ReplaySettings,
-    /// The policy.
-    pub policy: ActorSettings,
-    /// The critics.
-    pub critic: ActionValueSettings,
-}
-
-impl Default for Td3Config {
-    fn default() -> Td3Config {
-        Td3Config {
-            gamma: 0.98,
-            tau: 0.005,
-            exploration_std: [0.05, 0.5],
-            exploration_decay: None,
-            exploration_hold: 1,
-            smoothing_std: 0.1,
-            smoothing_clip: 0.3,
-            policy_delay: 2,
-            steps_per_iteration: 64,
-            run: RunSettings::default(),
-            episodes: EpisodeSettings { environments: 128, ..EpisodeSettings::default() },
-            replay: ReplaySettings::default(),
-            policy: ActorSettings::default(),
-            critic: ActionValueSettings::default(),
-        }
+off_policy_config! {
+    /// Settings of TD3. As TOML, each is a key of its name, the last five are tables; see [`Settings`](crate::Settings)
+    /// for keys left out.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_training::{Settings, td3::Td3Config};
+    /// let config = Td3Config::from_toml("tau = 0.01\nepisodes.action_noise = 0.5")?;
+    /// assert_eq!((config.tau, config.episodes.environments), (0.01, 128));
+    /// assert_eq!(Td3Config::from_toml(&config.to_toml())?, config);
+    /// # Ok::<(), mishandle_training::TrainingError>(())
+    /// ```
+    pub struct Td3Config for "td3" {
+        /// Deviations of the exploring noise: of the first simulation and of the last. Default `[0.05, 0.5]`.
+        pub exploration_std: [f64; 2] = [0.05, 0.5],
+        /// How that noise falls, `{ steps, share }`; it does not if left out.
+        pub exploration_decay: Option<ExplorationDecay> = None,
+        /// Control steps for which a simulation keeps its noise: an arm hardly follows what changes each step. Default 1.
+        pub exploration_hold: u64 = 1,
+        /// σ of the noise on the target's action. Default 0.1.
+        pub smoothing_std: f64 = 0.1,
+        /// c, where that noise is clipped. Default 0.3.
+        pub smoothing_clip: f64 = 0.3,
+        /// d, updates of the critics for one of the policy and the targets. Default 2.
+        pub policy_delay: u64 = 2,
     }
 }
 
-impl Settings for Td3Config {
-    const ALGORITHM: &'static str = "td3";
-    const PRESETS: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
-
-    fn run(&self) -> &RunSettings {
-        &self.run
+impl Td3Config {
+    pub(super) fn exploration(&self) -> Exploration {
+        Exploration { std: self.exploration_std, decay: self.exploration_decay, hold: self.exploration_hold }
     }
 
-    fn episodes(&self) -> &EpisodeSettings {
-        &self.episodes
-    }
-
-    fn run_mut(&mut self) -> &mut RunSettings {
-        &mut self.run
-    }
-
-    fn check(&self) -> Result<(), TrainingError> {
-        share("gamma", self.gamma)?;
-        share("tau", self.tau)?;
-        Exploration(self.exploration_std).check()?;
-        self.exploration_decay.as_ref().map_or(Ok(()), ExplorationDecay::check)?;
-        at_least_1("exploration_hold", self.exploration_hold)?;
+    fn check_own(&self) -> Result<(), TrainingError> {
+        self.exploration().check()?;
         not_negative("smoothing_std", self.smoothing_std)?;
         not_negative("smoothing_clip", self.smoothing_clip)?;
-        at_least_1("policy_delay", self.policy_delay)?;
-        at_least_1("steps_per_iteration", self.steps_per_iteration as u64)?;
-        self.run.check()?;
-        self.episodes.check()?;
-        self.replay.check(&self.episodes)?;
-        self.policy.check()?;
-        self.critic.check()
+        at_least_1("policy_delay", self.policy_delay)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Settings;
 
     #[test]
     fn the_defaults_come_back_from_their_text() {

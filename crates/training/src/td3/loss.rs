@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use mishandle_network::{Mlp, Scalar, Workspace};
 
-use crate::action_value::{join, squared_error};
-use crate::replay::Batch;
+use crate::batch::{Batch, cut};
+use crate::twin_critics::TwinScratch;
 
 /// The noise on the target's action: clip(σ z, -c, c).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,12 +52,8 @@ pub struct CriticLoss<'a, T> {
 #[derive(Debug, Default)]
 pub struct CriticScratch<T> {
     actor: Workspace<T>,
-    targets_of: [Workspace<T>; 2],
-    critics: [Workspace<T>; 2],
     next_actions: Vec<T>,
-    inputs: Vec<T>,
-    targets: Vec<T>,
-    slopes: Vec<T>,
+    critics: TwinScratch<T>,
 }
 
 impl<T: Scalar> CriticLoss<'_, T> {
@@ -70,32 +66,16 @@ impl<T: Scalar> CriticLoss<'_, T> {
         gradient: &mut [T],
     ) -> f64 {
         let CriticLoss { batch, smoothing, target_actor, critics, target_critics, .. } = self;
-        let (columns, size, count) = (target_actor.input_size(), target_actor.output_size(), rows.len());
-        let CriticScratch { actor, targets_of, critics: passes, next_actions, inputs, targets, slopes } =
-            scratch;
+        let CriticScratch { actor, next_actions, critics: scratch } = scratch;
+        let draws = cut(self.draws, batch.rows(), &rows);
+        let part = batch.part(rows);
 
-        let next = &batch.next_observations[rows.start * columns..rows.end * columns];
-        let draws = &self.draws[rows.start * size..rows.end * size];
         next_actions.clear();
-        for (action, z) in target_actor.forward(next, actor).iter().zip(draws) {
+        for (action, z) in target_actor.forward(part.next_observations, actor).iter().zip(draws) {
             next_actions.push(T::from_f64(smoothing.smooth(action.to_f64(), *z)));
         }
-        join(next, next_actions, count, inputs);
-        let [first, second] = targets_of;
-        let values = target_critics[0].forward(inputs, first).iter();
-        let values = values.zip(target_critics[1].forward(inputs, second));
-        let behind = batch.returns[rows.clone()].iter().zip(&batch.discounts[rows.clone()]);
-        targets.clear();
-        for ((first, second), (returns, discount)) in values.zip(behind) {
-            let least = if second < first { second } else { first };
-            targets.push(discount.mul_add(*least, *returns));
-        }
-
-        let observations = &batch.observations[rows.start * columns..rows.end * columns];
-        join(observations, &batch.actions[rows.start * size..rows.end * size], count, inputs);
-        let share = 1.0 / batch.rows() as f64;
-        let (by_first, by_second) = gradient.split_at_mut(critics[0].parameter_count());
-        squared_error(critics[0], inputs, targets, share, &mut passes[0], slopes, by_first)
-            + squared_error(critics[1], inputs, targets, share, &mut passes[1], slopes, by_second)
+        scratch.least_values(*target_critics, &part, next_actions);
+        part.bootstrap(&mut scratch.targets);
+        scratch.squared_errors(*critics, &part, 1.0 / batch.rows() as f64, gradient)
     }
 }

@@ -19,5 +19,4 @@ mod train;
 
 pub use config::Td3Config;
 pub use loss::{CriticLoss, CriticScratch, Smoothing};
-#[cfg(test)]
 pub(crate) use train::Td3;

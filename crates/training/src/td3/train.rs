@@ -1,72 +1,30 @@
-use std::sync::Arc;
-
 use mishandle_controllers::Policy;
-use mishandle_network::{ChunkPool, Mlp};
-use mishandle_rollout::{Environment, Seed};
+use mishandle_network::Mlp;
+use mishandle_rollout::Seed;
 
 use super::config::Td3Config;
 use super::loss::{CriticLoss, CriticScratch, Smoothing};
 use crate::action_value::Followed;
+use crate::batch::Batch;
+use crate::batch_gradient::BatchGradient;
 use crate::deterministic::{self, Exploration, PolicyLoss, PolicyScratch};
-use crate::learner::{Learner, Trainable};
-use crate::off_policy::{Agent, LEARNING_ROWS, OffPolicy, Setup, draw_rows, finite, sizes_of, weights};
-use crate::replay::Batch;
-use crate::{Checkpoint, TrainingError};
-
-impl Trainable for Td3Config {
-    fn learner(&self, environment: Arc<dyn Environment>, seed: Seed) -> Result<impl Learner, TrainingError> {
-        let agent = Td3::new(sizes_of(environment.as_ref()), self, seed)?;
-        let setup = Setup {
-            gamma: self.gamma,
-            steps_per_iteration: self.steps_per_iteration,
-            episodes: &self.episodes,
-            replay: &self.replay,
-            policy: &self.policy,
-            decay: self.exploration_decay,
-        };
-        Ok(OffPolicy::new(environment, setup, seed, agent))
-    }
-}
+use crate::off_policy::{Agent, draw_rows, weights};
+use crate::twin_critics::TwinCritics;
+use crate::{Checkpoint, ExplorationDecay, TrainingError};
 
 pub(crate) struct Td3 {
     tau: f64,
     exploration: Exploration,
-    hold: u64,
     pub actor: Followed,
-    pub critics: [Followed; 2],
+    pub critics: TwinCritics,
     smoothing: Smoothing,
     policy_delay: u64,
     draws: Vec<f64>,
-    critic_pool: ChunkPool<f32, CriticScratch<f32>>,
-    policy_pool: ChunkPool<f32, PolicyScratch<f32>>,
-    /// The gradient of all networks with one loss, and the loss.
-    pub by_critics: Vec<f32>,
-    pub by_actor: Vec<f32>,
+    pub by_critics: BatchGradient<CriticScratch<f32>>,
+    pub by_actor: BatchGradient<PolicyScratch<f32>>,
 }
 
 impl Td3 {
-    pub fn new(sizes: (usize, usize), config: &Td3Config, seed: Seed) -> Result<Td3, TrainingError> {
-        let actor = deterministic::actor(sizes, &config.policy, weights(seed, 0))?;
-        let critics = [
-            Followed::critic(sizes, &config.critic, weights(seed, 1))?,
-            Followed::critic(sizes, &config.critic, weights(seed, 2))?,
-        ];
-        Ok(Td3 {
-            tau: config.tau,
-            exploration: Exploration(config.exploration_std),
-            hold: config.exploration_hold,
-            smoothing: Smoothing { std: config.smoothing_std, clip: config.smoothing_clip },
-            policy_delay: config.policy_delay,
-            draws: vec![0.0; config.replay.batch_rows * sizes.1],
-            critic_pool: ChunkPool::new(LEARNING_ROWS),
-            policy_pool: ChunkPool::new(LEARNING_ROWS),
-            by_critics: vec![0.0; 2 * critics[0].network.parameter_count() + 1],
-            by_actor: vec![0.0; actor.network.parameter_count() + 1],
-            actor,
-            critics,
-        })
-    }
-
     /// The update numbered `index`, with z of the smoothing; gives the losses of critics and policy, if it had its turn.
     ///
     /// # Errors
@@ -83,41 +41,56 @@ impl Td3 {
             draws,
             smoothing: self.smoothing,
             target_actor: &actor.target,
-            critics: [&critics[0].network, &critics[1].network],
-            target_critics: [&critics[0].target, &critics[1].target],
+            critics: critics.networks(),
+            target_critics: critics.targets(),
         };
-        self.critic_pool.sum(batch.rows(), by_critics, |rows, scratch, sums| {
-            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
-            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
-        });
-        let (gradient, critic_loss) = finite(by_critics, "the critics' loss")?;
-        let parts = gradient.chunks_exact(critics[0].network.parameter_count());
-        critics.iter_mut().zip(parts).for_each(|(critic, gradient)| critic.step(gradient));
+        let (gradient, critic_loss) = by_critics
+            .of(batch.rows(), |rows, scratch, gradient| loss.add_gradient(rows, scratch, gradient))?;
+        critics.step(gradient);
         if !(index + 1).is_multiple_of(self.policy_delay) {
             return Ok((critic_loss, None));
         }
 
-        let loss = PolicyLoss { batch, actor: &actor.network, critic: &critics[0].network };
-        self.policy_pool.sum(batch.rows(), by_actor, |rows, scratch, sums| {
-            let (loss_sum, gradient) = sums.split_last_mut().expect("the loss is the last");
-            *loss_sum += loss.add_gradient(rows, scratch, gradient) as f32;
-        });
-        let (gradient, policy_loss) = finite(by_actor, "the policy's loss")?;
+        let loss = PolicyLoss { batch, actor: &actor.network, critic: critics.networks()[0] };
+        let (gradient, policy_loss) = by_actor
+            .of(batch.rows(), |rows, scratch, gradient| loss.add_gradient(rows, scratch, gradient))?;
         actor.step(gradient);
 
-        critics.iter_mut().for_each(|critic| critic.follow(self.tau));
+        critics.follow(self.tau);
         actor.follow(self.tau);
         Ok((critic_loss, Some(policy_loss)))
     }
 }
 
 impl Agent for Td3 {
+    type Config = Td3Config;
+
+    fn new(sizes: (usize, usize), config: &Td3Config, seed: Seed) -> Result<Td3, TrainingError> {
+        let actor = deterministic::actor(sizes, &config.policy, weights(seed, 0))?;
+        let critics = TwinCritics::new(sizes, &config.critic, seed)?;
+        Ok(Td3 {
+            tau: config.tau,
+            exploration: config.exploration(),
+            smoothing: Smoothing { std: config.smoothing_std, clip: config.smoothing_clip },
+            policy_delay: config.policy_delay,
+            draws: vec![0.0; config.replay.batch_rows * sizes.1],
+            by_critics: BatchGradient::new("the critics' loss", critics.parameter_count()),
+            by_actor: BatchGradient::new("the policy's loss", actor.network.parameter_count()),
+            actor,
+            critics,
+        })
+    }
+
     fn actor(&self) -> &Mlp<f32> {
         &self.actor.network
     }
 
     fn hold(&self) -> u64 {
-        self.hold
+        self.exploration.hold
+    }
+
+    fn decay(&self) -> Option<ExplorationDecay> {
+        self.exploration.decay
     }
 
     fn explore(&self, row: usize, rows: usize, outputs: &[f32], draws: &[f64], action: &mut [f32]) {
@@ -138,13 +111,11 @@ impl Agent for Td3 {
 
     fn save(&self, checkpoint: &mut Checkpoint) {
         self.actor.save("policy", checkpoint);
-        self.critics[0].save("critic_1", checkpoint);
-        self.critics[1].save("critic_2", checkpoint);
+        self.critics.save(checkpoint);
     }
 
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
         self.actor.load("policy", checkpoint)?;
-        self.critics[0].load("critic_1", checkpoint)?;
-        self.critics[1].load("critic_2", checkpoint)
+        self.critics.load(checkpoint)
     }
 }

@@ -122,18 +122,6 @@ impl Settings for TrpoConfig {
 
     const PRESETS: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
 
-    fn run(&self) -> &RunSettings {
-        &self.run
-    }
-
-    fn episodes(&self) -> &EpisodeSettings {
-        &self.episodes
-    }
-
-    fn run_mut(&mut self) -> &mut RunSettings {
-        &mut self.run
-    }
-
     fn check(&self) -> Result<(), TrainingError> {
         at_least_1("rollout_steps", self.rollout_steps as u64)?;
         share("gamma", self.gamma)?;

@@ -26,5 +26,4 @@ mod loss;
 mod train;
 
 pub use config::{Distance, Expected, TrpoConfig};
-#[cfg(test)]
 pub(crate) use train::Trpo;

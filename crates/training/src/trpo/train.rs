@@ -1,32 +1,17 @@
-use std::sync::Arc;
-use std::time::Instant;
-
-use mishandle_controllers::Policy;
-use mishandle_network::{CHUNK_ROWS, ChunkPool, Mlp};
-use mishandle_rollout::{Environment, Seed};
+use mishandle_network::{CHUNK_ROWS, ChunkPool};
+use mishandle_rollout::Seed;
 
 use super::config::{Distance, Expected, TrpoConfig};
 use super::loss::{Batch, Gaussian, Scratch};
+use crate::actor_critic::{ActorCritic, Setup, mean_and_scale};
 use crate::conjugate_gradient::{conjugate_gradient, dot};
 use crate::gaussian::Deviations;
-use crate::learner::{Learner, Trainable, progress_of};
 use crate::minibatches::Minibatches;
-use crate::on_policy::{OnPolicy, Setup, mean_and_scale};
-use crate::{Checkpoint, Progress, Shares, TrainingError};
+use crate::on_policy::{Improvement, Improver, minibatches_seed};
+use crate::{Checkpoint, TrainingError};
 
-/// The child of the training's seed that shuffles the critic's minibatches; the others are those of [`OnPolicy`].
-const MINIBATCHES: u64 = 3;
-
-impl Trainable for TrpoConfig {
-    fn learner(&self, environment: Arc<dyn Environment>, seed: Seed) -> Result<impl Learner, TrainingError> {
-        Trpo::new(environment, self, seed)
-    }
-}
-
-pub(crate) struct Trpo<'a> {
-    config: &'a TrpoConfig,
-    pub common: OnPolicy,
-    iteration: u64,
+pub(crate) struct Trpo {
+    config: TrpoConfig,
     pool: ChunkPool<f32, Scratch>,
     outcome_pool: ChunkPool<f64, Scratch>,
     old_means: Vec<f32>,
@@ -43,43 +28,11 @@ pub(crate) struct Step {
     pub fraction: f64,
 }
 
-impl<'a> Trpo<'a> {
-    pub fn new(
-        environment: Arc<dyn Environment>,
-        config: &'a TrpoConfig,
-        seed: Seed,
-    ) -> Result<Trpo<'a>, TrainingError> {
-        let setup = Setup {
-            rollout_steps: config.rollout_steps,
-            gamma: config.gamma,
-            gae_lambda: config.gae_lambda,
-            episodes: &config.episodes,
-            policy: &config.policy,
-            critic: &config.critic,
-        };
-        let common = OnPolicy::new(environment, &setup, seed)?;
-        Ok(Trpo {
-            config,
-            iteration: 0,
-            pool: ChunkPool::new(CHUNK_ROWS),
-            outcome_pool: ChunkPool::new(CHUNK_ROWS),
-            gradient: Vec::new(),
-            old_means: vec![0.0; common.buffer.count() * common.log_std.len()],
-            minibatches: Minibatches::new(
-                config.minibatches,
-                common.buffer.count(),
-                config.minibatch_rows,
-                config.slices,
-                seed.child(MINIBATCHES),
-            ),
-            common,
-        })
-    }
-
+impl Trpo {
     /// One step of the policy within the trust region.
-    pub fn step_policy(&mut self) -> Result<Step, TrainingError> {
-        self.common.follow_batch();
-        let Trpo { config, common, pool, outcome_pool, old_means, gradient, .. } = self;
+    pub fn step_policy(&mut self, common: &mut ActorCritic) -> Result<Step, &'static str> {
+        common.follow_batch();
+        let Trpo { config, pool, outcome_pool, old_means, gradient, .. } = self;
         let normalizer = common.normalizer();
         let (advantage_mean, advantage_scale) = mean_and_scale(common.buffer.advantages.iter().copied());
         let batch =
@@ -90,8 +43,7 @@ impl<'a> Trpo<'a> {
 
         *gradient = surrogate_gradient(&batch, old, pool);
         if gradient.iter().any(|x| !x.is_finite()) {
-            let what = "the policy's gradient";
-            return Err(TrainingError::NotFinite { iteration: self.iteration + 1, what });
+            return Err("the policy's gradient");
         }
         let Some(longest) = longest_step(config, &batch, old, gradient, pool) else {
             return Ok(Step { kl: 0.0, fraction: 0.0 });
@@ -135,22 +87,21 @@ impl<'a> Trpo<'a> {
     }
 
     /// All epochs of the critic; gives the loss of the last minibatch.
-    pub fn learn_values(&mut self) -> Result<f64, TrainingError> {
+    pub fn learn_values(&mut self, common: &mut ActorCritic, iteration: u64) -> Result<f64, &'static str> {
         let mut loss = 0.0;
-        let Trpo { config, common, minibatches, .. } = self;
+        let Trpo { config, minibatches, .. } = self;
         for epoch in 0..config.epochs as u64 {
-            minibatches.begin_epoch(self.iteration * config.epochs as u64 + epoch);
+            minibatches.begin_epoch(iteration * config.epochs as u64 + epoch);
             for rows in minibatches.ranges() {
                 let places = &minibatches.order()[rows];
                 if epoch == 0 {
                     common.follow_minibatch(places);
                 }
                 let normalizer = common.normalizer();
-                let OnPolicy { critic, buffer, targets, .. } = common;
+                let ActorCritic { critic, buffer, targets, .. } = common;
                 loss = critic.learn(&normalizer, &buffer.observations, targets, places, config.max_grad_norm);
                 if !loss.is_finite() {
-                    let what = "the critic's loss";
-                    return Err(TrainingError::NotFinite { iteration: self.iteration + 1, what });
+                    return Err("the critic's loss");
                 }
             }
         }
@@ -198,52 +149,46 @@ fn longest_step(
     (curvature > 0.0).then_some(x)
 }
 
-impl Learner for Trpo<'_> {
-    fn iteration(&self) -> u64 {
-        self.iteration
+impl Improver for Trpo {
+    type Config = TrpoConfig;
+
+    fn setup(config: &TrpoConfig) -> Setup<'_> {
+        Setup {
+            rollout_steps: config.rollout_steps,
+            gamma: config.gamma,
+            gae_lambda: config.gae_lambda,
+            episodes: &config.episodes,
+            policy: &config.policy,
+            critic: &config.critic,
+        }
     }
 
-    fn iteration_steps(&self) -> u64 {
-        self.common.rollout_size()
+    fn new(config: &TrpoConfig, common: &mut ActorCritic, seed: Seed) -> Trpo {
+        Trpo {
+            config: config.clone(),
+            pool: ChunkPool::new(CHUNK_ROWS),
+            outcome_pool: ChunkPool::new(CHUNK_ROWS),
+            gradient: Vec::new(),
+            old_means: vec![0.0; common.buffer.count() * common.log_std.len()],
+            minibatches: Minibatches::new(
+                config.minibatches,
+                common.buffer.count(),
+                config.minibatch_rows,
+                config.slices,
+                minibatches_seed(seed),
+            ),
+        }
     }
 
-    fn iterate(&mut self) -> Result<Progress, TrainingError> {
-        let start = Instant::now();
-        let normalizer = self.common.normalizer();
-        let acted = self.common.roll_out(&normalizer);
-        self.common.estimate(&normalizer);
-        let step = self.step_policy()?;
-        self.learn_values()?;
-        self.common.follow_rollout();
-        self.iteration += 1;
-        Ok(Progress {
-            kl: Some(step.kl),
-            entropy: Some(Deviations::new(&self.common.log_std).entropy()),
-            learning_rate: step.fraction,
-            shares: Shares::new(acted.physics, acted.total, start.elapsed().as_secs_f64()),
-            ..progress_of(&self.common.episodes.take_statistics())
-        })
+    fn improve(&mut self, common: &mut ActorCritic, iteration: u64) -> Result<Improvement, &'static str> {
+        let step = self.step_policy(common)?;
+        self.learn_values(common, iteration)?;
+        Ok(Improvement { kl: step.kl, learning_rate: step.fraction })
     }
 
-    fn policy(&self) -> Result<Policy, TrainingError> {
-        self.common.policy()
-    }
+    fn save(&self, _checkpoint: &mut Checkpoint) {}
 
-    fn network(&self) -> &Mlp<f32> {
-        &self.common.network
-    }
-
-    fn identity(&self) -> String {
-        self.common.episodes.identity()
-    }
-
-    fn save(&self, checkpoint: &mut Checkpoint) {
-        checkpoint.put("iteration", vec![self.iteration]);
-        self.common.save(checkpoint);
-    }
-
-    fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
-        self.iteration = checkpoint.u64s("iteration", 1)?[0];
-        self.common.load(checkpoint)
+    fn load(&mut self, _checkpoint: &Checkpoint) -> Result<(), TrainingError> {
+        Ok(())
     }
 }
