@@ -19,6 +19,7 @@ use crate::{
 /// Children of the training's seed; its episodes have 0.
 const POLICY_WEIGHTS: u64 = 1;
 const CRITIC_WEIGHTS: u64 = 2;
+pub(crate) const MINIBATCHES: u64 = 3;
 
 /// What the rollouts of an on-policy algorithm are made with.
 pub(crate) struct Setup<'a> {

@@ -213,3 +213,24 @@ pub fn value_loss(output: f64, target: f64, loss_scale: f64) -> (f64, f64) {
 
 /// Values stay within ± this many standard deviations of the returns.
 const CLIP: f64 = 5.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_stay_within_five_deviations_of_the_mean_return() {
+        let settings = CriticSettings { hidden: vec![], ..CriticSettings::default() };
+        let mut critic = Critic::new(1, &settings, Seed(1)).unwrap();
+        // The scale begins as if it had seen 0 with the variance 1: mean 6/4, variance (1 + 3/4 · 2²) / 4 = 1.
+        critic.targets(&[0.0; 3], &[2.0; 3], &mut vec![], &mut vec![]);
+        let plain = Normalizer::new(&[0.0], &[1.0]).unwrap();
+        let mut value = |bias: f32| {
+            critic.network.update(|parameters| parameters.copy_from_slice(&[0.0, bias]));
+            let mut values = [0.0];
+            critic.values(&plain, &[0.0], &mut values);
+            values[0]
+        };
+        assert_eq!([3.0, 9.0, -9.0].map(&mut value), [4.5, 6.5, -3.5]);
+    }
+}

@@ -11,6 +11,7 @@
 mod acting;
 mod action_value;
 mod actor_critic;
+mod agent;
 mod algorithm;
 mod batch;
 mod batch_gradient;

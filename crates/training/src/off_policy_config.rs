@@ -69,9 +69,9 @@ macro_rules! off_policy_config {
             }
         }
 
-        impl $crate::off_policy::Shared for $config {
-            fn setup(&self) -> $crate::off_policy::Setup<'_> {
-                $crate::off_policy::Setup {
+        impl $crate::agent::Shared for $config {
+            fn setup(&self) -> $crate::agent::Setup<'_> {
+                $crate::agent::Setup {
                     gamma: self.gamma,
                     steps_per_iteration: self.steps_per_iteration,
                     episodes: &self.episodes,

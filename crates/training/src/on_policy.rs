@@ -21,22 +21,28 @@ pub(crate) trait Improver: Sized {
     fn setup(config: &Self::Config) -> Setup<'_>;
 
     /// Before anything is learned; `seed` is the training's.
-    fn new(config: &Self::Config, common: &mut ActorCritic, seed: Seed) -> Self;
+    fn new(config: &Self::Config, actor_critic: &mut ActorCritic, seed: Seed) -> Self;
 
     /// Improves policy and critic by their rollout; `iteration` counts these.
     ///
     /// # Errors
     /// What is not finite.
-    fn improve(&mut self, common: &mut ActorCritic, iteration: u64) -> Result<Improvement, &'static str>;
+    fn improve(
+        &mut self,
+        actor_critic: &mut ActorCritic,
+        iteration: u64,
+    ) -> Result<Improvement, &'static str>;
 
-    /// Puts all that its future depends on into a checkpoint.
-    fn save(&self, checkpoint: &mut Checkpoint);
+    /// Puts all that its future depends on into a checkpoint, besides policy and critic; by default there is nothing.
+    fn save(&self, _checkpoint: &mut Checkpoint) {}
 
     /// Goes on where a checkpoint was taken.
     ///
     /// # Errors
     /// If the checkpoint holds numbers of other sizes.
-    fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError>;
+    fn load(&mut self, _checkpoint: &Checkpoint) -> Result<(), TrainingError> {
+        Ok(())
+    }
 }
 
 /// What an iteration did to the policy.
@@ -47,17 +53,9 @@ pub(crate) struct Improvement {
     pub learning_rate: f64,
 }
 
-/// The child of the training's seed that shuffles minibatches; the others are those of [`ActorCritic`].
-const MINIBATCHES: u64 = 3;
-
-/// The seed that minibatches are shuffled with.
-pub(crate) fn minibatches_seed(seed: Seed) -> Seed {
-    seed.child(MINIBATCHES)
-}
-
 /// An on-policy algorithm at work.
 pub(crate) struct OnPolicy<A> {
-    pub common: ActorCritic,
+    pub actor_critic: ActorCritic,
     pub improver: A,
     iteration: u64,
 }
@@ -68,8 +66,8 @@ impl<A: Improver> OnPolicy<A> {
         config: &A::Config,
         seed: Seed,
     ) -> Result<OnPolicy<A>, TrainingError> {
-        let mut common = ActorCritic::new(environment, &A::setup(config), seed)?;
-        Ok(OnPolicy { improver: A::new(config, &mut common, seed), common, iteration: 0 })
+        let mut actor_critic = ActorCritic::new(environment, &A::setup(config), seed)?;
+        Ok(OnPolicy { improver: A::new(config, &mut actor_critic, seed), actor_critic, iteration: 0 })
     }
 }
 
@@ -79,50 +77,50 @@ impl<A: Improver> Learner for OnPolicy<A> {
     }
 
     fn iteration_steps(&self) -> u64 {
-        self.common.rollout_size()
+        self.actor_critic.rollout_size()
     }
 
     fn iterate(&mut self) -> Result<Progress, TrainingError> {
         let start = Instant::now();
-        let OnPolicy { common, improver, iteration } = self;
-        let normalizer = common.normalizer();
-        let acted = common.roll_out(&normalizer);
-        common.estimate(&normalizer);
-        let improved = improver.improve(common, *iteration);
+        let OnPolicy { actor_critic, improver, iteration } = self;
+        let normalizer = actor_critic.normalizer();
+        let acted = actor_critic.roll_out(&normalizer);
+        actor_critic.estimate(&normalizer);
+        let improved = improver.improve(actor_critic, *iteration);
         *iteration += 1;
         let improvement =
             improved.map_err(|what| TrainingError::NotFinite { iteration: *iteration, what })?;
-        common.follow_rollout();
+        actor_critic.follow_rollout();
         Ok(Progress {
             kl: Some(improvement.kl),
-            entropy: Some(Deviations::new(&common.log_std).entropy()),
+            entropy: Some(Deviations::new(&actor_critic.log_std).entropy()),
             learning_rate: improvement.learning_rate,
             shares: Shares::new(acted.physics, acted.total, start.elapsed().as_secs_f64()),
-            ..progress_of(&common.episodes.take_statistics())
+            ..progress_of(&actor_critic.episodes.take_statistics())
         })
     }
 
     fn policy(&self) -> Result<Policy, TrainingError> {
-        self.common.policy()
+        self.actor_critic.policy()
     }
 
     fn network(&self) -> &Mlp<f32> {
-        &self.common.network
+        &self.actor_critic.network
     }
 
     fn identity(&self) -> String {
-        self.common.episodes.identity()
+        self.actor_critic.episodes.identity()
     }
 
     fn save(&self, checkpoint: &mut Checkpoint) {
         checkpoint.put("iteration", vec![self.iteration]);
         self.improver.save(checkpoint);
-        self.common.save(checkpoint);
+        self.actor_critic.save(checkpoint);
     }
 
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
         self.iteration = checkpoint.u64s("iteration", 1)?[0];
         self.improver.load(checkpoint)?;
-        self.common.load(checkpoint)
+        self.actor_critic.load(checkpoint)
     }
 }

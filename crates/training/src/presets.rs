@@ -54,6 +54,8 @@ mod tests {
 
     /// Checks that each preset of an algorithm can be read, and states nothing that is so anyway.
     fn check<S: Settings + PartialEq + std::fmt::Debug>() {
+        assert_eq!(S::from_toml("").unwrap(), S::default());
+        assert_eq!(S::from_toml(&S::default().to_toml()).unwrap(), S::default());
         for (name, stated) in S::PRESETS {
             let alone = S::from_toml(&format!("preset = \"{name}\"")).unwrap();
             assert_eq!(S::from_toml(&alone.to_toml()).unwrap(), alone, "all of it is written out");
@@ -74,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn presets_state_what_differs_from_the_defaults() {
+    fn presets_and_defaults_come_back_from_their_text_and_differ_in_all_that_presets_state() {
         check::<PpoConfig>();
         check::<TrpoConfig>();
         check::<SacConfig>();

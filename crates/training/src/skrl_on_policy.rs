@@ -1,10 +1,13 @@
 //! Updates of PPO and TRPO under the preset `skrl-0.10` against skrl's: `tests/golden/skrl/make_on_policy.py` writes the
 //! cases.
 
+#[path = "../tests/toy/mod.rs"]
+mod toy;
+
 use std::sync::Arc;
 
 use mishandle_network::RunningNormalizer;
-use mishandle_rollout::{Axis, Environment, InitialBox, Sample, Seed, Status, Worker};
+use mishandle_rollout::{Sample, Seed, Status, Worker};
 use serde_json::Value;
 
 use crate::actor_critic::{ActorCritic, mean_and_scale};
@@ -13,58 +16,28 @@ use crate::ppo::{Ppo, PpoConfig};
 use crate::skrl_updates::{close, close_within, number, numbers, singles};
 use crate::trpo::{Trpo, TrpoConfig};
 use crate::{Boundary, Checkpoint, Settings};
+use toy::{Toy, initial_box, names};
 
 /// Observations and actions of the cases, as many as `make_on_policy.py` says.
 const SIZES: (usize, usize) = (3, 2);
 
 /// Something of the right sizes to act in; what happens in it is not looked at.
-struct Nowhere {
-    initial_box: InitialBox,
-    names: Arc<[String]>,
-}
-
-impl Nowhere {
-    fn new() -> Arc<Nowhere> {
-        let axis = Axis { name: "x".into(), unit: "m".into(), low: 0.0, high: 1.0 };
-        let initial_box = InitialBox::new(vec![axis]).unwrap();
-        Arc::new(Nowhere { initial_box, names: Arc::from(["x".to_string()]) })
-    }
-}
-
-impl Environment for Nowhere {
-    fn name(&self) -> &str {
-        "nowhere"
-    }
-    fn initial_box(&self) -> &InitialBox {
-        &self.initial_box
-    }
-    fn signals(&self) -> &Arc<[String]> {
-        &self.names
-    }
-    fn reward_terms(&self) -> &[String] {
-        &self.names
-    }
-    fn observation_size(&self) -> usize {
-        SIZES.0
-    }
-    fn action_size(&self) -> usize {
-        SIZES.1
-    }
-    fn state_size(&self) -> usize {
-        1
-    }
-    fn control_dt(&self) -> f64 {
-        0.1
-    }
-    fn episode_steps(&self) -> usize {
-        10
-    }
-    fn worker(&self) -> Box<dyn Worker> {
-        Box::new(Still)
-    }
-}
-
+#[derive(Clone)]
 struct Still;
+
+fn nowhere() -> Arc<Toy<Still>> {
+    Arc::new(Toy {
+        name: "nowhere",
+        initial_box: initial_box(&[("x", 0.0, 1.0)]),
+        signals: names(&["x"]),
+        reward_terms: names(&["x"]),
+        observation_size: SIZES.0,
+        action_size: SIZES.1,
+        state_size: 1,
+        episode_steps: 10,
+        worker: Still,
+    })
+}
 
 impl Worker for Still {
     fn reset(&mut self, _x0: &[f64], _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
@@ -88,26 +61,26 @@ fn cases<S: Settings>() -> Vec<(String, S, Value)> {
 }
 
 fn on_policy<A: Improver>(config: &A::Config) -> OnPolicy<A> {
-    OnPolicy::new(Nowhere::new(), config, Seed(0)).unwrap()
+    OnPolicy::new(nowhere(), config, Seed(0)).unwrap()
 }
 
-fn begin(common: &mut ActorCritic, start: &Value) {
-    set_policy(common, start);
+fn begin(actor_critic: &mut ActorCritic, start: &Value) {
+    set_policy(actor_critic, start);
     let mut checkpoint = Checkpoint::new("", "", 0, "");
-    common.critic.save(&mut checkpoint);
+    actor_critic.critic.save(&mut checkpoint);
     checkpoint.put("critic.parameters", singles(&start["critic"]));
-    common.critic.load(&checkpoint).unwrap();
+    actor_critic.critic.load(&checkpoint).unwrap();
 }
 
-fn set_policy(common: &mut ActorCritic, weights: &Value) {
+fn set_policy(actor_critic: &mut ActorCritic, weights: &Value) {
     let network = singles(&weights["network"]);
-    common.network.update(|parameters| parameters.copy_from_slice(&network));
-    common.log_std = singles(&weights["log_std"]);
+    actor_critic.network.update(|parameters| parameters.copy_from_slice(&network));
+    actor_critic.log_std = singles(&weights["log_std"]);
 }
 
 /// Has the rollout in the buffer, and checks what is made of it before anything is learned.
-fn roll_out(common: &mut ActorCritic, name: &str, rollout: &Value) {
-    let buffer = &mut common.buffer;
+fn roll_out(actor_critic: &mut ActorCritic, name: &str, rollout: &Value) {
+    let buffer = &mut actor_critic.buffer;
     buffer.clear();
     buffer.observations = singles(&rollout["observations"]);
     buffer.last_observations = singles(&rollout["last_observations"]);
@@ -119,24 +92,24 @@ fn roll_out(common: &mut ActorCritic, name: &str, rollout: &Value) {
         let ends = terminated.as_bool().unwrap();
         *boundary = if ends { Boundary::Terminated } else { Boundary::Running };
     }
-    let normalizer = common.normalizer();
-    common.estimate(&normalizer);
+    let normalizer = actor_critic.normalizer();
+    actor_critic.estimate(&normalizer);
     let single = |numbers: &[f64]| numbers.iter().map(|x| *x as f32).collect::<Vec<f32>>();
-    let (mean, scale) = mean_and_scale(common.buffer.advantages.iter().copied());
-    let advantages: Vec<f64> = common.buffer.advantages.iter().map(|a| (a - mean) * scale).collect();
-    close(&format!("{name}: value"), &single(&common.buffer.values), &rollout["values"]);
+    let (mean, scale) = mean_and_scale(actor_critic.buffer.advantages.iter().copied());
+    let advantages: Vec<f64> = actor_critic.buffer.advantages.iter().map(|a| (a - mean) * scale).collect();
+    close(&format!("{name}: value"), &single(&actor_critic.buffer.values), &rollout["values"]);
     close(&format!("{name}: advantage"), &single(&advantages), &rollout["advantages"]);
-    close(&format!("{name}: target"), &common.targets, &rollout["targets"]);
+    close(&format!("{name}: target"), &actor_critic.targets, &rollout["targets"]);
 }
 
-fn check_end(common: &ActorCritic, policy_tolerance: f64, name: &str, rollout: &Value) {
+fn check_end(actor_critic: &ActorCritic, policy_tolerance: f64, name: &str, rollout: &Value) {
     let end = &rollout["end"];
-    let network = common.network.parameters();
+    let network = actor_critic.network.parameters();
     close_within(policy_tolerance, &format!("{name}: policy"), network, &end["network"]);
-    close_within(policy_tolerance, &format!("{name}: log σ"), &common.log_std, &end["log_std"]);
-    close(&format!("{name}: critic"), common.critic.network().parameters(), &end["critic"]);
+    close_within(policy_tolerance, &format!("{name}: log σ"), &actor_critic.log_std, &end["log_std"]);
+    close(&format!("{name}: critic"), actor_critic.critic.network().parameters(), &end["critic"]);
     let mut checkpoint = Checkpoint::new("", "", 0, "");
-    common.save(&mut checkpoint);
+    actor_critic.save(&mut checkpoint);
     for (moments, wanted, columns) in [
         ("normalizer", &rollout["observation_moments"], SIZES.0),
         ("critic.scale", &rollout["value_moments"], 1),
@@ -155,12 +128,12 @@ fn check_end(common: &ActorCritic, policy_tolerance: f64, name: &str, rollout: &
 #[test]
 fn ppo() {
     for (name, config, case) in cases::<PpoConfig>() {
-        let OnPolicy { mut common, improver: mut ppo, .. } = on_policy::<Ppo>(&config);
-        begin(&mut common, &case["start"]);
+        let OnPolicy { mut actor_critic, improver: mut ppo, .. } = on_policy::<Ppo>(&config);
+        begin(&mut actor_critic, &case["start"]);
         for (rollout, index) in case["rollouts"].as_array().unwrap().iter().zip(1..) {
             let name = format!("{name}, update {index}");
-            roll_out(&mut common, &name, rollout);
-            let rate = ppo.improve(&mut common, 0).unwrap().learning_rate;
+            roll_out(&mut actor_critic, &name, rollout);
+            let rate = ppo.improve(&mut actor_critic, 0).unwrap().learning_rate;
             assert!((rate / number(rollout, "learning_rate") - 1.0).abs() < 1e-9, "{name}: {rate}");
             // A minibatch that ended the last epoch was not learned from; skrl's gradient is of one before.
             if config.kl_threshold.is_none() {
@@ -171,7 +144,7 @@ fn ppo() {
                     assert!((loss - number(rollout, "last_loss")).abs() < 1e-5, "{name}: loss {loss}");
                 }
             }
-            check_end(&common, 1e-5, &name, rollout);
+            check_end(&actor_critic, 1e-5, &name, rollout);
         }
     }
 }
@@ -186,23 +159,23 @@ fn step_tolerance(config: &TrpoConfig) -> f64 {
 fn trpo() {
     for (name, config, case) in cases::<TrpoConfig>() {
         let tolerance = step_tolerance(&config);
-        let OnPolicy { mut common, improver: mut trpo, .. } = on_policy::<Trpo>(&config);
-        begin(&mut common, &case["start"]);
+        let OnPolicy { mut actor_critic, improver: mut trpo, .. } = on_policy::<Trpo>(&config);
+        begin(&mut actor_critic, &case["start"]);
         for (rollout, index) in case["rollouts"].as_array().unwrap().iter().zip(1..) {
             let name = format!("{name}, update {index}");
-            roll_out(&mut common, &name, rollout);
-            let step = trpo.step_policy(&mut common).unwrap();
+            roll_out(&mut actor_critic, &name, rollout);
+            let step = trpo.step_policy(&mut actor_critic).unwrap();
             let gradient: Vec<f32> = trpo.gradient.iter().map(|x| *x as f32).collect();
             close(&format!("{name}: gradient"), &gradient, &rollout["gradient"]);
             assert_eq!(step.fraction, number(rollout, "fraction"), "{name}: fraction of the longest step");
             if let Some(kl) = rollout["kl"].as_f64() {
                 assert!((step.kl - kl).abs() < tolerance * kl.max(1.0), "{name}: divergence {}", step.kl);
             }
-            let loss = trpo.learn_values(&mut common, 0).unwrap();
+            let loss = trpo.learn_values(&mut actor_critic, 0).unwrap();
             assert!((loss - number(rollout, "last_loss")).abs() < 1e-5, "{name}: critic's loss {loss}");
-            check_end(&common, tolerance, &name, rollout);
+            check_end(&actor_critic, tolerance, &name, rollout);
             // What conjugate gradients left is not to add up.
-            set_policy(&mut common, &rollout["end"]);
+            set_policy(&mut actor_critic, &rollout["end"]);
         }
     }
 }

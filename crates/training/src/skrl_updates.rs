@@ -6,9 +6,9 @@ use serde_json::Value;
 
 use crate::Settings;
 use crate::action_value::Followed;
+use crate::agent::Agent;
 use crate::batch::Batch;
 use crate::ddpg::{Ddpg, DdpgConfig};
-use crate::off_policy::Agent;
 use crate::sac::{Sac, SacConfig};
 use crate::td3::{Td3, Td3Config};
 
@@ -140,6 +140,9 @@ fn check_sac(kind: &'static str) {
     let mut sac = Sac::new(SIZES, &config, Seed(0)).unwrap();
     if kind == TUNED {
         sac.target_entropy = case.setting("target_entropy");
+    } else {
+        // skrl's default is -1 for each number of an action. Adam makes steps of the same length with any other at first.
+        assert!((sac.target_entropy + SIZES.1 as f64).abs() < 1e-6, "{}", sac.target_entropy);
     }
     case.begin(&mut sac.actor, "policy");
     if let Some(start) = case.of("start").get("log_std") {

@@ -4,8 +4,8 @@ use mishandle_network::{Mlp, Scalar, Workspace};
 use mishandle_rollout::Seed;
 
 use crate::action_value::{Followed, join, squared_error};
+use crate::agent::weights;
 use crate::batch::Part;
-use crate::off_policy::weights;
 use crate::{ActionValueSettings, Checkpoint, TrainingError};
 
 /// Q₁ and Q₂ with their targets.

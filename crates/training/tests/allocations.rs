@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod line;
+mod toy;
 
 use std::alloc::{GlobalAlloc, Layout, System as Allocator};
 use std::cell::Cell;

@@ -2,64 +2,34 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
+mod toy;
+
 use std::sync::Arc;
 
-use mishandle_rollout::{Axis, Environment, InitialBox, Sample, Seed, Status, Worker};
+use mishandle_rollout::{Sample, Seed, Status, Worker};
 use mishandle_training::{Boundary, Buffer, EpisodeSettings, Episodes, TimeLimits};
+use toy::{Toy, initial_box, names};
 
 /// Shows its control step, then 100; the reward is the action. What ends it is said by the first value of x₀:
 /// below 1 nothing, below 2 the task at control step 5, else divergence at step 3.
-struct Counter {
-    initial_box: InitialBox,
-    signals: Arc<[String]>,
-    reward_terms: Vec<String>,
-}
+#[derive(Clone)]
+struct Counter;
 
-fn counter(low: f64) -> Arc<Counter> {
-    let axis = Axis { name: "fate".into(), unit: String::new(), low, high: low + 0.5 };
-    Arc::new(Counter {
-        initial_box: InitialBox::new(vec![axis]).unwrap(),
-        signals: Arc::from(["step".to_string()]),
-        reward_terms: vec!["action".to_string()],
+fn counter(low: f64) -> Arc<Toy<Counter>> {
+    Arc::new(Toy {
+        name: "counter",
+        initial_box: initial_box(&[("fate", low, low + 0.5)]),
+        signals: names(&["step"]),
+        reward_terms: names(&["action"]),
+        observation_size: 2,
+        action_size: 1,
+        state_size: 2,
+        episode_steps: 300,
+        worker: Counter,
     })
 }
 
-impl Environment for Counter {
-    fn name(&self) -> &str {
-        "counter"
-    }
-    fn initial_box(&self) -> &InitialBox {
-        &self.initial_box
-    }
-    fn signals(&self) -> &Arc<[String]> {
-        &self.signals
-    }
-    fn reward_terms(&self) -> &[String] {
-        &self.reward_terms
-    }
-    fn observation_size(&self) -> usize {
-        2
-    }
-    fn action_size(&self) -> usize {
-        1
-    }
-    fn state_size(&self) -> usize {
-        2
-    }
-    fn control_dt(&self) -> f64 {
-        0.1
-    }
-    fn episode_steps(&self) -> usize {
-        300
-    }
-    fn worker(&self) -> Box<dyn Worker> {
-        Box::new(CounterWorker)
-    }
-}
-
-struct CounterWorker;
-
-impl Worker for CounterWorker {
+impl Worker for Counter {
     fn reset(&mut self, x0: &[f64], _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
         state.copy_from_slice(&[0.0, x0[0]]);
         sample.observation.copy_from_slice(&[0.0, 100.0]);

@@ -3,12 +3,13 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
 mod line;
+mod toy;
 mod watch;
 
 use line::Line;
 use mishandle_rollout::Seed;
-use mishandle_training::{Checkpoint, Config, Trained};
-use watch::{Watch, best_return, facts, mean_return};
+use mishandle_training::{Checkpoint, Config};
+use watch::{Watch, best_return, facts, mean_return, run};
 
 const ALGORITHMS: [&str; 3] = ["sac", "td3", "ddpg"];
 
@@ -28,11 +29,6 @@ fn settings(algorithm: &str, text: &str) -> Config {
                   replay.warmup_steps = 500\nrun.validation_episodes = 10\n\
                   run.validation_every = 2\nepisodes.time_limit = 20\n";
     Config::from_toml(algorithm, &format!("{common}{batch_rows}{text}")).unwrap().unwrap()
-}
-
-fn run(threads: usize, config: &Config, resume: Option<&Checkpoint>, watch: &mut Watch) -> Trained {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| config.train(Line::new(0.05), Seed(5), resume, watch)).unwrap()
 }
 
 #[test]

@@ -2,66 +2,36 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
+mod toy;
+
 use std::sync::Arc;
 
 use mishandle_network::Normalizer;
-use mishandle_rollout::{Axis, Environment, InitialBox, Sample, Seed, Status, Worker};
+use mishandle_rollout::{Sample, Seed, Status, Worker};
 use mishandle_training::replay::{Batch, Replay, Sampling};
 use mishandle_training::{Checkpoint, EpisodeSettings, Episodes};
+use toy::{Toy, initial_box, names};
 
 /// Shows how many control steps it has made, and its fate, the value of x₀; the reward of the k-th step is 10^k, counted
 /// from 0. A fate of at least 1 is to be ended by the task at step 4.
-struct Powers {
-    initial_box: InitialBox,
-    signals: Arc<[String]>,
-    reward_terms: Vec<String>,
-}
+#[derive(Clone)]
+struct Powers;
 
-fn powers(fate: f64) -> Arc<Powers> {
-    let axis = Axis { name: "fate".into(), unit: String::new(), low: fate, high: fate + 0.5 };
-    Arc::new(Powers {
-        initial_box: InitialBox::new(vec![axis]).unwrap(),
-        signals: Arc::from(["step".to_string()]),
-        reward_terms: vec!["power".to_string()],
+fn powers(fate: f64) -> Arc<Toy<Powers>> {
+    Arc::new(Toy {
+        name: "powers",
+        initial_box: initial_box(&[("fate", fate, fate + 0.5)]),
+        signals: names(&["step"]),
+        reward_terms: names(&["power"]),
+        observation_size: 1,
+        action_size: 1,
+        state_size: 2,
+        episode_steps: 300,
+        worker: Powers,
     })
 }
 
-impl Environment for Powers {
-    fn name(&self) -> &str {
-        "powers"
-    }
-    fn initial_box(&self) -> &InitialBox {
-        &self.initial_box
-    }
-    fn signals(&self) -> &Arc<[String]> {
-        &self.signals
-    }
-    fn reward_terms(&self) -> &[String] {
-        &self.reward_terms
-    }
-    fn observation_size(&self) -> usize {
-        1
-    }
-    fn action_size(&self) -> usize {
-        1
-    }
-    fn state_size(&self) -> usize {
-        2
-    }
-    fn control_dt(&self) -> f64 {
-        0.1
-    }
-    fn episode_steps(&self) -> usize {
-        300
-    }
-    fn worker(&self) -> Box<dyn Worker> {
-        Box::new(PowersWorker)
-    }
-}
-
-struct PowersWorker;
-
-impl Worker for PowersWorker {
+impl Worker for Powers {
     fn reset(&mut self, x0: &[f64], _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
         state.copy_from_slice(&[0.0, x0[0]]);
         sample.observation[0] = 0.0;

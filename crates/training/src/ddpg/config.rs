@@ -40,13 +40,6 @@ mod tests {
     use crate::Settings;
 
     #[test]
-    fn the_defaults_come_back_from_their_text() {
-        let config = DdpgConfig::default();
-        assert_eq!(DdpgConfig::from_toml(&config.to_toml()).unwrap(), config);
-        assert_eq!(DdpgConfig::from_toml("").unwrap(), config);
-    }
-
-    #[test]
     fn wrong_values_are_refused() {
         for (text, told) in [
             (

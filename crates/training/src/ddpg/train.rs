@@ -5,10 +5,10 @@ use mishandle_rollout::Seed;
 use super::config::DdpgConfig;
 use super::loss::{CriticLoss, CriticScratch};
 use crate::action_value::Followed;
+use crate::agent::{Agent, weights};
 use crate::batch::Batch;
 use crate::batch_gradient::BatchGradient;
 use crate::deterministic::{self, Exploration, PolicyLoss, PolicyScratch};
-use crate::off_policy::{Agent, weights};
 use crate::{Checkpoint, ExplorationDecay, TrainingError};
 
 pub(crate) struct Ddpg {

@@ -5,11 +5,11 @@ use mishandle_rollout::Seed;
 
 use super::config::{GradNorm, PpoConfig, Reduction, Schedule, Standardized};
 use super::loss::{Minibatch, RIDERS, Scratch};
-use crate::actor_critic::{ActorCritic, Setup, mean_and_scale};
+use crate::actor_critic::{ActorCritic, MINIBATCHES, Setup, mean_and_scale};
 use crate::gaussian::Deviations;
 use crate::learner::iterations;
 use crate::minibatches::Minibatches;
-use crate::on_policy::{Improvement, Improver, minibatches_seed};
+use crate::on_policy::{Improvement, Improver};
 use crate::{Checkpoint, Critic, TrainingError};
 
 /// Factor by which the adaptive schedule changes it.
@@ -38,7 +38,7 @@ impl Ppo {
     /// One pass over the minibatches, which a divergence beyond the threshold ends; gives the mean divergence.
     fn learn_epoch(
         &mut self,
-        common: &mut ActorCritic,
+        actor_critic: &mut ActorCritic,
         first: bool,
         over_all: Option<(f64, f64)>,
     ) -> Result<f64, &'static str> {
@@ -46,15 +46,15 @@ impl Ppo {
         let (mut kl, mut seen) = (0.0, 0);
         for rows in self.minibatches.ranges() {
             if first {
-                common.follow_minibatch(&self.minibatches.order()[rows.clone()]);
+                actor_critic.follow_minibatch(&self.minibatches.order()[rows.clone()]);
             }
-            let of_minibatch = self.compute_gradient(common, rows.clone(), over_all)?;
+            let of_minibatch = self.compute_gradient(actor_critic, rows.clone(), over_all)?;
             kl += of_minibatch * rows.len() as f64 / all;
             seen += rows.len();
             if self.config.kl_threshold.is_some_and(|threshold| of_minibatch > threshold) {
                 break;
             }
-            self.step(common);
+            self.step(actor_critic);
         }
         Ok(kl * (all / seen as f64))
     }
@@ -62,34 +62,34 @@ impl Ppo {
     /// The gradient of the loss of the minibatch of these rows; gives its mean divergence.
     fn compute_gradient(
         &mut self,
-        common: &ActorCritic,
+        actor_critic: &ActorCritic,
         rows: Range<usize>,
         over_all: Option<(f64, f64)>,
     ) -> Result<f64, &'static str> {
         let Ppo { config, pool, gradient, minibatches, .. } = self;
         let order = &minibatches.order()[rows];
-        let advantages = &common.buffer.advantages;
+        let advantages = &actor_critic.buffer.advantages;
         let (advantage_mean, advantage_scale) =
             over_all.unwrap_or_else(|| mean_and_scale(order.iter().map(|place| advantages[*place as usize])));
-        let deviations = Deviations::new(&common.log_std);
+        let deviations = Deviations::new(&actor_critic.log_std);
         let minibatch = Minibatch {
-            buffer: &common.buffer,
-            targets: &common.targets,
-            old_values: &common.old_values,
+            buffer: &actor_critic.buffer,
+            targets: &actor_critic.targets,
+            old_values: &actor_critic.old_values,
             order,
             advantage_mean,
             advantage_scale,
-            normalizer: &common.normalizer(),
-            policy: &common.network,
+            normalizer: &actor_critic.normalizer(),
+            policy: &actor_critic.network,
             deviations: &deviations,
-            critic: common.critic.network(),
+            critic: actor_critic.critic.network(),
             clip_epsilon: config.clip_epsilon,
             entropy_slope: match config.entropy {
                 Reduction::Sum => config.entropy_coef,
-                Reduction::Mean => config.entropy_coef / common.log_std.len() as f64,
+                Reduction::Mean => config.entropy_coef / actor_critic.log_std.len() as f64,
             },
             value_clip: config.value_clip,
-            loss_scale: common.critic.loss_scale(),
+            loss_scale: actor_critic.critic.loss_scale(),
         };
         pool.sum(order.len(), gradient, |rows, scratch, gradient| {
             minibatch.add_gradient(rows, scratch, gradient);
@@ -102,10 +102,10 @@ impl Ppo {
     }
 
     /// One step of all optimisers along the gradient.
-    fn step(&mut self, common: &mut ActorCritic) {
+    fn step(&mut self, actor_critic: &mut ActorCritic) {
         let Ppo { config, gradient, network_adam, log_std_adam, .. } = self;
-        let weights = common.network.parameter_count();
-        let policy = weights + common.log_std.len();
+        let weights = actor_critic.network.parameter_count();
+        let policy = weights + actor_critic.log_std.len();
         let all = gradient.len() - RIDERS.len();
         match config.grad_norm {
             GradNorm::Separate => {
@@ -116,10 +116,10 @@ impl Ppo {
                 clip_norm(&mut gradient[..all], config.max_grad_norm);
             }
         }
-        common.network.update(|parameters| network_adam.step(parameters, &gradient[..weights]));
-        log_std_adam.step(&mut common.log_std, &gradient[weights..policy]);
-        common.limit_log_std();
-        common.critic.step(&gradient[policy..all]);
+        actor_critic.network.update(|parameters| network_adam.step(parameters, &gradient[..weights]));
+        log_std_adam.step(&mut actor_critic.log_std, &gradient[weights..policy]);
+        actor_critic.limit_log_std();
+        actor_critic.critic.step(&gradient[policy..all]);
     }
 }
 
@@ -137,12 +137,12 @@ impl Improver for Ppo {
         }
     }
 
-    fn new(config: &PpoConfig, common: &mut ActorCritic, seed: Seed) -> Ppo {
+    fn new(config: &PpoConfig, actor_critic: &mut ActorCritic, seed: Seed) -> Ppo {
         if config.shared_learning_rate {
-            common.critic.set_learning_rate(config.learning_rate);
+            actor_critic.critic.set_learning_rate(config.learning_rate);
         }
-        let (weights, actions) = (common.network.parameter_count(), common.log_std.len());
-        let gradient = weights + actions + common.critic.network().parameter_count() + RIDERS.len();
+        let (weights, actions) = (actor_critic.network.parameter_count(), actor_critic.log_std.len());
+        let gradient = weights + actions + actor_critic.critic.network().parameter_count() + RIDERS.len();
         Ppo {
             config: config.clone(),
             network_adam: Adam::new(weights, config.learning_rate),
@@ -151,32 +151,36 @@ impl Improver for Ppo {
             gradient: vec![0.0; gradient],
             minibatches: Minibatches::new(
                 config.minibatches,
-                common.buffer.count(),
+                actor_critic.buffer.count(),
                 config.minibatch_rows,
                 config.slices,
-                minibatches_seed(seed),
+                seed.child(MINIBATCHES),
             ),
         }
     }
 
-    fn improve(&mut self, common: &mut ActorCritic, iteration: u64) -> Result<Improvement, &'static str> {
+    fn improve(
+        &mut self,
+        actor_critic: &mut ActorCritic,
+        iteration: u64,
+    ) -> Result<Improvement, &'static str> {
         let (schedule, epochs) = (self.config.learning_rate_schedule, self.config.epochs as u64);
         if schedule == Schedule::Linear {
-            let all = iterations(&self.config.run, common.rollout_size());
+            let all = iterations(&self.config.run, actor_critic.rollout_size());
             let left = 1.0 - iteration as f64 / all as f64;
-            common.critic.set_learning_rate(left * self.config.critic.learning_rate);
-            self.set_learning_rate(left * self.config.learning_rate, &mut common.critic);
+            actor_critic.critic.set_learning_rate(left * self.config.critic.learning_rate);
+            self.set_learning_rate(left * self.config.learning_rate, &mut actor_critic.critic);
         }
-        let advantages = &common.buffer.advantages;
+        let advantages = &actor_critic.buffer.advantages;
         let over_all = (self.config.advantages == Standardized::Rollout)
             .then(|| mean_and_scale(advantages.iter().copied()));
         let mut kl = 0.0;
         for epoch in 0..epochs {
             self.minibatches.begin_epoch(iteration * epochs + epoch);
-            kl = self.learn_epoch(common, epoch == 0, over_all)?;
+            kl = self.learn_epoch(actor_critic, epoch == 0, over_all)?;
             if schedule == Schedule::Adaptive {
                 let learning_rate = adapted(self.network_adam.learning_rate, kl, &self.config);
-                self.set_learning_rate(learning_rate, &mut common.critic);
+                self.set_learning_rate(learning_rate, &mut actor_critic.critic);
             }
         }
         Ok(Improvement { kl, learning_rate: self.network_adam.learning_rate })
@@ -188,11 +192,10 @@ impl Improver for Ppo {
     }
 
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
-        for (name, adam) in
-            [("policy.adam", &mut self.network_adam), ("policy.log_std_adam", &mut self.log_std_adam)]
-        {
-            *adam = checkpoint.adam(name, adam.first_moments().len())?;
-        }
+        let (weights, actions) =
+            (self.network_adam.first_moments().len(), self.log_std_adam.first_moments().len());
+        self.network_adam = checkpoint.adam("policy.adam", weights)?;
+        self.log_std_adam = checkpoint.adam("policy.log_std_adam", actions)?;
         Ok(())
     }
 }

@@ -45,13 +45,6 @@ mod tests {
     use crate::Settings;
 
     #[test]
-    fn the_defaults_come_back_from_their_text() {
-        let config = SacConfig::default();
-        assert_eq!(SacConfig::from_toml(&config.to_toml()).unwrap(), config);
-        assert_eq!(SacConfig::from_toml("").unwrap(), config);
-    }
-
-    #[test]
     fn wrong_values_are_refused() {
         for (text, told) in [
             ("target_std = 0", "`target_std` must be a number above 0, found 0"),

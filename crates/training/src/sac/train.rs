@@ -5,12 +5,13 @@ use mishandle_rollout::Seed;
 use super::config::SacConfig;
 use super::distribution::{Actor, Distribution};
 use super::loss::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch, temperature_loss};
+use crate::agent::{Agent, weights};
 use crate::batch::Batch;
 use crate::batch_gradient::BatchGradient;
 use crate::drawn::CLIPPED_LOG_STD_RANGE;
 use crate::gaussian::Deviations;
 use crate::initialization::initial_network;
-use crate::off_policy::{Agent, draw_rows, weights};
+use crate::off_policy::draw_rows;
 use crate::twin_critics::TwinCritics;
 use crate::{Checkpoint, TrainingError};
 

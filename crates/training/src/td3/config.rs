@@ -50,13 +50,6 @@ mod tests {
     use crate::Settings;
 
     #[test]
-    fn the_defaults_come_back_from_their_text() {
-        let config = Td3Config::default();
-        assert_eq!(Td3Config::from_toml(&config.to_toml()).unwrap(), config);
-        assert_eq!(Td3Config::from_toml("").unwrap(), config);
-    }
-
-    #[test]
     fn wrong_values_are_refused() {
         for (text, told) in [
             ("smoothing_std = -0.1", "`smoothing_std` must be a number of at least 0, found -0.1"),

@@ -5,10 +5,11 @@ use mishandle_rollout::Seed;
 use super::config::Td3Config;
 use super::loss::{CriticLoss, CriticScratch, Smoothing};
 use crate::action_value::Followed;
+use crate::agent::{Agent, weights};
 use crate::batch::Batch;
 use crate::batch_gradient::BatchGradient;
 use crate::deterministic::{self, Exploration, PolicyLoss, PolicyScratch};
-use crate::off_policy::{Agent, draw_rows, weights};
+use crate::off_policy::draw_rows;
 use crate::twin_critics::TwinCritics;
 use crate::{Checkpoint, ExplorationDecay, TrainingError};
 

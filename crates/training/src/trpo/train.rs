@@ -3,12 +3,11 @@ use mishandle_rollout::Seed;
 
 use super::config::{Distance, Expected, TrpoConfig};
 use super::loss::{Batch, Gaussian, Scratch};
-use crate::actor_critic::{ActorCritic, Setup, mean_and_scale};
+use crate::actor_critic::{ActorCritic, MINIBATCHES, Setup, mean_and_scale};
 use crate::conjugate_gradient::{conjugate_gradient, dot};
 use crate::gaussian::Deviations;
 use crate::minibatches::Minibatches;
-use crate::on_policy::{Improvement, Improver, minibatches_seed};
-use crate::{Checkpoint, TrainingError};
+use crate::on_policy::{Improvement, Improver};
 
 pub(crate) struct Trpo {
     config: TrpoConfig,
@@ -30,15 +29,16 @@ pub(crate) struct Step {
 
 impl Trpo {
     /// One step of the policy within the trust region.
-    pub fn step_policy(&mut self, common: &mut ActorCritic) -> Result<Step, &'static str> {
-        common.follow_batch();
+    pub fn step_policy(&mut self, actor_critic: &mut ActorCritic) -> Result<Step, &'static str> {
+        actor_critic.follow_batch();
         let Trpo { config, pool, outcome_pool, old_means, gradient, .. } = self;
-        let normalizer = common.normalizer();
-        let (advantage_mean, advantage_scale) = mean_and_scale(common.buffer.advantages.iter().copied());
+        let normalizer = actor_critic.normalizer();
+        let (advantage_mean, advantage_scale) =
+            mean_and_scale(actor_critic.buffer.advantages.iter().copied());
         let batch =
-            Batch { buffer: &common.buffer, advantage_mean, advantage_scale, normalizer: &normalizer };
-        let old_deviations = Deviations::new(&common.log_std);
-        let old = Gaussian { network: &common.network, deviations: &old_deviations };
+            Batch { buffer: &actor_critic.buffer, advantage_mean, advantage_scale, normalizer: &normalizer };
+        let old_deviations = Deviations::new(&actor_critic.log_std);
+        let old = Gaussian { network: &actor_critic.network, deviations: &old_deviations };
         pool.map(batch.rows(), old_means, |rows, scratch, means| batch.means(old, rows, scratch, means));
 
         *gradient = surrogate_gradient(&batch, old, pool);
@@ -57,11 +57,11 @@ impl Trpo {
             outcome
         };
         // Normalised advantages have the mean 0, and so has r A where r is 1.
-        let before = if common.ratios_begin_at_1() { 0.0 } else { outcome(old)[0] };
+        let before = if actor_critic.ratios_begin_at_1() { 0.0 } else { outcome(old)[0] };
         let mut expected = dot(gradient, &longest);
         let mut fraction = 1.0;
         for _ in 0..config.backtracks {
-            let (network, log_std) = common.moved_policy(&longest, fraction);
+            let (network, log_std) = actor_critic.moved_policy(&longest, fraction);
             let deviations = Deviations::new(&log_std);
             let [surrogate, kl] = outcome(Gaussian { network: &network, deviations: &deviations });
             let distance = match config.distance {
@@ -77,8 +77,8 @@ impl Trpo {
                 }
             };
             if distance <= config.max_kl && surrogate - before > config.accept_ratio * improvement {
-                common.network = network;
-                common.log_std = log_std;
+                actor_critic.network = network;
+                actor_critic.log_std = log_std;
                 return Ok(Step { kl, fraction });
             }
             fraction *= 0.5;
@@ -87,7 +87,11 @@ impl Trpo {
     }
 
     /// All epochs of the critic; gives the loss of the last minibatch.
-    pub fn learn_values(&mut self, common: &mut ActorCritic, iteration: u64) -> Result<f64, &'static str> {
+    pub fn learn_values(
+        &mut self,
+        actor_critic: &mut ActorCritic,
+        iteration: u64,
+    ) -> Result<f64, &'static str> {
         let mut loss = 0.0;
         let Trpo { config, minibatches, .. } = self;
         for epoch in 0..config.epochs as u64 {
@@ -95,10 +99,10 @@ impl Trpo {
             for rows in minibatches.ranges() {
                 let places = &minibatches.order()[rows];
                 if epoch == 0 {
-                    common.follow_minibatch(places);
+                    actor_critic.follow_minibatch(places);
                 }
-                let normalizer = common.normalizer();
-                let ActorCritic { critic, buffer, targets, .. } = common;
+                let normalizer = actor_critic.normalizer();
+                let ActorCritic { critic, buffer, targets, .. } = actor_critic;
                 loss = critic.learn(&normalizer, &buffer.observations, targets, places, config.max_grad_norm);
                 if !loss.is_finite() {
                     return Err("the critic's loss");
@@ -163,32 +167,30 @@ impl Improver for Trpo {
         }
     }
 
-    fn new(config: &TrpoConfig, common: &mut ActorCritic, seed: Seed) -> Trpo {
+    fn new(config: &TrpoConfig, actor_critic: &mut ActorCritic, seed: Seed) -> Trpo {
         Trpo {
             config: config.clone(),
             pool: ChunkPool::new(CHUNK_ROWS),
             outcome_pool: ChunkPool::new(CHUNK_ROWS),
             gradient: Vec::new(),
-            old_means: vec![0.0; common.buffer.count() * common.log_std.len()],
+            old_means: vec![0.0; actor_critic.buffer.count() * actor_critic.log_std.len()],
             minibatches: Minibatches::new(
                 config.minibatches,
-                common.buffer.count(),
+                actor_critic.buffer.count(),
                 config.minibatch_rows,
                 config.slices,
-                minibatches_seed(seed),
+                seed.child(MINIBATCHES),
             ),
         }
     }
 
-    fn improve(&mut self, common: &mut ActorCritic, iteration: u64) -> Result<Improvement, &'static str> {
-        let step = self.step_policy(common)?;
-        self.learn_values(common, iteration)?;
+    fn improve(
+        &mut self,
+        actor_critic: &mut ActorCritic,
+        iteration: u64,
+    ) -> Result<Improvement, &'static str> {
+        let step = self.step_policy(actor_critic)?;
+        self.learn_values(actor_critic, iteration)?;
         Ok(Improvement { kl: step.kl, learning_rate: step.fraction })
-    }
-
-    fn save(&self, _checkpoint: &mut Checkpoint) {}
-
-    fn load(&mut self, _checkpoint: &Checkpoint) -> Result<(), TrainingError> {
-        Ok(())
     }
 }

@@ -1,8 +1,10 @@
 //! What the tests of all algorithms look at.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
 use mishandle_controllers::Policy;
 use mishandle_rollout::{Controller, Environment, Seed};
-use mishandle_training::{Checkpoint, Flow, Observer, Progress, Validation};
+use mishandle_training::{Checkpoint, Config, Flow, Observer, Progress, Trained, Validation};
 
 use crate::line::Line;
 
@@ -35,6 +37,12 @@ impl Observer for Watch {
         self.first_checkpoint.get_or_insert_with(|| checkpoint.clone());
         self.checkpoint = Some(checkpoint.clone());
     }
+}
+
+/// Trains on a windy line.
+pub fn run(threads: usize, config: &Config, resume: Option<&Checkpoint>, watch: &mut Watch) -> Trained {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| config.train(Line::new(0.05), Seed(5), resume, watch)).unwrap()
 }
 
 /// Mean return on the windless line from starts of its own, by hand: no batch, no training code.
