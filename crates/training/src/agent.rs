@@ -12,19 +12,10 @@ pub(crate) fn weights(seed: Seed, index: u64) -> Seed {
     seed.child(16 + index)
 }
 
-/// What is particular to an algorithm.
-pub(crate) trait Agent: Sized + Sync {
-    /// Its settings.
-    type Config: Shared;
-
-    /// The networks before anything is learned, for observations and actions of these sizes.
-    ///
-    /// # Errors
-    /// If networks of these sizes cannot be made.
-    fn new(sizes: (usize, usize), config: &Self::Config, seed: Seed) -> Result<Self, TrainingError>;
-
+/// What acts while it is learned.
+pub(crate) trait Explorer: Sync {
     /// The network that is acted with.
-    fn actor(&self) -> &Mlp<f32>;
+    fn network(&self) -> &Mlp<f32>;
 
     /// For how many control steps a row keeps the random numbers that it explores with.
     fn hold(&self) -> u64;
@@ -34,20 +25,38 @@ pub(crate) trait Agent: Sized + Sync {
         None
     }
 
-    /// The action that row `row` of `rows` explores with: from the actor's outputs and standard normal numbers.
+    /// The action that row `row` of `rows` explores with: from the network's outputs and standard normal numbers.
     fn explore(&self, row: usize, rows: usize, outputs: &[f32], draws: &[f64], action: &mut [f32]);
-
-    /// One update from a batch; `index` counts them, and `seed` is for random numbers of its own.
-    ///
-    /// # Errors
-    /// What is not finite.
-    fn update(&mut self, batch: &Batch<f32>, seed: Seed, index: u64) -> Result<(), &'static str>;
 
     /// The policy so far, for observations of these moments.
     ///
     /// # Errors
     /// If weights are not finite.
     fn policy(&self, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError>;
+}
+
+/// What learns from batches.
+pub(crate) trait Agent: Sized {
+    /// Its settings.
+    type Config: Shared;
+
+    /// What acts.
+    type Explorer: Explorer;
+
+    /// The networks before anything is learned, for observations and actions of these sizes.
+    ///
+    /// # Errors
+    /// If networks of these sizes cannot be made.
+    fn new(sizes: (usize, usize), config: &Self::Config, seed: Seed) -> Result<Self, TrainingError>;
+
+    /// What acts, as far as it is learned.
+    fn explorer(&self) -> &Self::Explorer;
+
+    /// One update from a batch; `index` counts them, and `seed` is for random numbers of its own.
+    ///
+    /// # Errors
+    /// What is not finite.
+    fn update(&mut self, batch: &Batch<f32>, seed: Seed, index: u64) -> Result<(), &'static str>;
 
     /// Entropy of the policy in the last update, if it has one.
     fn entropy(&self) -> Option<f64> {

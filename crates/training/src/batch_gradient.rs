@@ -5,7 +5,7 @@ use std::ops::Range;
 use mishandle_network::ChunkPool;
 
 /// Rows of a batch that one task learns from: few, so that all threads have some.
-const LEARNING_ROWS: usize = 64;
+pub(crate) const LEARNING_ROWS: usize = 64;
 
 /// A loss over a batch and its gradient, summed over chunks of rows; `S` is what a thread needs for a chunk.
 pub(crate) struct BatchGradient<S> {

@@ -7,6 +7,7 @@ use mishandle_network::{Activation, Mlp, Scalar, Workspace};
 use mishandle_rollout::Seed;
 
 use crate::action_value::{Followed, join};
+use crate::agent::Explorer;
 use crate::batch::Batch;
 use crate::settings::{ask, at_least_1};
 use crate::{ActorSettings, ExplorationDecay, TrainingError};
@@ -38,14 +39,6 @@ impl Exploration {
         low + (high - low) * row as f64 / (rows.max(2) - 1) as f64
     }
 
-    /// clip(μ + σ z, -1, 1)
-    pub fn explore(&self, row: usize, rows: usize, means: &[f32], draws: &[f64], action: &mut [f32]) {
-        let std = self.std_of(row, rows);
-        for ((action, mean), z) in action.iter_mut().zip(means).zip(draws) {
-            *action = (f64::from(*mean) + std * z).clamp(-1.0, 1.0) as f32;
-        }
-    }
-
     pub fn check(&self) -> Result<(), TrainingError> {
         let [low, high] = self.std;
         let wanted = "two finite numbers, at least 0 and not falling";
@@ -54,36 +47,61 @@ impl Exploration {
         self.decay.as_ref().map_or(Ok(()), ExplorationDecay::check)?;
         at_least_1("exploration_hold", self.hold)
     }
+}
 
-    /// The policy of `actor`; if it is to draw its actions, it has the noise that the middle row begins with.
+/// μ, its target, and how it explores.
+#[derive(Debug)]
+pub(crate) struct DeterministicActor {
+    pub followed: Followed,
+    exploration: Exploration,
+}
+
+impl DeterministicActor {
+    /// An actor with small first actions whatever is seen.
     ///
     /// # Errors
-    /// If weights are not finite.
-    pub fn policy(
-        &self,
-        actor: &Mlp<f32>,
-        mean: Vec<f64>,
-        variance: Vec<f64>,
-    ) -> Result<Policy, TrainingError> {
-        let [low, high] = self.std;
-        let log_std = (0.5 * (low + high)).max(LEAST_STD).ln() as f32;
-        Ok(Policy::new(mean, variance, actor.clone(), vec![log_std; actor.output_size()])?)
+    /// If a layer has no outputs.
+    pub fn new(
+        (observation_size, action_size): (usize, usize),
+        settings: &ActorSettings,
+        exploration: Exploration,
+        seed: Seed,
+    ) -> Result<DeterministicActor, TrainingError> {
+        let sizes = [&[observation_size], &settings.hidden[..], &[action_size]].concat();
+        let mut network = Mlp::new(&sizes, settings.activation, Activation::Tanh)?;
+        settings.initialization.initialize(&mut network, 0.01, seed)?;
+        Ok(DeterministicActor { followed: Followed::new(network, settings.learning_rate), exploration })
     }
 }
 
-/// An actor with small first actions whatever is seen.
-///
-/// # Errors
-/// If a layer has no outputs.
-pub(crate) fn actor(
-    (observation_size, action_size): (usize, usize),
-    settings: &ActorSettings,
-    seed: Seed,
-) -> Result<Followed, TrainingError> {
-    let sizes = [&[observation_size], &settings.hidden[..], &[action_size]].concat();
-    let mut network = Mlp::new(&sizes, settings.activation, Activation::Tanh)?;
-    settings.initialization.initialize(&mut network, 0.01, seed)?;
-    Ok(Followed::new(network, settings.learning_rate))
+impl Explorer for DeterministicActor {
+    fn network(&self) -> &Mlp<f32> {
+        &self.followed.network
+    }
+
+    fn hold(&self) -> u64 {
+        self.exploration.hold
+    }
+
+    fn decay(&self) -> Option<ExplorationDecay> {
+        self.exploration.decay
+    }
+
+    /// clip(μ + σ z, -1, 1)
+    fn explore(&self, row: usize, rows: usize, means: &[f32], draws: &[f64], action: &mut [f32]) {
+        let std = self.exploration.std_of(row, rows);
+        for ((action, mean), z) in action.iter_mut().zip(means).zip(draws) {
+            *action = (f64::from(*mean) + std * z).clamp(-1.0, 1.0) as f32;
+        }
+    }
+
+    /// If it is to draw its actions, it has the noise that the middle row begins with.
+    fn policy(&self, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError> {
+        let [low, high] = self.exploration.std;
+        let log_std = (0.5 * (low + high)).max(LEAST_STD).ln() as f32;
+        let log_stds = vec![log_std; self.network().output_size()];
+        Ok(Policy::new(mean, variance, self.network().clone(), log_stds)?)
+    }
 }
 
 /// The deterministic policy gradient: -mean Q(o, μ(o)).

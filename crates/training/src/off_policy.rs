@@ -9,8 +9,9 @@ use mishandle_rollout::{Environment, Seed, Stream};
 use rayon::prelude::*;
 
 use crate::acting::{ACTING_ROWS, Acting};
-use crate::agent::{Agent, Setup, Shared};
+use crate::agent::{Agent, Explorer, Setup, Shared};
 use crate::batch::Batch;
+use crate::batch_gradient::LEARNING_ROWS;
 use crate::learner::{Learner, progress_of};
 use crate::replay::{Replay, Sampling};
 use crate::{Checkpoint, Episodes, Progress, ReplaySettings, Shares, TrainingError};
@@ -69,7 +70,7 @@ impl<A: Agent> OffPolicy<A> {
             iteration: 0,
             updates: 0,
             batch: Batch::default(),
-            acting: Acting::new(rows, agent.actor().output_size(), size),
+            acting: Acting::new(rows, agent.explorer().network().output_size(), size),
             seen: vec![0.0; rows * inputs],
             actions: vec![0.0; rows * size],
             episodes,
@@ -86,22 +87,25 @@ impl<A: Agent> OffPolicy<A> {
     fn act(&mut self, step: u64, normalizer: &Normalizer<f32>) {
         let steps = self.steps_before(step);
         let OffPolicy { agent, episodes, acting, seen, actions, .. } = self;
+        let explorer = agent.explorer();
         seen.copy_from_slice(episodes.observations());
         if steps < self.replay_settings.warmup_steps {
-            act_randomly(self.seed.child(WARMUP), step / agent.hold(), actions);
+            act_randomly(self.seed.child(WARMUP), step / explorer.hold(), actions);
             return;
         }
-        acting.infer(agent.actor(), normalizer, seen);
-        episodes.held_policy_draws(agent.hold(), &mut acting.draws);
-        if let Some(decay) = agent.decay() {
+        acting.infer(explorer.network(), normalizer, seen);
+        episodes.held_policy_draws(explorer.hold(), &mut acting.draws);
+        if let Some(decay) = explorer.decay() {
             let share = decay.share_after(steps);
             acting.draws.iter_mut().for_each(|z| *z *= share);
         }
         let rows = episodes.rows();
-        let size = actions.len() / rows;
-        let each = acting.outputs.par_chunks(agent.actor().output_size()).zip(acting.draws.par_chunks(size));
+        let (outputs, size) = (explorer.network().output_size(), actions.len() / rows);
+        let each = acting.outputs.par_chunks(outputs).zip(acting.draws.par_chunks(size));
         let each = each.zip(actions.par_chunks_mut(size)).enumerate().with_min_len(ACTING_ROWS);
-        each.for_each(|(row, ((outputs, draws), action))| agent.explore(row, rows, outputs, draws, action));
+        each.for_each(|(row, ((outputs, draws), action))| {
+            explorer.explore(row, rows, outputs, draws, action);
+        });
     }
 
     fn update(&mut self, normalizer: &Normalizer<f32>) -> Result<(), TrainingError> {
@@ -155,11 +159,11 @@ impl<A: Agent> Learner for OffPolicy<A> {
     }
 
     fn policy(&self) -> Result<Policy, TrainingError> {
-        self.agent.policy(self.normalizer.mean().to_vec(), self.normalizer.variance())
+        self.agent.explorer().policy(self.normalizer.mean().to_vec(), self.normalizer.variance())
     }
 
     fn network(&self) -> &Mlp<f32> {
-        self.agent.actor()
+        self.agent.explorer().network()
     }
 
     fn identity(&self) -> String {
@@ -178,7 +182,7 @@ impl<A: Agent> Learner for OffPolicy<A> {
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
         self.iteration = checkpoint.u64s("iteration", 1)?[0];
         self.updates = checkpoint.u64s("updates", 1)?[0];
-        let columns = self.agent.actor().input_size();
+        let columns = self.agent.explorer().network().input_size();
         self.normalizer = RunningNormalizer::from_moments(checkpoint.moments("normalizer", columns)?)?;
         self.agent.load(checkpoint)?;
         self.episodes.load(checkpoint)?;
@@ -196,7 +200,7 @@ fn act_randomly(seed: Seed, step: u64, actions: &mut [f32]) {
 /// Fills `draws` with standard normal numbers, as many for each of `rows` rows: those of the update numbered `index`.
 pub(crate) fn draw_rows(seed: Seed, index: u64, rows: usize, draws: &mut [f64]) {
     let columns = draws.len() / rows;
-    draws.par_chunks_mut(columns).with_min_len(ACTING_ROWS).enumerate().for_each(|(row, draws)| {
+    draws.par_chunks_mut(columns).with_min_len(LEARNING_ROWS).enumerate().for_each(|(row, draws)| {
         seed.normals(Stream::Policy, index * rows as u64 + row as u64, draws);
     });
 }

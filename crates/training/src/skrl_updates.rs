@@ -185,7 +185,7 @@ fn check_td3(kind: &'static str, name: &'static str, smoothing: &str) {
     let case = Case::new(kind, name);
     let config: Td3Config = case.config(smoothing);
     let mut td3 = Td3::new(SIZES, &config, Seed(0)).unwrap();
-    case.begin_both(&mut td3.actor, "policy");
+    case.begin_both(&mut td3.actor.followed, "policy");
     case.begin_both(&mut td3.critics.0[0], "critic_1");
     case.begin_both(&mut td3.critics.0[1], "critic_2");
     let (batch, mut critic_losses, mut policy_losses) = (case.batch(), vec![], vec![]);
@@ -207,7 +207,7 @@ fn check_td3(kind: &'static str, name: &'static str, smoothing: &str) {
     case.check("critic_losses", &critic_losses);
     case.check("policy_losses", &policy_losses);
     case.check_ends(&[
-        (&td3.actor, "policy"),
+        (&td3.actor.followed, "policy"),
         (&td3.critics.0[0], "critic_1"),
         (&td3.critics.0[1], "critic_2"),
     ]);
@@ -218,7 +218,7 @@ fn check_ddpg(kind: &'static str) {
     let case = Case::new(kind, "ddpg");
     let config: DdpgConfig = case.config("");
     let mut ddpg = Ddpg::new(SIZES, &config, Seed(0)).unwrap();
-    case.begin_both(&mut ddpg.actor, "policy");
+    case.begin_both(&mut ddpg.actor.followed, "policy");
     case.begin_both(&mut ddpg.critic, "critic");
     let (batch, mut critic_losses, mut policy_losses) = (case.batch(), vec![], vec![]);
     for step in 0..case.of("critic_losses").as_array().unwrap().len() {
@@ -230,7 +230,7 @@ fn check_ddpg(kind: &'static str) {
     }
     case.check("critic_losses", &critic_losses);
     case.check("policy_losses", &policy_losses);
-    case.check_ends(&[(&ddpg.actor, "policy"), (&ddpg.critic, "critic")]);
+    case.check_ends(&[(&ddpg.actor.followed, "policy"), (&ddpg.critic, "critic")]);
     assert_eq!(Some(config.gamma), case.of("gamma").as_f64());
 }
 

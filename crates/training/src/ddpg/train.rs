@@ -1,5 +1,3 @@
-use mishandle_controllers::Policy;
-use mishandle_network::Mlp;
 use mishandle_rollout::Seed;
 
 use super::config::DdpgConfig;
@@ -8,13 +6,12 @@ use crate::action_value::Followed;
 use crate::agent::{Agent, weights};
 use crate::batch::Batch;
 use crate::batch_gradient::BatchGradient;
-use crate::deterministic::{self, Exploration, PolicyLoss, PolicyScratch};
-use crate::{Checkpoint, ExplorationDecay, TrainingError};
+use crate::deterministic::{DeterministicActor, PolicyLoss, PolicyScratch};
+use crate::{Checkpoint, TrainingError};
 
 pub(crate) struct Ddpg {
     tau: f64,
-    exploration: Exploration,
-    pub actor: Followed,
+    pub actor: DeterministicActor,
     pub critic: Followed,
     pub by_critic: BatchGradient<CriticScratch<f32>>,
     pub by_actor: BatchGradient<PolicyScratch<f32>>,
@@ -26,7 +23,8 @@ impl Ddpg {
     /// # Errors
     /// What is not finite.
     pub fn learn(&mut self, batch: &Batch<f32>) -> Result<[f32; 2], &'static str> {
-        let Ddpg { actor, critic, by_critic, by_actor, .. } = self;
+        let Ddpg { actor: DeterministicActor { followed: actor, .. }, critic, by_critic, by_actor, .. } =
+            self;
         let loss = CriticLoss {
             batch,
             target_actor: &actor.target,
@@ -50,51 +48,35 @@ impl Ddpg {
 
 impl Agent for Ddpg {
     type Config = DdpgConfig;
+    type Explorer = DeterministicActor;
 
     fn new(sizes: (usize, usize), config: &DdpgConfig, seed: Seed) -> Result<Ddpg, TrainingError> {
-        let actor = deterministic::actor(sizes, &config.policy, weights(seed, 0))?;
+        let actor = DeterministicActor::new(sizes, &config.policy, config.exploration(), weights(seed, 0))?;
         let critic = Followed::critic(sizes, &config.critic, weights(seed, 1))?;
         Ok(Ddpg {
             tau: config.tau,
-            exploration: config.exploration(),
             by_critic: BatchGradient::new("the critic's loss", critic.network.parameter_count()),
-            by_actor: BatchGradient::new("the policy's loss", actor.network.parameter_count()),
+            by_actor: BatchGradient::new("the policy's loss", actor.followed.network.parameter_count()),
             actor,
             critic,
         })
     }
 
-    fn actor(&self) -> &Mlp<f32> {
-        &self.actor.network
-    }
-
-    fn hold(&self) -> u64 {
-        self.exploration.hold
-    }
-
-    fn decay(&self) -> Option<ExplorationDecay> {
-        self.exploration.decay
-    }
-
-    fn explore(&self, row: usize, rows: usize, outputs: &[f32], draws: &[f64], action: &mut [f32]) {
-        self.exploration.explore(row, rows, outputs, draws, action);
+    fn explorer(&self) -> &DeterministicActor {
+        &self.actor
     }
 
     fn update(&mut self, batch: &Batch<f32>, _seed: Seed, _index: u64) -> Result<(), &'static str> {
         self.learn(batch).map(|_| ())
     }
 
-    fn policy(&self, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError> {
-        self.exploration.policy(&self.actor.network, mean, variance)
-    }
-
     fn save(&self, checkpoint: &mut Checkpoint) {
-        self.actor.save("policy", checkpoint);
+        self.actor.followed.save("policy", checkpoint);
         self.critic.save("critic", checkpoint);
     }
 
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
-        self.actor.load("policy", checkpoint)?;
+        self.actor.followed.load("policy", checkpoint)?;
         self.critic.load("critic", checkpoint)
     }
 }

@@ -5,7 +5,7 @@ use mishandle_rollout::Seed;
 use super::config::SacConfig;
 use super::distribution::{Actor, Distribution};
 use super::loss::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch, temperature_loss};
-use crate::agent::{Agent, weights};
+use crate::agent::{Agent, Explorer, weights};
 use crate::batch::Batch;
 use crate::batch_gradient::BatchGradient;
 use crate::drawn::CLIPPED_LOG_STD_RANGE;
@@ -83,8 +83,38 @@ impl Sac {
     }
 }
 
+impl Explorer for Sac {
+    fn network(&self) -> &Mlp<f32> {
+        &self.actor
+    }
+
+    fn hold(&self) -> u64 {
+        self.hold
+    }
+
+    fn explore(&self, _row: usize, _rows: usize, outputs: &[f32], draws: &[f64], action: &mut [f32]) {
+        let policy = Actor { distribution: self.distribution, network: &self.actor, log_std: &self.log_std };
+        for (action, drawn) in action.iter_mut().zip(policy.drawn(outputs, draws)) {
+            *action = drawn.action as f32;
+        }
+    }
+
+    fn policy(&self, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError> {
+        let actor = self.actor.clone();
+        match self.distribution {
+            Distribution::Squashed => Ok(Policy::squashed(mean, variance, actor)?),
+            Distribution::Clipped => {
+                let (low, high) = CLIPPED_LOG_STD_RANGE;
+                let kept = self.log_std.iter().map(|x| x.clamp(low as f32, high as f32));
+                Ok(Policy::new(mean, variance, actor, kept.collect())?)
+            }
+        }
+    }
+}
+
 impl Agent for Sac {
     type Config = SacConfig;
+    type Explorer = Sac;
 
     fn new(sizes: (usize, usize), config: &SacConfig, seed: Seed) -> Result<Sac, TrainingError> {
         let policy = &config.policy;
@@ -119,19 +149,8 @@ impl Agent for Sac {
         })
     }
 
-    fn actor(&self) -> &Mlp<f32> {
-        &self.actor
-    }
-
-    fn hold(&self) -> u64 {
-        self.hold
-    }
-
-    fn explore(&self, _row: usize, _rows: usize, outputs: &[f32], draws: &[f64], action: &mut [f32]) {
-        let policy = Actor { distribution: self.distribution, network: &self.actor, log_std: &self.log_std };
-        for (action, drawn) in action.iter_mut().zip(policy.drawn(outputs, draws)) {
-            *action = drawn.action as f32;
-        }
+    fn explorer(&self) -> &Sac {
+        self
     }
 
     fn update(&mut self, batch: &Batch<f32>, seed: Seed, index: u64) -> Result<(), &'static str> {
@@ -142,18 +161,6 @@ impl Agent for Sac {
         let told = self.learn(batch, &draws);
         self.draws = draws;
         told.map(|_| ())
-    }
-
-    fn policy(&self, mean: Vec<f64>, variance: Vec<f64>) -> Result<Policy, TrainingError> {
-        let actor = self.actor.clone();
-        match self.distribution {
-            Distribution::Squashed => Ok(Policy::squashed(mean, variance, actor)?),
-            Distribution::Clipped => {
-                let (low, high) = CLIPPED_LOG_STD_RANGE;
-                let kept = self.log_std.iter().map(|x| x.clamp(low as f32, high as f32));
-                Ok(Policy::new(mean, variance, actor, kept.collect())?)
-            }
-        }
     }
 
     fn entropy(&self) -> Option<f64> {
