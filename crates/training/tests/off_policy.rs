@@ -8,8 +8,8 @@ mod watch;
 
 use line::Line;
 use mishandle_rollout::Seed;
-use mishandle_training::{Checkpoint, Config};
-use watch::{Watch, best_return, facts, mean_return, run};
+use mishandle_training::Config;
+use watch::{Watch, best_return, check_resumption, check_threads, mean_return, run};
 
 const ALGORITHMS: [&str; 3] = ["sac", "td3", "ddpg"];
 
@@ -52,18 +52,8 @@ fn all_ways() -> impl Iterator<Item = (&'static str, &'static str)> {
 #[test]
 fn threads_change_no_bit() {
     for (algorithm, way) in all_ways() {
-        let config =
-            settings(algorithm, &format!("{way}run.total_steps = 2_000\nepisodes.action_noise = 0.2"));
-        let mut one = Watch::default();
-        let trained = run(1, &config, None, &mut one);
-        for threads in [2, 4] {
-            let mut many = Watch::default();
-            let again = run(threads, &config, None, &mut many);
-            assert_eq!(trained.last.hash(), again.last.hash(), "{algorithm}, {threads} threads");
-            assert_eq!(trained.best.hash(), again.best.hash(), "{algorithm}, {threads} threads");
-            assert_eq!(facts(&one), facts(&many), "{algorithm}, {threads} threads");
-        }
-        assert_eq!(one.told.len(), 5);
+        let text = format!("{way}run.total_steps = 2_000\nepisodes.action_noise = 0.2");
+        assert_eq!(check_threads(&settings(algorithm, &text)), 5);
     }
 }
 
@@ -72,22 +62,8 @@ fn a_resumed_training_goes_on_to_the_same_bits() {
     for (algorithm, way) in all_ways() {
         // The ring of 1,600 entries is filled and written over.
         let config = settings(algorithm, &format!("{way}run.total_steps = 2_400\nreplay.capacity = 1_600"));
-        let mut whole = Watch::default();
-        let trained = run(2, &config, None, &mut whole);
-        assert_eq!(whole.told.len(), 6);
         // In the midst of the warm-up, and when the ring is full.
-        for stop in [1, 5] {
-            let mut first = Watch { stop_after: Some(stop), ..Watch::default() };
-            run(2, &config, None, &mut first);
-            let folder = tempfile::tempdir().unwrap();
-            let path = folder.path().join("line.checkpoint");
-            first.checkpoint.unwrap().save(&path).unwrap();
-            let mut second = Watch::default();
-            let resumed = run(3, &config, Some(&Checkpoint::load(&path).unwrap()), &mut second);
-            assert_eq!(resumed.last.hash(), trained.last.hash(), "{algorithm}");
-            assert_eq!(resumed.best.hash(), trained.best.hash(), "{algorithm}");
-            assert_eq!(facts(&second), facts(&whole)[stop as usize..], "{algorithm}");
-        }
+        assert_eq!(check_resumption(&config, &[1, 5]), 6);
     }
 }
 

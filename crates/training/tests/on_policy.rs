@@ -8,8 +8,8 @@ mod watch;
 
 use line::Line;
 use mishandle_rollout::Seed;
-use mishandle_training::{Checkpoint, Config, TrainingError};
-use watch::{Watch, best_return, facts, mean_return, run};
+use mishandle_training::{Config, TrainingError};
+use watch::{Watch, best_return, check_resumption, check_threads, mean_return, run};
 
 const ALGORITHMS: [&str; 2] = ["ppo", "trpo"];
 
@@ -86,18 +86,8 @@ fn deviations_stay_within_their_range() {
 #[test]
 fn threads_change_no_bit() {
     for (algorithm, way) in all_ways() {
-        let config =
-            settings(algorithm, &format!("{way}run.total_steps = 4_000\nepisodes.action_noise = 0.2"));
-        let mut one = Watch::default();
-        let trained = run(1, &config, None, &mut one);
-        for threads in [2, 4] {
-            let mut many = Watch::default();
-            let again = run(threads, &config, None, &mut many);
-            assert_eq!(trained.last.hash(), again.last.hash(), "{algorithm}, {threads} threads");
-            assert_eq!(trained.best.hash(), again.best.hash(), "{algorithm}, {threads} threads");
-            assert_eq!(facts(&one), facts(&many), "{algorithm}, {threads} threads");
-        }
-        assert_eq!(one.told.len(), 6);
+        let text = format!("{way}run.total_steps = 4_000\nepisodes.action_noise = 0.2");
+        assert_eq!(check_threads(&settings(algorithm, &text)), 6);
     }
 }
 
@@ -105,22 +95,7 @@ fn threads_change_no_bit() {
 fn a_resumed_training_goes_on_to_the_same_bits() {
     for (algorithm, way) in all_ways() {
         let config = settings(algorithm, &format!("{way}run.total_steps = 4_600"));
-        let mut whole = Watch::default();
-        let trained = run(2, &config, None, &mut whole);
-        assert_eq!(whole.told.len(), 6);
-
-        let mut first = Watch { stop_after: Some(3), ..Watch::default() };
-        run(2, &config, None, &mut first);
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("line.checkpoint");
-        first.checkpoint.unwrap().save(&path).unwrap();
-        let mut second = Watch::default();
-        let resumed = run(3, &config, Some(&Checkpoint::load(&path).unwrap()), &mut second);
-
-        assert_eq!(resumed.last.hash(), trained.last.hash(), "{algorithm}");
-        assert_eq!(resumed.best.hash(), trained.best.hash(), "{algorithm}");
-        assert_eq!(resumed.environment_steps, trained.environment_steps);
-        assert_eq!(facts(&second), facts(&whole)[3..], "{algorithm}");
+        assert_eq!(check_resumption(&config, &[3]), 6);
     }
 }
 

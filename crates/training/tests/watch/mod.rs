@@ -45,6 +45,43 @@ pub fn run(threads: usize, config: &Config, resume: Option<&Checkpoint>, watch: 
     pool.install(|| config.train(Line::new(0.05), Seed(5), resume, watch)).unwrap()
 }
 
+/// Checks that a training comes to the same bits on 1, 2 and 4 threads; gives its number of iterations.
+#[track_caller]
+pub fn check_threads(config: &Config) -> usize {
+    let mut one = Watch::default();
+    let trained = run(1, config, None, &mut one);
+    for threads in [2, 4] {
+        let mut many = Watch::default();
+        let again = run(threads, config, None, &mut many);
+        assert_eq!(trained.last.hash(), again.last.hash(), "{}, {threads} threads", config.algorithm());
+        assert_eq!(trained.best.hash(), again.best.hash(), "{}, {threads} threads", config.algorithm());
+        assert_eq!(facts(&one), facts(&many), "{}, {threads} threads", config.algorithm());
+    }
+    one.told.len()
+}
+
+/// Checks that a training that is stopped after so many iterations, and saved, goes on to the same bits; gives its number of
+/// iterations.
+#[track_caller]
+pub fn check_resumption(config: &Config, stops: &[u64]) -> usize {
+    let mut whole = Watch::default();
+    let trained = run(2, config, None, &mut whole);
+    for stop in stops {
+        let mut first = Watch { stop_after: Some(*stop), ..Watch::default() };
+        run(2, config, None, &mut first);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("line.checkpoint");
+        first.checkpoint.unwrap().save(&path).unwrap();
+        let mut second = Watch::default();
+        let resumed = run(3, config, Some(&Checkpoint::load(&path).unwrap()), &mut second);
+        assert_eq!(resumed.last.hash(), trained.last.hash(), "{}", config.algorithm());
+        assert_eq!(resumed.best.hash(), trained.best.hash(), "{}", config.algorithm());
+        assert_eq!(resumed.environment_steps, trained.environment_steps);
+        assert_eq!(facts(&second), facts(&whole)[*stop as usize..], "{}", config.algorithm());
+    }
+    whole.told.len()
+}
+
 /// Mean return on the windless line from starts of its own, by hand: no batch, no training code.
 pub fn mean_return(controller: &dyn Controller, episodes: usize) -> f64 {
     let line = Line::new(0.0);
@@ -79,7 +116,7 @@ pub fn best_return(episodes: usize) -> f64 {
 }
 
 /// All that a run tells, but for times.
-pub fn facts(watch: &Watch) -> Vec<String> {
+fn facts(watch: &Watch) -> Vec<String> {
     let fact = |p: &Progress| {
         format!(
             "{} {} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {}",
