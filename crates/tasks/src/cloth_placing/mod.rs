@@ -124,6 +124,7 @@ const DEFINITION: Definition = Definition {
             "1 where d <= 0.05, four fifths of the vertices are over the table, the cloth is let go and slower \
              than 0.05 m/s, else 0",
         ),
+        one("thrown", "", "-0.5 tanh(2 v) once the gripper has let go, v the speed of the cloth"),
         one("calm", "", "-0.01 times the mean of the arm's squared actions"),
     ],
     initial_box: &[
@@ -283,7 +284,9 @@ impl Scene for Bound {
                 out[2] = 0.1 * over * (1.0 - (5.0 * height.abs()).tanh());
                 out[3] = 0.1 * over * released;
                 out[4] = if placed { 1.0 } else { 0.0 };
-                out[5] = crate::reward::effort(action);
+                // A cloth that is thrown is soon over the table, but only by luck at its middle.
+                out[5] = -0.5 * released * (2.0 * speed).tanh();
+                out[6] = crate::reward::effort(action);
             }
         }
     }

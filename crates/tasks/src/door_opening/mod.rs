@@ -107,7 +107,7 @@ const DEFINITION: Definition = Definition {
             "0.05 u l g times how far the fingers are closed on the lever; in full from 15° on",
         ),
         one("opening", "", "0.15 times the yaw rate over 0.7 rad/s, within ±0.15; in full from 45° on"),
-        one("opened", "", "0.25 times the share of 45° that it is open, at most 0.25"),
+        one("opened", "", "0.8 times the share of 45° that it is open, at most 0.8"),
         one("open", "", "0.3 from 45° on"),
         one("effort", "", "-0.01 times the mean of the arm's squared actions"),
     ],

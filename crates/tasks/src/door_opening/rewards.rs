@@ -56,7 +56,8 @@ impl Bound {
     pub(super) fn shaped(&self, rows: &Rows<'_>, signals: &[f64], action: &[f64]) -> [f64; 7] {
         let yaw = signals[0].to_radians();
         let effort = crate::reward::effort(action);
-        let opened = 0.25 * (yaw / FRAC_PI_4).min(1.0);
+        // Worth more than all the rest: else a hand that has found the lever is content to hold it.
+        let opened = 0.8 * (yaw / FRAC_PI_4).min(1.0);
         // An open door asks for nothing more, one that is ajar for nothing of the hand: a hand that is paid for holding on
         // stops where its own joints do, at about 30 degrees.
         if yaw >= FRAC_PI_4 {
