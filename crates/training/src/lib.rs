@@ -33,6 +33,7 @@ mod off_policy;
 mod off_policy_config;
 mod off_policy_settings;
 mod on_policy;
+mod on_policy_settings;
 pub mod ppo;
 mod presets;
 mod progress;
@@ -60,10 +61,8 @@ pub use minibatches::Division;
 pub use off_policy_settings::{
     ActionValueSettings, ActorSettings, ExplorationDecay, ReplaySettings, UpdateCount,
 };
+pub use on_policy_settings::{CriticSettings, ObservationMoments, PolicySettings, ValueMoments};
 pub use presets::{BEST, PRESETS};
 pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation};
 pub use selection::{Best, Selection};
-pub use settings::{
-    CriticSettings, EpisodeSettings, ObservationMoments, PolicySettings, RunSettings, Settings, TimeLimits,
-    ValueMoments,
-};
+pub use settings::{EpisodeSettings, RunSettings, Settings, TimeLimits};
