@@ -11,25 +11,12 @@ use rayon::prelude::*;
 use crate::acting::{ACTING_ROWS, Acting};
 use crate::gaussian::Deviations;
 use crate::initialization::initial_network;
-use crate::{
-    Buffer, Checkpoint, Critic, CriticSettings, EpisodeSettings, Episodes, ObservationMoments,
-    PolicySettings, TrainingError, gae,
-};
+use crate::on_policy_settings::Setup;
+use crate::{Buffer, Checkpoint, Critic, Episodes, ObservationMoments, TrainingError, gae};
 
-/// Children of the training's seed; its episodes have 0.
+/// Children of the training's seed; its episodes have 0, its minibatches 3.
 const POLICY_WEIGHTS: u64 = 1;
 const CRITIC_WEIGHTS: u64 = 2;
-pub(crate) const MINIBATCHES: u64 = 3;
-
-/// What the rollouts of an on-policy algorithm are made with.
-pub(crate) struct Setup<'a> {
-    pub rollout_steps: usize,
-    pub gamma: f64,
-    pub gae_lambda: f64,
-    pub episodes: &'a EpisodeSettings,
-    pub policy: &'a PolicySettings,
-    pub critic: &'a CriticSettings,
-}
 
 /// Policy, critic, and the rollouts that they learn from.
 pub(crate) struct ActorCritic {
@@ -67,7 +54,7 @@ impl ActorCritic {
         setup: &Setup<'_>,
         seed: Seed,
     ) -> Result<ActorCritic, TrainingError> {
-        let Setup { rollout_steps, gamma, gae_lambda, episodes, policy, critic } = *setup;
+        let Setup { rollout_steps, gamma, gae_lambda, episodes, policy, critic, .. } = *setup;
         let (inputs, outputs) = (environment.observation_size(), environment.action_size());
         let rows = episodes.environments;
         let episodes = Episodes::of_training(environment, episodes, seed);

@@ -12,7 +12,7 @@ pub(crate) fn weights(seed: Seed, index: u64) -> Seed {
     seed.child(16 + index)
 }
 
-/// What acts while it is learned.
+/// What acts while it learns.
 pub(crate) trait Explorer: Sync {
     /// The network that is acted with.
     fn network(&self) -> &Mlp<f32>;
@@ -49,7 +49,7 @@ pub(crate) trait Agent: Sized {
     /// If networks of these sizes cannot be made.
     fn new(sizes: (usize, usize), config: &Self::Config, seed: Seed) -> Result<Self, TrainingError>;
 
-    /// What acts, as far as it is learned.
+    /// What acts, as it is now.
     fn explorer(&self) -> &Self::Explorer;
 
     /// One update from a batch; `index` counts them, and `seed` is for random numbers of its own.

@@ -1,10 +1,10 @@
-//! What the settings of all off-policy algorithms have.
+//! The settings that all off-policy algorithms have.
 
-/// Declares the settings of an off-policy algorithm: what all of them have, and in the midst of it its own, each with
-/// its default. How these are checked is said by its method `check_own`; the preset is the file `skrl-0.10.toml` beside it.
+/// Declares the settings of an off-policy algorithm: those that all of them have, with its own in their midst, each with
+/// its default. A method `check_own` has to check its own; the file `skrl-0.10.toml` beside it has to be its preset.
 ///
-/// All are keys of one level, in this order. Serde could make them of two structures (`flatten`), but then it neither
-/// refuses keys that are not known nor tells the lines of mistakes.
+/// All are keys of one level, in this order. Serde can read one level into two structures (`flatten`), but then it
+/// neither refuses keys that are not known nor tells the line of a mistake.
 macro_rules! off_policy_config {
     (
         $(#[$about:meta])*

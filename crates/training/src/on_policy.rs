@@ -7,9 +7,11 @@ use mishandle_controllers::Policy;
 use mishandle_network::Mlp;
 use mishandle_rollout::{Environment, Seed};
 
-use crate::actor_critic::{ActorCritic, Setup};
+use crate::actor_critic::ActorCritic;
 use crate::gaussian::Deviations;
 use crate::learner::{Learner, progress_of};
+use crate::minibatches::Minibatches;
+use crate::on_policy_settings::Setup;
 use crate::{Checkpoint, Progress, Shares, TrainingError};
 
 /// What is particular to an algorithm.
@@ -17,11 +19,11 @@ pub(crate) trait Improver: Sized {
     /// Its settings.
     type Config;
 
-    /// What rollouts are made with.
+    /// Those of them that it shares with the others.
     fn setup(config: &Self::Config) -> Setup<'_>;
 
-    /// Before anything is learned; `seed` is the training's.
-    fn new(config: &Self::Config, actor_critic: &mut ActorCritic, seed: Seed) -> Self;
+    /// Before anything is learned.
+    fn new(config: &Self::Config, actor_critic: &mut ActorCritic, minibatches: Minibatches) -> Self;
 
     /// Improves policy and critic by their rollout; `iteration` counts these.
     ///
@@ -49,7 +51,7 @@ pub(crate) trait Improver: Sized {
 pub(crate) struct Improvement {
     /// Mean divergence of the new policy from the old one.
     pub kl: f64,
-    /// Step length of the optimiser, or the share of the longest step that was taken.
+    /// Step length of the policy's optimiser, or the share of the longest step that was taken.
     pub learning_rate: f64,
 }
 
@@ -66,8 +68,10 @@ impl<A: Improver> OnPolicy<A> {
         config: &A::Config,
         seed: Seed,
     ) -> Result<OnPolicy<A>, TrainingError> {
-        let mut actor_critic = ActorCritic::new(environment, &A::setup(config), seed)?;
-        Ok(OnPolicy { improver: A::new(config, &mut actor_critic, seed), actor_critic, iteration: 0 })
+        let setup = A::setup(config);
+        let mut actor_critic = ActorCritic::new(environment, &setup, seed)?;
+        let improver = A::new(config, &mut actor_critic, setup.minibatches(seed));
+        Ok(OnPolicy { actor_critic, improver, iteration: 0 })
     }
 }
 

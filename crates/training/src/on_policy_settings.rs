@@ -1,10 +1,56 @@
 //! Settings that on-policy algorithms share.
 
 use mishandle_network::Activation;
+use mishandle_rollout::Seed;
 use serde::{Deserialize, Serialize};
 
+use crate::minibatches::Minibatches;
 use crate::settings::{activation_name, ask, layer_sizes, number, positive};
-use crate::{Initialization, TrainingError};
+use crate::{Division, EpisodeSettings, Initialization, TrainingError};
+
+/// The child of the training's seed that shuffles minibatches.
+const MINIBATCHES: u64 = 3;
+
+/// Settings that an on-policy algorithm shares with the others.
+pub(crate) struct Setup<'a> {
+    pub rollout_steps: usize,
+    pub gamma: f64,
+    pub gae_lambda: f64,
+    pub minibatches: Division,
+    pub minibatch_rows: usize,
+    pub slices: usize,
+    pub episodes: &'a EpisodeSettings,
+    pub policy: &'a PolicySettings,
+    pub critic: &'a CriticSettings,
+}
+
+/// The [`Setup`] in the settings of an algorithm, whose fields have the same names.
+macro_rules! setup_of {
+    ($config:ident) => {
+        $crate::on_policy_settings::Setup {
+            rollout_steps: $config.rollout_steps,
+            gamma: $config.gamma,
+            gae_lambda: $config.gae_lambda,
+            minibatches: $config.minibatches,
+            minibatch_rows: $config.minibatch_rows,
+            slices: $config.slices,
+            episodes: &$config.episodes,
+            policy: &$config.policy,
+            critic: &$config.critic,
+        }
+    };
+}
+
+pub(crate) use setup_of;
+
+impl Setup<'_> {
+    /// The minibatches of each rollout.
+    pub fn minibatches(&self, seed: Seed) -> Minibatches {
+        let rows = self.rollout_steps * self.episodes.environments;
+        let Setup { minibatches, minibatch_rows, slices, .. } = *self;
+        Minibatches::new(minibatches, rows, minibatch_rows, slices, seed.child(MINIBATCHES))
+    }
+}
 
 /// `[policy]`: a Gaussian policy whose deviations do not depend on what is seen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -37,7 +37,7 @@ pub struct Progress {
     pub kl: Option<f64>,
     /// Entropy of the policy; `None` for one that has none, and before the first update off policy.
     pub entropy: Option<f64>,
-    /// Step length of the policy's optimiser.
+    /// Step length of the policy's optimiser; in TRPO, which has none, the share of the longest step that was taken.
     pub learning_rate: f64,
     /// Where the time of this iteration went.
     pub shares: Shares,
@@ -161,7 +161,7 @@ pub struct Trained {
     pub environment_steps: u64,
     /// Duration, of resumed runs together, s.
     pub wall_clock_secs: f64,
-    /// Whether the settings' success rate was reached.
+    /// Whether the rates that the settings ask for were reached, in as many validations in a row.
     pub reached: bool,
 }
 

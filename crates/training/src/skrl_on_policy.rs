@@ -156,6 +156,16 @@ fn step_tolerance(config: &TrpoConfig) -> f64 {
 }
 
 #[test]
+fn numbers_that_the_cases_do_not_show_are_skrls() {
+    let preset = "preset = \"skrl-0.10\"";
+    // KLAdaptiveRL's min_lr and max_lr.
+    assert_eq!(PpoConfig::from_toml(preset).unwrap().learning_rate_range, [1e-6, 1e-2]);
+    // `accept_ratio` of TRPO_DEFAULT_CONFIG, and `residual_tolerance` of its conjugate gradients.
+    let trpo = TrpoConfig::from_toml(preset).unwrap();
+    assert_eq!((trpo.accept_ratio, trpo.cg_tolerance), (0.5, 1e-10));
+}
+
+#[test]
 fn trpo() {
     for (name, config, case) in cases::<TrpoConfig>() {
         let tolerance = step_tolerance(&config);

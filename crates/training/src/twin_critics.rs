@@ -1,4 +1,4 @@
-//! Two critics, of which the smaller value counts: it is the one that is less likely too large.
+//! Two critics, of which the smaller value counts, since a policy seeks out values that are too large.
 
 use mishandle_network::{Mlp, Scalar, Workspace};
 use mishandle_rollout::Seed;
@@ -19,7 +19,7 @@ pub(crate) struct TwinCritics(pub [Followed; 2]);
 const NAMES: [&str; 2] = ["critic_1", "critic_2"];
 
 impl TwinCritics {
-    /// Critics of observations and actions of these sizes, with first weights of the training's `seed`.
+    /// Critics of observations and actions of these sizes; their first weights are drawn from the training's `seed`.
     ///
     /// # Errors
     /// If a layer has no outputs.

@@ -1,15 +1,15 @@
 use std::ops::Range;
 
 use mishandle_network::{Adam, CHUNK_ROWS, ChunkPool, clip_norm};
-use mishandle_rollout::Seed;
 
 use super::config::{GradNorm, PpoConfig, Reduction, Schedule, Standardized};
 use super::loss::{Minibatch, RIDERS, Scratch};
-use crate::actor_critic::{ActorCritic, MINIBATCHES, Setup, mean_and_scale};
+use crate::actor_critic::{ActorCritic, mean_and_scale};
 use crate::gaussian::Deviations;
 use crate::learner::iterations;
 use crate::minibatches::Minibatches;
 use crate::on_policy::{Improvement, Improver};
+use crate::on_policy_settings::{Setup, setup_of};
 use crate::{Checkpoint, Critic, TrainingError};
 
 /// Factor by which the adaptive schedule changes it.
@@ -127,17 +127,10 @@ impl Improver for Ppo {
     type Config = PpoConfig;
 
     fn setup(config: &PpoConfig) -> Setup<'_> {
-        Setup {
-            rollout_steps: config.rollout_steps,
-            gamma: config.gamma,
-            gae_lambda: config.gae_lambda,
-            episodes: &config.episodes,
-            policy: &config.policy,
-            critic: &config.critic,
-        }
+        setup_of!(config)
     }
 
-    fn new(config: &PpoConfig, actor_critic: &mut ActorCritic, seed: Seed) -> Ppo {
+    fn new(config: &PpoConfig, actor_critic: &mut ActorCritic, minibatches: Minibatches) -> Ppo {
         if config.shared_learning_rate {
             actor_critic.critic.set_learning_rate(config.learning_rate);
         }
@@ -149,13 +142,7 @@ impl Improver for Ppo {
             log_std_adam: Adam::new(actions, config.learning_rate),
             pool: ChunkPool::new(CHUNK_ROWS),
             gradient: vec![0.0; gradient],
-            minibatches: Minibatches::new(
-                config.minibatches,
-                actor_critic.buffer.count(),
-                config.minibatch_rows,
-                config.slices,
-                seed.child(MINIBATCHES),
-            ),
+            minibatches,
         }
     }
 

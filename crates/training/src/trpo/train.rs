@@ -1,13 +1,13 @@
 use mishandle_network::{CHUNK_ROWS, ChunkPool};
-use mishandle_rollout::Seed;
 
 use super::config::{Distance, Expected, TrpoConfig};
 use super::loss::{Batch, Gaussian, Scratch};
-use crate::actor_critic::{ActorCritic, MINIBATCHES, Setup, mean_and_scale};
+use crate::actor_critic::{ActorCritic, mean_and_scale};
 use crate::conjugate_gradient::{conjugate_gradient, dot};
 use crate::gaussian::Deviations;
 use crate::minibatches::Minibatches;
 use crate::on_policy::{Improvement, Improver};
+use crate::on_policy_settings::{Setup, setup_of};
 
 pub(crate) struct Trpo {
     config: TrpoConfig,
@@ -157,30 +157,17 @@ impl Improver for Trpo {
     type Config = TrpoConfig;
 
     fn setup(config: &TrpoConfig) -> Setup<'_> {
-        Setup {
-            rollout_steps: config.rollout_steps,
-            gamma: config.gamma,
-            gae_lambda: config.gae_lambda,
-            episodes: &config.episodes,
-            policy: &config.policy,
-            critic: &config.critic,
-        }
+        setup_of!(config)
     }
 
-    fn new(config: &TrpoConfig, actor_critic: &mut ActorCritic, seed: Seed) -> Trpo {
+    fn new(config: &TrpoConfig, actor_critic: &mut ActorCritic, minibatches: Minibatches) -> Trpo {
         Trpo {
             config: config.clone(),
             pool: ChunkPool::new(CHUNK_ROWS),
             outcome_pool: ChunkPool::new(CHUNK_ROWS),
             gradient: Vec::new(),
             old_means: vec![0.0; actor_critic.buffer.count() * actor_critic.log_std.len()],
-            minibatches: Minibatches::new(
-                config.minibatches,
-                actor_critic.buffer.count(),
-                config.minibatch_rows,
-                config.slices,
-                seed.child(MINIBATCHES),
-            ),
+            minibatches,
         }
     }
 
