@@ -38,13 +38,13 @@ pub(super) const SHAPED: &[Quantity] = &[
         "",
         "0.15 (1 - tanh(3 d)), d the horizontal distance of the peg's origin from the hole's axis",
     ),
-    one("upright", "", "0.15 (1 - tanh(1.5 t)), t the peg's tilt"),
+    one("centred", "", "0.1 (1 - tanh(50 d))"),
+    one("upright", "", "0.1 (1 - tanh(3 t)), t the peg's tilt"),
     one(
         "down",
         "",
-        "0.4 (1 - tanh(5 d)) (1 - h / 0.45 m), h the height of the peg above its inserted place, between 0 and 0.45 m",
+        "0.25 (1 - tanh(5 d)) (1 - h / 0.45 m), h the height of the peg above its inserted place, between 0 and 0.45 m",
     ),
-    one("centred", "", "0.1 (1 - tanh(50 d)) (1 - h / 0.45 m)"),
     one("in", "", "0.2 of the insertion depth's share of 0.05 m, between 0 and 1"),
     one("inserted", "", "0.3 where d <= 0.005 and the insertion depth is at least 0.045, else 0"),
     one("calm", "", "-0.01 times the mean of the arm's squared actions"),
@@ -91,14 +91,10 @@ fn step(x: f64, [low, high]: [f64; 2], [below, above]: [f64; 2]) -> f64 {
 pub(super) fn shaped(signals: &[f64], height: f64, action: &[f64], out: &mut [f64]) {
     let (d, depth, tilt) = (signals[0], signals[1], signals[2]);
     out[0] = 0.15 * (1.0 - (3.0 * d).tanh());
-    // Wide in tilt: where the arm must fold to reach a near hole, the tip finds it with the peg aslant, and stays there if
-    // standing up is worth little.
-    out[1] = 0.15 * (1.0 - (1.5 * tilt).tanh());
+    out[1] = 0.1 * (1.0 - (50.0 * d).tanh());
+    out[2] = 0.1 * (1.0 - (3.0 * tilt).tanh());
     // Even in height: a peg that hovers high above the hole, as it does at first, gains by every bit that it comes down.
-    // To stay right above the hole counts the more the lower it is, else the arm would not dare to move.
-    let descent = 1.0 - (height / 0.45).clamp(0.0, 1.0);
-    out[2] = 0.4 * (1.0 - (5.0 * d).tanh()) * descent;
-    out[3] = 0.1 * (1.0 - (50.0 * d).tanh()) * descent;
+    out[3] = 0.25 * (1.0 - (5.0 * d).tanh()) * (1.0 - (height / 0.45).clamp(0.0, 1.0));
     out[4] = 0.2 * (depth / super::DEPTH).clamp(0.0, 1.0);
     out[5] = if d <= 0.005 && depth >= 0.045 { 0.3 } else { 0.0 };
     out[6] = effort(action);
