@@ -33,7 +33,7 @@ mod tensorboard;
 mod train;
 mod training_facts;
 
-pub use build::{VERSION, build};
+pub use build::{VERSION, VERSION_AND_COMMIT, build};
 pub use curve::{Curve, CurveProblem, CurveRow};
 pub use error::MishandleError;
 pub use evaluate::{evaluate, leaves_out_starts};

@@ -7,7 +7,8 @@ use clap::{Args, Parser, Subcommand};
 
 /// Finds out what makes a robot's controller fail.
 #[derive(Debug, Parser)]
-#[command(name = "mishandle", version, arg_required_else_help = true, max_term_width = 100)]
+#[command(name = "mishandle", version = mishandle::VERSION_AND_COMMIT)]
+#[command(arg_required_else_help = true, max_term_width = 100)]
 #[command(after_help = "Examples:
   mishandle tasks
   mishandle evaluate ball-balancing --controller ppo --episodes 1000

@@ -10,7 +10,7 @@ use super::curve::Curve;
 use super::facts::{Facts, Wanted, file_hash, keys};
 use super::home::write;
 use super::measure::{Bench, Candidate, remove};
-use super::plan::{NOT_FALSIFIED, Training};
+use super::plan::Training;
 use super::record::Record;
 use super::state::{Standing, State, differences};
 
@@ -74,7 +74,7 @@ fn measured(
         task,
         task_hash: facts.text("task_hash"),
         controller: controller.to_string_lossy().into_owned(),
-        falsifies: training.is_shipped() && !NOT_FALSIFIED.contains(&training.task.as_str()),
+        falsifies: training.is_falsified(),
         name: format!("{}.measure", training.name()),
     })?;
     Ok(Record::trained(&training.task, &training.controller(), facts, &hash, found))

@@ -62,8 +62,6 @@ pub struct Candidate<'a> {
 pub struct Bench<'a> {
     pub home: &'a Home,
     pub program: &'a Program,
-    /// The commit that is measured.
-    pub commit: String,
     pub stop: &'a AtomicBool,
 }
 
@@ -89,7 +87,7 @@ impl Bench<'_> {
         let falsification =
             if candidate.falsifies { self.run("falsify", candidate, &words)? } else { Value::Null };
         Ok(Measured {
-            commit: self.commit.clone(),
+            commit: self.program.commit()?,
             conditions: conditions(candidate.task, candidate.task_hash),
             evaluations,
             whole_box,

@@ -29,7 +29,6 @@ mod workers;
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -38,7 +37,6 @@ use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-use crate::process::output;
 use facts::Wanted;
 use home::Home;
 use measure::{Bench, conditions};
@@ -66,10 +64,7 @@ pub fn make(root: &Path, arguments: &[String]) -> Result<()> {
         Some(file) => Program::at(file, &home)?,
         None => Program::built(root, &home)?,
     };
-    let head = ["rev-parse", "--short=12", "HEAD"];
-    let commit = output(Command::new("git").args(head).current_dir(root)).unwrap_or_default();
-    let commit = commit.trim().to_string();
-    act(&Bench { home: &home, program: &program, commit, stop: stop.as_ref() }, &options)
+    act(&Bench { home: &home, program: &program, stop: stop.as_ref() }, &options)
 }
 
 fn act(bench: &Bench<'_>, options: &Options) -> Result<()> {

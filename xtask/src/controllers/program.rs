@@ -51,6 +51,16 @@ impl Program {
         command
     }
 
+    /// The commit that the program was built from.
+    ///
+    /// # Errors
+    /// If the program does not tell it.
+    pub fn commit(&self) -> Result<String> {
+        let told = output(Command::new(&self.file).arg("--version"))?;
+        let commit = told.trim().strip_suffix(')').and_then(|told| told.split_once('('));
+        Ok(commit.with_context(|| format!("`--version` says `{}`", told.trim()))?.1.to_string())
+    }
+
     fn json(&self, words: &[&str]) -> Result<Value> {
         let mut command = Command::new(&self.file);
         command.args(words).arg("--json").current_dir(self.home.folder());

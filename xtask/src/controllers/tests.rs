@@ -24,6 +24,7 @@ while [ $# -gt 0 ]; do
     shift
 done
 case $verb in
+    --version) echo 'mishandle 0.1.0 (c0ffee)' ;;
     tasks) cat "$MISHANDLE_HOME/tasks.json" ;;
     dry-run)
         text=$(sed 's/$/\\\\n/' "$settings" | tr -d '\n')
@@ -113,8 +114,7 @@ impl Bench {
         let options = Options::parse(&line.split_whitespace().map(String::from).collect::<Vec<_>>())?;
         let home = Home::at(self.folder.path());
         let program = Program::at(&self.path("program"), &home)?;
-        let commit = "c0ffee".to_string();
-        act(&measure::Bench { home: &home, program: &program, commit, stop }, &options)
+        act(&measure::Bench { home: &home, program: &program, stop }, &options)
     }
 
     fn run(&self, line: &str) -> Result<()> {
@@ -126,7 +126,7 @@ impl Bench {
         let home = Home::at(self.folder.path());
         let program = Program::at(&self.path("program"), &home).unwrap();
         let stop = AtomicBool::new(false);
-        let bench = measure::Bench { home: &home, program: &program, commit: String::new(), stop: &stop };
+        let bench = measure::Bench { home: &home, program: &program, stop: &stop };
         let options = Options::parse(&[]).unwrap();
         let tasks = program.tasks().unwrap();
         let standings = standings(&bench, &tasks, &options, &mut BTreeMap::new()).unwrap();
