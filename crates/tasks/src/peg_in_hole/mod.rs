@@ -144,6 +144,7 @@ impl Task for PegInHole {
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
         Ok(Box::new(Bound {
             fingers: [model.body("left_finger")?, model.body("right_finger")?],
+            elbow: model.body("link4")?,
             peg: model.joint("peg")?,
             weld: model.equality("peg")?,
             block: model.mocap("block")?,
@@ -158,6 +159,8 @@ impl Task for PegInHole {
 
 struct Bound {
     fingers: [Body; 2],
+    /// Its origin is on the fourth joint's axis.
+    elbow: Body,
     peg: Joint,
     weld: Equality,
     block: Mocap,
@@ -216,7 +219,10 @@ impl Scene for Bound {
                 let speed = 0.5 * norm(add(left, right));
                 reward::original(signals[0], height, self.quaternion(rows), speed, action, out);
             }
-            Reward::Shaped => reward::shaped(signals, height, action, out),
+            Reward::Shaped => {
+                let elbow = norm_xy(sub(rows.position(self.elbow), rows.site_position(self.hole)));
+                reward::shaped(signals, height, elbow, action, out);
+            }
         }
     }
 
