@@ -36,14 +36,14 @@ pub(super) const SHAPED: &[Quantity] = &[
     one(
         "near",
         "",
-        "0.15 (1 - tanh(3 d)), d the horizontal distance of the peg's origin from the hole's axis",
+        "0.3 (1 - tanh(3 d)), d the horizontal distance of the peg's origin from the hole's axis",
     ),
     one("centred", "", "0.1 (1 - tanh(50 d))"),
     one("upright", "", "0.1 (1 - tanh(3 t)), t the peg's tilt"),
     one(
         "down",
         "",
-        "0.25 (1 - tanh(5 d)) (1 - h / 0.45 m), h the height of the peg above its inserted place, between 0 and 0.45 m",
+        "0.4 (1 - tanh(5 d)) (1 - h / 0.45 m), h the height of the peg above its inserted place, between 0 and 0.45 m",
     ),
     one("elbow", "", "0.3 of its horizontal distance from the hole's axis over 0.4 m, at most 0.3"),
     one("in", "", "0.2 of the insertion depth's share of 0.05 m, between 0 and 1"),
@@ -91,11 +91,11 @@ fn step(x: f64, [low, high]: [f64; 2], [below, above]: [f64; 2]) -> f64 {
 /// The shaped terms, from the task's signals and the height of the peg above its inserted place.
 pub(super) fn shaped(signals: &[f64], height: f64, elbow: f64, action: &[f64], out: &mut [f64]) {
     let (d, depth, tilt) = (signals[0], signals[1], signals[2]);
-    out[0] = 0.15 * (1.0 - (3.0 * d).tanh());
+    out[0] = 0.3 * (1.0 - (3.0 * d).tanh());
     out[1] = 0.1 * (1.0 - (50.0 * d).tanh());
     out[2] = 0.1 * (1.0 - (3.0 * tilt).tanh());
     // Even in height: a peg that hovers high above the hole, as it does at first, gains by every bit that it comes down.
-    out[3] = 0.25 * (1.0 - (5.0 * d).tanh()) * (1.0 - (height / 0.45).clamp(0.0, 1.0));
+    out[3] = 0.4 * (1.0 - (5.0 * d).tanh()) * (1.0 - (height / 0.45).clamp(0.0, 1.0));
     // A near hole is reached by folding the elbow behind it. An arm that leans forward brings the peg there sooner, and then
     // has its elbow in the way.
     out[4] = 0.3 * (elbow / 0.4).min(1.0);
