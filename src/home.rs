@@ -20,9 +20,13 @@ pub fn home() -> PathBuf {
         .map_or(here.clone(), PathBuf::from)
 }
 
-/// The task whose controllers a task takes: of a variant, the task that it varies.
+/// The task whose controllers and settings a task takes: of a variant, the task that it varies.
+fn base(definition: &Definition) -> &'static str {
+    definition.variant_of.unwrap_or(definition.name)
+}
+
 fn controllers_of(definition: &Definition) -> PathBuf {
-    home().join("controllers").join(definition.variant_of.unwrap_or(definition.name))
+    home().join("controllers").join(base(definition))
 }
 
 /// Where the picture of a task is.
@@ -51,8 +55,8 @@ pub fn controller_name(controller: &str) -> String {
 }
 
 /// Where the training settings of an algorithm for a task are.
-pub fn settings_path(task: &str, algorithm: &str) -> PathBuf {
-    home().join("experiments").join("training").join(task).join(format!("{algorithm}.toml"))
+pub fn settings_path(definition: &Definition, algorithm: &str) -> PathBuf {
+    home().join("experiments").join("training").join(base(definition)).join(format!("{algorithm}.toml"))
 }
 
 /// Names of the shipped controllers of a task, in alphabetical order; the expert comes last.

@@ -98,7 +98,8 @@ pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
     if given.is_none() {
         check_home("experiments/training")?;
     }
-    let path = given.unwrap_or_else(|| settings_path(&plan.task, &plan.algorithm));
+    let definition = task(&plan.task)?.definition();
+    let path = given.unwrap_or_else(|| settings_path(definition, &plan.algorithm));
     // What is neither a file nor looks like one was meant as a preset.
     if !path.exists() && path.components().count() == 1 && path.extension().is_none_or(|end| end != "toml") {
         known("preset", &path.to_string_lossy(), &PRESETS)?;

@@ -96,7 +96,7 @@ fn tasks(shown: &Shown<'_>) -> String {
 fn performance(shown: &Shown<'_>, noise: usize) -> String {
     let mut table = format!(
         "{EPISODES} starts, action noise of standard deviation {}.\n\n\
-         | task | controller | SR | strict SR | DBR | TCT | paper: SR | DBR | TCT | {} | commit |\n\
+         | task | controller | SR | strict SR | DBR | TCT | paper: SR | paper: DBR | paper: TCT | {} | commit |\n\
          |---|---|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
         NOISE[noise],
         if noise == 0 { "misses" } else { "broken" },

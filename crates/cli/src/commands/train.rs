@@ -185,6 +185,9 @@ fn say_places(plan: &TrainPlan) {
         let folder = mishandle::shell_word(&folder.to_string_lossy());
         output::say(&format!("Look at it: tensorboard --logdir {folder}"));
     }
-    let out = mishandle::shell_word(&plan.out.to_string_lossy());
+    // A bare word would be taken for the name of a shipped controller.
+    let is_bare = plan.out.components().count() == 1 && plan.out.extension().is_none();
+    let out = if is_bare { Path::new(".").join(&plan.out) } else { plan.out.clone() };
+    let out = mishandle::shell_word(&out.to_string_lossy());
     output::say(&format!("Measure it: mishandle evaluate {} --controller {out}", plan.task));
 }
