@@ -4,8 +4,7 @@ use mishandle_store::Build;
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// The version, and in brackets the commit that the program was built from: `mishandle --version`.
-pub const VERSION_AND_COMMIT: &str =
-    concat!(env!("CARGO_PKG_VERSION"), " (", env!("MISHANDLE_COMMIT"), ")");
+pub const VERSION_AND_COMMIT: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("MISHANDLE_COMMIT"), ")");
 
 /// What the program was built from: what a record needs to be replayed to the same bits.
 pub fn build() -> Build {

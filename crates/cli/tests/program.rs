@@ -462,7 +462,8 @@ fn a_dry_run_says_what_would_be_trained_and_trains_nothing() {
     );
     assert!(!bench.path("runs").exists());
     // A variant has the settings of the task that it varies.
-    let settings_of = |task: &str| bench.json(&format!("train {task} --dry-run --json"), 0)["settings"].clone();
+    let settings_of =
+        |task: &str| bench.json(&format!("train {task} --dry-run --json"), 0)["settings"].clone();
     assert_eq!(settings_of("cloth-placing-7x7"), settings_of("cloth-placing"));
 }
 
