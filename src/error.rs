@@ -51,6 +51,15 @@ pub enum MishandleError {
         /// The flag that says where it is.
         flag: &'static str,
     },
+    /// There is nothing that a training could carry on from.
+    #[error(
+        "there is no checkpoint {} to carry on from; to begin again, remove what the training left and leave out --resume",
+        path.display()
+    )]
+    NoCheckpoint {
+        /// Where it would be.
+        path: PathBuf,
+    },
     /// The curve would be written over another file of its training.
     #[error("the curve cannot go to {}, where the training has another file; give another --csv", path.display())]
     SamePlace {

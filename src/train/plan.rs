@@ -74,6 +74,9 @@ impl TrainPlan {
         let (last, checkpoint) = (self.last(), self.checkpoint());
         let own = [("--out", &self.out), ("--out", &last), ("--out", &checkpoint)];
         let all = own.into_iter().chain(self.csv.as_ref().map(|csv| ("--csv", csv)));
+        if self.resume && !checkpoint.exists() {
+            return Err(MishandleError::NoCheckpoint { path: checkpoint.clone() });
+        }
         for (flag, path) in all {
             if !self.resume && path.exists() {
                 return Err(MishandleError::Exists { path: path.clone(), flag });

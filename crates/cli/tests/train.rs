@@ -163,6 +163,10 @@ fn nothing_is_written_over_unasked() {
     let train = format!("{TRAIN} --steps 256");
     bench.check(&format!("{train} --out a.safetensors --csv a.csv --tensorboard board"), 0);
     for (flags, told) in [
+        (
+            "--out none.safetensors --resume",
+            "there is no checkpoint none.safetensors.checkpoint to carry on from",
+        ),
         ("--out a.safetensors", "a.safetensors exists already; give another --out, or --resume"),
         ("--out b.safetensors --csv a.csv", "a.csv exists already; give another --csv, or --resume"),
         (

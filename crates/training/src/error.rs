@@ -47,7 +47,7 @@ pub enum TrainingError {
         what: &'static str,
     },
     /// A checkpoint's file cannot be read or written.
-    #[error("cannot {verb} the checkpoint ({source}): {}", path.display())]
+    #[error("cannot {verb} the checkpoint {}", path.display())]
     File {
         /// `read` or `write`.
         verb: &'static str,

@@ -78,7 +78,7 @@ fn chart(task: &str, found: &[Seeds]) -> Chart {
         let steps: Quantity = |row| Some(row.environment_steps as f64);
         let secs: Quantity = |row| Some(row.wall_clock_secs);
         panels.push(panel("environment steps", y_label, found, (steps, height), step_ticks()));
-        panels.push(panel("wall clock on one thread", y_label, found, (secs, height), time_ticks()));
+        panels.push(panel("wall clock", y_label, found, (secs, height), time_ticks()));
     }
     Chart {
         title: format!("{task}: validation while training"),
