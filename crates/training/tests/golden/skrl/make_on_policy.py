@@ -211,7 +211,10 @@ def trpo_update(agent):
     }
 
 
-def case(make, settings, config):
+def case(make, settings, config, seed=None):
+    """Some rollouts, each followed by an update; with a seed, its own draws instead of the next."""
+    if seed is not None:
+        generator.manual_seed(seed)
     agent = agent_of(make, config)
     update = ppo_update if make is PPO else trpo_update
     start, rollouts = weights(agent), []
@@ -302,6 +305,13 @@ critic.hidden = [{HIDDEN}]
                 TRPO,
                 FEW + SCALED + "epochs = 16\nslices = 8\nmax_grad_norm = 1.0\ncritic.loss_scale = 2.0\n",
                 {**few, "scaled": True, "learning_epochs": 16, "mini_batches": 8, "grad_norm_clip": 1.0, "value_loss_scale": 2.0},
+            ),
+            # Moved scales, so that the old policy's own surrogate is not 0: what a step has to improve on decides here.
+            "begins elsewhere": case(
+                TRPO,
+                FEW + SCALED + "max_kl = 0.05\naccept_ratio = 0.9\n",
+                {**few, "scaled": True, "max_kl_divergence": 0.05, "accept_ratio": 0.9},
+                seed=1,
             ),
         },
     }
