@@ -24,7 +24,7 @@ pub enum NoTrainingTime {
     #[error("no episode has ended")]
     NoReturn,
     /// One row has a return.
-    #[error("in one iteration alone have episodes ended")]
+    #[error("episodes have ended in one iteration only")]
     OneReturn,
     /// A return is NaN or infinite, or so great that their sums are.
     #[error("the returns are not finite")]

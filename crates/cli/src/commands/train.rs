@@ -25,7 +25,13 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
         for failure in failures {
             output::say(&format!("error: {failure}"));
         }
-        output::say(&format!("interrupted after {} environment steps", trained.environment_steps));
+        let is_checkpoint = |failure| matches!(failure, &MishandleError::Training(_));
+        let lost = if report.unwritten.iter().any(is_checkpoint) {
+            "; what was learned since the last checkpoint is lost"
+        } else {
+            ""
+        };
+        output::say(&format!("interrupted after {} environment steps{lost}", trained.environment_steps));
         output::say(&format!("Carry on: {}", plan.resuming_command()));
         return Ok(Outcome::Interrupted);
     }
