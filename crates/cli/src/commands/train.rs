@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::{Error, Result, anyhow};
 use mishandle::training::RunSettings;
 use mishandle::{MishandleError, TrainPlan, TrainReport, default_out};
 use serde_json::{Value, json};
@@ -20,29 +20,11 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
     watch.finish();
     let report = report?;
     let trained = &report.trained;
-    let failures: Vec<String> = report.unwritten.iter().map(whole).collect();
     if interrupt::asked() && !report.has_ended() {
-        for failure in failures {
-            output::say(&format!("error: {failure}"));
-        }
-        let is_checkpoint = |failure| matches!(failure, &MishandleError::Training(_));
-        let lost = if report.unwritten.iter().any(is_checkpoint) {
-            "; what was learned since the last checkpoint is lost"
-        } else {
-            ""
-        };
-        output::say(&format!("interrupted after {} environment steps{lost}", trained.environment_steps));
-        output::say(&format!("Carry on: {}", plan.resuming_command()));
-        return Ok(Outcome::Interrupted);
+        return Ok(interrupted(&plan, &report));
     }
-    if !failures.is_empty() {
-        let is_controller = |failure| matches!(failure, &MishandleError::Controller(_));
-        let again = if report.unwritten.iter().any(is_controller) {
-            format!("\nCarry on once it can be written: {}", plan.resuming_command())
-        } else {
-            String::new()
-        };
-        bail!("{}{again}", failures.join("; "));
+    if !report.unwritten.is_empty() {
+        return Err(unwritten(&plan, &report));
     }
     if let Some(asked) =
         plan.steps.filter(|asked| !report.stopped_early() && trained.environment_steps > *asked)
@@ -64,6 +46,32 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
     }
     say_places(&plan);
     Ok(Outcome::Done)
+}
+
+/// Says how far an interrupted training came, and how it goes on: its first checkpoint is there, if no later one.
+fn interrupted(plan: &TrainPlan, report: &TrainReport) -> Outcome {
+    for failure in &report.unwritten {
+        output::say(&format!("error: {}", whole(failure)));
+    }
+    let is_checkpoint = |failure: &MishandleError| matches!(failure, MishandleError::Training(_));
+    let lost = match report.unwritten.iter().any(is_checkpoint) {
+        true => "; what was learned since the last checkpoint is lost",
+        false => "",
+    };
+    output::say(&format!("interrupted after {} environment steps{lost}", report.trained.environment_steps));
+    output::say(&format!("Carry on: {}", plan.resuming_command()));
+    Outcome::Interrupted
+}
+
+/// What a training that came to its end could not write, and how it can be made up for.
+fn unwritten(plan: &TrainPlan, report: &TrainReport) -> Error {
+    let failures: Vec<String> = report.unwritten.iter().map(whole).collect();
+    let error = anyhow!(failures.join("; "));
+    // Rows that are lost do not come back, but the controllers do.
+    match report.unwritten.iter().any(|failure| matches!(failure, MishandleError::Controller(_))) {
+        true => anyhow!("{error}\nCarry on once it can be written: {}", plan.resuming_command()),
+        false => error,
+    }
 }
 
 /// Says what would be trained.
