@@ -60,11 +60,17 @@ pub enum MishandleError {
         /// Where it would be.
         path: PathBuf,
     },
-    /// The curve would be written over another file of its training.
-    #[error("the curve cannot go to {}, where the training has another file; give another --csv", path.display())]
+    /// Two things that a training writes would go to one place.
+    #[error("{} would hold both {first} and {second}; give another {flag}", path.display())]
     SamePlace {
-        /// The other file.
+        /// The place.
         path: PathBuf,
+        /// What goes there.
+        first: &'static str,
+        /// What else does.
+        second: &'static str,
+        /// The flag that puts the second there.
+        flag: &'static str,
     },
     /// The file of a training's curve is damaged, foreign, or another training's.
     #[error("{}: {problem}", path.display())]
@@ -117,6 +123,16 @@ pub enum MishandleError {
     /// A file cannot be read or written.
     #[error("{}", path.display())]
     File {
+        /// Its path.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// What a training writes down as it goes cannot be written.
+    #[error("cannot write the {what} {}", path.display())]
+    Write {
+        /// What it is.
+        what: &'static str,
         /// Its path.
         path: PathBuf,
         /// What the system says.

@@ -13,19 +13,36 @@ pub(crate) struct GrowingFile {
     length: u64,
     /// Records that are not there yet.
     pending: Vec<u8>,
+    /// Whether it was begun here.
+    is_new: bool,
 }
 
 impl GrowingFile {
-    /// Begins a file that must not be there yet.
-    pub(crate) fn create(path: PathBuf) -> io::Result<GrowingFile> {
+    /// Begins a file that must not be there yet. If its first record cannot be written, nothing is left of it.
+    pub(crate) fn create(path: PathBuf, first: &[u8]) -> io::Result<GrowingFile> {
         let file = File::create_new(&path)?;
-        Ok(GrowingFile { path, file, length: 0, pending: Vec::new() })
+        let mut begun = GrowingFile { path, file, length: 0, pending: Vec::new(), is_new: true };
+        match begun.append(first) {
+            Ok(()) => Ok(begun),
+            Err(error) => {
+                begun.discard();
+                Err(error)
+            }
+        }
     }
 
     /// Goes on behind the first `length` bytes of a file.
     pub(crate) fn open(path: PathBuf, length: u64) -> io::Result<GrowingFile> {
         let file = File::options().write(true).open(&path)?;
-        Ok(GrowingFile { path, file, length, pending: Vec::new() })
+        Ok(GrowingFile { path, file, length, pending: Vec::new(), is_new: false })
+    }
+
+    /// Takes the file away again, if it was begun here.
+    pub(crate) fn discard(self) {
+        if self.is_new {
+            // The failure that led here is the one to tell.
+            let _ = std::fs::remove_file(&self.path);
+        }
     }
 
     /// Where it is.
@@ -66,10 +83,9 @@ mod tests {
     fn what_stands_behind_the_kept_bytes_goes_with_the_next_record() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
-        let mut file = GrowingFile::create(path.clone()).unwrap();
-        file.append(b"one ").unwrap();
+        let mut file = GrowingFile::create(path.clone(), b"one ").unwrap();
         file.append(b"two ").unwrap();
-        assert!(GrowingFile::create(path.clone()).is_err());
+        assert!(GrowingFile::create(path.clone(), b"one ").is_err());
         drop(file);
         let mut file = GrowingFile::open(path.clone(), 4).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"one two ");
@@ -84,8 +100,7 @@ mod tests {
     fn what_could_not_be_written_is_tried_again() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
-        let mut file = GrowingFile::create(path.clone()).unwrap();
-        file.append(b"one ").unwrap();
+        let mut file = GrowingFile::create(path.clone(), b"one ").unwrap();
         // A file opened for reading takes nothing.
         let writable = std::mem::replace(&mut file.file, File::open(&path).unwrap());
         assert!(file.append(b"two ").is_err());
@@ -94,5 +109,16 @@ mod tests {
         file.file = writable;
         file.append(b"four ").unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"one two three four ");
+    }
+
+    #[test]
+    fn only_a_file_that_was_begun_here_is_taken_away() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        GrowingFile::create(path.clone(), b"one ").unwrap().discard();
+        assert!(!path.exists());
+        drop(GrowingFile::create(path.clone(), b"one ").unwrap());
+        GrowingFile::open(path.clone(), 4).unwrap().discard();
+        assert_eq!(std::fs::read(&path).unwrap(), b"one ");
     }
 }

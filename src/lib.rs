@@ -24,6 +24,7 @@ mod film;
 mod growing_file;
 mod home;
 mod lock;
+mod new_folders;
 mod plan;
 mod record;
 mod replay;
@@ -34,7 +35,7 @@ mod train;
 mod training_facts;
 
 pub use build::{VERSION, VERSION_AND_COMMIT, build};
-pub use curve::{Curve, CurveProblem, CurveRow};
+pub use curve::{Curve, CurveProblem, CurveRow, NoTrainingTime};
 pub use error::MishandleError;
 pub use evaluate::{evaluate, leaves_out_starts};
 pub use falsify::{Progress, falsify};
@@ -45,7 +46,7 @@ pub use record::create_run;
 pub use replay::{Replayed, choose, other_build, recorded_subject, replay};
 pub use shell::shell_word;
 pub use subject::{Subject, preset, task};
-pub use train::{TrainPlan, TrainReport, default_out, reward, train};
+pub use train::{TrainPlan, TrainReport, TrainWatch, default_out, reward, train};
 pub use training_facts::{TrainingFacts, training_facts};
 
 pub use {

@@ -1,6 +1,7 @@
 //! Training, and what it leaves behind.
 
 mod plan;
+mod unwritten;
 mod watcher;
 
 use std::path::Path;
@@ -13,24 +14,38 @@ use mishandle_training::{
     ALGORITHMS, BEST, Checkpoint, Config, Flow, PRESETS, Progress, Trained, Validation,
 };
 
-use crate::curve::{Curve, CurveRow};
+use crate::curve::{Curve, CurveRow, NoTrainingTime};
 use crate::home::check_home;
 use crate::lock::Lock;
+use crate::new_folders::NewFolders;
 use crate::{MishandleError, build, settings_path, task};
 use plan::with_ending;
 use watcher::Watcher;
 
 pub use plan::{TrainPlan, default_out};
 
+/// Who is told how a training goes.
+pub trait TrainWatch {
+    /// Called after each iteration. [`Flow::Stop`] ends the training; what has been learned until then is written all
+    /// the same.
+    fn progress(&mut self, progress: &Progress) -> Flow;
+
+    /// Called when a file cannot be written, once until it can be written again: that is tried after each iteration, of
+    /// a checkpoint after each minute.
+    fn unwritten(&mut self, failure: &MishandleError);
+}
+
 /// What a training gave, and the settings it ran with.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct TrainReport {
     /// The best and the last policy.
     pub trained: Trained,
     /// The settings.
     pub config: Config,
-    /// Where the return became flat, if the plan has the curve written; see [`Curve::flat_after`].
-    pub flat_after: Option<CurveRow>,
+    /// Where the return became flat; see [`Curve::training_time`].
+    pub training_time: Result<CurveRow, NoTrainingTime>,
+    /// Why what is not written is not: controllers, the last checkpoint, the curve, the event file.
+    pub unwritten: Vec<MishandleError>,
 }
 
 impl TrainReport {
@@ -46,47 +61,63 @@ impl TrainReport {
 }
 
 /// Trains a controller and writes it to the plan's file, the best one by validation, with the last one beside it.
-/// `watch` is told how it goes after each iteration, and may stop it; what has been learned until then is written all
-/// the same.
+/// `watch` is told how it goes, and may stop it.
+///
+/// A checkpoint is written after the first iteration. From then on the training goes on without what cannot be written,
+/// and tries again.
 ///
 /// # Errors
 /// If a name is unknown, the settings are wrong, the checkpoint or the curve is another training's, something is in the
-/// way of what is to be written, or a file cannot be written. If only the last checkpoint, the curve or the event file
-/// could not, the controllers are there nevertheless.
-pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<TrainReport, MishandleError> {
+/// way of what is to be written, or its first part or the first checkpoint cannot be written. What was not there before
+/// is then gone again. What cannot be written in the end, the report tells.
+pub fn train(plan: &TrainPlan, watch: &mut dyn TrainWatch) -> Result<TrainReport, MishandleError> {
     let task = task(&plan.task)?;
     let reward = reward(&plan.reward)?;
     let config = settings(plan)?;
-    let _locks = lock(plan)?;
     plan.check_places()?;
+    let mut folders = NewFolders::default();
+    let _locks = lock(plan, &mut folders)?;
+    plan.check_presence()?;
     let hash = task_hash(task, reward)?;
     let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, reward)?);
     let specification = task.definition().formulas(Preset::Paper).specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
     let mut watcher = Watcher::new(plan, environment.clone(), specification, resumed.as_ref(), watch)?;
-    let trained = config.train(environment, Seed(plan.seed), resumed.as_ref(), &mut watcher)?;
-    if let Some(failure) = watcher.failure() {
-        return Err(failure);
-    }
+    let trained = config.train(environment, Seed(plan.seed), resumed.as_ref(), &mut watcher);
+    let trained = match watcher.failure().map_or(trained.map_err(MishandleError::from), Err) {
+        Ok(trained) => trained,
+        Err(failure) => {
+            watcher.abandon();
+            return Err(failure);
+        }
+    };
     let (best, last) = controllers(plan, (task, &hash), &config, &trained);
-    best.save(&plan.out)?;
-    last.save(&plan.last())?;
-    watcher.finish()?;
-    let curve = plan.csv.as_deref().map(Curve::load).transpose()?;
-    let flat_after = curve.and_then(|curve| curve.flat_after().cloned());
-    Ok(TrainReport { trained, config, flat_after })
+    let saved = [best.save(&plan.out), last.save(&plan.last())];
+    let mut unwritten: Vec<MishandleError> =
+        saved.into_iter().filter_map(Result::err).map(MishandleError::from).collect();
+    unwritten.extend(watcher.finish());
+    let training_time = match plan.csv.as_deref().map(Curve::load) {
+        Some(Ok(curve)) => curve.training_time().cloned(),
+        None => Err(NoTrainingTime::NoCurve),
+        Some(Err(error)) => {
+            unwritten.push(error);
+            Err(NoTrainingTime::NoCurve)
+        }
+    };
+    Ok(TrainReport { trained, config, training_time, unwritten })
 }
 
 /// Keeps other trainings away from this one's files, whose folders are made.
-fn lock(plan: &TrainPlan) -> Result<Vec<Lock>, MishandleError> {
-    let places = [("--out", Some(&plan.out)), ("--csv", plan.csv.as_ref())];
-    let places = places.into_iter().filter_map(|(flag, path)| Some((flag, path?)));
+fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<Lock>, MishandleError> {
+    let own = [("--out", plan.out.clone()), ("--out", plan.last())];
+    let places = own.into_iter().chain(plan.csv.clone().map(|csv| ("--csv", csv)));
     places
         .map(|(flag, path)| {
             let folder = path.parent().unwrap_or(Path::new(""));
-            std::fs::create_dir_all(folder)
+            folders
+                .make(folder)
                 .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
-            Lock::take(with_ending(path, ".lock"), path, flag)
+            Lock::take(with_ending(&path, ".lock"), &path, flag)
         })
         .collect()
 }

@@ -12,6 +12,7 @@ use crate::MishandleError;
 use row::{COLUMNS, REWARD, line_of};
 
 pub use row::CurveRow;
+pub use training_time::NoTrainingTime;
 pub(crate) use writer::CurveWriter;
 
 /// A training's curve, as `mishandle train --csv FILE` writes it.
@@ -37,6 +38,8 @@ pub struct Curve {
     /// One for each iteration, without gaps. The first has another number than 1 if the file was begun by a resumed
     /// training.
     pub rows: Vec<CurveRow>,
+    /// Whether the end of the file's last line is missing, as a killed training may leave it: it is no row then.
+    pub is_cut: bool,
 }
 
 /// What is wrong with the file of a curve.
@@ -88,9 +91,6 @@ pub enum CurveProblem {
         /// Those of the line before.
         before: u64,
     },
-    /// The end of the last line is missing.
-    #[error("its last line is cut off")]
-    Cut,
     /// Rows of another reward.
     #[error("its reward terms are {}, those of this training {}", listed(found), listed(wanted))]
     RewardTerms {
@@ -151,9 +151,11 @@ fn read(path: &Path, last: Option<u64>) -> Result<(Curve, u64), MishandleError> 
 }
 
 fn parse(bytes: &[u8], last: Option<u64>) -> Result<(Curve, u64), CurveProblem> {
-    let mut reader = ReaderBuilder::new().from_reader(bytes);
+    let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
+    let mut reader = ReaderBuilder::new().from_reader(&bytes[..whole]);
     let columns = reader.headers()?.clone();
-    let mut curve = Curve { reward_terms: reward_terms(&columns)?, rows: Vec::new() };
+    let is_cut = whole < bytes.len();
+    let mut curve = Curve { reward_terms: reward_terms(&columns)?, rows: Vec::new(), is_cut };
     let mut record = StringRecord::new();
     while reader.read_record(&mut record)? {
         let row = CurveRow::read(&columns, &record)?;
@@ -166,11 +168,7 @@ fn parse(bytes: &[u8], last: Option<u64>) -> Result<(Curve, u64), CurveProblem> 
             break;
         }
     }
-    let end = reader.position().byte();
-    if bytes[..end as usize].last() != Some(&b'\n') {
-        return Err(CurveProblem::Cut);
-    }
-    Ok((curve, end))
+    Ok((curve, reader.position().byte()))
 }
 
 /// Names of the reward's terms, if the other columns are those of a curve.

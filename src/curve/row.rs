@@ -169,13 +169,11 @@ impl Cells<'_> {
         number.ok_or_else(|| self.wrong("a finite number"))
     }
 
+    /// What was measured: NaN or infinite in a training that breaks down.
     fn optional(&mut self) -> Result<Option<f64>, CurveProblem> {
         match self.take() {
             "" => Ok(None),
-            cell => match cell.parse().ok().filter(|number: &f64| number.is_finite()) {
-                None => Err(self.wrong("a finite number, or nothing")),
-                number => Ok(number),
-            },
+            cell => cell.parse().map(Some).map_err(|_| self.wrong("a number, or nothing")),
         }
     }
 

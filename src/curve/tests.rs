@@ -113,13 +113,19 @@ fn what_a_killed_training_left_of_a_line_is_no_harm_behind_the_checkpoint() {
     let example = Example::new();
     let whole = example.text();
     std::fs::write(example.path(), &whole[..whole.len() - 20]).unwrap();
-    let error = Curve::load(&example.path()).unwrap_err().to_string();
-    assert!(error.contains("curve.csv") && error.contains("line: 4"), "{error}");
+    let cut = Curve::load(&example.path()).unwrap();
+    assert_eq!((cut.rows.len(), cut.is_cut), (2, true));
     example.resume(&terms(), 2).unwrap().write(&progress(3)).unwrap();
     assert_eq!(example.text(), whole);
     // Cut within the last number, it still has all its cells.
     std::fs::write(example.path(), &whole[..whole.len() - 3]).unwrap();
-    assert!(Curve::load(&example.path()).unwrap_err().to_string().ends_with("its last line is cut off"));
+    assert_eq!(Curve::load(&example.path()).unwrap(), cut);
+    assert!(example.resume(&terms(), 3).unwrap_err().to_string().contains("no row of iteration 3"));
+    // A file that is cut within its first line has no columns.
+    std::fs::write(example.path(), &whole[..20]).unwrap();
+    assert!(
+        Curve::load(&example.path()).unwrap_err().to_string().contains("column 1 of its first line is ``")
+    );
 }
 
 #[test]
@@ -160,6 +166,15 @@ fn check_refusal(from: &str, to: &str, told: &str) {
 }
 
 #[test]
+fn what_a_training_measures_as_it_breaks_down_comes_back() {
+    let example = Example::new();
+    let broken = Progress { mean_return: Some(f64::NEG_INFINITY), kl: Some(f64::INFINITY), ..progress(1) };
+    std::fs::remove_file(example.path()).unwrap();
+    CurveWriter::create(&example.path(), &terms()).unwrap().write(&broken).unwrap();
+    assert_eq!(Curve::load(&example.path()).unwrap().rows, [CurveRow::from(&broken)]);
+}
+
+#[test]
 fn a_file_edited_by_hand_is_refused_with_its_line() {
     check_refusal("kl,entropy", "entropy,kl", "column 10 of its first line is `entropy`; it has to be `kl`");
     check_refusal(
@@ -170,7 +185,8 @@ fn a_file_edited_by_hand_is_refused_with_its_line() {
     check_refusal("\n2,1024", "\n2,many", "line 3: environment_steps is `many`; it has to be a whole number");
     check_refusal("\n2,1024", "\n4,1024", "line 3: iteration 4 cannot follow iteration 1");
     check_refusal("\n2,1024", "\n2,512", "line 3: 512 environment steps cannot follow 512");
-    check_refusal("-0.2,", "NaN,", "line 3: mean_return is `NaN`; it has to be a finite number, or nothing");
+    check_refusal("-0.2,", "low,", "line 3: mean_return is `low`; it has to be a number, or nothing");
+    check_refusal("0.00001", "NaN", "line 2: learning_rate is `NaN`; it has to be a finite number");
     check_refusal("0.00001", "", "line 2: learning_rate is ``; it has to be a finite number");
     check_refusal(
         "0.75,0.5,-7",
@@ -190,7 +206,7 @@ fn what_is_no_file_of_text_is_refused() {
     assert!(std::error::Error::source(&missing).is_some(), "{missing}");
     std::fs::write(&path, "").unwrap();
     assert!(told().contains("column 1 of its first line is ``; it has to be `iteration`"), "{}", told());
-    std::fs::write(&path, b"\xff\xfe\x00").unwrap();
+    std::fs::write(&path, b"\xff\xfe\x00\n").unwrap();
     assert!(told().contains("UTF-8"), "{}", told());
     let device = Curve::load(Path::new("/dev/zero")).unwrap_err().to_string();
     assert_eq!(device, "/dev/zero: it is no plain file");

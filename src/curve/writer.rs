@@ -1,5 +1,5 @@
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use mishandle_training::{Checkpoint, Progress};
 
@@ -20,12 +20,10 @@ impl CurveWriter {
     /// # Errors
     /// If it is there, or cannot be made.
     pub(crate) fn create(path: &Path, reward_terms: &[String]) -> Result<CurveWriter, MishandleError> {
-        let failed = |source| MishandleError::File { path: path.to_path_buf(), source };
-        let mut file = GrowingFile::create(path.to_path_buf()).map_err(failed)?;
         let columns = COLUMNS.iter().map(|name| (*name).to_string());
         let columns = columns.chain(reward_terms.iter().map(|name| format!("{REWARD}{name}")));
-        file.append(&line(columns)).map_err(failed)?;
-        Ok(CurveWriter { file })
+        let file = GrowingFile::create(path.to_path_buf(), &line(columns));
+        Ok(CurveWriter { file: file.map_err(|source| unwritten(path, source))? })
     }
 
     /// Goes on behind the row of the checkpoint. Rows behind it are of iterations that will be made again: they go
@@ -41,8 +39,7 @@ impl CurveWriter {
         if !path.exists() {
             return CurveWriter::create(path, reward_terms);
         }
-        let path_buf = || path.to_path_buf();
-        let wrong = |problem| MishandleError::Curve { path: path_buf(), problem };
+        let wrong = |problem| MishandleError::Curve { path: path.to_path_buf(), problem };
         let iteration = checkpoint.u64s("iteration", 1)?[0];
         let wanted = secs_cell(checkpoint.f64s("wall_clock_secs", 1)?[0]);
         let (curve, length) = read(path, Some(iteration))?;
@@ -59,25 +56,29 @@ impl CurveWriter {
                 return Err(wrong(CurveProblem::OtherTraining { iteration, wanted, found }));
             }
         }
-        let file = GrowingFile::open(path_buf(), length)
-            .map_err(|source| MishandleError::File { path: path_buf(), source })?;
+        let file = GrowingFile::open(path.to_path_buf(), length).map_err(|source| unwritten(path, source))?;
         Ok(CurveWriter { file })
     }
 
-    /// Where it is.
-    pub(crate) fn path(&self) -> PathBuf {
-        self.file.path().to_path_buf()
+    /// Takes the file away again, if it was begun here.
+    pub(crate) fn discard(self) {
+        self.file.discard();
     }
 
     /// Writes the row of an iteration. What cannot be written is tried again with the next.
-    pub(crate) fn write(&mut self, progress: &Progress) -> io::Result<()> {
-        self.file.append(&line(CurveRow::from(progress).cells()))
+    pub(crate) fn write(&mut self, progress: &Progress) -> Result<(), MishandleError> {
+        let written = self.file.append(&line(CurveRow::from(progress).cells()));
+        written.map_err(|source| unwritten(self.file.path(), source))
     }
 
     /// Has all rows reach the disk.
-    pub(crate) fn finish(&mut self) -> io::Result<()> {
-        self.file.finish()
+    pub(crate) fn finish(&mut self) -> Result<(), MishandleError> {
+        self.file.finish().map_err(|source| unwritten(self.file.path(), source))
     }
+}
+
+fn unwritten(path: &Path, source: io::Error) -> MishandleError {
+    MishandleError::Write { what: "curve", path: path.to_path_buf(), source }
 }
 
 /// A line of the file.

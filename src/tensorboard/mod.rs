@@ -13,6 +13,7 @@ use mishandle_training::{Progress, Validation};
 
 use crate::MishandleError;
 use crate::growing_file::GrowingFile;
+use crate::new_folders::NewFolders;
 use encoding::{put_bytes, put_double, put_float, put_integer, record};
 
 /// What the name of every event file has in it: TensorBoard looks for it.
@@ -25,6 +26,7 @@ pub(crate) struct EventFile {
     reward_terms: Vec<String>,
     /// Whether the next record is the first after a checkpoint.
     resumes: bool,
+    _folders: NewFolders,
 }
 
 impl EventFile {
@@ -38,44 +40,42 @@ impl EventFile {
         resumes: bool,
     ) -> Result<EventFile, MishandleError> {
         let failed = |source| MishandleError::File { path: folder.to_path_buf(), source };
-        std::fs::create_dir_all(folder).map_err(failed)?;
+        let mut folders = NewFolders::default();
+        folders.make(folder).map_err(failed)?;
         if let (Some(path), false) = (event_file(folder).map_err(failed)?, resumes) {
             return Err(MishandleError::Exists { path, flag: "--tensorboard" });
         }
-        let mut file = begin(folder).map_err(failed)?;
         let mut event = Vec::new();
         put_double(&mut event, event::WALL_TIME, now_secs());
         put_bytes(&mut event, event::FILE_VERSION, b"brain.Event:2");
-        file.append(&record(&event)).map_err(failed)?;
+        let file = begin(folder, &record(&event)).map_err(|source| unwritten(folder, source))?;
         let reward_terms = reward_terms.iter().map(|name| format!("reward/{name}")).collect();
-        Ok(EventFile { file, reward_terms, resumes })
+        Ok(EventFile { file, reward_terms, resumes, _folders: folders })
     }
 
     /// Takes the file away again.
     pub(crate) fn discard(self) {
-        // What stays behind is no harm: a file without records.
-        let _ = std::fs::remove_file(self.path());
-    }
-
-    /// Where it is.
-    pub(crate) fn path(&self) -> PathBuf {
-        self.file.path().to_path_buf()
+        self.file.discard();
     }
 
     /// Writes what is known after an iteration. What cannot be written is tried again with the next.
-    pub(crate) fn write(&mut self, progress: &Progress) -> io::Result<()> {
+    pub(crate) fn write(&mut self, progress: &Progress) -> Result<(), MishandleError> {
         let mut records = Vec::new();
         if std::mem::take(&mut self.resumes) {
             records = record(&start_again(progress.environment_steps));
         }
         records.extend(record(&scalars(progress, &self.reward_terms)));
-        self.file.append(&records)
+        self.file.append(&records).map_err(|source| unwritten(self.file.path(), source))
     }
 
     /// Has all records reach the disk.
-    pub(crate) fn finish(&mut self) -> io::Result<()> {
-        self.file.finish()
+    pub(crate) fn finish(&mut self) -> Result<(), MishandleError> {
+        self.file.finish().map_err(|source| unwritten(self.file.path(), source))
     }
+}
+
+fn unwritten(path: &Path, source: io::Error) -> MishandleError {
+    MishandleError::Write { what: "event file", path: path.to_path_buf(), source }
 }
 
 /// An event file that a folder has, if any.
@@ -90,12 +90,12 @@ fn event_file(folder: &Path) -> io::Result<Option<PathBuf>> {
 }
 
 /// A file with a name of its own. TensorBoard reads the files of a folder in the order of their names: the time is first.
-fn begin(folder: &Path) -> io::Result<GrowingFile> {
+fn begin(folder: &Path, first: &[u8]) -> io::Result<GrowingFile> {
     let (time, host, process) = (now_secs() as u64, host(), std::process::id());
     let mut number = 0;
     loop {
         let name = format!("events.out.{MARK}.{time:010}.{host}.{process}.{number}");
-        match GrowingFile::create(folder.join(name)) {
+        match GrowingFile::create(folder.join(name), first) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
             begun => return begun,
         }

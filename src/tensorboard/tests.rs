@@ -123,7 +123,7 @@ fn bytes_of(folder: &Path, resumes: bool, told: &[Progress]) -> Vec<u8> {
     let terms = ["near".to_string(), "calm".to_string()];
     let mut file = EventFile::create(folder, &terms, resumes).unwrap();
     told.iter().for_each(|progress| file.write(progress).unwrap());
-    std::fs::read(file.path()).unwrap()
+    std::fs::read(file.file.path()).unwrap()
 }
 
 #[test]
@@ -175,7 +175,7 @@ fn a_folder_takes_the_files_of_one_training() {
     assert!(refused.contains("a/b") && refused.contains("--tensorboard"), "{refused}");
     // In the same second, of the same process.
     let second = EventFile::create(&inside, &[], true).unwrap();
-    assert!(second.path() > first.path(), "{second:?}");
-    let name = first.path().file_name().unwrap().to_string_lossy().into_owned();
+    assert!(second.file.path() > first.file.path(), "{second:?}");
+    let name = first.file.path().file_name().unwrap().to_string_lossy().into_owned();
     assert!(name.starts_with("events.out.tfevents.") && name.ends_with(".0"), "{name}");
 }

@@ -69,22 +69,40 @@ impl TrainPlan {
         format!("{}{places} --resume", self.command())
     }
 
-    /// Checks that nothing is in the way of what is to be written, and that no two things go to one place.
+    /// What is written where: its name, the place, and the flag that says it.
+    fn places(&self) -> Vec<(&'static str, PathBuf, &'static str)> {
+        let own = [
+            ("the best controller", self.out.clone(), "--out"),
+            ("the last controller", self.last(), "--out"),
+            ("the checkpoint", self.checkpoint(), "--out"),
+        ];
+        let csv = self.csv.clone().map(|path| ("the curve", path, "--csv"));
+        let events = self.tensorboard.clone().map(|path| ("the event files", path, "--tensorboard"));
+        own.into_iter().chain(csv).chain(events).collect()
+    }
+
+    /// Checks that no two things go to one place.
     pub(super) fn check_places(&self) -> Result<(), MishandleError> {
-        let (last, checkpoint) = (self.last(), self.checkpoint());
-        let own = [("--out", &self.out), ("--out", &last), ("--out", &checkpoint)];
-        let all = own.into_iter().chain(self.csv.as_ref().map(|csv| ("--csv", csv)));
-        if self.resume && !checkpoint.exists() {
-            return Err(MishandleError::NoCheckpoint { path: checkpoint.clone() });
-        }
-        for (flag, path) in all {
-            if !self.resume && path.exists() {
-                return Err(MishandleError::Exists { path: path.clone(), flag });
+        let places = self.places();
+        for (at, (second, path, flag)) in places.iter().enumerate() {
+            let same = places[..at].iter().find(|(_, other, _)| resolved(other) == resolved(path));
+            if let Some((first, ..)) = same {
+                return Err(MishandleError::SamePlace { path: path.clone(), first, second, flag });
             }
         }
-        let same = |other: &Path| self.csv.as_ref().is_some_and(|csv| absolute(csv) == absolute(other));
-        match own.into_iter().find(|(_, path)| same(path)) {
-            Some((_, path)) => Err(MishandleError::SamePlace { path: path.clone() }),
+        Ok(())
+    }
+
+    /// Checks that nothing is in the way of what is to be written, and that what is to be carried on is there. The
+    /// folder of event files may be there already; they look for themselves.
+    pub(super) fn check_presence(&self) -> Result<(), MishandleError> {
+        if self.resume {
+            let path = self.checkpoint();
+            return if path.exists() { Ok(()) } else { Err(MishandleError::NoCheckpoint { path }) };
+        }
+        let files = self.places().into_iter().filter(|(.., flag)| *flag != "--tensorboard");
+        match files.into_iter().find(|(_, path, _)| path.exists()) {
+            Some((_, path, flag)) => Err(MishandleError::Exists { path, flag }),
             None => Ok(()),
         }
     }
@@ -102,8 +120,13 @@ pub(super) fn with_ending(path: &Path, ending: &str) -> PathBuf {
     name.into()
 }
 
-fn absolute(path: &Path) -> PathBuf {
-    std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf())
+/// A path without links and detours, as far as it is there.
+fn resolved(path: &Path) -> PathBuf {
+    let path = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+    let mut found = path
+        .ancestors()
+        .filter_map(|part| Some(part.canonicalize().ok()?.join(path.strip_prefix(part).ok()?)));
+    found.next().unwrap_or_else(|| path.clone())
 }
 
 #[cfg(test)]
@@ -149,12 +172,31 @@ mod tests {
     }
 
     #[test]
-    fn a_curve_does_not_go_where_another_file_does() {
-        for csv in ["a.safetensors", "./a.last.safetensors", "a.safetensors.checkpoint"] {
-            let plan = TrainPlan { csv: Some(csv.into()), ..plan("a.safetensors") };
-            assert!(matches!(plan.check_places(), Err(MishandleError::SamePlace { .. })), "{csv}");
+    fn no_two_things_go_to_one_place() {
+        let check = |csv: &str, board: &str| {
+            let places = (Some(csv.into()), Some(board.into()));
+            let plan = TrainPlan { csv: places.0, tensorboard: places.1, ..plan("a.safetensors") };
+            plan.check_places().map_err(|error| error.to_string())
+        };
+        assert_eq!(check("a.csv", "board"), Ok(()));
+        for (csv, told) in [
+            ("a.safetensors", "a.safetensors would hold both the best controller and the curve"),
+            ("./a.last.safetensors", "the last controller and the curve; give another --csv"),
+            ("src/../a.safetensors.checkpoint", "the checkpoint and the curve; give another --csv"),
+            ("board/", "board would hold both the curve and the event files; give another --tensorboard"),
+        ] {
+            let refused = check(csv, "board").unwrap_err();
+            assert!(refused.contains(told), "{refused}");
         }
-        let plan = TrainPlan { csv: Some("a.csv".into()), ..plan("a.safetensors") };
-        assert!(plan.check_places().is_ok());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn one_place_under_two_names_is_found_out() {
+        let folder = tempfile::tempdir().unwrap();
+        std::os::unix::fs::symlink(folder.path(), folder.path().join("link")).unwrap();
+        let inside = |name: &str| folder.path().join(name);
+        assert_eq!(resolved(&inside("link/link/new/a")), resolved(&inside("new/a")));
+        assert_ne!(resolved(&inside("link/a")), resolved(&inside("b")));
     }
 }

@@ -5,9 +5,10 @@ use std::time::{Duration, Instant};
 use mishandle_controllers::Policy;
 use mishandle_rollout::{Environment, Episode, Noise, Request, Rollout, Seed, Specification, System};
 use mishandle_tasks::TaskEnvironment;
-use mishandle_training::{Checkpoint, Flow, Observer, Progress, TrainingError, Validation};
+use mishandle_training::{Checkpoint, Flow, Observer, Progress, Validation};
 
-use super::TrainPlan;
+use super::unwritten::Unwritten;
+use super::{TrainPlan, TrainWatch};
 use crate::MishandleError;
 use crate::curve::CurveWriter;
 use crate::tensorboard::EventFile;
@@ -19,27 +20,24 @@ const VALIDATION_SEED: Seed = Seed(0x7661_6c69_6461_7465);
 const SAVE_EVERY: Duration = Duration::from_secs(60);
 
 /// Validates on the task's formulas, writes down how it goes, keeps the checkpoint, passes progress on.
-pub(super) struct Watcher<W> {
+pub(super) struct Watcher<'a> {
     environment: Arc<TaskEnvironment>,
     specification: Specification,
     checkpoint: PathBuf,
     records: Records,
-    watch: W,
-    /// Why the last validation was not possible: that ends the training.
+    watch: &'a mut dyn TrainWatch,
+    /// Why the training ends: its last validation, or its first checkpoint, was not possible.
     failure: Option<MishandleError>,
-    /// Why the last checkpoint could not be written: the training goes on, and the next may be.
-    unsaved: Option<TrainingError>,
-    /// When the last checkpoint was written.
-    saved: Instant,
+    unwritten: Unwritten,
+    /// When a checkpoint was last tried, if this run wrote any: one that cannot write its first ends, those behind it
+    /// may fail for a while.
+    saved: Option<Instant>,
 }
 
 /// What is written down after each iteration. What cannot be written is tried again after the next.
-#[derive(Default)]
 struct Records {
     curve: Option<CurveWriter>,
     events: Option<EventFile>,
-    /// Why something of it is not written yet.
-    unwritten: Option<MishandleError>,
 }
 
 impl Records {
@@ -57,7 +55,7 @@ impl Records {
             (None, _) => None,
         };
         match curve.transpose() {
-            Ok(curve) => Ok(Records { curve, events, unwritten: None }),
+            Ok(curve) => Ok(Records { curve, events }),
             Err(error) => {
                 // A training that does not begin leaves nothing in the way of the next.
                 events.into_iter().for_each(EventFile::discard);
@@ -66,27 +64,14 @@ impl Records {
         }
     }
 
-    fn write(&mut self, progress: &Progress) {
-        self.each(|curve| curve.write(progress), |events| events.write(progress));
-    }
-
-    fn finish(&mut self) {
-        self.each(CurveWriter::finish, EventFile::finish);
-    }
-
-    fn each(
-        &mut self,
-        with_curve: impl FnOnce(&mut CurveWriter) -> std::io::Result<()>,
-        with_events: impl FnOnce(&mut EventFile) -> std::io::Result<()>,
-    ) {
-        let curve = self.curve.as_mut().and_then(|curve| Some((with_curve(curve).err()?, curve.path())));
-        let events =
-            self.events.as_mut().and_then(|events| Some((with_events(events).err()?, events.path())));
-        self.unwritten = curve.or(events).map(|(source, path)| MishandleError::File { path, source });
+    /// Takes away what was begun here.
+    fn discard(self) {
+        self.curve.into_iter().for_each(CurveWriter::discard);
+        self.events.into_iter().for_each(EventFile::discard);
     }
 }
 
-impl<W> Watcher<W> {
+impl<'a> Watcher<'a> {
     /// Opens all that the plan wants written.
     ///
     /// # Errors
@@ -96,8 +81,8 @@ impl<W> Watcher<W> {
         environment: Arc<TaskEnvironment>,
         specification: Specification,
         resumed: Option<&Checkpoint>,
-        watch: W,
-    ) -> Result<Watcher<W>, MishandleError> {
+        watch: &'a mut dyn TrainWatch,
+    ) -> Result<Watcher<'a>, MishandleError> {
         Ok(Watcher {
             records: Records::open(plan, environment.reward_terms(), resumed)?,
             environment,
@@ -105,8 +90,8 @@ impl<W> Watcher<W> {
             checkpoint: plan.checkpoint(),
             watch,
             failure: None,
-            unsaved: None,
-            saved: Instant::now(),
+            unwritten: Unwritten::default(),
+            saved: None,
         })
     }
 
@@ -115,14 +100,31 @@ impl<W> Watcher<W> {
         self.failure.take()
     }
 
-    /// Ends the records.
-    ///
-    /// # Errors
-    /// If some of it, or the last checkpoint, could not be written.
-    pub(super) fn finish(mut self) -> Result<(), MishandleError> {
-        self.records.finish();
-        let unsaved = self.unsaved.map(MishandleError::from);
-        unsaved.or(self.records.unwritten).map_or(Ok(()), Err)
+    /// Ends a training that failed. Its records are taken away if it wrote no checkpoint that they belong to: they would
+    /// be in the way of the next.
+    pub(super) fn abandon(self) {
+        if self.saved.is_none() {
+            self.records.discard();
+        }
+    }
+
+    /// Ends the records. Gives why what is not written of them and of the checkpoint is not.
+    pub(super) fn finish(mut self) -> Vec<MishandleError> {
+        self.finish_records();
+        self.unwritten.into_failures()
+    }
+
+    fn finish_records(&mut self) {
+        let curve = self.records.curve.as_mut().map_or(Ok(()), CurveWriter::finish);
+        self.note("curve", curve);
+        let events = self.records.events.as_mut().map_or(Ok(()), EventFile::finish);
+        self.note("events", events);
+    }
+
+    fn note(&mut self, file: &'static str, written: Result<(), MishandleError>) {
+        if let Some(failure) = self.unwritten.note(file, written) {
+            self.watch.unwritten(failure);
+        }
     }
 
     fn measure(&self, policy: &Policy, episodes: usize) -> Result<Validation, MishandleError> {
@@ -148,7 +150,7 @@ impl<W> Watcher<W> {
     }
 }
 
-impl<W: FnMut(&Progress) -> Flow> Observer for Watcher<W> {
+impl Observer for Watcher<'_> {
     fn validate(&mut self, policy: &Policy, episodes: usize) -> Option<Validation> {
         match self.measure(policy, episodes) {
             Ok(found) => Some(found),
@@ -160,18 +162,30 @@ impl<W: FnMut(&Progress) -> Flow> Observer for Watcher<W> {
     }
 
     fn progress(&mut self, progress: &Progress) -> Flow {
-        self.records.write(progress);
-        match (self.watch)(progress) {
+        let curve = self.records.curve.as_mut().map_or(Ok(()), |curve| curve.write(progress));
+        self.note("curve", curve);
+        let events = self.records.events.as_mut().map_or(Ok(()), |events| events.write(progress));
+        self.note("events", events);
+        match self.watch.progress(progress) {
             _ if self.failure.is_some() => Flow::Stop,
-            Flow::Continue if self.saved.elapsed() > SAVE_EVERY => Flow::Save,
+            Flow::Continue if self.saved.is_none_or(|saved| saved.elapsed() > SAVE_EVERY) => Flow::Save,
             flow => flow,
         }
     }
 
     fn checkpoint(&mut self, checkpoint: &Checkpoint) {
+        if self.failure.is_some() {
+            return;
+        }
         // First what a resumed training expects to find beside it.
-        self.records.finish();
-        self.unsaved = checkpoint.save(&self.checkpoint).err();
-        self.saved = Instant::now();
+        self.finish_records();
+        let written = checkpoint.save(&self.checkpoint).map_err(MishandleError::from);
+        match written {
+            Err(error) if self.saved.is_none() => self.failure = Some(error),
+            written => {
+                self.note("checkpoint", written);
+                self.saved = Some(Instant::now());
+            }
+        }
     }
 }

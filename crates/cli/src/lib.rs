@@ -10,6 +10,8 @@ mod new_file;
 mod output;
 mod progress;
 mod run;
+mod train_watch;
+mod training_time;
 mod video;
 
 use std::ffi::OsString;

@@ -3,42 +3,13 @@
 #![allow(clippy::unwrap_used)]
 
 mod bench;
+mod training;
 
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
-
-use bench::{Bench, SMALL, signal, text};
+use bench::{SMALL, signal, text};
 use mishandle::controllers::ControllerFile;
 use mishandle::{Curve, CurveRow};
 use serde_json::Value;
-
-/// A training whose settings stand in `ppo.toml`, so long that it is stopped.
-const TRAIN: &str = "train point-reaching --settings ppo.toml --seed 7 --threads 1";
-const ENDLESS: &str = "--steps 100000000";
-
-fn bench() -> Bench {
-    let bench = Bench::new();
-    bench.write("ppo.toml", SMALL);
-    bench
-}
-
-fn begin(bench: &Bench, arguments: &str) -> Child {
-    bench.command(arguments).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap()
-}
-
-#[track_caller]
-fn wait_until(what: &str, is_so: impl Fn() -> bool) {
-    let start = Instant::now();
-    while !is_so() {
-        assert!(start.elapsed() < Duration::from_secs(60), "not within a minute: {what}");
-        std::thread::sleep(Duration::from_millis(5));
-    }
-}
-
-fn curve(bench: &Bench, name: &str) -> Curve {
-    Curve::load(&bench.path(name)).unwrap()
-}
+use training::{ENDLESS, TRAIN, begin, bench, curve, lines_of, wait_until};
 
 /// All of a curve but its times.
 fn without_times(curve: Curve) -> Vec<CurveRow> {
@@ -50,10 +21,6 @@ fn without_times(curve: Curve) -> Vec<CurveRow> {
 fn results(document: &Value) -> Vec<&Value> {
     let keys = ["environment_steps", "best_environment_steps", "success_rate", "stopped_early"];
     keys.iter().chain(&["strict_success_rate", "controller_hash"]).map(|key| &document[key]).collect()
-}
-
-fn lines_of(path: &Path) -> usize {
-    std::fs::read_to_string(path).map_or(0, |text| text.lines().count())
 }
 
 #[test]
@@ -173,7 +140,7 @@ fn nothing_is_written_over_unasked() {
             "--out b.safetensors --tensorboard board",
             "exists already; give another --tensorboard, or --resume",
         ),
-        ("--out b.safetensors --csv b.last.safetensors", "the curve cannot go to b.last.safetensors"),
+        ("--out b.safetensors --csv b.last.safetensors", "b.last.safetensors would hold both"),
         ("--out b.safetensors --csv b.csv --steps 0", "`total_steps` must be at least 1, found 0"),
         ("--out b.safetensors --csv ppo.toml/b.csv --tensorboard other", "ppo.toml"),
         ("--out b.safetensors --csv b.csv --tensorboard ppo.toml", "ppo.toml"),
@@ -243,48 +210,51 @@ fn a_training_that_is_good_enough_stops_early_and_says_so() {
 }
 
 #[test]
-fn a_full_disk_leaves_whole_rows_and_both_controllers() {
-    let bench = Bench::new();
-    // Small networks and many short iterations: the curve outgrows every other file.
-    bench.write(
-        "ppo.toml",
-        "rollout_steps = 2\nminibatch_rows = 8\nepochs = 1\nepisodes.environments = 4\npolicy.hidden = [4]\n\
-         critic.hidden = [4]\nrun.validation_every = 1000\nrun.validation_episodes = 1\n",
-    );
-    // The shell lets no file grow beyond 64 blocks of 512 bytes, and lets the program see that as an error.
-    let train = format!("{TRAIN} --steps 3200 --out a.safetensors --csv a.csv");
-    let limited = format!("trap '' XFSZ; ulimit -f 64; exec {} {train}", env!("CARGO_BIN_EXE_mishandle"));
-    let output = Command::new("sh").args(["-c", &limited]).current_dir(bench.path(".")).output().unwrap();
-    let err = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{err}");
-    assert!(err.contains("error: a.csv: File too large"), "{err}");
-    for name in ["a.safetensors", "a.last.safetensors"] {
-        let training = ControllerFile::load(&bench.path(name)).unwrap().header.training;
-        assert_eq!(training.environment_steps, 3200, "{name}");
+fn a_curve_tells_the_training_time_that_the_training_told() {
+    let bench = bench();
+    let train = |name: &str, flags: &str| {
+        bench.json(&format!("{TRAIN} --json --out {name}.safetensors --csv {name}.csv {flags}"), 0)
+    };
+    // Long enough for episodes to end, and too short for that.
+    for (name, flags) in [("long", "--steps 10240"), ("short", "--steps 256")] {
+        let told = train(name, flags);
+        let found = bench.json(&format!("curve {name}.csv --environments 16 --json"), 0);
+        assert_eq!(found["training_time"], told["training_time"]);
     }
-    let rows = curve(&bench, "a.csv").rows.len();
-    assert!((50..400).contains(&rows), "{rows} rows are there");
-    // The rest of the curve is lost: it cannot go on in the same file, but in another.
-    let resume = format!("{TRAIN} --steps 3280 --out a.safetensors --resume --csv");
-    bench.refuses(
-        &format!("{resume} a.csv"),
-        &["a.csv: it has no row of iteration 400", "give another --csv"],
+    let short = bench.run("curve short.csv --json");
+    assert!(text(&short.stdout).contains("\"training_time\": null"), "{}", text(&short.stdout));
+    assert_eq!(text(&short.stderr), "no training time: no episode has ended\n");
+    assert_eq!(
+        bench.check("curve short.csv", 0).lines().nth(1),
+        Some("no training time: no episode has ended")
     );
-    bench.check(&format!("{resume} rest.csv"), 0);
-    assert_eq!(curve(&bench, "rest.csv").rows[0].iteration, 401);
+    let out = bench.check(&format!("{TRAIN} --out none.safetensors"), 0);
+    assert!(out.contains("no training time: it is told from the curve, which --csv has written"), "{out}");
 }
 
 #[test]
-fn a_curve_tells_the_training_time_that_the_training_told() {
+fn a_curve_whose_last_line_was_cut_off_tells_of_the_whole_rows() {
     let bench = bench();
-    // Long enough for episodes to end.
-    let told = bench.json(&format!("{TRAIN} --steps 10240 --json --out a.safetensors --csv a.csv"), 0);
-    let found = bench.json("curve a.csv --environments 16 --json", 0);
-    assert_eq!(found["training_time"], told["training_time"]);
-    assert!(found["training_time"]["control_steps"].is_u64(), "{found}");
-    assert_eq!((&found["iterations"], &found["environment_steps"]), (&40.into(), &10240.into()));
+    bench.check(&format!("{TRAIN} --steps 256 --out a.safetensors --csv a.csv"), 0);
+    let text_of = std::fs::read_to_string(bench.path("a.csv")).unwrap();
+    // The return rises from 1 to 8. Smoothed over three rows, two at the ends, it comes from 1.5 and is flat within
+    // 0.325: row 8 has 23 / 3 = 7.67, row 9 has 8.
+    let row = |i: u64| format!("{i},{},{i},{},,,,,,,,0.001,0,0,1,0,0", 160 * i, i.min(8));
+    let header = text_of.lines().next().unwrap();
+    let empty_terms = header.split(',').count() - row(1).split(',').count();
+    let rows: String = (1..=40).map(|i| format!("{}{}\n", row(i), ",0".repeat(empty_terms))).collect();
+    bench.write("b.csv", &format!("{header}\n{rows}41,6560,41"));
+    let told = bench.run("curve b.csv --environments 16 --json");
+    assert_eq!(text(&told.stderr), "warning: the last line of b.csv is cut off; it is left out\n");
+    let found: Value = serde_json::from_slice(&told.stdout).unwrap();
+    assert_eq!(found["iterations"], 40);
+    assert_eq!(
+        found["training_time"],
+        serde_json::json!({ "environment_steps": 1440, "control_steps": 90, "secs": 9.0 })
+    );
     // How many environments there were, a curve does not know.
-    assert!(bench.json("curve a.csv --json", 0)["training_time"]["control_steps"].is_null());
-    assert!(bench.check("curve a.csv", 0).contains("training time, until the return is flat: "));
+    assert!(bench.json("curve b.csv --json", 0)["training_time"]["control_steps"].is_null());
+    let out = bench.check("curve b.csv", 0);
+    assert!(out.contains("training time, until the return is flat: 1440 environment steps, 9 s"), "{out}");
     bench.refuses("curve ppo.toml", &["ppo.toml", "column 1"]);
 }

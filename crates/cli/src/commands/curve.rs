@@ -5,37 +5,32 @@ use mishandle::Curve;
 use serde_json::json;
 
 use crate::output::{self, number};
-use crate::{Outcome, args};
+use crate::{Outcome, args, training_time};
 
 pub fn run(command: &args::Curve) -> Result<Outcome> {
     let curve = Curve::load(&command.file)?;
+    if curve.is_cut {
+        let file = command.file.display();
+        output::say(&format!("warning: the last line of {file} is cut off; it is left out"));
+    }
     let environments = command.environments.map(NonZeroUsize::get);
-    let flat_after = curve.flat_after();
+    let time = curve.training_time();
     if command.json {
         output::json(&json!({
             "iterations": curve.rows.len(),
             "environment_steps": curve.rows.last().map(|row| row.environment_steps),
             "wall_clock_secs": curve.rows.last().map(|row| number(row.wall_clock_secs)),
-            "training_time": flat_after.map(|row| json!({
-                "environment_steps": row.environment_steps,
-                "control_steps": environments.map(|environments| row.control_steps(environments)),
-                "secs": number(row.wall_clock_secs),
-            })),
+            "training_time": training_time::document(time, environments),
         }))?;
+        if time.is_err() {
+            output::say(&training_time::line(time, environments));
+        }
         return Ok(Outcome::Done);
     }
     if let Some(last) = curve.rows.last() {
         let (count, steps, secs) = (curve.rows.len(), last.environment_steps, last.wall_clock_secs);
         output::line(&format!("{count} iterations, {steps} environment steps in {secs:.0} s"))?;
     }
-    if let Some(row) = flat_after {
-        let each = environments.map_or(String::new(), |environments| {
-            format!(", {} control steps of each environment", row.control_steps(environments))
-        });
-        output::line(&format!(
-            "training time, until the return is flat: {} environment steps{each}, {:.0} s",
-            row.environment_steps, row.wall_clock_secs
-        ))?;
-    }
+    output::line(&training_time::line(time, environments))?;
     Ok(Outcome::Done)
 }

@@ -1,17 +1,13 @@
 use std::path::Path;
-use std::time::{Duration, Instant};
 
-use anyhow::Result;
-use mishandle::training::{Flow, RunSettings};
-use mishandle::{CurveRow, TrainPlan, TrainReport, default_out};
+use anyhow::{Error, Result, anyhow};
+use mishandle::training::RunSettings;
+use mishandle::{MishandleError, TrainPlan, TrainReport, default_out};
 use serde_json::{Value, json};
 
-use crate::live_curve::LiveCurve;
-use crate::output::{self, number, shows_progress};
-use crate::{Outcome, args, interrupt, run};
-
-/// Without a terminal, a line is written this often.
-const QUIET: Duration = Duration::from_secs(30);
+use crate::output::{self, number};
+use crate::train_watch::{Watch, whole};
+use crate::{Outcome, args, interrupt, run, training_time};
 
 pub fn run(command: &args::Train) -> Result<Outcome> {
     run::set_threads(command.run.threads)?;
@@ -19,40 +15,30 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
     if command.dry_run {
         return dry_run(&plan, command.run.json);
     }
-    let live = LiveCurve::new();
-    let shown = live.clone();
-    interrupt::listen(move || {
-        shown.suspend(|| output::say("finishing the iteration that has begun; Ctrl-C again ends at once"));
-    })?;
-    let mut iterations = 0_u64;
-    let mut last = Instant::now();
-    let report = mishandle::train(&plan, |progress| {
-        iterations += 1;
-        live.show(progress);
-        if !shows_progress() && progress.validation_is_fresh && last.elapsed() > QUIET {
-            output::say(&progress.to_string());
-            last = Instant::now();
-        }
-        if interrupt::asked() { Flow::Stop } else { Flow::Continue }
-    });
-    live.finish();
+    let mut watch = Watch::begin()?;
+    let report = mishandle::train(&plan, &mut watch);
+    watch.finish();
     let report = report?;
     let trained = &report.trained;
     if interrupt::asked() && !report.has_ended() {
-        output::say(&format!("interrupted after {} environment steps", trained.environment_steps));
-        output::say(&format!("Carry on: {}", plan.resuming_command()));
-        return Ok(Outcome::Interrupted);
+        return Ok(interrupted(&plan, &report));
+    }
+    if !report.unwritten.is_empty() {
+        return Err(unwritten(&plan, &report));
     }
     if let Some(asked) =
         plan.steps.filter(|asked| !report.stopped_early() && trained.environment_steps > *asked)
     {
         output::say(&format!("--steps {asked} was rounded up to whole iterations"));
     }
-    if iterations == 0 {
+    if watch.iterations == 0 {
         output::say("nothing was left to do: the training had come to its end before");
     }
     if command.run.json {
         output::json(&document(&plan, &report))?;
+        if report.training_time.is_err() {
+            output::say(&training_time_line(&report));
+        }
     } else {
         for line in lines(&report) {
             output::line(&line)?;
@@ -60,6 +46,32 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
     }
     say_places(&plan);
     Ok(Outcome::Done)
+}
+
+/// Says how far an interrupted training came, and how it goes on: its first checkpoint is there, if no later one.
+fn interrupted(plan: &TrainPlan, report: &TrainReport) -> Outcome {
+    for failure in &report.unwritten {
+        output::say(&format!("error: {}", whole(failure)));
+    }
+    let is_checkpoint = |failure: &MishandleError| matches!(failure, MishandleError::Training(_));
+    let lost = match report.unwritten.iter().any(is_checkpoint) {
+        true => "; what was learned since the last checkpoint is lost",
+        false => "",
+    };
+    output::say(&format!("interrupted after {} environment steps{lost}", report.trained.environment_steps));
+    output::say(&format!("Carry on: {}", plan.resuming_command()));
+    Outcome::Interrupted
+}
+
+/// What a training that came to its end could not write, and how it can be made up for.
+fn unwritten(plan: &TrainPlan, report: &TrainReport) -> Error {
+    let failures: Vec<String> = report.unwritten.iter().map(whole).collect();
+    let error = anyhow!(failures.join("; "));
+    // Rows that are lost do not come back, but the controllers do.
+    match report.unwritten.iter().any(|failure| matches!(failure, MishandleError::Controller(_))) {
+        true => anyhow!("{error}\nCarry on once it can be written: {}", plan.resuming_command()),
+        false => error,
+    }
 }
 
 /// Says what would be trained.
@@ -103,7 +115,7 @@ fn plan(command: &args::Train) -> TrainPlan {
 
 /// What came out, for people.
 fn lines(report: &TrainReport) -> Vec<String> {
-    let TrainReport { trained, config, flat_after } = report;
+    let TrainReport { trained, config, .. } = report;
     let rate = trained.environment_steps as f64 / trained.wall_clock_secs;
     let mut lines = vec![format!(
         "{} environment steps in {:.0} s, {rate:.0} a second",
@@ -112,14 +124,7 @@ fn lines(report: &TrainReport) -> Vec<String> {
     if report.stopped_early() {
         lines.push(format!("stopped early: {}", contentment(config.run())));
     }
-    if let Some(row) = flat_after {
-        lines.push(format!(
-            "training time, until the return is flat: {} environment steps, {} control steps of each environment, {:.0} s",
-            row.environment_steps,
-            row.control_steps(config.episodes().environments),
-            row.wall_clock_secs
-        ));
-    }
+    lines.push(training_time_line(report));
     if let Some(found) = trained.best_validation {
         lines.push(format!(
             "best on validation: success {:.1} %, strict {:.1} %, after {} steps",
@@ -129,6 +134,11 @@ fn lines(report: &TrainReport) -> Vec<String> {
         ));
     }
     lines
+}
+
+fn training_time_line(report: &TrainReport) -> String {
+    let environments = report.config.episodes().environments;
+    training_time::line(report.training_time.as_ref().map_err(|reason| *reason), Some(environments))
 }
 
 /// What the settings wanted of validations, and found.
@@ -141,17 +151,11 @@ fn contentment(run: &RunSettings) -> String {
 }
 
 fn document(plan: &TrainPlan, report: &TrainReport) -> Value {
-    let TrainReport { trained, config, flat_after } = report;
+    let TrainReport { trained, config, training_time, .. } = report;
     let found = trained.best_validation;
     let place = |path: &Path| path.to_string_lossy().into_owned();
     let environments = config.episodes().environments;
-    let training_time = |row: &CurveRow| {
-        json!({
-            "environment_steps": row.environment_steps,
-            "control_steps": row.control_steps(environments),
-            "secs": number(row.wall_clock_secs),
-        })
-    };
+    let training_time = training_time.as_ref().map_err(|reason| *reason);
     json!({
         "task": plan.task,
         "algorithm": plan.algorithm,
@@ -161,7 +165,7 @@ fn document(plan: &TrainPlan, report: &TrainReport) -> Value {
         "best_environment_steps": trained.best_environment_steps,
         "wall_clock_secs": number(trained.wall_clock_secs),
         "stopped_early": report.stopped_early(),
-        "training_time": flat_after.as_ref().map(training_time),
+        "training_time": training_time::document(training_time, Some(environments)),
         "success_rate": found.map(|found| number(found.success_rate)),
         "strict_success_rate": found.map(|found| number(found.strict_success_rate)),
         "controller_hash": trained.best.hash(),

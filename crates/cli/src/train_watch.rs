@@ -1,0 +1,93 @@
+//! A training as it goes: told on the terminal or in a log, and ended by signals.
+
+use std::time::{Duration, Instant};
+
+use anyhow::{Chain, Result};
+use mishandle::training::{Flow, Progress};
+use mishandle::{MishandleError, TrainWatch};
+
+use crate::interrupt;
+use crate::live_curve::LiveCurve;
+use crate::output::{self, shows_progress};
+
+/// Without a terminal, a line is written this often.
+const QUIET: Duration = Duration::from_secs(30);
+
+/// Tells how a training goes, and has signals end it after an iteration.
+pub struct Watch {
+    live: LiveCurve,
+    log: Log,
+    /// Iterations of this run.
+    pub iterations: u64,
+}
+
+impl Watch {
+    /// Listens to signals from here on.
+    pub fn begin() -> Result<Watch> {
+        let live = LiveCurve::new();
+        let shown = live.clone();
+        interrupt::listen(move || {
+            shown.suspend(|| {
+                output::say("finishing the iteration that has begun; Ctrl-C again ends at once");
+            });
+        })?;
+        Ok(Watch { live, log: Log { last: None }, iterations: 0 })
+    }
+
+    /// Takes what is written over away.
+    pub fn finish(&self) {
+        self.live.finish();
+    }
+}
+
+impl TrainWatch for Watch {
+    fn progress(&mut self, progress: &Progress) -> Flow {
+        self.iterations += 1;
+        if shows_progress() {
+            self.live.show(progress);
+        } else if self.log.is_due(Instant::now()) {
+            output::say(&progress.to_string());
+        }
+        if interrupt::asked() { Flow::Stop } else { Flow::Continue }
+    }
+
+    fn unwritten(&mut self, failure: &MishandleError) {
+        self.live.suspend(|| {
+            output::say(&format!("warning: {}; training goes on, and will try again", whole(failure)));
+        });
+    }
+}
+
+/// What went wrong, from the outside in.
+pub fn whole(failure: &MishandleError) -> String {
+    let causes: Vec<String> = Chain::new(failure).map(ToString::to_string).collect();
+    causes.join(": ")
+}
+
+/// When the lines of a log are due: the first at once, so that it is seen to run.
+struct Log {
+    last: Option<Instant>,
+}
+
+impl Log {
+    fn is_due(&mut self, now: Instant) -> bool {
+        let is_due = self.last.is_none_or(|last| now - last >= QUIET);
+        if is_due {
+            self.last = Some(now);
+        }
+        is_due
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_due_at_once_and_then_twice_a_minute() {
+        let start = Instant::now();
+        let mut log = Log { last: None };
+        let due = (0..100_u64).filter(|secs| log.is_due(start + Duration::from_secs(*secs)));
+        assert_eq!(due.collect::<Vec<_>>(), [0, 30, 60, 90]);
+    }
+}

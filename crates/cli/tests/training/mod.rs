@@ -1,0 +1,40 @@
+//! A small training, begun and watched.
+
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use mishandle::Curve;
+
+use crate::bench::{Bench, SMALL};
+
+/// A training whose settings stand in `ppo.toml`, so long that it is stopped.
+pub const TRAIN: &str = "train point-reaching --settings ppo.toml --seed 7 --threads 1";
+pub const ENDLESS: &str = "--steps 100000000";
+
+pub fn bench() -> Bench {
+    let bench = Bench::new();
+    bench.write("ppo.toml", SMALL);
+    bench
+}
+
+pub fn begin(bench: &Bench, arguments: &str) -> Child {
+    bench.command(arguments).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap()
+}
+
+#[track_caller]
+pub fn wait_until(what: &str, is_so: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !is_so() {
+        assert!(start.elapsed() < Duration::from_secs(60), "not within a minute: {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+pub fn curve(bench: &Bench, name: &str) -> Curve {
+    Curve::load(&bench.path(name)).unwrap()
+}
+
+pub fn lines_of(path: &Path) -> usize {
+    std::fs::read_to_string(path).map_or(0, |text| text.lines().count())
+}
