@@ -1,6 +1,8 @@
 use std::path::PathBuf;
 
 use mishandle_rollout::RolloutError;
+use mishandle_stl::nearest;
+use mishandle_training::TrainingError;
 
 /// What can be wrong with what a user asks for, or with the run that does it.
 #[derive(Debug, thiserror::Error)]
@@ -74,6 +76,16 @@ pub enum MishandleError {
         /// What is wrong.
         problem: crate::CurveProblem,
     },
+    /// A training that does not fit into the memory.
+    #[error("the training needs at least {needed} of memory, {free} are free: {}", parts.join(", "))]
+    Memory {
+        /// What it needs.
+        needed: String,
+        /// What is free.
+        free: String,
+        /// What the largest of it is for, and how much that is.
+        parts: Vec<String>,
+    },
     /// The plan is not for this.
     #[error("the plan has no [{wanted}] table, so there is nothing to {wanted}")]
     OtherPlan {
@@ -90,8 +102,10 @@ pub enum MishandleError {
         /// What would be right.
         wanted: &'static str,
     },
-    /// A start that lies in no preset's initial box.
-    #[error("{axis} is {value} {unit}, outside the initial box: from {low} to {high} {unit} in preset paper")]
+    /// A start that lies in no task preset's initial box.
+    #[error(
+        "{axis} is {value} {unit}, outside the initial box: from {low} to {high} {unit} in task preset paper"
+    )]
     OutsideBox {
         /// The axis on which it lies outside.
         axis: &'static str,
@@ -176,14 +190,14 @@ pub enum MishandleError {
     Falsification(#[from] mishandle_falsification::FalsificationError),
     /// A training cannot run.
     #[error(transparent)]
-    Training(#[from] mishandle_training::TrainingError),
+    Training(#[from] TrainingError),
     /// Training settings that cannot be used.
     #[error("{}", path.display())]
     Settings {
         /// The settings file.
         path: PathBuf,
         /// What is wrong.
-        source: mishandle_training::TrainingError,
+        source: TrainingError,
     },
     /// A search cannot be made.
     #[error(transparent)]
@@ -197,12 +211,52 @@ impl MishandleError {
     /// What to try instead, if something can be said.
     pub fn hint(&self) -> Option<String> {
         match self {
-            MishandleError::Name { name, known, .. } => {
-                let near = mishandle_stl::nearest(name, known.iter().map(String::as_str));
-                near.map(|near| format!("did you mean `{near}`?"))
-            }
+            MishandleError::Name { name, known, .. } => meant(name, known.iter().map(String::as_str)),
+            MishandleError::Settings { source, .. } => match source {
+                TrainingError::UnknownSetting { name, known, .. } => meant_setting(name, known),
+                TrainingError::Setting { found, known, .. } => {
+                    meant(found.trim_matches(['"', '\'']), known.iter().copied())
+                }
+                _ => None,
+            },
             MishandleError::Rollout(RolloutError::Monitor { source, .. }) => source.hint(),
             _ => None,
+        }
+    }
+}
+
+fn meant<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    nearest(name, known).map(|near| format!("did you mean `{near}`?"))
+}
+
+/// A setting of the same key in another table, else the nearest name of a setting or a table.
+fn meant_setting(name: &str, known: &[&str]) -> Option<String> {
+    let key = |name: &str| name.rsplit('.').next().unwrap_or_default().to_string();
+    let elsewhere: Vec<&str> = known.iter().copied().filter(|known| key(known) == key(name)).collect();
+    if elsewhere.is_empty() {
+        let tables = known.iter().filter_map(|known| Some(known.rsplit_once('.')?.0));
+        return meant(name, known.iter().copied().chain(tables));
+    }
+    let names: Vec<String> = elsewhere.iter().map(|name| format!("`{name}`")).collect();
+    Some(format!("did you mean {}?", names.join(" or ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_misspelt_setting_is_looked_for_in_its_table_and_one_of_another_table_there() {
+        let known = ["gamma", "run.total_steps", "policy.hidden", "critic.hidden"];
+        for (name, told) in [
+            ("gama", Some("did you mean `gamma`?")),
+            ("run.total_step", Some("did you mean `run.total_steps`?")),
+            ("total_steps", Some("did you mean `run.total_steps`?")),
+            ("hidden", Some("did you mean `policy.hidden` or `critic.hidden`?")),
+            ("polcy", Some("did you mean `policy`?")),
+            ("momentum", None),
+        ] {
+            assert_eq!(meant_setting(name, &known).as_deref(), told, "{name}");
         }
     }
 }

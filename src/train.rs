@@ -1,5 +1,6 @@
 //! Training, and what it leaves behind.
 
+mod places;
 mod plan;
 mod watcher;
 
@@ -16,7 +17,8 @@ use mishandle_training::{
 use crate::curve::{Curve, CurveRow};
 use crate::home::check_home;
 use crate::lock::Lock;
-use crate::{MishandleError, build, settings_path, task};
+use crate::{MishandleError, build, memory, settings_path, task};
+pub(crate) use places::check as check_places;
 use plan::with_ending;
 use watcher::Watcher;
 
@@ -50,17 +52,17 @@ impl TrainReport {
 /// the same.
 ///
 /// # Errors
-/// If a name is unknown, the settings are wrong, the checkpoint or the curve is another training's, something is in the
+/// If a name is unknown, the settings are wrong or take more memory than is free, the checkpoint or the curve is another training's, something is in the
 /// way of what is to be written, or a file cannot be written. If only the last checkpoint, the curve or the event file
 /// could not, the controllers are there nevertheless.
 pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<TrainReport, MishandleError> {
     let task = task(&plan.task)?;
-    let reward = reward(&plan.reward)?;
     let config = settings(plan)?;
+    let environment = Arc::new(environment(plan)?);
+    memory::check(&config, &*environment)?;
     let _locks = lock(plan)?;
     plan.check_places()?;
-    let hash = task_hash(task, reward)?;
-    let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, reward)?);
+    let hash = task_hash(task, reward(&plan.reward)?)?;
     let specification = task.definition().formulas(Preset::Paper).specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
     let mut watcher = Watcher::new(plan, environment.clone(), specification, resumed.as_ref(), watch)?;
@@ -91,6 +93,12 @@ fn lock(plan: &TrainPlan) -> Result<Vec<Lock>, MishandleError> {
         .collect()
 }
 
+/// The environment that a plan asks for.
+pub(crate) fn environment(plan: &TrainPlan) -> Result<TaskEnvironment, MishandleError> {
+    let reward = reward(&plan.reward)?;
+    Ok(TaskEnvironment::new(task(&plan.task)?, Preset::Paper, reward)?)
+}
+
 /// The settings that a plan asks for.
 pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
     known("training algorithm", &plan.algorithm, &ALGORITHMS)?;
@@ -100,9 +108,9 @@ pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
     }
     let definition = task(&plan.task)?.definition();
     let path = given.unwrap_or_else(|| settings_path(definition, &plan.algorithm));
-    // What is neither a file nor looks like one was meant as a preset.
+    // What is neither a file nor looks like one was meant as a settings preset.
     if !path.exists() && path.components().count() == 1 && path.extension().is_none_or(|end| end != "toml") {
-        known("preset", &path.to_string_lossy(), &PRESETS)?;
+        known("settings preset", &path.to_string_lossy(), &PRESETS)?;
     }
     let text = match PRESETS.iter().find(|preset| path == Path::new(preset)) {
         Some(preset) => format!("preset = \"{preset}\""),

@@ -19,7 +19,7 @@ use crate::{MishandleError, raised};
 /// Arguments:
 ///     task: name of a task, such as "point-reaching".
 ///     environments: number of rows.
-///     preset: "paper" or "code", which reading of the original benchmark the initial box is.
+///     preset: the task preset, "paper" or "code": which reading of the original benchmark the initial box is.
 ///     reward: "shaped" or "original".
 ///     seed: of all that is random; episode k of a row is the same whatever happens in other rows.
 ///     time_limit: control steps after which the clock ends an episode; the task's if left out.

@@ -39,9 +39,7 @@ impl EventFile {
     ) -> Result<EventFile, MishandleError> {
         let failed = |source| MishandleError::File { path: folder.to_path_buf(), source };
         std::fs::create_dir_all(folder).map_err(failed)?;
-        if let (Some(path), false) = (event_file(folder).map_err(failed)?, resumes) {
-            return Err(MishandleError::Exists { path, flag: "--tensorboard" });
-        }
+        EventFile::check(folder, resumes)?;
         let mut file = begin(folder).map_err(failed)?;
         let mut event = Vec::new();
         put_double(&mut event, event::WALL_TIME, now_secs());
@@ -49,6 +47,19 @@ impl EventFile {
         file.append(&record(&event)).map_err(failed)?;
         let reward_terms = reward_terms.iter().map(|name| format!("reward/{name}")).collect();
         Ok(EventFile { file, reward_terms, resumes })
+    }
+
+    /// Checks that `folder`, if it is there, has no event files of another training.
+    ///
+    /// # Errors
+    /// If it has.
+    pub(crate) fn check(folder: &Path, resumes: bool) -> Result<(), MishandleError> {
+        if resumes || !folder.exists() {
+            return Ok(());
+        }
+        let found = event_file(folder)
+            .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
+        found.map_or(Ok(()), |path| Err(MishandleError::Exists { path, flag: "--tensorboard" }))
     }
 
     /// Takes the file away again.
