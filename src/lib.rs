@@ -22,6 +22,7 @@ mod evaluate;
 mod falsify;
 mod film;
 mod growing_file;
+mod hint;
 mod home;
 mod lock;
 mod memory;

@@ -52,9 +52,9 @@ impl TrainReport {
 /// the same.
 ///
 /// # Errors
-/// If a name is unknown, the settings are wrong or take more memory than is free, the checkpoint or the curve is another training's, something is in the
-/// way of what is to be written, or a file cannot be written. If only the last checkpoint, the curve or the event file
-/// could not, the controllers are there nevertheless.
+/// If a name is unknown, the settings are wrong or take more memory than is free, the checkpoint or the curve is another
+/// training's, something is in the way of what is to be written, or a file cannot be written. If only the last
+/// checkpoint, the curve or the event file could not, the controllers are there nevertheless.
 pub fn train(plan: &TrainPlan, watch: impl FnMut(&Progress) -> Flow) -> Result<TrainReport, MishandleError> {
     let task = task(&plan.task)?;
     let config = settings(plan)?;
@@ -118,7 +118,7 @@ pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
             .map_err(|source| MishandleError::File { path: path.clone(), source })?,
     };
     let config = Config::from_toml(&plan.algorithm, &text).expect("the algorithm is known");
-    let mut config = config.map_err(|source| MishandleError::Settings { path, source })?;
+    let mut config = config.map_err(|source| MishandleError::Settings { path, source: Box::new(source) })?;
     config.run_mut().total_steps = plan.steps.unwrap_or(config.run().total_steps);
     config.check()?;
     Ok(config)

@@ -30,9 +30,9 @@ impl Config {
         let experience = match self {
             Config::Ppo(own) => rollout(own.rollout_steps, episodes, seen + done),
             Config::Trpo(own) => rollout(own.rollout_steps, episodes, seen + done),
-            Config::Sac(own) => replay(own.replay.capacity, seen + done),
-            Config::Td3(own) => replay(own.replay.capacity, seen + done),
-            Config::Ddpg(own) => replay(own.replay.capacity, seen + done),
+            Config::Sac(own) => replay(own.replay.capacity, own.run.total_steps, seen + done),
+            Config::Td3(own) => replay(own.replay.capacity, own.run.total_steps, seen + done),
+            Config::Ddpg(own) => replay(own.replay.capacity, own.run.total_steps, seen + done),
         };
         let need = |settings, bytes| MemoryNeed { settings, bytes };
         vec![
@@ -62,7 +62,10 @@ fn rollout(steps: usize, episodes: f64, columns: f64) -> MemoryNeed {
     MemoryNeed { settings: "rollout_steps and episodes.environments", bytes: steps as f64 * episodes * row }
 }
 
-/// A [`Replay`](crate::replay::Replay).
-fn replay(capacity: usize, columns: f64) -> MemoryNeed {
-    MemoryNeed { settings: "replay.capacity", bytes: capacity as f64 * (4.0 * (columns + 1.0) + 1.0) }
+/// A [`Replay`](crate::replay::Replay), and what is filled of it thrice while a checkpoint is written: as numbers, as the
+/// bytes of each, and as those of the file.
+fn replay(capacity: usize, total_steps: u64, columns: f64) -> MemoryNeed {
+    let filled = (capacity as f64).min(total_steps as f64);
+    let entry = 4.0 * (columns + 1.0) + 1.0;
+    MemoryNeed { settings: "replay.capacity", bytes: (capacity as f64 + 3.0 * filled) * entry }
 }

@@ -16,12 +16,15 @@ fn need(algorithm: &str, text: &str, settings: &str) -> f64 {
 }
 
 #[test]
-fn a_replay_takes_what_its_entries_take() {
+fn a_replay_takes_what_its_entries_take_and_what_is_filled_thrice_more_in_a_checkpoint() {
     let line = Line::new(0.0);
     // Four bytes for each number of what was seen and done and for the reward, one for the kind of the entry.
     let entry = (4 * (line.observation_size() + line.action_size() + 1) + 1) as f64;
     for algorithm in ["sac", "td3", "ddpg"] {
-        assert_eq!(need(algorithm, "replay.capacity = 5_000_000", "replay.capacity"), 5e6 * entry);
+        for (steps, entries) in [(1_000_000, 8e6), (5_000_000, 2e7), (9_000_000, 2e7)] {
+            let text = format!("replay.capacity = 5_000_000\nrun.total_steps = {steps}");
+            assert_eq!(need(algorithm, &text, "replay.capacity"), entries * entry, "{steps}");
+        }
     }
 }
 
