@@ -8,8 +8,8 @@ const HEAD: &str = "\
 # All settings
 
 A settings file is TOML: the keys of an algorithm's first table stand at the top, those of the others under `[run]`,
-`[episodes]` and so on. What a file leaves out has the default below, unless it names the settings preset `skrl-0.10`
-([presets](../presets.md)). `mishandle train TASK --algorithm NAME --dry-run` tells the settings of a training with
+`[episodes]` and so on. What a file leaves out has the default below, unless it begins with `preset = \"skrl-0.10\"`
+([settings presets](../presets.md)). `mishandle train TASK --algorithm NAME --dry-run` tells the settings of a training with
 their values; those of the controllers here are in [experiments/training](../../experiments/training). What the
 algorithms do with them: [algorithms](README.md).
 

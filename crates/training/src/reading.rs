@@ -56,7 +56,7 @@ impl Reader<'_> {
                     return Err(self.wrong(&name, line, &setting.wanted, value, known));
                 }
                 (None, _) if !self.settings.iter().any(|setting| setting.name.starts_with(&as_table)) => {
-                    let known = self.settings.iter().map(|setting| setting.name).collect();
+                    let known = self.settings.iter().map(|setting| setting.name).chain([PRESET]).collect();
                     return Err(TrainingError::UnknownSetting { line, name, known });
                 }
                 (None, DeValue::Table(table)) => self.check(&as_table, table)?,

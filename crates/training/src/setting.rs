@@ -1,6 +1,7 @@
 //! What is known of a setting besides its value: what it means, and what it may be.
 
 use mishandle_network::Activation;
+use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
@@ -94,7 +95,9 @@ pub(crate) trait Kind {
 }
 
 pub(crate) fn reads_as<T: DeserializeOwned>(value: Spanned<DeValue<'_>>) -> bool {
-    T::deserialize(ValueDeserializer::from(value)).is_ok()
+    // A whole number may be too large for TOML and not for Rust.
+    toml::Value::deserialize(ValueDeserializer::from(value.clone())).is_ok()
+        && T::deserialize(ValueDeserializer::from(value)).is_ok()
 }
 
 /// `"a", "b" or "c"`

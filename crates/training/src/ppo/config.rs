@@ -169,6 +169,7 @@ mod tests {
     fn wrong_values_are_refused_with_what_is_allowed() {
         for (text, told) in [
             ("epochs = -1", "line 1: the setting `epochs` must be a whole number of at least 1, found -1"),
+            ("epochs = 9223372036854775808", "at least 1, found 9223372036854775808"),
             ("epochs = 1e1", "line 1: the setting `epochs` must be a whole number of at least 1, found 1e1"),
             ("\ngamma = \"a\"", "line 2: the setting `gamma` must be a number from 0 to 1, found \"a\""),
             ("gamma = nan", "line 1: the setting `gamma` must be a number from 0 to 1, found NaN"),
