@@ -27,8 +27,8 @@ fn names(bench: &Bench) -> Vec<String> {
 fn a_mistake_is_told_by_file_line_and_table_with_what_was_meant() {
     let bench = Bench::new();
     for (settings, told) in [
-        ("gama = 0.9", &["there is no setting `gama`", "hint: did you mean `gamma`?"][..]),
-        ("presset = \"best\"", &["there is no setting `presset`", "hint: did you mean `preset`?"]),
+        ("gama = 0.9", &["ppo has no setting `gama`", "hint: did you mean `gamma`?"][..]),
+        ("presset = \"best\"", &["ppo has no setting `presset`", "hint: did you mean `preset`?"]),
         ("hidden = [8]", &["hint: did you mean `policy.hidden` or `critic.hidden`?"]),
         ("[run]\ntotal_step = 9", &["line 2: ", "`run.total_step`", "hint: did you mean `run.total_steps`?"]),
         ("entropy = \"summ\"", &["`entropy` must be \"sum\" or \"mean\"", "hint: did you mean `sum`?"]),

@@ -21,9 +21,11 @@ pub enum TrainingError {
         /// The names that it may be, if it is a choice of some.
         known: Vec<&'static str>,
     },
-    /// A setting that there is not.
-    #[error("line {line}: there is no setting `{name}`; {}", beside(name, known))]
+    /// A setting that the algorithm does not have.
+    #[error("line {line}: {algorithm} has no setting `{name}`; {}", beside(name, known))]
     UnknownSetting {
+        /// Name of the algorithm.
+        algorithm: &'static str,
         /// Line of the text, counted from 1.
         line: usize,
         /// Its table, if it is in one, and its key.

@@ -23,7 +23,7 @@ pub(crate) fn read<S: Settings>(text: &str) -> Result<S, TrainingError> {
     };
     let mut stated = DeTable::parse(text).map_err(not_toml)?;
     let preset_of_text = stated.get_mut().remove_entry(PRESET);
-    let reader = Reader { text, settings: S::settings() };
+    let reader = Reader { algorithm: S::ALGORITHM, text, settings: S::settings() };
     let name =
         preset_of_text.map_or(Ok(BEST.to_string()), |(key, value)| reader.preset::<S>(&key, &value))?;
     reader.check("", stated.get_ref())?;
@@ -36,6 +36,7 @@ pub(crate) fn read<S: Settings>(text: &str) -> Result<S, TrainingError> {
 }
 
 struct Reader<'t> {
+    algorithm: &'static str,
     text: &'t str,
     settings: Vec<Setting>,
 }
@@ -57,7 +58,12 @@ impl Reader<'_> {
                 }
                 (None, _) if !self.settings.iter().any(|setting| setting.name.starts_with(&as_table)) => {
                     let known = self.settings.iter().map(|setting| setting.name).chain([PRESET]).collect();
-                    return Err(TrainingError::UnknownSetting { line, name, known });
+                    return Err(TrainingError::UnknownSetting {
+                        algorithm: self.algorithm,
+                        line,
+                        name,
+                        known,
+                    });
                 }
                 (None, DeValue::Table(table)) => self.check(&as_table, table)?,
                 (None, _) => {
@@ -79,7 +85,7 @@ impl Reader<'_> {
         match value.get_ref() {
             DeValue::String(name) if known.iter().any(|known| known == name) => Ok(name.to_string()),
             _ => {
-                let wanted = format!("the name of a settings preset of {}: ", S::ALGORITHM);
+                let wanted = format!("the name of a settings preset of {}: ", self.algorithm);
                 let wanted = wanted + &one_of(known.iter().copied());
                 Err(self.wrong(PRESET, self.line(key), &wanted, value, known))
             }

@@ -52,7 +52,7 @@ mod tests {
                 "replay.updates_per_step = -1",
                 "`replay.updates_per_step` must be a number of at least 0, found -1",
             ),
-            ("critic.norm = true", "line 1: there is no setting `critic.norm`"),
+            ("critic.norm = true", "line 1: ddpg has no setting `critic.norm`"),
         ] {
             let refusal = DdpgConfig::from_toml(text).unwrap_err().to_string();
             assert!(refusal.contains(told), "{refusal}");

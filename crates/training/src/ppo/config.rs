@@ -157,11 +157,11 @@ mod tests {
     fn unknown_keys_are_refused_by_their_table_and_line() {
         check_refusal(
             "gamma = 0.9\nlamda = 0.9",
-            "line 2: there is no setting `lamda`; outside of tables there are",
+            "line 2: ppo has no setting `lamda`; outside of tables there are",
         );
-        let told = "line 2: there is no setting `run.steps`; [run] has: total_steps, validation_every, ";
+        let told = "line 2: ppo has no setting `run.steps`; [run] has: total_steps, validation_every, ";
         check_refusal("[run]\nsteps = 9", told);
-        check_refusal("polices.hidden = [9]", "line 1: there is no setting `polices`");
+        check_refusal("polices.hidden = [9]", "line 1: ppo has no setting `polices`");
         check_refusal("run = 3", "line 1: the setting `run` must be a table, as [run], found 3");
     }
 

@@ -39,7 +39,7 @@ mod tests {
         for (text, told) in [
             ("target_std = 0", "`target_std` must be a number above 0, found 0"),
             ("initial_temperature = nan", "`initial_temperature` must be a number above 0, found NaN"),
-            ("exploration_std = [0.1, 0.1]", "line 1: there is no setting `exploration_std`"),
+            ("exploration_std = [0.1, 0.1]", "line 1: sac has no setting `exploration_std`"),
         ] {
             let refusal = SacConfig::from_toml(text).unwrap_err().to_string();
             assert!(refusal.contains(told), "{refusal}");
