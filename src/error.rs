@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-use mishandle_rollout::RolloutError;
+use mishandle_training::TrainingError;
 
 /// What can be wrong with what a user asks for, or with the run that does it.
 #[derive(Debug, thiserror::Error)]
@@ -80,6 +80,16 @@ pub enum MishandleError {
         /// What is wrong.
         problem: crate::CurveProblem,
     },
+    /// A training that does not fit into the memory.
+    #[error("the training needs at least {needed} of memory, {free} are free: {}", parts.join(", "))]
+    Memory {
+        /// What it needs.
+        needed: String,
+        /// What is free.
+        free: String,
+        /// What the largest of it is for, and how much that is.
+        parts: Vec<String>,
+    },
     /// The plan is not for this.
     #[error("the plan has no [{wanted}] table, so there is nothing to {wanted}")]
     OtherPlan {
@@ -96,8 +106,10 @@ pub enum MishandleError {
         /// What would be right.
         wanted: &'static str,
     },
-    /// A start that lies in no preset's initial box.
-    #[error("{axis} is {value} {unit}, outside the initial box: from {low} to {high} {unit} in preset paper")]
+    /// A start that lies in no task preset's initial box.
+    #[error(
+        "{axis} is {value} {unit}, outside the initial box: from {low} to {high} {unit} in task preset paper"
+    )]
     OutsideBox {
         /// The axis on which it lies outside.
         axis: &'static str,
@@ -154,7 +166,7 @@ pub enum MishandleError {
     },
     /// Episodes cannot run.
     #[error(transparent)]
-    Rollout(#[from] RolloutError),
+    Rollout(#[from] mishandle_rollout::RolloutError),
     /// The controller of a record is another one now.
     #[error(
         "controller `{controller}` is not the run's: that had hash {recorded}, this one has {found}; if it was moved, \
@@ -192,14 +204,14 @@ pub enum MishandleError {
     Falsification(#[from] mishandle_falsification::FalsificationError),
     /// A training cannot run.
     #[error(transparent)]
-    Training(#[from] mishandle_training::TrainingError),
+    Training(#[from] TrainingError),
     /// Training settings that cannot be used.
     #[error("{}", path.display())]
     Settings {
         /// The settings file.
         path: PathBuf,
         /// What is wrong.
-        source: mishandle_training::TrainingError,
+        source: Box<TrainingError>,
     },
     /// A search cannot be made.
     #[error(transparent)]
@@ -207,18 +219,4 @@ pub enum MishandleError {
     /// The run file.
     #[error(transparent)]
     Store(#[from] mishandle_store::StoreError),
-}
-
-impl MishandleError {
-    /// What to try instead, if something can be said.
-    pub fn hint(&self) -> Option<String> {
-        match self {
-            MishandleError::Name { name, known, .. } => {
-                let near = mishandle_stl::nearest(name, known.iter().map(String::as_str));
-                near.map(|near| format!("did you mean `{near}`?"))
-            }
-            MishandleError::Rollout(RolloutError::Monitor { source, .. }) => source.hint(),
-            _ => None,
-        }
-    }
 }

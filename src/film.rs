@@ -20,7 +20,7 @@ pub struct Film {
 /// A task's scene at its start: from `x0`, or from the middle of the paper's box.
 ///
 /// # Errors
-/// If `x0` does not have a finite number for each axis, lies in no preset's initial box, or the task cannot be built.
+/// If `x0` does not have a finite number for each axis, lies in no task preset's initial box, or the task cannot be built.
 pub fn start(task: &dyn Task, x0: Option<&[f64]>) -> Result<Film, MishandleError> {
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original)?;
     let initial_box = environment.initial_box();
@@ -37,7 +37,7 @@ pub fn start(task: &dyn Task, x0: Option<&[f64]>) -> Result<Film, MishandleError
     Ok(Film { states: vec![state], control_dt: environment.control_dt() })
 }
 
-/// Refuses a start that lies in no preset's box, by what the paper's box says of it.
+/// Refuses a start that lies in no task preset's box, by what the paper's box says of it.
 fn check_start(definition: &Definition, x0: &[f64]) -> Result<(), MishandleError> {
     let outside = |preset| {
         definition.initial_box.iter().zip(x0).find(move |(axis, value)| {

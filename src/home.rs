@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use mishandle_tasks::Definition;
 
-use crate::MishandleError;
+use crate::{MishandleError, task};
 
 /// The folder that holds `controllers/` and `experiments/training/`: `MISHANDLE_HOME` if it is set, else the first such folder
 /// at or above the working directory or the program's own.
@@ -47,6 +47,33 @@ pub(crate) fn check_home(wanted: &'static str) -> Result<(), MishandleError> {
 /// Where the shipped controller of that name for a task is.
 pub fn controller_path(definition: &Definition, name: &str) -> PathBuf {
     controllers_of(definition).join(format!("{name}.safetensors"))
+}
+
+/// The file of a controller: a path, or `TASK/NAME` for a shipped one.
+///
+/// # Errors
+/// If there is no such file, nor such a shipped controller.
+pub fn find_controller(name: &str) -> Result<PathBuf, MishandleError> {
+    let path = Path::new(name);
+    let shipped = name.split_once('/').filter(|_| path.extension().is_none() && !path.exists());
+    let Some((task_name, name)) = shipped else {
+        let is_file = path.exists() || path.extension().is_some();
+        return if is_file { Ok(path.to_path_buf()) } else { Err(no_controller(name)) };
+    };
+    let definition = task(task_name)?.definition();
+    let path = controller_path(definition, name);
+    if path.is_file() {
+        return Ok(path);
+    }
+    check_home("controllers")?;
+    // The expert is a program, not a file.
+    let known = shipped_controllers(definition).into_iter().filter(|known| known != "expert").collect();
+    Err(MishandleError::Name { kind: "controller file", name: name.to_string(), known })
+}
+
+fn no_controller(name: &str) -> MishandleError {
+    let wanted = "a file, or TASK/NAME for a shipped one, as point-reaching/ppo";
+    MishandleError::Value { what: "the controller", value: name.to_string(), wanted }
 }
 
 /// What a controller is called: its name, or that of its file without folder and extension.

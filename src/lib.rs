@@ -22,8 +22,10 @@ mod evaluate;
 mod falsify;
 mod film;
 mod growing_file;
+mod hint;
 mod home;
 mod lock;
+mod memory;
 mod new_folders;
 mod plan;
 mod record;
@@ -40,7 +42,9 @@ pub use error::MishandleError;
 pub use evaluate::{evaluate, leaves_out_starts};
 pub use falsify::{Progress, falsify};
 pub use film::{Film, film, scene, start};
-pub use home::{controller_name, controller_path, home, picture_path, settings_path, shipped_controllers};
+pub use home::{
+    controller_name, controller_path, find_controller, home, picture_path, settings_path, shipped_controllers,
+};
 pub use plan::{EvaluatePlan, FalsifyPlan, Plan, Starts};
 pub use record::create_run;
 pub use replay::{Replayed, choose, other_build, recorded_subject, replay};

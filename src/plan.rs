@@ -25,7 +25,7 @@ pub struct Plan {
     /// Name of the task; a plan that leaves it out needs it from a flag.
     #[serde(default)]
     pub task: String,
-    /// Which reading of the original benchmark counts: `paper` or `code`.
+    /// The task preset, which reading of the original benchmark counts: `paper` or `code`.
     #[serde(default = "paper")]
     pub preset: String,
     /// A shipped controller's name, or a path; a plan that leaves it out needs it from a flag.

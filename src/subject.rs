@@ -21,7 +21,7 @@ pub fn task(name: &str) -> Result<&'static dyn Task, MishandleError> {
     })
 }
 
-/// The preset of that name: `paper` or `code`.
+/// The task preset of that name: `paper` or `code`.
 ///
 /// # Errors
 /// If there is none.
@@ -30,7 +30,7 @@ pub fn preset(name: &str) -> Result<Preset, MishandleError> {
         "paper" => Ok(Preset::Paper),
         "code" => Ok(Preset::Code),
         _ => Err(MishandleError::Name {
-            kind: "preset",
+            kind: "task preset",
             name: name.to_string(),
             known: ["paper", "code"].map(String::from).to_vec(),
         }),

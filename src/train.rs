@@ -1,5 +1,6 @@
 //! Training, and what it leaves behind.
 
+mod places;
 mod plan;
 mod unwritten;
 mod watcher;
@@ -18,7 +19,8 @@ use crate::curve::{Curve, CurveRow, NoTrainingTime};
 use crate::home::check_home;
 use crate::lock::Lock;
 use crate::new_folders::NewFolders;
-use crate::{MishandleError, build, settings_path, task};
+use crate::{MishandleError, build, memory, settings_path, task};
+pub(crate) use places::check as check_places;
 use plan::with_ending;
 use watcher::Watcher;
 
@@ -67,19 +69,19 @@ impl TrainReport {
 /// and tries again.
 ///
 /// # Errors
-/// If a name is unknown, the settings are wrong, the checkpoint or the curve is another training's, something is in the
+/// If a name is unknown, the settings are wrong or take more memory than is free, the checkpoint or the curve is another training's, something is in the
 /// way of what is to be written, or its first part or the first checkpoint cannot be written. What was not there before
 /// is then gone again. What cannot be written in the end, the report tells.
 pub fn train(plan: &TrainPlan, watch: &mut dyn TrainWatch) -> Result<TrainReport, MishandleError> {
     let task = task(&plan.task)?;
-    let reward = reward(&plan.reward)?;
     let config = settings(plan)?;
     plan.check_places()?;
+    let environment = Arc::new(environment(plan)?);
+    memory::check(&config, &*environment)?;
     let mut folders = NewFolders::default();
     let _locks = lock(plan, &mut folders)?;
     plan.check_presence()?;
-    let hash = task_hash(task, reward)?;
-    let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, reward)?);
+    let hash = task_hash(task, reward(&plan.reward)?)?;
     let specification = task.definition().formulas(Preset::Paper).specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
     let mut watcher = Watcher::new(plan, environment.clone(), specification, resumed.as_ref(), watch)?;
@@ -122,6 +124,12 @@ fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<Lock>, Mishand
         .collect()
 }
 
+/// The environment that a plan asks for.
+pub(crate) fn environment(plan: &TrainPlan) -> Result<TaskEnvironment, MishandleError> {
+    let reward = reward(&plan.reward)?;
+    Ok(TaskEnvironment::new(task(&plan.task)?, Preset::Paper, reward)?)
+}
+
 /// The settings that a plan asks for.
 pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
     known("training algorithm", &plan.algorithm, &ALGORITHMS)?;
@@ -131,9 +139,9 @@ pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
     }
     let definition = task(&plan.task)?.definition();
     let path = given.unwrap_or_else(|| settings_path(definition, &plan.algorithm));
-    // What is neither a file nor looks like one was meant as a preset.
+    // What is neither a file nor looks like one was meant as a settings preset.
     if !path.exists() && path.components().count() == 1 && path.extension().is_none_or(|end| end != "toml") {
-        known("preset", &path.to_string_lossy(), &PRESETS)?;
+        known("settings preset", &path.to_string_lossy(), &PRESETS)?;
     }
     let text = match PRESETS.iter().find(|preset| path == Path::new(preset)) {
         Some(preset) => format!("preset = \"{preset}\""),
@@ -141,7 +149,7 @@ pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
             .map_err(|source| MishandleError::File { path: path.clone(), source })?,
     };
     let config = Config::from_toml(&plan.algorithm, &text).expect("the algorithm is known");
-    let mut config = config.map_err(|source| MishandleError::Settings { path, source })?;
+    let mut config = config.map_err(|source| MishandleError::Settings { path, source: Box::new(source) })?;
     config.run_mut().total_steps = plan.steps.unwrap_or(config.run().total_steps);
     config.check()?;
     Ok(config)

@@ -2,7 +2,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use mishandle::rollout::{Environment, Seed};
 use mishandle::tasks::TaskEnvironment;
-use mishandle::training::{Boundary, EpisodeSettings, Episodes};
+use mishandle::training::{Boundary, EpisodeSettings, Episodes, TrainingError};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -19,7 +19,7 @@ use crate::{MishandleError, raised};
 /// Arguments:
 ///     task: name of a task, such as "point-reaching".
 ///     environments: number of rows.
-///     preset: "paper" or "code", which reading of the original benchmark the initial box is.
+///     preset: the task preset, "paper" or "code": which reading of the original benchmark the initial box is.
 ///     reward: "shaped" or "original".
 ///     seed: of all that is random; episode k of a row is the same whatever happens in other rows.
 ///     time_limit: control steps after which the clock ends an episode; the task's if left out.
@@ -81,7 +81,7 @@ impl VectorEnv {
             action_noise,
             ..EpisodeSettings::default()
         };
-        settings.check().map_err(raised)?;
+        settings.check().map_err(wrong_keyword)?;
         let task = mishandle::task(task).map_err(raised)?;
         let preset = mishandle::preset(preset).map_err(raised)?;
         let reward = mishandle::reward(reward).map_err(raised)?;
@@ -247,5 +247,16 @@ impl VectorEnv {
     /// An array with a row for each environment.
     fn rows<'py>(&self, py: Python<'py>, numbers: Vec<f32>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         numbers.into_pyarray(py).reshape([self.environments(), self.observation_size()])
+    }
+}
+
+/// A setting that has a value that it cannot have: in Python it is a keyword, in no table.
+fn wrong_keyword(error: TrainingError) -> PyErr {
+    match error {
+        TrainingError::Setting { name, wanted, found, .. } => {
+            let keyword = name.rsplit('.').next().unwrap_or(&name);
+            MishandleError::new_err(format!("`{keyword}` must be {wanted}, found {found}"))
+        }
+        other => raised(other),
     }
 }

@@ -122,10 +122,10 @@ class Mistakes(unittest.TestCase):
 
     def test_names_and_numbers(self):
         self.check("did you mean `point-reaching`?", lambda: VectorEnv("point-reachin", 1))
-        self.check("no preset `x`; there are: paper, code", lambda: VectorEnv("point-reaching", 1, preset="x"))
+        self.check("no task preset `x`; there are: paper, code", lambda: VectorEnv("point-reaching", 1, preset="x"))
         self.check("no reward `x`; there are: shaped", lambda: VectorEnv("point-reaching", 1, reward="x"))
-        self.check("`environments` must be at least 1, found 0", lambda: VectorEnv("point-reaching", 0))
-        self.check("`time_limit` must be at least 1", lambda: VectorEnv("point-reaching", 1, time_limit=0))
+        self.check("`environments` must be a whole number of at least 1, found 0", lambda: VectorEnv("point-reaching", 0))
+        self.check("`time_limit` must be a whole number of at least 1", lambda: VectorEnv("point-reaching", 1, time_limit=0))
         self.check("`action_noise` must be", lambda: VectorEnv("point-reaching", 1, action_noise=float("nan")))
         self.check("`threads` must be at least 1", lambda: VectorEnv("point-reaching", 1, threads=0))
 

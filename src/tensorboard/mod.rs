@@ -42,15 +42,26 @@ impl EventFile {
         let failed = |source| MishandleError::File { path: folder.to_path_buf(), source };
         let mut folders = NewFolders::default();
         folders.make(folder).map_err(failed)?;
-        if let (Some(path), false) = (event_file(folder).map_err(failed)?, resumes) {
-            return Err(MishandleError::Exists { path, flag: "--tensorboard" });
-        }
+        EventFile::check(folder, resumes)?;
         let mut event = Vec::new();
         put_double(&mut event, event::WALL_TIME, now_secs());
         put_bytes(&mut event, event::FILE_VERSION, b"brain.Event:2");
         let file = begin(folder, &record(&event)).map_err(|source| unwritten(folder, source))?;
         let reward_terms = reward_terms.iter().map(|name| format!("reward/{name}")).collect();
         Ok(EventFile { file, reward_terms, resumes, _folders: folders })
+    }
+
+    /// Checks that `folder`, if it is there, has no event files of another training.
+    ///
+    /// # Errors
+    /// If it has.
+    pub(crate) fn check(folder: &Path, resumes: bool) -> Result<(), MishandleError> {
+        if resumes || !folder.exists() {
+            return Ok(());
+        }
+        let found = event_file(folder)
+            .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
+        found.map_or(Ok(()), |path| Err(MishandleError::Exists { path, flag: "--tensorboard" }))
     }
 
     /// Takes the file away again.

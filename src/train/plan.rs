@@ -11,7 +11,7 @@ pub struct TrainPlan {
     pub algorithm: String,
     /// Name of the reward: `original` or `shaped`.
     pub reward: String,
-    /// The settings file, or the name of a preset; without one, and for the preset `best`, the file of the task and
+    /// The settings file, or the name of a settings preset; without one, and for `best`, the file of the task and
     /// algorithm in `experiments/training/`.
     pub settings: Option<PathBuf>,
     /// Environment steps, if others than the settings say.

@@ -11,6 +11,7 @@ mod mujoco;
 mod pictures;
 mod process;
 mod readme;
+mod settings;
 mod tidy;
 
 use std::path::{Path, PathBuf};
@@ -49,7 +50,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "tidy",
         arguments: "",
-        about: "compare ARCHITECTURE.md with the crates; check the house's rules and the links",
+        about: "compare ARCHITECTURE.md and the page of settings with the crates; check rules and links",
         run: |root, _| tidy::check(root),
     },
     Chore {
@@ -69,6 +70,12 @@ const CHORES: &[Chore] = &[
         arguments: "[OPTIONS]",
         about: "train and measure what is missing or out of date; make tables and curves again",
         run: controllers::make,
+    },
+    Chore {
+        name: "settings",
+        arguments: "",
+        about: "write docs/algorithms/settings.md, the page of all training settings",
+        run: |root, _| settings::write(root),
     },
     Chore {
         name: "pictures",

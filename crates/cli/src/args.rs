@@ -5,6 +5,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
+use crate::count::count;
+
 /// Finds out what makes a robot's controller fail.
 #[derive(Debug, Parser)]
 #[command(name = "mishandle", version = mishandle::VERSION_AND_COMMIT)]
@@ -26,6 +28,7 @@ pub enum Command {
     Tasks(Tasks),
     Monitor(Monitor),
     Train(Train),
+    Controller(Controller),
     Curve(Curve),
     Evaluate(Evaluate),
     Falsify(Falsify),
@@ -42,7 +45,7 @@ pub enum Command {
 pub struct Tasks {
     /// Name of a task, to explain it in full
     pub task: Option<String>,
-    /// Reading of the original benchmark: paper or code
+    /// Task preset, a reading of the original benchmark: paper or code
     #[arg(long, default_value = "paper")]
     pub preset: String,
     /// Write the task's MJCF document to this file; the keyframe `start` is its start, but the rules of servos and
@@ -90,7 +93,7 @@ pub struct Monitor {
 /// What every command that runs simulations takes.
 #[derive(Debug, Args)]
 pub struct Run {
-    /// Seed of everything random
+    /// Seed of everything random [default: 0, or as the plan says]
     #[arg(long, allow_negative_numbers = true)]
     pub seed: Option<u64>,
     /// Number of threads; results never depend on it [default: all cores]
@@ -113,7 +116,7 @@ pub struct Subject {
     /// A shipped controller's name (ppo, expert), or a path
     #[arg(long, value_name = "C", required_unless_present_any = ["plan", "resume"])]
     pub controller: Option<String>,
-    /// Reading of the original benchmark: paper or code
+    /// Task preset, a reading of the original benchmark: paper or code
     #[arg(long)]
     pub preset: Option<String>,
     /// Standard deviation of the noise on each action, added after the action is clipped to [-1, 1]
@@ -138,22 +141,24 @@ pub struct Subject {
   mishandle train point-reaching --algorithm ppo --settings skrl-0.10
   mishandle train ball-balancing --algorithm ppo --out my_controller.safetensors --resume
   mishandle train ball-balancing --algorithm sac --csv curve.csv --tensorboard board
+  mishandle train ball-balancing --algorithm sac --dry-run      all settings, checked
 
 The best controller by validation goes to --out, the last one beside it: FILE.safetensors and
 FILE.last.safetensors. A checkpoint is written there, too: --resume carries on from it to the same
 bits, and the files of --csv and --tensorboard go on from there. What cannot be written (a full disk) is
 told at once and tried again; a training that cannot write its first checkpoint ends. Settings may end a training early,
 once validations are good enough (run.stop_success, run.stop_strict, run.stop_validations). What
-the columns of the CSV mean: docs/algorithms/README.md.")]
+the columns of the CSV mean: docs/algorithms/README.md. All settings with their meaning, default and
+range: docs/algorithms/settings.md.")]
 pub struct Train {
     /// Name of a task
     pub task: String,
     /// Training algorithm: ppo, trpo, sac, td3 or ddpg
     #[arg(long, default_value = "ppo")]
     pub algorithm: String,
-    /// Control steps to train for, over all parallel environments, rounded up to whole iterations [default: as the
-    /// settings say]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    /// Control steps to train for, over all parallel environments, as 1e6 or 1_000_000, rounded up to whole iterations
+    /// [default: as the settings say]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u64>)]
     pub steps: Option<u64>,
     /// Reward to learn from: shaped or original
     #[arg(long, default_value = "shaped")]
@@ -167,14 +172,14 @@ pub struct Train {
     /// Write event files for TensorBoard to this folder as it goes
     #[arg(long, value_name = "DIR")]
     pub tensorboard: Option<PathBuf>,
-    /// Settings (TOML), or the name of a preset: skrl-0.10, or best, which is the default
+    /// Settings (TOML), or the name of a settings preset: skrl-0.10, or best, which is the default
     /// [default: experiments/training/TASK/ALGORITHM.toml]
     #[arg(long, value_name = "FILE")]
     pub settings: Option<PathBuf>,
     /// Carry on from the checkpoint beside the output
     #[arg(long)]
     pub resume: bool,
-    /// Check everything and print all settings, without training
+    /// Check all that a training checks before it begins, its files too, and print all settings; leaves no trace
     #[arg(long)]
     pub dry_run: bool,
     #[command(flatten)]
@@ -191,8 +196,30 @@ pub struct Curve {
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// How many environments the training ran side by side
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = environments)]
     pub environments: Option<NonZeroUsize>,
+    /// One JSON document on stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// At least one.
+fn environments(text: &str) -> Result<NonZeroUsize, String> {
+    NonZeroUsize::new(count(text)?).ok_or_else(|| "it has to be at least 1".to_string())
+}
+
+/// Tells how a controller was trained: command, settings, seed, commit, figures
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle controller my_controller.safetensors
+  mishandle controller point-reaching/ppo                     a shipped one
+  mishandle controller point-reaching/ppo --json
+
+Figures are of validations during training; `mishandle evaluate` measures on other starts.")]
+pub struct Controller {
+    /// A file, or TASK/NAME for a shipped one
+    #[arg(value_name = "FILE|TASK/NAME")]
+    pub controller: String,
     /// One JSON document on stdout
     #[arg(long)]
     pub json: bool,
@@ -208,7 +235,7 @@ pub struct Evaluate {
     #[command(flatten)]
     pub subject: Subject,
     /// Number of simulations [default: 100]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u64>)]
     pub episodes: Option<u64>,
     /// Where they start: whole, or reachable (the part of the box from which the task can be done)
     #[arg(long = "box", value_name = "PART")]
@@ -244,10 +271,10 @@ pub struct Falsify {
     #[arg(long, allow_hyphen_values = true)]
     pub formula: Option<String>,
     /// Number of trials [default: 30]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u32>)]
     pub trials: Option<u32>,
     /// Simulations that a trial may spend [default: 300]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u32>)]
     pub budget: Option<u32>,
     /// Run file for the simulations [default: a new one in runs/]
     #[arg(long, value_name = "FILE")]

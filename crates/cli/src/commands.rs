@@ -1,5 +1,6 @@
 //! One file for each command.
 
+pub mod controller;
 pub mod curve;
 pub mod evaluate;
 pub mod falsify;

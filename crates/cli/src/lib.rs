@@ -4,6 +4,7 @@
 
 mod args;
 mod commands;
+mod count;
 mod interrupt;
 mod live_curve;
 mod new_file;
@@ -42,6 +43,7 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Tasks(command) => commands::tasks::run(command),
         Command::Monitor(command) => commands::monitor::run(command),
         Command::Train(command) => commands::train::run(command),
+        Command::Controller(command) => commands::controller::run(command),
         Command::Curve(command) => commands::curve::run(command),
         Command::Evaluate(command) => commands::evaluate::run(command),
         Command::Falsify(command) => commands::falsify::run(command),

@@ -433,7 +433,10 @@ fn mistakes_are_refused_before_anything_runs() {
         assert!(err.contains("MISHANDLE_HOME is `/nowhere`"), "{err}");
     }
     bench.refuses(&format!("{falsify} --threads 0"), &["--threads is 0"]);
-    bench.refuses(&format!("{falsify} --preset papper"), &["no preset `papper`", "did you mean `paper`?"]);
+    bench.refuses(
+        &format!("{falsify} --preset papper"),
+        &["no task preset `papper`", "did you mean `paper`?"],
+    );
     bench.refuses("replay junk.sqlite", &["junk.sqlite"]);
     bench.refuses("replay missing.sqlite", &["missing.sqlite"]);
     bench.refuses("falsify --resume junk.sqlite", &["junk.sqlite"]);
@@ -483,5 +486,8 @@ fn a_task_is_explained_by_what_it_states() {
     // The paper's box and the code's stand side by side, and so do formulas that differ.
     let page = bench.check("tasks ball-balancing", 0);
     assert!(page.contains("[0.2, 0.5]") && page.contains("[0.192, 0.492]"), "{page}");
-    assert!(page.contains("preset code: always[50:300](ball_tray_horizontal_distance <= 0.25)"), "{page}");
+    assert!(
+        page.contains("task preset code: always[50:300](ball_tray_horizontal_distance <= 0.25)"),
+        "{page}"
+    );
 }

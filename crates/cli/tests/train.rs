@@ -141,7 +141,10 @@ fn nothing_is_written_over_unasked() {
             "exists already; give another --tensorboard, or --resume",
         ),
         ("--out b.safetensors --csv b.last.safetensors", "b.last.safetensors would hold both"),
-        ("--out b.safetensors --csv b.csv --steps 0", "`total_steps` must be at least 1, found 0"),
+        (
+            "--out b.safetensors --csv b.csv --steps 0",
+            "`run.total_steps` must be a whole number of at least 1, found 0",
+        ),
         ("--out b.safetensors --csv ppo.toml/b.csv --tensorboard other", "ppo.toml"),
         ("--out b.safetensors --csv b.csv --tensorboard ppo.toml", "ppo.toml"),
     ] {
@@ -172,7 +175,7 @@ fn settings_and_names_are_checked_first() {
     bench.refuses("train point-reaching --settings missing.toml", &["missing.toml: No such file"]);
     bench.refuses(
         "train point-reaching --settings skrl-0.1",
-        &["no preset `skrl-0.1`", "did you mean `skrl-0.10`?"],
+        &["no settings preset `skrl-0.1`", "did you mean `skrl-0.10`?"],
     );
     bench.refuses(
         "train point-reaching --algorithm pppo",

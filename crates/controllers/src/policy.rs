@@ -171,7 +171,7 @@ impl Policy {
     }
 
     /// What kind it is, as files name it.
-    pub(crate) fn kind(&self) -> &'static str {
+    pub fn kind(&self) -> &'static str {
         if self.is_squashed() { SQUASHED } else { GAUSSIAN }
     }
 

@@ -59,7 +59,7 @@ pub struct RunHeader {
     pub controller_bytes_hash: String,
     /// Name of the task.
     pub task: String,
-    /// Name of the preset.
+    /// Name of the task preset.
     pub preset: String,
     /// Text of the formula whose robustness is recorded.
     pub formula: String,

@@ -4,7 +4,7 @@ use mishandle_world::{Model, Rows, World, WorldError};
 
 use crate::robot::{ARM_JOINTS, JOINTS, Panda};
 
-/// Which reading of the original benchmark counts: changes formulas, metrics and box, nothing else.
+/// A task preset, which reading of the original benchmark counts: changes formulas, metrics and box, nothing else.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Preset {
     /// What the paper prints, where it can be met and agrees with the paper's own results.

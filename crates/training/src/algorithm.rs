@@ -115,10 +115,33 @@ impl Config {
         each!(self, own => own.check())
     }
 
+    /// Outputs of the hidden layers of policy and critic.
+    pub(crate) fn hidden(&self) -> [&[usize]; 2] {
+        each!(self, own => [&own.policy.hidden, &own.critic.hidden])
+    }
+
+    /// Why a training of some steps is not the beginning of a longer one; `None` if it is.
+    pub(crate) fn hangs_on_total(&self) -> Option<&'static str> {
+        each!(self, own => own.hangs_on_total())
+    }
+
+    /// Checks that a training with the same arguments could go on from a checkpoint.
+    ///
+    /// # Errors
+    /// If a setting is out of its range, or the checkpoint is another training's.
+    pub fn check_resumption(
+        &self,
+        environment: Arc<dyn Environment>,
+        seed: Seed,
+        checkpoint: &Checkpoint,
+    ) -> Result<(), TrainingError> {
+        learner::check_resumption(self, environment, seed, checkpoint)
+    }
+
     /// Trains a policy in `environment`, on the threads of the current rayon pool.
     ///
     /// With a checkpoint of the same settings it goes on from there, to the same bits as if it had not been
-    /// interrupted. Only `run.total_steps` may differ.
+    /// interrupted. Only `run.total_steps` may differ, and only if what is learned does not hang on it.
     ///
     /// # Errors
     /// If a setting is out of its range, the checkpoint is another training's, or the weights stop being finite.

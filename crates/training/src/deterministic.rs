@@ -9,7 +9,6 @@ use mishandle_rollout::Seed;
 use crate::action_value::{Followed, join};
 use crate::agent::Explorer;
 use crate::batch::Batch;
-use crate::settings::{ask, at_least_1};
 use crate::{ActorSettings, ExplorationDecay, TrainingError};
 
 /// How a policy explores: by noise on its actions, with another deviation in each row.
@@ -37,15 +36,6 @@ impl Exploration {
     fn std_of(&self, row: usize, rows: usize) -> f64 {
         let [low, high] = self.std;
         low + (high - low) * row as f64 / (rows.max(2) - 1) as f64
-    }
-
-    pub fn check(&self) -> Result<(), TrainingError> {
-        let [low, high] = self.std;
-        let wanted = "two finite numbers, at least 0 and not falling";
-        let right = low >= 0.0 && low <= high && high.is_finite();
-        ask("exploration_std", wanted, format!("[{low}, {high}]"), right)?;
-        self.decay.as_ref().map_or(Ok(()), ExplorationDecay::check)?;
-        at_least_1("exploration_hold", self.hold)
     }
 }
 

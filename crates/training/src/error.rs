@@ -7,33 +7,39 @@ use mishandle_network::NetworkError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TrainingError {
-    /// A setting is out of its range.
-    #[error("the setting `{name}` must be {wanted}, found {found}")]
+    /// A setting has a value that it cannot have.
+    #[error("{}the setting `{name}` must be {wanted}, found {found}", at(*line))]
     Setting {
-        /// Name of the setting.
-        name: &'static str,
+        /// Line of the text that states it, counted from 1, if one does.
+        line: Option<usize>,
+        /// Its table, if it is in one, and its key.
+        name: String,
         /// What it has to be.
-        wanted: &'static str,
+        wanted: String,
         /// What it is.
         found: String,
+        /// The names that it may be, if it is a choice of some.
+        known: Vec<&'static str>,
     },
-    /// The settings' text is not TOML, or has a key that is not known, or a value of another type.
-    #[error("the settings cannot be read: line {line}: {message}")]
-    Settings {
+    /// A setting that the algorithm does not have.
+    #[error("line {line}: {algorithm} has no setting `{name}`; {}", beside(name, known))]
+    UnknownSetting {
+        /// Name of the algorithm.
+        algorithm: &'static str,
+        /// Line of the text, counted from 1.
+        line: usize,
+        /// Its table, if it is in one, and its key.
+        name: String,
+        /// The settings there are.
+        known: Vec<&'static str>,
+    },
+    /// The settings' text is not TOML.
+    #[error("line {line}: this is not TOML: {message}")]
+    NotToml {
         /// Line of the text, counted from 1.
         line: usize,
         /// What the reader says.
         message: String,
-    },
-    /// A preset that the algorithm does not have.
-    #[error("{algorithm} has no preset `{found}`; it has: {}", known.join(", "))]
-    Preset {
-        /// Name of the algorithm.
-        algorithm: &'static str,
-        /// Name of the preset.
-        found: String,
-        /// Names of those it has.
-        known: Vec<&'static str>,
     },
     /// Weights or losses are no longer finite.
     #[error(
@@ -72,10 +78,43 @@ pub enum TrainingError {
         /// What the checkpoint has.
         found: String,
     },
+    /// A checkpoint of a training of another length, where what is learned hangs on it.
+    #[error(
+        "a training that began with `run.total_steps` = {began} cannot go on with {wanted}: {why}, so that from scratch \
+         {wanted} steps would give another controller; go on with {began}, or begin again"
+    )]
+    OtherTotal {
+        /// Environment steps that it began with.
+        began: u64,
+        /// Environment steps that are wanted.
+        wanted: u64,
+        /// What hangs on them.
+        why: &'static str,
+    },
     /// A network, an optimiser or a normaliser cannot be made.
     #[error(transparent)]
     Network(#[from] NetworkError),
     /// A policy cannot be made.
     #[error(transparent)]
     Controller(#[from] ControllerError),
+}
+
+fn at(line: Option<usize>) -> String {
+    line.map_or_else(String::new, |line| format!("line {line}: "))
+}
+
+/// The settings that there are in the table of one that there is not.
+fn beside(name: &str, known: &[&str]) -> String {
+    let table = |name: &str| name.rsplit_once('.').map_or(String::new(), |(table, _)| table.to_string());
+    let own = table(name);
+    let keys: Vec<&str> = known
+        .iter()
+        .filter(|known| table(known) == own)
+        .filter_map(|known| known.rsplit('.').next())
+        .collect();
+    match (keys.is_empty(), own.is_empty()) {
+        (true, _) => format!("there is no table `{own}` either"),
+        (false, true) => format!("outside of tables there are: {}", keys.join(", ")),
+        (false, false) => format!("[{own}] has: {}", keys.join(", ")),
+    }
 }

@@ -3,9 +3,11 @@
 use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::{Seed, Stream};
 use serde::{Deserialize, Serialize};
+use toml::Spanned;
+use toml::de::DeValue;
 
 use crate::TrainingError;
-use crate::settings::positive;
+use crate::setting::{Kind, WEIGHTS, reads_as};
 
 /// The weights that a network begins with.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,11 +65,21 @@ impl Initialization {
         seed.normals(Stream::Weights, 0, &mut draws);
         parameters.iter_mut().zip(draws).for_each(|(parameter, z)| *parameter = (std * z) as f32);
     }
+}
 
-    pub(crate) fn check(self, name: &'static str) -> Result<(), TrainingError> {
+impl Kind for Initialization {
+    fn wanted() -> String {
+        WEIGHTS.wanted.to_string()
+    }
+
+    fn reads(value: Spanned<DeValue<'_>>) -> bool {
+        reads_as::<Initialization>(value)
+    }
+
+    fn numbers(&self) -> Option<Vec<f64>> {
         match self {
-            Initialization::Normal(std) => positive(name, std),
-            Initialization::Orthogonal | Initialization::Uniform => Ok(()),
+            Initialization::Normal(std) => Some(vec![*std]),
+            Initialization::Orthogonal | Initialization::Uniform => None,
         }
     }
 }

@@ -61,12 +61,10 @@ pub(crate) fn train(
     let iterations = iterations(run, learner.iteration_steps());
     let environment_steps = |learner: &dyn Learner| learner.iteration() * learner.iteration_steps();
     let mut clock = Clock { start: Instant::now(), secs_before: 0.0, steps_before: 0 };
-    let mut selection = Selection::new(run.stop_success, run.stop_strict, run.stop_validations);
+    let mut selection = new_selection(run);
     let mut validation = None;
     if let Some(checkpoint) = resume {
-        check_origin(checkpoint, config, &learner.identity(), seed)?;
-        learner.load(checkpoint)?;
-        selection.load(checkpoint, learner.network())?;
+        load(checkpoint, config, seed, &mut *learner, &mut selection)?;
         clock.secs_before = checkpoint.f64s("wall_clock_secs", 1)?[0];
         clock.steps_before = environment_steps(&*learner);
         validation = selection.last();
@@ -114,18 +112,55 @@ pub(crate) fn train(
     })
 }
 
-/// Checks that a checkpoint is of the same training: only how long it is to last may differ.
+/// Checks that a training could go on from a checkpoint.
+pub(crate) fn check_resumption(
+    config: &Config,
+    environment: Arc<dyn Environment>,
+    seed: Seed,
+    checkpoint: &Checkpoint,
+) -> Result<(), TrainingError> {
+    config.check()?;
+    let mut learner = config.learner(environment, seed)?;
+    load(checkpoint, config, seed, &mut *learner, &mut new_selection(config.run()))
+}
+
+fn new_selection(run: &RunSettings) -> Selection {
+    Selection::new(run.stop_success, run.stop_strict, run.stop_validations)
+}
+
+/// Goes on where a checkpoint was taken.
+fn load(
+    checkpoint: &Checkpoint,
+    config: &Config,
+    seed: Seed,
+    learner: &mut dyn Learner,
+    selection: &mut Selection,
+) -> Result<(), TrainingError> {
+    check_origin(checkpoint, config, learner, seed)?;
+    learner.load(checkpoint)?;
+    selection.load(checkpoint, learner.network())
+}
+
+/// Checks that a checkpoint is of the same training: only how long it is to last may differ, and only if what is
+/// learned does not hang on it.
 fn check_origin(
     checkpoint: &Checkpoint,
     config: &Config,
-    identity: &str,
+    learner: &dyn Learner,
     seed: Seed,
 ) -> Result<(), TrainingError> {
-    checkpoint.check(config.algorithm(), identity, seed.0)?;
+    checkpoint.check(config.algorithm(), &learner.identity(), seed.0)?;
     let began = Config::from_toml(config.algorithm(), checkpoint.settings());
     let mut began = began.expect("the algorithm of settings is known")?;
-    began.run_mut().total_steps = config.run().total_steps;
-    checkpoint.check_settings(&began.to_toml(), &config.to_toml())
+    let (old, new) = (began.run().total_steps, config.run().total_steps);
+    let all = |config: &Config| iterations(config.run(), learner.iteration_steps());
+    let is_as_long = all(&began) == all(config);
+    began.run_mut().total_steps = new;
+    checkpoint.check_settings(&began.to_toml(), &config.to_toml())?;
+    match config.hangs_on_total() {
+        Some(why) if !is_as_long => Err(TrainingError::OtherTotal { began: old, wanted: new, why }),
+        _ => Ok(()),
+    }
 }
 
 /// What an iteration tells of the episodes that ended in it; the rest is to be filled in.

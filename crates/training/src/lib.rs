@@ -20,6 +20,7 @@ mod checkpoint;
 mod conjugate_gradient;
 mod critic;
 pub mod ddpg;
+mod declare;
 pub mod deterministic;
 pub mod drawn;
 mod episodes;
@@ -28,6 +29,8 @@ pub mod gae;
 pub mod gaussian;
 mod initialization;
 mod learner;
+mod listing;
+mod memory;
 mod minibatches;
 mod off_policy;
 mod off_policy_config;
@@ -37,9 +40,11 @@ mod on_policy_settings;
 pub mod ppo;
 mod presets;
 mod progress;
+mod reading;
 pub mod replay;
 pub mod sac;
 mod selection;
+mod setting;
 mod settings;
 #[cfg(test)]
 mod skrl_on_policy;
@@ -57,6 +62,7 @@ pub use critic::{Critic, value_loss};
 pub use episodes::{Boundary, EpisodeStatistics, Episodes};
 pub use error::TrainingError;
 pub use initialization::Initialization;
+pub use memory::MemoryNeed;
 pub use minibatches::Division;
 pub use off_policy_settings::{
     ActionValueSettings, ActorSettings, ExplorationDecay, ReplaySettings, UpdateCount,
@@ -65,4 +71,5 @@ pub use on_policy_settings::{CriticSettings, ObservationMoments, PolicySettings,
 pub use presets::{BEST, PRESETS};
 pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation};
 pub use selection::{Best, Selection};
+pub use setting::{Choice, Setting};
 pub use settings::{EpisodeSettings, RunSettings, Settings, TimeLimits};

@@ -3,18 +3,19 @@
 use std::ops::Range;
 
 use mishandle_rollout::Seed;
-use serde::{Deserialize, Serialize};
 
+use crate::declare::choice;
+use crate::setting::ask;
 use crate::{TrainingError, shuffle};
 
-/// How the rows of a rollout are divided into minibatches.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Division {
-    /// In random order, anew in each epoch; the last minibatch has what is left.
-    Shuffled,
-    /// As they were rolled out, time first, the same in each epoch; what is left is not learned from.
-    Slices,
+choice! {
+    /// How the rows of a rollout are divided into minibatches.
+    pub enum Division {
+        /// In random order, anew in each epoch; the last minibatch has what is left.
+        Shuffled = "shuffled",
+        /// As they were rolled out, time first, the same in each epoch; what is left is not learned from.
+        Slices = "slices",
+    }
 }
 
 /// The minibatches of an epoch.
@@ -63,7 +64,7 @@ impl Minibatches {
 /// Checks that a rollout of `rows` rows has enough of them for so many slices: for a deviation there must be two.
 pub(crate) fn check_slices(rows: usize, slices: usize) -> Result<(), TrainingError> {
     let wanted = "at least 1, and at most half as many as rows of a rollout";
-    crate::settings::ask("slices", wanted, slices, slices >= 1 && rows / slices >= 2)
+    ask("slices", wanted, slices, slices >= 1 && rows / slices >= 2)
 }
 
 #[cfg(test)]

@@ -3,75 +3,76 @@
 use mishandle_network::Activation;
 use serde::{Deserialize, Serialize};
 
-use crate::settings::{activation_name, ask, at_least_1, layer_sizes, not_negative, positive, share};
+use crate::declare::{choice, settings};
+use crate::setting::{AT_LEAST_1, NOT_NEGATIVE, POSITIVE, SIZES, WEIGHTS, ask, kind};
+use crate::settings::activation_name;
 use crate::{EpisodeSettings, Initialization, TrainingError};
 
-/// `[replay]`: what is remembered, and how much is learned from it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ReplaySettings {
-    /// Control steps that are remembered, of all simulations together. Default 1,000,000.
-    pub capacity: usize,
-    /// Control steps whose rewards are summed before the critic's value takes over. Default 3.
-    pub n_steps: usize,
-    /// Rows of a batch. Default 256.
-    pub batch_rows: usize,
-    /// Whether a control step may come more than once in a batch. Default true.
-    pub replacement: bool,
-    /// Environment steps with uniformly random actions, before anything is learned. Default 10,000.
-    pub warmup_steps: u64,
-    /// Updates for each step after that. Default 1/32: four for each control step of 128 simulations.
-    pub updates_per_step: f64,
-    /// Whose steps `updates_per_step` counts: `environment-steps`, each simulation's, or `control-steps`, those that all
-    /// simulations make at once. Default `environment-steps`.
-    pub updates_count: UpdateCount,
-    /// Factor on rewards, so that values have a size that networks like. Default 0.1.
-    pub reward_scale: f64,
+settings! {
+    /// `[replay]`: what is remembered, and how much is learned from it.
+    pub struct ReplaySettings in "replay." {
+        /// Control steps that are remembered, of all simulations together: enough for `n_steps` + 3 of each.
+        pub capacity: usize = 1_000_000;
+        /// Control steps whose rewards are summed before the critic's value takes over.
+        pub n_steps: usize = 3, AT_LEAST_1;
+        /// Rows of a batch; without `replacement` no more than there are simulations.
+        pub batch_rows: usize = 256, AT_LEAST_1;
+        /// Whether a control step may come more than once in a batch.
+        pub replacement: bool = true;
+        /// Environment steps with uniformly random actions, before anything is learned.
+        pub warmup_steps: u64 = 10_000;
+        /// Updates for each step after that; 1/32 is four for each control step of 128 simulations.
+        pub updates_per_step: f64 = 1.0 / 32.0, NOT_NEGATIVE;
+        /// Whose steps `updates_per_step` counts.
+        pub updates_count: UpdateCount = UpdateCount::EnvironmentSteps;
+        /// Factor on rewards, so that values have a size that networks like.
+        pub reward_scale: f64 = 0.1, POSITIVE;
+    }
 }
 
-/// `[policy]`: a network that chooses actions.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ActorSettings {
-    /// Outputs of the hidden layers. Default `[128, 128]`.
-    pub hidden: Vec<usize>,
-    /// Activation of the hidden layers: `elu`, `tanh` or `relu`. Default `elu`.
-    #[serde(with = "activation_name")]
-    pub activation: Activation,
-    /// Step length of the optimiser. Default 0.0003.
-    pub learning_rate: f64,
-    /// Whether observations are scaled by running moments, for the critics too. Default true.
-    pub normalize_observations: bool,
-    /// What the network begins with: `"orthogonal"`, `"uniform"` or `{ normal = σ }`. Default `"orthogonal"`.
-    pub initialization: Initialization,
+choice! {
+    /// What updates are in proportion to.
+    pub enum UpdateCount {
+        /// Control steps times simulations.
+        EnvironmentSteps = "environment-steps",
+        /// Control steps, however many simulations make them at once.
+        ControlSteps = "control-steps",
+    }
 }
 
-/// `[critic]`: networks that learn the value of actions.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ActionValueSettings {
-    /// Outputs of the hidden layers. Default `[128, 128]`.
-    pub hidden: Vec<usize>,
-    /// Activation of the hidden layers: `elu`, `tanh` or `relu`. Default `elu`.
-    #[serde(with = "activation_name")]
-    pub activation: Activation,
-    /// Step length of the optimiser. Default 0.001.
-    pub learning_rate: f64,
-    /// Whether hidden layers are standardised before their activation. Default true.
-    pub layer_norm: bool,
-    /// What the networks begin with: `"orthogonal"`, `"uniform"` or `{ normal = σ }`. Default `"orthogonal"`.
-    pub initialization: Initialization,
+settings! {
+    /// `[policy]`: a network that chooses actions.
+    pub struct ActorSettings in "policy." {
+        /// Outputs of the hidden layers.
+        pub hidden: Vec<usize> = vec![128, 128], SIZES;
+        /// Activation of the hidden layers.
+        #[serde(with = "activation_name")]
+        pub activation: Activation = Activation::Elu;
+        /// Step length of the optimiser.
+        pub learning_rate: f64 = 3e-4, POSITIVE;
+        /// Whether observations are scaled by running moments, for the critics too.
+        pub normalize_observations: bool = true;
+        /// What its network begins with: orthogonal weights; weights and biases drawn evenly from ±1/√inputs, PyTorch's
+        /// default; or drawn from N(0, σ²).
+        pub initialization: Initialization = Initialization::Orthogonal, WEIGHTS;
+    }
 }
 
-/// What updates are in proportion to.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum UpdateCount {
-    /// Control steps times simulations.
-    #[default]
-    EnvironmentSteps,
-    /// Control steps, however many simulations make them at once.
-    ControlSteps,
+settings! {
+    /// `[critic]`: networks that learn the value of actions.
+    pub struct ActionValueSettings in "critic." {
+        /// Outputs of the hidden layers.
+        pub hidden: Vec<usize> = vec![128, 128], SIZES;
+        /// Activation of the hidden layers.
+        #[serde(with = "activation_name")]
+        pub activation: Activation = Activation::Elu;
+        /// Step length of the optimiser.
+        pub learning_rate: f64 = 1e-3, POSITIVE;
+        /// Whether hidden layers are standardised before their activation.
+        pub layer_norm: bool = true;
+        /// What its networks begin with, as in `policy.initialization`.
+        pub initialization: Initialization = Initialization::Orthogonal, WEIGHTS;
+    }
 }
 
 /// `exploration_decay`: how exploring noise falls, linearly, in the beginning of a training.
@@ -97,51 +98,9 @@ impl ExplorationDecay {
         let gone = steps.min(self.steps) as f64 / self.steps as f64;
         1.0 - gone * (1.0 - self.share)
     }
-
-    pub(crate) fn check(&self) -> Result<(), TrainingError> {
-        at_least_1("exploration_decay.steps", self.steps)?;
-        share("exploration_decay.share", self.share)
-    }
 }
 
-impl Default for ReplaySettings {
-    fn default() -> ReplaySettings {
-        ReplaySettings {
-            capacity: 1_000_000,
-            n_steps: 3,
-            batch_rows: 256,
-            replacement: true,
-            warmup_steps: 10_000,
-            updates_per_step: 1.0 / 32.0,
-            updates_count: UpdateCount::default(),
-            reward_scale: 0.1,
-        }
-    }
-}
-
-impl Default for ActorSettings {
-    fn default() -> ActorSettings {
-        ActorSettings {
-            hidden: vec![128, 128],
-            activation: Activation::Elu,
-            learning_rate: 3e-4,
-            normalize_observations: true,
-            initialization: Initialization::Orthogonal,
-        }
-    }
-}
-
-impl Default for ActionValueSettings {
-    fn default() -> ActionValueSettings {
-        ActionValueSettings {
-            hidden: vec![128, 128],
-            activation: Activation::Elu,
-            learning_rate: 1e-3,
-            layer_norm: true,
-            initialization: Initialization::Orthogonal,
-        }
-    }
-}
+kind!(ExplorationDecay, "a table", decay => Some(vec![decay.steps as f64, decay.share]));
 
 impl ReplaySettings {
     /// Updates that are due after `steps` control steps of `rows` simulations each.
@@ -162,34 +121,15 @@ impl ReplaySettings {
         self.n_steps + 2
     }
 
-    pub(crate) fn check(&self, episodes: &EpisodeSettings) -> Result<(), TrainingError> {
-        at_least_1("n_steps", self.n_steps as u64)?;
-        at_least_1("batch_rows", self.batch_rows as u64)?;
-        not_negative("updates_per_step", self.updates_per_step)?;
-        positive("reward_scale", self.reward_scale)?;
+    /// Checks what hangs on more than one setting.
+    pub(crate) fn check_sizes(&self, episodes: &EpisodeSettings) -> Result<(), TrainingError> {
         // Before the first batch each simulation remembers one start, and maybe no more.
-        let wanted = "at most `episodes.environments` without `replacement`";
+        let wanted = "at most `episodes.environments` without `replay.replacement`";
         let distinct = self.replacement || self.batch_rows <= episodes.environments;
         ask("replay.batch_rows", wanted, self.batch_rows, distinct)?;
-        let wanted = "enough for `n_steps` + 3 control steps of each simulation";
-        let enough = self.capacity / episodes.environments > self.first_steps();
+        let wanted = "enough for `replay.n_steps` + 3 control steps of each simulation";
+        let enough = self.capacity / episodes.environments >= self.n_steps.saturating_add(3);
         ask("replay.capacity", wanted, self.capacity, enough)
-    }
-}
-
-impl ActorSettings {
-    pub(crate) fn check(&self) -> Result<(), TrainingError> {
-        layer_sizes("policy.hidden", &self.hidden)?;
-        self.initialization.check("policy.initialization.normal")?;
-        positive("policy.learning_rate", self.learning_rate)
-    }
-}
-
-impl ActionValueSettings {
-    pub(crate) fn check(&self) -> Result<(), TrainingError> {
-        layer_sizes("critic.hidden", &self.hidden)?;
-        self.initialization.check("critic.initialization.normal")?;
-        positive("critic.learning_rate", self.learning_rate)
     }
 }
 
@@ -218,11 +158,10 @@ mod tests {
         let replay = ReplaySettings { replacement: false, batch_rows: 65, ..ReplaySettings::default() };
         let told = |environments| {
             let episodes = EpisodeSettings { environments, ..EpisodeSettings::default() };
-            replay.check(&episodes).map_err(|refusal| refusal.to_string())
+            replay.check_sizes(&episodes).map_err(|refusal| refusal.to_string())
         };
         assert_eq!(told(65), Ok(()));
-        let wanted =
-            "the setting `replay.batch_rows` must be at most `episodes.environments` without `replacement`";
+        let wanted = "the setting `replay.batch_rows` must be at most `episodes.environments` without `replay.replacement`";
         assert_eq!(told(64), Err(format!("{wanted}, found 65")));
     }
 }

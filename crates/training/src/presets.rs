@@ -1,9 +1,9 @@
-//! Presets: what the settings are that a file leaves out.
+//! Settings presets: what the settings are that a file leaves out.
 //!
 //! Settings as TOML may say `preset = "skrl-0.10"`: what they leave out is then as that preset has it. A preset is
 //! itself TOML, and states what it has other than the defaults.
 
-use crate::{Settings, TrainingError};
+use crate::Settings;
 
 /// Names of the presets: `best`, the defaults, which is meant if none is named; and `skrl-0.10`, what skrl 0.10.2 does if it is told
 /// nothing else. Not every algorithm has every preset.
@@ -15,20 +15,19 @@ pub const BEST: &str = "best";
 /// Name of the preset that is what skrl 0.10.2 does if it is told nothing else.
 pub(crate) const SKRL_0_10: &str = "skrl-0.10";
 
-/// All settings of a preset, but for those that have no value.
-pub(crate) fn preset<S: Settings>(name: &str) -> Result<toml::Table, TrainingError> {
+/// Names of the settings presets of an algorithm.
+pub(crate) fn preset_names<S: Settings>() -> Vec<&'static str> {
+    std::iter::once(BEST).chain(S::PRESETS.iter().map(|(name, _)| *name)).collect()
+}
+
+/// All settings of a preset, but for those that have no value; of a name that is none's, the defaults.
+pub(crate) fn preset<S: Settings>(name: &str) -> toml::Table {
     let parsed = |text: &str| text.parse::<toml::Table>().expect("settings and presets are TOML");
     let mut settings = parsed(&S::default().to_toml());
-    if name != BEST {
-        let found = S::PRESETS.iter().find(|(known, _)| *known == name);
-        let (_, stated) = found.ok_or_else(|| TrainingError::Preset {
-            algorithm: S::ALGORITHM,
-            found: name.to_string(),
-            known: std::iter::once(BEST).chain(S::PRESETS.iter().map(|(known, _)| *known)).collect(),
-        })?;
+    if let Some((_, stated)) = S::PRESETS.iter().find(|(known, _)| *known == name) {
         overlay(&mut settings, parsed(stated));
     }
-    Ok(settings)
+    settings
 }
 
 /// Lets `own` have what `other` states.
@@ -93,8 +92,9 @@ mod tests {
     #[test]
     fn a_preset_that_an_algorithm_lacks_is_refused() {
         let refusal = PpoConfig::from_toml("preset = \"rllib\"").unwrap_err().to_string();
-        assert_eq!(refusal, "ppo has no preset `rllib`; it has: best, skrl-0.10");
+        let wanted = "the name of a settings preset of ppo: \"best\" or \"skrl-0.10\"";
+        assert_eq!(refusal, format!("line 1: the setting `preset` must be {wanted}, found \"rllib\""));
         let refusal = PpoConfig::from_toml("gamma = 0.9\npreset = 3").unwrap_err().to_string();
-        assert!(refusal.contains("line 2: ") && !refusal.contains('\n'), "{refusal}");
+        assert_eq!(refusal, format!("line 2: the setting `preset` must be {wanted}, found 3"));
     }
 }

@@ -180,6 +180,29 @@ fn a_checkpoint_of_another_training_is_refused() {
 }
 
 #[test]
+fn a_training_whose_steps_hang_on_its_length_is_not_made_longer() {
+    let of = |steps: u64, more: &str| settings("ppo", &format!("run.total_steps = {steps}\n{more}"));
+    let linear = "learning_rate_schedule = \"linear\"";
+    let mut watch = Watch::default();
+    run(1, &of(1_000, linear), None, &mut watch);
+    let checkpoint = watch.checkpoint.unwrap();
+    let checked = |config: &Config| config.check_resumption(Line::new(0.0), Seed(5), &checkpoint);
+    for steps in [100, 5_000] {
+        let told = checked(&of(steps, linear)).unwrap_err().to_string();
+        let refused = format!(
+            "`run.total_steps` = 1000 cannot go on with {steps}: `learning_rate_schedule = \"linear\"`"
+        );
+        assert!(told.contains(&refused), "{told}");
+        let trained =
+            of(steps, linear).train(Line::new(0.0), Seed(5), Some(&checkpoint), &mut Watch::default());
+        assert!(trained.is_err());
+    }
+    // As many iterations, though not as many steps, and other settings are other things.
+    assert!(checked(&of(999, linear)).is_ok() && checked(&of(1_000, linear)).is_ok());
+    assert!(checked(&of(5_000, "")).unwrap_err().to_string().contains("the checkpoint's settings"));
+}
+
+#[test]
 fn weights_that_run_wild_end_the_training_with_an_error() {
     let config = settings(
         "ppo",

@@ -122,7 +122,11 @@ impl Program {
         let path = self.home.work(training, ".settings.toml");
         write(&path, settings.as_bytes())?;
         let (Training { task, algorithm, .. }, text) = (training, path.to_string_lossy());
-        let told = self.json(&["train", task, "--algorithm", algorithm, "--settings", &text, "--dry-run"]);
+        // Nothing is written there, but what is in the way of a training would keep a dry run, too.
+        let out = self.home.work(training, ".dry-run");
+        let places = ["--settings", &text, "--out", &out.to_string_lossy()];
+        let told =
+            self.json(&[&["train", task, "--algorithm", algorithm, "--dry-run"], &places[..]].concat());
         remove(&path)?;
         told
     }

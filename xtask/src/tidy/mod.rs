@@ -11,6 +11,7 @@ use std::process::Command;
 use anyhow::{Result, bail};
 
 use crate::process::{cargo, output};
+use crate::settings;
 
 /// The files of the repository: those that git tracks, or would if they were added.
 struct Tree {
@@ -85,6 +86,7 @@ pub fn check(root: &Path) -> Result<()> {
     for problem in &problems {
         eprintln!("{problem}");
     }
+    settings::check(root)?;
     match problems.len() {
         0 => {
             eprintln!("{} files and {} crates are tidy", tree.files.len(), packages.len());

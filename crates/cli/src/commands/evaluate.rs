@@ -118,7 +118,7 @@ fn text(plan: &Plan, report: &Report) -> String {
         row("task completion time", steps(&report.task_completion_time), report.task_completion_time.n),
     ];
     let mut text = format!(
-        "{}, controller {}, preset {}{}{}\n\n{}",
+        "{}, controller {}, task preset {}{}{}\n\n{}",
         plan.task,
         plan.controller,
         plan.preset,

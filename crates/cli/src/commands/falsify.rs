@@ -162,7 +162,7 @@ fn text(plan: &Plan, subject: &Subject, found: &Found) -> String {
     }
     let ended = found.falsification_rate.n;
     let mut text = format!(
-        "{}, controller {}, preset {}{}\nsearch {}, at most {} simulations a trial, seed {}\nformula {}\n\n{}\n\n\
+        "{}, controller {}, task preset {}{}\nsearch {}, at most {} simulations a trial, seed {}\nformula {}\n\n{}\n\n\
          falsified {} of {ended} trials",
         plan.task,
         plan.controller,

@@ -77,8 +77,13 @@ fn unwritten(plan: &TrainPlan, report: &TrainReport) -> Error {
 /// Says what would be trained.
 fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<Outcome> {
     let facts = mishandle::training_facts(plan)?;
+    let total_steps = facts.config.run().total_steps;
     if !as_json {
-        output::line(facts.settings.trim_end())?;
+        let TrainPlan { task, algorithm, reward, seed, .. } = plan;
+        output::line(&format!("# task {task}, algorithm {algorithm}, reward {reward}, seed {seed}"))?;
+        output::line(&format!("# {total_steps} environment steps, to {}", plan.out.display()))?;
+        output::line(&format!("# {}\n", plan.command()))?;
+        output::line(facts.config.listing().trim_end())?;
         return Ok(Outcome::Done);
     }
     let formats: Value =
@@ -88,8 +93,9 @@ fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<Outcome> {
         "algorithm": plan.algorithm,
         "reward": plan.reward,
         "seed": plan.seed.to_string(),
+        "environment_steps": total_steps,
         "command": plan.command(),
-        "settings": facts.settings,
+        "settings": facts.config.to_toml(),
         "task_hash": facts.task_hash,
         "layout_hash": facts.layout_hash,
         "formats": formats,

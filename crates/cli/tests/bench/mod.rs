@@ -76,6 +76,7 @@ fn words(arguments: &str) -> Vec<String> {
 }
 
 /// Sends a signal by its name.
+#[allow(dead_code, reason = "not all tests that have a bench send one")]
 pub fn signal(child: &std::process::Child, name: &str) {
     let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status().unwrap();
     assert!(sent.success());

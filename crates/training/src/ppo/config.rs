@@ -1,148 +1,116 @@
-use serde::{Deserialize, Serialize};
-
+use crate::declare::{choice, settings};
 use crate::minibatches::check_slices;
 use crate::presets::SKRL_0_10;
-use crate::settings::{ask, at_least_1, number, positive, share};
+use crate::setting::{AT_LEAST_1, AT_LEAST_2, FINITE, POSITIVE, RISING, SHARE};
 use crate::{
-    CriticSettings, Division, EpisodeSettings, PolicySettings, RunSettings, Settings, TrainingError,
+    CriticSettings, Division, EpisodeSettings, PolicySettings, RunSettings, Setting, Settings, TrainingError,
 };
 
-/// Settings of PPO. As TOML, each is a key of its name, the last four are tables; see [`Settings`] for keys left out.
-///
-/// # Example
-/// ```
-/// use mishandle_training::{Settings, ppo::PpoConfig};
-/// let config = PpoConfig::from_toml("gamma = 0.97\npolicy.hidden = [128, 64]")?;
-/// assert_eq!((config.gamma, config.epochs), (0.97, 5));
-/// assert_eq!(PpoConfig::from_toml(&config.to_toml())?, config);
-/// # Ok::<(), mishandle_training::TrainingError>(())
-/// ```
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct PpoConfig {
-    /// Control steps of each simulation between two updates. Default 32.
-    pub rollout_steps: usize,
-    /// Passes over each rollout. Default 5.
-    pub epochs: usize,
-    /// How a rollout is divided into minibatches: `shuffled` or `slices`; see [`Division`]. Default `shuffled`.
-    pub minibatches: Division,
-    /// Rows of a shuffled minibatch; the last of an epoch has what is left. Default 4096.
-    pub minibatch_rows: usize,
-    /// Number of slices, each of rows of the rollout / `slices`, rounded down. Default 2.
-    pub slices: usize,
-    /// γ, the discount of a control step. Default 0.99.
-    pub gamma: f64,
-    /// λ of generalised advantage estimation. Default 0.95.
-    pub gae_lambda: f64,
-    /// What advantages are standardised over: each `minibatch`, or the whole `rollout`. Default `minibatch`.
-    pub advantages: Standardized,
-    /// ε, how far a ratio may leave 1 with profit. Default 0.2.
-    pub clip_epsilon: f64,
-    /// How far the critic's output may leave what it was when the rollout was made: in the loss it is held there, and
-    /// nothing is learned from beyond. In units of the critic's scale; without limit if left out.
-    pub value_clip: Option<f64>,
-    /// Weight of the policy's entropy. Default 0.
-    pub entropy_coef: f64,
-    /// What the entropy is over the actions: their `sum`, or their `mean`. Default `sum`.
-    pub entropy: Reduction,
-    /// Largest norm of a gradient. Default 1.
-    pub max_grad_norm: f64,
-    /// What this limits: the gradients of policy and critic each (`separate`), or both as one (`joint`). Default
-    /// `separate`.
-    pub grad_norm: GradNorm,
-    /// Step length of the policy's optimiser, at the start. Default 0.001.
-    pub learning_rate: f64,
-    /// Whether the critic's optimiser always has this step length, too, instead of its own. Default false.
-    pub shared_learning_rate: bool,
-    /// How it changes: `constant`, `linear` (to 0 at the end, the critic's too), or `adaptive`. Default `adaptive`.
-    pub learning_rate_schedule: Schedule,
-    /// Divergence that the adaptive schedule steers to: after an epoch with more than twice as much the step length is
-    /// divided by 1.5, with less than half as much multiplied. Default 0.01.
-    pub target_kl: f64,
-    /// Smallest and largest step length of the adaptive schedule. Default `[1e-5, 1e-2]`.
-    pub learning_rate_range: [f64; 2],
-    /// Divergence of a minibatch that ends the epoch before it is learned from; never if left out.
-    pub kl_threshold: Option<f64>,
-    /// How long, and when to look.
-    pub run: RunSettings,
-    /// The simulations.
-    pub episodes: EpisodeSettings,
-    /// The policy.
-    pub policy: PolicySettings,
-    /// The critic.
-    pub critic: CriticSettings,
+settings! {
+    /// Settings of PPO. As TOML, each is a key of its name, the last four are tables; see [`Settings`] for keys left out.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_training::{Settings, ppo::PpoConfig};
+    /// let config = PpoConfig::from_toml("gamma = 0.97\npolicy.hidden = [128, 64]")?;
+    /// assert_eq!((config.gamma, config.epochs), (0.97, 5));
+    /// assert_eq!(PpoConfig::from_toml(&config.to_toml())?, config);
+    /// # Ok::<(), mishandle_training::TrainingError>(())
+    /// ```
+    pub struct PpoConfig in "" {
+        /// Control steps of each simulation between two updates.
+        pub rollout_steps: usize = 32, AT_LEAST_1;
+        /// Passes over each rollout.
+        pub epochs: usize = 5, AT_LEAST_1;
+        /// How a rollout is divided into minibatches.
+        pub minibatches: Division = Division::Shuffled;
+        /// Rows of a shuffled minibatch; the last of an epoch has what is left.
+        pub minibatch_rows: usize = 4096, AT_LEAST_2;
+        /// Number of slices, at most half as many as rows of a rollout; each of rows of the rollout / `slices`, rounded down.
+        pub slices: usize = 2, AT_LEAST_1;
+        /// γ, the discount of a control step.
+        pub gamma: f64 = 0.99, SHARE;
+        /// λ of generalised advantage estimation.
+        pub gae_lambda: f64 = 0.95, SHARE;
+        /// Over which rows advantages are brought to mean 0 and deviation 1.
+        pub advantages: Standardized = Standardized::Minibatch;
+        /// ε, how far a ratio may leave 1 with profit.
+        pub clip_epsilon: f64 = 0.2, POSITIVE;
+        /// How far the critic's output may leave what it was when the rollout was made: in the loss it is held there, and
+        /// nothing is learned from beyond. In units of the critic's scale; without limit if left out.
+        pub value_clip: Option<f64> = None, POSITIVE;
+        /// Weight of the policy's entropy.
+        pub entropy_coef: f64 = 0.0, FINITE;
+        /// What the entropy is over the numbers of an action.
+        pub entropy: Reduction = Reduction::Sum;
+        /// Largest norm of a gradient.
+        pub max_grad_norm: f64 = 1.0, POSITIVE;
+        /// Which gradients it limits.
+        pub grad_norm: GradNorm = GradNorm::Separate;
+        /// Step length of the policy's optimiser, at the start.
+        pub learning_rate: f64 = 1e-3, POSITIVE;
+        /// Whether the critic's optimiser always has the policy's step length instead of its own.
+        pub shared_learning_rate: bool = false;
+        /// How `learning_rate` changes.
+        pub learning_rate_schedule: Schedule = Schedule::Adaptive;
+        /// Divergence that the adaptive schedule steers to: after an epoch with more than twice as much the step length is
+        /// divided by 1.5, with less than half as much multiplied.
+        pub target_kl: f64 = 0.01, POSITIVE;
+        /// Smallest and largest step length of the adaptive schedule.
+        pub learning_rate_range: [f64; 2] = [1e-5, 1e-2], RISING;
+        /// Divergence of a minibatch that ends the epoch before it is learned from; never if left out.
+        pub kl_threshold: Option<f64> = None, POSITIVE;
+    } tables {
+        /// How long, and when to look.
+        pub run: RunSettings = RunSettings::default();
+        /// The simulations.
+        pub episodes: EpisodeSettings = EpisodeSettings::default();
+        /// The policy.
+        pub policy: PolicySettings = PolicySettings::default();
+        /// The critic.
+        pub critic: CriticSettings = CriticSettings::default();
+    }
 }
 
-/// Over which rows advantages are brought to mean 0 and deviation 1.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Standardized {
-    /// Those of each minibatch.
-    Minibatch,
-    /// Those of the whole rollout.
-    Rollout,
+choice! {
+    /// Over which rows advantages are brought to mean 0 and deviation 1.
+    pub enum Standardized {
+        /// Those of each minibatch.
+        Minibatch = "minibatch",
+        /// Those of the whole rollout.
+        Rollout = "rollout",
+    }
 }
 
-/// What becomes of numbers that there are one of for each action.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Reduction {
-    /// Their sum.
-    Sum,
-    /// Their mean.
-    Mean,
+choice! {
+    /// What becomes of numbers that there are one of for each action.
+    pub enum Reduction {
+        /// Their sum.
+        Sum = "sum",
+        /// Their mean.
+        Mean = "mean",
+    }
 }
 
-/// Which gradients a largest norm limits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum GradNorm {
-    /// Those of policy and critic each.
-    Separate,
-    /// Both as one.
-    Joint,
+choice! {
+    /// Which gradients a largest norm limits.
+    pub enum GradNorm {
+        /// Those of policy and critic each.
+        Separate = "separate",
+        /// Both as one.
+        Joint = "joint",
+    }
 }
 
-/// How the step length of the policy's optimiser changes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Schedule {
-    /// Not at all.
-    Constant,
-    /// It falls evenly, to 0 at the end.
-    Linear,
-    /// It is steered by the divergence of the new policy from the old one.
-    Adaptive,
-}
-
-impl Default for PpoConfig {
-    fn default() -> PpoConfig {
-        PpoConfig {
-            rollout_steps: 32,
-            epochs: 5,
-            minibatches: Division::Shuffled,
-            minibatch_rows: 4096,
-            slices: 2,
-            gamma: 0.99,
-            gae_lambda: 0.95,
-            advantages: Standardized::Minibatch,
-            clip_epsilon: 0.2,
-            value_clip: None,
-            entropy_coef: 0.0,
-            entropy: Reduction::Sum,
-            max_grad_norm: 1.0,
-            grad_norm: GradNorm::Separate,
-            learning_rate: 1e-3,
-            shared_learning_rate: false,
-            learning_rate_schedule: Schedule::Adaptive,
-            target_kl: 0.01,
-            learning_rate_range: [1e-5, 1e-2],
-            kl_threshold: None,
-            run: RunSettings::default(),
-            episodes: EpisodeSettings::default(),
-            policy: PolicySettings::default(),
-            critic: CriticSettings::default(),
-        }
+choice! {
+    /// How the step length of the policy's optimiser changes.
+    pub enum Schedule {
+        /// Not at all.
+        Constant = "constant",
+        /// It falls evenly, to 0 at the end, the critic's too.
+        Linear = "linear",
+        /// It is steered by the divergence of the new policy from the old one.
+        Adaptive = "adaptive",
     }
 }
 
@@ -151,28 +119,19 @@ impl Settings for PpoConfig {
 
     const PRESETS: &'static [(&'static str, &'static str)] = &[(SKRL_0_10, include_str!("skrl-0.10.toml"))];
 
+    fn settings() -> Vec<Setting> {
+        Self::described()
+    }
+
     fn check(&self) -> Result<(), TrainingError> {
-        at_least_1("rollout_steps", self.rollout_steps as u64)?;
-        at_least_1("epochs", self.epochs as u64)?;
-        ask("minibatch_rows", "at least 2", self.minibatch_rows, self.minibatch_rows >= 2)?;
-        share("gamma", self.gamma)?;
-        share("gae_lambda", self.gae_lambda)?;
-        positive("clip_epsilon", self.clip_epsilon)?;
-        positive("value_clip", self.value_clip.unwrap_or(1.0))?;
-        number("entropy_coef", self.entropy_coef)?;
-        positive("max_grad_norm", self.max_grad_norm)?;
-        positive("learning_rate", self.learning_rate)?;
-        positive("target_kl", self.target_kl)?;
-        let [low, high] = self.learning_rate_range;
-        let two = "two finite numbers, above 0 and not falling";
-        let found = format!("{:?}", self.learning_rate_range);
-        ask("learning_rate_range", two, found, 0.0 < low && low <= high && high.is_finite())?;
-        positive("kl_threshold", self.kl_threshold.unwrap_or(1.0))?;
-        self.run.check()?;
-        self.episodes.check()?;
-        check_slices(self.rollout_steps * self.episodes.environments, self.slices)?;
-        self.policy.check()?;
-        self.critic.check()
+        self.check_rules()?;
+        check_slices(self.rollout_steps.saturating_mul(self.episodes.environments), self.slices)?;
+        self.policy.check_bounds()
+    }
+
+    fn hangs_on_total(&self) -> Option<&'static str> {
+        let is_linear = self.learning_rate_schedule == Schedule::Linear;
+        is_linear.then_some("`learning_rate_schedule = \"linear\"` takes the step length to 0 at the end")
     }
 }
 
@@ -195,18 +154,58 @@ mod tests {
     }
 
     #[test]
-    fn unknown_keys_and_wrong_values_are_refused() {
-        check_refusal("gamma = 0.9\nlamda = 0.9", "line 2: unknown field `lamda`, expected one of");
-        check_refusal("[run]\nsteps = 9", "line 2: unknown field `steps`, expected one of");
-        check_refusal("epochs = -1", "line 1: ");
-        check_refusal("policy.activation = \"swish\"", "activation `swish` is not known");
-        check_refusal("learning_rate_schedule = \"cosine\"", "unknown variant `cosine`");
-        check_refusal("gamma = nan", "the setting `gamma` must be a number from 0 to 1, found NaN");
-        check_refusal("learning_rate = 0.0", "the setting `learning_rate` must be a number above 0, found 0");
+    fn unknown_keys_are_refused_by_their_table_and_line() {
         check_refusal(
-            "policy.initial_log_std = 3.0",
-            "must be a number from `min_log_std` to `max_log_std`, found 3",
+            "gamma = 0.9\nlamda = 0.9",
+            "line 2: ppo has no setting `lamda`; outside of tables there are",
         );
-        check_refusal("episodes.environments = 0", "the setting `environments` must be at least 1, found 0");
+        let told = "line 2: ppo has no setting `run.steps`; [run] has: total_steps, validation_every, ";
+        check_refusal("[run]\nsteps = 9", told);
+        check_refusal("polices.hidden = [9]", "line 1: ppo has no setting `polices`");
+        check_refusal("run = 3", "line 1: the setting `run` must be a table, as [run], found 3");
+    }
+
+    #[test]
+    fn wrong_values_are_refused_with_what_is_allowed() {
+        for (text, told) in [
+            ("epochs = -1", "line 1: the setting `epochs` must be a whole number of at least 1, found -1"),
+            ("epochs = 9223372036854775808", "at least 1, found 9223372036854775808"),
+            ("epochs = 1e1", "line 1: the setting `epochs` must be a whole number of at least 1, found 1e1"),
+            ("\ngamma = \"a\"", "line 2: the setting `gamma` must be a number from 0 to 1, found \"a\""),
+            ("gamma = nan", "line 1: the setting `gamma` must be a number from 0 to 1, found NaN"),
+            (
+                "policy.activation = \"swish\"",
+                "`policy.activation` must be \"elu\", \"tanh\" or \"relu\", found",
+            ),
+            (
+                "learning_rate_schedule = \"cosine\"",
+                "`learning_rate_schedule` must be \"constant\", \"linear\" or \"adaptive\", found \"cosine\"",
+            ),
+            ("learning_rate = 0.0", "line 1: the setting `learning_rate` must be a number above 0, found 0"),
+            ("learning_rate_range = [0.1]", "`learning_rate_range` must be two finite numbers, above 0 and"),
+            (
+                "[policy]\ninitial_log_std = 3.0",
+                "line 2: the setting `policy.initial_log_std` must be a number from `policy.min_log_std` to \
+                 `policy.max_log_std`, found 3",
+            ),
+            ("policy.initialization = { normal = 0 }", "σ being a number above 0, found 0"),
+            (
+                "[critic]\nhidden = [8, 0]",
+                "line 2: the setting `critic.hidden` must be a list of whole numbers",
+            ),
+            (
+                "episodes.environments = 0",
+                "line 1: the setting `episodes.environments` must be a whole number of",
+            ),
+            ("run.stop_success = 1.1", "line 1: the setting `run.stop_success` must be a number from 0 to 1"),
+            ("gamma = { a = 1 }", "`gamma` must be a number from 0 to 1, found a table of a"),
+            ("gamma 0.9", "line 1: this is not TOML: "),
+            ("gamma = 0.9\ngamma = 0.9", "line 2: this is not TOML: duplicate key"),
+        ] {
+            check_refusal(text, told);
+        }
+        // What no line states is the default's, or the preset's.
+        let refusal = PpoConfig::from_toml("rollout_steps = 1\nepisodes.environments = 2").unwrap_err();
+        assert!(refusal.to_string().starts_with("the setting `slices` must be "), "{refusal}");
     }
 }

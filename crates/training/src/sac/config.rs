@@ -1,7 +1,6 @@
 use super::distribution::Distribution;
-use crate::TrainingError;
 use crate::off_policy_config::off_policy_config;
-use crate::settings::{at_least_1, positive};
+use crate::setting::{AT_LEAST_1, POSITIVE};
 
 off_policy_config! {
     /// Settings of SAC. As TOML, each is a key of its name, the last five are tables; see [`Settings`](crate::Settings)
@@ -16,26 +15,17 @@ off_policy_config! {
     /// # Ok::<(), mishandle_training::TrainingError>(())
     /// ```
     pub struct SacConfig for "sac" {
-        /// What the policy draws from: `squashed` or `clipped`. Default `squashed`.
-        pub distribution: Distribution = Distribution::Squashed,
-        /// Deviation of each action, before squashing, of a Gaussian with the entropy that is aimed at. Default 0.2.
-        pub target_std: f64 = 0.2,
+        /// What the policy draws from.
+        pub distribution: Distribution = Distribution::Squashed;
+        /// Deviation of each action, before squashing, of a Gaussian with the entropy that is aimed at.
+        pub target_std: f64 = 0.2, POSITIVE;
         /// Control steps for which a simulation keeps the z that it draws its actions with: an arm hardly follows what
-        /// changes each step. Default 1.
-        pub exploration_hold: u64 = 1,
-        /// α at the start. Default 0.01.
-        pub initial_temperature: f64 = 0.01,
-        /// Step length of the optimiser of log α. Default 0.001.
-        pub temperature_learning_rate: f64 = 1e-3,
-    }
-}
-
-impl SacConfig {
-    fn check_own(&self) -> Result<(), TrainingError> {
-        positive("target_std", self.target_std)?;
-        at_least_1("exploration_hold", self.exploration_hold)?;
-        positive("initial_temperature", self.initial_temperature)?;
-        positive("temperature_learning_rate", self.temperature_learning_rate)
+        /// changes each step.
+        pub exploration_hold: u64 = 1, AT_LEAST_1;
+        /// α at the start.
+        pub initial_temperature: f64 = 0.01, POSITIVE;
+        /// Step length of the optimiser of log α.
+        pub temperature_learning_rate: f64 = 1e-3, POSITIVE;
     }
 }
 
@@ -49,7 +39,7 @@ mod tests {
         for (text, told) in [
             ("target_std = 0", "`target_std` must be a number above 0, found 0"),
             ("initial_temperature = nan", "`initial_temperature` must be a number above 0, found NaN"),
-            ("exploration_std = [0.1, 0.1]", "line 1: unknown field `exploration_std`"),
+            ("exploration_std = [0.1, 0.1]", "line 1: sac has no setting `exploration_std`"),
         ] {
             let refusal = SacConfig::from_toml(text).unwrap_err().to_string();
             assert!(refusal.contains(told), "{refusal}");

@@ -1,18 +1,17 @@
 use mishandle_network::{Mlp, Scalar, Workspace};
-use serde::{Deserialize, Serialize};
 
+use crate::declare::choice;
 use crate::drawn::Drawn;
 
-/// Which Gaussian a policy draws from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Distribution {
-    /// `squashed`: tanh of a Gaussian. The network gives μ of all actions, then h of all actions, of which σ is made.
-    #[default]
-    Squashed,
-    /// `clipped`: a Gaussian cut to [-1, 1]. The network gives μ of all actions; log σ are parameters beside it, the same
-    /// whatever is seen.
-    Clipped,
+choice! {
+    /// Which Gaussian a policy draws from.
+    pub enum Distribution {
+        /// tanh of a Gaussian. The network gives μ of all actions, then h of all actions, of which σ is made.
+        Squashed = "squashed",
+        /// A Gaussian cut to [-1, 1]. The network gives μ of all actions; log σ are parameters beside it, the same
+        /// whatever is seen.
+        Clipped = "clipped",
+    }
 }
 
 impl Distribution {

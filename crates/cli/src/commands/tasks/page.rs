@@ -99,7 +99,7 @@ fn formulas(definition: &Definition, preset: Preset) -> Result<String> {
         Preset::Code => [Preset::Code, Preset::Paper],
     };
     let mut lines = vec![format!(
-        "Under preset {}. Bounds without a unit count control steps of 1/60 s. What is met has a positive robustness.",
+        "Under task preset {}. Bounds without a unit count control steps of 1/60 s. What is met has a positive robustness.",
         name(shown)
     )];
     for (((role, moment, meaning), text), other_text) in ROLES.into_iter().zip(texts(shown)).zip(texts(other))
@@ -115,7 +115,7 @@ fn formulas(definition: &Definition, preset: Preset) -> Result<String> {
             formula.words(&Clock::steps(CONTROL_DT), moment, unit)?.iter().map(|line| format!("  {line}")),
         );
         if other_text != text {
-            lines.push(format!("  preset {}: {other_text}", name(other)));
+            lines.push(format!("  task preset {}: {other_text}", name(other)));
         }
     }
     Ok(lines.join("\n"))
@@ -129,7 +129,8 @@ fn name(preset: Preset) -> &'static str {
 }
 
 fn initial_box(definition: &Definition) -> String {
-    let mut rows = vec![["axis", "preset paper", "preset code", "unit", "sets"].map(String::from).to_vec()];
+    let mut rows =
+        vec![["axis", "task preset paper", "task preset code", "unit", "sets"].map(String::from).to_vec()];
     for axis in definition.initial_box {
         let bounds = |[low, high]: [f64; 2]| format!("[{low}, {high}]");
         let text = [bounds(axis.paper), bounds(axis.code)];

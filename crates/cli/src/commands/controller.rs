@@ -1,0 +1,73 @@
+use anyhow::Result;
+use mishandle::controllers::ControllerFile;
+use serde_json::{Value, json};
+
+use crate::output::{self, number, table};
+use crate::{Outcome, args};
+
+pub fn run(command: &args::Controller) -> Result<Outcome> {
+    let file = ControllerFile::load(&mishandle::find_controller(&command.controller)?)?;
+    if command.json {
+        output::json(&document(&file))?;
+    } else {
+        output::line(&page(&file))?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn document(file: &ControllerFile) -> Value {
+    let (header, training) = (&file.header, &file.header.training);
+    let validation = training.validation.map(|found| {
+        json!({
+            "episodes": found.episodes,
+            "success_rate": number(found.success_rate),
+            "strict_success_rate": number(found.strict_success_rate),
+        })
+    });
+    json!({
+        "task": header.task,
+        "algorithm": header.algorithm,
+        "preset": header.preset,
+        "reward": header.reward,
+        "seed": training.seed.to_string(),
+        "environment_steps": training.environment_steps,
+        "wall_clock_secs": number(training.wall_clock_secs),
+        "git_commit": training.git_commit,
+        "command": training.command,
+        "validation": validation,
+        "policy": file.policy.kind(),
+        "sizes": file.policy.network().sizes(),
+        "controller_hash": file.policy.hash(),
+        "task_hash": header.task_hash,
+        "layout_hash": header.layout.hash(),
+        "settings": training.settings,
+    })
+}
+
+fn page(file: &ControllerFile) -> String {
+    let (header, training) = (&file.header, &file.header.training);
+    let or_unknown = |text: &str| if text.is_empty() { "unknown" } else { text }.to_string();
+    let sizes: Vec<String> = file.policy.network().sizes().iter().map(ToString::to_string).collect();
+    let validation = training.validation.map_or("none".to_string(), |found| {
+        let (success, strict) = (100.0 * found.success_rate, 100.0 * found.strict_success_rate);
+        format!("success {success:.1} %, strict {strict:.1} %, of {} episodes", found.episodes)
+    });
+    let steps =
+        format!("{} environment steps in {:.0} s", training.environment_steps, training.wall_clock_secs);
+    let rows = [
+        ("task", header.task.clone()),
+        ("task preset", header.preset.clone()),
+        ("algorithm", header.algorithm.clone()),
+        ("reward", header.reward.clone()),
+        ("seed", training.seed.to_string()),
+        ("trained for", steps),
+        ("validation", validation),
+        ("command", or_unknown(&training.command)),
+        ("git commit", or_unknown(&training.git_commit)),
+        ("policy", format!("{}, layers {}", file.policy.kind(), sizes.join(", "))),
+        ("controller hash", file.policy.hash()),
+        ("task hash", or_unknown(&header.task_hash)),
+    ];
+    let rows: Vec<Vec<String>> = rows.map(|(name, value)| vec![name.to_string(), value]).to_vec();
+    format!("{}\n\n{}", table(&rows), training.settings.trim_end())
+}

@@ -1,0 +1,63 @@
+//! Writes the page of all settings, `docs/algorithms/settings.md`, to stdout; `cargo xtask settings` keeps it.
+
+#![allow(clippy::print_stdout, reason = "the page goes there")]
+
+use mishandle_training::{ALGORITHMS, Config, Setting, TrainingError};
+
+const HEAD: &str = "\
+# All settings
+
+A settings file is TOML: the keys of an algorithm's first table stand at the top, those of the others under `[run]`,
+`[episodes]` and so on. What a file leaves out has the default below, unless it begins with `preset = \"skrl-0.10\"`
+([settings presets](../presets.md)). `mishandle train TASK --algorithm NAME --dry-run` tells the settings of a training with
+their values; those of the controllers here are in [experiments/training](../../experiments/training). What the
+algorithms do with them: [algorithms](README.md).
+
+This page is made from the declarations in [crates/training](../../crates/training/src) by `cargo xtask settings`.";
+
+/// What each table is about.
+fn heading(algorithm: &str, table: &str) -> String {
+    match table {
+        "" => algorithm.to_uppercase(),
+        "run" => "`[run]`: how long to train, when to look how it goes, when to stop".to_string(),
+        "episodes" => "`[episodes]`: the simulations that are learned from".to_string(),
+        "replay" => "`[replay]`: what is remembered, and how much is learned from it".to_string(),
+        "policy" => "`[policy]`: the network that acts, and its normaliser".to_string(),
+        "critic" => "`[critic]`: what learns values".to_string(),
+        other => format!("`[{other}]`"),
+    }
+}
+
+/// A text in one line, safe inside a cell.
+fn cell(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ").replace('|', "\\|")
+}
+
+fn row(setting: &Setting, default: Option<&str>) -> String {
+    let (_, key) = setting.table_and_key();
+    let default = default.map_or("not set".to_string(), |default| format!("`{default}`"));
+    let choices = setting.choices.iter();
+    let choices: Vec<String> =
+        choices.map(|choice| format!("`\"{}\"`: {}", choice.name, cell(choice.meaning))).collect();
+    let allowed = if choices.is_empty() { cell(&setting.wanted) } else { choices.join("<br>") };
+    format!("| `{key}` | {default} | {} | {allowed} |", cell(setting.meaning))
+}
+
+fn main() -> Result<(), TrainingError> {
+    println!("{HEAD}");
+    for algorithm in ALGORITHMS {
+        let config = Config::from_toml(algorithm, "").expect("the algorithm is known")?;
+        let mut within = None;
+        for (setting, default) in config.values() {
+            let (table, _) = setting.table_and_key();
+            if within != Some(table) {
+                let level = if table.is_empty() { "##" } else { "###" };
+                println!("\n{level} {}\n", heading(algorithm, table));
+                println!("| key | default | meaning | allowed |\n|---|---|---|---|");
+                within = Some(table);
+            }
+            println!("{}", row(&setting, default.as_deref()));
+        }
+    }
+    Ok(())
+}

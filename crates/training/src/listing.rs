@@ -1,0 +1,56 @@
+//! All settings of a training, for people.
+
+use crate::{Config, Setting, Settings};
+
+impl Config {
+    /// What is known of each of its settings, in order.
+    pub fn settings(&self) -> Vec<Setting> {
+        fn of<S: Settings>(_: &S) -> Vec<Setting> {
+            S::settings()
+        }
+        match self {
+            Config::Ppo(own) => of(own),
+            Config::Trpo(own) => of(own),
+            Config::Sac(own) => of(own),
+            Config::Td3(own) => of(own),
+            Config::Ddpg(own) => of(own),
+        }
+    }
+
+    /// The value of each setting as TOML, in the same order; `None` for one that has none.
+    pub fn values(&self) -> Vec<(Setting, Option<String>)> {
+        let table: toml::Table = self.to_toml().parse().expect("settings are TOML");
+        let value = |setting: &Setting| {
+            let (within, key) = setting.table_and_key();
+            let table = if within.is_empty() { Some(&table) } else { table.get(within)?.as_table() };
+            Some(table?.get(key)?.to_string())
+        };
+        let settings = self.settings().into_iter();
+        settings.map(|setting| (value(&setting), setting)).map(|(value, setting)| (setting, value)).collect()
+    }
+
+    /// The settings as TOML that says of those without a value that they have none. Read again, they are the same.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_training::Config;
+    /// let config = Config::from_toml("ppo", "run.stop_strict = 0.9").unwrap()?;
+    /// let listing = config.listing();
+    /// assert!(listing.contains("# stop_success: not set\nstop_strict = 0.9\n"));
+    /// assert_eq!(Config::from_toml("ppo", &listing).unwrap()?, config);
+    /// # Ok::<(), mishandle_training::TrainingError>(())
+    /// ```
+    pub fn listing(&self) -> String {
+        let (mut listing, mut within) = (String::new(), "");
+        for (setting, value) in self.values() {
+            let (table, key) = setting.table_and_key();
+            if table != within {
+                listing += &format!("\n[{table}]\n");
+                within = table;
+            }
+            listing +=
+                &value.map_or_else(|| format!("# {key}: not set\n"), |value| format!("{key} = {value}\n"));
+        }
+        listing
+    }
+}

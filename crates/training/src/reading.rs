@@ -1,0 +1,144 @@
+//! How settings are read from TOML, and what is said of those that cannot be.
+
+use serde::Deserialize;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use crate::presets::{BEST, overlay, preset, preset_names};
+use crate::setting::one_of;
+use crate::{Setting, Settings, TrainingError};
+
+/// The key that names the settings preset.
+const PRESET: &str = "preset";
+
+/// Settings from a TOML text: a key that is left out, at any depth, has the value that it has in the preset that the
+/// text names.
+///
+/// # Errors
+/// If the text is not TOML, states a setting that is not known, or gives one a value that it cannot have.
+pub(crate) fn read<S: Settings>(text: &str) -> Result<S, TrainingError> {
+    let not_toml = |error: toml::de::Error| TrainingError::NotToml {
+        line: line_at(text, error.span().map_or(0, |span| span.start)),
+        message: error.message().replace('\n', ", "),
+    };
+    let mut stated = DeTable::parse(text).map_err(not_toml)?;
+    let preset_of_text = stated.get_mut().remove_entry(PRESET);
+    let reader = Reader { algorithm: S::ALGORITHM, text, settings: S::settings() };
+    let name =
+        preset_of_text.map_or(Ok(BEST.to_string()), |(key, value)| reader.preset::<S>(&key, &value))?;
+    reader.check("", stated.get_ref())?;
+    let places = stated.clone();
+    let mut settings = preset::<S>(&name);
+    overlay(&mut settings, toml::Table::deserialize(toml::Deserializer::from(stated)).map_err(not_toml)?);
+    let settings: S = settings.try_into().map_err(not_toml)?;
+    settings.check().map_err(|error| reader.placed(error, places.get_ref()))?;
+    Ok(settings)
+}
+
+struct Reader<'t> {
+    algorithm: &'static str,
+    text: &'t str,
+    settings: Vec<Setting>,
+}
+
+impl Reader<'_> {
+    /// Checks that each key of a table is known and has a value of the right kind; `within` is the table's name with a
+    /// point behind it.
+    fn check(&self, within: &str, table: &DeTable<'_>) -> Result<(), TrainingError> {
+        for (key, value) in table {
+            let name = format!("{within}{}", key.get_ref());
+            let line = self.line(key);
+            let as_table = format!("{name}.");
+            let setting = self.settings.iter().find(|setting| setting.name == name);
+            match (setting, value.get_ref()) {
+                (Some(setting), _) if (setting.reads)(value.clone()) => {}
+                (Some(setting), _) => {
+                    let known = setting.choices.iter().map(|choice| choice.name).collect();
+                    return Err(self.wrong(&name, line, &setting.wanted, value, known));
+                }
+                (None, _) if !self.settings.iter().any(|setting| setting.name.starts_with(&as_table)) => {
+                    let known = self.settings.iter().map(|setting| setting.name).chain([PRESET]).collect();
+                    return Err(TrainingError::UnknownSetting {
+                        algorithm: self.algorithm,
+                        line,
+                        name,
+                        known,
+                    });
+                }
+                (None, DeValue::Table(table)) => self.check(&as_table, table)?,
+                (None, _) => {
+                    let wanted = format!("a table, as [{name}]");
+                    return Err(self.wrong(&name, line, &wanted, value, Vec::new()));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The preset that the text names.
+    fn preset<S: Settings>(
+        &self,
+        key: &Spanned<impl Sized>,
+        value: &Spanned<DeValue<'_>>,
+    ) -> Result<String, TrainingError> {
+        let known = preset_names::<S>();
+        match value.get_ref() {
+            DeValue::String(name) if known.iter().any(|known| known == name) => Ok(name.to_string()),
+            _ => {
+                let wanted = format!("the name of a settings preset of {}: ", self.algorithm);
+                let wanted = wanted + &one_of(known.iter().copied());
+                Err(self.wrong(PRESET, self.line(key), &wanted, value, known))
+            }
+        }
+    }
+
+    fn wrong(
+        &self,
+        name: &str,
+        line: usize,
+        wanted: &str,
+        value: &Spanned<DeValue<'_>>,
+        known: Vec<&'static str>,
+    ) -> TrainingError {
+        let found = match value.get_ref() {
+            // A table may be written in many places.
+            DeValue::Table(table) => {
+                let keys: Vec<&str> = table.keys().map(|key| key.get_ref().as_ref()).collect();
+                format!("a table of {}", keys.join(", "))
+            }
+            _ => self.text[value.span()].replace('\n', " "),
+        };
+        let (name, wanted) = (name.to_string(), wanted.to_string());
+        TrainingError::Setting { line: Some(line), name, wanted, found, known }
+    }
+
+    fn line(&self, key: &Spanned<impl Sized>) -> usize {
+        line_at(self.text, key.span().start)
+    }
+
+    /// An error about a setting, with the line that states it, if one does.
+    fn placed(&self, error: TrainingError, stated: &DeTable<'_>) -> TrainingError {
+        match error {
+            TrainingError::Setting { line: None, name, wanted, found, known } => {
+                let line = self.line_of(&name, stated);
+                TrainingError::Setting { line, name, wanted, found, known }
+            }
+            other => other,
+        }
+    }
+
+    fn line_of(&self, name: &str, table: &DeTable<'_>) -> Option<usize> {
+        let (key, rest) = name.split_once('.').map_or((name, None), |(key, rest)| (key, Some(rest)));
+        let (key, value) = table.get_key_value(key)?;
+        match (rest, value.get_ref()) {
+            (Some(rest), DeValue::Table(table)) => self.line_of(rest, table),
+            (Some(_), _) => None,
+            (None, _) => Some(self.line(key)),
+        }
+    }
+}
+
+/// The line of a place in a text, counted from 1.
+fn line_at(text: &str, place: usize) -> usize {
+    1 + text.as_bytes()[..place.min(text.len())].iter().filter(|byte| **byte == b'\n').count()
+}
