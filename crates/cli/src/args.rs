@@ -145,11 +145,12 @@ pub struct Subject {
 
 The best controller by validation goes to --out, the last one beside it: FILE.safetensors and
 FILE.last.safetensors. A checkpoint is written there, too: --resume carries on from it to the same
-bits, and the files of --csv and --tensorboard go on from there. What cannot be written (a full disk) is
-told at once and tried again; a training that cannot write its first checkpoint ends. Settings may end a training early,
-once validations are good enough (run.stop_success, run.stop_strict, run.stop_validations). What
-the columns of the CSV mean: docs/algorithms/README.md. All settings with their meaning, default and
-range: docs/algorithms/settings.md.")]
+bits, and the files of --csv and --tensorboard go on from there. What cannot be written (a full
+disk) is told at once and tried again; a training that cannot write its first checkpoint ends.
+Settings may end a training early, once validations are good enough (run.stop_success,
+run.stop_strict, run.stop_validations). What the columns of the CSV mean:
+docs/algorithms/README.md. All settings with their meaning, default and range:
+docs/algorithms/settings.md.")]
 pub struct Train {
     /// Name of a task
     pub task: String,
