@@ -1,11 +1,13 @@
 //! Rows of never-ending episodes: what on-policy and off-policy learners act in.
 
+mod saved;
+
 use std::sync::Arc;
 
 use mishandle_rollout::{Batch, Environment, Seed, Status, Stream};
 use rayon::prelude::*;
 
-use crate::{Checkpoint, EpisodeSettings, TimeLimits, TrainingError};
+use crate::{EpisodeSettings, TimeLimits};
 
 /// How a control step left an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -253,48 +255,6 @@ impl Episodes {
             }
             *clock = Clock { episode: clock.episode + 1, ..Clock::default() };
         }
-    }
-
-    /// Puts all that the future depends on into a checkpoint.
-    pub fn save(&self, checkpoint: &mut Checkpoint) {
-        let (rows, state_size) = (self.rows(), self.environment().state_size());
-        let mut states = vec![0.0; rows * state_size];
-        for (row, state) in states.chunks_mut(state_size).enumerate() {
-            self.batch.read_state(row, state);
-        }
-        checkpoint.put("episodes.states", states);
-        checkpoint.put("episodes.observations", self.observations().to_vec());
-        let clocks = || self.clocks.iter();
-        checkpoint.put("episodes.episode", clocks().map(|c| c.episode).collect::<Vec<_>>());
-        checkpoint.put("episodes.step", clocks().map(|c| c.step).collect::<Vec<_>>());
-        checkpoint.put("episodes.elapsed", clocks().map(|c| c.elapsed as u64).collect::<Vec<_>>());
-        checkpoint.put("episodes.total_reward", clocks().map(|c| c.total_reward).collect::<Vec<_>>());
-    }
-
-    /// Goes on where a checkpoint was taken. Statistics begin anew.
-    ///
-    /// # Errors
-    /// If the checkpoint holds other rows than these.
-    pub fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
-        let (rows, state_size) = (self.rows(), self.environment().state_size());
-        let observation_size = self.environment().observation_size();
-        let states = checkpoint.f64s("episodes.states", rows * state_size)?;
-        let observations = checkpoint.f32s("episodes.observations", rows * observation_size)?;
-        let episode = checkpoint.u64s("episodes.episode", rows)?;
-        let step = checkpoint.u64s("episodes.step", rows)?;
-        let elapsed = checkpoint.u64s("episodes.elapsed", rows)?;
-        let total_reward = checkpoint.f64s("episodes.total_reward", rows)?;
-        for row in 0..rows {
-            self.batch.write_state(row, &states[row * state_size..][..state_size]);
-            self.batch.set_observation(row, &observations[row * observation_size..][..observation_size]);
-            self.clocks[row] = Clock {
-                episode: episode[row],
-                step: step[row],
-                elapsed: elapsed[row] as usize,
-                total_reward: total_reward[row],
-            };
-        }
-        Ok(())
     }
 }
 
