@@ -50,7 +50,9 @@ pub enum CurveProblem {
     #[error("it is no plain file")]
     NoFile,
     /// Other columns than a curve has.
-    #[error("column {number} of its first line is `{found}`; it has to be {wanted}")]
+    #[error(
+        "column {number} of its first line is `{found}`; it has to be {wanted}, as in a curve that `train --csv` wrote"
+    )]
     Columns {
         /// Counted from 1.
         number: usize,

@@ -15,7 +15,7 @@ const ROUNDING_SHARE: f64 = 1e-12;
 #[non_exhaustive]
 pub enum NoTrainingTime {
     /// The training wrote no curve.
-    #[error("it is told from the curve, which --csv has written")]
+    #[error("it is told from the curve, which --csv writes")]
     NoCurve,
     /// The first row is not of iteration 1.
     #[error("the curve does not begin with iteration 1")]

@@ -143,7 +143,7 @@ fn nothing_is_written_over_unasked() {
         ("--out b.safetensors --csv b.last.safetensors", "b.last.safetensors would hold both"),
         (
             "--out b.safetensors --csv b.csv --steps 0",
-            "`run.total_steps` must be a whole number of at least 1, found 0",
+            "`run.total_steps` must be a whole number from 1 to 10^12, found 0",
         ),
         ("--out b.safetensors --csv ppo.toml/b.csv --tensorboard other", "ppo.toml"),
         ("--out b.safetensors --csv b.csv --tensorboard ppo.toml", "ppo.toml"),
@@ -232,7 +232,7 @@ fn a_curve_tells_the_training_time_that_the_training_told() {
         Some("no training time: no episode has ended")
     );
     let out = bench.check(&format!("{TRAIN} --out none.safetensors"), 0);
-    assert!(out.contains("no training time: it is told from the curve, which --csv has written"), "{out}");
+    assert!(out.contains("no training time: it is told from the curve, which --csv writes"), "{out}");
 }
 
 #[test]

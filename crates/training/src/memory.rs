@@ -3,6 +3,7 @@
 use mishandle_rollout::Environment;
 
 use crate::Config;
+use crate::off_policy_settings::ReplaySettings;
 
 /// What a part of a training takes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,17 +31,18 @@ impl Config {
         let experience = match self {
             Config::Ppo(own) => rollout(own.rollout_steps, episodes, seen + done),
             Config::Trpo(own) => rollout(own.rollout_steps, episodes, seen + done),
-            Config::Sac(own) => replay(own.replay.capacity, own.run.total_steps, seen + done),
-            Config::Td3(own) => replay(own.replay.capacity, own.run.total_steps, seen + done),
-            Config::Ddpg(own) => replay(own.replay.capacity, own.run.total_steps, seen + done),
+            Config::Sac(own) => replay(&own.replay, own.run.total_steps, seen, done),
+            Config::Td3(own) => replay(&own.replay, own.run.total_steps, seen, done),
+            Config::Ddpg(own) => replay(&own.replay, own.run.total_steps, seen, done),
         };
         let need = |settings, bytes| MemoryNeed { settings, bytes };
-        vec![
+        let mut needs = vec![
             need("episodes.environments", episodes * simulation),
             need("run.validation_episodes", validations * trace),
             need("policy.hidden and critic.hidden", networks * PARAMETER),
-            experience,
-        ]
+        ];
+        needs.extend(experience);
+        needs
     }
 }
 
@@ -57,15 +59,21 @@ fn parameters(inputs: f64, hidden: &[usize]) -> f64 {
 }
 
 /// A [`Buffer`](crate::Buffer): what was seen and done, and six f64 and a place in the order of minibatches beside it.
-fn rollout(steps: usize, episodes: f64, columns: f64) -> MemoryNeed {
+fn rollout(steps: usize, episodes: f64, columns: f64) -> Vec<MemoryNeed> {
     let row = 4.0 * columns + 6.0 * 8.0 + 4.0;
-    MemoryNeed { settings: "rollout_steps and episodes.environments", bytes: steps as f64 * episodes * row }
+    let bytes = steps as f64 * episodes * row;
+    vec![MemoryNeed { settings: "rollout_steps and episodes.environments", bytes }]
 }
 
 /// A [`Replay`](crate::replay::Replay), and what is filled of it thrice while a checkpoint is written: as numbers, as the
-/// bytes of each, and as those of the file.
-fn replay(capacity: usize, total_steps: u64, columns: f64) -> MemoryNeed {
-    let filled = (capacity as f64).min(total_steps as f64);
-    let entry = 4.0 * (columns + 1.0) + 1.0;
-    MemoryNeed { settings: "replay.capacity", bytes: (capacity as f64 + 3.0 * filled) * entry }
+/// bytes of each, and as those of the file; and a batch of it: what was seen before and after, and what was done.
+fn replay(settings: &ReplaySettings, total_steps: u64, seen: f64, done: f64) -> Vec<MemoryNeed> {
+    let capacity = settings.capacity as f64;
+    let filled = capacity.min(total_steps as f64);
+    let entry = 4.0 * (seen + done + 1.0) + 1.0;
+    let batch = settings.batch_rows as f64 * 4.0 * (2.0 * seen + done);
+    vec![
+        MemoryNeed { settings: "replay.capacity", bytes: (capacity + 3.0 * filled) * entry },
+        MemoryNeed { settings: "replay.batch_rows", bytes: batch },
+    ]
 }

@@ -54,14 +54,19 @@ const fn each(wanted: &'static str, holds: fn(&[f64]) -> bool) -> Rule {
     Rule { wanted, holds }
 }
 
-pub(crate) const AT_LEAST_1: Rule = each("a whole number of at least 1", |x| x.iter().all(|x| *x >= 1.0));
-pub(crate) const AT_LEAST_2: Rule = each("a whole number of at least 2", |x| x.iter().all(|x| *x >= 2.0));
+/// More of anything would be a slip of the pen; and what is multiplied by it stays within 64 bits.
+const MOST: f64 = 1e12;
+
+pub(crate) const AT_LEAST_1: Rule =
+    each("a whole number from 1 to 10^12", |x| x.iter().all(|x| (1.0..=MOST).contains(x)));
+pub(crate) const AT_LEAST_2: Rule =
+    each("a whole number from 2 to 10^12", |x| x.iter().all(|x| (2.0..=MOST).contains(x)));
 pub(crate) const SHARE: Rule = each("a number from 0 to 1", |x| x.iter().all(|x| (0.0..=1.0).contains(x)));
 pub(crate) const POSITIVE: Rule = each("a number above 0", |x| x.iter().all(|x| *x > 0.0 && x.is_finite()));
 pub(crate) const NOT_NEGATIVE: Rule =
     each("a number of at least 0", |x| x.iter().all(|x| *x >= 0.0 && x.is_finite()));
 pub(crate) const FINITE: Rule = each("a finite number", |x| x.iter().all(|x| x.is_finite()));
-pub(crate) const SIZES: Rule = each("a list of whole numbers of at least 1, as [64, 64]", AT_LEAST_1.holds);
+pub(crate) const SIZES: Rule = each("a list of whole numbers from 1 to 10^12, as [64, 64]", AT_LEAST_1.holds);
 pub(crate) const WEIGHTS: Rule =
     each("\"orthogonal\", \"uniform\" or { normal = σ }, σ being a number above 0", POSITIVE.holds);
 pub(crate) const RISING: Rule = each("two finite numbers, above 0 and not falling, as [0.1, 0.5]", |x| {
@@ -72,8 +77,8 @@ pub(crate) const RISING_FROM_0: Rule =
         x.is_sorted() && x.iter().all(|x| *x >= 0.0 && x.is_finite())
     });
 pub(crate) const DECAY: Rule =
-    each("{ steps = N, share = X }, N being a whole number of at least 1, X a number from 0 to 1", |x| {
-        x[0] >= 1.0 && (0.0..=1.0).contains(&x[1])
+    each("{ steps = N, share = X }, N being a whole number from 1 to 10^12, X a number from 0 to 1", |x| {
+        (1.0..=MOST).contains(&x[0]) && (0.0..=1.0).contains(&x[1])
     });
 
 /// A kind of value that a setting has.

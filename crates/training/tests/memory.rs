@@ -29,6 +29,13 @@ fn a_replay_takes_what_its_entries_take_and_what_is_filled_thrice_more_in_a_chec
 }
 
 #[test]
+fn a_batch_takes_what_was_seen_before_and_after_and_done() {
+    let line = Line::new(0.0);
+    let row = (4 * (2 * line.observation_size() + line.action_size())) as f64;
+    assert_eq!(need("sac", "replay.batch_rows = 100_000_000_000", "replay.batch_rows"), 1e11 * row);
+}
+
+#[test]
 fn a_rollout_and_its_simulations_grow_with_their_number() {
     for algorithm in ["ppo", "trpo"] {
         for settings in ["rollout_steps and episodes.environments", "episodes.environments"] {
@@ -38,10 +45,9 @@ fn a_rollout_and_its_simulations_grow_with_their_number() {
             assert!(of(100) > 0.0, "{settings}");
             assert_eq!(of(10_000_000), 1e5 * of(100), "{settings}");
         }
-        // No number overflows.
-        let text =
-            "rollout_steps = 9_000_000_000_000_000_000\nepisodes.environments = 9_000_000_000_000_000_000";
-        assert!(need(algorithm, text, "rollout_steps and episodes.environments") > 1e37);
+        // The largest that settings may be: no product overflows.
+        let text = "rollout_steps = 1_000_000_000_000\nepisodes.environments = 1_000_000_000_000";
+        assert!(need(algorithm, text, "rollout_steps and episodes.environments") > 1e24);
     }
 }
 

@@ -47,12 +47,12 @@ mod tests {
     fn wrong_values_are_refused() {
         for (text, told) in [
             ("smoothing_std = -0.1", "`smoothing_std` must be a number of at least 0, found -0.1"),
-            ("policy_delay = 0", "`policy_delay` must be a whole number of at least 1, found 0"),
+            ("policy_delay = 0", "`policy_delay` must be a whole number from 1 to 10^12, found 0"),
             (
                 "exploration_decay = { steps = 9 }",
-                "`exploration_decay` must be { steps = N, share = X }, N being a whole number of at least 1, X a",
+                "`exploration_decay` must be { steps = N, share = X }, N being a whole number from 1 to 10^12, X a",
             ),
-            ("[exploration_decay]\nsteps = 0\nshare = 0.5", "N being a whole number of at least 1"),
+            ("[exploration_decay]\nsteps = 0\nshare = 0.5", "N being a whole number from 1 to 10^12"),
             ("exploration_decay = { steps = 9, share = 1.5 }", "X a number from 0 to 1, found [9.0, 1.5]"),
             (
                 "exploration_std = [-0.1, 0.1]",
