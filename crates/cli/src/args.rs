@@ -66,7 +66,7 @@ named `time` (seconds) gives the sampling period.
 Examples:
   mishandle monitor --formula 'always[0:2](d <= 0.3)' trace.csv             bounds count samples
   mishandle monitor --formula 'always[0:2s](d <= 0.3)' --period 0.1 trace.csv
-  mishandle monitor --formula 'always[0:2](d <= 0.3)' --period 0.1 --unit s trace.csv    as RTAMT reads it
+  mishandle monitor --formula 'always[0:2](d <= 0.3)' --period 0.1 --unit s trace.csv  as RTAMT
 
 Exit code 1 if the robustness at time 0 is negative."
 )]
@@ -256,8 +256,8 @@ pub struct Evaluate {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle falsify ball-balancing --controller ppo --search random
-  mishandle falsify ball-balancing --controller ppo --search dual-annealing --formula strict --trials 5
-  mishandle falsify ball-balancing --controller ppo --formula 'always[50:300](ball_height_above_tray > 0)'
+  mishandle falsify ball-balancing --controller ppo --search dual-annealing --formula strict
+  mishandle falsify ball-balancing --controller ppo --formula 'always[50:300](ball_speed <= 0.5)'
   mishandle falsify --resume runs/RUN.sqlite
 
 In JSON, median_simulations is the least number of simulations after which half of the trials are falsified.
@@ -325,7 +325,7 @@ pub struct Replay {
   mishandle render ball-pushing --out start.png
   mishandle render ball-pushing --at 0.45,-0.1 --out start.png
   mishandle render --run runs/RUN.sqlite --out film.mp4            the first counterexample
-  mishandle render --run runs/RUN.sqlite --trial 2 --simulation 17 --out strip.png     six moments of it
+  mishandle render --run runs/RUN.sqlite --trial 2 --simulation 17 --out strip.png   six moments
 
 No display is needed. Films are made by the program ffmpeg.")]
 pub struct Render {

@@ -20,9 +20,14 @@ const HARD: &str = "--formula 'always[22:300](finger_target_distance <= 0.12)'";
 #[test]
 fn every_command_explains_itself_with_examples() {
     let bench = Bench::new();
-    for command in ["tasks", "monitor", "train", "curve", "evaluate", "falsify", "replay", "render"] {
+    for command in
+        ["tasks", "monitor", "train", "curve", "controller", "evaluate", "falsify", "replay", "render"]
+    {
         let help = bench.check(&format!("{command} --help"), 0);
-        assert!(help.contains("Examples:"), "{command}");
+        let (_, examples) = help.split_once("Examples:\n").expect(command);
+        for example in examples.lines().take_while(|line| !line.is_empty()) {
+            assert!(example.starts_with("  mishandle "), "an example is cut in two: {example}");
+        }
         assert!(help.contains(&format!("mishandle {command}")), "{command}");
     }
 }

@@ -91,6 +91,14 @@ pub enum TrainingError {
         /// What hangs on them.
         why: &'static str,
     },
+    /// A checkpoint of a training that has gone farther than is wanted.
+    #[error("the training has {done} environment steps behind it, and cannot end at {wanted}")]
+    Done {
+        /// Environment steps that it has done.
+        done: u64,
+        /// Environment steps that are wanted.
+        wanted: u64,
+    },
     /// A network, an optimiser or a normaliser cannot be made.
     #[error(transparent)]
     Network(#[from] NetworkError),

@@ -138,6 +138,10 @@ fn load(
 ) -> Result<(), TrainingError> {
     check_origin(checkpoint, config, learner, seed)?;
     learner.load(checkpoint)?;
+    if learner.iteration() > iterations(config.run(), learner.iteration_steps()) {
+        let done = learner.iteration() * learner.iteration_steps();
+        return Err(TrainingError::Done { done, wanted: config.run().total_steps });
+    }
     selection.load(checkpoint, learner.network())
 }
 

@@ -177,6 +177,8 @@ fn a_checkpoint_of_another_training_is_refused() {
     longer.run_mut().total_steps = 2_000;
     let resumed = longer.train(Line::new(0.0), Seed(5), Some(&checkpoint), &mut Watch::default());
     assert!(resumed.is_ok(), "only the number of steps may differ");
+    let told = refusal(&settings("ppo", "run.total_steps = 1"), 5);
+    assert!(told.ends_with(" environment steps behind it, and cannot end at 1"), "{told}");
 }
 
 #[test]
