@@ -28,7 +28,7 @@ fn an_interrupted_training_goes_on_and_of_two_on_one_file_one_is_refused() {
     let bench = bench();
     let places = "--out a.safetensors --csv a.csv --tensorboard board";
     let child = begin(&bench, &format!("{TRAIN} {ENDLESS} {places}"));
-    wait_until("a row", || lines_of(&bench.path("a.csv")) > 1);
+    wait_until("two rows", || lines_of(&bench.path("a.csv")) > 2);
     bench.refuses(&format!("{TRAIN} --out a.safetensors"), &["another training is writing a.safetensors"]);
     let other = format!("{TRAIN} --out b.safetensors --csv a.csv --resume");
     bench.refuses(&other, &["another training is writing a.csv", "give another --csv"]);
@@ -40,11 +40,16 @@ fn an_interrupted_training_goes_on_and_of_two_on_one_file_one_is_refused() {
     assert!(again.ends_with(&format!("--seed 7 {places} --resume")), "{again}");
     assert!(bench.path("a.safetensors.checkpoint").exists() && !bench.path("a.safetensors.lock").exists());
     assert!(!bench.path("a.csv.lock").exists());
-    // Resumed with fewer steps: they are in whole iterations of 256.
-    let finished = bench.run(&again.replace(ENDLESS, "--steps 1"));
+    // It cannot end before where it is; where it is, counted in whole iterations of 256, it has come to its end.
+    let done = 256 * (lines_of(&bench.path("a.csv")) - 1);
+    let to = |steps: usize| bench.run(&again.replace(ENDLESS, &format!("--steps {steps}")));
+    let refused = text(&to(done - 256).stderr);
+    assert!(refused.contains(&format!("has {done} environment steps behind it")), "{refused}");
+    let finished = to(done - 1);
     let err = text(&finished.stderr);
     assert_eq!(finished.status.code(), Some(0), "{err}");
-    assert!(err.contains("--steps 1 was rounded up") && err.contains("nothing was left to do"), "{err}");
+    let rounded = format!("--steps {} was rounded up", done - 1);
+    assert!(err.contains(&rounded) && err.contains("nothing was left to do"), "{err}");
 }
 
 #[test]
