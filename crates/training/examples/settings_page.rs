@@ -11,21 +11,34 @@ A settings file is TOML: the keys of an algorithm's first table stand at the top
 `[episodes]` and so on. What a file leaves out has the default below, unless it begins with `preset = \"skrl-0.10\"`
 ([settings presets](../presets.md)). `mishandle train TASK --algorithm NAME --dry-run` tells the settings of a training with
 their values; those of the controllers here are in [experiments/training](../../experiments/training). What the
-algorithms do with them: [algorithms](README.md).
+algorithms do with them: [algorithms](README.md). Whole numbers are written out, as 20_000_000. For example:
+
+```toml
+gamma = 0.995
+
+[run]
+total_steps = 2_000_000
+stop_success = 0.98
+
+[episodes]
+action_noise = 0.5
+```
 
 This page is made from the declarations in [crates/training](../../crates/training/src) by `cargo xtask settings`.";
 
 /// What each table is about.
 fn heading(algorithm: &str, table: &str) -> String {
-    match table {
-        "" => algorithm.to_uppercase(),
-        "run" => "`[run]`: how long to train, when to look how it goes, when to stop".to_string(),
-        "episodes" => "`[episodes]`: the simulations that are learned from".to_string(),
-        "replay" => "`[replay]`: what is remembered, and how much is learned from it".to_string(),
-        "policy" => "`[policy]`: the network that acts, and its normaliser".to_string(),
-        "critic" => "`[critic]`: what learns values".to_string(),
-        other => format!("`[{other}]`"),
-    }
+    let algorithm = algorithm.to_uppercase();
+    let about = match table {
+        "" => return format!("## {algorithm}"),
+        "run" => ": how long to train, when to look how it goes, when to stop",
+        "episodes" => ": the simulations that are learned from",
+        "replay" => ": what is remembered, and how much is learned from it",
+        "policy" => ": the network that acts, and its normaliser",
+        "critic" => ": what learns values",
+        _ => "",
+    };
+    format!("### {algorithm}, `[{table}]`{about}")
 }
 
 /// A text in one line, safe inside a cell.
@@ -51,8 +64,7 @@ fn main() -> Result<(), TrainingError> {
         for (setting, default) in config.values() {
             let (table, _) = setting.table_and_key();
             if within != Some(table) {
-                let level = if table.is_empty() { "##" } else { "###" };
-                println!("\n{level} {}\n", heading(algorithm, table));
+                println!("\n{}\n", heading(algorithm, table));
                 println!("| key | default | meaning | allowed |\n|---|---|---|---|");
                 within = Some(table);
             }
