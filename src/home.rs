@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use mishandle_tasks::Definition;
 
+use crate::subject::{EXPERT, is_path};
 use crate::{MishandleError, task};
 
 /// The folder that holds `controllers/` and `experiments/training/`: `MISHANDLE_HOME` if it is set, else the first such folder
@@ -57,8 +58,7 @@ pub fn find_controller(name: &str) -> Result<PathBuf, MishandleError> {
     let path = Path::new(name);
     let shipped = name.split_once('/').filter(|_| path.extension().is_none() && !path.exists());
     let Some((task_name, name)) = shipped else {
-        let is_file = path.exists() || path.extension().is_some();
-        return if is_file { Ok(path.to_path_buf()) } else { Err(no_controller(name)) };
+        return if is_path(name) { Ok(path.to_path_buf()) } else { Err(no_controller(name)) };
     };
     let definition = task(task_name)?.definition();
     let path = controller_path(definition, name);
@@ -66,13 +66,19 @@ pub fn find_controller(name: &str) -> Result<PathBuf, MishandleError> {
         return Ok(path);
     }
     check_home("controllers")?;
-    // The expert is a program, not a file.
-    let known = shipped_controllers(definition).into_iter().filter(|known| known != "expert").collect();
+    if name == EXPERT {
+        return Err(MishandleError::Value {
+            what: "the controller",
+            value: name.to_string(),
+            wanted: "one that was trained; the expert is a program of the task's and has no file",
+        });
+    }
+    let known = shipped_controllers(definition).into_iter().filter(|known| known != EXPERT).collect();
     Err(MishandleError::Name { kind: "controller file", name: name.to_string(), known })
 }
 
 fn no_controller(name: &str) -> MishandleError {
-    let wanted = "a file, or TASK/NAME for a shipped one, as point-reaching/ppo";
+    let wanted = "a file, as ./FILE, or TASK/NAME for a shipped one, as point-reaching/ppo";
     MishandleError::Value { what: "the controller", value: name.to_string(), wanted }
 }
 
@@ -99,6 +105,6 @@ pub fn shipped_controllers(definition: &Definition) -> Vec<String> {
         })
         .collect();
     names.sort();
-    names.push("expert".to_string());
+    names.push(EXPERT.to_string());
     names
 }

@@ -142,6 +142,9 @@ fn check_decided(formula: &Formula, environment: &TaskEnvironment) -> Result<(),
     }
 }
 
+/// Name of the controller that is no file.
+pub(crate) const EXPERT: &str = "expert";
+
 /// Whether a controller is named by a path, not by the name of a shipped one.
 pub(crate) fn is_path(controller: &str) -> bool {
     controller.contains(std::path::MAIN_SEPARATOR) || Path::new(controller).extension().is_some()
@@ -156,7 +159,7 @@ struct Loaded {
 /// Loads a controller: the expert, a shipped one by name, or a file by its path.
 fn load_controller(task: &dyn Task, name: &str, stochastic: bool) -> Result<Loaded, MishandleError> {
     let definition = task.definition();
-    if name == "expert" {
+    if name == EXPERT {
         if stochastic {
             return Err(MishandleError::Value {
                 what: "controller",
@@ -167,7 +170,7 @@ fn load_controller(task: &dyn Task, name: &str, stochastic: bool) -> Result<Load
         let controller = task
             .expert()
             .map_err(|source| MishandleError::Expert { task: definition.name.to_string(), source })?;
-        return Ok(Loaded { controller, hash: "expert".to_string(), bytes_hash: String::new() });
+        return Ok(Loaded { controller, hash: EXPERT.to_string(), bytes_hash: String::new() });
     }
     let path = if is_path(name) { Path::new(name).to_path_buf() } else { controller_path(definition, name) };
     if !is_path(name) && !path.is_file() {

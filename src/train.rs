@@ -28,6 +28,9 @@ pub use plan::{TrainPlan, default_out};
 
 /// Who is told how a training goes.
 pub trait TrainWatch {
+    /// Called before the first iteration, when all has been checked: how many environment steps are done and wanted.
+    fn begins(&mut self, _done: u64, _total: u64) {}
+
     /// Called after each iteration. [`Flow::Stop`] ends the training; what has been learned until then is written all
     /// the same.
     fn progress(&mut self, progress: &Progress) -> Flow;

@@ -79,6 +79,11 @@ impl EventFile {
         self.file.append(&records).map_err(|source| unwritten(self.file.path(), source))
     }
 
+    /// Whether nothing was written behind a checkpoint: nothing was left to do.
+    pub(crate) fn is_idle(&self) -> bool {
+        self.resumes
+    }
+
     /// Has all records reach the disk.
     pub(crate) fn finish(&mut self) -> Result<(), MishandleError> {
         self.file.finish().map_err(|source| unwritten(self.file.path(), source))

@@ -60,13 +60,18 @@ impl TrainPlan {
         command + &format!(" --seed {}", self.seed)
     }
 
-    /// The command line that carries on.
-    pub fn resuming_command(&self) -> String {
+    /// The command line that does the same again, files and all.
+    pub fn whole_command(&self) -> String {
         let flags = [("--out", Some(&self.out)), ("--csv", self.csv.as_ref())];
         let flags = flags.into_iter().chain([("--tensorboard", self.tensorboard.as_ref())]);
         let flags = flags.filter_map(|(flag, path)| Some((flag, shell_word(&path?.to_string_lossy()))));
         let places: String = flags.map(|(flag, word)| format!(" {flag} {word}")).collect();
-        format!("{}{places} --resume", self.command())
+        self.command() + &places + if self.resume { " --resume" } else { "" }
+    }
+
+    /// The command line that carries on.
+    pub fn resuming_command(&self) -> String {
+        TrainPlan { resume: true, ..self.clone() }.whole_command()
     }
 
     /// What is written where: its name, the place, and the flag that says it.

@@ -110,6 +110,9 @@ impl<'a> Watcher<'a> {
 
     /// Ends the records. Gives why what is not written of them and of the checkpoint is not.
     pub(super) fn finish(mut self) -> Vec<MishandleError> {
+        if let Some(events) = self.records.events.take_if(|events| events.is_idle()) {
+            events.discard();
+        }
         self.finish_records();
         self.unwritten.into_failures()
     }
@@ -151,6 +154,10 @@ impl<'a> Watcher<'a> {
 }
 
 impl Observer for Watcher<'_> {
+    fn begins(&mut self, done: u64, total: u64) {
+        self.watch.begins(done, total);
+    }
+
     fn validate(&mut self, policy: &Policy, episodes: usize) -> Option<Validation> {
         match self.measure(policy, episodes) {
             Ok(found) => Some(found),

@@ -94,7 +94,7 @@ pub struct Monitor {
 #[derive(Debug, Args)]
 pub struct Run {
     /// Seed of everything random [default: 0, or as the plan says]
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, allow_negative_numbers = true, value_parser = count::<u64>)]
     pub seed: Option<u64>,
     /// Number of threads; results never depend on it [default: all cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]

@@ -2,7 +2,7 @@
 
 use console::Term;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use mishandle::training::Progress;
+use mishandle::training::{Progress, clock};
 
 use crate::output::shows_progress;
 
@@ -70,8 +70,7 @@ fn validation_line(progress: &Progress, columns: usize) -> String {
 
 /// The duration of the training, and its progress; where that is too long, without what matters least.
 fn status_line(progress: &Progress, columns: usize) -> String {
-    let secs = progress.wall_clock_secs as u64;
-    let text = format!("{}:{:02}, {progress}", secs / 60, secs % 60);
+    let text = format!("{}, {progress}", clock(progress.wall_clock_secs));
     let mut parts: Vec<&str> = text.split(", ").collect();
     // Duration, steps, then what goes first, and at the end the time left.
     while parts.len() > 3 && parts.join(", ").len() > columns {
@@ -91,7 +90,7 @@ mod tests {
             environment_steps: 1_500_000,
             total_steps: 20_000_000,
             steps_per_second: 50_000.0,
-            wall_clock_secs: 61.9,
+            wall_clock_secs: 61.4,
             mean_return: Some(101.26),
             mean_episode_steps: Some(300.0),
             terminated_rate: Some(0.0),

@@ -41,6 +41,13 @@ impl Watch {
 }
 
 impl TrainWatch for Watch {
+    fn begins(&mut self, done: u64, total: u64) {
+        // The first iteration may take minutes.
+        if !shows_progress() {
+            output::say(&format!("training begins, {done} of {total} environment steps done"));
+        }
+    }
+
     fn progress(&mut self, progress: &Progress) -> Flow {
         self.iterations += 1;
         if shows_progress() {

@@ -138,6 +138,7 @@ fn counts_are_taken_as_people_write_them() {
     for (steps, why) in [("1.5", "it is not whole"), ("1e-3", "it is not whole"), ("-3", "it is below 0")] {
         bench.refuses(&format!("{TRAIN} --dry-run --steps {steps}"), &[why, "--steps", "1_000_000 or 1e6"]);
     }
+    assert_eq!(bench.json(&format!("{TRAIN} --dry-run --json --seed 1e3"), 0)["seed"], "1000");
     let evaluate = "evaluate point-reaching --controller expert --episodes 1e1 --json";
     assert_eq!(bench.json(evaluate, 0)["success_rate"]["n"], 10);
 }
@@ -169,6 +170,7 @@ fn a_controller_tells_how_it_was_trained() {
         ("ppo.toml", &["ppo.toml"][..]),
         ("none.safetensors", &["none.safetensors: No such file"]),
         ("ppo", &["is ppo", "TASK/NAME", "point-reaching/ppo"]),
+        ("point-reaching/expert", &["the expert is a program", "has no file"]),
         ("point-reaching/pppo", &["no controller file `pppo`", "did you mean `ppo`?"]),
         ("point-reachin/ppo", &["no task `point-reachin`", "did you mean `point-reaching`?"]),
     ] {

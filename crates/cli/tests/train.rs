@@ -206,6 +206,12 @@ fn a_training_that_is_good_enough_stops_early_and_says_so() {
     let resumed = bench.run(&format!("{train} --resume"));
     assert!(text(&resumed.stdout).contains(told), "{}", text(&resumed.stdout));
     assert!(text(&resumed.stderr).contains("nothing was left to do"), "{}", text(&resumed.stderr));
+    bench.check(&format!("{train} --resume --tensorboard board"), 0);
+    assert_eq!(
+        std::fs::read_dir(bench.path("board")).map_or(0, Iterator::count),
+        0,
+        "it has nothing to tell"
+    );
     let document = bench.json(&format!("{train} --resume --json"), 0);
     assert_eq!((&document["stopped_early"], &document["environment_steps"]), (&true.into(), &3072.into()));
     assert_eq!(curve(&bench, "a.csv").rows.len(), 12);

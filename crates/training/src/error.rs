@@ -78,6 +78,15 @@ pub enum TrainingError {
         /// What the checkpoint has.
         found: String,
     },
+    /// A checkpoint of a training with other settings.
+    #[error(
+        "the training began with other settings: {}; go on with those, or begin again",
+        listed(differing)
+    )]
+    OtherSettings {
+        /// Of each setting that differs: its table and key, what the training began with, and what is wanted, as TOML.
+        differing: Vec<[String; 3]>,
+    },
     /// A checkpoint of a training of another length, where what is learned hangs on it.
     #[error(
         "a training that began with `run.total_steps` = {began} cannot go on with {wanted}: {why}, so that from scratch \
@@ -109,6 +118,13 @@ pub enum TrainingError {
 
 fn at(line: Option<usize>) -> String {
     line.map_or_else(String::new, |line| format!("line {line}: "))
+}
+
+/// `gamma` = 0.9, now 0.99, ...
+fn listed(differing: &[[String; 3]]) -> String {
+    let told: Vec<String> =
+        differing.iter().map(|[name, began, wanted]| format!("`{name}` {began}, now {wanted}")).collect();
+    told.join("; ")
 }
 
 /// The settings that there are in the table of one that there is not.

@@ -70,6 +70,9 @@ pub(crate) fn train(
         validation = selection.last();
     }
     let mut ended = learner.iteration() >= iterations || selection.content();
+    if !ended {
+        observer.begins(environment_steps(&*learner), run.total_steps);
+    }
     while !ended {
         let mut progress = learner.iterate()?;
         let is_last = learner.iteration() >= iterations;
@@ -160,7 +163,10 @@ fn check_origin(
     let all = |config: &Config| iterations(config.run(), learner.iteration_steps());
     let is_as_long = all(&began) == all(config);
     began.run_mut().total_steps = new;
-    checkpoint.check_settings(&began.to_toml(), &config.to_toml())?;
+    let differing = began.differing(config);
+    if !differing.is_empty() {
+        return Err(TrainingError::OtherSettings { differing });
+    }
     match config.hangs_on_total() {
         Some(why) if !is_as_long => Err(TrainingError::OtherTotal { began: old, wanted: new, why }),
         _ => Ok(()),

@@ -69,7 +69,7 @@ pub use off_policy_settings::{
 };
 pub use on_policy_settings::{CriticSettings, ObservationMoments, PolicySettings, ValueMoments};
 pub use presets::{BEST, PRESETS};
-pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation};
+pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation, clock};
 pub use selection::{Best, Selection};
 pub use setting::{Choice, Setting};
 pub use settings::{EpisodeSettings, RunSettings, Settings, TimeLimits};

@@ -29,6 +29,17 @@ impl Config {
         settings.map(|setting| (value(&setting), setting)).map(|(value, setting)| (setting, value)).collect()
     }
 
+    /// The settings in which those of the same algorithm differ: name, own value and the other's, as TOML.
+    pub(crate) fn differing(&self, other: &Config) -> Vec<[String; 3]> {
+        let or_none = |value: Option<String>| value.unwrap_or_else(|| "not set".to_string());
+        self.values()
+            .into_iter()
+            .zip(other.values())
+            .filter(|((_, own), (_, other))| own != other)
+            .map(|((setting, own), (_, other))| [setting.name.to_string(), or_none(own), or_none(other)])
+            .collect()
+    }
+
     /// The settings as TOML that says of those without a value that they have none. Read again, they are the same.
     ///
     /// # Example

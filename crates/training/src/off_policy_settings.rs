@@ -43,7 +43,7 @@ choice! {
 settings! {
     /// `[policy]`: a network that chooses actions.
     pub struct ActorSettings in "policy." {
-        /// Outputs of the hidden layers.
+        /// Widths of the hidden layers; none of them if the list is empty.
         pub hidden: Vec<usize> = vec![128, 128], SIZES;
         /// Activation of the hidden layers.
         #[serde(with = "activation_name")]
@@ -61,7 +61,7 @@ settings! {
 settings! {
     /// `[critic]`: networks that learn the value of actions.
     pub struct ActionValueSettings in "critic." {
-        /// Outputs of the hidden layers.
+        /// Widths of the hidden layers; none of them if the list is empty.
         pub hidden: Vec<usize> = vec![128, 128], SIZES;
         /// Activation of the hidden layers.
         #[serde(with = "activation_name")]

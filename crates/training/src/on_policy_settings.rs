@@ -4,7 +4,7 @@ use mishandle_network::Activation;
 use mishandle_rollout::Seed;
 
 use crate::declare::{choice, settings};
-use crate::minibatches::Minibatches;
+use crate::minibatches::{Minibatches, check_slices};
 use crate::setting::{FINITE, POSITIVE, SIZES, WEIGHTS, ask};
 use crate::settings::activation_name;
 use crate::{Division, EpisodeSettings, Initialization, TrainingError};
@@ -45,6 +45,17 @@ macro_rules! setup_of {
 pub(crate) use setup_of;
 
 impl Setup<'_> {
+    /// Checks what hangs on more than one setting.
+    ///
+    /// # Errors
+    /// If it is not right; the message says what the one that is named must be.
+    pub fn check(&self) -> Result<(), TrainingError> {
+        if self.minibatches == Division::Slices {
+            check_slices(self.rollout_steps.saturating_mul(self.episodes.environments), self.slices)?;
+        }
+        self.policy.check_bounds()
+    }
+
     /// The minibatches of each rollout.
     pub fn minibatches(&self, seed: Seed) -> Minibatches {
         let rows = self.rollout_steps * self.episodes.environments;
@@ -56,7 +67,7 @@ impl Setup<'_> {
 settings! {
     /// `[policy]`: a Gaussian policy whose deviations do not depend on what is seen.
     pub struct PolicySettings in "policy." {
-        /// Outputs of the hidden layers.
+        /// Widths of the hidden layers; none of them if the list is empty.
         pub hidden: Vec<usize> = vec![64, 64], SIZES;
         /// Activation of the hidden layers.
         #[serde(with = "activation_name")]
@@ -91,7 +102,7 @@ choice! {
 settings! {
     /// `[critic]`: a network that learns the value of observations.
     pub struct CriticSettings in "critic." {
-        /// Outputs of the hidden layers.
+        /// Widths of the hidden layers; none of them if the list is empty.
         pub hidden: Vec<usize> = vec![64, 64], SIZES;
         /// Activation of the hidden layers.
         #[serde(with = "activation_name")]

@@ -64,15 +64,13 @@ impl Progress {
 /// One line for people.
 impl fmt::Display for Progress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let left = self.seconds_left().round();
         let (unit, letter) = self.unit();
-        write!(
-            f,
-            "{} of {}{letter} steps, {:.1}k steps/s",
-            self.steps_done(),
-            (self.total_steps as f64 / unit * 100.0).round() / 100.0,
-            self.steps_per_second / 1e3
-        )?;
+        let total = (self.total_steps as f64 / unit * 100.0).round() / 100.0;
+        write!(f, "{} of {total}{letter} steps, ", self.steps_done())?;
+        match self.steps_per_second {
+            fast if fast >= 1e3 => write!(f, "{:.1}k steps/s", fast / 1e3)?,
+            slow => write!(f, "{slow:.0} steps/s")?,
+        }
         if let Some(mean_return) = self.mean_return {
             write!(f, ", return {mean_return:.1}")?;
         }
@@ -83,8 +81,15 @@ impl fmt::Display for Progress {
         if self.diverged > 0 {
             write!(f, ", {} diverged", self.diverged)?;
         }
-        write!(f, ", {}:{:02} left", (left / 60.0).floor(), left % 60.0)
+        write!(f, ", {} left", clock(self.seconds_left()))
     }
+}
+
+/// A duration as a clock shows it: 1:05, or 2:01:05 from an hour on.
+pub fn clock(secs: f64) -> String {
+    let secs = secs.round() as u64;
+    let (hours, minutes, secs) = (secs / 3600, secs / 60 % 60, secs % 60);
+    if hours > 0 { format!("{hours}:{minutes:02}:{secs:02}") } else { format!("{minutes}:{secs:02}") }
 }
 
 /// Shares of an iteration's time; they add up to 1.
@@ -133,6 +138,9 @@ pub enum Flow {
 
 /// Who watches a training.
 pub trait Observer {
+    /// Called before the first iteration, when all has been checked: how many environment steps are done and wanted.
+    fn begins(&mut self, _done: u64, _total: u64) {}
+
     /// Measures a policy on `episodes` episodes of its own, whose starts must not be those of any evaluation; `None`
     /// if it cannot. Asked as often as the settings say.
     fn validate(&mut self, policy: &Policy, episodes: usize) -> Option<Validation>;
@@ -198,6 +206,9 @@ mod tests {
             progress.to_string(),
             "1.50M of 20M steps, 50.0k steps/s, return 101.3, success 98.5 %, strict 90.0 %, 6:10 left"
         );
+        // 18.5 M steps at 500 a second are 37,000 s: 10 h, 16 min, 40 s.
+        let slow = Progress { steps_per_second: 500.0, ..progress.clone() }.to_string();
+        assert!(slow.contains(" steps, 500 steps/s, ") && slow.ends_with(", 10:16:40 left"), "{slow}");
         let short = Progress { environment_steps: 1024, total_steps: 2048, diverged: 1, ..progress };
         assert!(short.to_string().starts_with("1.02k of 2.05k steps, "), "{short}");
     }

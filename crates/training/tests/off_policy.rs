@@ -78,7 +78,10 @@ fn a_checkpoint_of_other_settings_is_refused() {
     };
     assert!(resume(&settings("td3", "run.total_steps = 800")).is_ok(), "only the number of steps may differ");
     let told = resume(&settings("td3", "run.total_steps = 400\ntau = 0.1")).unwrap_err().to_string();
-    assert_eq!(told, "the checkpoint's settings is tau = 0.005, this training's is tau = 0.1");
+    assert_eq!(
+        told,
+        "the training began with other settings: `tau` 0.005, now 0.1; go on with those, or begin again"
+    );
     let told = resume(&settings("ddpg", "run.total_steps = 400")).unwrap_err().to_string();
     assert_eq!(told, "the checkpoint's algorithm is td3, this training's is ddpg");
 }

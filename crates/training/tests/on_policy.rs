@@ -66,7 +66,9 @@ fn the_line_is_learned_by_trpo_within_the_trust_region() {
 
 #[test]
 fn deviations_stay_within_their_range() {
-    for (algorithm, text) in [("ppo", "learning_rate = 0.03\n"), ("trpo", "max_kl = 0.1\n")] {
+    for (algorithm, text) in
+        [("ppo", "learning_rate = 0.03\nlearning_rate_schedule = \"constant\"\n"), ("trpo", "max_kl = 0.1\n")]
+    {
         let text =
             format!("{text}policy.min_log_std = -0.55\npolicy.max_log_std = -0.5\nrun.total_steps = 20_000");
         let mut watch = Watch::default();
@@ -172,7 +174,10 @@ fn a_checkpoint_of_another_training_is_refused() {
     assert_eq!(refusal(&config, 6), "the checkpoint's seed is 5, this training's is 6");
     let told = refusal(&settings("ppo", &format!("{text}epochs = 9")), 5);
     // Only what differs is told.
-    assert_eq!(told, "the checkpoint's settings is epochs = 5, this training's is epochs = 9");
+    assert_eq!(
+        told,
+        "the training began with other settings: `epochs` 5, now 9; go on with those, or begin again"
+    );
     let mut longer = config.clone();
     longer.run_mut().total_steps = 2_000;
     let resumed = longer.train(Line::new(0.0), Seed(5), Some(&checkpoint), &mut Watch::default());
@@ -201,7 +206,7 @@ fn a_training_whose_steps_hang_on_its_length_is_not_made_longer() {
     }
     // As many iterations, though not as many steps, and other settings are other things.
     assert!(checked(&of(999, linear)).is_ok() && checked(&of(1_000, linear)).is_ok());
-    assert!(checked(&of(5_000, "")).unwrap_err().to_string().contains("the checkpoint's settings"));
+    assert!(checked(&of(5_000, "")).unwrap_err().to_string().contains("began with other settings"));
 }
 
 #[test]

@@ -82,7 +82,7 @@ fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<Outcome> {
         let TrainPlan { task, algorithm, reward, seed, .. } = plan;
         output::line(&format!("# task {task}, algorithm {algorithm}, reward {reward}, seed {seed}"))?;
         output::line(&format!("# {total_steps} environment steps, to {}", plan.out.display()))?;
-        output::line(&format!("# {}\n", plan.command()))?;
+        output::line(&format!("# {}\n", plan.whole_command()))?;
         output::line(facts.config.listing().trim_end())?;
         return Ok(Outcome::Done);
     }

@@ -120,21 +120,6 @@ impl Checkpoint {
         Ok(())
     }
 
-    /// Checks that the settings it began with are those wanted now, both as TOML.
-    ///
-    /// # Errors
-    /// If they are not.
-    pub(crate) fn check_settings(&self, began: &str, wanted: &str) -> Result<(), TrainingError> {
-        if began == wanted {
-            return Ok(());
-        }
-        Err(TrainingError::OtherTraining {
-            what: "settings",
-            wanted: without(wanted, began),
-            found: without(began, wanted),
-        })
-    }
-
     /// Puts in a vector of numbers.
     pub fn put(&mut self, name: &str, numbers: impl Into<Numbers>) {
         self.numbers.insert(name.to_string(), numbers.into());
@@ -177,13 +162,6 @@ impl Checkpoint {
     pub fn holds(&self, name: &str) -> bool {
         self.numbers.contains_key(name)
     }
-}
-
-/// The lines of `settings` that `others` lack.
-fn without(settings: &str, others: &str) -> String {
-    let differs = |line: &&str| !others.lines().any(|other| other == *line);
-    let lines: Vec<&str> = settings.lines().filter(differs).collect();
-    if lines.is_empty() { "the default".to_string() } else { lines.join(", ") }
 }
 
 fn unfit(name: &str, kind: &str, wanted: usize, found: Option<&Numbers>) -> TrainingError {

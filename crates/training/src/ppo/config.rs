@@ -1,7 +1,7 @@
 use crate::declare::{choice, settings};
-use crate::minibatches::check_slices;
+use crate::on_policy_settings::setup_of;
 use crate::presets::SKRL_0_10;
-use crate::setting::{AT_LEAST_1, AT_LEAST_2, FINITE, POSITIVE, RISING, SHARE};
+use crate::setting::{AT_LEAST_1, AT_LEAST_2, FINITE, POSITIVE, RISING, SHARE, ask};
 use crate::{
     CriticSettings, Division, EpisodeSettings, PolicySettings, RunSettings, Setting, Settings, TrainingError,
 };
@@ -47,13 +47,13 @@ settings! {
         pub max_grad_norm: f64 = 1.0, POSITIVE;
         /// Which gradients it limits.
         pub grad_norm: GradNorm = GradNorm::Separate;
-        /// Step length of the policy's optimiser, at the start.
+        /// Step length of the policy's optimiser, at the start; in the adaptive schedule within `learning_rate_range`.
         pub learning_rate: f64 = 1e-3, POSITIVE;
         /// Whether the critic's optimiser always has the policy's step length instead of its own.
         pub shared_learning_rate: bool = false;
         /// How `learning_rate` changes.
         pub learning_rate_schedule: Schedule = Schedule::Adaptive;
-        /// Divergence that the adaptive schedule steers to: after an epoch with more than twice as much the step length is
+        /// Divergence (KL) that the adaptive schedule steers to: after an epoch with more than twice as much the step length is
         /// divided by 1.5, with less than half as much multiplied.
         pub target_kl: f64 = 0.01, POSITIVE;
         /// Smallest and largest step length of the adaptive schedule.
@@ -125,8 +125,12 @@ impl Settings for PpoConfig {
 
     fn check(&self) -> Result<(), TrainingError> {
         self.check_rules()?;
-        check_slices(self.rollout_steps.saturating_mul(self.episodes.environments), self.slices)?;
-        self.policy.check_bounds()
+        if self.learning_rate_schedule == Schedule::Adaptive {
+            let ([low, high], start) = (self.learning_rate_range, self.learning_rate);
+            let inside = "a number within `learning_rate_range`, since the schedule is adaptive";
+            ask("learning_rate", inside, start, (low..=high).contains(&start))?;
+        }
+        setup_of!(self).check()
     }
 
     fn hangs_on_total(&self) -> Option<&'static str> {
@@ -185,6 +189,10 @@ mod tests {
                 "`learning_rate_schedule` must be \"constant\", \"linear\" or \"adaptive\", found \"cosine\"",
             ),
             ("learning_rate = 0.0", "line 1: the setting `learning_rate` must be a number above 0, found 0"),
+            (
+                "learning_rate = 0.1",
+                "line 1: the setting `learning_rate` must be a number within `learning_rate_range`, since",
+            ),
             ("learning_rate_range = [0.1]", "`learning_rate_range` must be two finite numbers, above 0 and"),
             (
                 "[policy]\ninitial_log_std = 3.0",
@@ -208,7 +216,9 @@ mod tests {
             check_refusal(text, told);
         }
         // What no line states is the default's, or the preset's.
-        let refusal = PpoConfig::from_toml("rollout_steps = 1\nepisodes.environments = 2").unwrap_err();
+        let refusal =
+            PpoConfig::from_toml("minibatches = \"slices\"\nrollout_steps = 1\nepisodes.environments = 2")
+                .unwrap_err();
         assert!(refusal.to_string().starts_with("the setting `slices` must be "), "{refusal}");
     }
 }

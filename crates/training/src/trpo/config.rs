@@ -1,5 +1,5 @@
 use crate::declare::{choice, settings};
-use crate::minibatches::check_slices;
+use crate::on_policy_settings::setup_of;
 use crate::presets::SKRL_0_10;
 use crate::setting::{AT_LEAST_1, AT_LEAST_2, NOT_NEGATIVE, POSITIVE, SHARE};
 use crate::{
@@ -32,7 +32,7 @@ settings! {
         pub cg_iterations: usize = 10, AT_LEAST_1;
         /// Squared residual at which they end.
         pub cg_tolerance: f64 = 1e-10, NOT_NEGATIVE;
-        /// Every how manieth row of the rollout the Fisher information is taken over; 1 for all of them.
+        /// The Fisher information is taken over every row of the rollout that is a multiple of this; 1 for all of them.
         pub fisher_every: usize = 1, AT_LEAST_1;
         /// How many steps are tried, each half as long as the last.
         pub backtracks: usize = 10, AT_LEAST_1;
@@ -97,7 +97,6 @@ impl Settings for TrpoConfig {
 
     fn check(&self) -> Result<(), TrainingError> {
         self.check_rules()?;
-        check_slices(self.rollout_steps.saturating_mul(self.episodes.environments), self.slices)?;
-        self.policy.check_bounds()
+        setup_of!(self).check()
     }
 }
