@@ -39,13 +39,13 @@ pub(super) const SHAPED: &[Quantity] = &[
         "0.3 (1 - tanh(3 d)), d the horizontal distance of the peg's origin from the hole's axis",
     ),
     one("centred", "", "0.1 (1 - tanh(50 d))"),
-    one("upright", "", "0.1 (1 - tanh(3 t)), t the peg's tilt"),
+    one("upright", "", "0.4 (1 - t), t the peg's tilt, at most 1 rad"),
     one(
         "down",
         "",
         "0.4 (1 - tanh(5 d)) (1 - h / 0.45 m), h the height of the peg above its inserted place, between 0 and 0.45 m",
     ),
-    one("elbow", "", "0.45 of its horizontal distance from the hole's axis over 0.4 m, at most 0.45"),
+    one("elbow", "", "0.3 of its horizontal distance from the hole's axis over 0.4 m, at most 0.3"),
     one("in", "", "0.2 of the insertion depth's share of 0.05 m, between 0 and 1"),
     one("inserted", "", "0.3 where d <= 0.005 and the insertion depth is at least 0.045, else 0"),
     one("calm", "", "-0.01 times the mean of the arm's squared actions"),
@@ -93,12 +93,13 @@ pub(super) fn shaped(signals: &[f64], height: f64, elbow: f64, action: &[f64], o
     let (d, depth, tilt) = (signals[0], signals[1], signals[2]);
     out[0] = 0.3 * (1.0 - (3.0 * d).tanh());
     out[1] = 0.1 * (1.0 - (50.0 * d).tanh());
-    out[2] = 0.1 * (1.0 - (3.0 * tilt).tanh());
+    // Even in tilt: an arm that leans over a near hole brings the peg there sooner, but tilted by nearly 1 rad, with its
+    // elbow in the way of all that is to come.
+    out[2] = 0.4 * (1.0 - tilt.min(1.0));
     // Even in height: a peg that hovers high above the hole, as it does at first, gains by every bit that it comes down.
     out[3] = 0.4 * (1.0 - (5.0 * d).tanh()) * (1.0 - (height / 0.45).clamp(0.0, 1.0));
-    // A near hole is reached by folding the elbow behind it. An arm that leans forward brings the peg there sooner, and then
-    // has its elbow in the way.
-    out[4] = 0.45 * (elbow / 0.4).min(1.0);
+    // A near hole is reached by folding the elbow behind it.
+    out[4] = 0.3 * (elbow / 0.4).min(1.0);
     out[5] = 0.2 * (depth / super::DEPTH).clamp(0.0, 1.0);
     out[6] = if d <= 0.005 && depth >= 0.045 { 0.3 } else { 0.0 };
     out[7] = effort(action);
