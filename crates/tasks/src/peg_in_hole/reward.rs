@@ -39,7 +39,7 @@ pub(super) const SHAPED: &[Quantity] = &[
         "0.3 (1 - tanh(3 d)), d the horizontal distance of the peg's origin from the hole's axis",
     ),
     one("centred", "", "0.1 (1 - tanh(50 d))"),
-    one("upright", "", "0.4 (1 - t), t the peg's tilt, at most 1 rad"),
+    one("upright", "", "0.1 (1 - tanh(3 t)), t the peg's tilt"),
     one(
         "down",
         "",
@@ -93,12 +93,11 @@ pub(super) fn shaped(signals: &[f64], height: f64, elbow: f64, action: &[f64], o
     let (d, depth, tilt) = (signals[0], signals[1], signals[2]);
     out[0] = 0.3 * (1.0 - (3.0 * d).tanh());
     out[1] = 0.1 * (1.0 - (50.0 * d).tanh());
-    // Even in tilt: an arm that leans over a near hole brings the peg there sooner, but tilted by nearly 1 rad, with its
-    // elbow in the way of all that is to come.
-    out[2] = 0.4 * (1.0 - tilt.min(1.0));
+    out[2] = 0.1 * (1.0 - (3.0 * tilt).tanh());
     // Even in height: a peg that hovers high above the hole, as it does at first, gains by every bit that it comes down.
     out[3] = 0.4 * (1.0 - (5.0 * d).tanh()) * (1.0 - (height / 0.45).clamp(0.0, 1.0));
-    // A near hole is reached by folding the elbow behind it.
+    // A near hole is reached by folding the elbow behind it. An arm that leans forward brings the peg there sooner, and then
+    // has its elbow in the way.
     out[4] = 0.3 * (elbow / 0.4).min(1.0);
     out[5] = 0.2 * (depth / super::DEPTH).clamp(0.0, 1.0);
     out[6] = if d <= 0.005 && depth >= 0.045 { 0.3 } else { 0.0 };
