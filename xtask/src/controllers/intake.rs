@@ -105,7 +105,12 @@ pub fn import(bench: &Bench<'_>, folder: &Path, tasks: &[Value], standings: &[St
     for standing in standings {
         let training = &standing.training;
         let file = |ending: &str| folder.join(training.name() + ending);
-        if !file(".safetensors").is_file() || standing.state == State::Done {
+        if !file(".safetensors").is_file() {
+            continue;
+        }
+        // One without a curve, as it may have been put there by hand, can still be given one.
+        if standing.state == State::Done && bench.home.curve(training).is_file() {
+            eprintln!("{}: there already", training.name());
             continue;
         }
         let task = tasks.iter().find(|task| task["name"] == training.task.as_str());

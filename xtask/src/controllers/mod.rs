@@ -75,7 +75,7 @@ fn act(bench: &Bench<'_>, options: &Options) -> Result<()> {
     let an_expert = tasks.iter().any(|task| options.chooses_expert(&name_of(task)));
     ensure!(an_expert || !chosen.is_empty(), "nothing in the plan is what --only and --seeds ask for");
     if options.action == Action::List {
-        chosen.iter().for_each(tell);
+        chosen.iter().for_each(|standing| tell(standing, bench.home.curve(&standing.training).is_file()));
         return Ok(());
     }
     let lock = home::lock(&bench.home.path("target/controllers/lock"))?;
@@ -139,10 +139,11 @@ fn help() -> Result<()> {
 }
 
 #[expect(clippy::print_stdout, reason = "the list is what was asked for")]
-fn tell(standing: &Standing) {
+fn tell(standing: &Standing, has_curve: bool) {
     let adopted = standing.facts.as_ref().is_some_and(facts::Facts::is_adopted);
     let mark = if adopted && standing.state == State::Done { ", adopted" } else { "" };
-    println!("{:<28} {}{mark}", standing.training.name(), standing.state);
+    let bare = if standing.state == State::Done && !has_curve { ", without a curve" } else { "" };
+    println!("{:<28} {}{mark}{bare}", standing.training.name(), standing.state);
 }
 
 /// One thing to do.

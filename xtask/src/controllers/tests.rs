@@ -312,6 +312,14 @@ fn what_was_trained_elsewhere_is_checked_as_if_it_were_ours() {
     bench.run(&import).unwrap();
     assert_eq!(bench.states(&[0]), ["done"]);
     assert!(!bench.read("calls").contains("train"));
+    // One that is there is taken in again for its curve alone, if that is missing.
+    let (kept, calls) = (bench.path("controllers/curves/point-reaching/ppo-s0.csv"), bench.read("calls"));
+    let measured = |calls: &str| calls.matches("evaluate").count();
+    bench.run(&import).unwrap();
+    assert_eq!(measured(&bench.read("calls")), measured(&calls));
+    fs::remove_file(&kept).unwrap();
+    bench.run(&import).unwrap();
+    assert!(kept.is_file());
     assert!(Path::new(&folder).join("point-reaching-ppo-s0.safetensors").is_file(), "it is not taken away");
 }
 
