@@ -20,16 +20,20 @@ pub struct Rates {
     pub strict: f64,
 }
 
+/// Least success rate without noise of a controller, percent; none for an expert.
+pub fn success_bar(task: &str, algorithm: &str) -> Option<f64> {
+    match paper::performance(task, algorithm) {
+        Some([Performance { success, .. }, _]) => Some(ON_POLICY.max(success)),
+        None => ALGORITHMS.contains(&algorithm).then_some(OFF_POLICY),
+    }
+}
+
 /// The bars that `rates` miss, as they are written in a table. An expert is held to none.
 pub fn missed(task: &str, algorithm: &str, rates: Rates) -> Vec<String> {
     let mut bars: Vec<(&str, f64, f64)> = Vec::new();
-    match paper::performance(task, algorithm) {
-        Some([Performance { success, .. }, noisy]) => {
-            bars.push(("SR", rates.success[0], ON_POLICY.max(success)));
-            bars.push(("SR with noise", rates.success[1], noisy.success));
-        }
-        None if ALGORITHMS.contains(&algorithm) => bars.push(("SR", rates.success[0], OFF_POLICY)),
-        None => {}
+    bars.extend(success_bar(task, algorithm).map(|bar| ("SR", rates.success[0], bar)));
+    if let Some([_, noisy]) = paper::performance(task, algorithm) {
+        bars.push(("SR with noise", rates.success[1], noisy.success));
     }
     if algorithm == STRICT_OF {
         bars.push(("strict SR", rates.strict, STRICT));

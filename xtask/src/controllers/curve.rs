@@ -5,7 +5,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 
-/// Columns that are kept, in this order; a training writes these and more.
+/// Columns that are kept of every iteration, in this order: what the pictures and the training time are made of. A training
+/// writes these and more.
 pub const COLUMNS: [&str; 6] = [
     "environment_steps",
     "wall_clock_secs",
@@ -14,9 +15,6 @@ pub const COLUMNS: [&str; 6] = [
     "strict_success_rate",
     "validation_return",
 ];
-
-/// Most rows of a curve that is kept, but for validations: below 20 kB.
-const MOST_ROWS: usize = 300;
 
 /// An iteration of a training.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,32 +78,20 @@ impl Curve {
         Ok(Curve { rows: (2..).zip(lines).map(row).collect::<Result<_>>()? })
     }
 
-    /// The curve with fewer rows: every so many, all validations, and the last.
-    pub fn thinned(&self) -> Curve {
-        let every = self.rows.len().div_ceil(MOST_ROWS).max(1);
-        let kept = |(i, row): (usize, &Row)| {
-            let is_kept = row.success_rate.is_some() || (i + 1) % every == 0 || i + 1 == self.rows.len();
-            is_kept.then_some(*row)
-        };
-        Curve { rows: self.rows.iter().enumerate().filter_map(kept).collect() }
+    /// Seconds until a validation first had at least this success rate; `None` if none had.
+    pub fn secs_to(&self, success_rate: f64) -> Option<f64> {
+        let reached = |row: &&Row| row.success_rate.is_some_and(|rate| rate >= success_rate);
+        self.rows.iter().find(reached).map(|row| row.wall_clock_secs)
     }
 
-    /// The curve as a CSV text.
+    /// The curve as a CSV text. Returns come back to the bit, so that the training time can be told of it.
     pub fn text(&self) -> String {
         let mut text = COLUMNS.join(",") + "\n";
         for row in &self.rows {
-            let cell = |value: Option<f64>, decimals: usize| {
-                value.map_or(String::new(), |value| format!("{value:.decimals$}"))
-            };
-            text += &format!(
-                "{},{:.1},{},{},{},{}\n",
-                row.environment_steps,
-                row.wall_clock_secs,
-                cell(row.mean_return, 3),
-                cell(row.success_rate, 4),
-                cell(row.strict_success_rate, 4),
-                cell(row.validation_return, 3),
-            );
+            let cell = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
+            let cells = [row.mean_return, row.success_rate, row.strict_success_rate, row.validation_return];
+            let cells = cells.map(cell).join(",");
+            text += &format!("{},{:.1},{cells}\n", row.environment_steps, row.wall_clock_secs);
         }
         text
     }
@@ -128,6 +114,7 @@ mod tests {
         assert_eq!((curve.rows[1].success_rate, curve.rows[1].validation_return), (Some(0.5), Some(-2.0)));
         // What is kept is a curve too, and the same one.
         assert_eq!(Curve::parse(&curve.text().replace("1.2,", "1.25,")).unwrap(), curve);
+        assert_eq!([0.5, 0.6].map(|rate| curve.secs_to(rate)), [Some(1.25), None]);
     }
 
     #[test]
@@ -140,24 +127,5 @@ mod tests {
             let error = format!("{:#}", Curve::parse(text).unwrap_err());
             assert!(error.contains(told), "{error}");
         }
-    }
-
-    #[test]
-    fn a_thinned_curve_keeps_validations_and_the_end_in_few_bytes() {
-        let row = |i: u64| Row {
-            environment_steps: i * 32_768,
-            wall_clock_secs: i as f64 * 1.37,
-            mean_return: Some(-123.456_789),
-            success_rate: i.is_multiple_of(20).then_some(0.5),
-            strict_success_rate: i.is_multiple_of(20).then_some(0.25),
-            validation_return: i.is_multiple_of(20).then_some(1.0),
-        };
-        let curve = Curve { rows: (1..=2003).map(row).collect() };
-        let thinned = curve.thinned();
-        assert_eq!(thinned.rows.iter().filter(|row| row.success_rate.is_some()).count(), 100);
-        assert_eq!(thinned.rows.last(), curve.rows.last());
-        assert!(thinned.text().len() < 20_000, "{}", thinned.text().len());
-        let short = Curve { rows: curve.rows[..200].to_vec() };
-        assert_eq!(short.thinned(), short);
     }
 }

@@ -38,7 +38,7 @@ pub fn take_in(
     facts.0["training_time"] = bench.program.training_time(csv, environments)?;
     facts.0["trained_steps"] = curve.rows.last().map(|row| row.environment_steps).into();
     let record = measured(bench, task, training, &facts, controller)?;
-    write(&bench.home.curve(training), curve.thinned().text().as_bytes())?;
+    write(&bench.home.curve(training), curve.text().as_bytes())?;
     record.save(bench.home)?;
     let place = bench.home.controller(training);
     if place != controller {

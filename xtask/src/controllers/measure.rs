@@ -11,7 +11,7 @@ use super::home::Home;
 use super::program::Program;
 use super::workers;
 
-/// Starts of an evaluation, and its seed: no training has seen it.
+/// Starts of an evaluation, and its seed, of which no training and no validation draws a start.
 pub const EPISODES: u32 = 1000;
 const SEED: u32 = 1;
 

@@ -21,6 +21,7 @@ mod program;
 mod record;
 mod seed_tables;
 mod state;
+mod summary;
 mod tables;
 #[cfg(test)]
 mod tests;

@@ -1,9 +1,13 @@
 //! Tables of how controllers were trained, and of all seeds of an algorithm together.
 
+use anyhow::Result;
 use serde_json::Value;
 
 use super::aggregate::interquartile_mean;
+use super::bars::success_bar;
+use super::curve::Curve;
 use super::facts::Facts;
+use super::home::Home;
 use super::paper;
 use super::plan::{self, ALGORITHMS, SHIPPED_SEED};
 use super::record::Record;
@@ -17,30 +21,40 @@ use super::tables::{NOTHING, Shown, decimal, figures, misses, remarks};
 const LATE: f64 = 0.9;
 
 /// How the shipped controllers were trained.
-pub fn training(shown: &Shown<'_>) -> String {
+///
+/// # Errors
+/// If a curve cannot be read.
+pub fn training(home: &Home, shown: &Shown<'_>) -> Result<String> {
     let mut table = String::from(
         "| task | algorithm | seed | environment steps | best after | wall clock, s | TT, control steps | TT, s | \
-         paper: TT | command | commit |\n|---|---|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
+         paper: TT | SR at its bar, s | command | commit |\n|---|---|--:|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
     );
     for task in shown.names() {
         for algorithm in ALGORITHMS {
-            let found = shown.recorded(task, algorithm, SHIPPED_SEED);
-            let Some(facts) = found.and_then(|(standing, _)| standing.facts.as_ref()) else {
-                table += &format!("| `{task}` | `{algorithm}` | | not run | | | | | | | |\n");
+            let found = shown.recorded(task, algorithm, SHIPPED_SEED).map(|(standing, _)| standing);
+            let Some((standing, facts)) =
+                found.and_then(|standing| Some((standing, standing.facts.as_ref()?)))
+            else {
+                table += &format!("| `{task}` | `{algorithm}` | | not run | | | | | | | | |\n");
                 continue;
             };
             let paper = paper::training_time(task, algorithm);
+            let curve = home.curve(&standing.training);
+            let curve = if curve.is_file() { Some(Curve::read(&curve)?) } else { None };
+            let bar = success_bar(task, algorithm);
+            let reached = curve.zip(bar).and_then(|(curve, bar)| curve.secs_to(bar / 100.0));
             table += &format!(
-                "| `{task}` | `{algorithm}` | {SHIPPED_SEED} | {} | {} | `{}` | {}{} |\n",
+                "| `{task}` | `{algorithm}` | {SHIPPED_SEED} | {} | {} | {} | `{}` | {}{} |\n",
                 effort(facts),
                 paper.map_or(NOTHING.to_string(), |steps| steps.to_string()),
+                reached.map_or(NOTHING.to_string(), |secs| format!("{secs:.0}")),
                 facts.text("command"),
                 facts.text("git_commit"),
                 if facts.is_adopted() { ", adopted" } else { "" },
             );
         }
     }
-    table
+    Ok(table)
 }
 
 /// What a training took, as cells: steps, steps to the best, seconds, training time in control steps and seconds.

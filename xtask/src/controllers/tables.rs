@@ -9,6 +9,7 @@ use super::measure::{EPISODES, NOISE};
 use super::plan::{ALGORITHMS, SHIPPED_SEED};
 use super::record::Record;
 use super::state::{Standing, State};
+use super::summary::summary;
 use super::{paper, seed_tables};
 use crate::marks::replace;
 
@@ -55,9 +56,10 @@ impl Shown<'_> {
 pub fn write(home: &Home, shown: &Shown<'_>, drawn: &[String]) -> Result<()> {
     replace(&home.path("README.md"), "tasks", &tasks(shown))?;
     for (name, made) in [
+        ("summary", summary(shown)),
         ("controllers", performance(shown, 0)),
         ("noise", performance(shown, 1)),
-        ("training", seed_tables::training(shown)),
+        ("training", seed_tables::training(home, shown)?),
         ("seeds", seed_tables::seeds(shown)),
         ("further-seeds", seed_tables::further(shown)),
         ("curves", curves(drawn)),
@@ -105,25 +107,31 @@ fn performance(shown: &Shown<'_>, noise: usize) -> String {
         for algorithm in ALGORITHMS {
             match shown.recorded(task, algorithm, SHIPPED_SEED) {
                 Some((standing, record)) => {
-                    table += &rows(record, algorithm, noise, &remarks(standing, record));
+                    let last = if noise == 0 { remarks(standing, record) } else { broken(standing, record) };
+                    table += &rows(record, algorithm, noise, &last);
                 }
                 None => table += &format!("| `{task}` | `{algorithm}` | not run | | | | | | | | |\n"),
             }
         }
         if let Some(expert) = shown.expert(task) {
-            table += &rows(expert, "expert", noise, "");
+            table += &rows(expert, "expert", noise, if noise == 0 { "" } else { NOTHING });
         }
     }
     table
 }
 
+/// In how many trials a controller that is put to the test was broken.
+fn broken(standing: &Standing, record: &Record) -> String {
+    let found = record.broken().filter(|_| standing.training.is_falsified());
+    found.unwrap_or(NOTHING.to_string())
+}
+
 /// A controller's row, and one for the whole box where that is another.
-fn rows(record: &Record, algorithm: &str, noise: usize, remarks: &str) -> String {
+fn rows(record: &Record, algorithm: &str, noise: usize, last: &str) -> String {
     let paper = paper::performance(&record.task, algorithm).map(|found| found[noise]);
     let of_paper = |number: Option<f64>, decimals: usize| {
         number.map_or(NOTHING.to_string(), |number| format!("{number:.decimals$}"))
     };
-    let last = if noise == 0 { remarks.to_string() } else { record.broken().unwrap_or_default() };
     let mut rows = format!(
         "| `{}` | `{algorithm}` | {} | {} | {} | {} | {last} | {} |\n",
         record.task,

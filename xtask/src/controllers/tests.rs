@@ -62,7 +62,7 @@ impl Bench {
         bench.finds(0.97, false);
         bench.write("experiments/training/point-reaching/ppo.toml", SETTINGS);
         bench.write("README.md", "<!-- figures: tasks -->\n<!-- end of figures -->\n");
-        let marks = ["controllers", "noise", "training", "seeds", "further-seeds", "curves"];
+        let marks = ["summary", "controllers", "noise", "training", "seeds", "further-seeds", "curves"];
         let page = marks.map(|name| format!("<!-- figures: {name} -->\n<!-- end of figures -->\n")).concat();
         bench.write("controllers/README.md", &page);
         bench.write("program", PROGRAM);
@@ -164,7 +164,7 @@ fn what_is_missing_is_trained_measured_and_shown_once() {
     assert!(rows[1].contains("| 87 | 0.27 | 29.8 | 1 of 2 |"), "{}", rows[1]);
     assert_eq!(
         rows[2],
-        "| `point-reaching` | `ppo` | 0 | 2048 | 1024 | 2 | 64 | 2 | 10500 | `mishandle train` | c0ffee |"
+        "| `point-reaching` | `ppo` | 0 | 2048 | 1024 | 2 | 64 | 2 | 10500 | 4 | `mishandle train` | c0ffee |"
     );
     assert!(rows[3].ends_with("|  | 1, 2, 3, 4 |"), "{}", rows[3]);
     assert!(page.contains("| `point-reaching` | `ddpg` | not run |"));
@@ -276,6 +276,10 @@ fn further_seeds_keep_their_records_and_need_no_file() {
         format!("| `point-reaching` | `ppo` | 2 | {spread} | {spread} | {spread} | 2 (SR 95) | 0, 3, 4 |");
     assert!(page.contains(&row), "{page}");
     assert!(page.contains("| `point-reaching` | `ppo` | 2 | 2048 | 1024 |"), "{page}");
+    // Four of PPO, four of TRPO, two of each of the others.
+    let summary = "Of 14 further seeds of the plan 2 were run, and 1 of these reach every bar; the others miss: \
+                   `point-reaching` `ppo-s2` (SR 95).";
+    assert!(page.contains(summary), "{page}");
     assert!(!bench.path("controllers/point-reaching").exists());
     fs::remove_file(bench.path("target/controllers/point-reaching-ppo-s1.safetensors")).unwrap();
     assert_eq!(bench.states(&[1]), ["done"]);
