@@ -209,7 +209,7 @@ fn environments(text: &str) -> Result<NonZeroUsize, String> {
     NonZeroUsize::new(count(text)?).ok_or_else(|| "it has to be at least 1".to_string())
 }
 
-/// Tells how a controller was trained: command, settings, seed, commit, figures
+/// Tells how a controller was trained: command, settings, seed, commit, validation
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle controller my_controller.safetensors

@@ -22,6 +22,7 @@ mod critic;
 pub mod ddpg;
 mod declare;
 pub mod deterministic;
+mod distribution;
 pub mod drawn;
 mod episodes;
 mod error;

@@ -1,4 +1,4 @@
-use super::distribution::Distribution;
+use crate::distribution::Distribution;
 use crate::off_policy_config::off_policy_config;
 use crate::setting::{AT_LEAST_1, POSITIVE};
 

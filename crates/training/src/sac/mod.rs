@@ -18,11 +18,10 @@
 //! Haarnoja et al., "Soft Actor-Critic Algorithms and Applications", 2018.
 
 mod config;
-mod distribution;
 mod loss;
 mod train;
 
+pub use crate::distribution::{Actor, Distribution};
 pub use config::SacConfig;
-pub use distribution::{Actor, Distribution};
 pub use loss::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch, temperature_loss};
 pub(crate) use train::Sac;

@@ -3,11 +3,11 @@ use mishandle_network::{Adam, Mlp};
 use mishandle_rollout::Seed;
 
 use super::config::SacConfig;
-use super::distribution::{Actor, Distribution};
 use super::loss::{CriticLoss, CriticScratch, PolicyLoss, PolicyScratch, temperature_loss};
 use crate::agent::{Agent, Explorer, weights};
 use crate::batch::Batch;
 use crate::batch_gradient::BatchGradient;
+use crate::distribution::{Actor, Distribution};
 use crate::drawn::CLIPPED_LOG_STD_RANGE;
 use crate::gaussian::Deviations;
 use crate::initialization::initial_network;

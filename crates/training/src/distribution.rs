@@ -1,3 +1,5 @@
+//! The distributions that a policy of [SAC](crate::sac) may draw from.
+
 use mishandle_network::{Mlp, Scalar, Workspace};
 
 use crate::declare::choice;
