@@ -125,7 +125,10 @@ fn spread(runs: &[(&Standing, &Record)], noise: usize, key: &str) -> String {
     let greatest = values.iter().copied().reduce(f64::max);
     let cell =
         |value: Option<f64>| value.map_or(NOTHING.to_string(), |value| format!("{:.1}", 100.0 * value));
-    [cell(interquartile_mean(&values)), cell(least), cell(greatest)].join(" | ")
+    // Of one run there is no spread.
+    let is_spread = values.len() > 1;
+    let ends = [least, greatest].map(|value| cell(value.filter(|_| is_spread)));
+    [cell(interquartile_mean(&values)), ends.join(" | ")].join(" | ")
 }
 
 /// Each run of a further seed.
