@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Chain, Result};
 use mishandle::training::{Flow, Progress};
-use mishandle::{MishandleError, TrainWatch};
+use mishandle::{MishandleError, TrainPlan, TrainWatch};
 
 use crate::interrupt;
 use crate::live_curve::LiveCurve;
@@ -17,13 +17,15 @@ const QUIET: Duration = Duration::from_secs(30);
 pub struct Watch {
     live: LiveCurve,
     log: Log,
+    /// What is trained, and where it goes.
+    title: String,
     /// Iterations of this run.
     pub iterations: u64,
 }
 
 impl Watch {
     /// Listens to signals from here on.
-    pub fn begin() -> Result<Watch> {
+    pub fn begin(plan: &TrainPlan) -> Result<Watch> {
         let live = LiveCurve::new();
         let shown = live.clone();
         interrupt::listen(move || {
@@ -31,7 +33,9 @@ impl Watch {
                 output::say("finishing the iteration that has begun; Ctrl-C again ends at once");
             });
         })?;
-        Ok(Watch { live, log: Log { last: None }, iterations: 0 })
+        let TrainPlan { task, algorithm, seed, out, .. } = plan;
+        let title = format!("{task} by {algorithm}, seed {seed}, to {}", out.display());
+        Ok(Watch { live, log: Log { last: None }, title, iterations: 0 })
     }
 
     /// Takes what is written over away.
@@ -44,7 +48,7 @@ impl TrainWatch for Watch {
     fn begins(&mut self, done: u64, total: u64) {
         // The first iteration may take minutes.
         if !shows_progress() {
-            output::say(&format!("training begins, {done} of {total} environment steps done"));
+            output::say(&format!("training {}: {done} of {total} environment steps done", self.title));
         }
     }
 

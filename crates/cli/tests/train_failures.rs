@@ -154,7 +154,8 @@ fn a_training_whose_terminal_goes_is_saved_unless_it_is_to_outlive_it() {
     assert_eq!(output.status.code(), Some(130), "{err}");
     assert!(err.contains("Carry on: ") && bench.path("a.last.safetensors").exists(), "{err}");
     // The first lines come at once, though nobody watches.
-    let begins = "training begins, 0 of 100000000 environment steps done\n0.00M of 100M steps, ";
+    let begins = "training point-reaching by ppo, seed 7, to a.safetensors: 0 of 100000000 environment steps done\n\
+                  0.00M of 100M steps, ";
     assert!(err.starts_with(begins), "{err}");
     let program = env!("CARGO_BIN_EXE_mishandle");
     let outliving = format!("trap '' HUP; exec {program} {train} b.csv --out b.safetensors");

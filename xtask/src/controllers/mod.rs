@@ -76,7 +76,7 @@ fn act(bench: &Bench<'_>, options: &Options) -> Result<()> {
     let an_expert = tasks.iter().any(|task| options.chooses_expert(&name_of(task)));
     ensure!(an_expert || !chosen.is_empty(), "nothing in the plan is what --only and --seeds ask for");
     if options.action == Action::List {
-        chosen.iter().for_each(|standing| tell(standing, bench.home.curve(&standing.training).is_file()));
+        list(bench, &chosen);
         return Ok(());
     }
     let lock = home::lock(&bench.home.path("target/controllers/lock"))?;
@@ -137,6 +137,15 @@ fn task_of<'a>(tasks: &'a [Value], training: &Training) -> Result<&'a Value> {
 fn help() -> Result<()> {
     println!("{USAGE}");
     Ok(())
+}
+
+#[expect(clippy::print_stdout, reason = "the list is what was asked for")]
+fn list(bench: &Bench<'_>, chosen: &[Standing]) {
+    for standing in chosen {
+        tell(standing, bench.home.curve(&standing.training).is_file());
+    }
+    let done = chosen.iter().filter(|standing| standing.state == State::Done).count();
+    println!("{done} of {} done", chosen.len());
 }
 
 #[expect(clippy::print_stdout, reason = "the list is what was asked for")]

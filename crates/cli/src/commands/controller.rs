@@ -52,15 +52,17 @@ fn page(file: &ControllerFile) -> String {
         let (success, strict) = (100.0 * found.success_rate, 100.0 * found.strict_success_rate);
         format!("success {success:.1} %, strict {strict:.1} %, of {} episodes", found.episodes)
     });
-    let steps =
-        format!("{} environment steps in {:.0} s", training.environment_steps, training.wall_clock_secs);
+    let trained = format!(
+        "{:.0} s; this policy after {} environment steps",
+        training.wall_clock_secs, training.environment_steps
+    );
     let rows = [
         ("task", header.task.clone()),
         ("task preset", header.preset.clone()),
         ("algorithm", header.algorithm.clone()),
         ("reward", header.reward.clone()),
         ("seed", training.seed.to_string()),
-        ("trained for", steps),
+        ("trained for", trained),
         ("validation", validation),
         ("command", or_unknown(&training.command)),
         ("git commit", or_unknown(&training.git_commit)),
@@ -69,5 +71,7 @@ fn page(file: &ControllerFile) -> String {
         ("task hash", or_unknown(&header.task_hash)),
     ];
     let rows: Vec<Vec<String>> = rows.map(|(name, value)| vec![name.to_string(), value]).to_vec();
-    format!("{}\n\n{}", table(&rows), training.settings.trim_end())
+    // As a comment, so that the page is a settings file.
+    let facts: String = table(&rows).lines().map(|line| format!("# {line}\n")).collect();
+    format!("{facts}\n{}", training.settings.trim_end())
 }

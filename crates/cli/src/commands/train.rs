@@ -15,7 +15,7 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
     if command.dry_run {
         return dry_run(&plan, command.run.json);
     }
-    let mut watch = Watch::begin()?;
+    let mut watch = Watch::begin(&plan)?;
     let report = mishandle::train(&plan, &mut watch);
     watch.finish();
     let report = report?;
