@@ -1,11 +1,17 @@
-//! Tells the program which commit, target and compiler it was built from: run records and controllers name them.
+//! Tells the program which commit, target and compiler it was built from: run records and controllers name them. Embeds
+//! the shipped controllers and training settings, so that an installed program needs no clone.
 
+use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::{env, fs, io};
 
 /// What the program is built from. What else may have changed, a page or a figure, is none of its business.
 const SOURCES: [&str; 5] = ["build.rs", "Cargo.toml", "Cargo.lock", "src", "crates"];
 
-fn main() {
+/// Folders with a subfolder for each task, and the extension of the files that are embedded.
+const EMBEDDED: [(&str, &str); 2] = [("controllers", "safetensors"), ("experiments/training", "toml")];
+
+fn main() -> io::Result<()> {
     // Whether anything is changed can be told only by looking whenever something is.
     for file in SOURCES {
         println!("cargo::rerun-if-changed={file}");
@@ -18,9 +24,63 @@ fn main() {
     let status = [&["status", "--porcelain", "--untracked-files=no", "--"], &SOURCES[..]].concat();
     let changed = output("git", &status).is_some_and(|s| !s.is_empty());
     println!("cargo::rustc-env=MISHANDLE_COMMIT={commit}{}", if changed { "-changed" } else { "" });
-    let rustc = std::env::var("RUSTC").ok().and_then(|rustc| output(&rustc, &["--version"]));
+    let rustc = env::var("RUSTC").ok().and_then(|rustc| output(&rustc, &["--version"]));
     println!("cargo::rustc-env=MISHANDLE_RUSTC={}", rustc.unwrap_or_default());
-    println!("cargo::rustc-env=MISHANDLE_TARGET={}", std::env::var("TARGET").unwrap_or_default());
+    println!("cargo::rustc-env=MISHANDLE_TARGET={}", env::var("TARGET").unwrap_or_default());
+    embed()?;
+    warn_of_features();
+    Ok(())
+}
+
+/// Writes the list of embedded files as Rust source: paths from the root, in order, each with its content.
+fn embed() -> io::Result<()> {
+    let root = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
+    let mut files = Vec::new();
+    for (folder, extension) in EMBEDDED {
+        for task in entries(&root.join(folder))?.into_iter().filter(|path| path.is_dir()) {
+            let found: Vec<PathBuf> = entries(&task)?
+                .into_iter()
+                .filter(|path| path.extension().is_some_and(|found| found == extension))
+                .collect();
+            if !found.is_empty() {
+                println!("cargo::rerun-if-changed={}", task.display());
+            }
+            files.extend(found);
+        }
+    }
+    let lines = files.iter().map(|path| {
+        let name = path.strip_prefix(&root).unwrap_or(path);
+        format!("    ({name:?}, include_bytes!({path:?}).as_slice()),\n")
+    });
+    let list: String = lines.collect();
+    fs::write(
+        Path::new(&env::var_os("OUT_DIR").unwrap_or_default()).join("embedded.rs"),
+        format!("&[\n{list}]\n"),
+    )
+}
+
+/// What a folder contains, in alphabetical order; nothing if it does not exist.
+fn entries(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let mut paths: Vec<PathBuf> =
+        fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<io::Result<_>>()?;
+    paths.sort();
+    Ok(paths)
+}
+
+/// Warns when `.cargo/config.toml` was not read, as in a crate outside the workspace: the results have the same bits, but
+/// the matrix kernels run without vector instructions.
+fn warn_of_features() {
+    let features = env::var("CARGO_CFG_TARGET_FEATURE").unwrap_or_default();
+    let has = |name| features.split(',').any(|feature| feature == name);
+    if env::var("CARGO_CFG_TARGET_ARCH").is_ok_and(|arch| arch == "x86_64") && !(has("avx2") && has("fma")) {
+        println!(
+            "cargo::warning=Mishandle is built without `-C target-cpu=x86-64-v3`, so networks run many times slower; \
+             docs/library.md says how to set it"
+        );
+    }
 }
 
 fn output(program: &str, arguments: &[&str]) -> Option<String> {

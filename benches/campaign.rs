@@ -10,7 +10,8 @@ use std::time::{Duration, Instant};
 
 use mishandle::rollout::{Environment, Request, Sample, Seed};
 use mishandle::store::RunWriter;
-use mishandle::{FalsifyPlan, Plan, Subject};
+use mishandle::tasks::{TaskEnvironment, TaskTarget};
+use mishandle::{FalsifyPlan, Plan, Resolved, task_target};
 
 const REPETITIONS: usize = 5;
 const SIMULATIONS: u32 = 320;
@@ -26,19 +27,20 @@ fn main() {
         let mut plan = Plan::new(name, &controller);
         // A formula that always holds: every trial spends its whole budget.
         plan.falsify = Some(FalsifyPlan {
-            formula: format!("{} < 1e9", task.definition().signals[0].name),
-            search: "random".to_string(),
+            formula: Some(format!("{} < 1e9", task.definition().signals[0].name)),
             trials: 16,
             budget: SIMULATIONS / 16,
-            initial_simplex: None,
+            ..FalsifyPlan::default()
         });
-        let subject = Subject::new(&plan).expect("the plan is sound");
+        let resolved = Resolved::new(&plan).expect("the plan is sound");
+        let target = task_target(&plan).expect("the plan is sound");
+        let environment = target.environment(&resolved.space).expect("the space is the task's own");
         let (one, two) = (pool(1), pool(2));
         let (mut alone, mut whole, mut both) = (Duration::MAX, Duration::MAX, Duration::MAX);
         for _ in 0..REPETITIONS {
-            alone = alone.min(one.install(|| stepping(&subject)));
-            whole = whole.min(one.install(|| falsification(&plan, &subject)));
-            both = both.min(two.install(|| falsification(&plan, &subject)));
+            alone = alone.min(one.install(|| stepping(&target, &environment)));
+            whole = whole.min(one.install(|| falsification(&resolved)));
+            both = both.min(two.install(|| falsification(&resolved)));
         }
         let each = |time: Duration| 1e3 * time.as_secs_f64() / f64::from(SIMULATIONS);
         println!(
@@ -60,21 +62,20 @@ fn pool(threads: usize) -> rayon::ThreadPool {
 }
 
 /// Steps and infers as many rows as a falsification has, 16 together.
-fn stepping(subject: &Subject) -> Duration {
+fn stepping(target: &TaskTarget, environment: &TaskEnvironment) -> Duration {
     const ROWS: usize = 16;
-    let environment = &subject.environment;
-    let (mut worker, mut actor) = (environment.worker(), subject.controller.actor());
+    let (mut worker, mut actor) = (environment.worker(), target.controller().actor());
     let (states, seen, taken) =
         (environment.state_size(), environment.observation_size(), environment.action_size());
     let mut state = vec![0.0; ROWS * states];
-    let mut memory = vec![0.0; ROWS * subject.controller.state_size()];
+    let mut memory = vec![0.0; ROWS * target.controller().state_size()];
     let mut observation = vec![0.0; ROWS * seen];
-    let mut wanted = vec![0.0; ROWS * taken];
+    let mut wanted = vec![0.0_f32; ROWS * taken];
     let mut action = vec![0.0; taken];
     let mut signals = vec![0.0; environment.signals().len()];
     let mut rewards = vec![0.0; environment.reward_terms().len()];
     let requests: Vec<Request> = (0..u64::from(SIMULATIONS))
-        .map(|i| Request { x0: environment.initial_box().sample(Seed(1), i), seed: Seed(1).child(i) })
+        .map(|i| Request::new(environment.space().sample(Seed(1), i), Seed(1).child(i)))
         .collect();
     let begin = Instant::now();
     for requests in requests.chunks(ROWS) {
@@ -84,7 +85,7 @@ fn stepping(subject: &Subject) -> Duration {
                 signals: &mut signals,
                 rewards: &mut rewards,
             };
-            worker.reset(&request.x0, request.seed, &mut state[row * states..][..states], sample);
+            worker.reset(&request.scenario, request.seed, &mut state[row * states..][..states], sample);
         }
         actor.reset(&mut memory, Seed(0));
         for _ in 0..environment.episode_steps() {
@@ -105,12 +106,12 @@ fn stepping(subject: &Subject) -> Duration {
     begin.elapsed()
 }
 
-fn falsification(plan: &Plan, subject: &Subject) -> Duration {
+fn falsification(resolved: &Resolved) -> Duration {
     let folder = tempfile::tempdir().expect("there is a temporary folder");
     let path = folder.path().join("run.sqlite");
-    let run: RunWriter = mishandle::create_run(plan, subject, Some(&path)).expect("the run can be written");
+    let run: RunWriter = mishandle::create_run(resolved, Some(&path)).expect("the run can be written");
     let begin = Instant::now();
-    let found = mishandle::falsify(plan, subject, run, |_| ControlFlow::Continue(()));
+    let found = mishandle::falsify(resolved, run, |_| ControlFlow::Continue(()));
     let elapsed = begin.elapsed();
     assert_eq!(found.expect("it runs").simulations, u64::from(SIMULATIONS));
     elapsed

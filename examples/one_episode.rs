@@ -6,8 +6,8 @@
 
 #![allow(clippy::print_stdout)]
 
-use mishandle::rollout::{Environment, Sample, Seed, Status};
-use mishandle::{Plan, Subject};
+use mishandle::rollout::{Environment, Sample, Scenario, Seed, Status};
+use mishandle::{Plan, task_target};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -15,21 +15,22 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return Err("give a task, a controller, and a value for each axis of the initial box".into());
     };
     let x0 = start.iter().map(|value| value.parse()).collect::<Result<Vec<f64>, _>>()?;
-    let subject = Subject::new(&Plan::new(task, controller))?;
-    let environment = &subject.environment;
-    environment.initial_box().check(&x0)?;
+    let target = task_target(&Plan::new(task, controller))?;
+    let environment = target.starts();
+    let scenario = Scenario::from(x0);
+    environment.space().check(&scenario)?;
 
     // A simulation is a row of numbers; a worker carries it on, an actor chooses its actions.
-    let (mut worker, mut actor) = (environment.worker(), subject.controller.actor());
+    let (mut worker, mut actor) = (environment.worker(), target.controller().actor());
     let mut state = vec![0.0; environment.state_size()];
-    let mut memory = vec![0.0; subject.controller.state_size()];
+    let mut memory = vec![0.0; target.controller().state_size()];
     let mut observation = vec![0.0; environment.observation_size()];
     let mut signals = vec![0.0; environment.signals().len()];
     let mut rewards = vec![0.0; environment.reward_terms().len()];
     let mut action = vec![0.0_f32; environment.action_size()];
 
     let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
-    worker.reset(&x0, Seed(0), &mut state, sample);
+    worker.reset(&scenario, Seed(0), &mut state, sample);
     actor.reset(&mut memory, Seed(0));
     let mut world = environment.model().world();
     for _ in 0..environment.episode_steps() {

@@ -16,6 +16,22 @@ pub enum MishandleError {
         /// The names there are.
         known: Vec<String>,
     },
+    /// A task without a controller.
+    #[error("{target} needs a controller: --controller NAME or FILE; there are: {}", known.join(", "))]
+    NoController {
+        /// The task.
+        target: String,
+        /// The controllers there are.
+        known: Vec<String>,
+    },
+    /// An option that a target does not take.
+    #[error("{target} takes no {option}; only tasks do")]
+    NotForTarget {
+        /// The target.
+        target: String,
+        /// The option.
+        option: &'static str,
+    },
     /// A plan that cannot be read.
     #[error("the plan cannot be read: {0}")]
     Plan(String),
@@ -167,6 +183,16 @@ pub enum MishandleError {
     /// Episodes cannot run.
     #[error(transparent)]
     Rollout(#[from] mishandle_rollout::RolloutError),
+    /// A record says that a target has other parts than it has now.
+    #[error("the run's target has other parts than {target} has now: {recorded}, now {found}")]
+    OtherParts {
+        /// The target.
+        target: String,
+        /// The parts in the record.
+        recorded: String,
+        /// The present ones.
+        found: String,
+    },
     /// The controller of a record is another one now.
     #[error(
         "controller `{controller}` is not the run's: that had hash {recorded}, this one has {found}; if it was moved, \
@@ -193,6 +219,11 @@ pub enum MishandleError {
         /// What was found there.
         source: Box<MishandleError>,
     },
+    /// A record ended in a way that this program does not know.
+    #[error(
+        "a simulation of the run ended in a way that this program does not know: {0}; use a newer Mishandle"
+    )]
+    UnknownEnd(String),
     /// A system returned no episode for a request.
     #[error("the simulation returned no episode")]
     NoEpisode,

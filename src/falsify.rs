@@ -1,54 +1,42 @@
 use std::ops::ControlFlow;
 
-use mishandle_falsification::{Campaign, Outcome, Recorded, Settings, TrialEnd};
-use mishandle_rollout::{Environment, Seed};
-use mishandle_search::{SEARCHES, Search, SearchError, SearchOptions, by_name};
+use mishandle_falsification::{Campaign, Outcome, Settings, TrialEnd};
+use mishandle_rollout::{Axis, Seed, Space, Values};
+use mishandle_search::{Coordinate, SEARCHES, SearchEntry, SearchOptions, by_name, find_search};
 use mishandle_store::{RunWriter, TrialStatus};
 
-use crate::record::{self, Place};
-use crate::{FalsifyPlan, MishandleError, Plan, Subject};
+use crate::record;
+use crate::{FalsifyPlan, MishandleError, Resolved};
 
 /// Most trials of a campaign, and most simulations of a trial: each trial takes some memory from the start.
 const MOST: u32 = 1_000_000;
 
-/// Trials are counted from 1 on screen and in run files, from 0 in a campaign.
-fn shown(trial: u32) -> u32 {
-    trial + 1
-}
+/// Most simulations in a batch: their traces are in memory together.
+const MOST_IN_A_BATCH: u32 = 65_536;
 
-/// Searches for counterexamples as `plan` says, and stores every simulation in `run`, an open run file of that plan:
+/// Searches for counterexamples as a plan says, and stores every simulation in `run`, an open run file of that plan:
 /// those it holds already are not run again. `watch` is told how things stand after each batch, and may stop.
 ///
 /// # Errors
 /// If the plan has nothing to falsify, or a simulation cannot be run or stored.
 pub fn falsify(
-    plan: &Plan,
-    subject: &Subject,
+    resolved: &Resolved,
     mut run: RunWriter,
     mut watch: impl FnMut(&Progress) -> ControlFlow<()>,
 ) -> Result<Outcome, MishandleError> {
+    let Resolved { plan, space, .. } = resolved;
     let falsify = plan.falsify.as_ref().ok_or(MishandleError::OtherPlan { wanted: "falsify" })?;
-    let settings = Settings { trials: falsify.trials, budget: falsify.budget, seed: Seed(plan.seed) };
-    let initial_box = subject.environment.initial_box();
-    let dimension = initial_box.dimension();
-    let make = |seed| make(falsify, dimension, seed);
-    let mut campaign = Campaign::new(settings, initial_box, make)?;
-    let mut progress =
-        Progress { most: u64::from(falsify.trials) * u64::from(falsify.budget), ..Progress::default() };
+    let FalsifyPlan { trials, budget, batch, .. } = *falsify;
+    let settings = Settings { trials, budget, seed: Seed(plan.seed), batch: batch as usize };
+    let (coordinates, options) = (coordinates(space), search_options(falsify));
+    let make = |seed| by_name(&falsify.search, &coordinates, seed, &options);
+    let mut campaign = Campaign::new(settings, space, make)?;
+    let mut progress = Progress { most: u64::from(trials) * u64::from(budget), ..Progress::default() };
     for simulation in run.file().simulations() {
-        let simulation = simulation?;
-        campaign.replay(&Recorded {
-            trial: simulation.trial.saturating_sub(1),
-            number: simulation.number,
-            unit_point: &simulation.unit_point,
-            initial_configuration: &simulation.initial_configuration,
-            seed: record::seed(&simulation),
-            robustness: simulation.robustness,
-            end: record::end(&simulation),
-        })?;
+        campaign.replay(&record::episode(&simulation?)?)?;
         progress.simulations += 1;
     }
-    let mut begun = vec![false; falsify.trials as usize];
+    let mut begun = vec![false; trials as usize];
     for trial in run.file().trials()? {
         // A number past the plan's trials cannot come this far: the campaign has refused its simulations.
         if let Some(begun) = begun.get_mut((trial.trial.number as usize).wrapping_sub(1)) {
@@ -56,47 +44,36 @@ pub fn falsify(
         }
         if trial.trial.status != TrialStatus::Running {
             progress.ended += 1;
-            progress.most -= u64::from(falsify.budget).saturating_sub(trial.counts.simulations);
+            progress.most -= u64::from(budget).saturating_sub(trial.counts.simulations);
         }
         progress.falsified += u32::from(trial.trial.status == TrialStatus::Falsified);
     }
-    let mut system = subject.system()?;
-    let outcome = campaign.run(&mut system, |simulations| {
-        for simulation in simulations {
-            if !std::mem::replace(&mut begun[simulation.trial as usize], true) {
-                run.start_trial(shown(simulation.trial), simulation.trial_seed.0)?;
+    let mut system = resolved.system()?;
+    let outcome = campaign.run(&mut *system, |batch| {
+        for episode in batch.episodes {
+            let trial = episode.request.trial;
+            if !std::mem::replace(&mut begun[trial as usize - 1], true) {
+                run.start_trial(trial, settings.trial_seed(trial).0)?;
             }
         }
-        let records: Vec<_> = simulations
-            .iter()
-            .map(|simulation| {
-                let place = Place {
-                    trial: shown(simulation.trial),
-                    number: simulation.number,
-                    unit_point: simulation.unit_point,
-                };
-                record::record(&place, simulation.episode)
-            })
-            .collect();
-        run.record(&records)?;
-        for simulation in simulations {
-            if let Some(end) = simulation.trial_end {
-                run.end_trial(shown(simulation.trial), status(end))?;
-                progress.ended += 1;
-                progress.most -= u64::from(falsify.budget - simulation.number);
-                progress.falsified += u32::from(end == TrialEnd::Falsified);
-            }
+        let record = |episode| record::record(episode, resolved.stored_subformulas);
+        run.record(&batch.episodes.iter().map(record).collect::<Vec<_>>())?;
+        for &(trial, end) in batch.ended {
+            run.end_trial(trial, status(end))?;
+            progress.ended += 1;
+            progress.falsified += u32::from(end == TrialEnd::Falsified);
         }
-        progress.simulations += simulations.len() as u64;
+        progress.simulations += batch.episodes.len() as u64;
+        progress.most -= batch.unspent(budget);
         Ok::<_, MishandleError>(watch(&progress))
     })?;
     // A search may end without another simulation, and a run may have been killed between its last simulation and the
     // end of its trial.
     for trial in &outcome.trials {
-        let number = shown(trial.trial);
         let Some(end) = trial.end else { continue };
-        if begun[trial.trial as usize] && run.file().trial(number)?.status == TrialStatus::Running {
-            run.end_trial(number, status(end))?;
+        let has_begun = begun[trial.trial as usize - 1];
+        if has_begun && run.file().trial(trial.trial)?.status == TrialStatus::Running {
+            run.end_trial(trial.trial, status(end))?;
         }
     }
     run.close()?;
@@ -124,28 +101,112 @@ fn status(end: TrialEnd) -> TrialStatus {
     }
 }
 
-/// Checks all that a falsification is asked to do, for a box with this number of axes.
-pub(crate) fn check(falsify: &FalsifyPlan, dimension: usize) -> Result<(), MishandleError> {
+/// Checks the number of simulations in a batch.
+pub(crate) fn check_batch(batch: u32) -> Result<(), MishandleError> {
+    if (1..=MOST_IN_A_BATCH).contains(&batch) {
+        return Ok(());
+    }
+    Err(MishandleError::Value { what: "the batch", value: batch.to_string(), wanted: "from 1 to 65536" })
+}
+
+/// Checks all that a falsification is asked to do in a space, and returns whether its search needs the minima of
+/// sub-formulas.
+pub(crate) fn check(falsify: &FalsifyPlan, space: &Space) -> Result<bool, MishandleError> {
+    check_batch(falsify.batch)?;
     let numbers = [("the number of trials", falsify.trials), ("the budget", falsify.budget)];
     if let Some((what, value)) = numbers.into_iter().find(|(_, value)| !(1..=MOST).contains(value)) {
         return Err(MishandleError::Value { what, value: value.to_string(), wanted: "from 1 to 1000000" });
     }
-    if !SEARCHES.iter().any(|entry| entry.name == falsify.search) {
-        return Err(MishandleError::Name {
-            kind: "search",
-            name: falsify.search.clone(),
-            known: SEARCHES.iter().map(|entry| entry.name.to_string()).collect(),
-        });
-    }
-    make(falsify, dimension, 0)?;
-    Ok(())
+    search_entry(&falsify.search)?;
+    let search = by_name(&falsify.search, &coordinates(space), 0, &search_options(falsify))?;
+    Ok(search.needs_subformulas())
 }
 
-/// The search of a trial.
-fn make(falsify: &FalsifyPlan, dimension: usize, seed: u64) -> Result<Box<dyn Search>, SearchError> {
-    let mut options = SearchOptions::default();
-    options.nelder_mead.initial_simplex.clone_from(&falsify.initial_simplex);
-    // As SciPy does when it is told how many evaluations there are: they are the only limit.
-    options.nelder_mead.max_evaluations = Some(falsify.budget as usize);
-    by_name(&falsify.search, dimension, seed, &options)
+/// The search of that name, with its options.
+///
+/// # Errors
+/// If there is none; the message lists the known searches.
+pub fn search_entry(name: &str) -> Result<&'static SearchEntry, MishandleError> {
+    find_search(name).map_err(|_| MishandleError::Name {
+        kind: "search",
+        name: name.to_string(),
+        known: SEARCHES.iter().map(|entry| entry.name.to_string()).collect(),
+    })
+}
+
+/// The types of the search's coordinates.
+fn coordinates(space: &Space) -> Vec<Coordinate> {
+    let coordinate = |axis: &Axis| match (&axis.values, axis.levels()) {
+        (Values::Categorical(_), Some(levels)) => Coordinate::Categorical { levels },
+        (_, Some(levels)) => Coordinate::Integer { levels },
+        (_, None) => Coordinate::Continuous,
+    };
+    space.axes().iter().map(coordinate).collect()
+}
+
+/// The options of a trial's search: those of the plan, and defaults that depend on the plan.
+fn search_options(falsify: &FalsifyPlan) -> SearchOptions {
+    let mut options = falsify.options.clone();
+    let specs = find_search(&falsify.search).map(|entry| (entry.options)()).unwrap_or_default();
+    let is_open = |name: &str, options: &SearchOptions| {
+        specs.iter().any(|spec| spec.name == name) && options.get(name).is_none()
+    };
+    if let Some(simplex) = &falsify.initial_simplex
+        && is_open("initial-simplex", &options)
+    {
+        options.set("initial-simplex", simplex.clone());
+    }
+    // As in SciPy when it is given a maximum number of evaluations: that is then the only limit.
+    if is_open("max-evaluations", &options) {
+        options.set("max-evaluations", falsify.budget);
+    }
+    options
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plane() -> Space {
+        Space::new("starts", vec![Axis::start("x", "m", 0.0, 1.0), Axis::start("y", "m", 0.0, 1.0)]).unwrap()
+    }
+
+    fn simplex(corner: f64) -> Vec<Vec<f64>> {
+        vec![vec![corner, 0.1], vec![0.2, 0.1], vec![0.1, 0.2]]
+    }
+
+    #[test]
+    fn the_budget_is_the_only_limit_unless_the_plan_sets_another() {
+        let plan = |search: &str| FalsifyPlan { search: search.to_string(), ..FalsifyPlan::default() };
+        assert_eq!(search_options(&plan("nelder-mead")), SearchOptions::new().with("max-evaluations", 300));
+        let own = SearchOptions::new().with("max-evaluations", 7);
+        assert_eq!(search_options(&FalsifyPlan { options: own.clone(), ..plan("nelder-mead") }), own);
+        for search in ["random", "dual-annealing"] {
+            assert!(search_options(&plan(search)).is_empty(), "{search}");
+        }
+    }
+
+    #[test]
+    fn the_alias_of_the_first_simplex_is_read_by_nelder_mead_alone_and_yields_to_the_option() {
+        let plan = |search: &str, options| FalsifyPlan {
+            search: search.to_string(),
+            initial_simplex: Some(simplex(0.1)),
+            options,
+            ..FalsifyPlan::default()
+        };
+        let of = |search, options| search_options(&plan(search, options)).get("initial-simplex").cloned();
+        assert_eq!(of("nelder-mead", SearchOptions::new()), Some(simplex(0.1).into()));
+        let own = SearchOptions::new().with("initial-simplex", simplex(0.9));
+        assert_eq!(of("nelder-mead", own), Some(simplex(0.9).into()));
+        assert_eq!(of("random", SearchOptions::new()), None);
+        assert!(check(&plan("random", SearchOptions::new()), &plane()).is_ok());
+    }
+
+    #[test]
+    fn options_of_another_search_are_refused() {
+        let options = SearchOptions::new().with("xatol", 1e-6);
+        let plan = FalsifyPlan { search: "dual-annealing".to_string(), options, ..FalsifyPlan::default() };
+        let error = check(&plan, &plane()).unwrap_err();
+        assert!(error.to_string().contains("dual-annealing has no option `xatol`"), "{error}");
+    }
 }

@@ -1,12 +1,13 @@
-//! The states of a scene, one after the other, to be drawn.
+//! The states of a task's scene, one after the other, to be drawn.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use mishandle_rollout::{Environment, InitialBox, Sample, Seed, Status, Worker};
+use mishandle_rollout::{Environment, Sample, Scenario, Seed, Space, Status, Worker};
 use mishandle_store::RunFile;
 use mishandle_tasks::{Definition, Preset, Reward, Task, TaskEnvironment, compose};
 
-use crate::replay::replay_in;
+use crate::replay::{recorded_plan, replay_in};
+use crate::target::task_target;
 use crate::{MishandleError, Replayed};
 
 /// States of a task's scene, a control step apart.
@@ -23,17 +24,15 @@ pub struct Film {
 /// If `x0` does not have a finite number for each axis, lies in no task preset's initial box, or the task cannot be built.
 pub fn start(task: &dyn Task, x0: Option<&[f64]>) -> Result<Film, MishandleError> {
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original)?;
-    let initial_box = environment.initial_box();
-    let middle = initial_box.at(&vec![0.5; initial_box.dimension()]);
-    let x0 = x0.unwrap_or(&middle);
-    initial_box.check(x0)?;
-    check_start(task.definition(), x0)?;
+    let scenario = x0.map_or_else(|| environment.space().nominal(), Scenario::from);
+    environment.space().check(&scenario)?;
+    check_start(task.definition(), x0.unwrap_or_default())?;
     let mut state = vec![0.0; environment.state_size()];
     let mut observation = vec![0.0; environment.observation_size()];
     let mut signals = vec![0.0; environment.signals().len()];
     let mut rewards = vec![0.0; environment.reward_terms().len()];
     let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
-    environment.worker().reset(x0, Seed(0), &mut state, sample);
+    environment.worker().reset(&scenario, Seed(0), &mut state, sample);
     Ok(Film { states: vec![state], control_dt: environment.control_dt() })
 }
 
@@ -57,17 +56,20 @@ fn check_start(definition: &Definition, x0: &[f64]) -> Result<(), MishandleError
 /// Runs simulation `number` of trial `trial` of a run again, as [`replay`](crate::replay()) does, and keeps its states.
 ///
 /// # Errors
-/// As [`replay`](crate::replay()).
+/// As [`replay`](crate::replay()), and if the run's target is not a task.
 pub fn film(
     run: &RunFile,
     trial: u32,
     number: u32,
     controller: Option<&str>,
 ) -> Result<(Replayed, Film), MishandleError> {
+    let resolved = recorded_plan(run.header(), controller)?;
+    let target = task_target(&resolved.plan)?;
     let states = Arc::new(Mutex::new(Vec::new()));
-    let replayed = replay_in(run, trial, number, controller, |environment| {
-        Arc::new(Filmed { environment, states: states.clone() })
-    })?;
+    let environment = Arc::new(target.environment(&resolved.space)?);
+    let filmed = Arc::new(Filmed { environment, states: states.clone() });
+    let mut system = target.system_in(filmed, &resolved.space, &resolved.specification)?;
+    let replayed = replay_in(run, trial, number, &resolved, &mut system)?;
     let states = std::mem::take(&mut *states.lock().unwrap_or_else(PoisonError::into_inner));
     Ok((replayed, Film { states, control_dt: run.header().control_dt }))
 }
@@ -93,8 +95,8 @@ impl Environment for Filmed {
         self.environment.name()
     }
 
-    fn initial_box(&self) -> &InitialBox {
-        self.environment.initial_box()
+    fn space(&self) -> &Space {
+        self.environment.space()
     }
 
     fn signals(&self) -> &Arc<[String]> {
@@ -142,8 +144,8 @@ impl FilmedWorker {
 }
 
 impl Worker for FilmedWorker {
-    fn reset(&mut self, x0: &[f64], seed: Seed, state: &mut [f64], sample: Sample<'_>) {
-        self.worker.reset(x0, seed, state, sample);
+    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>) {
+        self.worker.reset(scenario, seed, state, sample);
         self.keep(state);
     }
 

@@ -1,16 +1,23 @@
 //! What to try instead of what was wrong.
 
 use mishandle_rollout::RolloutError;
+use mishandle_search::SearchError;
 use mishandle_stl::nearest;
 use mishandle_training::TrainingError;
 
-use crate::MishandleError;
+use crate::{MishandleError, home_in_words};
 
 impl MishandleError {
     /// What to try instead, if something can be said.
     pub fn hint(&self) -> Option<String> {
         match self {
-            MishandleError::Name { name, known, .. } => meant(name, known.iter().map(String::as_str)),
+            MishandleError::Name { kind, name, known } => {
+                let place = || {
+                    format!("shipped controllers are {}; give the path of another as ./FILE", home_in_words())
+                };
+                let near = meant(name, known.iter().map(String::as_str));
+                near.or_else(|| kind.starts_with("controller").then(place))
+            }
             MishandleError::Settings { source, .. } => match &**source {
                 TrainingError::UnknownSetting { name, known, .. } => meant_setting(name, known),
                 TrainingError::Setting { found, known, .. } => {
@@ -18,6 +25,9 @@ impl MishandleError {
                 }
                 _ => None,
             },
+            MishandleError::Search(SearchError::UnknownOption { wanted, known, .. }) => {
+                meant(wanted, known.iter().map(String::as_str))
+            }
             MishandleError::Rollout(RolloutError::Monitor { source, .. }) => source.hint(),
             _ => None,
         }

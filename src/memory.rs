@@ -1,6 +1,6 @@
 //! Whether a training fits into the memory that is free.
 
-use mishandle_rollout::Environment;
+use mishandle_rollout::{Environment, EnvironmentSpec};
 use mishandle_training::{Config, MemoryNeed};
 
 use crate::MishandleError;
@@ -12,7 +12,7 @@ use crate::MishandleError;
 pub(crate) fn check(config: &Config, environment: &dyn Environment) -> Result<(), MishandleError> {
     // Without this file, as outside Linux, nothing is known.
     let free = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| available_bytes(&text));
-    free.map_or(Ok(()), |free| check_fits(config.memory_needs(environment), free))
+    free.map_or(Ok(()), |free| check_fits(config.memory_needs(&EnvironmentSpec::of(environment)), free))
 }
 
 fn check_fits(mut needs: Vec<MemoryNeed>, free: f64) -> Result<(), MishandleError> {

@@ -2,146 +2,208 @@
 
 use std::path::{Path, PathBuf};
 
-use mishandle_rollout::{End, Environment, Episode, Seed, Verdict};
+use mishandle_rollout::{End, Episode, Request, Scenario, Seed, Values, Verdict};
+use mishandle_stl::{SubformulaMinimum, Trace};
 use mishandle_store as store;
-use mishandle_store::{Existing, RunHeader, RunKind, RunWriter, SimulationRecord};
+use mishandle_store::{Existing, RunHeader, RunKind, RunWriter, Simulation, TargetRecord};
 
-use crate::subject::is_path;
-use crate::{MishandleError, Plan, Subject, build, controller_name};
+use crate::target::is_path;
+use crate::{MishandleError, Plan, Resolved, build, controller_name};
 
-/// Names of the verdicts that are stored beside the robustness.
+/// Names of the verdicts that are stored beside the robustness. Where the search needs them, two for each sub-formula of
+/// the requirement follow: its minimum and the sample of that.
 const VERDICTS: [&str; 5] = ["success", "strict", "dangerous_steps", "completion_step", "total_reward"];
 
-/// The header of a run of `plan` on `subject`.
-fn header(plan: &Plan, subject: &Subject) -> RunHeader {
+/// The names of all verdicts of a run that stores the minima of so many sub-formulas.
+fn verdict_names(subformulas: usize) -> Vec<String> {
+    let of = |i| [format!("subformula_{i}_minimum"), format!("subformula_{i}_step")];
+    VERDICTS.map(String::from).into_iter().chain((1..=subformulas).flat_map(of)).collect()
+}
+
+/// The header of a run of a resolved plan.
+fn header(resolved: &Resolved) -> RunHeader {
+    let Resolved { plan, target, space, specification, stored_subformulas } = resolved;
     // A run is resumed and replayed from anywhere, so a path in it leads there from anywhere.
     let mut stored = plan.clone();
     if let (true, Ok(path)) = (is_path(&plan.controller), std::path::absolute(&plan.controller)) {
         stored.controller = path.to_string_lossy().into_owned();
     }
-    let environment = &subject.environment;
-    let axes = environment.initial_box().axes().iter().map(|axis| store::Axis {
-        name: axis.name.clone(),
-        unit: axis.unit.clone(),
-        low: axis.low,
-        high: axis.high,
+    let components = target.components.iter().map(|component| store::Component {
+        role: component.role.clone(),
+        name: component.name.clone(),
+        hash: component.hash.clone(),
+        file_hash: component.file_hash.clone(),
     });
+    let formulas = target
+        .formulas
+        .iter()
+        .map(|formula| store::NamedFormula { name: formula.name.clone(), text: formula.text.clone() });
+    let signals = target
+        .signals
+        .iter()
+        .map(|signal| store::Signal { name: signal.name.clone(), unit: signal.unit.clone() });
     RunHeader {
         kind: if plan.falsify.is_some() { RunKind::Falsify } else { RunKind::Evaluate },
         build: build(),
+        versions: target.versions.clone(),
         plan: stored.to_toml(),
-        controller: controller_name(&plan.controller),
-        controller_hash: subject.controller_hash.clone(),
-        controller_bytes_hash: subject.controller_bytes_hash.clone(),
-        task: plan.task.clone(),
-        preset: plan.preset.clone(),
-        formula: subject.specification.requirement.to_string(),
+        target: TargetRecord {
+            kind: target.identity.kind.clone(),
+            name: target.identity.name.clone(),
+            hash: target.identity.hash.clone(),
+            is_deterministic: target.is_deterministic,
+        },
+        components: components.collect(),
+        space: space.name().to_string(),
+        formula: specification.requirement.to_string(),
+        formulas: formulas.collect(),
         search: plan.falsify.as_ref().map_or(String::new(), |falsify| falsify.search.clone()),
         seed: plan.seed,
-        control_dt: environment.control_dt(),
-        signals: environment.signals().to_vec(),
-        axes: axes.collect(),
-        verdicts: VERDICTS.map(String::from).to_vec(),
+        control_dt: target.control_dt,
+        episode_steps: target.episode_steps as u32,
+        signals: signals.collect(),
+        axes: space.axes().iter().map(axis).collect(),
+        verdicts: verdict_names(*stored_subformulas),
     }
 }
 
-/// Creates the run file of `plan` at `path`, or at the first free name in `runs/`.
+fn axis(axis: &mishandle_rollout::Axis) -> store::Axis {
+    store::Axis {
+        name: axis.name.clone(),
+        unit: axis.unit.clone(),
+        kind: axis.kind.name().to_string(),
+        low: axis.low,
+        high: axis.high,
+        nominal: axis.nominal,
+        values: match &axis.values {
+            Values::Continuous => "continuous".to_string(),
+            Values::Logarithmic => "logarithmic".to_string(),
+            Values::Integer => "integer".to_string(),
+            Values::Categorical(names) => format!("categorical: {}", names.join(", ")),
+        },
+        meaning: axis.meaning.clone(),
+    }
+}
+
+/// Creates the run file of a resolved plan at `path`, or at the first free name in `runs/`.
 ///
 /// # Errors
 /// If there is a file already, or none can be written.
-pub fn create_run(plan: &Plan, subject: &Subject, path: Option<&Path>) -> Result<RunWriter, MishandleError> {
+pub fn create_run(resolved: &Resolved, path: Option<&Path>) -> Result<RunWriter, MishandleError> {
     let path = match path {
         Some(path) => path.to_path_buf(),
-        None => free_path(plan)?,
+        None => free_path(&resolved.plan)?,
     };
-    Ok(RunWriter::create(path, &header(plan, subject), Existing::Refuse)?)
+    Ok(RunWriter::create(path, &header(resolved), Existing::Refuse)?)
 }
 
-/// `runs/KIND-TASK-CONTROLLER[-SEARCH]-sSEED[-N].sqlite`, with the first N that is free.
+/// `runs/KIND-TARGET[-CONTROLLER][-SEARCH]-sSEED[-N].sqlite`, with the first N that is free.
 fn free_path(plan: &Plan) -> Result<PathBuf, MishandleError> {
     let folder = PathBuf::from("runs");
     std::fs::create_dir_all(&folder)
         .map_err(|source| MishandleError::File { path: folder.clone(), source })?;
-    let controller = controller_name(&plan.controller);
-    let work = match &plan.falsify {
-        Some(falsify) => format!("falsify-{}-{controller}-{}", plan.task, falsify.search),
-        None => format!("evaluate-{}-{controller}", plan.task),
+    let target = plan.target.replace('/', "-");
+    let (kind, search) = match &plan.falsify {
+        Some(falsify) => ("falsify", falsify.search.as_str()),
+        None => ("evaluate", ""),
     };
-    let name = format!("{work}-s{}", plan.seed);
+    let seed = format!("s{}", plan.seed);
+    let parts = [kind, &target, &controller_name(&plan.controller), search, &seed];
+    let name = parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-");
     let candidates = (1..).map(|n: u32| if n == 1 { name.clone() } else { format!("{name}-{n}") });
     let free = candidates.map(|name| folder.join(name + ".sqlite")).find(|path| !path.exists());
     Ok(free.unwrap_or_default())
 }
 
-/// Where a simulation stands in its run, and what the search asked for.
-pub(crate) struct Place<'a> {
-    pub trial: u32,
-    pub number: u32,
-    pub unit_point: &'a [f64],
-}
-
-/// What is stored of an episode; its trace too if it is a counterexample.
-pub(crate) fn record(place: &Place<'_>, episode: &Episode) -> SimulationRecord {
-    let columns: Vec<Vec<f64>> =
-        (0..episode.trace.names().len()).map(|i| episode.trace.column(i).to_vec()).collect();
+/// What is stored of an episode, with the minima of so many sub-formulas; its trace too if it is a counterexample.
+pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
+    let columns = (0..episode.trace.names().len()).map(|i| episode.trace.column(i).to_vec()).collect();
     let trace = store::Trace { columns };
-    let verdict = &episode.verdict;
-    let decided = !matches!(episode.end, End::Diverged { .. } | End::Undefined { .. });
-    let falsified = verdict.robustness.is_some_and(|rho| rho < 0.0);
-    SimulationRecord {
-        simulation: store::Simulation {
-            trial: place.trial,
-            number: place.number,
-            seed: episode.seed.0,
-            unit_point: place.unit_point.to_vec(),
-            initial_configuration: episode.x0.clone(),
-            robustness: verdict.robustness,
-            end: match episode.end {
-                End::Completed => store::End::Horizon,
-                End::Stopped { step } => store::End::Stopped { step: step as u32 },
-                End::Diverged { step } => store::End::Diverged { step: step as u32 },
-                End::Undefined { step } => store::End::Undefined { step: step as u32 },
-            },
-            steps: episode.steps() as u32,
-            verdicts: vec![
-                verdict.success,
-                verdict.strict,
-                decided.then_some(verdict.dangerous_steps as f64),
-                verdict.completion_step.map(|step| step as f64),
-                episode.total_reward.is_finite().then_some(episode.total_reward),
-            ],
-            trace_digest: Some(trace.digest()),
+    let Episode { request, verdict, .. } = episode;
+    let is_falsified = episode.robustness().is_some_and(|rho| rho < 0.0);
+    let minima = (0..subformulas).flat_map(|i| {
+        let found = verdict.subformulas.get(i);
+        [found.map(|found| found.minimum), found.map(|found| found.step as f64)]
+    });
+    let verdicts = [
+        verdict.success,
+        verdict.strict,
+        verdict.dangerous_steps.map(|steps| steps as f64),
+        verdict.completion_step.map(|step| step as f64),
+        episode.total_reward.is_finite().then_some(episode.total_reward),
+    ];
+    Simulation {
+        trial: request.trial,
+        number: request.number,
+        seed: request.seed.0,
+        unit_point: request.unit_point.clone(),
+        scenario: request.scenario.values().to_vec(),
+        robustness: verdict.robustness,
+        robustness_low: verdict.robustness,
+        robustness_high: verdict.robustness,
+        stop_threshold: None,
+        end: match episode.end {
+            End::Completed => store::End::Completed,
+            End::Stopped { step } => store::End::Stopped { step: step as u32 },
+            End::Diverged { step } => store::End::Diverged { step: step as u32 },
+            End::Undefined { step } => store::End::Undefined { step: step as u32 },
         },
-        trace: falsified.then_some(trace),
+        steps: episode.steps as u32,
+        verdicts: verdicts.into_iter().chain(minima).collect(),
+        trace_digest: Some(trace.digest()),
+        trace: is_falsified.then_some(trace),
     }
 }
 
-/// How a stored simulation ended.
-pub(crate) fn end(simulation: &store::Simulation) -> End {
-    match simulation.end {
-        store::End::Horizon => End::Completed,
-        store::End::Stopped { step } => End::Stopped { step: step as usize },
-        store::End::Diverged { step } => End::Diverged { step: step as usize },
-        store::End::Undefined { step } => End::Undefined { step: step as usize },
-    }
-}
-
-/// The verdict of a stored simulation.
-pub(crate) fn verdict(simulation: &store::Simulation) -> Verdict {
+/// The episode that a record is of, without its trace.
+///
+/// # Errors
+/// If it ended in a way that this program does not know.
+pub(crate) fn episode(simulation: &Simulation) -> Result<Episode, MishandleError> {
     let stored = |name: &str| {
         let index = VERDICTS.iter().position(|verdict| *verdict == name)?;
         simulation.verdicts.get(index).copied().flatten()
     };
-    Verdict {
-        robustness: simulation.robustness,
-        success: stored("success"),
-        strict: stored("strict"),
-        dangerous_steps: stored("dangerous_steps").unwrap_or(0.0) as usize,
-        completion_step: stored("completion_step").map(|step| step as usize),
-    }
+    // All of them are there, or none: a formula may have no finite value.
+    let pairs = simulation.verdicts.get(VERDICTS.len()..).unwrap_or_default().chunks(2);
+    let minima: Option<Vec<SubformulaMinimum>> = pairs
+        .map(|pair| match *pair {
+            [Some(minimum), Some(step)] => Some(SubformulaMinimum { minimum, step: step as usize }),
+            _ => None,
+        })
+        .collect();
+    let end = match simulation.end {
+        store::End::Completed => End::Completed,
+        store::End::Stopped { step } => End::Stopped { step: step as usize },
+        store::End::Diverged { step } => End::Diverged { step: step as usize },
+        store::End::Undefined { step } => End::Undefined { step: step as usize },
+        other => return Err(MishandleError::UnknownEnd(format!("{other:?}"))),
+    };
+    Ok(Episode {
+        request: request(simulation, minima.is_some()),
+        end,
+        steps: simulation.steps as usize,
+        verdict: Verdict {
+            robustness: simulation.robustness,
+            success: stored("success"),
+            strict: stored("strict"),
+            dangerous_steps: stored("dangerous_steps").map(|steps| steps as usize),
+            completion_step: stored("completion_step").map(|step| step as usize),
+            subformulas: minima.unwrap_or_default(),
+        },
+        total_reward: stored("total_reward").unwrap_or(f64::NAN),
+        trace: Trace::new([].into()),
+    })
 }
 
-/// The seed of a stored simulation.
-pub(crate) fn seed(simulation: &store::Simulation) -> Seed {
-    Seed(simulation.seed)
+/// What a record's simulation was asked for.
+pub(crate) fn request(simulation: &Simulation, wants_subformulas: bool) -> Request {
+    Request {
+        trial: simulation.trial,
+        number: simulation.number,
+        unit_point: simulation.unit_point.clone(),
+        scenario: Scenario::new(simulation.scenario.clone()),
+        seed: Seed(simulation.seed),
+        wants_subformulas,
+    }
 }

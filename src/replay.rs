@@ -1,12 +1,8 @@
-use std::sync::Arc;
+use mishandle_rollout::{Episode, System};
+use mishandle_store::{RunFile, RunHeader, Simulation};
 
-use mishandle_rollout::{Environment, Episode, Request, System};
-use mishandle_store::{RunFile, RunHeader, Simulation, SimulationRecord};
-
-use mishandle_tasks::TaskEnvironment;
-
-use crate::record::{self, Place};
-use crate::{MishandleError, Plan, Subject, build};
+use crate::record;
+use crate::{MishandleError, Plan, Resolved, build};
 
 /// A recorded simulation that was run again.
 pub struct Replayed {
@@ -16,7 +12,7 @@ pub struct Replayed {
     pub episode: Episode,
     /// In what the two differ; nothing if they are the same to the bit.
     pub differences: Vec<String>,
-    /// How this program differs from the one that made the record; then the bits may differ, too.
+    /// How this program and its target differ from those that made the record; then the bits may differ, too.
     pub other_build: Vec<String>,
 }
 
@@ -31,29 +27,26 @@ pub fn replay(
     number: u32,
     controller: Option<&str>,
 ) -> Result<Replayed, MishandleError> {
-    replay_in(run, trial, number, controller, |environment| environment)
+    let resolved = recorded_plan(run.header(), controller)?;
+    let mut system = resolved.system()?;
+    replay_in(run, trial, number, &resolved, &mut *system)
 }
 
-/// As [`replay`], in what `wrapped` makes of the environment.
+/// As [`replay`], in a system of the run's target.
 pub(crate) fn replay_in(
     run: &RunFile,
     trial: u32,
     number: u32,
-    controller: Option<&str>,
-    wrapped: impl FnOnce(Arc<TaskEnvironment>) -> Arc<dyn Environment>,
+    resolved: &Resolved,
+    system: &mut dyn System,
 ) -> Result<Replayed, MishandleError> {
-    let SimulationRecord { simulation: recorded, .. } = run.simulation(trial, number)?;
-    let header = run.header();
-    let (_, subject) = recorded_subject(header, controller)?;
-    let request = Request { x0: recorded.initial_configuration.clone(), seed: record::seed(&recorded) };
-    let mut system = subject.system_in(wrapped(subject.environment.clone()))?;
-    let mut episodes = system.rollout(&[request])?;
+    let recorded = run.simulation(trial, number)?;
+    let mut episodes = system.rollout(&[record::request(&recorded, resolved.stored_subformulas > 0)])?;
     let episode = episodes.pop().ok_or(MishandleError::NoEpisode)?;
-    let place = Place { trial, number, unit_point: &recorded.unit_point };
-    let again = record::record(&place, &episode).simulation;
+    let again = record::record(&episode, resolved.stored_subformulas);
     Ok(Replayed {
         differences: differences(&recorded, &again),
-        other_build: other_build(header),
+        other_build: other_build(run.header(), resolved),
         recorded,
         episode,
     })
@@ -110,53 +103,69 @@ fn differences(recorded: &Simulation, again: &Simulation) -> Vec<String> {
     differences
 }
 
-/// The plan of a run, and its subject with the very controller that the run was made with: the one that the plan names,
-/// or the file `controller`, if that has moved.
+/// The plan of a run, resolved, with the very controller that the run was made with: the one that the plan names, or the
+/// file `controller`, if that has moved.
 ///
 /// # Errors
 /// If the plan cannot be carried out any more, or the controller acts otherwise than the run's.
-pub fn recorded_subject(
-    header: &RunHeader,
-    controller: Option<&str>,
-) -> Result<(Plan, Subject), MishandleError> {
+pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<Resolved, MishandleError> {
     let mut plan = Plan::from_toml(&header.plan)?;
     if let Some(controller) = controller {
         plan.controller = controller.to_string();
     }
-    let lost = |error| match error {
-        MishandleError::Controller(_) | MishandleError::Name { kind: "controller", .. }
-            if controller.is_none() =>
-        {
-            MishandleError::LostController {
-                controller: plan.controller.clone(),
-                hash: header.controller_hash.clone(),
-                source: Box::new(error),
-            }
-        }
-        error => error,
+    let recorded = header.components.iter().find(|component| component.role == "controller");
+    let lost = |error| match (error, recorded) {
+        (
+            error @ (MishandleError::Controller(_) | MishandleError::Name { kind: "controller", .. }),
+            Some(recorded),
+        ) if controller.is_none() => MishandleError::LostController {
+            controller: plan.controller.clone(),
+            hash: recorded.hash.clone(),
+            source: Box::new(error),
+        },
+        (error, _) => error,
     };
-    let subject = Subject::new(&plan).map_err(lost)?;
-    if subject.controller_hash != header.controller_hash {
-        return Err(MishandleError::OtherController {
-            controller: plan.controller,
-            recorded: header.controller_hash.clone(),
-            found: subject.controller_hash,
+    let resolved = Resolved::new(&plan).map_err(lost)?;
+    let found = &resolved.target.components;
+    for (then, now) in header.components.iter().zip(found) {
+        if then.hash != now.hash {
+            return Err(MishandleError::OtherController {
+                controller: plan.controller,
+                recorded: then.hash.clone(),
+                found: now.hash.clone(),
+            });
+        }
+    }
+    if header.components.len() != found.len() {
+        let parts = |roles: Vec<&str>| if roles.is_empty() { "none".to_string() } else { roles.join(", ") };
+        return Err(MishandleError::OtherParts {
+            target: plan.target,
+            recorded: parts(header.components.iter().map(|component| component.role.as_str()).collect()),
+            found: parts(found.iter().map(|component| component.role.as_str()).collect()),
         });
     }
-    Ok((plan, subject))
+    Ok(resolved)
 }
 
-/// How this program differs from the one that made a run, part by part.
-pub fn other_build(header: &RunHeader) -> Vec<String> {
+/// How this program and its target differ from those that made a run, part by part.
+pub fn other_build(header: &RunHeader, resolved: &Resolved) -> Vec<String> {
     let (then, now) = (&header.build, build());
-    let parts = [
-        ("program", &then.program_version, &now.program_version),
+    let mut parts = vec![
+        ("program", then.program_version.as_str(), now.program_version.as_str()),
         ("commit", &then.git_commit, &now.git_commit),
         ("compiler", &then.rustc, &now.rustc),
-        ("MuJoCo", &then.mujoco_version, &now.mujoco_version),
-        ("target", &then.target, &now.target),
+        ("platform", &then.target, &now.target),
         ("architecture", &then.architecture, &now.architecture),
     ];
+    for (name, now) in &resolved.target.versions {
+        let then =
+            header.versions.iter().find(|(known, _)| known == name).map_or("none", |(_, version)| version);
+        parts.push((name.as_str(), then, now.as_str()));
+    }
+    // Runs of an earlier format have no hash of their target.
+    if !header.target.hash.is_empty() {
+        parts.push(("hash of the target", &header.target.hash, &resolved.target.identity.hash));
+    }
     parts
         .iter()
         .filter(|(_, then, now)| then != now)

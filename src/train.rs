@@ -5,7 +5,7 @@ mod plan;
 mod unwritten;
 mod watcher;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
@@ -19,7 +19,7 @@ use crate::curve::{Curve, CurveRow, NoTrainingTime};
 use crate::home::check_home;
 use crate::lock::Lock;
 use crate::new_folders::NewFolders;
-use crate::{MishandleError, build, memory, settings_path, task};
+use crate::{MishandleError, build, memory, shipped_settings, task};
 pub(crate) use places::check as check_places;
 use plan::with_ending;
 use watcher::Watcher;
@@ -88,7 +88,7 @@ pub fn train(plan: &TrainPlan, watch: &mut dyn TrainWatch) -> Result<TrainReport
     let specification = task.definition().formulas(Preset::Paper).specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
     let mut watcher = Watcher::new(plan, environment.clone(), specification, resumed.as_ref(), watch)?;
-    let trained = config.train(environment, Seed(plan.seed), resumed.as_ref(), &mut watcher);
+    let trained = config.train(&environment, Seed(plan.seed), resumed.as_ref(), &mut watcher);
     let trained = match watcher.failure().map_or(trained.map_err(MishandleError::from), Err) {
         Ok(trained) => trained,
         Err(failure) => {
@@ -135,27 +135,49 @@ pub(crate) fn environment(plan: &TrainPlan) -> Result<TaskEnvironment, Mishandle
 
 /// The settings that a plan asks for.
 pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
-    known("training algorithm", &plan.algorithm, &ALGORITHMS)?;
-    let given = plan.settings.clone().filter(|path| *path != Path::new(BEST));
-    if given.is_none() {
-        check_home("experiments/training")?;
-    }
-    let definition = task(&plan.task)?.definition();
-    let path = given.unwrap_or_else(|| settings_path(definition, &plan.algorithm));
-    // What is neither a file nor looks like one was meant as a settings preset.
-    if !path.exists() && path.components().count() == 1 && path.extension().is_none_or(|end| end != "toml") {
-        known("settings preset", &path.to_string_lossy(), &PRESETS)?;
-    }
-    let text = match PRESETS.iter().find(|preset| path == Path::new(preset)) {
-        Some(preset) => format!("preset = \"{preset}\""),
-        None => std::fs::read_to_string(&path)
-            .map_err(|source| MishandleError::File { path: path.clone(), source })?,
+    known_algorithm(&plan.algorithm)?;
+    let (path, text) = match plan.settings.as_deref().filter(|path| *path != Path::new(BEST)) {
+        Some(path) => (path.to_path_buf(), given_settings(path)?),
+        None => shipped(plan)?.unwrap_or_default(),
     };
     let config = Config::from_toml(&plan.algorithm, &text).expect("the algorithm is known");
     let mut config = config.map_err(|source| MishandleError::Settings { path, source: Box::new(source) })?;
     config.run_mut().total_steps = plan.steps.unwrap_or(config.run().total_steps);
     config.check()?;
     Ok(config)
+}
+
+/// The settings in a file that the user named, or those of a settings preset.
+fn given_settings(path: &Path) -> Result<String, MishandleError> {
+    // What is neither a file nor looks like one was meant as a settings preset.
+    if !path.exists() && path.components().count() == 1 && path.extension().is_none_or(|end| end != "toml") {
+        known("settings preset", &path.to_string_lossy(), &PRESETS)?;
+    }
+    match PRESETS.iter().find(|preset| path == Path::new(preset)) {
+        Some(preset) => Ok(format!("preset = \"{preset}\"")),
+        None => std::fs::read_to_string(path)
+            .map_err(|source| MishandleError::File { path: path.to_path_buf(), source }),
+    }
+}
+
+/// The shipped settings of a plan's task and algorithm, with their path; `None` if none are shipped.
+fn shipped(plan: &TrainPlan) -> Result<Option<(PathBuf, String)>, MishandleError> {
+    let definition = task(&plan.task)?.definition();
+    check_home("experiments/training")?;
+    let Some(file) = shipped_settings(definition, &plan.algorithm) else { return Ok(None) };
+    let text = String::from_utf8_lossy(&file.bytes()?).into_owned();
+    Ok(Some((file.path().to_path_buf(), text)))
+}
+
+/// Whether a training takes the default settings of its algorithm, because the plan names no settings and none are shipped
+/// for its task.
+///
+/// # Errors
+/// If a name is unknown, or shipped settings cannot be read.
+pub fn uses_default_settings(plan: &TrainPlan) -> Result<bool, MishandleError> {
+    known_algorithm(&plan.algorithm)?;
+    let names_settings = plan.settings.as_deref().is_some_and(|path| path != Path::new(BEST));
+    Ok(!names_settings && shipped(plan)?.is_none())
 }
 
 /// The reward of that name: `shaped` or `original`.
@@ -165,6 +187,11 @@ pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
 pub fn reward(name: &str) -> Result<Reward, MishandleError> {
     known("reward", name, &["shaped", "original"])?;
     Ok(if name == "original" { Reward::Original } else { Reward::Shaped })
+}
+
+fn known_algorithm(name: &str) -> Result<(), MishandleError> {
+    let algorithms: Vec<&str> = ALGORITHMS.iter().map(|entry| entry.name).collect();
+    known("training algorithm", name, &algorithms)
 }
 
 fn known(kind: &'static str, name: &str, names: &[&str]) -> Result<(), MishandleError> {

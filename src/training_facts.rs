@@ -36,7 +36,7 @@ pub fn training_facts(plan: &TrainPlan) -> Result<TrainingFacts, MishandleError>
     let resumed = resumed.then(|| Checkpoint::load(&checkpoint)).transpose()?;
     check_places(plan, environment.reward_terms(), resumed.as_ref())?;
     if let Some(checkpoint) = &resumed {
-        config.check_resumption(environment, Seed(plan.seed), checkpoint)?;
+        config.check_resumption(&environment, Seed(plan.seed), checkpoint)?;
     }
     Ok(TrainingFacts {
         task_hash: task_hash(task, reward(&plan.reward)?)?,

@@ -8,7 +8,7 @@ use mishandle::rollout::Environment;
 use mishandle::store::RunFile;
 use mishandle::tasks::{Preset, Reward, TaskEnvironment, tasks};
 use mishandle::world::Model;
-use mishandle::{EvaluatePlan, Plan, Subject};
+use mishandle::{EvaluatePlan, Plan, Resolved};
 
 /// The environment drops what only pictures need; its states have to fit the scene with all of it.
 #[test]
@@ -31,15 +31,16 @@ fn a_film_holds_every_sample_of_the_recorded_episode() {
     let path = folder.path().join("run.sqlite");
     let evaluate = EvaluatePlan { episodes: 2, ..EvaluatePlan::default() };
     let plan = Plan { evaluate: Some(evaluate), ..Plan::new("point-reaching", "expert") };
-    let subject = Subject::new(&plan).unwrap();
-    let run = mishandle::create_run(&plan, &subject, Some(&path)).unwrap();
-    mishandle::evaluate(&plan, &subject, run, |_| ControlFlow::Continue(())).unwrap();
+    let resolved = Resolved::new(&plan).unwrap();
+    let run = mishandle::create_run(&resolved, Some(&path)).unwrap();
+    mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
 
     let (replayed, film) = mishandle::film(&RunFile::open(&path).unwrap(), 1, 2, None).unwrap();
     assert_eq!(replayed.differences, Vec::<String>::new());
     assert_eq!(film.states.len(), replayed.episode.trace.len());
     // The arm has moved from its start, and the target that it moved to has not.
-    let model = Model::from_xml(&mishandle::scene(subject.task).unwrap()).unwrap();
+    let model =
+        Model::from_xml(&mishandle::scene(mishandle::task("point-reaching").unwrap()).unwrap()).unwrap();
     let target = model.body("target").unwrap();
     let mut world = model.world();
     let mut seen = |state: &[f64]| {
@@ -49,6 +50,7 @@ fn a_film_holds_every_sample_of_the_recorded_episode() {
     };
     let (first, last) = (seen(&film.states[0]), seen(&film.states[film.states.len() - 1]));
     assert_ne!(first.0, last.0);
-    assert_eq!(first.1, replayed.recorded.initial_configuration);
+    let scenario: Vec<f64> = replayed.recorded.scenario.iter().flatten().copied().collect();
+    assert_eq!(first.1, scenario);
     assert_eq!(last.1, first.1);
 }

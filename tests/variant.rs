@@ -8,7 +8,7 @@ use std::sync::{Arc, LazyLock, Once};
 use mishandle::rollout::Controller;
 use mishandle::tasks::{Definition, Panda, Scene, Task};
 use mishandle::world::{Model, WorldError};
-use mishandle::{EvaluatePlan, Plan, Starts, Subject, shipped_controllers};
+use mishandle::{EvaluatePlan, Plan, Resolved, Starts, shipped_controllers};
 
 const BASE: &str = "ball-balancing";
 
@@ -49,18 +49,18 @@ impl Task for Variant {
 /// Makes the variant known, once for all tests.
 fn add_variant() {
     static ADDED: Once = Once::new();
-    ADDED.call_once(|| mishandle::tasks::add(&Variant));
+    ADDED.call_once(|| mishandle::tasks::add(&Variant).unwrap());
 }
 
 #[test]
 fn controllers_of_the_base_task_are_the_variants_too() {
     add_variant();
     assert_eq!(shipped_controllers(&DEFINITION), shipped_controllers(base().definition()));
-    let hash = |task: &str| Subject::new(&Plan::new(task, "ppo")).unwrap().controller_hash;
+    let hash = |task: &str| mishandle::target(&Plan::new(task, "ppo")).unwrap().components[0].hash.clone();
     assert_eq!(hash(DEFINITION.name), hash(BASE));
     // Another task's controller is none of its own.
-    let other = mishandle::controller_path(mishandle::task("ball-pushing").unwrap().definition(), "ppo");
-    let told = Subject::new(&Plan::new(DEFINITION.name, other.to_str().unwrap())).err().unwrap().to_string();
+    let other = concat!(env!("CARGO_MANIFEST_DIR"), "/controllers/ball-pushing/ppo.safetensors");
+    let told = mishandle::target(&Plan::new(DEFINITION.name, other)).err().unwrap().to_string();
     assert!(told.contains("ball-pushing"), "{told}");
 }
 
@@ -68,9 +68,9 @@ fn controllers_of_the_base_task_are_the_variants_too() {
 fn starts_are_left_out_only_of_a_box_that_is_in_part_out_of_reach() {
     add_variant();
     let leaves_out = |task: &str, starts| {
-        let evaluate = EvaluatePlan { episodes: 20, starts };
+        let evaluate = EvaluatePlan { episodes: 20, starts, ..EvaluatePlan::default() };
         let plan = Plan { evaluate: Some(evaluate), ..Plan::new(task, "expert") };
-        mishandle::leaves_out_starts(&plan, &Subject::new(&plan).unwrap())
+        mishandle::leaves_out_starts(&Resolved::new(&plan).unwrap())
     };
     // The variant's reach is half of the box: that all of twenty starts lie within has a chance of one in a million.
     assert!(leaves_out(DEFINITION.name, Starts::Reachable));

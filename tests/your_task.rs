@@ -5,11 +5,20 @@
 use std::ffi::OsString;
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::Once;
 
+use mishandle::TrainPlan;
 use mishandle::store::RunFile;
+use mishandle::training::Config;
 
 #[path = "../examples/your_task/cube_flipping.rs"]
 mod cube_flipping;
+
+/// Adds the task, once for all tests.
+fn add_task() {
+    static ADDED: Once = Once::new();
+    ADDED.call_once(|| mishandle::tasks::add(&cube_flipping::CubeFlipping).unwrap());
+}
 
 /// Runs the program with the task in a folder; what is in single quotes is one word.
 fn run(folder: &Path, arguments: &str) -> ExitCode {
@@ -24,7 +33,7 @@ fn run(folder: &Path, arguments: &str) -> ExitCode {
 
 #[test]
 fn every_command_takes_a_task_of_ones_own() {
-    mishandle::tasks::add(&cube_flipping::CubeFlipping);
+    add_task();
     let folder = tempfile::tempdir().unwrap();
     let run = |arguments: &str| run(folder.path(), arguments);
     let done = ExitCode::SUCCESS;
@@ -55,6 +64,8 @@ fn every_command_takes_a_task_of_ones_own() {
         run("evaluate cube-flipping --controller HERE/mine.safetensors --episodes 2 --out HERE/mine.sqlite"),
         done
     );
+    // None are shipped for it, so it takes the defaults.
+    assert_eq!(run("train cube-flipping --dry-run --out HERE/other.safetensors"), done);
     assert_eq!(run("evaluate cube-floping --controller expert"), ExitCode::from(2));
 }
 
@@ -64,4 +75,28 @@ fn the_example_fits_on_a_few_screens() {
     let lines = |name: &str| std::fs::read_to_string(example.join(name)).unwrap().lines().count();
     let all: usize = ["main.rs", "cube_flipping.rs", "scene.xml", "ppo.toml"].map(lines).iter().sum();
     assert!(all < 200, "it has {all} lines");
+}
+
+#[test]
+fn without_shipped_settings_a_training_takes_the_defaults() {
+    add_task();
+    let plan = |task: &str, settings: Option<&str>| TrainPlan {
+        task: task.to_string(),
+        algorithm: "sac".to_string(),
+        reward: "shaped".to_string(),
+        settings: settings.map(Into::into),
+        steps: Some(512),
+        seed: 0,
+        out: "unused.safetensors".into(),
+        csv: None,
+        tensorboard: None,
+        resume: false,
+    };
+    let uses_defaults = |task, settings| mishandle::uses_default_settings(&plan(task, settings)).unwrap();
+    assert!(uses_defaults("cube-flipping", None) && uses_defaults("cube-flipping", Some("best")));
+    assert!(!uses_defaults("cube-flipping", Some("skrl-0.10")));
+    assert!(!uses_defaults("ball-balancing", None) && !uses_defaults("cloth-placing-7x7", None));
+    let mut defaults = Config::from_toml("sac", "").unwrap().unwrap();
+    defaults.run_mut().total_steps = 512;
+    assert_eq!(mishandle::training_facts(&plan("cube-flipping", None)).unwrap().config, defaults);
 }

@@ -16,28 +16,42 @@ fn main() -> io::Result<()> {
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-env-changed={LINK_DIR}");
-    if env::var_os(LINK_DIR).is_none_or(|folder| Path::new(&folder) != package.join("link")) {
+    // A crate outside the workspace includes our `.cargo/config.toml`, and then the path has a detour in it.
+    let link_dir = env::var_os(LINK_DIR).map(PathBuf::from).and_then(|folder| folder.canonicalize().ok());
+    if link_dir.is_none() || link_dir != package.join("link").canonicalize().ok() {
         return Ok(()); // a MuJoCo of the user's own, which `mujoco-rs` checks and links
     }
     let library = package.join("../../target/mujoco/lib").join(LIBRARY);
     println!("cargo::rerun-if-changed={}", library.display());
-    if !library.is_file() {
+    let Ok(library) = library.canonicalize() else {
         println!(
-            "cargo::error=MuJoCo's library is not in target/mujoco/lib; fetch it with `cargo xtask mujoco`"
+            "cargo::error=MuJoCo's library is not in target/mujoco/lib of the repository; fetch it there with `cargo \
+             xtask mujoco`"
         );
         return Ok(());
+    };
+    let out = env::var_os("OUT_DIR").map(PathBuf::from).unwrap_or_default();
+    // What lies in the build's own output, and no folder beside it, cargo adds to the run-time search path of the tests
+    // that have no rpath, which are those in the documentation.
+    link(&library, &out)?;
+    println!("cargo::rustc-link-search=native={}", out.display());
+    // The rpaths of `.cargo/config.toml` lead from a program to `mujoco/lib` in its target folder. A crate outside the
+    // workspace has a target folder of its own, without the library. OUT_DIR is TARGET/PROFILE/build/PACKAGE/out.
+    if let Some(target) = out.ancestors().nth(4) {
+        let folder = target.join("mujoco/lib");
+        if !folder.join(LIBRARY).is_file() {
+            fs::create_dir_all(&folder)?;
+            link(&library, &folder)?;
+        }
     }
-    link(&library, &env::var_os("OUT_DIR").map(PathBuf::from).unwrap_or_default())
+    Ok(())
 }
 
-/// Makes the library known by a link in the build's own output: what lies there, and no folder beside it, cargo adds to
-/// the run-time search path of the tests that have no rpath, which are those in the documentation.
-fn link(library: &Path, out: &Path) -> io::Result<()> {
-    let place = out.join(LIBRARY);
+/// Makes the library known in `folder` by a symbolic link.
+fn link(library: &Path, folder: &Path) -> io::Result<()> {
+    let place = folder.join(LIBRARY);
     if place.is_symlink() {
         fs::remove_file(&place)?;
     }
-    symlink(library, place)?;
-    println!("cargo::rustc-link-search=native={}", out.display());
-    Ok(())
+    symlink(library, place)
 }

@@ -2,10 +2,10 @@
 
 use std::{borrow::Cow, sync::Arc};
 
-use mishandle::controllers::kinematic::{ResolvedRate, rotation_between};
 use mishandle::rollout::Controller;
+use mishandle::tasks::kinematic::{ResolvedRate, rotation_between};
 use mishandle::tasks::{Behavior, Definition, Expert, Formulas, Grip, Panda, Reward, Scene, Seen, Task};
-use mishandle::tasks::{BoxAxis, Quantity, effort, limited, one, three};
+use mishandle::tasks::{BoxAxis, Quantity, Variations, effort, limited, one, three};
 use mishandle::world::frame::{add, cross, norm, rotate, scale, sub};
 use mishandle::world::{Body, Joint, Model, Rows, World, WorldError};
 
@@ -47,6 +47,7 @@ const DEFINITION: Definition = Definition {
         axis("cube_y", "m", [-0.15, 0.15], "cube's y"),
         axis("cube_yaw", "rad", [-0.3, 0.3], "turn of the cube about the vertical"),
     ],
+    variations: Variations { friction: true, masses: &["cube"], push: Some(("cube", 1.0)), jump: None },
     paper: FORMULAS,
     code: FORMULAS,
     termination: "the cube has fallen off the table",

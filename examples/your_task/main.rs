@@ -3,6 +3,5 @@
 mod cube_flipping;
 
 fn main() -> std::process::ExitCode {
-    mishandle::tasks::add(&cube_flipping::CubeFlipping);
-    mishandle_cli::main()
+    mishandle_cli::main_with_tasks(&[&cube_flipping::CubeFlipping])
 }

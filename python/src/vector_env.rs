@@ -1,6 +1,6 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
-use mishandle::rollout::{Environment, Seed};
+use mishandle::rollout::{Environment, RolloutError, Seed};
 use mishandle::tasks::TaskEnvironment;
 use mishandle::training::{Boundary, EpisodeSettings, Episodes, TrainingError};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -103,15 +103,14 @@ impl VectorEnv {
     ///
     /// Returns what each row shows, float32 of shape (environments, observation_size).
     fn reset<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        let observations = py.detach(|| {
-            let environment = self.environment.clone();
+        let observations = py.detach(|| -> Result<_, RolloutError> {
             let episodes =
-                self.pool.install(|| Episodes::of_training(environment, &self.settings, self.seed));
+                self.pool.install(|| Episodes::of_training(&self.environment, &self.settings, self.seed))?;
             let observations = episodes.observations().to_vec();
             *self.episodes.lock().unwrap_or_else(PoisonError::into_inner) = Some(episodes);
-            observations
+            Ok(observations)
         });
-        self.rows(py, observations)
+        self.rows(py, observations.map_err(raised)?)
     }
 
     /// Carries every row on by one control step of `control_dt` seconds.
@@ -135,7 +134,7 @@ impl VectorEnv {
         let actions = self.actions(actions)?;
         let outcome = py.detach(|| self.outcome(&actions));
         let Outcome { observations, rewards, boundaries, final_observations } =
-            outcome.ok_or_else(|| MishandleError::new_err("`reset` comes before the first `step`"))?;
+            outcome?.ok_or_else(|| MishandleError::new_err("`reset` comes before the first `step`"))?;
         let which = |end| boundaries.iter().map(|boundary| *boundary == end).collect::<Vec<_>>();
         let info = PyDict::new(py);
         info.set_item("final_observation", self.rows(py, final_observations)?)?;
@@ -200,16 +199,16 @@ impl VectorEnv {
 
 impl VectorEnv {
     /// One control step; nothing before the first reset.
-    fn outcome(&self, actions: &[f32]) -> Option<Outcome> {
+    fn outcome(&self, actions: &[f32]) -> PyResult<Option<Outcome>> {
         let mut episodes = self.episodes.lock().unwrap_or_else(PoisonError::into_inner);
-        let episodes = episodes.as_mut()?;
-        self.pool.install(|| episodes.step(actions));
-        Some(Outcome {
+        let Some(episodes) = episodes.as_mut() else { return Ok(None) };
+        self.pool.install(|| episodes.step(actions)).map_err(raised)?;
+        Ok(Some(Outcome {
             observations: episodes.observations().to_vec(),
             rewards: episodes.rewards().to_vec(),
             boundaries: episodes.boundaries().to_vec(),
             final_observations: episodes.final_observations().to_vec(),
-        })
+        }))
     }
 
     /// A copy of the actions, row by row.

@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         action_noise: 0.25,
         ..EpisodeSettings::default()
     };
-    let mut episodes = Episodes::of_training(environment, &settings, Seed(seed as u64));
+    let mut episodes = Episodes::of_training(&environment, &settings, Seed(seed as u64))?;
     let mut bytes = Vec::new();
     let floats = |bytes: &mut Vec<u8>, numbers: &[f32]| {
         bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         // From -1.25 to 1.25 in steps of an eighth, which is exact.
         let actions: Vec<f32> =
             (0..environments * size).map(|i| ((step * 5 + i * 7) % 21) as f32 / 8.0 - 1.25).collect();
-        episodes.step(&actions);
+        episodes.step(&actions)?;
         bytes.extend(episodes.rewards().iter().flat_map(|reward| reward.to_le_bytes()));
         for end in [Boundary::Terminated, Boundary::Truncated] {
             bytes.extend(episodes.boundaries().iter().map(|boundary| u8::from(*boundary == end)));

@@ -11,8 +11,8 @@ pub struct TrainPlan {
     pub algorithm: String,
     /// Name of the reward: `original` or `shaped`.
     pub reward: String,
-    /// The settings file, or the name of a settings preset; without one, and for `best`, the file of the task and
-    /// algorithm in `experiments/training/`.
+    /// The settings file, or the name of a settings preset; without one, and for `best`, the shipped settings of the task
+    /// and algorithm, or the algorithm's defaults if none are shipped.
     pub settings: Option<PathBuf>,
     /// Environment steps, if others than the settings say.
     pub steps: Option<u64>,

@@ -137,9 +137,9 @@ impl<'a> Watcher<'a> {
             self.specification.clone(),
             Noise::default(),
         )?;
-        let starts = self.environment.initial_box();
+        let starts = self.environment.space();
         let requests: Vec<Request> = (0..episodes as u64)
-            .map(|i| Request { x0: starts.sample(VALIDATION_SEED, i), seed: VALIDATION_SEED.child(i) })
+            .map(|i| Request::new(starts.sample(VALIDATION_SEED, i), VALIDATION_SEED.child(i)))
             .collect();
         let found = rollout.rollout(&requests)?;
         let share = |holds: &dyn Fn(&Episode) -> bool| {

@@ -5,6 +5,7 @@
 mod check;
 mod controllers;
 mod demo;
+mod external;
 mod golden;
 mod marks;
 mod mujoco;
@@ -58,6 +59,12 @@ const CHORES: &[Chore] = &[
         arguments: "",
         about: "run the commands that README.md shows",
         run: |root, _| readme::check(root),
+    },
+    Chore {
+        name: "external",
+        arguments: "",
+        about: "build and run the crate of docs/library.md outside the repository",
+        run: |root, _| external::check(root),
     },
     Chore {
         name: "golden",

@@ -22,6 +22,9 @@ const LINK_DIR: &str = "MUJOCO_DYNAMIC_LINK_DIR";
 /// What `.cargo/config.toml` sets it to otherwise: a folder that leads the linker to `target/mujoco/lib`.
 const LINK_DIR_DEFAULT: &str = "crates/world/link";
 
+/// Where a copy is kept for installed programs, from the user's data folder; crates/cli/build.rs names it too.
+const KEPT: &str = "mishandle/mujoco-3.17.0";
+
 /// Which wheel to take, whatever Python asks for it: the library inside is the same in all of them.
 const WHEEL: &[&str] = &[
     "--no-deps",
@@ -52,7 +55,8 @@ with zipfile.ZipFile(glob.glob(os.path.join(folder, '*.whl'))[0]) as wheel:
                 out.write(wheel.read(member))
 ";
 
-/// Puts MuJoCo's library into `target/mujoco/lib`, unless it is there already or the user brought one.
+/// Puts MuJoCo's library into `target/mujoco/lib`, unless it is there already or the user brought one. Keeps a copy in
+/// the user's data folder, where a program that `cargo install` installed finds it without this clone.
 pub fn fetch(root: &Path) -> Result<()> {
     ensure!(
         cfg!(all(target_os = "linux", target_arch = "x86_64")),
@@ -72,6 +76,7 @@ pub fn fetch(root: &Path) -> Result<()> {
     }
     if is_in_place(&folder) {
         eprintln!("MuJoCo {VERSION}: {}, already there", folder.display());
+        keep(&folder);
         return Ok(());
     }
     let started = Instant::now();
@@ -81,7 +86,41 @@ pub fn fetch(root: &Path) -> Result<()> {
     fs::remove_dir_all(&scratch).with_context(|| format!("cannot remove {}", scratch.display()))?;
     placed?;
     eprintln!("MuJoCo {VERSION}: {}, in {:.1} s", folder.display(), started.elapsed().as_secs_f64());
+    keep(&folder);
     Ok(())
+}
+
+/// Copies the library into the user's data folder. Only installed programs need it, so a failure is a note.
+fn keep(folder: &Path) {
+    let Some(kept) = data_folder().map(|data| data.join(KEPT)) else {
+        eprintln!("note: neither XDG_DATA_HOME nor HOME is set, so no copy is kept for installed programs");
+        return;
+    };
+    if is_in_place(&kept) {
+        return;
+    }
+    match copy(folder, &kept) {
+        Ok(()) => eprintln!("MuJoCo {VERSION}: a copy for installed programs is in {}", kept.display()),
+        Err(error) => eprintln!("note: no copy is kept for installed programs: {error:#}"),
+    }
+}
+
+/// Copies library and licences, by renames, so that a program that starts meanwhile sees a whole library.
+fn copy(from: &Path, to: &Path) -> Result<()> {
+    let scratch = to.with_file_name(format!("fetch-{}", std::process::id()));
+    fs::create_dir_all(&scratch).with_context(|| format!("cannot make the folder {}", scratch.display()))?;
+    let copied = LICENCES.into_iter().chain([LIBRARY]).try_for_each(|name| {
+        fs::copy(from.join(name), scratch.join(name)).map(drop).with_context(|| format!("cannot copy {name}"))
+    });
+    let placed = copied.and_then(|()| place(&scratch, to));
+    fs::remove_dir_all(&scratch).with_context(|| format!("cannot remove {}", scratch.display()))?;
+    placed
+}
+
+/// The user's data folder, as the XDG Base Directory Specification defines it.
+fn data_folder() -> Option<PathBuf> {
+    let absolute = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    absolute("XDG_DATA_HOME").or_else(|| Some(absolute("HOME")?.join(".local/share")))
 }
 
 /// The folder that the user chose, if one.

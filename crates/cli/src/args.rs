@@ -2,14 +2,29 @@
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
+use std::sync::LazyLock;
 
 use clap::{Args, Parser, Subcommand};
 
 use crate::count::count;
 
+/// The version, and where the program found what it needs: the answer to most questions about an installation.
+static LONG_VERSION: LazyLock<String> = LazyLock::new(|| {
+    let library = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
+    let library = library.lines().find(|line| line.contains("libmujoco.so"));
+    let library = library.and_then(|line| line.find('/').map(|start| &line[start..]));
+    format!(
+        "{}\nMuJoCo {}: {}\nshipped controllers and settings: {}",
+        mishandle::VERSION_AND_COMMIT,
+        mishandle::world::mujoco_version(),
+        library.unwrap_or("in this program"),
+        mishandle::home_in_words()
+    )
+});
+
 /// Finds out what makes a robot's controller fail.
 #[derive(Debug, Parser)]
-#[command(name = "mishandle", version = mishandle::VERSION_AND_COMMIT)]
+#[command(name = "mishandle", version = mishandle::VERSION_AND_COMMIT, long_version = LONG_VERSION.as_str())]
 #[command(arg_required_else_help = true, max_term_width = 100)]
 #[command(after_help = "Examples:
   mishandle tasks
@@ -26,6 +41,8 @@ pub struct Arguments {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     Tasks(Tasks),
+    Targets(Targets),
+    Searches(Searches),
     Monitor(Monitor),
     Train(Train),
     Controller(Controller),
@@ -34,6 +51,8 @@ pub enum Command {
     Falsify(Falsify),
     Replay(Replay),
     Render(Render),
+    Completions(Completions),
+    Man(Man),
 }
 
 /// Lists the tasks with their formulas, initial boxes and controllers; explains one in full
@@ -52,6 +71,34 @@ pub struct Tasks {
     /// gripper are not in it
     #[arg(long, value_name = "FILE", requires = "task")]
     pub mjcf: Option<PathBuf>,
+    /// One JSON document on stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Lists the targets; explains one: its scenario spaces, axes, signals and formulas
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle targets
+  mishandle targets ball-balancing       every axis that a scenario may set
+  mishandle targets toy/car-following")]
+pub struct Targets {
+    /// Name of a target, to explain it
+    pub target: Option<String>,
+    /// One JSON document on stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Lists the searches; explains one with its options
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle searches
+  mishandle searches nelder-mead
+  mishandle searches nelder-mead --json")]
+pub struct Searches {
+    /// Name of a search, to list its options with type, default, range and meaning
+    pub search: Option<String>,
     /// One JSON document on stdout
     #[arg(long)]
     pub json: bool,
@@ -105,17 +152,24 @@ pub struct Run {
 }
 
 /// What of a subject a run's own plan decides: all but where the controller is.
-const PLANNED: [&str; 6] = ["task", "preset", "action_noise", "observation_noise", "stochastic", "plan"];
+const PLANNED: [&str; 8] =
+    ["target", "space", "preset", "action_noise", "observation_noise", "stochastic", "batch", "plan"];
 
-/// Which controller acts in which task, and how.
+/// What is tested, and under which scenarios.
 #[derive(Debug, Args)]
 pub struct Subject {
-    /// Name of a task
+    /// Name of a target: a task, or toy/NAME; `mishandle targets` lists them
     #[arg(required_unless_present_any = ["plan", "resume"])]
-    pub task: Option<String>,
-    /// A shipped controller's name (ppo, expert), or a path
-    #[arg(long, value_name = "C", required_unless_present_any = ["plan", "resume"])]
+    pub target: Option<String>,
+    /// Controller of a task: the name of a shipped one (ppo, expert), or a path
+    #[arg(long, value_name = "C")]
     pub controller: Option<String>,
+    /// Scenario space: one of the target's, or several joined by + [default: starts]
+    #[arg(long, value_name = "NAME")]
+    pub space: Option<String>,
+    /// Simulations that are run at once [default: 64]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u32>)]
+    pub batch: Option<u32>,
     /// Task preset, a reading of the original benchmark: paper or code
     #[arg(long)]
     pub preset: Option<String>,
@@ -132,6 +186,12 @@ pub struct Subject {
     #[arg(long, value_name = "FILE")]
     pub plan: Option<PathBuf>,
 }
+
+/// The help of `--algorithm`, from the list of algorithms.
+static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
+    let names: Vec<&str> = mishandle::training::ALGORITHMS.iter().map(|entry| entry.name).collect();
+    format!("Training algorithm: {}", names.join(", "))
+});
 
 /// Trains a controller
 #[derive(Debug, Args)]
@@ -154,8 +214,7 @@ docs/algorithms/settings.md.")]
 pub struct Train {
     /// Name of a task
     pub task: String,
-    /// Training algorithm: ppo, trpo, sac, td3 or ddpg
-    #[arg(long, default_value = "ppo")]
+    #[arg(long, default_value = "ppo", help = ALGORITHM_HELP.as_str())]
     pub algorithm: String,
     /// Control steps to train for, over all parallel environments, as 1e6 or 1_000_000, rounded up to whole iterations
     /// [default: as the settings say]
@@ -174,7 +233,7 @@ pub struct Train {
     #[arg(long, value_name = "DIR")]
     pub tensorboard: Option<PathBuf>,
     /// Settings (TOML), or the name of a settings preset: skrl-0.10, or best, which is the default
-    /// [default: experiments/training/TASK/ALGORITHM.toml]
+    /// [default: the shipped settings of the task, or the algorithm's defaults if none are shipped]
     #[arg(long, value_name = "FILE")]
     pub settings: Option<PathBuf>,
     /// Carry on from the checkpoint beside the output
@@ -252,12 +311,15 @@ pub struct Evaluate {
     pub run: Run,
 }
 
-/// Searches for initial configurations from which a controller violates its formula
+/// Searches for scenarios under which a target violates a formula
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle falsify ball-balancing --controller ppo --search random
   mishandle falsify ball-balancing --controller ppo --search dual-annealing --formula strict
   mishandle falsify ball-balancing --controller ppo --formula 'always[50:300](ball_speed <= 0.5)'
+  mishandle falsify ball-balancing --controller ppo --space events
+  mishandle falsify toy/car-following --space events+dynamics
+  mishandle falsify ball-balancing --controller ppo --search nelder-mead --search-option xatol=1e-6
   mishandle falsify --resume runs/RUN.sqlite
 
 In JSON, median_simulations is the least number of simulations after which half of the trials are falsified.
@@ -268,7 +330,11 @@ pub struct Falsify {
     /// Search: random, nelder-mead or dual-annealing [default: random]
     #[arg(long, value_name = "S")]
     pub search: Option<String>,
-    /// What is to be violated: success, strict, or the text of a formula [default: success]
+    /// Option of the search, repeatable; `mishandle searches SEARCH` lists them
+    #[arg(long = "search-option", value_name = "NAME=VALUE", value_parser = name_and_value)]
+    pub search_options: Vec<(String, String)>,
+    /// Requirement to violate: the name of one of the target's formulas (success, strict), or the text of a formula
+    /// [default: the target's first, success]
     #[arg(long, allow_hyphen_values = true)]
     pub formula: Option<String>,
     /// Number of trials [default: 30]
@@ -282,10 +348,20 @@ pub struct Falsify {
     pub out: Option<PathBuf>,
     /// Carry on a run that was stopped, as its own plan says; --controller says where its controller is, if it moved
     #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
-    #[arg(conflicts_with_all = ["search", "formula", "trials", "budget", "out", "seed"])]
+    #[arg(conflicts_with_all = ["search", "search_options", "formula", "trials", "budget", "out", "seed"])]
     pub resume: Option<PathBuf>,
     #[command(flatten)]
     pub run: Run,
+}
+
+/// The two sides of `NAME=VALUE`.
+fn name_and_value(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((name, value)) if !name.trim().is_empty() => {
+            Ok((name.trim().to_string(), value.trim().to_string()))
+        }
+        _ => Err("expected NAME=VALUE, for example xatol=1e-6".to_string()),
+    }
 }
 
 /// Runs a recorded simulation again and checks that it is the same to the bit
@@ -358,4 +434,26 @@ pub struct Render {
     /// Write over FILE if it is there
     #[arg(long)]
     pub force: bool,
+}
+
+/// Prints a script that completes commands and flags in a shell
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle completions bash > ~/.local/share/bash-completion/completions/mishandle
+  mishandle completions zsh > ~/.zfunc/_mishandle
+  mishandle completions fish > ~/.config/fish/completions/mishandle.fish")]
+pub struct Completions {
+    /// Which shell
+    pub shell: clap_complete::Shell,
+}
+
+/// Prints the manual page, or writes the pages of all commands to a folder
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle man | man -l -
+  mishandle man ~/.local/share/man/man1")]
+pub struct Man {
+    /// Folder for mishandle.1 and a page for each command; pages in it are replaced
+    #[arg(value_name = "DIR")]
+    pub folder: Option<PathBuf>,
 }

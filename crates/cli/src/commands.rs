@@ -1,11 +1,15 @@
 //! One file for each command.
 
+pub mod completions;
 pub mod controller;
 pub mod curve;
 pub mod evaluate;
 pub mod falsify;
+pub mod man;
 pub mod monitor;
 pub mod render;
 pub mod replay;
+pub mod searches;
+pub mod targets;
 pub mod tasks;
 pub mod train;

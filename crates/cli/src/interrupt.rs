@@ -13,9 +13,9 @@ pub const EXIT_CODE: u8 = 130;
 static ASKED: AtomicBool = AtomicBool::new(false);
 
 /// From here on the first signal ends nothing by itself: it makes `announce` run, and the command has to look at
-/// [`asked`]. The second ends the command at once, unless it is SIGHUP: that comes from the shell and from the system,
-/// so often twice.
-pub fn listen(announce: impl Fn() + Send + 'static) -> Result<()> {
+/// [`asked`]. The second ends the command at once, after `clear`, unless it is SIGHUP: that comes from the shell and from
+/// the system, so often twice.
+pub fn listen(announce: impl Fn() + Send + 'static, clear: impl Fn() + Send + 'static) -> Result<()> {
     let mut signals = Signals::new([SIGINT, SIGTERM])?;
     if !outlives_its_terminal() {
         signals.add_signal(SIGHUP)?;
@@ -24,7 +24,10 @@ pub fn listen(announce: impl Fn() + Send + 'static) -> Result<()> {
         for signal in signals.forever() {
             match (asked(), signal) {
                 (true, SIGHUP) => {}
-                (true, _) => exit(EXIT_CODE.into()),
+                (true, _) => {
+                    clear();
+                    exit(EXIT_CODE.into());
+                }
                 (false, _) => {
                     // In this order: what the command says when it ends comes after.
                     announce();

@@ -19,14 +19,30 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::Parser;
+use mishandle::tasks::Task;
 
 use args::{Arguments, Command};
 
+/// Name of the program.
+const PROGRAM: &str = "mishandle";
+
 /// Runs the program on the arguments of the process.
 ///
-/// A program that adds tasks of its own (`mishandle::tasks::add`) and then calls this is Mishandle with those tasks.
 pub fn main() -> ExitCode {
-    run_with(std::env::args_os())
+    main_with_tasks(&[])
+}
+
+/// Runs the program on the arguments of the process, with tasks of your own beside the benchmark's.
+///
+/// A task with a mistake in its definition ends the program before any command, with exit code 2.
+pub fn main_with_tasks(tasks: &[&'static dyn Task]) -> ExitCode {
+    match tasks.iter().try_for_each(|task| mishandle::tasks::add(*task)) {
+        Ok(()) => run_with(std::env::args_os()),
+        Err(error) => {
+            output::report_error(&error.into());
+            ExitCode::from(2)
+        }
+    }
 }
 
 /// Runs the program on these arguments, the first of which is its own name.
@@ -41,6 +57,8 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     };
     let outcome = match &arguments.command {
         Command::Tasks(command) => commands::tasks::run(command),
+        Command::Targets(command) => commands::targets::run(command),
+        Command::Searches(command) => commands::searches::run(command),
         Command::Monitor(command) => commands::monitor::run(command),
         Command::Train(command) => commands::train::run(command),
         Command::Controller(command) => commands::controller::run(command),
@@ -49,6 +67,8 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Falsify(command) => commands::falsify::run(command),
         Command::Replay(command) => commands::replay::run(command),
         Command::Render(command) => commands::render::run(command),
+        Command::Completions(command) => commands::completions::run(command),
+        Command::Man(command) => commands::man::run(command),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -5,9 +5,11 @@ use std::io::{ErrorKind, IsTerminal, Write};
 use std::path::Path;
 
 use anyhow::{Context, Error, Result, bail};
+use console::Term;
 use mishandle::MishandleError;
+use mishandle::evaluation::Estimate;
 use mishandle::stl::{Formula, MonitorError};
-use serde_json::{Number, Value};
+use serde_json::{Number, Value, json};
 
 /// Writes a line of data.
 pub fn line(text: &str) -> Result<()> {
@@ -15,9 +17,14 @@ pub fn line(text: &str) -> Result<()> {
     Ok(())
 }
 
-/// Writes a JSON document.
-pub fn json(value: &Value) -> Result<()> {
-    line(&serde_json::to_string_pretty(value)?)
+/// Writes a JSON document, whose first key is the version of its schema. In an array every object has it.
+pub fn json(value: Value) -> Result<()> {
+    let with_schema = |value: Value| joined(json!({ "schema": SCHEMA }), value);
+    let document = match value {
+        Value::Array(values) => Value::Array(values.into_iter().map(with_schema).collect()),
+        value => with_schema(value),
+    };
+    line(&serde_json::to_string_pretty(&document)?)
 }
 
 /// Writes a file that is not there yet. If that fails, nothing is left of it.
@@ -33,6 +40,30 @@ pub fn write_new(path: &Path, write: impl FnOnce(&mut File) -> Result<()>) -> Re
         // It was made here and is worth nothing; the first failure is the one to tell.
         let _ = std::fs::remove_file(path);
     })
+}
+
+/// Version of the JSON documents: keys are only ever added within one.
+const SCHEMA: u32 = 1;
+
+/// An average with its interval.
+pub fn estimate(estimate: &Estimate) -> Value {
+    let value = |value: Option<f64>| value.map_or(Value::Null, number);
+    json!({
+        "value": value(estimate.value),
+        "low": value(estimate.low),
+        "high": value(estimate.high),
+        "n": estimate.n,
+    })
+}
+
+/// Two objects as one, the keys of `first` first.
+pub fn joined(first: Value, second: Value) -> Value {
+    match (first, second) {
+        (Value::Object(first), Value::Object(second)) => {
+            Value::Object(first.into_iter().chain(second).collect())
+        }
+        (first, _) => first,
+    }
 }
 
 /// A number in JSON; infinities, which JSON lacks, are the strings "inf" and "-inf".
@@ -86,20 +117,54 @@ pub fn is_broken_pipe(error: &Error) -> bool {
 
 /// Lines up the columns of a table; numbers should be formatted already. The first row is the header.
 pub fn table(rows: &[Vec<String>]) -> String {
+    let lines: Vec<String> = table_cells(rows).iter().map(|line| line.trim_end().to_string()).collect();
+    lines.join("\n").trim_end().to_string()
+}
+
+/// Columns of text for a person: as wide as the terminal, 80 where stdout is none.
+pub fn width() -> usize {
+    match std::io::stdout().is_terminal() {
+        true => usize::from(Term::stdout().size().1).clamp(40, 100),
+        false => 80,
+    }
+}
+
+/// As [`table`] without a header, in `width` columns: the last column is wrapped, but not to less than 16 columns.
+pub fn table_in(rows: &[Vec<String>], width: usize) -> String {
+    let head: Vec<Vec<String>> = rows.iter().map(|row| row[..row.len().saturating_sub(1)].to_vec()).collect();
+    let head = table_cells(&head);
+    let indent = head.iter().map(|line| line.chars().count()).max().unwrap_or(0);
+    let lines = head.iter().zip(rows).map(|(head, row)| {
+        let last = row.last().map_or("", String::as_str);
+        let text = wrapped(last, width.saturating_sub(indent).max(16));
+        format!("{head:indent$}{}", indented(&text, indent)).trim_end().to_string()
+    });
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+/// The cells of each row, lined up, with two spaces behind each.
+fn table_cells(rows: &[Vec<String>]) -> Vec<String> {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |column: usize| {
         rows.iter().filter_map(|row| row.get(column)).map(|c| c.chars().count()).max().unwrap_or(0)
     };
     let widths: Vec<usize> = (0..columns).map(width).collect();
-    let mut text = String::new();
-    for row in rows {
-        let cells: Vec<String> =
-            row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
-        text.push_str(cells.join("  ").trim_end());
-        text.push('\n');
-    }
-    text.truncate(text.trim_end().len());
-    text
+    let line = |row: &Vec<String>| -> String {
+        row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}  ")).collect()
+    };
+    rows.iter().map(line).collect()
+}
+
+/// Text with `indent` spaces before each line but the first.
+pub fn indented(text: &str, indent: usize) -> String {
+    text.replace('\n', &format!("\n{}", " ".repeat(indent)))
+}
+
+/// Breaks a line, if it is longer than `width`, into lines that are indented by two more columns than the first.
+pub fn folded(line: &str, width: usize) -> String {
+    let start = line.len() - line.trim_start().len();
+    let text = wrapped(line, width.saturating_sub(start + 2));
+    format!("{}{}", " ".repeat(start), indented(&text, start + 2))
 }
 
 /// Breaks text into lines of at most `width` characters, between words.
@@ -121,6 +186,20 @@ pub fn wrapped(text: &str, width: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_last_column_is_wrapped_below_itself() {
+        let rows = [["a", "x", "one two three four"], ["bcd", "", "one"]];
+        let rows = rows.map(|row| row.map(String::from).to_vec());
+        assert_eq!(table_in(&rows, 24), "a    x  one two three\n        four\nbcd     one");
+        assert_eq!(table(&rows), "a    x  one two three four\nbcd     one");
+    }
+
+    #[test]
+    fn a_long_line_is_folded_below_its_start() {
+        assert_eq!(folded("  a b", 5), "  a\n    b");
+        assert_eq!(folded("  one two three", 12), "  one two\n    three");
+    }
 
     #[test]
     fn lines_are_as_full_as_the_width_allows_and_no_word_is_cut() {

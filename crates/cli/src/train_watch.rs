@@ -27,12 +27,13 @@ impl Watch {
     /// Listens to signals from here on.
     pub fn begin(plan: &TrainPlan) -> Result<Watch> {
         let live = LiveCurve::new();
-        let shown = live.clone();
-        interrupt::listen(move || {
+        let (shown, cleared) = (live.clone(), live.clone());
+        let announce = move || {
             shown.suspend(|| {
                 output::say("finishing the iteration that has begun; Ctrl-C again ends at once");
             });
-        })?;
+        };
+        interrupt::listen(announce, move || cleared.finish())?;
         let TrainPlan { task, algorithm, seed, out, .. } = plan;
         let title = format!("{task} by {algorithm}, seed {seed}, to {}", out.display());
         Ok(Watch { live, log: Log { last: None }, title, iterations: 0 })

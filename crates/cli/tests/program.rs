@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use bench::{Bench, SMALL, signal, text};
+use bench::{Bench, SMALL, signal, text, without_run};
 use serde_json::Value;
 
 const FAST: &str = "--controller expert --seed 3";
@@ -20,9 +20,21 @@ const HARD: &str = "--formula 'always[22:300](finger_target_distance <= 0.12)'";
 #[test]
 fn every_command_explains_itself_with_examples() {
     let bench = Bench::new();
-    for command in
-        ["tasks", "monitor", "train", "curve", "controller", "evaluate", "falsify", "replay", "render"]
-    {
+    for command in [
+        "tasks",
+        "searches",
+        "targets",
+        "monitor",
+        "train",
+        "curve",
+        "controller",
+        "evaluate",
+        "falsify",
+        "replay",
+        "render",
+        "completions",
+        "man",
+    ] {
         let help = bench.check(&format!("{command} --help"), 0);
         let (_, examples) = help.split_once("Examples:\n").expect(command);
         for example in examples.lines().take_while(|line| !line.is_empty()) {
@@ -49,6 +61,110 @@ fn tasks_are_listed_with_what_the_glossary_names() {
     assert_eq!(code[0]["initial_box"][0]["low"], 0.192);
     assert!(bench.check("tasks ball-pushing", 0).contains("Initial box"));
     bench.refuses("tasks ball-pusing", &["no task `ball-pusing`", "hint: did you mean `ball-pushing`?"]);
+}
+
+#[test]
+fn searches_are_listed_with_their_options() {
+    let bench = Bench::new();
+    let searches = bench.json("searches --json", 0);
+    let names: Vec<&str> =
+        searches.as_array().unwrap().iter().map(|search| search["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["random", "nelder-mead", "dual-annealing"]);
+    for search in searches.as_array().unwrap() {
+        assert!(!search["summary"].as_str().unwrap().is_empty());
+        assert!(!search["reference"].as_str().unwrap().is_empty());
+        for option in search["options"].as_array().unwrap() {
+            for key in ["name", "type", "default", "range", "meaning"] {
+                assert!(option[key].is_string(), "{key} of {option}");
+            }
+        }
+    }
+    let options = |name: &str| -> Vec<String> {
+        let search = bench.json(&format!("searches {name} --json"), 0);
+        let options = search[0]["options"].as_array().unwrap().clone();
+        options.iter().map(|option| option["name"].as_str().unwrap().to_string()).collect()
+    };
+    assert!(options("random").is_empty());
+    assert_eq!(
+        options("nelder-mead"),
+        ["start", "initial-simplex", "xatol", "fatol", "max-iterations", "max-evaluations", "adaptive"]
+    );
+    assert_eq!(
+        options("dual-annealing"),
+        [
+            "start",
+            "max-iterations",
+            "initial-temperature",
+            "restart-ratio",
+            "visit",
+            "accept",
+            "local-search"
+        ]
+    );
+    let page = bench.check("searches dual-annealing", 0);
+    assert!(page.contains("  visit: float, in (1, 3) [default: 2.62]\n    Parameter q"), "{page}");
+    assert!(page.contains("Reference\n  Xiang"), "{page}");
+    assert!(page.lines().all(|line| line.chars().count() <= 100), "{page}");
+    assert!(bench.check("searches", 0).contains("dual-annealing  simulated annealing"));
+    bench.refuses("searches nelder-meat", &["no search `nelder-meat`", "hint: did you mean `nelder-mead`?"]);
+}
+
+#[test]
+fn options_of_a_search_come_from_a_plan_and_from_flags_which_win() {
+    let bench = Bench::new();
+    let falsify = |more: &str| {
+        bench.document(&format!("falsify point-reaching {FAST} --trials 1 --budget 9 --json {more}"), 0)
+    };
+    let nelder_mead = "--search nelder-mead --search-option";
+    let start = "start=[0.25,0.5,0.75]";
+    let short = falsify(&format!("{nelder_mead} max-evaluations=5 --search-option {start}"));
+    assert_eq!(short["search_options"]["max-evaluations"], 5);
+    assert_eq!(
+        (&short["trials"][0]["simulations"], &short["trials"][0]["end"]),
+        (&5.into(), &"search ended".into())
+    );
+    bench.write(
+        "plan.toml",
+        "[falsify]\nsearch = \"nelder-mead\"\n[falsify.options]\nstart = [0.25, 0.5, 0.75]\nmax-evaluations = 7\n",
+    );
+    let planned = falsify("--plan plan.toml");
+    assert_eq!(planned["trials"][0]["simulations"], 7);
+    assert_eq!(falsify("--plan plan.toml --search-option max_evaluations=5"), short);
+    // The budget is the limit if nothing else is said.
+    assert_eq!(falsify("--search nelder-mead")["trials"][0]["simulations"], 9);
+    // The older key of a plan is the same first simplex.
+    let simplex = "[[0.1, 0.1, 0.1], [0.2, 0.1, 0.1], [0.1, 0.2, 0.1], [0.1, 0.1, 0.2]]";
+    bench.write("old.toml", &format!("[falsify]\nsearch = \"nelder-mead\"\ninitial-simplex = {simplex}\n"));
+    let new = falsify(&format!("{nelder_mead} 'initial-simplex={simplex}'"));
+    assert_eq!(falsify("--plan old.toml")["trials"], new["trials"]);
+    assert_ne!(falsify("--search nelder-mead")["trials"], new["trials"]);
+}
+
+#[test]
+fn a_wrong_option_of_a_search_is_refused_by_name() {
+    let bench = Bench::new();
+    let refuses = |options: &str, parts: &[&str]| {
+        bench.refuses(&format!("falsify point-reaching --controller expert {options}"), parts);
+    };
+    refuses(
+        "--search nelder-mead --search-option xtol=1",
+        &["nelder-mead has no option `xtol`", "max-evaluations", "hint: did you mean `xatol`?"],
+    );
+    refuses("--search-option xatol=1", &["random has no option `xatol`; it has no options"]);
+    refuses(
+        "--search nelder-mead --search-option xatol=small",
+        &["option `xatol` of nelder-mead is \"small\"; it must be a number, at least 0"],
+    );
+    refuses(
+        "--search dual-annealing --search-option visit=3.5",
+        &["option `visit` of dual-annealing is 3.5; it must be in (1, 3)"],
+    );
+    refuses(
+        "--search nelder-mead --search-option start=[0.5]",
+        &["`start`", "it must be 3 numbers in [0, 1]"],
+    );
+    refuses("--search nelder-mead --search-option xatol", &["NAME=VALUE"]);
+    assert!(!bench.path("runs").exists(), "a run was begun");
 }
 
 #[test]
@@ -114,10 +230,10 @@ fn monitor_says_what_is_wrong_and_where() {
 #[test]
 fn an_evaluation_gives_the_same_document_for_any_number_of_threads() {
     let bench = Bench::new();
-    let one = bench.check(&format!("evaluate point-reaching {FAST} --episodes 40 --threads 1 --json"), 0);
-    let two = bench.check(&format!("evaluate point-reaching {FAST} --episodes 40 --threads 2 --json"), 0);
-    assert_eq!(one, two);
-    let report: Value = serde_json::from_str(&one).unwrap();
+    let report =
+        bench.document(&format!("evaluate point-reaching {FAST} --episodes 40 --threads 1 --json"), 0);
+    let two = bench.document(&format!("evaluate point-reaching {FAST} --episodes 40 --threads 2 --json"), 0);
+    assert_eq!(report.to_string(), two.to_string());
     assert_eq!(report["success_rate"]["value"], 1.0);
     for key in ["strict_success_rate", "dangerous_behavior_rate", "task_completion_time"] {
         for part in ["value", "low", "high", "n"] {
@@ -174,21 +290,21 @@ fn a_killed_falsification_goes_on_to_the_same_result() {
     let bench = Bench::new();
     // A formula that holds: every trial spends its budget, so there is time to kill it.
     let arguments = format!("falsify point-reaching {FAST} --search dual-annealing --trials 4 --budget 120");
-    let whole = bench.check(&format!("{arguments} --out whole.sqlite --json"), 0);
+    let whole = bench.document(&format!("{arguments} --out whole.sqlite --json"), 0);
     let mut child = bench.command(&format!("{arguments} --out killed.sqlite")).spawn().unwrap();
     wait_for_rows(&bench.path("killed.sqlite"), 40);
     child.kill().unwrap();
     child.wait().unwrap();
     let rows = simulations(&bench.path("killed.sqlite"));
     assert!((40..480).contains(&rows), "it was killed after {rows} simulations");
-    let resumed = bench.check("falsify --resume killed.sqlite --json", 0);
+    let resumed = bench.document("falsify --resume killed.sqlite --json", 0);
     assert_eq!(resumed, whole);
     assert_eq!(simulations(&bench.path("killed.sqlite")), 480);
     let digest =
         |name: &str| mishandle::store::RunFile::open(bench.path(name)).unwrap().content_digest().unwrap();
     assert_eq!(digest("killed.sqlite"), digest("whole.sqlite"));
     // Resuming what has ended changes nothing.
-    assert_eq!(bench.check("falsify --resume killed.sqlite --json", 0), whole);
+    assert_eq!(bench.document("falsify --resume killed.sqlite --json", 0), whole);
 }
 
 fn simulations(path: &Path) -> u64 {
@@ -207,13 +323,13 @@ fn wait_for_rows(path: &Path, rows: u64) {
 fn a_killed_evaluation_goes_on_to_the_same_result() {
     let bench = Bench::new();
     let arguments = format!("evaluate point-reaching {FAST} --episodes 400");
-    let whole = bench.check(&format!("{arguments} --out whole.sqlite --json"), 0);
+    let whole = bench.document(&format!("{arguments} --out whole.sqlite --json"), 0);
     let mut child = bench.command(&format!("{arguments} --out killed.sqlite")).spawn().unwrap();
     wait_for_rows(&bench.path("killed.sqlite"), 32);
     child.kill().unwrap();
     child.wait().unwrap();
     assert!(simulations(&bench.path("killed.sqlite")) < 400);
-    assert_eq!(bench.check("evaluate --resume killed.sqlite --json", 0), whole);
+    assert_eq!(bench.document("evaluate --resume killed.sqlite --json", 0), whole);
 }
 
 #[test]
@@ -223,8 +339,8 @@ fn a_plan_says_the_same_as_its_flags() {
         "plan.toml",
         "task = \"point-reaching\"\ncontroller = \"expert\"\nseed = 3\n[evaluate]\nepisodes = 20\n",
     );
-    let planned = bench.check("evaluate --plan plan.toml --json", 0);
-    assert_eq!(planned, bench.check(&format!("evaluate point-reaching {FAST} --episodes 20 --json"), 0));
+    let planned = bench.document("evaluate --plan plan.toml --json", 0);
+    assert_eq!(planned, bench.document(&format!("evaluate point-reaching {FAST} --episodes 20 --json"), 0));
     // Flags edit the plan.
     let edited = bench.json("evaluate --plan plan.toml --seed 4 --json", 0);
     assert_eq!(edited["seed"], "4");
@@ -238,8 +354,11 @@ fn a_plan_says_the_same_as_its_flags() {
 fn flags_complete_a_plan_and_what_it_lacks_has_its_default() {
     let bench = Bench::new();
     bench.write("plan.toml", "seed = 3\n[evaluate]\nepisodes = 20\nbox = \"reachable\"\n");
-    bench.refuses("evaluate --plan plan.toml", &["the plan names no `task`"]);
-    bench.refuses("evaluate point-reaching --plan plan.toml", &["the plan names no `controller`"]);
+    bench.refuses("evaluate --plan plan.toml", &["names a target"]);
+    bench.refuses(
+        "evaluate point-reaching --plan plan.toml",
+        &["point-reaching needs a controller", "expert"],
+    );
     let flags = "point-reaching --plan plan.toml --controller expert --json";
     let found = bench.json(&format!("evaluate {flags}"), 0);
     assert_eq!((&found["simulations"], &found["seed"]), (&20.into(), &"3".into()));
@@ -256,7 +375,7 @@ fn an_interrupted_campaign_says_how_it_goes_on_and_does_to_the_same_result() {
         (format!("evaluate point-reaching {FAST} --episodes 400"), "TERM"),
     ] {
         let verb = command.split(' ').next().unwrap();
-        let whole = bench.check(&format!("{command} --out {verb}.sqlite --json"), 0);
+        let whole = bench.document(&format!("{command} --out {verb}.sqlite --json"), 0);
         let run = format!("it's {verb}.sqlite");
         let mut child = bench.command(&command);
         let child =
@@ -272,7 +391,7 @@ fn an_interrupted_campaign_says_how_it_goes_on_and_does_to_the_same_result() {
         assert!(err.contains(&quoted), "{err}");
         assert!(simulations(&bench.path(&run)) < 400);
         let resumed = bench.command(&format!("{verb} --json")).arg("--resume").arg(&run).output().unwrap();
-        assert_eq!(text(&resumed.stdout), whole);
+        assert_eq!(without_run(serde_json::from_slice(&resumed.stdout).unwrap()), whole);
     }
 }
 
@@ -351,8 +470,8 @@ fn a_formula_without_a_value_from_some_starts_ends_no_campaign() {
         found["trials"].as_array().unwrap().iter().map(|t| t["undecided"].as_u64().unwrap()).sum();
     assert!((1..60).contains(&undecided), "{undecided}");
     assert_eq!(simulations(&bench.path("a.sqlite")), 60);
-    assert!(err.contains("no finite value at step 0") && err.contains("from target_x = "), "{err}");
-    assert_eq!(bench.check("falsify --resume a.sqlite --json", 0), out);
+    assert!(err.contains("no finite value at step 0") && err.contains("with target_x = "), "{err}");
+    assert_eq!(bench.json("falsify --resume a.sqlite --json", 0), found);
     // Such a simulation replays, too.
     let file = mishandle::store::RunFile::open(bench.path("a.sqlite")).unwrap();
     let undefined =
@@ -479,8 +598,10 @@ fn a_dry_run_says_what_would_be_trained_and_trains_nothing() {
 fn a_task_is_explained_by_what_it_states() {
     let bench = Bench::new();
     let page = bench.check("tasks point-reaching", 0);
+    let words = page.split_whitespace().collect::<Vec<_>>().join(" ");
+    let sentence = "at every step from 50 to 300 (0.83 s to 5 s): finger_target_distance is at most 0.12 m";
+    assert!(words.contains(sentence), "{page}");
     for line in [
-        "  at every step from 50 to 300 (0.83 s to 5 s): finger_target_distance is at most 0.12 m",
         "□[50:300](finger_target_distance ≤ 0.12)",
         "  0-8    joint_positions",
         "  18-20  target",

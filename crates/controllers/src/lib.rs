@@ -1,9 +1,8 @@
-//! Learned policies, their file format, and the parts that experts are made of.
+//! Learned policies and their file format.
 
 mod atomic;
 mod error;
 mod file;
-pub mod kinematic;
 mod layout;
 mod policy;
 mod seal;

@@ -17,14 +17,14 @@ pub enum EvaluationError {
         /// Number of episodes.
         given: usize,
     },
-    /// No drawn start was accepted.
+    /// No drawn scenario was accepted.
     #[error(
-        "none of {draws} initial configurations drawn for simulation {simulation} was accepted; \
-         the accepted part of the box has to be larger"
+        "none of {draws} scenarios drawn for simulation {simulation} was accepted; the accepted part of the space has to \
+         be larger"
     )]
     NoStart {
-        /// Number of the simulation, from 0.
-        simulation: u64,
+        /// Number of the simulation, from 1.
+        simulation: u32,
         /// How many were drawn.
         draws: u64,
     },

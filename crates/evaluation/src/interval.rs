@@ -1,4 +1,4 @@
-//! What an average is worth: 95 % intervals for rates and for means.
+//! Confidence intervals (95 %) for rates and means.
 
 use mishandle_rollout::Seed;
 
@@ -7,17 +7,20 @@ use crate::resample::{Draws, Resample};
 /// The 0.975 quantile of the standard normal distribution.
 const Z: f64 = 1.959_963_984_540_054;
 
-/// How many times [`bootstrap_mean`] resamples: the ends of its interval are then sure to about 3 % of its width.
+/// Number of bootstrap resamples: the ends of an interval are then accurate to about 3 % of its width.
 const RESAMPLES: u64 = 2000;
 
-/// An average over `n` simulations, with its 95 % interval.
+/// Smallest sample with a bootstrap interval; [`bootstrap_mean`] says why.
+const SMALLEST_SAMPLE: usize = 10;
+
+/// An average over `n` simulations, with its 95 % confidence interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Estimate {
     /// The average; `None` over nothing.
     pub value: Option<f64>,
-    /// Lower end of the interval; `None` where the numbers say nothing about their spread.
+    /// Lower end of the interval; `None` if the sample does not show its spread.
     pub low: Option<f64>,
-    /// Upper end of the interval; `None` where the numbers say nothing about their spread.
+    /// Upper end of the interval; `None` if the sample does not show its spread.
     pub high: Option<f64>,
     /// How many simulations were averaged.
     pub n: u64,
@@ -59,25 +62,34 @@ pub fn wilson(successes: u64, n: u64) -> Estimate {
     Estimate { value: Some(p), low: Some(low), high: Some(high), n }
 }
 
-/// The mean of `values` with its percentile bootstrap interval.
+/// Returns the mean of `values` with its percentile bootstrap interval.
 ///
-/// 2000 times, as many values are drawn with replacement; the interval goes from the 2.5 % to the 97.5 % quantile of
-/// their means, interpolated linearly. The draws depend on `seed` only, so the same values, in any order, give the
-/// same interval. Of a single value the interval is `None`: one number says nothing about its spread. The time is
-/// 2000 draws for each value, about 6 s for a million.
+/// Draws as many values with replacement, 2000 times; the interval goes from the 2.5 % to the 97.5 % quantile of the
+/// means, interpolated linearly. The draws depend on `seed` only, so the same values, in any order, give the same
+/// interval. The time is 2000 draws per value, about 6 s for a million values.
+///
+/// The interval is `None` for a degenerate sample, which would show a precision that it does not have:
+///
+/// - **Fewer than 10 values.** The nominal 95 % interval is too narrow then: for normal values it covers the mean with
+///   probability 0.50 for n = 2, 0.74 for n = 3, 0.83 for n = 5 and 0.90 for n = 10 (simulated; n = 2 is exact, since
+///   the interval goes from the smaller to the larger value).
+/// - **All values equal.** Every resample has the same mean, so the interval would have width 0, whatever n.
 ///
 /// # Example
 /// ```
 /// use mishandle_evaluation::bootstrap_mean;
 /// use mishandle_rollout::Seed;
-/// let estimate = bootstrap_mean(&[40.0, 50.0, 60.0], Seed(0));
-/// assert_eq!(estimate.value, Some(50.0));
-/// assert_eq!((estimate.low, estimate.high), (Some(40.0), Some(60.0)));
-/// assert_eq!(bootstrap_mean(&[40.0], Seed(0)).low, None);
+/// let values: Vec<f64> = (1..=20).map(f64::from).collect();
+/// let estimate = bootstrap_mean(&values, Seed(0));
+/// assert_eq!(estimate.value, Some(10.5));
+/// // The normal approximation is 10.5 ± 1.96 · 5.77 / sqrt(20), so 8.0 to 13.0.
+/// assert!((estimate.low.unwrap() - 8.0).abs() < 0.3 && (estimate.high.unwrap() - 13.0).abs() < 0.3);
+/// assert_eq!(bootstrap_mean(&[40.0, 50.0, 60.0], Seed(0)).low, None);
 /// ```
 ///
 /// # Reference
-/// Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
+/// Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13. On small samples: Hesterberg, "What
+/// teachers should know about the bootstrap", The American Statistician 69, 2015.
 pub fn bootstrap_mean(values: &[f64], seed: Seed) -> Estimate {
     let n = values.len() as u64;
     if n == 0 {
@@ -85,7 +97,7 @@ pub fn bootstrap_mean(values: &[f64], seed: Seed) -> Estimate {
     }
     let mean = |sum: f64| sum / n as f64;
     let value = Some(mean(values.iter().sum()));
-    if n == 1 {
+    if values.len() < SMALLEST_SAMPLE || are_equal(values) {
         return Estimate { value, low: None, high: None, n };
     }
     let mut sorted = values.to_vec();
@@ -99,6 +111,45 @@ pub fn bootstrap_mean(values: &[f64], seed: Seed) -> Estimate {
         .collect();
     means.sort_by(f64::total_cmp);
     Estimate { value, low: Some(quantile(&means, 0.025)), high: Some(quantile(&means, 0.975)), n }
+}
+
+/// Returns the mean of `shares`, numbers in [0, 1], with its interval.
+///
+/// This is [`bootstrap_mean`], except that at least 10 equal shares have an interval too, because the range of a share
+/// is known: if all n shares are c, the share X of another simulation differs from c with a probability of at most w,
+/// the upper end of the [`wilson`] interval of 0 in n, and then lies anywhere in [0, 1]. So the mean is in
+///
+/// ```text
+/// [c (1 - w), c + w (1 - c)],   w = z² / (n + z²)
+/// ```
+///
+/// A controller without any dangerous step in 1000 simulations has a dangerous behavior rate of 0 with the interval
+/// [0, 0.0038], not [0, 0].
+///
+/// # Example
+/// ```
+/// use mishandle_evaluation::bootstrap_share;
+/// use mishandle_rollout::Seed;
+/// let estimate = bootstrap_share(&[0.0; 1000], Seed(0));
+/// assert_eq!((estimate.value, estimate.low), (Some(0.0), Some(0.0)));
+/// assert!((estimate.high.unwrap() - 0.0038).abs() < 0.0001);
+/// ```
+pub fn bootstrap_share(shares: &[f64], seed: Seed) -> Estimate {
+    if shares.len() < SMALLEST_SAMPLE || !are_equal(shares) {
+        return bootstrap_mean(shares, seed);
+    }
+    let (share, n) = (shares[0], shares.len() as u64);
+    let differ = wilson(0, n).high;
+    Estimate {
+        value: Some(share),
+        low: differ.map(|differ| share * (1.0 - differ)),
+        high: differ.map(|differ| share + differ * (1.0 - share)),
+        n,
+    }
+}
+
+fn are_equal(values: &[f64]) -> bool {
+    values.windows(2).all(|pair| pair[0] == pair[1])
 }
 
 /// The `p` quantile of sorted numbers: linear between the two order statistics next to p (n - 1).
@@ -183,9 +234,67 @@ mod tests {
     }
 
     #[test]
-    fn equal_values_have_no_spread() {
-        let found = bootstrap_mean(&[0.25; 9], Seed(0));
-        assert_eq!(found, Estimate { value: Some(0.25), low: Some(0.25), high: Some(0.25), n: 9 });
+    fn a_degenerate_sample_has_a_mean_and_no_bootstrap_interval() {
+        for (values, mean) in [(vec![0.25; 9], 0.25), (vec![0.25; 5000], 0.25), (vec![3.0, 5.0], 4.0)] {
+            let n = values.len() as u64;
+            let expected = Estimate { value: Some(mean), low: None, high: None, n };
+            assert_eq!(bootstrap_mean(&values, Seed(0)), expected, "{n} values");
+        }
+        let rising: Vec<f64> = (0..10).map(f64::from).collect();
+        assert_eq!(bootstrap_mean(&rising[..9], Seed(0)).low, None);
+        assert!(bootstrap_mean(&rising, Seed(0)).low.is_some());
+    }
+
+    /// No interval of a mean, whatever the sample, has width 0.
+    #[test]
+    fn no_interval_of_a_mean_is_a_point() {
+        for n in 1..40 {
+            for different in 0..n {
+                let shares: Vec<f64> = (0..n).map(|i| f64::from(u8::from(i < different)) * 0.5).collect();
+                for estimate in [bootstrap_mean(&shares, Seed(n)), bootstrap_share(&shares, Seed(n))] {
+                    let value = estimate.value.unwrap();
+                    if let (Some(low), Some(high)) = (estimate.low, estimate.high) {
+                        assert!(
+                            low < high && low <= value && value <= high,
+                            "{different} of {n}: {estimate:?}"
+                        );
+                    }
+                    assert_eq!(estimate.low.is_some(), estimate.high.is_some());
+                }
+            }
+        }
+    }
+
+    /// About 90 % of the intervals of 10 normal values cover the mean. 5 standard errors of 0.9 in 2000 are 0.034.
+    #[test]
+    fn the_interval_of_the_smallest_sample_covers_nine_times_of_ten() {
+        const SAMPLES: u64 = 2000;
+        let covers = |sample: &u64| {
+            let mut values = [0.0; SMALLEST_SAMPLE];
+            Seed(*sample).normals(mishandle_rollout::Stream::ActionNoise, 0, &mut values);
+            let found = bootstrap_mean(&values, Seed(*sample));
+            found.low.unwrap() <= 0.0 && found.high.unwrap() >= 0.0
+        };
+        let share = (0..SAMPLES).filter(covers).count() as f64 / SAMPLES as f64;
+        assert!((share - 0.9).abs() < 0.034, "{share}");
+    }
+
+    #[test]
+    fn equal_shares_have_the_interval_of_what_was_never_seen() {
+        // w = 3.8415 / (n + 3.8415)
+        let check = |share: f64, n: usize, low: f64, high: f64| {
+            let found = bootstrap_share(&vec![share; n], Seed(0));
+            assert_eq!((found.value, found.n), (Some(share), n as u64));
+            let close = |found: Option<f64>, expected: f64| (found.unwrap() - expected).abs() < 5e-5;
+            assert!(close(found.low, low) && close(found.high, high), "{share}, {n}: {found:?}");
+        };
+        check(0.0, 10, 0.0, 0.2775);
+        check(1.0, 10, 0.7225, 1.0);
+        check(0.25, 1000, 0.2490, 0.2529);
+        assert_eq!(bootstrap_share(&[0.0; 9], Seed(0)).high, None);
+        let mixed: Vec<f64> = (0..30).map(|i| f64::from(i) / 30.0).collect();
+        assert_eq!(bootstrap_share(&mixed, Seed(3)), bootstrap_mean(&mixed, Seed(3)));
+        assert_eq!(bootstrap_share(&[], Seed(0)), Estimate::default());
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! [`evaluate`] runs simulations from starts that depend on the seed and their number only, so that two controllers
 //! evaluated with one seed are compared on the same starts and the same noise. [`Metrics`] reduces their verdicts to
-//! a [`Report`]; [`wilson`] and [`bootstrap_mean`] give the intervals.
+//! a [`Report`]; [`wilson`], [`bootstrap_mean`] and [`bootstrap_share`] give the intervals.
 //!
 //! # Example
 //! ```
@@ -19,6 +19,6 @@ mod resample;
 mod run;
 
 pub use error::EvaluationError;
-pub use interval::{Estimate, bootstrap_mean, wilson};
-pub use metrics::{Metrics, Report};
+pub use interval::{Estimate, bootstrap_mean, bootstrap_share, wilson};
+pub use metrics::{Metrics, Report, Roles};
 pub use run::{Accepts, Evaluation, evaluate};

@@ -6,9 +6,10 @@ use std::error::Error;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use mishandle_falsification::{Campaign, FakeSystem, FalsificationError, Fate, Settings};
-use mishandle_rollout::{Axis, InitialBox, Request, Seed, System};
-use mishandle_search::{SEARCHES, SearchOptions};
+use mishandle_falsification::{Campaign, FalsificationError, Settings};
+use mishandle_rollout::{Axis, BATCH, Request, Seed, Space, System};
+use mishandle_search::{Coordinate, SEARCHES, SearchOptions};
+use mishandle_toys::{Fate, FunctionSystem};
 
 const AXES: usize = 6;
 const BUDGET: u32 = 300;
@@ -16,11 +17,11 @@ const BUDGET: u32 = 300;
 fn main() -> Result<(), Box<dyn Error>> {
     let asked = std::env::args().find_map(|word| word.parse().ok());
     let simulations: u32 = asked.unwrap_or(1_000_000);
-    let axis = |i: usize| Axis { name: format!("x{i}"), unit: "m".into(), low: -1.0, high: 1.0 };
-    let initial_box = InitialBox::new((0..AXES).map(axis).collect())?;
+    let axis = |i: usize| Axis::start(&format!("x{i}"), "m", -1.0, 1.0);
+    let space = Space::new("starts", (0..AXES).map(axis).collect())?;
     let system = || {
-        FakeSystem::new(initial_box.clone(), |request| {
-            Fate::Robustness(0.01 + request.x0.iter().map(|x| x * x).sum::<f64>())
+        FunctionSystem::new(space.clone(), |request| {
+            Fate::Robustness(0.01 + request.scenario.values().iter().flatten().map(|x| x * x).sum::<f64>())
         })
     };
 
@@ -28,9 +29,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("{:<16} {:>11} {:>14} {:>12}", "", "simulations", "us/simulation", "peak MiB");
     println!("{:<16} {simulations:>11} {bare:>14.3} {:>12}", "system alone", peak_memory());
     for search in SEARCHES {
-        let settings = Settings { trials: simulations / BUDGET, budget: BUDGET, seed: Seed(0) };
-        let make = |seed| (search.make)(AXES, seed, &SearchOptions::default());
-        let mut campaign = Campaign::new(settings, &initial_box, make)?;
+        let settings = Settings { trials: simulations / BUDGET, budget: BUDGET, ..Settings::default() };
+        let make = |seed| (search.make)(&[Coordinate::Continuous; AXES], seed, &SearchOptions::default());
+        let mut campaign = Campaign::new(settings, &space, make)?;
         let start = Instant::now();
         let outcome =
             campaign.run(&mut system(), |_| Ok::<_, FalsificationError>(ControlFlow::Continue(())))?;
@@ -41,9 +42,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// Microseconds a simulation takes in batches without a search.
-fn bare(system: &mut FakeSystem, simulations: u32) -> Result<f64, Box<dyn Error>> {
-    let batch: Vec<Request> =
-        (0..system.batch_size() as u64).map(|i| Request { x0: vec![0.1; AXES], seed: Seed(i) }).collect();
+fn bare(system: &mut FunctionSystem, simulations: u32) -> Result<f64, Box<dyn Error>> {
+    let batch: Vec<Request> = (0..BATCH as u64).map(|i| Request::new([0.1; AXES], Seed(i))).collect();
     let start = Instant::now();
     for _ in 0..simulations as usize / batch.len() {
         std::hint::black_box(system.rollout(&batch)?);

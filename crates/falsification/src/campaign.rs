@@ -2,11 +2,10 @@
 
 use std::ops::ControlFlow;
 
-use mishandle_rollout::{End, Episode, InitialBox, Request, Seed, System};
+use mishandle_rollout::{BATCH, Episode, Request, Seed, Space, System};
 use mishandle_search::{Search, SearchError};
 
-use crate::trial::robustness_of;
-use crate::{Asked, FalsificationError, Outcome, Trial, TrialEnd, TrialOutcome};
+use crate::{FalsificationError, Outcome, Trial, TrialEnd, TrialOutcome};
 
 /// How large a campaign is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,67 +14,66 @@ pub struct Settings {
     pub trials: u32,
     /// Simulations a trial may spend, at least 1.
     pub budget: u32,
-    /// Seed of the run; trial t, counted from 0, has the seed `seed.child(t)`.
+    /// Seed of the run.
     pub seed: Seed,
+    /// Simulations that are asked for at once, at least 1.
+    pub batch: usize,
+}
+
+impl Default for Settings {
+    /// The paper's 30 trials of 300 simulations.
+    fn default() -> Self {
+        Settings { trials: 30, budget: 300, seed: Seed(0), batch: BATCH }
+    }
+}
+
+impl Settings {
+    /// The seed of trial `number`, counted from 1.
+    pub fn trial_seed(&self, number: u32) -> Seed {
+        self.seed.child(u64::from(number) - 1)
+    }
 }
 
 /// Makes the search of a trial from its seed.
 pub type MakeSearch<'a> = dyn Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'a;
 
-/// A simulation that a campaign has made. Initial configuration, seed, verdict, end, steps and trace are the episode's.
+/// What one batch of simulations gave.
 #[derive(Clone, Copy, Debug)]
-pub struct Simulation<'a> {
-    /// Number of its trial, from 0.
-    pub trial: u32,
-    /// Seed of its trial.
-    pub trial_seed: Seed,
-    /// Its number in the trial, from 1.
-    pub number: u32,
-    /// The search's point of \[0,1\]^d.
-    pub unit_point: &'a [f64],
-    /// Robustness of the requirement; `None` if it diverged or is undecided, which the search is told as +∞.
-    pub robustness: Option<f64>,
-    /// How it went.
-    pub episode: &'a Episode,
-    /// How the trial ended, if this was its last simulation.
-    pub trial_end: Option<TrialEnd>,
+pub struct Batch<'a> {
+    /// The episodes that belong to their trials; those of one trial are in order.
+    pub episodes: &'a [Episode],
+    /// The trials that ended with this batch, and how.
+    pub ended: &'a [(u32, TrialEnd)],
 }
 
-/// A simulation as it was recorded, to resume a campaign.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Recorded<'a> {
-    /// Number of its trial, from 0.
-    pub trial: u32,
-    /// Its number in the trial, from 1.
-    pub number: u32,
-    /// The search's point of \[0,1\]^d.
-    pub unit_point: &'a [f64],
-    /// Initial configuration.
-    pub initial_configuration: &'a [f64],
-    /// Key of everything random in it.
-    pub seed: Seed,
-    /// Robustness of the requirement, `None` if it diverged or was stopped undecided.
-    pub robustness: Option<f64>,
-    /// How it ended.
-    pub end: End,
+impl Batch<'_> {
+    /// Simulations of the budgets of the trials that ended with this batch that they did not spend.
+    pub fn unspent(&self, budget: u32) -> u64 {
+        let last = |trial: &u32| {
+            let own = self.episodes.iter().map(|episode| &episode.request).filter(|own| own.trial == *trial);
+            own.map(|request| request.number).max().unwrap_or(budget)
+        };
+        self.ended.iter().map(|(trial, _)| u64::from(budget - last(trial))).sum()
+    }
 }
 
 /// Trials of one search against one system.
 ///
-/// They advance in lockstep: a batch of the system holds the next simulation of every open trial, those with the
-/// lowest numbers if there are more than rows in a batch, and several of each if there are fewer and the search can say
-/// them in advance. What comes after a violation in its trial is thrown away unseen. So each trial makes the very
-/// simulations that it would make alone and one by one, whatever the size of the batches; only the order in which
-/// simulations of different trials come depends on it.
+/// They advance in lockstep: a batch holds the next simulation of every open trial, those with the lowest numbers if
+/// there are more than rows in a batch, and several of each if there are fewer and the search can say them in advance.
+/// Simulations of a batch that come after a violation in their trial are no part of it: they are counted as surplus and
+/// dropped. So each trial makes the same simulations that it would make alone and one by one, whatever the size of the
+/// batches; only the order in which simulations of different trials come depends on it.
 ///
 /// Memory holds the outcome of every trial and the searches of those that are open in a batch, no simulations.
 pub struct Campaign<'a> {
     settings: Settings,
-    initial_box: InitialBox,
+    space: Space,
     make: Box<MakeSearch<'a>>,
     slots: Vec<Slot>,
     /// All slots before this one have ended.
     first_open: usize,
+    surplus: u64,
 }
 
 enum Slot {
@@ -85,13 +83,13 @@ enum Slot {
 }
 
 impl<'a> Campaign<'a> {
-    /// A campaign that has not begun, over `initial_box`, with a search from `make` for each trial.
+    /// A campaign before its first simulation, over `space`, with a search from `make` for each trial.
     ///
     /// # Errors
     /// [`FalsificationError::Empty`] without trials or budget.
     pub fn new(
         settings: Settings,
-        initial_box: &InitialBox,
+        space: &Space,
         make: impl Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'a,
     ) -> Result<Campaign<'a>, FalsificationError> {
         for (what, number) in [("trials", settings.trials), ("simulations a trial", settings.budget)] {
@@ -101,30 +99,31 @@ impl<'a> Campaign<'a> {
         }
         Ok(Campaign {
             settings,
-            initial_box: initial_box.clone(),
+            space: space.clone(),
             make: Box::new(make),
             slots: (0..settings.trials).map(|_| Slot::Waiting).collect(),
             first_open: 0,
+            surplus: 0,
         })
     }
 
     /// Takes a recorded simulation as made, before the campaign runs. Those of one trial have to come in order; trials
     /// may take turns in any way.
     ///
-    /// The trial's search is asked and told again, which costs no simulation. A campaign into which everything
-    /// recorded was fed, of ended trials too, goes on to the records and the outcome of one that was never
-    /// interrupted. With a larger budget than before, trials that had spent theirs go on.
+    /// The trial's search is asked and told again, which costs no simulation. After replaying all records, those of ended
+    /// trials too, a campaign gives the same records and the same outcome as an uninterrupted one. With a larger budget
+    /// than before, trials that had spent theirs go on.
     ///
     /// # Errors
-    /// [`FalsificationError::OtherBuild`] if point, initial configuration and seed are not, bit for bit, what the trial
-    /// asks for; [`FalsificationError::UnknownTrial`], [`FalsificationError::OutOfOrder`] or
-    /// [`FalsificationError::PastTheEnd`] if the record cannot be this campaign's.
-    pub fn replay(&mut self, recorded: &Recorded<'_>) -> Result<(), FalsificationError> {
-        let Recorded { trial, number, .. } = *recorded;
-        if trial >= self.settings.trials {
+    /// [`FalsificationError::OtherBuild`] if point, scenario and seed are not, bit for bit, what the trial asks for;
+    /// [`FalsificationError::UnknownTrial`], [`FalsificationError::OutOfOrder`] or [`FalsificationError::PastTheEnd`] if
+    /// the record cannot be this campaign's.
+    pub fn replay(&mut self, recorded: &Episode) -> Result<(), FalsificationError> {
+        let Request { trial, number, .. } = recorded.request;
+        if !(1..=self.settings.trials).contains(&trial) {
             return Err(FalsificationError::UnknownTrial { trial, number, trials: self.settings.trials });
         }
-        let index = trial as usize;
+        let index = trial as usize - 1;
         let done = match &self.slots[index] {
             Slot::Waiting => 0,
             Slot::Open(trial) => trial.outcome().simulations,
@@ -138,28 +137,25 @@ impl<'a> Campaign<'a> {
         let Some(asked) = self.ask(index, 1)?.pop() else {
             return Err(FalsificationError::PastTheEnd { trial, number, last: done });
         };
-        let x0 = self.initial_box.at(&asked.unit_point);
-        let same = same_bits(&asked.unit_point, recorded.unit_point)
-            && same_bits(&x0, recorded.initial_configuration)
-            && asked.seed == recorded.seed;
-        if !same {
-            let describe =
-                |u: &[f64], x0: &[f64], seed: Seed| format!("at {u:?}, from {x0:?} with seed {}", seed.0);
+        if !is_same(&asked, &recorded.request) {
+            let describe = |request: &Request| {
+                let Request { unit_point, scenario, seed, .. } = request;
+                format!("at {unit_point:?}, with scenario {:?} and seed {}", scenario.values(), seed.0)
+            };
             return Err(FalsificationError::OtherBuild {
                 trial,
                 number,
-                recorded: describe(recorded.unit_point, recorded.initial_configuration, recorded.seed),
-                asked: describe(&asked.unit_point, &x0, asked.seed),
+                recorded: describe(&recorded.request),
+                asked: describe(&asked),
             });
         }
-        self.tell(index, &asked, &x0, recorded.robustness, recorded.end).map(drop)
+        self.tell(recorded).map(drop)
     }
 
-    /// Runs the trials to their ends against `system`, which has the campaign's box.
+    /// Runs the trials to their ends against `system`, which has the campaign's space.
     ///
     /// `on_batch` is given the simulations of each batch before the next one starts, so that they can be stored in one
-    /// transaction; those of one trial come in order. If it breaks, the campaign pauses there: nothing simulated is
-    /// lost, and another call goes on.
+    /// transaction. If it breaks, the campaign pauses there: nothing simulated is lost, and another call goes on.
     ///
     /// # Errors
     /// What the system, a search or `on_batch` cannot do. The campaign cannot be run on after an error, but a new one
@@ -167,17 +163,21 @@ impl<'a> Campaign<'a> {
     pub fn run<E: From<FalsificationError>>(
         &mut self,
         system: &mut dyn System,
-        mut on_batch: impl FnMut(&[Simulation<'_>]) -> Result<ControlFlow<()>, E>,
+        mut on_batch: impl FnMut(&Batch<'_>) -> Result<ControlFlow<()>, E>,
     ) -> Result<Outcome, E> {
-        let batch_size = system.batch_size().max(1);
         loop {
-            let batch = self.next_batch(batch_size)?;
-            if batch.is_empty() {
+            let requests = self.next_batch(self.settings.batch.max(1))?;
+            if requests.is_empty() {
                 break;
             }
-            let episodes = self.rollout(system, &batch)?;
-            let simulations = self.receive(&batch, &episodes)?;
-            if on_batch(&simulations)?.is_break() {
+            let episodes = system.rollout(&requests).map_err(FalsificationError::from)?;
+            let (asked, given) = (requests.len(), episodes.len());
+            if asked != given {
+                return Err(FalsificationError::Episodes { asked, given }.into());
+            }
+            let mut ended = Vec::new();
+            let episodes = self.receive(episodes, &mut ended)?;
+            if on_batch(&Batch { episodes: &episodes, ended: &ended })?.is_break() {
                 break;
             }
         }
@@ -191,11 +191,12 @@ impl<'a> Campaign<'a> {
             Slot::Open(trial) => Some(trial.outcome().clone()),
             Slot::Ended(outcome) => Some(outcome.clone()),
         };
-        Outcome::new(self.slots.iter().filter_map(outcome).collect(), self.settings.budget)
+        let trials = self.slots.iter().filter_map(outcome).collect();
+        Outcome { surplus: self.surplus, ..Outcome::new(trials, self.settings.budget) }
     }
 
     /// The next simulations, trial by trial, at most `batch_size`; none once all trials have ended.
-    fn next_batch(&mut self, batch_size: usize) -> Result<Vec<(usize, Asked)>, FalsificationError> {
+    fn next_batch(&mut self, batch_size: usize) -> Result<Vec<Request>, FalsificationError> {
         let mut batch = Vec::with_capacity(batch_size);
         while batch.is_empty() {
             let open = self.open_slots(batch_size);
@@ -204,8 +205,7 @@ impl<'a> Campaign<'a> {
             }
             let (share, rest) = (batch_size / open.len(), batch_size % open.len());
             for (place, &index) in open.iter().enumerate() {
-                let asked = self.ask(index, share + usize::from(place < rest))?;
-                batch.extend(asked.into_iter().map(|asked| (index, asked)));
+                batch.extend(self.ask(index, share + usize::from(place < rest))?);
             }
         }
         Ok(batch)
@@ -218,54 +218,29 @@ impl<'a> Campaign<'a> {
         (self.first_open..self.slots.len()).filter(|&index| !ended(&self.slots[index])).take(n).collect()
     }
 
-    fn rollout(
-        &self,
-        system: &mut dyn System,
-        batch: &[(usize, Asked)],
-    ) -> Result<Vec<Episode>, FalsificationError> {
-        let request =
-            |asked: &Asked| Request { x0: self.initial_box.at(&asked.unit_point), seed: asked.seed };
-        let requests: Vec<Request> = batch.iter().map(|(_, asked)| request(asked)).collect();
-        let episodes = system.rollout(&requests)?;
-        if episodes.len() != requests.len() {
-            return Err(FalsificationError::Episodes { asked: requests.len(), given: episodes.len() });
-        }
-        Ok(episodes)
-    }
-
-    /// Tells the searches, and leaves out what comes after the end of its trial.
-    fn receive<'b>(
+    /// Tells the searches, drops what comes after the end of its trial, and adds the trials that end to `ended`.
+    fn receive(
         &mut self,
-        batch: &'b [(usize, Asked)],
-        episodes: &'b [Episode],
-    ) -> Result<Vec<Simulation<'b>>, FalsificationError> {
-        let mut simulations = Vec::with_capacity(batch.len());
-        for ((index, asked), episode) in batch.iter().zip(episodes) {
-            if matches!(self.slots[*index], Slot::Ended(_)) {
+        episodes: Vec<Episode>,
+        ended: &mut Vec<(u32, TrialEnd)>,
+    ) -> Result<Vec<Episode>, FalsificationError> {
+        let mut kept = Vec::with_capacity(episodes.len());
+        for episode in episodes {
+            let trial = episode.request.trial;
+            if matches!(self.slots[trial as usize - 1], Slot::Ended(_)) {
+                self.surplus += 1;
                 continue;
             }
-            let robustness = robustness_of(episode);
-            simulations.push(Simulation {
-                trial: *index as u32,
-                trial_seed: self.trial_seed(*index),
-                number: asked.number,
-                unit_point: &asked.unit_point,
-                robustness,
-                episode,
-                trial_end: self.tell(*index, asked, &episode.x0, robustness, episode.end)?,
-            });
+            ended.extend(self.tell(&episode)?.map(|end| (trial, end)));
+            kept.push(episode);
         }
-        Ok(simulations)
-    }
-
-    fn trial_seed(&self, index: usize) -> Seed {
-        self.settings.seed.child(index as u64)
+        Ok(kept)
     }
 
     /// Asks a trial, which begins if it has not yet.
-    fn ask(&mut self, index: usize, n: usize) -> Result<Vec<Asked>, FalsificationError> {
+    fn ask(&mut self, index: usize, n: usize) -> Result<Vec<Request>, FalsificationError> {
         if matches!(self.slots[index], Slot::Waiting) {
-            self.slots[index] = Slot::Open(Box::new(self.begin(index)?));
+            self.slots[index] = Slot::Open(Box::new(self.begin(index as u32 + 1)?));
         }
         let Slot::Open(trial) = &mut self.slots[index] else {
             return Ok(Vec::new());
@@ -275,27 +250,21 @@ impl<'a> Campaign<'a> {
         Ok(asked)
     }
 
-    fn begin(&self, index: usize) -> Result<Trial, FalsificationError> {
-        let seed = self.trial_seed(index);
+    fn begin(&self, number: u32) -> Result<Trial, FalsificationError> {
+        let seed = self.settings.trial_seed(number);
         let search = (self.make)(Trial::search_seed(seed))?;
-        let (found, wanted) = (search.dimension(), self.initial_box.dimension());
+        let (found, wanted) = (search.dimension(), self.space.dimension());
         if found != wanted {
             return Err(FalsificationError::Dimension { search: search.name(), found, wanted });
         }
-        Ok(Trial::new(index as u32, seed, self.settings.budget, search))
+        Ok(Trial::new(number, seed, self.settings.budget, search, self.space.clone()))
     }
 
     /// Tells an open trial and says how that ended it, if it did.
-    fn tell(
-        &mut self,
-        index: usize,
-        asked: &Asked,
-        x0: &[f64],
-        robustness: Option<f64>,
-        end: End,
-    ) -> Result<Option<TrialEnd>, FalsificationError> {
+    fn tell(&mut self, episode: &Episode) -> Result<Option<TrialEnd>, FalsificationError> {
+        let index = episode.request.trial as usize - 1;
         if let Slot::Open(trial) = &mut self.slots[index] {
-            trial.tell(asked, x0, robustness, end)?;
+            trial.tell(episode)?;
         }
         Ok(self.close_if_ended(index))
     }
@@ -314,6 +283,8 @@ impl<'a> Campaign<'a> {
     }
 }
 
-fn same_bits(a: &[f64], b: &[f64]) -> bool {
-    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
+/// Whether both ask for the same simulation, to the bit.
+fn is_same(a: &Request, b: &Request) -> bool {
+    let bits = |point: &[f64]| point.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+    a.seed == b.seed && bits(&a.unit_point) == bits(&b.unit_point) && a.scenario.is_same(&b.scenario)
 }

@@ -11,14 +11,14 @@ pub enum FalsificationError {
         /// What there was none of.
         what: &'static str,
     },
-    /// The search proposes points of another dimension than the box has axes.
-    #[error("the search `{search}` has dimension {found}, the box has {wanted} axes")]
+    /// The search proposes points of another dimension than the space has axes.
+    #[error("the search `{search}` has dimension {found}, the space has {wanted} axes")]
     Dimension {
         /// Name of the search.
         search: &'static str,
         /// Its dimension.
         found: usize,
-        /// Axes of the box.
+        /// Axes of the space.
         wanted: usize,
     },
     /// The system could not run an episode.
@@ -29,8 +29,7 @@ pub enum FalsificationError {
     Search(#[from] SearchError),
     /// A search gave no point though it has not ended and no value is awaited.
     #[error(
-        "the search `{search}` gave no point in trial {trial}, though it has not ended and awaits no value",
-        trial = .trial + 1
+        "the search `{search}` gave no point in trial {trial}, though it has not ended and awaits no value"
     )]
     Stalled {
         /// Name of the search.
@@ -51,8 +50,7 @@ pub enum FalsificationError {
     /// An episode ran to its end and left the formula undecided, so every other one would too.
     #[error(
         "simulation {number} of trial {trial} ran to its end and left the formula undecided; \
-         the formula's intervals have to lie within the episode",
-        trial = .trial + 1
+         the formula's intervals have to lie within the episode"
     )]
     Undecidable {
         /// Number of the trial.
@@ -62,22 +60,18 @@ pub enum FalsificationError {
     },
     /// A robustness that is no number.
     #[error(
-        "the robustness of simulation {number} of trial {trial}, from {x0:?}, is NaN; it has to be a number",
-        trial = .trial + 1
+        "the robustness of simulation {number} of trial {trial}, with scenario {scenario:?}, is NaN; it has to be a number"
     )]
     NotANumber {
         /// Number of the trial.
         trial: u32,
         /// Number of the simulation.
         number: u32,
-        /// Initial configuration.
-        x0: Vec<f64>,
+        /// Its scenario.
+        scenario: Vec<Option<f64>>,
     },
     /// A recorded simulation of a trial that the campaign does not have.
-    #[error(
-        "simulation {number} of trial {trial} is recorded, but the campaign has {trials} trials",
-        trial = .trial + 1
-    )]
+    #[error("simulation {number} of trial {trial} is recorded, but the campaign has {trials} trials")]
     UnknownTrial {
         /// Number of the trial.
         trial: u32,
@@ -87,7 +81,7 @@ pub enum FalsificationError {
         trials: u32,
     },
     /// A recorded simulation that is not the next one of its trial.
-    #[error("simulation {found} of trial {trial} is recorded where simulation {wanted} has to come next", trial = .trial + 1)]
+    #[error("simulation {found} of trial {trial} is recorded where simulation {wanted} has to come next")]
     OutOfOrder {
         /// Number of the trial.
         trial: u32,
@@ -97,7 +91,7 @@ pub enum FalsificationError {
         wanted: u32,
     },
     /// A recorded simulation after the end of its trial.
-    #[error("simulation {number} of trial {trial} is recorded, but the trial ended with simulation {last}", trial = .trial + 1)]
+    #[error("simulation {number} of trial {trial} is recorded, but the trial ended with simulation {last}")]
     PastTheEnd {
         /// Number of the trial.
         trial: u32,
@@ -109,15 +103,14 @@ pub enum FalsificationError {
     /// What was recorded is not what the trial now asks for.
     #[error(
         "simulation {number} of trial {trial} was recorded {recorded}, but the trial now asks for one {asked}: \
-         the run was made by another build or with other settings and has to be resumed with those",
-        trial = .trial + 1
+         the run was made by another build or with other settings and has to be resumed with those"
     )]
     OtherBuild {
         /// Number of the trial.
         trial: u32,
         /// Number of the simulation.
         number: u32,
-        /// Point, initial configuration and seed that were recorded.
+        /// Point, scenario and seed that were recorded.
         recorded: String,
         /// Those asked for now.
         asked: String,

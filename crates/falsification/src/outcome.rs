@@ -1,27 +1,40 @@
 //! What trials found, and what a campaign of them amounts to.
 
 use mishandle_evaluation::{Estimate, wilson};
-use mishandle_rollout::{End, Seed};
+use mishandle_rollout::{End, Episode, Scenario, Seed};
 
-use crate::{Asked, Spell, Survival, TrialEnd};
+use crate::{Spell, Survival, TrialEnd};
 
 /// The simulation of a trial with the least robustness, the earliest of equals: its counterexample, if it has one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Minimum {
     /// Robustness.
     pub robustness: f64,
-    /// Initial configuration.
-    pub initial_configuration: Vec<f64>,
+    /// Its scenario.
+    pub scenario: Scenario,
     /// Key of everything random in it.
     pub seed: Seed,
     /// Its number in the trial, from 1.
     pub number: u32,
 }
 
+/// A simulation on whose trace the formula has no finite value.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Undefined {
+    /// Its number in the trial, from 1.
+    pub number: u32,
+    /// Its scenario.
+    pub scenario: Scenario,
+    /// Key of everything random in it.
+    pub seed: Seed,
+    /// Sample of the trace at which the formula has no finite value.
+    pub step: usize,
+}
+
 /// What a trial found, as far as it went.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrialOutcome {
-    /// Number of the trial, from 0.
+    /// Number of the trial, from 1.
     pub trial: u32,
     /// Its seed.
     pub seed: Seed,
@@ -33,6 +46,10 @@ pub struct TrialOutcome {
     pub diverged: u32,
     /// How many of them did not diverge and were stopped undecided.
     pub undecided: u32,
+    /// How many of the undecided ones have no finite value of the formula.
+    pub undefined: u32,
+    /// The first of these.
+    pub first_undefined: Option<Undefined>,
     /// The least robustness; `None` if no simulation has one.
     pub minimum: Option<Minimum>,
 }
@@ -40,7 +57,17 @@ pub struct TrialOutcome {
 impl TrialOutcome {
     /// The outcome of a trial that has not begun.
     pub(crate) fn new(trial: u32, seed: Seed) -> TrialOutcome {
-        TrialOutcome { trial, seed, end: None, simulations: 0, diverged: 0, undecided: 0, minimum: None }
+        TrialOutcome {
+            trial,
+            seed,
+            end: None,
+            simulations: 0,
+            diverged: 0,
+            undecided: 0,
+            undefined: 0,
+            first_undefined: None,
+            minimum: None,
+        }
     }
 
     /// Whether it found a violation.
@@ -49,21 +76,27 @@ impl TrialOutcome {
     }
 
     /// Adds a simulation.
-    pub(crate) fn add(&mut self, asked: &Asked, x0: &[f64], robustness: Option<f64>, end: End) {
+    pub(crate) fn add(&mut self, episode: &Episode) {
         self.simulations += 1;
-        let Some(rho) = robustness else {
-            let diverged = matches!(end, End::Diverged { .. });
-            self.diverged += u32::from(diverged);
-            self.undecided += u32::from(!diverged);
-            return;
-        };
-        if self.minimum.as_ref().is_none_or(|minimum| rho < minimum.robustness) {
-            self.minimum = Some(Minimum {
-                robustness: rho,
-                initial_configuration: x0.to_vec(),
-                seed: asked.seed,
-                number: asked.number,
-            });
+        let request = &episode.request;
+        let (number, seed) = (request.number, request.seed);
+        match (episode.robustness(), episode.end) {
+            (Some(robustness), _) => {
+                if self.minimum.as_ref().is_none_or(|minimum| robustness < minimum.robustness) {
+                    let scenario = request.scenario.clone();
+                    self.minimum = Some(Minimum { robustness, scenario, seed, number });
+                }
+            }
+            (None, End::Diverged { .. }) => self.diverged += 1,
+            (None, End::Undefined { step }) => {
+                self.undecided += 1;
+                self.undefined += 1;
+                self.first_undefined.get_or_insert_with(|| {
+                    let scenario = request.scenario.clone();
+                    Undefined { number, scenario, seed, step }
+                });
+            }
+            (None, _) => self.undecided += 1,
         }
     }
 
@@ -104,6 +137,10 @@ pub struct Outcome {
     pub diverged: u64,
     /// How many of them did not diverge and were stopped undecided.
     pub undecided: u64,
+    /// How many of the undecided ones have no finite value of the formula.
+    pub undefined: u64,
+    /// Simulations that were run and belong to no trial: those of a batch that come after a violation in their trial.
+    pub surplus: u64,
 }
 
 impl Outcome {
@@ -125,6 +162,8 @@ impl Outcome {
             simulations: total(|trial| trial.simulations),
             diverged: total(|trial| trial.diverged),
             undecided: total(|trial| trial.undecided),
+            undefined: total(|trial| trial.undefined),
+            surplus: 0,
             trials,
         }
     }
@@ -137,7 +176,7 @@ mod tests {
     use super::*;
 
     fn trial(simulations: u32, end: Option<TrialEnd>) -> TrialOutcome {
-        TrialOutcome { end, simulations, diverged: 1, undecided: 2, ..TrialOutcome::new(0, Seed(0)) }
+        TrialOutcome { end, simulations, diverged: 1, undecided: 2, ..TrialOutcome::new(1, Seed(0)) }
     }
 
     #[test]

@@ -3,18 +3,17 @@
 
 use std::ops::ControlFlow;
 
-use mishandle_falsification::{
-    Campaign, FakeSystem, FalsificationError, Fate, Outcome, Recorded, Settings, TrialEnd,
-};
-use mishandle_rollout::{Axis, End, Episode, InitialBox, Request, RolloutError, Seed, System};
-use mishandle_search::{Finish, Search, SearchError, SearchOptions, by_name};
+use mishandle_falsification::{Campaign, FalsificationError, Outcome, Settings, TrialEnd};
+use mishandle_rollout::{Axis, End, Episode, Request, RolloutError, Scenario, Seed, Space, System, Verdict};
+use mishandle_search::{Coordinate, Finish, Observation, Search, SearchError, SearchOptions, by_name};
+use mishandle_toys::{Fate, FunctionSystem};
 
-fn initial_box() -> InitialBox {
-    InitialBox::new(vec![Axis { name: "x".into(), unit: "m".into(), low: 0.0, high: 10.0 }]).unwrap()
+fn space() -> Space {
+    Space::new("starts", vec![Axis::start("x", "m", 0.0, 10.0)]).unwrap()
 }
 
-fn system(fate: impl Fn(&Request) -> Fate + 'static) -> FakeSystem {
-    FakeSystem::new(initial_box(), fate)
+fn system(fate: impl Fn(&Request) -> Fate + 'static) -> FunctionSystem {
+    FunctionSystem::new(space(), fate)
 }
 
 /// Walks through given points, and takes values below 6.5 and +∞.
@@ -39,7 +38,8 @@ impl Search for Walk {
         points
     }
 
-    fn tell(&mut self, u: &[f64], value: f64) -> Result<(), SearchError> {
+    fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError> {
+        let value = observation.robustness;
         assert_eq!(u, [self.points[self.told.len()]], "values come back in the order of asking");
         assert!(self.told.iter().all(|told| *told >= 0.0), "nothing is told after a violation");
         assert!(value < 6.5 || value == f64::INFINITY, "what is no counterexample is told as +inf");
@@ -57,10 +57,14 @@ impl Search for Walk {
 }
 
 fn walk(points: &[f64], trials: u32, budget: u32) -> Campaign<'_> {
-    let settings = Settings { trials, budget, seed: Seed(3) };
+    walk_in_batches(points, trials, budget, 32)
+}
+
+fn walk_in_batches(points: &[f64], trials: u32, budget: u32, batch: usize) -> Campaign<'_> {
+    let settings = Settings { trials, budget, seed: Seed(3), batch };
     let make =
         move |_| Ok(Box::new(Walk { points: points.to_vec(), asked: 0, told: vec![] }) as Box<dyn Search>);
-    Campaign::new(settings, &initial_box(), make).unwrap()
+    Campaign::new(settings, &space(), make).unwrap()
 }
 
 fn run(campaign: &mut Campaign<'_>, system: &mut dyn System) -> Result<Outcome, FalsificationError> {
@@ -69,7 +73,7 @@ fn run(campaign: &mut Campaign<'_>, system: &mut dyn System) -> Result<Outcome, 
 
 /// Robustness x - 2; above x = 9 it diverges, above x = 8 it is undecided.
 fn by_place(request: &Request) -> Fate {
-    match request.x0[0] {
+    match request.scenario.get(0).unwrap() {
         x if x > 9.0 => Fate::Diverged,
         x if x > 8.0 => Fate::Undecided,
         x => Fate::Robustness(x - 2.0),
@@ -81,8 +85,8 @@ fn by_place(request: &Request) -> Fate {
 #[track_caller]
 fn check(points: &[f64], budget: u32, expected: (TrialEnd, u32, Option<f64>, u32, u32)) {
     for batch_size in [1, 2, 100] {
-        let outcome =
-            run(&mut walk(points, 1, budget), &mut system(by_place).with_batch_size(batch_size)).unwrap();
+        let mut campaign = walk_in_batches(points, 1, budget, batch_size);
+        let outcome = run(&mut campaign, &mut system(by_place)).unwrap();
         let trial = &outcome.trials[0];
         let minimum = trial.minimum.as_ref().map(|minimum| minimum.robustness);
         let found = (trial.end.unwrap(), trial.simulations, minimum, trial.diverged, trial.undecided);
@@ -117,8 +121,8 @@ fn the_earliest_of_equal_minima_counts() {
 
 #[test]
 fn nothing_is_simulated_beyond_the_budget() {
-    let mut system = system(by_place).with_batch_size(100);
-    let outcome = run(&mut walk(&[0.5; 40], 2, 17), &mut system).unwrap();
+    let mut system = system(by_place);
+    let outcome = run(&mut walk_in_batches(&[0.5; 40], 2, 17, 100), &mut system).unwrap();
     assert_eq!((outcome.simulations, system.simulations()), (34, 34));
 }
 
@@ -129,13 +133,10 @@ fn a_search_that_has_nothing_to_say_ends_its_trial() {
 
 #[test]
 fn a_negative_robustness_of_a_diverged_simulation_is_no_violation() {
-    struct Diverging(FakeSystem);
+    struct Diverging(FunctionSystem);
     impl System for Diverging {
-        fn initial_box(&self) -> &InitialBox {
-            self.0.initial_box()
-        }
-        fn batch_size(&self) -> usize {
-            1
+        fn space(&self) -> &Space {
+            self.0.space()
         }
         fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
             let mut episodes = self.0.rollout(requests)?;
@@ -151,13 +152,10 @@ fn a_negative_robustness_of_a_diverged_simulation_is_no_violation() {
 
 #[test]
 fn a_formula_longer_than_the_episode_is_refused() {
-    struct Short(FakeSystem);
+    struct Short(FunctionSystem);
     impl System for Short {
-        fn initial_box(&self) -> &InitialBox {
-            self.0.initial_box()
-        }
-        fn batch_size(&self) -> usize {
-            1
+        fn space(&self) -> &Space {
+            self.0.space()
         }
         fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
             let mut episodes = self.0.rollout(requests)?;
@@ -166,7 +164,7 @@ fn a_formula_longer_than_the_episode_is_refused() {
         }
     }
     let error = run(&mut walk(&[0.5], 1, 9), &mut Short(system(|_| Fate::Undecided))).unwrap_err();
-    assert!(matches!(error, FalsificationError::Undecidable { trial: 0, number: 1 }), "{error}");
+    assert!(matches!(error, FalsificationError::Undecidable { trial: 1, number: 1 }), "{error}");
 }
 
 #[test]
@@ -174,19 +172,16 @@ fn a_robustness_that_is_nan_is_refused_with_its_place() {
     let error = run(&mut walk(&[0.5], 1, 9), &mut system(|_| Fate::Robustness(f64::NAN))).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "the robustness of simulation 1 of trial 1, from [5.0], is NaN; it has to be a number"
+        "the robustness of simulation 1 of trial 1, with scenario [Some(5.0)], is NaN; it has to be a number"
     );
 }
 
 #[test]
 fn a_system_that_gives_too_few_episodes_is_refused() {
-    struct Lazy(FakeSystem);
+    struct Lazy(FunctionSystem);
     impl System for Lazy {
-        fn initial_box(&self) -> &InitialBox {
-            self.0.initial_box()
-        }
-        fn batch_size(&self) -> usize {
-            4
+        fn space(&self) -> &Space {
+            self.0.space()
         }
         fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
             self.0.rollout(&requests[1..])
@@ -198,9 +193,9 @@ fn a_system_that_gives_too_few_episodes_is_refused() {
 
 #[test]
 fn a_search_of_another_dimension_than_the_box_is_refused() {
-    let settings = Settings { trials: 1, budget: 1, seed: Seed(0) };
-    let make = |seed| by_name("random", 2, seed, &SearchOptions::default());
-    let mut campaign = Campaign::new(settings, &initial_box(), make).unwrap();
+    let settings = Settings { trials: 1, budget: 1, ..Settings::default() };
+    let make = |seed| by_name("random", &[Coordinate::Continuous; 2], seed, &SearchOptions::default());
+    let mut campaign = Campaign::new(settings, &space(), make).unwrap();
     let error = run(&mut campaign, &mut system(by_place)).unwrap_err();
     assert!(matches!(error, FalsificationError::Dimension { found: 2, wanted: 1, .. }), "{error}");
 }
@@ -208,56 +203,77 @@ fn a_search_of_another_dimension_than_the_box_is_refused() {
 #[test]
 fn an_empty_campaign_is_refused() {
     for (trials, budget) in [(0, 1), (1, 0)] {
-        let settings = Settings { trials, budget, seed: Seed(0) };
-        let make = |seed| by_name("random", 1, seed, &SearchOptions::default());
-        assert!(Campaign::new(settings, &initial_box(), make).is_err());
+        let settings = Settings { trials, budget, ..Settings::default() };
+        let make = |seed| by_name("random", &[Coordinate::Continuous], seed, &SearchOptions::default());
+        assert!(Campaign::new(settings, &space(), make).is_err());
     }
 }
 
-/// The record of simulation `number` of trial 0, at unit point `u`, with robustness 3.
-fn recorded(number: u32, u: &[f64; 1], x0: &[f64; 1]) -> Recorded<'static> {
-    Recorded {
-        trial: 0,
-        number,
-        unit_point: Box::leak(Box::new(*u)),
-        initial_configuration: Box::leak(Box::new(*x0)),
-        seed: Seed(3).child(0).child(number.into()),
-        robustness: Some(3.0),
+/// The record of simulation `number` of trial 1, at unit point `u`, with robustness 3.
+fn recorded(number: u32, u: f64, x0: f64) -> Episode {
+    Episode {
+        request: Request {
+            trial: 1,
+            number,
+            unit_point: vec![u],
+            scenario: [x0].into(),
+            seed: Seed(3).child(0).child(number.into()),
+            wants_subformulas: false,
+        },
         end: End::Completed,
+        steps: 1,
+        verdict: Verdict { robustness: Some(3.0), ..Verdict::default() },
+        total_reward: 0.0,
+        trace: mishandle_stl::Trace::new([].into()),
     }
+}
+
+/// The same with another request.
+fn changed(episode: &Episode, change: impl FnOnce(&mut Request)) -> Episode {
+    let mut episode = episode.clone();
+    change(&mut episode.request);
+    episode
 }
 
 #[test]
 fn records_that_are_not_the_campaigns_are_refused() {
-    let good = recorded(1, &[0.5], &[5.0]);
+    let good = recorded(1, 0.5, 5.0);
     let next_up = f64::from_bits(0.5_f64.to_bits() + 1);
-    let refused = |record: Recorded<'_>| walk(&[0.5, 0.6], 1, 2).replay(&record).unwrap_err();
+    let refused = |record: Episode| walk(&[0.5, 0.6], 1, 2).replay(&record).unwrap_err();
     assert!(walk(&[0.5, 0.6], 1, 2).replay(&good).is_ok());
     for other in [
-        recorded(1, &[next_up], &[5.0]),
-        recorded(1, &[0.5], &[5.000_000_000_000_001]),
-        Recorded { seed: Seed(3), ..good },
-        Recorded { unit_point: &[], ..good },
+        recorded(1, next_up, 5.0),
+        recorded(1, 0.5, 5.000_000_000_000_001),
+        changed(&good, |request| request.seed = Seed(3)),
+        changed(&good, |request| request.unit_point.clear()),
+        changed(&good, |request| request.scenario = Scenario::new(vec![None])),
     ] {
         let error = refused(other);
-        assert!(matches!(error, FalsificationError::OtherBuild { trial: 0, number: 1, .. }), "{error}");
+        assert!(matches!(error, FalsificationError::OtherBuild { trial: 1, number: 1, .. }), "{error}");
         assert!(error.to_string().contains("another build"), "{error}");
     }
-    assert!(matches!(
-        refused(Recorded { trial: 1, ..good }),
-        FalsificationError::UnknownTrial { trials: 1, .. }
-    ));
-    assert!(matches!(
-        refused(Recorded { number: 2, ..good }),
-        FalsificationError::OutOfOrder { wanted: 1, .. }
-    ));
+    for trial in [0, 2] {
+        let error = refused(changed(&good, |request| request.trial = trial));
+        assert!(matches!(error, FalsificationError::UnknownTrial { trials: 1, .. }), "{error}");
+    }
+    let error = refused(changed(&good, |request| request.number = 2));
+    assert!(matches!(error, FalsificationError::OutOfOrder { wanted: 1, .. }), "{error}");
 
     let mut full = walk(&[0.5, 0.6, 0.7], 1, 2);
     full.replay(&good).unwrap();
     assert!(matches!(full.replay(&good), Err(FalsificationError::OutOfOrder { wanted: 2, .. })));
-    full.replay(&recorded(2, &[0.6], &[6.0])).unwrap();
-    let error = full.replay(&recorded(3, &[0.7], &[7.0])).unwrap_err();
+    full.replay(&recorded(2, 0.6, 6.0)).unwrap();
+    let error = full.replay(&recorded(3, 0.7, 7.0)).unwrap_err();
     assert!(matches!(error, FalsificationError::PastTheEnd { last: 2, .. }), "{error}");
+}
+
+#[test]
+fn what_comes_after_a_violation_in_its_batch_is_surplus() {
+    // Batches of 1, 2 and 4 simulations: the violation is the first of the third batch.
+    let points = [0.5, 0.6, 0.7, 0.1, 0.5, 0.5, 0.5, 0.5];
+    let mut system = system(by_place);
+    let outcome = run(&mut walk_in_batches(&points, 1, 9, 4), &mut system).unwrap();
+    assert_eq!((outcome.simulations, outcome.surplus, system.simulations()), (4, 3, 7));
 }
 
 #[test]

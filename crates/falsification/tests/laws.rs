@@ -4,51 +4,29 @@
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
-use mishandle_falsification::{
-    Campaign, FakeSystem, FalsificationError, Fate, Outcome, Recorded, Settings, Simulation, TrialEnd,
-};
-use mishandle_rollout::{Axis, End, InitialBox, Request, Seed, Stream, System};
-use mishandle_search::{SEARCHES, SearchOptions, by_name};
+use mishandle_falsification::{Campaign, FalsificationError, Outcome, Settings, TrialEnd};
+use mishandle_rollout::{Axis, End, Episode, Request, Seed, Space, Stream, System};
+use mishandle_search::{Coordinate, SEARCHES, SearchOptions, by_name};
+use mishandle_toys::{Fate, FunctionSystem};
 
-/// A simulation as a run file would hold it.
+/// A simulation, and how its trial ended if it was the last one.
 #[derive(Clone, Debug, PartialEq)]
 struct Row {
-    trial: u32,
-    number: u32,
-    unit_point: Vec<f64>,
-    x0: Vec<f64>,
-    seed: Seed,
-    robustness: Option<f64>,
-    end: End,
+    episode: Episode,
     trial_end: Option<TrialEnd>,
 }
 
 impl Row {
-    fn of(simulation: &Simulation<'_>) -> Row {
-        assert_eq!(simulation.trial_seed, Seed(11).child(simulation.trial.into()));
-        assert_eq!(simulation.episode.seed, simulation.trial_seed.child(simulation.number.into()));
-        Row {
-            trial: simulation.trial,
-            number: simulation.number,
-            unit_point: simulation.unit_point.to_vec(),
-            x0: simulation.episode.x0.clone(),
-            seed: simulation.episode.seed,
-            robustness: simulation.robustness,
-            end: simulation.episode.end,
-            trial_end: simulation.trial_end,
-        }
+    fn trial(&self) -> u32 {
+        self.episode.request.trial
     }
 
-    fn recorded(&self) -> Recorded<'_> {
-        Recorded {
-            trial: self.trial,
-            number: self.number,
-            unit_point: &self.unit_point,
-            initial_configuration: &self.x0,
-            seed: self.seed,
-            robustness: self.robustness,
-            end: self.end,
-        }
+    fn number(&self) -> u32 {
+        self.episode.request.number
+    }
+
+    fn robustness(&self) -> Option<f64> {
+        self.episode.robustness()
     }
 }
 
@@ -58,15 +36,15 @@ type Rows = BTreeMap<u32, Vec<Row>>;
 const TRIALS: u32 = 6;
 const BUDGET: u32 = 90;
 
-fn initial_box() -> InitialBox {
-    let axis = |name: &str, low, high| Axis { name: name.into(), unit: "m".into(), low, high };
-    InitialBox::new(vec![axis("x", -1.0, 3.0), axis("y", 0.2, 0.5)]).unwrap()
+fn space() -> Space {
+    Space::new("starts", vec![Axis::start("x", "m", -1.0, 3.0), Axis::start("y", "m", 0.2, 0.5)]).unwrap()
 }
 
 /// On the left a smooth bowl above 0, in which a local search converges. On the right a cone that is violated about
 /// (2, 0.4), noisy, sometimes diverging or stopped, all by the simulation's seed alone.
 fn fate(request: &Request) -> Fate {
-    let (x, y) = ((request.x0[0] - 2.0) / 4.0, (request.x0[1] - 0.4) / 0.3);
+    let [x, y] = [0, 1].map(|i| request.scenario.get(i).unwrap());
+    let (x, y) = ((x - 2.0) / 4.0, (y - 0.4) / 0.3);
     if x < -0.35 {
         return Fate::Robustness(0.01 + (x + 0.6).powi(2) + y.powi(2));
     }
@@ -77,23 +55,29 @@ fn fate(request: &Request) -> Fate {
     }
 }
 
-fn system(batch_size: usize) -> FakeSystem {
-    FakeSystem::new(initial_box(), fate).with_batch_size(batch_size)
+fn system() -> FunctionSystem {
+    FunctionSystem::new(space(), fate)
 }
 
-fn campaign(search: &'static str, trials: u32, budget: u32) -> Campaign<'static> {
-    let settings = Settings { trials, budget, seed: Seed(11) };
-    Campaign::new(settings, &initial_box(), move |seed| by_name(search, 2, seed, &SearchOptions::default()))
-        .unwrap()
+fn campaign(search: &'static str, trials: u32, budget: u32, batch: usize) -> Campaign<'static> {
+    let settings = Settings { trials, budget, seed: Seed(11), batch };
+    let make = move |seed| by_name(search, &[Coordinate::Continuous; 2], seed, &SearchOptions::default());
+    Campaign::new(settings, &space(), make).unwrap()
 }
 
-/// Runs on until `limit` simulations have come, and adds them to `rows`.
+/// Runs on until `limit` simulations have come, and adds them to `rows`. The outcome is without its surplus, which
+/// depends on the batches.
 fn run(campaign: &mut Campaign<'_>, system: &mut dyn System, limit: usize, rows: &mut Rows) -> Outcome {
     let mut seen = 0;
-    let outcome = campaign.run(system, |simulations| {
-        seen += simulations.len();
-        for simulation in simulations {
-            rows.entry(simulation.trial).or_default().push(Row::of(simulation));
+    let outcome = campaign.run(system, |batch| {
+        seen += batch.episodes.len();
+        for episode in batch.episodes {
+            let Request { trial, number, seed, .. } = episode.request;
+            assert_eq!(seed, Seed(11).child(u64::from(trial) - 1).child(number.into()));
+            rows.entry(trial).or_default().push(Row { episode: episode.clone(), trial_end: None });
+        }
+        for (trial, end) in batch.ended {
+            rows.get_mut(trial).unwrap().last_mut().unwrap().trial_end = Some(*end);
         }
         Ok::<_, FalsificationError>(if seen < limit {
             ControlFlow::Continue(())
@@ -101,12 +85,12 @@ fn run(campaign: &mut Campaign<'_>, system: &mut dyn System, limit: usize, rows:
             ControlFlow::Break(())
         })
     });
-    outcome.unwrap()
+    Outcome { surplus: 0, ..outcome.unwrap() }
 }
 
-fn whole(search: &'static str, trials: u32, budget: u32, batch_size: usize) -> (Outcome, Rows) {
+fn whole(search: &'static str, trials: u32, budget: u32, batch: usize) -> (Outcome, Rows) {
     let mut rows = Rows::new();
-    let outcome = run(&mut campaign(search, trials, budget), &mut system(batch_size), usize::MAX, &mut rows);
+    let outcome = run(&mut campaign(search, trials, budget, batch), &mut system(), usize::MAX, &mut rows);
     (outcome, rows)
 }
 
@@ -146,7 +130,7 @@ fn any_batch_size_records_the_same_simulations() {
 fn a_trial_alone_makes_the_simulations_that_it_makes_among_others() {
     for search in names() {
         let (one, many) = (whole(search, 1, BUDGET, 4), whole(search, TRIALS, BUDGET, 4));
-        assert_eq!(one.1[&0], many.1[&0], "{search}");
+        assert_eq!(one.1[&1], many.1[&1], "{search}");
     }
 }
 
@@ -157,22 +141,22 @@ fn a_resumed_campaign_ends_as_if_it_had_never_been_cut_short() {
         let all: Vec<Row> = expected.1.values().flatten().cloned().collect();
         for cut in [1, 7, 23, 60, 120, 200, usize::MAX] {
             let mut rows = Rows::new();
-            run(&mut campaign(search, TRIALS, BUDGET), &mut system(6), cut, &mut rows);
-            let mut resumed = campaign(search, TRIALS, BUDGET);
-            rows.values().flatten().for_each(|row| resumed.replay(&row.recorded()).unwrap());
-            let outcome = run(&mut resumed, &mut system(5), usize::MAX, &mut rows);
+            run(&mut campaign(search, TRIALS, BUDGET, 6), &mut system(), cut, &mut rows);
+            let mut resumed = campaign(search, TRIALS, BUDGET, 5);
+            rows.values().flatten().for_each(|row| resumed.replay(&row.episode).unwrap());
+            let outcome = run(&mut resumed, &mut system(), usize::MAX, &mut rows);
             assert_eq!((outcome, rows), expected, "{search}, cut after {cut}");
         }
         // A killed run may end in the middle of a batch: any beginning of each trial will do.
         for keep in [3, 17, 40] {
             let mut rows = Rows::new();
-            let mut resumed = campaign(search, TRIALS, BUDGET);
-            for row in all.iter().filter(|row| row.number <= keep + 4 * row.trial) {
-                resumed.replay(&row.recorded()).unwrap();
-                rows.entry(row.trial).or_default().push(row.clone());
+            let mut resumed = campaign(search, TRIALS, BUDGET, 6);
+            for row in all.iter().filter(|row| row.number() <= keep + 4 * row.trial()) {
+                resumed.replay(&row.episode).unwrap();
+                rows.entry(row.trial()).or_default().push(row.clone());
             }
-            let outcome = run(&mut resumed, &mut system(6), usize::MAX, &mut rows);
-            assert_eq!((outcome, rows), expected, "{search}, {keep} kept of trial 0");
+            let outcome = run(&mut resumed, &mut system(), usize::MAX, &mut rows);
+            assert_eq!((outcome, rows), expected, "{search}, {keep} kept");
         }
     }
 }
@@ -181,7 +165,7 @@ fn a_resumed_campaign_ends_as_if_it_had_never_been_cut_short() {
 fn a_paused_campaign_goes_on() {
     for search in names() {
         let expected = whole(search, TRIALS, BUDGET, 4);
-        let (mut paused, mut system, mut rows) = (campaign(search, TRIALS, BUDGET), system(4), Rows::new());
+        let (mut paused, mut system, mut rows) = (campaign(search, TRIALS, BUDGET, 4), system(), Rows::new());
         let mut outcome = run(&mut paused, &mut system, 1, &mut rows);
         for _ in 0..TRIALS * BUDGET {
             outcome = run(&mut paused, &mut system, 1, &mut rows);
@@ -196,8 +180,8 @@ fn the_budget_is_hard_and_the_count_inclusive() {
         let (outcome, rows) = whole(search, TRIALS, BUDGET, 8);
         for (trial, rows) in outcome.trials.iter().zip(rows.values()) {
             assert_eq!(trial.simulations as usize, rows.len());
-            assert!(rows.iter().zip(1..).all(|(row, number)| row.number == number));
-            let violated = |row: &Row| row.robustness.is_some_and(|rho| rho < 0.0);
+            assert!(rows.iter().zip(1..).all(|(row, number)| row.number() == number));
+            let violated = |row: &Row| row.robustness().is_some_and(|rho| rho < 0.0);
             let (last, before) = rows.split_last().unwrap();
             assert!(!before.iter().any(violated) && before.iter().all(|row| row.trial_end.is_none()));
             assert_eq!(last.trial_end, trial.end, "{search}");
@@ -215,15 +199,16 @@ fn the_minimum_is_the_least_robustness_recorded() {
     for search in names() {
         let (outcome, rows) = whole(search, TRIALS, BUDGET, 8);
         for (trial, rows) in outcome.trials.iter().zip(rows.values()) {
-            let least = rows.iter().filter_map(|row| row.robustness).fold(f64::INFINITY, f64::min);
+            let least = rows.iter().filter_map(Row::robustness).fold(f64::INFINITY, f64::min);
             let minimum = trial.minimum.as_ref().unwrap();
             let row = &rows[minimum.number as usize - 1];
             assert_eq!(minimum.robustness, least, "{search}");
-            assert_eq!((&minimum.initial_configuration, minimum.seed), (&row.x0, row.seed));
-            assert_eq!(fate(&Request { x0: row.x0.clone(), seed: row.seed }), Fate::Robustness(least));
+            let request = &row.episode.request;
+            assert_eq!((&minimum.scenario, minimum.seed), (&request.scenario, request.seed));
+            assert_eq!(fate(request), Fate::Robustness(least));
             let count = |wanted: fn(&Row) -> bool| rows.iter().filter(|row| wanted(row)).count() as u32;
-            assert_eq!(trial.diverged, count(|row| matches!(row.end, End::Diverged { .. })));
-            assert_eq!(trial.undecided, count(|row| matches!(row.end, End::Stopped { .. })));
+            assert_eq!(trial.diverged, count(|row| matches!(row.episode.end, End::Diverged { .. })));
+            assert_eq!(trial.undecided, count(|row| matches!(row.episode.end, End::Stopped { .. })));
         }
     }
 }
@@ -231,8 +216,9 @@ fn the_minimum_is_the_least_robustness_recorded() {
 #[test]
 fn what_is_thrown_away_never_costs_more_than_what_is_kept() {
     for batch_size in [1, 8, 64] {
-        let mut system = system(batch_size);
-        let outcome = run(&mut campaign("random", 1, 5000), &mut system, usize::MAX, &mut Rows::new());
+        let mut system = system();
+        let mut campaign = campaign("random", 1, 5000, batch_size);
+        let outcome = run(&mut campaign, &mut system, usize::MAX, &mut Rows::new());
         assert_eq!(outcome.falsified_trials, 1);
         let spent = outcome.simulations as usize;
         assert!(system.simulations() < 2 * spent, "{} simulated for {spent}", system.simulations());
@@ -243,10 +229,10 @@ fn what_is_thrown_away_never_costs_more_than_what_is_kept() {
 #[test]
 fn a_larger_budget_goes_on_from_a_smaller_one() {
     let (_, rows) = whole("random", 4, 10, 4);
-    let mut longer = campaign("random", 4, 60);
-    rows.values().flatten().for_each(|row| longer.replay(&row.recorded()).unwrap());
+    let mut longer = campaign("random", 4, 60, 4);
+    rows.values().flatten().for_each(|row| longer.replay(&row.episode).unwrap());
     let mut rows = rows.into_iter().map(|(trial, rows)| (trial, strip_ends(rows))).collect();
-    let outcome = run(&mut longer, &mut system(4), usize::MAX, &mut rows);
+    let outcome = run(&mut longer, &mut system(), usize::MAX, &mut rows);
     let expected = whole("random", 4, 60, 4);
     assert_eq!(outcome, expected.0);
     assert_eq!(

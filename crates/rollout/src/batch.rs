@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use crate::{Environment, Sample, Seed, Status, Worker};
+use crate::{Environment, EnvironmentBatch, RolloutError, Sample, Scenario, Seed, Status, Worker};
 
 /// Chunks of rows for each thread: more than one, so that threads that finish early find work.
 const CHUNKS_PER_THREAD: usize = 4;
@@ -12,8 +12,8 @@ const CHUNKS_PER_THREAD: usize = 4;
 ///
 /// Row-major buffers hold what each row shows. The same rows, seeds and actions give the same bits for any number of
 /// threads.
-pub struct Batch {
-    environment: Arc<dyn Environment>,
+pub struct Batch<E: Environment + ?Sized = dyn Environment> {
+    environment: Arc<E>,
     chunks: Vec<Chunk>,
     rows_per_chunk: usize,
     rows: usize,
@@ -21,6 +21,8 @@ pub struct Batch {
     signals: Vec<f64>,
     rewards: Vec<f64>,
     statuses: Vec<Status>,
+    /// The seed of each row that [`EnvironmentBatch::reset`] resets.
+    seeds: Vec<Option<Seed>>,
 }
 
 struct Chunk {
@@ -28,9 +30,9 @@ struct Chunk {
     states: Vec<f64>,
 }
 
-impl Batch {
+impl<E: Environment + ?Sized> Batch<E> {
     /// A batch of `rows` simulations; every row has to be [reset](Self::reset) before it is stepped.
-    pub fn new(environment: Arc<dyn Environment>, rows: usize) -> Batch {
+    pub fn new(environment: Arc<E>, rows: usize) -> Batch<E> {
         let rows_per_chunk = rows.div_ceil(rayon::current_num_threads() * CHUNKS_PER_THREAD).max(1);
         let chunk = || Chunk {
             worker: environment.worker(),
@@ -44,6 +46,7 @@ impl Batch {
             signals: vec![0.0; rows * environment.signals().len()],
             rewards: vec![0.0; rows * environment.reward_terms().len()],
             statuses: vec![Status::Running; rows],
+            seeds: vec![None; rows],
             environment,
         }
     }
@@ -54,15 +57,15 @@ impl Batch {
     }
 
     /// The environment.
-    pub fn environment(&self) -> &Arc<dyn Environment> {
+    pub fn environment(&self) -> &Arc<E> {
         &self.environment
     }
 
-    /// Starts a new simulation in every row for which `start` gives an initial configuration and a seed.
-    pub fn reset(&mut self, start: impl Fn(usize) -> Option<(Vec<f64>, Seed)> + Sync) {
+    /// Starts a new simulation in every row for which `start` gives a scenario and a seed.
+    pub fn reset(&mut self, start: impl Fn(usize) -> Option<(Scenario, Seed)> + Sync) {
         self.for_rows(|row, worker, state, sample, status| {
-            if let Some((x0, seed)) = start(row) {
-                worker.reset(&x0, seed, state, sample);
+            if let Some((scenario, seed)) = start(row) {
+                worker.reset(&scenario, seed, state, sample);
                 *status = Status::Running;
             }
         });
@@ -103,18 +106,11 @@ impl Batch {
         state.copy_from_slice(&chunk.states[(row % self.rows_per_chunk) * size..][..size]);
     }
 
-    /// Puts a snapshot into simulation `row`. Its observation, signals and rewards are shown from the next step on;
-    /// the caller restores what it needs of the observation with [`set_observation`](Self::set_observation).
+    /// Restores a snapshot of simulation `row`. Its observation, signals and rewards appear with the next step.
     pub fn write_state(&mut self, row: usize, state: &[f64]) {
         let size = self.environment.state_size();
         let chunk = &mut self.chunks[row / self.rows_per_chunk];
         chunk.states[(row % self.rows_per_chunk) * size..][..size].copy_from_slice(state);
-    }
-
-    /// Puts back the observation that belongs to a snapshot.
-    pub fn set_observation(&mut self, row: usize, observation: &[f32]) {
-        let size = self.environment.observation_size();
-        self.observations[row * size..][..size].copy_from_slice(observation);
     }
 
     fn for_rows(
@@ -143,5 +139,57 @@ impl Batch {
                     each(chunk_index * rows + i, chunk.worker.as_mut(), state, sample, status);
                 }
             });
+    }
+}
+
+impl<E: Environment + ?Sized> EnvironmentBatch for Batch<E> {
+    fn rows(&self) -> usize {
+        self.rows
+    }
+
+    fn reset(&mut self, rows: &[(usize, Seed)]) -> Result<(), RolloutError> {
+        for (row, seed) in rows {
+            self.seeds[*row] = Some(*seed);
+        }
+        let seeds = std::mem::take(&mut self.seeds);
+        let environment = self.environment.clone();
+        Batch::reset(self, |row| seeds[row].map(|seed| (environment.space().sample(seed, 0), seed)));
+        self.seeds = seeds;
+        self.seeds.fill(None);
+        Ok(())
+    }
+
+    fn step(&mut self, actions: &[f64]) -> Result<(), RolloutError> {
+        Batch::step(self, actions);
+        Ok(())
+    }
+
+    fn observations(&self) -> &[f32] {
+        &self.observations
+    }
+
+    fn rewards(&self) -> &[f64] {
+        &self.rewards
+    }
+
+    fn statuses(&self) -> &[Status] {
+        &self.statuses
+    }
+
+    fn read_states(&mut self, states: &mut [f64]) -> Result<(), RolloutError> {
+        let size = self.environment.state_size();
+        for row in 0..self.rows {
+            self.read_state(row, &mut states[row * size..][..size]);
+        }
+        Ok(())
+    }
+
+    fn write_states(&mut self, states: &[f64], observations: &[f32]) -> Result<(), RolloutError> {
+        let size = self.environment.state_size();
+        for row in 0..self.rows {
+            self.write_state(row, &states[row * size..][..size]);
+        }
+        self.observations.copy_from_slice(observations);
+        Ok(())
     }
 }

@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use crate::{InitialBox, Seed};
+use crate::{Scenario, Seed, Space};
 
 /// Something a controller acts in: a shared description, from which each thread takes a [`Worker`].
 ///
@@ -9,8 +9,8 @@ use crate::{InitialBox, Seed};
 pub trait Environment: Send + Sync {
     /// Name, for messages and records.
     fn name(&self) -> &str;
-    /// The initial configurations.
-    fn initial_box(&self) -> &InitialBox;
+    /// The axes of the scenarios that a reset takes.
+    fn space(&self) -> &Space;
     /// Names of the signals, in the order of [`Sample::signals`].
     fn signals(&self) -> &Arc<[String]>;
     /// Names of the reward terms, in the order of [`Sample::rewards`]; the reward is their sum.
@@ -31,11 +31,11 @@ pub trait Environment: Send + Sync {
 
 /// What one thread needs to reset and step state rows of an [`Environment`].
 pub trait Worker: Send {
-    /// Writes the row of a new simulation at `x0` into `state`, and what is seen there into `sample`.
+    /// Writes the row of a new simulation under `scenario` into `state`, and what is seen there into `sample`.
     ///
     /// Whatever the environment draws comes from [`Stream::Reset`](crate::Stream::Reset) of `seed`. The reward terms
     /// are set to 0.
-    fn reset(&mut self, x0: &[f64], seed: Seed, state: &mut [f64], sample: Sample<'_>);
+    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>);
 
     /// Carries `state` on by one control step under `action`, which is not clipped, and writes what is seen after it.
     ///

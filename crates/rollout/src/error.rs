@@ -2,23 +2,59 @@
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RolloutError {
-    /// An initial configuration has the wrong number of values.
-    #[error("the initial configuration has {found} values, the box has {wanted} axes ({axes})")]
+    /// A scenario has the wrong number of values.
+    #[error("the scenario has {found} values, the space has {wanted} axes ({axes})")]
     Dimension {
-        /// Number of axes of the box.
+        /// Number of axes of the space.
         wanted: usize,
         /// Number of values given.
         found: usize,
         /// Names of the axes, for the message.
         axes: String,
     },
-    /// An initial configuration holds NaN or an infinity.
-    #[error("the initial configuration's `{axis}` is {value}, which is not a finite number")]
+    /// A scenario holds NaN or an infinity.
+    #[error("the scenario's `{axis}` is {value}, which is not a finite number")]
     NotFinite {
         /// Name of the axis.
         axis: String,
         /// The value given.
         value: f64,
+    },
+    /// A scenario leaves out a value that is not a random draw.
+    #[error("the scenario has no value for `{axis}`; only a random draw may be left out")]
+    Absent {
+        /// Name of the axis.
+        axis: String,
+    },
+    /// A value that the axis does not take.
+    #[error(
+        "the scenario's `{axis}` is {value}; allowed values go from {low} to {high}, whole numbers if it counts"
+    )]
+    Value {
+        /// Name of the axis.
+        axis: String,
+        /// The value given.
+        value: f64,
+        /// Smallest value.
+        low: f64,
+        /// Largest value.
+        high: f64,
+    },
+    /// A space that the target does not have.
+    #[error("there is no space `{name}`; there are: {}", known.join(", "))]
+    UnknownSpace {
+        /// The name given.
+        name: String,
+        /// The names there are.
+        known: Vec<String>,
+    },
+    /// An axis that makes no sense, or that nobody knows.
+    #[error("axis `{axis}`: {what}")]
+    Axis {
+        /// Name of the axis.
+        axis: String,
+        /// What is wrong.
+        what: &'static str,
     },
     /// An axis whose lower bound does not lie below its upper bound, or is not finite.
     #[error(
@@ -50,7 +86,9 @@ pub enum RolloutError {
         found_action: usize,
     },
     /// A controller's output was NaN or infinite.
-    #[error("the controller's action {component} was {value} at step {step} of the simulation from {x0:?}")]
+    #[error(
+        "action {component} of the controller was {value} at step {step} of the simulation with scenario {scenario:?}"
+    )]
     Action {
         /// Index of the action.
         component: usize,
@@ -58,8 +96,8 @@ pub enum RolloutError {
         value: f64,
         /// Control step.
         step: usize,
-        /// Initial configuration of the simulation.
-        x0: Vec<f64>,
+        /// The simulation's scenario.
+        scenario: crate::Scenario,
     },
     /// A noise level that is negative, NaN or infinite.
     #[error("{what} is {value}: a standard deviation has to be a finite number of at least 0")]
@@ -94,4 +132,7 @@ pub enum RolloutError {
     /// A foreign system failed.
     #[error("the system under test failed: {0}")]
     System(String),
+    /// An environment batch cannot be made or stepped.
+    #[error("the environment batch failed: {0}")]
+    Batch(String),
 }

@@ -1,31 +1,42 @@
-//! Environment, controller, initial box, noise, and the episode they make together.
+//! The seam between what is tested and what tests it: target, space, scenario, system, episode.
 //!
-//! A controller acts in an environment from an initial configuration; that gives a [`Trace`](mishandle_stl::Trace);
-//! the trace has a [`Verdict`]. This crate knows no physics: an [`Environment`] is anything that can be reset at an
-//! initial configuration and stepped, a [`Controller`] anything that turns observations into actions.
+//! A [`Target`] is anything that can be falsified: it declares the axes that a [`Scenario`] may set, its signals and its
+//! formulas, and makes a [`System`] that turns [`Request`]s into [`Episode`]s. A [`Rollout`] is the system made of a
+//! [`Controller`] in an [`Environment`]; any other simulator may be one.
 //!
-//! Both are shared, immutable descriptions that hand out workers: an [`Environment`] gives a [`Worker`] to each
-//! thread, a [`Controller`] an [`Actor`]. What belongs to one simulation lives in its state row, so any worker can
-//! carry on any simulation, and nothing depends on the number of threads.
+//! This crate knows no physics. Environment and controller are shared, immutable descriptions that hand out workers: an
+//! [`Environment`] gives a [`Worker`] to each thread, a [`Controller`] an [`Actor`]. What belongs to one simulation lives
+//! in its state row, so any worker can carry on any simulation, and nothing depends on the number of threads.
+//!
+//! Training acts in an [`EnvironmentBatch`], which a [`BatchFactory`] makes. [`Batch`] is the one on the CPU; others
+//! may live on a GPU or in another process.
 
 mod batch;
 mod controller;
+mod disturbance;
 mod environment;
-mod episode;
+mod environment_batch;
 mod error;
-mod initial_box;
 mod noise;
+mod request;
+mod rollout;
 mod seed;
+mod space;
 mod specification;
 mod system;
+mod target;
 
 pub use batch::Batch;
 pub use controller::{Actor, Controller};
+pub use disturbance::{Disturbance, Effect, Shape};
 pub use environment::{Environment, Sample, Status, Worker};
-pub use episode::{End, Episode, Rollout, Stop};
+pub use environment_batch::{BatchFactory, EnvironmentBatch, EnvironmentSpec};
 pub use error::RolloutError;
-pub use initial_box::{Axis, InitialBox};
 pub use noise::Noise;
+pub use request::{End, Episode, Request};
+pub use rollout::{Rollout, Stop};
 pub use seed::{Seed, Stream};
+pub use space::{Axis, AxisKind, Distribution, Scenario, Space, Values};
 pub use specification::{Judge, Specification, Verdict};
-pub use system::{Request, System};
+pub use system::{BATCH, System};
+pub use target::{Component, Factory, Formulas, Identity, NamedFormula, Reachable, Signal, Target};

@@ -27,13 +27,19 @@ impl Noise {
         Ok(())
     }
 
-    /// Clips `action` to [-1, 1] and adds the noise of control step `step`; `draws` is scratch of the same length.
-    pub(crate) fn on_action(&self, seed: Seed, step: u64, action: &mut [f64], draws: &mut [f64]) {
-        for a in action.iter_mut() {
-            *a = a.clamp(-1.0, 1.0);
-        }
+    /// Adds the noise of control step `step` to a clipped action; `draws` is scratch of the same length, and `explicit`
+    /// may replace what was drawn.
+    pub(crate) fn on_action(
+        &self,
+        seed: Seed,
+        step: u64,
+        action: &mut [f64],
+        draws: &mut [f64],
+        explicit: impl FnOnce(&mut [f64]),
+    ) {
         if self.action_std > 0.0 {
             seed.normals(Stream::ActionNoise, step, draws);
+            explicit(draws);
             for (a, z) in action.iter_mut().zip(draws) {
                 *a += self.action_std * *z;
             }

@@ -1,49 +1,71 @@
 use std::sync::Arc;
 
-use mishandle_stl::{Clock, Formula, Monitor, Trace};
+use mishandle_stl::{Clock, Formula, Monitor, MonitorError, SubformulaMinimum, Trace};
 
-use crate::RolloutError;
+use crate::{NamedFormula, RolloutError};
 
-/// The formulas an episode is judged by, over the signals of its trace.
+/// The formulas an episode is judged by, over the signals of its trace. All but the requirement are optional.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Specification {
-    /// What a falsification tries to violate: the success formula unless another was asked for.
+    /// φ: what a falsification tries to violate.
     pub requirement: Formula,
-    /// φ: whether the task was done.
-    pub success: Formula,
+    /// Whether the task was done.
+    pub success: Option<Formula>,
     /// φ′: whether it was done well.
-    pub strict: Formula,
+    pub strict: Option<Formula>,
     /// δ: a predicate on one sample; where it is violated, the behavior is dangerous.
-    pub safe: Formula,
+    pub safe: Option<Formula>,
     /// κ: holds from the moment the task is completed.
-    pub completion: Formula,
+    pub completion: Option<Formula>,
 }
 
 impl Specification {
+    /// A requirement and nothing else.
+    pub fn new(requirement: Formula) -> Specification {
+        Specification { requirement, success: None, strict: None, safe: None, completion: None }
+    }
+
     /// Parses the four formulas of a task; the requirement is `success`.
     ///
     /// # Errors
     /// If one does not parse, or `safe` has a temporal operator.
     pub fn parse(success: &str, strict: &str, safe: &str, completion: &str) -> Result<Self, RolloutError> {
-        let parse = |text: &str| {
-            Formula::parse(text).map_err(|source| RolloutError::Parse { formula: text.to_string(), source })
+        let named = |(name, text): (&str, &str)| NamedFormula { name: name.into(), text: text.into() };
+        let texts = [("success", success), ("strict", strict), ("safe", safe), ("completion", completion)];
+        Specification::from_formulas(&texts.map(named), parse(success)?)
+    }
+
+    /// A requirement with those of `formulas` that have a role.
+    ///
+    /// # Errors
+    /// If one does not parse, or `safe` has a temporal operator.
+    pub fn from_formulas(formulas: &[NamedFormula], requirement: Formula) -> Result<Self, RolloutError> {
+        let role = |name: &str| {
+            formulas
+                .iter()
+                .find(|formula| formula.name == name)
+                .map(|formula| parse(&formula.text))
+                .transpose()
         };
-        let success = parse(success)?;
-        let safe = parse(safe)?;
-        if !safe.is_state_predicate() {
+        let safe = role("safe")?;
+        if let Some(safe) = safe.as_ref().filter(|safe| !safe.is_state_predicate()) {
             return Err(RolloutError::NotAPredicate { formula: safe.to_string() });
         }
         Ok(Specification {
-            requirement: success.clone(),
-            success,
-            strict: parse(strict)?,
+            requirement,
+            success: role("success")?,
+            strict: role("strict")?,
             safe,
-            completion: parse(completion)?,
+            completion: role("completion")?,
         })
     }
 }
 
-/// What the formulas say of one episode. A formula that the trace does not cover is undecided: `None`.
+fn parse(text: &str) -> Result<Formula, RolloutError> {
+    Formula::parse(text).map_err(|source| RolloutError::Parse { formula: text.to_string(), source })
+}
+
+/// What the formulas say of one episode. `None` where there is no such formula, or the trace does not cover it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Verdict {
     /// Robustness of the requirement at time 0.
@@ -53,19 +75,23 @@ pub struct Verdict {
     /// Robustness of strict success at time 0.
     pub strict: Option<f64>,
     /// Samples after the first at which the safe condition is violated.
-    pub dangerous_steps: usize,
+    pub dangerous_steps: Option<usize>,
     /// Control steps until completion first holds, its whole window inside the trace.
     pub completion_step: Option<usize>,
+    /// The least robustness of each sub-formula of the requirement and its first sample, in the order of
+    /// [`Formula::subformulas`]. Empty unless [asked for](crate::Request::wants_subformulas), and where the arithmetic of
+    /// one has no finite value somewhere on the trace.
+    pub subformulas: Vec<SubformulaMinimum>,
 }
 
 /// A [`Specification`] compiled for one list of signals; owns its scratch, so that judging allocates nothing.
 #[derive(Debug)]
 pub struct Judge {
     requirement: Rule,
-    success: Rule,
-    strict: Rule,
-    safe: Rule,
-    completion: Rule,
+    success: Option<Rule>,
+    strict: Option<Rule>,
+    safe: Option<Rule>,
+    completion: Option<Rule>,
 }
 
 #[derive(Debug)]
@@ -119,13 +145,27 @@ impl Judge {
         control_dt: f64,
     ) -> Result<Judge, RolloutError> {
         let rule = |formula: &Formula| Rule::new(formula, signals, Clock::steps(control_dt));
+        let optional = |formula: &Option<Formula>| formula.as_ref().map(rule).transpose();
         Ok(Judge {
             requirement: rule(&specification.requirement)?,
-            success: rule(&specification.success)?,
-            strict: rule(&specification.strict)?,
-            safe: rule(&specification.safe)?,
-            completion: rule(&specification.completion)?,
+            success: optional(&specification.success)?,
+            strict: optional(&specification.strict)?,
+            safe: optional(&specification.safe)?,
+            completion: optional(&specification.completion)?,
         })
+    }
+
+    /// The least robustness of each sub-formula of the requirement on `trace`; none where one has no finite value
+    /// somewhere, since that may be at a sample that the requirement never looks at.
+    ///
+    /// # Errors
+    /// As [`verdict`](Self::verdict).
+    pub fn subformulas(&mut self, trace: &Trace) -> Result<Vec<SubformulaMinimum>, RolloutError> {
+        match self.requirement.monitor.subformula_minima(trace) {
+            Ok(minima) => Ok(minima.to_vec()),
+            Err(MonitorError::Undefined { .. }) => Ok(Vec::new()),
+            Err(source) => Err(RolloutError::Monitor { formula: self.requirement.text.clone(), source }),
+        }
     }
 
     /// The verdict on `trace`, which holds the `whole` episode or its begin.
@@ -133,14 +173,24 @@ impl Judge {
     /// # Errors
     /// If a signal that a formula names holds NaN or an infinity.
     pub fn verdict(&mut self, trace: &Trace, whole: bool) -> Result<Verdict, RolloutError> {
-        let covered = self.completion.covered(trace.len(), whole);
-        Ok(Verdict {
-            robustness: self.requirement.at_start(trace, whole)?,
-            success: self.success.at_start(trace, whole)?,
-            strict: self.strict.at_start(trace, whole)?,
-            dangerous_steps: self.safe.signal(trace)?.iter().skip(1).filter(|rho| **rho < 0.0).count(),
-            completion_step: self.completion.signal(trace)?[..covered].iter().position(|rho| *rho > 0.0),
-        })
+        let at_start = |rule: &mut Option<Rule>| match rule {
+            Some(rule) => rule.at_start(trace, whole),
+            None => Ok(None),
+        };
+        let (success, strict) = (at_start(&mut self.success)?, at_start(&mut self.strict)?);
+        let dangerous_steps = match &mut self.safe {
+            Some(safe) => Some(safe.signal(trace)?.iter().skip(1).filter(|rho| **rho < 0.0).count()),
+            None => None,
+        };
+        let completion_step = match &mut self.completion {
+            Some(completion) => {
+                let covered = completion.covered(trace.len(), whole);
+                completion.signal(trace)?[..covered].iter().position(|rho| *rho > 0.0)
+            }
+            None => None,
+        };
+        let robustness = self.requirement.at_start(trace, whole)?;
+        Ok(Verdict { robustness, success, strict, dangerous_steps, completion_step, subformulas: Vec::new() })
     }
 }
 
@@ -170,8 +220,26 @@ mod tests {
         assert_eq!(verdict.success, Some(0.5));
         assert_eq!(verdict.robustness, Some(0.5));
         assert_eq!(verdict.strict, Some(0.0));
-        assert_eq!(verdict.dangerous_steps, 1);
+        assert_eq!(verdict.dangerous_steps, Some(1));
         assert_eq!(verdict.completion_step, Some(2));
+    }
+
+    #[test]
+    fn a_requirement_alone_leaves_out_what_no_formula_says() {
+        let specification = Specification::new(parse("always[0:2](d <= 2.5)").unwrap());
+        let mut judge = Judge::new(&specification, &Arc::from(["d".to_string()]), 1.0 / 60.0).unwrap();
+        let verdict = judge.verdict(&trace(&[1.0, 4.0, 2.0]), true).unwrap();
+        assert_eq!(verdict, Verdict { robustness: Some(-1.5), ..Verdict::default() });
+    }
+
+    #[test]
+    fn the_minima_of_sub_formulas_come_with_their_samples() {
+        let specification = Specification::new(parse("always[0:2](d <= 2.5 and d >= 1)").unwrap());
+        let mut judge = Judge::new(&specification, &Arc::from(["d".to_string()]), 1.0 / 60.0).unwrap();
+        let minima = judge.subformulas(&trace(&[1.5, 2.0, 1.25])).unwrap();
+        let found: Vec<(f64, usize)> = minima.iter().map(|least| (least.minimum, least.step)).collect();
+        // The whole, the conjunction, and its operands: 2.5 - 2.0 at sample 1, 1.25 - 1 at sample 2.
+        assert_eq!(found, [(0.25, 0), (0.25, 2), (0.5, 1), (0.25, 2)]);
     }
 
     #[test]

@@ -1,28 +1,21 @@
-use crate::{Episode, InitialBox, RolloutError, Seed};
+use crate::{Episode, Request, RolloutError, Space};
 
-/// One simulation to run.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Request {
-    /// Initial configuration, SI units, one value for each axis of the box.
-    pub x0: Vec<f64>,
-    /// Key of everything random in the simulation.
-    pub seed: Seed,
-}
+/// How many simulations are asked for at once if a plan says nothing else. It never depends on the number of threads,
+/// so that a run has the same batches everywhere.
+pub const BATCH: usize = 64;
 
-/// What can be evaluated and falsified: given initial configurations, it returns episodes with verdicts.
+/// What can be evaluated and falsified: it is given requests and returns episodes with verdicts.
 ///
-/// Our tasks are systems through [`Rollout`](crate::Rollout); so is a closed form in a test, and so may be any other
+/// Our tasks are systems through [`Rollout`](crate::Rollout); a closed form in a test is one, and so is any other
 /// simulator.
 pub trait System {
-    /// The initial configurations it takes.
-    fn initial_box(&self) -> &InitialBox;
+    /// The axes of the scenarios that it takes.
+    fn space(&self) -> &Space;
 
-    /// How many simulations it likes to be asked for at once. Results never depend on it.
-    fn batch_size(&self) -> usize;
-
-    /// Runs the requested simulations; the episodes come in the order of the requests.
+    /// Runs the requested simulations; the episodes come in the order of the requests. An episode never depends on what
+    /// it runs beside.
     ///
     /// # Errors
-    /// If a request does not fit the box, or the simulation could not be run. A diverged simulation is no error.
+    /// If a scenario does not fit the space, or no simulation could be run. A diverged simulation is not an error.
     fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError>;
 }

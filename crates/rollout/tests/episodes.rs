@@ -5,13 +5,14 @@
 use std::sync::{Arc, Mutex};
 
 use mishandle_rollout::{
-    Actor, Axis, Batch, Controller, End, Environment, InitialBox, Noise, Request, Rollout, RolloutError,
-    Sample, Seed, Specification, Status, Stream, System, Worker,
+    Actor, Axis, AxisKind, Batch, Controller, Disturbance, Effect, End, Environment, Episode, Noise, Request,
+    Rollout, RolloutError, Sample, Scenario, Seed, Shape, Space, Specification, Status, Stream, System,
+    Values, Worker,
 };
 
 /// A point on a line that moves by each action; it starts up to 0.01 off, drawn with the simulation's seed.
 struct Line {
-    initial_box: InitialBox,
+    space: Space,
     signals: Arc<[String]>,
     terms: [String; 1],
     /// Position beyond which its numbers stop being finite.
@@ -22,9 +23,8 @@ struct Line {
 
 impl Line {
     fn new(cliff: f64) -> Line {
-        let axis = Axis { name: "x".into(), unit: "m".into(), low: -1.0, high: 1.0 };
         Line {
-            initial_box: InitialBox::new(vec![axis]).unwrap(),
+            space: Space::new("starts", vec![Axis::start("x", "m", -1.0, 1.0)]).unwrap(),
             signals: Arc::from(["x".to_string()]),
             terms: ["near".to_string()],
             cliff,
@@ -37,8 +37,8 @@ impl Environment for Line {
     fn name(&self) -> &str {
         "line"
     }
-    fn initial_box(&self) -> &InitialBox {
-        &self.initial_box
+    fn space(&self) -> &Space {
+        &self.space
     }
     fn signals(&self) -> &Arc<[String]> {
         &self.signals
@@ -80,8 +80,8 @@ impl LineWorker {
 }
 
 impl Worker for LineWorker {
-    fn reset(&mut self, x0: &[f64], seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
-        state[0] = x0[0] + 0.01 * seed.uniform(Stream::Reset, 0, 0);
+    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
+        state[0] = scenario.get(0).unwrap() + 0.01 * seed.uniform(Stream::Reset, 0, 0);
         Self::show(state[0], &mut sample);
     }
 
@@ -138,17 +138,17 @@ fn rollout(line: Line, gain: f32, noise: Noise) -> Rollout {
 }
 
 fn requests(n: u64) -> Vec<Request> {
-    (0..n).map(|i| Request { x0: vec![0.1 * i as f64 - 1.0], seed: Seed(5).child(i) }).collect()
+    (0..n).map(|i| Request::new([0.1 * i as f64 - 1.0], Seed(5).child(i))).collect()
 }
 
 const NOISE: Noise = Noise { action_std: 0.3, observation_std: 0.1 };
 
 #[test]
 fn an_episode_holds_every_sample_and_its_verdict() {
-    let request = Request { x0: vec![0.8], seed: Seed(1) };
+    let request = Request::new([0.8], Seed(1));
     let mut system = rollout(Line::new(9.0), -1.0, Noise::default());
     let episode = system.rollout(&[request]).unwrap().remove(0);
-    assert_eq!((episode.steps(), episode.end), (20, End::Completed));
+    assert_eq!((episode.steps, episode.end), (20, End::Completed));
     let start = 0.8 + 0.01 * Seed(1).uniform(Stream::Reset, 0, 0);
     assert_eq!(episode.trace.column(0)[0], start);
     // x falls by a tenth of itself in each step, but for the 0.001 a step that the controller adds.
@@ -156,7 +156,7 @@ fn an_episode_holds_every_sample_and_its_verdict() {
     assert_eq!(episode.trace.column(0)[1], second);
     assert_eq!(episode.verdict.success, Some(2.0 - start));
     let dangerous = episode.trace.column(0)[1..].iter().filter(|x| **x > 0.5).count();
-    assert_eq!(episode.verdict.dangerous_steps, dangerous);
+    assert_eq!(episode.verdict.dangerous_steps, Some(dangerous));
     let rewards: f64 = episode.trace.column(0)[1..].iter().map(|x| -x.abs()).sum();
     assert!((episode.total_reward - rewards).abs() < 1e-12);
 }
@@ -180,7 +180,7 @@ fn an_episode_is_the_same_to_the_bit_alone_in_a_batch_and_on_any_number_of_threa
 fn actions_are_clipped_before_noise_and_not_after() {
     // A gain of 1000 asks for far more than 1, so every clipped action is -1 or 1.
     let quiet = Line::new(1e9);
-    let (seen, request) = (quiet.seen.clone(), Request { x0: vec![0.5], seed: Seed(3) });
+    let (seen, request) = (quiet.seen.clone(), Request::new([0.5], Seed(3)));
     rollout(quiet, 1000.0, Noise::default()).rollout(std::slice::from_ref(&request)).unwrap();
     assert!(seen.lock().unwrap().iter().all(|action| *action == 1.0));
 
@@ -210,7 +210,7 @@ fn a_diverged_simulation_ends_undecided_and_disturbs_no_other() {
             }
             _ => {
                 completed += 1;
-                assert_eq!(episode.steps(), 20);
+                assert_eq!(episode.steps, 20);
             }
         }
     }
@@ -223,7 +223,7 @@ fn a_stopped_episode_says_where_and_what_it_cannot_decide() {
     let mut system = rollout(Line::new(9.0), -1.0, Noise::default()).with_stop(stop);
     for episode in system.rollout(&requests(3)).unwrap() {
         assert_eq!(episode.end, End::Stopped { step: 7 });
-        assert_eq!(episode.steps(), 7);
+        assert_eq!(episode.steps, 7);
         assert_eq!(episode.verdict.success, None);
     }
 }
@@ -244,7 +244,7 @@ fn what_does_not_fit_is_refused() {
     assert!(matches!(refused.err(), Some(RolloutError::Monitor { .. })));
 
     let mut system = rollout(Line::new(9.0), 1.0, Noise::default());
-    let wrong = |x0: Vec<f64>| vec![Request { x0, seed: Seed(0) }];
+    let wrong = |x0: Vec<f64>| vec![Request::new(x0, Seed(0))];
     assert!(matches!(
         system.rollout(&wrong(vec![])),
         Err(RolloutError::Dimension { wanted: 1, found: 0, .. })
@@ -261,7 +261,7 @@ fn a_batch_has_the_same_bits_on_any_number_of_threads_and_continues_from_a_snaps
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let mut batch = Batch::new(Arc::new(Line::new(9.0)), 13);
-            batch.reset(|row| Some((vec![0.1 * row as f64 - 0.6], Seed(2).child(row as u64))));
+            batch.reset(|row| Some(([0.1 * row as f64 - 0.6].into(), Seed(2).child(row as u64))));
             let actions: Vec<f64> = (0..13).map(|row| (row as f64).sin()).collect();
             let mut snapshot = [0.0];
             for step in 0..10 {
@@ -280,4 +280,88 @@ fn a_batch_has_the_same_bits_on_any_number_of_threads_and_continues_from_a_snaps
     let one = run(1);
     assert_eq!(one, run(2));
     assert_eq!(one, run(7));
+}
+
+/// The episode of a line whose loop is disturbed by one axis.
+fn disturbed(effect: Effect, value: Option<f64>, gain: f32, noise: Noise) -> Episode {
+    let nominal = if matches!(effect, Effect::ActionDraw { .. }) { None } else { Some(0.0) };
+    let kind = if nominal.is_none() { AxisKind::Noise } else { AxisKind::Input };
+    let axis = Axis::new(kind, "d", "", [-3.0, 3.0], nominal);
+    let line = Line::new(1e9);
+    // The axis of the loop comes first, so that the environment's own has to be found.
+    let space = Space::new("s", vec![axis.clone(), line.space.axes()[0].clone()]).unwrap();
+    let mut system =
+        rollout(line, gain, noise).with_disturbances(space, &[Disturbance { axis, effect }]).unwrap();
+    let request = Request::new(Scenario::new(vec![value, Some(0.5)]), Seed(3));
+    system.rollout(&[request]).unwrap().remove(0)
+}
+
+fn positions(episode: &Episode) -> Vec<f64> {
+    episode.trace.column(0).to_vec()
+}
+
+#[test]
+fn a_nominal_disturbance_changes_no_bit() {
+    let undisturbed = rollout(Line::new(1e9), -0.4, NOISE).rollout(&[Request::new([0.5], Seed(3))]).unwrap();
+    let whole = Shape::Constant(0..20);
+    for effect in [
+        Effect::Observation { entry: 0, shape: whole.clone() },
+        Effect::Action { entry: 0, shape: whole },
+        Effect::ObservationDelay,
+        Effect::ActionDelay,
+        Effect::ActionDraw { entry: 0, steps: 0..20 },
+    ] {
+        let nominal = if matches!(effect, Effect::ActionDraw { .. }) { None } else { Some(0.0) };
+        let episode = disturbed(effect.clone(), nominal, -0.4, NOISE);
+        assert_eq!(positions(&episode), positions(&undisturbed[0]), "{effect:?}");
+    }
+}
+
+#[test]
+fn an_offset_of_the_action_moves_the_point_by_its_integral() {
+    // The controller does nothing but count, 0.001 a step, so the action is not clipped.
+    let effect = Effect::Action { entry: 0, shape: Shape::Constant(5..9) };
+    let (with, without) = (
+        disturbed(effect.clone(), Some(0.25), 0.0, Noise::default()),
+        disturbed(effect, Some(0.0), 0.0, Noise::default()),
+    );
+    for (step, (a, b)) in positions(&with).iter().zip(positions(&without)).enumerate() {
+        // Four control steps of 0.1 times 0.25 each, the first of them from step 5 to step 6.
+        let expected = 0.1 * 0.25 * step.saturating_sub(5).min(4) as f64;
+        assert!((a - b - expected).abs() < 1e-12, "at sample {step}: {}", a - b);
+    }
+}
+
+#[test]
+fn a_biased_sensor_is_seen_by_the_controller_and_not_by_the_trace() {
+    let effect = Effect::Observation { entry: 0, shape: Shape::Constant(0..20) };
+    let (with, without) = (
+        disturbed(effect.clone(), Some(0.5), -0.1, Noise::default()),
+        disturbed(effect, Some(0.0), -0.1, Noise::default()),
+    );
+    let (with, without) = (positions(&with), positions(&without));
+    assert_eq!(with[0], without[0]);
+    // The action is lower by 0.1 times the bias, the point moves by a tenth of that.
+    assert!((without[1] - with[1] - 0.1 * 0.1 * 0.5).abs() < 1e-8);
+}
+
+#[test]
+fn delayed_actions_arrive_late_and_a_row_s_delay_is_its_own() {
+    let run = |delay: f64| {
+        let axis = Axis::new(AxisKind::Model, "delay", "control steps", [0.0, 3.0], Some(0.0))
+            .with_values(Values::Integer);
+        let line = Line::new(1e9);
+        let space = Space::new("s", vec![line.space.axes()[0].clone(), axis.clone()]).unwrap();
+        let effect = Effect::ActionDelay;
+        let mut system = rollout(line, -1.0, Noise::default())
+            .with_disturbances(space, &[Disturbance { axis, effect }])
+            .unwrap();
+        let request = |delay| Request::new([0.5, delay], Seed(3));
+        let others = [request(3.0), request(delay), request(1.0)];
+        positions(&system.rollout(&others).unwrap()[1])
+    };
+    let (prompt, late) = (run(0.0), run(2.0));
+    assert_eq!(late[..3], [late[0]; 3], "nothing is done for two control steps");
+    // The first action arrives in the third control step: the same step as without a delay.
+    assert_eq!(late[3] - late[2], prompt[1] - prompt[0]);
 }

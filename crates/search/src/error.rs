@@ -18,13 +18,29 @@ pub enum SearchError {
         /// The dimension asked for.
         found: usize,
     },
-    /// An option is outside its range.
+    /// A coordinate without levels.
+    #[error("coordinate {coordinate} has 0 levels; an integer or categorical coordinate needs at least 1")]
+    NoLevels {
+        /// Index of the coordinate, from 0.
+        coordinate: usize,
+    },
+    /// The search has no option of this name.
+    #[error("{search} has no option `{wanted}`; {}", listed(known))]
+    UnknownOption {
+        /// The search.
+        search: &'static str,
+        /// The name given.
+        wanted: String,
+        /// The options of the search.
+        known: Vec<String>,
+    },
+    /// An option has a wrong type or is out of range.
     #[error("option `{option}` of {search} is {found}; it must be {expected}")]
     Option {
         /// The search whose option it is.
         search: &'static str,
-        /// The option's field.
-        option: &'static str,
+        /// The name of the option.
+        option: String,
         /// What was given.
         found: String,
         /// What would be right.
@@ -44,10 +60,18 @@ pub enum SearchError {
         /// The point that has waited longest.
         asked: Vec<f64>,
     },
-    /// The value told is NaN.
-    #[error("the value told at {told:?} is NaN; a failed evaluation is told as +inf")]
+    /// The robustness told is NaN.
+    #[error("the robustness told at {told:?} is NaN; a simulation without a verdict is told as +inf")]
     NotANumber {
         /// The point told.
         told: Vec<f64>,
     },
+}
+
+fn listed(known: &[String]) -> String {
+    if known.is_empty() {
+        "it has no options".to_owned()
+    } else {
+        format!("its options are: {}", known.join(", "))
+    }
 }

@@ -17,7 +17,7 @@ impl Ledger {
         self.awaited.push_back(u);
     }
 
-    /// The point told, if it is the one whose turn it is and the value is a number.
+    /// Returns the point told, if it is the one whose turn it is and the value is a number.
     pub(crate) fn take_back(&mut self, u: &[f64], value: f64) -> Result<Vec<f64>, SearchError> {
         let Some(asked) = self.awaited.front() else {
             return Err(SearchError::NotAsked { told: u.to_vec() });

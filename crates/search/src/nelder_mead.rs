@@ -2,7 +2,10 @@
 
 use std::cmp::Ordering;
 
-use crate::{Finish, RandomStream, RoundBased, SearchError};
+use crate::coordinate::check_dimension;
+use crate::options::{ANY, AT_LEAST_1, NOT_NEGATIVE, POINT_OF_THE_BOX, Range, check_start, options};
+use crate::registry::SearchEntry;
+use crate::{AskTell, Finish, RandomStream, RoundBased, SearchError};
 
 const NAME: &str = "nelder-mead";
 
@@ -11,39 +14,43 @@ const RELATIVE_STEP: f64 = 0.05;
 /// or to this value where the coordinate is zero.
 const STEP_FROM_ZERO: f64 = 0.00025;
 
-/// The options of [`NelderMead`], with SciPy's defaults.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NelderMeadOptions {
-    /// The first vertex, in `[0,1]^d`; drawn uniformly from the seed where absent. The other vertices follow from it:
-    /// vertex k + 1 has coordinate k raised by 5 %, or set to 0.00025 where it is 0.
-    pub start: Option<Vec<f64>>,
-    /// The d + 1 vertices of the first simplex, instead of those made from a start. What lies above 1 is reflected
-    /// into the box (2 - u), then all is clipped to it.
-    pub initial_simplex: Option<Vec<Vec<f64>>>,
-    /// Ends when no coordinate of any vertex is further than this from the best vertex's (1e-4), and
-    pub xatol: f64,
-    /// no value further than this from the best one (1e-4).
-    pub fatol: f64,
-    /// Ends after this many iterations, counted as SciPy does, from 1. See `max_evaluations` for the default.
-    pub max_iterations: Option<usize>,
-    /// Ends after this many evaluations. Where neither limit is given, both are 200 d; where one is given, the other
-    /// does not bind.
-    pub max_evaluations: Option<usize>,
-    /// Chooses the coefficients by dimension (Gao and Han) instead of 2, 1/2, 1/2.
-    pub adaptive: bool,
-}
+pub(crate) const ENTRY: SearchEntry = SearchEntry {
+    name: NAME,
+    summary: "the simplex search of Nelder and Mead from one start, as in SciPy",
+    reference: "Nelder and Mead, \"A simplex method for function minimization\", The Computer Journal 7, 1965. Gao and \
+                Han, \"Implementing the Nelder-Mead simplex algorithm with adaptive parameters\", Comput. Optim. Appl. \
+                51, 2012.",
+    options: NelderMeadOptions::specs,
+    make: |coordinates, seed, options| {
+        let options = NelderMeadOptions::read(options)?;
+        Ok(Box::new(AskTell::new(NelderMead::new(coordinates.len(), seed, &options)?)))
+    },
+};
 
-impl Default for NelderMeadOptions {
-    fn default() -> Self {
-        Self {
-            start: None,
-            initial_simplex: None,
-            xatol: 1e-4,
-            fatol: 1e-4,
-            max_iterations: None,
-            max_evaluations: None,
-            adaptive: false,
-        }
+options! {
+    /// The options of [`NelderMead`], with SciPy's defaults.
+    pub struct NelderMeadOptions of NAME {
+        /// First vertex, in `[0,1]^d`. The other vertices follow from it: vertex k + 1 has coordinate k raised by 5 %,
+        /// or set to 0.00025 if it is 0.
+        pub start: Option<Vec<f64>> = None, or "drawn uniformly from the seed", in POINT_OF_THE_BOX;
+        /// The d + 1 vertices of the first simplex; replaces `start`. A coordinate above 1 is reflected into the box
+        /// (2 - u), then all coordinates are clipped to it.
+        pub initial_simplex: Option<Vec<Vec<f64>>> = None, or "made from `start`",
+            in Range::described("d + 1 points of d finite numbers");
+        /// Absolute tolerance on points. The search ends when every coordinate of every vertex is within `xatol` of the
+        /// best vertex's and `fatol` holds too.
+        pub xatol: f64 = 1e-4, in NOT_NEGATIVE;
+        /// Absolute tolerance on values. The search ends when every value is within `fatol` of the best one and `xatol`
+        /// holds too.
+        pub fatol: f64 = 1e-4, in NOT_NEGATIVE;
+        /// Maximum number of iterations, counted from 1 as SciPy does.
+        pub max_iterations: Option<usize> = None, or "200 d, or no limit if `max-evaluations` is set",
+            in AT_LEAST_1;
+        /// Maximum number of evaluations. `falsify` sets it to the budget of a trial.
+        pub max_evaluations: Option<usize> = None, or "200 d, or no limit if `max-iterations` is set",
+            in AT_LEAST_1;
+        /// Chooses the coefficients by dimension (Gao and Han) instead of 2, 1/2, 1/2.
+        pub adaptive: bool = false, in ANY;
     }
 }
 
@@ -60,7 +67,7 @@ impl Default for NelderMeadOptions {
 /// From the same first simplex and the same values its points are SciPy's to the last bit. Vertices of equal value
 /// keep their order; SciPy's own order of ties depends on the processor (NumPy's vectorised sort is not stable), and
 /// is this one where NumPy runs without that sort and d < 16. A simplex whose values are all +∞ keeps shrinking
-/// until a limit ends it, as in SciPy. There is no restart.
+/// until a limit ends it, as in SciPy. There is no restart. Every coordinate is treated as continuous.
 ///
 /// # Reference
 /// Nelder and Mead, "A simplex method for function minimization", The Computer Journal 7, 1965. Gao and Han,
@@ -278,38 +285,20 @@ impl RoundBased for NelderMead {
 }
 
 fn check(dimension: usize, options: &NelderMeadOptions) -> Result<(), SearchError> {
-    if dimension == 0 {
-        return Err(SearchError::Dimension { found: dimension });
-    }
-    let wrong = |option: &'static str, found: String, expected: String| {
-        Err(SearchError::Option { search: NAME, option, found, expected })
-    };
-    if let Some(start) = &options.start
-        && !(start.len() == dimension && start.iter().all(|x| (0.0..=1.0).contains(x)))
-    {
-        return wrong("start", format!("{start:?}"), format!("{dimension} numbers in [0, 1]"));
-    }
+    check_dimension(dimension)?;
+    check_start(NAME, options.start.as_ref(), dimension)?;
     if let Some(simplex) = &options.initial_simplex
         && !(simplex.len() == dimension + 1
             && simplex.iter().all(|u| u.len() == dimension && u.iter().all(|x| x.is_finite())))
     {
-        let expected = format!("{} points of {dimension} finite numbers", dimension + 1);
-        return wrong("initial_simplex", format!("{simplex:?}"), expected);
+        return Err(SearchError::Option {
+            search: NAME,
+            option: "initial-simplex".to_owned(),
+            found: format!("{simplex:?}"),
+            expected: format!("{} points of {dimension} finite numbers", dimension + 1),
+        });
     }
-    for (option, tolerance) in [("xatol", options.xatol), ("fatol", options.fatol)] {
-        let is_right = tolerance >= 0.0;
-        if !is_right {
-            return wrong(option, tolerance.to_string(), "at least 0".to_owned());
-        }
-    }
-    for (option, limit) in
-        [("max_iterations", options.max_iterations), ("max_evaluations", options.max_evaluations)]
-    {
-        if limit == Some(0) {
-            return wrong(option, "0".to_owned(), "at least 1".to_owned());
-        }
-    }
-    Ok(())
+    options.check_ranges()
 }
 
 fn uniform_point(dimension: usize, seed: u64) -> Vec<f64> {

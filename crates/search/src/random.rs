@@ -1,9 +1,26 @@
 //! Independent uniform points: the baseline every search has to beat.
 
+use crate::coordinate::check_dimension;
 use crate::ledger::Ledger;
-use crate::{Finish, RandomStream, Search, SearchError};
+use crate::registry::SearchEntry;
+use crate::{Finish, Observation, RandomStream, Search, SearchError, options};
+
+const NAME: &str = "random";
+
+pub(crate) const ENTRY: SearchEntry = SearchEntry {
+    name: NAME,
+    summary: "independent uniform points",
+    reference: "Brooks, \"A discussion of random methods for seeking maxima\", Operations Research 6, 1958.",
+    options: Vec::new,
+    make: |coordinates, seed, options| {
+        options::check_names(NAME, options, &[])?;
+        Ok(Box::new(Random::new(coordinates.len(), seed)?))
+    },
+};
 
 /// Independent uniform points of `[0,1]^d`; point i depends on (seed, i) only and the search never ends.
+///
+/// Every coordinate is treated as continuous: a caller that maps it to n levels sees each with probability 1/n.
 #[derive(Debug, Clone)]
 pub struct Random {
     dimension: usize,
@@ -18,9 +35,7 @@ impl Random {
     /// # Errors
     /// [`SearchError::Dimension`] if `dimension` is 0.
     pub fn new(dimension: usize, seed: u64) -> Result<Self, SearchError> {
-        if dimension == 0 {
-            return Err(SearchError::Dimension { found: dimension });
-        }
+        check_dimension(dimension)?;
         Ok(Self { dimension, seed, next: 0, ledger: Ledger::default() })
     }
 
@@ -33,7 +48,7 @@ impl Random {
 
 impl Search for Random {
     fn name(&self) -> &'static str {
-        "random"
+        NAME
     }
 
     fn dimension(&self) -> usize {
@@ -47,8 +62,8 @@ impl Search for Random {
         points
     }
 
-    fn tell(&mut self, u: &[f64], value: f64) -> Result<(), SearchError> {
-        self.ledger.take_back(u, value).map(drop)
+    fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError> {
+        self.ledger.take_back(u, observation.robustness).map(drop)
     }
 
     fn finished(&self) -> Option<Finish> {

@@ -1,81 +1,71 @@
 //! The list of searches, by name.
 
 use crate::{
-    AskTell, DualAnnealing, DualAnnealingOptions, NelderMead, NelderMeadOptions, Random, Search, SearchError,
+    Coordinate, OptionSpec, Search, SearchError, SearchOptions, coordinate, dual_annealing, nelder_mead,
+    random,
 };
 
-/// The options of every search; each reads its own part.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct SearchOptions {
-    /// Those of `nelder-mead`.
-    pub nelder_mead: NelderMeadOptions,
-    /// Those of `dual-annealing`.
-    pub dual_annealing: DualAnnealingOptions,
-}
-
-/// One line of the list of searches.
+/// What the list knows about a search.
 #[derive(Debug, Clone, Copy)]
 pub struct SearchEntry {
-    /// The name users type.
+    /// The name that users type.
     pub name: &'static str,
-    /// What it is, in one line.
+    /// A summary in one line.
     pub summary: &'static str,
-    /// Makes one.
+    /// The publication that describes the method.
+    pub reference: &'static str,
+    /// Returns its options.
+    pub options: fn() -> Vec<OptionSpec>,
+    /// Makes the search.
     pub make: Make,
 }
 
-/// Makes a search from its dimension, its seed and the options.
-pub type Make = fn(usize, u64, &SearchOptions) -> Result<Box<dyn Search>, SearchError>;
+/// Makes a search from the types of its coordinates, its seed and its options.
+pub type Make = fn(&[Coordinate], u64, &SearchOptions) -> Result<Box<dyn Search>, SearchError>;
 
-/// Every search there is; a further one is one more line.
+/// All searches. To add one, write its file and add a line here.
 pub const SEARCHES: &[SearchEntry] = &[
-    SearchEntry {
-        name: "random",
-        summary: "independent uniform points",
-        make: |dimension, seed, _| Ok(Box::new(Random::new(dimension, seed)?)),
-    },
-    SearchEntry {
-        name: "nelder-mead",
-        summary: "the simplex search of Nelder and Mead from one start, as in SciPy",
-        make: |dimension, seed, options| {
-            Ok(Box::new(AskTell::new(NelderMead::new(dimension, seed, &options.nelder_mead)?)))
-        },
-    },
-    SearchEntry {
-        name: "dual-annealing",
-        summary: "simulated annealing with restarts and local search (L-BFGS-B), as in SciPy",
-        make: |dimension, seed, options| {
-            Ok(Box::new(AskTell::new(DualAnnealing::new(dimension, seed, &options.dual_annealing)?)))
-        },
-    },
+    random::ENTRY, //
+    nelder_mead::ENTRY,
+    dual_annealing::ENTRY,
 ];
 
-/// Makes the search called `name` on `[0,1]^d` with d = `dimension`.
+/// Returns the entry of the search called `name`.
 ///
 /// # Errors
-/// [`SearchError::UnknownSearch`] with the names there are, or what the search's constructor refuses.
+/// [`SearchError::UnknownSearch`] with the known names.
+pub fn find_search(name: &str) -> Result<&'static SearchEntry, SearchError> {
+    SEARCHES.iter().find(|entry| entry.name == name).ok_or_else(|| SearchError::UnknownSearch {
+        wanted: name.to_owned(),
+        known: SEARCHES.iter().map(|entry| entry.name).collect(),
+    })
+}
+
+/// Makes the search called `name` on `[0,1]^d`, with one coordinate type for each of the d coordinates.
+///
+/// # Errors
+/// [`SearchError::UnknownSearch`] with the known names, [`SearchError::Dimension`] without coordinates,
+/// [`SearchError::NoLevels`] for a coordinate with 0 levels, [`SearchError::UnknownOption`] and
+/// [`SearchError::Option`] for options that the search does not accept.
 ///
 /// # Example
 /// ```
-/// use mishandle_search::{SearchOptions, by_name};
-/// let search = by_name("random", 3, 0, &SearchOptions::default())?;
+/// use mishandle_search::{Coordinate, SearchOptions, by_name};
+/// let space = [Coordinate::Continuous, Coordinate::Continuous, Coordinate::Integer { levels: 4 }];
+/// let search = by_name("random", &space, 0, &SearchOptions::default())?;
 /// assert_eq!((search.name(), search.dimension()), ("random", 3));
 ///
-/// let error = by_name("randon", 3, 0, &SearchOptions::default()).err().expect("misspelt");
+/// let error = by_name("randon", &space, 0, &SearchOptions::default()).err().expect("misspelt");
 /// assert!(error.to_string().ends_with("there are random, nelder-mead, dual-annealing"));
 /// # Ok::<(), mishandle_search::SearchError>(())
 /// ```
 pub fn by_name(
     name: &str,
-    dimension: usize,
+    coordinates: &[Coordinate],
     seed: u64,
     options: &SearchOptions,
 ) -> Result<Box<dyn Search>, SearchError> {
-    let Some(entry) = SEARCHES.iter().find(|entry| entry.name == name) else {
-        return Err(SearchError::UnknownSearch {
-            wanted: name.to_owned(),
-            known: SEARCHES.iter().map(|entry| entry.name).collect(),
-        });
-    };
-    (entry.make)(dimension, seed, options)
+    let entry = find_search(name)?;
+    coordinate::dimension(coordinates)?;
+    (entry.make)(coordinates, seed, options)
 }

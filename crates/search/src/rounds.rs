@@ -3,7 +3,7 @@
 use std::mem;
 
 use crate::ledger::Ledger;
-use crate::{Finish, Search, SearchError};
+use crate::{Finish, Observation, Search, SearchError};
 
 /// A search as a machine that wants points valued round by round.
 ///
@@ -77,9 +77,9 @@ impl<M: RoundBased> Search for AskTell<M> {
         points
     }
 
-    fn tell(&mut self, u: &[f64], value: f64) -> Result<(), SearchError> {
-        self.ledger.take_back(u, value)?;
-        self.values.push(value);
+    fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError> {
+        self.ledger.take_back(u, observation.robustness)?;
+        self.values.push(observation.robustness);
         if self.values.len() == self.machine.round().len() {
             let mut values = mem::take(&mut self.values);
             self.machine.receive(&values);

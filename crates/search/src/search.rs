@@ -1,16 +1,16 @@
-//! What every search is: something that is asked for points and told their values.
+//! The interface of every search: it is asked for points and told what was observed there.
 
 use std::fmt;
 
-use crate::SearchError;
+use crate::{Observation, SearchError};
 
-/// A search proposes points of `[0,1]^d` and is told their value; it minimises.
+/// A search proposes points of `[0,1]^d` and is told what was observed there; it minimizes the robustness.
 ///
-/// The points are a pure function of dimension, seed, options and the values told so far. A search is therefore
-/// resumed by making it anew and telling it the recorded values again. The caller owns the budget: it may stop
-/// asking after any value.
+/// The points are a pure function of the coordinates' types, the seed, the options and the observations told so far.
+/// To resume a search, make it again and tell it the recorded observations. The caller owns the budget: it may stop
+/// asking after any observation.
 ///
-/// `+∞` is a valid value, the worst there is (a simulation that diverged). NaN is refused.
+/// A robustness of `+∞` is valid and the worst value (a simulation that diverged). NaN is an error.
 pub trait Search: Send {
     /// The name in [`SEARCHES`](crate::SEARCHES).
     fn name(&self) -> &'static str;
@@ -32,18 +32,35 @@ pub trait Search: Send {
         self.ask_batch(1).pop()
     }
 
-    /// Tells the value at a point that was asked for; values are told in the order of asking.
+    /// Returns whether observations must contain the minima of all sub-formulas.
+    ///
+    /// The answer is the same during the whole life of a search. If it is `false`, the caller computes no minima.
+    fn needs_subformulas(&self) -> bool {
+        false
+    }
+
+    /// Tells the search what was observed at a point that it proposed, in the order of asking.
     ///
     /// # Errors
-    /// [`SearchError::NotAsked`] if no point awaits its value, [`SearchError::WrongPoint`] if `u` does not equal the
-    /// point that has waited longest, [`SearchError::NotANumber`] if `value` is NaN. After an error the
-    /// search is as it was: the same point still waits.
-    fn tell(&mut self, u: &[f64], value: f64) -> Result<(), SearchError>;
+    /// [`SearchError::NotAsked`] if no point awaits its observation, [`SearchError::WrongPoint`] if `u` does not equal
+    /// the point that has waited longest, [`SearchError::NotANumber`] if the robustness is NaN. After an error the
+    /// search is unchanged: the same point still waits.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_search::{Observation, Random, Search};
+    /// let mut search = Random::new(2, 0)?;
+    /// let u = search.ask().expect("random never ends");
+    /// search.tell(&u, &Observation::from(0.3))?;
+    /// assert_eq!(search.best(), Some((u.as_slice(), 0.3)));
+    /// # Ok::<(), mishandle_search::SearchError>(())
+    /// ```
+    fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError>;
 
     /// Why the search has ended by its own criterion; `None` while it has not.
     fn finished(&self) -> Option<Finish>;
 
-    /// The point with the lowest value told so far, the earliest of equals; `None` before the first value.
+    /// Returns the point with the lowest robustness told so far, the earliest of equals; `None` before the first.
     fn best(&self) -> Option<(&[f64], f64)>;
 }
 

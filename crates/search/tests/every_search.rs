@@ -2,9 +2,13 @@
 
 use mishandle_search::functions::{self, FUNCTIONS};
 use mishandle_search::{
-    AskTell, DualAnnealingOptions, Finish, Lbfgsb, LbfgsbOptions, NelderMeadOptions, Random, SEARCHES,
-    Search, SearchError, SearchOptions, by_name,
+    AskTell, Coordinate, Finish, Lbfgsb, LbfgsbOptions, Observation, OptionType, OptionValue, Random,
+    SEARCHES, Search, SearchError, SearchOptions, SubformulaMinimum, by_name,
 };
+
+fn continuous(d: usize) -> Vec<Coordinate> {
+    vec![Coordinate::Continuous; d]
+}
 
 fn make(name: &str, d: usize, seed: u64) -> Box<dyn Search> {
     if name == "l-bfgs-b" {
@@ -12,7 +16,7 @@ fn make(name: &str, d: usize, seed: u64) -> Box<dyn Search> {
         let machine = Lbfgsb::new(&start, &LbfgsbOptions::default()).expect("a start in the box");
         return Box::new(AskTell::new(machine));
     }
-    by_name(name, d, seed, &SearchOptions::default()).expect("a listed name")
+    by_name(name, &continuous(d), seed, &SearchOptions::default()).expect("a listed name")
 }
 
 fn names() -> impl Iterator<Item = &'static str> {
@@ -36,7 +40,7 @@ fn trace(search: &mut dyn Search, f: fn(&[f64]) -> f64, budget: usize, batch: us
         }
         for u in points {
             let value = f(&u);
-            search.tell(&u, value).expect("told as asked");
+            search.tell(&u, &value.into()).expect("told as asked");
             trace.push((u, value));
         }
     }
@@ -99,7 +103,7 @@ fn replaying_the_values_resumes_the_search() {
             let mut resumed = make(name, 2, 9);
             for (u, value) in &whole[..stop] {
                 assert_eq!(resumed.ask().as_ref(), Some(u), "{name} stopped at {stop}");
-                resumed.tell(u, *value).expect("told as asked");
+                resumed.tell(u, &(*value).into()).expect("told as asked");
             }
             assert_eq!(resumed.ask().as_ref(), Some(&whole[stop].0), "{name} stopped at {stop}");
         }
@@ -130,7 +134,7 @@ fn a_search_never_needs_one_more_evaluation() {
             assert!(search.ask_batch(1000).is_empty(), "{name} knows no value yet");
         }
         for u in &first[..first.len() - 1] {
-            search.tell(u, 1.0).expect("told as asked");
+            search.tell(u, &1.0.into()).expect("told as asked");
         }
         assert!(search.best().is_some() || first.len() == 1);
     }
@@ -141,19 +145,27 @@ fn misuse_is_an_error_and_changes_nothing() {
     for name in names() {
         let mut search = make(name, 2, 3);
         let told = vec![0.5, 0.5];
-        assert_eq!(search.tell(&told, 1.0), Err(SearchError::NotAsked { told: told.clone() }), "{name}");
+        assert_eq!(
+            search.tell(&told, &1.0.into()),
+            Err(SearchError::NotAsked { told: told.clone() }),
+            "{name}"
+        );
         let asked = search.ask().expect("a first point");
         let wrong = SearchError::WrongPoint { told: told.clone(), asked: asked.clone() };
-        assert_eq!(search.tell(&told, 1.0), Err(wrong), "{name}");
-        assert!(search.tell(&asked[..1], 1.0).is_err(), "{name}");
+        assert_eq!(search.tell(&told, &1.0.into()), Err(wrong), "{name}");
+        assert!(search.tell(&asked[..1], &1.0.into()).is_err(), "{name}");
         assert_eq!(
-            search.tell(&asked, f64::NAN),
+            search.tell(&asked, &f64::NAN.into()),
             Err(SearchError::NotANumber { told: asked.clone() }),
             "{name}"
         );
         assert!(search.best().is_none());
-        assert_eq!(search.tell(&asked, f64::INFINITY), Ok(()), "{name}");
-        assert_eq!(search.tell(&asked, 1.0), Err(SearchError::NotAsked { told: asked.clone() }), "{name}");
+        assert_eq!(search.tell(&asked, &f64::INFINITY.into()), Ok(()), "{name}");
+        assert_eq!(
+            search.tell(&asked, &1.0.into()),
+            Err(SearchError::NotAsked { told: asked.clone() }),
+            "{name}"
+        );
         assert!(search.ask_batch(0).is_empty());
     }
 }
@@ -170,10 +182,11 @@ fn a_point_of_random_depends_on_seed_and_number_only() {
 
 #[test]
 fn unknown_names_and_wrong_options_are_refused_with_what_would_be_right() {
-    let refused = |name: &str, d: usize, options: &SearchOptions| match by_name(name, d, 0, options) {
-        Ok(_) => panic!("{name} in {d} dimensions was made"),
-        Err(error) => error.to_string(),
-    };
+    let refused =
+        |name: &str, d: usize, options: &SearchOptions| match by_name(name, &continuous(d), 0, options) {
+            Ok(_) => panic!("{name} in {d} dimensions was made"),
+            Err(error) => error.to_string(),
+        };
     let defaults = SearchOptions::default();
     let all = "there are random, nelder-mead, dual-annealing";
     assert_eq!(refused("Nelder_Mead", 2, &defaults), format!("there is no search `Nelder_Mead`; {all}"));
@@ -181,36 +194,103 @@ fn unknown_names_and_wrong_options_are_refused_with_what_would_be_right() {
         let message = refused(entry.name, 0, &defaults);
         assert_eq!(message, "a search of dimension 0 was asked for; the dimension must be at least 1");
     }
-    let simplex = |options| SearchOptions { nelder_mead: options, ..Default::default() };
-    let annealing = |options| SearchOptions { dual_annealing: options, ..Default::default() };
-    let (nm, da) = (NelderMeadOptions::default, DualAnnealingOptions::default);
-    let cases = [
-        ("start", simplex(NelderMeadOptions { start: Some(vec![0.5]), ..nm() })),
-        ("start", simplex(NelderMeadOptions { start: Some(vec![0.5, 1.5]), ..nm() })),
-        (
-            "initial_simplex",
-            simplex(NelderMeadOptions { initial_simplex: Some(vec![vec![0.5; 2]; 2]), ..nm() }),
-        ),
-        (
-            "initial_simplex",
-            simplex(NelderMeadOptions { initial_simplex: Some(vec![vec![f64::NAN; 2]; 3]), ..nm() }),
-        ),
-        ("xatol", simplex(NelderMeadOptions { xatol: f64::NAN, ..nm() })),
-        ("fatol", simplex(NelderMeadOptions { fatol: -1.0, ..nm() })),
-        ("max_iterations", simplex(NelderMeadOptions { max_iterations: Some(0), ..nm() })),
-        ("max_evaluations", simplex(NelderMeadOptions { max_evaluations: Some(0), ..nm() })),
-        ("start", annealing(DualAnnealingOptions { start: Some(vec![f64::NAN, 0.5]), ..da() })),
-        ("initial_temperature", annealing(DualAnnealingOptions { initial_temperature: 0.0, ..da() })),
-        ("restart_ratio", annealing(DualAnnealingOptions { restart_ratio: 1.0, ..da() })),
-        ("visit", annealing(DualAnnealingOptions { visit: 3.0, ..da() })),
-        ("accept", annealing(DualAnnealingOptions { accept: -1.0, ..da() })),
-        ("max_iterations", annealing(DualAnnealingOptions { max_iterations: 0, ..da() })),
+    let nan = f64::NAN;
+    let cases: [(&str, &str, OptionValue); 15] = [
+        ("nelder-mead", "start", vec![0.5].into()),
+        ("nelder-mead", "start", vec![0.5, 1.5].into()),
+        ("nelder-mead", "initial-simplex", vec![vec![0.5; 2]; 2].into()),
+        ("nelder-mead", "initial-simplex", vec![vec![nan; 2]; 3].into()),
+        ("nelder-mead", "xatol", nan.into()),
+        ("nelder-mead", "fatol", (-1.0).into()),
+        ("nelder-mead", "max-iterations", 0.into()),
+        ("nelder-mead", "max-evaluations", 0.into()),
+        ("nelder-mead", "adaptive", "yes".into()),
+        ("dual-annealing", "start", vec![nan, 0.5].into()),
+        ("dual-annealing", "initial-temperature", 0.0.into()),
+        ("dual-annealing", "restart-ratio", 1.0.into()),
+        ("dual-annealing", "visit", 3.0.into()),
+        ("dual-annealing", "accept", (-1.0).into()),
+        ("dual-annealing", "max-iterations", 0.into()),
     ];
-    for (option, options) in cases {
-        let name = if options.nelder_mead == nm() { "dual-annealing" } else { "nelder-mead" };
-        let message = refused(name, 2, &options);
+    for (name, option, value) in cases {
+        let message = refused(name, 2, &SearchOptions::new().with(option, value));
         assert!(message.starts_with(&format!("option `{option}` of {name} is ")), "{message}");
         assert!(message.contains("; it must be "), "{message}");
+    }
+    let unknown = SearchOptions::new().with("x-atol", 1.0);
+    assert!(refused("nelder-mead", 2, &unknown).contains("no option `x-atol`; its options are: start, "));
+    assert_eq!(refused("random", 2, &unknown), "random has no option `x-atol`; it has no options");
+}
+
+/// The default of every option, given as a value, is accepted and changes no point.
+#[test]
+fn the_listed_defaults_are_the_defaults() {
+    let value = |spec: &mishandle_search::OptionSpec| -> Option<OptionValue> {
+        let text = &spec.default;
+        match spec.kind {
+            OptionType::Float => text.parse::<f64>().ok().map(OptionValue::from),
+            OptionType::Integer => text.parse::<i64>().ok().map(OptionValue::from),
+            OptionType::Boolean => text.parse::<bool>().ok().map(OptionValue::from),
+            OptionType::Text => Some(text.trim_matches('"').into()),
+            // Their defaults depend on the dimension or the seed, and are described in words.
+            OptionType::Point | OptionType::Points => None,
+        }
+    };
+    for entry in SEARCHES {
+        assert!(entry.reference.contains("19") || entry.reference.contains("20"), "{}", entry.name);
+        let mut given = SearchOptions::new();
+        for spec in (entry.options)() {
+            assert!(!spec.meaning.is_empty() && !spec.default.is_empty(), "{} {}", entry.name, spec.name);
+            if let Some(value) = value(&spec) {
+                given.set(&spec.name, value);
+            }
+        }
+        let mut search = by_name(entry.name, &continuous(3), 4, &given).expect("the defaults");
+        assert_eq!(trace(&mut *search, rough, 200, 1), trace(&mut *make(entry.name, 3, 4), rough, 200, 1));
+    }
+}
+
+// --- coordinates and observations ---
+
+/// The listed searches treat every coordinate as continuous.
+#[test]
+fn the_types_of_coordinates_do_not_change_the_points_of_the_listed_searches() {
+    let typed =
+        [Coordinate::Integer { levels: 5 }, Coordinate::Categorical { levels: 2 }, Coordinate::Continuous];
+    for entry in SEARCHES {
+        let mut search = by_name(entry.name, &typed, 7, &SearchOptions::new()).expect("a typed space");
+        let points = trace(&mut *search, rough, 200, 1);
+        assert_eq!(points, trace(&mut *make(entry.name, 3, 7), rough, 200, 1), "{}", entry.name);
+    }
+}
+
+#[test]
+fn a_coordinate_without_levels_is_refused() {
+    for coordinate in [Coordinate::Integer { levels: 0 }, Coordinate::Categorical { levels: 0 }] {
+        let space = [Coordinate::Continuous, coordinate];
+        for entry in SEARCHES {
+            let error = by_name(entry.name, &space, 0, &SearchOptions::new()).err();
+            assert_eq!(error, Some(SearchError::NoLevels { coordinate: 1 }), "{}", entry.name);
+        }
+    }
+}
+
+/// A search that does not ask for sub-formulas proposes the same points with and without them.
+#[test]
+fn sub_formulas_do_not_change_the_points_of_a_search_that_does_not_need_them() {
+    for name in names() {
+        let (mut plain, mut with) = (make(name, 2, 3), make(name, 2, 3));
+        assert!(!plain.needs_subformulas(), "{name}");
+        for i in 0..200 {
+            let (Some(u), v) = (plain.ask(), with.ask()) else { break };
+            assert_eq!(Some(&u), v.as_ref(), "{name}");
+            let minimum = SubformulaMinimum { minimum: f64::from(i), step: 3 };
+            let observation = Observation::from(rough(&u));
+            plain.tell(&u, &observation).expect("told as asked");
+            with.tell(&u, &Observation { subformulas: vec![minimum; 2], ..observation })
+                .expect("told as asked");
+        }
+        assert_eq!(plain.best(), with.best());
     }
 }
 
@@ -225,7 +305,7 @@ fn the_local_search_refuses_wrong_options() {
     ];
     for (wrong, start, options) in cases {
         let error = Lbfgsb::new(&start, &options).err().unwrap_or_else(|| panic!("{wrong} was accepted"));
-        assert!(matches!(error, SearchError::Option { option, .. } if option == wrong), "{error}");
+        assert!(matches!(&error, SearchError::Option { option, .. } if option == wrong), "{error}");
     }
     let empty = Lbfgsb::new(&[], &LbfgsbOptions::default()).err();
     assert_eq!(empty, Some(SearchError::Dimension { found: 0 }));
@@ -277,7 +357,7 @@ fn dual_annealing_finds_global_minima() {
 // --- how searches end ---
 
 fn ended(options: &SearchOptions, name: &str, f: fn(&[f64]) -> f64, most: usize) -> (usize, Option<Finish>) {
-    let mut search = by_name(name, 2, 1, options).expect("valid options");
+    let mut search = by_name(name, &continuous(2), 1, options).expect("valid options");
     let n = trace(&mut *search, f, most, 10).len();
     (n, search.finished())
 }
@@ -298,8 +378,7 @@ fn searches_end_for_the_reason_they_give() {
         ended(&defaults, "dual-annealing", |_| f64::INFINITY, 2000),
         (1001, Some(Finish::NoFiniteStart))
     );
-    let ten = DualAnnealingOptions { max_iterations: 10, local_search: false, ..Default::default() };
-    let ten = SearchOptions { dual_annealing: ten, ..Default::default() };
+    let ten = SearchOptions::new().with("max-iterations", 10).with("local-search", false);
     // The start and ten chains of 2d = 4 visits.
     assert_eq!(ended(&ten, "dual-annealing", functions::sphere, 100), (41, Some(Finish::IterationLimit)));
 }
@@ -309,13 +388,10 @@ fn searches_end_for_the_reason_they_give() {
 /// evaluations, as SciPy's `dual_annealing` reports too.
 #[test]
 fn annealing_restarts_below_its_temperature() {
-    let restarting = DualAnnealingOptions {
-        restart_ratio: 0.1,
-        local_search: false,
-        max_iterations: 12,
-        ..Default::default()
-    };
-    let options = SearchOptions { dual_annealing: restarting, ..Default::default() };
+    let options = SearchOptions::new()
+        .with("restart-ratio", 0.1)
+        .with("local-search", false)
+        .with("max-iterations", 12);
     let end = ended(&options, "dual-annealing", functions::sphere, 1000);
     assert_eq!(end, (51, Some(Finish::IterationLimit)));
 }

@@ -142,7 +142,7 @@ fn fnv1a(points: &[Vec<f64>]) -> String {
 fn run_to_the_end(search: &mut dyn Search, f: fn(&[f64]) -> f64) -> Vec<Vec<f64>> {
     let mut points = Vec::new();
     while let Some(u) = search.ask() {
-        search.tell(&u, f(&u)).expect("told as asked");
+        search.tell(&u, &f(&u).into()).expect("told as asked");
         points.push(u);
     }
     points
@@ -228,7 +228,7 @@ fn the_local_search_proposes_the_points_of_scipy() {
             let error = distance(&round[0], expected);
             assert!(error < 1e-8, "round {i} of {name}: {:?}, not {expected:?}, off by {error:e}", round[0]);
             for (u, value) in round.iter().zip(values) {
-                search.tell(u, value.value()).expect("told as asked");
+                search.tell(u, &value.value().into()).expect("told as asked");
             }
         }
         let finish = search.finished().unwrap_or_else(|| panic!("{name} goes on after {}", run.points.len()));
@@ -290,7 +290,7 @@ fn evaluations_to(race: &Race, seed: u64) -> usize {
         if value <= race.threshold {
             return count;
         }
-        search.tell(&u, value).expect("told as asked");
+        search.tell(&u, &value.into()).expect("told as asked");
     }
     race.most + 1
 }

@@ -120,7 +120,7 @@ impl Formula {
     }
 
     /// For each node the index where its operands begin.
-    fn starts(&self) -> Vec<usize> {
+    pub(crate) fn starts(&self) -> Vec<usize> {
         let mut operands = Vec::new();
         let mut starts = Vec::with_capacity(self.nodes.len());
         for (index, node) in self.nodes.iter().enumerate() {
@@ -158,13 +158,23 @@ impl fmt::Display for Formula {
 }
 
 /// How an operator is written.
-type Spelling = fn(Operator) -> &'static str;
+pub(crate) type Spelling = fn(Operator) -> &'static str;
 
 impl Formula {
     /// Writes the formula with operators spelled in this way.
     pub(crate) fn write(&self, f: &mut fmt::Formatter<'_>, spelling: Spelling) -> fmt::Result {
-        let starts = self.starts();
-        let mut pieces = vec![Piece::Node(self.nodes.len() - 1)];
+        self.write_node(f, spelling, self.nodes.len() - 1, &self.starts())
+    }
+
+    /// Writes the sub-formula that ends in this node.
+    pub(crate) fn write_node(
+        &self,
+        f: &mut fmt::Formatter<'_>,
+        spelling: Spelling,
+        node: usize,
+        starts: &[usize],
+    ) -> fmt::Result {
+        let mut pieces = vec![Piece::Node(node)];
         while let Some(piece) = pieces.pop() {
             match piece {
                 Piece::Text(text) => f.write_str(text)?,
@@ -177,7 +187,7 @@ impl Formula {
                     Node::Constant(value) => write_number(f, value)?,
                     Node::Signal(signal) => f.write_str(&self.signals[signal as usize])?,
                     Node::Apply(operator, interval) => {
-                        self.unfold(operator, spelling(operator), interval, index, &starts, &mut pieces);
+                        self.unfold(operator, spelling(operator), interval, index, starts, &mut pieces);
                     }
                 },
             }

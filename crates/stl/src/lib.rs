@@ -35,6 +35,7 @@ mod parser;
 mod pointwise;
 mod program;
 mod spelling;
+mod subformula;
 mod trace;
 mod until;
 
@@ -44,4 +45,5 @@ pub use explain::Moment;
 pub use formula::Formula;
 pub use monitor::Monitor;
 pub use spelling::nearest;
+pub use subformula::SubformulaMinimum;
 pub use trace::Trace;

@@ -6,7 +6,8 @@ use crate::extremum::{self, Extremum, Greatest, Least};
 use crate::formula::Formula;
 use crate::operator::Operator;
 use crate::pointwise::{self, Values};
-use crate::program::{Action, Instruction, Place, Program, Source};
+use crate::program::{Action, Instruction, Place, Program, Source, Subformula};
+use crate::subformula::SubformulaMinimum;
 use crate::trace::Trace;
 use crate::until;
 use std::sync::Arc;
@@ -79,6 +80,8 @@ pub struct Monitor {
     checked: Option<Arc<[String]>>,
     buffers: Vec<Vec<f64>>,
     scratch: Vec<f64>,
+    /// Empty until minima are asked for.
+    minima: Vec<SubformulaMinimum>,
 }
 
 impl Monitor {
@@ -90,7 +93,7 @@ impl Monitor {
     pub fn new(formula: &Formula, names: &[String], clock: Clock) -> Result<Monitor, MonitorError> {
         let program = Program::compile(formula, names, &clock)?;
         let buffers = vec![Vec::new(); program.buffers];
-        Ok(Monitor { program, clock, checked: None, buffers, scratch: Vec::new() })
+        Ok(Monitor { program, clock, checked: None, buffers, scratch: Vec::new(), minima: Vec::new() })
     }
 
     /// The robustness at every sample of the trace.
@@ -114,6 +117,56 @@ impl Monitor {
         values.first().copied().ok_or(MonitorError::EmptyTrace)
     }
 
+    /// Returns the least robustness of every sub-formula over the trace, with the first sample at which it is attained.
+    ///
+    /// The order is that of [`Formula::subformulas`]: root first, depth first, left operand before right. The values of
+    /// a sub-formula are those of a monitor of its own.
+    ///
+    /// The minimum is over the samples at which the trace covers the sub-formula: all samples that its bounded windows,
+    /// `next`, `prev`, `rise` and `fall` look at are in the trace, and so is the first sample of each window without an
+    /// end. Elsewhere the value is that of a cut or empty window and says little about the system. `always[50:300] p` on
+    /// samples 0 to 300 is covered at sample 0 only, `p` at all of them.
+    ///
+    /// The cost is that of [`Monitor::robustness_signal`] plus one pass over the samples per sub-formula. Both are paid
+    /// only here.
+    ///
+    /// # Errors
+    /// As for [`Monitor::robustness_signal`].
+    ///
+    /// # Example
+    /// ```
+    /// use std::sync::Arc;
+    /// use mishandle_stl::{Clock, Formula, Monitor, SubformulaMinimum, Trace};
+    ///
+    /// let formula = Formula::parse("always[1:2](d <= 0.5 and v < 2)").unwrap();
+    /// let names: Arc<[String]> = Arc::from(["d".to_owned(), "v".to_owned()]);
+    /// let mut monitor = Monitor::new(&formula, &names, Clock::steps(0.1)).unwrap();
+    /// let mut trace = Trace::new(names);
+    /// for sample in [[0.75, 1.0], [0.25, 0.0], [0.25, 1.5]] {
+    ///     trace.push(&sample);
+    /// }
+    /// let expected = [
+    ///     (0.25, 0),  // always[1:2](...): covered at sample 0 only
+    ///     (-0.25, 0), // d <= 0.5 and v < 2
+    ///     (-0.25, 0), // d <= 0.5
+    ///     (0.5, 2),   // v < 2
+    /// ];
+    /// let expected = expected.map(|(minimum, step)| SubformulaMinimum { minimum, step });
+    /// assert_eq!(monitor.subformula_minima(&trace).unwrap(), expected);
+    /// ```
+    pub fn subformula_minima(&mut self, trace: &Trace) -> Result<&[SubformulaMinimum], MonitorError> {
+        let samples = trace.len();
+        let mut minima = std::mem::take(&mut self.minima);
+        minima.clear();
+        minima.resize(self.program.subformulas.len(), SubformulaMinimum::NONE);
+        let result = self.run(trace, samples, |subformula, operands| {
+            minima[subformula.index] = operands.minimum(subformula);
+        });
+        self.minima = minima;
+        result?;
+        Ok(&self.minima)
+    }
+
     /// How many samples past t the value at t depends on: with it, a value is that of the trace and of no cut window
     /// if `t + horizon` is a sample. `None` if the value depends on all samples to the end of the trace, whatever its
     /// length.
@@ -125,15 +178,45 @@ impl Monitor {
     fn measure(&mut self, trace: &Trace, samples: usize) -> Result<&[f64], MonitorError> {
         self.check(trace)?;
         self.make_room(samples);
-        for &Instruction { action, out } in &self.program.instructions {
-            // Taken out, so that the other buffers can be read while it is written.
-            let mut values = std::mem::take(&mut self.buffers[out]);
-            let operands = Operands { trace, buffers: &self.buffers, samples };
-            let result = operands.act(action, &mut values[..samples], &mut self.scratch, &self.clock);
-            self.buffers[out] = values;
-            result?;
+        for instruction in 0..self.program.instructions.len() {
+            self.execute(instruction, trace, samples)?;
         }
         Ok(&self.buffers[self.program.result()][..samples])
+    }
+
+    /// The same, and shows `see` every sub-formula while its values are there.
+    fn run(
+        &mut self,
+        trace: &Trace,
+        samples: usize,
+        mut see: impl FnMut(&Subformula, &Operands<'_>),
+    ) -> Result<(), MonitorError> {
+        self.check(trace)?;
+        self.make_room(samples);
+        let mut seen = 0;
+        for done in 0..=self.program.instructions.len() {
+            let operands = Operands { trace, buffers: &self.buffers, samples };
+            let ready = self.program.subformulas[seen..].iter();
+            for subformula in ready.take_while(|subformula| subformula.instructions == done) {
+                see(subformula, &operands);
+                seen += 1;
+            }
+            if done < self.program.instructions.len() {
+                self.execute(done, trace, samples)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Executes one instruction.
+    fn execute(&mut self, instruction: usize, trace: &Trace, samples: usize) -> Result<(), MonitorError> {
+        let Instruction { action, out } = self.program.instructions[instruction];
+        // Taken out, so that the other buffers can be read while it is written.
+        let mut values = std::mem::take(&mut self.buffers[out]);
+        let operands = Operands { trace, buffers: &self.buffers, samples };
+        let result = operands.act(action, &mut values[..samples], &mut self.scratch, &self.clock);
+        self.buffers[out] = values;
+        result
     }
 
     /// Accepts a trace of at least one sample that holds our signals, all of them finite.
@@ -202,6 +285,15 @@ impl<'a> Operands<'a> {
         match source {
             Source::Constant(value) => Values::Constant(value),
             Source::Place(place) => Values::Signal(self.signal(place)),
+        }
+    }
+
+    fn minimum(&self, subformula: &Subformula) -> SubformulaMinimum {
+        let covered = subformula.reach.covered(self.samples);
+        let first = covered.start;
+        match self.values(subformula.values) {
+            Values::Signal(values) => SubformulaMinimum::of(values[covered].iter().copied(), first),
+            Values::Constant(value) => SubformulaMinimum::of(covered.take(1).map(|_| value), first),
         }
     }
 

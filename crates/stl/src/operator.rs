@@ -177,6 +177,16 @@ impl Operator {
         matches!(self, LessOrEqual | GreaterOrEqual | Less | Greater)
     }
 
+    /// Whether the operator compares two numbers.
+    pub(crate) fn is_comparison(self) -> bool {
+        self.is_order() || matches!(self, Equal | NotEqual)
+    }
+
+    /// Whether the operator computes a number, which has no truth value.
+    pub(crate) fn is_term(self) -> bool {
+        self.is_arithmetic() || matches!(self, Negate | Abs)
+    }
+
     /// Whether the operator computes numbers from numbers, and may fail to.
     pub(crate) fn is_arithmetic(self) -> bool {
         matches!(self, Sqrt | Exp | Ln | Pow | Multiply | Divide | Add | Subtract)

@@ -5,6 +5,7 @@ use crate::error::MonitorError;
 use crate::formula::{Formula, Node};
 use crate::operator::Operator;
 use crate::spelling::nearest;
+use crate::subformula::Reach;
 
 /// Where the values of an operand lie.
 #[derive(Clone, Copy, Debug)]
@@ -52,6 +53,20 @@ pub(crate) struct Program {
     pub columns: Vec<(usize, String)>,
     /// Samples past t that the value at t depends on.
     pub horizon: Option<usize>,
+    /// The sub-formulas, in the order in which their values are computed.
+    pub subformulas: Vec<Subformula>,
+}
+
+/// Where the values of a sub-formula are, and when: buffers are used again.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Subformula {
+    pub values: Source,
+    /// The values are there after this many instructions, and before the next one.
+    pub instructions: usize,
+    /// The samples that a trace must have around t to cover it.
+    pub reach: Reach,
+    /// Its index in the list of sub-formulas.
+    pub index: usize,
 }
 
 impl Program {
@@ -67,23 +82,33 @@ impl Program {
         }
         let columns =
             formula.signals.iter().map(|name| column(name, names)).collect::<Result<Vec<_>, _>>()?;
+        let mut indices = vec![None; formula.nodes.len()];
+        for (index, node) in formula.listed_nodes().into_iter().enumerate() {
+            indices[node] = Some(index);
+        }
         let mut compiler = Compiler::default();
-        for node in &formula.nodes {
+        let mut subformulas = Vec::new();
+        for (node, index) in formula.nodes.iter().zip(indices) {
             match *node {
-                Node::Constant(value) => compiler.push(Source::Constant(value), Some(0)),
+                Node::Constant(value) => compiler.push_leaf(Source::Constant(value)),
                 Node::Signal(signal) => {
-                    compiler.push(Source::Place(Place::Column(columns[signal as usize].0)), Some(0));
+                    compiler.push_leaf(Source::Place(Place::Column(columns[signal as usize].0)));
                 }
                 Node::Apply(operator, interval) => {
                     compiler.apply(operator, clock.window(operator.name(), interval)?);
                 }
             }
+            if let (Some(index), Some(top)) = (index, compiler.stack.last()) {
+                let instructions = compiler.instructions.len();
+                subformulas.push(Subformula { values: top.source, instructions, reach: top.reach, index });
+            }
         }
-        let (result, horizon) = compiler.pop();
+        let Operand { source: result, horizon, .. } = compiler.pop();
         if !matches!(result, Source::Place(Place::Buffer(_))) {
             compiler.emit(Action::Load(result));
         }
-        Ok(Program { instructions: compiler.instructions, buffers: compiler.buffers, columns, horizon })
+        let Compiler { instructions, buffers, .. } = compiler;
+        Ok(Program { instructions, buffers, columns, horizon, subformulas })
     }
 
     /// The buffer that holds the robustness at the end.
@@ -104,45 +129,63 @@ fn column(wanted: &str, names: &[String]) -> Result<(usize, String), MonitorErro
     }
 }
 
-/// Runs through a formula as a stack machine would, with the place and the horizon of each operand on the stack.
+/// An operand that waits for its operator.
+#[derive(Clone, Copy)]
+struct Operand {
+    source: Source,
+    horizon: Option<usize>,
+    reach: Reach,
+}
+
+/// Runs through a formula as a stack machine would.
 #[derive(Default)]
 struct Compiler {
     instructions: Vec<Instruction>,
-    stack: Vec<(Source, Option<usize>)>,
+    stack: Vec<Operand>,
     free: Vec<usize>,
     buffers: usize,
 }
 
 impl Compiler {
-    fn push(&mut self, source: Source, horizon: Option<usize>) {
-        self.stack.push((source, horizon));
+    fn push_leaf(&mut self, source: Source) {
+        self.stack.push(Operand { source, horizon: Some(0), reach: Reach::default() });
     }
 
-    fn pop(&mut self) -> (Source, Option<usize>) {
+    fn pop(&mut self) -> Operand {
         // A formula holds as many operands as its operators take, so the stack is never empty here.
-        self.stack.pop().unwrap_or((Source::Constant(f64::NAN), None))
+        let missing = Operand { source: Source::Constant(f64::NAN), horizon: None, reach: Reach::default() };
+        self.stack.pop().unwrap_or(missing)
     }
 
     fn apply(&mut self, operator: Operator, window: Window) {
-        let (last, last_horizon) = self.pop();
+        let last = self.pop();
         if operator.arity() == 1 {
-            let horizon = horizon(operator, window, last_horizon, Some(0));
+            let result = |source| Operand {
+                source,
+                horizon: horizon(operator, window, last.horizon, Some(0)),
+                reach: Reach::of(operator, window, last.reach, last.reach),
+            };
             if operator.is_temporal() {
-                let last = self.materialise(last);
-                self.finish(Action::Along(operator, window, last), &[Source::Place(last)], horizon);
+                let x = self.materialise(last.source);
+                self.finish(Action::Along(operator, window, x), &[Source::Place(x)], result);
             } else {
-                self.finish(Action::Map(operator, last), &[last], horizon);
+                self.finish(Action::Map(operator, last.source), &[last.source], result);
             }
             return;
         }
-        let (first, first_horizon) = self.pop();
-        let horizon = horizon(operator, window, first_horizon, last_horizon);
+        let first = self.pop();
+        let result = |source| Operand {
+            source,
+            horizon: horizon(operator, window, first.horizon, last.horizon),
+            reach: Reach::of(operator, window, first.reach, last.reach),
+        };
         if operator.is_temporal() {
-            let (first, last) = (self.materialise(first), self.materialise(last));
-            let used = [Source::Place(first), Source::Place(last)];
-            self.finish(Action::Between(operator, window, first, last), &used, horizon);
+            let (x, y) = (self.materialise(first.source), self.materialise(last.source));
+            let used = [Source::Place(x), Source::Place(y)];
+            self.finish(Action::Between(operator, window, x, y), &used, result);
         } else {
-            self.finish(Action::Zip(operator, first, last), &[first, last], horizon);
+            let used = [first.source, last.source];
+            self.finish(Action::Zip(operator, first.source, last.source), &used, result);
         }
     }
 
@@ -155,14 +198,14 @@ impl Compiler {
     }
 
     /// Emits an action, frees the buffers of its operands and pushes its result.
-    fn finish(&mut self, action: Action, used: &[Source], horizon: Option<usize>) {
+    fn finish(&mut self, action: Action, used: &[Source], result: impl FnOnce(Source) -> Operand) {
         let out = self.emit(action);
         for source in used {
             if let Source::Place(Place::Buffer(buffer)) = source {
                 self.free.push(*buffer);
             }
         }
-        self.push(Source::Place(Place::Buffer(out)), horizon);
+        self.stack.push(result(Source::Place(Place::Buffer(out))));
     }
 
     /// Emits an action into a free buffer, the one used last if there is any, since it is likely to be in the cache.

@@ -3,7 +3,7 @@
 
 mod naive;
 
-use mishandle_stl::{Clock, Formula, Monitor, Trace};
+use mishandle_stl::{Clock, Formula, Monitor, MonitorError, SubformulaMinimum, Trace};
 use naive::{Interval, NAMES, Random, TIMED_ONE, TIMED_TWO, Tree};
 use std::sync::Arc;
 
@@ -395,4 +395,139 @@ fn a_monitor_may_meet_traces_of_any_length_in_any_order() {
             "{n} samples"
         );
     }
+}
+
+// --- sub-formulas ---
+
+/// Samples of a trace of `n` at which a formula that looks this far looks past neither end.
+fn covered((low, high): (i64, i64), n: usize) -> std::ops::Range<usize> {
+    let end = n.saturating_sub(high as usize);
+    (-low as usize).min(end)..end
+}
+
+fn least_of(values: &[f64], covered: std::ops::Range<usize>) -> SubformulaMinimum {
+    let mut least = SubformulaMinimum { minimum: f64::INFINITY, step: covered.start };
+    for step in covered.clone() {
+        if values[step] < least.minimum {
+            least = SubformulaMinimum { minimum: values[step], step };
+        }
+    }
+    if covered.is_empty() { SubformulaMinimum { step: 0, ..least } } else { least }
+}
+
+#[test]
+fn minima_of_sub_formulas_are_those_of_their_own_monitors() {
+    let mut random = Random(14);
+    for case in 0..10_000 {
+        let n = 1 + random.below(if case % 10 == 0 { 90 } else { 14 });
+        let size = random.below(6);
+        let tree = Tree::random(&mut random, size, n.min(5));
+        let text = tree.write(&mut random);
+        let columns = random_columns(&mut random, n);
+        let parts = tree.subformulas();
+        let texts: Vec<String> = Formula::parse(&text).unwrap().subformulas().collect();
+        assert_eq!(texts[0], Formula::parse(&text).unwrap().to_string());
+        assert_eq!(texts.len(), parts.len(), "{text}: {texts:?}");
+        let mut monitor = monitor(&text);
+        let trace = trace_of(&columns);
+        let minima = monitor.subformula_minima(&trace).unwrap().to_vec();
+        assert_eq!(minima.len(), parts.len());
+        for ((part, text), minimum) in parts.iter().zip(&texts).zip(&minima) {
+            let values = robustness(text, &columns);
+            assert_eq!(values, part.evaluate(&columns), "{text} on {columns:?}");
+            let expected = least_of(&values, covered(part.looks_at(), n));
+            assert_eq!(*minimum, expected, "{text} on {columns:?}");
+        }
+        // Asking for minima changes no robustness.
+        assert_eq!(monitor.robustness(&trace), Ok(tree.evaluate(&columns)[0]));
+    }
+}
+
+/// The value of a formula with bounded windows at a covered sample is the same in every longer trace around it, so more
+/// samples can only lower the minimum.
+#[test]
+fn a_covered_sample_does_not_depend_on_where_the_trace_is_cut() {
+    let mut random = Random(15);
+    let (mut formulas, mut samples) = (0, 0);
+    while formulas < 3000 {
+        let n = 1 + random.below(40);
+        let size = 1 + random.below(3);
+        let tree = Tree::random(&mut random, size, 5);
+        if !tree.is_bounded() {
+            continue;
+        }
+        formulas += 1;
+        let text = tree.write(&mut random);
+        let columns = random_columns(&mut random, n);
+        let before = random.below(12);
+        let longer: Vec<Vec<f64>> = columns
+            .iter()
+            .map(|column| [random.column(before), column.clone(), random.column(12)].concat())
+            .collect();
+        let (short, long) = (robustness(&text, &columns), robustness(&text, &longer));
+        for step in covered(tree.looks_at(), n) {
+            samples += 1;
+            assert_eq!(short[step], long[step + before], "{text} at {step} of {columns:?} in {longer:?}");
+        }
+        let least =
+            |columns: &[Vec<f64>]| monitor(&text).subformula_minima(&trace_of(columns)).unwrap()[0].minimum;
+        assert!(least(&longer) <= least(&columns), "{text} on {columns:?} in {longer:?}");
+    }
+    assert!(samples > 10_000, "{samples}");
+}
+
+#[test]
+fn minima_of_sub_formulas_by_hand() {
+    // Samples 0 to 4.
+    let columns = [vec![3.0, 1.0, -2.0, 4.0, -2.0], vec![0.0, 5.0, 2.0, 1.0, 6.0], vec![0.0; 5]];
+    let check = |text: &str, expected: &[(&str, f64, usize)]| {
+        let texts: Vec<String> = Formula::parse(text).unwrap().subformulas().collect();
+        let mut monitor = monitor(text);
+        let minima = monitor.subformula_minima(&trace_of(&columns)).unwrap();
+        let found: Vec<(&str, f64, usize)> = texts
+            .iter()
+            .zip(minima)
+            .map(|(text, least)| (text.as_str(), least.minimum, least.step))
+            .collect();
+        assert_eq!(found, expected, "{text}");
+    };
+    const INF: f64 = f64::INFINITY;
+    // a is least at samples 2 and 4: the first counts. b - 1 is [-1, 4, 1, 0, 5].
+    check("a", &[("a", -2.0, 2)]);
+    check(
+        "a > 0 or b > 1",
+        &[("a > 0 or b > 1", 1.0, 2), ("a > 0", -2.0, 2), ("b > 1", -1.0, 0)], // max: [3, 4, 1, 4, 5]
+    );
+    // Covered at samples 0 to 3: max of two neighbors is [3, 1, 4, 4].
+    check("eventually[0:1](a > 0)", &[("eventually[0:1](a > 0)", 1.0, 1), ("a > 0", -2.0, 2)]);
+    // Covered at samples 1 to 4: the sample before is [3, 1, -2, 4].
+    check("prev a", &[("prev a", -2.0, 3), ("a", -2.0, 2)]);
+    check("next a", &[("next a", -2.0, 1), ("a", -2.0, 2)]);
+    // Covered at samples 2 to 4: b two samples before is [0, 5, 2].
+    check("once[2:2] b", &[("once[2:2] b", 0.0, 2), ("b", 0.0, 0)]);
+    // A window without an end is covered by its first sample: suffix minima of a are -2 throughout.
+    check("always (a > 0)", &[("always(a > 0)", -2.0, 0), ("a > 0", -2.0, 2)]);
+    // Covered at samples 0 to 2; suffix maxima of a from two samples on: [4, 4, -2].
+    check("eventually[2:inf] a", &[("eventually[2:inf] a", -2.0, 2), ("a", -2.0, 2)]);
+    // Left operand needed over [t, t + 1), right one up to t + 1: samples 0 to 3.
+    // max(b(t), min(a(t), b(t + 1))): max(0, min(3, 5)) = 3, max(5, 1) = 5, max(2, -2) = 2, max(1, min(4, 6)) = 4.
+    check("a until[0:1] b", &[("a until[0:1] b", 2.0, 2), ("a", -2.0, 2), ("b", 0.0, 0)]);
+    // No sample has five more after it.
+    check("always[0:5] a", &[("always[0:5] a", INF, 0), ("a", -2.0, 2)]);
+    check("true until[0:1] a", &[("true until[0:1] a", 1.0, 1), ("true", INF, 0), ("a", -2.0, 2)]);
+    // Terms are not listed.
+    check("abs(a) - b <= 3", &[("abs(a) - b <= 3", 0.0, 0)]); // 3 - (|a| - b): [0, 7, 3, 0, 7]
+}
+
+#[test]
+fn minima_ask_for_arithmetic_at_every_sample() {
+    let columns = [vec![1.0, 4.0, -1.0], vec![0.0; 3], vec![0.0; 3]];
+    let mut monitor = monitor("sqrt(a) >= 1");
+    assert_eq!(monitor.robustness(&trace_of(&columns)), Ok(0.0));
+    let found = monitor.subformula_minima(&trace_of(&columns));
+    assert!(matches!(found, Err(MonitorError::Undefined { step: 2, .. })), "{found:?}");
+    // The next trace is measured as if nothing had happened.
+    let columns = [vec![4.0, 1.0, 9.0], vec![0.0; 3], vec![0.0; 3]];
+    let expected = [SubformulaMinimum { minimum: 0.0, step: 1 }];
+    assert_eq!(monitor.subformula_minima(&trace_of(&columns)).unwrap(), expected);
 }

@@ -11,8 +11,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use mishandle_store::{
-    Axis, Build, End, Existing, RunFile, RunHeader, RunKind, RunWriter, Simulation, SimulationRecord, Trace,
-    export_csv,
+    Axis, Build, Component, End, Existing, RunFile, RunHeader, RunKind, RunWriter, Signal, Simulation,
+    TargetRecord, Trace, export_csv,
 };
 
 const AXES: usize = 6;
@@ -63,19 +63,10 @@ fn rows(simulations: u32, path: &Path) -> Result<(), Box<dyn Error>> {
 fn lines(simulations: u32, path: &Path) -> Result<f64, Box<dyn Error>> {
     let mut file = std::fs::File::create(path)?;
     let start = Instant::now();
-    for record in batches(simulations).flatten() {
-        let s = &record.simulation;
+    for s in batches(simulations).flatten() {
         let line = format!(
             "{},{},{},{:?},{:?},{},{:?},{:?},{:?}\n",
-            s.trial,
-            s.number,
-            s.seed,
-            s.robustness,
-            s.end,
-            s.steps,
-            s.unit_point,
-            s.initial_configuration,
-            s.verdicts
+            s.trial, s.number, s.seed, s.robustness, s.end, s.steps, s.unit_point, s.scenario, s.verdicts
         );
         file.write_all(line.as_bytes())?;
     }
@@ -90,8 +81,8 @@ fn traces(path: &Path) -> Result<(), Box<dyn Error>> {
     let raw = trace.columns.iter().map(|column| column.len() * 8).sum::<usize>();
     let start = Instant::now();
     for number in 1..=count {
-        let simulation = Simulation { trace_digest: None, ..simulation(0, number) };
-        writer.record(&[SimulationRecord { simulation, trace: Some(trace.clone()) }])?;
+        let trace = Some(trace.clone());
+        writer.record(&[Simulation { trace_digest: None, trace, ..simulation(0, number) }])?;
     }
     let each = start.elapsed().as_secs_f64() / f64::from(count) * 1e6;
     writer.close()?;
@@ -117,17 +108,14 @@ fn peak_mib() -> f64 {
     peak.unwrap_or(f64::NAN) / 1024.0
 }
 
-fn batches(simulations: u32) -> impl Iterator<Item = Vec<SimulationRecord>> {
+fn batches(simulations: u32) -> impl Iterator<Item = Vec<Simulation>> {
     let per_trial = simulations.div_ceil(TRIALS);
     // Eight trials run at a time; each in turn hands over a batch.
     let groups = (0..TRIALS).step_by(AT_ONCE as usize).map(|first| first..TRIALS.min(first + AT_ONCE));
     groups.flat_map(move |trials| {
         (1..=per_trial).step_by(BATCH as usize).flat_map(move |first| {
             let numbers = first..=per_trial.min(first + BATCH - 1);
-            trials.clone().map(move |trial| {
-                let record = |number| SimulationRecord { simulation: simulation(trial, number), trace: None };
-                numbers.clone().map(record).collect()
-            })
+            trials.clone().map(move |trial| numbers.clone().map(|number| simulation(trial, number)).collect())
         })
     })
 }
@@ -139,12 +127,16 @@ fn simulation(trial: u32, number: u32) -> Simulation {
         number,
         seed: u64::from(number).wrapping_mul(0x9e37_79b9_7f4a_7c15),
         unit_point: (1..=AXES).map(|axis| (x * axis as f64).fract()).collect(),
-        initial_configuration: (1..=AXES).map(|axis| (x * axis as f64).fract() * 0.3 + 0.1).collect(),
+        scenario: (1..=AXES).map(|axis| Some((x * axis as f64).fract() * 0.3 + 0.1)).collect(),
         robustness: Some(x.sin()),
-        end: End::Horizon,
+        robustness_low: Some(x.sin()),
+        robustness_high: Some(x.sin()),
+        stop_threshold: None,
+        end: End::Completed,
         steps: 300,
         verdicts: vec![Some(x.cos()), Some(0.25), None, Some(-x)],
         trace_digest: Some(u128::from(number) << 64 | 7),
+        trace: None,
     }
 }
 
@@ -180,19 +172,24 @@ fn header() -> RunHeader {
     RunHeader {
         kind: RunKind::Falsify,
         build: Build::default(),
+        versions: vec![],
         plan: String::new(),
-        controller: "ppo".into(),
-        controller_hash: String::new(),
-        controller_bytes_hash: String::new(),
-        task: "point-reaching".into(),
-        preset: "paper".into(),
+        target: TargetRecord {
+            kind: "task".into(),
+            name: "point-reaching".into(),
+            ..TargetRecord::default()
+        },
+        components: vec![Component { role: "controller".into(), name: "ppo".into(), ..Component::default() }],
+        space: "starts".into(),
         formula: String::new(),
+        formulas: vec![],
         search: "random".into(),
         seed: 1,
         control_dt: 1.0 / 60.0,
-        signals: (0..6).map(|signal| format!("signal_{signal}")).collect(),
+        episode_steps: 300,
+        signals: (0..6).map(|i| Signal { name: format!("signal_{i}"), unit: "m".into() }).collect(),
         axes: (0..AXES)
-            .map(|axis| Axis { name: format!("axis_{axis}"), unit: "m".into(), low: 0.0, high: 1.0 })
+            .map(|i| Axis { name: format!("axis_{i}"), unit: "m".into(), high: 1.0, ..Axis::default() })
             .collect(),
         verdicts: ["strict", "dangerous", "completion", "return"].map(Into::into).into(),
     }

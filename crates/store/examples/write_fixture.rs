@@ -1,11 +1,11 @@
 //! Writes the run file that later programs must still read:
-//! `cargo run -p mishandle-store --example write_fixture -- crates/store/tests/fixtures/v1.sqlite`.
+//! `cargo run -p mishandle-store --example write_fixture -- crates/store/tests/fixtures/v2.sqlite`.
 //!
-//! To be run once per format version, when it is released; `tests/old_files.rs` holds the values by hand.
+//! Run once per format version, when it is released; `tests/old_files.rs` states the values by hand.
 
 use mishandle_store::{
-    Axis, Build, End, Existing, Result, RunHeader, RunKind, RunWriter, Simulation, SimulationRecord, Trace,
-    TrialStatus,
+    Axis, Build, Component, End, Existing, NamedFormula, Result, RunHeader, RunKind, RunWriter, Signal,
+    Simulation, TargetRecord, Trace, TrialStatus,
 };
 
 fn main() -> Result<()> {
@@ -20,12 +20,23 @@ fn main() -> Result<()> {
         writer.start_trial(trial, u64::MAX - u64::from(trial))?;
         writer.end_trial(trial, status)?;
     }
+    let part = simulation(1, 3, Some(-0.25), End::Stopped { step: 34 });
     writer.record(&[
-        record(1, 1, Some(0.1 + 0.2), End::Horizon),
-        record(1, 2, None, End::Diverged { step: 12 }),
-        record(1, 3, Some(f64::INFINITY), End::Stopped { step: 34 }),
-        record(2, 1, Some(-0.0), End::Horizon),
-        SimulationRecord { trace: Some(trace()), ..record(2, 2, Some(f64::NEG_INFINITY), End::Horizon) },
+        simulation(1, 1, Some(0.1 + 0.2), End::Completed),
+        simulation(1, 2, None, End::Diverged { step: 12 }),
+        Simulation { robustness_low: Some(f64::NEG_INFINITY), stop_threshold: Some(-0.0), ..part },
+        simulation(1, 4, Some(f64::INFINITY), End::Terminated { step: 56 }),
+        simulation(1, 5, None, End::Undefined { step: 0 }),
+        simulation(1, 6, None, End::InvalidAction { step: 7 }),
+        Simulation {
+            unit_point: vec![],
+            scenario: vec![None, None],
+            ..simulation(1, 7, None, End::InvalidScenario)
+        },
+        simulation(1, 8, None, End::Crashed { step: 8 }),
+        simulation(1, 9, None, End::TimedOut { step: 9 }),
+        simulation(2, 1, Some(-0.0), End::Completed),
+        Simulation { trace: Some(trace()), ..simulation(2, 2, Some(f64::NEG_INFINITY), End::Completed) },
     ])?;
     writer.close()
 }
@@ -35,45 +46,84 @@ fn header() -> RunHeader {
         kind: RunKind::Evaluate,
         build: Build {
             program_version: "0.1.0".into(),
-            git_commit: "63b21f9".into(),
+            git_commit: "51c0ab8".into(),
             target: "x86_64-unknown-linux-gnu".into(),
             rustc: "1.95.0".into(),
-            mujoco_version: "3.17.0".into(),
             architecture: "x86-64-v3".into(),
         },
+        versions: vec![("MuJoCo".into(), "3.17.0".into()), ("Python".into(), "3.11.2".into())],
         plan: "task = \"ball-catching\"\n# ρ ≥ 0\n".into(),
-        controller: "expert".into(),
-        controller_hash: "c0".into(),
-        controller_bytes_hash: "c1".into(),
-        task: "ball-catching".into(),
-        preset: "code".into(),
+        target: TargetRecord {
+            kind: "python".into(),
+            name: "ball-catching".into(),
+            hash: "t0".into(),
+            is_deterministic: false,
+        },
+        components: vec![
+            Component {
+                role: "controller".into(),
+                name: "expert".into(),
+                hash: "c0".into(),
+                file_hash: "c1".into(),
+            },
+            Component { role: "filter".into(), name: "none".into(), ..Component::default() },
+        ],
+        space: "everything".into(),
         formula: "always[50:300](ball_box_horizontal_distance <= 0.1)".into(),
+        formulas: vec![
+            NamedFormula { name: "success".into(), text: "linear <= 0.1".into() },
+            NamedFormula { name: "safe".into(), text: "linear < 0.2".into() },
+        ],
         search: "random".into(),
         seed: 1 << 63,
         control_dt: 0.25,
-        signals: vec!["linear".into(), "strange".into()],
+        episode_steps: 150,
+        signals: vec![
+            Signal { name: "linear".into(), unit: "m".into() },
+            Signal { name: "strange".into(), unit: String::new() },
+        ],
         axes: vec![
-            Axis { name: "ball_x".into(), unit: "m".into(), low: -0.5, high: 1.25 },
-            Axis { name: "ball_velocity_z".into(), unit: "m/s".into(), low: 2.0, high: 3.0 },
+            Axis {
+                name: "ball_x".into(),
+                unit: "m".into(),
+                kind: "start".into(),
+                low: -0.5,
+                high: 1.25,
+                nominal: Some(-0.0),
+                values: "continuous".into(),
+                meaning: "where the ball starts".into(),
+            },
+            Axis {
+                name: "say \"ρ\"".into(),
+                kind: "noise".into(),
+                low: 2.0,
+                high: 3.0,
+                nominal: None,
+                values: "integer".into(),
+                ..Axis::default()
+            },
         ],
         verdicts: vec!["strict_robustness".into(), "return".into()],
     }
 }
 
-fn record(trial: u32, number: u32, robustness: Option<f64>, end: End) -> SimulationRecord {
-    let simulation = Simulation {
+fn simulation(trial: u32, number: u32, robustness: Option<f64>, end: End) -> Simulation {
+    Simulation {
         trial,
         number,
         seed: u64::MAX - u64::from(number),
         unit_point: vec![0.25, 0.75],
-        initial_configuration: vec![f64::from(number) / 3.0, -0.0],
+        scenario: vec![Some(f64::from(number) / 3.0), Some(-0.0)],
         robustness,
+        robustness_low: robustness,
+        robustness_high: robustness,
+        stop_threshold: None,
         end,
-        steps: 300,
+        steps: 150,
         verdicts: vec![None, Some(f64::from(number) * 0.1)],
         trace_digest: None,
-    };
-    SimulationRecord { simulation, trace: None }
+        trace: None,
+    }
 }
 
 fn trace() -> Trace {

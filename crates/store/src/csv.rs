@@ -4,22 +4,34 @@ use std::io::{self, Write};
 
 use crate::{Axis, Result, RunFile, Simulation, StoreError, Trace, row};
 
+const FIXED: [&str; 10] = [
+    "trial",
+    "simulation",
+    "seed",
+    "robustness",
+    "robustness_low",
+    "robustness_high",
+    "stop_threshold",
+    "end",
+    "end_step",
+    "steps",
+];
+
 /// Writes all simulations of a run as CSV (RFC 4180): a line of names, then a line each, ordered by trial and
 /// number.
 ///
-/// The columns are `trial`, `simulation`, `seed`, `robustness`, `end`, `end_step`, `steps`; then, per axis,
-/// `u_NAME` (the unit point) and, per axis, `NAME_UNIT` (the initial configuration; `m/s` is written
-/// `m_per_s`); then a column per further verdict; then `trace_digest` in hexadecimal. Numbers are written
-/// with as many digits as it takes to read them back exactly, infinities as `inf` and `-inf`; what is not
-/// there is left empty.
+/// The columns are `trial`, `simulation`, `seed`, `robustness`, `robustness_low`, `robustness_high`,
+/// `stop_threshold`, `end`, `end_step`, `steps`; then, per axis, `u_NAME` (the unit point) and, per axis,
+/// `NAME_UNIT` (the scenario; `m/s` is written `m_per_s`); then a column per further verdict; then `trace_digest`
+/// in hexadecimal. Numbers have as many digits as it takes to read them back exactly, infinities are `inf` and
+/// `-inf`, and absent values are empty.
 ///
 /// # Errors
 /// [`Io`](StoreError::Io) if `writer` fails, or a failure of the file.
 pub fn export_csv(run: &RunFile, writer: &mut impl Write) -> Result<()> {
     let mut writer = io::BufWriter::new(writer);
     let header = run.header();
-    let mut names: Vec<String> =
-        ["trial", "simulation", "seed", "robustness", "end", "end_step", "steps"].map(Into::into).into();
+    let mut names: Vec<String> = FIXED.map(Into::into).into();
     names.extend(header.axes.iter().map(|axis| format!("u_{}", axis.name)));
     names.extend(header.axes.iter().map(with_unit));
     names.extend(header.verdicts.iter().cloned());
@@ -39,7 +51,7 @@ pub fn export_csv(run: &RunFile, writer: &mut impl Write) -> Result<()> {
 pub fn export_trace_csv(run: &RunFile, trace: &Trace, writer: &mut impl Write) -> Result<()> {
     let mut writer = io::BufWriter::new(writer);
     let header = run.header();
-    let names = std::iter::once("time").chain(header.signals.iter().map(String::as_str));
+    let names = std::iter::once("time").chain(header.signals.iter().map(|signal| signal.name.as_str()));
     line(&mut writer, names.map(quoted)).map_err(failed)?;
     for step in 0..trace.samples() {
         let time = step as f64 * header.control_dt;
@@ -57,12 +69,15 @@ fn fields(simulation: &Simulation, axes: usize) -> Vec<String> {
         simulation.number.to_string(),
         simulation.seed.to_string(),
         or_empty(simulation.robustness),
+        or_empty(simulation.robustness_low),
+        or_empty(simulation.robustness_high),
+        or_empty(simulation.stop_threshold),
         end.to_owned(),
         end_step.map(|step| step.to_string()).unwrap_or_default(),
         simulation.steps.to_string(),
     ];
     fields.extend((0..axes).map(|axis| or_empty(simulation.unit_point.get(axis).copied())));
-    fields.extend(simulation.initial_configuration.iter().copied().map(number));
+    fields.extend(simulation.scenario.iter().copied().map(or_empty));
     fields.extend(simulation.verdicts.iter().copied().map(or_empty));
     fields.push(simulation.trace_digest.map(|digest| format!("{digest:032x}")).unwrap_or_default());
     fields

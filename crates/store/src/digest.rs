@@ -27,6 +27,11 @@ impl Digest {
         self.float(value.unwrap_or(0.0));
     }
 
+    pub(crate) fn optionals(&mut self, values: &[Option<f64>]) {
+        self.integer(values.len() as u64);
+        values.iter().for_each(|&value| self.optional(value));
+    }
+
     pub(crate) fn floats(&mut self, values: &[f64]) {
         self.integer(values.len() as u64);
         let mut bytes = [0; 512];

@@ -97,6 +97,19 @@ pub enum StoreError {
         /// The file.
         path: PathBuf,
     },
+    /// The file is of an earlier format, and cannot be upgraded where it is.
+    #[error(
+        "the run file has format version {found} and must be upgraded to {current}, but the file or its folder is \
+         read-only; copy it to a folder that can be written: {}", path.display()
+    )]
+    CannotUpgrade {
+        /// Format version of the file.
+        found: i64,
+        /// The version that this program reads.
+        current: i64,
+        /// The file.
+        path: PathBuf,
+    },
     /// A list has the wrong number of elements.
     #[error(
         "cannot record simulation {number} of trial {trial}: its {list} has {found} elements, \

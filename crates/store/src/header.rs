@@ -9,69 +9,121 @@ pub enum RunKind {
     Evaluate,
 }
 
-/// The program that made a run, as texts given by the caller; what is unknown is left empty.
+/// The program that made a run, as given by the caller; unknown fields are empty.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Build {
     /// Version of the program, such as `0.1.0`.
     pub program_version: String,
-    /// Git commit that it was built from.
+    /// Git commit of the source code.
     pub git_commit: String,
-    /// Target triple that it was built for.
+    /// Target triple of the build.
     pub target: String,
     /// Version of the Rust compiler.
     pub rustc: String,
-    /// Version of the physics, such as `3.17.0`.
-    pub mujoco_version: String,
     /// Architecture and instruction set of the machine that ran it.
     pub architecture: String,
 }
 
-/// One axis of the box of initial configurations.
-#[derive(Debug, Clone, PartialEq)]
+/// The system under test.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct TargetRecord {
+    /// Kind of target, such as `task` or `python`.
+    pub kind: String,
+    /// Name of the target.
+    pub name: String,
+    /// Hash of the target's content; empty if unknown.
+    pub hash: String,
+    /// Whether the same scenario and seed give the same trace.
+    pub is_deterministic: bool,
+}
+
+/// An exchangeable part of the system under test.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Component {
+    /// Role of the component, such as `controller`.
+    pub role: String,
+    /// Name or path, as the plan gives it.
+    pub name: String,
+    /// Hash of what determines the behavior: weights and settings.
+    pub hash: String,
+    /// Hash of the bytes of the file; empty if there is no file.
+    pub file_hash: String,
+}
+
+/// A formula of the target.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct NamedFormula {
+    /// Name of the formula, unique within the run.
+    pub name: String,
+    /// Text of the formula.
+    pub text: String,
+}
+
+/// A recorded signal.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Signal {
+    /// Name of the signal, unique within the run.
+    pub name: String,
+    /// Unit of the signal, such as `m`; empty if it has none.
+    pub unit: String,
+}
+
+/// One axis of the scenario space.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Axis {
-    /// Name of the axis, unique within its box.
+    /// Name of the axis, unique within the run.
     pub name: String,
     /// Unit of the axis, such as `m` or `rad`; empty if it has none.
     pub unit: String,
+    /// Kind of the axis, such as `start` or `model`.
+    pub kind: String,
     /// Lower bound, in that unit.
     pub low: f64,
     /// Upper bound, in that unit.
     pub high: f64,
+    /// Value of the undisturbed episode; `None` if it is a random draw.
+    pub nominal: Option<f64>,
+    /// The values between the bounds that the axis can take, such as `continuous`. Column `domain` of the file.
+    pub values: String,
+    /// Description for people; may be empty.
+    pub meaning: String,
 }
 
 /// What was run, by which build, from which plan.
 ///
-/// All of it is given by the caller and comes back as it was given. There is no time or date in it, so that
-/// the same run gives the same header.
+/// The caller provides all of it, and reading returns it unchanged. It contains no time or date, so that equal
+/// runs have equal headers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunHeader {
     /// Whether the run falsifies or evaluates.
     pub kind: RunKind,
     /// The program that made the run.
     pub build: Build,
+    /// Name and version of each dependency that affects episodes, such as (`MuJoCo`, `3.17.0`).
+    pub versions: Vec<(String, String)>,
     /// The resolved plan, as TOML.
     pub plan: String,
-    /// Name or path of the controller, as the plan gives it.
-    pub controller: String,
-    /// Hash of what the controller means: its weights and its settings.
-    pub controller_hash: String,
-    /// Hash of the bytes of the controller's file.
-    pub controller_bytes_hash: String,
-    /// Name of the task.
-    pub task: String,
-    /// Name of the task preset.
-    pub preset: String,
-    /// Text of the formula whose robustness is recorded.
+    /// The system under test.
+    pub target: TargetRecord,
+    /// The exchangeable parts of the target, such as its controller.
+    pub components: Vec<Component>,
+    /// Name of the scenario space.
+    pub space: String,
+    /// Text of the requirement, whose robustness is recorded.
     pub formula: String,
+    /// All named formulas of the target.
+    pub formulas: Vec<NamedFormula>,
     /// Name of the search.
     pub search: String,
-    /// Seed of the whole run.
+    /// Random seed of the whole run.
     pub seed: u64,
     /// Duration of a control step, in seconds.
     pub control_dt: f64,
-    /// Names of a trace's signals, in the order of [`Trace::columns`](crate::Trace::columns).
-    pub signals: Vec<String>,
-    /// The axes of an initial configuration, in its order.
+    /// Control steps of a complete episode.
+    pub episode_steps: u32,
+    /// The signals of a trace, in the order of [`Trace::columns`](crate::Trace::columns).
+    pub signals: Vec<Signal>,
+    /// The axes of the scenario space, in the order of [`Simulation::scenario`](crate::Simulation::scenario).
     pub axes: Vec<Axis>,
     /// Names of the further verdicts of a simulation, in the order of
     /// [`Simulation::verdicts`](crate::Simulation::verdicts).

@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use rusqlite::types::{FromSql, Value};
-use rusqlite::{Connection, params};
+use rusqlite::{Connection, Row, params, params_from_iter};
 
 use crate::digest::Digest;
 use crate::error::{InFile, StoreError};
-use crate::{Axis, Build, Result, RunHeader, RunKind};
+use crate::{Axis, Build, Component, NamedFormula, Result, RunHeader, RunKind, Signal, TargetRecord};
 
 const HASH: &str = "header_hash";
 
@@ -17,22 +17,42 @@ fn kind_text(kind: RunKind) -> &'static str {
     KINDS.iter().find(|(known, _)| *known == kind).map_or("", |(_, text)| text)
 }
 
+/// The tables that hold the header's lists, each with its columns.
+const LISTS: [(&str, &str); 6] = [
+    ("version", "name, version"),
+    ("component", "role, name, hash, file_hash"),
+    ("formula", "name, text"),
+    ("signal", "name, unit"),
+    ("axis", "name, unit, kind, low, high, nominal, domain, meaning"),
+    ("verdict", "name"),
+];
+
 /// Refuses a header that a reader could not make sense of.
 pub(crate) fn guard(header: &RunHeader) -> Result<()> {
     let bad = |what| Err(StoreError::BadHeader { what });
     if !(header.control_dt > 0.0 && header.control_dt.is_finite()) {
         return bad(format!("its control period is {} s, it must be above 0 and finite", header.control_dt));
     }
-    if let Some(axis) = header.axes.iter().find(|axis| !(axis.low.is_finite() && axis.high.is_finite())) {
-        return bad(format!(
-            "axis `{}` has the bounds {} and {}, they must be finite",
-            axis.name, axis.low, axis.high
-        ));
+    for Axis { name, low, high, nominal, .. } in &header.axes {
+        if !(low.is_finite() && high.is_finite()) {
+            return bad(format!("axis `{name}` has the bounds {low} and {high}, they must be finite"));
+        }
+        if let Some(nominal) = nominal.filter(|nominal| !nominal.is_finite()) {
+            return bad(format!("axis `{name}` has the nominal value {nominal}, it must be finite"));
+        }
     }
+    let versions: Vec<&str> = header.versions.iter().map(|(name, _)| name.as_str()).collect();
+    let formulas: Vec<&str> = header.formulas.iter().map(|formula| formula.name.as_str()).collect();
+    let signals: Vec<&str> = header.signals.iter().map(|signal| signal.name.as_str()).collect();
     let axes: Vec<&str> = header.axes.iter().map(|axis| axis.name.as_str()).collect();
-    let signals: Vec<&str> = header.signals.iter().map(String::as_str).collect();
     let verdicts: Vec<&str> = header.verdicts.iter().map(String::as_str).collect();
-    for (list, mut names) in [("signals", signals), ("axes", axes), ("verdicts", verdicts)] {
+    for (list, mut names) in [
+        ("versions", versions),
+        ("formulas", formulas),
+        ("signals", signals),
+        ("axes", axes),
+        ("verdicts", verdicts),
+    ] {
         names.sort_unstable();
         if let Some([name, _]) = names.array_windows().find(|[a, b]| a == b) {
             return bad(format!("two of its {list} have the name `{name}`, each must have its own"));
@@ -43,50 +63,76 @@ pub(crate) fn guard(header: &RunHeader) -> Result<()> {
 
 /// The single values, by key.
 fn values(header: &RunHeader) -> [(&'static str, Value); 17] {
-    let text = |text: &String| Value::from(text.clone());
     [
-        ("kind", Value::from(kind_text(header.kind).to_owned())),
+        ("kind", text(kind_text(header.kind))),
         ("program_version", text(&header.build.program_version)),
         ("git_commit", text(&header.build.git_commit)),
-        ("target", text(&header.build.target)),
+        ("build_target", text(&header.build.target)),
         ("rustc", text(&header.build.rustc)),
-        ("mujoco_version", text(&header.build.mujoco_version)),
         ("architecture", text(&header.build.architecture)),
         ("plan", text(&header.plan)),
-        ("controller", text(&header.controller)),
-        ("controller_hash", text(&header.controller_hash)),
-        ("controller_bytes_hash", text(&header.controller_bytes_hash)),
-        ("task", text(&header.task)),
-        ("preset", text(&header.preset)),
+        ("target_kind", text(&header.target.kind)),
+        ("target_name", text(&header.target.name)),
+        ("target_hash", text(&header.target.hash)),
+        ("target_is_deterministic", Value::from(header.target.is_deterministic)),
+        ("space", text(&header.space)),
         ("formula", text(&header.formula)),
         ("search", text(&header.search)),
-        ("seed", Value::from(header.seed.cast_signed())),
+        ("seed", text(&header.seed.to_string())),
         ("control_dt", Value::from(header.control_dt)),
+        ("episode_steps", Value::from(header.episode_steps)),
     ]
+}
+
+/// The rows of each of [`LISTS`].
+fn rows(header: &RunHeader) -> [Vec<Vec<Value>>; LISTS.len()] {
+    let version = |(name, version): &(String, String)| vec![text(name), text(version)];
+    let component = |component: &Component| {
+        let Component { role, name, hash, file_hash } = component;
+        vec![text(role), text(name), text(hash), text(file_hash)]
+    };
+    let formula = |formula: &NamedFormula| vec![text(&formula.name), text(&formula.text)];
+    let signal = |signal: &Signal| vec![text(&signal.name), text(&signal.unit)];
+    let axis = |axis: &Axis| {
+        let Axis { name, unit, kind, low, high, nominal, values, meaning } = axis;
+        let (low, high, nominal) = (Value::from(*low), Value::from(*high), Value::from(*nominal));
+        vec![text(name), text(unit), text(kind), low, high, nominal, text(values), text(meaning)]
+    };
+    [
+        header.versions.iter().map(version).collect(),
+        header.components.iter().map(component).collect(),
+        header.formulas.iter().map(formula).collect(),
+        header.signals.iter().map(signal).collect(),
+        header.axes.iter().map(axis).collect(),
+        header.verdicts.iter().map(|name| vec![text(name)]).collect(),
+    ]
+}
+
+fn text(text: &str) -> Value {
+    Value::from(text.to_owned())
 }
 
 fn hash(header: &RunHeader) -> i64 {
     let mut digest = Digest::of("header");
     for (key, value) in values(header) {
         digest.text(key);
-        match value {
-            Value::Text(text) => digest.text(&text),
-            Value::Integer(integer) => digest.integer(integer.cast_unsigned()),
-            Value::Real(real) => digest.float(real),
-            Value::Null | Value::Blob(_) => {}
-        }
+        feed(&mut digest, &value);
     }
-    for names in [&header.signals, &header.verdicts] {
-        digest.integer(names.len() as u64);
-        names.iter().for_each(|name| digest.text(name));
-    }
-    for Axis { name, unit, low, high } in &header.axes {
-        digest.text(name);
-        digest.text(unit);
-        digest.float(*low);
-        digest.float(*high);
+    for ((table, _), rows) in LISTS.iter().zip(rows(header)) {
+        digest.text(table);
+        digest.integer(rows.len() as u64);
+        rows.iter().flatten().for_each(|value| feed(&mut digest, value));
     }
     digest.finish_row()
+}
+
+fn feed(digest: &mut Digest, value: &Value) {
+    match value {
+        Value::Text(text) => digest.text(text),
+        Value::Integer(integer) => digest.integer(integer.cast_unsigned()),
+        Value::Real(real) => digest.optional(Some(*real)),
+        Value::Null | Value::Blob(_) => digest.optional(None),
+    }
 }
 
 pub(crate) fn write(connection: &Connection, header: &RunHeader) -> rusqlite::Result<()> {
@@ -95,17 +141,13 @@ pub(crate) fn write(connection: &Connection, header: &RunHeader) -> rusqlite::Re
         insert.execute(params![key, value])?;
     }
     insert.execute(params![HASH, hash(header)])?;
-    for (table, names) in [("signal", &header.signals), ("verdict", &header.verdicts)] {
-        let mut insert =
-            connection.prepare(&format!("INSERT INTO {table} (position, name) VALUES (?1, ?2)"))?;
-        for (position, name) in names.iter().enumerate() {
-            insert.execute(params![position as i64, name])?;
+    for ((table, columns), rows) in LISTS.iter().zip(rows(header)) {
+        let parameters = ", ?".repeat(columns.split(',').count());
+        let sql = format!("INSERT INTO {table} (position, {columns}) VALUES (?{parameters})");
+        let mut insert = connection.prepare(&sql)?;
+        for (position, row) in (0_i64..).zip(rows) {
+            insert.execute(params_from_iter(std::iter::once(Value::from(position)).chain(row)))?;
         }
-    }
-    let mut insert = connection
-        .prepare("INSERT INTO axis (position, name, unit, low, high) VALUES (?1, ?2, ?3, ?4, ?5)")?;
-    for (position, axis) in header.axes.iter().enumerate() {
-        insert.execute(params![position as i64, axis.name, axis.unit, axis.low, axis.high])?;
     }
     Ok(())
 }
@@ -113,6 +155,7 @@ pub(crate) fn write(connection: &Connection, header: &RunHeader) -> rusqlite::Re
 pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
     let kind: String = value(connection, path, "kind")?;
     let text = |key| value::<String>(connection, path, key);
+    let seed = text("seed")?.parse();
     let header = RunHeader {
         kind: KINDS
             .iter()
@@ -122,24 +165,44 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
         build: Build {
             program_version: text("program_version")?,
             git_commit: text("git_commit")?,
-            target: text("target")?,
+            target: text("build_target")?,
             rustc: text("rustc")?,
-            mujoco_version: text("mujoco_version")?,
             architecture: text("architecture")?,
         },
+        versions: list(connection, path, "version", |row| Ok((row.get(0)?, row.get(1)?)))?,
         plan: text("plan")?,
-        controller: text("controller")?,
-        controller_hash: text("controller_hash")?,
-        controller_bytes_hash: text("controller_bytes_hash")?,
-        task: text("task")?,
-        preset: text("preset")?,
+        target: TargetRecord {
+            kind: text("target_kind")?,
+            name: text("target_name")?,
+            hash: text("target_hash")?,
+            is_deterministic: value(connection, path, "target_is_deterministic")?,
+        },
+        components: list(connection, path, "component", |row| {
+            Ok(Component { role: row.get(0)?, name: row.get(1)?, hash: row.get(2)?, file_hash: row.get(3)? })
+        })?,
+        space: text("space")?,
         formula: text("formula")?,
+        formulas: list(connection, path, "formula", |row| {
+            Ok(NamedFormula { name: row.get(0)?, text: row.get(1)? })
+        })?,
         search: text("search")?,
-        seed: value::<i64>(connection, path, "seed")?.cast_unsigned(),
+        seed: seed.map_err(|_| StoreError::damaged(path, "its seed is not a number"))?,
         control_dt: value(connection, path, "control_dt")?,
-        signals: names(connection, "signal").in_file(path)?,
-        axes: axes(connection).in_file(path)?,
-        verdicts: names(connection, "verdict").in_file(path)?,
+        episode_steps: value(connection, path, "episode_steps")?,
+        signals: list(connection, path, "signal", |row| Ok(Signal { name: row.get(0)?, unit: row.get(1)? }))?,
+        axes: list(connection, path, "axis", |row| {
+            Ok(Axis {
+                name: row.get(0)?,
+                unit: row.get(1)?,
+                kind: row.get(2)?,
+                low: row.get(3)?,
+                high: row.get(4)?,
+                nominal: row.get(5)?,
+                values: row.get(6)?,
+                meaning: row.get(7)?,
+            })
+        })?,
+        verdicts: list(connection, path, "verdict", |row| row.get(0))?,
     };
     if hash(&header) != value::<i64>(connection, path, HASH)? {
         return Err(StoreError::damaged(path, "the header does not match its hash"));
@@ -157,16 +220,16 @@ fn value<T: FromSql>(connection: &Connection, path: &Path, key: &str) -> Result<
     })
 }
 
-fn names(connection: &Connection, table: &str) -> rusqlite::Result<Vec<String>> {
-    let mut select = connection.prepare(&format!("SELECT name FROM {table} ORDER BY position"))?;
-    select.query_map([], |row| row.get(0))?.collect()
-}
-
-fn axes(connection: &Connection) -> rusqlite::Result<Vec<Axis>> {
-    let mut select = connection.prepare("SELECT name, unit, low, high FROM axis ORDER BY position")?;
-    select
-        .query_map([], |row| {
-            Ok(Axis { name: row.get(0)?, unit: row.get(1)?, low: row.get(2)?, high: row.get(3)? })
-        })?
-        .collect()
+/// Reads one of [`LISTS`].
+fn list<T>(
+    connection: &Connection,
+    path: &Path,
+    table: &str,
+    read: impl FnMut(&Row<'_>) -> rusqlite::Result<T>,
+) -> Result<Vec<T>> {
+    let columns = LISTS.iter().find(|(known, _)| *known == table).map_or("", |(_, columns)| columns);
+    let sql = format!("SELECT {columns} FROM {table} ORDER BY position");
+    let mut select = connection.prepare(&sql).in_file(path)?;
+    let rows = select.query_map([], read).in_file(path)?;
+    rows.collect::<rusqlite::Result<_>>().in_file(path)
 }

@@ -22,11 +22,15 @@
 //! - The same records in give the same content out, [`RunFile::content_digest`]. The bytes of two SQLite
 //!   files are not to be compared: they depend on the order and the size of the transactions.
 //! - A file of an older format is upgraded in place when it is opened; one of a newer format is refused.
+//! - A file contains the tables and views that this program creates and nothing else. A file with other views or
+//!   triggers, which SQL statements could run into, is refused as damaged.
+//!
+//! People read the file with plain `sqlite3`: `docs/run_file.md` lists its tables, views and columns.
 //!
 //! # Example
 //! ```
-//! use mishandle_store::{Axis, End, Existing, RunFile, RunHeader, RunWriter, Simulation, SimulationRecord};
-//! use mishandle_store::{Build, RunKind, TrialStatus};
+//! use mishandle_store::{Axis, Build, Component, End, Existing, RunFile, RunHeader, RunKind, RunWriter};
+//! use mishandle_store::{Signal, Simulation, TargetRecord, TrialStatus};
 //!
 //! # fn main() -> Result<(), mishandle_store::StoreError> {
 //! # let folder = tempfile::tempdir().unwrap();
@@ -34,35 +38,56 @@
 //! let header = RunHeader {
 //!     kind: RunKind::Falsify,
 //!     build: Build { program_version: "0.1.0".into(), ..Build::default() },
+//!     versions: vec![("MuJoCo".into(), "3.17.0".into())],
 //!     plan: "budget = 300\n".into(),
-//!     controller: "ppo".into(),
-//!     controller_hash: "9f2c".into(),
-//!     controller_bytes_hash: "07aa".into(),
-//!     task: "point-reaching".into(),
-//!     preset: "paper".into(),
+//!     target: TargetRecord {
+//!         kind: "task".into(),
+//!         name: "point-reaching".into(),
+//!         hash: "41d0".into(),
+//!         is_deterministic: true,
+//!     },
+//!     components: vec![Component {
+//!         role: "controller".into(),
+//!         name: "ppo".into(),
+//!         hash: "9f2c".into(),
+//!         file_hash: "07aa".into(),
+//!     }],
+//!     space: "starts".into(),
 //!     formula: "always[50:300](finger_target_distance <= 0.12)".into(),
+//!     formulas: vec![],
 //!     search: "random".into(),
 //!     seed: 7,
 //!     control_dt: 1.0 / 60.0,
-//!     signals: vec!["finger_target_distance".into()],
-//!     axes: vec![Axis { name: "target_x".into(), unit: "m".into(), low: 0.3, high: 0.7 }],
+//!     episode_steps: 300,
+//!     signals: vec![Signal { name: "finger_target_distance".into(), unit: "m".into() }],
+//!     axes: vec![Axis {
+//!         name: "target_x".into(),
+//!         unit: "m".into(),
+//!         kind: "start".into(),
+//!         low: 0.3,
+//!         high: 0.7,
+//!         nominal: Some(0.5),
+//!         values: "continuous".into(),
+//!         meaning: "distance of the target in front of the robot".into(),
+//!     }],
 //!     verdicts: vec!["strict_robustness".into()],
 //! };
 //! let mut writer = RunWriter::create(&path, &header, Existing::Refuse)?;
 //! writer.start_trial(1, 11)?;
-//! writer.record(&[SimulationRecord {
-//!     simulation: Simulation {
-//!         trial: 1,
-//!         number: 1,
-//!         seed: u64::MAX,
-//!         unit_point: vec![0.5],
-//!         initial_configuration: vec![0.5],
-//!         robustness: Some(-0.01),
-//!         end: End::Horizon,
-//!         steps: 300,
-//!         verdicts: vec![None],
-//!         trace_digest: None,
-//!     },
+//! writer.record(&[Simulation {
+//!     trial: 1,
+//!     number: 1,
+//!     seed: u64::MAX,
+//!     unit_point: vec![0.5],
+//!     scenario: vec![Some(0.5)],
+//!     robustness: Some(-0.01),
+//!     robustness_low: Some(-0.01),
+//!     robustness_high: Some(-0.01),
+//!     stop_threshold: None,
+//!     end: End::Completed,
+//!     steps: 300,
+//!     verdicts: vec![None],
+//!     trace_digest: None,
 //!     trace: None,
 //! }])?;
 //! writer.end_trial(1, TrialStatus::Falsified)?;
@@ -70,7 +95,7 @@
 //!
 //! let run = RunFile::open(&path)?;
 //! assert_eq!(run.header(), &header);
-//! assert_eq!(run.simulation(1, 1)?.simulation.seed, u64::MAX);
+//! assert_eq!(run.simulation(1, 1)?.seed, u64::MAX);
 //! assert_eq!(run.counts()?.falsified, 1);
 //! # Ok(())
 //! # }
@@ -81,6 +106,7 @@ mod digest;
 mod error;
 mod header;
 mod header_table;
+mod json;
 mod record;
 mod row;
 mod run_file;
@@ -91,8 +117,8 @@ mod upgrade;
 
 pub use csv::{export_csv, export_trace_csv};
 pub use error::StoreError;
-pub use header::{Axis, Build, RunHeader, RunKind};
-pub use record::{Counts, End, Simulation, SimulationRecord, Trial, TrialStatus, TrialSummary};
+pub use header::{Axis, Build, Component, NamedFormula, RunHeader, RunKind, Signal, TargetRecord};
+pub use record::{Counts, End, Simulation, Trial, TrialStatus, TrialSummary};
 pub use run_file::{RunFile, Simulations};
 pub use run_writer::{Existing, RunWriter};
 pub use schema::FORMAT_VERSION;

@@ -30,20 +30,42 @@ pub struct Trial {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum End {
     /// It ran to its last control step.
-    Horizon,
-    /// It was stopped, since its verdict was decided.
+    Completed,
+    /// The target ended it by its own rule.
+    Terminated {
+        /// The control step after which it ended.
+        step: u32,
+    },
+    /// The monitor stopped it, because the verdict was decided.
     Stopped {
         /// The control step after which it stopped.
         step: u32,
     },
     /// The physics diverged.
     Diverged {
-        /// The control step in which it did.
+        /// The control step in which it diverged.
         step: u32,
     },
     /// A formula has no finite value on its trace.
     Undefined {
-        /// The sample at which it has none.
+        /// The sample at which the formula is undefined.
+        step: u32,
+    },
+    /// The controller returned an action that the target cannot apply.
+    InvalidAction {
+        /// The control step of the action.
+        step: u32,
+    },
+    /// The target cannot start from the scenario.
+    InvalidScenario,
+    /// The target or its controller failed.
+    Crashed {
+        /// The control step in which it failed.
+        step: u32,
+    },
+    /// The target or its controller took too long.
+    TimedOut {
+        /// The control step in which it took too long.
         step: u32,
     },
 }
@@ -55,31 +77,33 @@ pub struct Simulation {
     pub trial: u32,
     /// Number of the simulation within its trial, from 1.
     pub number: u32,
-    /// Seed of the simulation's random numbers; any of the 2⁶⁴.
+    /// Seed of the simulation's random numbers; any `u64`.
     pub seed: u64,
-    /// The search's point of \[0, 1\]^d: one number per axis, or none if no search proposed it.
+    /// The search's point of \[0, 1\]^d: one number per axis, or empty if no search proposed it.
     pub unit_point: Vec<f64>,
-    /// The initial configuration: one number per axis, in the axis' unit.
-    pub initial_configuration: Vec<f64>,
+    /// The scenario: one value per axis, in the axis' unit; `None` is a random draw left to its stream.
+    pub scenario: Vec<Option<f64>>,
     /// Robustness of the run's formula, ±infinity included; `None` if it is undecided.
     pub robustness: Option<f64>,
+    /// Lower bound of the robustness of the whole episode; equal to `robustness` if the episode is whole.
+    pub robustness_low: Option<f64>,
+    /// Upper bound of the robustness of the whole episode; equal to `robustness` if the episode is whole.
+    pub robustness_high: Option<f64>,
+    /// The threshold at which the monitor was to stop the episode; `None` if it was not to.
+    pub stop_threshold: Option<f64>,
     /// How the episode ended.
     pub end: End,
     /// Control steps that were simulated.
     pub steps: u32,
-    /// The further verdicts that the header names, one each; `None` where there is nothing to say.
+    /// One value per verdict that the header names; `None` where it does not apply.
     pub verdicts: Vec<Option<f64>>,
-    /// [`trace_digest`](crate::trace_digest) of the trace, so that a replay can be compared with it even if
-    /// the trace is not stored.
+    /// [`trace_digest`](crate::trace_digest) of the trace, so that a replay can be compared even if the trace is
+    /// not stored.
     pub trace_digest: Option<u128>,
-}
-
-/// What is recorded of a simulation: its row and, if wanted, its trace.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SimulationRecord {
-    /// The row.
-    pub simulation: Simulation,
-    /// The trace, with the header's signals as its columns.
+    /// The trace, with the header's signals as its columns; `None` if it is not stored.
+    ///
+    /// [`RunFile::simulations`](crate::RunFile::simulations) does not read it and leaves `None`;
+    /// [`RunFile::simulation`](crate::RunFile::simulation) reads it.
     pub trace: Option<Trace>,
 }
 

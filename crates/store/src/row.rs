@@ -2,18 +2,21 @@
 
 use std::path::Path;
 
-use rusqlite::{CachedStatement, Row, params};
+use rusqlite::{Connection, Row, params};
 
 use crate::digest::Digest;
 use crate::error::{InFile, StoreError};
-use crate::{End, Result, RunHeader, Simulation, SimulationRecord, Trial, TrialStatus};
+use crate::{End, Result, RunHeader, Simulation, Trial, TrialStatus, json};
 
 /// The columns of a simulation, in the order in which [`insert`] and [`read`] take them.
-pub(crate) const COLUMNS: &str = "trial, number, seed, robustness, ended, end_step, steps, unit_point, \
-     initial_configuration, verdicts, trace_digest, row_hash";
+pub(crate) const COLUMNS: &str = "trial, number, seed, scenario, unit_point, robustness, robustness_low, \
+     robustness_high, stop_threshold, ended, end_step, steps, verdicts, trace_digest, row_hash";
 
-/// Stands for `None` among the verdicts; a verdict that is NaN is refused, so that no other meaning is lost.
-const ABSENT: u64 = 0x7ff8_0000_0000_0000;
+/// [`Counts`](crate::Counts) as SQL, for a row of `simulation` or for none.
+pub(crate) const COUNTS: &str = "count(simulation.number) AS simulations,
+    count(*) FILTER (WHERE robustness < 0) AS falsified,
+    count(*) FILTER (WHERE simulation.number IS NOT NULL AND robustness IS NULL) AS undecided,
+    count(*) FILTER (WHERE ended = 'diverged') AS diverged";
 
 const STATUSES: [(TrialStatus, &str); 4] = [
     (TrialStatus::Running, "running"),
@@ -33,58 +36,74 @@ fn status_from_text(text: &str) -> Option<TrialStatus> {
 /// The word for an end, and its step.
 pub(crate) fn end_text(end: End) -> (&'static str, Option<u32>) {
     match end {
-        End::Horizon => ("horizon", None),
+        End::Completed => ("completed", None),
+        End::Terminated { step } => ("terminated", Some(step)),
         End::Stopped { step } => ("stopped", Some(step)),
         End::Diverged { step } => ("diverged", Some(step)),
         End::Undefined { step } => ("undefined", Some(step)),
+        End::InvalidAction { step } => ("invalid action", Some(step)),
+        End::InvalidScenario => ("invalid scenario", None),
+        End::Crashed { step } => ("crashed", Some(step)),
+        End::TimedOut { step } => ("timed out", Some(step)),
     }
 }
 
 fn end_from_text(text: &str, step: Option<u32>) -> Option<End> {
-    match (text, step) {
-        ("horizon", None) => Some(End::Horizon),
-        ("stopped", Some(step)) => Some(End::Stopped { step }),
-        ("diverged", Some(step)) => Some(End::Diverged { step }),
-        ("undefined", Some(step)) => Some(End::Undefined { step }),
-        _ => None,
-    }
+    let end = match (text, step) {
+        ("completed", _) => End::Completed,
+        ("terminated", Some(step)) => End::Terminated { step },
+        ("stopped", Some(step)) => End::Stopped { step },
+        ("diverged", Some(step)) => End::Diverged { step },
+        ("undefined", Some(step)) => End::Undefined { step },
+        ("invalid action", Some(step)) => End::InvalidAction { step },
+        ("invalid scenario", _) => End::InvalidScenario,
+        ("crashed", Some(step)) => End::Crashed { step },
+        ("timed out", Some(step)) => End::TimedOut { step },
+        _ => return None,
+    };
+    (end_text(end).1 == step).then_some(end)
 }
 
-/// Feeds all of a simulation, so that no field can change unseen.
-pub(crate) fn feed(digest: &mut Digest, simulation: &Simulation) {
+/// Feeds all of a simulation, so that no field can change unseen. The digest stands for the trace.
+pub(crate) fn feed(digest: &mut Digest, simulation: &Simulation, trace_digest: Option<u128>) {
     let Simulation {
         trial,
         number,
         seed,
         unit_point,
-        initial_configuration,
+        scenario,
         robustness,
+        robustness_low,
+        robustness_high,
+        stop_threshold,
         end,
         steps,
         verdicts,
-        trace_digest,
+        trace_digest: _,
+        trace: _,
     } = simulation;
     let (end, end_step) = end_text(*end);
     digest.integer(u64::from(*trial));
     digest.integer(u64::from(*number));
     digest.integer(*seed);
     digest.floats(unit_point);
-    digest.floats(initial_configuration);
-    digest.optional(*robustness);
+    digest.optionals(scenario);
+    for value in [robustness, robustness_low, robustness_high, stop_threshold] {
+        digest.optional(*value);
+    }
     digest.text(end);
     digest.integer(end_step.map_or(0, u64::from));
     digest.integer(u64::from(*steps));
-    digest.integer(verdicts.len() as u64);
-    verdicts.iter().for_each(|&verdict| digest.optional(verdict));
+    digest.optionals(verdicts);
     digest.integer(trace_digest.is_some().into());
     let trace_digest = trace_digest.unwrap_or(0);
     digest.integer(trace_digest as u64);
     digest.integer((trace_digest >> 64) as u64);
 }
 
-fn hash(simulation: &Simulation) -> i64 {
+fn hash(simulation: &Simulation, trace_digest: Option<u128>) -> i64 {
     let mut digest = Digest::of("simulation");
-    feed(&mut digest, simulation);
+    feed(&mut digest, simulation, trace_digest);
     digest.finish_row()
 }
 
@@ -102,22 +121,33 @@ pub(crate) fn trial_hash(trial: &Trial) -> i64 {
     digest.finish_row()
 }
 
+/// Inserts a trial.
+pub(crate) fn insert_trial(connection: &Connection, trial: &Trial) -> rusqlite::Result<usize> {
+    let sql = "INSERT INTO trial (number, seed, status, row_hash) VALUES (?1, ?2, ?3, ?4)";
+    connection.prepare_cached(sql)?.execute(params![
+        trial.number,
+        trial.seed.to_string(),
+        status_text(trial.status),
+        trial_hash(trial)
+    ])
+}
+
 /// Reads a trial from its number, seed, status and hash, and compares the hash.
 pub(crate) fn read_trial(row: &Row<'_>, path: &Path) -> Result<Trial> {
     let number = row.get(0).in_file(path)?;
     let damaged = |what: &str| StoreError::damaged(path, format!("trial {number}: {what}"));
-    let status = row.get_ref(2).in_file(path)?.as_str().ok().and_then(status_from_text);
-    let status = status.ok_or_else(|| damaged("its status is unknown"))?;
-    let trial = Trial { number, seed: row.get::<_, i64>(1).in_file(path)?.cast_unsigned(), status };
+    let text = |column| row.get_ref(column).in_file(path).map(|value| value.as_str().unwrap_or_default());
+    let seed = text(1)?.parse().map_err(|_| damaged("its seed is not a number"))?;
+    let status = status_from_text(text(2)?).ok_or_else(|| damaged("its status is unknown"))?;
+    let trial = Trial { number, seed, status };
     if trial_hash(&trial) != row.get::<_, i64>(3).in_file(path)? {
         return Err(damaged("it does not match its hash"));
     }
     Ok(trial)
 }
 
-/// Refuses a record that does not fit the run's header or holds a number that means nothing.
-pub(crate) fn guard(record: &SimulationRecord, header: &RunHeader) -> Result<()> {
-    let simulation = &record.simulation;
+/// Refuses a simulation that does not fit the run's header or holds a number that means nothing.
+pub(crate) fn guard(simulation: &Simulation, header: &RunHeader) -> Result<()> {
     let (trial, number) = (simulation.trial, simulation.number);
     if number < 1 {
         return Err(StoreError::NumberedFromOne { trial });
@@ -130,107 +160,126 @@ pub(crate) fn guard(record: &SimulationRecord, header: &RunHeader) -> Result<()>
         }
     };
     let axes = header.axes.len();
-    length("initial configuration", simulation.initial_configuration.len(), axes)?;
+    length("scenario", simulation.scenario.len(), axes)?;
     if !simulation.unit_point.is_empty() {
         length("unit point", simulation.unit_point.len(), axes)?;
     }
     length("list of verdicts", simulation.verdicts.len(), header.verdicts.len())?;
-    if let Some(trace) = &record.trace {
+    if let Some(trace) = &simulation.trace {
         length("trace", trace.columns.len(), header.signals.len())?;
         for (signal, column) in header.signals.iter().zip(&trace.columns) {
             let (found, expected) = (column.len(), trace.samples());
             if found != expected {
-                let (signal, first) = (signal.clone(), header.signals[0].clone());
+                let (signal, first) = (signal.name.clone(), header.signals[0].name.clone());
                 return Err(StoreError::RaggedTrace { trial, number, signal, found, first, expected });
             }
         }
     }
-    let bad = |what: &str, name: &str, value| {
-        let what = if name.is_empty() { what.into() } else { format!("{what} `{name}`") };
-        Err(StoreError::NotANumber { what, trial, number, value })
-    };
-    for (axis, &value) in header.axes.iter().zip(&simulation.initial_configuration) {
-        if !value.is_finite() {
-            return bad("initial configuration's axis", &axis.name, value);
+    let bad = |what, value| Err(StoreError::NotANumber { what, trial, number, value });
+    for (axis, value) in header.axes.iter().zip(&simulation.scenario) {
+        if let Some(value) = value.filter(|value| !value.is_finite()) {
+            return bad(format!("scenario's axis `{}`", axis.name), value);
         }
     }
     for (axis, &value) in header.axes.iter().zip(&simulation.unit_point) {
         if !value.is_finite() {
-            return bad("unit point's axis", &axis.name, value);
+            return bad(format!("unit point's axis `{}`", axis.name), value);
         }
     }
-    for (name, &verdict) in header.verdicts.iter().zip(&simulation.verdicts) {
+    for (name, verdict) in header.verdicts.iter().zip(&simulation.verdicts) {
         if let Some(value) = verdict.filter(|value| value.is_nan()) {
-            return bad("verdict", name, value);
+            return bad(format!("verdict `{name}`"), value);
         }
     }
-    match simulation.robustness {
-        Some(value) if value.is_nan() => bad("robustness", "", value),
-        _ => Ok(()),
+    for (what, value) in [
+        ("robustness", simulation.robustness),
+        ("lower bound of the robustness", simulation.robustness_low),
+        ("upper bound of the robustness", simulation.robustness_high),
+        ("stop threshold", simulation.stop_threshold),
+    ] {
+        if let Some(value) = value.filter(|value| value.is_nan()) {
+            return bad(what.into(), value);
+        }
     }
+    Ok(())
 }
 
-/// Inserts a simulation.
+/// Inserts a simulation that fits `header`, without its trace, whose digest is `trace_digest`.
 pub(crate) fn insert(
-    statement: &mut CachedStatement<'_>,
+    connection: &Connection,
+    header: &RunHeader,
     simulation: &Simulation,
+    trace_digest: Option<u128>,
 ) -> rusqlite::Result<usize> {
+    let sql = format!(
+        "INSERT INTO simulation ({COLUMNS})
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15)"
+    );
     let (ended, end_step) = end_text(simulation.end);
-    let verdicts = simulation.verdicts.iter().map(|verdict| verdict.map_or(ABSENT, f64::to_bits));
-    statement.execute(params![
+    let unwritable = |error: serde_json::Error| rusqlite::Error::ToSqlConversionFailure(error.into());
+    let scenario = json::object(axis_names(header), &simulation.scenario).map_err(unwritable)?;
+    let verdict_names = header.verdicts.iter().map(String::as_str);
+    let verdicts = json::object(verdict_names, &simulation.verdicts).map_err(unwritable)?;
+    let unit_point = match &simulation.unit_point[..] {
+        [] => None,
+        values => Some(json::array(values).map_err(unwritable)?),
+    };
+    connection.prepare_cached(&sql)?.execute(params![
         simulation.trial,
         simulation.number,
-        simulation.seed.cast_signed(),
+        simulation.seed.to_string(),
+        scenario,
+        unit_point,
         simulation.robustness,
+        simulation.robustness_low,
+        simulation.robustness_high,
+        simulation.stop_threshold,
         ended,
         end_step,
         simulation.steps,
-        bytes(simulation.unit_point.iter().map(|value| value.to_bits())),
-        bytes(simulation.initial_configuration.iter().map(|value| value.to_bits())),
-        bytes(verdicts),
-        simulation.trace_digest.map(u128::to_be_bytes),
-        hash(simulation),
+        verdicts,
+        trace_digest.map(|digest| format!("{digest:032x}")),
+        hash(simulation, trace_digest),
     ])
 }
 
-/// Reads a simulation from a row of [`COLUMNS`] and compares its hash.
-pub(crate) fn read(row: &Row<'_>, path: &Path) -> Result<Simulation> {
+/// Reads a simulation from a row of [`COLUMNS`] and compares its hash. The trace is not read.
+pub(crate) fn read(row: &Row<'_>, path: &Path, header: &RunHeader) -> Result<Simulation> {
     let (trial, number): (u32, u32) = (row.get(0).in_file(path)?, row.get(1).in_file(path)?);
     let damaged =
         |what: &str| StoreError::damaged(path, format!("simulation {number} of trial {trial}: {what}"));
-    let words = |column| -> Result<Vec<u64>> {
-        let blob =
-            row.get_ref(column).in_file(path)?.as_blob().map_err(|_| damaged("a list is not a blob"))?;
-        words(blob).ok_or_else(|| damaged("a list of doubles has a broken length"))
+    let text = |column| row.get_ref(column).in_file(path).map(|value| value.as_str().ok());
+    let unit_point = match text(4)? {
+        None => Vec::new(),
+        Some(text) => json::parse_array(text).ok_or_else(|| damaged("its unit point is unreadable"))?,
     };
-    let floats = |column| Ok(words(column)?.into_iter().map(f64::from_bits).collect());
-    let ended = row.get_ref(4).in_file(path)?.as_str().map_err(|_| damaged("its end is not a text"))?;
-    let end_step = row.get(5).in_file(path)?;
+    let scenario = json::parse_object(text(3)?.unwrap_or_default(), axis_names(header));
+    let verdicts = text(12)?.unwrap_or_default();
+    let verdicts = json::parse_object(verdicts, header.verdicts.iter().map(String::as_str));
+    let trace_digest = text(13)?.map(|text| u128::from_str_radix(text, 16)).transpose();
     let simulation = Simulation {
         trial,
         number,
-        seed: row.get::<_, i64>(2).in_file(path)?.cast_unsigned(),
-        robustness: row.get(3).in_file(path)?,
-        end: end_from_text(ended, end_step).ok_or_else(|| damaged("its end is unknown"))?,
-        steps: row.get(6).in_file(path)?,
-        unit_point: floats(7)?,
-        initial_configuration: floats(8)?,
-        verdicts: words(9)?.into_iter().map(|bits| (bits != ABSENT).then(|| f64::from_bits(bits))).collect(),
-        trace_digest: row.get::<_, Option<[u8; 16]>>(10).in_file(path)?.map(u128::from_be_bytes),
+        seed: text(2)?.and_then(|text| text.parse().ok()).ok_or_else(|| damaged("its seed is unreadable"))?,
+        unit_point,
+        scenario: scenario.ok_or_else(|| damaged("its scenario is unreadable"))?,
+        robustness: row.get(5).in_file(path)?,
+        robustness_low: row.get(6).in_file(path)?,
+        robustness_high: row.get(7).in_file(path)?,
+        stop_threshold: row.get(8).in_file(path)?,
+        end: end_from_text(text(9)?.unwrap_or_default(), row.get(10).in_file(path)?)
+            .ok_or_else(|| damaged("its end is unknown"))?,
+        steps: row.get(11).in_file(path)?,
+        verdicts: verdicts.ok_or_else(|| damaged("its verdicts are unreadable"))?,
+        trace_digest: trace_digest.map_err(|_| damaged("its trace digest is unreadable"))?,
+        trace: None,
     };
-    if hash(&simulation) != row.get::<_, i64>(11).in_file(path)? {
+    if hash(&simulation, simulation.trace_digest) != row.get::<_, i64>(14).in_file(path)? {
         return Err(damaged("it does not match its hash"));
     }
     Ok(simulation)
 }
 
-fn bytes(words: impl ExactSizeIterator<Item = u64>) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(words.len() * 8);
-    words.for_each(|word| bytes.extend(word.to_le_bytes()));
-    bytes
-}
-
-fn words(bytes: &[u8]) -> Option<Vec<u64>> {
-    let (words, rest) = bytes.as_chunks::<8>();
-    rest.is_empty().then(|| words.iter().map(|&word| u64::from_le_bytes(word)).collect())
+fn axis_names(header: &RunHeader) -> impl ExactSizeIterator<Item = &str> {
+    header.axes.iter().map(|axis| axis.name.as_str())
 }

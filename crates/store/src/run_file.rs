@@ -10,8 +10,7 @@ use crate::error::{InFile, StoreError};
 use crate::run_writer::RunWriter;
 use crate::upgrade::{STEPS, Step};
 use crate::{
-    Counts, Result, RunHeader, Simulation, SimulationRecord, Trace, Trial, TrialSummary, header_table, row,
-    trace_blob, upgrade,
+    Counts, Result, RunHeader, Simulation, Trace, Trial, TrialSummary, row, schema, trace_blob, upgrade,
 };
 
 /// How long to wait for the short moments in which another process needs the file for itself.
@@ -36,8 +35,9 @@ impl RunFile {
     /// # Errors
     /// [`Missing`](StoreError::Missing), [`NotARun`](StoreError::NotARun),
     /// [`NewerVersion`](StoreError::NewerVersion) and [`Damaged`](StoreError::Damaged) as their names say;
-    /// [`NotClosed`](StoreError::NotClosed) for a run that was killed and now lies in a read-only folder; for
-    /// a file of an older format also all of [`RunWriter::resume`].
+    /// [`NotClosed`](StoreError::NotClosed) for a run that was killed and now lies in a read-only folder;
+    /// [`CannotUpgrade`](StoreError::CannotUpgrade) for a file of an older format in a read-only folder, and all
+    /// of [`RunWriter::resume`] for one elsewhere.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         Self::open_with(path.as_ref(), STEPS)
     }
@@ -54,13 +54,19 @@ impl RunFile {
             return Self::of(connection, path);
         }
         drop(connection);
-        RunWriter::resume_with(path, steps)?.close()?;
+        let writer = RunWriter::resume_with(path, steps).map_err(|error| match error {
+            StoreError::ReadOnly { path } | StoreError::CannotOpen { path } => {
+                StoreError::CannotUpgrade { found: version, current: steps.len() as i64 + 1, path }
+            }
+            error => error,
+        })?;
+        writer.close()?;
         Self::of(connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?, path)
     }
 
     /// The run behind a connection, whose version has been found right.
     pub(crate) fn of(connection: Connection, path: &Path) -> Result<Self> {
-        let header = header_table::read(&connection, path)?;
+        let header = schema::read_header(&connection, path)?;
         Ok(Self { path: path.into(), connection, header })
     }
 
@@ -80,9 +86,10 @@ impl RunFile {
     /// [`Damaged`](StoreError::Damaged), or another failure of the file.
     pub fn trials(&self) -> Result<Vec<TrialSummary>> {
         let sql = format!(
-            "SELECT trial.number, trial.seed, trial.status, trial.row_hash, min(robustness), {COUNTS}
+            "SELECT trial.number, trial.seed, trial.status, trial.row_hash, min(robustness), {}
              FROM trial LEFT JOIN simulation ON simulation.trial = trial.number
-             GROUP BY trial.number ORDER BY trial.number"
+             GROUP BY trial.number ORDER BY trial.number",
+            row::COUNTS
         );
         let mut select = self.connection.prepare_cached(&sql).in_file(&self.path)?;
         let mut rows = select.query([]).in_file(&self.path)?;
@@ -118,7 +125,7 @@ impl RunFile {
     /// # Errors
     /// A failure of the file.
     pub fn counts(&self) -> Result<Counts> {
-        let sql = format!("SELECT {COUNTS} FROM simulation");
+        let sql = format!("SELECT {} FROM simulation", row::COUNTS);
         self.connection.query_row(&sql, [], |row| counts(row, 0)).in_file(&self.path)
     }
 
@@ -131,12 +138,13 @@ impl RunFile {
         self.connection.query_row(sql, [trial], |row| row.get(0)).in_file(&self.path)
     }
 
-    /// All simulations, ordered by trial and number, a few at a time: memory does not grow with their number.
+    /// All simulations without their traces, ordered by trial and number, a few at a time: memory does not grow
+    /// with their number.
     pub fn simulations(&self) -> Simulations<'_> {
         Simulations::between(self, 0, u32::MAX)
     }
 
-    /// The simulations of one trial, ordered by number, a few at a time.
+    /// The simulations of one trial without their traces, ordered by number, a few at a time.
     pub fn simulations_of(&self, trial: u32) -> Simulations<'_> {
         Simulations::between(self, trial, trial)
     }
@@ -146,16 +154,19 @@ impl RunFile {
     /// # Errors
     /// [`UnknownSimulation`](StoreError::UnknownSimulation), [`Damaged`](StoreError::Damaged), or another
     /// failure of the file.
-    pub fn simulation(&self, trial: u32, number: u32) -> Result<SimulationRecord> {
+    pub fn simulation(&self, trial: u32, number: u32) -> Result<Simulation> {
         let sql = format!("SELECT {} FROM simulation WHERE trial = ?1 AND number = ?2", row::COLUMNS);
         let mut select = self.connection.prepare_cached(&sql).in_file(&self.path)?;
         let mut rows = select.query([trial, number]).in_file(&self.path)?;
         let simulation = match rows.next().in_file(&self.path)? {
-            Some(row) => row::read(row, &self.path)?,
+            Some(row) => row::read(row, &self.path, &self.header)?,
             None => return Err(StoreError::UnknownSimulation { trial, number }),
         };
-        let trace = self.trace_of(&simulation)?;
-        Ok(SimulationRecord { simulation, trace })
+        if (simulation.trial, simulation.number) != (trial, number) {
+            let what = format!("the index of simulations is wrong at simulation {number} of trial {trial}");
+            return Err(StoreError::damaged(&self.path, what));
+        }
+        Ok(Simulation { trace: self.trace_of(&simulation)?, ..simulation })
     }
 
     /// The trials and numbers of the simulations whose traces are stored, in order.
@@ -182,7 +193,8 @@ impl RunFile {
             row::feed_trial(&mut digest, &summary.trial);
         }
         for simulation in self.simulations() {
-            row::feed(&mut digest, &simulation?);
+            let simulation = simulation?;
+            row::feed(&mut digest, &simulation, simulation.trace_digest);
         }
         for (trial, number) in self.traced()? {
             digest.integer(u64::from(trial));
@@ -196,8 +208,10 @@ impl RunFile {
     /// # Errors
     /// [`Damaged`](StoreError::Damaged) at the first thing that is not as it was written.
     pub fn check(&self) -> Result<()> {
-        let verdict: String =
-            self.connection.query_row("PRAGMA quick_check(1)", [], |row| row.get(0)).in_file(&self.path)?;
+        let verdict: String = self
+            .connection
+            .query_row("PRAGMA integrity_check(1)", [], |row| row.get(0))
+            .in_file(&self.path)?;
         if verdict != "ok" {
             return Err(StoreError::damaged(&self.path, verdict));
         }
@@ -222,11 +236,6 @@ impl RunFile {
         Ok(Some(trace))
     }
 }
-
-/// The columns of [`Counts`], for a row of `simulation` or for none.
-const COUNTS: &str = "count(simulation.number), count(*) FILTER (WHERE robustness < 0),
-     count(*) FILTER (WHERE simulation.number IS NOT NULL AND robustness IS NULL),
-     count(*) FILTER (WHERE ended = 'diverged')";
 
 fn counts(row: &Row<'_>, first: usize) -> rusqlite::Result<Counts> {
     let count = |column: usize| row.get::<_, i64>(first + column).map(i64::cast_unsigned);
@@ -260,12 +269,18 @@ impl<'a> Simulations<'a> {
         let mut rows = select.query(params![self.after.0, self.after.1, self.last_trial]).in_file(path)?;
         let mut page = Vec::with_capacity(PAGE as usize);
         while let Some(row) = rows.next().in_file(path)? {
-            page.push(row::read(row, path)?);
+            let simulation = row::read(row, path, &self.file.header)?;
+            let (trial, number) = (simulation.trial, simulation.number);
+            // A damaged index could lead round in circles.
+            if (trial, number) <= self.after {
+                let what =
+                    format!("the index of simulations is wrong at simulation {number} of trial {trial}");
+                return Err(StoreError::damaged(path, what));
+            }
+            self.after = (trial, number);
+            page.push(simulation);
         }
         self.ended = page.len() < PAGE as usize;
-        if let Some(last) = page.last() {
-            self.after = (last.trial, last.number);
-        }
         self.page = page.into_iter();
         Ok(())
     }

@@ -8,10 +8,10 @@ use rusqlite::{Connection, OpenFlags, ffi, params};
 
 use crate::error::{InFile, StoreError};
 use crate::run_file::{RunFile, connect, open};
-use crate::schema::{APPLICATION_ID, FORMAT_VERSION, TABLES};
+use crate::schema::{APPLICATION_ID, FORMAT_VERSION};
 use crate::upgrade::{STEPS, Step};
 use crate::{
-    Result, RunHeader, SimulationRecord, Trial, TrialStatus, header_table, row, trace_blob, upgrade,
+    Result, RunHeader, Simulation, Trial, TrialStatus, header_table, row, schema, trace_blob, upgrade,
 };
 
 /// What to do if there is a run already where a new one is to be created.
@@ -69,12 +69,17 @@ impl RunWriter {
     pub(crate) fn resume_with(path: &Path, steps: &[Step]) -> Result<Self> {
         let connection = connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
         upgrade::version(&connection, path, steps)?;
-        prepare(&connection, path)?;
+        if connection.is_readonly("main").in_file(path)? {
+            return Err(StoreError::ReadOnly { path: path.into() });
+        }
+        // An upgrade replaces tables that others refer to.
+        connection.pragma_update(None, "foreign_keys", false).in_file(path)?;
         begin(&connection).in_file(path)?;
         // Asked again, now that nobody else can change it.
         let found = upgrade::version(&connection, path, steps)?;
         upgrade::upgrade(&connection, path, found, steps)?;
         connection.execute_batch("COMMIT").in_file(path)?;
+        prepare(&connection, path)?;
         begin(&connection).in_file(path)?;
         Ok(Self { file: RunFile::of(connection, path)? })
     }
@@ -91,10 +96,7 @@ impl RunWriter {
     pub fn start_trial(&mut self, trial: u32, seed: u64) -> Result<()> {
         self.transact(|file| {
             let row = Trial { number: trial, seed, status: TrialStatus::Running };
-            let sql = "INSERT INTO trial (number, seed, status, row_hash) VALUES (?1, ?2, ?3, ?4)";
-            let values =
-                params![trial, seed.cast_signed(), row::status_text(row.status), row::trial_hash(&row)];
-            let inserted = file.connection.execute(sql, values);
+            let inserted = row::insert_trial(&file.connection, &row);
             inserted.map(drop).map_err(|error| match constraint(&error) {
                 Some(_) => StoreError::AlreadyRecorded { what: format!("trial {trial}") },
                 None => StoreError::from_sqlite(&file.path, &error),
@@ -117,22 +119,22 @@ impl RunWriter {
 
     /// Records simulations, all of them or, on an error, none.
     ///
-    /// A record that holds a trace and no digest gets the trace's.
+    /// A simulation with a trace and no digest gets the digest of its trace.
     ///
     /// # Errors
     /// [`UnknownTrial`](StoreError::UnknownTrial), [`AlreadyRecorded`](StoreError::AlreadyRecorded),
     /// [`WrongLength`](StoreError::WrongLength), [`NotANumber`](StoreError::NotANumber),
     /// [`NumberedFromOne`](StoreError::NumberedFromOne) and [`WrongDigest`](StoreError::WrongDigest) for a
-    /// record that does not fit; [`DiskFull`](StoreError::DiskFull) or another failure of the file. The
+    /// simulation that does not fit; [`DiskFull`](StoreError::DiskFull) or another failure of the file. The
     /// writer can be used on after any of them.
-    pub fn record(&mut self, records: &[SimulationRecord]) -> Result<()> {
-        for record in records {
-            row::guard(record, self.file.header())?;
+    pub fn record(&mut self, simulations: &[Simulation]) -> Result<()> {
+        for simulation in simulations {
+            row::guard(simulation, self.file.header())?;
         }
-        if records.is_empty() {
+        if simulations.is_empty() {
             return Ok(());
         }
-        self.transact(|file| records.iter().try_for_each(|record| insert(file, record)))
+        self.transact(|file| simulations.iter().try_for_each(|simulation| insert(file, simulation)))
     }
 
     /// Ends the writing: everything is on the disk, in a single file.
@@ -192,7 +194,7 @@ fn fill(path: &Path, header: &RunHeader) -> Result<RunWriter> {
     let connection = open(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
     prepare(&connection, path)?;
     begin(&connection).in_file(path)?;
-    connection.execute_batch(TABLES).in_file(path)?;
+    schema::create(&connection, header).in_file(path)?;
     connection.pragma_update(None, "application_id", APPLICATION_ID).in_file(path)?;
     connection.pragma_update(None, "user_version", FORMAT_VERSION).in_file(path)?;
     header_table::write(&connection, header).in_file(path)?;
@@ -228,30 +230,24 @@ fn settle(connection: &Connection) -> rusqlite::Result<()> {
     }
 }
 
-fn insert(file: &RunFile, record: &SimulationRecord) -> Result<()> {
-    let mut simulation = &record.simulation;
+fn insert(file: &RunFile, simulation: &Simulation) -> Result<()> {
     let (trial, number) = (simulation.trial, simulation.number);
-    let completed;
-    if let Some(trace) = &record.trace {
+    let mut trace_digest = simulation.trace_digest;
+    if let Some(trace) = &simulation.trace {
         let computed = trace.digest();
-        let given = simulation.trace_digest.unwrap_or(computed);
+        let given = trace_digest.unwrap_or(computed);
         if given != computed {
             return Err(StoreError::WrongDigest { trial, number, given, computed });
         }
-        completed = crate::Simulation { trace_digest: Some(computed), ..simulation.clone() };
-        simulation = &completed;
+        trace_digest = Some(computed);
     }
-    let sql = format!(
-        "INSERT INTO simulation ({}) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12)",
-        row::COLUMNS
-    );
-    let mut statement = file.connection.prepare_cached(&sql).in_file(&file.path)?;
-    row::insert(&mut statement, simulation).map_err(|error| match constraint(&error) {
+    let inserted = row::insert(&file.connection, file.header(), simulation, trace_digest);
+    inserted.map_err(|error| match constraint(&error) {
         Some(ffi::SQLITE_CONSTRAINT_FOREIGNKEY) => StoreError::UnknownTrial { trial },
         Some(_) => StoreError::AlreadyRecorded { what: format!("simulation {number} of trial {trial}") },
         None => StoreError::from_sqlite(&file.path, &error),
     })?;
-    if let Some(trace) = &record.trace {
+    if let Some(trace) = &simulation.trace {
         let sql = "INSERT INTO trace (trial, number, blob) VALUES (?1, ?2, ?3)";
         let mut statement = file.connection.prepare_cached(sql).in_file(&file.path)?;
         statement.execute(params![trial, number, trace_blob::encode(trace)]).in_file(&file.path)?;
@@ -305,24 +301,27 @@ fn remove_files(path: &Path) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Build, End, RunKind, Simulation, Trace};
+    use crate::{Build, End, RunKind, Signal, TargetRecord, Trace};
 
-    fn record(number: u32) -> SimulationRecord {
-        let simulation = Simulation {
+    fn traced(number: u32) -> Simulation {
+        // Noise, so that it takes as much room as it has bits.
+        let column = (0..301_u32).map(|step| f64::from(step * 31 + number * 17).sin()).collect();
+        Simulation {
             trial: 1,
             number,
             seed: 0,
             unit_point: vec![],
-            initial_configuration: vec![],
+            scenario: vec![],
             robustness: Some(1.0),
-            end: End::Horizon,
+            robustness_low: Some(1.0),
+            robustness_high: Some(1.0),
+            stop_threshold: None,
+            end: End::Completed,
             steps: 300,
             verdicts: vec![],
             trace_digest: None,
-        };
-        // Noise, so that it takes as much room as it has bits.
-        let column = (0..301_u32).map(|step| f64::from(step * 31 + number * 17).sin()).collect();
-        SimulationRecord { simulation, trace: Some(Trace { columns: vec![column] }) }
+            trace: Some(Trace { columns: vec![column] }),
+        }
     }
 
     #[test]
@@ -336,17 +335,18 @@ mod tests {
         let header = RunHeader {
             kind: RunKind::Falsify,
             build: Build::default(),
+            versions: vec![],
             plan: String::new(),
-            controller: String::new(),
-            controller_hash: String::new(),
-            controller_bytes_hash: String::new(),
-            task: String::new(),
-            preset: String::new(),
+            target: TargetRecord::default(),
+            components: vec![],
+            space: String::new(),
             formula: String::new(),
+            formulas: vec![],
             search: String::new(),
             seed: 0,
             control_dt: 1.0,
-            signals: vec!["a".into()],
+            episode_steps: 300,
+            signals: vec![Signal { name: "a".into(), unit: String::new() }],
             axes: vec![],
             verdicts: vec![],
         };
@@ -358,7 +358,7 @@ mod tests {
 
         let mut recorded = 0;
         let error = loop {
-            match writer.record(&[record(recorded + 1), record(recorded + 2), record(recorded + 3)]) {
+            match writer.record(&[traced(recorded + 1), traced(recorded + 2), traced(recorded + 3)]) {
                 Ok(()) => recorded += 3,
                 Err(error) => break error,
             }
@@ -369,11 +369,11 @@ mod tests {
 
         // With room again, the same writer goes on.
         writer.file.connection.pragma_update(None, "max_page_count", 10_000).unwrap();
-        writer.record(&[record(recorded + 1)]).unwrap();
+        writer.record(&[traced(recorded + 1)]).unwrap();
         writer.close().unwrap();
         let run = RunFile::open(&path).unwrap();
         run.check().unwrap();
-        assert_eq!(run.simulation(1, recorded).unwrap().trace, record(recorded).trace);
+        assert_eq!(run.simulation(1, recorded).unwrap().trace, traced(recorded).trace);
         assert_eq!(run.last_number(1).unwrap(), recorded + 1);
     }
 }

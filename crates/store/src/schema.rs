@@ -1,10 +1,21 @@
-//! The tables of a run file.
+//! The tables and views of a run file.
 //!
-//! Texts are words that a person can read with any SQLite tool. Numbers are little-endian doubles in blobs
-//! where there are several; `seed` and the hashes are 64 bits in SQLite's signed integer. `robustness` is of
-//! type `ANY`, since SQLite would turn −0.0 into 0 in a column of type `REAL`; NULL stands for undecided.
+//! People read the file with plain `sqlite3`; `docs/run_file.md` explains the columns to them. Numbers that SQLite
+//! would change are of type `ANY`: a column of type `REAL` turns −0.0 into 0. Seeds are decimal text, because
+//! SQLite's integers have a sign. Hashes of rows are the first 64 bits of a SHA-256.
+//!
+//! `simulation` keeps its row numbers: in a table without them, SQLite moves a row of more than 1,000 bytes, which 20
+//! axes take, to pages of its own.
 
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use rusqlite::Connection;
+
+use crate::error::{InFile, StoreError};
+use crate::row::COUNTS;
 use crate::upgrade::STEPS;
+use crate::{Result, RunHeader, header_table};
 
 /// The version of the file's format that this program writes, and the latest that it reads.
 pub const FORMAT_VERSION: i64 = STEPS.len() as i64 + 1;
@@ -12,58 +23,216 @@ pub const FORMAT_VERSION: i64 = STEPS.len() as i64 + 1;
 /// Marks a SQLite database as a run of ours: `MHdl` in ASCII.
 pub(crate) const APPLICATION_ID: i64 = 0x4d48_646c;
 
-pub(crate) const TABLES: &str = "
-CREATE TABLE header (
+/// SQLite keeps the text of a statement, so that it can be compared when a file is opened.
+pub(crate) const TABLES: &[&str] = &[
+    "CREATE TABLE header (
     key TEXT PRIMARY KEY,
     value ANY NOT NULL
-) STRICT, WITHOUT ROWID;
-
-CREATE TABLE signal (
+) STRICT, WITHOUT ROWID",
+    "CREATE TABLE version (
     position INTEGER PRIMARY KEY,
-    name TEXT NOT NULL UNIQUE
-) STRICT;
-
-CREATE TABLE axis (
+    name TEXT NOT NULL UNIQUE,
+    version TEXT NOT NULL
+) STRICT",
+    "CREATE TABLE component (
+    position INTEGER PRIMARY KEY,
+    role TEXT NOT NULL,
+    name TEXT NOT NULL,
+    hash TEXT NOT NULL,
+    file_hash TEXT NOT NULL
+) STRICT",
+    "CREATE TABLE formula (
+    position INTEGER PRIMARY KEY,
+    name TEXT NOT NULL UNIQUE,
+    text TEXT NOT NULL
+) STRICT",
+    "CREATE TABLE signal (
+    position INTEGER PRIMARY KEY,
+    name TEXT NOT NULL UNIQUE,
+    unit TEXT NOT NULL
+) STRICT",
+    "CREATE TABLE axis (
     position INTEGER PRIMARY KEY,
     name TEXT NOT NULL UNIQUE,
     unit TEXT NOT NULL,
+    kind TEXT NOT NULL,
     low ANY NOT NULL,
-    high ANY NOT NULL
-) STRICT;
-
-CREATE TABLE verdict (
+    high ANY NOT NULL,
+    nominal ANY,
+    domain TEXT NOT NULL,
+    meaning TEXT NOT NULL
+) STRICT",
+    "CREATE TABLE verdict (
     position INTEGER PRIMARY KEY,
     name TEXT NOT NULL UNIQUE
-) STRICT;
-
-CREATE TABLE trial (
+) STRICT",
+    "CREATE TABLE trial (
     number INTEGER PRIMARY KEY,
-    seed INTEGER NOT NULL,
+    seed TEXT NOT NULL,
     status TEXT NOT NULL,
     row_hash INTEGER NOT NULL
-) STRICT;
-
-CREATE TABLE simulation (
+) STRICT",
+    "CREATE TABLE simulation (
     trial INTEGER NOT NULL REFERENCES trial (number),
     number INTEGER NOT NULL,
-    seed INTEGER NOT NULL,
+    seed TEXT NOT NULL,
+    scenario TEXT NOT NULL,
+    unit_point TEXT,
     robustness ANY,
+    robustness_low ANY,
+    robustness_high ANY,
+    stop_threshold ANY,
     ended TEXT NOT NULL,
     end_step INTEGER,
     steps INTEGER NOT NULL,
-    unit_point BLOB NOT NULL,
-    initial_configuration BLOB NOT NULL,
-    verdicts BLOB NOT NULL,
-    trace_digest BLOB,
+    verdicts TEXT NOT NULL,
+    trace_digest TEXT,
     row_hash INTEGER NOT NULL,
     PRIMARY KEY (trial, number)
-) STRICT, WITHOUT ROWID;
-
-CREATE TABLE trace (
+) STRICT",
+    "CREATE TABLE trace (
     trial INTEGER NOT NULL,
     number INTEGER NOT NULL,
     blob BLOB NOT NULL,
     PRIMARY KEY (trial, number),
     FOREIGN KEY (trial, number) REFERENCES simulation (trial, number)
-) STRICT;
-";
+) STRICT",
+];
+
+/// The columns that the view `simulations` takes from the table as they are.
+const SIMULATION_COLUMNS: [&str; 11] = [
+    "trial",
+    "number",
+    "seed",
+    "robustness",
+    "robustness_low",
+    "robustness_high",
+    "stop_threshold",
+    "ended",
+    "end_step",
+    "steps",
+    "trace_digest",
+];
+
+/// SQLite returns at most 2,000 columns. Axes and verdicts beyond this number are only in the JSON.
+const MOST_COLUMNS: usize = 1900;
+
+/// Creates the tables and views of this version, but for the tables that the file has.
+pub(crate) fn create(connection: &Connection, header: &RunHeader) -> rusqlite::Result<()> {
+    let found = statements(connection)?;
+    let views = views(header);
+    let mut missing = TABLES
+        .iter()
+        .copied()
+        .chain(views.iter().map(String::as_str))
+        .filter(|sql| !found.contains_key(*sql));
+    missing.try_for_each(|sql| connection.execute(sql, []).map(drop))
+}
+
+/// Checks that the file contains the tables and views of this version and nothing else, and returns its header.
+///
+/// A file from a stranger may have views in place of the tables, or triggers.
+pub(crate) fn read_header(connection: &Connection, path: &Path) -> Result<RunHeader> {
+    let found = statements(connection).in_file(path)?;
+    let others = without(found, path, TABLES.iter().copied())?;
+    let header = header_table::read(connection, path)?;
+    nothing(&without(others, path, views(&header).iter().map(String::as_str))?, path)?;
+    Ok(header)
+}
+
+/// Checks that the file contains these tables and nothing else.
+pub(crate) fn check(connection: &Connection, path: &Path, tables: &[&str]) -> Result<()> {
+    let found = statements(connection).in_file(path)?;
+    nothing(&without(found, path, tables.iter().copied())?, path)
+}
+
+/// Kind and name of a table, view, index or trigger, by the statement that made it.
+type Statements = BTreeMap<String, String>;
+
+/// Removes `expected` from `found`.
+fn without<'a>(
+    mut found: Statements,
+    path: &Path,
+    expected: impl Iterator<Item = &'a str>,
+) -> Result<Statements> {
+    for sql in expected {
+        if found.remove(sql).is_none() {
+            let kind_and_name: Vec<&str> = sql.split_whitespace().skip(1).take(2).collect();
+            let what = format!("its {} is missing or another one", kind_and_name.join(" ").to_lowercase());
+            return Err(StoreError::damaged(path, what));
+        }
+    }
+    Ok(found)
+}
+
+fn nothing(others: &Statements, path: &Path) -> Result<()> {
+    match others.values().next() {
+        Some(other) => {
+            Err(StoreError::damaged(path, format!("it contains {other}, which this program did not make")))
+        }
+        None => Ok(()),
+    }
+}
+
+fn statements(connection: &Connection) -> rusqlite::Result<Statements> {
+    // Indices of primary keys have no statement. Tables that begin with `sqlite_` are SQLite's own statistics.
+    let mut select = connection.prepare(
+        "SELECT sql, type || ' ' || name FROM sqlite_schema
+         WHERE sql IS NOT NULL AND NOT (type = 'table' AND name GLOB 'sqlite_*')",
+    )?;
+    select.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+}
+
+/// The views for people, which depend on the header: a column per axis and per verdict.
+fn views(header: &RunHeader) -> [String; 2] {
+    let mut taken: BTreeSet<String> = SIMULATION_COLUMNS.iter().map(ToString::to_string).collect();
+    let mut columns: Vec<String> = SIMULATION_COLUMNS.iter().map(ToString::to_string).collect();
+    for axis in &header.axes {
+        let value = extract("scenario", &axis.name);
+        columns.push(format!("{value} AS {}", identifier(&free_name("axis", &axis.name, &mut taken))));
+    }
+    for name in &header.verdicts {
+        let value = extract("verdicts", name);
+        // As text, an infinity would compare greater than every number.
+        let value = format!("CASE {value} WHEN 'inf' THEN 9e999 WHEN '-inf' THEN -9e999 ELSE {value} END");
+        columns.push(format!("{value} AS {}", identifier(&free_name("verdict", name, &mut taken))));
+    }
+    // SQLite ends a statement at a NUL.
+    columns.retain(|column| !column.contains('\0'));
+    columns.truncate(MOST_COLUMNS);
+    [
+        format!("CREATE VIEW simulations AS SELECT\n    {}\nFROM simulation", columns.join(",\n    ")),
+        format!(
+            "CREATE VIEW trials AS SELECT trial.number AS number, trial.seed AS seed, trial.status AS status,
+    {COUNTS}, min(robustness) AS minimum_robustness
+FROM trial LEFT JOIN simulation ON simulation.trial = trial.number
+GROUP BY trial.number"
+        ),
+    ]
+}
+
+/// `name`, or a name derived from it if a column has that name; SQLite ignores the case of names.
+fn free_name(kind: &str, name: &str, taken: &mut BTreeSet<String>) -> String {
+    let numbered = (2..).map(|number: u32| format!("{kind}_{name}_{number}"));
+    let mut candidates = [name.to_owned(), format!("{kind}_{name}")].into_iter().chain(numbered);
+    candidates.find(|candidate| taken.insert(candidate.to_ascii_lowercase())).unwrap_or_default()
+}
+
+/// An expression for the member `name` of the JSON object in `column`.
+fn extract(column: &str, name: &str) -> String {
+    let is_plain = |c: char| c != '"' && c != '\\' && !c.is_control();
+    if !name.is_empty() && name.chars().all(is_plain) {
+        format!("json_extract({column}, {})", literal(&format!("$.\"{name}\"")))
+    } else {
+        // Before version 3.45, the paths of SQLite have no escapes.
+        format!("(SELECT value FROM json_each({column}) WHERE key = {})", literal(name))
+    }
+}
+
+fn identifier(name: &str) -> String {
+    format!("\"{}\"", name.replace('"', "\"\""))
+}
+
+fn literal(text: &str) -> String {
+    format!("'{}'", text.replace('\'', "''"))
+}

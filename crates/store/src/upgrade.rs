@@ -8,12 +8,17 @@ use crate::Result;
 use crate::error::{InFile, StoreError};
 use crate::schema::APPLICATION_ID;
 
-/// Changes the tables and rows of one version into those of the next.
-pub(crate) type Step = fn(&Connection) -> rusqlite::Result<()>;
+mod v1;
 
-/// `STEPS[v - 1]` leads from version v to v + 1. A step, once released, is never changed or removed; each
-/// comes with a fixture of the version it starts from.
-pub(crate) const STEPS: &[Step] = &[];
+/// Changes the tables and rows of one version into those of the next.
+pub(crate) type Step = fn(&Connection, &Path) -> Result<()>;
+
+/// `STEPS[v - 1]` leads from version v to v + 1. The result of a released step never changes; a fixture of the
+/// version it starts from, with values stated by hand, tests that.
+///
+/// The last step writes with the code of the current version. The commit that adds the next version moves what the
+/// step needs of that code into the step's file.
+pub(crate) const STEPS: &[Step] = &[v1::step];
 
 /// The format version of a run file, which is one that `steps` know how to read.
 pub(crate) fn version(connection: &Connection, path: &Path, steps: &[Step]) -> Result<i64> {
@@ -37,7 +42,7 @@ pub(crate) fn version(connection: &Connection, path: &Path, steps: &[Step]) -> R
 /// Takes the steps that a file of version `found` lacks, within the transaction that is open.
 pub(crate) fn upgrade(connection: &Connection, path: &Path, found: i64, steps: &[Step]) -> Result<()> {
     for (step, version) in steps.iter().zip(1_i64..).filter(|&(_, version)| version >= found) {
-        step(connection).in_file(path)?;
+        step(connection, path)?;
         connection.pragma_update(None, "user_version", version + 1).in_file(path)?;
     }
     Ok(())
@@ -48,61 +53,78 @@ mod tests {
     use super::*;
     use crate::{RunFile, RunWriter};
 
-    /// What steps might look like: a new column, then its value for the rows that are there.
+    /// What the steps from version 2 on might look like: a new value, then a change of it.
     const FUTURE: &[Step] = &[
-        |connection| connection.execute_batch("ALTER TABLE trial ADD COLUMN note TEXT"),
-        |connection| connection.execute_batch("UPDATE trial SET note = 'from version ' || 1"),
+        v1::step,
+        |connection, path| {
+            let sql = "INSERT INTO header (key, value) VALUES ('note', 'from version 2')";
+            connection.execute_batch(sql).in_file(path)
+        },
+        |connection, path| {
+            let sql = "UPDATE header SET value = value || ', then 3' WHERE key = 'note'";
+            connection.execute_batch(sql).in_file(path)
+        },
     ];
 
-    fn copy_of_version_1() -> (tempfile::TempDir, std::path::PathBuf) {
+    fn copy_of_version(version: u32) -> (tempfile::TempDir, std::path::PathBuf) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.sqlite");
-        std::fs::copy("tests/fixtures/v1.sqlite", &path).unwrap();
+        std::fs::copy(format!("tests/fixtures/v{version}.sqlite"), &path).unwrap();
         (folder, path)
     }
 
-    fn notes(path: &Path) -> rusqlite::Result<Vec<String>> {
-        let connection = Connection::open(path)?;
-        let mut select = connection.prepare("SELECT note FROM trial")?;
-        select.query_map([], |row| row.get(0))?.collect()
+    fn note(path: &Path) -> rusqlite::Result<String> {
+        let select = "SELECT value FROM header WHERE key = 'note'";
+        Connection::open(path)?.query_row(select, [], |row| row.get(0))
     }
 
     #[test]
     fn opening_an_older_file_takes_the_steps_it_lacks() {
-        let (_folder, path) = copy_of_version_1();
-        let digest = RunFile::open(&path).unwrap().content_digest().unwrap();
-        let upgraded = RunFile::open_with(&path, FUTURE).unwrap();
-        assert_eq!(upgraded.content_digest().unwrap(), digest);
-        drop(upgraded);
-        assert_eq!(notes(&path).unwrap(), ["from version 1"; 4]);
-        // A second time there is nothing left to do: the first step would fail.
-        RunFile::open_with(&path, FUTURE).unwrap();
-        RunWriter::resume_with(&path, FUTURE).unwrap();
+        for version in [1, 2] {
+            let (_folder, path) = copy_of_version(version);
+            let upgraded = RunFile::open_with(&path, FUTURE).unwrap();
+            let (_other_folder, other_path) = copy_of_version(version);
+            let digest = RunFile::open(&other_path).unwrap().content_digest().unwrap();
+            assert_eq!(upgraded.content_digest().unwrap(), digest);
+            drop(upgraded);
+            assert_eq!(note(&path).unwrap(), "from version 2, then 3");
+            // A second time there is nothing left to do: the insertion would fail.
+            RunFile::open_with(&path, FUTURE).unwrap();
+            RunWriter::resume_with(&path, FUTURE).unwrap();
+        }
     }
 
     #[test]
     fn steps_already_taken_are_left_out() {
-        let (_folder, path) = copy_of_version_1();
-        RunWriter::resume_with(&path, &FUTURE[..1]).unwrap().close().unwrap();
-        RunWriter::resume_with(&path, FUTURE).unwrap().close().unwrap();
-        assert_eq!(notes(&path).unwrap(), ["from version 1"; 4]);
+        let (_folder, path) = copy_of_version(1);
+        for count in 1..=FUTURE.len() {
+            RunWriter::resume_with(&path, &FUTURE[..count]).unwrap().close().unwrap();
+        }
+        assert_eq!(note(&path).unwrap(), "from version 2, then 3");
     }
 
     #[test]
     fn a_step_that_fails_leaves_the_file_as_it_was() {
-        let (_folder, path) = copy_of_version_1();
-        let failing: [Step; 2] =
-            [FUTURE[0], |connection| connection.execute_batch("UPDATE nothing SET x = 1")];
-        assert!(RunFile::open_with(&path, &failing).is_err());
-        assert!(notes(&path).is_err(), "the first step's column is still there");
-        RunFile::open(&path).unwrap().check().unwrap();
+        let failing: &[Step] =
+            &[FUTURE[0], FUTURE[1], |_, path| Err(StoreError::damaged(path, "a step failed"))];
+        for version in [1, 2] {
+            let (_folder, path) = copy_of_version(version);
+            let before = std::fs::read(&path).unwrap();
+            assert!(RunFile::open_with(&path, failing).is_err());
+            let connection = Connection::open(&path).unwrap();
+            let found = connection.pragma_query_value(None, "user_version", |row| row.get::<_, u32>(0));
+            assert_eq!(found.unwrap(), version);
+            drop(connection);
+            assert!(std::fs::read(&path).unwrap() == before, "the file has changed");
+            RunFile::open(&path).unwrap().check().unwrap();
+        }
     }
 
     #[test]
     fn the_program_from_before_the_upgrade_refuses_the_file() {
-        let (_folder, path) = copy_of_version_1();
+        let (_folder, path) = copy_of_version(2);
         RunWriter::resume_with(&path, FUTURE).unwrap().close().unwrap();
         let error = RunFile::open(&path).unwrap_err();
-        assert!(matches!(error, StoreError::NewerVersion { found: 3, supported: 1, .. }), "{error}");
+        assert!(matches!(error, StoreError::NewerVersion { found: 4, supported: 2, .. }), "{error}");
     }
 }

@@ -181,7 +181,7 @@ fn a_newer_file_is_refused_with_both_versions() {
     let (_folder, path) = small_run();
     rusqlite::Connection::open(&path).unwrap().pragma_update(None, "user_version", 9).unwrap();
     let message =
-        "the run file has format version 9, this program reads versions up to 1; use a newer program";
+        "the run file has format version 9, this program reads versions up to 2; use a newer program";
     check_message(RunFile::open(&path), message, &path);
     check_message(RunWriter::resume(&path), message, &path);
     RunWriter::create(&path, &header(), Existing::Replace).unwrap();

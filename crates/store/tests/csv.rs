@@ -3,10 +3,8 @@
 
 mod sample;
 
-use mishandle_store::{
-    End, Existing, RunHeader, RunWriter, Simulation, SimulationRecord, Trace, export_csv, export_trace_csv,
-};
-use sample::header;
+use mishandle_store::{End, Existing, RunHeader, RunWriter, Simulation, Trace, export_csv, export_trace_csv};
+use sample::{header, signal};
 
 #[test]
 fn simulations_are_lines_that_read_back_exactly() {
@@ -18,39 +16,51 @@ fn simulations_are_lines_that_read_back_exactly() {
         number: 1,
         seed: u64::MAX,
         unit_point: vec![0.1 + 0.2, 1.0],
-        initial_configuration: vec![1e-300, -0.0],
+        scenario: vec![Some(1e-300), Some(-0.0)],
         robustness: Some(f64::NEG_INFINITY),
+        robustness_low: Some(f64::NEG_INFINITY),
+        robustness_high: Some(-0.25),
+        stop_threshold: Some(-0.0),
         end: End::Stopped { step: 17 },
         steps: 17,
         verdicts: vec![Some(0.5), None],
         trace_digest: Some(0xab),
+        trace: None,
     };
     let bare = Simulation {
         number: 2,
         unit_point: vec![],
+        scenario: vec![Some(2.0), None],
         robustness: None,
-        end: End::Horizon,
+        robustness_low: None,
+        robustness_high: None,
+        stop_threshold: None,
+        end: End::InvalidScenario,
         steps: 300,
         trace_digest: None,
         ..full.clone()
     };
-    writer.record(&[full, bare].map(|simulation| SimulationRecord { simulation, trace: None })).unwrap();
+    writer.record(&[full, bare]).unwrap();
     let mut csv = Vec::new();
     export_csv(writer.file(), &mut csv).unwrap();
     assert_eq!(
         String::from_utf8(csv).unwrap(),
-        "trial,simulation,seed,robustness,end,end_step,steps,u_ball_x,u_ball_velocity_x,ball_x_m,\
+        "trial,simulation,seed,robustness,robustness_low,robustness_high,stop_threshold,end,end_step,steps,u_ball_x,u_ball_velocity_x,ball_x_m,\
          ball_velocity_x_m_per_s,strict_robustness,completion_step,trace_digest\n\
-         1,1,18446744073709551615,-inf,stopped,17,17,0.30000000000000004,1.0,1e-300,-0.0,0.5,,\
+         1,1,18446744073709551615,-inf,-inf,-0.25,-0.0,stopped,17,17,0.30000000000000004,1.0,1e-300,-0.0,0.5,,\
          000000000000000000000000000000ab\n\
-         1,2,18446744073709551615,,horizon,,300,,,1e-300,-0.0,0.5,,\n"
+         1,2,18446744073709551615,,,,,invalid scenario,,300,,,2.0,,0.5,,\n"
     );
 }
 
 #[test]
 fn a_trace_has_a_column_of_time_and_one_per_signal() {
     let folder = tempfile::tempdir().unwrap();
-    let header = RunHeader { control_dt: 0.25, signals: vec!["a".into(), "say \"b\", c".into()], ..header() };
+    let header = RunHeader {
+        control_dt: 0.25,
+        signals: vec![signal("a", "m"), signal("say \"b\", c", "")],
+        ..header()
+    };
     let writer = RunWriter::create(folder.path().join("run"), &header, Existing::Refuse).unwrap();
     let trace = Trace { columns: vec![vec![1.0, 2.5], vec![f64::INFINITY, f64::NAN]] };
     let mut csv = Vec::new();

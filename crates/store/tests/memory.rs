@@ -1,4 +1,4 @@
-//! Memory does not grow with the number of simulations: a run is written and read in less than its file's
+//! Memory does not grow with the number of simulations: a run is written, read and upgraded in less than its file's
 //! size.
 #![allow(clippy::unwrap_used)] // what serves tests is a test
 #![cfg(target_os = "linux")] // where a process can ask for its own peak
@@ -6,7 +6,7 @@
 mod sample;
 
 use mishandle_store::{Existing, RunFile, RunWriter, export_csv};
-use sample::{header, record};
+use sample::{header, record, version_1};
 
 #[test]
 fn a_run_is_larger_than_the_memory_it_takes() {
@@ -24,9 +24,34 @@ fn a_run_is_larger_than_the_memory_it_takes() {
     run.content_digest().unwrap();
     export_csv(&run, &mut std::io::sink()).unwrap();
 
+    let (peak, size) = (peak_bytes(), path.metadata().unwrap().len());
+    assert!(peak < size / 2, "{peak} bytes of memory for a file of {size} bytes");
+
+    // Upgrading takes little more.
+    let (_folder, old_path) = version_1::copy();
+    let row = |number| version_1::Row {
+        trial: 3,
+        number,
+        seed: number.into(),
+        unit_point: vec![0.25, 0.75],
+        initial_configuration: [f64::from(number), 0.1],
+        robustness: Some(0.5),
+        ended: ("horizon", None),
+        steps: 300,
+        verdicts: [Some(0.5), None],
+        trace_digest: Some(number.into()),
+    };
+    version_1::add(&old_path, (1..=simulations).map(row));
+    let old_size = old_path.metadata().unwrap().len();
+    let upgraded = RunFile::open(&old_path).unwrap();
+    assert_eq!(upgraded.last_number(3).unwrap(), simulations);
+
+    let peak = peak_bytes();
+    assert!(peak < old_size, "{peak} bytes of memory for an older file of {old_size} bytes");
+}
+
+fn peak_bytes() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));
-    let peak = peak.unwrap().parse::<u64>().unwrap() * 1024;
-    let size = path.metadata().unwrap().len();
-    assert!(peak < size / 2, "{peak} bytes of memory for a file of {size} bytes");
+    peak.unwrap().parse::<u64>().unwrap() * 1024
 }

@@ -1,8 +1,54 @@
-//! Every run file ever released still reads. The values are stated here by hand; how the files were made says
-//! `examples/write_fixture.rs`.
+//! Every run file ever released still reads. The values are stated here by hand; `examples/write_fixture.rs` wrote the
+//! files.
 #![allow(clippy::unwrap_used)] // what serves tests is a test
 
-use mishandle_store::{Axis, Counts, End, RunFile, RunKind, TrialStatus};
+use mishandle_store::{
+    Axis, Component, Counts, End, NamedFormula, RunFile, RunKind, Signal, TargetRecord, TrialStatus,
+};
+
+fn target(kind: &str, hash: &str, is_deterministic: bool) -> TargetRecord {
+    TargetRecord { kind: kind.into(), name: "ball-catching".into(), hash: hash.into(), is_deterministic }
+}
+
+fn component(role: &str, name: &str, hash: &str, file_hash: &str) -> Component {
+    Component { role: role.into(), name: name.into(), hash: hash.into(), file_hash: file_hash.into() }
+}
+
+fn signal(name: &str, unit: &str) -> Signal {
+    Signal { name: name.into(), unit: unit.into() }
+}
+
+fn formula(name: &str, text: &str) -> NamedFormula {
+    NamedFormula { name: name.into(), text: text.into() }
+}
+
+/// The trials are the same in every version's file.
+#[track_caller]
+fn check_trials(run: &RunFile) {
+    let trials: Vec<_> = run.trials().unwrap().iter().map(|summary| summary.trial).collect();
+    let statuses: Vec<_> = trials.iter().map(|trial| (trial.number, trial.status)).collect();
+    assert_eq!(
+        statuses,
+        [
+            (1, TrialStatus::Running),
+            (2, TrialStatus::Falsified),
+            (3, TrialStatus::BudgetSpent),
+            (4, TrialStatus::Converged)
+        ]
+    );
+    assert_eq!(trials[0].seed, 18_446_744_073_709_551_614);
+}
+
+/// So are the traces.
+#[track_caller]
+fn check_traces(run: &RunFile) {
+    assert_eq!(run.traced().unwrap(), [(2, 2)]);
+    let columns = run.simulation(2, 2).unwrap().trace.unwrap().columns;
+    assert_eq!((columns[0].len(), columns[1].len()), (301, 301));
+    assert_eq!((columns[0][0], columns[0][300], columns[1][2]), (0.0, 30.0, 7.5));
+    assert!(columns[1][3].is_nan());
+    assert_eq!((columns[1][4], columns[1][5].to_bits()), (f64::NEG_INFINITY, 1 << 63));
+}
 
 #[test]
 fn version_1() {
@@ -19,38 +65,36 @@ fn version_1() {
     assert_eq!(header.build.git_commit, "63b21f9");
     assert_eq!(header.build.target, "x86_64-unknown-linux-gnu");
     assert_eq!(header.build.rustc, "1.95.0");
-    assert_eq!(header.build.mujoco_version, "3.17.0");
     assert_eq!(header.build.architecture, "x86-64-v3");
+    assert_eq!(header.versions, [("MuJoCo".to_owned(), "3.17.0".to_owned())]);
     assert_eq!(header.plan, "task = \"ball-catching\"\n# \u{3c1} \u{2265} 0\n");
-    assert_eq!(header.controller, "expert");
-    assert_eq!(header.controller_hash, "c0");
-    assert_eq!(header.controller_bytes_hash, "c1");
-    assert_eq!(header.task, "ball-catching");
-    assert_eq!(header.preset, "code");
+    assert_eq!(header.target, target("task", "", true));
+    assert_eq!(header.components, [component("controller", "expert", "c0", "c1")]);
+    assert_eq!(header.space, "starts");
     assert_eq!(header.formula, "always[50:300](ball_box_horizontal_distance <= 0.1)");
+    assert_eq!(header.formulas, []);
     assert_eq!(header.search, "random");
     assert_eq!(header.seed, 9_223_372_036_854_775_808);
     assert_eq!(header.control_dt, 0.25);
-    assert_eq!(header.signals, ["linear", "strange"]);
-    assert_eq!(header.axes[0], Axis { name: "ball_x".into(), unit: "m".into(), low: -0.5, high: 1.25 });
+    assert_eq!(header.episode_steps, 300);
+    assert_eq!(header.signals, [signal("linear", ""), signal("strange", "")]);
+    let axis = |name: &str, unit: &str, low, high, nominal| Axis {
+        name: name.into(),
+        unit: unit.into(),
+        kind: "start".into(),
+        low,
+        high,
+        nominal: Some(nominal),
+        values: "continuous".into(),
+        meaning: String::new(),
+    };
     assert_eq!(
-        header.axes[1],
-        Axis { name: "ball_velocity_z".into(), unit: "m/s".into(), low: 2.0, high: 3.0 }
+        header.axes,
+        [axis("ball_x", "m", -0.5, 1.25, 0.375), axis("ball_velocity_z", "m/s", 2.0, 3.0, 2.5)]
     );
     assert_eq!(header.verdicts, ["strict_robustness", "return"]);
 
-    let trials: Vec<_> = run.trials().unwrap().iter().map(|summary| summary.trial).collect();
-    let statuses: Vec<_> = trials.iter().map(|trial| (trial.number, trial.status)).collect();
-    assert_eq!(
-        statuses,
-        [
-            (1, TrialStatus::Running),
-            (2, TrialStatus::Falsified),
-            (3, TrialStatus::BudgetSpent),
-            (4, TrialStatus::Converged)
-        ]
-    );
-    assert_eq!(trials[0].seed, 18_446_744_073_709_551_614);
+    check_trials(&run);
     assert_eq!(run.counts().unwrap(), Counts { simulations: 5, falsified: 1, undecided: 1, diverged: 1 });
 
     let simulations: Vec<_> = run.simulations().map(Result::unwrap).collect();
@@ -59,25 +103,119 @@ fn version_1() {
     assert_eq!(
         outcomes,
         [
-            (1, 1, Some(0x3fd3_3333_3333_3334), End::Horizon), // 0.1 + 0.2, not 0.3
+            (1, 1, Some(0x3fd3_3333_3333_3334), End::Completed), // 0.1 + 0.2, not 0.3
             (1, 2, None, End::Diverged { step: 12 }),
             (1, 3, Some(0x7ff0_0000_0000_0000), End::Stopped { step: 34 }), // +inf
-            (2, 1, Some(0x8000_0000_0000_0000), End::Horizon),              // -0.0
-            (2, 2, Some(0xfff0_0000_0000_0000), End::Horizon),              // -inf
+            (2, 1, Some(0x8000_0000_0000_0000), End::Completed),            // -0.0
+            (2, 2, Some(0xfff0_0000_0000_0000), End::Completed),            // -inf
         ]
     );
     let second = &simulations[1];
     assert_eq!((second.seed, second.steps), (18_446_744_073_709_551_613, 300));
     assert_eq!(second.unit_point, [0.25, 0.75]);
-    assert_eq!(second.initial_configuration[0], 2.0 / 3.0);
-    assert_eq!(second.initial_configuration[1].to_bits(), 1 << 63);
+    assert_eq!(second.scenario, [Some(2.0 / 3.0), Some(-0.0)]);
+    assert_eq!(second.scenario[1].map(f64::to_bits), Some(1 << 63));
     assert_eq!(second.verdicts, [None, Some(0.2)]);
     assert_eq!(second.trace_digest, None);
 
-    assert_eq!(run.traced().unwrap(), [(2, 2)]);
-    let columns = run.simulation(2, 2).unwrap().trace.unwrap().columns;
-    assert_eq!((columns[0].len(), columns[1].len()), (301, 301));
-    assert_eq!((columns[0][0], columns[0][300], columns[1][2]), (0.0, 30.0, 7.5));
-    assert!(columns[1][3].is_nan());
-    assert_eq!((columns[1][4], columns[1][5].to_bits()), (f64::NEG_INFINITY, 1 << 63));
+    // Only a complete episode proves its robustness; -0.0 keeps its sign.
+    let bounds: Vec<_> = simulations
+        .iter()
+        .map(|s| (s.robustness_low.map(f64::to_bits), s.robustness_high.map(f64::to_bits), s.stop_threshold))
+        .collect();
+    let whole = |bits| (Some(bits), Some(bits), None);
+    let (none, minus_zero) = ((None, None, None), 0x8000_0000_0000_0000);
+    assert_eq!(
+        bounds,
+        [whole(0x3fd3_3333_3333_3334), none, none, whole(minus_zero), whole(0xfff0_0000_0000_0000)]
+    );
+    check_traces(&run);
+}
+
+#[test]
+fn version_2() {
+    let run = RunFile::open("tests/fixtures/v2.sqlite").unwrap();
+    run.check().unwrap();
+
+    let header = run.header();
+    assert_eq!(header.kind, RunKind::Evaluate);
+    assert_eq!(header.build.program_version, "0.1.0");
+    assert_eq!(header.build.git_commit, "51c0ab8");
+    assert_eq!(header.build.target, "x86_64-unknown-linux-gnu");
+    assert_eq!(header.build.rustc, "1.95.0");
+    assert_eq!(header.build.architecture, "x86-64-v3");
+    let versions: Vec<_> = header.versions.iter().map(|(name, version)| (&name[..], &version[..])).collect();
+    assert_eq!(versions, [("MuJoCo", "3.17.0"), ("Python", "3.11.2")]);
+    assert_eq!(header.plan, "task = \"ball-catching\"\n# \u{3c1} \u{2265} 0\n");
+    assert_eq!(header.target, target("python", "t0", false));
+    let [controller, filter] =
+        [component("controller", "expert", "c0", "c1"), component("filter", "none", "", "")];
+    assert_eq!(header.components, [controller, filter]);
+    assert_eq!(header.space, "everything");
+    assert_eq!(header.formula, "always[50:300](ball_box_horizontal_distance <= 0.1)");
+    assert_eq!(header.formulas, [formula("success", "linear <= 0.1"), formula("safe", "linear < 0.2")]);
+    assert_eq!(header.search, "random");
+    assert_eq!(header.seed, 9_223_372_036_854_775_808);
+    assert_eq!(header.control_dt, 0.25);
+    assert_eq!(header.episode_steps, 150);
+    assert_eq!(header.signals, [signal("linear", "m"), signal("strange", "")]);
+    let [first, second] = &header.axes[..] else { panic!("two axes") };
+    assert_eq!((&first.name[..], &first.unit[..], &first.kind[..]), ("ball_x", "m", "start"));
+    assert_eq!((first.low, first.high), (-0.5, 1.25));
+    assert_eq!(first.nominal.map(f64::to_bits), Some(1 << 63)); // -0.0
+    assert_eq!((&first.values[..], &first.meaning[..]), ("continuous", "where the ball starts"));
+    assert_eq!((&second.name[..], &second.unit[..], &second.kind[..]), ("say \"\u{3c1}\"", "", "noise"));
+    assert_eq!((second.low, second.high, second.nominal), (2.0, 3.0, None));
+    assert_eq!((&second.values[..], &second.meaning[..]), ("integer", ""));
+    assert_eq!(header.verdicts, ["strict_robustness", "return"]);
+
+    check_trials(&run);
+    assert_eq!(run.counts().unwrap(), Counts { simulations: 11, falsified: 2, undecided: 6, diverged: 1 });
+
+    let simulations: Vec<_> = run.simulations().map(Result::unwrap).collect();
+    let ends: Vec<_> = simulations.iter().map(|s| (s.trial, s.number, s.end)).collect();
+    assert_eq!(
+        ends,
+        [
+            (1, 1, End::Completed),
+            (1, 2, End::Diverged { step: 12 }),
+            (1, 3, End::Stopped { step: 34 }),
+            (1, 4, End::Terminated { step: 56 }),
+            (1, 5, End::Undefined { step: 0 }),
+            (1, 6, End::InvalidAction { step: 7 }),
+            (1, 7, End::InvalidScenario),
+            (1, 8, End::Crashed { step: 8 }),
+            (1, 9, End::TimedOut { step: 9 }),
+            (2, 1, End::Completed),
+            (2, 2, End::Completed),
+        ]
+    );
+    let robustness: Vec<_> = simulations
+        .iter()
+        .map(|s| {
+            [s.robustness_low, s.robustness, s.robustness_high, s.stop_threshold].map(|x| x.map(f64::to_bits))
+        })
+        .collect();
+    let whole = |bits| [Some(bits), Some(bits), Some(bits), None];
+    let (infinity, minus_infinity) = (0x7ff0_0000_0000_0000, 0xfff0_0000_0000_0000);
+    let (minus_zero, minus_quarter) = (0x8000_0000_0000_0000, 0xbfd0_0000_0000_0000);
+    assert_eq!(robustness[0], whole(0x3fd3_3333_3333_3334)); // 0.1 + 0.2, not 0.3
+    assert_eq!(robustness[1], [None; 4]);
+    assert_eq!(
+        robustness[2],
+        [Some(minus_infinity), Some(minus_quarter), Some(minus_quarter), Some(minus_zero)]
+    );
+    assert_eq!(robustness[3], whole(infinity));
+    assert_eq!(robustness[4..9], [[None; 4]; 5]);
+    assert_eq!(robustness[9..], [whole(minus_zero), whole(minus_infinity)]);
+
+    let second = &simulations[1];
+    assert_eq!((second.seed, second.steps), (18_446_744_073_709_551_613, 150));
+    assert_eq!(second.unit_point, [0.25, 0.75]);
+    assert_eq!(second.scenario[0], Some(2.0 / 3.0));
+    assert_eq!(second.scenario[1].map(f64::to_bits), Some(1 << 63));
+    assert_eq!(second.verdicts, [None, Some(0.2)]);
+    assert_eq!((second.trace_digest, &second.trace), (None, &None));
+    assert_eq!((&simulations[6].unit_point[..], &simulations[6].scenario[..]), (&[][..], &[None, None][..]));
+    check_traces(&run);
 }

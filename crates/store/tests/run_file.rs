@@ -4,10 +4,10 @@
 mod sample;
 
 use mishandle_store::{
-    Axis, Counts, End, Existing, RunFile, RunHeader, RunWriter, Simulation, SimulationRecord, StoreError,
-    Trace, TrialStatus,
+    Axis, Counts, End, Existing, NamedFormula, RunFile, RunHeader, RunWriter, Simulation, StoreError, Trace,
+    TrialStatus,
 };
-use sample::{header, record, trace, traced_record};
+use sample::{axis, header, record, signal, trace, traced_record};
 use tempfile::TempDir;
 
 fn new_run() -> (TempDir, RunWriter) {
@@ -18,14 +18,17 @@ fn new_run() -> (TempDir, RunWriter) {
 
 /// All bits of a simulation; `==` on floats would take -0.0 for 0.0.
 fn bits(simulation: &Simulation) -> String {
-    let hex =
-        |values: &[f64]| values.iter().map(|value| format!("{:x} ", value.to_bits())).collect::<String>();
+    let hex = |values: &[Option<f64>]| {
+        values.iter().map(|value| format!("{:x?} ", value.map(f64::to_bits))).collect::<String>()
+    };
+    let Simulation { robustness, robustness_low, robustness_high, stop_threshold, .. } = *simulation;
+    let unit_point: Vec<_> = simulation.unit_point.iter().copied().map(Some).collect();
     format!(
-        "{simulation:?} {} {} {:?} {:?}",
-        hex(&simulation.unit_point),
-        hex(&simulation.initial_configuration),
-        simulation.robustness.map(f64::to_bits),
-        simulation.verdicts.iter().map(|verdict| verdict.map(f64::to_bits)).collect::<Vec<_>>()
+        "{simulation:?} {} {} {} {}",
+        hex(&unit_point),
+        hex(&simulation.scenario),
+        hex(&simulation.verdicts),
+        hex(&[robustness, robustness_low, robustness_high, stop_threshold])
     )
 }
 
@@ -50,7 +53,7 @@ fn every_bit_comes_back_in_order_from_any_order_of_recording() {
         for trial in [1, 2, 0] {
             let batch: Vec<_> = (first..first + length).map(|number| record(trial, number)).collect();
             writer.record(&batch).unwrap();
-            expected.extend(batch.into_iter().map(|record| record.simulation));
+            expected.extend(batch);
         }
         first += length;
         length += 1;
@@ -64,10 +67,7 @@ fn every_bit_comes_back_in_order_from_any_order_of_recording() {
     assert_eq!(got.len(), expected.len());
     for (got, expected) in got.iter().zip(&expected) {
         assert_eq!(bits(got), bits(expected));
-        assert_eq!(
-            bits(&run.simulation(expected.trial, expected.number).unwrap().simulation),
-            bits(expected)
-        );
+        assert_eq!(bits(&run.simulation(expected.trial, expected.number).unwrap()), bits(expected));
     }
     let of_one: Vec<Simulation> = run.simulations_of(1).map(Result::unwrap).collect();
     assert_eq!(
@@ -85,15 +85,18 @@ fn hard_values_come_back() {
     writer.start_trial(1, 0).unwrap();
     for (number, value) in (1..).zip(hard) {
         let mut record = record(1, number);
-        record.simulation.robustness = Some(value);
-        record.simulation.verdicts = vec![Some(value), None];
-        record.simulation.seed = [0, 1 << 63, u64::MAX][number as usize % 3];
+        record.robustness = Some(value);
+        record.robustness_low = Some(value);
+        record.robustness_high = Some(value);
+        record.stop_threshold = Some(value);
+        record.verdicts = vec![Some(value), None];
+        record.seed = [0, 1 << 63, u64::MAX][number as usize % 3];
         if value.is_finite() {
-            record.simulation.unit_point = vec![value, -value];
-            record.simulation.initial_configuration = vec![-value, value];
+            record.unit_point = vec![value, -value];
+            record.scenario = vec![Some(-value), Some(value)];
         }
         writer.record(std::slice::from_ref(&record)).unwrap();
-        assert_eq!(bits(&writer.file().simulation(1, number).unwrap().simulation), bits(&record.simulation));
+        assert_eq!(bits(&writer.file().simulation(1, number).unwrap()), bits(&record));
     }
 }
 
@@ -102,7 +105,7 @@ fn a_simulation_without_a_unit_point_and_a_run_without_axes_are_fine() {
     let (_folder, mut writer) = new_run();
     writer.start_trial(1, 0).unwrap();
     let mut bare = record(1, 1);
-    bare.simulation.unit_point.clear();
+    bare.unit_point.clear();
     writer.record(std::slice::from_ref(&bare)).unwrap();
     assert_eq!(writer.file().simulation(1, 1).unwrap(), bare);
 
@@ -110,9 +113,7 @@ fn a_simulation_without_a_unit_point_and_a_run_without_axes_are_fine() {
     let nothing = RunHeader { axes: vec![], verdicts: vec![], signals: vec![], ..header() };
     let mut writer = RunWriter::create(folder.path().join("run"), &nothing, Existing::Refuse).unwrap();
     writer.start_trial(1, 0).unwrap();
-    let simulation =
-        Simulation { unit_point: vec![], initial_configuration: vec![], verdicts: vec![], ..bare.simulation };
-    let bare = SimulationRecord { simulation, trace: None };
+    let bare = Simulation { unit_point: vec![], scenario: vec![], verdicts: vec![], ..bare };
     writer.record(std::slice::from_ref(&bare)).unwrap();
     assert_eq!(writer.file().simulation(1, 1).unwrap(), bare);
 }
@@ -124,16 +125,17 @@ fn traces_come_back_where_they_were_given() {
     writer.record(&[record(1, 1), traced_record(1, 2)]).unwrap();
     let mut diverged = traced_record(1, 3);
     diverged.trace = Some(Trace { columns: vec![vec![1.0, f64::NAN], vec![f64::INFINITY, -0.0]] });
-    diverged.simulation.trace_digest = None;
+    diverged.trace_digest = None;
     writer.record(std::slice::from_ref(&diverged)).unwrap();
 
     let run = writer.file();
     assert_eq!(run.simulation(1, 1).unwrap().trace, None);
     assert_eq!(run.simulation(1, 2).unwrap(), traced_record(1, 2));
     assert_eq!(run.traced().unwrap(), [(1, 2), (1, 3)]);
+    assert!(run.simulations().all(|simulation| simulation.unwrap().trace.is_none()));
     // A digest that was not given is filled in; NaN is compared by its bits.
     let read = run.simulation(1, 3).unwrap();
-    assert_eq!(read.simulation.trace_digest, Some(diverged.trace.unwrap().digest()));
+    assert_eq!(read.trace_digest, Some(diverged.trace.unwrap().digest()));
     assert!(read.trace.unwrap().columns[0][1].is_nan());
 }
 
@@ -144,16 +146,16 @@ fn counts_are_those_of_the_records() {
     writer.start_trial(2, 22).unwrap();
     let with = |number, robustness, end| {
         let mut record = record(1, number);
-        record.simulation.robustness = robustness;
-        record.simulation.end = end;
+        record.robustness = robustness;
+        record.end = end;
         record
     };
     writer
         .record(&[
-            with(1, Some(0.5), End::Horizon),
+            with(1, Some(0.5), End::Completed),
             with(2, Some(-0.25), End::Stopped { step: 9 }),
-            with(3, Some(-0.0), End::Horizon),
-            with(4, None, End::Horizon),
+            with(3, Some(-0.0), End::Completed),
+            with(4, None, End::Completed),
             with(5, Some(f64::INFINITY), End::Diverged { step: 7 }),
         ])
         .unwrap();
@@ -201,7 +203,7 @@ fn a_resumed_run_goes_on_where_it_stood() {
 
 #[test]
 fn the_content_digest_knows_no_batches_and_sees_every_difference() {
-    let digest = |batches: &[&[SimulationRecord]], status| {
+    let digest = |batches: &[&[Simulation]], status| {
         let (_folder, mut writer) = new_run();
         writer.start_trial(1, 5).unwrap();
         batches.iter().for_each(|batch| writer.record(batch).unwrap());
@@ -216,20 +218,24 @@ fn the_content_digest_knows_no_batches_and_sees_every_difference() {
 
     assert_ne!(digest(&[&records], converged), one);
     assert_ne!(digest(&[&records[..599]], budget_spent), one);
-    let changes: [fn(&mut Simulation); 9] = [
+    let changes: [fn(&mut Simulation); 13] = [
         |simulation| simulation.seed ^= 1,
         |simulation| simulation.steps += 1,
         |simulation| simulation.robustness = Some(0.0), // it was -0.0
         |simulation| simulation.unit_point[1] = -0.0,
-        |simulation| simulation.initial_configuration[0] = 0.5,
-        |simulation| simulation.verdicts[1] = Some(0.0), // it was None
+        |simulation| simulation.scenario[0] = Some(0.5),
+        |simulation| simulation.scenario[1] = None,
+        |simulation| simulation.robustness_low = None,
+        |simulation| simulation.robustness_high = Some(0.0), // it was -0.0
+        |simulation| simulation.stop_threshold = Some(0.0),  // it was None
+        |simulation| simulation.verdicts[1] = Some(0.0),     // it was None
         |simulation| simulation.end = End::Stopped { step: 1 },
         |simulation| simulation.trace_digest = None,
         |simulation| simulation.number += 1000,
     ];
     for (index, change) in changes.into_iter().enumerate() {
         let mut changed = records.clone();
-        change(&mut changed[596].simulation);
+        change(&mut changed[596]);
         assert_ne!(digest(&[&changed], budget_spent), one, "change {index}");
     }
 }
@@ -274,7 +280,7 @@ fn the_log_does_not_grow_with_the_run() {
 // What is refused.
 
 #[track_caller]
-fn check_refused(change: impl FnOnce(&mut SimulationRecord), message: &str) {
+fn check_refused(change: impl FnOnce(&mut Simulation), message: &str) {
     let (_folder, mut writer) = new_run();
     writer.start_trial(1, 0).unwrap();
     writer.record(&[record(1, 1)]).unwrap();
@@ -291,15 +297,15 @@ fn check_refused(change: impl FnOnce(&mut SimulationRecord), message: &str) {
 fn a_record_that_does_not_fit_is_refused_with_its_batch() {
     let cannot = "cannot record simulation 3 of trial 1: its";
     check_refused(
-        |record| record.simulation.initial_configuration.truncate(1),
-        &format!("{cannot} initial configuration has 1 elements, the run's header asks for 2"),
+        |record| record.scenario.truncate(1),
+        &format!("{cannot} scenario has 1 elements, the run's header asks for 2"),
     );
     check_refused(
-        |record| record.simulation.unit_point.push(0.0),
+        |record| record.unit_point.push(0.0),
         &format!("{cannot} unit point has 3 elements, the run's header asks for 2"),
     );
     check_refused(
-        |record| record.simulation.verdicts.clear(),
+        |record| record.verdicts.clear(),
         &format!("{cannot} list of verdicts has 0 elements, the run's header asks for 2"),
     );
     check_refused(
@@ -310,38 +316,47 @@ fn a_record_that_does_not_fit_is_refused_with_its_batch() {
         |record| record.trace.as_mut().unwrap().columns[1].truncate(52),
         &format!("{cannot} trace has 52 samples of `ball_height`, but 53 of `ball_hole_distance`"),
     );
+    check_refused(|record| record.robustness = Some(f64::NAN), &format!("{cannot} robustness is NaN"));
     check_refused(
-        |record| record.simulation.robustness = Some(f64::NAN),
-        &format!("{cannot} robustness is NaN"),
+        |record| record.scenario[1] = Some(f64::INFINITY),
+        &format!("{cannot} scenario's axis `ball_velocity_x` is inf"),
     );
     check_refused(
-        |record| record.simulation.initial_configuration[1] = f64::INFINITY,
-        &format!("{cannot} initial configuration's axis `ball_velocity_x` is inf"),
+        |record| record.robustness_low = Some(f64::NAN),
+        &format!("{cannot} lower bound of the robustness is NaN"),
     );
     check_refused(
-        |record| record.simulation.unit_point[0] = f64::NAN,
+        |record| record.robustness_high = Some(f64::NAN),
+        &format!("{cannot} upper bound of the robustness is NaN"),
+    );
+    check_refused(
+        |record| record.stop_threshold = Some(f64::NAN),
+        &format!("{cannot} stop threshold is NaN"),
+    );
+    check_refused(
+        |record| record.unit_point[0] = f64::NAN,
         &format!("{cannot} unit point's axis `ball_x` is NaN"),
     );
     check_refused(
-        |record| record.simulation.verdicts[0] = Some(f64::NAN),
+        |record| record.verdicts[0] = Some(f64::NAN),
         &format!("{cannot} verdict `strict_robustness` is NaN"),
     );
     check_refused(
-        |record| record.simulation.trace_digest = Some(0xabc),
+        |record| record.trace_digest = Some(0xabc),
         &format!(
             "{cannot} trace digest is 00000000000000000000000000000abc, but the trace given with it has {:032x}",
             trace(53).digest()
         ),
     );
     check_refused(
-        |record| record.simulation.number = 0,
+        |record| record.number = 0,
         "cannot record simulation 0 of trial 1: the simulations of a trial are numbered from 1",
     );
     check_refused(
-        |record| record.simulation.number = 1,
+        |record| record.number = 1,
         "cannot record simulation 1 of trial 1: it is in the run already",
     );
-    check_refused(|record| record.simulation.trial = 4, "the run holds no trial 4");
+    check_refused(|record| record.trial = 4, "the run holds no trial 4");
 }
 
 #[test]
@@ -362,15 +377,28 @@ fn what_is_not_there_is_named() {
 #[test]
 fn a_header_that_contradicts_itself_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let axis = |name: &str, low| Axis { name: name.into(), unit: String::new(), low, high: 1.0 };
+    let axis = |name, low| axis(name, "", low, 1.0);
+    let formula = |text: &str| NamedFormula { name: "safe".into(), text: text.into() };
     for (header, message) in [
         (
-            RunHeader { signals: vec!["a".into(), "b".into(), "a".into()], ..header() },
+            RunHeader { signals: vec![signal("a", "m"), signal("b", ""), signal("a", "")], ..header() },
             "cannot create a run: two of its signals have the name `a`, each must have its own",
         ),
         (
             RunHeader { axes: vec![axis("x", 0.0), axis("x", 0.0)], ..header() },
             "cannot create a run: two of its axes have the name `x`, each must have its own",
+        ),
+        (
+            RunHeader { formulas: vec![formula("a"), formula("b")], ..header() },
+            "cannot create a run: two of its formulas have the name `safe`, each must have its own",
+        ),
+        (
+            RunHeader { versions: vec![("a".into(), "1".into()), ("a".into(), "2".into())], ..header() },
+            "cannot create a run: two of its versions have the name `a`, each must have its own",
+        ),
+        (
+            RunHeader { axes: vec![Axis { nominal: Some(f64::INFINITY), ..axis("x", 0.0) }], ..header() },
+            "cannot create a run: axis `x` has the nominal value inf, it must be finite",
         ),
         (
             RunHeader { axes: vec![axis("x", f64::NAN)], ..header() },

@@ -1,4 +1,5 @@
-//! What a control step costs, beside the bare `mj_step` calls in it: `cargo bench -p mishandle-tasks --bench step`.
+//! What a control step costs, beside the bare `mj_step` calls in it: `cargo bench -p mishandle-tasks --bench step`, for all
+//! tasks or those that are named: `-- point-reaching`.
 //!
 //! The expert drives; its actions are recorded first, so that its own time does not count, and shown in a column of
 //! its own. Times are the least of many repetitions of an episode on one thread; what counts are the ratios, which
@@ -20,7 +21,9 @@ fn main() {
         "{:<20} {:>10} {:>10} {:>7} {:>8} {:>12} {:>11}",
         "task", "step", "bare", "ratio", "physics", "steps/s/core", "expert"
     );
-    for task in TASKS {
+    let named: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
+    let is_named = |task: &&&dyn Task| named.is_empty() || named.iter().any(|n| n == task.definition().name);
+    for task in TASKS.iter().filter(is_named) {
         let mut episode = Episode::record(*task);
         let (mut whole, mut bare) = (Duration::MAX, Duration::MAX);
         for _ in 0..REPETITIONS {
@@ -101,7 +104,7 @@ impl Episode {
         let expert = task.expert().expect("there is an expert");
         let mut actor = expert.actor();
         let (mut memory, mut wanted) = (vec![0.0; expert.state_size()], [0.0_f32; JOINTS]);
-        let x0 = self.environment.initial_box().at(&vec![0.4; self.environment.initial_box().dimension()]);
+        let x0 = self.environment.space().at(&vec![0.4; self.environment.space().dimension()]);
         let sample = Sample {
             observation: &mut self.observation,
             signals: &mut self.signals,

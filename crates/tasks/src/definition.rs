@@ -1,5 +1,5 @@
 use mishandle_controllers::{Entry, Layout};
-use mishandle_rollout::{Axis, InitialBox, RolloutError, Specification};
+use mishandle_rollout::{Axis, NamedFormula, RolloutError, Space, Specification};
 use mishandle_world::{Model, Rows, World, WorldError};
 
 use crate::robot::{ARM_JOINTS, JOINTS, Panda};
@@ -60,6 +60,17 @@ pub struct Formulas {
 }
 
 impl Formulas {
+    /// The formulas with their names.
+    pub fn named(&self) -> Vec<NamedFormula> {
+        let texts = [
+            ("success", self.success),
+            ("strict", self.strict),
+            ("safe", self.safe),
+            ("completion", self.completion),
+        ];
+        texts.map(|(name, text)| NamedFormula { name: name.to_string(), text: text.to_string() }).to_vec()
+    }
+
     /// The formulas, parsed.
     ///
     /// # Errors
@@ -118,6 +129,25 @@ pub struct Held {
     pub quaternion: [f64; 4],
 }
 
+/// What may vary in a task's scene beside the initial box: each gives scenarios some axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Variations {
+    /// Whether anything touches anything, so that friction matters.
+    pub friction: bool,
+    /// Names of bodies, or of a flex, whose mass matters.
+    pub masses: &'static [&'static str],
+    /// Name of a body, or of a flex, that may be pushed, and the largest force along each axis, N. Each vertex of a flex
+    /// gets the whole force.
+    pub push: Option<(&'static str, f64)>,
+    /// Name of a mocap body that may jump.
+    pub jump: Option<&'static str>,
+}
+
+impl Variations {
+    /// Nothing beside the robot's own constants.
+    pub const NONE: Variations = Variations { friction: false, masses: &[], push: None, jump: None };
+}
+
 /// Who moves the fingers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Grip {
@@ -161,6 +191,8 @@ pub struct Definition {
     pub shaped_reward: &'static [Quantity],
     /// Axes of the initial box.
     pub initial_box: &'static [BoxAxis],
+    /// What else may vary.
+    pub variations: Variations,
     /// Formulas under [`Preset::Paper`].
     pub paper: Formulas,
     /// Formulas under [`Preset::Code`].
@@ -219,16 +251,16 @@ impl Definition {
         }
     }
 
-    /// The initial box of a preset.
+    /// The initial box of a preset as a space.
     ///
     /// # Errors
-    /// If an axis's bounds are not in order.
-    pub fn initial_box(&self, preset: Preset) -> Result<InitialBox, RolloutError> {
+    /// If the bounds of an axis are not in order.
+    pub fn starts(&self, preset: Preset) -> Result<Space, RolloutError> {
         let axis = |axis: &BoxAxis| {
             let [low, high] = axis.bounds(preset);
-            Axis { name: axis.name.to_string(), unit: axis.unit.to_string(), low, high }
+            Axis::start(axis.name, axis.unit, low, high).meaning(axis.sets)
         };
-        InitialBox::new(self.initial_box.iter().map(axis).collect())
+        Space::new("starts", self.initial_box.iter().map(axis).collect())
     }
 }
 
@@ -242,6 +274,11 @@ pub trait Task: Send + Sync {
     /// Its equality constraints, but those that keep the edges of a flex, are what the hand holds: all are switched
     /// off for good when the gripper lets go.
     fn scene(&self) -> std::borrow::Cow<'static, str>;
+
+    /// Name of the file that [`scene`](Self::scene) comes from, for error messages.
+    fn scene_file(&self) -> &'static str {
+        "scene.xml"
+    }
 
     /// Finds the scene's elements in the compiled model.
     ///

@@ -2,6 +2,7 @@
 
 use mishandle_world::{Model, PANDA, WorldError};
 
+use crate::check::compile;
 use crate::definition::{Held, Hold, Task};
 use crate::robot::{CONTROL_DT, JOINTS, Panda};
 
@@ -78,7 +79,7 @@ fn pose_in_hand(held: &Held, start: &[f64; JOINTS]) -> Result<([f64; 3], [f64; 4
 /// As [`compose`].
 pub fn compose_with_start(task: &dyn Task) -> Result<String, WorldError> {
     let (xml, definition) = (compose(task)?, task.definition());
-    let model = Model::from_xml(&xml)?;
+    let model = compile(task, &xml)?;
     let (panda, mut world) = (Panda::new(&model)?, model.world());
     let middle: Vec<f64> =
         definition.initial_box.iter().map(|axis| 0.5 * (axis.paper[0] + axis.paper[1])).collect();

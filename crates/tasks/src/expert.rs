@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use mishandle_controllers::kinematic::ResolvedRate;
 use mishandle_rollout::{Actor, Controller};
 use mishandle_world::{Joint, Model, PANDA, WorldError};
 
 use crate::definition::Definition;
+use crate::kinematic::ResolvedRate;
 use crate::robot::{ARM_JOINTS, JOINT_NAMES, JOINTS, Panda, SERVO_LAG, TARGET_STEP, VELOCITY_LIMIT};
 
 /// What an expert sees in one sample.

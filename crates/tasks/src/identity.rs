@@ -51,6 +51,25 @@ pub fn task_hash(task: &dyn Task, reward: Reward) -> Result<String, TaskError> {
     Ok(bytes_hash(text.as_bytes()))
 }
 
+/// What a task states of itself under a preset: scene, robot's start, layout, initial box, axes, formulas, as text.
+pub(crate) fn stated(task: &dyn Task, preset: Preset) -> Result<String, TaskError> {
+    let definition = task.definition();
+    let xml = compose(task).map_err(|source| TaskError::Scene { task: definition.name, source })?;
+    let starts: Vec<_> = definition.initial_box.iter().map(|axis| (axis.name, axis.bounds(preset))).collect();
+    let signals: Vec<_> = definition.signals.iter().map(|signal| signal.name).collect();
+    Ok(format!(
+        "{}{}\nstart {:?} noise {} velocities times {} grip {:?}\n{starts:?}\n{signals:?}\n{:?}\n{:?}\n",
+        without_looks(&xml),
+        definition.layout().hash(),
+        definition.start,
+        definition.start_noise,
+        definition.velocity_scale,
+        definition.grip,
+        definition.variations,
+        definition.formulas(preset),
+    ))
+}
+
 /// A document without comments, colors and indentation.
 fn without_looks(xml: &str) -> String {
     let mut rest = xml;
@@ -81,7 +100,7 @@ fn behavior(environment: &TaskEnvironment) -> String {
         let seed = Seed(start);
         let mut sample =
             Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
-        worker.reset(&environment.initial_box().sample(seed, start), seed, &mut state, sample);
+        worker.reset(&environment.space().sample(seed, start), seed, &mut state, sample);
         for step in 0..STEPS {
             for (joint, action) in (0..).zip(&mut action) {
                 *action = 2.0 * seed.uniform(Stream::ActionNoise, step / ACTION_STEPS, joint) - 1.0;
@@ -167,7 +186,10 @@ mod tests {
         check("", |definition| definition.start_noise += 0.01, true);
         check("", |definition| definition.start[0] += 0.01, true);
         check("", |definition| definition.velocity_scale *= 2.0, true);
-        check("", |definition| definition.original_reward = &[], false);
+        let reversed = |definition: &Definition| {
+            definition.original_reward.iter().rev().copied().collect::<Vec<_>>().leak()
+        };
+        check("", |definition| definition.original_reward = reversed(definition), false);
         check("<option gravity=\"0 0 -9.80\"/>", |_| {}, true);
     }
 

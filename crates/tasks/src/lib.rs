@@ -5,9 +5,11 @@
 
 use std::sync::{PoisonError, RwLock};
 
+mod axes;
 mod ball_balancing;
 mod ball_catching;
 mod ball_pushing;
+mod check;
 mod cloth_placing;
 mod cube_stacking;
 mod definition;
@@ -16,13 +18,16 @@ mod door_opening;
 mod environment;
 mod expert;
 mod identity;
+pub mod kinematic;
 mod peg_in_hole;
 mod point_reaching;
 mod reward;
 mod robot;
+mod target;
 
 pub use definition::{
-    BoxAxis, Definition, Formulas, Grip, Held, Hold, Preset, Quantity, Reward, Scene, Task, one, three,
+    BoxAxis, Definition, Formulas, Grip, Held, Hold, Preset, Quantity, Reward, Scene, Task, Variations, one,
+    three,
 };
 pub use document::{compose, compose_with_start};
 pub use environment::{TaskEnvironment, TaskError};
@@ -32,6 +37,7 @@ pub use reward::effort;
 pub use robot::{
     CONTROL_DT, EPISODE_STEPS, FINGER_STEP, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT,
 };
+pub use target::TaskTarget;
 
 /// The benchmark's tasks, in the order in which they are listed.
 pub static TASKS: &[&dyn Task] = &[
@@ -51,12 +57,22 @@ static ADDED: RwLock<Vec<&'static dyn Task>> = RwLock::new(Vec::new());
 
 /// Adds a task to those that are known by name.
 ///
-/// # Panics
-/// If a task of that name is known already.
-pub fn add(added: &'static dyn Task) {
-    let name = added.definition().name;
-    assert!(task(name).is_none(), "there is a task named {name} already");
-    ADDED.write().unwrap_or_else(PoisonError::into_inner).push(added);
+/// # Errors
+/// If its definition has a mistake, another task has the same name, or the task that it varies is unknown.
+pub fn add(new: &'static dyn Task) -> Result<(), TaskError> {
+    let definition = new.definition();
+    check::check_definition(definition)?;
+    let mut added = ADDED.write().unwrap_or_else(PoisonError::into_inner);
+    let is_known = |name| TASKS.iter().chain(added.iter()).any(|task| task.definition().name == name);
+    let error = |field, problem| Err(TaskError::Field { task: definition.name, field, problem });
+    if is_known(definition.name) {
+        return error("name", "another task has the same name".to_string());
+    }
+    if let Some(base) = definition.variant_of.filter(|base| !is_known(base)) {
+        return error("variant_of", format!("there is no task `{base}`"));
+    }
+    added.push(new);
+    Ok(())
 }
 
 /// All tasks: the benchmark's, then those that were added.

@@ -45,7 +45,7 @@ fn a_control_step_and_its_expert_allocate_nothing() {
         let mut signals = vec![0.0; environment.signals().len()];
         let mut rewards = vec![0.0; environment.reward_terms().len()];
         let (mut wanted, mut action) = (vec![0.0; 9], vec![0.0; 9]);
-        let x0 = environment.initial_box().at(&vec![0.5; environment.initial_box().dimension()]);
+        let x0 = environment.space().nominal();
         macro_rules! sample {
             () => {
                 Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards }

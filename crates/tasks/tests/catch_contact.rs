@@ -361,13 +361,13 @@ fn the_expert_catches_from_the_edges_of_the_box_too() {
     let task = task("ball-catching").unwrap();
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
     let specification = task.definition().paper.specification().unwrap();
-    let at = |u: &[f64]| environment.initial_box().at(u);
+    let at = |u: &[f64]| environment.space().at(u);
     let requests: Vec<Request> = (0..25)
-        .map(|i| Request { x0: at(&[0.25 * f64::from(i % 5), 0.25 * f64::from(i / 5)]), seed: Seed(1) })
+        .map(|i| Request::new(at(&[0.25 * f64::from(i % 5), 0.25 * f64::from(i / 5)]), Seed(1)))
         .collect();
     let expert = task.expert().unwrap();
     let mut rollout = Rollout::new(Arc::new(environment), expert, specification, Noise::default()).unwrap();
     for episode in rollout.rollout(&requests).unwrap() {
-        assert!(episode.verdict.strict > Some(0.0), "from {:?}", episode.x0);
+        assert!(episode.verdict.strict > Some(0.0), "from {:?}", episode.request.scenario);
     }
 }

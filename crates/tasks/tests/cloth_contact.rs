@@ -329,7 +329,7 @@ impl Driven {
                 rewards: &mut driven.rewards,
             },
         );
-        worker.reset(x0, Seed(0), &mut driven.state, sample);
+        worker.reset(&x0.into(), Seed(0), &mut driven.state, sample);
         driven
     }
 

@@ -38,7 +38,7 @@ impl Shown {
             let sample =
                 Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
             match step {
-                0 => worker.reset(x0, Seed(1), &mut state, sample),
+                0 => worker.reset(&x0.into(), Seed(1), &mut state, sample),
                 _ => drop(worker.step(&action.map(f64::from), &mut state, sample)),
             }
             let (observation, signals) = (observation.clone(), signals.clone());

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-use mishandle_controllers::kinematic::{ResolvedRate, rotation_between};
+use mishandle_tasks::kinematic::{ResolvedRate, rotation_between};
 use mishandle_tasks::{JOINT_NAMES, Panda, VELOCITY_LIMIT, compose, task};
 use mishandle_world::frame::{add, norm, rotate, rotate_back, scale, sub};
 use mishandle_world::{Body, Joint, Model, PANDA, Site, World};

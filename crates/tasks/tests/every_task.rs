@@ -6,7 +6,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use mishandle_rollout::{
-    End, Environment, Episode, Judge, Noise, Request, Rollout, Sample, Seed, Status, System, Worker,
+    End, Environment, Episode, Judge, Noise, Request, Rollout, Sample, Scenario, Seed, Status, System, Worker,
 };
 use mishandle_tasks::{
     Definition, Panda, Preset, Quantity, Reward, TASKS, Task, TaskEnvironment, compose, compose_with_start,
@@ -40,13 +40,13 @@ impl Hand {
         }
     }
 
-    fn reset(&mut self, x0: &[f64], seed: Seed) {
+    fn reset(&mut self, scenario: impl Into<Scenario>, seed: Seed) {
         let sample = Sample {
             observation: &mut self.observation,
             signals: &mut self.signals,
             rewards: &mut self.rewards,
         };
-        self.worker.reset(x0, seed, &mut self.state, sample);
+        self.worker.reset(&scenario.into(), seed, &mut self.state, sample);
     }
 
     fn step(&mut self, action: &[f64]) -> Status {
@@ -127,7 +127,7 @@ fn the_document_holds_the_start() {
         };
         let environment = environment(*task, Preset::Paper, Reward::Shaped);
         let mut hand = Hand::new(&environment);
-        hand.reset(&middle(task.definition()), Seed(0));
+        hand.reset(middle(task.definition()), Seed(0));
         let mut world = environment.model().world();
         world.set_state(&hand.state);
         // The arm of some tasks starts with noise, which the document leaves out.
@@ -162,7 +162,7 @@ fn numbers_stay_finite_and_as_many_as_documented() {
         for reward in REWARDS {
             let environment = environment(*task, Preset::Paper, reward);
             let mut hand = Hand::new(&environment);
-            hand.reset(&middle(task.definition()), Seed(1));
+            hand.reset(middle(task.definition()), Seed(1));
             for step in 0..300 {
                 // Twice the range of a policy, as noise may ask for.
                 let action: Vec<f64> = wiggle(step).iter().map(|a| 2.0 * a).collect();
@@ -181,9 +181,9 @@ fn the_same_seed_gives_the_same_bits_and_another_row_in_between_changes_nothing(
         let x0 = middle(task.definition());
         let (mut alone, mut between) = (Hand::new(&environment), Hand::new(&environment));
         let mut other = Hand::new(&environment);
-        alone.reset(&x0, Seed(5));
-        between.reset(&x0, Seed(5));
-        other.reset(&environment.initial_box().at(&vec![0.1; x0.len()]), Seed(6));
+        alone.reset(x0.clone(), Seed(5));
+        between.reset(x0.clone(), Seed(5));
+        other.reset(environment.space().at(&vec![0.1; x0.len()]), Seed(6));
         for step in 0..60 {
             alone.step(&wiggle(step));
             between.step(&wiggle(step));
@@ -201,7 +201,7 @@ fn a_snapshot_in_mid_episode_continues_to_the_same_bits() {
     for task in TASKS {
         let environment = environment(*task, Preset::Paper, Reward::Shaped);
         let mut hand = Hand::new(&environment);
-        hand.reset(&middle(task.definition()), Seed(2));
+        hand.reset(middle(task.definition()), Seed(2));
         (0..80).for_each(|step| {
             hand.step(&wiggle(step));
         });
@@ -219,15 +219,15 @@ fn a_snapshot_in_mid_episode_continues_to_the_same_bits() {
 fn every_axis_of_the_box_reaches_the_scene() {
     for task in TASKS {
         let environment = environment(*task, Preset::Paper, Reward::Shaped);
-        let dimension = environment.initial_box().dimension();
+        let dimension = environment.space().dimension();
         let mut hand = Hand::new(&environment);
         for axis in 0..dimension {
             let at = |hand: &mut Hand, value: f64| {
                 let mut u = vec![0.5; dimension];
                 u[axis] = value;
-                let x0 = environment.initial_box().at(&u);
-                hand.reset(&x0, Seed(3));
-                (x0[axis], hand.observation.clone())
+                let x0 = environment.space().at(&u);
+                hand.reset(x0.clone(), Seed(3));
+                (x0.get(axis).unwrap(), hand.observation.clone())
             };
             let ((low, before), (high, after)) = (at(&mut hand, 0.1), at(&mut hand, 0.9));
             let moved = |(a, b): (&f32, &f32)| (f64::from(b - a).abs() - (high - low)).abs() < 1e-6;
@@ -245,11 +245,10 @@ fn starts_are_drawn_from_the_whole_box_and_nowhere_else() {
     for task in TASKS {
         for preset in PRESETS {
             let environment = environment(*task, preset, Reward::Shaped);
-            let starts: Vec<Vec<f64>> =
-                (0..1000).map(|i| environment.initial_box().sample(Seed(8), i)).collect();
+            let starts: Vec<Scenario> = (0..1000).map(|i| environment.space().sample(Seed(8), i)).collect();
             for (i, axis) in task.definition().initial_box.iter().enumerate() {
                 let [low, high] = axis.bounds(preset);
-                let values = || starts.iter().map(|x0| x0[i]);
+                let values = || starts.iter().filter_map(|start| start.get(i));
                 assert!(values().all(|x| (low..=high).contains(&x)), "{} {}", environment.name(), axis.name);
                 // Of 1,000 uniform draws none within 2 % of a bound: 2 in 10^9.
                 let near = 0.02 * (high - low);
@@ -268,8 +267,8 @@ fn the_reward_is_the_sum_of_its_terms() {
             let (mut actor, mut memory) = (expert.actor(), vec![0.0; expert.state_size()]);
             let mut wanted = [0.0_f32; 9];
             let mut hand = Hand::new(&environment);
-            let x0 = environment.initial_box().sample(Seed(11), 0);
-            hand.reset(&x0, Seed(11).child(0));
+            let x0 = environment.space().sample(Seed(11), 0);
+            hand.reset(x0.clone(), Seed(11).child(0));
             actor.reset(&mut memory, Seed(0));
             let mut terms = vec![0.0; hand.rewards.len()];
             for _ in 0..300 {
@@ -287,19 +286,28 @@ fn the_reward_is_the_sum_of_its_terms() {
 /// Episodes of the expert from starts that are drawn from the reachable part of the box.
 fn expert_episodes(task: &dyn Task, environment: TaskEnvironment, starts: usize) -> Vec<Episode> {
     let x0s = (0..)
-        .map(|i| environment.initial_box().sample(Seed(11), i))
-        .filter(|x0| task.reachable(x0))
+        .map(|i| environment.space().sample(Seed(11), i))
+        .filter(|start| task.reachable(&numbers(start)))
         .take(starts)
         .collect();
     expert_episodes_from(task, environment, x0s)
 }
 
-fn expert_episodes_from(task: &dyn Task, environment: TaskEnvironment, x0s: Vec<Vec<f64>>) -> Vec<Episode> {
+/// The values of a scenario of starts.
+fn numbers(start: &Scenario) -> Vec<f64> {
+    start.values().iter().flatten().copied().collect()
+}
+
+fn expert_episodes_from(
+    task: &dyn Task,
+    environment: TaskEnvironment,
+    starts: Vec<Scenario>,
+) -> Vec<Episode> {
     let specification = task.definition().paper.specification().unwrap();
     let expert = task.expert().unwrap();
     let mut rollout = Rollout::new(Arc::new(environment), expert, specification, Noise::default()).unwrap();
     let requests: Vec<Request> =
-        (0..).zip(x0s).map(|(i, x0)| Request { x0, seed: Seed(11).child(i) }).collect();
+        (0..).zip(starts).map(|(i, start)| Request::new(start, Seed(11).child(i))).collect();
     rollout.rollout(&requests).unwrap()
 }
 
@@ -310,7 +318,11 @@ fn the_expert_meets_both_formulas() {
         let episodes = expert_episodes(*task, environment(*task, Preset::Paper, Reward::Shaped), 40);
         assert!(episodes.iter().all(|episode| episode.end == End::Completed), "{name}");
         let fails = |met: fn(&Episode) -> bool| -> Vec<Vec<f64>> {
-            episodes.iter().filter(|episode| !met(episode)).map(|episode| episode.x0.clone()).collect()
+            episodes
+                .iter()
+                .filter(|episode| !met(episode))
+                .map(|episode| numbers(&episode.request.scenario))
+                .collect()
         };
         // The experts' bars are 99 % and 95 % of 1,000 starts. A variant has the expert of its task, which is made for
         // that one: it reaches 88 %.
@@ -376,7 +388,7 @@ fn every_reward_ranks_the_expert_above_doing_nothing() {
             let idle_environment = environment(*task, Preset::Paper, reward);
             let mut hand = Hand::new(&idle_environment);
             let mut idle = 0.0;
-            hand.reset(&middle(task.definition()), Seed(4));
+            hand.reset(middle(task.definition()), Seed(4));
             for _ in 0..300 {
                 hand.step(&[0.0; 9]);
                 idle += hand.rewards.iter().sum::<f64>();

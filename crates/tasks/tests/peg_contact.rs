@@ -317,7 +317,7 @@ fn the_gripper_lets_go_once_near_the_hole_wherever_it_is() {
     }
     // In the middle, and at the corners of the box: the nearest and the farthest holes.
     for hole in [HOLE, [0.3, -0.2], [0.3, 0.2], [0.7, -0.2], [0.7, 0.2]] {
-        worker.reset(&hole, Seed(0), &mut state, sample!());
+        worker.reset(&hole.into(), Seed(0), &mut state, sample!());
         actor.reset(&mut memory, Seed(0));
         assert_eq!(observation[18..25], [0.109, 0.0, 0.786, 0.5, 0.5, 0.5, 0.5].map(|x: f64| x as f32));
         let mut held = true;

@@ -2,7 +2,7 @@
 
 #![allow(clippy::print_stdout, reason = "the page goes there")]
 
-use mishandle_training::{ALGORITHMS, Config, Setting, TrainingError};
+use mishandle_training::{ALGORITHMS, Setting};
 
 const HEAD: &str = "\
 # All settings
@@ -41,6 +41,12 @@ fn heading(algorithm: &str, table: &str) -> String {
     format!("### {algorithm}, `[{table}]`{about}")
 }
 
+/// A text with a capital at its start.
+fn sentence(text: &str) -> String {
+    let (first, rest) = text.split_at(text.chars().next().map_or(0, char::len_utf8));
+    first.to_uppercase() + rest
+}
+
 /// A text in one line, safe inside a cell.
 fn cell(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ").replace('|', "\\|")
@@ -56,20 +62,21 @@ fn row(setting: &Setting, default: Option<&str>) -> String {
     format!("| `{key}` | {default} | {} | {allowed} |", cell(setting.meaning))
 }
 
-fn main() -> Result<(), TrainingError> {
+fn main() {
     println!("{HEAD}");
-    for algorithm in ALGORITHMS {
-        let config = Config::from_toml(algorithm, "").expect("the algorithm is known")?;
+    for entry in ALGORITHMS {
         let mut within = None;
-        for (setting, default) in config.values() {
+        for (setting, default) in (entry.default)().values() {
             let (table, _) = setting.table_and_key();
             if within != Some(table) {
-                println!("\n{}\n", heading(algorithm, table));
+                println!("\n{}\n", heading(entry.name, table));
+                if table.is_empty() {
+                    println!("{}.\n", sentence(entry.summary));
+                }
                 println!("| key | default | meaning | allowed |\n|---|---|---|---|");
                 within = Some(table);
             }
             println!("{}", row(&setting, default.as_deref()));
         }
     }
-    Ok(())
 }

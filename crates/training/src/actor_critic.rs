@@ -1,11 +1,10 @@
 //! A Gaussian policy, a critic, and the rollouts that both learn from.
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use mishandle_controllers::Policy;
 use mishandle_network::{Mlp, Moments, Normalizer, RunningNormalizer};
-use mishandle_rollout::{Environment, Seed};
+use mishandle_rollout::{BatchFactory, RolloutError, Seed};
 use rayon::prelude::*;
 
 use crate::acting::{ACTING_ROWS, Acting};
@@ -50,14 +49,14 @@ pub(crate) struct RolloutSecs {
 
 impl ActorCritic {
     pub fn new(
-        environment: Arc<dyn Environment>,
+        environments: &dyn BatchFactory,
         setup: &Setup<'_>,
         seed: Seed,
     ) -> Result<ActorCritic, TrainingError> {
         let Setup { rollout_steps, gamma, gae_lambda, episodes, policy, critic, .. } = *setup;
-        let (inputs, outputs) = (environment.observation_size(), environment.action_size());
         let rows = episodes.environments;
-        let episodes = Episodes::of_training(environment, episodes, seed);
+        let episodes = Episodes::of_training(environments, episodes, seed)?;
+        let (inputs, outputs) = (episodes.spec().observation_size, episodes.spec().action_size);
         let network = initial_network(
             (inputs, &policy.hidden, outputs),
             policy.activation,
@@ -104,7 +103,10 @@ impl ActorCritic {
     }
 
     /// Fills the buffer.
-    pub fn roll_out(&mut self, normalizer: &Normalizer<f32>) -> RolloutSecs {
+    ///
+    /// # Errors
+    /// If the environment batch fails as a whole.
+    pub fn roll_out(&mut self, normalizer: &Normalizer<f32>) -> Result<RolloutSecs, RolloutError> {
         let start = Instant::now();
         let deviations = Deviations::new(&self.log_std);
         let mut physics = 0.0;
@@ -115,11 +117,11 @@ impl ActorCritic {
             self.acting.infer(&self.network, normalizer, seen);
             draw_actions(&self.acting, &deviations, actions, log_probs);
             let start = Instant::now();
-            self.episodes.step(self.buffer.step_actions());
+            self.episodes.step(self.buffer.step_actions())?;
             physics += start.elapsed().as_secs_f64();
             self.buffer.end_step(&self.episodes);
         }
-        RolloutSecs { physics, total: start.elapsed().as_secs_f64() }
+        Ok(RolloutSecs { physics, total: start.elapsed().as_secs_f64() })
     }
 
     /// Values and advantages of the rollout, and the critic's targets.
@@ -197,12 +199,15 @@ impl ActorCritic {
     }
 
     /// Puts all that its future depends on into a checkpoint.
-    pub fn save(&self, checkpoint: &mut Checkpoint) {
+    ///
+    /// # Errors
+    /// If the environment batch fails as a whole.
+    pub fn save(&mut self, checkpoint: &mut Checkpoint) -> Result<(), RolloutError> {
         checkpoint.put("policy.parameters", self.network.parameters().to_vec());
         checkpoint.put("policy.log_std", self.log_std.clone());
         checkpoint.put_moments("normalizer", self.normalizer.moments());
         self.critic.save(checkpoint);
-        self.episodes.save(checkpoint);
+        self.episodes.save(checkpoint)
     }
 
     /// Goes on where a checkpoint was taken.

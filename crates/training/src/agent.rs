@@ -5,7 +5,10 @@ use mishandle_network::Mlp;
 use mishandle_rollout::Seed;
 
 use crate::batch::Batch;
-use crate::{ActorSettings, Checkpoint, EpisodeSettings, ExplorationDecay, ReplaySettings, TrainingError};
+use crate::{
+    ActionValueSettings, ActorSettings, Checkpoint, EpisodeSettings, ExplorationDecay, ReplaySettings,
+    RunSettings, TrainingError,
+};
 
 /// The child that the weights of network `index` are drawn from.
 pub(crate) fn weights(seed: Seed, index: u64) -> Seed {
@@ -36,7 +39,7 @@ pub(crate) trait Explorer: Sync {
 }
 
 /// What learns from batches.
-pub(crate) trait Agent: Sized {
+pub(crate) trait Agent: Sized + 'static {
     /// Its settings.
     type Config: Shared;
 
@@ -83,7 +86,9 @@ pub(crate) trait Shared {
 pub(crate) struct Setup<'a> {
     pub gamma: f64,
     pub steps_per_iteration: usize,
+    pub run: &'a RunSettings,
     pub episodes: &'a EpisodeSettings,
     pub replay: &'a ReplaySettings,
     pub policy: &'a ActorSettings,
+    pub critic: &'a ActionValueSettings,
 }

@@ -1,54 +1,160 @@
-//! The algorithms by their names.
+//! Settings of any algorithm, and what an algorithm makes of them.
 
-use std::sync::Arc;
+use std::any::Any;
+use std::fmt::Debug;
 
-use mishandle_rollout::{Environment, Seed};
+use mishandle_rollout::{BatchFactory, EnvironmentSpec, Seed};
 
-use crate::ddpg::{Ddpg, DdpgConfig};
 use crate::learner::Learner;
-use crate::off_policy::OffPolicy;
-use crate::on_policy::OnPolicy;
-use crate::ppo::{Ppo, PpoConfig};
-use crate::sac::{Sac, SacConfig};
-use crate::td3::{Td3, Td3Config};
-use crate::trpo::{Trpo, TrpoConfig};
-use crate::{Checkpoint, EpisodeSettings, Observer, RunSettings, Settings, Trained, TrainingError, learner};
+use crate::{
+    ALGORITHMS, Checkpoint, EpisodeSettings, MemoryNeed, Observer, RunSettings, Setting, Settings, Trained,
+    TrainingError, learner,
+};
 
-/// Names of the algorithms.
-pub const ALGORITHMS: [&str; 5] = [
-    PpoConfig::ALGORITHM,
-    TrpoConfig::ALGORITHM,
-    SacConfig::ALGORITHM,
-    Td3Config::ALGORITHM,
-    DdpgConfig::ALGORITHM,
-];
+/// Settings from which an algorithm can be started. Each algorithm implements it in its own folder and has a line in the
+/// [list](ALGORITHMS).
+pub(crate) trait Algorithm: Settings + Clone + Debug + PartialEq + Send + Sync + 'static {
+    /// What the algorithm is, in one line.
+    const SUMMARY: &'static str;
 
-/// Settings of one of the algorithms.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Config {
-    /// Proximal policy optimisation.
-    Ppo(PpoConfig),
-    /// Trust region policy optimisation.
-    Trpo(TrpoConfig),
-    /// Soft actor-critic.
-    Sac(SacConfig),
-    /// Twin delayed deep deterministic policy gradient.
-    Td3(Td3Config),
-    /// Deep deterministic policy gradient.
-    Ddpg(DdpgConfig),
+    /// The algorithm at work.
+    type Learner: FromSettings<Settings = Self>;
+
+    /// How long to train, and when to look, to be set.
+    fn run_mut(&mut self) -> &mut RunSettings;
 }
 
-/// The same for every algorithm.
-macro_rules! each {
-    ($config:expr, $own:ident => $what:expr) => {
-        match $config {
-            Config::Ppo($own) => $what,
-            Config::Trpo($own) => $what,
-            Config::Sac($own) => $what,
-            Config::Td3($own) => $what,
-            Config::Ddpg($own) => $what,
-        }
-    };
+/// A learner as a function of its settings. The on-policy and the off-policy learner implement it for all their
+/// algorithms.
+pub(crate) trait FromSettings: Learner + Sized + 'static {
+    /// The settings of the algorithm.
+    type Settings;
+
+    /// The settings that every algorithm has.
+    fn common(settings: &Self::Settings) -> Common<'_>;
+
+    /// The memory that experience takes.
+    fn experience_memory(settings: &Self::Settings, environment: &EnvironmentSpec) -> Vec<MemoryNeed>;
+
+    /// The algorithm before its first iteration.
+    ///
+    /// # Errors
+    /// If networks of these sizes or the environment batch cannot be made.
+    fn start(
+        settings: &Self::Settings,
+        environments: &dyn BatchFactory,
+        seed: Seed,
+    ) -> Result<Self, TrainingError>;
+}
+
+/// Settings that every algorithm has.
+pub(crate) struct Common<'a> {
+    pub run: &'a RunSettings,
+    pub episodes: &'a EpisodeSettings,
+    /// Widths of the hidden layers of policy and critic.
+    pub hidden: [&'a [usize]; 2],
+}
+
+/// [`Algorithm`] without its types.
+trait AnySettings: Debug + Send + Sync {
+    fn algorithm(&self) -> &'static str;
+    fn settings(&self) -> Vec<Setting>;
+    fn to_toml(&self) -> String;
+    fn check(&self) -> Result<(), TrainingError>;
+    fn hangs_on_total(&self) -> Option<&'static str>;
+    fn common(&self) -> Common<'_>;
+    fn run_mut(&mut self) -> &mut RunSettings;
+    fn experience_memory(&self, environment: &EnvironmentSpec) -> Vec<MemoryNeed>;
+    fn learner(&self, environments: &dyn BatchFactory, seed: Seed)
+    -> Result<Box<dyn Learner>, TrainingError>;
+    fn boxed_clone(&self) -> Box<dyn AnySettings>;
+    fn equals(&self, other: &dyn AnySettings) -> bool;
+    fn as_any(&self) -> &dyn Any;
+}
+
+impl<C: Algorithm> AnySettings for C {
+    fn algorithm(&self) -> &'static str {
+        C::ALGORITHM
+    }
+
+    fn settings(&self) -> Vec<Setting> {
+        C::settings()
+    }
+
+    fn to_toml(&self) -> String {
+        Settings::to_toml(self)
+    }
+
+    fn check(&self) -> Result<(), TrainingError> {
+        Settings::check(self)
+    }
+
+    fn hangs_on_total(&self) -> Option<&'static str> {
+        Settings::hangs_on_total(self)
+    }
+
+    fn common(&self) -> Common<'_> {
+        C::Learner::common(self)
+    }
+
+    fn run_mut(&mut self) -> &mut RunSettings {
+        Algorithm::run_mut(self)
+    }
+
+    fn experience_memory(&self, environment: &EnvironmentSpec) -> Vec<MemoryNeed> {
+        C::Learner::experience_memory(self, environment)
+    }
+
+    fn learner(
+        &self,
+        environments: &dyn BatchFactory,
+        seed: Seed,
+    ) -> Result<Box<dyn Learner>, TrainingError> {
+        Ok(Box::new(C::Learner::start(self, environments, seed)?))
+    }
+
+    fn boxed_clone(&self) -> Box<dyn AnySettings> {
+        Box::new(self.clone())
+    }
+
+    fn equals(&self, other: &dyn AnySettings) -> bool {
+        other.as_any().downcast_ref::<C>() == Some(self)
+    }
+
+    fn as_any(&self) -> &dyn Any {
+        self
+    }
+}
+
+/// Settings of one of the [algorithms](ALGORITHMS).
+///
+/// # Example
+/// ```
+/// use mishandle_training::{Config, ppo::PpoConfig};
+/// let config = Config::from(PpoConfig { gamma: 0.9, ..PpoConfig::default() });
+/// assert_eq!(config, Config::from_toml("ppo", "gamma = 0.9").unwrap()?);
+/// assert_eq!(config.downcast_ref::<PpoConfig>().unwrap().gamma, 0.9);
+/// # Ok::<(), mishandle_training::TrainingError>(())
+/// ```
+#[derive(Debug)]
+pub struct Config(Box<dyn AnySettings>);
+
+impl<C: Algorithm> From<C> for Config {
+    fn from(settings: C) -> Config {
+        Config(Box::new(settings))
+    }
+}
+
+impl Clone for Config {
+    fn clone(&self) -> Config {
+        Config(self.0.boxed_clone())
+    }
+}
+
+impl PartialEq for Config {
+    fn eq(&self, other: &Config) -> bool {
+        self.0.equals(&*other.0)
+    }
 }
 
 impl Config {
@@ -66,45 +172,43 @@ impl Config {
     /// # Ok::<(), mishandle_training::TrainingError>(())
     /// ```
     pub fn from_toml(algorithm: &str, text: &str) -> Option<Result<Config, TrainingError>> {
-        match algorithm {
-            PpoConfig::ALGORITHM => Some(PpoConfig::from_toml(text).map(Config::Ppo)),
-            TrpoConfig::ALGORITHM => Some(TrpoConfig::from_toml(text).map(Config::Trpo)),
-            SacConfig::ALGORITHM => Some(SacConfig::from_toml(text).map(Config::Sac)),
-            Td3Config::ALGORITHM => Some(Td3Config::from_toml(text).map(Config::Td3)),
-            DdpgConfig::ALGORITHM => Some(DdpgConfig::from_toml(text).map(Config::Ddpg)),
-            _ => None,
-        }
+        let entry = ALGORITHMS.iter().find(|entry| entry.name == algorithm)?;
+        Some((entry.from_toml)(text))
     }
 
     /// Name of the algorithm.
     pub fn algorithm(&self) -> &'static str {
-        match self {
-            Config::Ppo(_) => PpoConfig::ALGORITHM,
-            Config::Trpo(_) => TrpoConfig::ALGORITHM,
-            Config::Sac(_) => SacConfig::ALGORITHM,
-            Config::Td3(_) => Td3Config::ALGORITHM,
-            Config::Ddpg(_) => DdpgConfig::ALGORITHM,
-        }
+        self.0.algorithm()
+    }
+
+    /// The settings as those of one algorithm; `None` if they are another's.
+    pub fn downcast_ref<C: Settings + 'static>(&self) -> Option<&C> {
+        self.0.as_any().downcast_ref()
+    }
+
+    /// What is known of each of its settings, in order.
+    pub fn settings(&self) -> Vec<Setting> {
+        self.0.settings()
     }
 
     /// The settings as TOML, every key with its value; what has none is left out.
     pub fn to_toml(&self) -> String {
-        each!(self, own => own.to_toml())
+        self.0.to_toml()
     }
 
     /// How long to train, and when to look.
     pub fn run(&self) -> &RunSettings {
-        each!(self, own => &own.run)
+        self.0.common().run
     }
 
     /// The simulations that are learned from.
     pub fn episodes(&self) -> &EpisodeSettings {
-        each!(self, own => &own.episodes)
+        self.0.common().episodes
     }
 
     /// How long to train, and when to look, to be set.
     pub fn run_mut(&mut self) -> &mut RunSettings {
-        each!(self, own => &mut own.run)
+        self.0.run_mut()
     }
 
     /// Checks that every setting is in its range.
@@ -112,17 +216,22 @@ impl Config {
     /// # Errors
     /// If one is not; the message says what it must be.
     pub fn check(&self) -> Result<(), TrainingError> {
-        each!(self, own => own.check())
+        self.0.check()
     }
 
-    /// Outputs of the hidden layers of policy and critic.
+    /// Widths of the hidden layers of policy and critic.
     pub(crate) fn hidden(&self) -> [&[usize]; 2] {
-        each!(self, own => [&own.policy.hidden, &own.critic.hidden])
+        self.0.common().hidden
+    }
+
+    /// The memory that experience takes.
+    pub(crate) fn experience_memory(&self, environment: &EnvironmentSpec) -> Vec<MemoryNeed> {
+        self.0.experience_memory(environment)
     }
 
     /// Why a training of some steps is not the beginning of a longer one; `None` if it is.
     pub(crate) fn hangs_on_total(&self) -> Option<&'static str> {
-        each!(self, own => own.hangs_on_total())
+        self.0.hangs_on_total()
     }
 
     /// Checks that a training with the same arguments could go on from a checkpoint.
@@ -131,45 +240,41 @@ impl Config {
     /// If a setting is out of its range, or the checkpoint is another training's.
     pub fn check_resumption(
         &self,
-        environment: Arc<dyn Environment>,
+        environments: &dyn BatchFactory,
         seed: Seed,
         checkpoint: &Checkpoint,
     ) -> Result<(), TrainingError> {
-        learner::check_resumption(self, environment, seed, checkpoint)
+        learner::check_resumption(self, environments, seed, checkpoint)
     }
 
-    /// Trains a policy in `environment`, on the threads of the current rayon pool.
+    /// Trains a policy in batches of `environments`, on the threads of the current rayon pool. An [`Arc`](std::sync::Arc)
+    /// of an [`Environment`](mishandle_rollout::Environment) makes them on the CPU.
     ///
     /// With a checkpoint of the same settings it goes on from there, to the same bits as if it had not been
     /// interrupted. Only `run.total_steps` may differ, and only if what is learned does not hang on it.
     ///
     /// # Errors
-    /// If a setting is out of its range, the checkpoint is another training's, or the weights stop being finite.
+    /// If a setting is out of its range, the checkpoint is another training's, the weights stop being finite, or the
+    /// environment batch fails as a whole.
     pub fn train(
         &self,
-        environment: Arc<dyn Environment>,
+        environments: &dyn BatchFactory,
         seed: Seed,
         resume: Option<&Checkpoint>,
         observer: &mut dyn Observer,
     ) -> Result<Trained, TrainingError> {
-        learner::train(self, environment, seed, resume, observer)
+        learner::train(self, environments, seed, resume, observer)
     }
 
     /// The algorithm before its first iteration.
     ///
     /// # Errors
-    /// If networks of these sizes cannot be made.
+    /// If networks of these sizes or the environment batch cannot be made.
     pub(crate) fn learner(
         &self,
-        environment: Arc<dyn Environment>,
+        environments: &dyn BatchFactory,
         seed: Seed,
     ) -> Result<Box<dyn Learner>, TrainingError> {
-        Ok(match self {
-            Config::Ppo(own) => Box::new(OnPolicy::<Ppo>::new(environment, own, seed)?),
-            Config::Trpo(own) => Box::new(OnPolicy::<Trpo>::new(environment, own, seed)?),
-            Config::Sac(own) => Box::new(OffPolicy::<Sac>::new(environment, own, seed)?),
-            Config::Td3(own) => Box::new(OffPolicy::<Td3>::new(environment, own, seed)?),
-            Config::Ddpg(own) => Box::new(OffPolicy::<Ddpg>::new(environment, own, seed)?),
-        })
+        self.0.learner(environments, seed)
     }
 }

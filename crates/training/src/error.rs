@@ -2,6 +2,7 @@ use std::path::PathBuf;
 
 use mishandle_controllers::ControllerError;
 use mishandle_network::NetworkError;
+use mishandle_rollout::RolloutError;
 
 /// Why a training cannot start, or cannot go on.
 #[derive(Debug, thiserror::Error)]
@@ -114,6 +115,9 @@ pub enum TrainingError {
     /// A policy cannot be made.
     #[error(transparent)]
     Controller(#[from] ControllerError),
+    /// The environment batch cannot be made or stepped.
+    #[error(transparent)]
+    Environment(#[from] RolloutError),
 }
 
 fn at(line: Option<usize>) -> String {

@@ -1,11 +1,10 @@
 //! The loop that all algorithms share: learn, validate, keep the best, save.
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use mishandle_controllers::Policy;
 use mishandle_network::Mlp;
-use mishandle_rollout::{Environment, Seed};
+use mishandle_rollout::{BatchFactory, Seed};
 
 use crate::{
     Checkpoint, Config, EpisodeStatistics, Flow, Observer, Progress, RunSettings, Selection, Shares, Trained,
@@ -33,7 +32,10 @@ pub(crate) trait Learner {
     fn identity(&self) -> String;
 
     /// Puts all that its future depends on into a checkpoint.
-    fn save(&self, checkpoint: &mut Checkpoint);
+    ///
+    /// # Errors
+    /// If the environment batch fails as a whole.
+    fn save(&mut self, checkpoint: &mut Checkpoint) -> Result<(), TrainingError>;
 
     /// Goes on where a checkpoint was taken.
     ///
@@ -50,14 +52,14 @@ pub(crate) fn iterations(run: &RunSettings, iteration_steps: u64) -> u64 {
 /// Trains to the end, from a checkpoint if there is one.
 pub(crate) fn train(
     config: &Config,
-    environment: Arc<dyn Environment>,
+    environments: &dyn BatchFactory,
     seed: Seed,
     resume: Option<&Checkpoint>,
     observer: &mut dyn Observer,
 ) -> Result<Trained, TrainingError> {
     config.check()?;
     let run = config.run();
-    let mut learner = config.learner(environment, seed)?;
+    let mut learner = config.learner(environments, seed)?;
     let iterations = iterations(run, learner.iteration_steps());
     let environment_steps = |learner: &dyn Learner| learner.iteration() * learner.iteration_steps();
     let mut clock = Clock { start: Instant::now(), secs_before: 0.0, steps_before: 0 };
@@ -94,7 +96,7 @@ pub(crate) fn train(
         if ended || flow == Flow::Save || learner.iteration().is_multiple_of(run.checkpoint_every) {
             let mut checkpoint =
                 Checkpoint::new(config.algorithm(), &learner.identity(), seed.0, &config.to_toml());
-            learner.save(&mut checkpoint);
+            learner.save(&mut checkpoint)?;
             selection.save(&mut checkpoint);
             // As the observer was told, so that a record of its own can be known again by it.
             checkpoint.put("wall_clock_secs", vec![progress.wall_clock_secs]);
@@ -118,12 +120,12 @@ pub(crate) fn train(
 /// Checks that a training could go on from a checkpoint.
 pub(crate) fn check_resumption(
     config: &Config,
-    environment: Arc<dyn Environment>,
+    environments: &dyn BatchFactory,
     seed: Seed,
     checkpoint: &Checkpoint,
 ) -> Result<(), TrainingError> {
     config.check()?;
-    let mut learner = config.learner(environment, seed)?;
+    let mut learner = config.learner(environments, seed)?;
     load(checkpoint, config, seed, &mut *learner, &mut new_selection(config.run()))
 }
 

@@ -1,6 +1,6 @@
 //! Training algorithms: environments in, controllers out.
 //!
-//! An algorithm is a folder: its settings, its loss, what it does in an iteration. What algorithms share stands beside them: rows of
+//! An algorithm is a folder and a line in the list [`ALGORITHMS`]: its settings, its loss, what it does in an iteration. What algorithms share stands beside them: rows of
 //! never-ending [`Episodes`], the choice of the best policy, checkpoints, and what an [`Observer`] is told; for [`ppo`]
 //! and [`trpo`] a rollout's [`Buffer`], [`gae`], a [`gaussian`] policy and a [`Critic`]; for [`sac`], [`td3`] and
 //! [`ddpg`] a [`replay`], critics of actions, and a [`drawn`] or [`deterministic`] action.
@@ -42,6 +42,7 @@ pub mod ppo;
 mod presets;
 mod progress;
 mod reading;
+mod registry;
 pub mod replay;
 pub mod sac;
 mod selection;
@@ -55,7 +56,7 @@ pub mod td3;
 pub mod trpo;
 mod twin_critics;
 
-pub use algorithm::{ALGORITHMS, Config};
+pub use algorithm::Config;
 pub use buffer::{Buffer, shuffle};
 pub use checkpoint::{Checkpoint, Numbers};
 pub use conjugate_gradient::conjugate_gradient;
@@ -71,6 +72,7 @@ pub use off_policy_settings::{
 pub use on_policy_settings::{CriticSettings, ObservationMoments, PolicySettings, ValueMoments};
 pub use presets::{BEST, PRESETS};
 pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation, clock};
+pub use registry::{ALGORITHMS, AlgorithmEntry};
 pub use selection::{Best, Selection};
 pub use setting::{Choice, Setting};
 pub use settings::{EpisodeSettings, RunSettings, Settings, TimeLimits};

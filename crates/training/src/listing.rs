@@ -1,22 +1,8 @@
 //! All settings of a training, for people.
 
-use crate::{Config, Setting, Settings};
+use crate::{Config, Setting};
 
 impl Config {
-    /// What is known of each of its settings, in order.
-    pub fn settings(&self) -> Vec<Setting> {
-        fn of<S: Settings>(_: &S) -> Vec<Setting> {
-            S::settings()
-        }
-        match self {
-            Config::Ppo(own) => of(own),
-            Config::Trpo(own) => of(own),
-            Config::Sac(own) => of(own),
-            Config::Td3(own) => of(own),
-            Config::Ddpg(own) => of(own),
-        }
-    }
-
     /// The value of each setting as TOML, in the same order; `None` for one that has none.
     pub fn values(&self) -> Vec<(Setting, Option<String>)> {
         let table: toml::Table = self.to_toml().parse().expect("settings are TOML");

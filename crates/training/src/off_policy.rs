@@ -1,20 +1,20 @@
 //! What off-policy algorithms share: acting, remembering, and updates in proportion to the steps made.
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use mishandle_controllers::Policy;
 use mishandle_network::{Mlp, Normalizer, RunningNormalizer};
-use mishandle_rollout::{Environment, Seed, Stream};
+use mishandle_rollout::{BatchFactory, EnvironmentSpec, Seed, Stream};
 use rayon::prelude::*;
 
 use crate::acting::{ACTING_ROWS, Acting};
 use crate::agent::{Agent, Explorer, Setup, Shared};
+use crate::algorithm::{Common, FromSettings};
 use crate::batch::Batch;
 use crate::batch_gradient::LEARNING_ROWS;
 use crate::learner::{Learner, progress_of};
 use crate::replay::{Replay, Sampling};
-use crate::{Checkpoint, Episodes, Progress, ReplaySettings, Shares, TrainingError};
+use crate::{Checkpoint, Episodes, MemoryNeed, Progress, ReplaySettings, Shares, TrainingError};
 
 /// Children of the training's seed; its episodes have 0.
 const BATCHES: u64 = 3;
@@ -42,17 +42,39 @@ pub(crate) struct OffPolicy<A> {
     actions: Vec<f32>,
 }
 
-impl<A: Agent> OffPolicy<A> {
-    pub fn new(
-        environment: Arc<dyn Environment>,
+impl<A: Agent> FromSettings for OffPolicy<A> {
+    type Settings = A::Config;
+
+    fn common(config: &A::Config) -> Common<'_> {
+        let Setup { run, episodes, policy, critic, .. } = config.setup();
+        Common { run, episodes, hidden: [&policy.hidden, &critic.hidden] }
+    }
+
+    /// A [`Replay`], and what is filled of it thrice while a checkpoint is written: as numbers, as the bytes of each, and
+    /// as those of the file; and a batch of it: what was seen before and after, and what was done.
+    fn experience_memory(config: &A::Config, environment: &EnvironmentSpec) -> Vec<MemoryNeed> {
+        let Setup { run, replay, .. } = config.setup();
+        let (seen, done) = (environment.observation_size as f64, environment.action_size as f64);
+        let capacity = replay.capacity as f64;
+        let filled = capacity.min(run.total_steps as f64);
+        let entry = 4.0 * (seen + done + 1.0) + 1.0;
+        let batch = replay.batch_rows as f64 * 4.0 * (2.0 * seen + done);
+        vec![
+            MemoryNeed { settings: "replay.capacity", bytes: (capacity + 3.0 * filled) * entry },
+            MemoryNeed { settings: "replay.batch_rows", bytes: batch },
+        ]
+    }
+
+    fn start(
         config: &A::Config,
+        environments: &dyn BatchFactory,
         seed: Seed,
     ) -> Result<OffPolicy<A>, TrainingError> {
-        let Setup { gamma, steps_per_iteration, episodes, replay, policy } = config.setup();
-        let (inputs, size) = (environment.observation_size(), environment.action_size());
-        let agent = A::new((inputs, size), config, seed)?;
+        let Setup { gamma, steps_per_iteration, episodes, replay, policy, .. } = config.setup();
         let rows = episodes.environments;
-        let episodes = Episodes::of_training(environment, episodes, seed);
+        let episodes = Episodes::of_training(environments, episodes, seed)?;
+        let (inputs, size) = (episodes.spec().observation_size, episodes.spec().action_size);
+        let agent = A::new((inputs, size), config, seed)?;
         Ok(OffPolicy {
             seed,
             steps_per_iteration,
@@ -77,7 +99,9 @@ impl<A: Agent> OffPolicy<A> {
             agent,
         })
     }
+}
 
+impl<A: Agent> OffPolicy<A> {
     /// Environment steps before the control step numbered `step`.
     fn steps_before(&self, step: u64) -> u64 {
         step * self.episodes.rows() as u64
@@ -136,7 +160,7 @@ impl<A: Agent> Learner for OffPolicy<A> {
             let normalizer = self.normalizer.freeze();
             self.act(step, &normalizer);
             let before = Instant::now();
-            self.episodes.step(&self.actions);
+            self.episodes.step(&self.actions)?;
             physics += before.elapsed().as_secs_f64();
             self.replay.push(&self.seen, &self.actions, &self.episodes);
             if self.normalize {
@@ -170,13 +194,14 @@ impl<A: Agent> Learner for OffPolicy<A> {
         self.episodes.identity()
     }
 
-    fn save(&self, checkpoint: &mut Checkpoint) {
+    fn save(&mut self, checkpoint: &mut Checkpoint) -> Result<(), TrainingError> {
         checkpoint.put("iteration", vec![self.iteration]);
         checkpoint.put("updates", vec![self.updates]);
         checkpoint.put_moments("normalizer", self.normalizer.moments());
         self.agent.save(checkpoint);
-        self.episodes.save(checkpoint);
+        self.episodes.save(checkpoint)?;
         self.replay.save(checkpoint);
+        Ok(())
     }
 
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {

@@ -57,9 +57,11 @@ macro_rules! off_policy_config {
                 $crate::agent::Setup {
                     gamma: self.gamma,
                     steps_per_iteration: self.steps_per_iteration,
+                    run: &self.run,
                     episodes: &self.episodes,
                     replay: &self.replay,
                     policy: &self.policy,
+                    critic: &self.critic,
                 }
             }
         }

@@ -1,21 +1,21 @@
 //! What on-policy algorithms share: a rollout, what is learned from it, and the next.
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use mishandle_controllers::Policy;
 use mishandle_network::Mlp;
-use mishandle_rollout::{Environment, Seed};
+use mishandle_rollout::{BatchFactory, EnvironmentSpec, Seed};
 
 use crate::actor_critic::ActorCritic;
+use crate::algorithm::{Common, FromSettings};
 use crate::gaussian::Deviations;
 use crate::learner::{Learner, progress_of};
 use crate::minibatches::Minibatches;
 use crate::on_policy_settings::Setup;
-use crate::{Checkpoint, Progress, Shares, TrainingError};
+use crate::{Checkpoint, MemoryNeed, Progress, Shares, TrainingError};
 
 /// What is particular to an algorithm.
-pub(crate) trait Improver: Sized {
+pub(crate) trait Improver: Sized + 'static {
     /// Its settings.
     type Config;
 
@@ -62,14 +62,30 @@ pub(crate) struct OnPolicy<A> {
     iteration: u64,
 }
 
-impl<A: Improver> OnPolicy<A> {
-    pub fn new(
-        environment: Arc<dyn Environment>,
+impl<A: Improver> FromSettings for OnPolicy<A> {
+    type Settings = A::Config;
+
+    fn common(config: &A::Config) -> Common<'_> {
+        let Setup { run, episodes, policy, critic, .. } = A::setup(config);
+        Common { run, episodes, hidden: [&policy.hidden, &critic.hidden] }
+    }
+
+    /// A [`Buffer`](crate::Buffer): for each row what was seen and done, six f64 and a place in the order of minibatches.
+    fn experience_memory(config: &A::Config, environment: &EnvironmentSpec) -> Vec<MemoryNeed> {
+        let Setup { rollout_steps, episodes, .. } = A::setup(config);
+        let columns = (environment.observation_size + environment.action_size) as f64;
+        let row = 4.0 * columns + 6.0 * 8.0 + 4.0;
+        let bytes = rollout_steps as f64 * episodes.environments as f64 * row;
+        vec![MemoryNeed { settings: "rollout_steps and episodes.environments", bytes }]
+    }
+
+    fn start(
         config: &A::Config,
+        environments: &dyn BatchFactory,
         seed: Seed,
     ) -> Result<OnPolicy<A>, TrainingError> {
         let setup = A::setup(config);
-        let mut actor_critic = ActorCritic::new(environment, &setup, seed)?;
+        let mut actor_critic = ActorCritic::new(environments, &setup, seed)?;
         let improver = A::new(config, &mut actor_critic, setup.minibatches(seed));
         Ok(OnPolicy { actor_critic, improver, iteration: 0 })
     }
@@ -88,7 +104,7 @@ impl<A: Improver> Learner for OnPolicy<A> {
         let start = Instant::now();
         let OnPolicy { actor_critic, improver, iteration } = self;
         let normalizer = actor_critic.normalizer();
-        let acted = actor_critic.roll_out(&normalizer);
+        let acted = actor_critic.roll_out(&normalizer)?;
         actor_critic.estimate(&normalizer);
         let improved = improver.improve(actor_critic, *iteration);
         *iteration += 1;
@@ -116,10 +132,10 @@ impl<A: Improver> Learner for OnPolicy<A> {
         self.actor_critic.episodes.identity()
     }
 
-    fn save(&self, checkpoint: &mut Checkpoint) {
+    fn save(&mut self, checkpoint: &mut Checkpoint) -> Result<(), TrainingError> {
         checkpoint.put("iteration", vec![self.iteration]);
         self.improver.save(checkpoint);
-        self.actor_critic.save(checkpoint);
+        Ok(self.actor_critic.save(checkpoint)?)
     }
 
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {

@@ -7,7 +7,7 @@ use crate::declare::{choice, settings};
 use crate::minibatches::{Minibatches, check_slices};
 use crate::setting::{FINITE, POSITIVE, SIZES, WEIGHTS, ask};
 use crate::settings::activation_name;
-use crate::{Division, EpisodeSettings, Initialization, TrainingError};
+use crate::{Division, EpisodeSettings, Initialization, RunSettings, TrainingError};
 
 /// The child of the training's seed that shuffles minibatches.
 const MINIBATCHES: u64 = 3;
@@ -20,6 +20,7 @@ pub(crate) struct Setup<'a> {
     pub minibatches: Division,
     pub minibatch_rows: usize,
     pub slices: usize,
+    pub run: &'a RunSettings,
     pub episodes: &'a EpisodeSettings,
     pub policy: &'a PolicySettings,
     pub critic: &'a CriticSettings,
@@ -35,6 +36,7 @@ macro_rules! setup_of {
             minibatches: $config.minibatches,
             minibatch_rows: $config.minibatch_rows,
             slices: $config.slices,
+            run: &$config.run,
             episodes: &$config.episodes,
             policy: &$config.policy,
             critic: &$config.critic,

@@ -45,21 +45,19 @@ pub(crate) fn overlay(own: &mut toml::Table, other: toml::Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ddpg::DdpgConfig;
     use crate::ppo::PpoConfig;
-    use crate::sac::SacConfig;
-    use crate::td3::Td3Config;
-    use crate::trpo::TrpoConfig;
+    use crate::{ALGORITHMS, AlgorithmEntry};
 
     /// Checks that each preset of an algorithm can be read, and states nothing that is so anyway.
-    fn check<S: Settings + PartialEq + std::fmt::Debug>() {
-        assert_eq!(S::from_toml("").unwrap(), S::default());
-        assert_eq!(S::from_toml(&S::default().to_toml()).unwrap(), S::default());
-        for (name, stated) in S::PRESETS {
-            let alone = S::from_toml(&format!("preset = \"{name}\"")).unwrap();
-            assert_eq!(S::from_toml(&alone.to_toml()).unwrap(), alone, "all of it is written out");
-            let default: toml::Table = S::default().to_toml().parse().unwrap();
-            check_differs(name, &stated.parse().unwrap(), &default);
+    fn check(entry: &AlgorithmEntry) {
+        let read = |text: &str| (entry.from_toml)(text).unwrap();
+        let default = (entry.default)();
+        assert_eq!(read(""), default);
+        assert_eq!(read(&default.to_toml()), default);
+        for (name, stated) in entry.presets {
+            let alone = read(&format!("preset = \"{name}\""));
+            assert_eq!(read(&alone.to_toml()), alone, "all of it is written out");
+            check_differs(name, &stated.parse().unwrap(), &default.to_toml().parse().unwrap());
         }
     }
 
@@ -76,11 +74,7 @@ mod tests {
 
     #[test]
     fn presets_and_defaults_come_back_from_their_text_and_differ_in_all_that_presets_state() {
-        check::<PpoConfig>();
-        check::<TrpoConfig>();
-        check::<SacConfig>();
-        check::<Td3Config>();
-        check::<DdpgConfig>();
+        ALGORITHMS.iter().for_each(check);
     }
 
     #[test]

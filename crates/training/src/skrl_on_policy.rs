@@ -7,16 +7,17 @@ mod toy;
 use std::sync::Arc;
 
 use mishandle_network::RunningNormalizer;
-use mishandle_rollout::{Sample, Seed, Status, Worker};
+use mishandle_rollout::{Sample, Scenario, Seed, Status, Worker};
 use serde_json::Value;
 
 use crate::actor_critic::{ActorCritic, mean_and_scale};
+use crate::algorithm::FromSettings;
 use crate::on_policy::{Improver, OnPolicy};
 use crate::ppo::{Ppo, PpoConfig};
 use crate::skrl_updates::{close, close_within, number, numbers, singles};
 use crate::trpo::{Trpo, TrpoConfig};
 use crate::{Boundary, Checkpoint, Settings};
-use toy::{Toy, initial_box, names};
+use toy::{Toy, names, space};
 
 /// Observations and actions of the cases, as many as `make_on_policy.py` says.
 const SIZES: (usize, usize) = (3, 2);
@@ -28,7 +29,7 @@ struct Still;
 fn nowhere() -> Arc<Toy<Still>> {
     Arc::new(Toy {
         name: "nowhere",
-        initial_box: initial_box(&[("x", 0.0, 1.0)]),
+        space: space(&[("x", 0.0, 1.0)]),
         signals: names(&["x"]),
         reward_terms: names(&["x"]),
         observation_size: SIZES.0,
@@ -40,7 +41,7 @@ fn nowhere() -> Arc<Toy<Still>> {
 }
 
 impl Worker for Still {
-    fn reset(&mut self, _x0: &[f64], _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
+    fn reset(&mut self, _scenario: &Scenario, _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
         state.fill(0.0);
         sample.observation.fill(0.0);
         sample.rewards.fill(0.0);
@@ -61,7 +62,7 @@ fn cases<S: Settings>() -> Vec<(String, S, Value)> {
 }
 
 fn on_policy<A: Improver>(config: &A::Config) -> OnPolicy<A> {
-    OnPolicy::new(nowhere(), config, Seed(0)).unwrap()
+    OnPolicy::start(config, &nowhere(), Seed(0)).unwrap()
 }
 
 fn begin(actor_critic: &mut ActorCritic, start: &Value) {
@@ -102,14 +103,14 @@ fn roll_out(actor_critic: &mut ActorCritic, name: &str, rollout: &Value) {
     close(&format!("{name}: target"), &actor_critic.targets, &rollout["targets"]);
 }
 
-fn check_end(actor_critic: &ActorCritic, policy_tolerance: f64, name: &str, rollout: &Value) {
+fn check_end(actor_critic: &mut ActorCritic, policy_tolerance: f64, name: &str, rollout: &Value) {
     let end = &rollout["end"];
     let network = actor_critic.network.parameters();
     close_within(policy_tolerance, &format!("{name}: policy"), network, &end["network"]);
     close_within(policy_tolerance, &format!("{name}: log σ"), &actor_critic.log_std, &end["log_std"]);
     close(&format!("{name}: critic"), actor_critic.critic.network().parameters(), &end["critic"]);
     let mut checkpoint = Checkpoint::new("", "", 0, "");
-    actor_critic.save(&mut checkpoint);
+    actor_critic.save(&mut checkpoint).unwrap();
     for (moments, wanted, columns) in [
         ("normalizer", &rollout["observation_moments"], SIZES.0),
         ("critic.scale", &rollout["value_moments"], 1),
@@ -144,7 +145,7 @@ fn ppo() {
                     assert!((loss - number(rollout, "last_loss")).abs() < 1e-5, "{name}: loss {loss}");
                 }
             }
-            check_end(&actor_critic, 1e-5, &name, rollout);
+            check_end(&mut actor_critic, 1e-5, &name, rollout);
         }
     }
 }
@@ -183,7 +184,7 @@ fn trpo() {
             }
             let loss = trpo.learn_values(&mut actor_critic, 0).unwrap();
             assert!((loss - number(rollout, "last_loss")).abs() < 1e-5, "{name}: critic's loss {loss}");
-            check_end(&actor_critic, tolerance, &name, rollout);
+            check_end(&mut actor_critic, tolerance, &name, rollout);
             // What conjugate gradients left is not to add up.
             set_policy(&mut actor_critic, &rollout["end"]);
         }

@@ -44,10 +44,10 @@ fn network(inputs: usize, outputs: usize) -> Mlp<f32> {
 fn an_update_allocates_nothing() {
     let mut replay = Replay::new(1000, 2, 2, 1);
     let settings = EpisodeSettings { environments: 2, staggered: false, ..EpisodeSettings::default() };
-    let mut episodes = Episodes::new(Line::new(0.0), &settings, Seed(0));
+    let mut episodes = Episodes::new(&Line::new(0.0), &settings, Seed(0)).unwrap();
     for _ in 0..20 {
         let seen = episodes.observations().to_vec();
-        episodes.step(&[0.5, 0.25]);
+        episodes.step(&[0.5, 0.25]).unwrap();
         replay.push(&seen, &[0.5, 0.25], &episodes);
     }
     let (actor, critics, targets) =

@@ -6,9 +6,9 @@ mod toy;
 
 use std::sync::Arc;
 
-use mishandle_rollout::{Sample, Seed, Status, Worker};
+use mishandle_rollout::{Sample, Scenario, Seed, Status, Worker};
 use mishandle_training::{Boundary, Buffer, EpisodeSettings, Episodes, TimeLimits};
-use toy::{Toy, initial_box, names};
+use toy::{Toy, names, space};
 
 /// Shows its control step, then 100; the reward is the action. What ends it is said by the first value of x₀:
 /// below 1 nothing, below 2 the task at control step 5, else divergence at step 3.
@@ -18,7 +18,7 @@ struct Counter;
 fn counter(low: f64) -> Arc<Toy<Counter>> {
     Arc::new(Toy {
         name: "counter",
-        initial_box: initial_box(&[("fate", low, low + 0.5)]),
+        space: space(&[("fate", low, low + 0.5)]),
         signals: names(&["step"]),
         reward_terms: names(&["action"]),
         observation_size: 2,
@@ -30,8 +30,8 @@ fn counter(low: f64) -> Arc<Toy<Counter>> {
 }
 
 impl Worker for Counter {
-    fn reset(&mut self, x0: &[f64], _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
-        state.copy_from_slice(&[0.0, x0[0]]);
+    fn reset(&mut self, scenario: &Scenario, _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
+        state.copy_from_slice(&[0.0, scenario.get(0).unwrap()]);
         sample.observation.copy_from_slice(&[0.0, 100.0]);
         sample.rewards.fill(0.0);
     }
@@ -57,7 +57,7 @@ fn settings(environments: usize, time_limit: usize) -> EpisodeSettings {
 
 fn episodes(low: f64, rows: usize, time_limit: usize, action_noise: f64, staggered: bool) -> Episodes {
     let settings = EpisodeSettings { action_noise, staggered, ..settings(rows, time_limit) };
-    Episodes::new(counter(low), &settings, Seed(3))
+    Episodes::new(&counter(low), &settings, Seed(3)).unwrap()
 }
 
 /// Steps one row with the action 0.5 until its episode ends: the control step, how, what was seen there and after it.
@@ -65,7 +65,7 @@ fn episodes(low: f64, rows: usize, time_limit: usize, action_noise: f64, stagger
 fn check_end(low: f64, step: usize, boundary: Boundary, last_seen: f32, reward: f64) {
     let mut episodes = episodes(low, 1, 7, 0.0, false);
     for i in 1.. {
-        episodes.step(&[0.5]);
+        episodes.step(&[0.5]).unwrap();
         if episodes.boundaries()[0] != Boundary::Running {
             assert_eq!((i, episodes.boundaries()[0]), (step, boundary));
             break;
@@ -95,8 +95,8 @@ fn a_diverged_row_terminates_with_its_last_finite_observation() {
 #[test]
 fn a_terminal_time_limit_ends_an_episode_as_the_task_would_and_is_told_apart_in_the_statistics() {
     let settings = EpisodeSettings { time_limits: TimeLimits::Terminal, ..settings(1, 7) };
-    let mut episodes = Episodes::new(counter(0.0), &settings, Seed(3));
-    (0..7).for_each(|_| episodes.step(&[0.5]));
+    let mut episodes = Episodes::new(&counter(0.0), &settings, Seed(3)).unwrap();
+    (0..7).for_each(|_| episodes.step(&[0.5]).unwrap());
     assert_eq!(episodes.boundaries(), [Boundary::Terminated]);
     assert_eq!(episodes.observations(), [0.0, 100.0]);
     let statistics = episodes.take_statistics();
@@ -106,7 +106,7 @@ fn a_terminal_time_limit_ends_an_episode_as_the_task_would_and_is_told_apart_in_
 #[test]
 fn statistics_count_whole_episodes() {
     let mut one = episodes(1.0, 2, 7, 0.0, false);
-    (0..11).for_each(|_| one.step(&[0.5, 3.0]));
+    (0..11).for_each(|_| one.step(&[0.5, 3.0]).unwrap());
     let statistics = one.take_statistics();
     // Two rows with two episodes of 5 steps each; an action of 3 counts as 1.
     assert_eq!((statistics.steps, statistics.episodes, statistics.terminated), (22, 4, 4));
@@ -120,7 +120,7 @@ fn staggered_rows_end_at_different_times_and_their_first_episodes_do_not_count()
     let mut episodes = episodes(0.0, 100, 50, 0.0, true);
     let mut ends = vec![0; 51];
     for end in &mut ends[1..] {
-        episodes.step(&[0.0; 100]);
+        episodes.step(&[0.0; 100]).unwrap();
         *end = episodes.boundaries().iter().filter(|boundary| **boundary == Boundary::Truncated).count();
     }
     assert!(ends.iter().all(|count| *count < 15), "{ends:?}");
@@ -128,7 +128,7 @@ fn staggered_rows_end_at_different_times_and_their_first_episodes_do_not_count()
     assert!(ends.iter().sum::<usize>() >= 100);
     // Only a row that had its whole time from the start can have been counted by now.
     assert!(statistics.episodes <= 5, "{}", statistics.episodes);
-    (0..50).for_each(|_| episodes.step(&[0.0; 100]));
+    (0..50).for_each(|_| episodes.step(&[0.0; 100]).unwrap());
     let statistics = episodes.take_statistics();
     assert_eq!(statistics.total_steps, 50 * statistics.episodes);
     assert!(statistics.episodes >= 95);
@@ -137,7 +137,7 @@ fn staggered_rows_end_at_different_times_and_their_first_episodes_do_not_count()
 #[test]
 fn noise_is_added_to_the_clipped_action_and_not_clipped() {
     let mut episodes = episodes(0.0, 4000, 300, 0.5, false);
-    episodes.step(&[9.0; 4000]);
+    episodes.step(&[9.0; 4000]).unwrap();
     let deviations: Vec<f64> = episodes.rewards().iter().map(|reward| reward - 1.0).collect();
     let n = deviations.len() as f64;
     let variance = deviations.iter().map(|x| x * x).sum::<f64>() / n;
@@ -150,8 +150,8 @@ fn noise_is_added_to_the_clipped_action_and_not_clipped() {
 fn a_row_does_not_depend_on_the_others() {
     let (mut few, mut many) = (episodes(0.0, 2, 4, 0.5, true), episodes(0.0, 30, 4, 0.5, true));
     for _ in 0..20 {
-        few.step(&[0.1; 2]);
-        many.step(&[0.1; 30]);
+        few.step(&[0.1; 2]).unwrap();
+        many.step(&[0.1; 30]).unwrap();
         assert_eq!(few.rewards(), &many.rewards()[..2]);
         assert_eq!(few.boundaries(), &many.boundaries()[..2]);
     }
@@ -166,7 +166,7 @@ fn a_buffer_knows_what_followed_each_step() {
         assert_eq!(seen, [step as f32 % 3.0, 100.0].repeat(2));
         actions.fill(0.25);
         log_probs.fill(-1.0);
-        episodes.step(buffer.step_actions());
+        episodes.step(buffer.step_actions()).unwrap();
         buffer.end_step(&episodes);
     }
     // Both rows are truncated by their third step, which is seen as 3.

@@ -6,12 +6,12 @@ mod line;
 mod toy;
 
 use line::Line;
-use mishandle_rollout::Environment;
+use mishandle_rollout::{Environment, EnvironmentSpec};
 use mishandle_training::Config;
 
 fn need(algorithm: &str, text: &str, settings: &str) -> f64 {
     let config = Config::from_toml(algorithm, text).unwrap().unwrap();
-    let needs = config.memory_needs(&*Line::new(0.0));
+    let needs = config.memory_needs(&EnvironmentSpec::of(&*Line::new(0.0)));
     needs.iter().find(|need| need.settings == settings).unwrap().bytes
 }
 

@@ -74,7 +74,7 @@ fn a_checkpoint_of_other_settings_is_refused() {
     run(1, &config, None, &mut watch);
     let checkpoint = watch.checkpoint.unwrap();
     let resume = |config: &Config| {
-        config.train(Line::new(0.0), Seed(5), Some(&checkpoint), &mut Watch::default()).map(|_| ())
+        config.train(&Line::new(0.0), Seed(5), Some(&checkpoint), &mut Watch::default()).map(|_| ())
     };
     assert!(resume(&settings("td3", "run.total_steps = 800")).is_ok(), "only the number of steps may differ");
     let told = resume(&settings("td3", "run.total_steps = 400\ntau = 0.1")).unwrap_err().to_string();
@@ -90,7 +90,7 @@ fn a_checkpoint_of_other_settings_is_refused() {
 fn weights_that_run_wild_end_the_training_with_an_error() {
     for algorithm in ALGORITHMS {
         let config = settings(algorithm, "critic.learning_rate = 1e30\nrun.total_steps = 100_000");
-        let error = config.train(Line::new(0.0), Seed(1), None, &mut Watch::default()).unwrap_err();
+        let error = config.train(&Line::new(0.0), Seed(1), None, &mut Watch::default()).unwrap_err();
         let told = error.to_string();
         assert!(told.contains("training broke down") || told.contains("must be finite"), "{told}");
     }

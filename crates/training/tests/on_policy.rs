@@ -141,7 +141,7 @@ fn a_finished_training_resumed_gives_its_controller() {
 fn seeds_differ() {
     let config = settings("ppo", "run.total_steps = 1_000");
     let hash = |seed| {
-        let trained = config.train(Line::new(0.0), Seed(seed), None, &mut Watch::default());
+        let trained = config.train(&Line::new(0.0), Seed(seed), None, &mut Watch::default());
         trained.unwrap().last.hash()
     };
     assert_ne!(hash(1), hash(2));
@@ -167,7 +167,7 @@ fn a_checkpoint_of_another_training_is_refused() {
     let checkpoint = watch.checkpoint.unwrap();
     let refusal = |config: &Config, seed| {
         config
-            .train(Line::new(0.0), Seed(seed), Some(&checkpoint), &mut Watch::default())
+            .train(&Line::new(0.0), Seed(seed), Some(&checkpoint), &mut Watch::default())
             .unwrap_err()
             .to_string()
     };
@@ -180,7 +180,7 @@ fn a_checkpoint_of_another_training_is_refused() {
     );
     let mut longer = config.clone();
     longer.run_mut().total_steps = 2_000;
-    let resumed = longer.train(Line::new(0.0), Seed(5), Some(&checkpoint), &mut Watch::default());
+    let resumed = longer.train(&Line::new(0.0), Seed(5), Some(&checkpoint), &mut Watch::default());
     assert!(resumed.is_ok(), "only the number of steps may differ");
     let told = refusal(&settings("ppo", "run.total_steps = 1"), 5);
     assert!(told.ends_with(" environment steps behind it, and cannot end at 1"), "{told}");
@@ -193,7 +193,7 @@ fn a_training_whose_steps_hang_on_its_length_is_not_made_longer() {
     let mut watch = Watch::default();
     run(1, &of(1_000, linear), None, &mut watch);
     let checkpoint = watch.checkpoint.unwrap();
-    let checked = |config: &Config| config.check_resumption(Line::new(0.0), Seed(5), &checkpoint);
+    let checked = |config: &Config| config.check_resumption(&Line::new(0.0), Seed(5), &checkpoint);
     for steps in [100, 5_000] {
         let told = checked(&of(steps, linear)).unwrap_err().to_string();
         let refused = format!(
@@ -201,7 +201,7 @@ fn a_training_whose_steps_hang_on_its_length_is_not_made_longer() {
         );
         assert!(told.contains(&refused), "{told}");
         let trained =
-            of(steps, linear).train(Line::new(0.0), Seed(5), Some(&checkpoint), &mut Watch::default());
+            of(steps, linear).train(&Line::new(0.0), Seed(5), Some(&checkpoint), &mut Watch::default());
         assert!(trained.is_err());
     }
     // As many iterations, though not as many steps, and other settings are other things.
@@ -215,6 +215,6 @@ fn weights_that_run_wild_end_the_training_with_an_error() {
         "ppo",
         "learning_rate = 1e30\nlearning_rate_schedule = \"constant\"\nrun.total_steps = 100_000",
     );
-    let error = config.train(Line::new(0.0), Seed(1), None, &mut Watch::default()).unwrap_err();
+    let error = config.train(&Line::new(0.0), Seed(1), None, &mut Watch::default()).unwrap_err();
     assert!(matches!(error, TrainingError::NotFinite { .. } | TrainingError::Network(_)), "{error}");
 }

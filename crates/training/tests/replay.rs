@@ -7,10 +7,10 @@ mod toy;
 use std::sync::Arc;
 
 use mishandle_network::Normalizer;
-use mishandle_rollout::{Sample, Seed, Status, Worker};
+use mishandle_rollout::{Sample, Scenario, Seed, Status, Worker};
 use mishandle_training::replay::{Batch, Replay, Sampling};
 use mishandle_training::{Checkpoint, EpisodeSettings, Episodes};
-use toy::{Toy, initial_box, names};
+use toy::{Toy, names, space};
 
 /// Shows how many control steps it has made, and its fate, the value of x₀; the reward of the k-th step is 10^k, counted
 /// from 0. A fate of at least 1 is to be ended by the task at step 4.
@@ -20,7 +20,7 @@ struct Powers;
 fn powers(fate: f64) -> Arc<Toy<Powers>> {
     Arc::new(Toy {
         name: "powers",
-        initial_box: initial_box(&[("fate", fate, fate + 0.5)]),
+        space: space(&[("fate", fate, fate + 0.5)]),
         signals: names(&["step"]),
         reward_terms: names(&["power"]),
         observation_size: 1,
@@ -32,8 +32,8 @@ fn powers(fate: f64) -> Arc<Toy<Powers>> {
 }
 
 impl Worker for Powers {
-    fn reset(&mut self, x0: &[f64], _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
-        state.copy_from_slice(&[0.0, x0[0]]);
+    fn reset(&mut self, scenario: &Scenario, _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
+        state.copy_from_slice(&[0.0, scenario.get(0).unwrap()]);
         sample.observation[0] = 0.0;
         sample.rewards.fill(0.0);
     }
@@ -51,7 +51,7 @@ fn remembered(fate: f64, rows: usize, steps: usize, capacity: usize) -> (Replay,
     let mut replay = Replay::new(capacity, rows, 1, 1);
     let settings = EpisodeSettings { environments: rows, time_limit: Some(5), ..EpisodeSettings::default() };
     let settings = EpisodeSettings { staggered: false, ..settings };
-    let mut episodes = Episodes::new(powers(fate), &settings, Seed(3));
+    let mut episodes = Episodes::new(&powers(fate), &settings, Seed(3)).unwrap();
     for step in 0..steps {
         step_once(&mut replay, &mut episodes, step);
     }
@@ -61,7 +61,7 @@ fn remembered(fate: f64, rows: usize, steps: usize, capacity: usize) -> (Replay,
 fn step_once(replay: &mut Replay, episodes: &mut Episodes, step: usize) {
     let seen = episodes.observations().to_vec();
     let actions = vec![step as f32 / 100.0; episodes.rows()];
-    episodes.step(&actions);
+    episodes.step(&actions).unwrap();
     replay.push(&seen, &actions, episodes);
 }
 
@@ -212,7 +212,7 @@ fn a_replay_goes_on_after_a_checkpoint() {
         assert_eq!(resumed, replay);
         for step in 0..7 {
             let seen = episodes.observations().to_vec();
-            episodes.step(&[0.0, 0.0]);
+            episodes.step(&[0.0, 0.0]).unwrap();
             replay.push(&seen, &[step as f32, 0.0], &episodes);
             resumed.push(&seen, &[step as f32, 0.0], &episodes);
         }

@@ -29,6 +29,13 @@ pub struct Flex {
     pub vertices: usize,
 }
 
+impl Flex {
+    /// The bodies that are its vertices.
+    pub fn bodies(&self) -> impl Iterator<Item = Body> {
+        (self.body..self.body + self.vertices).map(Body)
+    }
+}
+
 /// A joint. A free joint has seven positions (point, quaternion) and six velocities (linear in the world frame,
 /// angular in the body's own).
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -7,6 +7,7 @@
 //! Units are SI, quaternions are (w, x, y, z), vectors and rotations are in the world frame, whose origin is the base
 //! of the robot. This is the one crate with `unsafe` code; it knows no tasks.
 
+mod change;
 mod element;
 mod error;
 pub mod frame;
@@ -16,6 +17,7 @@ mod render;
 mod rows;
 mod state;
 
+pub use change::Change;
 pub use element::{Actuator, Body, Equality, Flex, Joint, Mocap, Site};
 pub use error::WorldError;
 pub use kinematics::Arm;

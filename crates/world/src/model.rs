@@ -1,4 +1,5 @@
-use std::ffi::c_char;
+use std::ffi::{CStr, CString, c_char};
+use std::ptr::null;
 use std::sync::{Arc, Once};
 
 use mujoco_rs::prelude::*;
@@ -33,7 +34,8 @@ impl Model {
             return Err(WorldError::Model("the document holds a zero byte".to_string()));
         }
         keep_warnings();
-        let inner = MjModel::from_xml_string(xml).map_err(|error| WorldError::Model(error.to_string()))?;
+        let inner = MjModel::from_xml_string(xml)
+            .map_err(|error| WorldError::Model(whole_message(xml).unwrap_or_else(|| error.to_string())))?;
         if inner.jnt_type().contains(&MjtJoint::mjJNT_BALL) {
             return Err(WorldError::Model(
                 "it has a ball joint; only hinge, slide and free ones are known".into(),
@@ -186,6 +188,32 @@ impl Model {
         };
         (id < count as usize).then(|| self.inner.id_to_name(kind, id).unwrap_or_default().to_string())
     }
+}
+
+/// Why MuJoCo refuses a document. `mujoco-rs` cuts messages after 100 bytes, often before the line number.
+fn whole_message(xml: &str) -> Option<String> {
+    use mujoco_rs::mujoco_c::{mj_compile, mj_deleteModel, mj_deleteSpec, mj_parseXMLString, mjs_getError};
+    let xml = CString::new(xml).ok()?;
+    let mut message: [c_char; 1000] = [0; 1000];
+    // SAFETY: the text and the buffer outlive the calls, MuJoCo ends the message with a zero byte within the length that
+    // it is given, and both objects are deleted once, after their last use.
+    #[allow(unsafe_code)]
+    let text = unsafe {
+        let (buffer, length) = (message.as_mut_ptr(), message.len() as i32);
+        let specification = mj_parseXMLString(xml.as_ptr(), null(), buffer, length);
+        if specification.is_null() {
+            CStr::from_ptr(buffer).to_string_lossy().into_owned()
+        } else {
+            let model = mj_compile(specification, null());
+            let text = CStr::from_ptr(mjs_getError(specification)).to_string_lossy().into_owned();
+            if !model.is_null() {
+                mj_deleteModel(model);
+            }
+            mj_deleteSpec(specification);
+            text
+        }
+    };
+    Some(text.trim().to_string()).filter(|text| !text.is_empty())
 }
 
 /// MuJoCo writes each warning to a file in the working directory, unless somebody takes it. All that it warns of is also

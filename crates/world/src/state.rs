@@ -4,7 +4,7 @@ use mujoco_rs::prelude::*;
 
 use crate::model::INTEGRATION;
 use crate::rows::Tree;
-use crate::{Actuator, Equality, Joint, Mocap, Model, Rows};
+use crate::{Actuator, Body, Equality, Joint, Mocap, Model, Rows};
 
 /// What one thread needs to step state rows of a [`Model`].
 ///
@@ -164,6 +164,18 @@ impl World {
     /// Positions and quaternions of all mocap bodies.
     pub fn mocap_poses(&self) -> (&[[f64; 3]], &[[f64; 4]]) {
         (self.data.mocap_pos(), self.data.mocap_quat())
+    }
+
+    /// Moves a mocap body by `offset`, m.
+    pub fn shift(&mut self, mocap: Mocap, offset: [f64; 3]) {
+        let position = &mut self.data.mocap_pos_mut()[mocap.0];
+        *position = crate::frame::add(*position, offset);
+    }
+
+    /// Applies a force (N, world axes) to a body's center of mass in all steps to come, until another is applied. It is
+    /// part of the state.
+    pub fn push(&mut self, body: Body, force: [f64; 3]) {
+        self.data.xfrc_applied_mut()[body.0][..3].copy_from_slice(&force);
     }
 
     /// Places a free body, at rest.

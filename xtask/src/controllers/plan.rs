@@ -2,7 +2,8 @@
 
 use std::ops::RangeInclusive;
 
-/// Algorithms, in the order of the tables.
+/// Algorithms, in the order of the tables: a copy of the list in `crates/training`, which xtask does not link. A test
+/// compares it with the settings page, which is made from that list.
 pub const ALGORITHMS: [&str; 5] = ["ppo", "trpo", "sac", "td3", "ddpg"];
 
 /// The seed whose controller is shipped.
@@ -82,6 +83,14 @@ pub fn seeds(algorithm: &str) -> Vec<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_algorithms_are_those_of_the_settings_page() {
+        let page = include_str!("../../../docs/algorithms/settings.md");
+        let headings: Vec<String> =
+            page.lines().filter_map(|line| line.strip_prefix("## ")).map(str::to_lowercase).collect();
+        assert_eq!(headings, ALGORITHMS);
+    }
 
     #[test]
     fn every_controller_comes_before_further_seeds_and_none_comes_twice() {

@@ -56,9 +56,9 @@ impl Program {
     /// # Errors
     /// If the program does not tell it.
     pub fn commit(&self) -> Result<String> {
-        let told = output(Command::new(&self.file).arg("--version"))?;
+        let told = output(Command::new(&self.file).arg("-V"))?;
         let commit = told.trim().strip_suffix(')').and_then(|told| told.split_once('('));
-        Ok(commit.with_context(|| format!("`--version` says `{}`", told.trim()))?.1.to_string())
+        Ok(commit.with_context(|| format!("`-V` says `{}`", told.trim()))?.1.to_string())
     }
 
     fn json(&self, words: &[&str]) -> Result<Value> {

@@ -24,7 +24,7 @@ while [ $# -gt 0 ]; do
     shift
 done
 case $verb in
-    --version) echo 'mishandle 0.1.0 (c0ffee)' ;;
+    -V) echo 'mishandle 0.1.0 (c0ffee)' ;;
     tasks) cat "$MISHANDLE_HOME/tasks.json" ;;
     dry-run)
         text=$(sed 's/$/\\\\n/' "$settings" | tr -d '\n')

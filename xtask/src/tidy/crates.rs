@@ -14,6 +14,20 @@ const COLUMNS: [&str; 5] = ["level", "crate", "one line", "modules", "uses"];
 const ALL: &str = "all above";
 /// Our chores, which are no part of the product.
 const UNLISTED: [&str; 1] = ["xtask"];
+/// The crate that links MuJoCo.
+const MUJOCO: &str = "world";
+/// Crates that must not link it, not even through another crate: they serve any simulator.
+const WITHOUT_MUJOCO: [&str; 9] = [
+    "stl",
+    "search",
+    "network",
+    "store",
+    "rollout",
+    "controllers",
+    "evaluation",
+    "training",
+    "falsification",
+];
 /// Files in `src` that are not modules of their own.
 const ROOTS: [&str; 4] = ["lib.rs", "main.rs", "tests.rs", "bin"];
 
@@ -93,8 +107,26 @@ pub fn check(tree: &Tree, packages: &[Package]) -> Vec<Problem> {
         };
         problems.extend(uses(row, &rows, package).into_iter().map(|what| problem(row.line, what)));
         problems.extend(modules(row, tree, package).into_iter().map(|what| problem(row.line, what)));
+        if WITHOUT_MUJOCO.contains(&row.name.as_str()) {
+            problems.extend(path_to_mujoco(package, packages).map(|path| problem(row.line, linked(&path))));
+        }
     }
     problems
+}
+
+/// The crates from a package to the one that links MuJoCo, both included, if the first depends on the last.
+fn path_to_mujoco<'a>(package: &'a Package, packages: &'a [Package]) -> Option<Vec<&'a str>> {
+    if package.name == MUJOCO {
+        return Some(vec![MUJOCO]);
+    }
+    let used = packages.iter().filter(|other| package.uses.contains(&other.name));
+    let rest = used.filter_map(|used| path_to_mujoco(used, packages)).next()?;
+    Some([&[package.name.as_str()][..], &rest].concat())
+}
+
+fn linked(path: &[&str]) -> String {
+    let path: Vec<String> = path.iter().map(|name| format!("`{name}`")).collect();
+    format!("{} must not link MuJoCo, but does: {}", path[0], path.join(" -> "))
 }
 
 fn problem(line: usize, what: String) -> Problem {
@@ -264,6 +296,29 @@ mod tests {
         check_rows(
             &format!("{STL}{}{ROOT}", ROLLOUT.replace('1', "0")),
             &["ARCHITECTURE.md:6: `rollout` is on level 0 and uses `stl`, which is not on a lower one"],
+        );
+    }
+
+    #[test]
+    fn crates_below_the_tasks_do_not_link_mujoco() {
+        let packages = [
+            package("world", &[]),
+            package("controllers", &["world"]),
+            package("training", &["controllers"]),
+            package("tasks", &["world"]),
+        ];
+        let page = format!(
+            "{HEAD}| 0 | `world` | text | – | – |\n| 2 | `controllers` | text | – | `world` |\n\
+             | 3 | `training` | text | – | `controllers` |\n| 3 | `tasks` | text | – | `world` |\n"
+        );
+        let got: Vec<_> =
+            check(&Tree::of(&[(PAGE, &page)]), &packages).iter().map(ToString::to_string).collect();
+        assert_eq!(
+            got,
+            [
+                "ARCHITECTURE.md:6: `controllers` must not link MuJoCo, but does: `controllers` -> `world`",
+                "ARCHITECTURE.md:7: `training` must not link MuJoCo, but does: `training` -> `controllers` -> `world`",
+            ]
         );
     }
 

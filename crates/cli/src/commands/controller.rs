@@ -6,9 +6,9 @@ use crate::output::{self, number, table};
 use crate::{Outcome, args};
 
 pub fn run(command: &args::Controller) -> Result<Outcome> {
-    let file = ControllerFile::load(&mishandle::find_controller(&command.controller)?)?;
+    let file = mishandle::find_controller(&command.controller)?.controller()?;
     if command.json {
-        output::json(&document(&file))?;
+        output::json(document(&file))?;
     } else {
         output::line(&page(&file))?;
     }

@@ -16,7 +16,7 @@ pub fn run(command: &args::Curve) -> Result<Outcome> {
     let environments = command.environments.map(NonZeroUsize::get);
     let time = curve.training_time();
     if command.json {
-        output::json(&json!({
+        output::json(json!({
             "iterations": curve.rows.len(),
             "environment_steps": curve.rows.last().map(|row| row.environment_steps),
             "wall_clock_secs": curve.rows.last().map(|row| number(row.wall_clock_secs)),

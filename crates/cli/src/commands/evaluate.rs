@@ -1,37 +1,38 @@
 use anyhow::Result;
 use mishandle::evaluation::{Estimate, Report};
-use mishandle::tasks::CONTROL_DT;
-use mishandle::{EvaluatePlan, Plan, Starts, Subject};
+use mishandle::{EvaluatePlan, Plan, Resolved, Starts};
 use serde_json::{Value, json};
 
-use crate::output::{self, number};
-use crate::{Outcome, args, progress, run};
+use crate::output;
+use crate::progress::Bar;
+use crate::{Outcome, args, run};
 
 pub fn run(command: &args::Evaluate) -> Result<Outcome> {
     run::set_threads(command.run.threads)?;
-    let bar = progress::bar(0, "simulations");
+    let bar = Bar::new(0, "simulations");
     run::end_on_signals(&bar)?;
     let moved = command.subject.controller.as_deref();
-    let (plan, subject, file) =
+    let (resolved, file) =
         run::open(command.resume.as_deref(), moved, command.out.as_deref(), || plan(command))?;
     let name = run::name(file.file());
-    let episodes = plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
+    let path = file.file().path().to_path_buf();
+    let episodes = resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
     bar.set_length(episodes);
-    let report = mishandle::evaluate(&plan, &subject, file, |done| {
+    let report = mishandle::evaluate(&resolved, file, |done| {
         bar.set_position(done);
         run::flow()
     })?;
-    bar.finish_and_clear();
+    bar.clear();
     if report.simulations < episodes {
         run::say_interrupted("evaluate", report.simulations, &name);
         return Ok(Outcome::Interrupted);
     }
     if command.run.json {
-        output::json(&document(&plan, &subject, &report))?;
+        output::json(document(&resolved, &report, &path.to_string_lossy()))?;
     } else {
-        output::line(&text(&plan, &report))?;
+        output::line(&text(&resolved, &report))?;
     }
-    if starts(&plan) == Starts::Reachable && !mishandle::leaves_out_starts(&plan, &subject) {
+    if starts(&resolved.plan) == Starts::Reachable && !mishandle::leaves_out_starts(&resolved) {
         output::say("no part of the box is proven out of reach: these are starts of the whole box");
     }
     output::say(&format!("Every simulation is in {name}"));
@@ -42,6 +43,7 @@ fn plan(command: &args::Evaluate) -> Result<Plan> {
     let mut plan = run::plan(&command.subject, &command.run)?;
     let mut evaluate = plan.evaluate.take().unwrap_or_default();
     evaluate.episodes = command.episodes.unwrap_or(evaluate.episodes);
+    evaluate.batch = command.subject.batch.unwrap_or(evaluate.batch);
     if let Some(starts) = &command.starts {
         evaluate.starts = match starts.as_str() {
             "whole" => Starts::Whole,
@@ -58,38 +60,29 @@ fn starts(plan: &Plan) -> Starts {
     plan.evaluate.as_ref().map_or(Starts::Whole, |evaluate| evaluate.starts)
 }
 
-fn document(plan: &Plan, subject: &Subject, report: &Report) -> Value {
-    let estimate = |estimate: &Estimate| {
-        let value = |value: Option<f64>| value.map_or(Value::Null, number);
-        json!({
-            "value": value(estimate.value),
-            "low": value(estimate.low),
-            "high": value(estimate.high),
-            "n": estimate.n,
-        })
-    };
-    json!({
-        "task": plan.task,
-        "preset": plan.preset,
-        "controller": mishandle::controller_name(&plan.controller),
-        "controller_hash": subject.controller_hash,
-        "stochastic": plan.stochastic,
-        "action_noise": plan.action_noise,
-        "observation_noise": plan.observation_noise,
-        "seed": plan.seed.to_string(),
-        "box": starts(plan),
-        "leaves_out_starts": mishandle::leaves_out_starts(plan, subject),
+fn document(resolved: &Resolved, report: &Report, path: &str) -> Value {
+    let mut own = json!({
+        "box": starts(&resolved.plan),
+        "leaves_out_starts": mishandle::leaves_out_starts(resolved),
         "simulations": report.simulations,
         "diverged": report.diverged,
         "undecided": report.undecided,
-        "success_rate": estimate(&report.success_rate),
-        "strict_success_rate": estimate(&report.strict_success_rate),
-        "dangerous_behavior_rate": estimate(&report.dangerous_behavior_rate),
-        "task_completion_time": estimate(&report.task_completion_time),
-    })
+        "success_rate": output::estimate(&report.success_rate),
+    });
+    let optional = [
+        ("strict_success_rate", &report.strict_success_rate),
+        ("dangerous_behavior_rate", &report.dangerous_behavior_rate),
+        ("task_completion_time", &report.task_completion_time),
+    ];
+    for (key, estimate) in optional {
+        if let Some(estimate) = estimate {
+            own[key] = output::estimate(estimate);
+        }
+    }
+    output::joined(run::document(resolved, path), own)
 }
 
-fn text(plan: &Plan, report: &Report) -> String {
+fn text(resolved: &Resolved, report: &Report) -> String {
     // A single number has a mean, but says nothing of its spread.
     let cells = |estimate: &Estimate, value: &dyn Fn(f64) -> String, end: &dyn Fn(f64) -> String| {
         let interval =
@@ -100,55 +93,31 @@ fn text(plan: &Plan, report: &Report) -> String {
     let percent =
         |estimate: &Estimate| cells(estimate, &|share| format!("{} %", hundredth(share)), &hundredth);
     let steps = |estimate: &Estimate| {
-        let value = |steps: f64| format!("{steps:.1} control steps ({:.2} s)", steps * CONTROL_DT);
+        let value =
+            |steps: f64| format!("{steps:.1} control steps ({:.2} s)", steps * resolved.target.control_dt);
         cells(estimate, &value, &|steps| format!("{steps:.1}"))
     };
-    let row = |name: &str, [value, interval]: [String; 2], n: u64| {
-        vec![name.to_string(), value, interval, n.to_string()]
+    let row = |name: &str, estimate: &Estimate, cells: &dyn Fn(&Estimate) -> [String; 2]| {
+        let [value, interval] = cells(estimate);
+        vec![name.to_string(), value, interval, estimate.n.to_string()]
     };
-    let rows = vec![
-        ["", "value", "95 % interval", "n"].map(String::from).to_vec(),
-        row("success rate", percent(&report.success_rate), report.success_rate.n),
-        row("strict success rate", percent(&report.strict_success_rate), report.strict_success_rate.n),
-        row(
-            "dangerous behavior rate",
-            percent(&report.dangerous_behavior_rate),
-            report.dangerous_behavior_rate.n,
-        ),
-        row("task completion time", steps(&report.task_completion_time), report.task_completion_time.n),
-    ];
-    let mut text = format!(
-        "{}, controller {}, task preset {}{}{}\n\n{}",
-        plan.task,
-        plan.controller,
-        plan.preset,
-        match starts(plan) {
-            Starts::Whole => "",
-            Starts::Reachable => ", starts from the reachable part of the box",
-        },
-        noise(plan),
-        output::table(&rows)
+    let mut rows = vec![["", "value", "95 % interval", "n"].map(String::from).to_vec()];
+    rows.push(row("success rate", &report.success_rate, &percent));
+    rows.extend(report.strict_success_rate.iter().map(|rate| row("strict success rate", rate, &percent)));
+    rows.extend(
+        report.dangerous_behavior_rate.iter().map(|rate| row("dangerous behavior rate", rate, &percent)),
     );
+    rows.extend(report.task_completion_time.iter().map(|time| row("task completion time", time, &steps)));
+    let part = match starts(&resolved.plan) {
+        Starts::Whole => "",
+        Starts::Reachable => ", starts from the reachable part of the box",
+    };
+    let mut text = format!("{}{part}\n\n{}", run::heading(resolved), output::table(&rows));
     if report.diverged + report.undecided > 0 {
         text.push_str(&format!(
             "\n\n{} simulations diverged, {} were undecided; neither counts as a success.",
             report.diverged, report.undecided
         ));
-    }
-    text
-}
-
-/// What is out of the ordinary about the plan, for a heading.
-pub fn noise(plan: &Plan) -> String {
-    let mut text = String::new();
-    if plan.action_noise > 0.0 {
-        text.push_str(&format!(", action noise {}", plan.action_noise));
-    }
-    if plan.observation_noise > 0.0 {
-        text.push_str(&format!(", observation noise {}", plan.observation_noise));
-    }
-    if plan.stochastic {
-        text.push_str(", sampled actions");
     }
     text
 }

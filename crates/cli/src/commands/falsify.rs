@@ -1,42 +1,48 @@
 use anyhow::Result;
-use mishandle::falsification::{Outcome as Found, TrialEnd};
-use mishandle::rollout::Environment;
-use mishandle::store::{End, RunFile};
-use mishandle::{FalsifyPlan, Plan, Subject};
+use mishandle::falsification::{Minimum, Outcome as Found, TrialEnd, TrialOutcome};
+use mishandle::search::OptionValue;
+use mishandle::{FalsifyPlan, Plan, Resolved};
 use serde_json::{Value, json};
 
-use crate::commands::evaluate::noise;
 use crate::output::{self, number};
-use crate::{Outcome, args, progress, run};
+use crate::progress::Bar;
+use crate::{Outcome, args, run};
 
 pub fn run(command: &args::Falsify) -> Result<Outcome> {
     run::set_threads(command.run.threads)?;
-    let bar = progress::bar(0, "simulations at most");
+    let bar = Bar::new(0, "simulations at most");
     run::end_on_signals(&bar)?;
     let moved = command.subject.controller.as_deref();
-    let (plan, subject, file) =
+    let (resolved, file) =
         run::open(command.resume.as_deref(), moved, command.out.as_deref(), || plan(command))?;
-    output::warn_of_chains(&subject.specification.requirement);
+    output::warn_of_chains(&resolved.specification.requirement);
     let name = run::name(file.file());
     let path = file.file().path().to_path_buf();
-    let found = mishandle::falsify(&plan, &subject, file, |progress| {
+    let found = mishandle::falsify(&resolved, file, |progress| {
         bar.set_length(progress.most);
         bar.set_position(progress.simulations);
-        bar.set_message(format!("({} trials ended, {} falsified)", progress.ended, progress.falsified));
+        bar.set_note(format!("{} trials ended, {} falsified", progress.ended, progress.falsified));
         run::flow()
     })?;
-    bar.finish_and_clear();
-    say_undefined(&RunFile::open(&path)?, &subject)?;
-    let trials = plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
+    bar.clear();
+    say_undefined(&resolved, &found);
+    let trials = resolved.plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
     let ended = found.trials.iter().filter(|trial| trial.end.is_some()).count();
     if ended < trials as usize {
         run::say_interrupted("falsify", found.simulations, &name);
         return Ok(Outcome::Interrupted);
     }
     if command.run.json {
-        output::json(&document(&plan, &subject, &found))?;
+        output::json(document(&resolved, &found, &path.to_string_lossy()))?;
     } else {
-        output::line(&text(&plan, &subject, &found))?;
+        output::line(&text(&resolved, &found))?;
+    }
+    if found.surplus > 0 {
+        output::say(&format!(
+            "{} more simulations ran in a batch beside a violation that came before them; they are surplus and belong to \
+             no trial",
+            found.surplus
+        ));
     }
     output::say(&format!("Every simulation is in {name}"));
     if found.falsified_trials == 0 {
@@ -50,91 +56,94 @@ fn plan(command: &args::Falsify) -> Result<Plan> {
     let mut plan = run::plan(&command.subject, &command.run)?;
     let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
     falsify.search = command.search.clone().unwrap_or(falsify.search);
-    falsify.formula = command.formula.clone().unwrap_or(falsify.formula);
+    for (name, value) in &command.search_options {
+        let value = mishandle::search_option_value(&falsify.search, name, value);
+        falsify.options.set(name, value);
+    }
+    falsify.formula = command.formula.clone().or(falsify.formula);
     falsify.trials = command.trials.unwrap_or(falsify.trials);
     falsify.budget = command.budget.unwrap_or(falsify.budget);
+    falsify.batch = command.subject.batch.unwrap_or(falsify.batch);
     plan.evaluate = None;
     plan.falsify = Some(falsify);
     Ok(plan)
 }
 
-fn document(plan: &Plan, subject: &Subject, found: &Found) -> Value {
-    let falsify = plan.falsify.clone().unwrap_or_default();
-    let trials: Vec<Value> = found
-        .trials
-        .iter()
-        .map(|trial| {
-            let minimum = trial.minimum.as_ref();
-            json!({
-                "trial": trial.trial + 1,
-                "falsified": trial.falsified(),
-                "simulations": trial.simulations,
-                "minimum_robustness": minimum.map_or(Value::Null, |minimum| number(minimum.robustness)),
-                "initial_configuration": minimum.map(|minimum| &minimum.initial_configuration),
-                "simulation": minimum.map(|minimum| minimum.number),
-                "seed": minimum.map(|minimum| minimum.seed.0.to_string()),
-                "end": trial.end.map(end),
-                "diverged": trial.diverged,
-                "undecided": trial.undecided,
-            })
-        })
-        .collect();
-    json!({
-        "task": plan.task,
-        "preset": plan.preset,
-        "controller": mishandle::controller_name(&plan.controller),
-        "controller_hash": subject.controller_hash,
-        "stochastic": plan.stochastic,
-        "action_noise": plan.action_noise,
-        "observation_noise": plan.observation_noise,
-        "seed": plan.seed.to_string(),
+fn document(resolved: &Resolved, found: &Found, path: &str) -> Value {
+    let falsify = resolved.plan.falsify.clone().unwrap_or_default();
+    let trials: Vec<Value> = found.trials.iter().map(|trial| trial_document(resolved, trial)).collect();
+    let own = json!({
         "search": falsify.search,
-        "formula": subject.specification.requirement.to_string(),
+        "search_options": search_options(&falsify),
+        "formula": resolved.specification.requirement.to_string(),
         "budget": falsify.budget,
+        "batch": falsify.batch,
         "falsified_trials": found.falsified_trials,
-        "falsification_rate": {
-            "value": found.falsification_rate.value,
-            "low": found.falsification_rate.low,
-            "high": found.falsification_rate.high,
-            "n": found.falsification_rate.n,
-        },
+        "falsification_rate": output::estimate(&found.falsification_rate),
         "mean_simulations": found.mean_simulations,
         "median_simulations": found.median_simulations,
         "restricted_mean_simulations": found.restricted_mean_simulations,
         "trials": trials,
+    });
+    output::joined(run::document(resolved, path), own)
+}
+
+fn trial_document(resolved: &Resolved, trial: &TrialOutcome) -> Value {
+    let minimum = trial.minimum.as_ref();
+    json!({
+        "trial": trial.trial,
+        "falsified": trial.falsified(),
+        "simulations": trial.simulations,
+        "minimum_robustness": minimum.map_or(Value::Null, |minimum| number(minimum.robustness)),
+        "initial_configuration": minimum.map(|minimum| minimum.scenario.values()),
+        "scenario": minimum.map(|minimum| run::scenario(resolved.space.axes(), minimum.scenario.values())),
+        "simulation": minimum.map(|minimum| minimum.number),
+        "seed": minimum.map(|minimum| minimum.seed.0.to_string()),
+        "end": trial.end.map(end),
+        "diverged": trial.diverged,
+        "undecided": trial.undecided,
     })
 }
 
-/// Says from where the formula had no finite value, the first few times.
-fn say_undefined(run: &RunFile, subject: &Subject) -> Result<()> {
-    const SHOWN: usize = 3;
-    let mut count = 0;
-    for simulation in run.simulations() {
-        let simulation = simulation?;
-        let End::Undefined { step } = simulation.end else { continue };
-        count += 1;
-        if count <= SHOWN {
-            output::say(&format!(
-                "warning: simulation {} of trial {}, from {}, seed {}: the formula has no finite value at step {step}; \
-                 it counts as undecided",
-                simulation.number,
-                simulation.trial,
-                start(subject, &simulation.initial_configuration),
-                simulation.seed
-            ));
-        }
-    }
-    if count > SHOWN {
-        output::say(&format!("warning: so have {} more simulations", count - SHOWN));
-    }
-    Ok(())
+/// The options that the plan sets.
+fn search_options(falsify: &FalsifyPlan) -> Value {
+    let value = |value: &OptionValue| match value {
+        OptionValue::Float(value) => number(*value),
+        OptionValue::Integer(value) => json!(value),
+        OptionValue::Boolean(value) => json!(value),
+        OptionValue::Text(value) => json!(value),
+        OptionValue::Point(value) => json!(value),
+        OptionValue::Points(value) => json!(value),
+    };
+    falsify.options.iter().map(|(name, option)| (name.to_string(), value(option))).collect()
 }
 
-/// An initial configuration for people.
-fn start(subject: &Subject, x0: &[f64]) -> String {
-    let axes = subject.environment.initial_box().axes();
-    let values = axes.iter().zip(x0).map(|(axis, value)| format!("{} = {value:.4} {}", axis.name, axis.unit));
-    values.collect::<Vec<_>>().join(", ")
+/// The options that the plan sets, in parentheses.
+fn listed_options(falsify: &FalsifyPlan) -> String {
+    let options: Vec<String> =
+        falsify.options.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+    if options.is_empty() { String::new() } else { format!(" ({})", options.join(", ")) }
+}
+
+/// Says in which simulations the formula has no finite value: the first of the first few trials.
+fn say_undefined(resolved: &Resolved, found: &Found) {
+    const SHOWN: usize = 3;
+    let first = found.trials.iter().filter_map(|trial| Some((trial.trial, trial.first_undefined.as_ref()?)));
+    let mut shown = 0;
+    for (trial, undefined) in first.take(SHOWN) {
+        shown += 1;
+        output::say(&format!(
+            "warning: simulation {} of trial {trial}, with {}, seed {}: the formula has no finite value at step {}; it \
+             counts as undecided",
+            undefined.number,
+            run::at(resolved.space.axes(), undefined.scenario.values()),
+            undefined.seed.0,
+            undefined.step,
+        ));
+    }
+    if found.undefined > shown {
+        output::say(&format!("warning: {} more simulations are affected", found.undefined - shown));
+    }
 }
 
 /// How a trial ended, in a word.
@@ -146,45 +155,40 @@ fn end(end: TrialEnd) -> &'static str {
     }
 }
 
-fn text(plan: &Plan, subject: &Subject, found: &Found) -> String {
-    let falsify = plan.falsify.clone().unwrap_or_default();
-    let start = |x0: &[f64]| start(subject, x0);
+fn text(resolved: &Resolved, found: &Found) -> String {
+    let falsify = resolved.plan.falsify.clone().unwrap_or_default();
+    let at = |minimum: &Minimum| run::at(resolved.space.axes(), minimum.scenario.values());
     let mut rows = vec![["trial", "", "simulations", "least robustness", "at"].map(String::from).to_vec()];
     for trial in &found.trials {
         let minimum = trial.minimum.as_ref();
         rows.push(vec![
-            (trial.trial + 1).to_string(),
+            trial.trial.to_string(),
             trial.end.map_or("cut short", end).to_string(),
             trial.simulations.to_string(),
             minimum.map_or("-".to_string(), |minimum| format!("{:.4}", minimum.robustness)),
-            minimum.map_or(String::new(), |minimum| start(&minimum.initial_configuration)),
+            minimum.map_or(String::new(), at),
         ]);
     }
-    let ended = found.falsification_rate.n;
     let mut text = format!(
-        "{}, controller {}, task preset {}{}\nsearch {}, at most {} simulations a trial, seed {}\nformula {}\n\n{}\n\n\
-         falsified {} of {ended} trials",
-        plan.task,
-        plan.controller,
-        plan.preset,
-        noise(plan),
+        "{}\nsearch {}{}, at most {} simulations a trial, seed {}\nformula {}\n\n{}\n\n{}",
+        run::heading(resolved),
         falsify.search,
+        listed_options(&falsify),
         falsify.budget,
-        plan.seed,
-        subject.specification.requirement,
+        resolved.plan.seed,
+        resolved.specification.requirement,
         output::table(&rows),
-        found.falsified_trials,
+        summary(found),
     );
-    if let Some(mean) = found.mean_simulations {
-        text.push_str(&format!(", after {mean:.1} simulations on average"));
-    }
-    let first =
-        found.trials.iter().filter(|trial| trial.falsified()).find_map(|trial| trial.minimum.as_ref());
-    if let Some(first) = first {
+    let first = found.trials.iter().filter(|trial| trial.falsified());
+    if let Some((trial, first)) =
+        first.filter_map(|trial| Some((trial.trial, trial.minimum.as_ref()?))).next()
+    {
         text.push_str(&format!(
-            "\ncounterexample: {}, seed {}: robustness {:.4}",
-            start(&first.initial_configuration),
+            "\ncounterexample: {}, seed {} (trial {trial}, simulation {}): robustness {:.4}",
+            run::whole(resolved.space.axes(), first.scenario.values()),
             first.seed.0,
+            first.number,
             first.robustness
         ));
     }
@@ -193,6 +197,23 @@ fn text(plan: &Plan, subject: &Subject, found: &Found) -> String {
             "\n{} simulations diverged, {} were undecided; neither counts as a counterexample",
             found.diverged, found.undecided
         ));
+    }
+    text
+}
+
+/// How many trials found a violation, and after how many simulations.
+fn summary(found: &Found) -> String {
+    let ended = found.falsification_rate.n;
+    let mut text = format!("falsified {} of {ended} trials", found.falsified_trials);
+    if let Some(mean) = found.mean_simulations {
+        text.push_str(&format!("; mean {mean:.1} simulations over the falsified ones"));
+    }
+    match found.median_simulations {
+        Some(median) => text.push_str(&format!("; median {median} over all trials")),
+        None if found.falsified_trials > 0 => {
+            text.push_str("; the median over all trials is beyond the budget");
+        }
+        None => {}
     }
     text
 }

@@ -40,7 +40,7 @@ pub fn run(command: &args::Monitor) -> Result<Outcome> {
     let robustness = signal[0];
     if command.json {
         let values: Vec<Value> = signal.iter().map(|value| number(*value)).collect();
-        output::json(&json!({ "robustness": number(robustness), "robustness_signal": values }))?;
+        output::json(json!({ "robustness": number(robustness), "robustness_signal": values }))?;
     } else {
         let verdict = match robustness {
             r if r > 0.0 => "satisfied",

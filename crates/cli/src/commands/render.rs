@@ -6,8 +6,9 @@ use mishandle::store::RunFile;
 use mishandle::world::{Renderer, Size, png};
 
 use crate::new_file::NewFile;
+use crate::progress::Bar;
 use crate::video::{self, Video};
-use crate::{Outcome, args, interrupt, output, progress};
+use crate::{Outcome, args, interrupt, output};
 
 /// Pictures a second in a film, nearly: whole control steps lie between two.
 const FILM_RATE: f64 = 30.0;
@@ -99,7 +100,7 @@ fn recorded(path: &Path, command: &args::Render, size: Size) -> Result<(Renderer
     let Some((trial, simulation)) = mishandle::choose(&run, command.trial, command.simulation)? else {
         bail!("{} has no decided simulation to draw", path.display());
     };
-    let renderer = Renderer::new(&mishandle::scene(mishandle::task(&run.header().task)?)?, size)?;
+    let renderer = Renderer::new(&mishandle::scene(mishandle::task(&run.header().target.name)?)?, size)?;
     let (replayed, film) = mishandle::film(&run, trial, simulation, command.controller.as_deref())?;
     for difference in &replayed.other_build {
         output::say(&format!("warning: the run was made by another build: {difference}"));
@@ -107,10 +108,7 @@ fn recorded(path: &Path, command: &args::Render, size: Size) -> Result<(Renderer
     if !replayed.differences.is_empty() {
         bail!("the replay is not the same as the record: {}", replayed.differences.join("; "));
     }
-    output::say(&format!(
-        "trial {trial}, simulation {simulation}: {} control steps",
-        replayed.episode.steps()
-    ));
+    output::say(&format!("trial {trial}, simulation {simulation}: {} control steps", replayed.episode.steps));
     Ok((renderer, film))
 }
 
@@ -146,18 +144,18 @@ fn video(renderer: &mut Renderer, film: &Film, size: Size, command: &args::Rende
     let rate = 1.0 / (stride as f64 * film.control_dt);
     renderer.frame(film.states.iter().step_by(stride).map(Vec::as_slice));
     // From here on there is a file to take away, so a signal must not end the program by itself.
-    interrupt::listen(|| ())?;
+    let bar = Bar::new(film.states.len().div_ceil(stride) as u64, "pictures");
+    let cleared = bar.line();
+    interrupt::listen(|| (), move || cleared.finish_and_clear())?;
     let mut video = Video::begin(NewFile::create(&command.out, command.force)?, size, rate)?;
-    let bar = progress::bar(film.states.len().div_ceil(stride) as u64, "pictures");
-    for state in film.states.iter().step_by(stride) {
+    for (done, state) in (1..).zip(film.states.iter().step_by(stride)) {
         if interrupt::asked() {
-            bar.finish_and_clear();
             return Ok(Outcome::Interrupted);
         }
         video.push(renderer.draw(state)?)?;
-        bar.inc(1);
+        bar.set_position(done);
     }
-    bar.finish_and_clear();
+    bar.clear();
     video.end()?;
     Ok(Outcome::Done)
 }

@@ -23,32 +23,40 @@ pub fn run(command: &args::Replay) -> Result<Outcome> {
         output::say(&format!("wrote the trace to {}", path.display()));
     }
     let robustness = replayed.episode.verdict.robustness;
-    let axes = &file.header().axes;
+    let header = file.header();
+    let scenario = &replayed.recorded.scenario;
+    let named = || header.axes.iter().zip(scenario);
+    let by_name: Value = named().map(|(axis, value)| (axis.name.clone(), json!(value))).collect();
     if command.json {
         let value = |value: Option<f64>| value.map_or(Value::Null, number);
-        output::json(&json!({
+        output::json(json!({
+                "run": command.file.to_string_lossy(),
+            "target": header.target.name,
+            "space": header.space,
+            "axes": header.axes.iter().map(|axis| &axis.name).collect::<Vec<_>>(),
             "trial": trial,
             "simulation": simulation,
-            "initial_configuration": replayed.recorded.initial_configuration,
+            "initial_configuration": scenario,
+            "scenario": by_name,
             "seed": replayed.recorded.seed.to_string(),
-            "steps": replayed.episode.steps(),
+            "steps": replayed.episode.steps,
             "robustness": value(robustness),
             "same": replayed.differences.is_empty(),
             "differences": replayed.differences,
         }))?;
     } else {
-        let start: Vec<String> = axes
-            .iter()
-            .zip(&replayed.recorded.initial_configuration)
-            .map(|(axis, value)| format!("{} = {value} {}", axis.name, axis.unit))
-            .collect();
+        let value = |(axis, value): (&store::Axis, &Option<f64>)| {
+            let value = value.map_or("drawn".to_string(), |value| value.to_string());
+            format!("{} = {value} {}", axis.name, axis.unit).trim_end().to_string()
+        };
+        let start: Vec<String> = named().map(value).collect();
         output::line(&format!(
             "trial {trial}, simulation {simulation}, from {}, seed {}\nformula {}\nrobustness {} after {} control steps",
             start.join(", "),
             replayed.recorded.seed,
-            file.header().formula,
+            header.formula,
             robustness.map_or("undecided".to_string(), |rho| rho.to_string()),
-            replayed.episode.steps(),
+            replayed.episode.steps,
         ))?;
     }
     if !replayed.differences.is_empty() {

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::Outcome;
 use crate::args;
-use crate::output::{self, table};
+use crate::output::{self, indented, table_in};
 
 pub fn run(command: &args::Tasks) -> Result<Outcome> {
     let preset = mishandle::preset(&command.preset)?;
@@ -27,11 +27,11 @@ pub fn run(command: &args::Tasks) -> Result<Outcome> {
     let definitions: Vec<&Definition> = chosen.iter().map(|task| task.definition()).collect();
     if command.json {
         let all = definitions.iter().map(|definition| document(definition, preset)).collect();
-        output::json(&Value::Array(all))?;
+        output::json(Value::Array(all))?;
     } else if let (Some(_), [definition]) = (&command.task, definitions.as_slice()) {
-        output::line(&page::page(definition, preset)?)?;
+        output::line(&page::page(definition, preset, output::width())?)?;
     } else {
-        output::line(&list(&definitions, preset))?;
+        output::line(&list(&definitions, preset, output::width()))?;
     }
     Ok(Outcome::Done)
 }
@@ -60,19 +60,22 @@ fn document(definition: &Definition, preset: Preset) -> Value {
     })
 }
 
-fn list(definitions: &[&Definition], preset: Preset) -> String {
-    let rows = |variants: bool| {
-        let chosen = definitions.iter().filter(move |definition| definition.variant_of.is_some() == variants);
-        chosen.map(|definition| {
-            vec![
-                definition.name.to_string(),
-                definition.formulas(preset).success.to_string(),
-                mishandle::shipped_controllers(definition).join(", "),
-                definition.variant_of.map_or(String::new(), |base| format!("variant of {base}")),
-            ]
-        })
+/// Every task with its success formula and controllers, a paragraph each; variants come last.
+fn list(definitions: &[&Definition], preset: Preset, width: usize) -> String {
+    let variants = definitions.iter().filter(|definition| definition.variant_of.is_some());
+    let tasks = definitions.iter().filter(|definition| definition.variant_of.is_none());
+    let paragraph = |definition: &&Definition| {
+        let mut rows = vec![
+            ["success", definition.formulas(preset).success].map(String::from).to_vec(),
+            ["controllers".to_string(), mishandle::shipped_controllers(definition).join(", ")].to_vec(),
+        ];
+        if let Some(base) = definition.variant_of {
+            rows.push(["variant of", base].map(String::from).to_vec());
+        }
+        let head = output::folded(&format!("{}: {}", definition.name, definition.summary), width);
+        format!("{head}\n  {}", indented(&table_in(&rows, width.saturating_sub(2)), 2))
     };
-    let head = ["task", "success", "controllers"].map(String::from).to_vec();
-    let all: Vec<Vec<String>> = std::iter::once(head).chain(rows(false)).chain(rows(true)).collect();
-    format!("{}\n\n`mishandle tasks TASK` explains one in full.", table(&all))
+    let mut paragraphs: Vec<String> = tasks.chain(variants).map(paragraph).collect();
+    paragraphs.push("`mishandle tasks TASK` explains one in full.".to_string());
+    paragraphs.join("\n\n")
 }

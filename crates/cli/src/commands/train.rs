@@ -12,6 +12,12 @@ use crate::{Outcome, args, interrupt, run, training_time};
 pub fn run(command: &args::Train) -> Result<Outcome> {
     run::set_threads(command.run.threads)?;
     let plan = plan(command);
+    if mishandle::uses_default_settings(&plan)? {
+        output::say(&format!(
+            "note: no settings are shipped for {} with {}: taking the defaults of docs/algorithms/settings.md",
+            plan.task, plan.algorithm
+        ));
+    }
     if command.dry_run {
         return dry_run(&plan, command.run.json);
     }
@@ -35,7 +41,7 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
         output::say("nothing was left to do: the training had come to its end before");
     }
     if command.run.json {
-        output::json(&document(&plan, &report))?;
+        output::json(document(&plan, &report))?;
         if report.training_time.is_err() {
             output::say(&training_time_line(&report));
         }
@@ -88,7 +94,7 @@ fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<Outcome> {
     }
     let formats: Value =
         facts.formats.iter().map(|(kind, version)| ((*kind).to_string(), json!(version))).collect();
-    output::json(&json!({
+    output::json(json!({
         "task": plan.task,
         "algorithm": plan.algorithm,
         "reward": plan.reward,

@@ -42,6 +42,13 @@ impl Bench {
         out
     }
 
+    /// The JSON document on stdout but for the path of the run file, which differs from run to run.
+    #[allow(dead_code, reason = "not all tests that have a bench compare documents")]
+    #[track_caller]
+    pub fn document(&self, arguments: &str, code: i32) -> Value {
+        without_run(self.json(arguments, code))
+    }
+
     #[track_caller]
     pub fn json(&self, arguments: &str, code: i32) -> Value {
         serde_json::from_str(&self.check(arguments, code)).unwrap()
@@ -62,6 +69,13 @@ impl Bench {
 
 pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+/// A JSON document without the path of its run file.
+#[allow(dead_code, reason = "not all tests that have a bench compare documents")]
+pub fn without_run(mut document: Value) -> Value {
+    document.as_object_mut().unwrap().remove("run").unwrap();
+    document
 }
 
 /// Splits at spaces, but not inside single quotes.

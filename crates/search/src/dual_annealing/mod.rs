@@ -4,8 +4,11 @@ mod visiting;
 
 use std::mem;
 
+use crate::coordinate::check_dimension;
 use crate::lbfgsb::{Lbfgsb, LbfgsbOptions};
-use crate::{Finish, RandomStream, RoundBased, SearchError};
+use crate::options::{ANY, AT_LEAST_1, POINT_OF_THE_BOX, Range, check_start, options};
+use crate::registry::SearchEntry;
+use crate::{AskTell, Finish, RandomStream, RoundBased, SearchError};
 pub use visiting::VisitingDistribution;
 
 const NAME: &str = "dual-annealing";
@@ -15,36 +18,41 @@ const MAX_REDRAWS: usize = 1000;
 /// Chains without a better point before the first local search for want of improvement; d chains after that.
 const PATIENCE: usize = 1000;
 
-/// The options of [`DualAnnealing`], with SciPy's defaults.
-#[derive(Debug, Clone, PartialEq)]
-pub struct DualAnnealingOptions {
-    /// The first point, in `[0,1]^d`; drawn uniformly where absent.
-    pub start: Option<Vec<f64>>,
-    /// Ends after this many chains, of 2d visits each (1000).
-    pub max_iterations: usize,
-    /// The temperature of the first chain, in (0.01, 50,000] (5230).
-    pub initial_temperature: f64,
-    /// Anneals anew from a random point below this share of the first temperature, in (0, 1) (2e-5).
-    pub restart_ratio: f64,
-    /// The parameter q of the [`VisitingDistribution`], in (1, 3): the larger, the heavier the tails (2.62).
-    pub visit: f64,
-    /// The parameter of acceptance, in (-10,000, -5]: the lower, the rarer a worse point is accepted (-5).
-    pub accept: f64,
-    /// Whether good points are improved by a local search ([`Lbfgsb`]).
-    pub local_search: bool,
-}
+pub(crate) const ENTRY: SearchEntry = SearchEntry {
+    name: NAME,
+    summary: "simulated annealing with restarts and local search (L-BFGS-B), as in SciPy",
+    reference: "Xiang, Sun, Fan and Gong, \"Generalized simulated annealing algorithm and its application to the Thomson \
+                model\", Physics Letters A 233, 1997. Xiang, Gubian, Suomela and Hoeng, \"Generalized simulated annealing \
+                for global optimization: the GenSA package\", The R Journal 5/1, 2013.",
+    options: DualAnnealingOptions::specs,
+    make: |coordinates, seed, options| {
+        let options = DualAnnealingOptions::read(options)?;
+        Ok(Box::new(AskTell::new(DualAnnealing::new(coordinates.len(), seed, &options)?)))
+    },
+};
 
-impl Default for DualAnnealingOptions {
-    fn default() -> Self {
-        Self {
-            start: None,
-            max_iterations: 1000,
-            initial_temperature: 5230.0,
-            restart_ratio: 2e-5,
-            visit: 2.62,
-            accept: -5.0,
-            local_search: true,
-        }
+const TEMPERATURE: Range = Range { words: "in (0.01, 50000]", holds: |x| x > 0.01 && x <= 5e4 };
+const OPEN_SHARE: Range = Range { words: "in (0, 1)", holds: |x| x > 0.0 && x < 1.0 };
+const VISIT: Range = Range { words: "in (1, 3)", holds: |x| x > 1.0 && x < 3.0 };
+const ACCEPT: Range = Range { words: "in (-10000, -5]", holds: |x| x > -1e4 && x <= -5.0 };
+
+options! {
+    /// The options of [`DualAnnealing`], with SciPy's defaults.
+    pub struct DualAnnealingOptions of NAME {
+        /// First point, in `[0,1]^d`.
+        pub start: Option<Vec<f64>> = None, or "drawn uniformly from the seed", in POINT_OF_THE_BOX;
+        /// Maximum number of chains, of 2d visits each.
+        pub max_iterations: usize = 1000, in AT_LEAST_1;
+        /// Temperature of the first chain.
+        pub initial_temperature: f64 = 5230.0, in TEMPERATURE;
+        /// Restarts from a random point when the temperature falls below this fraction of the initial one.
+        pub restart_ratio: f64 = 2e-5, in OPEN_SHARE;
+        /// Parameter q of the visiting distribution: larger values give heavier tails, so longer jumps.
+        pub visit: f64 = 2.62, in VISIT;
+        /// Parameter of the acceptance probability: lower values accept worse points less often.
+        pub accept: f64 = -5.0, in ACCEPT;
+        /// Improves good points with a local search (L-BFGS-B).
+        pub local_search: bool = true, in ANY;
     }
 }
 
@@ -63,7 +71,7 @@ impl Default for DualAnnealingOptions {
 /// the restart temperature the annealing begins anew at a random point; the best point and the patience stay.
 ///
 /// Draws differ from SciPy's, since the generator does; the laws of all draws and every decision are the same. A start
-/// whose value is not finite is drawn again.
+/// whose value is not finite is drawn again. Every coordinate is treated as continuous.
 ///
 /// # Reference
 /// Xiang, Sun, Fan and Gong, "Generalized simulated annealing algorithm and its application to the Thomson model",
@@ -335,32 +343,7 @@ fn uniform_point(dimension: usize, stream: &mut RandomStream) -> Vec<f64> {
 }
 
 fn check(dimension: usize, options: &DualAnnealingOptions) -> Result<(), SearchError> {
-    if dimension == 0 {
-        return Err(SearchError::Dimension { found: dimension });
-    }
-    let wrong = |option: &'static str, found: String, expected: &str| {
-        Err(SearchError::Option { search: NAME, option, found, expected: expected.to_owned() })
-    };
-    if let Some(start) = &options.start
-        && !(start.len() == dimension && start.iter().all(|x| (0.0..=1.0).contains(x)))
-    {
-        return wrong("start", format!("{start:?}"), &format!("{dimension} numbers in [0, 1]"));
-    }
-    let t = options.initial_temperature;
-    let ranges = [
-        ("initial_temperature", t, t > 0.01 && t <= 5e4, "in (0.01, 50000]"),
-        (
-            "restart_ratio",
-            options.restart_ratio,
-            options.restart_ratio > 0.0 && options.restart_ratio < 1.0,
-            "in (0, 1)",
-        ),
-        ("visit", options.visit, options.visit > 1.0 && options.visit < 3.0, "in (1, 3)"),
-        ("accept", options.accept, options.accept > -1e4 && options.accept <= -5.0, "in (-10000, -5]"),
-    ];
-    match ranges.into_iter().find(|(_, _, is_right, _)| !is_right) {
-        Some((option, found, _, expected)) => wrong(option, found.to_string(), expected),
-        None if options.max_iterations == 0 => wrong("max_iterations", "0".to_owned(), "at least 1"),
-        None => Ok(()),
-    }
+    check_dimension(dimension)?;
+    check_start(NAME, options.start.as_ref(), dimension)?;
+    options.check_ranges()
 }

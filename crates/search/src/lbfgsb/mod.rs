@@ -127,11 +127,12 @@ impl Lbfgsb {
     ///
     /// # Example
     /// ```
-    /// use mishandle_search::{AskTell, Lbfgsb, LbfgsbOptions, Search};
+    /// use mishandle_search::{AskTell, Lbfgsb, LbfgsbOptions, Observation, Search};
     ///
     /// let mut search = AskTell::new(Lbfgsb::new(&[0.9, 0.4], &LbfgsbOptions::default())?);
     /// while let Some(u) = search.ask() {
-    ///     search.tell(&u, (u[0] - 0.3).powi(2) + 5.0 * (u[1] + 0.2).powi(2))?;
+    ///     let value = (u[0] - 0.3).powi(2) + 5.0 * (u[1] + 0.2).powi(2);
+    ///     search.tell(&u, &Observation::from(value))?;
     /// }
     /// let (u, _) = search.machine().result();
     /// assert!((u[0] - 0.3).abs() < 1e-6 && u[1] == 0.0, "the second minimiser is beyond the bound");
@@ -333,9 +334,12 @@ fn check(start: &[f64], options: &LbfgsbOptions) -> Result<(), SearchError> {
         count("max_line_search", max_line_search),
     ];
     match ranges.into_iter().find(|(_, _, is_right, _)| !is_right) {
-        Some((option, found, _, expected)) => {
-            Err(SearchError::Option { search: NAME, option, found, expected: expected.to_owned() })
-        }
+        Some((option, found, _, expected)) => Err(SearchError::Option {
+            search: NAME,
+            option: option.to_owned(),
+            found,
+            expected: expected.to_owned(),
+        }),
         None => Ok(()),
     }
 }

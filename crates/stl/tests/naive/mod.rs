@@ -156,6 +156,74 @@ impl Tree {
         }
     }
 
+    /// The sub-formulas in the documented order: the root first, then those of the left operand, then of the right.
+    pub fn subformulas(&self) -> Vec<&Tree> {
+        self.listed(true)
+    }
+
+    fn listed(&self, in_formula: bool) -> Vec<&Tree> {
+        let of = |name: &str| -> (bool, bool) {
+            let is_term = ARITHMETIC_ONE.contains(&name) || ARITHMETIC_TWO.contains(&name);
+            (!is_term, !is_term && !COMPARISONS.contains(&name))
+        };
+        let (is_formula, operands, has_formulas): (bool, Vec<&Tree>, bool) = match self {
+            Tree::Number(_) | Tree::Signal(_) => (false, vec![], false),
+            Tree::One(name, _, x) => (of(name).0, vec![x], of(name).1),
+            Tree::Two(name, _, x, y) => (of(name).0, vec![x, y], of(name).1),
+        };
+        let own = (in_formula || is_formula).then_some(self);
+        own.into_iter().chain(operands.into_iter().flat_map(|x| x.listed(has_formulas))).collect()
+    }
+
+    /// Offsets from t of the earliest and the latest sample that the value at t looks at, of a window without an end
+    /// only the first sample. Zero lies between them, since each operator stands at a sample of the trace itself.
+    pub fn looks_at(&self) -> (i64, i64) {
+        let reached = |x: &Tree, from: i64, to: i64| {
+            let (low, high) = x.looks_at();
+            (low.min(0) + from.min(to), high.max(0) + from.max(to))
+        };
+        let (low, high) = match self {
+            Tree::Number(_) | Tree::Signal(_) => (0, 0),
+            Tree::One(name, window, x) => {
+                let (begin, end) = ends(*window);
+                match *name {
+                    "always" | "eventually" => reached(x, begin, end),
+                    "historically" | "once" => reached(x, -begin, -end),
+                    "next" | "s_next" => reached(x, 1, 1),
+                    "prev" | "s_prev" => reached(x, -1, -1),
+                    "rise" | "fall" => reached(x, -1, 0),
+                    _ => reached(x, 0, 0),
+                }
+            }
+            Tree::Two(name, window, x, y) => {
+                let (begin, end) = ends(*window);
+                let both = |(a, b): (i64, i64), (c, d): (i64, i64)| (a.min(c), b.max(d));
+                match *name {
+                    // The right operand alone decides at the sample itself.
+                    "until" | "release" | "since" if *window == Some((0, 0)) => reached(y, 0, 0),
+                    "until" | "release" => both(reached(x, 0, (end - 1).max(0)), reached(y, begin, end)),
+                    "unless" => both(reached(x, 0, end), reached(y, begin, end)),
+                    "since" => both(reached(x, 0, -(end - 1).max(0)), reached(y, -begin, -end)),
+                    _ => both(reached(x, 0, 0), reached(y, 0, 0)),
+                }
+            }
+        };
+        (low.min(0), high.max(0))
+    }
+
+    /// Whether every window of the formula has an end.
+    pub fn is_bounded(&self) -> bool {
+        let has_end = |name: &str, window: Interval| {
+            let is_timed = TIMED_ONE.contains(&name) || TIMED_TWO.contains(&name);
+            !is_timed || window.is_some_and(|(_, end)| end != usize::MAX)
+        };
+        match self {
+            Tree::Number(_) | Tree::Signal(_) => true,
+            Tree::One(name, window, x) => has_end(name, *window) && x.is_bounded(),
+            Tree::Two(name, window, x, y) => has_end(name, *window) && x.is_bounded() && y.is_bounded(),
+        }
+    }
+
     /// The robustness at every sample, from the definitions.
     pub fn evaluate(&self, trace: &[Vec<f64>]) -> Vec<f64> {
         let n = trace[0].len();
@@ -166,6 +234,12 @@ impl Tree {
             Tree::Two(name, window, x, y) => two(name, *window, &x.evaluate(trace), &y.evaluate(trace)),
         }
     }
+}
+
+/// Begin and end of a window; one without an end ends where it begins.
+fn ends(window: Interval) -> (i64, i64) {
+    let (begin, end) = window.unwrap_or((0, usize::MAX));
+    (begin as i64, if end == usize::MAX { begin } else { end } as i64)
 }
 
 /// A random interval: none, a point, one inside the trace, across its end, or beyond it.

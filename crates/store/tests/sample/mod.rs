@@ -1,7 +1,11 @@
 //! A run to test with.
 #![allow(dead_code)] // each test file uses its own part
 
-use mishandle_store::{Axis, Build, End, RunHeader, RunKind, Simulation, SimulationRecord, Trace};
+pub mod version_1;
+
+use mishandle_store::{
+    Axis, Build, Component, End, NamedFormula, RunHeader, RunKind, Signal, Simulation, TargetRecord, Trace,
+};
 
 /// Two axes, two signals, two verdicts.
 pub fn header() -> RunHeader {
@@ -12,25 +16,58 @@ pub fn header() -> RunHeader {
             git_commit: "63b21f9".into(),
             target: "x86_64-unknown-linux-gnu".into(),
             rustc: "1.95.0".into(),
-            mujoco_version: "3.17.0".into(),
             architecture: "x86-64-v3".into(),
         },
+        versions: vec![("MuJoCo".into(), "3.17.0".into()), ("NumPy".into(), "2.4.0".into())],
         plan: "task = \"ball-pushing\"\nbudget = 300 # \u{3c1} < 0\n".into(),
-        controller: "controllers/ball-pushing/ppo.safetensors".into(),
-        controller_hash: "a1".into(),
-        controller_bytes_hash: "b2".into(),
-        task: "ball-pushing".into(),
-        preset: "paper".into(),
+        target: TargetRecord {
+            kind: "task".into(),
+            name: "ball-pushing".into(),
+            hash: "77".into(),
+            is_deterministic: true,
+        },
+        components: vec![Component {
+            role: "controller".into(),
+            name: "controllers/ball-pushing/ppo.safetensors".into(),
+            hash: "a1".into(),
+            file_hash: "b2".into(),
+        }],
+        space: "starts".into(),
         formula: "eventually[0:300](ball_hole_distance <= 0.3)".into(),
+        formulas: vec![
+            NamedFormula {
+                name: "success".into(),
+                text: "eventually[0:300](ball_hole_distance <= 0.3)".into(),
+            },
+            NamedFormula { name: "safe".into(), text: "ball_hole_distance <= 0.5".into() },
+        ],
         search: "nelder-mead".into(),
         seed: u64::MAX - 1,
         control_dt: 1.0 / 60.0,
-        signals: vec!["ball_hole_distance".into(), "ball_height".into()],
+        episode_steps: 300,
+        signals: vec![signal("ball_hole_distance", "m"), signal("ball_height", "")],
         axes: vec![
-            Axis { name: "ball_x".into(), unit: "m".into(), low: 0.4, high: 0.6 },
-            Axis { name: "ball_velocity_x".into(), unit: "m/s".into(), low: -0.0, high: 1.5 },
+            Axis { nominal: Some(0.5), ..axis("ball_x", "m", 0.4, 0.6) },
+            Axis { kind: "noise".into(), nominal: None, ..axis("ball_velocity_x", "m/s", -0.0, 1.5) },
         ],
         verdicts: vec!["strict_robustness".into(), "completion_step".into()],
+    }
+}
+
+pub fn signal(name: &str, unit: &str) -> Signal {
+    Signal { name: name.into(), unit: unit.into() }
+}
+
+pub fn axis(name: &str, unit: &str, low: f64, high: f64) -> Axis {
+    Axis {
+        name: name.into(),
+        unit: unit.into(),
+        kind: "start".into(),
+        low,
+        high,
+        nominal: Some(low),
+        values: "continuous".into(),
+        meaning: format!("what {name} means"),
     }
 }
 
@@ -39,40 +76,50 @@ pub fn trace(samples: u32) -> Trace {
     Trace { columns: vec![column(0.0), column(1.0)] }
 }
 
-/// A record whose every value follows from its number.
-pub fn record(trial: u32, number: u32) -> SimulationRecord {
+/// A simulation whose every value follows from its number.
+pub fn record(trial: u32, number: u32) -> Simulation {
     let x = f64::from(number) / 7.0 + f64::from(trial);
-    SimulationRecord {
-        simulation: Simulation {
-            trial,
-            number,
-            seed: u64::from(number).wrapping_mul(0x9e37_79b9_7f4a_7c15),
-            unit_point: vec![x.fract(), (2.0 * x).fract()],
-            initial_configuration: vec![0.4 + 0.2 * x.fract(), 1.5 * (2.0 * x).fract()],
-            robustness: match number % 5 {
-                0 => None,
-                1 => Some(f64::INFINITY),
-                2 => Some(-0.0),
-                3 => Some(f64::NEG_INFINITY),
-                _ => Some(x.sin()),
-            },
-            end: match number % 3 {
-                0 => End::Horizon,
-                1 => End::Stopped { step: number },
-                _ => End::Diverged { step: number + 1 },
-            },
-            steps: number.min(300),
-            verdicts: vec![Some(-x), number.is_multiple_of(2).then(|| f64::from(number))],
-            trace_digest: Some(u128::from(number) << 64 | u128::from(trial)),
+    let robustness = match number % 5 {
+        0 => None,
+        1 => Some(f64::INFINITY),
+        2 => Some(-0.0),
+        3 => Some(f64::NEG_INFINITY),
+        _ => Some(x.sin()),
+    };
+    let step = number + 1;
+    Simulation {
+        trial,
+        number,
+        seed: u64::from(number).wrapping_mul(0x9e37_79b9_7f4a_7c15),
+        unit_point: vec![x.fract(), (2.0 * x).fract()],
+        scenario: vec![
+            Some(0.4 + 0.2 * x.fract()),
+            (!number.is_multiple_of(7)).then(|| 1.5 * (2.0 * x).fract()),
+        ],
+        robustness,
+        robustness_low: robustness.map(|rho| rho - 0.1),
+        robustness_high: robustness.filter(|_| !number.is_multiple_of(3)),
+        stop_threshold: number.is_multiple_of(2).then_some(-0.0),
+        end: match number % 9 {
+            0 => End::Completed,
+            1 => End::Terminated { step },
+            2 => End::Stopped { step: number },
+            3 => End::Diverged { step },
+            4 => End::Undefined { step },
+            5 => End::InvalidAction { step },
+            6 => End::InvalidScenario,
+            7 => End::Crashed { step },
+            _ => End::TimedOut { step },
         },
+        steps: number.min(300),
+        verdicts: vec![Some(-x), number.is_multiple_of(2).then(|| f64::from(number))],
+        trace_digest: Some(u128::from(number) << 64 | u128::from(trial)),
         trace: None,
     }
 }
 
 /// The same with a trace, and with its digest.
-pub fn traced_record(trial: u32, number: u32) -> SimulationRecord {
+pub fn traced_record(trial: u32, number: u32) -> Simulation {
     let trace = trace(50 + number);
-    let mut record = record(trial, number);
-    record.simulation.trace_digest = Some(trace.digest());
-    SimulationRecord { trace: Some(trace), ..record }
+    Simulation { trace_digest: Some(trace.digest()), trace: Some(trace), ..record(trial, number) }
 }

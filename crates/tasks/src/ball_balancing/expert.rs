@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use mishandle_controllers::kinematic::{ResolvedRate, rotation_between};
 use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{scale, sub};
 
 use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Wanted acceleration of the ball for each metre of offset, 1/s².
 const STIFFNESS: f64 = 5.0;

@@ -9,7 +9,9 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, norm_xy, rotate, sub};
 use mishandle_world::{Body, Joint, Model, Rows, World, WorldError};
 
-use crate::definition::{BoxAxis, Definition, Formulas, Grip, Held, Hold, Reward, Scene, Task, one, three};
+use crate::definition::{
+    BoxAxis, Definition, Formulas, Grip, Held, Hold, Reward, Scene, Task, Variations, one, three,
+};
 use crate::robot::Panda;
 
 /// The task.
@@ -73,6 +75,12 @@ const DEFINITION: Definition = Definition {
         BoxAxis { name: "ball_x", unit: "m", paper: [0.2, 0.5], code: [0.192, 0.492], sets: "ball's x" },
         BoxAxis { name: "ball_y", unit: "m", paper: [-0.15, 0.15], code: [-0.15, 0.15], sets: "ball's y" },
     ],
+    variations: Variations {
+        friction: true,
+        masses: &["ball", "tray"],
+        push: Some(("ball", 1.0)),
+        jump: None,
+    },
     paper: Formulas {
         success: "always[50:200](ball_tray_horizontal_distance <= 0.25)",
         strict: STRICT,

@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use mishandle_controllers::kinematic::{ResolvedRate, rotation_between};
 use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, dot, norm, scale, sub};
 
 use super::{DEFINITION, DEPTH, FLOOR, INSIDE, ORIGIN, fall_time};
 use crate::expert::{Behavior, Expert, Seen};
+use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Height at which the ball is met, m: high enough for the arm's joints, low enough for the time they need.
 const HEIGHT: f64 = 0.507;

@@ -9,7 +9,9 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{add, dot, norm, norm_xy, scale, sub};
 use mishandle_world::{Joint, Model, Rows, Site, World, WorldError};
 
-use crate::definition::{BoxAxis, Definition, Formulas, Grip, Held, Hold, Reward, Scene, Task, one, three};
+use crate::definition::{
+    BoxAxis, Definition, Formulas, Grip, Held, Hold, Reward, Scene, Task, Variations, one, three,
+};
 use crate::robot::Panda;
 
 /// The task.
@@ -98,6 +100,12 @@ const DEFINITION: Definition = Definition {
         BoxAxis { name: "ball_x", unit: "m", paper: [1.05, 1.15], code: [1.05, 1.15], sets: "ball's x" },
         BoxAxis { name: "ball_y", unit: "m", paper: [-0.05, 0.05], code: [-0.05, 0.05], sets: "ball's y" },
     ],
+    variations: Variations {
+        friction: true,
+        masses: &["ball", "box"],
+        push: Some(("ball", 0.005)),
+        jump: None,
+    },
     paper: FORMULAS,
     code: FORMULAS,
     termination: "the ball is lower than 0.02 m: on the ground",

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use mishandle_controllers::kinematic::{ResolvedRate, rotation_between};
 use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, cross, norm, norm_xy, scale, sub};
 
 use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Distance kept behind the ball's centre before pushing, m.
 const BEHIND: f64 = 0.075;

@@ -9,7 +9,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, norm_xy, sub};
 use mishandle_world::{Joint, Model, Rows, Site, World, WorldError};
 
-use crate::definition::{BoxAxis, Definition, Formulas, Grip, Reward, Scene, Task, one, three};
+use crate::definition::{BoxAxis, Definition, Formulas, Grip, Reward, Scene, Task, Variations, one, three};
 use crate::robot::Panda;
 
 /// The task.
@@ -73,6 +73,7 @@ const DEFINITION: Definition = Definition {
         BoxAxis { name: "ball_x", unit: "m", paper: [0.4, 0.6], code: [0.4, 0.6], sets: "ball's x" },
         BoxAxis { name: "ball_y", unit: "m", paper: [-0.1, 0.1], code: [-0.1, 0.1], sets: "ball's y" },
     ],
+    variations: Variations { friction: true, masses: &["ball"], push: Some(("ball", 0.1)), jump: None },
     paper: FORMULAS,
     code: FORMULAS,
     termination: "the ball is lower than 0.1 m",

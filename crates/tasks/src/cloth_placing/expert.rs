@@ -3,13 +3,13 @@
 
 use std::sync::Arc;
 
-use mishandle_controllers::kinematic::{ResolvedRate, rotation_between};
 use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{norm, norm_xy, scale, sub};
 
 use crate::definition::Definition;
 use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Heights of the grasp point, m: on the way, where it stops lowering the cloth, above the cloth on the table, and while
 /// it pushes it.

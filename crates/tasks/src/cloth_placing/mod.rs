@@ -10,7 +10,9 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{add, norm, norm_xy, scale, sub};
 use mishandle_world::{Body, Equality, Flex, Mocap, Model, Rows, Site, World, WorldError};
 
-use crate::definition::{BoxAxis, Definition, Formulas, Grip, Held, Hold, Reward, Scene, Task, one, three};
+use crate::definition::{
+    BoxAxis, Definition, Formulas, Grip, Held, Hold, Reward, Scene, Task, Variations, one, three,
+};
 use crate::robot::{ARM_JOINTS, Panda};
 use sheet::Sheet;
 
@@ -131,6 +133,12 @@ const DEFINITION: Definition = Definition {
         BoxAxis { name: "table_x", unit: "m", paper: [0.45, 0.75], code: [0.35, 0.65], sets: "table's x" },
         BoxAxis { name: "table_y", unit: "m", paper: [-0.35, 0.35], code: [-0.35, 0.35], sets: "table's y" },
     ],
+    variations: Variations {
+        friction: true,
+        masses: &["cloth"],
+        push: Some(("cloth", 0.02)),
+        jump: Some("table"),
+    },
     paper: FORMULAS,
     code: FORMULAS,
     termination: "the centroid is lower than 0.1 m",

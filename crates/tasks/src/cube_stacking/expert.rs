@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use mishandle_controllers::kinematic::{ResolvedRate, rotation_between};
 use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, norm, norm_xy, scale, sub};
 
 use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Height above the target's centre at which the cube comes to rest before it is lowered, m: 4 cm above the release,
 /// since noise shakes the hand by more than 1 cm.

@@ -10,7 +10,7 @@ use mishandle_world::frame::{norm, norm_xy, rotate_back, sub};
 use mishandle_world::{Equality, Joint, Model, Rows, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Formulas, Grip, Held, Hold, Quantity, Reward, Scene, Task, one, three,
+    BoxAxis, Definition, Formulas, Grip, Held, Hold, Quantity, Reward, Scene, Task, Variations, one, three,
 };
 use crate::robot::Panda;
 
@@ -108,6 +108,12 @@ const DEFINITION: Definition = Definition {
             sets: "target cube's y",
         },
     ],
+    variations: Variations {
+        friction: true,
+        masses: &["cube", "target"],
+        push: Some(("target", 0.5)),
+        jump: None,
+    },
     paper: FORMULAS,
     code: FORMULAS,
     termination: "the cubes are farther than 0.8 m from each other horizontally",

@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use mishandle_controllers::kinematic::{ResolvedRate, rotation_between};
 use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, cross, dot, norm, scale, sub};
 
 use super::{HANDLE, HINGE};
 use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::kinematic::{ResolvedRate, rotation_between};
 use crate::robot::{ARM_JOINTS, JOINTS, VELOCITY_LIMIT};
 
 /// Where the lever is taken, from the handle point, in the panel's frame, m: at the front of its bar, half way up. The

@@ -13,7 +13,9 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{add, norm, rotate, sub};
 use mishandle_world::{Body, Joint, Mocap, Model, Rows, Site, World, WorldError};
 
-use crate::definition::{BoxAxis, Definition, Formulas, Grip, Quantity, Reward, Scene, Task, one, three};
+use crate::definition::{
+    BoxAxis, Definition, Formulas, Grip, Quantity, Reward, Scene, Task, Variations, one, three,
+};
 use crate::robot::Panda;
 
 /// The task.
@@ -115,6 +117,7 @@ const DEFINITION: Definition = Definition {
         BoxAxis { name: "door_x", unit: "m", paper: [0.75, 0.85], code: [0.795, 0.805], sets: "door's x" },
         BoxAxis { name: "door_y", unit: "m", paper: [-0.1, 0.1], code: [-0.025, 0.025], sets: "door's y" },
     ],
+    variations: Variations { friction: true, masses: &["panel"], push: Some(("panel", 10.0)), jump: None },
     paper: FORMULAS,
     code: FORMULAS,
     termination: "never",

@@ -3,13 +3,13 @@
 
 use std::sync::Arc;
 
-use mishandle_controllers::kinematic::ResolvedRate;
 use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, cross, norm, norm_xy, rotate, scale, sub};
 
 use super::{AXIS, DEPTH, SHAFT};
 use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::kinematic::ResolvedRate;
 
 /// Joints 2, 4 and 6 that hold the peg upright 0.15 m above the block, at these distances of the hole from the base, m:
 /// between them it interpolates.

@@ -11,7 +11,7 @@ use mishandle_world::frame::{add, norm, norm_xy, rotate, scale, sub};
 use mishandle_world::{Body, Equality, Joint, Mocap, Model, Rows, Site, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Formulas, Grip, Held, Hold, Quantity, Reward, Scene, Task, one, three,
+    BoxAxis, Definition, Formulas, Grip, Held, Hold, Quantity, Reward, Scene, Task, Variations, one, three,
 };
 use crate::robot::Panda;
 
@@ -107,6 +107,12 @@ const DEFINITION: Definition = Definition {
             sets: "y of the block and its hole",
         },
     ],
+    variations: Variations {
+        friction: true,
+        masses: &["peg"],
+        push: Some(("peg", 5.0)),
+        jump: Some("block"),
+    },
     paper: Formulas {
         success: "always[250:300](peg_hole_horizontal_distance <= 0.12)",
         strict: STRICT,

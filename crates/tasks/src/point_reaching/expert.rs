@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use mishandle_controllers::kinematic::ResolvedRate;
 use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::scale;
 
 use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::kinematic::ResolvedRate;
 
 /// Approach rate, 1/s.
 const RATE: f64 = 5.0;

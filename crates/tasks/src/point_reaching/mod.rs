@@ -9,7 +9,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, sub};
 use mishandle_world::{Body, Mocap, Model, Rows, World, WorldError};
 
-use crate::definition::{BoxAxis, Definition, Formulas, Grip, Reward, Scene, Task, one, three};
+use crate::definition::{BoxAxis, Definition, Formulas, Grip, Reward, Scene, Task, Variations, one, three};
 use crate::robot::Panda;
 
 /// The task.
@@ -51,6 +51,7 @@ const DEFINITION: Definition = Definition {
         BoxAxis { name: "target_y", unit: "m", paper: [-0.4, 0.4], code: [-0.4, 0.4], sets: "target's y" },
         BoxAxis { name: "target_z", unit: "m", paper: [0.4, 0.8], code: [0.4, 0.8], sets: "target's z" },
     ],
+    variations: Variations { friction: false, masses: &[], push: Some(("hand", 50.0)), jump: Some("target") },
     paper: FORMULAS,
     code: FORMULAS,
     termination: "never",

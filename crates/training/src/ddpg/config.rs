@@ -1,7 +1,10 @@
-use crate::ExplorationDecay;
+use super::Ddpg;
+use crate::algorithm::Algorithm;
 use crate::deterministic::Exploration;
+use crate::off_policy::OffPolicy;
 use crate::off_policy_config::off_policy_config;
 use crate::setting::{AT_LEAST_1, DECAY, RISING_FROM_0};
+use crate::{ExplorationDecay, RunSettings};
 
 off_policy_config! {
     /// Settings of DDPG. As TOML, each is a key of its name, the last five are tables; see [`Settings`](crate::Settings)
@@ -29,6 +32,17 @@ off_policy_config! {
 impl DdpgConfig {
     pub(super) fn exploration(&self) -> Exploration {
         Exploration { std: self.exploration_std, decay: self.exploration_decay, hold: self.exploration_hold }
+    }
+}
+
+impl Algorithm for DdpgConfig {
+    const SUMMARY: &'static str =
+        "deep deterministic policy gradient: off-policy, a deterministic policy with one critic";
+
+    type Learner = OffPolicy<Ddpg>;
+
+    fn run_mut(&mut self) -> &mut RunSettings {
+        &mut self.run
     }
 }
 

@@ -2,9 +2,9 @@
 
 mod saved;
 
-use std::sync::Arc;
-
-use mishandle_rollout::{Batch, Environment, Seed, Status, Stream};
+use mishandle_rollout::{
+    BatchFactory, EnvironmentBatch, EnvironmentSpec, RolloutError, Seed, Status, Stream,
+};
 use rayon::prelude::*;
 
 use crate::{EpisodeSettings, TimeLimits};
@@ -29,7 +29,8 @@ const EPISODES: u64 = 0;
 /// the task is lost, where it diverges (its last observation is then the one before), or at the time limit. First
 /// episodes may begin with part of their time gone by, so that the rows are not in step.
 pub struct Episodes {
-    batch: Batch,
+    spec: EnvironmentSpec,
+    batch: Box<dyn EnvironmentBatch>,
     seed: Seed,
     time_limit: usize,
     /// How the clock ends an episode.
@@ -40,6 +41,8 @@ pub struct Episodes {
     rewards: Vec<f64>,
     boundaries: Vec<Boundary>,
     final_observations: Vec<f32>,
+    /// The rows that are about to start a new episode, with its seed.
+    resets: Vec<(usize, Seed)>,
     statistics: EpisodeStatistics,
 }
 
@@ -77,19 +80,29 @@ pub struct EpisodeStatistics {
 
 impl Episodes {
     /// Fresh episodes. A staggered first one, which has only a random part of its time, is not counted.
-    pub fn new(environment: Arc<dyn Environment>, settings: &EpisodeSettings, seed: Seed) -> Episodes {
+    ///
+    /// # Errors
+    /// If the batch cannot be made or reset.
+    pub fn new(
+        environments: &dyn BatchFactory,
+        settings: &EpisodeSettings,
+        seed: Seed,
+    ) -> Result<Episodes, RolloutError> {
+        let spec = environments.spec();
         let rows = settings.environments;
-        let time_limit = settings.time_limit.unwrap_or(environment.episode_steps());
+        let time_limit = settings.time_limit.unwrap_or(spec.episode_steps);
         let mut episodes = Episodes {
-            actions: vec![0.0; rows * environment.action_size()],
+            actions: vec![0.0; rows * spec.action_size],
             rewards: vec![0.0; rows],
             boundaries: vec![Boundary::Running; rows],
-            final_observations: vec![0.0; rows * environment.observation_size()],
+            final_observations: vec![0.0; rows * spec.observation_size],
+            resets: Vec::with_capacity(rows),
             statistics: EpisodeStatistics {
-                reward_terms: vec![0.0; environment.reward_terms().len()],
+                reward_terms: vec![0.0; spec.reward_terms.len()],
                 ..EpisodeStatistics::default()
             },
-            batch: Batch::new(environment, rows),
+            batch: environments.batch(rows)?,
+            spec,
             seed,
             time_limit,
             at_time_limit: match settings.time_limits {
@@ -105,19 +118,20 @@ impl Episodes {
                 clock.elapsed = (part * time_limit as f64) as usize;
             }
         }
-        let Episodes { batch, clocks, .. } = &mut episodes;
-        let environment = batch.environment().clone();
-        batch.reset(|row| Some(start(environment.as_ref(), episode_seed(seed, row, &clocks[row]))));
-        episodes
+        episodes.reset_rows(|_| true)?;
+        Ok(episodes)
     }
 
     /// The episodes that a training with the seed `seed` acts in under `settings`.
+    ///
+    /// # Errors
+    /// If the batch cannot be made or reset.
     pub fn of_training(
-        environment: Arc<dyn Environment>,
+        environments: &dyn BatchFactory,
         settings: &EpisodeSettings,
         seed: Seed,
-    ) -> Episodes {
-        Episodes::new(environment, settings, seed.child(EPISODES))
+    ) -> Result<Episodes, RolloutError> {
+        Episodes::new(environments, settings, seed.child(EPISODES))
     }
 
     /// Number of rows.
@@ -125,9 +139,9 @@ impl Episodes {
         self.batch.rows()
     }
 
-    /// The environment.
-    pub fn environment(&self) -> &Arc<dyn Environment> {
-        self.batch.environment()
+    /// The facts about the environment.
+    pub fn spec(&self) -> &EnvironmentSpec {
+        &self.spec
     }
 
     /// What each row shows now, `[rows, observation_size]`; of a fresh episode where one has just ended.
@@ -165,21 +179,25 @@ impl Episodes {
     }
 
     /// Carries every row on under `actions`, `[rows, action_size]`: clipped to [-1, 1], with noise, not clipped again.
-    pub fn step(&mut self, actions: &[f32]) {
+    ///
+    /// # Errors
+    /// If the batch fails as a whole.
+    pub fn step(&mut self, actions: &[f32]) -> Result<(), RolloutError> {
         self.set_actions(actions);
         // What a diverged row showed before is all that is left of it.
         self.final_observations.copy_from_slice(self.batch.observations());
-        self.batch.step(&self.actions);
+        self.batch.step(&self.actions)?;
         self.judge();
-        if self.boundaries.iter().all(|boundary| *boundary == Boundary::Running) {
-            return;
-        }
-        let Episodes { batch, clocks, boundaries, seed, .. } = self;
-        let environment = batch.environment().clone();
-        batch.reset(|row| match boundaries[row] {
-            Boundary::Running => None,
-            _ => Some(start(environment.as_ref(), episode_seed(*seed, row, &clocks[row]))),
-        });
+        self.reset_rows(|boundary| boundary != Boundary::Running)
+    }
+
+    /// Starts a new episode in each row whose last step left it so.
+    fn reset_rows(&mut self, starts_anew: impl Fn(Boundary) -> bool) -> Result<(), RolloutError> {
+        let Episodes { batch, clocks, boundaries, resets, seed, .. } = self;
+        resets.clear();
+        let ended = boundaries.iter().enumerate().filter(|(_, boundary)| starts_anew(**boundary));
+        resets.extend(ended.map(|(row, _)| (row, episode_seed(*seed, row, &clocks[row]))));
+        if resets.is_empty() { Ok(()) } else { batch.reset(resets) }
     }
 
     /// What happened since this was last asked.
@@ -211,14 +229,13 @@ impl Episodes {
 
     /// What tells this environment from another: its name and the terms of its reward.
     pub(crate) fn identity(&self) -> String {
-        let environment = self.environment();
-        format!("{} ({})", environment.name(), environment.reward_terms().join(", "))
+        format!("{} ({})", self.spec.name, self.spec.reward_terms.join(", "))
     }
 
     /// Rewards, boundaries and statistics of the step just made; moves the clocks.
     fn judge(&mut self) {
         let terms = self.statistics.reward_terms.len();
-        let observation_size = self.batch.environment().observation_size();
+        let observation_size = self.spec.observation_size;
         for (row, clock) in self.clocks.iter_mut().enumerate() {
             let status = self.batch.statuses()[row];
             clock.step += 1;
@@ -263,8 +280,4 @@ const ROWS_PER_TASK: usize = 64;
 
 fn episode_seed(seed: Seed, row: usize, clock: &Clock) -> Seed {
     seed.child(row as u64).child(clock.episode)
-}
-
-fn start(environment: &dyn Environment, seed: Seed) -> (Vec<f64>, Seed) {
-    (environment.initial_box().sample(seed, 0), seed)
 }

@@ -1,16 +1,18 @@
 //! Episodes in a checkpoint.
 
+use mishandle_rollout::{EnvironmentSpec, RolloutError};
+
 use super::{Clock, Episodes};
 use crate::{Checkpoint, TrainingError};
 
 impl Episodes {
     /// Puts all that the future depends on into a checkpoint.
-    pub fn save(&self, checkpoint: &mut Checkpoint) {
-        let (rows, state_size) = (self.rows(), self.environment().state_size());
-        let mut states = vec![0.0; rows * state_size];
-        for (row, state) in states.chunks_mut(state_size).enumerate() {
-            self.batch.read_state(row, state);
-        }
+    ///
+    /// # Errors
+    /// If the batch fails as a whole.
+    pub fn save(&mut self, checkpoint: &mut Checkpoint) -> Result<(), RolloutError> {
+        let mut states = vec![0.0; self.rows() * self.spec.state_size];
+        self.batch.read_states(&mut states)?;
         checkpoint.put("episodes.states", states);
         checkpoint.put("episodes.observations", self.observations().to_vec());
         let clocks = || self.clocks.iter();
@@ -18,24 +20,24 @@ impl Episodes {
         checkpoint.put("episodes.step", clocks().map(|c| c.step).collect::<Vec<_>>());
         checkpoint.put("episodes.elapsed", clocks().map(|c| c.elapsed as u64).collect::<Vec<_>>());
         checkpoint.put("episodes.total_reward", clocks().map(|c| c.total_reward).collect::<Vec<_>>());
+        Ok(())
     }
 
     /// Goes on where a checkpoint was taken. Statistics begin anew.
     ///
     /// # Errors
-    /// If the checkpoint holds other rows than these.
+    /// If the checkpoint holds other rows than these, or the batch fails as a whole.
     pub fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
-        let (rows, state_size) = (self.rows(), self.environment().state_size());
-        let observation_size = self.environment().observation_size();
+        let rows = self.rows();
+        let EnvironmentSpec { state_size, observation_size, .. } = self.spec;
         let states = checkpoint.f64s("episodes.states", rows * state_size)?;
         let observations = checkpoint.f32s("episodes.observations", rows * observation_size)?;
         let episode = checkpoint.u64s("episodes.episode", rows)?;
         let step = checkpoint.u64s("episodes.step", rows)?;
         let elapsed = checkpoint.u64s("episodes.elapsed", rows)?;
         let total_reward = checkpoint.f64s("episodes.total_reward", rows)?;
+        self.batch.write_states(states, observations)?;
         for row in 0..rows {
-            self.batch.write_state(row, &states[row * state_size..][..state_size]);
-            self.batch.set_observation(row, &observations[row * observation_size..][..observation_size]);
             self.clocks[row] = Clock {
                 episode: episode[row],
                 step: step[row],

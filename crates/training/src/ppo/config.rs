@@ -1,4 +1,7 @@
+use super::Ppo;
+use crate::algorithm::Algorithm;
 use crate::declare::{choice, settings};
+use crate::on_policy::OnPolicy;
 use crate::on_policy_settings::setup_of;
 use crate::presets::SKRL_0_10;
 use crate::setting::{AT_LEAST_1, AT_LEAST_2, FINITE, POSITIVE, RISING, SHARE, ask};
@@ -136,6 +139,16 @@ impl Settings for PpoConfig {
     fn hangs_on_total(&self) -> Option<&'static str> {
         let is_linear = self.learning_rate_schedule == Schedule::Linear;
         is_linear.then_some("`learning_rate_schedule = \"linear\"` takes the step length to 0 at the end")
+    }
+}
+
+impl Algorithm for PpoConfig {
+    const SUMMARY: &'static str = "proximal policy optimization: on-policy, a clipped surrogate objective";
+
+    type Learner = OnPolicy<Ppo>;
+
+    fn run_mut(&mut self) -> &mut RunSettings {
+        &mut self.run
     }
 }
 

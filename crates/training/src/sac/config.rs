@@ -1,4 +1,8 @@
+use super::Sac;
+use crate::RunSettings;
+use crate::algorithm::Algorithm;
 use crate::distribution::Distribution;
+use crate::off_policy::OffPolicy;
 use crate::off_policy_config::off_policy_config;
 use crate::setting::{AT_LEAST_1, POSITIVE};
 
@@ -26,6 +30,17 @@ off_policy_config! {
         pub initial_temperature: f64 = 0.01, POSITIVE;
         /// Step length of the optimiser of log α.
         pub temperature_learning_rate: f64 = 1e-3, POSITIVE;
+    }
+}
+
+impl Algorithm for SacConfig {
+    const SUMMARY: &'static str =
+        "soft actor-critic: off-policy, a stochastic policy with entropy regularization";
+
+    type Learner = OffPolicy<Sac>;
+
+    fn run_mut(&mut self) -> &mut RunSettings {
+        &mut self.run
     }
 }
 

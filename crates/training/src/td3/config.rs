@@ -1,7 +1,10 @@
-use crate::ExplorationDecay;
+use super::Td3;
+use crate::algorithm::Algorithm;
 use crate::deterministic::Exploration;
+use crate::off_policy::OffPolicy;
 use crate::off_policy_config::off_policy_config;
 use crate::setting::{AT_LEAST_1, DECAY, NOT_NEGATIVE, RISING_FROM_0};
+use crate::{ExplorationDecay, RunSettings};
 
 off_policy_config! {
     /// Settings of TD3. As TOML, each is a key of its name, the last five are tables; see [`Settings`](crate::Settings)
@@ -35,6 +38,16 @@ off_policy_config! {
 impl Td3Config {
     pub(super) fn exploration(&self) -> Exploration {
         Exploration { std: self.exploration_std, decay: self.exploration_decay, hold: self.exploration_hold }
+    }
+}
+
+impl Algorithm for Td3Config {
+    const SUMMARY: &'static str = "twin delayed DDPG: off-policy, a deterministic policy with two critics";
+
+    type Learner = OffPolicy<Td3>;
+
+    fn run_mut(&mut self) -> &mut RunSettings {
+        &mut self.run
     }
 }
 

@@ -1,4 +1,7 @@
+use super::Trpo;
+use crate::algorithm::Algorithm;
 use crate::declare::{choice, settings};
+use crate::on_policy::OnPolicy;
 use crate::on_policy_settings::setup_of;
 use crate::presets::SKRL_0_10;
 use crate::setting::{AT_LEAST_1, AT_LEAST_2, NOT_NEGATIVE, POSITIVE, SHARE};
@@ -98,5 +101,16 @@ impl Settings for TrpoConfig {
     fn check(&self) -> Result<(), TrainingError> {
         self.check_rules()?;
         setup_of!(self).check()
+    }
+}
+
+impl Algorithm for TrpoConfig {
+    const SUMMARY: &'static str =
+        "trust region policy optimization: on-policy, natural gradient steps within a KL bound";
+
+    type Learner = OnPolicy<Trpo>;
+
+    fn run_mut(&mut self) -> &mut RunSettings {
+        &mut self.run
     }
 }

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use mishandle_rollout::{Sample, Seed, Status, Stream, Worker};
+use mishandle_rollout::{Sample, Scenario, Seed, Status, Stream, Worker};
 
-use crate::toy::{Toy, initial_box, names};
+use crate::toy::{Toy, names, space};
 
 /// A point on a line that has to go to a goal: x moves by a tenth of the action, which is clipped to [-1, 1].
 ///
@@ -19,7 +19,7 @@ impl Line {
     pub fn new(wind: f64) -> Arc<Toy<Line>> {
         Arc::new(Toy {
             name: "line",
-            initial_box: initial_box(&[("start", -1.0, 1.0), ("goal", -1.0, 1.0)]),
+            space: space(&[("start", -1.0, 1.0), ("goal", -1.0, 1.0)]),
             signals: names(&["distance"]),
             reward_terms: names(&["there", "far"]),
             observation_size: 2,
@@ -37,9 +37,9 @@ impl Line {
 }
 
 impl Worker for Line {
-    fn reset(&mut self, x0: &[f64], seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
+    fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
         let (low, high) = (f64::from(seed.0 as u32), f64::from((seed.0 >> 32) as u32));
-        state.copy_from_slice(&[x0[0], x0[1], 0.0, low, high]);
+        state.copy_from_slice(&[scenario.get(0).unwrap(), scenario.get(1).unwrap(), 0.0, low, high]);
         Self::show(state, &mut sample);
         sample.rewards.fill(0.0);
     }

@@ -4,12 +4,12 @@
 
 use std::sync::Arc;
 
-use mishandle_rollout::{Axis, Environment, InitialBox, Worker};
+use mishandle_rollout::{Axis, Environment, Space, Worker};
 
 /// An environment with these facts, whose episodes run in copies of a worker.
 pub struct Toy<W> {
     pub name: &'static str,
-    pub initial_box: InitialBox,
+    pub space: Space,
     pub signals: Arc<[String]>,
     pub reward_terms: Arc<[String]>,
     pub observation_size: usize,
@@ -20,14 +20,9 @@ pub struct Toy<W> {
 }
 
 /// The box with these axes: name, low, high.
-pub fn initial_box(axes: &[(&str, f64, f64)]) -> InitialBox {
-    let axis = |(name, low, high): &(&str, f64, f64)| Axis {
-        name: (*name).into(),
-        unit: "m".into(),
-        low: *low,
-        high: *high,
-    };
-    InitialBox::new(axes.iter().map(axis).collect()).unwrap()
+pub fn space(axes: &[(&str, f64, f64)]) -> Space {
+    let axis = |(name, low, high): &(&str, f64, f64)| Axis::start(name, "m", *low, *high);
+    Space::new("starts", axes.iter().map(axis).collect()).unwrap()
 }
 
 pub fn names(names: &[&str]) -> Arc<[String]> {
@@ -38,8 +33,8 @@ impl<W: Worker + Clone + Sync + 'static> Environment for Toy<W> {
     fn name(&self) -> &str {
         self.name
     }
-    fn initial_box(&self) -> &InitialBox {
-        &self.initial_box
+    fn space(&self) -> &Space {
+        &self.space
     }
     fn signals(&self) -> &Arc<[String]> {
         &self.signals

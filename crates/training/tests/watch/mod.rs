@@ -42,7 +42,7 @@ impl Observer for Watch {
 /// Trains on a windy line.
 pub fn run(threads: usize, config: &Config, resume: Option<&Checkpoint>, watch: &mut Watch) -> Trained {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| config.train(Line::new(0.05), Seed(5), resume, watch)).unwrap()
+    pool.install(|| config.train(&Line::new(0.05), Seed(5), resume, watch)).unwrap()
 }
 
 /// Checks that a training comes to the same bits on 1, 2 and 4 threads; gives its number of iterations.
@@ -88,8 +88,8 @@ pub fn mean_return(controller: &dyn Controller, episodes: usize) -> f64 {
     let mut actor = controller.actor();
     let mut sum = 0.0;
     for index in 0..episodes as u64 {
-        let x0 = line.initial_box().sample(Seed(99), index);
-        let (mut x, goal) = (x0[0], x0[1]);
+        let scenario = line.space().sample(Seed(99), index);
+        let (mut x, goal) = (scenario.get(0).unwrap(), scenario.get(1).unwrap());
         for _ in 0..40 {
             let mut action = [0.0];
             actor.act(1, &[x as f32, goal as f32], &mut [], &mut action);
@@ -105,8 +105,8 @@ pub fn best_return(episodes: usize) -> f64 {
     let line = Line::new(0.0);
     let mut sum = 0.0;
     for index in 0..episodes as u64 {
-        let x0 = line.initial_box().sample(Seed(99), index);
-        let mut distance = (x0[0] - x0[1]).abs();
+        let scenario = line.space().sample(Seed(99), index);
+        let mut distance = (scenario.get(0).unwrap() - scenario.get(1).unwrap()).abs();
         for _ in 0..40 {
             distance = (distance - 0.1).max(0.0);
             sum += 1.0 - distance;

@@ -6,38 +6,44 @@ use mishandle::tasks::{
     CONTROL_DT, Definition, EPISODE_STEPS, Grip, JOINT_NAMES, Preset, Quantity, Reward, TARGET_STEP,
 };
 
-use crate::output::{table, wrapped};
+use crate::output::{folded, table_in, wrapped};
 
 /// What holds for every task.
 const COMMON_DIFFERENCES: &str = "Of the robot's own parts only the hand and the fingers are tested against the four lowest \
     links; where nothing else is said, no part of it meets the ground.";
 
-/// Longest line of running text.
-const WIDTH: usize = 100;
+/// Columns before the lines of a section.
+const INDENT: usize = 2;
 
-pub fn page(definition: &Definition, preset: Preset) -> Result<String> {
-    let mut sections = vec![format!("{}: {}", definition.name, definition.summary)];
+/// The page, in lines of at most `columns` where its words allow it.
+pub fn page(definition: &Definition, preset: Preset, columns: usize) -> Result<String> {
+    let mut sections = vec![wrapped(&format!("{}: {}", definition.name, definition.summary), columns)];
     if let Some(base) = definition.variant_of {
-        sections.push(format!(
+        let text = format!(
             "A variant of {base}, none of the benchmark's tasks; it takes the controllers of {base}."
-        ));
+        );
+        sections.push(wrapped(&text, columns));
     }
+    let width = columns.saturating_sub(INDENT);
     sections.extend([
         section("Picture", &picture(definition)),
-        section("Scene", &scene(definition)),
-        section("Formulas", &formulas(definition, preset)?),
-        section("Initial box", &initial_box(definition)),
-        section("Signals", &table(&quantities(definition.signals))),
+        section("Scene", &scene(definition, width)),
+        section("Formulas", &formulas(definition, preset, width)?),
+        section("Initial box (bounds under task presets paper and code)", &initial_box(definition, width)),
+        section("Signals", &table_in(&quantities(definition.signals), width)),
         section(
             &format!("Observation ({} numbers, clipped to ±5)", definition.layout().observation_size()),
-            &table(&numbered(&definition.whole_observation())),
+            &table_in(&numbered(&definition.whole_observation()), width),
         ),
-        section("Actions (9 numbers in [-1, 1], 60 times a second)", &actions(definition)),
+        section("Actions (9 numbers in [-1, 1], 60 times a second)", &actions(definition, width)),
     ]);
     for (title, reward) in [("Original reward", Reward::Original), ("Shaped reward", Reward::Shaped)] {
-        sections.push(section(&format!("{title}, the sum of"), &table(&terms(definition.reward(reward)))));
+        sections.push(section(
+            &format!("{title}, the sum of"),
+            &table_in(&terms(definition.reward(reward)), width),
+        ));
     }
-    let text = |title, text: &str| section(title, &wrapped(text, WIDTH));
+    let text = |title, text: &str| section(title, &wrapped(text, width));
     sections.push(text("A training episode ends early when", definition.termination));
     sections.push(text("Clock", &clock(definition)));
     if definition.start_noise > 0.0 {
@@ -61,19 +67,19 @@ fn picture(definition: &Definition) -> String {
     let name = definition.name;
     let command = format!("mishandle render {name} --out {name}.png");
     match mishandle::picture_path(name) {
-        path if path.is_file() => format!("{}\n{command}", path.display()),
-        _ => command,
+        Some(path) => format!("{}\n{command}", path.display()),
+        None => command,
     }
 }
 
-fn scene(definition: &Definition) -> String {
+fn scene(definition: &Definition, width: usize) -> String {
     let joints = JOINT_NAMES.iter().zip(definition.start).map(|(name, q)| format!("{name} {q}"));
     let start = format!("The robot starts at {} (rad, m).", joints.collect::<Vec<_>>().join(", "));
     format!(
         "{}\n{}\n{}",
-        wrapped("The robot's base is the origin; x points forward, y to its left, z up.", WIDTH),
-        wrapped(definition.setting, WIDTH),
-        wrapped(&start, WIDTH)
+        wrapped("The robot's base is the origin; x points forward, y to its left, z up.", width),
+        wrapped(definition.setting, width),
+        wrapped(&start, width)
     )
 }
 
@@ -89,7 +95,7 @@ const ROLES: [(&str, Moment, &str); 4] = [
     ("completion", Moment::Any, "the task is completed at the first control step where this holds"),
 ];
 
-fn formulas(definition: &Definition, preset: Preset) -> Result<String> {
+fn formulas(definition: &Definition, preset: Preset, width: usize) -> Result<String> {
     let texts = |preset| {
         let formulas = definition.formulas(preset);
         [formulas.success, formulas.strict, formulas.safe, formulas.completion]
@@ -118,7 +124,8 @@ fn formulas(definition: &Definition, preset: Preset) -> Result<String> {
             lines.push(format!("  task preset {}: {other_text}", name(other)));
         }
     }
-    Ok(lines.join("\n"))
+    let lines = lines.iter().flat_map(|text| text.split('\n')).map(|line| folded(line, width));
+    Ok(lines.collect::<Vec<_>>().join("\n"))
 }
 
 fn name(preset: Preset) -> &'static str {
@@ -128,15 +135,14 @@ fn name(preset: Preset) -> &'static str {
     }
 }
 
-fn initial_box(definition: &Definition) -> String {
-    let mut rows =
-        vec![["axis", "task preset paper", "task preset code", "unit", "sets"].map(String::from).to_vec()];
+fn initial_box(definition: &Definition, width: usize) -> String {
+    let mut rows = vec![["axis", "paper", "code", "unit", "sets"].map(String::from).to_vec()];
     for axis in definition.initial_box {
         let bounds = |[low, high]: [f64; 2]| format!("[{low}, {high}]");
         let text = [bounds(axis.paper), bounds(axis.code)];
         rows.push([axis.name, &text[0], &text[1], axis.unit, axis.sets].map(String::from).to_vec());
     }
-    table(&rows)
+    table_in(&rows, width)
 }
 
 fn quantities(list: &[Quantity]) -> Vec<Vec<String>> {
@@ -161,13 +167,13 @@ fn numbered(list: &[Quantity]) -> Vec<Vec<String>> {
     places.into_iter().zip(quantities(list)).map(|(place, rest)| [vec![place], rest].concat()).collect()
 }
 
-fn actions(definition: &Definition) -> String {
+fn actions(definition: &Definition, width: usize) -> String {
     let fingers = match definition.grip {
         Grip::Fixed(opening) => format!("no effect: the fingers are held at {opening} m each"),
         Grip::Scene(rule) => rule.to_string(),
     };
-    let lines = wrapped(&fingers, WIDTH - 5).replace('\n', "\n     ");
-    format!("0-6  joint targets of the arm, moved by {TARGET_STEP} rad at 1\n7-8  {lines}")
+    let arm = format!("joint targets of the arm, moved by {TARGET_STEP} rad at 1");
+    table_in(&[vec!["0-6".to_string(), arm], vec!["7-8".to_string(), fingers]], width)
 }
 
 fn clock(definition: &Definition) -> String {

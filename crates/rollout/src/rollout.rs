@@ -3,61 +3,15 @@ use std::sync::{Arc, Mutex};
 use mishandle_stl::{MonitorError, Trace};
 use rayon::prelude::*;
 
+use crate::disturbance::{Disturbed, Wiring};
 use crate::{
-    Actor, Controller, Environment, InitialBox, Judge, Noise, Request, RolloutError, Sample, Seed,
-    Specification, Status, System, Verdict, Worker,
+    Actor, Controller, Disturbance, End, Environment, Episode, Judge, Noise, Request, RolloutError, Sample,
+    Space, Specification, Status, System, Verdict, Worker,
 };
 
 /// Most rows that are stepped in lockstep by one thread: enough to share the reading of a network's weights among
 /// them, few enough to keep their states in its cache.
 const ROWS: usize = 16;
-
-/// One simulation, as it went.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Episode {
-    /// Initial configuration.
-    pub x0: Vec<f64>,
-    /// Key of everything random in it.
-    pub seed: Seed,
-    /// Sample 0 was taken after the reset, sample k after control step k.
-    pub trace: Trace,
-    /// What the formulas say of the trace. Undecided throughout if the simulation diverged.
-    pub verdict: Verdict,
-    /// Sum of the rewards.
-    pub total_reward: f64,
-    /// How it ended.
-    pub end: End,
-}
-
-impl Episode {
-    /// Control steps taken: one less than the samples of the trace.
-    pub fn steps(&self) -> usize {
-        self.trace.len().saturating_sub(1)
-    }
-}
-
-/// How a simulation ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
-    /// It ran all its control steps.
-    Completed,
-    /// The stop callback ended it after this control step.
-    Stopped {
-        /// Control step.
-        step: usize,
-    },
-    /// Its numbers stopped being finite in this control step. Neither a success nor a falsification.
-    Diverged {
-        /// Control step.
-        step: usize,
-    },
-    /// It ran on, but a formula has no finite value on its trace, as in a division by zero, so all are undecided. Neither
-    /// a success nor a falsification.
-    Undefined {
-        /// Sample of the trace at which it has none.
-        step: usize,
-    },
-}
 
 /// Decides, from the control step and the sample's signals, whether an episode may end here.
 pub type Stop = dyn Fn(usize, &[f64]) -> bool + Send + Sync;
@@ -71,6 +25,8 @@ pub struct Rollout {
     controller: Arc<dyn Controller>,
     specification: Specification,
     noise: Noise,
+    space: Space,
+    wiring: Wiring,
     stop: Option<Box<Stop>>,
     seats: Mutex<Vec<Seat>>,
 }
@@ -100,7 +56,10 @@ impl Rollout {
         }
         noise.check()?;
         Judge::new(&specification, environment.signals(), environment.control_dt())?;
+        let space = environment.space().clone();
         Ok(Rollout {
+            wiring: Wiring::new(&space, &space, &[])?,
+            space,
             environment,
             controller,
             specification,
@@ -108,6 +67,20 @@ impl Rollout {
             stop: None,
             seats: Mutex::new(Vec::new()),
         })
+    }
+
+    /// Takes scenarios of `space`: each of its axes is one of the environment's or one of `disturbances`, by name.
+    ///
+    /// # Errors
+    /// If an axis of the space is neither, or one of the environment's is not in the space.
+    pub fn with_disturbances(
+        mut self,
+        space: Space,
+        disturbances: &[Disturbance],
+    ) -> Result<Rollout, RolloutError> {
+        self.wiring = Wiring::new(&space, self.environment.space(), disturbances)?;
+        self.space = space;
+        Ok(self)
     }
 
     /// Ends episodes early where `stop` says so; formulas that the shorter trace does not cover are undecided.
@@ -140,17 +113,13 @@ impl Rollout {
 }
 
 impl System for Rollout {
-    fn initial_box(&self) -> &InitialBox {
-        self.environment.initial_box()
-    }
-
-    fn batch_size(&self) -> usize {
-        ROWS * rayon::current_num_threads()
+    fn space(&self) -> &Space {
+        &self.space
     }
 
     fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
         for request in requests {
-            self.initial_box().check(&request.x0)?;
+            self.space.check(&request.scenario)?;
         }
         let rows = requests.len().div_ceil(rayon::current_num_threads()).clamp(1, ROWS);
         let this = &*self;
@@ -169,6 +138,8 @@ struct Seat {
     judge: Judge,
     states: Vec<f64>,
     memories: Vec<f64>,
+    /// What acts in the loop of each row; empty where the space has no such axis.
+    disturbed: Vec<Disturbed>,
     observations: Vec<f32>,
     actions: Vec<f32>,
     action: Vec<f64>,
@@ -187,6 +158,7 @@ impl Seat {
             judge: Judge::new(&rollout.specification, environment.signals(), environment.control_dt())?,
             states: vec![0.0; ROWS * environment.state_size()],
             memories: vec![0.0; ROWS * controller.state_size()],
+            disturbed: Vec::new(),
             observations: vec![0.0; ROWS * observation_size],
             actions: vec![0.0; ROWS * action_size],
             action: vec![0.0; action_size],
@@ -219,6 +191,9 @@ impl Seat {
                     }
                     verdict => episode.verdict = verdict?,
                 }
+                if episode.request.wants_subformulas && episode.verdict.robustness.is_some() {
+                    episode.verdict.subformulas = self.judge.subformulas(&episode.trace)?;
+                }
             }
         }
         Ok(episodes)
@@ -229,25 +204,29 @@ impl Seat {
             (rollout.environment.state_size(), rollout.environment.observation_size());
         let memory_size = rollout.controller.state_size();
         let samples = rollout.environment.episode_steps() + 1;
+        self.disturbed.clear();
         let mut episodes = Vec::with_capacity(requests.len());
         for (row, request) in requests.iter().enumerate() {
+            let Request { scenario, seed, .. } = request;
             let observation = &mut self.observations[row * observation_size..][..observation_size];
             let sample = Sample { observation, signals: &mut self.signals, rewards: &mut self.rewards };
-            self.worker.reset(
-                &request.x0,
-                request.seed,
-                &mut self.states[row * state_size..][..state_size],
-                sample,
-            );
-            self.actor.reset(&mut self.memories[row * memory_size..][..memory_size], request.seed);
+            let state = &mut self.states[row * state_size..][..state_size];
+            if rollout.wiring.has_effects() {
+                let action_size = self.action.len();
+                self.disturbed.push(Disturbed::new(&rollout.wiring, scenario, *seed, action_size));
+                self.worker.reset(&rollout.wiring.environment(scenario), *seed, state, sample);
+            } else {
+                self.worker.reset(scenario, *seed, state, sample);
+            }
+            self.actor.reset(&mut self.memories[row * memory_size..][..memory_size], *seed);
             let mut trace = Trace::with_capacity(rollout.environment.signals().clone(), samples);
             trace.push(&self.signals);
             episodes.push(Episode {
-                x0: request.x0.clone(),
-                seed: request.seed,
+                request: request.clone(),
                 trace,
                 verdict: Verdict::default(),
                 total_reward: 0.0,
+                steps: 0,
                 end: End::Completed,
             });
         }
@@ -258,9 +237,13 @@ impl Seat {
         let (observation_size, action_size) =
             (rollout.environment.observation_size(), rollout.environment.action_size());
         let rows = episodes.len();
-        for (observation, episode) in self.observations.chunks_mut(observation_size).zip(&*episodes) {
+        let observations = self.observations.chunks_mut(observation_size);
+        for (row, (observation, episode)) in observations.zip(&*episodes).enumerate() {
+            if let Some(disturbed) = self.disturbed.get_mut(row) {
+                disturbed.observe(step, observation);
+            }
             let draws = &mut self.draws[..observation_size];
-            rollout.noise.on_observation(episode.seed, step as u64, observation, draws);
+            rollout.noise.on_observation(episode.request.seed, step as u64, observation, draws);
         }
         self.actor.act(
             rows,
@@ -278,7 +261,7 @@ impl Seat {
                     component,
                     value,
                     step: step + 1,
-                    x0: episode.x0.clone(),
+                    scenario: episode.request.scenario.clone(),
                 });
             }
         }
@@ -296,9 +279,18 @@ impl Seat {
             (rollout.environment.state_size(), rollout.environment.observation_size());
         let action_size = self.action.len();
         for (a, wanted) in self.action.iter_mut().zip(&self.actions[row * action_size..]) {
-            *a = f64::from(*wanted);
+            *a = f64::from(*wanted).clamp(-1.0, 1.0);
         }
-        rollout.noise.on_action(episode.seed, step as u64, &mut self.action, &mut self.draws[..action_size]);
+        let mut disturbed = self.disturbed.get_mut(row);
+        if let Some(disturbed) = &mut disturbed {
+            disturbed.act(step, &mut self.action);
+        }
+        let (seed, draws) = (episode.request.seed, &mut self.draws[..action_size]);
+        rollout.noise.on_action(seed, step as u64, &mut self.action, draws, |draws| {
+            if let Some(disturbed) = disturbed {
+                disturbed.draw(step, draws);
+            }
+        });
         let sample = Sample {
             observation: &mut self.observations[row * observation_size..][..observation_size],
             signals: &mut self.signals,
@@ -311,6 +303,7 @@ impl Seat {
             return Ok(());
         }
         episode.trace.push(&self.signals);
+        episode.steps = step + 1;
         episode.total_reward += self.rewards.iter().sum::<f64>();
         if rollout.stop.as_ref().is_some_and(|stop| stop(step + 1, &self.signals)) {
             episode.end = End::Stopped { step: step + 1 };

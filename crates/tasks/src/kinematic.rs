@@ -110,7 +110,7 @@ fn solve_positive<const N: usize>(mut a: [[f64; N]; N], mut b: [f64; N]) -> [f64
 ///
 /// # Example
 /// ```
-/// use mishandle_controllers::kinematic::rotation_between;
+/// use mishandle_tasks::kinematic::rotation_between;
 /// let level = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 /// let turned = [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]; // a quarter turn about z
 /// let [x, y, z] = rotation_between(&level, &turned);

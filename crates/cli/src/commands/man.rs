@@ -1,0 +1,43 @@
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use clap::CommandFactory;
+use clap_mangen::Man;
+
+use crate::args::{self, Arguments};
+use crate::{Outcome, PROGRAM, output};
+
+pub fn run(command: &args::Man) -> Result<Outcome> {
+    let mut program = Arguments::command().name(PROGRAM);
+    program.build();
+    match &command.folder {
+        Some(folder) => write_all(program, folder)?,
+        None => std::io::stdout().lock().write_all(&page(program)?)?,
+    }
+    Ok(Outcome::Done)
+}
+
+/// Writes the page of the program and a page for each of its commands, as `mishandle-evaluate.1`.
+fn write_all(program: clap::Command, folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    let commands: Vec<clap::Command> = program
+        .get_subcommands()
+        .filter(|command| command.get_name() != "help")
+        .map(|command| command.clone().name(format!("{PROGRAM}-{}", command.get_name()).leak() as &str))
+        .collect();
+    let mut count = 0;
+    for command in std::iter::once(program).chain(commands) {
+        let path = folder.join(format!("{}.1", command.get_name()));
+        std::fs::write(&path, page(command)?).with_context(|| path.display().to_string())?;
+        count += 1;
+    }
+    output::say(&format!("wrote {count} pages to {}", folder.display()));
+    Ok(())
+}
+
+fn page(command: clap::Command) -> Result<Vec<u8>> {
+    let mut text = Vec::new();
+    Man::new(command).render(&mut text)?;
+    Ok(text)
+}

@@ -1,0 +1,119 @@
+use anyhow::Result;
+use mishandle::Plan;
+use mishandle::rollout::{Axis, Space, Target, Values};
+use serde_json::{Value, json};
+
+use crate::output::{self, table};
+use crate::{Outcome, args, run};
+
+pub fn run(command: &args::Targets) -> Result<Outcome> {
+    match (&command.target, command.json) {
+        (None, false) => output::line(&list())?,
+        (None, true) => {
+            let names = mishandle::target_names();
+            output::json(json!({ "targets": names }))?;
+        }
+        (Some(name), false) => output::line(&page(&target(name)?))?,
+        (Some(name), true) => output::json(document(&target(name)?))?,
+    }
+    Ok(Outcome::Done)
+}
+
+/// The target of that name. A task needs some controller to be one, and its axes of explicit noise are there if there is
+/// noise.
+fn target(name: &str) -> Result<Target> {
+    let is_task = mishandle::tasks::task(name).is_some();
+    let mut plan = Plan::new(name, if is_task { "expert" } else { "" });
+    plan.action_noise = if is_task { 1.0 } else { 0.0 };
+    Ok(mishandle::target(&plan)?)
+}
+
+fn list() -> String {
+    let tasks = mishandle::tasks::tasks();
+    let tasks =
+        tasks.iter().map(|task| [task.definition().name.to_string(), task.definition().summary.to_string()]);
+    let toys =
+        mishandle::toys::TOYS.iter().map(|toy| [format!("toy/{}", toy.name()), toy.summary().to_string()]);
+    let entry = |[name, summary]: [String; 2]| {
+        let summary = output::wrapped(&summary, 74).replace('\n', "\n    ");
+        format!("{name}\n    {summary}")
+    };
+    tasks.chain(toys).map(entry).collect::<Vec<_>>().join("\n")
+}
+
+fn page(target: &Target) -> String {
+    let mut sections = vec![format!("{} ({})", target.identity.name, target.identity.kind)];
+    let formulas = target.formulas.iter().map(|formula| format!("  {:<12}{}", formula.name, formula.text));
+    sections.push(format!(
+        "Formulas, the default requirement first\n{}",
+        formulas.collect::<Vec<_>>().join("\n")
+    ));
+    let signals = target.signals.iter().map(|signal| match signal.unit.as_str() {
+        "" => signal.name.clone(),
+        unit => format!("{} ({unit})", signal.name),
+    });
+    let signals = output::wrapped(&signals.collect::<Vec<_>>().join(", "), 78).replace('\n', "\n  ");
+    sections.push(format!("Signals\n  {signals}"));
+    for space in &target.spaces {
+        sections.push(format!("Space {} ({})\n{}", space.name(), run::axes(space.dimension()), axes(space)));
+    }
+    sections.push("Spaces may be joined: --space starts+delay; `all` has every axis.".to_string());
+    sections.join("\n\n")
+}
+
+fn axes(space: &Space) -> String {
+    let mut rows = vec![["axis", "kind", "from", "to", "nominal", "unit", "sets"].map(String::from).to_vec()];
+    rows.extend(space.axes().iter().map(|axis| {
+        vec![
+            axis.name.clone(),
+            axis.kind.to_string(),
+            axis.low.to_string(),
+            axis.high.to_string(),
+            axis.nominal.map_or("drawn".to_string(), |nominal| nominal.to_string()),
+            axis.unit.clone(),
+            axis.meaning.clone(),
+        ]
+    }));
+    table(&rows).lines().map(|line| format!("  {line}")).collect::<Vec<_>>().join("\n")
+}
+
+fn document(target: &Target) -> Value {
+    let formulas: Vec<Value> =
+        target.formulas.iter().map(|f| json!({ "name": f.name, "text": f.text })).collect();
+    let signals: Vec<Value> =
+        target.signals.iter().map(|signal| json!({ "name": signal.name, "unit": signal.unit })).collect();
+    let spaces: Vec<Value> = target
+        .spaces
+        .iter()
+        .map(|space| json!({ "name": space.name(), "axes": space.axes().iter().map(axis).collect::<Vec<_>>() }))
+        .collect();
+    json!({
+        "name": target.identity.name,
+        "kind": target.identity.kind,
+        "deterministic": target.is_deterministic,
+        "control_dt": target.control_dt,
+        "episode_steps": target.episode_steps,
+        "formulas": formulas,
+        "signals": signals,
+        "spaces": spaces,
+    })
+}
+
+fn axis(axis: &Axis) -> Value {
+    let values = match &axis.values {
+        Values::Continuous => json!("continuous"),
+        Values::Logarithmic => json!("logarithmic"),
+        Values::Integer => json!("integer"),
+        Values::Categorical(names) => json!(names.to_vec()),
+    };
+    json!({
+        "name": axis.name,
+        "kind": axis.kind.name(),
+        "unit": axis.unit,
+        "low": axis.low,
+        "high": axis.high,
+        "nominal": axis.nominal,
+        "values": values,
+        "meaning": axis.meaning,
+    })
+}

@@ -1,0 +1,116 @@
+//! docs/json.md documents every key of every JSON document, and nothing else.
+
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use std::collections::BTreeMap;
+
+use bench::{Bench, SMALL};
+use serde_json::Value;
+
+/// The keys of each section of the page and their types.
+fn documented() -> BTreeMap<String, BTreeMap<String, String>> {
+    let mut sections: BTreeMap<String, BTreeMap<String, String>> = BTreeMap::new();
+    let mut section = String::new();
+    for line in include_str!("../../../docs/json.md").lines() {
+        if let Some(title) = line.strip_prefix("## ") {
+            section = title.trim_matches('`').to_string();
+        }
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        if cells.len() >= 4 && cells[1].starts_with('`') {
+            for key in cells[1].split(',') {
+                let key = key.trim().trim_matches('`').to_string();
+                let again =
+                    sections.entry(section.clone()).or_default().insert(key.clone(), cells[2].to_string());
+                assert!(again.is_none(), "{section}: {key} is documented twice");
+            }
+        }
+    }
+    sections
+}
+
+/// Each key of a document with the type of its value, `null` included; objects of these names are maps.
+fn keys(value: &Value, path: &str, found: &mut Vec<(String, &'static str)>) {
+    match value {
+        Value::Object(entries) => {
+            for (key, value) in entries {
+                let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+                let is_map =
+                    ["scenario", "search_options", "formats", "training_time"].contains(&key.as_str());
+                found.push((path.clone(), kind(value, is_map && key != "training_time")));
+                if !is_map {
+                    keys(value, &path, found);
+                }
+            }
+        }
+        Value::Array(values) => values.iter().for_each(|value| {
+            if value.is_object() {
+                keys(value, &if path.is_empty() { String::new() } else { format!("{path}[]") }, found);
+            }
+        }),
+        _ => {}
+    }
+}
+
+fn kind(value: &Value, is_map: bool) -> &'static str {
+    match value {
+        Value::Null => "null",
+        Value::Bool(_) => "boolean",
+        Value::Number(_) => "number",
+        Value::String(_) => "string",
+        Value::Array(_) => "array",
+        Value::Object(_) if is_map => "map",
+        Value::Object(_) => "object",
+    }
+}
+
+#[test]
+fn the_page_documents_what_every_command_prints() {
+    let bench = Bench::new();
+    bench.write("d.csv", "time,d\n0.0,0.2\n0.1,0.3\n");
+    bench.write("small.toml", SMALL);
+    let commands = [
+        ("tasks", "tasks", 0),
+        ("targets", "targets", 0),
+        ("targets TARGET", "targets toy/noisy", 0),
+        ("searches", "searches", 0),
+        ("monitor", "monitor --formula 'd < 1' d.csv", 0),
+        ("evaluate", "evaluate point-reaching --controller expert --episodes 12 --out e.sqlite", 0),
+        ("falsify", "falsify point-reaching --controller expert --trials 1 --budget 3 --out f.sqlite", 0),
+        ("falsify", "falsify toy/noisy --trials 2 --budget 200 --seed 1 --out g.sqlite", 1),
+        ("replay", "replay g.sqlite", 0),
+        ("train --dry-run", "train point-reaching --settings small.toml --out b.safetensors --dry-run", 0),
+        ("train", "train point-reaching --settings small.toml --out a.safetensors --csv c.csv", 0),
+        ("curve", "curve c.csv", 0),
+        ("controller", "controller a.safetensors", 0),
+    ];
+    bench.refuses(
+        "targets toy/nosiy --json",
+        &["there is no target `toy/nosiy`", "did you mean `toy/noisy`?"],
+    );
+    let documented = documented();
+    let mut seen: BTreeMap<&str, BTreeMap<String, &str>> = BTreeMap::new();
+    for (section, command, code) in commands {
+        let mut found = Vec::new();
+        keys(&bench.json(&format!("{command} --json"), code), "", &mut found);
+        let page = documented.get(section).unwrap_or_else(|| panic!("no section {section}"));
+        for (key, kind) in found {
+            let known = page
+                .get(&key)
+                .unwrap_or_else(|| panic!("`{command}` prints `{key}`, which is not documented"));
+            assert!(
+                kind == "null" || known == kind,
+                "`{command}`: {key} is documented as {known} and is a {kind}"
+            );
+            assert!(!key.ends_with("seed") || kind == "string", "`{command}`: a seed is a string");
+            seen.entry(section).or_default().insert(key, kind);
+        }
+    }
+    for (section, page) in &documented {
+        let seen = seen.get(section.as_str()).unwrap_or_else(|| panic!("{section} was not run"));
+        for key in page.keys() {
+            assert!(seen.contains_key(key), "`{section}` does not print `{key}`, which is documented");
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! The progress bar in a terminal: it fits the width, and nothing of it is left, however the command ends.
+
+#![allow(clippy::unwrap_used)]
+
+#[allow(dead_code)]
+mod bench;
+
+use std::process::{Command, Output};
+
+use bench::Bench;
+
+const TERMINAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/in_terminal.py");
+
+/// Runs the program in a terminal, with options of [`TERMINAL`].
+fn in_terminal(bench: &Bench, columns: usize, options: &str, arguments: &str) -> Output {
+    let program = bench.command(arguments);
+    Command::new("python3")
+        .args([TERMINAL, &columns.to_string()])
+        .args(options.split_whitespace())
+        .arg(program.get_program())
+        .args(program.get_args())
+        .current_dir(bench.path("."))
+        .env("TERM", "xterm")
+        .output()
+        .unwrap()
+}
+
+/// What a terminal shows in the end, and the longest line that was written to it at any time.
+fn shown(bytes: &[u8], columns: usize) -> (Vec<String>, usize) {
+    let text = String::from_utf8_lossy(bytes);
+    let mut lines: Vec<Vec<char>> = vec![Vec::new()];
+    let (mut row, mut column, mut longest) = (0, 0, 0);
+    let mut rest = text.chars().peekable();
+    while let Some(c) = rest.next() {
+        match c {
+            '\r' => column = 0,
+            '\n' => {
+                row += 1;
+                lines.resize(lines.len().max(row + 1), Vec::new());
+            }
+            '\u{1b}' => {
+                assert_eq!(rest.next(), Some('['), "another escape sequence than CSI");
+                let mut number = String::new();
+                let command = loop {
+                    match rest.next().unwrap() {
+                        c if c.is_ascii_digit() || "?;".contains(c) => number.push(c),
+                        c => break c,
+                    }
+                };
+                let count = number.parse::<usize>().unwrap_or(1);
+                match command {
+                    'A' => row -= count.min(row),
+                    'B' => row = (row + count).min(lines.len() - 1),
+                    'K' if number == "2" => lines[row].clear(),
+                    'K' => lines[row].truncate(column),
+                    'm' | 'h' | 'l' => {}
+                    other => panic!("unknown sequence ESC[{number}{other}"),
+                }
+            }
+            c => {
+                let line = &mut lines[row];
+                line.resize(line.len().max(column + 1), ' ');
+                line[column] = c;
+                column += 1;
+                longest = longest.max(column);
+                assert!(column <= columns, "a line of more than {columns} columns: {line:?}");
+            }
+        }
+    }
+    (
+        lines.into_iter().map(|line| line.into_iter().collect::<String>().trim_end().to_string()).collect(),
+        longest,
+    )
+}
+
+fn has_bar(line: &str) -> bool {
+    line.contains(" left") || line.contains("[#") || line.contains("[-")
+}
+
+const EVALUATE: &str = "evaluate point-reaching --controller expert --threads 1 --episodes";
+
+#[test]
+fn the_bar_fits_every_width_and_is_cleared() {
+    for columns in [60, 80, 120, 200] {
+        let bench = Bench::new();
+        let output = in_terminal(
+            &bench,
+            columns,
+            "",
+            "falsify point-reaching --controller expert --trials 2 --budget 30 --json --out a.sqlite",
+        );
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(
+            text.contains("simulations at most") && text.contains("[-"),
+            "{columns}: no bar was drawn\n{text}"
+        );
+        // What follows the bar, paths and formulas, may be longer than the terminal.
+        let bar = text.split('{').next().unwrap();
+        let (lines, longest) = shown(bar.as_bytes(), columns);
+        assert!(longest + 1 >= columns.min(70), "{columns}: the bar has {longest} columns");
+        assert!(!lines.iter().any(|line| has_bar(line)), "{columns}: {lines:?}");
+        assert_eq!(output.status.code(), Some(0), "{text}");
+    }
+}
+
+#[test]
+fn signals_leave_nothing_of_the_bar() {
+    for (signal, count) in [("SIGINT", 1), ("SIGTERM", 1), ("SIGTERM", 2), ("SIGINT", 2)] {
+        let bench = Bench::new();
+        let options = format!("--signal {signal} 1 {count}");
+        let output = in_terminal(&bench, 100, &options, &format!("{EVALUATE} 100000 --out a.sqlite"));
+        assert_eq!(output.status.code(), Some(130), "{signal} {count}");
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(text.contains("/100000 simulations"), "{text}");
+        let (lines, _) = shown(&output.stdout, 200);
+        assert!(lines.iter().any(|line| line.starts_with("finishing the simulations")), "{lines:?}");
+        assert!(!lines.iter().any(|line| has_bar(line)), "{signal} {count}: {lines:?}");
+    }
+}
+
+#[test]
+fn an_error_leaves_nothing_of_the_bar() {
+    let bench = Bench::new();
+    let output = in_terminal(&bench, 80, "", &format!("{EVALUATE} 20 --out none/a.sqlite"));
+    let (lines, _) = shown(&output.stdout, 200);
+    assert_eq!(output.status.code(), Some(2), "{lines:?}");
+    assert!(lines.iter().any(|line| line.starts_with("error: ")), "{lines:?}");
+    assert!(!lines.iter().any(|line| has_bar(line)), "{lines:?}");
+}
+
+#[test]
+fn tasks_fit_into_the_terminal_and_into_80_columns_in_a_pipe() {
+    let bench = Bench::new();
+    let widest = |text: &str| text.lines().map(|line| line.chars().count()).max().unwrap();
+    let names = ["", "point-reaching", "cube-stacking", "ball-pushing", "cloth-placing-7x7"];
+    for arguments in names.map(|name| format!("tasks {name}")) {
+        assert!(widest(&bench.check(&arguments, 0)) <= 80, "{arguments}");
+        let output = in_terminal(&bench, 70, "", &arguments);
+        // The path of the picture is one word; the longest word of a formula takes 67 columns.
+        let text = String::from_utf8_lossy(&output.stdout).replace('\r', "");
+        let text: String =
+            text.lines().filter(|line| !line.ends_with(".png")).map(|line| format!("{line}\n")).collect();
+        assert!(widest(&text) <= 70, "{arguments}: {text}");
+    }
+}

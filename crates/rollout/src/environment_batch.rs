@@ -1,0 +1,107 @@
+use std::sync::Arc;
+
+use crate::{Batch, Environment, RolloutError, Seed, Status};
+
+/// Many simulations that are stepped together, one per row: what a training algorithm acts in.
+///
+/// [`Batch`] implements it on the CPU for any [`Environment`]. A batch on a GPU or in another process implements it
+/// directly. All arrays are row-major.
+///
+/// The same seeds and actions must give the same numbers, or a training run cannot be repeated.
+pub trait EnvironmentBatch: Send {
+    /// Returns the number of rows.
+    fn rows(&self) -> usize;
+
+    /// Starts a new episode in each of these rows, at a random initial state that is drawn from the row's seed.
+    ///
+    /// A row may occur once at most. All rows must be reset before the first step.
+    ///
+    /// # Errors
+    /// If the batch fails as a whole.
+    fn reset(&mut self, rows: &[(usize, Seed)]) -> Result<(), RolloutError>;
+
+    /// Advances every row by one control step. `actions` has the shape `[rows, action_size]` and is not clipped.
+    ///
+    /// # Errors
+    /// If the batch fails as a whole. The failure of one row is its [`Status`].
+    fn step(&mut self, actions: &[f64]) -> Result<(), RolloutError>;
+
+    /// Returns the current observations, `[rows, observation_size]`.
+    fn observations(&self) -> &[f32];
+
+    /// Returns the reward terms of the last step, `[rows, reward terms]`.
+    fn rewards(&self) -> &[f64];
+
+    /// Returns the status of each row after the last step.
+    fn statuses(&self) -> &[Status];
+
+    /// Copies the states of all rows into `states`, `[rows, state_size]`. A checkpoint stores them.
+    ///
+    /// # Errors
+    /// If the batch fails as a whole.
+    fn read_states(&mut self, states: &mut [f64]) -> Result<(), RolloutError>;
+
+    /// Restores all rows from the states and observations of a checkpoint. They continue to the same bits.
+    ///
+    /// # Errors
+    /// If the batch fails as a whole.
+    fn write_states(&mut self, states: &[f64], observations: &[f32]) -> Result<(), RolloutError>;
+}
+
+/// Makes environment batches.
+///
+/// An [`Arc`] of an [`Environment`] makes batches on the CPU.
+pub trait BatchFactory: Send + Sync {
+    /// Returns the facts that every batch of this factory shares.
+    fn spec(&self) -> EnvironmentSpec;
+
+    /// Makes a batch of `rows` simulations. Every row must be reset before it is stepped.
+    ///
+    /// # Errors
+    /// If the batch cannot be made.
+    fn batch(&self, rows: usize) -> Result<Box<dyn EnvironmentBatch>, RolloutError>;
+}
+
+/// What a training algorithm must know about an environment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EnvironmentSpec {
+    /// Name, for messages and checkpoints.
+    pub name: String,
+    /// Length of an observation.
+    pub observation_size: usize,
+    /// Number of actions; each is meant for [-1, 1].
+    pub action_size: usize,
+    /// Length of a row's state: all numbers that its future depends on.
+    pub state_size: usize,
+    /// Number of signals, which a validation records; 0 if there are none.
+    pub signal_count: usize,
+    /// Names of the reward terms; the reward is their sum.
+    pub reward_terms: Vec<String>,
+    /// Control steps of an episode.
+    pub episode_steps: usize,
+}
+
+impl EnvironmentSpec {
+    /// The facts about an environment.
+    pub fn of(environment: &(impl Environment + ?Sized)) -> EnvironmentSpec {
+        EnvironmentSpec {
+            name: environment.name().to_string(),
+            observation_size: environment.observation_size(),
+            action_size: environment.action_size(),
+            state_size: environment.state_size(),
+            signal_count: environment.signals().len(),
+            reward_terms: environment.reward_terms().to_vec(),
+            episode_steps: environment.episode_steps(),
+        }
+    }
+}
+
+impl<E: Environment + ?Sized + 'static> BatchFactory for Arc<E> {
+    fn spec(&self) -> EnvironmentSpec {
+        EnvironmentSpec::of(&**self)
+    }
+
+    fn batch(&self, rows: usize) -> Result<Box<dyn EnvironmentBatch>, RolloutError> {
+        Ok(Box::new(Batch::new(self.clone(), rows)))
+    }
+}

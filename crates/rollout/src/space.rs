@@ -1,0 +1,425 @@
+use std::fmt;
+use std::sync::Arc;
+
+use crate::{RolloutError, Seed, Stream};
+
+/// What an [`Axis`] varies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum AxisKind {
+    /// The initial state.
+    Start,
+    /// A constant of the system: a scale or an offset of a physical parameter, a sensor bias, a delay.
+    Model,
+    /// Something that happens at a time: a push, a target that jumps. Several axes describe one event.
+    Event,
+    /// One knot of a disturbance on actions or observations.
+    Input,
+    /// A random draw made explicit. Its nominal value is absence: the draw then comes from its stream.
+    Noise,
+}
+
+impl AxisKind {
+    /// All kinds, with the word for each in records and on screen.
+    pub const ALL: [(AxisKind, &'static str); 5] = [
+        (AxisKind::Start, "start"),
+        (AxisKind::Model, "model"),
+        (AxisKind::Event, "event"),
+        (AxisKind::Input, "input"),
+        (AxisKind::Noise, "noise"),
+    ];
+
+    /// The word for it.
+    pub fn name(self) -> &'static str {
+        Self::ALL.iter().find(|(kind, _)| *kind == self).map_or("", |(_, name)| name)
+    }
+}
+
+impl fmt::Display for AxisKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Which values an axis takes between its bounds.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Values {
+    /// All of them, evenly spaced in u.
+    Continuous,
+    /// All of them, evenly spaced in the logarithm; the bounds are positive.
+    Logarithmic,
+    /// Whole numbers, the bounds included.
+    Integer,
+    /// Names, counted from 0: the bounds are 0 and the number of names less 1.
+    Categorical(Arc<[String]>),
+}
+
+/// The law from which [`Space::sample`] draws the value of an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Distribution {
+    /// Uniform in u.
+    Uniform,
+    /// Standard normal, drawn again until it lies within the bounds.
+    Normal,
+}
+
+/// One quantity that a scenario sets.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    /// Name, for instance `ball_x`; unique within its target.
+    pub name: String,
+    /// Unit, for instance `m`; empty for plain numbers.
+    pub unit: String,
+    /// Smallest value.
+    pub low: f64,
+    /// Largest value.
+    pub high: f64,
+    /// The value of an undisturbed episode; `None` for a random draw that is left to its stream.
+    pub nominal: Option<f64>,
+    /// What it varies.
+    pub kind: AxisKind,
+    /// Which values it takes.
+    pub values: Values,
+    /// The law from which it is drawn.
+    pub distribution: Distribution,
+    /// What it sets, in words.
+    pub meaning: String,
+}
+
+impl Axis {
+    /// A continuous axis of this kind, drawn uniformly.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_rollout::{Axis, AxisKind};
+    /// let friction = Axis::new(AxisKind::Model, "friction_scale", "", [0.5, 1.5], Some(1.0));
+    /// assert_eq!((friction.low, friction.nominal), (0.5, Some(1.0)));
+    /// ```
+    pub fn new(kind: AxisKind, name: &str, unit: &str, [low, high]: [f64; 2], nominal: Option<f64>) -> Axis {
+        Axis {
+            name: name.to_string(),
+            unit: unit.to_string(),
+            low,
+            high,
+            nominal,
+            kind,
+            values: Values::Continuous,
+            distribution: Distribution::Uniform,
+            meaning: String::new(),
+        }
+    }
+
+    /// An axis of the initial state, whose nominal value is the middle of its bounds.
+    pub fn start(name: &str, unit: &str, low: f64, high: f64) -> Axis {
+        Axis::new(AxisKind::Start, name, unit, [low, high], Some(low * 0.5 + high * 0.5))
+    }
+
+    /// The same axis with these values.
+    pub fn with_values(self, values: Values) -> Axis {
+        Axis { values, ..self }
+    }
+
+    /// The same axis, explained.
+    pub fn meaning(self, meaning: &str) -> Axis {
+        Axis { meaning: meaning.to_string(), ..self }
+    }
+
+    /// The number of values; `None` if there is a continuum of them.
+    pub fn levels(&self) -> Option<usize> {
+        match self.values {
+            Values::Continuous | Values::Logarithmic => None,
+            Values::Integer | Values::Categorical(_) => Some((self.high - self.low) as usize + 1),
+        }
+    }
+
+    /// The value at `u` in \[0, 1\]; bounds are met exactly at 0 and 1.
+    pub fn at(&self, u: f64) -> f64 {
+        match (&self.values, self.levels()) {
+            (_, Some(levels)) => self.low + (u * levels as f64).floor().min((levels - 1) as f64),
+            (Values::Logarithmic, _) if u > 0.0 && u < 1.0 => self.low * (self.high / self.low).powf(u),
+            _ => self.low * (1.0 - u) + self.high * u,
+        }
+    }
+
+    /// The inverse of [`at`](Self::at), up to rounding; for a level, the middle of the interval that gives it.
+    pub fn unit(&self, value: f64) -> f64 {
+        match (&self.values, self.levels()) {
+            (_, Some(levels)) => (value - self.low + 0.5) / levels as f64,
+            (Values::Logarithmic, _) => (value / self.low).ln() / (self.high / self.low).ln(),
+            _ => (value - self.low) / (self.high - self.low),
+        }
+    }
+
+    /// Whether `value` is one that it may have. Starts may lie outside their bounds: a user may ask for them.
+    fn accepts(&self, value: f64) -> bool {
+        let within = (self.low..=self.high).contains(&value);
+        match self.levels() {
+            Some(_) => within && value.fract() == 0.0,
+            None => value.is_finite() && (within || self.kind == AxisKind::Start),
+        }
+    }
+
+    fn check(&self) -> Result<(), RolloutError> {
+        let wrong = |what| RolloutError::Axis { axis: self.name.clone(), what };
+        if !(self.low < self.high && self.low.is_finite() && self.high.is_finite()) {
+            return Err(RolloutError::Bounds { axis: self.name.clone(), low: self.low, high: self.high });
+        }
+        if self.values == Values::Logarithmic && self.low <= 0.0 {
+            return Err(wrong("its scale is logarithmic, so its lower bound must be positive"));
+        }
+        if self.levels().is_some() && (self.low.fract() != 0.0 || self.high.fract() != 0.0) {
+            return Err(wrong("its values are whole numbers, so its bounds must be whole, too"));
+        }
+        match self.nominal {
+            None if self.kind != AxisKind::Noise => Err(wrong("only a noise axis may have no nominal value")),
+            Some(nominal) if !nominal.is_finite() => Err(wrong("its nominal value must be finite")),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// A value for each axis of a [`Space`], in its order and in SI units.
+///
+/// An absent value is a random draw that is left to its stream; only noise axes may have one.
+///
+/// # Example
+/// ```
+/// use mishandle_rollout::Scenario;
+/// let scenario = Scenario::from([0.2, -0.1]);
+/// assert_eq!(scenario.values(), [Some(0.2), Some(-0.1)]);
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scenario(Vec<Option<f64>>);
+
+impl Scenario {
+    /// A scenario of these values.
+    pub fn new(values: Vec<Option<f64>>) -> Scenario {
+        Scenario(values)
+    }
+
+    /// The values, one for each axis.
+    pub fn values(&self) -> &[Option<f64>] {
+        &self.0
+    }
+
+    /// The value of axis `index`; `None` if it is absent.
+    ///
+    /// # Panics
+    /// If there is no such axis.
+    pub fn get(&self, index: usize) -> Option<f64> {
+        self.0[index]
+    }
+
+    /// Whether both hold the same bits.
+    pub fn is_same(&self, other: &Scenario) -> bool {
+        let bits = |scenario: &Scenario| scenario.0.iter().map(|x| x.map(f64::to_bits)).collect::<Vec<_>>();
+        bits(self) == bits(other)
+    }
+}
+
+impl From<Vec<f64>> for Scenario {
+    fn from(values: Vec<f64>) -> Scenario {
+        Scenario(values.into_iter().map(Some).collect())
+    }
+}
+
+impl From<&[f64]> for Scenario {
+    fn from(values: &[f64]) -> Scenario {
+        Scenario(values.iter().copied().map(Some).collect())
+    }
+}
+
+impl<const N: usize> From<[f64; N]> for Scenario {
+    fn from(values: [f64; N]) -> Scenario {
+        Scenario::from(values.as_slice())
+    }
+}
+
+/// A named set of axes: what a search may choose. Axes of the target that are not in it keep their nominal values.
+///
+/// This is the one place where a point u of \[0,1\]^d becomes a [`Scenario`] in SI units.
+///
+/// # Example
+/// ```
+/// use mishandle_rollout::{Axis, Space};
+/// let axes = vec![Axis::start("ball_x", "m", 0.2, 0.5), Axis::start("ball_y", "m", -0.15, 0.15)];
+/// let space = Space::new("starts", axes).unwrap();
+/// assert_eq!(space.at(&[0.0, 1.0]), [0.2, 0.15].into());
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Space {
+    name: String,
+    axes: Arc<[Axis]>,
+}
+
+impl Space {
+    /// A space with these axes.
+    ///
+    /// # Errors
+    /// If the bounds of an axis are not finite or not in order, its nominal value is missing, or two axes share a name.
+    pub fn new(name: &str, axes: Vec<Axis>) -> Result<Space, RolloutError> {
+        for (index, axis) in axes.iter().enumerate() {
+            axis.check()?;
+            if axes[..index].iter().any(|other| other.name == axis.name) {
+                return Err(RolloutError::Axis { axis: axis.name.clone(), what: "two axes have this name" });
+            }
+        }
+        Ok(Space { name: name.to_string(), axes: axes.into() })
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The axes, in the order of a scenario's values.
+    pub fn axes(&self) -> &[Axis] {
+        &self.axes
+    }
+
+    /// Number of axes.
+    pub fn dimension(&self) -> usize {
+        self.axes.len()
+    }
+
+    /// The scenario at point `u` of \[0,1\]^d; bounds are met exactly at 0 and 1.
+    pub fn at(&self, u: &[f64]) -> Scenario {
+        Scenario(self.axes.iter().zip(u).map(|(axis, u)| Some(axis.at(*u))).collect())
+    }
+
+    /// The point of a scenario without absent values: the inverse of [`at`](Self::at), up to rounding.
+    pub fn unit_point(&self, scenario: &Scenario) -> Option<Vec<f64>> {
+        self.axes
+            .iter()
+            .zip(scenario.values())
+            .map(|(axis, value)| value.map(|value| axis.unit(value)))
+            .collect()
+    }
+
+    /// The scenario of an undisturbed episode.
+    pub fn nominal(&self) -> Scenario {
+        Scenario(self.axes.iter().map(|axis| axis.nominal).collect())
+    }
+
+    /// The `index`-th scenario of `seed`: each axis is drawn from its own law.
+    pub fn sample(&self, seed: Seed, index: u64) -> Scenario {
+        let draw = |(number, axis): (u32, &Axis)| match axis.distribution {
+            Distribution::Uniform => axis.at(seed.uniform(Stream::InitialConfiguration, index, number)),
+            Distribution::Normal => normal_within(axis, seed.child(index).child(u64::from(number))),
+        };
+        Scenario((0..).zip(self.axes.iter()).map(draw).map(Some).collect())
+    }
+
+    /// Checks that `scenario` has a value that is allowed for every axis.
+    ///
+    /// # Errors
+    /// If the number of values is wrong, or one is missing, not finite, outside the bounds of its axis (a start may lie
+    /// outside) or not a whole number where it has to be one.
+    pub fn check(&self, scenario: &Scenario) -> Result<(), RolloutError> {
+        let found = scenario.values().len();
+        if found != self.dimension() {
+            let axes = self.axes.iter().map(|axis| axis.name.as_str()).collect::<Vec<_>>().join(", ");
+            return Err(RolloutError::Dimension { wanted: self.dimension(), found, axes });
+        }
+        for (axis, value) in self.axes.iter().zip(scenario.values()) {
+            match *value {
+                None if axis.nominal.is_some() => {
+                    return Err(RolloutError::Absent { axis: axis.name.clone() });
+                }
+                Some(value) if !value.is_finite() => {
+                    return Err(RolloutError::NotFinite { axis: axis.name.clone(), value });
+                }
+                Some(value) if !axis.accepts(value) => {
+                    let Axis { name, low, high, .. } = axis;
+                    return Err(RolloutError::Value { axis: name.clone(), value, low: *low, high: *high });
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A standard normal number within the bounds of `axis`, or the middle of them if none is found in many draws.
+fn normal_within(axis: &Axis, seed: Seed) -> f64 {
+    const DRAWS: u64 = 10_000;
+    let draw = |step| {
+        let mut number = [0.0];
+        seed.normals(Stream::InitialConfiguration, step, &mut number);
+        number[0]
+    };
+    (0..DRAWS).map(draw).find(|z| (axis.low..=axis.high).contains(z)).unwrap_or_else(|| axis.at(0.5))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axis(values: Values, low: f64, high: f64) -> Axis {
+        Axis::new(AxisKind::Model, "a", "", [low, high], Some(low)).with_values(values)
+    }
+
+    #[test]
+    fn every_level_has_the_same_share_of_the_unit_interval_and_comes_back() {
+        let delay = axis(Values::Integer, 0.0, 3.0);
+        let count = |level: f64| (0..4000).filter(|i| delay.at(f64::from(*i) / 4000.0) == level).count();
+        assert_eq!([0.0, 1.0, 2.0, 3.0].map(count), [1000; 4]);
+        assert_eq!((delay.at(0.0), delay.at(1.0)), (0.0, 3.0));
+        assert_eq!([0.0, 1.0, 2.0, 3.0].map(|level| delay.at(delay.unit(level))), [0.0, 1.0, 2.0, 3.0]);
+    }
+
+    #[test]
+    fn a_logarithmic_axis_has_the_geometric_mean_in_the_middle_and_its_bounds_exactly() {
+        let gain = axis(Values::Logarithmic, 0.25, 4.0);
+        assert!((gain.at(0.5) - 1.0).abs() < 1e-15);
+        assert_eq!((gain.at(0.0), gain.at(1.0)), (0.25, 4.0));
+        assert!((gain.unit(2.0) - 0.75).abs() < 1e-15);
+    }
+
+    #[test]
+    fn wrong_axes_are_refused() {
+        let none = Axis::new(AxisKind::Model, "a", "", [0.0, 1.0], None);
+        for (axis, told) in [
+            (axis(Values::Continuous, 1.0, 1.0), "from 1 to 1"),
+            (axis(Values::Continuous, 0.0, f64::NAN), "from 0 to NaN"),
+            (axis(Values::Logarithmic, 0.0, 1.0), "logarithmic"),
+            (axis(Values::Integer, 0.0, 1.5), "whole"),
+            (none, "nominal"),
+        ] {
+            let error = Space::new("s", vec![axis]).unwrap_err().to_string();
+            assert!(error.contains(told), "{error}");
+        }
+        let twice = vec![axis(Values::Continuous, 0.0, 1.0), axis(Values::Continuous, 0.0, 1.0)];
+        assert!(Space::new("s", twice).unwrap_err().to_string().contains("two axes"));
+    }
+
+    #[test]
+    fn only_a_start_may_lie_outside_its_bounds_and_only_noise_may_be_absent() {
+        let noise = Axis::new(AxisKind::Noise, "z", "", [-3.0, 3.0], None);
+        let axes = vec![Axis::start("x", "m", 0.0, 1.0), axis(Values::Integer, 0.0, 3.0), noise];
+        let space = Space::new("s", axes).unwrap();
+        let check = |values: [Option<f64>; 3]| space.check(&Scenario::new(values.to_vec())).is_ok();
+        assert!(check([Some(7.0), Some(2.0), None]));
+        assert!(!check([Some(0.5), Some(2.5), None]));
+        assert!(!check([Some(0.5), Some(4.0), None]));
+        assert!(!check([None, Some(2.0), None]));
+        assert!(!check([Some(f64::NAN), Some(2.0), Some(0.0)]));
+        assert!(!check([Some(0.5), Some(2.0), Some(9.0)]));
+        assert!(space.check(&[0.5].into()).unwrap_err().to_string().contains("x, a, z"));
+        assert_eq!(space.nominal(), Scenario::new(vec![Some(0.5), Some(0.0), None]));
+    }
+
+    #[test]
+    fn normal_draws_have_the_law_s_moments_and_stay_within_the_bounds() {
+        let mut draw = Axis::new(AxisKind::Noise, "z", "", [-4.0, 4.0], None);
+        draw.distribution = Distribution::Normal;
+        let space = Space::new("s", vec![draw]).unwrap();
+        let n = 20_000;
+        let values: Vec<f64> = (0..n).filter_map(|i| space.sample(Seed(3), i).get(0)).collect();
+        let mean = values.iter().sum::<f64>() / n as f64;
+        let variance = values.iter().map(|z| z * z).sum::<f64>() / n as f64;
+        // Five standard errors; the tails beyond 4 change the variance by 1e-3.
+        assert!(mean.abs() < 5.0 / (n as f64).sqrt(), "{mean}");
+        assert!((variance - 1.0).abs() < 5.0 * (2.0 / n as f64).sqrt() + 1e-3, "{variance}");
+        assert!(values.iter().all(|z| z.abs() <= 4.0));
+    }
+}

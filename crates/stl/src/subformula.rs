@@ -1,0 +1,138 @@
+//! Sub-formulas: which parts of a formula count as one, in which order, and where a trace covers them.
+
+use crate::clock::Window;
+use crate::formula::{Formula, Node};
+use crate::operator::Operator;
+
+/// The least robustness of a sub-formula over a trace.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SubformulaMinimum {
+    /// The minimum over all samples at which the trace covers the sub-formula; `+∞` if there is no such sample.
+    pub minimum: f64,
+    /// The first sample at which the minimum is attained; 0 if there is no such sample.
+    pub step: usize,
+}
+
+impl SubformulaMinimum {
+    /// The minimum over no sample.
+    pub(crate) const NONE: SubformulaMinimum = SubformulaMinimum { minimum: f64::INFINITY, step: 0 };
+
+    /// Returns the minimum of `values`, the first of which belongs to sample `first`.
+    pub(crate) fn of(values: impl Iterator<Item = f64>, first: usize) -> SubformulaMinimum {
+        let found = values.zip(first..).reduce(|least, next| if next.0 < least.0 { next } else { least });
+        found.map_or(SubformulaMinimum::NONE, |(minimum, step)| SubformulaMinimum { minimum, step })
+    }
+}
+
+/// How many samples before and after t must exist so that no window of the value at t is cut or empty.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Reach {
+    pub behind: usize,
+    pub ahead: usize,
+}
+
+impl Reach {
+    /// Returns the samples of a trace of `samples` samples that it covers.
+    pub(crate) fn covered(self, samples: usize) -> std::ops::Range<usize> {
+        let end = samples.saturating_sub(self.ahead);
+        self.behind.min(end)..end
+    }
+
+    /// Returns the reach of an operator from those of its operands (`first` and `last` are the same for one operand).
+    ///
+    /// A window without an end counts with its first sample only: it reaches to the end of any trace.
+    pub(crate) fn of(operator: Operator, window: Window, first: Reach, last: Reach) -> Reach {
+        let begin = window.begin;
+        let end = if window.end == usize::MAX { begin } else { window.end };
+        let after = |reach: Reach, begin: usize, end: usize| Reach {
+            behind: reach.behind.saturating_sub(begin),
+            ahead: reach.ahead.saturating_add(end),
+        };
+        let before = |reach: Reach, begin: usize, end: usize| Reach {
+            behind: reach.behind.saturating_add(end),
+            ahead: reach.ahead.saturating_sub(begin),
+        };
+        match operator {
+            Operator::Always | Operator::Eventually => after(last, begin, end),
+            Operator::Historically | Operator::Once => before(last, begin, end),
+            Operator::Next | Operator::StrongNext => after(last, 1, 1),
+            Operator::Previous | Operator::StrongPrevious => before(last, 1, 1),
+            Operator::Rise | Operator::Fall => before(last, 0, 1),
+            // The left operand does not count at the far end of the window.
+            Operator::Until | Operator::Release if window.end == 0 => last,
+            Operator::Since if window.end == 0 => last,
+            Operator::Until | Operator::Release => {
+                after(first, 0, end.saturating_sub(1)).and(after(last, begin, end))
+            }
+            Operator::Since => before(first, 0, end.saturating_sub(1)).and(before(last, begin, end)),
+            Operator::Unless => after(first, 0, end).and(after(last, begin, end)),
+            _ => first.and(last),
+        }
+    }
+
+    fn and(self, other: Reach) -> Reach {
+        Reach { behind: self.behind.max(other.behind), ahead: self.ahead.max(other.ahead) }
+    }
+}
+
+impl Formula {
+    /// Returns the texts of all sub-formulas, the formula itself among them.
+    ///
+    /// The order is fixed: root first, depth first, left operand before right. It is the order of
+    /// [`Monitor::subformula_minima`](crate::Monitor::subformula_minima).
+    ///
+    /// A sub-formula has a truth value: a comparison, a logical or temporal operator, or an operand of one of the
+    /// latter two. The terms of a comparison (`distance`, `0.12`, `abs(a - b)`) are numbers and not listed. A
+    /// sub-formula that occurs twice is listed twice. Each text reads back as the sub-formula.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_stl::Formula;
+    /// let formula = Formula::parse("always[50:300](abs(d) <= 0.12 and v < 1) or safe").unwrap();
+    /// let texts: Vec<String> = formula.subformulas().collect();
+    /// assert_eq!(
+    ///     texts,
+    ///     [
+    ///         "always[50:300](abs(d) <= 0.12 and v < 1) or safe",
+    ///         "always[50:300](abs(d) <= 0.12 and v < 1)",
+    ///         "abs(d) <= 0.12 and v < 1",
+    ///         "abs(d) <= 0.12",
+    ///         "v < 1",
+    ///         "safe",
+    ///     ]
+    /// );
+    /// ```
+    pub fn subformulas(&self) -> impl Iterator<Item = String> {
+        let starts = self.starts();
+        self.listed_nodes().into_iter().map(move |node| {
+            let text = std::fmt::from_fn(|f| self.write_node(f, Operator::name, node, &starts));
+            text.to_string()
+        })
+    }
+
+    /// Returns the nodes of the sub-formulas, root first, depth first.
+    pub(crate) fn listed_nodes(&self) -> Vec<usize> {
+        let starts = self.starts();
+        let mut listed = Vec::new();
+        // A node, and whether it is the root or the operand of a logical or temporal operator.
+        let mut open = vec![(self.nodes.len() - 1, true)];
+        while let Some((node, in_formula)) = open.pop() {
+            let Node::Apply(operator, _) = self.nodes[node] else {
+                if in_formula {
+                    listed.push(node);
+                }
+                continue;
+            };
+            if in_formula || !operator.is_term() {
+                listed.push(node);
+            }
+            let has_formulas = !operator.is_term() && !operator.is_comparison();
+            let last = node - 1;
+            open.push((last, has_formulas));
+            if operator.arity() == 2 {
+                open.push((starts[last] - 1, has_formulas));
+            }
+        }
+        listed
+    }
+}

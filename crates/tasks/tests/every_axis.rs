@@ -1,0 +1,372 @@
+//! What holds for every task and every axis that a scenario may set.
+
+#![allow(clippy::unwrap_used)]
+
+use std::sync::Arc;
+
+use mishandle_controllers::ControllerFile;
+use mishandle_rollout::{
+    Axis, AxisKind, Component, Controller, Environment, Episode, Noise, Request, Sample, Scenario, Seed,
+    Space, Specification, System, Target,
+};
+use mishandle_tasks::{Preset, Reward, TASKS, Task, TaskEnvironment, TaskTarget, task};
+use mishandle_world::Model;
+
+const NOISE: Noise = Noise { action_std: 0.2, observation_std: 0.0 };
+
+/// The shipped PPO controller, which uses every number that it sees.
+fn policy(task: &dyn Task) -> Arc<dyn Controller> {
+    let definition = task.definition();
+    let name = definition.variant_of.unwrap_or(definition.name);
+    let path = format!("{}/../../controllers/{name}/ppo.safetensors", env!("CARGO_MANIFEST_DIR"));
+    Arc::new(ControllerFile::load(path.as_ref()).unwrap().policy)
+}
+
+fn target(task: &'static dyn Task) -> Target {
+    let part = |text: &str| text.to_string();
+    let component =
+        Component { role: part("controller"), name: part("ppo"), hash: part("-"), file_hash: part("") };
+    let controller = policy(task);
+    TaskTarget::new(task, Preset::Paper, (controller, component), NOISE).unwrap().target().unwrap()
+}
+
+fn specification(task: &dyn Task) -> Specification {
+    task.definition().paper.specification().unwrap()
+}
+
+fn system(target: &Target, task: &dyn Task, space: &Space) -> Box<dyn System> {
+    target.system(space, &specification(task)).unwrap()
+}
+
+/// Everything that an episode holds but its scenario, as bits.
+fn bits(episode: &Episode) -> (Vec<u64>, String) {
+    let trace = &episode.trace;
+    let columns = (0..trace.names().len()).flat_map(|i| trace.column(i).iter().map(|x| x.to_bits()));
+    let numbers = columns.chain([episode.total_reward.to_bits()]).collect();
+    (numbers, format!("{:?} {:?} {}", episode.end, episode.verdict, episode.steps))
+}
+
+fn run(system: &mut dyn System, scenario: Scenario) -> Episode {
+    system.rollout(&[Request::new(scenario, Seed(9))]).unwrap().remove(0)
+}
+
+/// The nominal scenario of `space` with these values in place of the nominal ones.
+fn with(space: &Space, values: &[(&str, f64)]) -> Scenario {
+    let nominal = space.nominal();
+    let value = |(index, axis): (usize, &Axis)| {
+        let set = values.iter().find(|(name, _)| axis.name == *name);
+        set.map(|(_, value)| *value).or(nominal.get(index))
+    };
+    Scenario::new(space.axes().iter().enumerate().map(value).collect())
+}
+
+#[test]
+fn a_nominal_scenario_is_the_undisturbed_episode_bit_for_bit() {
+    for task in TASKS {
+        let (target, name) = (target(*task), task.definition().name);
+        let starts = target.space("starts").unwrap();
+        let undisturbed = run(&mut *system(&target, *task, &starts), starts.nominal());
+        let all = target.space("all").unwrap();
+        let mut system = system(&target, *task, &all);
+        assert!(bits(&run(&mut *system, all.nominal())) == bits(&undisturbed), "{name}");
+        // An event without magnitude is nominal, whenever it happens.
+        let times = [("push_time", 1.3), ("push_duration", 0.17), ("jump_time", 2.1)];
+        assert!(bits(&run(&mut *system, with(&all, &times))) == bits(&undisturbed), "{name}: times");
+    }
+}
+
+#[test]
+fn every_kind_of_axis_is_there_for_every_task() {
+    for task in TASKS {
+        let target = target(*task);
+        for (kind, name) in AxisKind::ALL {
+            assert!(
+                target.axes.iter().any(|axis| axis.kind == kind),
+                "{} has no {name}",
+                task.definition().name
+            );
+        }
+        let spaces: Vec<&str> = target.spaces.iter().map(Space::name).collect();
+        let wanted = ["starts", "dynamics", "delay", "sensing", "drift", "events", "disturbance", "noise"];
+        assert_eq!(spaces, wanted, "{}", task.definition().name);
+        let in_spaces: usize = target.spaces.iter().map(Space::dimension).sum();
+        assert_eq!(in_spaces, target.axes.len(), "each axis is in one space");
+    }
+}
+
+/// The axes whose values are looked at: of those that differ only by joint or by observed number the first and the last,
+/// in their first segment. What happens later may come too late to matter: a cloth that lies stays where it is.
+fn representatives(axes: &[Axis]) -> Vec<&Axis> {
+    let family = |axis: &Axis| axis.name.split('_').next().unwrap_or_default().to_string();
+    let is_many = |axis: &Axis| ["bias", "drift", "disturbance", "draw"].contains(&family(axis).as_str());
+    let segment = |axis: &Axis| axis.name.rsplit('_').next().and_then(|part| part.parse::<u32>().ok());
+    let axes: Vec<&Axis> =
+        axes.iter().filter(|axis| segment(axis).is_none_or(|segment| segment == 1)).collect();
+    let is_same =
+        |axis: &Axis, other: Option<&&Axis>| other.is_some_and(|other| family(other) == family(axis));
+    let is_kept = |i: usize| {
+        let before = i.checked_sub(1).and_then(|i| axes.get(i));
+        !is_many(axes[i]) || !is_same(axes[i], before) || !is_same(axes[i], axes.get(i + 1))
+    };
+    (0..axes.len()).filter(|i| is_kept(*i)).map(|i| axes[i]).collect()
+}
+
+#[test]
+fn every_axis_changes_the_trace() {
+    for task in TASKS {
+        let (target, name) = (target(*task), task.definition().name);
+        let all = target.space("all").unwrap();
+        let mut system = system(&target, *task, &all);
+        // Times and durations matter where something happens.
+        let force = target.axes.iter().find(|axis| axis.name == "push_force_x").map_or(0.0, |axis| axis.high);
+        let happening = [("push_force_x", force), ("jump_x", 0.05)];
+        let nominal = bits(&run(&mut *system, all.nominal()));
+        let disturbed = bits(&run(&mut *system, with(&all, &happening)));
+        assert!(nominal != disturbed, "{name}: no event");
+        let axes = representatives(&target.axes);
+        let scenarios = axes.iter().map(|axis| {
+            let value = if axis.nominal == Some(axis.high) { axis.low } else { axis.high };
+            let is_time = axis.kind == AxisKind::Event && axis.unit == "s";
+            let others: &[(&str, f64)] = if is_time { &happening } else { &[] };
+            with(&all, &[&[(axis.name.as_str(), value)], others].concat())
+        });
+        let requests: Vec<Request> = scenarios.map(|scenario| Request::new(scenario, Seed(9))).collect();
+        for (axis, episode) in axes.iter().zip(system.rollout(&requests).unwrap()) {
+            let is_time = axis.kind == AxisKind::Event && axis.unit == "s";
+            let before = if is_time { &disturbed } else { &nominal };
+            // A door turns about the vertical, so a vertical force does not move it.
+            if (name, axis.name.as_str()) == ("door-opening", "push_force_z") {
+                assert!(bits(&episode) == *before, "a vertical force moves the door");
+                continue;
+            }
+            assert!(bits(&episode) != *before, "{name}: nothing changes with {}", axis.name);
+        }
+    }
+}
+
+#[test]
+fn a_disturbed_episode_never_depends_on_its_batch_or_on_threads() {
+    for task in TASKS.iter().filter(|task| !task.definition().name.starts_with("cloth")) {
+        let target = target(*task);
+        let all = target.space("all").unwrap();
+        // More rows with constants of their own than a worker keeps worlds.
+        let requests: Vec<Request> =
+            (0..40).map(|i| Request::new(all.sample(Seed(2), i), Seed(2).child(i))).collect();
+        let on = |threads: usize, requests: &[Request]| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| system(&target, *task, &all).rollout(requests).unwrap())
+        };
+        let together = on(1, &requests);
+        let threaded = on(3, &requests);
+        for (i, (a, b)) in together.iter().zip(&threaded).enumerate() {
+            assert!(bits(a) == bits(b), "{} row {i}", task.definition().name);
+        }
+        for i in [0, 17, 39] {
+            let alone = on(1, &requests[i..=i]);
+            assert!(bits(&alone[0]) == bits(&together[i]), "{} row {i}", task.definition().name);
+        }
+    }
+}
+
+/// One simulation, stepped by hand under actions of 0.
+struct Hand {
+    environment: TaskEnvironment,
+    worker: Box<dyn mishandle_rollout::Worker>,
+    state: Vec<f64>,
+    observation: Vec<f32>,
+    signals: Vec<f64>,
+    rewards: Vec<f64>,
+}
+
+impl Hand {
+    fn new(name: &str, values: &[(&str, f64)]) -> Hand {
+        let task = task(name).unwrap();
+        let target = target(task);
+        let of_loop = |axis: &Axis| {
+            let loops = ["bias", "drift", "disturbance", "draw", "action", "observation"];
+            loops.contains(&axis.name.split('_').next().unwrap())
+        };
+        let axes = target.axes.iter().filter(|axis| !of_loop(axis)).cloned().collect();
+        let space = Space::new("environment", axes).unwrap();
+        let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original).unwrap();
+        let environment = environment.with_space(space.clone()).unwrap();
+        let mut hand = Hand {
+            worker: environment.worker(),
+            state: vec![0.0; environment.state_size()],
+            observation: vec![0.0; environment.observation_size()],
+            signals: vec![0.0; environment.signals().len()],
+            rewards: vec![0.0; environment.reward_terms().len()],
+            environment,
+        };
+        let sample = Sample {
+            observation: &mut hand.observation,
+            signals: &mut hand.signals,
+            rewards: &mut hand.rewards,
+        };
+        hand.worker.reset(&with(&space, values), Seed(1), &mut hand.state, sample);
+        hand
+    }
+
+    fn step(&mut self) {
+        let sample = Sample {
+            observation: &mut self.observation,
+            signals: &mut self.signals,
+            rewards: &mut self.rewards,
+        };
+        self.worker.step(&[0.0; 9], &mut self.state, sample);
+    }
+
+    fn steps(mut self, count: usize) -> Hand {
+        (0..count).for_each(|_| self.step());
+        self
+    }
+
+    fn model(&self) -> &Model {
+        self.environment.model()
+    }
+
+    /// Velocity of a free body, m/s.
+    fn velocity(&self, name: &str) -> [f64; 3] {
+        let mut world = self.model().world();
+        world.set_state(&self.state);
+        world.rows().free_velocity(self.model().joint(name).unwrap())
+    }
+
+    fn position(&self, name: &str) -> [f64; 3] {
+        let mut world = self.model().world();
+        world.set_state(&self.state);
+        world.rows().free_position(self.model().joint(name).unwrap())
+    }
+}
+
+#[test]
+fn a_push_on_a_free_body_changes_its_momentum_by_force_times_duration() {
+    // Begin, duration (both between physics steps), and a control step after it and before the ball touches anything.
+    for (name, begin, duration, steps) in [
+        ("ball-balancing", 0.0213, 0.0517, 6),
+        ("ball-catching", 0.1003, 0.1511, 18),
+        ("ball-pushing", 0.0041, 0.0183, 2),
+    ] {
+        for scale in [1.0, 2.0] {
+            let force = [0.004, -0.003, 0.002];
+            let pushed = Hand::new(
+                name,
+                &[
+                    ("ball_mass_scale", scale),
+                    ("push_time", begin),
+                    ("push_duration", duration),
+                    ("push_force_x", force[0]),
+                    ("push_force_y", force[1]),
+                    ("push_force_z", force[2]),
+                ],
+            )
+            .steps(steps);
+            let free = Hand::new(name, &[("ball_mass_scale", scale)]).steps(steps);
+            let mass = scale * free.model().mass(free.model().body("ball").unwrap());
+            let (with, without) = (pushed.velocity("ball"), free.velocity("ball"));
+            for i in 0..3 {
+                let (gained, given) = (mass * (with[i] - without[i]), force[i] * duration);
+                assert!(
+                    (gained - given).abs() <= 1e-9 * given.abs(),
+                    "{name}: {gained} instead of {given} N s"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_pushed_cube_slides_as_far_as_coulomb_friction_lets_it() {
+    // A cube of 20 g on the ground, pushed with 0.5 N for 0.05 s against the friction μ m g, then stopped by it.
+    let slide = |scale: f64| {
+        let push =
+            [("friction_scale", scale), ("push_time", 0.5), ("push_duration", 0.05), ("push_force_x", 0.5)];
+        let cube = Hand::new("cube-stacking", &push).steps(29);
+        let before = cube.position("target")[0];
+        let cube = cube.steps(90);
+        assert!(cube.velocity("target")[0].abs() < 0.01, "it has come to rest");
+        cube.position("target")[0] - before
+    };
+    for (scale, mu) in [(1.0, 0.75), (0.5, 0.375)] {
+        let (mass, g, duration) = (0.02, 9.81, 0.05);
+        let acceleration = 0.5 / mass - mu * g;
+        let velocity = acceleration * duration;
+        let expected = 0.5 * acceleration * duration * duration + velocity * velocity / (2.0 * mu * g);
+        let found = slide(scale);
+        // Contacts are soft, and the push starts and stops the cube within a few steps.
+        assert!((found / expected - 1.0).abs() < 0.1, "{found} m, expected {expected} m at friction {mu}");
+    }
+}
+
+#[test]
+fn a_target_jumps_by_its_offset_in_the_control_step_of_its_time() {
+    let jump = [("jump_time", 0.1), ("jump_x", 0.04), ("jump_y", -0.03), ("jump_z", 0.02)];
+    let (mut with, mut without) = (Hand::new("point-reaching", &jump), Hand::new("point-reaching", &[]));
+    for step in 1..=10 {
+        with.step();
+        without.step();
+        let moved: Vec<f32> = (18..21).map(|i| with.observation[i] - without.observation[i]).collect();
+        // 0.1 s are six control steps: the seventh begins with the jump.
+        let expected = if step > 6 { [0.04, -0.03, 0.02] } else { [0.0; 3] };
+        for (moved, expected) in moved.iter().zip(expected) {
+            assert!((moved - expected).abs() < 1e-6, "after step {step}: {moved:?}");
+        }
+    }
+}
+
+#[test]
+fn a_snapshot_in_the_middle_of_a_push_continues_to_the_same_bits() {
+    for task in TASKS {
+        let force = task.definition().variations.push.unwrap().1;
+        let push =
+            [("servo_gain_scale", 0.9), ("push_time", 0.05), ("push_duration", 0.2), ("push_force_y", force)];
+        let mut hand = Hand::new(task.definition().name, &push).steps(8);
+        let mut restored = Hand::new(task.definition().name, &[]);
+        restored.state.copy_from_slice(&hand.state);
+        for step in 8..20 {
+            hand.step();
+            restored.step();
+            let bits =
+                |hand: &Hand| hand.state.iter().chain(&hand.signals).map(|x| x.to_bits()).collect::<Vec<_>>();
+            assert!(bits(&hand) == bits(&restored), "{} at step {step}", task.definition().name);
+        }
+    }
+}
+
+#[test]
+fn damping_slows_an_arm_and_weaker_servos_follow_later() {
+    // One control step of a raised target: how far joint 1 has come after ten.
+    let reach = |values: &[(&str, f64)]| {
+        let mut hand = Hand::new("point-reaching", values);
+        let sample = Sample {
+            observation: &mut hand.observation,
+            signals: &mut hand.signals,
+            rewards: &mut hand.rewards,
+        };
+        hand.worker.step(&[1.0; 9], &mut hand.state, sample);
+        let hand = hand.steps(9);
+        let mut world = hand.model().world();
+        world.set_state(&hand.state);
+        world.qpos()[hand.model().joint("joint1").unwrap().qpos]
+    };
+    let nominal = reach(&[]);
+    assert!(reach(&[("joint_damping", 10.0)]) < nominal);
+    assert!(reach(&[("servo_gain_scale", 0.8)]) < nominal);
+    assert!(reach(&[("servo_gain_scale", 1.25)]) > nominal);
+}
+
+#[test]
+fn an_unknown_axis_and_a_value_out_of_range_are_refused() {
+    let task = task("ball-balancing").unwrap();
+    let target = target(task);
+    let wind = Space::new("wind", vec![Axis::start("wind", "m/s", 0.0, 1.0)]).unwrap();
+    let error = target.system(&wind, &specification(task)).err().unwrap().to_string();
+    assert!(error.contains("wind"), "{error}");
+    let dynamics = target.space("dynamics").unwrap();
+    let mut system = system(&target, task, &dynamics);
+    let request = Request::new(with(&dynamics, &[("friction_scale", -1.0)]), Seed(0));
+    let error = system.rollout(&[request]).unwrap_err().to_string();
+    assert!(error.contains("friction_scale") && error.contains("-1"), "{error}");
+    let error = target.space("dynamics+nowhere").unwrap_err().to_string();
+    assert!(error.contains("nowhere") && error.contains("dynamics, delay"), "{error}");
+}

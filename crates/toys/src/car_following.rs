@@ -1,0 +1,172 @@
+//! A car behind another one: a time series with every kind of axis.
+//!
+//! The follower drives by the intelligent driver model of Treiber, Hennecke and Helbing, "Congested traffic states in
+//! empirical observations and microscopic simulations", Physical Review E 62, 2000, with a bounded deceleration:
+//!
+//! ```text
+//! a  = A (1 - (v / v₀)⁴ - (s* / s)²)        s* = s₀ + v T + v Δv / (2 sqrt(A B))
+//! ```
+//!
+//! with gap s, speed v and closing speed Δv.
+
+use std::collections::VecDeque;
+
+use mishandle_rollout::{Axis, AxisKind, Distribution, Seed, Stream, Values};
+
+use crate::Toy;
+
+pub(crate) struct CarFollowing;
+
+/// Duration of a step, s, and steps of an episode: 20 s.
+const DT: f64 = 0.1;
+const STEPS: usize = 200;
+
+/// Parameters of the model: desired speed (m/s), time headway (s), least gap (m), acceleration and comfortable
+/// deceleration (m/s²).
+const DESIRED_SPEED: f64 = 33.0;
+const HEADWAY: f64 = 1.0;
+const LEAST_GAP: f64 = 2.0;
+const ACCELERATION: f64 = 1.5;
+const DECELERATION: f64 = 2.0;
+
+/// The hardest that the follower can brake on a dry road, m/s².
+const HARDEST: f64 = 8.0;
+
+/// Steps between the knots of the front car's acceleration.
+const KNOT: usize = 50;
+const KNOTS: usize = STEPS / KNOT + 1;
+
+/// Standard deviation of the measured gap's error, m, which is drawn anew in each of these parts of the episode.
+const GAP_STD: f64 = 0.5;
+const PARTS: usize = 4;
+
+/// Places of the axes.
+const GAP: usize = 0;
+const SPEED: usize = 1;
+const DELAY: usize = 2;
+const BRAKES: usize = 3;
+const EVENT: usize = 4;
+const FRONT: usize = 7;
+const ERRORS: usize = FRONT + KNOTS;
+
+impl Toy for CarFollowing {
+    fn name(&self) -> &'static str {
+        "car-following"
+    }
+
+    fn summary(&self) -> &'static str {
+        "A car follows another one for 20 s: safe from every start, not when the front car brakes and the road is wet."
+    }
+
+    fn axes(&self) -> Vec<Axis> {
+        let event = |name: &str, unit: &str, bounds, nominal| {
+            Axis::new(AxisKind::Event, name, unit, bounds, Some(nominal))
+        };
+        let mut axes = vec![
+            Axis::start("gap", "m", 15.0, 60.0).meaning("gap between the cars at the start"),
+            Axis::start("speed", "m/s", 15.0, 30.0).meaning("speed of both cars at the start"),
+            Axis::new(AxisKind::Model, "reaction_delay", "steps", [0.0, 10.0], Some(0.0))
+                .with_values(Values::Integer)
+                .meaning("steps of 0.1 s until the follower reacts"),
+            Axis::new(AxisKind::Model, "braking_scale", "", [0.25, 1.0], Some(1.0))
+                .with_values(Values::Logarithmic)
+                .meaning("factor of the follower's hardest deceleration, 8 m/s² on a dry road"),
+            event("brake_time", "s", [0.0, 15.0], 0.0).meaning("when the front car begins to brake"),
+            event("brake_duration", "s", [0.5, 5.0], 1.0).meaning("how long it brakes"),
+            event("brake_deceleration", "m/s²", [0.0, 8.0], 0.0).meaning("how hard it brakes"),
+        ];
+        axes.extend((0..KNOTS).map(|knot| {
+            let name = format!("front_acceleration_{}", knot + 1);
+            Axis::new(AxisKind::Input, &name, "m/s²", [-1.0, 1.0], Some(0.0))
+                .meaning("acceleration of the front car at this knot, 5 s apart, linear between them")
+        }));
+        axes.extend((0..PARTS).map(|part| {
+            let name = format!("gap_error_{}", part + 1);
+            let mut axis = Axis::new(AxisKind::Noise, &name, "", [-4.0, 4.0], None)
+                .meaning("error of the measured gap in this quarter, in units of 0.5 m");
+            axis.distribution = Distribution::Normal;
+            axis
+        }));
+        axes
+    }
+
+    fn signals(&self) -> &'static [(&'static str, &'static str)] {
+        &[("gap", "m"), ("speed", "m/s"), ("closing_speed", "m/s")]
+    }
+
+    fn formulas(&self) -> &'static [(&'static str, &'static str)] {
+        &[("success", "always(gap >= 2)"), ("strict", "always(gap >= 5)"), ("safe", "gap >= 5")]
+    }
+
+    fn control_dt(&self) -> f64 {
+        DT
+    }
+
+    fn episode_steps(&self) -> usize {
+        STEPS
+    }
+
+    fn simulate(&self, values: &[Option<f64>], seed: Seed, push: &mut dyn FnMut(&[f64])) {
+        let value = |place: usize| values[place].unwrap_or_default();
+        let (mut gap, mut speed, mut front) = (value(GAP), value(SPEED), value(SPEED));
+        let mut drawn = [0.0; PARTS];
+        seed.normals(Stream::ObservationNoise, 0, &mut drawn);
+        let error = |step: usize| {
+            let part = step * PARTS / STEPS;
+            GAP_STD * values[ERRORS + part].unwrap_or(drawn[part])
+        };
+        let mut commands = VecDeque::from(vec![0.0; value(DELAY) as usize]);
+        push(&[gap, speed, speed - front]);
+        for step in 0..STEPS {
+            commands.push_back(acceleration(gap + error(step), speed, speed - front));
+            let command = commands.pop_front().unwrap_or_default().max(-HARDEST * value(BRAKES));
+            let front_acceleration = knots(&values[FRONT..][..KNOTS], step)
+                - braking(step as f64 * DT, [value(EVENT), value(EVENT + 1), value(EVENT + 2)]);
+            let (before, front_before) = (speed, front);
+            speed = (speed + DT * command).max(0.0);
+            front = (front + DT * front_acceleration).max(0.0);
+            gap += 0.5 * DT * (front + front_before - speed - before);
+            push(&[gap, speed, speed - front]);
+        }
+    }
+}
+
+/// The follower's acceleration by the intelligent driver model, m/s².
+fn acceleration(gap: f64, speed: f64, closing: f64) -> f64 {
+    let wanted = LEAST_GAP
+        + (speed * HEADWAY + speed * closing / (2.0 * (ACCELERATION * DECELERATION).sqrt())).max(0.0);
+    let ratio = wanted / gap.max(0.1);
+    ACCELERATION * (1.0 - (speed / DESIRED_SPEED).powi(4) - ratio * ratio)
+}
+
+/// How hard the front car brakes at `time`, m/s².
+fn braking(time: f64, [begin, duration, deceleration]: [f64; 3]) -> f64 {
+    if (begin..begin + duration).contains(&time) { deceleration } else { 0.0 }
+}
+
+/// Linear interpolation between the knots.
+fn knots(values: &[Option<f64>], step: usize) -> f64 {
+    let (knot, share) = (step / KNOT, (step % KNOT) as f64 / KNOT as f64);
+    let value = |knot: usize| values.get(knot).copied().flatten().unwrap_or_default();
+    (1.0 - share) * value(knot) + share * value(knot + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn in_equilibrium_the_follower_keeps_its_gap() {
+        // At 20 m/s without closing speed the acceleration is 0 at s = s* / sqrt(1 - (v / v₀)⁴).
+        let gap = (LEAST_GAP + 20.0 * HEADWAY) / (1.0 - (20.0_f64 / DESIRED_SPEED).powi(4)).sqrt();
+        assert!(acceleration(gap, 20.0, 0.0).abs() < 1e-12);
+        assert!(acceleration(gap - 1.0, 20.0, 0.0) < 0.0 && acceleration(gap + 1.0, 20.0, 0.0) > 0.0);
+    }
+
+    #[test]
+    fn the_front_car_brakes_for_its_duration_and_its_knots_are_met() {
+        assert_eq!([0.9, 1.0, 2.9, 3.0].map(|time| braking(time, [1.0, 2.0, 6.0])), [0.0, 6.0, 6.0, 0.0]);
+        let values = [Some(0.0), Some(1.0), Some(-1.0), None, None];
+        assert_eq!([0, 25, 50, 75, 100].map(|step| knots(&values, step)), [0.0, 0.5, 1.0, 0.0, -1.0]);
+    }
+}

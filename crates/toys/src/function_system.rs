@@ -1,0 +1,88 @@
+//! A system whose robustness is a function of the request.
+
+use std::sync::Arc;
+
+use mishandle_rollout::{End, Episode, Request, RolloutError, Space, System, Verdict};
+use mishandle_stl::Trace;
+
+/// How a simulation of a [`FunctionSystem`] goes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Fate {
+    /// It runs to its end and has this robustness.
+    Robustness(f64),
+    /// It is stopped before the formula is decided.
+    Undecided,
+    /// It diverges.
+    Diverged,
+}
+
+/// A [`System`] whose robustness is a function of the request.
+///
+/// Its episodes have the signal `robustness`, two samples of it, and one control step.
+///
+/// # Example
+/// ```
+/// use mishandle_rollout::{Axis, Request, Seed, Space, System};
+/// use mishandle_toys::{Fate, FunctionSystem};
+///
+/// let space = Space::new("starts", vec![Axis::start("x", "m", -1.0, 1.0)]).unwrap();
+/// let mut system = FunctionSystem::new(space, |request| Fate::Robustness(request.scenario.get(0).unwrap()));
+/// let episodes = system.rollout(&[Request::new([0.25], Seed(0))]).unwrap();
+/// assert_eq!(episodes[0].verdict.robustness, Some(0.25));
+/// ```
+pub struct FunctionSystem {
+    space: Space,
+    fate: Box<dyn Fn(&Request) -> Fate>,
+    signals: Arc<[String]>,
+    simulations: usize,
+}
+
+impl FunctionSystem {
+    /// A system with this space, whose simulations go as `fate` says.
+    pub fn new(space: Space, fate: impl Fn(&Request) -> Fate + 'static) -> FunctionSystem {
+        let signals = Arc::from(["robustness".to_string()]);
+        FunctionSystem { space, fate: Box::new(fate), signals, simulations: 0 }
+    }
+
+    /// How many simulations it has run.
+    pub fn simulations(&self) -> usize {
+        self.simulations
+    }
+
+    fn episode(&self, request: &Request) -> Episode {
+        let (robustness, end) = match (self.fate)(request) {
+            Fate::Robustness(rho) => (Some(rho), End::Completed),
+            Fate::Undecided => (None, End::Stopped { step: 1 }),
+            Fate::Diverged => (None, End::Diverged { step: 1 }),
+        };
+        let mut trace = Trace::with_capacity(self.signals.clone(), 2);
+        (0..2).for_each(|_| trace.push(&[robustness.unwrap_or(0.0)]));
+        Episode {
+            request: request.clone(),
+            end,
+            steps: 1,
+            verdict: Verdict {
+                robustness,
+                success: robustness,
+                strict: robustness,
+                dangerous_steps: robustness.map(|rho| usize::from(rho < 0.0)),
+                completion_step: robustness.filter(|rho| *rho > 0.0).map(|_| 1),
+                subformulas: Vec::new(),
+            },
+            total_reward: 0.0,
+            trace,
+        }
+    }
+}
+
+impl System for FunctionSystem {
+    fn space(&self) -> &Space {
+        &self.space
+    }
+
+    fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
+        requests.iter().try_for_each(|request| self.space.check(&request.scenario))?;
+        self.simulations += requests.len();
+        Ok(requests.iter().map(|request| self.episode(request)).collect())
+    }
+}

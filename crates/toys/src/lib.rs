@@ -1,0 +1,33 @@
+//! Targets in closed form that ship with the program: for tests, documentation and benchmarks of searches.
+//!
+//! A simulation takes microseconds and its truth is known, so that searches and campaigns can be tried in milliseconds.
+//! A new toy is a file and a line of [`TOYS`]. [`FunctionSystem`] is a system whose robustness is any function, for tests.
+//!
+//! # Example
+//! The car keeps its distance from every start, unless the car in front brakes:
+//! ```
+//! use mishandle_rollout::{Request, Seed, Specification};
+//! use mishandle_stl::Formula;
+//! let target = mishandle_toys::target("toy/car-following").unwrap()?;
+//! let specification = Specification::new(Formula::parse("always(gap >= 2)").unwrap());
+//! let starts = target.space("starts")?;
+//! let mut system = target.system(&starts, &specification)?;
+//! let episodes = system.rollout(&[Request::new(starts.nominal(), Seed(0))])?;
+//! assert!(episodes[0].verdict.robustness > Some(0.0));
+//! # Ok::<(), mishandle_rollout::RolloutError>(())
+//! ```
+
+mod car_following;
+mod function_system;
+mod needle;
+mod noisy;
+mod plateau;
+mod sphere;
+mod toy;
+
+pub use function_system::{Fate, FunctionSystem};
+pub use toy::{Toy, target};
+
+/// All toys, in the order in which they are listed.
+pub static TOYS: &[&dyn Toy] =
+    &[&sphere::Sphere, &needle::Needle, &plateau::Plateau, &noisy::Noisy, &car_following::CarFollowing];

@@ -1,0 +1,44 @@
+//! A needle in a rough landscape: many local minima, and one narrow well that they do not lead to.
+
+use std::f64::consts::TAU;
+
+use mishandle_rollout::{Axis, Seed};
+
+use crate::Toy;
+
+pub(crate) struct Needle;
+
+/// Where the well is, its width, and how deep it is.
+const WELL: [f64; 2] = [0.62, 0.27];
+const WIDTH: f64 = 0.02;
+const DEPTH: f64 = 1.0;
+
+impl Toy for Needle {
+    fn name(&self) -> &'static str {
+        "needle"
+    }
+
+    fn summary(&self) -> &'static str {
+        "A needle in a rough landscape: 100 local minima above 0, and one well below it, on 0.2 % of the square."
+    }
+
+    fn axes(&self) -> Vec<Axis> {
+        vec![Axis::start("x", "", 0.0, 1.0), Axis::start("y", "", 0.0, 1.0)]
+    }
+
+    fn signals(&self) -> &'static [(&'static str, &'static str)] {
+        &[("height", "")]
+    }
+
+    fn formulas(&self) -> &'static [(&'static str, &'static str)] {
+        &[("success", "always(height >= 0)")]
+    }
+
+    fn simulate(&self, values: &[Option<f64>], _seed: Seed, push: &mut dyn FnMut(&[f64])) {
+        let [x, y] = [0, 1].map(|i| values[i].unwrap_or_default());
+        let ripples = 0.1 * (2.0 - (10.0 * TAU * x).cos() - (10.0 * TAU * y).cos());
+        let squared = (x - WELL[0]).powi(2) + (y - WELL[1]).powi(2);
+        let height = 0.3 + ripples - DEPTH * (-squared / (2.0 * WIDTH * WIDTH)).exp();
+        (0..2).for_each(|_| push(&[height]));
+    }
+}

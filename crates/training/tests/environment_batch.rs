@@ -1,0 +1,222 @@
+//! Training takes any environment batch, and the CPU batch gives the bits of its workers.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+mod line;
+mod toy;
+
+use line::Line;
+use mishandle_controllers::Policy;
+use mishandle_rollout::{
+    BatchFactory, Controller, Environment, EnvironmentBatch, EnvironmentSpec, RolloutError, Sample, Seed,
+    Status, Stream,
+};
+use mishandle_training::{Checkpoint, Config, Flow, Observer, Progress, Trained, TrainingError, Validation};
+
+/// A point on a line, in closed form: x' = x + 0.2 clip(a), reward 1 - |x'|, an episode of 20 control steps from x
+/// uniform in [-1, 1]. It has no `Environment`, no workers and no initial box.
+struct Homing {
+    x: Vec<f32>,
+    rewards: Vec<f64>,
+    statuses: Vec<Status>,
+    /// Steps after which the batch fails, as a process that is killed would.
+    steps_left: u64,
+}
+
+struct Homes {
+    steps: u64,
+}
+
+impl BatchFactory for Homes {
+    fn spec(&self) -> EnvironmentSpec {
+        EnvironmentSpec {
+            name: "homing".to_string(),
+            observation_size: 1,
+            action_size: 1,
+            state_size: 1,
+            signal_count: 0,
+            reward_terms: vec!["near".to_string()],
+            episode_steps: 20,
+        }
+    }
+
+    fn batch(&self, rows: usize) -> Result<Box<dyn EnvironmentBatch>, RolloutError> {
+        Ok(Box::new(Homing {
+            x: vec![0.0; rows],
+            rewards: vec![0.0; rows],
+            statuses: vec![Status::Running; rows],
+            steps_left: self.steps,
+        }))
+    }
+}
+
+impl EnvironmentBatch for Homing {
+    fn rows(&self) -> usize {
+        self.x.len()
+    }
+
+    fn reset(&mut self, rows: &[(usize, Seed)]) -> Result<(), RolloutError> {
+        for (row, seed) in rows {
+            self.x[*row] = (2.0 * seed.uniform(Stream::Reset, 0, 0) - 1.0) as f32;
+        }
+        Ok(())
+    }
+
+    fn step(&mut self, actions: &[f64]) -> Result<(), RolloutError> {
+        let left = self.steps_left.checked_sub(1);
+        self.steps_left = left.ok_or_else(|| RolloutError::Batch("the process was killed".to_string()))?;
+        for ((x, reward), action) in self.x.iter_mut().zip(&mut self.rewards).zip(actions) {
+            *x += 0.2 * action.clamp(-1.0, 1.0) as f32;
+            *reward = 1.0 - f64::from(x.abs());
+        }
+        Ok(())
+    }
+
+    fn observations(&self) -> &[f32] {
+        &self.x
+    }
+
+    fn rewards(&self) -> &[f64] {
+        &self.rewards
+    }
+
+    fn statuses(&self) -> &[Status] {
+        &self.statuses
+    }
+
+    fn read_states(&mut self, states: &mut [f64]) -> Result<(), RolloutError> {
+        states.iter_mut().zip(&self.x).for_each(|(state, x)| *state = f64::from(*x));
+        Ok(())
+    }
+
+    fn write_states(&mut self, states: &[f64], _observations: &[f32]) -> Result<(), RolloutError> {
+        self.x.iter_mut().zip(states).for_each(|(x, state)| *x = *state as f32);
+        Ok(())
+    }
+}
+
+/// Keeps the last checkpoint, and stops after an iteration if it is told to.
+#[derive(Default)]
+struct Keeper {
+    stop_after: Option<u64>,
+    checkpoint: Option<Checkpoint>,
+}
+
+impl Observer for Keeper {
+    fn validate(&mut self, _policy: &Policy, _episodes: usize) -> Option<Validation> {
+        None
+    }
+
+    fn progress(&mut self, progress: &Progress) -> Flow {
+        if Some(progress.iteration) == self.stop_after { Flow::Stop } else { Flow::Continue }
+    }
+
+    fn checkpoint(&mut self, checkpoint: &Checkpoint) {
+        self.checkpoint = Some(checkpoint.clone());
+    }
+}
+
+fn config(algorithm: &str) -> Config {
+    let own = match algorithm {
+        "ppo" => "rollout_steps = 20\nminibatch_rows = 160\nrun.total_steps = 32_000",
+        _ => {
+            "steps_per_iteration = 20\ntau = 0.01\nreplay = { warmup_steps = 500, batch_rows = 64, n_steps = 1, \
+             updates_per_step = 0.5, reward_scale = 1.0 }\npolicy.learning_rate = 0.003\nrun.total_steps = 6_400"
+        }
+    };
+    let common = "gamma = 0.9\nepisodes.environments = 32\npolicy.hidden = [16]\ncritic.hidden = [16]\n";
+    Config::from_toml(algorithm, &format!("{common}{own}")).unwrap().unwrap()
+}
+
+fn train(algorithm: &str, resume: Option<&Checkpoint>, keeper: &mut Keeper) -> Trained {
+    config(algorithm).train(&Homes { steps: u64::MAX }, Seed(2), resume, keeper).unwrap()
+}
+
+/// The mean return of 20 control steps from starts on a grid.
+fn mean_return(policy: &Policy) -> f64 {
+    let mut actor = policy.actor();
+    let starts = (-10..=10).map(|start| f64::from(start) / 10.0);
+    let returns = starts.map(|mut x| {
+        let step = |_| {
+            let mut action = [0.0];
+            actor.act(1, &[x as f32], &mut [], &mut action);
+            x += 0.2 * f64::from(action[0]).clamp(-1.0, 1.0);
+            1.0 - x.abs()
+        };
+        (0..20).map(step).sum::<f64>()
+    });
+    returns.sum::<f64>() / 21.0
+}
+
+#[test]
+fn a_batch_without_an_environment_is_learned_and_resumed_to_the_same_bits() {
+    for algorithm in ["ppo", "sac"] {
+        let trained = train(algorithm, None, &mut Keeper::default());
+        // At full speed, |x| = 0, 0.1, .. 1.0 loses 0, 0, 0, 0.1, 0.2, 0.4, 0.6, 0.9, 1.2, 1.6 and 2.0 of the 20: on the
+        // grid 14/21 on average. Standing still loses 20 |x|, 220/21 on average.
+        let found = mean_return(&trained.last);
+        assert!((18.5..=20.0 - 14.0 / 21.0 + 1e-6).contains(&found), "{algorithm}: {found}");
+
+        let mut first = Keeper { stop_after: Some(4), ..Keeper::default() };
+        train(algorithm, None, &mut first);
+        let resumed = train(algorithm, first.checkpoint.as_ref(), &mut Keeper::default());
+        assert_eq!(resumed.last.hash(), trained.last.hash(), "{algorithm}");
+    }
+}
+
+#[test]
+fn a_batch_that_fails_ends_the_training_with_its_reason() {
+    for algorithm in ["ppo", "sac"] {
+        let failed = config(algorithm).train(&Homes { steps: 30 }, Seed(2), None, &mut Keeper::default());
+        let error = failed.unwrap_err();
+        assert!(matches!(error, TrainingError::Environment(_)), "{algorithm}: {error}");
+        assert_eq!(error.to_string(), "the environment batch failed: the process was killed");
+    }
+}
+
+/// A sample of the line.
+#[derive(Default)]
+struct Shown {
+    observation: [f32; 2],
+    signals: [f64; 1],
+    rewards: [f64; 2],
+}
+
+impl Shown {
+    fn sample(&mut self) -> Sample<'_> {
+        let Shown { observation, signals, rewards } = self;
+        Sample { observation, signals, rewards }
+    }
+}
+
+#[test]
+fn the_cpu_batch_gives_the_bits_of_workers_at_starts_drawn_from_the_seeds() {
+    let line = Line::new(0.3);
+    let mut batch = line.batch(7).unwrap();
+    let seeds: Vec<(usize, Seed)> = (0..7).map(|row| (row, Seed(4).child(row as u64))).collect();
+    batch.reset(&seeds).unwrap();
+    // Rows that are reset later start anew, whatever their order; the others go on.
+    let later = [(5, Seed(8)), (1, Seed(9))];
+    let (before, after): (Vec<f64>, Vec<f64>) = (0..7).map(|row| (0.1 * row as f64, -0.2)).unzip();
+    batch.step(&before).unwrap();
+    batch.reset(&later).unwrap();
+    batch.step(&after).unwrap();
+    let mut states = vec![0.0; 7 * line.state_size()];
+    batch.read_states(&mut states).unwrap();
+    for row in 0..7 {
+        let mut worker = line.worker();
+        let mut state = vec![0.0; line.state_size()];
+        let mut shown = Shown::default();
+        let again = later.iter().find(|(other, _)| *other == row);
+        let seed = again.map_or(seeds[row].1, |(_, seed)| *seed);
+        worker.reset(&line.space().sample(seed, 0), seed, &mut state, shown.sample());
+        if again.is_none() {
+            worker.step(&before[row..=row], &mut state, shown.sample());
+        }
+        let status = worker.step(&after[row..=row], &mut state, shown.sample());
+        assert_eq!(batch.statuses()[row], status);
+        assert_eq!(states[row * state.len()..][..state.len()], state);
+        assert_eq!(batch.observations()[2 * row..][..2], shown.observation);
+        assert_eq!(batch.rewards()[2 * row..][..2], shown.rewards);
+    }
+}

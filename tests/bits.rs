@@ -1,0 +1,58 @@
+//! Simulations keep their bits from version to version: points, scenarios, seeds, robustness and traces of seven tasks and
+//! three searches are those of an earlier commit. The file says which, and by which command it was made.
+//!
+//! A difference is not always a mistake: whoever changes physics, a search or a controller on purpose makes the file again.
+
+#![allow(clippy::unwrap_used)]
+
+use std::ops::ControlFlow;
+
+use mishandle::store::RunFile;
+use mishandle::{FalsifyPlan, Plan, Resolved};
+use serde_json::Value;
+
+#[test]
+fn simulations_have_the_bits_of_an_earlier_commit() {
+    let golden: Value = serde_json::from_str(include_str!("golden/bits.json")).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    for (i, case) in golden["cases"].as_array().unwrap().iter().enumerate() {
+        let (task, search) = (case["task"].as_str().unwrap(), case["search"].as_str().unwrap());
+        let expected = case["simulations"].as_array().unwrap();
+        let falsify = FalsifyPlan {
+            formula: Some("strict".to_string()),
+            search: search.to_string(),
+            trials: 1,
+            // The limit on evaluations of nelder-mead is the budget, so it is that of the command.
+            budget: 14,
+            ..FalsifyPlan::default()
+        };
+        let plan = Plan { action_noise: 0.5, seed: 5, falsify: Some(falsify), ..Plan::new(task, "ppo") };
+        let resolved = Resolved::new(&plan).unwrap();
+        let path = folder.path().join(format!("{i}.sqlite"));
+        let run = mishandle::create_run(&resolved, Some(&path)).unwrap();
+        mishandle::falsify(&resolved, run, |progress| {
+            let enough = progress.simulations as usize >= expected.len();
+            if enough { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        })
+        .unwrap();
+        let run = RunFile::open(&path).unwrap();
+        let simulations: Vec<_> = run.simulations().map(Result::unwrap).collect();
+        assert!(simulations.len() >= expected.len(), "{task} {search}");
+        for (found, expected) in simulations.iter().zip(expected) {
+            let hex = |value: f64| Value::from(format!("{:016x}", value.to_bits()));
+            let place = format!("{task} {search} simulation {}", found.number);
+            assert_eq!(expected["seed"], found.seed.to_string(), "{place}: seed");
+            let point: Vec<Value> = found.unit_point.iter().copied().map(hex).collect();
+            assert_eq!(expected["unit_point"], Value::from(point), "{place}: point of the search");
+            let scenario: Vec<Value> = found.scenario.iter().flatten().copied().map(hex).collect();
+            assert_eq!(expected["scenario"], Value::from(scenario), "{place}: scenario");
+            assert_eq!(
+                expected["robustness"],
+                found.robustness.map_or(Value::Null, hex),
+                "{place}: robustness"
+            );
+            let trace = format!("{:032x}", found.trace_digest.unwrap());
+            assert_eq!(expected["trace"], trace, "{place}: trace");
+        }
+    }
+}

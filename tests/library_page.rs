@@ -1,0 +1,17 @@
+//! The output that docs/library.md shows is that of its program. `cargo xtask external` follows the page itself.
+
+#![allow(clippy::unwrap_used)]
+
+use mishandle::rollout::{Request, Seed};
+use mishandle::{Plan, Resolved};
+
+#[test]
+fn the_episode_of_the_page_has_the_robustness_that_it_shows() {
+    let page = include_str!("../docs/library.md");
+    let plan = Plan::from_toml("target = \"ball-balancing\"\ncontroller = \"ppo\"").unwrap();
+    let mut system = Resolved::new(&plan).unwrap().system().unwrap();
+    let start = Request::new([0.342, 0.1], Seed(0));
+    let episode = &system.rollout(&[start]).unwrap()[0];
+    let line = format!("\nrobustness {:?} after {} steps\n", episode.verdict.robustness, episode.steps);
+    assert!(page.contains(&line), "{line}");
+}

@@ -1,0 +1,61 @@
+//! `cargo xtask external`: builds and runs the crate of docs/library.md outside the repository.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use anyhow::{Context, Result, ensure};
+
+use crate::process::{cargo, output};
+
+const PAGE: &str = "docs/library.md";
+
+/// Follows the page in a temporary folder, checks that the program prints what the page shows, and that it starts without
+/// cargo. The first run compiles Mishandle anew, which takes minutes.
+///
+/// # Errors
+/// If the page has no program, or the program does something else than the page shows.
+pub fn check(root: &Path) -> Result<()> {
+    let page = fs::read_to_string(root.join(PAGE)).context(PAGE)?;
+    let (program, shown) = (block(&page, "```rust\n")?, block(&page, "```console\n")?);
+    let expected = shown.lines().nth(1).with_context(|| format!("{PAGE} shows no output"))?;
+    let folder = std::env::temp_dir().join(format!("mishandle-external-{}", std::process::id()));
+    let run = follow(root, &folder, program);
+    fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))?;
+    for (how, found) in run? {
+        ensure!(found.trim() == expected, "{how} prints `{}`, but {PAGE} shows `{expected}`", found.trim());
+    }
+    eprintln!("a crate outside the repository prints what {PAGE} shows");
+    Ok(())
+}
+
+fn block<'a>(page: &'a str, fence: &str) -> Result<&'a str> {
+    let rest = page.split_once(fence).map(|(_, rest)| rest);
+    let text = rest.and_then(|rest| rest.split_once("```")).map(|(text, _)| text);
+    text.with_context(|| format!("{PAGE} has no block {}", fence.trim()))
+}
+
+/// Writes the crate and returns what it prints, run by cargo and by itself.
+fn follow(root: &Path, folder: &Path, program: &str) -> Result<[(&'static str, String); 2]> {
+    let write = |name: &str, text: String| {
+        let path = folder.join(name);
+        fs::create_dir_all(path.parent().unwrap_or(folder))
+            .and_then(|()| fs::write(&path, text))
+            .context(path.display().to_string())
+    };
+    write(
+        "Cargo.toml",
+        format!(
+            "[package]\nname = \"my_crate\"\nedition = \"2024\"\n\n[dependencies]\nmishandle = {{ path = {root:?} }}\n"
+        ),
+    )?;
+    write(".cargo/config.toml", format!("include = [{:?}]\n", root.join(".cargo/config.toml")))?;
+    write("src/main.rs", program.to_string())?;
+    // The same versions as ours, so that nothing is downloaded.
+    fs::copy(root.join("Cargo.lock"), folder.join("Cargo.lock"))?;
+    let by_cargo = output(cargo(root, &["run", "--quiet", "--release"]).current_dir(folder))?;
+    let by_itself = output(
+        Command::new(folder.join("target/release/my_crate")).env_remove("LD_LIBRARY_PATH").current_dir("/"),
+    )?;
+    Ok([("`cargo run`", by_cargo), ("the program", by_itself)])
+}
