@@ -106,8 +106,17 @@ pub enum MishandleError {
         /// What the largest of it is for, and how much that is.
         parts: Vec<String>,
     },
+    /// A recorded simulation of an evaluation is not the one that its plan asks for.
+    #[error(
+        "simulation {number} of the run is not the one that its plan asks for: rows are missing, or the run was made by \
+         another build and has to be resumed with that"
+    )]
+    OtherSimulation {
+        /// Number of the simulation that the plan asks for.
+        number: u32,
+    },
     /// The plan is not for this.
-    #[error("the plan has no [{wanted}] table, so there is nothing to {wanted}")]
+    #[error("there is nothing to {wanted}: the plan has no [{wanted}] table, as a run of another command")]
     OtherPlan {
         /// The table that is missing.
         wanted: &'static str,

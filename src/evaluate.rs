@@ -1,7 +1,7 @@
 use std::ops::ControlFlow;
 
 use mishandle_evaluation::{Evaluation, Metrics, Report, Roles};
-use mishandle_rollout::{Scenario, Seed};
+use mishandle_rollout::{AxisKind, Request, Scenario, Seed, Space, Target};
 use mishandle_store::{RunWriter, TrialStatus};
 
 use crate::record;
@@ -40,7 +40,13 @@ pub fn evaluate(
         run.start_trial(TRIAL, plan.seed)?;
     }
     for simulation in run.file().simulations() {
-        metrics.add(&record::episode(&simulation?)?);
+        let episode = record::episode(&simulation?)?;
+        let asked = evaluation.request(&resolved.space, metrics.simulations() as u32 + 1)?;
+        let Request { number, seed, scenario, .. } = &episode.request;
+        if (*number, *seed) != (asked.number, asked.seed) || !scenario.is_same(&asked.scenario) {
+            return Err(MishandleError::OtherSimulation { number: asked.number });
+        }
+        metrics.add(&episode);
     }
     if watch(metrics.simulations()).is_break() {
         return Ok(metrics.report(Seed(plan.seed)));
@@ -72,12 +78,43 @@ pub fn leaves_out_starts(resolved: &Resolved) -> bool {
     reachable.is_some_and(|evaluate| (0..evaluate.episodes).any(left_out))
 }
 
-/// Checks what an evaluation is asked to do.
-pub(crate) fn check(evaluate: &EvaluatePlan) -> Result<(), MishandleError> {
+/// Checks what an evaluation is asked to do in a space.
+pub(crate) fn check(evaluate: &EvaluatePlan, target: &Target, space: &Space) -> Result<(), MishandleError> {
     crate::falsify::check_batch(evaluate.batch)?;
+    if evaluate.starts == Starts::Reachable {
+        let refused = |option| MishandleError::NotForTarget { target: target.identity.name.clone(), option };
+        target.reachable.as_ref().ok_or_else(|| refused("reachable part of the box"))?;
+        if space.axes().iter().all(|axis| axis.kind != AxisKind::Start) {
+            let wanted =
+                "a space with the axes of `starts`, for its starts to be from the reachable part of the box";
+            return Err(MishandleError::Value { what: "the space", value: space.name().to_string(), wanted });
+        }
+    }
     if (1..=MOST).contains(&evaluate.episodes) {
         return Ok(());
     }
     let (what, wanted) = ("the number of episodes", "from 1 to 1000000000");
     Err(MishandleError::Value { what, value: evaluate.episodes.to_string(), wanted })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Plan, create_run};
+
+    #[test]
+    fn a_simulation_that_the_plan_does_not_ask_for_is_not_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.sqlite");
+        let plan = EvaluatePlan { episodes: 3, ..EvaluatePlan::default() };
+        let resolved =
+            Resolved::new(&Plan { evaluate: Some(plan), ..Plan::new("toy/sphere-2d", "") }).unwrap();
+        let mut run = create_run(&resolved, Some(&path)).unwrap();
+        run.start_trial(TRIAL, 0).unwrap();
+        let other = Evaluation::new(3, Seed(9)).request(&resolved.space, 1).unwrap();
+        let episodes = resolved.system().unwrap().rollout(&[other]).unwrap();
+        run.record(&[record::record(&episodes[0], 0)]).unwrap();
+        let error = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap_err();
+        assert!(matches!(error, MishandleError::OtherSimulation { number: 1 }), "{error}");
+    }
 }

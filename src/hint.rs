@@ -15,6 +15,12 @@ impl MishandleError {
                 let place = || {
                     format!("shipped controllers are {}; give the path of another as ./FILE", home_in_words())
                 };
+                if *kind == "task" && name.starts_with("toy/") {
+                    return Some(format!("it is a toy, not a task; `mishandle targets {name}` explains it"));
+                }
+                if *kind == "space" && name == "noise" {
+                    return Some("a task has it with --action-noise above 0 or a random start".to_string());
+                }
                 let near = meant(name, known.iter().map(String::as_str));
                 near.or_else(|| kind.starts_with("controller").then(place))
             }

@@ -24,7 +24,6 @@ mod film;
 mod growing_file;
 mod hint;
 mod home;
-mod lock;
 mod memory;
 mod new_folders;
 mod plan;

@@ -191,10 +191,22 @@ impl Plan {
     /// # Errors
     /// If the text is not TOML, has a key that is none of a plan's, or is of a newer format.
     pub fn from_toml(text: &str) -> Result<Plan, MishandleError> {
-        let mut plan: Plan = toml::from_str(text).map_err(|error| MishandleError::Plan(error.to_string()))?;
-        if plan.format > FORMAT {
-            return Err(MishandleError::NewerPlan { found: plan.format, known: FORMAT });
+        let unreadable = |error: toml::de::Error| MishandleError::Plan(error.to_string());
+        // A newer format may have keys that are unknown here: the format is the more useful thing to report.
+        let Format { format } = toml::from_str(text).map_err(unreadable)?;
+        match format {
+            Some(0) => {
+                let wanted = "1 or more";
+                return Err(MishandleError::Value {
+                    what: "the plan's format",
+                    value: "0".to_string(),
+                    wanted,
+                });
+            }
+            Some(found) if found > FORMAT => return Err(MishandleError::NewerPlan { found, known: FORMAT }),
+            _ => {}
         }
+        let mut plan: Plan = toml::from_str(text).map_err(unreadable)?;
         // What an older format calls otherwise has its present name now.
         plan.format = FORMAT;
         Ok(plan)
@@ -205,6 +217,12 @@ impl Plan {
         // Strings, numbers and booleans in tables: TOML has a form for each.
         toml::to_string(self).unwrap_or_default()
     }
+}
+
+/// What every format of a plan states.
+#[derive(Deserialize)]
+struct Format {
+    format: Option<u32>,
 }
 
 #[cfg(test)]
@@ -281,6 +299,20 @@ mod tests {
         assert_eq!((plan.format, plan.target.as_str()), (FORMAT, "ball-balancing"));
         assert_eq!(plan.falsify.as_ref().unwrap().formula.as_deref(), Some("success"));
         assert_eq!(Plan::from_toml(&plan.to_toml()).unwrap(), plan);
+    }
+
+    #[test]
+    fn a_plan_of_another_format_is_refused_by_its_format() {
+        let refused = |format: u32| {
+            let plan = format!("format = {format}\ntarget = \"a\"\nnew_key = 1\n");
+            Plan::from_toml(&plan).unwrap_err().to_string()
+        };
+        assert!(matches!(
+            Plan::from_toml("format = 99\nnew_key = 1\n"),
+            Err(MishandleError::NewerPlan { found: 99, .. })
+        ));
+        assert!(refused(0).contains("format is 0"), "{}", refused(0));
+        assert!(refused(FORMAT).contains("new_key"), "{}", refused(FORMAT));
     }
 
     #[test]

@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
 use mishandle_rollout::Seed;
+use mishandle_store::FileLock;
 use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment, task_hash};
 use mishandle_training::{
     ALGORITHMS, BEST, Checkpoint, Config, Flow, PRESETS, Progress, Trained, Validation,
@@ -17,7 +18,6 @@ use mishandle_training::{
 
 use crate::curve::{Curve, CurveRow, NoTrainingTime};
 use crate::home::check_home;
-use crate::lock::Lock;
 use crate::new_folders::NewFolders;
 use crate::{MishandleError, build, memory, shipped_settings, task};
 pub(crate) use places::check as check_places;
@@ -113,7 +113,7 @@ pub fn train(plan: &TrainPlan, watch: &mut dyn TrainWatch) -> Result<TrainReport
 }
 
 /// Keeps other trainings away from this one's files, whose folders are made.
-fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<Lock>, MishandleError> {
+fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<FileLock>, MishandleError> {
     let own = [("--out", plan.out.clone()), ("--out", plan.last())];
     let places = own.into_iter().chain(plan.csv.clone().map(|csv| ("--csv", csv)));
     places
@@ -122,7 +122,9 @@ fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<Lock>, Mishand
             folders
                 .make(folder)
                 .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
-            Lock::take(with_ending(&path, ".lock"), &path, flag)
+            let file = with_ending(&path, ".lock");
+            let lock = FileLock::take(&file).map_err(|source| MishandleError::File { path: file, source })?;
+            lock.ok_or(MishandleError::Busy { path, flag })
         })
         .collect()
 }

@@ -40,6 +40,7 @@ fn refuse_task_options(plan: &Plan) -> Result<(), MishandleError> {
         ("action noise", plan.action_noise != 0.0),
         ("observation noise", plan.observation_noise != 0.0),
         ("sampling of actions", plan.stochastic),
+        ("task preset but the default", plan.preset != Plan::new("", "").preset),
     ];
     match given.into_iter().find(|(_, is_given)| *is_given) {
         Some((option, _)) => Err(MishandleError::NotForTarget { target: plan.target.clone(), option }),
@@ -77,7 +78,7 @@ impl Resolved {
         })?;
         let mut needs_subformulas = false;
         if let Some(evaluate) = &plan.evaluate {
-            crate::evaluate::check(evaluate)?;
+            crate::evaluate::check(evaluate, &target, &space)?;
         }
         let mut text = target.formulas.first().map_or("", |formula| &formula.name).to_string();
         if let Some(falsify) = &plan.falsify {

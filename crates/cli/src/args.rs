@@ -85,6 +85,9 @@ pub struct Tasks {
 pub struct Targets {
     /// Name of a target, to explain it
     pub target: Option<String>,
+    /// Task preset whose box and formulas to show: paper or code [default: paper]
+    #[arg(long, requires = "target")]
+    pub preset: Option<String>,
     /// One JSON document on stdout
     #[arg(long)]
     pub json: bool,

@@ -102,6 +102,11 @@ pub fn axes(count: usize) -> String {
     if count == 1 { "1 axis".to_string() } else { format!("{count} axes") }
 }
 
+/// A number of simulations in words.
+pub fn simulations(count: u64) -> String {
+    if count == 1 { "1 simulation".to_string() } else { format!("{count} simulations") }
+}
+
 /// The keys that the documents of `evaluate` and `falsify` share.
 pub fn document(resolved: &Resolved, path: &str) -> Value {
     let Resolved { plan, target, space, .. } = resolved;
@@ -144,17 +149,21 @@ pub fn whole(axes: &[Axis], values: &[Option<f64>]) -> String {
 }
 
 fn shown(axes: &[Axis], values: &[Option<f64>], most: usize) -> String {
-    let mut set: Vec<(&Axis, f64)> =
-        axes.iter().zip(values).filter_map(|(axis, value)| Some((axis, (*value)?))).collect();
-    let left_out = set.len().saturating_sub(most);
+    let mut set: Vec<(usize, &Axis, f64)> = (0..)
+        .zip(axes.iter().zip(values))
+        .filter_map(|(place, (axis, value))| Some((place, axis, (*value)?)))
+        .collect();
+    // To leave out one value saves no room.
+    let left_out = if set.len() > most.saturating_add(1) { set.len() - most } else { 0 };
     if left_out > 0 {
-        let distance = |(axis, value): &(&Axis, f64)| {
+        let distance = |(_, axis, value): &(usize, &Axis, f64)| {
             (axis.unit(*value) - axis.unit(axis.nominal.unwrap_or_default())).abs()
         };
         set.sort_by(|a, b| distance(b).total_cmp(&distance(a)));
         set.truncate(most);
+        set.sort_by_key(|(place, ..)| *place);
     }
-    let value = |(axis, value): &(&Axis, f64)| match axis.levels() {
+    let value = |(_, axis, value): &(usize, &Axis, f64)| match axis.levels() {
         Some(_) => format!("{} = {value} {}", axis.name, axis.unit),
         None => format!("{} = {value:.4} {}", axis.name, axis.unit),
     };

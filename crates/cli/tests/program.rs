@@ -561,6 +561,15 @@ fn mistakes_are_refused_before_anything_runs() {
         &format!("{falsify} --preset papper"),
         &["no task preset `papper`", "did you mean `paper`?"],
     );
+    let toy = "toy/sphere-2d";
+    bench.refuses(&format!("falsify {toy} --preset code"), &["takes no task preset"]);
+    bench.refuses(&format!("evaluate {toy} --box reachable"), &["takes no reachable part"]);
+    bench.refuses(
+        "evaluate point-reaching --controller expert --box reachable --space delay",
+        &["the space is delay", "`starts`"],
+    );
+    bench.refuses(&format!("{falsify} --space noise"), &["no space `noise`", "--action-noise"]);
+    bench.refuses(&format!("train {toy}"), &["it is a toy"]);
     bench.refuses("replay junk.sqlite", &["junk.sqlite"]);
     bench.refuses("replay missing.sqlite", &["missing.sqlite"]);
     bench.refuses("falsify --resume junk.sqlite", &["junk.sqlite"]);

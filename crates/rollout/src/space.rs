@@ -62,6 +62,16 @@ pub enum Distribution {
     Normal,
 }
 
+impl Distribution {
+    /// The word for it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Distribution::Uniform => "uniform",
+            Distribution::Normal => "normal",
+        }
+    }
+}
+
 /// One quantity that a scenario sets.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {

@@ -116,11 +116,12 @@ impl Target {
     /// # Errors
     /// [`RolloutError::UnknownSpace`] with the names there are.
     pub fn space(&self, name: &str) -> Result<Space, RolloutError> {
-        if name == ALL_AXES {
+        let parts: Vec<&str> = name.split('+').collect();
+        if parts.contains(&ALL_AXES) {
             return Space::new(name, self.axes.clone());
         }
         let mut axes: Vec<Axis> = Vec::new();
-        for part in name.split('+') {
+        for part in parts {
             let Some(space) = self.spaces.iter().find(|space| space.name() == part) else {
                 let known = self.spaces.iter().map(|space| space.name().to_string());
                 let known = known.chain([ALL_AXES.to_string()]).collect();

@@ -175,7 +175,11 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
             kind: text("target_kind")?,
             name: text("target_name")?,
             hash: text("target_hash")?,
-            is_deterministic: value(connection, path, "target_is_deterministic")?,
+            is_deterministic: match value::<i64>(connection, path, "target_is_deterministic")? {
+                0 => false,
+                1 => true,
+                _ => return Err(StoreError::damaged(path, "`target_is_deterministic` is neither 0 nor 1")),
+            },
         },
         components: list(connection, path, "component", |row| {
             Ok(Component { role: row.get(0)?, name: row.get(1)?, hash: row.get(2)?, file_hash: row.get(3)? })

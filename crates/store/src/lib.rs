@@ -16,7 +16,7 @@
 //!   ([`StoreError::Damaged`]) whenever they are read, never shown as a result. That rows are missing is
 //!   found out by [`RunFile::check`].
 //! - At rest a run is a single file, which can be copied and read from a read-only folder. While it is
-//!   written, and after a kill, two more files stand beside it (`-wal`, `-shm`) and belong to it.
+//!   written, and after a kill, three more files stand beside it (`-wal`, `-shm`, `.lock`) and belong to it.
 //! - The folder of a run that is being written has to be on a disk of the machine itself, not on a network:
 //!   SQLite's log needs memory that its readers and its writer share.
 //! - The same records in give the same content out, [`RunFile::content_digest`]. The bytes of two SQLite
@@ -104,6 +104,7 @@
 mod csv;
 mod digest;
 mod error;
+mod file_lock;
 mod header;
 mod header_table;
 mod json;
@@ -117,6 +118,7 @@ mod upgrade;
 
 pub use csv::{export_csv, export_trace_csv};
 pub use error::StoreError;
+pub use file_lock::FileLock;
 pub use header::{Axis, Build, Component, NamedFormula, RunHeader, RunKind, Signal, TargetRecord};
 pub use record::{Counts, End, Simulation, Trial, TrialStatus, TrialSummary};
 pub use run_file::{RunFile, Simulations};

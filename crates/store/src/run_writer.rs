@@ -4,9 +4,10 @@ use std::fs::{File, OpenOptions};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use rusqlite::{Connection, OpenFlags, ffi, params};
+use rusqlite::{Connection, OpenFlags, OptionalExtension, ffi, params};
 
 use crate::error::{InFile, StoreError};
+use crate::file_lock::FileLock;
 use crate::run_file::{RunFile, connect, open};
 use crate::schema::{APPLICATION_ID, FORMAT_VERSION};
 use crate::upgrade::{STEPS, Step};
@@ -25,12 +26,14 @@ pub enum Existing {
 
 /// The one writer of a run.
 ///
-/// It holds SQLite's write lock for as long as it lives, so that a second one is refused, and readers are
-/// not. Each call is a transaction of its own: once it has returned, a killed process loses nothing of it.
+/// It holds a lock file beside the run and SQLite's write lock for as long as it lives, so that a second one is
+/// refused, and readers are not. Each call is a transaction of its own: once it has returned, a killed process loses nothing of it.
 /// (After a power failure the last few transactions may be missing; those before them are whole.)
 #[derive(Debug)]
 pub struct RunWriter {
     file: RunFile,
+    /// SQLite's lock alone is free for a moment between two transactions. Dropped last, after the file is settled.
+    _lock: Option<FileLock>,
 }
 
 impl RunWriter {
@@ -45,11 +48,16 @@ impl RunWriter {
     pub fn create(path: impl AsRef<Path>, header: &RunHeader, existing: Existing) -> Result<Self> {
         let path = path.as_ref();
         header_table::guard(header)?;
+        let mut writer_lock = None;
         if existing == Existing::Replace && path.exists() {
+            writer_lock = lock(path)?;
             remove(path)?;
         }
         claim(path).map_err(not_begun)?;
-        fill(path, header).map_err(|error| {
+        if writer_lock.is_none() {
+            writer_lock = lock(path)?;
+        }
+        fill(path, header, writer_lock).map_err(|error| {
             // What was made so far is ours and worth nothing; the first failure is the one to tell.
             let _ = remove_files(path);
             not_begun(error)
@@ -69,6 +77,7 @@ impl RunWriter {
     pub(crate) fn resume_with(path: &Path, steps: &[Step]) -> Result<Self> {
         let connection = connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
         upgrade::version(&connection, path, steps)?;
+        let writer_lock = lock(path)?;
         if connection.is_readonly("main").in_file(path)? {
             return Err(StoreError::ReadOnly { path: path.into() });
         }
@@ -81,7 +90,9 @@ impl RunWriter {
         connection.execute_batch("COMMIT").in_file(path)?;
         prepare(&connection, path)?;
         begin(&connection).in_file(path)?;
-        Ok(Self { file: RunFile::of(connection, path)? })
+        let file = RunFile::of(connection, path)?;
+        check_references(&file)?;
+        Ok(Self { file, _lock: writer_lock })
     }
 
     /// The run as it stands, to read.
@@ -190,7 +201,7 @@ fn claim(path: &Path) -> Result<File> {
 }
 
 /// Makes a run of an empty file.
-fn fill(path: &Path, header: &RunHeader) -> Result<RunWriter> {
+fn fill(path: &Path, header: &RunHeader, writer_lock: Option<FileLock>) -> Result<RunWriter> {
     let connection = open(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
     prepare(&connection, path)?;
     begin(&connection).in_file(path)?;
@@ -200,7 +211,41 @@ fn fill(path: &Path, header: &RunHeader) -> Result<RunWriter> {
     header_table::write(&connection, header).in_file(path)?;
     connection.execute_batch("COMMIT").in_file(path)?;
     begin(&connection).in_file(path)?;
-    Ok(RunWriter { file: RunFile::of(connection, path)? })
+    Ok(RunWriter { file: RunFile::of(connection, path)?, _lock: writer_lock })
+}
+
+/// Keeps other writers away from a run. Where no lock file can be made, SQLite's own lock has to do, and what is wrong with
+/// the folder shows when the run is written.
+fn lock(path: &Path) -> Result<Option<FileLock>> {
+    match FileLock::take(&lock_file(path)) {
+        Ok(None) => Err(StoreError::Locked { path: path.into() }),
+        Ok(lock) => Ok(lock),
+        Err(_) => Ok(None),
+    }
+}
+
+fn lock_file(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".lock");
+    name.into()
+}
+
+/// Refuses a run whose rows refer to rows that are missing.
+fn check_references(file: &RunFile) -> Result<()> {
+    let (connection, path) = (&file.connection, &file.path);
+    let missing: Option<(String, String)> = connection
+        .query_row("SELECT \"table\", \"parent\" FROM pragma_foreign_key_check", [], |row| {
+            Ok((row.get(0)?, row.get(1)?))
+        })
+        .optional()
+        .in_file(path)?;
+    match missing {
+        Some((table, parent)) => Err(StoreError::damaged(
+            path,
+            format!("a row of its {table}s refers to a {parent} that is missing"),
+        )),
+        None => Ok(()),
+    }
 }
 
 /// Sets what a writer needs of SQLite.

@@ -440,3 +440,36 @@ fn there_is_one_writer_at_a_time() {
     writer.close().unwrap();
     RunWriter::resume(&path).unwrap();
 }
+
+#[test]
+fn a_second_writer_is_refused_also_between_two_transactions() {
+    let (_folder, mut writer) = new_run();
+    let path = writer.file().path().to_owned();
+    std::thread::scope(|scope| {
+        let second = scope.spawn(|| (0..50).map(|_| RunWriter::resume(&path).map(drop)).collect::<Vec<_>>());
+        let mut trial = 0;
+        while !second.is_finished() {
+            trial += 1;
+            writer.start_trial(trial, 0).unwrap();
+        }
+        let refused = |result: &Result<(), StoreError>| matches!(result, Err(StoreError::Locked { .. }));
+        assert!(second.join().unwrap().iter().all(refused));
+    });
+}
+
+#[test]
+fn a_run_with_rows_that_refer_to_missing_ones_is_not_resumed() {
+    for deleted in ["DELETE FROM trial WHERE number = 1", "DELETE FROM simulation WHERE number = 1"] {
+        let (_folder, mut writer) = new_run();
+        let path = writer.file().path().to_owned();
+        writer.start_trial(1, 0).unwrap();
+        writer.record(&[traced_record(1, 1)]).unwrap();
+        writer.close().unwrap();
+        let connection = rusqlite::Connection::open(&path).unwrap();
+        connection.execute_batch("PRAGMA foreign_keys = off").unwrap();
+        connection.execute_batch(deleted).unwrap();
+        drop(connection);
+        let error = RunWriter::resume(&path).unwrap_err();
+        assert!(matches!(error, StoreError::Damaged { .. }), "{deleted}: {error}");
+    }
+}

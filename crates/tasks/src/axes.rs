@@ -141,7 +141,7 @@ pub(crate) fn disturbances(definition: &Definition, action_noise: bool) -> Vec<D
     for (name, unit, entry) in positions(definition) {
         all.push(Disturbance {
             axis: offset(AxisKind::Model, &format!("bias_{name}"), unit, MAX_BIAS)
-                .meaning("constant error of what the controller sees"),
+                .meaning(&format!("constant error of the observed {name}")),
             effect: Effect::Observation { entry, shape: Shape::Constant(0..EPISODE_STEPS) },
         });
     }
@@ -151,9 +151,7 @@ pub(crate) fn disturbances(definition: &Definition, action_noise: bool) -> Vec<D
             let after = DRIFT_KNOTS[(knot + 1).min(DRIFT_KNOTS.len() - 1)];
             all.push(Disturbance {
                 axis: offset(AxisKind::Input, &format!("drift_{name}_{}", knot + 1), unit, MAX_BIAS).meaning(
-                    &format!(
-                        "error of what the controller sees in control step {at}, linear between the knots"
-                    ),
+                    &format!("error of the observed {name} at control step {at}, linear between the knots"),
                 ),
                 effect: Effect::Observation { entry, shape: Shape::Linear { before, at, after } },
             });
@@ -162,8 +160,10 @@ pub(crate) fn disturbances(definition: &Definition, action_noise: bool) -> Vec<D
     for (joint, segment, steps) in segments() {
         let name = format!("disturbance_{}_{segment}", JOINT_NAMES[joint]);
         all.push(Disturbance {
-            axis: offset(AxisKind::Input, &name, "", MAX_DISTURBANCE)
-                .meaning(&format!("added to the joint's action in control steps {steps:?}")),
+            axis: offset(AxisKind::Input, &name, "", MAX_DISTURBANCE).meaning(&format!(
+                "added to the joint's action, which is in [-1, 1], in control steps {}",
+                first_to_last(&steps)
+            )),
             effect: Effect::Action { entry: joint, shape: Shape::Constant(steps) },
         });
     }
@@ -171,7 +171,8 @@ pub(crate) fn disturbances(definition: &Definition, action_noise: bool) -> Vec<D
         for (joint, segment, steps) in segments() {
             let name = format!("draw_{}_{segment}", JOINT_NAMES[joint]);
             let mut axis = Axis::new(AxisKind::Noise, &name, "", [-MAX_DRAW, MAX_DRAW], None).meaning(&format!(
-                "mean of the joint's action noise in control steps {steps:?}, in units of its standard deviation"
+                "mean of the joint's action noise in control steps {}, in units of its standard deviation",
+                first_to_last(&steps)
             ));
             axis.distribution = Distribution::Normal;
             all.push(Disturbance { axis, effect: Effect::ActionDraw { entry: joint, steps } });
@@ -199,6 +200,11 @@ fn delays() -> Vec<Disturbance> {
 /// An axis around 0.
 fn offset(kind: AxisKind, name: &str, unit: &str, bound: f64) -> Axis {
     Axis::new(kind, name, unit, [-bound, bound], Some(0.0))
+}
+
+/// Control steps in words, the last one included.
+fn first_to_last(steps: &Range<usize>) -> String {
+    format!("{} to {}", steps.start, steps.end - 1)
 }
 
 /// Joint, number from 1 and control steps of each segment of a piecewise-constant disturbance.

@@ -120,8 +120,8 @@ impl TaskEnvironment {
         Ok(environment)
     }
 
-    /// The same with another space, whose axes are some of [`settings`](Self::settings), by name. Axes that are not in
-    /// the space keep their nominal values.
+    /// The same with another space, whose axes are among those of the task. Axes that are not in the space keep their
+    /// nominal values.
     ///
     /// # Errors
     /// If an axis is unknown.

@@ -126,6 +126,10 @@ impl Toy for CarFollowing {
             speed = (speed + DT * command).max(0.0);
             front = (front + DT * front_acceleration).max(0.0);
             gap += 0.5 * DT * (front + front_before - speed - before);
+            if gap <= 0.0 {
+                // They have collided, and stay where they are.
+                (speed, front) = (0.0, 0.0);
+            }
             push(&[gap, speed, speed - front]);
         }
     }
@@ -161,6 +165,19 @@ mod tests {
         let gap = (LEAST_GAP + 20.0 * HEADWAY) / (1.0 - (20.0_f64 / DESIRED_SPEED).powi(4)).sqrt();
         assert!(acceleration(gap, 20.0, 0.0).abs() < 1e-12);
         assert!(acceleration(gap - 1.0, 20.0, 0.0) < 0.0 && acceleration(gap + 1.0, 20.0, 0.0) > 0.0);
+    }
+
+    #[test]
+    fn cars_that_have_collided_stay_where_they_are() {
+        let mut values: Vec<Option<f64>> = CarFollowing.axes().iter().map(|axis| axis.nominal).collect();
+        // The front car stops as hard as it can, and the follower hardly brakes.
+        values[BRAKES] = Some(0.25);
+        values[EVENT..EVENT + 3].copy_from_slice(&[Some(1.0), Some(5.0), Some(8.0)]);
+        let mut gaps = Vec::new();
+        CarFollowing.simulate(&values, Seed(0), &mut |signals| gaps.push(signals[0]));
+        let contact = gaps.iter().position(|gap| *gap <= 0.0).unwrap();
+        // 30 m/s for one step of 0.1 s.
+        assert!(gaps[contact] > -3.0 && gaps[contact..].iter().all(|gap| *gap == gaps[contact]));
     }
 
     #[test]

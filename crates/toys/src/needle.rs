@@ -19,11 +19,14 @@ impl Toy for Needle {
     }
 
     fn summary(&self) -> &'static str {
-        "A needle in a rough landscape: 100 local minima above 0, and one well below it, on 0.2 % of the square."
+        "A needle in a rough landscape: `height` has 100 local minima above 0, and one well below it, on 0.2 % of the square."
     }
 
     fn axes(&self) -> Vec<Axis> {
-        vec![Axis::start("x", "", 0.0, 1.0), Axis::start("y", "", 0.0, 1.0)]
+        vec![
+            Axis::start("x", "", 0.0, 1.0).meaning("first coordinate of the point"),
+            Axis::start("y", "", 0.0, 1.0).meaning("second coordinate of the point"),
+        ]
     }
 
     fn signals(&self) -> &'static [(&'static str, &'static str)] {

@@ -15,14 +15,14 @@ impl Toy for Noisy {
     }
 
     fn summary(&self) -> &'static str {
-        "A valley at x = 0.7 under noise: in its middle half of the seeds violate the requirement, far away hardly any."
+        "A valley under noise: half of all seeds violate the requirement at x = 0.7, hardly any do 0.3 away."
     }
 
     fn axes(&self) -> Vec<Axis> {
         let mut draw = Axis::new(AxisKind::Noise, "draw", "", [-4.0, 4.0], None)
             .meaning("the noise in units of its standard deviation");
         draw.distribution = Distribution::Normal;
-        vec![Axis::start("x", "", 0.0, 1.0), draw]
+        vec![Axis::start("x", "", 0.0, 1.0).meaning("place; the valley is at 0.7"), draw]
     }
 
     fn signals(&self) -> &'static [(&'static str, &'static str)] {

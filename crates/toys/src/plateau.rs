@@ -16,11 +16,14 @@ impl Toy for Plateau {
     }
 
     fn summary(&self) -> &'static str {
-        "A staircase of rings around a point: constant on each ring, violated on the innermost, 0.8 % of the square."
+        "A staircase of rings around a point: `ring` counts them from 0; the innermost violates, 0.8 % of the square."
     }
 
     fn axes(&self) -> Vec<Axis> {
-        vec![Axis::start("x", "m", -1.0, 1.0), Axis::start("y", "m", -1.0, 1.0)]
+        vec![
+            Axis::start("x", "m", -1.0, 1.0).meaning("first coordinate of the point"),
+            Axis::start("y", "m", -1.0, 1.0).meaning("second coordinate of the point"),
+        ]
     }
 
     fn signals(&self) -> &'static [(&'static str, &'static str)] {

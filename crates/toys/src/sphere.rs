@@ -19,7 +19,10 @@ impl Toy for Sphere {
     }
 
     fn axes(&self) -> Vec<Axis> {
-        vec![Axis::start("x", "m", -1.0, 1.0), Axis::start("y", "m", -1.0, 1.0)]
+        vec![
+            Axis::start("x", "m", -1.0, 1.0).meaning("first coordinate of the point"),
+            Axis::start("y", "m", -1.0, 1.0).meaning("second coordinate of the point"),
+        ]
     }
 
     fn signals(&self) -> &'static [(&'static str, &'static str)] {

@@ -181,12 +181,14 @@ mod tests {
             assert!(TOYS[..i].iter().all(|other| other.name() != toy.name()));
             assert!(target(toy.name()).is_none(), "the kind belongs to the name");
         }
+        let joined = target("toy/noisy").unwrap().unwrap();
+        assert_eq!(joined.space("all+starts").unwrap().axes(), joined.space("all").unwrap().axes());
         assert!(target("toy/none").is_none() && target("toysphere-2d").is_none());
     }
 
     #[test]
     fn the_violated_part_of_each_closed_form_has_the_stated_size() {
-        // Shares of the box by geometry: a disc of radius 0.1 and one of 0.02 in a square of side 2, a disc of radius 0.1.
+        // By geometry: a disc of radius 0.1 in a square of side 2.
         let pi = std::f64::consts::PI;
         for (name, share) in [("toy/sphere-2d", pi * 0.1 * 0.1 / 4.0), ("toy/plateau", pi * 0.1 * 0.1 / 4.0)]
         {

@@ -35,7 +35,7 @@ pub fn run(command: &args::Evaluate) -> Result<Outcome> {
     if starts(&resolved.plan) == Starts::Reachable && !mishandle::leaves_out_starts(&resolved) {
         output::say("no part of the box is proven out of reach: these are starts of the whole box");
     }
-    output::say(&format!("Every simulation is in {name}"));
+    output::say(&format!("The run is in {name}"));
     Ok(Outcome::Done)
 }
 

@@ -39,12 +39,11 @@ pub fn run(command: &args::Falsify) -> Result<Outcome> {
     }
     if found.surplus > 0 {
         output::say(&format!(
-            "{} more simulations ran in a batch beside a violation that came before them; they are surplus and belong to \
-             no trial",
-            found.surplus
+            "dropped, neither counted nor stored: {} (run at once with a violation that came before)",
+            run::simulations(found.surplus)
         ));
     }
-    output::say(&format!("Every simulation is in {name}"));
+    output::say(&format!("The run is in {name}"));
     if found.falsified_trials == 0 {
         return Ok(Outcome::Done);
     }

@@ -5,9 +5,6 @@ use serde_json::{Value, json};
 use crate::output::{self, table, wrapped};
 use crate::{Outcome, args};
 
-/// Longest line of running text.
-const WIDTH: usize = 100;
-
 pub fn run(command: &args::Searches) -> Result<Outcome> {
     let chosen = match &command.search {
         Some(name) => std::slice::from_ref(mishandle::search_entry(name)?),
@@ -55,11 +52,12 @@ fn page(entry: &SearchEntry) -> String {
     } else {
         format!(
             "Options, set by `falsify --search-option NAME=VALUE` or the table [falsify.options] of a plan\n{}\n\n\
-             d is the number of coordinates, one for each axis of the initial box.",
+             d is the number of coordinates, one for each axis of the scenario space (`--space`). Each runs from 0 to 1,\n\
+             from the lower to the upper bound of its axis; points and tolerances are in these units.",
             options.join("\n")
         )
     };
-    let reference = indented(&wrapped(entry.reference, WIDTH - 2), 2);
+    let reference = indented(&wrapped(entry.reference, output::width() - 2), 2);
     format!("{}: {}\n\n{options}\n\nReference\n{reference}", entry.name, entry.summary)
 }
 
@@ -71,7 +69,7 @@ fn paragraph(option: &OptionSpec) -> String {
         option.name,
         option.kind.name(),
         option.default,
-        indented(&wrapped(&option.meaning, WIDTH - 4), 4)
+        indented(&wrapped(&option.meaning, output::width() - 4), 4)
     )
 }
 

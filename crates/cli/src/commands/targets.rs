@@ -3,7 +3,7 @@ use mishandle::Plan;
 use mishandle::rollout::{Axis, Space, Target, Values};
 use serde_json::{Value, json};
 
-use crate::output::{self, table};
+use crate::output;
 use crate::{Outcome, args, run};
 
 pub fn run(command: &args::Targets) -> Result<Outcome> {
@@ -13,19 +13,23 @@ pub fn run(command: &args::Targets) -> Result<Outcome> {
             let names = mishandle::target_names();
             output::json(json!({ "targets": names }))?;
         }
-        (Some(name), false) => output::line(&page(&target(name)?))?,
-        (Some(name), true) => output::json(document(&target(name)?))?,
+        (Some(name), is_json) => {
+            let plan = plan(name, command.preset.as_deref());
+            let target = mishandle::target(&plan)?;
+            if is_json { output::json(document(&target))? } else { output::line(&page(&target, &plan))? }
+        }
     }
     Ok(Outcome::Done)
 }
 
-/// The target of that name. A task needs some controller to be one, and its axes of explicit noise are there if there is
+/// A plan of that target. A task needs some controller to be one, and its axes of explicit noise are there if there is
 /// noise.
-fn target(name: &str) -> Result<Target> {
+fn plan(name: &str, preset: Option<&str>) -> Plan {
     let is_task = mishandle::tasks::task(name).is_some();
     let mut plan = Plan::new(name, if is_task { "expert" } else { "" });
     plan.action_noise = if is_task { 1.0 } else { 0.0 };
-    Ok(mishandle::target(&plan)?)
+    plan.preset = preset.map_or(plan.preset, String::from);
+    plan
 }
 
 fn list() -> String {
@@ -41,8 +45,10 @@ fn list() -> String {
     tasks.chain(toys).map(entry).collect::<Vec<_>>().join("\n")
 }
 
-fn page(target: &Target) -> String {
-    let mut sections = vec![format!("{} ({})", target.identity.name, target.identity.kind)];
+fn page(target: &Target, plan: &Plan) -> String {
+    let is_task = !plan.controller.is_empty();
+    let preset = if is_task { format!(", task preset {}", plan.preset) } else { String::new() };
+    let mut sections = vec![format!("{} ({}){preset}", target.identity.name, target.identity.kind)];
     let formulas = target.formulas.iter().map(|formula| format!("  {:<12}{}", formula.name, formula.text));
     sections.push(format!(
         "Formulas, the default requirement first\n{}",
@@ -57,24 +63,49 @@ fn page(target: &Target) -> String {
     for space in &target.spaces {
         sections.push(format!("Space {} ({})\n{}", space.name(), run::axes(space.dimension()), axes(space)));
     }
-    sections.push("Spaces may be joined: --space starts+delay; `all` has every axis.".to_string());
+    if let [first, .., last] = target.spaces.as_slice() {
+        let example = format!("{}+{}", first.name(), last.name());
+        sections.push(format!("Spaces may be joined: --space {example}; `all` has every axis."));
+    }
+    if target.axes.iter().any(|axis| axis.name.starts_with("draw_")) {
+        sections.push("The axes `draw_*` are there if there is noise: --action-noise above 0.".to_string());
+    }
     sections.join("\n\n")
 }
 
 fn axes(space: &Space) -> String {
-    let mut rows = vec![["axis", "kind", "from", "to", "nominal", "unit", "sets"].map(String::from).to_vec()];
+    let mut rows = vec![["axis", "kind", "from", "to", "nominal", "sets"].map(String::from).to_vec()];
     rows.extend(space.axes().iter().map(|axis| {
         vec![
             axis.name.clone(),
             axis.kind.to_string(),
-            axis.low.to_string(),
-            axis.high.to_string(),
-            axis.nominal.map_or("drawn".to_string(), |nominal| nominal.to_string()),
-            axis.unit.clone(),
-            axis.meaning.clone(),
+            short(axis.low),
+            short(axis.high),
+            axis.nominal.map_or("drawn".to_string(), short),
+            sets(axis),
         ]
     }));
-    table(&rows).lines().map(|line| format!("  {line}")).collect::<Vec<_>>().join("\n")
+    let table = output::table_in(&rows, output::width().saturating_sub(2));
+    table.lines().map(|line| format!("  {line}")).collect::<Vec<_>>().join("\n")
+}
+
+/// What an axis sets, its unit, and which values it has if not all of them evenly.
+fn sets(axis: &Axis) -> String {
+    let values = match &axis.values {
+        Values::Continuous => None,
+        Values::Logarithmic => Some("logarithmic".to_string()),
+        Values::Integer => Some("whole numbers".to_string()),
+        Values::Categorical(names) => Some(names.join(", ")),
+    };
+    let unit = Some(axis.unit.clone()).filter(|unit| !unit.is_empty());
+    let more: Vec<String> = unit.into_iter().chain(values).collect();
+    if more.is_empty() { axis.meaning.clone() } else { format!("{} ({})", axis.meaning, more.join(", ")) }
+}
+
+/// A number without the rounding of its last digits.
+fn short(value: f64) -> String {
+    const SCALE: f64 = 1e9;
+    ((value * SCALE).round() / SCALE).to_string()
 }
 
 fn document(target: &Target) -> Value {
@@ -114,6 +145,7 @@ fn axis(axis: &Axis) -> Value {
         "high": axis.high,
         "nominal": axis.nominal,
         "values": values,
+        "distribution": axis.distribution.name(),
         "meaning": axis.meaning,
     })
 }
