@@ -97,7 +97,7 @@ pub fn shows_progress() -> bool {
 
 /// Says what went wrong, from the outside in, and what to try instead.
 pub fn report_error(error: &Error) {
-    say(&format!("error: {error:#}"));
+    say(&format!("error: {}", printable(&format!("{error:#}"))));
     let hint = error.chain().find_map(|cause| {
         let ours = cause.downcast_ref::<MishandleError>().and_then(MishandleError::hint);
         ours.or_else(|| cause.downcast_ref::<MonitorError>().and_then(MonitorError::hint))
@@ -105,6 +105,12 @@ pub fn report_error(error: &Error) {
     if let Some(hint) = hint {
         say(&format!("hint: {hint}"));
     }
+}
+
+/// Text with its control characters escaped, except line breaks and tabs: names in a plan must not command the terminal.
+fn printable(text: &str) -> String {
+    let escape = |c: char| c.is_control() && c != '\n' && c != '\t';
+    text.chars().flat_map(|c| if escape(c) { c.escape_default().collect() } else { vec![c] }).collect()
 }
 
 /// Whether the reader of stdout went away, as `head` does.
@@ -193,6 +199,11 @@ mod tests {
         let rows = rows.map(|row| row.map(String::from).to_vec());
         assert_eq!(table_in(&rows, 24), "a    x  one two three\n        four\nbcd     one");
         assert_eq!(table(&rows), "a    x  one two three four\nbcd     one");
+    }
+
+    #[test]
+    fn control_characters_are_escaped_and_line_breaks_stay() {
+        assert_eq!(printable("no `\u{1b}[31mä\u{7}`\nhere"), "no `\\u{1b}[31mä\\u{7}`\nhere");
     }
 
     #[test]

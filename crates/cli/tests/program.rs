@@ -561,6 +561,10 @@ fn mistakes_are_refused_before_anything_runs() {
         &format!("{falsify} --preset papper"),
         &["no task preset `papper`", "did you mean `paper`?"],
     );
+    bench.refuses(
+        &format!("{falsify} --search nelder-mead --search-option xatol=1 --search-option xatol=2"),
+        &["--search-option xatol is given twice"],
+    );
     let toy = "toy/sphere-2d";
     bench.refuses(&format!("falsify {toy} --preset code"), &["takes no task preset"]);
     bench.refuses(&format!("evaluate {toy} --box reachable"), &["takes no reachable part"]);

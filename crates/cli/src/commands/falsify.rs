@@ -55,7 +55,12 @@ fn plan(command: &args::Falsify) -> Result<Plan> {
     let mut plan = run::plan(&command.subject, &command.run)?;
     let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
     falsify.search = command.search.clone().unwrap_or(falsify.search);
-    for (name, value) in &command.search_options {
+    for (index, (name, value)) in command.search_options.iter().enumerate() {
+        let earlier = &command.search_options[..index];
+        anyhow::ensure!(
+            earlier.iter().all(|(other, _)| other != name),
+            "--search-option {name} is given twice"
+        );
         let value = mishandle::search_option_value(&falsify.search, name, value);
         falsify.options.set(name, value);
     }

@@ -5,6 +5,10 @@ use serde_json::{Value, json};
 use crate::output::{self, table, wrapped};
 use crate::{Outcome, args};
 
+/// What the options count in.
+const UNITS: &str = "d is the number of coordinates, one for each axis of the scenario space (`--space`). Each runs from 0 to \
+                     1, from the lower bound of its axis to the upper one; points and tolerances are in these units.";
+
 pub fn run(command: &args::Searches) -> Result<Outcome> {
     let chosen = match &command.search {
         Some(name) => std::slice::from_ref(mishandle::search_entry(name)?),
@@ -51,10 +55,9 @@ fn page(entry: &SearchEntry) -> String {
         "Options: none".to_string()
     } else {
         format!(
-            "Options, set by `falsify --search-option NAME=VALUE` or the table [falsify.options] of a plan\n{}\n\n\
-             d is the number of coordinates, one for each axis of the scenario space (`--space`). Each runs from 0 to 1,\n\
-             from the lower to the upper bound of its axis; points and tolerances are in these units.",
-            options.join("\n")
+            "Options, set by `falsify --search-option NAME=VALUE` or the table [falsify.options] of a plan\n{}\n\n{}",
+            options.join("\n"),
+            wrapped(UNITS, output::width())
         )
     };
     let reference = indented(&wrapped(entry.reference, output::width() - 2), 2);
