@@ -36,11 +36,11 @@ pub fn falsify(
         campaign.replay(&record::episode(&simulation?)?)?;
         progress.simulations += 1;
     }
-    let mut begun = vec![false; trials as usize];
+    let mut started = vec![false; trials as usize];
     for trial in run.file().trials()? {
         // A number past the plan's trials cannot come this far: the campaign has refused its simulations.
-        if let Some(begun) = begun.get_mut((trial.trial.number as usize).wrapping_sub(1)) {
-            *begun = true;
+        if let Some(started) = started.get_mut((trial.trial.number as usize).wrapping_sub(1)) {
+            *started = true;
         }
         if trial.trial.status != TrialStatus::Running {
             progress.ended += 1;
@@ -52,7 +52,7 @@ pub fn falsify(
     let outcome = campaign.run(&mut *system, |batch| {
         for episode in batch.episodes {
             let trial = episode.request.trial;
-            if !std::mem::replace(&mut begun[trial as usize - 1], true) {
+            if !std::mem::replace(&mut started[trial as usize - 1], true) {
                 run.start_trial(trial, settings.trial_seed(trial).0)?;
             }
         }
@@ -71,8 +71,8 @@ pub fn falsify(
     // end of its trial.
     for trial in &outcome.trials {
         let Some(end) = trial.end else { continue };
-        let has_begun = begun[trial.trial as usize - 1];
-        if has_begun && run.file().trial(trial.trial)?.status == TrialStatus::Running {
+        let has_started = started[trial.trial as usize - 1];
+        if has_started && run.file().trial(trial.trial)?.status == TrialStatus::Running {
             run.end_trial(trial.trial, status(end))?;
         }
     }

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-#[allow(dead_code)]
+#[allow(dead_code, reason = "not all tests use all of the bench")]
 mod bench;
 
 use std::process::{Command, Output};

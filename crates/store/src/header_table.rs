@@ -214,7 +214,8 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
     Ok(header)
 }
 
-fn value<T: FromSql>(connection: &Connection, path: &Path, key: &str) -> Result<T> {
+/// The value of a key of the header, which every version of the format keeps in the same table.
+pub(crate) fn value<T: FromSql>(connection: &Connection, path: &Path, key: &str) -> Result<T> {
     let value = connection.query_row("SELECT value FROM header WHERE key = ?1", [key], |row| row.get(0));
     value.map_err(|error| match error {
         rusqlite::Error::QueryReturnedNoRows => {

@@ -6,11 +6,11 @@
 
 use std::path::Path;
 
-use rusqlite::types::FromSql;
 use rusqlite::{Connection, Row, params};
 
 use crate::digest::Digest;
 use crate::error::{InFile, StoreError};
+use crate::header_table::value;
 use crate::{
     Axis, Build, Component, End, Result, RunHeader, RunKind, Signal, Simulation, TargetRecord, Trial,
     TrialStatus, header_table, row, schema,
@@ -191,16 +191,6 @@ fn header(connection: &Connection, path: &Path) -> Result<RunHeader> {
         signals: signals.into_iter().map(|name| Signal { name, unit: String::new() }).collect(),
         axes,
         verdicts,
-    })
-}
-
-fn value<T: FromSql>(connection: &Connection, path: &Path, key: &str) -> Result<T> {
-    let value = connection.query_row("SELECT value FROM header WHERE key = ?1", [key], |row| row.get(0));
-    value.map_err(|error| match error {
-        rusqlite::Error::QueryReturnedNoRows => {
-            StoreError::damaged(path, format!("its header lacks `{key}`"))
-        }
-        error => StoreError::from_sqlite(path, &error),
     })
 }
 
