@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use mishandle::rollout::{Environment, Request, Sample, Seed};
 use mishandle::store::RunWriter;
 use mishandle::tasks::{TaskEnvironment, TaskTarget};
-use mishandle::{FalsifyPlan, Plan, Resolved, task_target};
+use mishandle::{FalsifyPlan, Plan, ResolvedPlan, task_target};
 
 const REPETITIONS: usize = 5;
 const SIMULATIONS: u32 = 320;
@@ -32,7 +32,7 @@ fn main() {
             budget: SIMULATIONS / 16,
             ..FalsifyPlan::default()
         });
-        let resolved = Resolved::new(&plan).expect("the plan is sound");
+        let resolved = ResolvedPlan::new(&plan).expect("the plan is sound");
         let target = task_target(&plan).expect("the plan is sound");
         let environment = target.environment(&resolved.space).expect("the space is the task's own");
         let (one, two) = (pool(1), pool(2));
@@ -64,7 +64,7 @@ fn pool(threads: usize) -> rayon::ThreadPool {
 /// Steps and infers as many rows as a falsification has, 16 together.
 fn stepping(target: &TaskTarget, environment: &TaskEnvironment) -> Duration {
     const ROWS: usize = 16;
-    let (mut worker, mut actor) = (environment.worker(), target.controller().actor());
+    let (mut worker, mut actor) = (environment.worker(), target.controller().worker());
     let (states, seen, taken) =
         (environment.state_size(), environment.observation_size(), environment.action_size());
     let mut state = vec![0.0; ROWS * states];
@@ -106,7 +106,7 @@ fn stepping(target: &TaskTarget, environment: &TaskEnvironment) -> Duration {
     begin.elapsed()
 }
 
-fn falsification(resolved: &Resolved) -> Duration {
+fn falsification(resolved: &ResolvedPlan) -> Duration {
     let folder = tempfile::tempdir().expect("there is a temporary folder");
     let path = folder.path().join("run.sqlite");
     let run: RunWriter = mishandle::create_run(resolved, Some(&path)).expect("the run can be written");

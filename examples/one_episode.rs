@@ -6,7 +6,7 @@
 
 #![allow(clippy::print_stdout)]
 
-use mishandle::rollout::{Environment, Sample, Scenario, Seed, Status};
+use mishandle::rollout::{Environment, Sample, Scenario, Seed, StepStatus};
 use mishandle::{Plan, task_target};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     environment.space().check(&scenario)?;
 
     // A simulation is a row of numbers; a worker carries it on, an actor chooses its actions.
-    let (mut worker, mut actor) = (environment.worker(), target.controller().actor());
+    let (mut worker, mut actor) = (environment.worker(), target.controller().worker());
     let mut state = vec![0.0; environment.state_size()];
     let mut memory = vec![0.0; target.controller().state_size()];
     let mut observation = vec![0.0; environment.observation_size()];
@@ -41,7 +41,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         actor.act(1, &observation, &mut memory, &mut action);
         let clipped: Vec<f64> = action.iter().map(|a| f64::from(a.clamp(-1.0, 1.0))).collect();
         let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
-        if worker.step(&clipped, &mut state, sample) == Status::Diverged {
+        if worker.step(&clipped, &mut state, sample) == StepStatus::Diverged {
             return Err("the simulation diverged".into());
         }
     }

@@ -1,4 +1,4 @@
-use mishandle_store::Build;
+use mishandle_store::BuildRecord;
 
 /// Version of the program.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -14,8 +14,8 @@ const ARCHITECTURE: &str =
     };
 
 /// What the program was built from: what a record needs to be replayed to the same bits.
-pub fn build() -> Build {
-    Build {
+pub fn build() -> BuildRecord {
+    BuildRecord {
         program_version: VERSION.to_string(),
         git_commit: env!("MISHANDLE_COMMIT").to_string(),
         target: env!("MISHANDLE_TARGET").to_string(),

@@ -5,7 +5,7 @@ use mishandle_rollout::{AxisKind, Request, Scenario, Seed, Space, Target};
 use mishandle_store::{RunWriter, TrialStatus};
 
 use crate::record;
-use crate::{EvaluatePlan, MishandleError, Resolved, Starts};
+use crate::{EvaluatePlan, MishandleError, ResolvedPlan, StartRegion};
 
 /// An evaluation's simulations are one trial of its run.
 const TRIAL: u32 = 1;
@@ -22,7 +22,7 @@ const COUNTS_FAILURES: &str = "code";
 /// # Errors
 /// If the plan has nothing to evaluate, or a simulation cannot be run or stored.
 pub fn evaluate(
-    resolved: &Resolved,
+    resolved: &ResolvedPlan,
     mut run: RunWriter,
     mut watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<Report, MishandleError> {
@@ -30,7 +30,8 @@ pub fn evaluate(
     let evaluate = plan.evaluate.as_ref().ok_or(MishandleError::OtherPlan { wanted: "evaluate" })?;
     let accepts = |scenario: &Scenario| is_reachable(resolved, scenario);
     let evaluation = Evaluation {
-        accepted: (evaluate.starts == Starts::Reachable).then_some(&accepts as &dyn Fn(&Scenario) -> bool),
+        accepted: (evaluate.starts == StartRegion::Reachable)
+            .then_some(&accepts as &dyn Fn(&Scenario) -> bool),
         batch: evaluate.batch as usize,
         ..Evaluation::new(evaluate.episodes, Seed(plan.seed))
     };
@@ -65,23 +66,23 @@ pub fn evaluate(
     Ok(report)
 }
 
-fn is_reachable(resolved: &Resolved, scenario: &Scenario) -> bool {
+fn is_reachable(resolved: &ResolvedPlan, scenario: &Scenario) -> bool {
     resolved.target.reachable.as_ref().is_none_or(|reachable| reachable(&resolved.space, scenario))
 }
 
 /// Whether any scenario of the plan's evaluation is another than the one drawn first, which was out of reach. If none is,
 /// the scenarios of the reachable part of the space are those of the whole.
-pub fn leaves_out_starts(resolved: &Resolved) -> bool {
-    let Resolved { plan, space, .. } = resolved;
+pub fn leaves_out_starts(resolved: &ResolvedPlan) -> bool {
+    let ResolvedPlan { plan, space, .. } = resolved;
     let left_out = |index| !is_reachable(resolved, &space.sample(Seed(plan.seed), index));
-    let reachable = plan.evaluate.as_ref().filter(|evaluate| evaluate.starts == Starts::Reachable);
+    let reachable = plan.evaluate.as_ref().filter(|evaluate| evaluate.starts == StartRegion::Reachable);
     reachable.is_some_and(|evaluate| (0..evaluate.episodes).any(left_out))
 }
 
 /// Checks what an evaluation is asked to do in a space.
 pub(crate) fn check(evaluate: &EvaluatePlan, target: &Target, space: &Space) -> Result<(), MishandleError> {
     crate::falsify::check_batch(evaluate.batch)?;
-    if evaluate.starts == Starts::Reachable {
+    if evaluate.starts == StartRegion::Reachable {
         let refused = |option| MishandleError::NotForTarget { target: target.identity.name.clone(), option };
         target.reachable.as_ref().ok_or_else(|| refused("reachable part of the box"))?;
         if space.axes().iter().all(|axis| axis.kind != AxisKind::Start) {
@@ -108,7 +109,7 @@ mod tests {
         let path = folder.path().join("run.sqlite");
         let plan = EvaluatePlan { episodes: 3, ..EvaluatePlan::default() };
         let resolved =
-            Resolved::new(&Plan { evaluate: Some(plan), ..Plan::new("toy/sphere-2d", "") }).unwrap();
+            ResolvedPlan::new(&Plan { evaluate: Some(plan), ..Plan::new("toy/sphere-2d", "") }).unwrap();
         let mut run = create_run(&resolved, Some(&path)).unwrap();
         run.start_trial(TRIAL, 0).unwrap();
         let other = Evaluation::new(3, Seed(9)).request(&resolved.space, 1).unwrap();

@@ -1,12 +1,12 @@
 use std::ops::ControlFlow;
 
-use mishandle_falsification::{Campaign, Outcome, Settings, TrialEnd};
-use mishandle_rollout::{Axis, Seed, Space, Values};
+use mishandle_falsification::{Campaign, CampaignOutcome, CampaignSettings, TrialEnd};
+use mishandle_rollout::{Axis, AxisValues, Seed, Space};
 use mishandle_search::{Coordinate, SEARCHES, SearchEntry, SearchOptions, by_name, find_search};
 use mishandle_store::{RunWriter, TrialStatus};
 
 use crate::record;
-use crate::{FalsifyPlan, MishandleError, Resolved};
+use crate::{FalsifyPlan, MishandleError, ResolvedPlan};
 
 /// Most trials of a campaign, and most simulations of a trial: each trial takes some memory from the start.
 const MOST: u32 = 1_000_000;
@@ -20,18 +20,19 @@ const MOST_IN_A_BATCH: u32 = 65_536;
 /// # Errors
 /// If the plan has nothing to falsify, or a simulation cannot be run or stored.
 pub fn falsify(
-    resolved: &Resolved,
+    resolved: &ResolvedPlan,
     mut run: RunWriter,
-    mut watch: impl FnMut(&Progress) -> ControlFlow<()>,
-) -> Result<Outcome, MishandleError> {
-    let Resolved { plan, space, .. } = resolved;
+    mut watch: impl FnMut(&FalsifyProgress) -> ControlFlow<()>,
+) -> Result<CampaignOutcome, MishandleError> {
+    let ResolvedPlan { plan, space, .. } = resolved;
     let falsify = plan.falsify.as_ref().ok_or(MishandleError::OtherPlan { wanted: "falsify" })?;
     let FalsifyPlan { trials, budget, batch, .. } = *falsify;
-    let settings = Settings { trials, budget, seed: Seed(plan.seed), batch: batch as usize };
+    let settings = CampaignSettings { trials, budget, seed: Seed(plan.seed), batch: batch as usize };
     let (coordinates, options) = (coordinates(space), search_options(falsify));
     let make = |seed| by_name(&falsify.search, &coordinates, seed, &options);
     let mut campaign = Campaign::new(settings, space, make)?;
-    let mut progress = Progress { most: u64::from(trials) * u64::from(budget), ..Progress::default() };
+    let mut progress =
+        FalsifyProgress { most: u64::from(trials) * u64::from(budget), ..FalsifyProgress::default() };
     for simulation in run.file().simulations() {
         campaign.replay(&record::episode(&simulation?)?)?;
         progress.simulations += 1;
@@ -82,7 +83,7 @@ pub fn falsify(
 
 /// How a falsification stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Progress {
+pub struct FalsifyProgress {
     /// Simulations so far.
     pub simulations: u64,
     /// Simulations there will be if no further trial ends before its budget is spent.
@@ -137,7 +138,7 @@ pub fn search_entry(name: &str) -> Result<&'static SearchEntry, MishandleError> 
 /// The types of the search's coordinates.
 fn coordinates(space: &Space) -> Vec<Coordinate> {
     let coordinate = |axis: &Axis| match (&axis.values, axis.levels()) {
-        (Values::Categorical(_), Some(levels)) => Coordinate::Categorical { levels },
+        (AxisValues::Categorical(_), Some(levels)) => Coordinate::Categorical { levels },
         (_, Some(levels)) => Coordinate::Integer { levels },
         (_, None) => Coordinate::Continuous,
     };

@@ -2,13 +2,13 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use mishandle_rollout::{Environment, Sample, Scenario, Seed, Space, Status, Worker};
+use mishandle_rollout::{Environment, EnvironmentWorker, Sample, Scenario, Seed, Space, StepStatus};
 use mishandle_store::RunFile;
 use mishandle_tasks::{Definition, Preset, Reward, Task, TaskEnvironment, compose};
 
 use crate::replay::{recorded_plan, replay_in};
 use crate::target::task_target;
-use crate::{MishandleError, Replayed};
+use crate::{MishandleError, ReplayResult};
 
 /// States of a task's scene, a control step apart.
 pub struct Film {
@@ -62,7 +62,7 @@ pub fn film(
     trial: u32,
     number: u32,
     controller: Option<&str>,
-) -> Result<(Replayed, Film), MishandleError> {
+) -> Result<(ReplayResult, Film), MishandleError> {
     let resolved = recorded_plan(run.header(), controller)?;
     let target = task_target(&resolved.plan)?;
     let states = Arc::new(Mutex::new(Vec::new()));
@@ -127,13 +127,13 @@ impl Environment for Filmed {
         self.environment.episode_steps()
     }
 
-    fn worker(&self) -> Box<dyn Worker> {
+    fn worker(&self) -> Box<dyn EnvironmentWorker> {
         Box::new(FilmedWorker { worker: self.environment.worker(), states: self.states.clone() })
     }
 }
 
 struct FilmedWorker {
-    worker: Box<dyn Worker>,
+    worker: Box<dyn EnvironmentWorker>,
     states: Arc<Mutex<Vec<Vec<f64>>>>,
 }
 
@@ -143,15 +143,15 @@ impl FilmedWorker {
     }
 }
 
-impl Worker for FilmedWorker {
+impl EnvironmentWorker for FilmedWorker {
     fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>) {
         self.worker.reset(scenario, seed, state, sample);
         self.keep(state);
     }
 
-    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> Status {
+    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
         let status = self.worker.step(action, state, sample);
-        if status != Status::Diverged {
+        if status != StepStatus::Diverged {
             self.keep(state);
         }
         status

@@ -1,4 +1,4 @@
-use mishandle_rollout::BATCH;
+use mishandle_rollout::DEFAULT_BATCH_SIZE;
 use mishandle_search::SearchOptions;
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +9,7 @@ const FORMAT: u32 = 2;
 
 /// What to do, as a value: read from TOML, edited by flags, stored with the results.
 ///
-/// Nothing in it is looked up yet: names are checked when it becomes a [`Resolved`](crate::Resolved) plan.
+/// Nothing in it is looked up yet: names are checked when it becomes a [`ResolvedPlan`](crate::ResolvedPlan) plan.
 ///
 /// # Example
 /// ```
@@ -60,7 +60,7 @@ pub struct Plan {
 /// Which initial configurations are drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Starts {
+pub enum StartRegion {
     /// The whole box.
     #[default]
     Whole,
@@ -76,14 +76,14 @@ pub struct EvaluatePlan {
     pub episodes: u64,
     /// Where they start: `box = "whole"` or `"reachable"`. Older plans call it `starts`.
     #[serde(rename = "box", alias = "starts")]
-    pub starts: Starts,
+    pub starts: StartRegion,
     /// Simulations that are run at once.
     pub batch: u32,
 }
 
 impl Default for EvaluatePlan {
     fn default() -> Self {
-        EvaluatePlan { episodes: 100, starts: Starts::Whole, batch: BATCH as u32 }
+        EvaluatePlan { episodes: 100, starts: StartRegion::Whole, batch: DEFAULT_BATCH_SIZE as u32 }
     }
 }
 
@@ -119,7 +119,7 @@ impl Default for FalsifyPlan {
             search: "random".to_string(),
             trials: 30,
             budget: 300,
-            batch: BATCH as u32,
+            batch: DEFAULT_BATCH_SIZE as u32,
             initial_simplex: None,
             options: SearchOptions::new(),
         }

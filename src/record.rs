@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use mishandle_rollout::{End, Episode, Request, Scenario, Seed, Values, Verdict};
+use mishandle_rollout::{AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Verdict};
 use mishandle_stl::{SubformulaMinimum, Trace};
 use mishandle_store as store;
-use mishandle_store::{Existing, RunHeader, RunKind, RunWriter, Simulation, TargetRecord};
+use mishandle_store::{IfExists, RunHeader, RunKind, RunWriter, Simulation, TargetRecord};
 
 use crate::target::is_path;
-use crate::{MishandleError, Plan, Resolved, build, controller_name};
+use crate::{MishandleError, Plan, ResolvedPlan, build, controller_name};
 
 /// Names of the verdicts that are stored beside the robustness. Where the search needs them, two for each sub-formula of
 /// the requirement follow: its minimum and the sample of that.
@@ -21,14 +21,14 @@ fn verdict_names(subformulas: usize) -> Vec<String> {
 }
 
 /// The header of a run of a resolved plan.
-fn header(resolved: &Resolved) -> RunHeader {
-    let Resolved { plan, target, space, specification, stored_subformulas } = resolved;
+fn header(resolved: &ResolvedPlan) -> RunHeader {
+    let ResolvedPlan { plan, target, space, specification, stored_subformulas } = resolved;
     // A run is resumed and replayed from anywhere, so a path in it leads there from anywhere.
     let mut stored = plan.clone();
     if let (true, Ok(path)) = (is_path(&plan.controller), std::path::absolute(&plan.controller)) {
         stored.controller = path.to_string_lossy().into_owned();
     }
-    let components = target.components.iter().map(|component| store::Component {
+    let components = target.components.iter().map(|component| store::ComponentRecord {
         role: component.role.clone(),
         name: component.name.clone(),
         hash: component.hash.clone(),
@@ -37,11 +37,11 @@ fn header(resolved: &Resolved) -> RunHeader {
     let formulas = target
         .formulas
         .iter()
-        .map(|formula| store::NamedFormula { name: formula.name.clone(), text: formula.text.clone() });
+        .map(|formula| store::FormulaRecord { name: formula.name.clone(), text: formula.text.clone() });
     let signals = target
         .signals
         .iter()
-        .map(|signal| store::Signal { name: signal.name.clone(), unit: signal.unit.clone() });
+        .map(|signal| store::SignalRecord { name: signal.name.clone(), unit: signal.unit.clone() });
     RunHeader {
         kind: if plan.falsify.is_some() { RunKind::Falsify } else { RunKind::Evaluate },
         build: build(),
@@ -67,8 +67,8 @@ fn header(resolved: &Resolved) -> RunHeader {
     }
 }
 
-fn axis(axis: &mishandle_rollout::Axis) -> store::Axis {
-    store::Axis {
+fn axis(axis: &mishandle_rollout::Axis) -> store::AxisRecord {
+    store::AxisRecord {
         name: axis.name.clone(),
         unit: axis.unit.clone(),
         kind: axis.kind.name().to_string(),
@@ -76,10 +76,10 @@ fn axis(axis: &mishandle_rollout::Axis) -> store::Axis {
         high: axis.high,
         nominal: axis.nominal,
         values: match &axis.values {
-            Values::Continuous => "continuous".to_string(),
-            Values::Logarithmic => "logarithmic".to_string(),
-            Values::Integer => "integer".to_string(),
-            Values::Categorical(names) => format!("categorical: {}", names.join(", ")),
+            AxisValues::Continuous => "continuous".to_string(),
+            AxisValues::Logarithmic => "logarithmic".to_string(),
+            AxisValues::Integer => "integer".to_string(),
+            AxisValues::Categorical(names) => format!("categorical: {}", names.join(", ")),
         },
         meaning: axis.meaning.clone(),
     }
@@ -89,12 +89,12 @@ fn axis(axis: &mishandle_rollout::Axis) -> store::Axis {
 ///
 /// # Errors
 /// If there is a file already, or none can be written.
-pub fn create_run(resolved: &Resolved, path: Option<&Path>) -> Result<RunWriter, MishandleError> {
+pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWriter, MishandleError> {
     let path = match path {
         Some(path) => path.to_path_buf(),
         None => free_path(&resolved.plan)?,
     };
-    Ok(RunWriter::create(path, &header(resolved), Existing::Refuse)?)
+    Ok(RunWriter::create(path, &header(resolved), IfExists::Refuse)?)
 }
 
 /// `runs/KIND-TARGET[-CONTROLLER][-SEARCH]-sSEED[-N].sqlite`, with the first N that is free.
@@ -118,7 +118,7 @@ fn free_path(plan: &Plan) -> Result<PathBuf, MishandleError> {
 /// What is stored of an episode, with the minima of so many sub-formulas; its trace too if it is a counterexample.
 pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
     let columns = (0..episode.trace.names().len()).map(|i| episode.trace.column(i).to_vec()).collect();
-    let trace = store::Trace { columns };
+    let trace = store::StoredTrace { columns };
     let Episode { request, verdict, .. } = episode;
     let is_falsified = episode.robustness().is_some_and(|rho| rho < 0.0);
     let minima = (0..subformulas).flat_map(|i| {
@@ -143,10 +143,10 @@ pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
         robustness_high: verdict.robustness,
         stop_threshold: None,
         end: match episode.end {
-            End::Completed => store::End::Completed,
-            End::Stopped { step } => store::End::Stopped { step: step as u32 },
-            End::Diverged { step } => store::End::Diverged { step: step as u32 },
-            End::Undefined { step } => store::End::Undefined { step: step as u32 },
+            EpisodeEnd::Completed => store::SimulationEnd::Completed,
+            EpisodeEnd::Stopped { step } => store::SimulationEnd::Stopped { step: step as u32 },
+            EpisodeEnd::Diverged { step } => store::SimulationEnd::Diverged { step: step as u32 },
+            EpisodeEnd::Undefined { step } => store::SimulationEnd::Undefined { step: step as u32 },
         },
         steps: episode.steps as u32,
         verdicts: verdicts.into_iter().chain(minima).collect(),
@@ -173,10 +173,10 @@ pub(crate) fn episode(simulation: &Simulation) -> Result<Episode, MishandleError
         })
         .collect();
     let end = match simulation.end {
-        store::End::Completed => End::Completed,
-        store::End::Stopped { step } => End::Stopped { step: step as usize },
-        store::End::Diverged { step } => End::Diverged { step: step as usize },
-        store::End::Undefined { step } => End::Undefined { step: step as usize },
+        store::SimulationEnd::Completed => EpisodeEnd::Completed,
+        store::SimulationEnd::Stopped { step } => EpisodeEnd::Stopped { step: step as usize },
+        store::SimulationEnd::Diverged { step } => EpisodeEnd::Diverged { step: step as usize },
+        store::SimulationEnd::Undefined { step } => EpisodeEnd::Undefined { step: step as usize },
         other => return Err(MishandleError::UnknownEnd(format!("{other:?}"))),
     };
     Ok(Episode {

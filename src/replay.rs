@@ -2,10 +2,10 @@ use mishandle_rollout::{Episode, System};
 use mishandle_store::{RunFile, RunHeader, Simulation};
 
 use crate::record;
-use crate::{MishandleError, Plan, Resolved, build};
+use crate::{MishandleError, Plan, ResolvedPlan, build};
 
 /// A recorded simulation that was run again.
-pub struct Replayed {
+pub struct ReplayResult {
     /// What was recorded.
     pub recorded: Simulation,
     /// What happened now.
@@ -26,7 +26,7 @@ pub fn replay(
     trial: u32,
     number: u32,
     controller: Option<&str>,
-) -> Result<Replayed, MishandleError> {
+) -> Result<ReplayResult, MishandleError> {
     let resolved = recorded_plan(run.header(), controller)?;
     let mut system = resolved.system()?;
     replay_in(run, trial, number, &resolved, &mut *system)
@@ -37,14 +37,14 @@ pub(crate) fn replay_in(
     run: &RunFile,
     trial: u32,
     number: u32,
-    resolved: &Resolved,
+    resolved: &ResolvedPlan,
     system: &mut dyn System,
-) -> Result<Replayed, MishandleError> {
+) -> Result<ReplayResult, MishandleError> {
     let recorded = run.simulation(trial, number)?;
     let mut episodes = system.rollout(&[record::request(&recorded, resolved.stored_subformulas > 0)])?;
     let episode = episodes.pop().ok_or(MishandleError::NoEpisode)?;
     let again = record::record(&episode, resolved.stored_subformulas);
-    Ok(Replayed {
+    Ok(ReplayResult {
         differences: differences(&recorded, &again),
         other_build: other_build(run.header(), resolved),
         recorded,
@@ -108,7 +108,7 @@ fn differences(recorded: &Simulation, again: &Simulation) -> Vec<String> {
 ///
 /// # Errors
 /// If the plan cannot be carried out any more, or the controller acts otherwise than the run's.
-pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<Resolved, MishandleError> {
+pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<ResolvedPlan, MishandleError> {
     let mut plan = Plan::from_toml(&header.plan)?;
     if let Some(controller) = controller {
         plan.controller = controller.to_string();
@@ -125,7 +125,7 @@ pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<Res
         },
         (error, _) => error,
     };
-    let resolved = Resolved::new(&plan).map_err(lost)?;
+    let resolved = ResolvedPlan::new(&plan).map_err(lost)?;
     let found = &resolved.target.components;
     for (then, now) in header.components.iter().zip(found) {
         if then.hash != now.hash {
@@ -148,7 +148,7 @@ pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<Res
 }
 
 /// How this program and its target differ from those that made a run, part by part.
-pub fn other_build(header: &RunHeader, resolved: &Resolved) -> Vec<String> {
+pub fn other_build(header: &RunHeader, resolved: &ResolvedPlan) -> Vec<String> {
     let (then, now) = (&header.build, build());
     let mut parts = vec![
         ("program", then.program_version.as_str(), now.program_version.as_str()),

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
+use mishandle_files::{FileLock, NewFolders};
 use mishandle_rollout::Seed;
-use mishandle_store::FileLock;
 use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment, task_hash};
 use mishandle_training::{
     ALGORITHMS, BEST, Checkpoint, Config, Flow, PRESETS, Progress, Trained, Validation,
@@ -18,7 +18,6 @@ use mishandle_training::{
 
 use crate::curve::{Curve, CurveRow, NoTrainingTime};
 use crate::home::check_home;
-use crate::new_folders::NewFolders;
 use crate::{MishandleError, build, memory, shipped_settings, task};
 pub(crate) use places::check as check_places;
 use plan::with_ending;
@@ -27,7 +26,7 @@ use watcher::Watcher;
 pub use plan::{TrainPlan, default_out};
 
 /// Who is told how a training goes.
-pub trait TrainWatch {
+pub trait TrainObserver {
     /// Called before the first iteration, when all has been checked: how many environment steps are done and wanted.
     fn begins(&mut self, _done: u64, _total: u64) {}
 
@@ -75,7 +74,7 @@ impl TrainReport {
 /// If a name is unknown, the settings are wrong or take more memory than is free, the checkpoint or the curve is another training's, something is in the
 /// way of what is to be written, or its first part or the first checkpoint cannot be written. What was not there before
 /// is then gone again. What cannot be written in the end, the report tells.
-pub fn train(plan: &TrainPlan, watch: &mut dyn TrainWatch) -> Result<TrainReport, MishandleError> {
+pub fn train(plan: &TrainPlan, watch: &mut dyn TrainObserver) -> Result<TrainReport, MishandleError> {
     let task = task(&plan.task)?;
     let config = settings(plan)?;
     plan.check_places()?;

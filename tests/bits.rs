@@ -8,7 +8,7 @@
 use std::ops::ControlFlow;
 
 use mishandle::store::RunFile;
-use mishandle::{FalsifyPlan, Plan, Resolved};
+use mishandle::{FalsifyPlan, Plan, ResolvedPlan};
 use serde_json::Value;
 
 #[test]
@@ -27,7 +27,7 @@ fn simulations_have_the_bits_of_an_earlier_commit() {
             ..FalsifyPlan::default()
         };
         let plan = Plan { action_noise: 0.5, seed: 5, falsify: Some(falsify), ..Plan::new(task, "ppo") };
-        let resolved = Resolved::new(&plan).unwrap();
+        let resolved = ResolvedPlan::new(&plan).unwrap();
         let path = folder.path().join(format!("{i}.sqlite"));
         let run = mishandle::create_run(&resolved, Some(&path)).unwrap();
         mishandle::falsify(&resolved, run, |progress| {

@@ -8,7 +8,7 @@ use mishandle::rollout::Environment;
 use mishandle::store::RunFile;
 use mishandle::tasks::{Preset, Reward, TaskEnvironment, tasks};
 use mishandle::world::Model;
-use mishandle::{EvaluatePlan, Plan, Resolved};
+use mishandle::{EvaluatePlan, Plan, ResolvedPlan};
 
 /// The environment drops what only pictures need; its states have to fit the scene with all of it.
 #[test]
@@ -31,7 +31,7 @@ fn a_film_holds_every_sample_of_the_recorded_episode() {
     let path = folder.path().join("run.sqlite");
     let evaluate = EvaluatePlan { episodes: 2, ..EvaluatePlan::default() };
     let plan = Plan { evaluate: Some(evaluate), ..Plan::new("point-reaching", "expert") };
-    let resolved = Resolved::new(&plan).unwrap();
+    let resolved = ResolvedPlan::new(&plan).unwrap();
     let run = mishandle::create_run(&resolved, Some(&path)).unwrap();
     mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
 

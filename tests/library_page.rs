@@ -3,13 +3,13 @@
 #![allow(clippy::unwrap_used)]
 
 use mishandle::rollout::{Request, Seed};
-use mishandle::{Plan, Resolved};
+use mishandle::{Plan, ResolvedPlan};
 
 #[test]
 fn the_episode_of_the_page_has_the_robustness_that_it_shows() {
     let page = include_str!("../docs/library.md");
     let plan = Plan::from_toml("target = \"ball-balancing\"\ncontroller = \"ppo\"").unwrap();
-    let mut system = Resolved::new(&plan).unwrap().system().unwrap();
+    let mut system = ResolvedPlan::new(&plan).unwrap().system().unwrap();
     let start = Request::new([0.342, 0.1], Seed(0));
     let episode = &system.rollout(&[start]).unwrap()[0];
     let line = format!("\nrobustness {:?} after {} steps\n", episode.verdict.robustness, episode.steps);

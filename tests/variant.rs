@@ -8,7 +8,7 @@ use std::sync::{Arc, LazyLock, Once};
 use mishandle::rollout::Controller;
 use mishandle::tasks::{Definition, Panda, Scene, Task};
 use mishandle::world::{Model, WorldError};
-use mishandle::{EvaluatePlan, Plan, Resolved, Starts, shipped_controllers};
+use mishandle::{EvaluatePlan, Plan, ResolvedPlan, StartRegion, shipped_controllers};
 
 const BASE: &str = "ball-balancing";
 
@@ -70,10 +70,10 @@ fn starts_are_left_out_only_of_a_box_that_is_in_part_out_of_reach() {
     let leaves_out = |task: &str, starts| {
         let evaluate = EvaluatePlan { episodes: 20, starts, ..EvaluatePlan::default() };
         let plan = Plan { evaluate: Some(evaluate), ..Plan::new(task, "expert") };
-        mishandle::leaves_out_starts(&Resolved::new(&plan).unwrap())
+        mishandle::leaves_out_starts(&ResolvedPlan::new(&plan).unwrap())
     };
     // The variant's reach is half of the box: that all of twenty starts lie within has a chance of one in a million.
-    assert!(leaves_out(DEFINITION.name, Starts::Reachable));
-    assert!(!leaves_out(DEFINITION.name, Starts::Whole));
-    assert!(!leaves_out(BASE, Starts::Reachable));
+    assert!(leaves_out(DEFINITION.name, StartRegion::Reachable));
+    assert!(!leaves_out(DEFINITION.name, StartRegion::Whole));
+    assert!(!leaves_out(BASE, StartRegion::Reachable));
 }

@@ -4,8 +4,10 @@ use std::{borrow::Cow, sync::Arc};
 
 use mishandle::rollout::Controller;
 use mishandle::tasks::kinematic::{ResolvedRate, rotation_between};
-use mishandle::tasks::{Behavior, Definition, Expert, Formulas, Grip, Panda, Reward, Scene, Seen, Task};
 use mishandle::tasks::{BoxAxis, Quantity, Variations, effort, limited, one, three};
+use mishandle::tasks::{
+    Definition, Expert, ExpertInput, ExpertPolicy, Grip, Panda, Reward, Scene, Task, TaskFormulas,
+};
 use mishandle::world::frame::{add, cross, norm, rotate, scale, sub};
 use mishandle::world::{Body, Joint, Model, Rows, World, WorldError};
 
@@ -54,7 +56,7 @@ const DEFINITION: Definition = Definition {
     differences: "There is no original: this task is an example.",
 };
 
-const FORMULAS: Formulas = Formulas {
+const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](cube_tilt >= 1.5)",
     strict: "eventually[0:270](always[0:30](cube_tilt >= 1.5 and cube_tilt <= 1.65 and cube_speed <= 0.02 and \
              finger_cube_distance >= 0.1))",
@@ -142,12 +144,12 @@ const DESCEND: f64 = 1.0;
 const TIP: f64 = 2.0;
 const RETREAT: f64 = 3.0;
 
-impl Behavior for Flip {
+impl ExpertPolicy for Flip {
     const MEMORY: usize = 1;
     const SITE: &'static str = "grasp";
     const REST: [f64; 7] = [0.0, 0.0, 0.0, -2.3, 0.0, 2.3, 0.785];
 
-    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
+    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
         let (cube, forward, up) = (seen.point(0), seen.point(3), seen.point(6));
         // Tipping turns the cube about an axis that stays where it is: the one across, through the far lower edge.
         let (tips, across) = (arm.position(), cross(up, forward));

@@ -6,7 +6,7 @@ use mishandle_training::{Checkpoint, Progress};
 use super::row::{COLUMNS, CurveRow, REWARD, secs_cell};
 use super::{CurveProblem, read};
 use crate::MishandleError;
-use crate::growing_file::GrowingFile;
+use mishandle_files::GrowingFile;
 
 /// A curve's file, being written: each row as soon as it is there.
 #[derive(Debug)]

@@ -2,7 +2,7 @@
 
 mod task;
 
-use mishandle_rollout::{Judge, RolloutError, Space, Specification, System, Target};
+use mishandle_rollout::{RolloutError, Space, Specification, SpecificationMonitor, System, Target};
 use mishandle_stl::{Clock, Formula, Monitor};
 use mishandle_toys::TOYS;
 
@@ -50,7 +50,7 @@ fn refuse_task_options(plan: &Plan) -> Result<(), MishandleError> {
 
 /// A plan with all that it names looked up and checked: nothing after this depends on the kind of target.
 #[derive(Debug)]
-pub struct Resolved {
+pub struct ResolvedPlan {
     /// The plan.
     pub plan: Plan,
     /// What is tested.
@@ -64,13 +64,13 @@ pub struct Resolved {
     pub stored_subformulas: usize,
 }
 
-impl Resolved {
+impl ResolvedPlan {
     /// Looks up and checks all that `plan` names.
     ///
     /// # Errors
     /// If a name is unknown, a file cannot be read or does not fit, a formula is wrong or longer than an episode, or
     /// a number makes no sense.
-    pub fn new(plan: &Plan) -> Result<Resolved, MishandleError> {
+    pub fn new(plan: &Plan) -> Result<ResolvedPlan, MishandleError> {
         let target = target(plan)?;
         let space = target.space(&plan.space).map_err(|error| match error {
             RolloutError::UnknownSpace { name, known } => MishandleError::Name { kind: "space", name, known },
@@ -90,10 +90,10 @@ impl Resolved {
         let mut specification = Specification::from_formulas(&target.formulas, requirement)?;
         // A target without a formula of that name is measured by what it requires.
         specification.success.get_or_insert_with(|| specification.requirement.clone());
-        Judge::new(&specification, &target.signal_names(), target.control_dt)?;
+        SpecificationMonitor::new(&specification, &target.signal_names(), target.control_dt)?;
         let stored_subformulas =
             if needs_subformulas { specification.requirement.subformulas().count() } else { 0 };
-        Ok(Resolved { plan: plan.clone(), target, space, specification, stored_subformulas })
+        Ok(ResolvedPlan { plan: plan.clone(), target, space, specification, stored_subformulas })
     }
 
     /// The system that runs its simulations.

@@ -12,9 +12,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use mishandle_training::{Progress, Validation};
 
 use crate::MishandleError;
-use crate::growing_file::GrowingFile;
-use crate::new_folders::NewFolders;
 use encoding::{put_bytes, put_double, put_float, put_integer, record};
+use mishandle_files::{GrowingFile, NewFolders};
 
 /// What the name of every event file has in it: TensorBoard looks for it.
 const MARK: &str = "tfevents";

@@ -8,7 +8,7 @@ use mishandle_tasks::TaskEnvironment;
 use mishandle_training::{Checkpoint, Flow, Observer, Progress, Validation};
 
 use super::unwritten::Unwritten;
-use super::{TrainPlan, TrainWatch};
+use super::{TrainObserver, TrainPlan};
 use crate::MishandleError;
 use crate::curve::CurveWriter;
 use crate::tensorboard::EventFile;
@@ -25,7 +25,7 @@ pub(super) struct Watcher<'a> {
     specification: Specification,
     checkpoint: PathBuf,
     records: Records,
-    watch: &'a mut dyn TrainWatch,
+    watch: &'a mut dyn TrainObserver,
     /// Why the training ends: its last validation, or its first checkpoint, was not possible.
     failure: Option<MishandleError>,
     unwritten: Unwritten,
@@ -81,7 +81,7 @@ impl<'a> Watcher<'a> {
         environment: Arc<TaskEnvironment>,
         specification: Specification,
         resumed: Option<&Checkpoint>,
-        watch: &'a mut dyn TrainWatch,
+        watch: &'a mut dyn TrainObserver,
     ) -> Result<Watcher<'a>, MishandleError> {
         Ok(Watcher {
             records: Records::open(plan, environment.reward_terms(), resumed)?,

@@ -7,7 +7,6 @@ mod commands;
 mod count;
 mod interrupt;
 mod live_curve;
-mod new_file;
 mod output;
 mod progress;
 mod run;
@@ -71,9 +70,9 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Man(command) => commands::man::run(command),
     };
     match outcome {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Violated) => ExitCode::from(1),
-        Ok(Outcome::Interrupted) => ExitCode::from(interrupt::EXIT_CODE),
+        Ok(ExitStatus::Done) => ExitCode::SUCCESS,
+        Ok(ExitStatus::Violated) => ExitCode::from(1),
+        Ok(ExitStatus::Interrupted) => ExitCode::from(interrupt::EXIT_CODE),
         Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             output::report_error(&error);
@@ -84,7 +83,7 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 /// How a command that did its work ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Outcome {
+enum ExitStatus {
     /// Nothing was violated.
     Done,
     /// A counterexample was found, or a formula is violated.

@@ -1,6 +1,5 @@
 //! Data on stdout, words on stderr.
 
-use std::fs::File;
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::path::Path;
 
@@ -8,6 +7,7 @@ use anyhow::{Context, Error, Result, bail};
 use console::Term;
 use mishandle::MishandleError;
 use mishandle::evaluation::Estimate;
+use mishandle::files::AtomicFile;
 use mishandle::stl::{Formula, MonitorError};
 use serde_json::{Number, Value, json};
 
@@ -27,19 +27,40 @@ pub fn json(value: Value) -> Result<()> {
     line(&serde_json::to_string_pretty(&document)?)
 }
 
-/// Writes a file that is not there yet. If that fails, nothing is left of it.
-pub fn write_new(path: &Path, write: impl FnOnce(&mut File) -> Result<()>) -> Result<()> {
-    let name = || format!("cannot write {}", path.display());
-    let mut file = match File::create_new(path) {
+/// Creates a file that appears when it is complete. An existing file is replaced only with `force`.
+pub fn create(path: &Path, force: bool) -> Result<AtomicFile> {
+    let created = if force { AtomicFile::replace(path) } else { AtomicFile::create_new(path) };
+    match created {
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => {
+            bail!("{} exists already; give another --out, or --force to overwrite it", path.display())
+        }
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            let folder = path.parent().unwrap_or(path);
+            bail!("cannot write {}: there is no folder {}", path.display(), folder.display())
+        }
+        created => created.with_context(|| format!("cannot write {}", path.display())),
+    }
+}
+
+/// Writes a file that appears when it is complete. An existing file is replaced only with `force`.
+pub fn write_atomically(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
+    let mut file = create(path, force)?;
+    file.write_all(bytes)
+        .and_then(|()| file.persist())
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Writes a new file with `write`; an existing one is an error.
+pub fn write_new(path: &Path, write: impl FnOnce(&mut AtomicFile) -> Result<()>) -> Result<()> {
+    let mut file = match AtomicFile::create_new(path) {
         Err(error) if error.kind() == ErrorKind::AlreadyExists => {
             bail!("{} exists already; give another name", path.display());
         }
-        opened => opened.with_context(name)?,
+        created => created.with_context(|| format!("cannot write {}", path.display()))?,
     };
-    write(&mut file).and_then(|()| Ok(file.flush()?)).with_context(name).inspect_err(|_| {
-        // It was made here and is worth nothing; the first failure is the one to tell.
-        let _ = std::fs::remove_file(path);
-    })
+    write(&mut file)
+        .and_then(|()| Ok(file.persist()?))
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// Version of the JSON documents: keys are only ever added within one.

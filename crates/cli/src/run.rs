@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use mishandle::rollout::Axis;
 use mishandle::store::{RunFile, RunWriter};
-use mishandle::{Plan, Resolved};
+use mishandle::{Plan, ResolvedPlan};
 use serde_json::{Value, json};
 
 use crate::progress::Bar;
@@ -61,9 +61,9 @@ pub fn open(
     controller: Option<&str>,
     out: Option<&Path>,
     new_plan: impl FnOnce() -> Result<Plan>,
-) -> Result<(Resolved, RunWriter)> {
+) -> Result<(ResolvedPlan, RunWriter)> {
     let Some(path) = resume else {
-        let resolved = Resolved::new(&new_plan()?)?;
+        let resolved = ResolvedPlan::new(&new_plan()?)?;
         let run = mishandle::create_run(&resolved, out)?;
         return Ok((resolved, run));
     };
@@ -76,8 +76,8 @@ pub fn open(
 }
 
 /// What is tested and how, in a line, for a heading.
-pub fn heading(resolved: &Resolved) -> String {
-    let Resolved { plan, space, .. } = resolved;
+pub fn heading(resolved: &ResolvedPlan) -> String {
+    let ResolvedPlan { plan, space, .. } = resolved;
     let mut text = plan.target.clone();
     if !plan.controller.is_empty() {
         text.push_str(&format!(", controller {}, task preset {}", plan.controller, plan.preset));
@@ -108,8 +108,8 @@ pub fn simulations(count: u64) -> String {
 }
 
 /// The keys that the documents of `evaluate` and `falsify` share.
-pub fn document(resolved: &Resolved, path: &str) -> Value {
-    let Resolved { plan, target, space, .. } = resolved;
+pub fn document(resolved: &ResolvedPlan, path: &str) -> Value {
+    let ResolvedPlan { plan, target, space, .. } = resolved;
     let controller = target.components.first();
     json!({
         "run": path,

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Chain, Result};
 use mishandle::training::{Flow, Progress};
-use mishandle::{MishandleError, TrainPlan, TrainWatch};
+use mishandle::{MishandleError, TrainObserver, TrainPlan};
 
 use crate::interrupt;
 use crate::live_curve::LiveCurve;
@@ -45,7 +45,7 @@ impl Watch {
     }
 }
 
-impl TrainWatch for Watch {
+impl TrainObserver for Watch {
     fn begins(&mut self, done: u64, total: u64) {
         // The first iteration may take minutes.
         if !shows_progress() {

@@ -5,9 +5,8 @@ use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, Stdio};
 
 use anyhow::{Context, Error, Result, bail};
+use mishandle::files::AtomicFile;
 use mishandle::world::Size;
-
-use crate::new_file::NewFile;
 
 const ENCODER: &str = "ffmpeg";
 
@@ -15,7 +14,7 @@ const ENCODER: &str = "ffmpeg";
 pub struct Video {
     // In this order: the encoder has ended before its file is taken away.
     encoder: Encoder,
-    file: NewFile,
+    file: AtomicFile,
 }
 
 /// The encoder's process, which does not outlive this.
@@ -49,7 +48,7 @@ fn cannot_run(error: std::io::Error) -> Error {
 
 impl Video {
     /// Begins a film of so many pictures a second.
-    pub fn begin(file: NewFile, size: Size, rate: f64) -> Result<Video> {
+    pub fn begin(file: AtomicFile, size: Size, rate: f64) -> Result<Video> {
         let process = Command::new(ENCODER)
             .process_group(0) // a Ctrl-C typed in the terminal is for this program alone
             .args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pixel_format", "rgb24"])
@@ -77,7 +76,7 @@ impl Video {
     /// Ends the film.
     pub fn end(mut self) -> Result<()> {
         self.close()?;
-        self.file.finish()
+        self.file.persist().context("cannot write the film")
     }
 
     /// Waits for the encoder to end, which it should without complaint.

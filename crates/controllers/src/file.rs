@@ -6,6 +6,7 @@
 
 use std::path::Path;
 
+use mishandle_files::write_atomically;
 use mishandle_network::{Activation, Mlp, Tensor};
 use mishandle_rollout::Controller;
 use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors, TensorView};
@@ -15,7 +16,7 @@ use sha2::{Digest, Sha256};
 use crate::layout::hexadecimal;
 use crate::policy::{GAUSSIAN, SQUASHED};
 use crate::seal::{UNSEALED, is_sealed, seal};
-use crate::{ControllerError, FileProblem, Layout, Policy, write_atomically};
+use crate::{ControllerError, FileProblem, Layout, Policy};
 
 /// Newest version of the format; a file of a newer one is refused. Version 1 had no hash of itself,
 /// version 2 no squashed policies.
@@ -381,8 +382,8 @@ mod tests {
         assert_eq!(loaded.policy.hash(), saved.policy.hash());
         assert_eq!(loaded.to_bytes(), saved.to_bytes());
         let (mut a, mut b) = ([0.0], [0.0]);
-        saved.policy.actor().act(1, &[0.3, 0.9], &mut [], &mut a);
-        loaded.policy.actor().act(1, &[0.3, 0.9], &mut [], &mut b);
+        saved.policy.worker().act(1, &[0.3, 0.9], &mut [], &mut a);
+        loaded.policy.worker().act(1, &[0.3, 0.9], &mut [], &mut b);
         assert_eq!(a, b);
     }
 

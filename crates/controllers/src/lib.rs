@@ -1,6 +1,5 @@
 //! Learned policies and their file format.
 
-mod atomic;
 mod error;
 mod file;
 mod layout;
@@ -8,7 +7,6 @@ mod policy;
 mod seal;
 pub mod squashed;
 
-pub use atomic::write_atomically;
 pub use error::{ControllerError, FileProblem};
 pub use file::{
     ControllerFile, FORMAT_VERSION, Header, TrainingRecord, ValidationRecord, WRITTEN_VERSIONS, bytes_hash,

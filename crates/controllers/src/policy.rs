@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use mishandle_network::elementary::tanh;
 use mishandle_network::{Mlp, Normalizer, Workspace};
-use mishandle_rollout::{Actor, Controller, Seed, Stream};
+use mishandle_rollout::{Controller, ControllerWorker, Seed, Stream};
 use sha2::{Digest, Sha256};
 
 use crate::layout::hexadecimal;
@@ -31,7 +31,7 @@ use crate::{ControllerError, squashed};
 /// network.update(|parameters| parameters.copy_from_slice(&[3.0, 0.5])); // 3 x + 0.5
 /// let policy = Policy::new(vec![10.0], vec![4.0], network, vec![0.0])?; // x = (o - 10) / 2
 /// let mut action = [0.0];
-/// policy.actor().act(1, &[12.0], &mut [], &mut action);
+/// policy.worker().act(1, &[12.0], &mut [], &mut action);
 /// assert_eq!(action, [3.5]);
 /// # Ok::<(), mishandle_controllers::ControllerError>(())
 /// ```
@@ -104,7 +104,7 @@ impl Policy {
     /// network.update(|parameters| parameters.copy_from_slice(&[3.0, 0.0, 0.5, 0.0])); // μ = 3 x + 0.5, h = 0
     /// let policy = Policy::squashed(vec![0.0], vec![1.0], network)?;
     /// let mut action = [0.0];
-    /// policy.actor().act(1, &[0.25], &mut [], &mut action);
+    /// policy.worker().act(1, &[0.25], &mut [], &mut action);
     /// assert!((action[0] - 1.25_f32.tanh()).abs() < 1e-6);
     /// # Ok::<(), mishandle_controllers::ControllerError>(())
     /// ```
@@ -220,8 +220,8 @@ impl Controller for Policy {
         if self.samples { MEMORY } else { 0 }
     }
 
-    fn actor(&self) -> Box<dyn Actor> {
-        Box::new(PolicyActor {
+    fn worker(&self) -> Box<dyn ControllerWorker> {
+        Box::new(PolicyWorker {
             core: self.core.clone(),
             samples: self.samples,
             workspace: Workspace::default(),
@@ -231,7 +231,7 @@ impl Controller for Policy {
     }
 }
 
-struct PolicyActor {
+struct PolicyWorker {
     core: Arc<Core>,
     samples: bool,
     workspace: Workspace<f32>,
@@ -239,7 +239,7 @@ struct PolicyActor {
     draws: Vec<f64>,
 }
 
-impl Actor for PolicyActor {
+impl ControllerWorker for PolicyWorker {
     fn reset(&mut self, state: &mut [f64], seed: Seed) {
         if self.samples {
             state.copy_from_slice(&[f64::from(seed.0 as u32), f64::from((seed.0 >> 32) as u32), 0.0]);
@@ -303,7 +303,7 @@ mod tests {
     fn a_row_is_the_same_alone_and_among_others() {
         let policy = policy(1).sampling(true);
         let observations: Vec<f32> = (0..2 * 37).map(|i| (i as f32 * 0.7).sin()).collect();
-        let mut actor = policy.actor();
+        let mut actor = policy.worker();
         let mut states = vec![0.0; 37 * MEMORY];
         for (row, state) in states.chunks_mut(MEMORY).enumerate() {
             actor.reset(state, Seed(u64::MAX - row as u64));
@@ -325,9 +325,9 @@ mod tests {
     fn draws_have_the_mean_and_the_deviations_that_were_asked_for() {
         let policy = policy(2);
         let mut mean = [0.0; 3];
-        policy.actor().act(1, &[0.3, 0.4], &mut [], &mut mean);
+        policy.worker().act(1, &[0.3, 0.4], &mut [], &mut mean);
         let rows = 20_000;
-        let (mut actor, mut states) = (policy.sampling(true).actor(), vec![0.0; rows * MEMORY]);
+        let (mut actor, mut states) = (policy.sampling(true).worker(), vec![0.0; rows * MEMORY]);
         for (row, state) in states.chunks_mut(MEMORY).enumerate() {
             actor.reset(state, Seed(row as u64));
         }
@@ -350,7 +350,7 @@ mod tests {
         let policy = Policy::squashed(vec![0.0], vec![1.0], network).unwrap();
         assert_eq!((policy.action_size(), policy.log_std().len()), (1, 0));
         let rows = 20_000;
-        let (mut actor, mut states) = (policy.clone().sampling(true).actor(), vec![0.0; rows * MEMORY]);
+        let (mut actor, mut states) = (policy.clone().sampling(true).worker(), vec![0.0; rows * MEMORY]);
         for (row, state) in states.chunks_mut(MEMORY).enumerate() {
             actor.reset(state, Seed(row as u64));
         }

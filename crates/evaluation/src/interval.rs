@@ -1,8 +1,6 @@
 //! Confidence intervals (95 %) for rates and means.
 
-use mishandle_rollout::Seed;
-
-use crate::resample::{Draws, Resample};
+use mishandle_random::{Seed, Sequence};
 
 /// The 0.975 quantile of the standard normal distribution.
 const Z: f64 = 1.959_963_984_540_054;
@@ -102,11 +100,10 @@ pub fn bootstrap_mean(values: &[f64], seed: Seed) -> Estimate {
     }
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    let table = Resample::new(&sorted);
     let mut means: Vec<f64> = (0..RESAMPLES)
         .map(|resample| {
-            let mut draws = Draws(seed.child(resample).0);
-            mean((0..n).map(|_| table.draw(&mut draws)).sum())
+            let mut sequence = Sequence::new(seed.child(resample).0, 0);
+            mean((0..n).map(|_| sorted[sequence.below(n) as usize]).sum())
         })
         .collect();
     means.sort_by(f64::total_cmp);

@@ -15,7 +15,6 @@
 mod error;
 mod interval;
 mod metrics;
-mod resample;
 mod run;
 
 pub use error::EvaluationError;

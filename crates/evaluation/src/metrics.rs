@@ -1,6 +1,6 @@
 //! From verdicts to the metrics of a controller in a task.
 
-use mishandle_rollout::{End, Episode, Seed, Specification};
+use mishandle_rollout::{Episode, EpisodeEnd, Seed, Specification};
 
 use crate::{Estimate, bootstrap_mean, bootstrap_share, wilson};
 
@@ -98,11 +98,11 @@ impl Metrics {
     pub fn add(&mut self, episode: &Episode) {
         let verdict = &episode.verdict;
         self.simulations += 1;
-        if matches!(episode.end, End::Diverged { .. }) {
+        if matches!(episode.end, EpisodeEnd::Diverged { .. }) {
             self.diverged += 1;
             return;
         }
-        if matches!(episode.end, End::Undefined { .. }) {
+        if matches!(episode.end, EpisodeEnd::Undefined { .. }) {
             self.undecided += 1;
             self.strict_undecided += 1;
             return;
@@ -170,12 +170,12 @@ mod tests {
                 subformulas: Vec::new(),
             },
             total_reward: 0.0,
-            end: End::Completed,
+            end: EpisodeEnd::Completed,
         }
     }
 
     fn diverged() -> Episode {
-        Episode { end: End::Diverged { step: 3 }, ..episode(None, None, 0, None) }
+        Episode { end: EpisodeEnd::Diverged { step: 3 }, ..episode(None, None, 0, None) }
     }
 
     fn report(episodes: &[Episode]) -> Report {
@@ -239,7 +239,7 @@ mod tests {
 
     #[test]
     fn a_simulation_without_a_formula_s_value_is_undecided_and_says_nothing_of_danger() {
-        let undefined = Episode { end: End::Undefined { step: 3 }, ..episode(None, None, 0, None) };
+        let undefined = Episode { end: EpisodeEnd::Undefined { step: 3 }, ..episode(None, None, 0, None) };
         let report = report(&[episode(Some(1.0), Some(1.0), 2, Some(2)), undefined]);
         assert_eq!((report.diverged, report.undecided, report.strict_undecided), (0, 1, 1));
         assert_eq!((report.success_rate.value, report.dangerous_behavior_rate.unwrap().n), (Some(0.5), 1));

@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use mishandle_rollout::{BATCH, Episode, Request, Scenario, Seed, Space, System};
+use mishandle_rollout::{DEFAULT_BATCH_SIZE, Episode, Request, Scenario, Seed, Space, System};
 
 use crate::{EvaluationError, Metrics, Report};
 
@@ -32,7 +32,7 @@ pub struct Evaluation<'a> {
 impl Evaluation<'_> {
     /// An evaluation over the whole space.
     pub fn new(episodes: u64, seed: Seed) -> Self {
-        Evaluation { episodes, seed, batch: BATCH, accepted: None }
+        Evaluation { episodes, seed, batch: DEFAULT_BATCH_SIZE, accepted: None }
     }
 
     /// Simulation `number`, counted from 1; all are of trial 1.

@@ -5,7 +5,9 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use mishandle_evaluation::{Evaluation, EvaluationError, Metrics, Report, Roles, evaluate};
-use mishandle_rollout::{Axis, End, Episode, Request, RolloutError, Scenario, Seed, Space, System, Verdict};
+use mishandle_rollout::{
+    Axis, Episode, EpisodeEnd, Request, RolloutError, Scenario, Seed, Space, System, Verdict,
+};
 use mishandle_stl::Trace;
 
 const ALL: Roles = Roles { strict: true, safe: true, completion: true };
@@ -39,7 +41,7 @@ impl System for Closed {
             let rho = Some(x - self.threshold);
             Episode {
                 request: request.clone(),
-                end: End::Completed,
+                end: EpisodeEnd::Completed,
                 steps: 10,
                 verdict: Verdict {
                     robustness: rho,

@@ -6,10 +6,10 @@ use std::error::Error;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use mishandle_falsification::{Campaign, FalsificationError, Settings};
-use mishandle_rollout::{Axis, BATCH, Request, Seed, Space, System};
+use mishandle_falsification::{Campaign, CampaignSettings, FalsificationError};
+use mishandle_rollout::{Axis, DEFAULT_BATCH_SIZE, Request, Seed, Space, System};
 use mishandle_search::{Coordinate, SEARCHES, SearchOptions};
-use mishandle_toys::{Fate, FunctionSystem};
+use mishandle_toys::{FunctionSystem, SimulatedEnd};
 
 const AXES: usize = 6;
 const BUDGET: u32 = 300;
@@ -21,7 +21,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let space = Space::new("starts", (0..AXES).map(axis).collect())?;
     let system = || {
         FunctionSystem::new(space.clone(), |request| {
-            Fate::Robustness(0.01 + request.scenario.values().iter().flatten().map(|x| x * x).sum::<f64>())
+            SimulatedEnd::Robustness(
+                0.01 + request.scenario.values().iter().flatten().map(|x| x * x).sum::<f64>(),
+            )
         })
     };
 
@@ -29,7 +31,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("{:<16} {:>11} {:>14} {:>12}", "", "simulations", "us/simulation", "peak MiB");
     println!("{:<16} {simulations:>11} {bare:>14.3} {:>12}", "system alone", peak_memory());
     for search in SEARCHES {
-        let settings = Settings { trials: simulations / BUDGET, budget: BUDGET, ..Settings::default() };
+        let settings =
+            CampaignSettings { trials: simulations / BUDGET, budget: BUDGET, ..CampaignSettings::default() };
         let make = |seed| (search.make)(&[Coordinate::Continuous; AXES], seed, &SearchOptions::default());
         let mut campaign = Campaign::new(settings, &space, make)?;
         let start = Instant::now();
@@ -43,7 +46,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// Microseconds a simulation takes in batches without a search.
 fn bare(system: &mut FunctionSystem, simulations: u32) -> Result<f64, Box<dyn Error>> {
-    let batch: Vec<Request> = (0..BATCH as u64).map(|i| Request::new([0.1; AXES], Seed(i))).collect();
+    let batch: Vec<Request> =
+        (0..DEFAULT_BATCH_SIZE as u64).map(|i| Request::new([0.1; AXES], Seed(i))).collect();
     let start = Instant::now();
     for _ in 0..simulations as usize / batch.len() {
         std::hint::black_box(system.rollout(&batch)?);

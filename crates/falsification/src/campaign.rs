@@ -2,14 +2,14 @@
 
 use std::ops::ControlFlow;
 
-use mishandle_rollout::{BATCH, Episode, Request, Seed, Space, System};
+use mishandle_rollout::{DEFAULT_BATCH_SIZE, Episode, Request, Seed, Space, System};
 use mishandle_search::{Search, SearchError};
 
-use crate::{FalsificationError, Outcome, Trial, TrialEnd, TrialOutcome};
+use crate::{CampaignOutcome, FalsificationError, Trial, TrialEnd, TrialOutcome};
 
 /// How large a campaign is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Settings {
+pub struct CampaignSettings {
     /// Number of trials, at least 1.
     pub trials: u32,
     /// Simulations a trial may spend, at least 1.
@@ -20,14 +20,14 @@ pub struct Settings {
     pub batch: usize,
 }
 
-impl Default for Settings {
+impl Default for CampaignSettings {
     /// The paper's 30 trials of 300 simulations.
     fn default() -> Self {
-        Settings { trials: 30, budget: 300, seed: Seed(0), batch: BATCH }
+        CampaignSettings { trials: 30, budget: 300, seed: Seed(0), batch: DEFAULT_BATCH_SIZE }
     }
 }
 
-impl Settings {
+impl CampaignSettings {
     /// The seed of trial `number`, counted from 1.
     pub fn trial_seed(&self, number: u32) -> Seed {
         self.seed.child(u64::from(number) - 1)
@@ -35,18 +35,18 @@ impl Settings {
 }
 
 /// Makes the search of a trial from its seed.
-pub type MakeSearch<'a> = dyn Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'a;
+pub type SearchFactory<'a> = dyn Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'a;
 
 /// What one batch of simulations gave.
 #[derive(Clone, Copy, Debug)]
-pub struct Batch<'a> {
+pub struct CampaignBatch<'a> {
     /// The episodes that belong to their trials; those of one trial are in order.
     pub episodes: &'a [Episode],
     /// The trials that ended with this batch, and how.
     pub ended: &'a [(u32, TrialEnd)],
 }
 
-impl Batch<'_> {
+impl CampaignBatch<'_> {
     /// Simulations of the budgets of the trials that ended with this batch that they did not spend.
     pub fn unspent(&self, budget: u32) -> u64 {
         let last = |trial: &u32| {
@@ -67,9 +67,9 @@ impl Batch<'_> {
 ///
 /// Memory holds the outcome of every trial and the searches of those that are open in a batch, no simulations.
 pub struct Campaign<'a> {
-    settings: Settings,
+    settings: CampaignSettings,
     space: Space,
-    make: Box<MakeSearch<'a>>,
+    make: Box<SearchFactory<'a>>,
     slots: Vec<Slot>,
     /// All slots before this one have ended.
     first_open: usize,
@@ -88,7 +88,7 @@ impl<'a> Campaign<'a> {
     /// # Errors
     /// [`FalsificationError::Empty`] without trials or budget.
     pub fn new(
-        settings: Settings,
+        settings: CampaignSettings,
         space: &Space,
         make: impl Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'a,
     ) -> Result<Campaign<'a>, FalsificationError> {
@@ -163,8 +163,8 @@ impl<'a> Campaign<'a> {
     pub fn run<E: From<FalsificationError>>(
         &mut self,
         system: &mut dyn System,
-        mut on_batch: impl FnMut(&Batch<'_>) -> Result<ControlFlow<()>, E>,
-    ) -> Result<Outcome, E> {
+        mut on_batch: impl FnMut(&CampaignBatch<'_>) -> Result<ControlFlow<()>, E>,
+    ) -> Result<CampaignOutcome, E> {
         loop {
             let requests = self.next_batch(self.settings.batch.max(1))?;
             if requests.is_empty() {
@@ -177,7 +177,7 @@ impl<'a> Campaign<'a> {
             }
             let mut ended = Vec::new();
             let episodes = self.receive(episodes, &mut ended)?;
-            if on_batch(&Batch { episodes: &episodes, ended: &ended })?.is_break() {
+            if on_batch(&CampaignBatch { episodes: &episodes, ended: &ended })?.is_break() {
                 break;
             }
         }
@@ -185,14 +185,14 @@ impl<'a> Campaign<'a> {
     }
 
     /// What was found so far.
-    pub fn outcome(&self) -> Outcome {
+    pub fn outcome(&self) -> CampaignOutcome {
         let outcome = |slot: &Slot| match slot {
             Slot::Waiting => None,
             Slot::Open(trial) => Some(trial.outcome().clone()),
             Slot::Ended(outcome) => Some(outcome.clone()),
         };
         let trials = self.slots.iter().filter_map(outcome).collect();
-        Outcome { surplus: self.surplus, ..Outcome::new(trials, self.settings.budget) }
+        CampaignOutcome { surplus: self.surplus, ..CampaignOutcome::new(trials, self.settings.budget) }
     }
 
     /// The next simulations, trial by trial, at most `batch_size`; none once all trials have ended.

@@ -10,17 +10,17 @@
 //! A system in closed form, violated in the corner x > 0.9:
 //! ```
 //! use std::ops::ControlFlow;
-//! use mishandle_falsification::{Campaign, FalsificationError, Settings};
+//! use mishandle_falsification::{Campaign, FalsificationError, CampaignSettings};
 //! use mishandle_rollout::{Axis, Seed, Space};
 //! use mishandle_search::{Coordinate, SearchOptions, by_name};
-//! use mishandle_toys::{Fate, FunctionSystem};
+//! use mishandle_toys::{SimulatedEnd, FunctionSystem};
 //!
 //! let space = Space::new("starts", vec![Axis::start("x", "m", 0.0, 1.0)])?;
 //! let mut system = FunctionSystem::new(space.clone(), |request| {
-//!     Fate::Robustness(0.9 - request.scenario.get(0).unwrap())
+//!     SimulatedEnd::Robustness(0.9 - request.scenario.get(0).unwrap())
 //! });
 //!
-//! let settings = Settings { trials: 5, budget: 300, seed: Seed(7), ..Settings::default() };
+//! let settings = CampaignSettings { trials: 5, budget: 300, seed: Seed(7), ..CampaignSettings::default() };
 //! let make = |seed| by_name("random", &[Coordinate::Continuous], seed, &SearchOptions::default());
 //! let mut campaign = Campaign::new(settings, &space, make)?;
 //! let outcome = campaign.run(&mut system, |batch| {
@@ -36,11 +36,9 @@
 mod campaign;
 mod error;
 mod outcome;
-mod survival;
 mod trial;
 
-pub use campaign::{Batch, Campaign, MakeSearch, Settings};
+pub use campaign::{Campaign, CampaignBatch, CampaignSettings, SearchFactory};
 pub use error::FalsificationError;
-pub use outcome::{Minimum, Outcome, TrialOutcome, Undefined};
-pub use survival::{Spell, Survival};
+pub use outcome::{CampaignOutcome, Minimum, TrialOutcome, Undefined};
 pub use trial::{Trial, TrialEnd};

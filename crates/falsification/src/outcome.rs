@@ -1,9 +1,9 @@
 //! What trials found, and what a campaign of them amounts to.
 
 use mishandle_evaluation::{Estimate, wilson};
-use mishandle_rollout::{End, Episode, Scenario, Seed};
+use mishandle_rollout::{Episode, EpisodeEnd, Scenario, Seed};
 
-use crate::{Spell, Survival, TrialEnd};
+use crate::TrialEnd;
 
 /// The simulation of a trial with the least robustness, the earliest of equals: its counterexample, if it has one.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,8 +87,8 @@ impl TrialOutcome {
                     self.minimum = Some(Minimum { robustness, scenario, seed, number });
                 }
             }
-            (None, End::Diverged { .. }) => self.diverged += 1,
-            (None, End::Undefined { step }) => {
+            (None, EpisodeEnd::Diverged { .. }) => self.diverged += 1,
+            (None, EpisodeEnd::Undefined { step }) => {
                 self.undecided += 1;
                 self.undefined += 1;
                 self.first_undefined.get_or_insert_with(|| {
@@ -99,23 +99,11 @@ impl TrialOutcome {
             (None, _) => self.undecided += 1,
         }
     }
-
-    /// How long it was watched. A search that ended by itself finds nothing more, however large the budget, so it counts
-    /// as watched for the whole budget.
-    fn spell(&self, budget: u32) -> Spell {
-        match self.end {
-            Some(TrialEnd::Falsified) => Spell { simulations: self.simulations, falsified: true },
-            Some(TrialEnd::BudgetSpent | TrialEnd::SearchEnded(_)) => {
-                Spell { simulations: budget, falsified: false }
-            }
-            None => Spell { simulations: self.simulations, falsified: false },
-        }
-    }
 }
 
 /// What a campaign found, as far as it went.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Outcome {
+pub struct CampaignOutcome {
     /// The trials that have begun, in order.
     pub trials: Vec<TrialOutcome>,
     /// How many of them found a violation.
@@ -125,11 +113,11 @@ pub struct Outcome {
     /// S̄: mean number of simulations over the falsified trials; `None` if there is none. It says nothing of how often
     /// a search fails: the two below do.
     pub mean_simulations: Option<f64>,
-    /// Simulations after which half of the trials have found a violation, by Kaplan and Meier's estimate; `None` if
-    /// fewer than half do within the budget.
+    /// The least number of simulations after which at least half of the trials have found a violation; `None` if fewer
+    /// than half do, or if a trial was cut short.
     pub median_simulations: Option<u32>,
-    /// Mean number of simulations to the first violation, the budget where there is none, by the same estimate; `None`
-    /// if the campaign was cut short before that can be said.
+    /// Mean number of simulations to the first violation, the budget where there is none. A search that ended by itself
+    /// counts as the whole budget, since it would find nothing more. `None` if a trial was cut short.
     pub restricted_mean_simulations: Option<f64>,
     /// Simulations of all trials.
     pub simulations: u64,
@@ -143,22 +131,26 @@ pub struct Outcome {
     pub surplus: u64,
 }
 
-impl Outcome {
+impl CampaignOutcome {
     /// What trials with this budget amount to.
-    pub fn new(trials: Vec<TrialOutcome>, budget: u32) -> Outcome {
-        let survival = Survival::new(trials.iter().map(|trial| trial.spell(budget)).collect());
+    pub fn new(trials: Vec<TrialOutcome>, budget: u32) -> CampaignOutcome {
         let ended = trials.iter().filter(|trial| trial.end.is_some()).count() as u64;
         let total =
             |count: fn(&TrialOutcome) -> u32| trials.iter().map(|trial| u64::from(count(trial))).sum();
         let falsified = || trials.iter().filter(|trial| trial.falsified());
         let falsified_trials = falsified().count() as u32;
         let spent: u64 = falsified().map(|trial| u64::from(trial.simulations)).sum();
-        Outcome {
+        let is_complete = !trials.is_empty() && ended == trials.len() as u64;
+        let unfalsified = trials.len() as u64 - u64::from(falsified_trials);
+        let total_with_budget = spent + unfalsified * u64::from(budget);
+        CampaignOutcome {
             falsified_trials,
             falsification_rate: wilson(falsified_trials.into(), ended),
             mean_simulations: (falsified_trials > 0).then(|| spent as f64 / f64::from(falsified_trials)),
-            median_simulations: survival.median(),
-            restricted_mean_simulations: survival.restricted_mean(budget),
+            median_simulations: is_complete
+                .then(|| median(falsified().map(|trial| trial.simulations), trials.len()))
+                .flatten(),
+            restricted_mean_simulations: is_complete.then(|| total_with_budget as f64 / trials.len() as f64),
             simulations: total(|trial| trial.simulations),
             diverged: total(|trial| trial.diverged),
             undecided: total(|trial| trial.undecided),
@@ -169,9 +161,17 @@ impl Outcome {
     }
 }
 
+/// The least number of simulations by which at least half of `trials` trials are falsified, `simulations` being those of
+/// the falsified ones. Counted in whole trials, since a rounded share would miss one half by a bit.
+fn median(simulations: impl Iterator<Item = u32>, trials: usize) -> Option<u32> {
+    let mut simulations: Vec<u32> = simulations.collect();
+    simulations.sort_unstable();
+    simulations.get(trials.div_ceil(2) - 1).copied()
+}
+
 #[cfg(test)]
 mod tests {
-    use mishandle_search::Finish;
+    use mishandle_search::SearchEnd;
 
     use super::*;
 
@@ -181,12 +181,12 @@ mod tests {
 
     #[test]
     fn an_outcome_worked_out_by_hand() {
-        let outcome = Outcome::new(
+        let outcome = CampaignOutcome::new(
             vec![
                 trial(20, Some(TrialEnd::Falsified)),
                 trial(40, Some(TrialEnd::Falsified)),
                 trial(300, Some(TrialEnd::BudgetSpent)),
-                trial(100, Some(TrialEnd::SearchEnded(Finish::Converged))),
+                trial(100, Some(TrialEnd::SearchEnded(SearchEnd::Converged))),
             ],
             300,
         );
@@ -201,16 +201,37 @@ mod tests {
 
     #[test]
     fn without_a_violation_there_is_no_mean() {
-        let outcome = Outcome::new(vec![trial(300, Some(TrialEnd::BudgetSpent))], 300);
+        let outcome = CampaignOutcome::new(vec![trial(300, Some(TrialEnd::BudgetSpent))], 300);
         assert_eq!((outcome.mean_simulations, outcome.median_simulations), (None, None));
         assert_eq!(outcome.restricted_mean_simulations, Some(300.0));
     }
 
     #[test]
     fn a_trial_cut_short_is_in_no_rate() {
-        let outcome = Outcome::new(vec![trial(20, Some(TrialEnd::Falsified)), trial(50, None)], 300);
+        let outcome = CampaignOutcome::new(vec![trial(20, Some(TrialEnd::Falsified)), trial(50, None)], 300);
         assert_eq!((outcome.falsification_rate.value, outcome.falsification_rate.n), (Some(1.0), 1));
-        assert_eq!(outcome.median_simulations, Some(20));
-        assert_eq!(outcome.restricted_mean_simulations, None);
+        assert_eq!((outcome.median_simulations, outcome.restricted_mean_simulations), (None, None));
+    }
+
+    /// 30 trials, each falsified after another number of simulations: half of them by the 15th. A product of rounded
+    /// shares, 29/30 * 28/29 * ..., is above one half there.
+    #[test]
+    fn the_median_counts_whole_trials() {
+        for trials in 1..=60 {
+            let falsified = (1..=trials).map(|n| trial(n, Some(TrialEnd::Falsified))).collect();
+            let outcome = CampaignOutcome::new(falsified, 300);
+            assert_eq!(outcome.median_simulations, Some(trials.div_ceil(2)), "{trials} trials");
+        }
+    }
+
+    #[test]
+    fn half_of_the_trials_is_enough_for_a_median_and_fewer_are_not() {
+        let spent = || trial(300, Some(TrialEnd::BudgetSpent));
+        let found = |n| trial(n, Some(TrialEnd::Falsified));
+        let outcome = CampaignOutcome::new(vec![spent(), found(7), spent(), found(3)], 300);
+        assert_eq!(outcome.median_simulations, Some(7));
+        let outcome = CampaignOutcome::new(vec![spent(), found(7), spent(), found(3), spent()], 300);
+        assert_eq!(outcome.median_simulations, None);
+        assert_eq!(CampaignOutcome::new(vec![], 300).median_simulations, None);
     }
 }

@@ -1,7 +1,7 @@
 //! One seeded search with a budget.
 
-use mishandle_rollout::{End, Episode, Request, Seed, Space};
-use mishandle_search::{Finish, Observation, Search, SubformulaMinimum};
+use mishandle_rollout::{Episode, EpisodeEnd, Request, Seed, Space};
+use mishandle_search::{Observation, Search, SearchEnd, SubformulaMinimum};
 
 use crate::{FalsificationError, TrialOutcome};
 
@@ -13,7 +13,7 @@ pub enum TrialEnd {
     /// The budget was spent without one.
     BudgetSpent,
     /// The search ended by its own criterion, without one and before the budget was spent.
-    SearchEnded(Finish),
+    SearchEnded(SearchEnd),
 }
 
 /// One seeded search that stops at the first robustness below 0, or when its budget of simulations is spent, or when
@@ -89,7 +89,7 @@ impl Trial {
         let Request { trial, number, unit_point, scenario, .. } = &episode.request;
         let robustness = episode.robustness();
         match (robustness, episode.end) {
-            (None, End::Completed) => {
+            (None, EpisodeEnd::Completed) => {
                 return Err(FalsificationError::Undecidable { trial: *trial, number: *number });
             }
             (Some(rho), _) if rho.is_nan() => {

@@ -3,16 +3,18 @@
 
 use std::ops::ControlFlow;
 
-use mishandle_falsification::{Campaign, FalsificationError, Outcome, Settings, TrialEnd};
-use mishandle_rollout::{Axis, End, Episode, Request, RolloutError, Scenario, Seed, Space, System, Verdict};
-use mishandle_search::{Coordinate, Finish, Observation, Search, SearchError, SearchOptions, by_name};
-use mishandle_toys::{Fate, FunctionSystem};
+use mishandle_falsification::{Campaign, CampaignOutcome, CampaignSettings, FalsificationError, TrialEnd};
+use mishandle_rollout::{
+    Axis, Episode, EpisodeEnd, Request, RolloutError, Scenario, Seed, Space, System, Verdict,
+};
+use mishandle_search::{Coordinate, Observation, Search, SearchEnd, SearchError, SearchOptions, by_name};
+use mishandle_toys::{FunctionSystem, SimulatedEnd};
 
 fn space() -> Space {
     Space::new("starts", vec![Axis::start("x", "m", 0.0, 10.0)]).unwrap()
 }
 
-fn system(fate: impl Fn(&Request) -> Fate + 'static) -> FunctionSystem {
+fn system(fate: impl Fn(&Request) -> SimulatedEnd + 'static) -> FunctionSystem {
     FunctionSystem::new(space(), fate)
 }
 
@@ -47,8 +49,8 @@ impl Search for Walk {
         Ok(())
     }
 
-    fn finished(&self) -> Option<Finish> {
-        (self.told.len() == self.points.len()).then_some(Finish::Converged)
+    fn finished(&self) -> Option<SearchEnd> {
+        (self.told.len() == self.points.len()).then_some(SearchEnd::Converged)
     }
 
     fn best(&self) -> Option<(&[f64], f64)> {
@@ -61,22 +63,22 @@ fn walk(points: &[f64], trials: u32, budget: u32) -> Campaign<'_> {
 }
 
 fn walk_in_batches(points: &[f64], trials: u32, budget: u32, batch: usize) -> Campaign<'_> {
-    let settings = Settings { trials, budget, seed: Seed(3), batch };
+    let settings = CampaignSettings { trials, budget, seed: Seed(3), batch };
     let make =
         move |_| Ok(Box::new(Walk { points: points.to_vec(), asked: 0, told: vec![] }) as Box<dyn Search>);
     Campaign::new(settings, &space(), make).unwrap()
 }
 
-fn run(campaign: &mut Campaign<'_>, system: &mut dyn System) -> Result<Outcome, FalsificationError> {
+fn run(campaign: &mut Campaign<'_>, system: &mut dyn System) -> Result<CampaignOutcome, FalsificationError> {
     campaign.run(system, |_| Ok(ControlFlow::Continue(())))
 }
 
 /// Robustness x - 2; above x = 9 it diverges, above x = 8 it is undecided.
-fn by_place(request: &Request) -> Fate {
+fn by_place(request: &Request) -> SimulatedEnd {
     match request.scenario.get(0).unwrap() {
-        x if x > 9.0 => Fate::Diverged,
-        x if x > 8.0 => Fate::Undecided,
-        x => Fate::Robustness(x - 2.0),
+        x if x > 9.0 => SimulatedEnd::Diverged,
+        x if x > 8.0 => SimulatedEnd::Undecided,
+        x => SimulatedEnd::Robustness(x - 2.0),
     }
 }
 
@@ -96,7 +98,7 @@ fn check(points: &[f64], budget: u32, expected: (TrialEnd, u32, Option<f64>, u32
 
 #[test]
 fn how_trials_end() {
-    let converged = TrialEnd::SearchEnded(Finish::Converged);
+    let converged = TrialEnd::SearchEnded(SearchEnd::Converged);
     // x = 10 u. A violation counts itself, and nothing after it.
     check(&[0.1], 9, (TrialEnd::Falsified, 1, Some(-1.0), 0, 0));
     check(&[0.5, 0.7, 0.1, 0.0, 0.5], 9, (TrialEnd::Falsified, 3, Some(-1.0), 0, 0));
@@ -128,7 +130,7 @@ fn nothing_is_simulated_beyond_the_budget() {
 
 #[test]
 fn a_search_that_has_nothing_to_say_ends_its_trial() {
-    check(&[], 9, (TrialEnd::SearchEnded(Finish::Converged), 0, None, 0, 0));
+    check(&[], 9, (TrialEnd::SearchEnded(SearchEnd::Converged), 0, None, 0, 0));
 }
 
 #[test]
@@ -140,11 +142,11 @@ fn a_negative_robustness_of_a_diverged_simulation_is_no_violation() {
         }
         fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
             let mut episodes = self.0.rollout(requests)?;
-            episodes.iter_mut().for_each(|episode| episode.end = End::Diverged { step: 1 });
+            episodes.iter_mut().for_each(|episode| episode.end = EpisodeEnd::Diverged { step: 1 });
             Ok(episodes)
         }
     }
-    let mut system = Diverging(system(|_| Fate::Robustness(-1.0)));
+    let mut system = Diverging(system(|_| SimulatedEnd::Robustness(-1.0)));
     let outcome = run(&mut walk(&[0.5, 0.6], 1, 9), &mut system).unwrap();
     assert_eq!((outcome.falsified_trials, outcome.diverged), (0, 2));
     assert_eq!(outcome.trials[0].minimum, None);
@@ -159,17 +161,18 @@ fn a_formula_longer_than_the_episode_is_refused() {
         }
         fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
             let mut episodes = self.0.rollout(requests)?;
-            episodes.iter_mut().for_each(|episode| episode.end = End::Completed);
+            episodes.iter_mut().for_each(|episode| episode.end = EpisodeEnd::Completed);
             Ok(episodes)
         }
     }
-    let error = run(&mut walk(&[0.5], 1, 9), &mut Short(system(|_| Fate::Undecided))).unwrap_err();
+    let error = run(&mut walk(&[0.5], 1, 9), &mut Short(system(|_| SimulatedEnd::Undecided))).unwrap_err();
     assert!(matches!(error, FalsificationError::Undecidable { trial: 1, number: 1 }), "{error}");
 }
 
 #[test]
 fn a_robustness_that_is_nan_is_refused_with_its_place() {
-    let error = run(&mut walk(&[0.5], 1, 9), &mut system(|_| Fate::Robustness(f64::NAN))).unwrap_err();
+    let error =
+        run(&mut walk(&[0.5], 1, 9), &mut system(|_| SimulatedEnd::Robustness(f64::NAN))).unwrap_err();
     assert_eq!(
         error.to_string(),
         "the robustness of simulation 1 of trial 1, with scenario [Some(5.0)], is NaN; it has to be a number"
@@ -193,7 +196,7 @@ fn a_system_that_gives_too_few_episodes_is_refused() {
 
 #[test]
 fn a_search_of_another_dimension_than_the_box_is_refused() {
-    let settings = Settings { trials: 1, budget: 1, ..Settings::default() };
+    let settings = CampaignSettings { trials: 1, budget: 1, ..CampaignSettings::default() };
     let make = |seed| by_name("random", &[Coordinate::Continuous; 2], seed, &SearchOptions::default());
     let mut campaign = Campaign::new(settings, &space(), make).unwrap();
     let error = run(&mut campaign, &mut system(by_place)).unwrap_err();
@@ -203,7 +206,7 @@ fn a_search_of_another_dimension_than_the_box_is_refused() {
 #[test]
 fn an_empty_campaign_is_refused() {
     for (trials, budget) in [(0, 1), (1, 0)] {
-        let settings = Settings { trials, budget, ..Settings::default() };
+        let settings = CampaignSettings { trials, budget, ..CampaignSettings::default() };
         let make = |seed| by_name("random", &[Coordinate::Continuous], seed, &SearchOptions::default());
         assert!(Campaign::new(settings, &space(), make).is_err());
     }
@@ -220,7 +223,7 @@ fn recorded(number: u32, u: f64, x0: f64) -> Episode {
             seed: Seed(3).child(0).child(number.into()),
             wants_subformulas: false,
         },
-        end: End::Completed,
+        end: EpisodeEnd::Completed,
         steps: 1,
         verdict: Verdict { robustness: Some(3.0), ..Verdict::default() },
         total_reward: 0.0,

@@ -4,10 +4,10 @@
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
-use mishandle_falsification::{Campaign, FalsificationError, Outcome, Settings, TrialEnd};
-use mishandle_rollout::{Axis, End, Episode, Request, Seed, Space, Stream, System};
+use mishandle_falsification::{Campaign, CampaignOutcome, CampaignSettings, FalsificationError, TrialEnd};
+use mishandle_rollout::{Axis, Episode, EpisodeEnd, Request, Seed, Space, Stream, System};
 use mishandle_search::{Coordinate, SEARCHES, SearchOptions, by_name};
-use mishandle_toys::{Fate, FunctionSystem};
+use mishandle_toys::{FunctionSystem, SimulatedEnd};
 
 /// A simulation, and how its trial ended if it was the last one.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,16 +42,16 @@ fn space() -> Space {
 
 /// On the left a smooth bowl above 0, in which a local search converges. On the right a cone that is violated about
 /// (2, 0.4), noisy, sometimes diverging or stopped, all by the simulation's seed alone.
-fn fate(request: &Request) -> Fate {
+fn fate(request: &Request) -> SimulatedEnd {
     let [x, y] = [0, 1].map(|i| request.scenario.get(i).unwrap());
     let (x, y) = ((x - 2.0) / 4.0, (y - 0.4) / 0.3);
     if x < -0.35 {
-        return Fate::Robustness(0.01 + (x + 0.6).powi(2) + y.powi(2));
+        return SimulatedEnd::Robustness(0.01 + (x + 0.6).powi(2) + y.powi(2));
     }
     match request.seed.uniform(Stream::Push, 0, 0) {
-        chance if chance < 0.05 => Fate::Diverged,
-        chance if chance < 0.1 => Fate::Undecided,
-        chance => Fate::Robustness(x.hypot(y) - 0.08 + 0.02 * chance),
+        chance if chance < 0.05 => SimulatedEnd::Diverged,
+        chance if chance < 0.1 => SimulatedEnd::Undecided,
+        chance => SimulatedEnd::Robustness(x.hypot(y) - 0.08 + 0.02 * chance),
     }
 }
 
@@ -60,14 +60,19 @@ fn system() -> FunctionSystem {
 }
 
 fn campaign(search: &'static str, trials: u32, budget: u32, batch: usize) -> Campaign<'static> {
-    let settings = Settings { trials, budget, seed: Seed(11), batch };
+    let settings = CampaignSettings { trials, budget, seed: Seed(11), batch };
     let make = move |seed| by_name(search, &[Coordinate::Continuous; 2], seed, &SearchOptions::default());
     Campaign::new(settings, &space(), make).unwrap()
 }
 
 /// Runs on until `limit` simulations have come, and adds them to `rows`. The outcome is without its surplus, which
 /// depends on the batches.
-fn run(campaign: &mut Campaign<'_>, system: &mut dyn System, limit: usize, rows: &mut Rows) -> Outcome {
+fn run(
+    campaign: &mut Campaign<'_>,
+    system: &mut dyn System,
+    limit: usize,
+    rows: &mut Rows,
+) -> CampaignOutcome {
     let mut seen = 0;
     let outcome = campaign.run(system, |batch| {
         seen += batch.episodes.len();
@@ -85,10 +90,10 @@ fn run(campaign: &mut Campaign<'_>, system: &mut dyn System, limit: usize, rows:
             ControlFlow::Break(())
         })
     });
-    Outcome { surplus: 0, ..outcome.unwrap() }
+    CampaignOutcome { surplus: 0, ..outcome.unwrap() }
 }
 
-fn whole(search: &'static str, trials: u32, budget: u32, batch: usize) -> (Outcome, Rows) {
+fn whole(search: &'static str, trials: u32, budget: u32, batch: usize) -> (CampaignOutcome, Rows) {
     let mut rows = Rows::new();
     let outcome = run(&mut campaign(search, trials, budget, batch), &mut system(), usize::MAX, &mut rows);
     (outcome, rows)
@@ -205,10 +210,10 @@ fn the_minimum_is_the_least_robustness_recorded() {
             assert_eq!(minimum.robustness, least, "{search}");
             let request = &row.episode.request;
             assert_eq!((&minimum.scenario, minimum.seed), (&request.scenario, request.seed));
-            assert_eq!(fate(request), Fate::Robustness(least));
+            assert_eq!(fate(request), SimulatedEnd::Robustness(least));
             let count = |wanted: fn(&Row) -> bool| rows.iter().filter(|row| wanted(row)).count() as u32;
-            assert_eq!(trial.diverged, count(|row| matches!(row.episode.end, End::Diverged { .. })));
-            assert_eq!(trial.undecided, count(|row| matches!(row.episode.end, End::Stopped { .. })));
+            assert_eq!(trial.diverged, count(|row| matches!(row.episode.end, EpisodeEnd::Diverged { .. })));
+            assert_eq!(trial.undecided, count(|row| matches!(row.episode.end, EpisodeEnd::Stopped { .. })));
         }
     }
 }

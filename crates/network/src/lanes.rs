@@ -89,7 +89,7 @@ pub(crate) fn pack_transposed<T: Scalar>(from: &[T], columns: usize, to: &mut [L
 
 /// What is done to each panel of a product while it is in the cache.
 #[derive(Debug, Clone, Copy)]
-pub enum Finish<'a, T> {
+pub enum Epilogue<'a, T> {
     /// Nothing.
     Keep,
     /// The activation is applied.
@@ -113,7 +113,7 @@ pub trait Kernels: Sized {
         b: &[Lanes<Self>],
         start: Option<&[Lanes<Self>]>,
         c: &mut [Lanes<Self>],
-        finish: Finish<'_, Self>,
+        finish: Epilogue<'_, Self>,
     );
 
     /// c += aᵀ b, where `c` is plain, of `a_columns` x `b_columns`, and `a` and `b` have `rows` rows in panels.
@@ -155,7 +155,7 @@ macro_rules! compile_kernels {
                 b: &[Lanes<Self>],
                 start: Option<&[Lanes<Self>]>,
                 c: &mut [Lanes<Self>],
-                finish: Finish<'_, Self>,
+                finish: Epilogue<'_, Self>,
             ) {
                 product(rows, a, b, start, c, finish);
             }
@@ -210,7 +210,7 @@ fn product<T: Scalar>(
     b: &[Lanes<T>],
     start: Option<&[Lanes<T>]>,
     c: &mut [Lanes<T>],
-    finish: Finish<'_, T>,
+    finish: Epilogue<'_, T>,
 ) {
     let operands = Operands { rows, a, b, start, depth: a.len() / rows * WIDTH };
     let tiled = rows / TILE_ROWS * TILE_ROWS;
@@ -226,9 +226,9 @@ fn product<T: Scalar>(
     for (p, panel) in c.chunks_exact_mut(rows).enumerate() {
         operands.many_rows(tiled, p, panel);
         match finish {
-            Finish::Keep => {}
-            Finish::Activate(activation) => T::activate(activation, panel),
-            Finish::TimesDerivative(activation, outputs) => {
+            Epilogue::Keep => {}
+            Epilogue::Activate(activation) => T::activate(activation, panel),
+            Epilogue::TimesDerivative(activation, outputs) => {
                 T::times_derivative(activation, &outputs[p * rows..][..rows], panel);
             }
         }

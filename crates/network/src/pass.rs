@@ -1,6 +1,6 @@
 //! The three passes: forward, backward and forward tangents.
 
-use crate::lanes::{self, Finish, Lanes};
+use crate::lanes::{self, Epilogue, Lanes};
 use crate::mlp::{Mlp, PackedLayer};
 use crate::scalar::Scalar;
 
@@ -87,7 +87,7 @@ impl<T: Scalar> Mlp<T> {
             let (before, after) = workspace.values.split_at_mut(l + 1);
             let (activation, after) = (self.activation(l), &mut after[0]);
             let is_standardized = self.is_standardized(l);
-            let finish = if is_standardized { Finish::Keep } else { Finish::Activate(activation) };
+            let finish = if is_standardized { Epilogue::Keep } else { Epilogue::Activate(activation) };
             T::product(rows, &before[l], &layer.weight, Some(&layer.bias), after, finish);
             if is_standardized {
                 let Standardized { values, scales } = &mut workspace.standardized[l];
@@ -165,9 +165,9 @@ impl<T: Scalar> Mlp<T> {
                 return;
             }
             let finish = if l == 0 {
-                Finish::Keep
+                Epilogue::Keep
             } else {
-                Finish::TimesDerivative(self.hidden_activation(), &values[l])
+                Epilogue::TimesDerivative(self.hidden_activation(), &values[l])
             };
             lanes::resize(next, rows, shape.inputs);
             let start = &zeros[..lanes::panels(shape.inputs)];
@@ -237,15 +237,15 @@ impl<T: Scalar> Mlp<T> {
             lanes::resize(next, rows, shape.outputs);
             let is_standardized = self.is_standardized(l);
             let finish = if is_standardized {
-                Finish::Keep
+                Epilogue::Keep
             } else {
-                Finish::TimesDerivative(self.activation(l), &values[l + 1])
+                Epilogue::TimesDerivative(self.activation(l), &values[l + 1])
             };
             let inputs_move = l > 0 || input_direction.is_some();
             let mut start = Some(&zeros[..lanes::panels(shape.outputs)]);
             if parameter_direction.is_some() {
                 let PackedLayer { weight, bias } = &direction[l];
-                let finish = if inputs_move { Finish::Keep } else { finish };
+                let finish = if inputs_move { Epilogue::Keep } else { finish };
                 T::product(rows, &values[l], weight, Some(bias), next, finish);
                 start = None;
             }

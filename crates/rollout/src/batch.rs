@@ -2,7 +2,9 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use crate::{Environment, EnvironmentBatch, RolloutError, Sample, Scenario, Seed, Status, Worker};
+use crate::{
+    Environment, EnvironmentBatch, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, StepStatus,
+};
 
 /// Chunks of rows for each thread: more than one, so that threads that finish early find work.
 const CHUNKS_PER_THREAD: usize = 4;
@@ -12,7 +14,7 @@ const CHUNKS_PER_THREAD: usize = 4;
 ///
 /// Row-major buffers hold what each row shows. The same rows, seeds and actions give the same bits for any number of
 /// threads.
-pub struct Batch<E: Environment + ?Sized = dyn Environment> {
+pub struct CpuBatch<E: Environment + ?Sized = dyn Environment> {
     environment: Arc<E>,
     chunks: Vec<Chunk>,
     rows_per_chunk: usize,
@@ -20,32 +22,32 @@ pub struct Batch<E: Environment + ?Sized = dyn Environment> {
     observations: Vec<f32>,
     signals: Vec<f64>,
     rewards: Vec<f64>,
-    statuses: Vec<Status>,
+    statuses: Vec<StepStatus>,
     /// The seed of each row that [`EnvironmentBatch::reset`] resets.
     seeds: Vec<Option<Seed>>,
 }
 
 struct Chunk {
-    worker: Box<dyn Worker>,
+    worker: Box<dyn EnvironmentWorker>,
     states: Vec<f64>,
 }
 
-impl<E: Environment + ?Sized> Batch<E> {
+impl<E: Environment + ?Sized> CpuBatch<E> {
     /// A batch of `rows` simulations; every row has to be [reset](Self::reset) before it is stepped.
-    pub fn new(environment: Arc<E>, rows: usize) -> Batch<E> {
+    pub fn new(environment: Arc<E>, rows: usize) -> CpuBatch<E> {
         let rows_per_chunk = rows.div_ceil(rayon::current_num_threads() * CHUNKS_PER_THREAD).max(1);
         let chunk = || Chunk {
             worker: environment.worker(),
             states: vec![0.0; rows_per_chunk * environment.state_size()],
         };
-        Batch {
+        CpuBatch {
             chunks: (0..rows.div_ceil(rows_per_chunk)).map(|_| chunk()).collect(),
             rows_per_chunk,
             rows,
             observations: vec![0.0; rows * environment.observation_size()],
             signals: vec![0.0; rows * environment.signals().len()],
             rewards: vec![0.0; rows * environment.reward_terms().len()],
-            statuses: vec![Status::Running; rows],
+            statuses: vec![StepStatus::Running; rows],
             seeds: vec![None; rows],
             environment,
         }
@@ -66,7 +68,7 @@ impl<E: Environment + ?Sized> Batch<E> {
         self.for_rows(|row, worker, state, sample, status| {
             if let Some((scenario, seed)) = start(row) {
                 worker.reset(&scenario, seed, state, sample);
-                *status = Status::Running;
+                *status = StepStatus::Running;
             }
         });
     }
@@ -95,7 +97,7 @@ impl<E: Environment + ?Sized> Batch<E> {
     }
 
     /// How the last step left each row.
-    pub fn statuses(&self) -> &[Status] {
+    pub fn statuses(&self) -> &[StepStatus] {
         &self.statuses
     }
 
@@ -115,7 +117,7 @@ impl<E: Environment + ?Sized> Batch<E> {
 
     fn for_rows(
         &mut self,
-        each: impl Fn(usize, &mut dyn Worker, &mut [f64], Sample<'_>, &mut Status) + Sync,
+        each: impl Fn(usize, &mut dyn EnvironmentWorker, &mut [f64], Sample<'_>, &mut StepStatus) + Sync,
     ) {
         let state_size = self.environment.state_size();
         let observation_size = self.environment.observation_size();
@@ -142,7 +144,7 @@ impl<E: Environment + ?Sized> Batch<E> {
     }
 }
 
-impl<E: Environment + ?Sized> EnvironmentBatch for Batch<E> {
+impl<E: Environment + ?Sized> EnvironmentBatch for CpuBatch<E> {
     fn rows(&self) -> usize {
         self.rows
     }
@@ -153,14 +155,14 @@ impl<E: Environment + ?Sized> EnvironmentBatch for Batch<E> {
         }
         let seeds = std::mem::take(&mut self.seeds);
         let environment = self.environment.clone();
-        Batch::reset(self, |row| seeds[row].map(|seed| (environment.space().sample(seed, 0), seed)));
+        CpuBatch::reset(self, |row| seeds[row].map(|seed| (environment.space().sample(seed, 0), seed)));
         self.seeds = seeds;
         self.seeds.fill(None);
         Ok(())
     }
 
     fn step(&mut self, actions: &[f64]) -> Result<(), RolloutError> {
-        Batch::step(self, actions);
+        CpuBatch::step(self, actions);
         Ok(())
     }
 
@@ -172,7 +174,7 @@ impl<E: Environment + ?Sized> EnvironmentBatch for Batch<E> {
         &self.rewards
     }
 
-    fn statuses(&self) -> &[Status] {
+    fn statuses(&self) -> &[StepStatus] {
         &self.statuses
     }
 

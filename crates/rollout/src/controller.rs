@@ -1,6 +1,6 @@
 use crate::Seed;
 
-/// Something that turns observations into actions: a shared description, from which each thread takes an [`Actor`].
+/// Something that turns observations into actions: a shared description, from which each thread takes an [`ControllerWorker`].
 pub trait Controller: Send + Sync {
     /// Length of the observations it takes.
     fn observation_size(&self) -> usize;
@@ -11,13 +11,13 @@ pub trait Controller: Send + Sync {
         0
     }
     /// What one thread needs to act.
-    fn actor(&self) -> Box<dyn Actor>;
+    fn worker(&self) -> Box<dyn ControllerWorker>;
 }
 
 /// What one thread needs to act for any number of simulations at once.
 ///
 /// A row's actions never depend on the other rows, nor on how many there are.
-pub trait Actor: Send {
+pub trait ControllerWorker: Send {
     /// Writes the memory of a new simulation; its random draws come from [`Stream::Policy`](crate::Stream::Policy)
     /// of `seed`.
     fn reset(&mut self, _state: &mut [f64], _seed: Seed) {}

@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use crate::{Scenario, Seed, Space};
 
-/// Something a controller acts in: a shared description, from which each thread takes a [`Worker`].
+/// Something a controller acts in: a shared description, from which each thread takes a [`EnvironmentWorker`].
 ///
 /// One simulation is a *state row*: `state_size` numbers that hold all that the future depends on. A worker carries on
 /// any row, and gives the same bits as any other worker would.
@@ -26,11 +26,11 @@ pub trait Environment: Send + Sync {
     /// Control steps of a whole episode.
     fn episode_steps(&self) -> usize;
     /// What one thread needs to step rows.
-    fn worker(&self) -> Box<dyn Worker>;
+    fn worker(&self) -> Box<dyn EnvironmentWorker>;
 }
 
 /// What one thread needs to reset and step state rows of an [`Environment`].
-pub trait Worker: Send {
+pub trait EnvironmentWorker: Send {
     /// Writes the row of a new simulation under `scenario` into `state`, and what is seen there into `sample`.
     ///
     /// Whatever the environment draws comes from [`Stream::Reset`](crate::Stream::Reset) of `seed`. The reward terms
@@ -39,8 +39,8 @@ pub trait Worker: Send {
 
     /// Carries `state` on by one control step under `action`, which is not clipped, and writes what is seen after it.
     ///
-    /// After [`Status::Diverged`] neither the row nor the sample mean anything.
-    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> Status;
+    /// After [`StepStatus::Diverged`] neither the row nor the sample mean anything.
+    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus;
 }
 
 /// Where an environment writes what one sample shows. The lengths are the environment's.
@@ -56,7 +56,7 @@ pub struct Sample<'a> {
 
 /// How a control step left a simulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Status {
+pub enum StepStatus {
     /// It can go on.
     Running,
     /// The task is lost or over. This ends an episode in training only; measured episodes run on.

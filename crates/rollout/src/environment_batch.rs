@@ -1,10 +1,10 @@
 use std::sync::Arc;
 
-use crate::{Batch, Environment, RolloutError, Seed, Status};
+use crate::{CpuBatch, Environment, RolloutError, Seed, StepStatus};
 
 /// Many simulations that are stepped together, one per row: what a training algorithm acts in.
 ///
-/// [`Batch`] implements it on the CPU for any [`Environment`]. A batch on a GPU or in another process implements it
+/// [`CpuBatch`] implements it on the CPU for any [`Environment`]. A batch on a GPU or in another process implements it
 /// directly. All arrays are row-major.
 ///
 /// The same seeds and actions must give the same numbers, or a training run cannot be repeated.
@@ -23,7 +23,7 @@ pub trait EnvironmentBatch: Send {
     /// Advances every row by one control step. `actions` has the shape `[rows, action_size]` and is not clipped.
     ///
     /// # Errors
-    /// If the batch fails as a whole. The failure of one row is its [`Status`].
+    /// If the batch fails as a whole. The failure of one row is its [`StepStatus`].
     fn step(&mut self, actions: &[f64]) -> Result<(), RolloutError>;
 
     /// Returns the current observations, `[rows, observation_size]`.
@@ -33,7 +33,7 @@ pub trait EnvironmentBatch: Send {
     fn rewards(&self) -> &[f64];
 
     /// Returns the status of each row after the last step.
-    fn statuses(&self) -> &[Status];
+    fn statuses(&self) -> &[StepStatus];
 
     /// Copies the states of all rows into `states`, `[rows, state_size]`. A checkpoint stores them.
     ///
@@ -102,6 +102,6 @@ impl<E: Environment + ?Sized + 'static> BatchFactory for Arc<E> {
     }
 
     fn batch(&self, rows: usize) -> Result<Box<dyn EnvironmentBatch>, RolloutError> {
-        Ok(Box::new(Batch::new(self.clone(), rows)))
+        Ok(Box::new(CpuBatch::new(self.clone(), rows)))
     }
 }

@@ -5,10 +5,10 @@
 //! [`Controller`] in an [`Environment`]; any other simulator may be one.
 //!
 //! This crate knows no physics. Environment and controller are shared, immutable descriptions that hand out workers: an
-//! [`Environment`] gives a [`Worker`] to each thread, a [`Controller`] an [`Actor`]. What belongs to one simulation lives
+//! [`Environment`] gives a [`EnvironmentWorker`] to each thread, a [`Controller`] an [`ControllerWorker`]. What belongs to one simulation lives
 //! in its state row, so any worker can carry on any simulation, and nothing depends on the number of threads.
 //!
-//! Training acts in an [`EnvironmentBatch`], which a [`BatchFactory`] makes. [`Batch`] is the one on the CPU; others
+//! Training acts in an [`EnvironmentBatch`], which a [`BatchFactory`] makes. [`CpuBatch`] is the one on the CPU; others
 //! may live on a GPU or in another process.
 
 mod batch;
@@ -20,23 +20,23 @@ mod error;
 mod noise;
 mod request;
 mod rollout;
-mod seed;
 mod space;
 mod specification;
 mod system;
 mod target;
 
-pub use batch::Batch;
-pub use controller::{Actor, Controller};
+pub use mishandle_random::{Seed, Stream};
+
+pub use batch::CpuBatch;
+pub use controller::{Controller, ControllerWorker};
 pub use disturbance::{Disturbance, Effect, Shape};
-pub use environment::{Environment, Sample, Status, Worker};
+pub use environment::{Environment, EnvironmentWorker, Sample, StepStatus};
 pub use environment_batch::{BatchFactory, EnvironmentBatch, EnvironmentSpec};
 pub use error::RolloutError;
 pub use noise::Noise;
-pub use request::{End, Episode, Request};
-pub use rollout::{Rollout, Stop};
-pub use seed::{Seed, Stream};
-pub use space::{Axis, AxisKind, Distribution, Scenario, Space, Values};
-pub use specification::{Judge, Specification, Verdict};
-pub use system::{BATCH, System};
-pub use target::{Component, Factory, Formulas, Identity, NamedFormula, Reachable, Signal, Target};
+pub use request::{Episode, EpisodeEnd, Request};
+pub use rollout::{Rollout, StopCondition};
+pub use space::{Axis, AxisKind, AxisValues, Distribution, Scenario, Space};
+pub use specification::{Specification, SpecificationMonitor, Verdict};
+pub use system::{DEFAULT_BATCH_SIZE, System};
+pub use target::{Component, Formulas, Identity, NamedFormula, Reachable, Signal, SystemFactory, Target};

@@ -40,7 +40,7 @@ pub struct Episode {
     /// What was asked for.
     pub request: Request,
     /// How it ended.
-    pub end: End,
+    pub end: EpisodeEnd,
     /// Control steps taken.
     pub steps: usize,
     /// What the formulas say of the trace. Undecided throughout if the simulation diverged.
@@ -56,15 +56,15 @@ impl Episode {
     /// The robustness that counts for a search: `None` if the simulation diverged or the formula is undecided.
     pub fn robustness(&self) -> Option<f64> {
         match self.end {
-            End::Diverged { .. } | End::Undefined { .. } => None,
-            End::Completed | End::Stopped { .. } => self.verdict.robustness,
+            EpisodeEnd::Diverged { .. } | EpisodeEnd::Undefined { .. } => None,
+            EpisodeEnd::Completed | EpisodeEnd::Stopped { .. } => self.verdict.robustness,
         }
     }
 }
 
 /// How a simulation ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
+pub enum EpisodeEnd {
     /// It ran all its control steps.
     Completed,
     /// The stop callback ended it after this control step.

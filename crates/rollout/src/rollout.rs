@@ -5,8 +5,8 @@ use rayon::prelude::*;
 
 use crate::disturbance::{Disturbed, Wiring};
 use crate::{
-    Actor, Controller, Disturbance, End, Environment, Episode, Judge, Noise, Request, RolloutError, Sample,
-    Space, Specification, Status, System, Verdict, Worker,
+    Controller, ControllerWorker, Disturbance, Environment, EnvironmentWorker, Episode, EpisodeEnd, Noise,
+    Request, RolloutError, Sample, Space, Specification, SpecificationMonitor, StepStatus, System, Verdict,
 };
 
 /// Most rows that are stepped in lockstep by one thread: enough to share the reading of a network's weights among
@@ -14,7 +14,7 @@ use crate::{
 const ROWS: usize = 16;
 
 /// Decides, from the control step and the sample's signals, whether an episode may end here.
-pub type Stop = dyn Fn(usize, &[f64]) -> bool + Send + Sync;
+pub type StopCondition = dyn Fn(usize, &[f64]) -> bool + Send + Sync;
 
 /// A controller in an environment, with noise and a specification: the [`System`] that our tasks are.
 ///
@@ -27,7 +27,7 @@ pub struct Rollout {
     noise: Noise,
     space: Space,
     wiring: Wiring,
-    stop: Option<Box<Stop>>,
+    stop: Option<Box<StopCondition>>,
     seats: Mutex<Vec<Seat>>,
 }
 
@@ -55,7 +55,7 @@ impl Rollout {
             });
         }
         noise.check()?;
-        Judge::new(&specification, environment.signals(), environment.control_dt())?;
+        SpecificationMonitor::new(&specification, environment.signals(), environment.control_dt())?;
         let space = environment.space().clone();
         Ok(Rollout {
             wiring: Wiring::new(&space, &space, &[])?,
@@ -84,7 +84,7 @@ impl Rollout {
     }
 
     /// Ends episodes early where `stop` says so; formulas that the shorter trace does not cover are undecided.
-    pub fn with_stop(mut self, stop: Box<Stop>) -> Rollout {
+    pub fn with_stop(mut self, stop: Box<StopCondition>) -> Rollout {
         self.stop = Some(stop);
         self
     }
@@ -133,9 +133,9 @@ impl System for Rollout {
 
 /// What one thread works with: kept between calls, so that a control step allocates nothing.
 struct Seat {
-    worker: Box<dyn Worker>,
-    actor: Box<dyn Actor>,
-    judge: Judge,
+    worker: Box<dyn EnvironmentWorker>,
+    actor: Box<dyn ControllerWorker>,
+    judge: SpecificationMonitor,
     states: Vec<f64>,
     memories: Vec<f64>,
     /// What acts in the loop of each row; empty where the space has no such axis.
@@ -154,8 +154,12 @@ impl Seat {
         let (observation_size, action_size) = (environment.observation_size(), environment.action_size());
         Ok(Seat {
             worker: environment.worker(),
-            actor: controller.actor(),
-            judge: Judge::new(&rollout.specification, environment.signals(), environment.control_dt())?,
+            actor: controller.worker(),
+            judge: SpecificationMonitor::new(
+                &rollout.specification,
+                environment.signals(),
+                environment.control_dt(),
+            )?,
             states: vec![0.0; ROWS * environment.state_size()],
             memories: vec![0.0; ROWS * controller.state_size()],
             disturbed: Vec::new(),
@@ -174,20 +178,20 @@ impl Seat {
         for step in 0..steps {
             self.act(rollout, &mut episodes, step)?;
             for (row, episode) in episodes.iter_mut().enumerate() {
-                if episode.end == End::Completed {
+                if episode.end == EpisodeEnd::Completed {
                     self.step(rollout, row, step, episode)?;
                 }
             }
-            if episodes.iter().all(|episode| episode.end != End::Completed) {
+            if episodes.iter().all(|episode| episode.end != EpisodeEnd::Completed) {
                 break;
             }
         }
         for episode in &mut episodes {
-            if !matches!(episode.end, End::Diverged { .. }) {
-                let whole = episode.end == End::Completed;
+            if !matches!(episode.end, EpisodeEnd::Diverged { .. }) {
+                let whole = episode.end == EpisodeEnd::Completed;
                 match self.judge.verdict(&episode.trace, whole) {
                     Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
-                        episode.end = End::Undefined { step };
+                        episode.end = EpisodeEnd::Undefined { step };
                     }
                     verdict => episode.verdict = verdict?,
                 }
@@ -227,7 +231,7 @@ impl Seat {
                 verdict: Verdict::default(),
                 total_reward: 0.0,
                 steps: 0,
-                end: End::Completed,
+                end: EpisodeEnd::Completed,
             });
         }
         episodes
@@ -252,7 +256,7 @@ impl Seat {
             &mut self.actions[..rows * action_size],
         );
         for (actions, episode) in self.actions.chunks(action_size).zip(episodes) {
-            if episode.end != End::Completed {
+            if episode.end != EpisodeEnd::Completed {
                 continue;
             }
             if let Some(component) = actions.iter().position(|a| !a.is_finite()) {
@@ -298,15 +302,15 @@ impl Seat {
         };
         let status =
             self.worker.step(&self.action, &mut self.states[row * state_size..][..state_size], sample);
-        if status == Status::Diverged {
-            episode.end = End::Diverged { step: step + 1 };
+        if status == StepStatus::Diverged {
+            episode.end = EpisodeEnd::Diverged { step: step + 1 };
             return Ok(());
         }
         episode.trace.push(&self.signals);
         episode.steps = step + 1;
         episode.total_reward += self.rewards.iter().sum::<f64>();
         if rollout.stop.as_ref().is_some_and(|stop| stop(step + 1, &self.signals)) {
-            episode.end = End::Stopped { step: step + 1 };
+            episode.end = EpisodeEnd::Stopped { step: step + 1 };
         }
         Ok(())
     }

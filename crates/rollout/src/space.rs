@@ -42,7 +42,7 @@ impl fmt::Display for AxisKind {
 
 /// Which values an axis takes between its bounds.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Values {
+pub enum AxisValues {
     /// All of them, evenly spaced in u.
     Continuous,
     /// All of them, evenly spaced in the logarithm; the bounds are positive.
@@ -88,7 +88,7 @@ pub struct Axis {
     /// What it varies.
     pub kind: AxisKind,
     /// Which values it takes.
-    pub values: Values,
+    pub values: AxisValues,
     /// The law from which it is drawn.
     pub distribution: Distribution,
     /// What it sets, in words.
@@ -112,7 +112,7 @@ impl Axis {
             high,
             nominal,
             kind,
-            values: Values::Continuous,
+            values: AxisValues::Continuous,
             distribution: Distribution::Uniform,
             meaning: String::new(),
         }
@@ -124,7 +124,7 @@ impl Axis {
     }
 
     /// The same axis with these values.
-    pub fn with_values(self, values: Values) -> Axis {
+    pub fn with_values(self, values: AxisValues) -> Axis {
         Axis { values, ..self }
     }
 
@@ -136,8 +136,8 @@ impl Axis {
     /// The number of values; `None` if there is a continuum of them.
     pub fn levels(&self) -> Option<usize> {
         match self.values {
-            Values::Continuous | Values::Logarithmic => None,
-            Values::Integer | Values::Categorical(_) => Some((self.high - self.low) as usize + 1),
+            AxisValues::Continuous | AxisValues::Logarithmic => None,
+            AxisValues::Integer | AxisValues::Categorical(_) => Some((self.high - self.low) as usize + 1),
         }
     }
 
@@ -145,7 +145,7 @@ impl Axis {
     pub fn at(&self, u: f64) -> f64 {
         match (&self.values, self.levels()) {
             (_, Some(levels)) => self.low + (u * levels as f64).floor().min((levels - 1) as f64),
-            (Values::Logarithmic, _) if u > 0.0 && u < 1.0 => self.low * (self.high / self.low).powf(u),
+            (AxisValues::Logarithmic, _) if u > 0.0 && u < 1.0 => self.low * (self.high / self.low).powf(u),
             _ => self.low * (1.0 - u) + self.high * u,
         }
     }
@@ -154,7 +154,7 @@ impl Axis {
     pub fn unit(&self, value: f64) -> f64 {
         match (&self.values, self.levels()) {
             (_, Some(levels)) => (value - self.low + 0.5) / levels as f64,
-            (Values::Logarithmic, _) => (value / self.low).ln() / (self.high / self.low).ln(),
+            (AxisValues::Logarithmic, _) => (value / self.low).ln() / (self.high / self.low).ln(),
             _ => (value - self.low) / (self.high - self.low),
         }
     }
@@ -173,7 +173,7 @@ impl Axis {
         if !(self.low < self.high && self.low.is_finite() && self.high.is_finite()) {
             return Err(RolloutError::Bounds { axis: self.name.clone(), low: self.low, high: self.high });
         }
-        if self.values == Values::Logarithmic && self.low <= 0.0 {
+        if self.values == AxisValues::Logarithmic && self.low <= 0.0 {
             return Err(wrong("its scale is logarithmic, so its lower bound must be positive"));
         }
         if self.levels().is_some() && (self.low.fract() != 0.0 || self.high.fract() != 0.0) {
@@ -364,13 +364,13 @@ fn normal_within(axis: &Axis, seed: Seed) -> f64 {
 mod tests {
     use super::*;
 
-    fn axis(values: Values, low: f64, high: f64) -> Axis {
+    fn axis(values: AxisValues, low: f64, high: f64) -> Axis {
         Axis::new(AxisKind::Model, "a", "", [low, high], Some(low)).with_values(values)
     }
 
     #[test]
     fn every_level_has_the_same_share_of_the_unit_interval_and_comes_back() {
-        let delay = axis(Values::Integer, 0.0, 3.0);
+        let delay = axis(AxisValues::Integer, 0.0, 3.0);
         let count = |level: f64| (0..4000).filter(|i| delay.at(f64::from(*i) / 4000.0) == level).count();
         assert_eq!([0.0, 1.0, 2.0, 3.0].map(count), [1000; 4]);
         assert_eq!((delay.at(0.0), delay.at(1.0)), (0.0, 3.0));
@@ -379,7 +379,7 @@ mod tests {
 
     #[test]
     fn a_logarithmic_axis_has_the_geometric_mean_in_the_middle_and_its_bounds_exactly() {
-        let gain = axis(Values::Logarithmic, 0.25, 4.0);
+        let gain = axis(AxisValues::Logarithmic, 0.25, 4.0);
         assert!((gain.at(0.5) - 1.0).abs() < 1e-15);
         assert_eq!((gain.at(0.0), gain.at(1.0)), (0.25, 4.0));
         assert!((gain.unit(2.0) - 0.75).abs() < 1e-15);
@@ -389,23 +389,23 @@ mod tests {
     fn wrong_axes_are_refused() {
         let none = Axis::new(AxisKind::Model, "a", "", [0.0, 1.0], None);
         for (axis, told) in [
-            (axis(Values::Continuous, 1.0, 1.0), "from 1 to 1"),
-            (axis(Values::Continuous, 0.0, f64::NAN), "from 0 to NaN"),
-            (axis(Values::Logarithmic, 0.0, 1.0), "logarithmic"),
-            (axis(Values::Integer, 0.0, 1.5), "whole"),
+            (axis(AxisValues::Continuous, 1.0, 1.0), "from 1 to 1"),
+            (axis(AxisValues::Continuous, 0.0, f64::NAN), "from 0 to NaN"),
+            (axis(AxisValues::Logarithmic, 0.0, 1.0), "logarithmic"),
+            (axis(AxisValues::Integer, 0.0, 1.5), "whole"),
             (none, "nominal"),
         ] {
             let error = Space::new("s", vec![axis]).unwrap_err().to_string();
             assert!(error.contains(told), "{error}");
         }
-        let twice = vec![axis(Values::Continuous, 0.0, 1.0), axis(Values::Continuous, 0.0, 1.0)];
+        let twice = vec![axis(AxisValues::Continuous, 0.0, 1.0), axis(AxisValues::Continuous, 0.0, 1.0)];
         assert!(Space::new("s", twice).unwrap_err().to_string().contains("two axes"));
     }
 
     #[test]
     fn only_a_start_may_lie_outside_its_bounds_and_only_noise_may_be_absent() {
         let noise = Axis::new(AxisKind::Noise, "z", "", [-3.0, 3.0], None);
-        let axes = vec![Axis::start("x", "m", 0.0, 1.0), axis(Values::Integer, 0.0, 3.0), noise];
+        let axes = vec![Axis::start("x", "m", 0.0, 1.0), axis(AxisValues::Integer, 0.0, 3.0), noise];
         let space = Space::new("s", axes).unwrap();
         let check = |values: [Option<f64>; 3]| space.check(&Scenario::new(values.to_vec())).is_ok();
         assert!(check([Some(7.0), Some(2.0), None]));

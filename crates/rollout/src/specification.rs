@@ -86,7 +86,7 @@ pub struct Verdict {
 
 /// A [`Specification`] compiled for one list of signals; owns its scratch, so that judging allocates nothing.
 #[derive(Debug)]
-pub struct Judge {
+pub struct SpecificationMonitor {
     requirement: Rule,
     success: Option<Rule>,
     strict: Option<Rule>,
@@ -134,7 +134,7 @@ impl Rule {
     }
 }
 
-impl Judge {
+impl SpecificationMonitor {
     /// Compiles `specification` for traces with these signals, sampled every `control_dt` seconds.
     ///
     /// # Errors
@@ -143,10 +143,10 @@ impl Judge {
         specification: &Specification,
         signals: &Arc<[String]>,
         control_dt: f64,
-    ) -> Result<Judge, RolloutError> {
+    ) -> Result<SpecificationMonitor, RolloutError> {
         let rule = |formula: &Formula| Rule::new(formula, signals, Clock::steps(control_dt));
         let optional = |formula: &Option<Formula>| formula.as_ref().map(rule).transpose();
-        Ok(Judge {
+        Ok(SpecificationMonitor {
             requirement: rule(&specification.requirement)?,
             success: optional(&specification.success)?,
             strict: optional(&specification.strict)?,
@@ -204,10 +204,10 @@ mod tests {
         trace
     }
 
-    fn judge(success: &str, completion: &str) -> Judge {
+    fn judge(success: &str, completion: &str) -> SpecificationMonitor {
         let specification =
             Specification::parse(success, "eventually[0:3](d <= 1)", "d < 3", completion).unwrap();
-        Judge::new(&specification, &Arc::from(["d".to_string()]), 1.0 / 60.0).unwrap()
+        SpecificationMonitor::new(&specification, &Arc::from(["d".to_string()]), 1.0 / 60.0).unwrap()
     }
 
     #[test]
@@ -227,7 +227,8 @@ mod tests {
     #[test]
     fn a_requirement_alone_leaves_out_what_no_formula_says() {
         let specification = Specification::new(parse("always[0:2](d <= 2.5)").unwrap());
-        let mut judge = Judge::new(&specification, &Arc::from(["d".to_string()]), 1.0 / 60.0).unwrap();
+        let mut judge =
+            SpecificationMonitor::new(&specification, &Arc::from(["d".to_string()]), 1.0 / 60.0).unwrap();
         let verdict = judge.verdict(&trace(&[1.0, 4.0, 2.0]), true).unwrap();
         assert_eq!(verdict, Verdict { robustness: Some(-1.5), ..Verdict::default() });
     }
@@ -235,7 +236,8 @@ mod tests {
     #[test]
     fn the_minima_of_sub_formulas_come_with_their_samples() {
         let specification = Specification::new(parse("always[0:2](d <= 2.5 and d >= 1)").unwrap());
-        let mut judge = Judge::new(&specification, &Arc::from(["d".to_string()]), 1.0 / 60.0).unwrap();
+        let mut judge =
+            SpecificationMonitor::new(&specification, &Arc::from(["d".to_string()]), 1.0 / 60.0).unwrap();
         let minima = judge.subformulas(&trace(&[1.5, 2.0, 1.25])).unwrap();
         let found: Vec<(f64, usize)> = minima.iter().map(|least| (least.minimum, least.step)).collect();
         // The whole, the conjunction, and its operands: 2.5 - 2.0 at sample 1, 1.25 - 1 at sample 2.

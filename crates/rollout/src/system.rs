@@ -2,7 +2,7 @@ use crate::{Episode, Request, RolloutError, Space};
 
 /// How many simulations are asked for at once if a plan says nothing else. It never depends on the number of threads,
 /// so that a run has the same batches everywhere.
-pub const BATCH: usize = 64;
+pub const DEFAULT_BATCH_SIZE: usize = 64;
 
 /// What can be evaluated and falsified: it is given requests and returns episodes with verdicts.
 ///

@@ -62,7 +62,8 @@ pub struct NamedFormula {
 pub type Formulas = Vec<NamedFormula>;
 
 /// Makes the system for a space and a specification.
-pub type Factory = dyn Fn(&Space, &Specification) -> Result<Box<dyn System>, RolloutError> + Send + Sync;
+pub type SystemFactory =
+    dyn Fn(&Space, &Specification) -> Result<Box<dyn System>, RolloutError> + Send + Sync;
 
 /// Says whether the requirement can be met at all under a scenario of a space.
 pub type Reachable = dyn Fn(&Space, &Scenario) -> bool + Send + Sync;
@@ -95,7 +96,7 @@ pub struct Target {
     /// Whether a scenario can be met at all; every one can if this is absent.
     pub reachable: Option<Arc<Reachable>>,
     /// What makes its systems.
-    pub factory: Arc<Factory>,
+    pub factory: Arc<SystemFactory>,
 }
 
 impl fmt::Debug for Target {

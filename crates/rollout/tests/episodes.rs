@@ -5,9 +5,9 @@
 use std::sync::{Arc, Mutex};
 
 use mishandle_rollout::{
-    Actor, Axis, AxisKind, Batch, Controller, Disturbance, Effect, End, Environment, Episode, Noise, Request,
-    Rollout, RolloutError, Sample, Scenario, Seed, Shape, Space, Specification, Status, Stream, System,
-    Values, Worker,
+    Axis, AxisKind, AxisValues, Controller, ControllerWorker, CpuBatch, Disturbance, Effect, Environment,
+    EnvironmentWorker, Episode, EpisodeEnd, Noise, Request, Rollout, RolloutError, Sample, Scenario, Seed,
+    Shape, Space, Specification, StepStatus, Stream, System,
 };
 
 /// A point on a line that moves by each action; it starts up to 0.01 off, drawn with the simulation's seed.
@@ -61,7 +61,7 @@ impl Environment for Line {
     fn episode_steps(&self) -> usize {
         20
     }
-    fn worker(&self) -> Box<dyn Worker> {
+    fn worker(&self) -> Box<dyn EnvironmentWorker> {
         Box::new(LineWorker { cliff: self.cliff, seen: self.seen.clone() })
     }
 }
@@ -79,17 +79,17 @@ impl LineWorker {
     }
 }
 
-impl Worker for LineWorker {
+impl EnvironmentWorker for LineWorker {
     fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
         state[0] = scenario.get(0).unwrap() + 0.01 * seed.uniform(Stream::Reset, 0, 0);
         Self::show(state[0], &mut sample);
     }
 
-    fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> Status {
+    fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {
         self.seen.lock().unwrap().push(action[0]);
         state[0] += 0.1 * action[0];
         Self::show(state[0], &mut sample);
-        if state[0] > self.cliff { Status::Diverged } else { Status::Running }
+        if state[0] > self.cliff { StepStatus::Diverged } else { StepStatus::Running }
     }
 }
 
@@ -109,14 +109,14 @@ impl Controller for Gain {
     fn state_size(&self) -> usize {
         1
     }
-    fn actor(&self) -> Box<dyn Actor> {
+    fn worker(&self) -> Box<dyn ControllerWorker> {
         Box::new(GainActor(self.gain))
     }
 }
 
 struct GainActor(f32);
 
-impl Actor for GainActor {
+impl ControllerWorker for GainActor {
     fn reset(&mut self, state: &mut [f64], _seed: Seed) {
         state[0] = 0.0;
     }
@@ -148,7 +148,7 @@ fn an_episode_holds_every_sample_and_its_verdict() {
     let request = Request::new([0.8], Seed(1));
     let mut system = rollout(Line::new(9.0), -1.0, Noise::default());
     let episode = system.rollout(&[request]).unwrap().remove(0);
-    assert_eq!((episode.steps, episode.end), (20, End::Completed));
+    assert_eq!((episode.steps, episode.end), (20, EpisodeEnd::Completed));
     let start = 0.8 + 0.01 * Seed(1).uniform(Stream::Reset, 0, 0);
     assert_eq!(episode.trace.column(0)[0], start);
     // x falls by a tenth of itself in each step, but for the 0.001 a step that the controller adds.
@@ -203,7 +203,7 @@ fn a_diverged_simulation_ends_undecided_and_disturbs_no_other() {
     let (mut diverged, mut completed) = (0, 0);
     for episode in &episodes {
         match episode.end {
-            End::Diverged { step } => {
+            EpisodeEnd::Diverged { step } => {
                 diverged += 1;
                 assert_eq!(episode.trace.len(), step, "samples 0 to the last finite one");
                 assert_eq!(episode.verdict, mishandle_rollout::Verdict::default());
@@ -222,7 +222,7 @@ fn a_stopped_episode_says_where_and_what_it_cannot_decide() {
     let stop = Box::new(|step: usize, _signals: &[f64]| step == 7);
     let mut system = rollout(Line::new(9.0), -1.0, Noise::default()).with_stop(stop);
     for episode in system.rollout(&requests(3)).unwrap() {
-        assert_eq!(episode.end, End::Stopped { step: 7 });
+        assert_eq!(episode.end, EpisodeEnd::Stopped { step: 7 });
         assert_eq!(episode.steps, 7);
         assert_eq!(episode.verdict.success, None);
     }
@@ -260,7 +260,7 @@ fn a_batch_has_the_same_bits_on_any_number_of_threads_and_continues_from_a_snaps
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let mut batch = Batch::new(Arc::new(Line::new(9.0)), 13);
+            let mut batch = CpuBatch::new(Arc::new(Line::new(9.0)), 13);
             batch.reset(|row| Some(([0.1 * row as f64 - 0.6].into(), Seed(2).child(row as u64))));
             let actions: Vec<f64> = (0..13).map(|row| (row as f64).sin()).collect();
             let mut snapshot = [0.0];
@@ -349,7 +349,7 @@ fn a_biased_sensor_is_seen_by_the_controller_and_not_by_the_trace() {
 fn delayed_actions_arrive_late_and_a_row_s_delay_is_its_own() {
     let run = |delay: f64| {
         let axis = Axis::new(AxisKind::Model, "delay", "control steps", [0.0, 3.0], Some(0.0))
-            .with_values(Values::Integer);
+            .with_values(AxisValues::Integer);
         let line = Line::new(1e9);
         let space = Space::new("s", vec![line.space.axes()[0].clone(), axis.clone()]).unwrap();
         let effect = Effect::ActionDelay;

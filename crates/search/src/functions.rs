@@ -82,7 +82,7 @@ pub fn hole(u: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::RandomStream;
+    use mishandle_random::Sequence;
 
     #[test]
     fn every_minimum_is_attained_and_not_undercut() {
@@ -94,7 +94,7 @@ mod tests {
                     "{} at d = {d}: {at_minimiser}",
                     function.name
                 );
-                let mut stream = RandomStream::new(1, d as u64);
+                let mut stream = Sequence::new(1, d as u64);
                 for _ in 0..10_000 {
                     let u: Vec<f64> = (0..d).map(|_| stream.uniform()).collect();
                     assert!((function.at)(&u) >= function.minimum - 1e-12, "{} at {u:?}", function.name);

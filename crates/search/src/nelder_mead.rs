@@ -5,7 +5,9 @@ use std::cmp::Ordering;
 use crate::coordinate::check_dimension;
 use crate::options::{ANY, AT_LEAST_1, NOT_NEGATIVE, POINT_OF_THE_BOX, Range, check_start, options};
 use crate::registry::SearchEntry;
-use crate::{AskTell, Finish, RandomStream, RoundBased, SearchError};
+use mishandle_random::Sequence;
+
+use crate::{AskTell, RoundBased, SearchEnd, SearchError};
 
 const NAME: &str = "nelder-mead";
 
@@ -89,7 +91,7 @@ pub struct NelderMead {
     n_evaluations: usize,
     step: Step,
     round: Vec<Vec<f64>>,
-    finish: Option<Finish>,
+    finish: Option<SearchEnd>,
 }
 
 #[derive(Debug, Clone)]
@@ -156,7 +158,7 @@ impl NelderMead {
     fn propose(&mut self, mut points: Vec<Vec<f64>>, step: Step) {
         points.truncate(self.max_evaluations - self.n_evaluations);
         if points.is_empty() {
-            self.finish = Some(Finish::EvaluationLimit);
+            self.finish = Some(SearchEnd::EvaluationLimit);
         }
         self.round = points;
         self.step = step;
@@ -183,11 +185,11 @@ impl NelderMead {
     fn begin_iteration(&mut self) {
         self.vertices.sort_by(|a, b| a.value.partial_cmp(&b.value).unwrap_or(Ordering::Equal));
         let finish = if self.n_evaluations >= self.max_evaluations {
-            Some(Finish::EvaluationLimit)
+            Some(SearchEnd::EvaluationLimit)
         } else if self.iteration >= self.max_iterations {
-            Some(Finish::IterationLimit)
+            Some(SearchEnd::IterationLimit)
         } else if self.is_small() {
-            Some(Finish::Converged)
+            Some(SearchEnd::Converged)
         } else {
             None
         };
@@ -279,7 +281,7 @@ impl RoundBased for NelderMead {
         }
     }
 
-    fn finish(&self) -> Option<Finish> {
+    fn finish(&self) -> Option<SearchEnd> {
         self.finish
     }
 }
@@ -302,7 +304,7 @@ fn check(dimension: usize, options: &NelderMeadOptions) -> Result<(), SearchErro
 }
 
 fn uniform_point(dimension: usize, seed: u64) -> Vec<f64> {
-    let mut stream = RandomStream::new(seed, 0);
+    let mut stream = Sequence::new(seed, 0);
     (0..dimension).map(|_| stream.uniform()).collect()
 }
 

@@ -3,7 +3,9 @@
 use crate::coordinate::check_dimension;
 use crate::ledger::Ledger;
 use crate::registry::SearchEntry;
-use crate::{Finish, Observation, RandomStream, Search, SearchError, options};
+use mishandle_random::Sequence;
+
+use crate::{Observation, Search, SearchEnd, SearchError, options};
 
 const NAME: &str = "random";
 
@@ -41,7 +43,7 @@ impl Random {
 
     /// Point number `i` of this seed, counted from 0.
     pub fn point(&self, i: u64) -> Vec<f64> {
-        let mut stream = RandomStream::new(self.seed, i);
+        let mut stream = Sequence::new(self.seed, i);
         (0..self.dimension).map(|_| stream.uniform()).collect()
     }
 }
@@ -66,7 +68,7 @@ impl Search for Random {
         self.ledger.take_back(u, observation.robustness).map(drop)
     }
 
-    fn finished(&self) -> Option<Finish> {
+    fn finished(&self) -> Option<SearchEnd> {
         None
     }
 

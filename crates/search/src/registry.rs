@@ -17,11 +17,11 @@ pub struct SearchEntry {
     /// Returns its options.
     pub options: fn() -> Vec<OptionSpec>,
     /// Makes the search.
-    pub make: Make,
+    pub make: SearchConstructor,
 }
 
 /// Makes a search from the types of its coordinates, its seed and its options.
-pub type Make = fn(&[Coordinate], u64, &SearchOptions) -> Result<Box<dyn Search>, SearchError>;
+pub type SearchConstructor = fn(&[Coordinate], u64, &SearchOptions) -> Result<Box<dyn Search>, SearchError>;
 
 /// All searches. To add one, write its file and add a line here.
 pub const SEARCHES: &[SearchEntry] = &[

@@ -3,7 +3,7 @@
 use std::mem;
 
 use crate::ledger::Ledger;
-use crate::{Finish, Observation, Search, SearchError};
+use crate::{Observation, Search, SearchEnd, SearchError};
 
 /// A search as a machine that wants points valued round by round.
 ///
@@ -22,7 +22,7 @@ pub trait RoundBased: Send {
     fn receive(&mut self, values: &[f64]);
 
     /// Why the machine has ended, if it has.
-    fn finish(&self) -> Option<Finish>;
+    fn finish(&self) -> Option<SearchEnd>;
 }
 
 /// Makes a [`Search`] of a round-based machine: hands its points out and gathers their values.
@@ -90,7 +90,7 @@ impl<M: RoundBased> Search for AskTell<M> {
         Ok(())
     }
 
-    fn finished(&self) -> Option<Finish> {
+    fn finished(&self) -> Option<SearchEnd> {
         self.machine.finish()
     }
 

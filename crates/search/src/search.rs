@@ -58,7 +58,7 @@ pub trait Search: Send {
     fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError>;
 
     /// Why the search has ended by its own criterion; `None` while it has not.
-    fn finished(&self) -> Option<Finish>;
+    fn finished(&self) -> Option<SearchEnd>;
 
     /// Returns the point with the lowest robustness told so far, the earliest of equals; `None` before the first.
     fn best(&self) -> Option<(&[f64], f64)>;
@@ -67,7 +67,7 @@ pub trait Search: Send {
 /// Why a search ended by its own criterion; it will propose nothing more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Finish {
+pub enum SearchEnd {
     /// The tolerances on points and values were met.
     Converged,
     /// The limit on iterations was reached.
@@ -80,14 +80,14 @@ pub enum Finish {
     NoFiniteStart,
 }
 
-impl fmt::Display for Finish {
+impl fmt::Display for SearchEnd {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Finish::Converged => "tolerances met",
-            Finish::IterationLimit => "limit on iterations reached",
-            Finish::EvaluationLimit => "limit on evaluations reached",
-            Finish::Abnormal => "no progress along a descent direction",
-            Finish::NoFiniteStart => "no start with a finite value found",
+            SearchEnd::Converged => "tolerances met",
+            SearchEnd::IterationLimit => "limit on iterations reached",
+            SearchEnd::EvaluationLimit => "limit on evaluations reached",
+            SearchEnd::Abnormal => "no progress along a descent direction",
+            SearchEnd::NoFiniteStart => "no start with a finite value found",
         })
     }
 }

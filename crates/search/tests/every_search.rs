@@ -2,8 +2,8 @@
 
 use mishandle_search::functions::{self, FUNCTIONS};
 use mishandle_search::{
-    AskTell, Coordinate, Finish, Lbfgsb, LbfgsbOptions, Observation, OptionType, OptionValue, Random,
-    SEARCHES, Search, SearchError, SearchOptions, SubformulaMinimum, by_name,
+    AskTell, Coordinate, Lbfgsb, LbfgsbOptions, Observation, OptionType, OptionValue, Random, SEARCHES,
+    Search, SearchEnd, SearchError, SearchOptions, SubformulaMinimum, by_name,
 };
 
 fn continuous(d: usize) -> Vec<Coordinate> {
@@ -356,7 +356,12 @@ fn dual_annealing_finds_global_minima() {
 
 // --- how searches end ---
 
-fn ended(options: &SearchOptions, name: &str, f: fn(&[f64]) -> f64, most: usize) -> (usize, Option<Finish>) {
+fn ended(
+    options: &SearchOptions,
+    name: &str,
+    f: fn(&[f64]) -> f64,
+    most: usize,
+) -> (usize, Option<SearchEnd>) {
     let mut search = by_name(name, &continuous(2), 1, options).expect("valid options");
     let n = trace(&mut *search, f, most, 10).len();
     (n, search.finished())
@@ -367,20 +372,20 @@ fn searches_end_for_the_reason_they_give() {
     let defaults = SearchOptions::default();
     assert_eq!(ended(&defaults, "random", functions::sphere, 1000), (1000, None));
     let (n, finish) = ended(&defaults, "nelder-mead", functions::sphere, 1000);
-    assert!(n < 400 && finish == Some(Finish::Converged));
+    assert!(n < 400 && finish == Some(SearchEnd::Converged));
     // Without a finite value neither tolerance is ever met: 200 d evaluations.
     assert_eq!(
         ended(&defaults, "nelder-mead", |_| f64::INFINITY, 1000),
-        (400, Some(Finish::EvaluationLimit))
+        (400, Some(SearchEnd::EvaluationLimit))
     );
     // The start and 1000 redraws.
     assert_eq!(
         ended(&defaults, "dual-annealing", |_| f64::INFINITY, 2000),
-        (1001, Some(Finish::NoFiniteStart))
+        (1001, Some(SearchEnd::NoFiniteStart))
     );
     let ten = SearchOptions::new().with("max-iterations", 10).with("local-search", false);
     // The start and ten chains of 2d = 4 visits.
-    assert_eq!(ended(&ten, "dual-annealing", functions::sphere, 100), (41, Some(Finish::IterationLimit)));
+    assert_eq!(ended(&ten, "dual-annealing", functions::sphere, 100), (41, Some(SearchEnd::IterationLimit)));
 }
 
 /// The temperature of chain t is (2^1.62 - 1) / ((t + 2)^1.62 - 1) of the first: 0.120 at t = 4, 0.093 at t = 5. With a
@@ -393,5 +398,5 @@ fn annealing_restarts_below_its_temperature() {
         .with("local-search", false)
         .with("max-iterations", 12);
     let end = ended(&options, "dual-annealing", functions::sphere, 1000);
-    assert_eq!(end, (51, Some(Finish::IterationLimit)));
+    assert_eq!(end, (51, Some(SearchEnd::IterationLimit)));
 }

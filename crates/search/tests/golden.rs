@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+use mishandle_random::Sequence;
 use mishandle_search::{
-    AskTell, DualAnnealing, DualAnnealingOptions, Finish, Lbfgsb, LbfgsbOptions, NelderMead,
-    NelderMeadOptions, RandomStream, Search, VisitingDistribution, functions,
+    AskTell, DualAnnealing, DualAnnealingOptions, Lbfgsb, LbfgsbOptions, NelderMead, NelderMeadOptions,
+    Search, SearchEnd, VisitingDistribution, functions,
 };
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -233,10 +234,10 @@ fn the_local_search_proposes_the_points_of_scipy() {
         }
         let finish = search.finished().unwrap_or_else(|| panic!("{name} goes on after {}", run.points.len()));
         let Some(result) = run.result else {
-            assert_eq!(finish, Finish::Abnormal, "{name}");
+            assert_eq!(finish, SearchEnd::Abnormal, "{name}");
             continue;
         };
-        assert_eq!(finish == Finish::Converged, result.success, "{name}: {finish}");
+        assert_eq!(finish == SearchEnd::Converged, result.success, "{name}: {finish}");
         let (x, value) = search.machine().result();
         assert!(distance(x, &result.x) < 1e-8, "{name}: {x:?}, not {:?}", result.x);
         assert_eq!(value, result.value, "{name}");
@@ -328,7 +329,7 @@ fn visits_are_distributed_as_those_of_scipy() {
     for (i, visits) in golden::<Visits>("visiting.json").into_iter().enumerate() {
         let law = VisitingDistribution::new(visits.visit);
         let t = visits.temperature;
-        let mut stream = RandomStream::new(1, i as u64);
+        let mut stream = Sequence::new(1, i as u64);
         let name = format!("q = {}, T = {t}", visits.visit);
         let jumps = (0..20_000).map(|_| law.jump(t, &mut stream)).collect();
         check_same_law(&format!("jumps at {name}"), jumps, visits.jumps);

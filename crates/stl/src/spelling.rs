@@ -1,4 +1,6 @@
-//! What a misspelt name may have meant.
+//! What a misspelled name may have meant.
+
+use strsim::levenshtein;
 
 /// The known name that `wanted` begins, else the one that takes the fewest edits to reach, if that is at most a third of
 /// its letters (or two edits).
@@ -22,27 +24,12 @@ pub(crate) fn nearest_within<'a>(
     wanted: &str,
     known: impl IntoIterator<Item = &'a str>,
 ) -> Option<&'a str> {
-    let ranked = known.into_iter().map(|name| (edits(wanted, name), name));
+    let ranked =
+        known.into_iter().map(|name| (levenshtein(&wanted.to_lowercase(), &name.to_lowercase()), name));
     ranked
         .filter(|(distance, _)| *distance <= limit)
         .min_by_key(|(distance, _)| *distance)
         .map(|(_, name)| name)
-}
-
-/// The Levenshtein distance of two texts, in characters, letter case ignored.
-fn edits(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.to_lowercase().chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, from) in a.to_lowercase().chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, to) in b.iter().enumerate() {
-            let changed = diagonal + usize::from(from != *to);
-            diagonal = row[j + 1];
-            row[j + 1] = changed.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
 }
 
 #[cfg(test)]
@@ -61,11 +48,5 @@ mod tests {
         check("yaw_deg", None); // five edits, more than a third of seven letters
         check("x", None);
         check("", None);
-    }
-
-    #[test]
-    fn edits_are_counted_as_in_every_textbook() {
-        assert_eq!(edits("kitten", "sitting"), 3);
-        assert_eq!(edits("", "abc"), 3);
     }
 }

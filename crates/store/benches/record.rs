@@ -11,8 +11,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use mishandle_store::{
-    Axis, Build, Component, End, Existing, RunFile, RunHeader, RunKind, RunWriter, Signal, Simulation,
-    TargetRecord, Trace, export_csv,
+    AxisRecord, BuildRecord, ComponentRecord, IfExists, RunFile, RunHeader, RunKind, RunWriter, SignalRecord,
+    Simulation, SimulationEnd, StoredTrace, TargetRecord, export_csv,
 };
 
 const AXES: usize = 6;
@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 fn rows(simulations: u32, path: &Path) -> Result<(), Box<dyn Error>> {
-    let mut writer = RunWriter::create(path, &header(), Existing::Refuse)?;
+    let mut writer = RunWriter::create(path, &header(), IfExists::Refuse)?;
     (0..TRIALS).try_for_each(|trial| writer.start_trial(trial, trial.into()))?;
     let start = Instant::now();
     for records in batches(simulations) {
@@ -75,7 +75,7 @@ fn lines(simulations: u32, path: &Path) -> Result<f64, Box<dyn Error>> {
 
 fn traces(path: &Path) -> Result<(), Box<dyn Error>> {
     let count = 2000;
-    let mut writer = RunWriter::create(path, &header(), Existing::Refuse)?;
+    let mut writer = RunWriter::create(path, &header(), IfExists::Refuse)?;
     writer.start_trial(0, 0)?;
     let trace = smooth_trace();
     let raw = trace.columns.iter().map(|column| column.len() * 8).sum::<usize>();
@@ -132,7 +132,7 @@ fn simulation(trial: u32, number: u32) -> Simulation {
         robustness_low: Some(x.sin()),
         robustness_high: Some(x.sin()),
         stop_threshold: None,
-        end: End::Completed,
+        end: SimulationEnd::Completed,
         steps: 300,
         verdicts: vec![Some(x.cos()), Some(0.25), None, Some(-x)],
         trace_digest: Some(u128::from(number) << 64 | 7),
@@ -142,7 +142,7 @@ fn simulation(trial: u32, number: u32) -> Simulation {
 
 /// A servo that follows a sine, a ball that bounces, distances between them, and a distance that comes to
 /// rest.
-fn smooth_trace() -> Trace {
+fn smooth_trace() -> StoredTrace {
     let (mut q, mut q_dot, mut z, mut z_dot) = (0.7_f64, 0.0, 1.0_f64, 0.3);
     let mut columns = vec![Vec::new(); 6];
     for step in 0..301 {
@@ -165,13 +165,13 @@ fn smooth_trace() -> Trace {
             column.push(value);
         }
     }
-    Trace { columns }
+    StoredTrace { columns }
 }
 
 fn header() -> RunHeader {
     RunHeader {
         kind: RunKind::Falsify,
-        build: Build::default(),
+        build: BuildRecord::default(),
         versions: vec![],
         plan: String::new(),
         target: TargetRecord {
@@ -179,7 +179,11 @@ fn header() -> RunHeader {
             name: "point-reaching".into(),
             ..TargetRecord::default()
         },
-        components: vec![Component { role: "controller".into(), name: "ppo".into(), ..Component::default() }],
+        components: vec![ComponentRecord {
+            role: "controller".into(),
+            name: "ppo".into(),
+            ..ComponentRecord::default()
+        }],
         space: "starts".into(),
         formula: String::new(),
         formulas: vec![],
@@ -187,9 +191,14 @@ fn header() -> RunHeader {
         seed: 1,
         control_dt: 1.0 / 60.0,
         episode_steps: 300,
-        signals: (0..6).map(|i| Signal { name: format!("signal_{i}"), unit: "m".into() }).collect(),
+        signals: (0..6).map(|i| SignalRecord { name: format!("signal_{i}"), unit: "m".into() }).collect(),
         axes: (0..AXES)
-            .map(|i| Axis { name: format!("axis_{i}"), unit: "m".into(), high: 1.0, ..Axis::default() })
+            .map(|i| AxisRecord {
+                name: format!("axis_{i}"),
+                unit: "m".into(),
+                high: 1.0,
+                ..AxisRecord::default()
+            })
             .collect(),
         verdicts: ["strict", "dangerous", "completion", "return"].map(Into::into).into(),
     }

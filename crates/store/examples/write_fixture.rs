@@ -4,8 +4,8 @@
 //! Run once per format version, when it is released; `tests/old_files.rs` states the values by hand.
 
 use mishandle_store::{
-    Axis, Build, Component, End, Existing, NamedFormula, Result, RunHeader, RunKind, RunWriter, Signal,
-    Simulation, TargetRecord, Trace, TrialStatus,
+    AxisRecord, BuildRecord, ComponentRecord, FormulaRecord, IfExists, Result, RunHeader, RunKind, RunWriter,
+    SignalRecord, Simulation, SimulationEnd, StoredTrace, TargetRecord, TrialStatus,
 };
 
 fn main() -> Result<()> {
@@ -13,30 +13,33 @@ fn main() -> Result<()> {
         eprintln!("usage: write_fixture FILE");
         std::process::exit(2);
     };
-    let mut writer = RunWriter::create(path, &header(), Existing::Refuse)?;
+    let mut writer = RunWriter::create(path, &header(), IfExists::Refuse)?;
     let statuses =
         [TrialStatus::Running, TrialStatus::Falsified, TrialStatus::BudgetSpent, TrialStatus::Converged];
     for (trial, status) in (1..).zip(statuses) {
         writer.start_trial(trial, u64::MAX - u64::from(trial))?;
         writer.end_trial(trial, status)?;
     }
-    let part = simulation(1, 3, Some(-0.25), End::Stopped { step: 34 });
+    let part = simulation(1, 3, Some(-0.25), SimulationEnd::Stopped { step: 34 });
     writer.record(&[
-        simulation(1, 1, Some(0.1 + 0.2), End::Completed),
-        simulation(1, 2, None, End::Diverged { step: 12 }),
+        simulation(1, 1, Some(0.1 + 0.2), SimulationEnd::Completed),
+        simulation(1, 2, None, SimulationEnd::Diverged { step: 12 }),
         Simulation { robustness_low: Some(f64::NEG_INFINITY), stop_threshold: Some(-0.0), ..part },
-        simulation(1, 4, Some(f64::INFINITY), End::Terminated { step: 56 }),
-        simulation(1, 5, None, End::Undefined { step: 0 }),
-        simulation(1, 6, None, End::InvalidAction { step: 7 }),
+        simulation(1, 4, Some(f64::INFINITY), SimulationEnd::Terminated { step: 56 }),
+        simulation(1, 5, None, SimulationEnd::Undefined { step: 0 }),
+        simulation(1, 6, None, SimulationEnd::InvalidAction { step: 7 }),
         Simulation {
             unit_point: vec![],
             scenario: vec![None, None],
-            ..simulation(1, 7, None, End::InvalidScenario)
+            ..simulation(1, 7, None, SimulationEnd::InvalidScenario)
         },
-        simulation(1, 8, None, End::Crashed { step: 8 }),
-        simulation(1, 9, None, End::TimedOut { step: 9 }),
-        simulation(2, 1, Some(-0.0), End::Completed),
-        Simulation { trace: Some(trace()), ..simulation(2, 2, Some(f64::NEG_INFINITY), End::Completed) },
+        simulation(1, 8, None, SimulationEnd::Crashed { step: 8 }),
+        simulation(1, 9, None, SimulationEnd::TimedOut { step: 9 }),
+        simulation(2, 1, Some(-0.0), SimulationEnd::Completed),
+        Simulation {
+            trace: Some(trace()),
+            ..simulation(2, 2, Some(f64::NEG_INFINITY), SimulationEnd::Completed)
+        },
     ])?;
     writer.close()
 }
@@ -44,7 +47,7 @@ fn main() -> Result<()> {
 fn header() -> RunHeader {
     RunHeader {
         kind: RunKind::Evaluate,
-        build: Build {
+        build: BuildRecord {
             program_version: "0.1.0".into(),
             git_commit: "51c0ab8".into(),
             target: "x86_64-unknown-linux-gnu".into(),
@@ -60,30 +63,30 @@ fn header() -> RunHeader {
             is_deterministic: false,
         },
         components: vec![
-            Component {
+            ComponentRecord {
                 role: "controller".into(),
                 name: "expert".into(),
                 hash: "c0".into(),
                 file_hash: "c1".into(),
             },
-            Component { role: "filter".into(), name: "none".into(), ..Component::default() },
+            ComponentRecord { role: "filter".into(), name: "none".into(), ..ComponentRecord::default() },
         ],
         space: "everything".into(),
         formula: "always[50:300](ball_box_horizontal_distance <= 0.1)".into(),
         formulas: vec![
-            NamedFormula { name: "success".into(), text: "linear <= 0.1".into() },
-            NamedFormula { name: "safe".into(), text: "linear < 0.2".into() },
+            FormulaRecord { name: "success".into(), text: "linear <= 0.1".into() },
+            FormulaRecord { name: "safe".into(), text: "linear < 0.2".into() },
         ],
         search: "random".into(),
         seed: 1 << 63,
         control_dt: 0.25,
         episode_steps: 150,
         signals: vec![
-            Signal { name: "linear".into(), unit: "m".into() },
-            Signal { name: "strange".into(), unit: String::new() },
+            SignalRecord { name: "linear".into(), unit: "m".into() },
+            SignalRecord { name: "strange".into(), unit: String::new() },
         ],
         axes: vec![
-            Axis {
+            AxisRecord {
                 name: "ball_x".into(),
                 unit: "m".into(),
                 kind: "start".into(),
@@ -93,21 +96,21 @@ fn header() -> RunHeader {
                 values: "continuous".into(),
                 meaning: "where the ball starts".into(),
             },
-            Axis {
+            AxisRecord {
                 name: "say \"ρ\"".into(),
                 kind: "noise".into(),
                 low: 2.0,
                 high: 3.0,
                 nominal: None,
                 values: "integer".into(),
-                ..Axis::default()
+                ..AxisRecord::default()
             },
         ],
         verdicts: vec!["strict_robustness".into(), "return".into()],
     }
 }
 
-fn simulation(trial: u32, number: u32, robustness: Option<f64>, end: End) -> Simulation {
+fn simulation(trial: u32, number: u32, robustness: Option<f64>, end: SimulationEnd) -> Simulation {
     Simulation {
         trial,
         number,
@@ -126,11 +129,11 @@ fn simulation(trial: u32, number: u32, robustness: Option<f64>, end: End) -> Sim
     }
 }
 
-fn trace() -> Trace {
+fn trace() -> StoredTrace {
     let linear = (0..301).map(|step| f64::from(step) * 0.1).collect();
     let mut strange = vec![7.5; 301];
     strange[3] = f64::NAN;
     strange[4] = f64::NEG_INFINITY;
     strange[5] = -0.0;
-    Trace { columns: vec![linear, strange] }
+    StoredTrace { columns: vec![linear, strange] }
 }

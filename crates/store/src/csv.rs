@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use crate::{Axis, Result, RunFile, Simulation, StoreError, Trace, row};
+use crate::{AxisRecord, Result, RunFile, Simulation, StoreError, StoredTrace, row};
 
 const FIXED: [&str; 10] = [
     "trial",
@@ -48,7 +48,7 @@ pub fn export_csv(run: &RunFile, writer: &mut impl Write) -> Result<()> {
 ///
 /// # Errors
 /// [`Io`](StoreError::Io) if `writer` fails.
-pub fn export_trace_csv(run: &RunFile, trace: &Trace, writer: &mut impl Write) -> Result<()> {
+pub fn export_trace_csv(run: &RunFile, trace: &StoredTrace, writer: &mut impl Write) -> Result<()> {
     let mut writer = io::BufWriter::new(writer);
     let header = run.header();
     let names = std::iter::once("time").chain(header.signals.iter().map(|signal| signal.name.as_str()));
@@ -83,7 +83,7 @@ fn fields(simulation: &Simulation, axes: usize) -> Vec<String> {
     fields
 }
 
-fn with_unit(axis: &Axis) -> String {
+fn with_unit(axis: &AxisRecord) -> String {
     if axis.unit.is_empty() {
         axis.name.clone()
     } else {

@@ -11,7 +11,7 @@ pub enum RunKind {
 
 /// The program that made a run, as given by the caller; unknown fields are empty.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Build {
+pub struct BuildRecord {
     /// Version of the program, such as `0.1.0`.
     pub program_version: String,
     /// Git commit of the source code.
@@ -39,7 +39,7 @@ pub struct TargetRecord {
 
 /// An exchangeable part of the system under test.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Component {
+pub struct ComponentRecord {
     /// Role of the component, such as `controller`.
     pub role: String,
     /// Name or path, as the plan gives it.
@@ -52,7 +52,7 @@ pub struct Component {
 
 /// A formula of the target.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct NamedFormula {
+pub struct FormulaRecord {
     /// Name of the formula, unique within the run.
     pub name: String,
     /// Text of the formula.
@@ -61,7 +61,7 @@ pub struct NamedFormula {
 
 /// A recorded signal.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Signal {
+pub struct SignalRecord {
     /// Name of the signal, unique within the run.
     pub name: String,
     /// Unit of the signal, such as `m`; empty if it has none.
@@ -70,7 +70,7 @@ pub struct Signal {
 
 /// One axis of the scenario space.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Axis {
+pub struct AxisRecord {
     /// Name of the axis, unique within the run.
     pub name: String,
     /// Unit of the axis, such as `m` or `rad`; empty if it has none.
@@ -98,7 +98,7 @@ pub struct RunHeader {
     /// Whether the run falsifies or evaluates.
     pub kind: RunKind,
     /// The program that made the run.
-    pub build: Build,
+    pub build: BuildRecord,
     /// Name and version of each dependency that affects episodes, such as (`MuJoCo`, `3.17.0`).
     pub versions: Vec<(String, String)>,
     /// The resolved plan, as TOML.
@@ -106,13 +106,13 @@ pub struct RunHeader {
     /// The system under test.
     pub target: TargetRecord,
     /// The exchangeable parts of the target, such as its controller.
-    pub components: Vec<Component>,
+    pub components: Vec<ComponentRecord>,
     /// Name of the scenario space.
     pub space: String,
     /// Text of the requirement, whose robustness is recorded.
     pub formula: String,
     /// All named formulas of the target.
-    pub formulas: Vec<NamedFormula>,
+    pub formulas: Vec<FormulaRecord>,
     /// Name of the search.
     pub search: String,
     /// Random seed of the whole run.
@@ -121,10 +121,10 @@ pub struct RunHeader {
     pub control_dt: f64,
     /// Control steps of a complete episode.
     pub episode_steps: u32,
-    /// The signals of a trace, in the order of [`Trace::columns`](crate::Trace::columns).
-    pub signals: Vec<Signal>,
+    /// The signals of a trace, in the order of [`StoredTrace::columns`](crate::StoredTrace::columns).
+    pub signals: Vec<SignalRecord>,
     /// The axes of the scenario space, in the order of [`Simulation::scenario`](crate::Simulation::scenario).
-    pub axes: Vec<Axis>,
+    pub axes: Vec<AxisRecord>,
     /// Names of the further verdicts of a simulation, in the order of
     /// [`Simulation::verdicts`](crate::Simulation::verdicts).
     pub verdicts: Vec<String>,

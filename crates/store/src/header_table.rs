@@ -7,7 +7,10 @@ use rusqlite::{Connection, Row, params, params_from_iter};
 
 use crate::digest::Digest;
 use crate::error::{InFile, StoreError};
-use crate::{Axis, Build, Component, NamedFormula, Result, RunHeader, RunKind, Signal, TargetRecord};
+use crate::{
+    AxisRecord, BuildRecord, ComponentRecord, FormulaRecord, Result, RunHeader, RunKind, SignalRecord,
+    TargetRecord,
+};
 
 const HASH: &str = "header_hash";
 
@@ -33,7 +36,7 @@ pub(crate) fn guard(header: &RunHeader) -> Result<()> {
     if !(header.control_dt > 0.0 && header.control_dt.is_finite()) {
         return bad(format!("its control period is {} s, it must be above 0 and finite", header.control_dt));
     }
-    for Axis { name, low, high, nominal, .. } in &header.axes {
+    for AxisRecord { name, low, high, nominal, .. } in &header.axes {
         if !(low.is_finite() && high.is_finite()) {
             return bad(format!("axis `{name}` has the bounds {low} and {high}, they must be finite"));
         }
@@ -87,14 +90,14 @@ fn values(header: &RunHeader) -> [(&'static str, Value); 17] {
 /// The rows of each of [`LISTS`].
 fn rows(header: &RunHeader) -> [Vec<Vec<Value>>; LISTS.len()] {
     let version = |(name, version): &(String, String)| vec![text(name), text(version)];
-    let component = |component: &Component| {
-        let Component { role, name, hash, file_hash } = component;
+    let component = |component: &ComponentRecord| {
+        let ComponentRecord { role, name, hash, file_hash } = component;
         vec![text(role), text(name), text(hash), text(file_hash)]
     };
-    let formula = |formula: &NamedFormula| vec![text(&formula.name), text(&formula.text)];
-    let signal = |signal: &Signal| vec![text(&signal.name), text(&signal.unit)];
-    let axis = |axis: &Axis| {
-        let Axis { name, unit, kind, low, high, nominal, values, meaning } = axis;
+    let formula = |formula: &FormulaRecord| vec![text(&formula.name), text(&formula.text)];
+    let signal = |signal: &SignalRecord| vec![text(&signal.name), text(&signal.unit)];
+    let axis = |axis: &AxisRecord| {
+        let AxisRecord { name, unit, kind, low, high, nominal, values, meaning } = axis;
         let (low, high, nominal) = (Value::from(*low), Value::from(*high), Value::from(*nominal));
         vec![text(name), text(unit), text(kind), low, high, nominal, text(values), text(meaning)]
     };
@@ -162,7 +165,7 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
             .find(|(_, known)| *known == kind)
             .map(|(kind, _)| *kind)
             .ok_or_else(|| StoreError::damaged(path, format!("its kind is {kind:?}")))?,
-        build: Build {
+        build: BuildRecord {
             program_version: text("program_version")?,
             git_commit: text("git_commit")?,
             target: text("build_target")?,
@@ -182,20 +185,27 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
             },
         },
         components: list(connection, path, "component", |row| {
-            Ok(Component { role: row.get(0)?, name: row.get(1)?, hash: row.get(2)?, file_hash: row.get(3)? })
+            Ok(ComponentRecord {
+                role: row.get(0)?,
+                name: row.get(1)?,
+                hash: row.get(2)?,
+                file_hash: row.get(3)?,
+            })
         })?,
         space: text("space")?,
         formula: text("formula")?,
         formulas: list(connection, path, "formula", |row| {
-            Ok(NamedFormula { name: row.get(0)?, text: row.get(1)? })
+            Ok(FormulaRecord { name: row.get(0)?, text: row.get(1)? })
         })?,
         search: text("search")?,
         seed: seed.map_err(|_| StoreError::damaged(path, "its seed is not a number"))?,
         control_dt: value(connection, path, "control_dt")?,
         episode_steps: value(connection, path, "episode_steps")?,
-        signals: list(connection, path, "signal", |row| Ok(Signal { name: row.get(0)?, unit: row.get(1)? }))?,
+        signals: list(connection, path, "signal", |row| {
+            Ok(SignalRecord { name: row.get(0)?, unit: row.get(1)? })
+        })?,
         axes: list(connection, path, "axis", |row| {
-            Ok(Axis {
+            Ok(AxisRecord {
                 name: row.get(0)?,
                 unit: row.get(1)?,
                 kind: row.get(2)?,

@@ -3,9 +3,9 @@
 //! A *run* is one campaign of falsification or one evaluation. Its file holds
 //!
 //! - the **header** ([`RunHeader`]): what was run, by which build, from which plan;
-//! - the **trials** ([`Trial`]): one seeded search each;
+//! - the **trials** ([`TrialRecord`]): one seeded search each;
 //! - the **simulations** ([`Simulation`]): a row each, written in a transaction as it ends;
-//! - the **traces** ([`Trace`]) of those simulations for which they were wanted.
+//! - the **traces** ([`StoredTrace`]) of those simulations for which they were wanted.
 //!
 //! [`RunWriter`] writes (one per file), [`RunFile`] reads (any number, also while the run goes on).
 //!
@@ -29,15 +29,15 @@
 //!
 //! # Example
 //! ```
-//! use mishandle_store::{Axis, Build, Component, End, Existing, RunFile, RunHeader, RunKind, RunWriter};
-//! use mishandle_store::{Signal, Simulation, TargetRecord, TrialStatus};
+//! use mishandle_store::{AxisRecord, BuildRecord, ComponentRecord, SimulationEnd, IfExists, RunFile, RunHeader, RunKind, RunWriter};
+//! use mishandle_store::{SignalRecord, Simulation, TargetRecord, TrialStatus};
 //!
 //! # fn main() -> Result<(), mishandle_store::StoreError> {
 //! # let folder = tempfile::tempdir().unwrap();
 //! # let path = folder.path().join("run.sqlite");
 //! let header = RunHeader {
 //!     kind: RunKind::Falsify,
-//!     build: Build { program_version: "0.1.0".into(), ..Build::default() },
+//!     build: BuildRecord { program_version: "0.1.0".into(), ..BuildRecord::default() },
 //!     versions: vec![("MuJoCo".into(), "3.17.0".into())],
 //!     plan: "budget = 300\n".into(),
 //!     target: TargetRecord {
@@ -46,7 +46,7 @@
 //!         hash: "41d0".into(),
 //!         is_deterministic: true,
 //!     },
-//!     components: vec![Component {
+//!     components: vec![ComponentRecord {
 //!         role: "controller".into(),
 //!         name: "ppo".into(),
 //!         hash: "9f2c".into(),
@@ -59,8 +59,8 @@
 //!     seed: 7,
 //!     control_dt: 1.0 / 60.0,
 //!     episode_steps: 300,
-//!     signals: vec![Signal { name: "finger_target_distance".into(), unit: "m".into() }],
-//!     axes: vec![Axis {
+//!     signals: vec![SignalRecord { name: "finger_target_distance".into(), unit: "m".into() }],
+//!     axes: vec![AxisRecord {
 //!         name: "target_x".into(),
 //!         unit: "m".into(),
 //!         kind: "start".into(),
@@ -72,7 +72,7 @@
 //!     }],
 //!     verdicts: vec!["strict_robustness".into()],
 //! };
-//! let mut writer = RunWriter::create(&path, &header, Existing::Refuse)?;
+//! let mut writer = RunWriter::create(&path, &header, IfExists::Refuse)?;
 //! writer.start_trial(1, 11)?;
 //! writer.record(&[Simulation {
 //!     trial: 1,
@@ -84,7 +84,7 @@
 //!     robustness_low: Some(-0.01),
 //!     robustness_high: Some(-0.01),
 //!     stop_threshold: None,
-//!     end: End::Completed,
+//!     end: SimulationEnd::Completed,
 //!     steps: 300,
 //!     verdicts: vec![None],
 //!     trace_digest: None,
@@ -104,7 +104,6 @@
 mod csv;
 mod digest;
 mod error;
-mod file_lock;
 mod header;
 mod header_table;
 mod json;
@@ -118,13 +117,14 @@ mod upgrade;
 
 pub use csv::{export_csv, export_trace_csv};
 pub use error::StoreError;
-pub use file_lock::FileLock;
-pub use header::{Axis, Build, Component, NamedFormula, RunHeader, RunKind, Signal, TargetRecord};
-pub use record::{Counts, End, Simulation, Trial, TrialStatus, TrialSummary};
+pub use header::{
+    AxisRecord, BuildRecord, ComponentRecord, FormulaRecord, RunHeader, RunKind, SignalRecord, TargetRecord,
+};
+pub use record::{Counts, Simulation, SimulationEnd, TrialRecord, TrialStatus, TrialSummary};
 pub use run_file::{RunFile, Simulations};
-pub use run_writer::{Existing, RunWriter};
+pub use run_writer::{IfExists, RunWriter};
 pub use schema::FORMAT_VERSION;
-pub use trace_blob::{Trace, trace_digest};
+pub use trace_blob::{StoredTrace, trace_digest};
 
 /// A result of this crate.
 pub type Result<T, E = StoreError> = std::result::Result<T, E>;

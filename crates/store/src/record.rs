@@ -1,6 +1,6 @@
 //! What a run records: trials, and the simulations in them.
 
-use crate::trace_blob::Trace;
+use crate::trace_blob::StoredTrace;
 
 /// How a trial stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -17,7 +17,7 @@ pub enum TrialStatus {
 
 /// One seeded search with a budget.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Trial {
+pub struct TrialRecord {
     /// Number of the trial, unique within the run.
     pub number: u32,
     /// Seed of the trial.
@@ -28,7 +28,7 @@ pub struct Trial {
 
 /// How an episode ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum End {
+pub enum SimulationEnd {
     /// It ran to its last control step.
     Completed,
     /// The target ended it by its own rule.
@@ -92,7 +92,7 @@ pub struct Simulation {
     /// The threshold at which the monitor was to stop the episode; `None` if it was not to.
     pub stop_threshold: Option<f64>,
     /// How the episode ended.
-    pub end: End,
+    pub end: SimulationEnd,
     /// Control steps that were simulated.
     pub steps: u32,
     /// One value per verdict that the header names; `None` where it does not apply.
@@ -104,7 +104,7 @@ pub struct Simulation {
     ///
     /// [`RunFile::simulations`](crate::RunFile::simulations) does not read it and leaves `None`;
     /// [`RunFile::simulation`](crate::RunFile::simulation) reads it.
-    pub trace: Option<Trace>,
+    pub trace: Option<StoredTrace>,
 }
 
 /// How many simulations there are, and of which kind.
@@ -124,7 +124,7 @@ pub struct Counts {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrialSummary {
     /// The trial.
-    pub trial: Trial,
+    pub trial: TrialRecord,
     /// Its simulations, counted.
     pub counts: Counts,
     /// The least robustness among those that are decided.

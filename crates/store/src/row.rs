@@ -6,7 +6,7 @@ use rusqlite::{Connection, Row, params};
 
 use crate::digest::Digest;
 use crate::error::{InFile, StoreError};
-use crate::{End, Result, RunHeader, Simulation, Trial, TrialStatus, json};
+use crate::{Result, RunHeader, Simulation, SimulationEnd, TrialRecord, TrialStatus, json};
 
 /// The columns of a simulation, in the order in which [`insert`] and [`read`] take them.
 pub(crate) const COLUMNS: &str = "trial, number, seed, scenario, unit_point, robustness, robustness_low, \
@@ -34,31 +34,31 @@ fn status_from_text(text: &str) -> Option<TrialStatus> {
 }
 
 /// The word for an end, and its step.
-pub(crate) fn end_text(end: End) -> (&'static str, Option<u32>) {
+pub(crate) fn end_text(end: SimulationEnd) -> (&'static str, Option<u32>) {
     match end {
-        End::Completed => ("completed", None),
-        End::Terminated { step } => ("terminated", Some(step)),
-        End::Stopped { step } => ("stopped", Some(step)),
-        End::Diverged { step } => ("diverged", Some(step)),
-        End::Undefined { step } => ("undefined", Some(step)),
-        End::InvalidAction { step } => ("invalid action", Some(step)),
-        End::InvalidScenario => ("invalid scenario", None),
-        End::Crashed { step } => ("crashed", Some(step)),
-        End::TimedOut { step } => ("timed out", Some(step)),
+        SimulationEnd::Completed => ("completed", None),
+        SimulationEnd::Terminated { step } => ("terminated", Some(step)),
+        SimulationEnd::Stopped { step } => ("stopped", Some(step)),
+        SimulationEnd::Diverged { step } => ("diverged", Some(step)),
+        SimulationEnd::Undefined { step } => ("undefined", Some(step)),
+        SimulationEnd::InvalidAction { step } => ("invalid action", Some(step)),
+        SimulationEnd::InvalidScenario => ("invalid scenario", None),
+        SimulationEnd::Crashed { step } => ("crashed", Some(step)),
+        SimulationEnd::TimedOut { step } => ("timed out", Some(step)),
     }
 }
 
-fn end_from_text(text: &str, step: Option<u32>) -> Option<End> {
+fn end_from_text(text: &str, step: Option<u32>) -> Option<SimulationEnd> {
     let end = match (text, step) {
-        ("completed", _) => End::Completed,
-        ("terminated", Some(step)) => End::Terminated { step },
-        ("stopped", Some(step)) => End::Stopped { step },
-        ("diverged", Some(step)) => End::Diverged { step },
-        ("undefined", Some(step)) => End::Undefined { step },
-        ("invalid action", Some(step)) => End::InvalidAction { step },
-        ("invalid scenario", _) => End::InvalidScenario,
-        ("crashed", Some(step)) => End::Crashed { step },
-        ("timed out", Some(step)) => End::TimedOut { step },
+        ("completed", _) => SimulationEnd::Completed,
+        ("terminated", Some(step)) => SimulationEnd::Terminated { step },
+        ("stopped", Some(step)) => SimulationEnd::Stopped { step },
+        ("diverged", Some(step)) => SimulationEnd::Diverged { step },
+        ("undefined", Some(step)) => SimulationEnd::Undefined { step },
+        ("invalid action", Some(step)) => SimulationEnd::InvalidAction { step },
+        ("invalid scenario", _) => SimulationEnd::InvalidScenario,
+        ("crashed", Some(step)) => SimulationEnd::Crashed { step },
+        ("timed out", Some(step)) => SimulationEnd::TimedOut { step },
         _ => return None,
     };
     (end_text(end).1 == step).then_some(end)
@@ -108,21 +108,21 @@ fn hash(simulation: &Simulation, trace_digest: Option<u128>) -> i64 {
 }
 
 /// Feeds all of a trial.
-pub(crate) fn feed_trial(digest: &mut Digest, trial: &Trial) {
-    let Trial { number, seed, status } = *trial;
+pub(crate) fn feed_trial(digest: &mut Digest, trial: &TrialRecord) {
+    let TrialRecord { number, seed, status } = *trial;
     digest.integer(u64::from(number));
     digest.integer(seed);
     digest.text(status_text(status));
 }
 
-pub(crate) fn trial_hash(trial: &Trial) -> i64 {
+pub(crate) fn trial_hash(trial: &TrialRecord) -> i64 {
     let mut digest = Digest::of("trial");
     feed_trial(&mut digest, trial);
     digest.finish_row()
 }
 
 /// Inserts a trial.
-pub(crate) fn insert_trial(connection: &Connection, trial: &Trial) -> rusqlite::Result<usize> {
+pub(crate) fn insert_trial(connection: &Connection, trial: &TrialRecord) -> rusqlite::Result<usize> {
     let sql = "INSERT INTO trial (number, seed, status, row_hash) VALUES (?1, ?2, ?3, ?4)";
     connection.prepare_cached(sql)?.execute(params![
         trial.number,
@@ -133,13 +133,13 @@ pub(crate) fn insert_trial(connection: &Connection, trial: &Trial) -> rusqlite::
 }
 
 /// Reads a trial from its number, seed, status and hash, and compares the hash.
-pub(crate) fn read_trial(row: &Row<'_>, path: &Path) -> Result<Trial> {
+pub(crate) fn read_trial(row: &Row<'_>, path: &Path) -> Result<TrialRecord> {
     let number = row.get(0).in_file(path)?;
     let damaged = |what: &str| StoreError::damaged(path, format!("trial {number}: {what}"));
     let text = |column| row.get_ref(column).in_file(path).map(|value| value.as_str().unwrap_or_default());
     let seed = text(1)?.parse().map_err(|_| damaged("its seed is not a number"))?;
     let status = status_from_text(text(2)?).ok_or_else(|| damaged("its status is unknown"))?;
-    let trial = Trial { number, seed, status };
+    let trial = TrialRecord { number, seed, status };
     if trial_hash(&trial) != row.get::<_, i64>(3).in_file(path)? {
         return Err(damaged("it does not match its hash"));
     }

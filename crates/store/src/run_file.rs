@@ -10,7 +10,8 @@ use crate::error::{InFile, StoreError};
 use crate::run_writer::RunWriter;
 use crate::upgrade::{STEPS, Step};
 use crate::{
-    Counts, Result, RunHeader, Simulation, Trace, Trial, TrialSummary, row, schema, trace_blob, upgrade,
+    Counts, Result, RunHeader, Simulation, StoredTrace, TrialRecord, TrialSummary, row, schema, trace_blob,
+    upgrade,
 };
 
 /// How long to wait for the short moments in which another process needs the file for itself.
@@ -110,7 +111,7 @@ impl RunFile {
     ///
     /// # Errors
     /// [`UnknownTrial`](StoreError::UnknownTrial), or a failure of the file.
-    pub fn trial(&self, trial: u32) -> Result<Trial> {
+    pub fn trial(&self, trial: u32) -> Result<TrialRecord> {
         let sql = "SELECT number, seed, status, row_hash FROM trial WHERE number = ?1";
         let mut select = self.connection.prepare_cached(sql).in_file(&self.path)?;
         let mut rows = select.query([trial]).in_file(&self.path)?;
@@ -220,7 +221,7 @@ impl RunFile {
         self.traced()?.into_iter().try_for_each(|(trial, number)| self.simulation(trial, number).map(drop))
     }
 
-    fn trace_of(&self, simulation: &Simulation) -> Result<Option<Trace>> {
+    fn trace_of(&self, simulation: &Simulation) -> Result<Option<StoredTrace>> {
         let (trial, number) = (simulation.trial, simulation.number);
         let sql = "SELECT blob FROM trace WHERE trial = ?1 AND number = ?2";
         let mut select = self.connection.prepare_cached(sql).in_file(&self.path)?;

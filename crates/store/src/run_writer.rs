@@ -4,20 +4,20 @@ use std::fs::{File, OpenOptions};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use mishandle_files::FileLock;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, ffi, params};
 
 use crate::error::{InFile, StoreError};
-use crate::file_lock::FileLock;
 use crate::run_file::{RunFile, connect, open};
 use crate::schema::{APPLICATION_ID, FORMAT_VERSION};
 use crate::upgrade::{STEPS, Step};
 use crate::{
-    Result, RunHeader, Simulation, Trial, TrialStatus, header_table, row, schema, trace_blob, upgrade,
+    Result, RunHeader, Simulation, TrialRecord, TrialStatus, header_table, row, schema, trace_blob, upgrade,
 };
 
 /// What to do if there is a run already where a new one is to be created.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Existing {
+pub enum IfExists {
     /// Refuse, and leave it as it is.
     Refuse,
     /// Remove it, all of it. Only a run of ours, or a file with nothing in it, is ever removed.
@@ -45,11 +45,11 @@ impl RunWriter {
     /// being written; [`BadHeader`](StoreError::BadHeader) if names repeat or numbers are not finite;
     /// [`Missing`](StoreError::Missing), [`ReadOnly`](StoreError::ReadOnly) and
     /// [`NoRoom`](StoreError::NoRoom) for the folder.
-    pub fn create(path: impl AsRef<Path>, header: &RunHeader, existing: Existing) -> Result<Self> {
+    pub fn create(path: impl AsRef<Path>, header: &RunHeader, existing: IfExists) -> Result<Self> {
         let path = path.as_ref();
         header_table::guard(header)?;
         let mut writer_lock = None;
-        if existing == Existing::Replace && path.exists() {
+        if existing == IfExists::Replace && path.exists() {
             writer_lock = lock(path)?;
             remove(path)?;
         }
@@ -106,7 +106,7 @@ impl RunWriter {
     /// [`AlreadyRecorded`](StoreError::AlreadyRecorded), or a failure of the file.
     pub fn start_trial(&mut self, trial: u32, seed: u64) -> Result<()> {
         self.transact(|file| {
-            let row = Trial { number: trial, seed, status: TrialStatus::Running };
+            let row = TrialRecord { number: trial, seed, status: TrialStatus::Running };
             let inserted = row::insert_trial(&file.connection, &row);
             inserted.map(drop).map_err(|error| match constraint(&error) {
                 Some(_) => StoreError::AlreadyRecorded { what: format!("trial {trial}") },
@@ -121,7 +121,7 @@ impl RunWriter {
     /// [`UnknownTrial`](StoreError::UnknownTrial), or a failure of the file.
     pub fn end_trial(&mut self, trial: u32, status: TrialStatus) -> Result<()> {
         self.transact(|file| {
-            let row = Trial { status, ..file.trial(trial)? };
+            let row = TrialRecord { status, ..file.trial(trial)? };
             let sql = "UPDATE trial SET status = ?2, row_hash = ?3 WHERE number = ?1";
             let values = params![trial, row::status_text(status), row::trial_hash(&row)];
             file.connection.execute(sql, values).map(drop).in_file(&file.path)
@@ -346,7 +346,7 @@ fn remove_files(path: &Path) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Build, End, RunKind, Signal, TargetRecord, Trace};
+    use crate::{BuildRecord, RunKind, SignalRecord, SimulationEnd, StoredTrace, TargetRecord};
 
     fn traced(number: u32) -> Simulation {
         // Noise, so that it takes as much room as it has bits.
@@ -361,11 +361,11 @@ mod tests {
             robustness_low: Some(1.0),
             robustness_high: Some(1.0),
             stop_threshold: None,
-            end: End::Completed,
+            end: SimulationEnd::Completed,
             steps: 300,
             verdicts: vec![],
             trace_digest: None,
-            trace: Some(Trace { columns: vec![column] }),
+            trace: Some(StoredTrace { columns: vec![column] }),
         }
     }
 
@@ -379,7 +379,7 @@ mod tests {
     fn a_full_disk_loses_nothing_that_was_recorded() {
         let header = RunHeader {
             kind: RunKind::Falsify,
-            build: Build::default(),
+            build: BuildRecord::default(),
             versions: vec![],
             plan: String::new(),
             target: TargetRecord::default(),
@@ -391,13 +391,13 @@ mod tests {
             seed: 0,
             control_dt: 1.0,
             episode_steps: 300,
-            signals: vec![Signal { name: "a".into(), unit: String::new() }],
+            signals: vec![SignalRecord { name: "a".into(), unit: String::new() }],
             axes: vec![],
             verdicts: vec![],
         };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.sqlite");
-        let mut writer = RunWriter::create(&path, &header, Existing::Refuse).unwrap();
+        let mut writer = RunWriter::create(&path, &header, IfExists::Refuse).unwrap();
         writer.start_trial(1, 0).unwrap();
         writer.file.connection.pragma_update(None, "max_page_count", 100).unwrap();
 

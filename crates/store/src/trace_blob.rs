@@ -32,13 +32,13 @@ const LARGEST_RATIO: usize = 256;
 
 /// The signals of one episode: a column per signal of the header, a sample per control step, from step 0.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Trace {
+pub struct StoredTrace {
     /// The columns, all of the same length, in the order of
     /// [`RunHeader::signals`](crate::RunHeader::signals).
     pub columns: Vec<Vec<f64>>,
 }
 
-impl Trace {
+impl StoredTrace {
     /// [`trace_digest`] of the columns.
     pub fn digest(&self) -> u128 {
         trace_digest(self.columns.iter().map(Vec::as_slice))
@@ -74,7 +74,7 @@ pub fn trace_digest<'a>(columns: impl IntoIterator<Item = &'a [f64]>) -> u128 {
 }
 
 /// The blob of a trace whose columns have the same length.
-pub(crate) fn encode(trace: &Trace) -> Vec<u8> {
+pub(crate) fn encode(trace: &StoredTrace) -> Vec<u8> {
     let (samples, columns) = (trace.samples(), trace.columns.len());
     let residuals = samples * columns;
     let mut blob =
@@ -100,7 +100,7 @@ pub(crate) fn encode(trace: &Trace) -> Vec<u8> {
 }
 
 /// The trace of a blob, or what is wrong with the blob.
-pub(crate) fn decode(blob: &[u8]) -> Result<Trace, String> {
+pub(crate) fn decode(blob: &[u8]) -> Result<StoredTrace, String> {
     let (fixed, rest) = blob.split_at_checked(FIXED_BYTES).ok_or("it ends within its first bytes")?;
     let [encoding, s0, s1, s2, s3, c0, c1, c2, c3] = *fixed else { return Err("it ends early".into()) };
     if encoding != ENCODING {
@@ -130,7 +130,7 @@ pub(crate) fn decode(blob: &[u8]) -> Result<Trace, String> {
     if let Some(order) = orders.iter().find(|&&order| order >= ORDERS) {
         return Err(format!("a predictor's order is {order}, not 0 to 3"));
     }
-    Ok(Trace { columns: orders.iter().enumerate().map(column_of).collect() })
+    Ok(StoredTrace { columns: orders.iter().enumerate().map(column_of).collect() })
 }
 
 /// What comes after `past`, the latest first, if the differences of that order go on.
@@ -171,13 +171,13 @@ fn unfold_sign(x: u64) -> u64 {
 mod tests {
     use super::*;
 
-    fn bits(trace: &Trace) -> Vec<Vec<u64>> {
+    fn bits(trace: &StoredTrace) -> Vec<Vec<u64>> {
         trace.columns.iter().map(|column| column.iter().map(|x| x.to_bits()).collect()).collect()
     }
 
     #[track_caller]
     fn check(columns: Vec<Vec<f64>>) {
-        let trace = Trace { columns };
+        let trace = StoredTrace { columns };
         assert_eq!(bits(&decode(&encode(&trace)).unwrap()), bits(&trace));
     }
 
@@ -200,7 +200,7 @@ mod tests {
         // Python: b = struct.pack('<Q', 5) + b'trace'
         //         for c in [[1.0, -0.0], [0.1, inf]]: b += struct.pack('<Qdd', 2, *c)
         //         hashlib.sha256(b).hexdigest()[:32]
-        let trace = Trace { columns: vec![vec![1.0, -0.0], vec![0.1, f64::INFINITY]] };
+        let trace = StoredTrace { columns: vec![vec![1.0, -0.0], vec![0.1, f64::INFINITY]] };
         assert_eq!(format!("{:032x}", trace.digest()), "cf047e2b102f4a1bd97202808264f47b");
     }
 
@@ -214,16 +214,16 @@ mod tests {
 
     #[test]
     fn a_constant_costs_next_to_nothing_and_a_smooth_signal_half() {
-        let constant = Trace { columns: vec![vec![0.1; 301]; 6] };
+        let constant = StoredTrace { columns: vec![vec![0.1; 301]; 6] };
         assert!(encode(&constant).len() < 200, "{}", encode(&constant).len());
         let smooth =
-            Trace { columns: vec![(0..301).map(|k| 2.0 + (0.02 * f64::from(k)).sin()).collect(); 6] };
+            StoredTrace { columns: vec![(0..301).map(|k| 2.0 + (0.02 * f64::from(k)).sin()).collect(); 6] };
         assert!(encode(&smooth).len() < 301 * 6 * 8 * 6 / 10, "{}", encode(&smooth).len());
     }
 
     #[test]
     fn damage_is_an_error_or_another_trace_but_never_a_panic() {
-        let trace = Trace { columns: vec![(0..50).map(f64::from).collect(); 3] };
+        let trace = StoredTrace { columns: vec![(0..50).map(f64::from).collect(); 3] };
         let blob = encode(&trace);
         for length in 0..blob.len() {
             assert!(decode(&blob[..length]).is_err(), "cut to {length} bytes");

@@ -6,14 +6,14 @@ mod sample;
 
 use std::path::{Path, PathBuf};
 
-use mishandle_store::{Existing, Result, RunFile, RunWriter, StoreError};
+use mishandle_store::{IfExists, Result, RunFile, RunWriter, StoreError};
 use sample::{header, record, traced_record};
 use tempfile::TempDir;
 
 fn small_run() -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
-    let mut writer = RunWriter::create(&path, &header(), Existing::Refuse).unwrap();
+    let mut writer = RunWriter::create(&path, &header(), IfExists::Refuse).unwrap();
     for trial in 1..=3 {
         writer.start_trial(trial, 1 << trial).unwrap();
         let records: Vec<_> = (1..=40).map(|number| record(trial, number)).collect();
@@ -119,7 +119,7 @@ fn a_file_that_is_not_ours_is_named_and_left_alone() {
     std::fs::write(&path, "trial,simulation\n1,1\n".repeat(400)).unwrap();
     check_message(RunFile::open(&path), &format!("{ours} a file of another kind"), &path);
     check_message(RunWriter::resume(&path), &format!("{ours} a file of another kind"), &path);
-    let replaced = RunWriter::create(&path, &header(), Existing::Replace);
+    let replaced = RunWriter::create(&path, &header(), IfExists::Replace);
     check_message(replaced, &format!("{ours} a file of another kind"), &path);
     assert!(std::fs::read_to_string(&path).unwrap().starts_with("trial"));
 
@@ -127,7 +127,7 @@ fn a_file_that_is_not_ours_is_named_and_left_alone() {
     rusqlite::Connection::open(&path).unwrap().execute_batch("CREATE TABLE t (x)").unwrap();
     check_message(RunFile::open(&path), &format!("{ours} {other}"), &path);
     check_message(RunWriter::resume(&path), &format!("{ours} {other}"), &path);
-    check_message(RunWriter::create(&path, &header(), Existing::Replace), &format!("{ours} {other}"), &path);
+    check_message(RunWriter::create(&path, &header(), IfExists::Replace), &format!("{ours} {other}"), &path);
 }
 
 #[test]
@@ -135,8 +135,8 @@ fn an_empty_file_may_be_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run");
     std::fs::write(&path, "").unwrap();
-    assert!(matches!(RunWriter::create(&path, &header(), Existing::Refuse), Err(StoreError::Exists { .. })));
-    RunWriter::create(&path, &header(), Existing::Replace).unwrap();
+    assert!(matches!(RunWriter::create(&path, &header(), IfExists::Refuse), Err(StoreError::Exists { .. })));
+    RunWriter::create(&path, &header(), IfExists::Replace).unwrap();
 }
 
 #[test]
@@ -146,14 +146,14 @@ fn a_run_whose_making_was_broken_off_is_named_and_may_be_replaced() {
     // The first thing that a new file is told; the tables come in one transaction after it.
     rusqlite::Connection::open(&path).unwrap().pragma_update(None, "journal_mode", "WAL").unwrap();
     assert!(matches!(RunFile::open(&path), Err(StoreError::NotARun { .. })));
-    RunWriter::create(&path, &header(), Existing::Replace).unwrap();
+    RunWriter::create(&path, &header(), IfExists::Replace).unwrap();
 }
 
 #[test]
 fn a_copy_without_its_log_is_told_what_it_may_be_and_a_closed_run_is_one_file() {
     let folder = tempfile::tempdir().unwrap();
     let (path, copy) = (folder.path().join("run.sqlite"), folder.path().join("copy.sqlite"));
-    let mut writer = RunWriter::create(&path, &header(), Existing::Refuse).unwrap();
+    let mut writer = RunWriter::create(&path, &header(), IfExists::Refuse).unwrap();
     writer.start_trial(1, 1).unwrap();
     writer.record(&[record(1, 1)]).unwrap();
     std::fs::copy(&path, &copy).unwrap();
@@ -184,7 +184,7 @@ fn a_newer_file_is_refused_with_both_versions() {
         "the run file has format version 9, this program reads versions up to 2; use a newer program";
     check_message(RunFile::open(&path), message, &path);
     check_message(RunWriter::resume(&path), message, &path);
-    RunWriter::create(&path, &header(), Existing::Replace).unwrap();
+    RunWriter::create(&path, &header(), IfExists::Replace).unwrap();
 }
 
 #[test]
@@ -192,6 +192,6 @@ fn what_is_missing_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("nowhere/run.sqlite");
     check_message(RunFile::open(&path), "cannot open a run: the file does not exist", &path);
-    let created = RunWriter::create(&path, &header(), Existing::Refuse);
+    let created = RunWriter::create(&path, &header(), IfExists::Refuse);
     check_message(created, "cannot open a run: the folder does not exist", &path);
 }

@@ -3,13 +3,15 @@
 
 mod sample;
 
-use mishandle_store::{End, Existing, RunHeader, RunWriter, Simulation, Trace, export_csv, export_trace_csv};
+use mishandle_store::{
+    IfExists, RunHeader, RunWriter, Simulation, SimulationEnd, StoredTrace, export_csv, export_trace_csv,
+};
 use sample::{header, signal};
 
 #[test]
 fn simulations_are_lines_that_read_back_exactly() {
     let folder = tempfile::tempdir().unwrap();
-    let mut writer = RunWriter::create(folder.path().join("run"), &header(), Existing::Refuse).unwrap();
+    let mut writer = RunWriter::create(folder.path().join("run"), &header(), IfExists::Refuse).unwrap();
     writer.start_trial(1, 0).unwrap();
     let full = Simulation {
         trial: 1,
@@ -21,7 +23,7 @@ fn simulations_are_lines_that_read_back_exactly() {
         robustness_low: Some(f64::NEG_INFINITY),
         robustness_high: Some(-0.25),
         stop_threshold: Some(-0.0),
-        end: End::Stopped { step: 17 },
+        end: SimulationEnd::Stopped { step: 17 },
         steps: 17,
         verdicts: vec![Some(0.5), None],
         trace_digest: Some(0xab),
@@ -35,7 +37,7 @@ fn simulations_are_lines_that_read_back_exactly() {
         robustness_low: None,
         robustness_high: None,
         stop_threshold: None,
-        end: End::InvalidScenario,
+        end: SimulationEnd::InvalidScenario,
         steps: 300,
         trace_digest: None,
         ..full.clone()
@@ -61,8 +63,8 @@ fn a_trace_has_a_column_of_time_and_one_per_signal() {
         signals: vec![signal("a", "m"), signal("say \"b\", c", "")],
         ..header()
     };
-    let writer = RunWriter::create(folder.path().join("run"), &header, Existing::Refuse).unwrap();
-    let trace = Trace { columns: vec![vec![1.0, 2.5], vec![f64::INFINITY, f64::NAN]] };
+    let writer = RunWriter::create(folder.path().join("run"), &header, IfExists::Refuse).unwrap();
+    let trace = StoredTrace { columns: vec![vec![1.0, 2.5], vec![f64::INFINITY, f64::NAN]] };
     let mut csv = Vec::new();
     export_trace_csv(writer.file(), &trace, &mut csv).unwrap();
     assert_eq!(String::from_utf8(csv).unwrap(), "time,a,\"say \"\"b\"\", c\"\n0.0,1.0,inf\n0.25,2.5,NaN\n");

@@ -9,7 +9,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use mishandle_store::{Existing, RunFile, RunWriter, StoreError};
+use mishandle_store::{IfExists, RunFile, RunWriter, StoreError};
 use sample::{header, record, traced_record};
 
 const BATCH: u32 = 8;
@@ -22,7 +22,7 @@ fn writes_until_killed() {
     let Some(path) = std::env::var_os(RUN) else { return };
     let mut writer = match RunWriter::resume(&path) {
         Err(StoreError::Missing { .. }) => {
-            let mut writer = RunWriter::create(&path, &header(), Existing::Refuse).unwrap();
+            let mut writer = RunWriter::create(&path, &header(), IfExists::Refuse).unwrap();
             writer.start_trial(1, 1).unwrap();
             writer
         }

@@ -5,14 +5,14 @@
 
 mod sample;
 
-use mishandle_store::{Existing, RunFile, RunWriter, export_csv};
+use mishandle_store::{IfExists, RunFile, RunWriter, export_csv};
 use sample::{header, record, version_1};
 
 #[test]
 fn a_run_is_larger_than_the_memory_it_takes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
-    let mut writer = RunWriter::create(&path, &header(), Existing::Refuse).unwrap();
+    let mut writer = RunWriter::create(&path, &header(), IfExists::Refuse).unwrap();
     let simulations = 120_000;
     writer.start_trial(1, 0).unwrap();
     for first in (1..=simulations).step_by(500) {

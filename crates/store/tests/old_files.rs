@@ -3,23 +3,24 @@
 #![allow(clippy::unwrap_used)] // what serves tests is a test
 
 use mishandle_store::{
-    Axis, Component, Counts, End, NamedFormula, RunFile, RunKind, Signal, TargetRecord, TrialStatus,
+    AxisRecord, ComponentRecord, Counts, FormulaRecord, RunFile, RunKind, SignalRecord, SimulationEnd,
+    TargetRecord, TrialStatus,
 };
 
 fn target(kind: &str, hash: &str, is_deterministic: bool) -> TargetRecord {
     TargetRecord { kind: kind.into(), name: "ball-catching".into(), hash: hash.into(), is_deterministic }
 }
 
-fn component(role: &str, name: &str, hash: &str, file_hash: &str) -> Component {
-    Component { role: role.into(), name: name.into(), hash: hash.into(), file_hash: file_hash.into() }
+fn component(role: &str, name: &str, hash: &str, file_hash: &str) -> ComponentRecord {
+    ComponentRecord { role: role.into(), name: name.into(), hash: hash.into(), file_hash: file_hash.into() }
 }
 
-fn signal(name: &str, unit: &str) -> Signal {
-    Signal { name: name.into(), unit: unit.into() }
+fn signal(name: &str, unit: &str) -> SignalRecord {
+    SignalRecord { name: name.into(), unit: unit.into() }
 }
 
-fn formula(name: &str, text: &str) -> NamedFormula {
-    NamedFormula { name: name.into(), text: text.into() }
+fn formula(name: &str, text: &str) -> FormulaRecord {
+    FormulaRecord { name: name.into(), text: text.into() }
 }
 
 /// The trials are the same in every version's file.
@@ -78,7 +79,7 @@ fn version_1() {
     assert_eq!(header.control_dt, 0.25);
     assert_eq!(header.episode_steps, 300);
     assert_eq!(header.signals, [signal("linear", ""), signal("strange", "")]);
-    let axis = |name: &str, unit: &str, low, high, nominal| Axis {
+    let axis = |name: &str, unit: &str, low, high, nominal| AxisRecord {
         name: name.into(),
         unit: unit.into(),
         kind: "start".into(),
@@ -103,11 +104,11 @@ fn version_1() {
     assert_eq!(
         outcomes,
         [
-            (1, 1, Some(0x3fd3_3333_3333_3334), End::Completed), // 0.1 + 0.2, not 0.3
-            (1, 2, None, End::Diverged { step: 12 }),
-            (1, 3, Some(0x7ff0_0000_0000_0000), End::Stopped { step: 34 }), // +inf
-            (2, 1, Some(0x8000_0000_0000_0000), End::Completed),            // -0.0
-            (2, 2, Some(0xfff0_0000_0000_0000), End::Completed),            // -inf
+            (1, 1, Some(0x3fd3_3333_3333_3334), SimulationEnd::Completed), // 0.1 + 0.2, not 0.3
+            (1, 2, None, SimulationEnd::Diverged { step: 12 }),
+            (1, 3, Some(0x7ff0_0000_0000_0000), SimulationEnd::Stopped { step: 34 }), // +inf
+            (2, 1, Some(0x8000_0000_0000_0000), SimulationEnd::Completed),            // -0.0
+            (2, 2, Some(0xfff0_0000_0000_0000), SimulationEnd::Completed),            // -inf
         ]
     );
     let second = &simulations[1];
@@ -177,17 +178,17 @@ fn version_2() {
     assert_eq!(
         ends,
         [
-            (1, 1, End::Completed),
-            (1, 2, End::Diverged { step: 12 }),
-            (1, 3, End::Stopped { step: 34 }),
-            (1, 4, End::Terminated { step: 56 }),
-            (1, 5, End::Undefined { step: 0 }),
-            (1, 6, End::InvalidAction { step: 7 }),
-            (1, 7, End::InvalidScenario),
-            (1, 8, End::Crashed { step: 8 }),
-            (1, 9, End::TimedOut { step: 9 }),
-            (2, 1, End::Completed),
-            (2, 2, End::Completed),
+            (1, 1, SimulationEnd::Completed),
+            (1, 2, SimulationEnd::Diverged { step: 12 }),
+            (1, 3, SimulationEnd::Stopped { step: 34 }),
+            (1, 4, SimulationEnd::Terminated { step: 56 }),
+            (1, 5, SimulationEnd::Undefined { step: 0 }),
+            (1, 6, SimulationEnd::InvalidAction { step: 7 }),
+            (1, 7, SimulationEnd::InvalidScenario),
+            (1, 8, SimulationEnd::Crashed { step: 8 }),
+            (1, 9, SimulationEnd::TimedOut { step: 9 }),
+            (2, 1, SimulationEnd::Completed),
+            (2, 2, SimulationEnd::Completed),
         ]
     );
     let robustness: Vec<_> = simulations

@@ -5,7 +5,7 @@ mod sample;
 
 use std::path::{Path, PathBuf};
 
-use mishandle_store::{Existing, RunFile, RunHeader, RunWriter, Simulation, StoreError, TrialStatus};
+use mishandle_store::{IfExists, RunFile, RunHeader, RunWriter, Simulation, StoreError, TrialStatus};
 use rusqlite::Connection;
 use rusqlite::types::Value;
 use sample::{axis, header, record, traced_record};
@@ -15,7 +15,7 @@ use tempfile::TempDir;
 fn run_of(header: &RunHeader, simulations: &[Simulation]) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
-    let mut writer = RunWriter::create(&path, header, Existing::Refuse).unwrap();
+    let mut writer = RunWriter::create(&path, header, IfExists::Refuse).unwrap();
     writer.start_trial(1, u64::MAX).unwrap();
     writer.record(simulations).unwrap();
     writer.end_trial(1, TrialStatus::Falsified).unwrap();
@@ -59,10 +59,10 @@ fn with_robustness(number: u32, robustness: f64) -> Simulation {
 #[test]
 fn the_queries_of_the_documentation_answer_what_it_says() {
     let mut inside = with_robustness(1, 0.5);
-    inside.end = mishandle_store::End::Completed;
+    inside.end = mishandle_store::SimulationEnd::Completed;
     let mut outside = with_robustness(2, -0.25);
     outside.scenario = vec![Some(0.5), None];
-    outside.end = mishandle_store::End::Stopped { step: 70 };
+    outside.end = mishandle_store::SimulationEnd::Stopped { step: 70 };
     let (_folder, path) =
         run_of(&header(), &[inside, outside, Simulation { robustness: None, ..record(1, 3) }]);
 

@@ -12,7 +12,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use mishandle_store::{Existing, RunFile, RunWriter, StoreError};
+use mishandle_store::{IfExists, RunFile, RunWriter, StoreError};
 use sample::{header, record};
 
 const FOLDER: &str = "MISHANDLE_STORE_TEST_FOLDER";
@@ -35,9 +35,9 @@ fn as_an_ordinary_user() {
     assert_eq!(RunFile::open(&closed).unwrap().last_number(1).unwrap(), 1);
     let error = RunWriter::resume(&closed).unwrap_err();
     assert!(matches!(error, StoreError::ReadOnly { .. }), "{error}");
-    let error = RunWriter::create(folder.join("closed/new.sqlite"), &header(), Existing::Refuse).unwrap_err();
+    let error = RunWriter::create(folder.join("closed/new.sqlite"), &header(), IfExists::Refuse).unwrap_err();
     assert!(matches!(error, StoreError::ReadOnly { .. }), "{error}");
-    let error = RunWriter::create(&closed, &header(), Existing::Replace).unwrap_err();
+    let error = RunWriter::create(&closed, &header(), IfExists::Replace).unwrap_err();
     assert!(matches!(error, StoreError::ReadOnly { .. }), "{error}");
 
     let error = RunFile::open(&killed).unwrap_err();
@@ -62,7 +62,7 @@ fn a_read_only_folder_is_named_and_its_runs_are_readable() {
     let place = |name: &str| folder.path().join(name);
     create_dir(place("closed")).unwrap();
     create_dir(place("killed")).unwrap();
-    let mut writer = RunWriter::create(place("closed/run.sqlite"), &header(), Existing::Refuse).unwrap();
+    let mut writer = RunWriter::create(place("closed/run.sqlite"), &header(), IfExists::Refuse).unwrap();
     writer.start_trial(1, 0).unwrap();
     writer.record(&[record(1, 1)]).unwrap();
     // What a kill at this moment would leave.

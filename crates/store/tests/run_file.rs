@@ -4,15 +4,15 @@
 mod sample;
 
 use mishandle_store::{
-    Axis, Counts, End, Existing, NamedFormula, RunFile, RunHeader, RunWriter, Simulation, StoreError, Trace,
-    TrialStatus,
+    AxisRecord, Counts, FormulaRecord, IfExists, RunFile, RunHeader, RunWriter, Simulation, SimulationEnd,
+    StoreError, StoredTrace, TrialStatus,
 };
 use sample::{axis, header, record, signal, trace, traced_record};
 use tempfile::TempDir;
 
 fn new_run() -> (TempDir, RunWriter) {
     let folder = tempfile::tempdir().unwrap();
-    let writer = RunWriter::create(folder.path().join("run.sqlite"), &header(), Existing::Refuse).unwrap();
+    let writer = RunWriter::create(folder.path().join("run.sqlite"), &header(), IfExists::Refuse).unwrap();
     (folder, writer)
 }
 
@@ -111,7 +111,7 @@ fn a_simulation_without_a_unit_point_and_a_run_without_axes_are_fine() {
 
     let folder = tempfile::tempdir().unwrap();
     let nothing = RunHeader { axes: vec![], verdicts: vec![], signals: vec![], ..header() };
-    let mut writer = RunWriter::create(folder.path().join("run"), &nothing, Existing::Refuse).unwrap();
+    let mut writer = RunWriter::create(folder.path().join("run"), &nothing, IfExists::Refuse).unwrap();
     writer.start_trial(1, 0).unwrap();
     let bare = Simulation { unit_point: vec![], scenario: vec![], verdicts: vec![], ..bare };
     writer.record(std::slice::from_ref(&bare)).unwrap();
@@ -124,7 +124,7 @@ fn traces_come_back_where_they_were_given() {
     writer.start_trial(1, 0).unwrap();
     writer.record(&[record(1, 1), traced_record(1, 2)]).unwrap();
     let mut diverged = traced_record(1, 3);
-    diverged.trace = Some(Trace { columns: vec![vec![1.0, f64::NAN], vec![f64::INFINITY, -0.0]] });
+    diverged.trace = Some(StoredTrace { columns: vec![vec![1.0, f64::NAN], vec![f64::INFINITY, -0.0]] });
     diverged.trace_digest = None;
     writer.record(std::slice::from_ref(&diverged)).unwrap();
 
@@ -152,11 +152,11 @@ fn counts_are_those_of_the_records() {
     };
     writer
         .record(&[
-            with(1, Some(0.5), End::Completed),
-            with(2, Some(-0.25), End::Stopped { step: 9 }),
-            with(3, Some(-0.0), End::Completed),
-            with(4, None, End::Completed),
-            with(5, Some(f64::INFINITY), End::Diverged { step: 7 }),
+            with(1, Some(0.5), SimulationEnd::Completed),
+            with(2, Some(-0.25), SimulationEnd::Stopped { step: 9 }),
+            with(3, Some(-0.0), SimulationEnd::Completed),
+            with(4, None, SimulationEnd::Completed),
+            with(5, Some(f64::INFINITY), SimulationEnd::Diverged { step: 7 }),
         ])
         .unwrap();
     writer.end_trial(1, TrialStatus::Falsified).unwrap();
@@ -229,7 +229,7 @@ fn the_content_digest_knows_no_batches_and_sees_every_difference() {
         |simulation| simulation.robustness_high = Some(0.0), // it was -0.0
         |simulation| simulation.stop_threshold = Some(0.0),  // it was None
         |simulation| simulation.verdicts[1] = Some(0.0),     // it was None
-        |simulation| simulation.end = End::Stopped { step: 1 },
+        |simulation| simulation.end = SimulationEnd::Stopped { step: 1 },
         |simulation| simulation.trace_digest = None,
         |simulation| simulation.number += 1000,
     ];
@@ -378,7 +378,7 @@ fn what_is_not_there_is_named() {
 fn a_header_that_contradicts_itself_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let axis = |name, low| axis(name, "", low, 1.0);
-    let formula = |text: &str| NamedFormula { name: "safe".into(), text: text.into() };
+    let formula = |text: &str| FormulaRecord { name: "safe".into(), text: text.into() };
     for (header, message) in [
         (
             RunHeader { signals: vec![signal("a", "m"), signal("b", ""), signal("a", "")], ..header() },
@@ -397,7 +397,10 @@ fn a_header_that_contradicts_itself_is_refused() {
             "cannot create a run: two of its versions have the name `a`, each must have its own",
         ),
         (
-            RunHeader { axes: vec![Axis { nominal: Some(f64::INFINITY), ..axis("x", 0.0) }], ..header() },
+            RunHeader {
+                axes: vec![AxisRecord { nominal: Some(f64::INFINITY), ..axis("x", 0.0) }],
+                ..header()
+            },
             "cannot create a run: axis `x` has the nominal value inf, it must be finite",
         ),
         (
@@ -410,7 +413,7 @@ fn a_header_that_contradicts_itself_is_refused() {
         ),
     ] {
         let path = folder.path().join("run.sqlite");
-        assert_eq!(RunWriter::create(&path, &header, Existing::Refuse).unwrap_err().to_string(), message);
+        assert_eq!(RunWriter::create(&path, &header, IfExists::Refuse).unwrap_err().to_string(), message);
         assert!(!path.exists());
     }
 }
@@ -421,13 +424,13 @@ fn an_existing_run_is_replaced_only_if_told() {
     let path = writer.file().path().to_owned();
     writer.start_trial(1, 0).unwrap();
     // While it is being written it is not touched at all.
-    assert!(matches!(RunWriter::create(&path, &header(), Existing::Replace), Err(StoreError::Locked { .. })));
+    assert!(matches!(RunWriter::create(&path, &header(), IfExists::Replace), Err(StoreError::Locked { .. })));
     writer.close().unwrap();
-    assert!(matches!(RunWriter::create(&path, &header(), Existing::Refuse), Err(StoreError::Exists { .. })));
+    assert!(matches!(RunWriter::create(&path, &header(), IfExists::Refuse), Err(StoreError::Exists { .. })));
     assert_eq!(RunFile::open(&path).unwrap().trials().unwrap().len(), 1);
 
     let header = RunHeader { seed: 3, ..header() };
-    let writer = RunWriter::create(&path, &header, Existing::Replace).unwrap();
+    let writer = RunWriter::create(&path, &header, IfExists::Replace).unwrap();
     assert_eq!((writer.file().header(), writer.file().trials().unwrap().len()), (&header, 0));
 }
 

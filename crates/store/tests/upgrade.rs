@@ -3,7 +3,7 @@
 
 mod sample;
 
-use mishandle_store::{End, Existing, RunFile, RunWriter, Simulation, StoreError};
+use mishandle_store::{IfExists, RunFile, RunWriter, Simulation, SimulationEnd, StoreError};
 use rusqlite::Connection;
 use sample::version_1::{Row, add, copy};
 use sample::{header, record};
@@ -29,12 +29,12 @@ fn row(number: u32) -> Row {
 /// What version 2 holds of it.
 fn upgraded(row: &Row) -> Simulation {
     let end = match row.ended {
-        ("horizon", _) => End::Completed,
-        ("stopped", Some(step)) => End::Stopped { step },
-        ("diverged", Some(step)) => End::Diverged { step },
-        (_, step) => End::Undefined { step: step.unwrap() },
+        ("horizon", _) => SimulationEnd::Completed,
+        ("stopped", Some(step)) => SimulationEnd::Stopped { step },
+        ("diverged", Some(step)) => SimulationEnd::Diverged { step },
+        (_, step) => SimulationEnd::Undefined { step: step.unwrap() },
     };
-    let bound = if end == End::Completed { row.robustness } else { None };
+    let bound = if end == SimulationEnd::Completed { row.robustness } else { None };
     Simulation {
         trial: row.trial,
         number: row.number,
@@ -85,7 +85,7 @@ fn an_upgraded_file_has_the_tables_of_a_new_one_and_can_be_continued() {
 
     let new_folder = tempfile::tempdir().unwrap();
     let new_path = new_folder.path().join("run.sqlite");
-    RunWriter::create(&new_path, &header(), Existing::Refuse).unwrap().close().unwrap();
+    RunWriter::create(&new_path, &header(), IfExists::Refuse).unwrap().close().unwrap();
     let tables = |connection: &Connection| -> Vec<String> {
         let sql = "SELECT sql FROM sqlite_schema WHERE type = 'table' ORDER BY name";
         let mut select = connection.prepare(sql).unwrap();

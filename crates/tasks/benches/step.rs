@@ -10,7 +10,7 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use mishandle_rollout::{Environment, Judge, Sample, Seed, Worker};
+use mishandle_rollout::{Environment, EnvironmentWorker, Sample, Seed, SpecificationMonitor};
 use mishandle_stl::Trace;
 use mishandle_tasks::{EPISODE_STEPS, JOINTS, Panda, Preset, Reward, TASKS, Task, TaskEnvironment};
 
@@ -57,8 +57,8 @@ fn time(run: impl FnOnce()) -> Duration {
 /// One episode of a task's expert, to be run again and again.
 struct Episode {
     environment: TaskEnvironment,
-    worker: Box<dyn Worker>,
-    judge: Judge,
+    worker: Box<dyn EnvironmentWorker>,
+    judge: SpecificationMonitor,
     trace: Trace,
     start: Vec<f64>,
     state: Vec<f64>,
@@ -78,7 +78,8 @@ impl Episode {
         let environment =
             TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).expect("the task is sound");
         let specification = task.definition().paper.specification().expect("the formulas parse");
-        let judge = Judge::new(&specification, environment.signals(), environment.control_dt());
+        let judge =
+            SpecificationMonitor::new(&specification, environment.signals(), environment.control_dt());
         let mut episode = Episode {
             worker: environment.worker(),
             judge: judge.expect("the formulas fit the signals"),
@@ -102,7 +103,7 @@ impl Episode {
 
     fn record_actions(&mut self, task: &dyn Task) {
         let expert = task.expert().expect("there is an expert");
-        let mut actor = expert.actor();
+        let mut actor = expert.worker();
         let (mut memory, mut wanted) = (vec![0.0; expert.state_size()], [0.0_f32; JOINTS]);
         let x0 = self.environment.space().at(&vec![0.4; self.environment.space().dimension()]);
         let sample = Sample {

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use mishandle_rollout::{
-    Axis, AxisKind, Distribution, Disturbance, Effect, RolloutError, Shape, Space, Values,
+    Axis, AxisKind, AxisValues, Distribution, Disturbance, Effect, RolloutError, Shape, Space,
 };
 use mishandle_world::{Body, Change, Mocap, Model, WorldError};
 
@@ -83,7 +83,7 @@ pub(crate) fn settings(
 fn constants(definition: &Definition) -> Vec<(Axis, Setting)> {
     let scale = |name: &str, [low, high]: [f64; 2], meaning: &str| {
         let axis = Axis::new(AxisKind::Model, name, "", [low, high], Some(1.0));
-        axis.with_values(Values::Logarithmic).meaning(meaning)
+        axis.with_values(AxisValues::Logarithmic).meaning(meaning)
     };
     let mut axes = Vec::new();
     if definition.variations.friction {
@@ -192,7 +192,7 @@ fn delays() -> Vec<Disturbance> {
     ]
     .map(|(name, meaning, effect)| {
         let axis = Axis::new(AxisKind::Model, name, "control steps", [0.0, MAX_DELAY], Some(0.0));
-        Disturbance { axis: axis.with_values(Values::Integer).meaning(meaning), effect }
+        Disturbance { axis: axis.with_values(AxisValues::Integer).meaning(meaning), effect }
     })
     .to_vec()
 }

@@ -48,7 +48,7 @@ pub const fn three(name: &'static str, unit: &'static str, meaning: &'static str
 
 /// The four formulas of a task, over its signals; bare interval bounds count control steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Formulas {
+pub struct TaskFormulas {
     /// φ: the task was done.
     pub success: &'static str,
     /// φ′: the task was done well. Ours, not the paper's.
@@ -59,7 +59,7 @@ pub struct Formulas {
     pub completion: &'static str,
 }
 
-impl Formulas {
+impl TaskFormulas {
     /// The formulas with their names.
     pub fn named(&self) -> Vec<NamedFormula> {
         let texts = [
@@ -194,9 +194,9 @@ pub struct Definition {
     /// What else may vary.
     pub variations: Variations,
     /// Formulas under [`Preset::Paper`].
-    pub paper: Formulas,
+    pub paper: TaskFormulas,
     /// Formulas under [`Preset::Code`].
-    pub code: Formulas,
+    pub code: TaskFormulas,
     /// When a training episode ends early, in words.
     pub termination: &'static str,
     /// Where MuJoCo forced a difference from the original, and why it does not change what is tested.
@@ -205,7 +205,7 @@ pub struct Definition {
 
 impl Definition {
     /// The formulas of a preset.
-    pub fn formulas(&self, preset: Preset) -> &Formulas {
+    pub fn formulas(&self, preset: Preset) -> &TaskFormulas {
         match preset {
             Preset::Paper => &self.paper,
             Preset::Code => &self.code,

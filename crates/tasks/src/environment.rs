@@ -1,7 +1,7 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{
-    Axis, Environment, RolloutError, Sample, Scenario, Seed, Space, Status, Stream, Worker,
+    Axis, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, Space, StepStatus, Stream,
 };
 use mishandle_world::{Change, Model, World, WorldError};
 
@@ -215,7 +215,7 @@ impl Environment for TaskEnvironment {
         EPISODE_STEPS
     }
 
-    fn worker(&self) -> Box<dyn Worker> {
+    fn worker(&self) -> Box<dyn EnvironmentWorker> {
         let nominal = self.nominal();
         Box::new(TaskWorker {
             definition: self.definition,
@@ -370,7 +370,7 @@ impl TaskWorker {
     }
 }
 
-impl Worker for TaskWorker {
+impl EnvironmentWorker for TaskWorker {
     fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
         for (setting, value) in self.sets.iter().zip(scenario.values()) {
             self.conditions.set(*setting, *value);
@@ -397,7 +397,7 @@ impl Worker for TaskWorker {
         targets.copy_from_slice(&start);
     }
 
-    fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> Status {
+    fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {
         let (physics, rest) = state.split_at_mut(self.worlds.worlds[0].1.model().state_size());
         let (targets, tail) = rest.split_at_mut(JOINTS);
         let place = self.place(tail);
@@ -417,7 +417,7 @@ impl Worker for TaskWorker {
             world.step();
         }
         if world.take_divergence() {
-            return Status::Diverged;
+            return StepStatus::Diverged;
         }
         world.read_state(physics);
         if let Some(step) = tail.first_mut() {
@@ -427,8 +427,8 @@ impl Worker for TaskWorker {
         let rows = self.worlds.worlds[place].1.rows();
         self.scene.reward(self.reward, &rows, sample.signals, action, sample.rewards);
         match self.scene.lost(&rows, sample.signals) {
-            true => Status::Terminated,
-            false => Status::Running,
+            true => StepStatus::Terminated,
+            false => StepStatus::Running,
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use mishandle_rollout::{Actor, Controller};
+use mishandle_rollout::{Controller, ControllerWorker};
 use mishandle_world::{Joint, Model, PANDA, WorldError};
 
 use crate::definition::Definition;
@@ -10,7 +10,7 @@ use crate::kinematic::ResolvedRate;
 use crate::robot::{ARM_JOINTS, JOINT_NAMES, JOINTS, Panda, SERVO_LAG, TARGET_STEP, VELOCITY_LIMIT};
 
 /// What an expert sees in one sample.
-pub struct Seen<'a> {
+pub struct ExpertInput<'a> {
     /// Positions of the arm's joints, rad.
     pub q: [f64; ARM_JOINTS],
     /// Positions of the fingers, m.
@@ -19,7 +19,7 @@ pub struct Seen<'a> {
     pub task: &'a [f32],
 }
 
-impl Seen<'_> {
+impl ExpertInput<'_> {
     /// Three numbers of the task's part, from `at` on.
     pub fn point(&self, at: usize) -> [f64; 3] {
         [0, 1, 2].map(|i| f64::from(self.task[at + i]))
@@ -27,7 +27,7 @@ impl Seen<'_> {
 }
 
 /// How one task's expert moves.
-pub trait Behavior: Send + Sync + 'static {
+pub trait ExpertPolicy: Send + Sync + 'static {
     /// Length of its memory.
     const MEMORY: usize = 0;
     /// Site whose motion it thinks in.
@@ -36,23 +36,28 @@ pub trait Behavior: Send + Sync + 'static {
     const REST: [f64; ARM_JOINTS];
 
     /// The joint velocities it wants, rad/s.
-    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; ARM_JOINTS];
+    fn velocity(
+        &self,
+        seen: &ExpertInput<'_>,
+        arm: &mut ResolvedRate,
+        memory: &mut [f64],
+    ) -> [f64; ARM_JOINTS];
 
     /// The actions for the fingers, in [-1, 1]; called after [`velocity`](Self::velocity). They count where the policy
     /// moves the fingers.
-    fn fingers(&self, _seen: &Seen<'_>, _memory: &[f64]) -> [f64; JOINTS - ARM_JOINTS] {
+    fn fingers(&self, _seen: &ExpertInput<'_>, _memory: &[f64]) -> [f64; JOINTS - ARM_JOINTS] {
         [0.0; JOINTS - ARM_JOINTS]
     }
 }
 
-/// An expert of a task: a [`Behavior`] on top of the robot's kinematics.
+/// An expert of a task: a [`ExpertPolicy`] on top of the robot's kinematics.
 pub struct Expert<B> {
     behavior: Arc<B>,
     definition: &'static Definition,
     model: Model,
 }
 
-impl<B: Behavior> Expert<B> {
+impl<B: ExpertPolicy> Expert<B> {
     /// The expert of the task that `definition` describes.
     pub fn controller(
         behavior: B,
@@ -66,13 +71,13 @@ impl<B: Behavior> Expert<B> {
     }
 }
 
-fn arm<B: Behavior>(model: &Model) -> Result<ResolvedRate, WorldError> {
+fn arm<B: ExpertPolicy>(model: &Model) -> Result<ResolvedRate, WorldError> {
     let mut names = [""; ARM_JOINTS];
     names.copy_from_slice(&JOINT_NAMES[..ARM_JOINTS]);
     ResolvedRate::new(model, &names, B::SITE, B::REST)
 }
 
-impl<B: Behavior> Controller for Expert<B> {
+impl<B: ExpertPolicy> Controller for Expert<B> {
     fn observation_size(&self) -> usize {
         self.definition.layout().observation_size()
     }
@@ -85,7 +90,7 @@ impl<B: Behavior> Controller for Expert<B> {
         B::MEMORY
     }
 
-    fn actor(&self) -> Box<dyn Actor> {
+    fn worker(&self) -> Box<dyn ControllerWorker> {
         // Both were made once from the same model in `controller`.
         let made = "the expert's model was checked when the expert was made";
         let panda = Panda::new(&self.model).expect(made);
@@ -107,7 +112,7 @@ struct ExpertActor<B> {
     observation_size: usize,
 }
 
-impl<B: Behavior> Actor for ExpertActor<B> {
+impl<B: ExpertPolicy> ControllerWorker for ExpertActor<B> {
     fn reset(&mut self, state: &mut [f64], _seed: mishandle_rollout::Seed) {
         state.fill(0.0);
     }
@@ -122,7 +127,7 @@ impl<B: Behavior> Actor for ExpertActor<B> {
             };
             let q: [f64; ARM_JOINTS] = std::array::from_fn(position);
             let fingers = std::array::from_fn(|i| position(ARM_JOINTS + i));
-            let seen = Seen { q, fingers, task: &observation[2 * JOINTS..] };
+            let seen = ExpertInput { q, fingers, task: &observation[2 * JOINTS..] };
             self.arm.set(&q);
             let wanted = self.behavior.velocity(&seen, &mut self.arm, memory);
             // A servo that is not held up moves at (target - q) / lag, so the velocity seen tells where the target

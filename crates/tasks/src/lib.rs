@@ -26,12 +26,12 @@ mod robot;
 mod target;
 
 pub use definition::{
-    BoxAxis, Definition, Formulas, Grip, Held, Hold, Preset, Quantity, Reward, Scene, Task, Variations, one,
-    three,
+    BoxAxis, Definition, Grip, Held, Hold, Preset, Quantity, Reward, Scene, Task, TaskFormulas, Variations,
+    one, three,
 };
 pub use document::{compose, compose_with_start};
 pub use environment::{TaskEnvironment, TaskError};
-pub use expert::{Behavior, Expert, Seen, limited};
+pub use expert::{Expert, ExpertInput, ExpertPolicy, limited};
 pub use identity::task_hash;
 pub use reward::effort;
 pub use robot::{

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{
-    Axis, Component, Controller, Disturbance, Environment, Factory, Identity, Noise, Reachable, Rollout,
-    RolloutError, Scenario, Signal, Space, Specification, System, Target,
+    Axis, Component, Controller, Disturbance, Environment, Identity, Noise, Reachable, Rollout, RolloutError,
+    Scenario, Signal, Space, Specification, System, SystemFactory, Target,
 };
 
 use crate::axes;
@@ -136,7 +136,7 @@ impl TaskTarget {
         })
     }
 
-    fn factory(self) -> Arc<Factory> {
+    fn factory(self) -> Arc<SystemFactory> {
         Arc::new(move |space: &Space, specification: &Specification| {
             let failed = |error: TaskError| RolloutError::System(error_text(&error));
             let environment = self.environment(space).map_err(failed)?;

@@ -38,7 +38,7 @@ fn a_control_step_and_its_expert_allocate_nothing() {
     for task in TASKS {
         let environment = TaskEnvironment::new(*task, Preset::Paper, Reward::Shaped).unwrap();
         let expert = task.expert().unwrap();
-        let (mut worker, mut actor) = (environment.worker(), expert.actor());
+        let (mut worker, mut actor) = (environment.worker(), expert.worker());
         let mut state = vec![0.0; environment.state_size()];
         let mut memory = vec![0.0; expert.state_size()];
         let mut observation = vec![0.0; environment.observation_size()];

@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use mishandle_rollout::{Actor, Environment, Sample, Seed, Worker};
+use mishandle_rollout::{ControllerWorker, Environment, EnvironmentWorker, Sample, Seed};
 use mishandle_tasks::{JOINT_NAMES, Preset, Reward, TaskEnvironment, compose, task};
 use mishandle_world::frame::{add, cross, norm, norm_xy, scale, sub};
 use mishandle_world::{Flex, Model, World};
@@ -297,8 +297,8 @@ fn friction_of_1_holds_it_on_a_slope_of_40_degrees_and_lets_it_slide_on_one_of_5
 /// An episode of the task's expert, seen from the bench.
 struct Driven {
     environment: TaskEnvironment,
-    worker: Box<dyn Worker>,
-    actor: Box<dyn Actor>,
+    worker: Box<dyn EnvironmentWorker>,
+    actor: Box<dyn ControllerWorker>,
     memory: Vec<f64>,
     state: Vec<f64>,
     observation: Vec<f32>,
@@ -313,7 +313,7 @@ impl Driven {
         let expert = task.expert().unwrap();
         let mut driven = Driven {
             worker: environment.worker(),
-            actor: expert.actor(),
+            actor: expert.worker(),
             memory: vec![0.0; expert.state_size()],
             state: vec![0.0; environment.state_size()],
             observation: vec![0.0; environment.observation_size()],

@@ -23,7 +23,7 @@ impl Shown {
         let task = task("cube-stacking").unwrap();
         let environment = TaskEnvironment::new(task, Preset::Paper, reward).unwrap();
         let expert = task.expert().unwrap();
-        let (mut worker, mut actor) = (environment.worker(), expert.actor());
+        let (mut worker, mut actor) = (environment.worker(), expert.worker());
         let (mut state, mut memory) = (vec![0.0; environment.state_size()], vec![0.0; expert.state_size()]);
         let mut observation = vec![0.0; environment.observation_size()];
         let mut signals = vec![0.0; environment.signals().len()];

@@ -171,7 +171,7 @@ fn a_disturbed_episode_never_depends_on_its_batch_or_on_threads() {
 /// One simulation, stepped by hand under actions of 0.
 struct Hand {
     environment: TaskEnvironment,
-    worker: Box<dyn mishandle_rollout::Worker>,
+    worker: Box<dyn mishandle_rollout::EnvironmentWorker>,
     state: Vec<f64>,
     observation: Vec<f32>,
     signals: Vec<f64>,

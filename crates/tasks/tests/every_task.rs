@@ -6,7 +6,8 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use mishandle_rollout::{
-    End, Environment, Episode, Judge, Noise, Request, Rollout, Sample, Scenario, Seed, Status, System, Worker,
+    Environment, EnvironmentWorker, Episode, EpisodeEnd, Noise, Request, Rollout, Sample, Scenario, Seed,
+    SpecificationMonitor, StepStatus, System,
 };
 use mishandle_tasks::{
     Definition, Panda, Preset, Quantity, Reward, TASKS, Task, TaskEnvironment, compose, compose_with_start,
@@ -22,7 +23,7 @@ fn environment(task: &dyn Task, preset: Preset, reward: Reward) -> TaskEnvironme
 
 /// One simulation, stepped by hand.
 struct Hand {
-    worker: Box<dyn Worker>,
+    worker: Box<dyn EnvironmentWorker>,
     state: Vec<f64>,
     observation: Vec<f32>,
     signals: Vec<f64>,
@@ -49,7 +50,7 @@ impl Hand {
         self.worker.reset(&scenario.into(), seed, &mut self.state, sample);
     }
 
-    fn step(&mut self, action: &[f64]) -> Status {
+    fn step(&mut self, action: &[f64]) -> StepStatus {
         let sample = Sample {
             observation: &mut self.observation,
             signals: &mut self.signals,
@@ -145,7 +146,8 @@ fn every_formula_names_signals_that_exist_and_is_decided_by_an_episode() {
             let environment = environment(*task, preset, Reward::Original);
             let specification = task.definition().formulas(preset).specification().unwrap();
             let mut judge =
-                Judge::new(&specification, environment.signals(), environment.control_dt()).unwrap();
+                SpecificationMonitor::new(&specification, environment.signals(), environment.control_dt())
+                    .unwrap();
             let mut trace = mishandle_stl::Trace::new(environment.signals().clone());
             for _ in 0..=environment.episode_steps() {
                 trace.push(&vec![1.0; environment.signals().len()]);
@@ -166,7 +168,7 @@ fn numbers_stay_finite_and_as_many_as_documented() {
             for step in 0..300 {
                 // Twice the range of a policy, as noise may ask for.
                 let action: Vec<f64> = wiggle(step).iter().map(|a| 2.0 * a).collect();
-                assert_ne!(hand.step(&action), Status::Diverged, "{} at {step}", environment.name());
+                assert_ne!(hand.step(&action), StepStatus::Diverged, "{} at {step}", environment.name());
                 assert!(hand.observation.iter().all(|x| x.abs() <= 5.0));
                 assert!(hand.signals.iter().chain(&hand.rewards).all(|x| x.is_finite()));
             }
@@ -264,7 +266,7 @@ fn the_reward_is_the_sum_of_its_terms() {
         for reward in REWARDS {
             let environment = environment(*task, Preset::Paper, reward);
             let expert = task.expert().unwrap();
-            let (mut actor, mut memory) = (expert.actor(), vec![0.0; expert.state_size()]);
+            let (mut actor, mut memory) = (expert.worker(), vec![0.0; expert.state_size()]);
             let mut wanted = [0.0_f32; 9];
             let mut hand = Hand::new(&environment);
             let x0 = environment.space().sample(Seed(11), 0);
@@ -316,7 +318,7 @@ fn the_expert_meets_both_formulas() {
     for task in TASKS {
         let name = task.definition().name;
         let episodes = expert_episodes(*task, environment(*task, Preset::Paper, Reward::Shaped), 40);
-        assert!(episodes.iter().all(|episode| episode.end == End::Completed), "{name}");
+        assert!(episodes.iter().all(|episode| episode.end == EpisodeEnd::Completed), "{name}");
         let fails = |met: fn(&Episode) -> bool| -> Vec<Vec<f64>> {
             episodes
                 .iter()

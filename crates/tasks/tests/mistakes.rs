@@ -8,8 +8,8 @@ use std::sync::Arc;
 
 use mishandle_rollout::Controller;
 use mishandle_tasks::{
-    BoxAxis, Definition, Formulas, Panda, Preset, Quantity, Reward, Scene, Task, TaskEnvironment, Variations,
-    add, one, task, three,
+    BoxAxis, Definition, Panda, Preset, Quantity, Reward, Scene, Task, TaskEnvironment, TaskFormulas,
+    Variations, add, one, task, three,
 };
 use mishandle_world::{Model, Rows, World, WorldError};
 
@@ -78,7 +78,8 @@ impl Scene for Written {
     }
 }
 
-const FORMULAS: Formulas = Formulas { success: "a > 0", strict: "a > 0", safe: "a > 0", completion: "a > 0" };
+const FORMULAS: TaskFormulas =
+    TaskFormulas { success: "a > 0", strict: "a > 0", safe: "a > 0", completion: "a > 0" };
 const RIGHT: Written = Written { signals: 2, observe: 4, reward: 1, place: 1 };
 
 fn kept<T>(list: Vec<T>) -> &'static [T] {

@@ -303,7 +303,7 @@ fn the_gripper_lets_go_once_near_the_hole_wherever_it_is() {
     let task = task("peg-in-hole").unwrap();
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
     let expert = task.expert().unwrap();
-    let (mut worker, mut actor) = (environment.worker(), expert.actor());
+    let (mut worker, mut actor) = (environment.worker(), expert.worker());
     let mut state = vec![0.0; environment.state_size()];
     let mut memory = vec![0.0; expert.state_size()];
     let mut observation = vec![0.0; environment.observation_size()];

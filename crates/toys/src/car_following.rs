@@ -11,7 +11,7 @@
 
 use std::collections::VecDeque;
 
-use mishandle_rollout::{Axis, AxisKind, Distribution, Seed, Stream, Values};
+use mishandle_rollout::{Axis, AxisKind, AxisValues, Distribution, Seed, Stream};
 
 use crate::Toy;
 
@@ -66,10 +66,10 @@ impl Toy for CarFollowing {
             Axis::start("gap", "m", 15.0, 60.0).meaning("gap between the cars at the start"),
             Axis::start("speed", "m/s", 15.0, 30.0).meaning("speed of both cars at the start"),
             Axis::new(AxisKind::Model, "reaction_delay", "steps", [0.0, 10.0], Some(0.0))
-                .with_values(Values::Integer)
+                .with_values(AxisValues::Integer)
                 .meaning("steps of 0.1 s until the follower reacts"),
             Axis::new(AxisKind::Model, "braking_scale", "", [0.25, 1.0], Some(1.0))
-                .with_values(Values::Logarithmic)
+                .with_values(AxisValues::Logarithmic)
                 .meaning("factor of the follower's hardest deceleration, 8 m/s² on a dry road"),
             event("brake_time", "s", [0.0, 15.0], 0.0).meaning("when the front car begins to brake"),
             event("brake_duration", "s", [0.5, 5.0], 1.0).meaning("how long it brakes"),

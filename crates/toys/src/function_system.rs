@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use mishandle_rollout::{End, Episode, Request, RolloutError, Space, System, Verdict};
+use mishandle_rollout::{Episode, EpisodeEnd, Request, RolloutError, Space, System, Verdict};
 use mishandle_stl::Trace;
 
 /// How a simulation of a [`FunctionSystem`] goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Fate {
+pub enum SimulatedEnd {
     /// It runs to its end and has this robustness.
     Robustness(f64),
     /// It is stopped before the formula is decided.
@@ -23,23 +23,23 @@ pub enum Fate {
 /// # Example
 /// ```
 /// use mishandle_rollout::{Axis, Request, Seed, Space, System};
-/// use mishandle_toys::{Fate, FunctionSystem};
+/// use mishandle_toys::{SimulatedEnd, FunctionSystem};
 ///
 /// let space = Space::new("starts", vec![Axis::start("x", "m", -1.0, 1.0)]).unwrap();
-/// let mut system = FunctionSystem::new(space, |request| Fate::Robustness(request.scenario.get(0).unwrap()));
+/// let mut system = FunctionSystem::new(space, |request| SimulatedEnd::Robustness(request.scenario.get(0).unwrap()));
 /// let episodes = system.rollout(&[Request::new([0.25], Seed(0))]).unwrap();
 /// assert_eq!(episodes[0].verdict.robustness, Some(0.25));
 /// ```
 pub struct FunctionSystem {
     space: Space,
-    fate: Box<dyn Fn(&Request) -> Fate>,
+    fate: Box<dyn Fn(&Request) -> SimulatedEnd>,
     signals: Arc<[String]>,
     simulations: usize,
 }
 
 impl FunctionSystem {
     /// A system with this space, whose simulations go as `fate` says.
-    pub fn new(space: Space, fate: impl Fn(&Request) -> Fate + 'static) -> FunctionSystem {
+    pub fn new(space: Space, fate: impl Fn(&Request) -> SimulatedEnd + 'static) -> FunctionSystem {
         let signals = Arc::from(["robustness".to_string()]);
         FunctionSystem { space, fate: Box::new(fate), signals, simulations: 0 }
     }
@@ -51,9 +51,9 @@ impl FunctionSystem {
 
     fn episode(&self, request: &Request) -> Episode {
         let (robustness, end) = match (self.fate)(request) {
-            Fate::Robustness(rho) => (Some(rho), End::Completed),
-            Fate::Undecided => (None, End::Stopped { step: 1 }),
-            Fate::Diverged => (None, End::Diverged { step: 1 }),
+            SimulatedEnd::Robustness(rho) => (Some(rho), EpisodeEnd::Completed),
+            SimulatedEnd::Undecided => (None, EpisodeEnd::Stopped { step: 1 }),
+            SimulatedEnd::Diverged => (None, EpisodeEnd::Diverged { step: 1 }),
         };
         let mut trace = Trace::with_capacity(self.signals.clone(), 2);
         (0..2).for_each(|_| trace.push(&[robustness.unwrap_or(0.0)]));

@@ -25,7 +25,7 @@ mod plateau;
 mod sphere;
 mod toy;
 
-pub use function_system::{Fate, FunctionSystem};
+pub use function_system::{FunctionSystem, SimulatedEnd};
 pub use toy::{Toy, target};
 
 /// All toys, in the order in which they are listed.

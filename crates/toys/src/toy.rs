@@ -1,8 +1,8 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{
-    Axis, AxisKind, End, Episode, Identity, Judge, NamedFormula, Request, RolloutError, Scenario, Seed,
-    Signal, Space, Specification, System, Target,
+    Axis, AxisKind, Episode, EpisodeEnd, Identity, NamedFormula, Request, RolloutError, Scenario, Seed,
+    Signal, Space, Specification, SpecificationMonitor, System, Target,
 };
 use mishandle_stl::{MonitorError, Trace};
 
@@ -87,7 +87,7 @@ struct ToySystem {
     /// For each axis of the toy its place in a scenario, or its nominal value.
     places: Vec<Result<usize, Option<f64>>>,
     signals: Arc<[String]>,
-    judge: Judge,
+    judge: SpecificationMonitor,
 }
 
 impl ToySystem {
@@ -106,7 +106,7 @@ impl ToySystem {
             toy,
             space: space.clone(),
             places: axes.iter().map(|axis| place(axis).ok_or(axis.nominal)).collect(),
-            judge: Judge::new(specification, &signals, toy.control_dt())?,
+            judge: SpecificationMonitor::new(specification, &signals, toy.control_dt())?,
             signals,
         })
     }
@@ -124,9 +124,9 @@ impl ToySystem {
         self.toy.simulate(&values, request.seed, &mut |sample| trace.push(sample));
         let (end, mut verdict) = match self.judge.verdict(&trace, true) {
             Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
-                (End::Undefined { step }, mishandle_rollout::Verdict::default())
+                (EpisodeEnd::Undefined { step }, mishandle_rollout::Verdict::default())
             }
-            verdict => (End::Completed, verdict?),
+            verdict => (EpisodeEnd::Completed, verdict?),
         };
         if request.wants_subformulas && verdict.robustness.is_some() {
             verdict.subformulas = self.judge.subformulas(&trace)?;

@@ -7,7 +7,7 @@ mod toy;
 use std::sync::Arc;
 
 use mishandle_network::RunningNormalizer;
-use mishandle_rollout::{Sample, Scenario, Seed, Status, Worker};
+use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
 use serde_json::Value;
 
 use crate::actor_critic::{ActorCritic, mean_and_scale};
@@ -40,15 +40,15 @@ fn nowhere() -> Arc<Toy<Still>> {
     })
 }
 
-impl Worker for Still {
+impl EnvironmentWorker for Still {
     fn reset(&mut self, _scenario: &Scenario, _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
         state.fill(0.0);
         sample.observation.fill(0.0);
         sample.rewards.fill(0.0);
     }
 
-    fn step(&mut self, _action: &[f64], _state: &mut [f64], _sample: Sample<'_>) -> Status {
-        Status::Running
+    fn step(&mut self, _action: &[f64], _state: &mut [f64], _sample: Sample<'_>) -> StepStatus {
+        StepStatus::Running
     }
 }
 

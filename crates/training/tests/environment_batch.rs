@@ -9,7 +9,7 @@ use line::Line;
 use mishandle_controllers::Policy;
 use mishandle_rollout::{
     BatchFactory, Controller, Environment, EnvironmentBatch, EnvironmentSpec, RolloutError, Sample, Seed,
-    Status, Stream,
+    StepStatus, Stream,
 };
 use mishandle_training::{Checkpoint, Config, Flow, Observer, Progress, Trained, TrainingError, Validation};
 
@@ -18,7 +18,7 @@ use mishandle_training::{Checkpoint, Config, Flow, Observer, Progress, Trained, 
 struct Homing {
     x: Vec<f32>,
     rewards: Vec<f64>,
-    statuses: Vec<Status>,
+    statuses: Vec<StepStatus>,
     /// Steps after which the batch fails, as a process that is killed would.
     steps_left: u64,
 }
@@ -44,7 +44,7 @@ impl BatchFactory for Homes {
         Ok(Box::new(Homing {
             x: vec![0.0; rows],
             rewards: vec![0.0; rows],
-            statuses: vec![Status::Running; rows],
+            statuses: vec![StepStatus::Running; rows],
             steps_left: self.steps,
         }))
     }
@@ -80,7 +80,7 @@ impl EnvironmentBatch for Homing {
         &self.rewards
     }
 
-    fn statuses(&self) -> &[Status] {
+    fn statuses(&self) -> &[StepStatus] {
         &self.statuses
     }
 
@@ -134,7 +134,7 @@ fn train(algorithm: &str, resume: Option<&Checkpoint>, keeper: &mut Keeper) -> T
 
 /// The mean return of 20 control steps from starts on a grid.
 fn mean_return(policy: &Policy) -> f64 {
-    let mut actor = policy.actor();
+    let mut actor = policy.worker();
     let starts = (-10..=10).map(|start| f64::from(start) / 10.0);
     let returns = starts.map(|mut x| {
         let step = |_| {

@@ -6,7 +6,7 @@ mod toy;
 
 use std::sync::Arc;
 
-use mishandle_rollout::{Sample, Scenario, Seed, Status, Worker};
+use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
 use mishandle_training::{Boundary, Buffer, EpisodeSettings, Episodes, TimeLimits};
 use toy::{Toy, names, space};
 
@@ -29,23 +29,23 @@ fn counter(low: f64) -> Arc<Toy<Counter>> {
     })
 }
 
-impl Worker for Counter {
+impl EnvironmentWorker for Counter {
     fn reset(&mut self, scenario: &Scenario, _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
         state.copy_from_slice(&[0.0, scenario.get(0).unwrap()]);
         sample.observation.copy_from_slice(&[0.0, 100.0]);
         sample.rewards.fill(0.0);
     }
 
-    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> Status {
+    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
         state[0] += 1.0;
         if state[1] >= 2.0 && state[0] == 3.0 {
             sample.observation.fill(f32::NAN);
             sample.rewards.fill(f64::NAN);
-            return Status::Diverged;
+            return StepStatus::Diverged;
         }
         sample.observation.copy_from_slice(&[state[0] as f32, 100.0]);
         sample.rewards[0] = action[0];
-        if state[1] >= 1.0 && state[0] == 5.0 { Status::Terminated } else { Status::Running }
+        if state[1] >= 1.0 && state[0] == 5.0 { StepStatus::Terminated } else { StepStatus::Running }
     }
 }
 

@@ -7,7 +7,7 @@ mod toy;
 use std::sync::Arc;
 
 use mishandle_network::Normalizer;
-use mishandle_rollout::{Sample, Scenario, Seed, Status, Worker};
+use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
 use mishandle_training::replay::{Batch, Replay, Sampling};
 use mishandle_training::{Checkpoint, EpisodeSettings, Episodes};
 use toy::{Toy, names, space};
@@ -31,18 +31,18 @@ fn powers(fate: f64) -> Arc<Toy<Powers>> {
     })
 }
 
-impl Worker for Powers {
+impl EnvironmentWorker for Powers {
     fn reset(&mut self, scenario: &Scenario, _seed: Seed, state: &mut [f64], sample: Sample<'_>) {
         state.copy_from_slice(&[0.0, scenario.get(0).unwrap()]);
         sample.observation[0] = 0.0;
         sample.rewards.fill(0.0);
     }
 
-    fn step(&mut self, _action: &[f64], state: &mut [f64], sample: Sample<'_>) -> Status {
+    fn step(&mut self, _action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
         sample.rewards[0] = 10.0_f64.powf(state[0]);
         state[0] += 1.0;
         sample.observation[0] = state[0] as f32;
-        if state[1] >= 1.0 && state[0] == 4.0 { Status::Terminated } else { Status::Running }
+        if state[1] >= 1.0 && state[0] == 4.0 { StepStatus::Terminated } else { StepStatus::Running }
     }
 }
 

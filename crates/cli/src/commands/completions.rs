@@ -4,12 +4,12 @@ use anyhow::Result;
 use clap::CommandFactory;
 
 use crate::args::{self, Arguments};
-use crate::{Outcome, PROGRAM};
+use crate::{ExitStatus, PROGRAM};
 
-pub fn run(command: &args::Completions) -> Result<Outcome> {
+pub fn run(command: &args::Completions) -> Result<ExitStatus> {
     // `generate` panics when it cannot write, for instance into a closed pipe; memory takes everything.
     let mut script = Vec::new();
     clap_complete::generate(command.shell, &mut Arguments::command(), PROGRAM, &mut script);
     std::io::stdout().lock().write_all(&script)?;
-    Ok(Outcome::Done)
+    Ok(ExitStatus::Done)
 }

@@ -3,16 +3,16 @@ use mishandle::controllers::ControllerFile;
 use serde_json::{Value, json};
 
 use crate::output::{self, number, table};
-use crate::{Outcome, args};
+use crate::{ExitStatus, args};
 
-pub fn run(command: &args::Controller) -> Result<Outcome> {
+pub fn run(command: &args::Controller) -> Result<ExitStatus> {
     let file = mishandle::find_controller(&command.controller)?.controller()?;
     if command.json {
         output::json(document(&file))?;
     } else {
         output::line(&page(&file))?;
     }
-    Ok(Outcome::Done)
+    Ok(ExitStatus::Done)
 }
 
 fn document(file: &ControllerFile) -> Value {

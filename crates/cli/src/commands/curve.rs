@@ -5,9 +5,9 @@ use mishandle::Curve;
 use serde_json::json;
 
 use crate::output::{self, number};
-use crate::{Outcome, args, training_time};
+use crate::{ExitStatus, args, training_time};
 
-pub fn run(command: &args::Curve) -> Result<Outcome> {
+pub fn run(command: &args::Curve) -> Result<ExitStatus> {
     let curve = Curve::load(&command.file)?;
     if curve.is_cut {
         let file = command.file.display();
@@ -25,12 +25,12 @@ pub fn run(command: &args::Curve) -> Result<Outcome> {
         if time.is_err() {
             output::say(&training_time::line(time, environments));
         }
-        return Ok(Outcome::Done);
+        return Ok(ExitStatus::Done);
     }
     if let Some(last) = curve.rows.last() {
         let (count, steps, secs) = (curve.rows.len(), last.environment_steps, last.wall_clock_secs);
         output::line(&format!("{count} iterations, {steps} environment steps in {secs:.0} s"))?;
     }
     output::line(&training_time::line(time, environments))?;
-    Ok(Outcome::Done)
+    Ok(ExitStatus::Done)
 }

@@ -1,13 +1,13 @@
 use anyhow::Result;
 use mishandle::evaluation::{Estimate, Report};
-use mishandle::{EvaluatePlan, Plan, Resolved, Starts};
+use mishandle::{EvaluatePlan, Plan, ResolvedPlan, StartRegion};
 use serde_json::{Value, json};
 
 use crate::output;
 use crate::progress::Bar;
-use crate::{Outcome, args, run};
+use crate::{ExitStatus, args, run};
 
-pub fn run(command: &args::Evaluate) -> Result<Outcome> {
+pub fn run(command: &args::Evaluate) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations");
     run::end_on_signals(&bar)?;
@@ -25,18 +25,18 @@ pub fn run(command: &args::Evaluate) -> Result<Outcome> {
     bar.clear();
     if report.simulations < episodes {
         run::say_interrupted("evaluate", report.simulations, &name);
-        return Ok(Outcome::Interrupted);
+        return Ok(ExitStatus::Interrupted);
     }
     if command.run.json {
         output::json(document(&resolved, &report, &path.to_string_lossy()))?;
     } else {
         output::line(&text(&resolved, &report))?;
     }
-    if starts(&resolved.plan) == Starts::Reachable && !mishandle::leaves_out_starts(&resolved) {
+    if starts(&resolved.plan) == StartRegion::Reachable && !mishandle::leaves_out_starts(&resolved) {
         output::say("no part of the box is proven out of reach: these are starts of the whole box");
     }
     output::say(&format!("The run is in {name}"));
-    Ok(Outcome::Done)
+    Ok(ExitStatus::Done)
 }
 
 fn plan(command: &args::Evaluate) -> Result<Plan> {
@@ -46,8 +46,8 @@ fn plan(command: &args::Evaluate) -> Result<Plan> {
     evaluate.batch = command.subject.batch.unwrap_or(evaluate.batch);
     if let Some(starts) = &command.starts {
         evaluate.starts = match starts.as_str() {
-            "whole" => Starts::Whole,
-            "reachable" => Starts::Reachable,
+            "whole" => StartRegion::Whole,
+            "reachable" => StartRegion::Reachable,
             other => anyhow::bail!("--box is `{other}`; it has to be whole or reachable"),
         };
     }
@@ -56,11 +56,11 @@ fn plan(command: &args::Evaluate) -> Result<Plan> {
     Ok(plan)
 }
 
-fn starts(plan: &Plan) -> Starts {
-    plan.evaluate.as_ref().map_or(Starts::Whole, |evaluate| evaluate.starts)
+fn starts(plan: &Plan) -> StartRegion {
+    plan.evaluate.as_ref().map_or(StartRegion::Whole, |evaluate| evaluate.starts)
 }
 
-fn document(resolved: &Resolved, report: &Report, path: &str) -> Value {
+fn document(resolved: &ResolvedPlan, report: &Report, path: &str) -> Value {
     let mut own = json!({
         "box": starts(&resolved.plan),
         "leaves_out_starts": mishandle::leaves_out_starts(resolved),
@@ -82,7 +82,7 @@ fn document(resolved: &Resolved, report: &Report, path: &str) -> Value {
     output::joined(run::document(resolved, path), own)
 }
 
-fn text(resolved: &Resolved, report: &Report) -> String {
+fn text(resolved: &ResolvedPlan, report: &Report) -> String {
     // A single number has a mean, but says nothing of its spread.
     let cells = |estimate: &Estimate, value: &dyn Fn(f64) -> String, end: &dyn Fn(f64) -> String| {
         let interval =
@@ -109,8 +109,8 @@ fn text(resolved: &Resolved, report: &Report) -> String {
     );
     rows.extend(report.task_completion_time.iter().map(|time| row("task completion time", time, &steps)));
     let part = match starts(&resolved.plan) {
-        Starts::Whole => "",
-        Starts::Reachable => ", starts from the reachable part of the box",
+        StartRegion::Whole => "",
+        StartRegion::Reachable => ", starts from the reachable part of the box",
     };
     let mut text = format!("{}{part}\n\n{}", run::heading(resolved), output::table(&rows));
     if report.diverged + report.undecided > 0 {

@@ -1,14 +1,14 @@
 use anyhow::Result;
-use mishandle::falsification::{Minimum, Outcome as Found, TrialEnd, TrialOutcome};
+use mishandle::falsification::{CampaignOutcome, Minimum, TrialEnd, TrialOutcome};
 use mishandle::search::OptionValue;
-use mishandle::{FalsifyPlan, Plan, Resolved};
+use mishandle::{FalsifyPlan, Plan, ResolvedPlan};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
 use crate::progress::Bar;
-use crate::{Outcome, args, run};
+use crate::{ExitStatus, args, run};
 
-pub fn run(command: &args::Falsify) -> Result<Outcome> {
+pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations at most");
     run::end_on_signals(&bar)?;
@@ -30,7 +30,7 @@ pub fn run(command: &args::Falsify) -> Result<Outcome> {
     let ended = found.trials.iter().filter(|trial| trial.end.is_some()).count();
     if ended < trials as usize {
         run::say_interrupted("falsify", found.simulations, &name);
-        return Ok(Outcome::Interrupted);
+        return Ok(ExitStatus::Interrupted);
     }
     if command.run.json {
         output::json(document(&resolved, &found, &path.to_string_lossy()))?;
@@ -45,10 +45,10 @@ pub fn run(command: &args::Falsify) -> Result<Outcome> {
     }
     output::say(&format!("The run is in {name}"));
     if found.falsified_trials == 0 {
-        return Ok(Outcome::Done);
+        return Ok(ExitStatus::Done);
     }
     output::say(&format!("See the first counterexample again: mishandle replay {name}"));
-    Ok(Outcome::Violated)
+    Ok(ExitStatus::Violated)
 }
 
 fn plan(command: &args::Falsify) -> Result<Plan> {
@@ -73,7 +73,7 @@ fn plan(command: &args::Falsify) -> Result<Plan> {
     Ok(plan)
 }
 
-fn document(resolved: &Resolved, found: &Found, path: &str) -> Value {
+fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, path: &str) -> Value {
     let falsify = resolved.plan.falsify.clone().unwrap_or_default();
     let trials: Vec<Value> = found.trials.iter().map(|trial| trial_document(resolved, trial)).collect();
     let own = json!({
@@ -92,7 +92,7 @@ fn document(resolved: &Resolved, found: &Found, path: &str) -> Value {
     output::joined(run::document(resolved, path), own)
 }
 
-fn trial_document(resolved: &Resolved, trial: &TrialOutcome) -> Value {
+fn trial_document(resolved: &ResolvedPlan, trial: &TrialOutcome) -> Value {
     let minimum = trial.minimum.as_ref();
     json!({
         "trial": trial.trial,
@@ -130,7 +130,7 @@ fn listed_options(falsify: &FalsifyPlan) -> String {
 }
 
 /// Says in which simulations the formula has no finite value: the first of the first few trials.
-fn say_undefined(resolved: &Resolved, found: &Found) {
+fn say_undefined(resolved: &ResolvedPlan, found: &CampaignOutcome) {
     const SHOWN: usize = 3;
     let first = found.trials.iter().filter_map(|trial| Some((trial.trial, trial.first_undefined.as_ref()?)));
     let mut shown = 0;
@@ -159,7 +159,7 @@ fn end(end: TrialEnd) -> &'static str {
     }
 }
 
-fn text(resolved: &Resolved, found: &Found) -> String {
+fn text(resolved: &ResolvedPlan, found: &CampaignOutcome) -> String {
     let falsify = resolved.plan.falsify.clone().unwrap_or_default();
     let at = |minimum: &Minimum| run::at(resolved.space.axes(), minimum.scenario.values());
     let mut rows = vec![["trial", "", "simulations", "least robustness", "at"].map(String::from).to_vec()];
@@ -206,7 +206,7 @@ fn text(resolved: &Resolved, found: &Found) -> String {
 }
 
 /// How many trials found a violation, and after how many simulations.
-fn summary(found: &Found) -> String {
+fn summary(found: &CampaignOutcome) -> String {
     let ended = found.falsification_rate.n;
     let mut text = format!("falsified {} of {ended} trials", found.falsified_trials);
     if let Some(mean) = found.mean_simulations {

@@ -6,16 +6,16 @@ use clap::CommandFactory;
 use clap_mangen::Man;
 
 use crate::args::{self, Arguments};
-use crate::{Outcome, PROGRAM, output};
+use crate::{ExitStatus, PROGRAM, output};
 
-pub fn run(command: &args::Man) -> Result<Outcome> {
+pub fn run(command: &args::Man) -> Result<ExitStatus> {
     let mut program = Arguments::command().name(PROGRAM);
     program.build();
     match &command.folder {
         Some(folder) => write_all(program, folder)?,
         None => std::io::stdout().lock().write_all(&page(program)?)?,
     }
-    Ok(Outcome::Done)
+    Ok(ExitStatus::Done)
 }
 
 /// Writes the page of the program and a page for each of its commands, as `mishandle-evaluate.1`.

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail, ensure};
 use mishandle::stl::{Clock, Formula, Monitor, Trace, Unit};
 use serde_json::{Value, json};
 
-use crate::Outcome;
+use crate::ExitStatus;
 use crate::args;
 use crate::output::{self, number};
 
@@ -16,7 +16,7 @@ const TIME: &str = "time";
 /// Sampling times may differ from an even grid by this share of the period.
 const JITTER: f64 = 1e-3;
 
-pub fn run(command: &args::Monitor) -> Result<Outcome> {
+pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
     let formula = Formula::parse(&command.formula).map_err(|error| {
         let column = error.position().column;
         let marker = format!("\n  {}\n  {}^", command.formula, " ".repeat(column.saturating_sub(1)));
@@ -56,7 +56,7 @@ pub fn run(command: &args::Monitor) -> Result<Outcome> {
             ));
         }
     }
-    Ok(if robustness < 0.0 { Outcome::Violated } else { Outcome::Done })
+    Ok(if robustness < 0.0 { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
 fn unit(text: &str) -> Result<Unit> {

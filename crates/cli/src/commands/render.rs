@@ -5,10 +5,9 @@ use mishandle::Film;
 use mishandle::store::RunFile;
 use mishandle::world::{Renderer, Size, png};
 
-use crate::new_file::NewFile;
 use crate::progress::Bar;
 use crate::video::{self, Video};
-use crate::{Outcome, args, interrupt, output};
+use crate::{ExitStatus, args, interrupt, output};
 
 /// Pictures a second in a film, nearly: whole control steps lie between two.
 const FILM_RATE: f64 = 30.0;
@@ -28,7 +27,7 @@ enum Kind {
     Mp4,
 }
 
-pub fn run(command: &args::Render) -> Result<Outcome> {
+pub fn run(command: &args::Render) -> Result<ExitStatus> {
     let kind = kind(&command.out)?;
     if command.run.is_none() && command.task.is_some() {
         ensure!(
@@ -43,7 +42,7 @@ pub fn run(command: &args::Render) -> Result<Outcome> {
     };
     let size = size(command.size.as_deref(), default)?;
     // Whether it can be made is known before a simulation has run for it.
-    drop(NewFile::create(&command.out, command.force)?);
+    drop(output::create(&command.out, command.force)?);
     if kind == Kind::Mp4 {
         video::check_encoder()?;
     }
@@ -61,7 +60,7 @@ pub fn run(command: &args::Render) -> Result<Outcome> {
         Kind::Mp4 => video(&mut renderer, &film, size, command)?,
     };
     match outcome {
-        Outcome::Interrupted => output::say("interrupted; nothing was written"),
+        ExitStatus::Interrupted => output::say("interrupted; nothing was written"),
         _ => output::say(&format!("wrote {}", command.out.display())),
     }
     Ok(outcome)
@@ -113,7 +112,7 @@ fn recorded(path: &Path, command: &args::Render, size: Size) -> Result<(Renderer
 }
 
 /// One picture, or several moments of an episode beside and below each other.
-fn strip(renderer: &mut Renderer, film: &Film, size: Size, command: &args::Render) -> Result<Outcome> {
+fn strip(renderer: &mut Renderer, film: &Film, size: Size, command: &args::Render) -> Result<ExitStatus> {
     let last = film.states.len() - 1;
     let count = film.states.len().min(STRIP);
     let moments: Vec<usize> = (0..count).map(|i| last * i / (count - 1).max(1)).collect();
@@ -135,11 +134,11 @@ fn strip(renderer: &mut Renderer, film: &Film, size: Size, command: &args::Rende
         output::say(&format!("at {}, row by row", times.join(", ")));
     }
     let bytes = png(whole_width as u32, whole_height as u32, &whole)?;
-    NewFile::create(&command.out, command.force)?.fill(&bytes)?;
-    Ok(Outcome::Done)
+    output::write_atomically(&command.out, command.force, &bytes)?;
+    Ok(ExitStatus::Done)
 }
 
-fn video(renderer: &mut Renderer, film: &Film, size: Size, command: &args::Render) -> Result<Outcome> {
+fn video(renderer: &mut Renderer, film: &Film, size: Size, command: &args::Render) -> Result<ExitStatus> {
     let stride = (1.0 / (FILM_RATE * film.control_dt)).round().max(1.0) as usize;
     let rate = 1.0 / (stride as f64 * film.control_dt);
     renderer.frame(film.states.iter().step_by(stride).map(Vec::as_slice));
@@ -147,15 +146,15 @@ fn video(renderer: &mut Renderer, film: &Film, size: Size, command: &args::Rende
     let bar = Bar::new(film.states.len().div_ceil(stride) as u64, "pictures");
     let cleared = bar.line();
     interrupt::listen(|| (), move || cleared.finish_and_clear())?;
-    let mut video = Video::begin(NewFile::create(&command.out, command.force)?, size, rate)?;
+    let mut video = Video::begin(output::create(&command.out, command.force)?, size, rate)?;
     for (done, state) in (1..).zip(film.states.iter().step_by(stride)) {
         if interrupt::asked() {
-            return Ok(Outcome::Interrupted);
+            return Ok(ExitStatus::Interrupted);
         }
         video.push(renderer.draw(state)?)?;
         bar.set_position(done);
     }
     bar.clear();
     video.end()?;
-    Ok(Outcome::Done)
+    Ok(ExitStatus::Done)
 }

@@ -3,9 +3,9 @@ use mishandle::store::{self, RunFile};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
-use crate::{Outcome, args, run};
+use crate::{ExitStatus, args, run};
 
-pub fn run(command: &args::Replay) -> Result<Outcome> {
+pub fn run(command: &args::Replay) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
     let file = RunFile::open(&command.file)?;
     let Some((trial, simulation)) = mishandle::choose(&file, command.trial, command.simulation)? else {
@@ -19,7 +19,9 @@ pub fn run(command: &args::Replay) -> Result<Outcome> {
     if let Some(path) = &command.trace {
         let trace = &replayed.episode.trace;
         let columns = (0..trace.names().len()).map(|i| trace.column(i).to_vec()).collect();
-        output::write_new(path, |out| Ok(store::export_trace_csv(&file, &store::Trace { columns }, out)?))?;
+        output::write_new(path, |out| {
+            Ok(store::export_trace_csv(&file, &store::StoredTrace { columns }, out)?)
+        })?;
         output::say(&format!("wrote the trace to {}", path.display()));
     }
     let robustness = replayed.episode.verdict.robustness;
@@ -45,7 +47,7 @@ pub fn run(command: &args::Replay) -> Result<Outcome> {
             "differences": replayed.differences,
         }))?;
     } else {
-        let value = |(axis, value): (&store::Axis, &Option<f64>)| {
+        let value = |(axis, value): (&store::AxisRecord, &Option<f64>)| {
             let value = value.map_or("drawn".to_string(), |value| value.to_string());
             format!("{} = {value} {}", axis.name, axis.unit).trim_end().to_string()
         };
@@ -63,5 +65,5 @@ pub fn run(command: &args::Replay) -> Result<Outcome> {
         bail!("the replay is not the same: {}", replayed.differences.join("; "));
     }
     output::say("the replay is the same as the record, to the bit");
-    Ok(Outcome::Done)
+    Ok(ExitStatus::Done)
 }

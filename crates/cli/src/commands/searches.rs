@@ -3,13 +3,13 @@ use mishandle::search::{OptionSpec, SEARCHES, SearchEntry};
 use serde_json::{Value, json};
 
 use crate::output::{self, table, wrapped};
-use crate::{Outcome, args};
+use crate::{ExitStatus, args};
 
 /// What the options count in.
 const UNITS: &str = "d is the number of coordinates, one for each axis of the scenario space (`--space`). Each runs from 0 to \
                      1, from the lower bound of its axis to the upper one; points and tolerances are in these units.";
 
-pub fn run(command: &args::Searches) -> Result<Outcome> {
+pub fn run(command: &args::Searches) -> Result<ExitStatus> {
     let chosen = match &command.search {
         Some(name) => std::slice::from_ref(mishandle::search_entry(name)?),
         None => SEARCHES,
@@ -21,7 +21,7 @@ pub fn run(command: &args::Searches) -> Result<Outcome> {
     } else {
         output::line(&list(chosen))?;
     }
-    Ok(Outcome::Done)
+    Ok(ExitStatus::Done)
 }
 
 fn document(entry: &SearchEntry) -> Value {

@@ -1,12 +1,12 @@
 use anyhow::Result;
 use mishandle::Plan;
-use mishandle::rollout::{Axis, Space, Target, Values};
+use mishandle::rollout::{Axis, AxisValues, Space, Target};
 use serde_json::{Value, json};
 
 use crate::output;
-use crate::{Outcome, args, run};
+use crate::{ExitStatus, args, run};
 
-pub fn run(command: &args::Targets) -> Result<Outcome> {
+pub fn run(command: &args::Targets) -> Result<ExitStatus> {
     match (&command.target, command.json) {
         (None, false) => output::line(&list())?,
         (None, true) => {
@@ -19,7 +19,7 @@ pub fn run(command: &args::Targets) -> Result<Outcome> {
             if is_json { output::json(document(&target))? } else { output::line(&page(&target, &plan))? }
         }
     }
-    Ok(Outcome::Done)
+    Ok(ExitStatus::Done)
 }
 
 /// A plan of that target. A task needs some controller to be one, and its axes of explicit noise are there if there is
@@ -51,7 +51,7 @@ fn page(target: &Target, plan: &Plan) -> String {
     let mut sections = vec![format!("{} ({}){preset}", target.identity.name, target.identity.kind)];
     let formulas = target.formulas.iter().map(|formula| format!("  {:<12}{}", formula.name, formula.text));
     sections.push(format!(
-        "Formulas, the default requirement first\n{}",
+        "TaskFormulas, the default requirement first\n{}",
         formulas.collect::<Vec<_>>().join("\n")
     ));
     let signals = target.signals.iter().map(|signal| match signal.unit.as_str() {
@@ -92,10 +92,10 @@ fn axes(space: &Space) -> String {
 /// What an axis sets, its unit, and which values it has if not all of them evenly.
 fn sets(axis: &Axis) -> String {
     let values = match &axis.values {
-        Values::Continuous => None,
-        Values::Logarithmic => Some("logarithmic".to_string()),
-        Values::Integer => Some("whole numbers".to_string()),
-        Values::Categorical(names) => Some(names.join(", ")),
+        AxisValues::Continuous => None,
+        AxisValues::Logarithmic => Some("logarithmic".to_string()),
+        AxisValues::Integer => Some("whole numbers".to_string()),
+        AxisValues::Categorical(names) => Some(names.join(", ")),
     };
     let unit = Some(axis.unit.clone()).filter(|unit| !unit.is_empty());
     let more: Vec<String> = unit.into_iter().chain(values).collect();
@@ -132,10 +132,10 @@ fn document(target: &Target) -> Value {
 
 fn axis(axis: &Axis) -> Value {
     let values = match &axis.values {
-        Values::Continuous => json!("continuous"),
-        Values::Logarithmic => json!("logarithmic"),
-        Values::Integer => json!("integer"),
-        Values::Categorical(names) => json!(names.to_vec()),
+        AxisValues::Continuous => json!("continuous"),
+        AxisValues::Logarithmic => json!("logarithmic"),
+        AxisValues::Integer => json!("integer"),
+        AxisValues::Categorical(names) => json!(names.to_vec()),
     };
     json!({
         "name": axis.name,

@@ -6,11 +6,11 @@ use anyhow::Result;
 use mishandle::tasks::{Definition, Preset, Task, compose_with_start, tasks};
 use serde_json::{Value, json};
 
-use crate::Outcome;
+use crate::ExitStatus;
 use crate::args;
 use crate::output::{self, indented, table_in};
 
-pub fn run(command: &args::Tasks) -> Result<Outcome> {
+pub fn run(command: &args::Tasks) -> Result<ExitStatus> {
     let preset = mishandle::preset(&command.preset)?;
     let chosen: Vec<&'static dyn Task> = match &command.task {
         Some(name) => vec![mishandle::task(name)?],
@@ -21,7 +21,7 @@ pub fn run(command: &args::Tasks) -> Result<Outcome> {
         output::write_new(path, |file| Ok(file.write_all(scene.as_bytes())?))?;
         output::say(&format!("wrote {}", path.display()));
         if !command.json {
-            return Ok(Outcome::Done);
+            return Ok(ExitStatus::Done);
         }
     }
     let definitions: Vec<&Definition> = chosen.iter().map(|task| task.definition()).collect();
@@ -33,7 +33,7 @@ pub fn run(command: &args::Tasks) -> Result<Outcome> {
     } else {
         output::line(&list(&definitions, preset, output::width()))?;
     }
-    Ok(Outcome::Done)
+    Ok(ExitStatus::Done)
 }
 
 fn document(definition: &Definition, preset: Preset) -> Value {

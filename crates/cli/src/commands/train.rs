@@ -7,9 +7,9 @@ use serde_json::{Value, json};
 
 use crate::output::{self, number};
 use crate::train_watch::{Watch, whole};
-use crate::{Outcome, args, interrupt, run, training_time};
+use crate::{ExitStatus, args, interrupt, run, training_time};
 
-pub fn run(command: &args::Train) -> Result<Outcome> {
+pub fn run(command: &args::Train) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let plan = plan(command);
     if mishandle::uses_default_settings(&plan)? {
@@ -51,11 +51,11 @@ pub fn run(command: &args::Train) -> Result<Outcome> {
         }
     }
     say_places(&plan);
-    Ok(Outcome::Done)
+    Ok(ExitStatus::Done)
 }
 
 /// Says how far an interrupted training came, and how it goes on: its first checkpoint is there, if no later one.
-fn interrupted(plan: &TrainPlan, report: &TrainReport) -> Outcome {
+fn interrupted(plan: &TrainPlan, report: &TrainReport) -> ExitStatus {
     for failure in &report.unwritten {
         output::say(&format!("error: {}", whole(failure)));
     }
@@ -66,7 +66,7 @@ fn interrupted(plan: &TrainPlan, report: &TrainReport) -> Outcome {
     };
     output::say(&format!("interrupted after {} environment steps{lost}", report.trained.environment_steps));
     output::say(&format!("Carry on: {}", plan.resuming_command()));
-    Outcome::Interrupted
+    ExitStatus::Interrupted
 }
 
 /// What a training that came to its end could not write, and how it can be made up for.
@@ -81,7 +81,7 @@ fn unwritten(plan: &TrainPlan, report: &TrainReport) -> Error {
 }
 
 /// Says what would be trained.
-fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<Outcome> {
+fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<ExitStatus> {
     let facts = mishandle::training_facts(plan)?;
     let total_steps = facts.config.run().total_steps;
     if !as_json {
@@ -90,7 +90,7 @@ fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<Outcome> {
         output::line(&format!("# {total_steps} environment steps, to {}", plan.out.display()))?;
         output::line(&format!("# {}\n", plan.whole_command()))?;
         output::line(facts.config.listing().trim_end())?;
-        return Ok(Outcome::Done);
+        return Ok(ExitStatus::Done);
     }
     let formats: Value =
         facts.formats.iter().map(|(kind, version)| ((*kind).to_string(), json!(version))).collect();
@@ -106,7 +106,7 @@ fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<Outcome> {
         "layout_hash": facts.layout_hash,
         "formats": formats,
     }))?;
-    Ok(Outcome::Done)
+    Ok(ExitStatus::Done)
 }
 
 fn plan(command: &args::Train) -> TrainPlan {

@@ -8,7 +8,9 @@ use crate::coordinate::check_dimension;
 use crate::lbfgsb::{Lbfgsb, LbfgsbOptions};
 use crate::options::{ANY, AT_LEAST_1, POINT_OF_THE_BOX, Range, check_start, options};
 use crate::registry::SearchEntry;
-use crate::{AskTell, Finish, RandomStream, RoundBased, SearchError};
+use mishandle_random::Sequence;
+
+use crate::{AskTell, RoundBased, SearchEnd, SearchError};
 pub use visiting::VisitingDistribution;
 
 const NAME: &str = "dual-annealing";
@@ -81,7 +83,7 @@ options! {
 pub struct DualAnnealing {
     options: DualAnnealingOptions,
     visiting: VisitingDistribution,
-    stream: RandomStream,
+    stream: Sequence,
     local_iterations: usize,
     /// Chains made, and chains made since the annealing began.
     n_chains: usize,
@@ -97,7 +99,7 @@ pub struct DualAnnealing {
     patience: usize,
     phase: Phase,
     round: Vec<Vec<f64>>,
-    finish: Option<Finish>,
+    finish: Option<SearchEnd>,
 }
 
 #[derive(Debug, Clone)]
@@ -126,7 +128,7 @@ impl DualAnnealing {
     /// length, and for a number outside the range its option documents.
     pub fn new(dimension: usize, seed: u64, options: &DualAnnealingOptions) -> Result<Self, SearchError> {
         check(dimension, options)?;
-        let mut stream = RandomStream::new(seed, 0);
+        let mut stream = Sequence::new(seed, 0);
         let start = match &options.start {
             Some(start) => start.clone(),
             None => uniform_point(dimension, &mut stream),
@@ -162,7 +164,7 @@ impl DualAnnealing {
         self.options.initial_temperature * first / now
     }
 
-    fn end(&mut self, finish: Finish) {
+    fn end(&mut self, finish: SearchEnd) {
         self.finish = Some(finish);
         self.round.clear();
     }
@@ -188,13 +190,13 @@ impl DualAnnealing {
         } else if redraws < MAX_REDRAWS {
             self.start_anew(redraws + 1);
         } else {
-            self.end(Finish::NoFiniteStart);
+            self.end(SearchEnd::NoFiniteStart);
         }
     }
 
     fn begin_chain(&mut self) {
         if self.n_chains >= self.options.max_iterations {
-            self.end(Finish::IterationLimit);
+            self.end(SearchEnd::IterationLimit);
         } else if self.temperature() < self.options.initial_temperature * self.options.restart_ratio {
             self.start_anew(0);
         } else {
@@ -327,7 +329,7 @@ impl RoundBased for DualAnnealing {
         }
     }
 
-    fn finish(&self) -> Option<Finish> {
+    fn finish(&self) -> Option<SearchEnd> {
         self.finish
     }
 }
@@ -338,7 +340,7 @@ fn result_below(search: &Lbfgsb, value: f64) -> Option<Valued> {
     (found.is_finite() && found < value).then(|| Valued { u: u.to_vec(), value: found })
 }
 
-fn uniform_point(dimension: usize, stream: &mut RandomStream) -> Vec<f64> {
+fn uniform_point(dimension: usize, stream: &mut Sequence) -> Vec<f64> {
     (0..dimension).map(|_| stream.uniform()).collect()
 }
 

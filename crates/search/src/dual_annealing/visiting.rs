@@ -1,6 +1,6 @@
 //! The visiting distribution: jumps with tails as heavy as the temperature allows.
 
-use crate::RandomStream;
+use mishandle_random::Sequence;
 
 /// Jumps longer than this are replaced by a uniform share of it.
 const TAIL_LIMIT: f64 = 1e8;
@@ -37,7 +37,7 @@ impl VisitingDistribution {
     }
 
     /// One jump at `temperature`, before the tails are cut.
-    pub fn jump(&self, temperature: f64, stream: &mut RandomStream) -> f64 {
+    pub fn jump(&self, temperature: f64, stream: &mut Sequence) -> f64 {
         let power = (self.visit - 1.0) / (3.0 - self.visit);
         let factor = self.factor * (temperature.ln() / (self.visit - 1.0)).exp();
         let sigma = (power * (factor / self.gamma).ln()).exp();
@@ -47,7 +47,7 @@ impl VisitingDistribution {
 
     /// The point visited from `u` at `temperature` in step `j` of a chain of 2d: all coordinates jump in the first d
     /// steps, coordinate j - d alone in the others.
-    pub fn visit(&self, u: &[f64], j: usize, temperature: f64, stream: &mut RandomStream) -> Vec<f64> {
+    pub fn visit(&self, u: &[f64], j: usize, temperature: f64, stream: &mut Sequence) -> Vec<f64> {
         let mut visited = u.to_vec();
         if j < u.len() {
             let jumps: Vec<f64> = u.iter().map(|_| self.jump(temperature, stream)).collect();

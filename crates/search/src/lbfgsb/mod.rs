@@ -9,7 +9,7 @@ mod subspace;
 
 use std::mem;
 
-use crate::{Finish, RoundBased, SearchError};
+use crate::{RoundBased, SearchEnd, SearchError};
 use cauchy::cauchy_point;
 use dense::dot;
 use line_search::{LineSearch, Verdict};
@@ -77,7 +77,7 @@ pub struct Lbfgsb {
     n_evaluations: usize,
     search: Option<Ray>,
     round: Vec<Vec<f64>>,
-    finish: Option<Finish>,
+    finish: Option<SearchEnd>,
 }
 
 /// A point with its value and gradient.
@@ -168,7 +168,7 @@ impl Lbfgsb {
         (&self.now.x, self.told.value)
     }
 
-    fn end(&mut self, finish: Finish) -> Flow {
+    fn end(&mut self, finish: SearchEnd) -> Flow {
         self.finish = Some(finish);
         self.round.clear();
         Flow::Wait
@@ -221,7 +221,7 @@ impl Lbfgsb {
         let point = ray.point();
         if point.iter().any(|x| x.is_nan()) {
             self.now = ray.start;
-            return self.end(Finish::Abnormal);
+            return self.end(SearchEnd::Abnormal);
         }
         self.search = Some(ray);
         if point == self.told.x {
@@ -236,7 +236,7 @@ impl Lbfgsb {
     fn fail(&mut self, ray: Ray) -> Flow {
         self.now = ray.start;
         if self.memory.len() == 0 {
-            return self.end(Finish::Abnormal);
+            return self.end(SearchEnd::Abnormal);
         }
         self.memory.clear();
         Flow::GoOn
@@ -245,7 +245,7 @@ impl Lbfgsb {
     fn advance(&mut self) -> Flow {
         let Some(mut ray) = self.search.take() else {
             let converged = self.iteration == 0 && self.projected_gradient() <= self.options.gtol;
-            return if converged { self.end(Finish::Converged) } else { self.begin_iteration() };
+            return if converged { self.end(SearchEnd::Converged) } else { self.begin_iteration() };
         };
         let slope = dot(&self.now.gradient, &ray.direction);
         match ray.line.take(self.now.value, slope) {
@@ -257,15 +257,15 @@ impl Lbfgsb {
     fn end_iteration(&mut self, ray: &Ray, slope: f64) -> Flow {
         self.iteration += 1;
         if self.iteration >= self.options.max_iterations {
-            return self.end(Finish::IterationLimit);
+            return self.end(SearchEnd::IterationLimit);
         }
         if self.n_evaluations > self.options.max_evaluations {
-            return self.end(Finish::EvaluationLimit);
+            return self.end(SearchEnd::EvaluationLimit);
         }
         let (old, new) = (ray.start.value, self.now.value);
         let is_flat = old - new <= self.options.ftol * old.abs().max(new.abs()).max(1.0);
         if self.projected_gradient() <= self.options.gtol || is_flat {
-            return self.end(Finish::Converged);
+            return self.end(SearchEnd::Converged);
         }
         self.remember(ray, slope);
         Flow::GoOn
@@ -308,7 +308,7 @@ impl RoundBased for Lbfgsb {
         while self.advance() == Flow::GoOn {}
     }
 
-    fn finish(&self) -> Option<Finish> {
+    fn finish(&self) -> Option<SearchEnd> {
         self.finish
     }
 }

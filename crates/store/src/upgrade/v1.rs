@@ -12,8 +12,8 @@ use crate::digest::Digest;
 use crate::error::{InFile, StoreError};
 use crate::header_table::value;
 use crate::{
-    Axis, Build, Component, End, Result, RunHeader, RunKind, Signal, Simulation, TargetRecord, Trial,
-    TrialStatus, header_table, row, schema,
+    AxisRecord, BuildRecord, ComponentRecord, Result, RunHeader, RunKind, SignalRecord, Simulation,
+    SimulationEnd, TargetRecord, TrialRecord, TrialStatus, header_table, row, schema,
 };
 
 /// The tables of version 1. The traces stay as they are.
@@ -138,7 +138,7 @@ fn header(connection: &Connection, path: &Path) -> Result<RunHeader> {
         digest.integer(names.len() as u64);
         names.iter().for_each(|name| digest.text(name));
     }
-    for Axis { name, unit, low, high, .. } in &axes {
+    for AxisRecord { name, unit, low, high, .. } in &axes {
         digest.text(name);
         digest.text(unit);
         digest.float(*low);
@@ -160,7 +160,7 @@ fn header(connection: &Connection, path: &Path) -> Result<RunHeader> {
     };
     Ok(RunHeader {
         kind,
-        build: Build {
+        build: BuildRecord {
             program_version: text("program_version"),
             git_commit: text("git_commit"),
             target: text("target"),
@@ -175,7 +175,7 @@ fn header(connection: &Connection, path: &Path) -> Result<RunHeader> {
             hash: String::new(),
             is_deterministic: true,
         },
-        components: vec![Component {
+        components: vec![ComponentRecord {
             role: "controller".into(),
             name: text("controller"),
             hash: text("controller_hash"),
@@ -188,7 +188,7 @@ fn header(connection: &Connection, path: &Path) -> Result<RunHeader> {
         seed,
         control_dt,
         episode_steps: EPISODE_STEPS,
-        signals: signals.into_iter().map(|name| Signal { name, unit: String::new() }).collect(),
+        signals: signals.into_iter().map(|name| SignalRecord { name, unit: String::new() }).collect(),
         axes,
         verdicts,
     })
@@ -199,11 +199,11 @@ fn names(connection: &Connection, table: &str) -> rusqlite::Result<Vec<String>> 
     select.query_map([], |row| row.get(0))?.collect()
 }
 
-fn axes(connection: &Connection) -> rusqlite::Result<Vec<Axis>> {
+fn axes(connection: &Connection) -> rusqlite::Result<Vec<AxisRecord>> {
     let mut select = connection.prepare("SELECT name, unit, low, high FROM axis ORDER BY position")?;
     let axis = |row: &Row<'_>| {
         let (low, high): (f64, f64) = (row.get(2)?, row.get(3)?);
-        Ok(Axis {
+        Ok(AxisRecord {
             name: row.get(0)?,
             unit: row.get(1)?,
             kind: "start".into(),
@@ -239,7 +239,7 @@ fn copy_trials(connection: &Connection, path: &Path) -> Result<()> {
     }
 }
 
-fn trial(row: &Row<'_>, path: &Path) -> Result<Trial> {
+fn trial(row: &Row<'_>, path: &Path) -> Result<TrialRecord> {
     let number: u32 = row.get(0).in_file(path)?;
     let damaged = |what: &str| StoreError::damaged(path, format!("trial {number}: {what}"));
     let seed = row.get::<_, i64>(1).in_file(path)?.cast_unsigned();
@@ -258,7 +258,7 @@ fn trial(row: &Row<'_>, path: &Path) -> Result<Trial> {
     if digest.finish_row() != row.get::<_, i64>(3).in_file(path)? {
         return Err(damaged("it does not match its hash"));
     }
-    Ok(Trial { number, seed, status })
+    Ok(TrialRecord { number, seed, status })
 }
 
 fn copy_simulations(connection: &Connection, path: &Path, header: &RunHeader) -> Result<()> {
@@ -331,14 +331,14 @@ fn simulation(row: &Row<'_>, path: &Path) -> Result<Simulation> {
     }
 
     let end = match (ended.as_str(), end_step) {
-        ("horizon", None) => End::Completed,
-        ("stopped", Some(step)) => End::Stopped { step },
-        ("diverged", Some(step)) => End::Diverged { step },
-        ("undefined", Some(step)) => End::Undefined { step },
+        ("horizon", None) => SimulationEnd::Completed,
+        ("stopped", Some(step)) => SimulationEnd::Stopped { step },
+        ("diverged", Some(step)) => SimulationEnd::Diverged { step },
+        ("undefined", Some(step)) => SimulationEnd::Undefined { step },
         _ => return Err(damaged("its end is unknown")),
     };
     // Version 1 did not record what an episode that was cut short proves.
-    let proven = robustness.filter(|_| end == End::Completed);
+    let proven = robustness.filter(|_| end == SimulationEnd::Completed);
     Ok(Simulation {
         trial,
         number,

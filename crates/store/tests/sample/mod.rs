@@ -4,14 +4,15 @@
 pub mod version_1;
 
 use mishandle_store::{
-    Axis, Build, Component, End, NamedFormula, RunHeader, RunKind, Signal, Simulation, TargetRecord, Trace,
+    AxisRecord, BuildRecord, ComponentRecord, FormulaRecord, RunHeader, RunKind, SignalRecord, Simulation,
+    SimulationEnd, StoredTrace, TargetRecord,
 };
 
 /// Two axes, two signals, two verdicts.
 pub fn header() -> RunHeader {
     RunHeader {
         kind: RunKind::Falsify,
-        build: Build {
+        build: BuildRecord {
             program_version: "0.1.0".into(),
             git_commit: "63b21f9".into(),
             target: "x86_64-unknown-linux-gnu".into(),
@@ -26,7 +27,7 @@ pub fn header() -> RunHeader {
             hash: "77".into(),
             is_deterministic: true,
         },
-        components: vec![Component {
+        components: vec![ComponentRecord {
             role: "controller".into(),
             name: "controllers/ball-pushing/ppo.safetensors".into(),
             hash: "a1".into(),
@@ -35,11 +36,11 @@ pub fn header() -> RunHeader {
         space: "starts".into(),
         formula: "eventually[0:300](ball_hole_distance <= 0.3)".into(),
         formulas: vec![
-            NamedFormula {
+            FormulaRecord {
                 name: "success".into(),
                 text: "eventually[0:300](ball_hole_distance <= 0.3)".into(),
             },
-            NamedFormula { name: "safe".into(), text: "ball_hole_distance <= 0.5".into() },
+            FormulaRecord { name: "safe".into(), text: "ball_hole_distance <= 0.5".into() },
         ],
         search: "nelder-mead".into(),
         seed: u64::MAX - 1,
@@ -47,19 +48,19 @@ pub fn header() -> RunHeader {
         episode_steps: 300,
         signals: vec![signal("ball_hole_distance", "m"), signal("ball_height", "")],
         axes: vec![
-            Axis { nominal: Some(0.5), ..axis("ball_x", "m", 0.4, 0.6) },
-            Axis { kind: "noise".into(), nominal: None, ..axis("ball_velocity_x", "m/s", -0.0, 1.5) },
+            AxisRecord { nominal: Some(0.5), ..axis("ball_x", "m", 0.4, 0.6) },
+            AxisRecord { kind: "noise".into(), nominal: None, ..axis("ball_velocity_x", "m/s", -0.0, 1.5) },
         ],
         verdicts: vec!["strict_robustness".into(), "completion_step".into()],
     }
 }
 
-pub fn signal(name: &str, unit: &str) -> Signal {
-    Signal { name: name.into(), unit: unit.into() }
+pub fn signal(name: &str, unit: &str) -> SignalRecord {
+    SignalRecord { name: name.into(), unit: unit.into() }
 }
 
-pub fn axis(name: &str, unit: &str, low: f64, high: f64) -> Axis {
-    Axis {
+pub fn axis(name: &str, unit: &str, low: f64, high: f64) -> AxisRecord {
+    AxisRecord {
         name: name.into(),
         unit: unit.into(),
         kind: "start".into(),
@@ -71,9 +72,9 @@ pub fn axis(name: &str, unit: &str, low: f64, high: f64) -> Axis {
     }
 }
 
-pub fn trace(samples: u32) -> Trace {
+pub fn trace(samples: u32) -> StoredTrace {
     let column = |phase: f64| (0..samples).map(|step| (phase + 0.02 * f64::from(step)).sin()).collect();
-    Trace { columns: vec![column(0.0), column(1.0)] }
+    StoredTrace { columns: vec![column(0.0), column(1.0)] }
 }
 
 /// A simulation whose every value follows from its number.
@@ -101,15 +102,15 @@ pub fn record(trial: u32, number: u32) -> Simulation {
         robustness_high: robustness.filter(|_| !number.is_multiple_of(3)),
         stop_threshold: number.is_multiple_of(2).then_some(-0.0),
         end: match number % 9 {
-            0 => End::Completed,
-            1 => End::Terminated { step },
-            2 => End::Stopped { step: number },
-            3 => End::Diverged { step },
-            4 => End::Undefined { step },
-            5 => End::InvalidAction { step },
-            6 => End::InvalidScenario,
-            7 => End::Crashed { step },
-            _ => End::TimedOut { step },
+            0 => SimulationEnd::Completed,
+            1 => SimulationEnd::Terminated { step },
+            2 => SimulationEnd::Stopped { step: number },
+            3 => SimulationEnd::Diverged { step },
+            4 => SimulationEnd::Undefined { step },
+            5 => SimulationEnd::InvalidAction { step },
+            6 => SimulationEnd::InvalidScenario,
+            7 => SimulationEnd::Crashed { step },
+            _ => SimulationEnd::TimedOut { step },
         },
         steps: number.min(300),
         verdicts: vec![Some(-x), number.is_multiple_of(2).then(|| f64::from(number))],

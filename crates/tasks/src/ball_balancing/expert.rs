@@ -6,7 +6,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{scale, sub};
 
-use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, limited};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Wanted acceleration of the ball for each metre of offset, 1/s².
@@ -30,11 +30,11 @@ struct Balance {
     rotation: [f64; 9],
 }
 
-impl Behavior for Balance {
+impl ExpertPolicy for Balance {
     const SITE: &'static str = "grasp";
     const REST: [f64; 7] = [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785];
 
-    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
+    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
         let (offset, velocity) = (scale(seen.point(3), -1.0), seen.point(6));
         let tilt = |axis: usize| {
             let wanted = -STIFFNESS * offset[axis] - DAMPING * velocity[axis];

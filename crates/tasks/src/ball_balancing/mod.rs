@@ -10,7 +10,7 @@ use mishandle_world::frame::{norm, norm_xy, rotate, sub};
 use mishandle_world::{Body, Joint, Model, Rows, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Formulas, Grip, Held, Hold, Reward, Scene, Task, Variations, one, three,
+    BoxAxis, Definition, Grip, Held, Hold, Reward, Scene, Task, TaskFormulas, Variations, one, three,
 };
 use crate::robot::Panda;
 
@@ -81,13 +81,13 @@ const DEFINITION: Definition = Definition {
         push: Some(("ball", 1.0)),
         jump: None,
     },
-    paper: Formulas {
+    paper: TaskFormulas {
         success: "always[50:200](ball_tray_horizontal_distance <= 0.25)",
         strict: STRICT,
         safe: SAFE,
         completion: COMPLETION,
     },
-    code: Formulas {
+    code: TaskFormulas {
         success: "always[50:300](ball_tray_horizontal_distance <= 0.25)",
         strict: STRICT,
         safe: SAFE,

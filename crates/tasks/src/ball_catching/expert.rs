@@ -7,7 +7,7 @@ use mishandle_world::WorldError;
 use mishandle_world::frame::{add, dot, norm, scale, sub};
 
 use super::{DEFINITION, DEPTH, FLOOR, INSIDE, ORIGIN, fall_time};
-use crate::expert::{Behavior, Expert, Seen};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Height at which the ball is met, m: high enough for the arm's joints, low enough for the time they need.
@@ -66,11 +66,11 @@ impl Catch {
     }
 }
 
-impl Behavior for Catch {
+impl ExpertPolicy for Catch {
     const SITE: &'static str = "grasp";
     const REST: [f64; 7] = [0.0, 0.05, 0.0, -2.0, 0.0, 3.0, 0.785];
 
-    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
+    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
         let (ball, from_tool, velocity) = (seen.point(0), scale(seen.point(3), -1.0), seen.point(6));
         let (goal, rate, speed) = match fall_time(ball[2] - HEIGHT, velocity[2]) {
             _ if self.holds(&arm.rotation(), from_tool) => (home(), HOME_RATE, HOME_SPEED),

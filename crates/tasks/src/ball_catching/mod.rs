@@ -10,7 +10,7 @@ use mishandle_world::frame::{add, dot, norm, norm_xy, scale, sub};
 use mishandle_world::{Joint, Model, Rows, Site, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Formulas, Grip, Held, Hold, Reward, Scene, Task, Variations, one, three,
+    BoxAxis, Definition, Grip, Held, Hold, Reward, Scene, Task, TaskFormulas, Variations, one, three,
 };
 use crate::robot::Panda;
 
@@ -116,7 +116,7 @@ const DEFINITION: Definition = Definition {
                   Neither box nor robot touches the ground.",
 };
 
-const FORMULAS: Formulas = Formulas {
+const FORMULAS: TaskFormulas = TaskFormulas {
     success: "always[50:300](ball_box_horizontal_distance <= 0.1)",
     strict: "always[100:300](ball_box_horizontal_distance <= 0.04 and ball_height_above_box_floor >= 0 \
              and ball_height_above_box_floor <= 0.1)",

@@ -6,7 +6,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, cross, norm, norm_xy, scale, sub};
 
-use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, limited};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Distance kept behind the ball's centre before pushing, m.
@@ -34,12 +34,12 @@ const DONE: f64 = 3.0;
 
 struct Push;
 
-impl Behavior for Push {
+impl ExpertPolicy for Push {
     const MEMORY: usize = 1;
     const SITE: &'static str = "grasp";
     const REST: [f64; 7] = [0.0, 0.1, 0.0, -2.3, 0.0, 2.4, 0.785];
 
-    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
+    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
         let (to_hole, ball) = (seen.point(6), seen.point(9));
         let along = scale([to_hole[0], to_hole[1], 0.0], 1.0 / norm_xy(to_hole).max(0.01));
         let grasp = arm.position();

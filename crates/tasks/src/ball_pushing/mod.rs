@@ -9,7 +9,9 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, norm_xy, sub};
 use mishandle_world::{Joint, Model, Rows, Site, World, WorldError};
 
-use crate::definition::{BoxAxis, Definition, Formulas, Grip, Reward, Scene, Task, Variations, one, three};
+use crate::definition::{
+    BoxAxis, Definition, Grip, Reward, Scene, Task, TaskFormulas, Variations, one, three,
+};
 use crate::robot::Panda;
 
 /// The task.
@@ -81,7 +83,7 @@ const DEFINITION: Definition = Definition {
                   nothing; here only the arm's joints start with noise. The walls of the pit are as deep as the table.",
 };
 
-const FORMULAS: Formulas = Formulas {
+const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](ball_hole_distance <= 0.3)",
     strict: "eventually[0:270](always[0:30](ball_hole_horizontal_distance <= 0.13 and ball_height <= 0.36))",
     safe: "ball_hole_distance <= 0.5",

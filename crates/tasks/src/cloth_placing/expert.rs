@@ -8,7 +8,7 @@ use mishandle_world::WorldError;
 use mishandle_world::frame::{norm, norm_xy, scale, sub};
 
 use crate::definition::Definition;
-use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, limited};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Heights of the grasp point, m: on the way, where it stops lowering the cloth, above the cloth on the table, and while
@@ -60,12 +60,12 @@ const PUSH: f64 = 5.0;
 
 struct Place;
 
-impl Behavior for Place {
+impl ExpertPolicy for Place {
     const MEMORY: usize = 2;
     const SITE: &'static str = "grasp";
     const REST: [f64; 7] = [0.0, 0.1, 0.0, -1.9, 0.0, 2.0, 0.5];
 
-    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
+    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
         let (from_target, target, grasp) = (seen.point(3), seen.point(6), arm.position());
         let distance = norm_xy(from_target);
         let away = scale([from_target[0], from_target[1], 0.0], 1.0 / distance.max(1e-3));
@@ -100,7 +100,7 @@ impl Behavior for Place {
         arm.twist(&seen.q, linear, limited(scale(angular, 4.0), 2.0))
     }
 
-    fn fingers(&self, seen: &Seen<'_>, memory: &[f64]) -> [f64; 2] {
+    fn fingers(&self, seen: &ExpertInput<'_>, memory: &[f64]) -> [f64; 2] {
         let carries = memory[0] < LEAVE && seen.fingers.iter().all(|opening| *opening < SHUT);
         [if carries { -1.0 } else { 1.0 }; 2]
     }

@@ -11,7 +11,7 @@ use mishandle_world::frame::{add, norm, norm_xy, scale, sub};
 use mishandle_world::{Body, Equality, Flex, Mocap, Model, Rows, Site, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Formulas, Grip, Held, Hold, Reward, Scene, Task, Variations, one, three,
+    BoxAxis, Definition, Grip, Held, Hold, Reward, Scene, Task, TaskFormulas, Variations, one, three,
 };
 use crate::robot::{ARM_JOINTS, Panda};
 use sheet::Sheet;
@@ -158,7 +158,7 @@ fn definition(name: &'static str, variant_of: Option<&'static str>, sheet: Sheet
     Definition { name, summary, variant_of, held: Some(held), ..DEFINITION }
 }
 
-const FORMULAS: Formulas = Formulas {
+const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](cloth_target_distance <= 0.25)",
     strict: "eventually[0:270](always[0:30](cloth_target_horizontal_distance <= 0.05 and cloth_vertices_over_table >= 0.8 \
              and cloth_speed <= 0.05 and cloth_released >= 0.5))",

@@ -6,7 +6,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, norm, norm_xy, scale, sub};
 
-use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, limited};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Height above the target's centre at which the cube comes to rest before it is lowered, m: 4 cm above the release,
@@ -45,12 +45,12 @@ struct Stack {
     rotation: [f64; 9],
 }
 
-impl Behavior for Stack {
+impl ExpertPolicy for Stack {
     const MEMORY: usize = 1;
     const SITE: &'static str = "grasp";
     const REST: [f64; 7] = [0.0, 0.1, 0.0, -2.0, 0.0, 2.2, 0.785];
 
-    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
+    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
         let from_target = seen.point(7);
         let target = sub(seen.point(0), from_target);
         let along = scale([target[0], target[1], 0.0], 1.0 / norm_xy(target).max(0.01));

@@ -10,7 +10,8 @@ use mishandle_world::frame::{norm, norm_xy, rotate_back, sub};
 use mishandle_world::{Equality, Joint, Model, Rows, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Formulas, Grip, Held, Hold, Quantity, Reward, Scene, Task, Variations, one, three,
+    BoxAxis, Definition, Grip, Held, Hold, Quantity, Reward, Scene, Task, TaskFormulas, Variations, one,
+    three,
 };
 use crate::robot::Panda;
 
@@ -124,7 +125,7 @@ const DEFINITION: Definition = Definition {
                   The ground stops hand and arm.",
 };
 
-const FORMULAS: Formulas = Formulas {
+const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](cube_target_horizontal_distance <= 0.024 and cube_height_above_target > 0)",
     strict: "eventually[0:270](always[0:30](cube_target_horizontal_distance <= 0.024 and cube_height_above_target >= 0.045 \
              and cube_height_above_target <= 0.055 and cube_speed <= 0.05 and finger_cube_distance >= 0.05))",

@@ -7,7 +7,7 @@ use mishandle_world::WorldError;
 use mishandle_world::frame::{add, cross, dot, norm, scale, sub};
 
 use super::{HANDLE, HINGE};
-use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, limited};
 use crate::kinematic::{ResolvedRate, rotation_between};
 use crate::robot::{ARM_JOINTS, JOINTS, VELOCITY_LIMIT};
 
@@ -46,13 +46,13 @@ const PULL: f64 = 3.0;
 
 struct Pull;
 
-impl Behavior for Pull {
+impl ExpertPolicy for Pull {
     const MEMORY: usize = 2;
     const SITE: &'static str = "grasp";
     /// Before the door, the hand level, the left finger above; far from the wrist's singularity (joint 6 at π).
     const REST: [f64; 7] = [0.6, -0.2, -0.35, -1.75, -1.0, 2.7, 0.2];
 
-    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
+    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
         let lever = Lever::seen(seen);
         let grasp = arm.position();
         let turn = rotation_between(&arm.rotation(), &level(lever.forward));
@@ -90,7 +90,7 @@ impl Behavior for Pull {
         within_limits(arm.twist(&seen.q, linear, limited(scale(turn, 6.0), 2.5)))
     }
 
-    fn fingers(&self, _seen: &Seen<'_>, memory: &[f64]) -> [f64; JOINTS - ARM_JOINTS] {
+    fn fingers(&self, _seen: &ExpertInput<'_>, memory: &[f64]) -> [f64; JOINTS - ARM_JOINTS] {
         if memory[0] == RAISE || memory[0] == ENTER { [1.0; 2] } else { [-1.0; 2] }
     }
 }
@@ -107,7 +107,7 @@ struct Lever {
 
 impl Lever {
     /// The lever of the door that the handle's pose tells of.
-    fn seen(seen: &Seen<'_>) -> Lever {
+    fn seen(seen: &ExpertInput<'_>) -> Lever {
         let (handle, [w, z]) = (seen.point(0), [3, 6].map(|i| f64::from(seen.task[i])));
         let yaw = 2.0 * z.atan2(w);
         let (sin, cos) = yaw.sin_cos();

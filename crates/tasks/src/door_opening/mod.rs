@@ -14,7 +14,7 @@ use mishandle_world::frame::{add, norm, rotate, sub};
 use mishandle_world::{Body, Joint, Mocap, Model, Rows, Site, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Formulas, Grip, Quantity, Reward, Scene, Task, Variations, one, three,
+    BoxAxis, Definition, Grip, Quantity, Reward, Scene, Task, TaskFormulas, Variations, one, three,
 };
 use crate::robot::Panda;
 
@@ -129,7 +129,7 @@ const DEFINITION: Definition = Definition {
                   out: pulling does not come near it. Its small cube at the free end of the lever weighs nothing here.",
 };
 
-const FORMULAS: Formulas = Formulas {
+const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](door_yaw_deg >= 20)",
     strict: "eventually[0:270](always[0:30](door_yaw_deg >= 45))",
     safe: "door_yaw_deg >= 0.1",

@@ -8,7 +8,7 @@ use mishandle_world::WorldError;
 use mishandle_world::frame::{add, cross, norm, norm_xy, rotate, scale, sub};
 
 use super::{AXIS, DEPTH, SHAFT};
-use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, limited};
 use crate::kinematic::ResolvedRate;
 
 /// Joints 2, 4 and 6 that hold the peg upright 0.15 m above the block, at these distances of the hole from the base, m:
@@ -53,12 +53,12 @@ const LEAVE: f64 = 3.0;
 
 struct Insert;
 
-impl Behavior for Insert {
+impl ExpertPolicy for Insert {
     const MEMORY: usize = 1;
     const SITE: &'static str = "grasp";
     const REST: [f64; 7] = [0.0, 0.4, 0.0, -1.0, 0.0, 1.4, WRIST];
 
-    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
+    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
         let (peg, peg_from_hole) = (seen.point(0), seen.point(7));
         let axis = rotate([3, 4, 5, 6].map(|i| f64::from(seen.task[i])), AXIS);
         let tip = add(peg_from_hole, scale(axis, -SHAFT / 2.0));

@@ -11,7 +11,8 @@ use mishandle_world::frame::{add, norm, norm_xy, rotate, scale, sub};
 use mishandle_world::{Body, Equality, Joint, Mocap, Model, Rows, Site, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Formulas, Grip, Held, Hold, Quantity, Reward, Scene, Task, Variations, one, three,
+    BoxAxis, Definition, Grip, Held, Hold, Quantity, Reward, Scene, Task, TaskFormulas, Variations, one,
+    three,
 };
 use crate::robot::Panda;
 
@@ -113,13 +114,13 @@ const DEFINITION: Definition = Definition {
         push: Some(("peg", 5.0)),
         jump: Some("block"),
     },
-    paper: Formulas {
+    paper: TaskFormulas {
         success: "always[250:300](peg_hole_horizontal_distance <= 0.12)",
         strict: STRICT,
         safe: SAFE,
         completion: "peg_hole_horizontal_distance <= 0.12",
     },
-    code: Formulas {
+    code: TaskFormulas {
         success: "always[300:300](peg_hole_horizontal_distance <= 0.1)",
         strict: STRICT,
         safe: SAFE,

@@ -6,7 +6,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::scale;
 
-use crate::expert::{Behavior, Expert, Seen, limited};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, limited};
 use crate::kinematic::ResolvedRate;
 
 /// Approach rate, 1/s.
@@ -17,11 +17,11 @@ const SPEED: f64 = 1.2;
 
 struct Reach;
 
-impl Behavior for Reach {
+impl ExpertPolicy for Reach {
     const SITE: &'static str = "fingers";
     const REST: [f64; 7] = [0.0, -0.4, 0.0, -2.2, 0.0, 2.2, 0.785];
 
-    fn velocity(&self, seen: &Seen<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
+    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
         let finger_from_target = seen.point(6);
         arm.linear(&seen.q, limited(scale(finger_from_target, -RATE), SPEED))
     }

@@ -9,7 +9,9 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, sub};
 use mishandle_world::{Body, Mocap, Model, Rows, World, WorldError};
 
-use crate::definition::{BoxAxis, Definition, Formulas, Grip, Reward, Scene, Task, Variations, one, three};
+use crate::definition::{
+    BoxAxis, Definition, Grip, Reward, Scene, Task, TaskFormulas, Variations, one, three,
+};
 use crate::robot::Panda;
 
 /// The task.
@@ -59,7 +61,7 @@ const DEFINITION: Definition = Definition {
                   Nothing is touched.",
 };
 
-const FORMULAS: Formulas = Formulas {
+const FORMULAS: TaskFormulas = TaskFormulas {
     success: "always[50:300](finger_target_distance <= 0.12)",
     strict: "always[150:300](finger_target_distance <= 0.03)",
     safe: "finger_target_distance < 0.6",

@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use mishandle_controllers::{UNSEALED, is_sealed, seal, write_atomically};
+use mishandle_controllers::{UNSEALED, is_sealed, seal};
+use mishandle_files::write_atomically;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 use super::{Checkpoint, Header, Numbers};

@@ -3,7 +3,7 @@
 mod saved;
 
 use mishandle_rollout::{
-    BatchFactory, EnvironmentBatch, EnvironmentSpec, RolloutError, Seed, Status, Stream,
+    BatchFactory, EnvironmentBatch, EnvironmentSpec, RolloutError, Seed, StepStatus, Stream,
 };
 use rayon::prelude::*;
 
@@ -242,7 +242,7 @@ impl Episodes {
             clock.elapsed += 1;
             self.statistics.steps += 1;
             self.rewards[row] = 0.0;
-            if status == Status::Diverged {
+            if status == StepStatus::Diverged {
                 self.statistics.diverged += 1;
             } else {
                 let observation = row * observation_size..(row + 1) * observation_size;
@@ -256,9 +256,9 @@ impl Episodes {
             }
             clock.total_reward += self.rewards[row];
             self.boundaries[row] = match status {
-                Status::Terminated | Status::Diverged => Boundary::Terminated,
-                Status::Running if clock.elapsed >= self.time_limit => self.at_time_limit,
-                Status::Running => Boundary::Running,
+                StepStatus::Terminated | StepStatus::Diverged => Boundary::Terminated,
+                StepStatus::Running if clock.elapsed >= self.time_limit => self.at_time_limit,
+                StepStatus::Running => Boundary::Running,
             };
             if self.boundaries[row] == Boundary::Running {
                 continue;
@@ -268,7 +268,7 @@ impl Episodes {
                 self.statistics.episodes += 1;
                 self.statistics.total_reward += clock.total_reward;
                 self.statistics.total_steps += clock.step;
-                self.statistics.terminated += u64::from(status != Status::Running);
+                self.statistics.terminated += u64::from(status != StepStatus::Running);
             }
             *clock = Clock { episode: clock.episode + 1, ..Clock::default() };
         }

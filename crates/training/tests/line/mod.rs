@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use mishandle_rollout::{Sample, Scenario, Seed, Status, Stream, Worker};
+use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus, Stream};
 
 use crate::toy::{Toy, names, space};
 
@@ -36,7 +36,7 @@ impl Line {
     }
 }
 
-impl Worker for Line {
+impl EnvironmentWorker for Line {
     fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
         let (low, high) = (f64::from(seed.0 as u32), f64::from((seed.0 >> 32) as u32));
         state.copy_from_slice(&[scenario.get(0).unwrap(), scenario.get(1).unwrap(), 0.0, low, high]);
@@ -44,7 +44,7 @@ impl Worker for Line {
         sample.rewards.fill(0.0);
     }
 
-    fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> Status {
+    fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {
         let seed = Seed(state[3] as u64 | (state[4] as u64) << 32);
         let wind = self.wind * (2.0 * seed.uniform(Stream::Push, state[2] as u64, 0) - 1.0);
         state[2] += 1.0;
@@ -56,8 +56,8 @@ impl Worker for Line {
             state[0] = f64::NAN;
             sample.observation.fill(f32::NAN);
             sample.rewards.fill(f64::NAN);
-            return Status::Diverged;
+            return StepStatus::Diverged;
         }
-        if state[0].abs() > 1.5 { Status::Terminated } else { Status::Running }
+        if state[0].abs() > 1.5 { StepStatus::Terminated } else { StepStatus::Running }
     }
 }

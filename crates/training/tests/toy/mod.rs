@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use mishandle_rollout::{Axis, Environment, Space, Worker};
+use mishandle_rollout::{Axis, Environment, EnvironmentWorker, Space};
 
 /// An environment with these facts, whose episodes run in copies of a worker.
 pub struct Toy<W> {
@@ -29,7 +29,7 @@ pub fn names(names: &[&str]) -> Arc<[String]> {
     names.iter().map(|name| (*name).to_string()).collect()
 }
 
-impl<W: Worker + Clone + Sync + 'static> Environment for Toy<W> {
+impl<W: EnvironmentWorker + Clone + Sync + 'static> Environment for Toy<W> {
     fn name(&self) -> &str {
         self.name
     }
@@ -57,7 +57,7 @@ impl<W: Worker + Clone + Sync + 'static> Environment for Toy<W> {
     fn episode_steps(&self) -> usize {
         self.episode_steps
     }
-    fn worker(&self) -> Box<dyn Worker> {
+    fn worker(&self) -> Box<dyn EnvironmentWorker> {
         Box::new(self.worker.clone())
     }
 }

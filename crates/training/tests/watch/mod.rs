@@ -85,7 +85,7 @@ pub fn check_resumption(config: &Config, stops: &[u64]) -> usize {
 /// Mean return on the windless line from starts of its own, by hand: no batch, no training code.
 pub fn mean_return(controller: &dyn Controller, episodes: usize) -> f64 {
     let line = Line::new(0.0);
-    let mut actor = controller.actor();
+    let mut actor = controller.worker();
     let mut sum = 0.0;
     for index in 0..episodes as u64 {
         let scenario = line.space().sample(Seed(99), index);

@@ -28,7 +28,7 @@ pub fn page(definition: &Definition, preset: Preset, columns: usize) -> Result<S
     sections.extend([
         section("Picture", &picture(definition)),
         section("Scene", &scene(definition, width)),
-        section("Formulas", &formulas(definition, preset, width)?),
+        section("TaskFormulas", &formulas(definition, preset, width)?),
         section("Initial box (bounds under task presets paper and code)", &initial_box(definition, width)),
         section("Signals", &table_in(&quantities(definition.signals), width)),
         section(

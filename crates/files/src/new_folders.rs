@@ -3,14 +3,14 @@ use std::path::{Path, PathBuf};
 
 /// Folders that were made for what is to be written. Those that are still empty in the end go with their owner.
 #[derive(Debug, Default)]
-pub(crate) struct NewFolders {
+pub struct NewFolders {
     /// Outer ones first.
     made: Vec<PathBuf>,
 }
 
 impl NewFolders {
     /// Makes a folder, with those that it is in, where it is not there yet.
-    pub(crate) fn make(&mut self, path: &Path) -> io::Result<()> {
+    pub fn make(&mut self, path: &Path) -> io::Result<()> {
         let is_missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
         let missing: Vec<&Path> = path.ancestors().take_while(is_missing).collect();
         self.made.extend(missing.into_iter().rev().map(Path::to_path_buf));

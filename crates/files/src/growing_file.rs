@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 ///
 /// A full disk leaves no part of a record behind: what could not be written is kept, and tried again before the next.
 #[derive(Debug)]
-pub(crate) struct GrowingFile {
+pub struct GrowingFile {
     path: PathBuf,
     file: File,
     /// Bytes of the records that are there; whatever the file has behind them goes with the next write.
@@ -19,7 +19,7 @@ pub(crate) struct GrowingFile {
 
 impl GrowingFile {
     /// Begins a file that must not be there yet. If its first record cannot be written, nothing is left of it.
-    pub(crate) fn create(path: PathBuf, first: &[u8]) -> io::Result<GrowingFile> {
+    pub fn create(path: PathBuf, first: &[u8]) -> io::Result<GrowingFile> {
         let file = File::create_new(&path)?;
         let mut begun = GrowingFile { path, file, length: 0, pending: Vec::new(), is_new: true };
         match begun.append(first) {
@@ -32,13 +32,13 @@ impl GrowingFile {
     }
 
     /// Goes on behind the first `length` bytes of a file.
-    pub(crate) fn open(path: PathBuf, length: u64) -> io::Result<GrowingFile> {
+    pub fn open(path: PathBuf, length: u64) -> io::Result<GrowingFile> {
         let file = File::options().write(true).open(&path)?;
         Ok(GrowingFile { path, file, length, pending: Vec::new(), is_new: false })
     }
 
     /// Takes the file away again, if it was begun here.
-    pub(crate) fn discard(self) {
+    pub fn discard(self) {
         if self.is_new {
             // The failure that led here is the one to tell.
             let _ = std::fs::remove_file(&self.path);
@@ -46,18 +46,18 @@ impl GrowingFile {
     }
 
     /// Where it is.
-    pub(crate) fn path(&self) -> &Path {
+    pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// Writes a record behind the others.
-    pub(crate) fn append(&mut self, record: &[u8]) -> io::Result<()> {
+    pub fn append(&mut self, record: &[u8]) -> io::Result<()> {
         self.pending.extend_from_slice(record);
         self.write()
     }
 
     /// Has all that was written reach the disk, and nothing stand behind it.
-    pub(crate) fn finish(&mut self) -> io::Result<()> {
+    pub fn finish(&mut self) -> io::Result<()> {
         self.write()?;
         self.file.sync_data()
     }

@@ -1,3 +1,5 @@
+use crate::philox::{halves, joined, philox4x32, unit};
+
 /// The key of a random stream: 64 bits, from which children and numbers are derived without any state.
 ///
 /// Every number is a pure function of (seed, stream, step, index): Philox4x32-10 keyed by the seed, with the rest as
@@ -5,7 +7,7 @@
 ///
 /// # Example
 /// ```
-/// use mishandle_rollout::{Seed, Stream};
+/// use mishandle_random::{Seed, Stream};
 /// let simulation = Seed(7).child(0).child(12); // run 7, trial 0, simulation 12
 /// let mut noise = [0.0; 3];
 /// simulation.normals(Stream::ActionNoise, 41, &mut noise);
@@ -49,13 +51,13 @@ impl Seed {
     /// The seed of the `index`-th part of what this seed stands for: trials of a run, simulations of a trial.
     pub fn child(self, index: u64) -> Seed {
         let [a, b, _, _] = self.block(Stream::Child, index, 0);
-        Seed(join(a, b))
+        Seed(joined(a, b))
     }
 
     /// A number drawn uniformly from [0, 1), with 53 random bits.
     pub fn uniform(self, stream: Stream, step: u64, index: u32) -> f64 {
         let [a, b, _, _] = self.block(stream, step, index);
-        unit(join(a, b))
+        unit(joined(a, b))
     }
 
     /// Fills `out` with independent standard normal numbers, by Box and Muller's transform.
@@ -63,8 +65,8 @@ impl Seed {
         for (pair, index) in out.chunks_mut(2).zip(0..) {
             let [a, b, c, d] = self.block(stream, step, index);
             // 1 - u lies in (0, 1], where the logarithm is finite.
-            let radius = (-2.0 * (1.0 - unit(join(a, b))).ln()).sqrt();
-            let (sin, cos) = (std::f64::consts::TAU * unit(join(c, d))).sin_cos();
+            let radius = (-2.0 * (1.0 - unit(joined(a, b))).ln()).sqrt();
+            let (sin, cos) = (std::f64::consts::TAU * unit(joined(c, d))).sin_cos();
             pair[0] = radius * cos;
             if let Some(second) = pair.get_mut(1) {
                 *second = radius * sin;
@@ -73,49 +75,14 @@ impl Seed {
     }
 
     fn block(self, stream: Stream, step: u64, index: u32) -> [u32; 4] {
-        philox(
-            [index, stream as u32, step as u32, (step >> 32) as u32],
-            [self.0 as u32, (self.0 >> 32) as u32],
-        )
+        let [low, high] = halves(step);
+        philox4x32([index, stream as u32, low, high], halves(self.0))
     }
-}
-
-fn join(low: u32, high: u32) -> u64 {
-    u64::from(low) | (u64::from(high) << 32)
-}
-
-fn unit(bits: u64) -> f64 {
-    (bits >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
-}
-
-/// Philox4x32 with ten rounds.
-fn philox(counter: [u32; 4], key: [u32; 2]) -> [u32; 4] {
-    let [mut c0, mut c1, mut c2, mut c3] = counter;
-    let [mut k0, mut k1] = key;
-    for _ in 0..10 {
-        let p0 = 0xD251_1F53_u64 * u64::from(c0);
-        let p1 = 0xCD9E_8D57_u64 * u64::from(c2);
-        (c0, c1, c2, c3) = ((p1 >> 32) as u32 ^ c1 ^ k0, p1 as u32, (p0 >> 32) as u32 ^ c3 ^ k1, p0 as u32);
-        k0 = k0.wrapping_add(0x9E37_79B9);
-        k1 = k1.wrapping_add(0xBB67_AE85);
-    }
-    [c0, c1, c2, c3]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn philox_gives_the_published_vectors() {
-        // Known answers that come with the authors' Random123 library.
-        assert_eq!(philox([0; 4], [0; 2]), [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8]);
-        assert_eq!(philox([!0; 4], [!0; 2]), [0x408f_276d, 0x41c8_3b0e, 0xa20b_c7c6, 0x6d54_51fd]);
-        assert_eq!(
-            philox([0x243f_6a88, 0x85a3_08d3, 0x1319_8a2e, 0x0370_7344], [0xa409_3822, 0x299f_31d0]),
-            [0xd16c_fe09, 0x94fd_cceb, 0x5001_e420, 0x2412_6ea1]
-        );
-    }
 
     #[test]
     fn normals_have_mean_zero_and_variance_one() {
