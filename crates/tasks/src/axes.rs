@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use mishandle_rollout::{
-    Axis, AxisKind, AxisValues, Distribution, Disturbance, Effect, RolloutError, Shape, Space,
+    Axis, AxisKind, AxisValues, Distribution, Disturbance, Effect, RolloutError, Space, TimeProfile,
 };
 use mishandle_world::{Body, Change, Mocap, Model, WorldError};
 
@@ -142,7 +142,7 @@ pub(crate) fn disturbances(definition: &Definition, action_noise: bool) -> Vec<D
         all.push(Disturbance {
             axis: offset(AxisKind::Model, &format!("bias_{name}"), unit, MAX_BIAS)
                 .meaning(&format!("constant error of the observed {name}")),
-            effect: Effect::Observation { entry, shape: Shape::Constant(0..EPISODE_STEPS) },
+            effect: Effect::Observation { entry, profile: TimeProfile::Constant(0..EPISODE_STEPS) },
         });
     }
     for (name, unit, entry) in positions(definition) {
@@ -153,7 +153,7 @@ pub(crate) fn disturbances(definition: &Definition, action_noise: bool) -> Vec<D
                 axis: offset(AxisKind::Input, &format!("drift_{name}_{}", knot + 1), unit, MAX_BIAS).meaning(
                     &format!("error of the observed {name} at control step {at}, linear between the knots"),
                 ),
-                effect: Effect::Observation { entry, shape: Shape::Linear { before, at, after } },
+                effect: Effect::Observation { entry, profile: TimeProfile::Linear { before, at, after } },
             });
         }
     }
@@ -164,7 +164,7 @@ pub(crate) fn disturbances(definition: &Definition, action_noise: bool) -> Vec<D
                 "added to the joint's action, which is in [-1, 1], in control steps {}",
                 first_to_last(&steps)
             )),
-            effect: Effect::Action { entry: joint, shape: Shape::Constant(steps) },
+            effect: Effect::Action { entry: joint, profile: TimeProfile::Constant(steps) },
         });
     }
     if action_noise {

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{
-    Axis, Component, Controller, Disturbance, Environment, Identity, Noise, Reachable, Rollout, RolloutError,
-    Scenario, Signal, Space, Specification, System, SystemFactory, Target,
+    Axis, Component, Controller, Disturbance, Environment, Identity, Noise, ReachabilityCheck, Rollout,
+    RolloutError, Scenario, Signal, Space, Specification, System, SystemFactory, Target,
 };
 
 use crate::axes;
@@ -123,7 +123,7 @@ impl TaskTarget {
         Ok(Identity::new("task", self.task.definition().name, &text))
     }
 
-    fn reachable(&self) -> Arc<Reachable> {
+    fn reachable(&self) -> Arc<ReachabilityCheck> {
         let (task, starts) = (self.task, self.starts.space().clone());
         let nominal = starts.nominal();
         Arc::new(move |space: &Space, scenario: &Scenario| {
