@@ -1,6 +1,6 @@
 use std::ops::ControlFlow;
 
-use mishandle_evaluation::{Evaluation, Metrics, Report, Roles};
+use mishandle_evaluation::{Evaluation, EvaluationReport, FormulaRoles, Metrics};
 use mishandle_rollout::{AxisKind, Request, Scenario, Seed, Space, Target};
 use mishandle_store::{RunWriter, TrialStatus};
 
@@ -25,18 +25,17 @@ pub fn evaluate(
     resolved: &ResolvedPlan,
     mut run: RunWriter,
     mut watch: impl FnMut(u64) -> ControlFlow<()>,
-) -> Result<Report, MishandleError> {
+) -> Result<EvaluationReport, MishandleError> {
     let plan = &resolved.plan;
     let evaluate = plan.evaluate.as_ref().ok_or(MishandleError::OtherPlan { wanted: "evaluate" })?;
     let accepts = |scenario: &Scenario| is_reachable(resolved, scenario);
     let evaluation = Evaluation {
-        accepted: (evaluate.starts == StartRegion::Reachable)
-            .then_some(&accepts as &dyn Fn(&Scenario) -> bool),
+        filter: (evaluate.starts == StartRegion::Reachable).then_some(&accepts as &dyn Fn(&Scenario) -> bool),
         batch: evaluate.batch as usize,
         ..Evaluation::new(evaluate.episodes, Seed(plan.seed))
     };
-    let mut metrics = Metrics::new(Roles::of(&resolved.specification))
-        .with_failures_completing(plan.preset == COUNTS_FAILURES);
+    let mut metrics = Metrics::new(FormulaRoles::of(&resolved.specification))
+        .with_completion_times_of_failures(plan.preset == COUNTS_FAILURES);
     if run.file().trials()?.is_empty() {
         run.start_trial(TRIAL, plan.seed)?;
     }

@@ -197,13 +197,13 @@ pub(crate) fn episode(simulation: &Simulation) -> Result<Episode, MishandleError
 }
 
 /// What a record's simulation was asked for.
-pub(crate) fn request(simulation: &Simulation, wants_subformulas: bool) -> Request {
+pub(crate) fn request(simulation: &Simulation, needs_subformulas: bool) -> Request {
     Request {
         trial: simulation.trial,
         number: simulation.number,
         unit_point: simulation.unit_point.clone(),
         scenario: Scenario::new(simulation.scenario.clone()),
         seed: Seed(simulation.seed),
-        wants_subformulas,
+        needs_subformulas,
     }
 }

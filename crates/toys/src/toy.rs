@@ -128,7 +128,7 @@ impl ToySystem {
             }
             verdict => (EpisodeEnd::Completed, verdict?),
         };
-        if request.wants_subformulas && verdict.robustness.is_some() {
+        if request.needs_subformulas && verdict.robustness.is_some() {
             verdict.subformulas = self.judge.subformulas(&trace)?;
         }
         let steps = trace.len().saturating_sub(1);

@@ -1,5 +1,5 @@
 use anyhow::Result;
-use mishandle::evaluation::{Estimate, Report};
+use mishandle::evaluation::{Estimate, EvaluationReport};
 use mishandle::{EvaluatePlan, Plan, ResolvedPlan, StartRegion};
 use serde_json::{Value, json};
 
@@ -60,7 +60,7 @@ fn starts(plan: &Plan) -> StartRegion {
     plan.evaluate.as_ref().map_or(StartRegion::Whole, |evaluate| evaluate.starts)
 }
 
-fn document(resolved: &ResolvedPlan, report: &Report, path: &str) -> Value {
+fn document(resolved: &ResolvedPlan, report: &EvaluationReport, path: &str) -> Value {
     let mut own = json!({
         "box": starts(&resolved.plan),
         "leaves_out_starts": mishandle::leaves_out_starts(resolved),
@@ -82,7 +82,7 @@ fn document(resolved: &ResolvedPlan, report: &Report, path: &str) -> Value {
     output::joined(run::document(resolved, path), own)
 }
 
-fn text(resolved: &ResolvedPlan, report: &Report) -> String {
+fn text(resolved: &ResolvedPlan, report: &EvaluationReport) -> String {
     // A single number has a mean, but says nothing of its spread.
     let cells = |estimate: &Estimate, value: &dyn Fn(f64) -> String, end: &dyn Fn(f64) -> String| {
         let interval =

@@ -51,7 +51,7 @@ fn page(target: &Target, plan: &Plan) -> String {
     let mut sections = vec![format!("{} ({}){preset}", target.identity.name, target.identity.kind)];
     let formulas = target.formulas.iter().map(|formula| format!("  {:<12}{}", formula.name, formula.text));
     sections.push(format!(
-        "TaskFormulas, the default requirement first\n{}",
+        "Formulas, the default requirement first\n{}",
         formulas.collect::<Vec<_>>().join("\n")
     ));
     let signals = target.signals.iter().map(|signal| match signal.unit.as_str() {

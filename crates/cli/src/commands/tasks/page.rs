@@ -3,7 +3,7 @@
 use anyhow::Result;
 use mishandle::stl::{Clock, Formula, Moment};
 use mishandle::tasks::{
-    CONTROL_DT, Definition, EPISODE_STEPS, Grip, JOINT_NAMES, Preset, Quantity, Reward, TARGET_STEP,
+    CONTROL_DT, Definition, EPISODE_STEPS, GripperMode, JOINT_NAMES, Preset, Quantity, Reward, TARGET_STEP,
 };
 
 use crate::output::{folded, table_in, wrapped};
@@ -28,7 +28,7 @@ pub fn page(definition: &Definition, preset: Preset, columns: usize) -> Result<S
     sections.extend([
         section("Picture", &picture(definition)),
         section("Scene", &scene(definition, width)),
-        section("TaskFormulas", &formulas(definition, preset, width)?),
+        section("Formulas", &formulas(definition, preset, width)?),
         section("Initial box (bounds under task presets paper and code)", &initial_box(definition, width)),
         section("Signals", &table_in(&quantities(definition.signals), width)),
         section(
@@ -78,7 +78,7 @@ fn scene(definition: &Definition, width: usize) -> String {
     format!(
         "{}\n{}\n{}",
         wrapped("The robot's base is the origin; x points forward, y to its left, z up.", width),
-        wrapped(definition.setting, width),
+        wrapped(definition.scene_description, width),
         wrapped(&start, width)
     )
 }
@@ -140,7 +140,7 @@ fn initial_box(definition: &Definition, width: usize) -> String {
     for axis in definition.initial_box {
         let bounds = |[low, high]: [f64; 2]| format!("[{low}, {high}]");
         let text = [bounds(axis.paper), bounds(axis.code)];
-        rows.push([axis.name, &text[0], &text[1], axis.unit, axis.sets].map(String::from).to_vec());
+        rows.push([axis.name, &text[0], &text[1], axis.unit, axis.meaning].map(String::from).to_vec());
     }
     table_in(&rows, width)
 }
@@ -169,8 +169,8 @@ fn numbered(list: &[Quantity]) -> Vec<Vec<String>> {
 
 fn actions(definition: &Definition, width: usize) -> String {
     let fingers = match definition.grip {
-        Grip::Fixed(opening) => format!("no effect: the fingers are held at {opening} m each"),
-        Grip::Scene(rule) => rule.to_string(),
+        GripperMode::Fixed(opening) => format!("no effect: the fingers are held at {opening} m each"),
+        GripperMode::Scene(rule) => rule.to_string(),
     };
     let arm = format!("joint targets of the arm, moved by {TARGET_STEP} rad at 1");
     table_in(&[vec!["0-6".to_string(), arm], vec!["7-8".to_string(), fingers]], width)
