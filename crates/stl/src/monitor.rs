@@ -317,7 +317,7 @@ impl<'a> Operands<'a> {
                 check_arithmetic(operator, &[x, y], out, clock)?;
             }
             Action::TemporalUnary(operator, window, x) => {
-                temporal_unary(operator, window, self.signal(x), out, scratch)
+                temporal_unary(operator, window, self.signal(x), out, scratch);
             }
             Action::TemporalBinary(operator, window, x, y) => {
                 temporal_binary(operator, window, self.signal(x), self.signal(y), out, scratch);
