@@ -31,7 +31,7 @@ impl MishandleError {
                 }
                 _ => None,
             },
-            MishandleError::Search(SearchError::UnknownOption { wanted, known, .. }) => {
+            MishandleError::Search(SearchError::UnknownOption { name: wanted, known, .. }) => {
                 meant(wanted, known.iter().map(String::as_str))
             }
             MishandleError::Rollout(RolloutError::Monitor { source, .. }) => source.hint(),

@@ -119,10 +119,11 @@ fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<FileLock>, Mis
         .map(|(flag, path)| {
             let folder = path.parent().unwrap_or(Path::new(""));
             folders
-                .make(folder)
+                .create(folder)
                 .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
             let file = with_ending(&path, ".lock");
-            let lock = FileLock::take(&file).map_err(|source| MishandleError::File { path: file, source })?;
+            let lock =
+                FileLock::try_acquire(&file).map_err(|source| MishandleError::File { path: file, source })?;
             lock.ok_or(MishandleError::Busy { path, flag })
         })
         .collect()

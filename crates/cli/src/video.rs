@@ -55,7 +55,7 @@ impl Video {
             .args(["-video_size", &format!("{}x{}", size.width(), size.height())])
             .args(["-framerate", &rate.to_string(), "-i", "pipe:0"])
             .args(["-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4"])
-            .arg(file.part())
+            .arg(file.temporary_path())
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())

@@ -121,7 +121,7 @@ fn without_a_driver_the_packages_are_named() {
         command
     };
     let mut command = without_driver(bench.command("render point-reaching --out start.png"));
-    let packages = ["error: no picture can be drawn", "apt install libegl1 libgl1-mesa-dri"];
+    let packages = ["error: cannot render without a display", "apt install libegl1 libgl1-mesa-dri"];
     bench.refuses(&mut command, &packages);
     // Of a run, before it is run again.
     bench.check("evaluate point-reaching --controller expert --episodes 1 --out run.sqlite");

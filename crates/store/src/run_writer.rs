@@ -217,7 +217,7 @@ fn fill(path: &Path, header: &RunHeader, writer_lock: Option<FileLock>) -> Resul
 /// Keeps other writers away from a run. Where no lock file can be made, SQLite's own lock has to do, and what is wrong with
 /// the folder shows when the run is written.
 fn lock(path: &Path) -> Result<Option<FileLock>> {
-    match FileLock::take(&lock_file(path)) {
+    match FileLock::try_acquire(&lock_file(path)) {
         Ok(None) => Err(StoreError::Locked { path: path.into() }),
         Ok(lock) => Ok(lock),
         Err(_) => Ok(None),

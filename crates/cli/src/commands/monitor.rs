@@ -3,7 +3,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
-use mishandle::stl::{Clock, Formula, Monitor, Trace, Unit};
+use mishandle::stl::{Clock, Formula, Monitor, TimeUnit, Trace};
 use serde_json::{Value, json};
 
 use crate::ExitStatus;
@@ -59,9 +59,9 @@ pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
     Ok(if robustness < 0.0 { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
-fn unit(text: &str) -> Result<Unit> {
-    let known = Unit::ALL.map(Unit::symbol);
-    Unit::ALL
+fn unit(text: &str) -> Result<TimeUnit> {
+    let known = TimeUnit::ALL.map(TimeUnit::symbol);
+    TimeUnit::ALL
         .into_iter()
         .find(|unit| unit.symbol() == text)
         .with_context(|| format!("--unit is `{text}`; it has to be one of {}", known.join(", ")))

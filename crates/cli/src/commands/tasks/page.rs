@@ -1,7 +1,7 @@
 //! One task, explained to a person. All of it is made from what the task states as data.
 
 use anyhow::Result;
-use mishandle::stl::{Clock, Formula, Moment};
+use mishandle::stl::{Clock, EvaluationTime, Formula};
 use mishandle::tasks::{
     CONTROL_DT, Definition, EPISODE_STEPS, GripperMode, JOINT_NAMES, Preset, Quantity, Reward, TARGET_STEP,
 };
@@ -84,15 +84,15 @@ fn scene(definition: &Definition, width: usize) -> String {
 }
 
 /// What the four formulas of a task are for.
-const ROLES: [(&str, Moment, &str); 4] = [
-    ("success", Moment::Start, "the task was done"),
-    ("strict", Moment::Start, "the task was done well (ours, not the paper's)"),
+const ROLES: [(&str, EvaluationTime, &str); 4] = [
+    ("success", EvaluationTime::Start, "the task was done"),
+    ("strict", EvaluationTime::Start, "the task was done well (ours, not the paper's)"),
     (
         "safe",
-        Moment::Any,
+        EvaluationTime::Any,
         "a control step is not dangerous; dangerous behavior rate: the share of those that are",
     ),
-    ("completion", Moment::Any, "the task is completed at the first control step where this holds"),
+    ("completion", EvaluationTime::Any, "the task is completed at the first control step where this holds"),
 ];
 
 fn formulas(definition: &Definition, preset: Preset, width: usize) -> Result<String> {
@@ -118,7 +118,7 @@ fn formulas(definition: &Definition, preset: Preset, width: usize) -> Result<Str
         lines.push(format!("  {text}"));
         lines.push(format!("  {}", formula.symbols()));
         lines.extend(
-            formula.words(&Clock::steps(CONTROL_DT), moment, unit)?.iter().map(|line| format!("  {line}")),
+            formula.explain(&Clock::steps(CONTROL_DT), moment, unit)?.iter().map(|line| format!("  {line}")),
         );
         if other_text != text {
             lines.push(format!("  task preset {}: {other_text}", name(other)));
