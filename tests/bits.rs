@@ -1,7 +1,7 @@
-//! Simulations keep their bits from version to version: points, scenarios, seeds, robustness and traces of seven tasks and
-//! three searches are those of an earlier commit. The file says which, and by which command it was made.
+//! Regression test: search points, scenarios, seeds, robustness and traces of seven tasks and three searches equal
+//! those of an earlier commit. The golden file names the commit and the command that wrote it.
 //!
-//! A difference is not always a mistake: whoever changes physics, a search or a controller on purpose makes the file again.
+//! After an intended change of the physics, a search or a controller, write the file again.
 
 #![allow(clippy::unwrap_used)]
 
@@ -12,7 +12,7 @@ use mishandle::{FalsifyPlan, Plan, ResolvedPlan};
 use serde_json::Value;
 
 #[test]
-fn simulations_have_the_bits_of_an_earlier_commit() {
+fn simulations_are_bit_identical_to_an_earlier_commit() {
     let golden: Value = serde_json::from_str(include_str!("golden/bits.json")).unwrap();
     let folder = tempfile::tempdir().unwrap();
     for (i, case) in golden["cases"].as_array().unwrap().iter().enumerate() {
@@ -22,7 +22,7 @@ fn simulations_have_the_bits_of_an_earlier_commit() {
             formula: Some("strict".to_string()),
             search: search.to_string(),
             trials: 1,
-            // The limit on evaluations of nelder-mead is the budget, so it is that of the command.
+            // The same budget as in the command, because it limits the evaluations of nelder-mead.
             budget: 14,
             ..FalsifyPlan::default()
         };

@@ -137,7 +137,7 @@ fn nothing_is_written_over_unasked() {
     for (flags, told) in [
         (
             "--out none.safetensors --resume",
-            "there is no checkpoint none.safetensors.checkpoint to carry on from",
+            "there is no checkpoint none.safetensors.checkpoint to resume from",
         ),
         ("--out a.safetensors", "a.safetensors exists already; give another --out, or --resume"),
         ("--out b.safetensors --csv a.csv", "a.csv exists already; give another --csv, or --resume"),
