@@ -20,12 +20,12 @@ const AT_ONCE: u32 = 8;
 const BATCH: u32 = 32;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let asked = std::env::args().find_map(|word| word.parse().ok());
-    let simulations: u32 = asked.unwrap_or(100_000);
+    let argument = std::env::args().find_map(|word| word.parse().ok());
+    let simulations: u32 = argument.unwrap_or(100_000);
     let folder = tempfile::tempdir()?;
     rows(simulations, &folder.path().join("rows.sqlite"))?;
     let csv = lines(simulations, &folder.path().join("rows.csv"))?;
-    println!("  the same as flushed lines of CSV      {csv:8.2} s");
+    println!("  flushed lines of CSV, for comparison  {csv:8.2} s");
     traces(&folder.path().join("traces.sqlite"))
 }
 

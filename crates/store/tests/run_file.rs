@@ -350,7 +350,7 @@ fn an_invalid_record_rejects_its_whole_batch() {
     );
     check_rejected(
         |record| record.number = 0,
-        "cannot record simulation 0 of trial 1: the simulations of a trial are numbered from 1",
+        "cannot record simulation 0 of trial 1: simulations of a trial are numbered from 1",
     );
     check_rejected(
         |record| record.number = 1,
