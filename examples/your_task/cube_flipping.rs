@@ -4,10 +4,10 @@ use std::{borrow::Cow, sync::Arc};
 
 use mishandle::rollout::Controller;
 use mishandle::tasks::kinematic::{ResolvedRate, rotation_between};
-use mishandle::tasks::{BoxAxis, Quantity, Variations, effort, limited, one, three};
 use mishandle::tasks::{
-    Definition, Expert, ExpertInput, ExpertPolicy, Grip, Panda, Reward, Scene, Task, TaskFormulas,
+    BoxAxis, Definition, Expert, ExpertInput, ExpertPolicy, Grip, Panda, Quantity, Reward,
 };
+use mishandle::tasks::{Scene, Task, TaskFormulas, Variations, effort, limited, one, three};
 use mishandle::world::frame::{add, cross, norm, rotate, scale, sub};
 use mishandle::world::{Body, Joint, Model, Rows, World, WorldError};
 

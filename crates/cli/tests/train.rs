@@ -32,7 +32,7 @@ fn an_interrupted_training_goes_on_and_of_two_on_one_file_one_is_refused() {
     bench
         .refuses(&format!("{TRAIN} --out a.safetensors"), &["another training run is writing a.safetensors"]);
     let other = format!("{TRAIN} --out b.safetensors --csv a.csv --resume");
-    bench.refuses(&other, &["another training is writing a.csv", "give another --csv"]);
+    bench.refuses(&other, &["another training run is writing a.csv", "give another --csv"]);
     signal(&child, "INT");
     let output = child.wait_with_output().unwrap();
     let err = text(&output.stderr);
