@@ -4,10 +4,8 @@ use std::{borrow::Cow, sync::Arc};
 
 use mishandle::rollout::Controller;
 use mishandle::tasks::kinematic::{ResolvedRate, rotation_between};
-use mishandle::tasks::{
-    BoxAxis, Definition, Expert, ExpertInput, ExpertPolicy, Grip, Panda, Quantity, Reward,
-};
-use mishandle::tasks::{Scene, Task, TaskFormulas, Variations, effort, limited, one, three};
+use mishandle::tasks::{BoxAxis, Definition, Expert, ExpertInput, ExpertPolicy, Grip, Panda, Quantity};
+use mishandle::tasks::{Reward, Scene, Task, TaskFormulas, Variations, effort, limited, one, three};
 use mishandle::world::frame::{add, cross, norm, rotate, scale, sub};
 use mishandle::world::{Body, Joint, Model, Rows, World, WorldError};
 
