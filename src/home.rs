@@ -38,7 +38,7 @@ fn is_home(folder: &Path) -> bool {
     folder.join("controllers").is_dir() && folder.join("experiments/training").is_dir()
 }
 
-/// Describes the source of the shipped files, for messages: `in /home/me/mishandle` or `built into the program`.
+/// Describes the source of the shipped files, for messages: `in FOLDER` or `built into the program`.
 pub fn home_description() -> String {
     home().map_or("built into the program".to_string(), |home| format!("in {}", home.display()))
 }
