@@ -201,7 +201,7 @@ fn known(kind: &'static str, name: &str, names: &[&str]) -> Result<(), Mishandle
         return Ok(());
     }
     let known = names.iter().map(|name| (*name).to_string()).collect();
-    Err(MishandleError::Name { kind, name: name.to_string(), known })
+    Err(MishandleError::UnknownName { kind, name: name.to_string(), known })
 }
 
 /// The files of the best controller and of the last.

@@ -12,7 +12,7 @@ use mishandle::{FalsifyPlan, Plan, ResolvedPlan};
 use serde_json::Value;
 
 #[test]
-fn simulations_have_the_bits_of_an_earlier_commit() {
+fn simulations_are_bit_identical_to_an_earlier_commit() {
     let golden: Value = serde_json::from_str(include_str!("golden/bits.json")).unwrap();
     let folder = tempfile::tempdir().unwrap();
     for (i, case) in golden["cases"].as_array().unwrap().iter().enumerate() {

@@ -70,7 +70,7 @@ fn only_unreachable_initial_states_are_excluded() {
     let excludes = |task: &str, starts| {
         let evaluate = EvaluatePlan { episodes: 20, starts, ..EvaluatePlan::default() };
         let plan = Plan { evaluate: Some(evaluate), ..Plan::new(task, "expert") };
-        mishandle::leaves_out_starts(&ResolvedPlan::new(&plan).unwrap())
+        mishandle::rejects_scenarios(&ResolvedPlan::new(&plan).unwrap())
     };
     // Half of the variant's box is reachable. The probability that all 20 initial states are reachable is 1e-6.
     assert!(excludes(DEFINITION.name, StartRegion::Reachable));
