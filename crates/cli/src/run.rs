@@ -157,7 +157,7 @@ fn shown(axes: &[Axis], values: &[Option<f64>], most: usize) -> String {
     let left_out = if set.len() > most.saturating_add(1) { set.len() - most } else { 0 };
     if left_out > 0 {
         let distance = |(_, axis, value): &(usize, &Axis, f64)| {
-            (axis.unit(*value) - axis.unit(axis.nominal.unwrap_or_default())).abs()
+            (axis.unit_coordinate(*value) - axis.unit_coordinate(axis.nominal.unwrap_or_default())).abs()
         };
         set.sort_by(|a, b| distance(b).total_cmp(&distance(a)));
         set.truncate(most);
