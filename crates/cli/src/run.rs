@@ -157,7 +157,7 @@ fn format_scenario(axes: &[Axis], values: &[Option<f64>], max_values: usize) -> 
     let omitted = if shown.len() > max_values.saturating_add(1) { shown.len() - max_values } else { 0 };
     if omitted > 0 {
         let distance = |(_, axis, value): &(usize, &Axis, f64)| {
-            (axis.unit(*value) - axis.unit(axis.nominal.unwrap_or_default())).abs()
+            (axis.unit_coordinate(*value) - axis.unit_coordinate(axis.nominal.unwrap_or_default())).abs()
         };
         shown.sort_by(|a, b| distance(b).total_cmp(&distance(a)));
         shown.truncate(max_values);
