@@ -51,60 +51,50 @@ pub enum MishandleError {
         /// What is missing there.
         wanted: &'static str,
     },
-    /// Another process trains into the same file.
-    #[error("another training is writing {}; wait until it ends, or give another {flag}", path.display())]
+    /// Another process writes to the same file.
+    #[error("another training is writing {}; wait until it ends, or choose another {flag}", path.display())]
     Busy {
         /// The file.
         path: PathBuf,
         /// The flag that says where it is.
         flag: &'static str,
     },
-    /// Something is where a new training would write.
-    #[error("{} exists already; give another {flag}, or --resume to carry on", path.display())]
+    /// An output file of a new training run exists.
+    #[error("{} exists already; choose another {flag}, or resume with --resume", path.display())]
     Exists {
-        /// What is there.
+        /// The existing file.
         path: PathBuf,
-        /// The flag that says where it is.
+        /// Flag of this output.
         flag: &'static str,
     },
-    /// There is nothing that a training could carry on from.
+    /// There is no checkpoint to resume from.
     #[error(
-        "there is no checkpoint {} to carry on from; to begin again, remove what the training left and leave out --resume",
+        "there is no checkpoint {} to resume from; to start again, delete the output files and omit --resume",
         path.display()
     )]
     NoCheckpoint {
-        /// Where it would be.
+        /// Path of the checkpoint.
         path: PathBuf,
     },
-    /// Two things that a training writes would go to one place.
-    #[error("{} would hold both {first} and {second}; give another {flag}", path.display())]
-    SamePlace {
-        /// The place.
+    /// Two outputs of a training run have the same path.
+    #[error("{} is the path of both {first} and {second}; choose another {flag}", path.display())]
+    SameOutput {
+        /// The path.
         path: PathBuf,
-        /// What goes there.
+        /// Name of the first output.
         first: &'static str,
-        /// What else does.
+        /// Name of the second output.
         second: &'static str,
-        /// The flag that puts the second there.
+        /// Flag of the second output.
         flag: &'static str,
     },
-    /// The file of a training's curve is damaged, foreign, or another training's.
+    /// The CSV file of a learning curve is damaged, or belongs to another training run.
     #[error("{}: {problem}", path.display())]
     Curve {
         /// Its path.
         path: PathBuf,
         /// What is wrong.
         problem: crate::CurveProblem,
-    },
-    /// A training that does not fit into the memory.
-    #[error("the training needs at least {needed} of memory, {free} are free: {}", parts.join(", "))]
-    Memory {
-        /// What it needs.
-        needed: String,
-        /// What is free.
-        free: String,
-        /// What the largest of it is for, and how much that is.
-        parts: Vec<String>,
     },
     /// A recorded simulation of an evaluation is not the one that its plan asks for.
     #[error(

@@ -23,7 +23,6 @@ mod falsify;
 mod film;
 mod hint;
 mod home;
-mod memory;
 mod plan;
 mod record;
 mod replay;

@@ -252,9 +252,9 @@ impl VectorEnv {
 /// A setting that has a value that it cannot have: in Python it is a keyword, in no table.
 fn wrong_keyword(error: TrainingError) -> PyErr {
     match error {
-        TrainingError::Setting { name, wanted, found, .. } => {
+        TrainingError::Setting { name, expected, found, .. } => {
             let keyword = name.rsplit('.').next().unwrap_or(&name);
-            MishandleError::new_err(format!("`{keyword}` must be {wanted}, found {found}"))
+            MishandleError::new_err(format!("`{keyword}` must be {expected}, found {found}"))
         }
         other => raised(other),
     }

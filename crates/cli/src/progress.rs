@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use console::Term;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
-use mishandle::training::clock;
+use mishandle::training::format_duration;
 
 use crate::output::shows_progress;
 
@@ -102,10 +102,10 @@ impl Facts<'_> {
     /// and the rest from its end.
     fn line(&self, columns: usize) -> String {
         let count = format!("{}/{} {}", self.done, self.total, self.what);
-        let elapsed = clock(self.elapsed.as_secs_f64());
+        let elapsed = format_duration(self.elapsed.as_secs_f64());
         let left = match self.done {
             0 => String::new(),
-            _ => format!("{} left", clock(self.left.as_secs_f64())),
+            _ => format!("{} left", format_duration(self.left.as_secs_f64())),
         };
         for parts in [
             [&count, elapsed.as_str(), &left, self.note],
