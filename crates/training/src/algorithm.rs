@@ -151,7 +151,7 @@ impl AlgorithmSettings {
     /// Reads the settings of `algorithm` from TOML; returns `None` if the algorithm is unknown.
     ///
     /// # Errors
-    /// If the text is not TOML, contains an unknown key, or gives a setting a value that is not allowed.
+    /// If the text is not TOML, contains an unknown key, or assigns a value that is not allowed.
     ///
     /// # Example
     /// ```
@@ -230,7 +230,7 @@ impl AlgorithmSettings {
     /// Trains a policy in batches from `environments`, on the threads of the current rayon pool. An
     /// [`Arc`](std::sync::Arc) of an [`Environment`](mishandle_rollout::Environment) creates batches on the CPU.
     ///
-    /// With a checkpoint of the same settings, training resumes there and gives the same bits as an uninterrupted run.
+    /// With a checkpoint of the same settings, training resumes there and produces the same bits as an uninterrupted run.
     /// Only `run.total_steps` may differ, and only if the learning does not depend on it.
     ///
     /// # Errors

@@ -1,4 +1,4 @@
-//! Training works with any environment batch, and the CPU batch gives the same bits as single workers.
+//! Training works with any environment batch, and the CPU batch produces the same bits as single workers.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 

@@ -42,7 +42,7 @@ impl From<Vec<u64>> for CheckpointArray {
 
 /// State of a training run: named arrays, and the identity of the run.
 ///
-/// A resumed run gives the same bits as an uninterrupted one. The file is a safetensors file with a JSON header under the
+/// A resumed run produces the same bits as an uninterrupted one. The file is a safetensors file with a JSON header under the
 /// key `mishandle-checkpoint`.
 ///
 /// # Example

@@ -57,7 +57,7 @@ choice! {
 settings! {
     /// `[policy]`: the policy network.
     pub struct ActorSettings in "policy." {
-        /// Sizes of the hidden layers; an empty list gives a linear policy.
+        /// Sizes of the hidden layers; an empty list means a linear policy.
         pub hidden: Vec<usize> = vec![128, 128], LAYER_SIZES;
         /// Activation function of the hidden layers.
         #[serde(with = "activation_name")]
@@ -75,7 +75,7 @@ settings! {
 settings! {
     /// `[critic]`: the action-value networks (Q-networks).
     pub struct QCriticSettings in "critic." {
-        /// Sizes of the hidden layers; an empty list gives a linear value function.
+        /// Sizes of the hidden layers; an empty list means a linear value function.
         pub hidden: Vec<usize> = vec![128, 128], LAYER_SIZES;
         /// Activation function of the hidden layers.
         #[serde(with = "activation_name")]

@@ -70,7 +70,7 @@ impl OnPolicySettings<'_> {
 settings! {
     /// `[policy]`: a Gaussian policy with state-independent standard deviations.
     pub struct PolicySettings in "policy." {
-        /// Sizes of the hidden layers; an empty list gives a linear policy.
+        /// Sizes of the hidden layers; an empty list means a linear policy.
         pub hidden: Vec<usize> = vec![64, 64], LAYER_SIZES;
         /// Activation function of the hidden layers.
         #[serde(with = "activation_name")]
@@ -105,7 +105,7 @@ choice! {
 settings! {
     /// `[critic]`: the state-value network.
     pub struct CriticSettings in "critic." {
-        /// Sizes of the hidden layers; an empty list gives a linear value function.
+        /// Sizes of the hidden layers; an empty list means a linear value function.
         pub hidden: Vec<usize> = vec![64, 64], LAYER_SIZES;
         /// Activation function of the hidden layers.
         #[serde(with = "activation_name")]

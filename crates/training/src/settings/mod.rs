@@ -44,7 +44,7 @@ pub trait TomlSettings: Default + Serialize + DeserializeOwned {
     /// Reads settings from TOML.
     ///
     /// # Errors
-    /// If the text is not TOML, contains an unknown key, or gives a setting a value that is not allowed.
+    /// If the text is not TOML, contains an unknown key, or assigns a value that is not allowed.
     fn from_toml(text: &str) -> Result<Self, TrainingError> {
         read::read(text)
     }

@@ -14,7 +14,7 @@ const PRESET: &str = "preset";
 /// Reads settings from TOML. A missing key, at any depth, takes its value from the preset that the text names.
 ///
 /// # Errors
-/// If the text is not TOML, contains an unknown setting, or gives a setting a value that is not allowed.
+/// If the text is not TOML, contains an unknown setting, or assigns a value that is not allowed.
 pub(crate) fn read<S: TomlSettings>(text: &str) -> Result<S, TrainingError> {
     let not_toml = |error: toml::de::Error| TrainingError::NotToml {
         line: line_at(text, error.span().map_or(0, |span| span.start)),

@@ -53,7 +53,7 @@ pub fn run(
     pool.install(|| settings.train(&Line::new(0.05), Seed(5), resume, observer)).unwrap()
 }
 
-/// Checks that training gives the same bits on 1, 2 and 4 threads; returns the number of iterations.
+/// Checks that training produces the same bits on 1, 2 and 4 threads; returns the number of iterations.
 #[track_caller]
 pub fn check_threads(settings: &AlgorithmSettings) -> usize {
     let mut one = RecordingObserver::default();
@@ -68,7 +68,7 @@ pub fn check_threads(settings: &AlgorithmSettings) -> usize {
     one.progress.len()
 }
 
-/// Checks that training gives the same bits if it is stopped after `stops` iterations and resumed; returns the number of
+/// Checks that training produces the same bits if it is stopped after `stops` iterations and resumed; returns the number of
 /// iterations.
 #[track_caller]
 pub fn check_resumption(settings: &AlgorithmSettings, stops: &[u64]) -> usize {

@@ -88,8 +88,8 @@ pub struct PolicyScratch<T> {
 }
 
 impl<T: Scalar> PolicyLoss<'_, T> {
-    /// The weight of the rows `rows` of the batch, and of the mean log π(a|s); derivatives of the loss by the parameters of
-    /// the actor's network, then by those beside it, are added to `gradient`.
+    /// Returns the contribution of the rows `rows` to the loss and to mean log π, and adds the gradient with respect to the
+    /// parameters of the actor's network, then log σ, to `gradient`.
     pub fn add_gradient(
         &self,
         rows: Range<usize>,

@@ -17,7 +17,7 @@ pub(super) struct RolloutBatch<'a> {
     pub normalizer: &'a Normalizer<f32>,
 }
 
-/// A Gaussian policy; the network gives the mean.
+/// A Gaussian policy; the network outputs the mean.
 #[derive(Clone, Copy)]
 pub(super) struct GaussianPolicy<'a> {
     pub network: &'a Mlp<f32>,
