@@ -5,7 +5,7 @@
 mod bench;
 mod training;
 
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 
 use bench::{Bench, SMALL, signal, text};
 use mishandle::controllers::ControllerFile;
@@ -78,65 +78,68 @@ fn a_training_that_cannot_write_its_first_checkpoint_ends_and_leaves_no_files() 
     }
 }
 
-/// Creates folders with the names of temporary files, so that the files cannot be written.
-fn block(bench: &Bench, files: &[&str]) {
-    for file in files {
-        // The run may be writing the file at this moment.
-        wait_until("the folder", || std::fs::create_dir(bench.path(&format!("{file}.partial"))).is_ok());
-    }
+/// Starts the program with SIGXFSZ ignored, so that a write beyond a later file size limit is an error.
+fn start_limitable(bench: &Bench, arguments: &str) -> Child {
+    let command = format!("trap '' XFSZ; exec {} {arguments}", env!("CARGO_BIN_EXE_mishandle"));
+    let mut shell = Command::new("sh");
+    shell.args(["-c", &command]).current_dir(bench.path(".")).stdout(Stdio::piped()).stderr(Stdio::piped());
+    shell.spawn().unwrap()
 }
 
-fn unblock(bench: &Bench, files: &[&str]) {
-    files.iter().for_each(|file| std::fs::remove_dir(bench.path(&format!("{file}.partial"))).unwrap());
+/// Limits the size of files that a running process writes.
+fn limit_file_size(child: &Child, bytes: u32) {
+    let limit = [format!("--pid={}", child.id()), format!("--fsize={bytes}")];
+    assert!(Command::new("prlimit").args(limit).status().unwrap().success());
 }
 
 #[test]
 fn an_interrupted_training_that_cannot_write_resumes_from_its_last_checkpoint() {
     let bench = bench();
     bench.write("ppo.toml", &format!("{SMALL}run.checkpoint_interval = 5\n"));
-    let child = start(&bench, &format!("{TRAIN} {ENDLESS} --out a.safetensors --csv a.csv"));
+    let child = start_limitable(&bench, &format!("{TRAIN} {ENDLESS} --out a.safetensors --csv a.csv"));
     wait_until("a checkpoint", || bench.path("a.safetensors.checkpoint").exists());
-    let files = ["a.safetensors", "a.last.safetensors", "a.safetensors.checkpoint"];
-    block(&bench, &files);
+    // Enough space for the curve, but not for a controller or a checkpoint.
+    limit_file_size(&child, 16 << 10);
     let rows = count_lines(&bench.path("a.csv"));
-    wait_until("50 more rows", || count_lines(&bench.path("a.csv")) > rows + 50);
+    wait_until("20 more rows", || count_lines(&bench.path("a.csv")) > rows + 20);
     signal(&child, "INT");
     let output = child.wait_with_output().unwrap();
     let err = text(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{err}");
-    let warned = "warning: cannot write the checkpoint a.safetensors.checkpoint: Is a directory";
+    let warned = "warning: cannot write the checkpoint a.safetensors.checkpoint: File too large";
     assert_eq!(err.matches(warned).count(), 1, "{err}");
     for file in ["controller a.safetensors", "controller a.last.safetensors", "checkpoint a.safetensors."] {
         assert!(err.contains(&format!("error: cannot write the {file}")), "{err}");
     }
     assert!(err.contains("the steps since the last checkpoint are lost"), "{err}");
     let resume = err.lines().find_map(|line| line.strip_prefix("Resume with: mishandle ")).unwrap();
-    unblock(&bench, &files);
     let done = count_lines(&bench.path("a.csv")) as u64 - 1;
-    // A partially written file of a killed run is harmless.
-    bench.write("a.safetensors.checkpoint.partial", "half");
     bench.check(&resume.replace(ENDLESS, &format!("--steps {}", 256 * done)), 0);
     assert_eq!(curve(&bench, "a.csv").rows.len() as u64, done);
-    assert_eq!(files_in(&bench), ["a.csv", files[1], files[0], files[2]]);
+    let files = ["a.csv", "a.last.safetensors", "a.safetensors", "a.safetensors.checkpoint"];
+    assert_eq!(files_in(&bench), files);
 }
 
 #[test]
 fn resuming_writes_controllers_that_could_not_be_written() {
     let bench = bench();
     let files = ["a.safetensors", "a.last.safetensors"];
-    block(&bench, &files);
-    let output = bench.run(&format!("{TRAIN} --out a.safetensors"));
+    let child = start(&bench, &format!("{TRAIN} --steps 51200 --out a.safetensors"));
+    wait_until("a checkpoint", || bench.path("a.safetensors.checkpoint").exists());
+    // A folder with the name of a file keeps the file from being written.
+    files.iter().for_each(|file| std::fs::create_dir(bench.path(file)).unwrap());
+    let output = child.wait_with_output().unwrap();
     let err = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{err}");
     assert_eq!(err.matches("error: ").count(), 1, "{err}");
     assert!(err.contains("cannot write the controller a.safetensors: Is a directory"), "{err}");
     let resume =
         err.lines().find_map(|line| line.strip_prefix("Resume once the file can be written: mishandle "));
-    unblock(&bench, &files);
-    assert_eq!(bench.json(&format!("{} --json", resume.unwrap()), 0)["environment_steps"], 2048);
+    files.iter().for_each(|file| std::fs::remove_dir(bench.path(file)).unwrap());
+    assert_eq!(bench.json(&format!("{} --json", resume.unwrap()), 0)["environment_steps"], 51200);
     for name in files {
         let training = ControllerFile::load(&bench.path(name)).unwrap().header.training;
-        assert_eq!(training.environment_steps, 2048, "{name}");
+        assert_eq!(training.environment_steps, 51200, "{name}");
     }
 }
 
