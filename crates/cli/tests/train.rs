@@ -262,7 +262,7 @@ fn a_curve_with_an_incomplete_last_line_is_read_without_it() {
     let rows: String = (1..=40).map(|i| format!("{}{}\n", row(i), ",0".repeat(empty_terms))).collect();
     bench.write("b.csv", &format!("{header}\n{rows}41,6560,41"));
     let output = bench.run("curve b.csv --environments 16 --json");
-    assert_eq!(text(&output.stderr), "warning: the last line of b.csv is cut off; it is left out\n");
+    assert_eq!(text(&output.stderr), "warning: the last line of b.csv is incomplete and was ignored\n");
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(found["iterations"], 40);
     assert_eq!(

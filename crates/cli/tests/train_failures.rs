@@ -137,10 +137,10 @@ fn resuming_writes_controllers_that_could_not_be_written() {
         err.lines().find_map(|line| line.strip_prefix("Resume once the file can be written: mishandle "));
     files.iter().for_each(|file| std::fs::remove_dir(bench.path(file)).unwrap());
     assert_eq!(bench.json(&format!("{} --json", resume.unwrap()), 0)["environment_steps"], 51200);
-    for name in files {
-        let training = ControllerFile::load(&bench.path(name)).unwrap().header.training;
-        assert_eq!(training.environment_steps, 51200, "{name}");
-    }
+    // The best controller by validation may be older than the last one.
+    let steps =
+        files.map(|name| ControllerFile::load(&bench.path(name)).unwrap().header.training.environment_steps);
+    assert!(steps[0] <= 51200 && steps[1] == 51200, "{steps:?}");
 }
 
 #[test]
