@@ -1,7 +1,7 @@
-//! What the paper reports of its own controllers, in its table of performance.
+//! The paper's results for its own controllers, from its table of performance.
 
-/// A controller of the paper: task, algorithm, training time in control steps, then success rate (percent), dangerous
-/// behavior rate (percent) and task completion time (control steps), without and with noise.
+/// Task, algorithm, training time in control steps, then success rate (percent), dangerous behavior rate (percent) and
+/// task completion time (control steps), without and with noise.
 type Row = (&'static str, &'static str, u32, [[f64; 3]; 2]);
 
 const REPORTED: &[Row] = &[
@@ -23,9 +23,9 @@ const REPORTED: &[Row] = &[
     ("cloth-placing", "trpo", 22_400, [[99.0, 14.38, 27.45], [99.0, 15.08, 29.25]]),
 ];
 
-/// How a controller of the paper did.
+/// Performance that the paper reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Performance {
+pub struct PaperPerformance {
     /// Success rate, percent.
     pub success: f64,
     /// Dangerous behavior rate, percent.
@@ -34,14 +34,14 @@ pub struct Performance {
     pub completion: f64,
 }
 
-/// How the paper's controller did, without and with noise.
-pub fn performance(task: &str, algorithm: &str) -> Option<[Performance; 2]> {
+/// Returns the performance of the paper's controller without and with noise; `None` if the paper has no such controller.
+pub fn paper_performance(task: &str, algorithm: &str) -> Option<[PaperPerformance; 2]> {
     let (.., found) = row(task, algorithm)?;
-    Some(found.map(|[success, danger, completion]| Performance { success, danger, completion }))
+    Some(found.map(|[success, danger, completion]| PaperPerformance { success, danger, completion }))
 }
 
-/// How long the paper's controller was trained, in control steps of each environment.
-pub fn training_time(task: &str, algorithm: &str) -> Option<u32> {
+/// Returns the training time of the paper's controller, in control steps of each environment.
+pub fn paper_training_time(task: &str, algorithm: &str) -> Option<u32> {
     row(task, algorithm).map(|(_, _, steps, _)| *steps)
 }
 

@@ -1,13 +1,21 @@
-//! Several seeds as one: the interquartile mean, and what it is worth.
+//! Statistics over seeds: the interquartile mean and its confidence interval.
 
-/// The share of the values that is left out at each end.
+/// Share of the values that is trimmed at each end.
 const TRIMMED: f64 = 0.25;
 
-/// The quantiles between which 95 % of the resampled means lie.
+/// Quantiles of the resampled means that bound the 95 % interval.
 const ENDS: [f64; 2] = [0.025, 0.975];
 
-/// Mean of the middle half of `values`: a quarter is left out at each end, of a value that lies across that border only
-/// the part beyond it. `None` of nothing.
+/// Returns the mean of the middle half of `values`; `None` for no values.
+///
+/// A quarter of the values is trimmed at each end. If the border falls inside a value, that value counts in part.
+///
+/// # Example
+/// ```
+/// use mishandle_experiments::interquartile_mean;
+/// assert_eq!(interquartile_mean(&[9.0, 1.0, 2.0, 100.0]), Some(5.5));
+/// assert_eq!(interquartile_mean(&[]), None);
+/// ```
 pub fn interquartile_mean(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -22,15 +30,15 @@ pub fn interquartile_mean(values: &[f64]) -> Option<f64> {
     (weights > 0.0).then(|| sum / weights)
 }
 
-/// 95 % interval of the interquartile mean by the percentile bootstrap over `values`, which are few: all their samples
-/// with replacement are gone through, each with its probability, so that no random numbers are needed. `None` of fewer
-/// than two values.
+/// Returns the 95 % percentile bootstrap interval of the interquartile mean; `None` for fewer than two values.
 ///
-/// With n values that are (2n - 1)! / (n! (n - 1)!) different samples, 126 of five.
+/// The bootstrap is exact: it enumerates every sample with replacement with its probability, so it needs no random
+/// numbers. n values have (2n - 1)! / (n! (n - 1)!) different samples: 126 for n = 5.
 ///
-/// Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13; interquartile means over seeds are what
-/// Agarwal et al., "Deep reinforcement learning at the edge of the statistical precipice", NeurIPS 2021, propose.
-pub fn interval(values: &[f64]) -> Option<[f64; 2]> {
+/// # Reference
+/// Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13. Agarwal et al., "Deep reinforcement learning
+/// at the edge of the statistical precipice", NeurIPS 2021, propose interquartile means over seeds.
+pub fn interquartile_mean_interval(values: &[f64]) -> Option<[f64; 2]> {
     if values.len() < 2 {
         return None;
     }
@@ -47,7 +55,7 @@ pub fn interval(values: &[f64]) -> Option<[f64; 2]> {
     Some(ENDS.map(|end| quantile(&means, end)))
 }
 
-/// All ways to draw `left` values, as how often each place is drawn, from the place `first` on.
+/// Visits all ways to draw `left` more values from the places `first` and above, as the count of each place.
 fn for_each_sample(counts: &mut Vec<usize>, first: usize, left: usize, visit: &mut impl FnMut(&[usize])) {
     if first + 1 == counts.len() {
         counts[first] = left;
@@ -60,7 +68,7 @@ fn for_each_sample(counts: &mut Vec<usize>, first: usize, left: usize, visit: &m
     }
 }
 
-/// The probability of drawing each of n places this often in n draws: n! / (c₁! … cₙ!) / nⁿ.
+/// Returns the probability of these counts in n draws from n places: n! / (c₁! … cₙ!) / nⁿ.
 fn probability(counts: &[usize]) -> f64 {
     let n = counts.iter().sum::<usize>();
     let factorial = |count: usize| (1..=count).map(|i| i as f64).product::<f64>();
@@ -68,7 +76,7 @@ fn probability(counts: &[usize]) -> f64 {
     ways / (n as f64).powi(n as i32)
 }
 
-/// The least value whose probability, with that of all below it, is at least `p`.
+/// Returns the least value whose cumulative probability is at least `p`.
 fn quantile(sorted: &[(f64, f64)], p: f64) -> f64 {
     let mut sum = 0.0;
     let reached = sorted.iter().find(|(_, probability)| {
@@ -89,13 +97,13 @@ mod tests {
     }
 
     #[test]
-    fn a_quarter_is_left_out_at_each_end() {
-        // Four and eight values: a whole quarter at each end, as scipy.stats.trim_mean(values, 0.25) has it.
+    fn a_quarter_of_the_values_is_trimmed_at_each_end() {
+        // Four and eight values: whole values are trimmed, as by scipy.stats.trim_mean(values, 0.25).
         check(&[9.0, 1.0, 2.0, 100.0], 5.5);
         check(&[1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 90.0, 100.0], (3.0 + 4.0 + 6.0 + 8.0) / 4.0);
-        // Five: 1.25 at each end, so 0.75, 1 and 0.75 of the three in the middle.
+        // Five values: 1.25 are trimmed at each end, which leaves 0.75, 1 and 0.75 of the three in the middle.
         check(&[0.0, 10.0, 20.0, 40.0, 1000.0], (0.75 * 10.0 + 20.0 + 0.75 * 40.0) / 2.5);
-        // Three: 0.75 at each end.
+        // Three values: 0.75 are trimmed at each end.
         check(&[0.0, 10.0, 40.0], (0.25 * 0.0 + 10.0 + 0.25 * 40.0) / 1.5);
         check(&[2.0, 4.0], 3.0);
         check(&[7.0], 7.0);
@@ -103,31 +111,31 @@ mod tests {
     }
 
     #[test]
-    fn the_samples_of_two_values_are_three() {
-        // Both low, one of each (twice), both high: 1/4, 1/2, 1/4, and 95 % take in all of them.
-        let mut seen = Vec::new();
+    fn two_values_have_three_samples() {
+        // Both low, one of each (two orders), both high: 1/4, 1/2, 1/4. The 95 % interval covers all of them.
+        let mut samples = Vec::new();
         for_each_sample(&mut vec![0; 2], 0, 2, &mut |counts| {
-            seen.push((counts.to_vec(), probability(counts)));
+            samples.push((counts.to_vec(), probability(counts)));
         });
-        assert_eq!(seen, [(vec![0, 2], 0.25), (vec![1, 1], 0.5), (vec![2, 0], 0.25)]);
-        assert_eq!(interval(&[1.0, 2.0]), Some([1.0, 2.0]));
-        assert_eq!(interval(&[1.0]), None);
+        assert_eq!(samples, [(vec![0, 2], 0.25), (vec![1, 1], 0.5), (vec![2, 0], 0.25)]);
+        assert_eq!(interquartile_mean_interval(&[1.0, 2.0]), Some([1.0, 2.0]));
+        assert_eq!(interquartile_mean_interval(&[1.0]), None);
     }
 
     #[test]
-    fn of_zeros_and_a_one_the_interval_is_counted_by_hand() {
-        // Three values, one of them 1: k ones are drawn with probability C(3,k) 2^(3-k) / 27 = 8, 12, 6, 1 of 27. The
-        // means of 0, 1, 2 and 3 ones are 0, 1/6, 5/6 and 1; up to 2 ones are 26 / 27 = 0.963, below 0.975.
-        assert_eq!(interval(&[0.0, 0.0, 1.0]), Some([0.0, 1.0]));
-        // Five values, one 1: k ones with C(5,k) 4^(5-k) / 3125, which is 1024, 1280, 640, 160, 20, 1. Up to 2: 0.942,
-        // up to 3: 0.993. Three ones among five: 0.75 of a zero is kept, 1 and 0.75 of ones: 1.75 / 2.5.
-        let [low, high] = interval(&[0.0, 0.0, 0.0, 0.0, 1.0]).unwrap();
+    fn the_interval_of_zeros_and_a_one_matches_the_hand_count() {
+        // Three values, one of them 1: a sample has k ones with probability C(3,k) 2^(3-k) / 27 = 8, 12, 6, 1 of 27. The
+        // means for 0, 1, 2 and 3 ones are 0, 1/6, 5/6 and 1. At most 2 ones: 26 / 27 = 0.963, below 0.975.
+        assert_eq!(interquartile_mean_interval(&[0.0, 0.0, 1.0]), Some([0.0, 1.0]));
+        // Five values, one of them 1: k ones with probability C(5,k) 4^(5-k) / 3125, which is 1024, 1280, 640, 160, 20, 1
+        // of 3125. At most 2: 0.942; at most 3: 0.993. Three ones in five: 0.75 zeros and 1.75 ones remain: 1.75 / 2.5.
+        let [low, high] = interquartile_mean_interval(&[0.0, 0.0, 0.0, 0.0, 1.0]).unwrap();
         assert_eq!(low, 0.0);
         assert!((high - 0.7).abs() < 1e-12, "{high}");
     }
 
     #[test]
-    fn all_samples_together_are_certain() {
+    fn the_probabilities_of_all_samples_add_up_to_one() {
         let (mut sum, mut count) = (0.0, 0);
         for_each_sample(&mut vec![0; 5], 0, 5, &mut |counts| {
             sum += probability(counts);

@@ -1,10 +1,10 @@
-//! What the tables come to, in a few lines.
+//! The tables in two sentences.
 
-use super::plan::{self, ALGORITHMS, SHIPPED_SEED};
-use super::tables::{Shown, misses};
+use crate::tables::{Shown, missed};
+use crate::{SHIPPED_SEED, algorithms, seeds};
 
-/// How many controllers reach all their bars, which do not, and which seeds were not run.
-pub fn summary(shown: &Shown<'_>) -> String {
+/// How many controllers reach all their bars, which do not, and how many seeds were run.
+pub(super) fn table(shown: &Shown<'_>) -> String {
     let shipped = Tally::of(shown, |seed| seed == SHIPPED_SEED);
     let further = Tally::of(shown, |seed| seed != SHIPPED_SEED);
     format!(
@@ -12,20 +12,20 @@ pub fn summary(shown: &Shown<'_>) -> String {
          every bar{}.\n",
         shipped.planned,
         shipped.reaching(),
-        listed("; the others miss: ", &shipped.missing),
+        shipped.others(),
         further.planned,
         further.run,
         further.reaching(),
-        listed("; the others miss: ", &further.missing),
+        further.others(),
     )
 }
 
-/// How trainings of the plan stand.
+/// Counts of training runs.
 #[derive(Default)]
 struct Tally {
     planned: usize,
     run: usize,
-    /// Each that misses a bar, and what it misses.
+    /// Each controller that misses a bar, with the bars.
     missing: Vec<String>,
 }
 
@@ -33,14 +33,14 @@ impl Tally {
     fn of(shown: &Shown<'_>, counts: impl Fn(u64) -> bool) -> Tally {
         let mut tally = Tally::default();
         for task in shown.names() {
-            for algorithm in ALGORITHMS {
-                for seed in plan::seeds(algorithm).into_iter().filter(|seed| counts(*seed)) {
+            for algorithm in algorithms() {
+                for seed in seeds(algorithm).into_iter().filter(|seed| counts(*seed)) {
                     tally.planned += 1;
-                    let Some((standing, record)) = shown.recorded(task, algorithm, seed) else { continue };
+                    let Some((entry, record)) = shown.recorded(task, algorithm, seed) else { continue };
                     tally.run += 1;
-                    let missed = misses(standing, record);
+                    let missed = missed(entry, record);
                     if !missed.is_empty() {
-                        let name = standing.training.controller();
+                        let name = entry.training.controller();
                         tally.missing.push(format!("`{task}` `{name}` ({})", missed.join(", ")));
                     }
                 }
@@ -52,8 +52,11 @@ impl Tally {
     fn reaching(&self) -> usize {
         self.run - self.missing.len()
     }
-}
 
-fn listed(before: &str, names: &[String]) -> String {
-    if names.is_empty() { String::new() } else { before.to_string() + &names.join(", ") }
+    fn others(&self) -> String {
+        match self.missing.is_empty() {
+            true => String::new(),
+            false => format!("; the others miss: {}", self.missing.join(", ")),
+        }
+    }
 }
