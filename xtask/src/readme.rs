@@ -1,10 +1,10 @@
-//! `cargo xtask readme`: runs the commands that README.md shows, so that they stay true.
+//! `cargo xtask readme`: runs the commands in README.md and compares their output.
 //!
-//! In a code block marked `console`, a line that starts with `$ ` is a command (a `\` at its end carries on in the next
-//! line) and the lines below are its output. Blocks run in order, each command in a shell of its own, in the
-//! repository's root, with the release build on the path. A command has to exit with 0, unless a comment right above the
-//! block gives the code of each command in it, as `<!-- exit: 0 1 -->`. The first line of output that is shown has to be
-//! written by the command too, to stdout or stderr; numbers and the width of gaps are not compared.
+//! In a code block marked `console`, a line that starts with `$ ` is a command, which continues on the next line after a
+//! `\`. The lines below are its output. Blocks run in order, each command in its own shell, in an empty folder, with the
+//! release build on the path. A command must exit with 0, unless a comment above the block lists the exit code of each
+//! command: `<!-- exit: 0 1 -->`. The command must write the first line of the output to stdout or stderr; numbers and the
+//! width of gaps are not compared.
 
 use std::fs;
 use std::path::Path;
@@ -16,23 +16,23 @@ use anyhow::{Context, Result, bail, ensure};
 use crate::process::{cargo, run};
 
 const README: &str = "README.md";
-/// Limit for one command, in seconds.
+/// Time limit of one command, s.
 const LIMIT_SECS: u32 = 180;
-/// The exit code of `timeout` when the limit was reached.
+/// Exit code of `timeout` at the time limit.
 const TIMED_OUT: i32 = 124;
 
-/// Commands that are shown but not run: how they start, and why.
+/// Commands that are not run: how they start, and why.
 const SKIPPED: &[(&str, &str)] = &[
-    ("git clone", "the reader has the repository by now"),
-    ("cd ", "the commands run in a folder of their own"),
-    ("cargo xtask demo", "its parts are run by other steps"),
-    ("cargo xtask test", "it is what runs this"),
-    ("cargo bench", "takes minutes"),
+    ("git clone", "the repository exists"),
+    ("cd ", "the commands run in their own folder"),
+    ("cargo xtask demo", "other steps run its parts"),
+    ("cargo xtask test", "it runs this chore"),
+    ("cargo bench", "it takes minutes"),
 ];
 
 #[derive(Debug, PartialEq)]
 struct Shown {
-    /// In README.md, from 1.
+    /// Line in README.md, from 1.
     line: usize,
     command: String,
     exit: i32,
@@ -42,38 +42,38 @@ struct Shown {
 /// Builds the program, then runs every command of README.md.
 ///
 /// # Errors
-/// The first command that does not do what README.md shows, with its line.
+/// If a command behaves differently from README.md, with its line.
 pub fn check(root: &Path) -> Result<()> {
     let text = fs::read_to_string(root.join(README)).with_context(|| format!("cannot read {README}"))?;
     let shown = commands(&text)?;
     run(&mut cargo(root, &["build", "--release"]), &[0])?;
-    // An empty folder, so that what an earlier try left behind stands in nobody's way.
+    // An empty folder: files of an earlier call could change the results.
     let folder = root.join("target/readme");
     if folder.exists() {
         fs::remove_dir_all(&folder).with_context(|| format!("cannot empty {}", folder.display()))?;
     }
-    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
     for shown in &shown {
         let place = format!("{README}:{}: `{}`", shown.line, shown.command);
         if let Some((_, reason)) = SKIPPED.iter().find(|(start, _)| shown.command.starts_with(start)) {
-            eprintln!("{place}: not run, {reason}");
+            eprintln!("{place}: not run: {reason}");
             continue;
         }
         let started = Instant::now();
         try_out(root, &folder, shown).with_context(|| place.clone())?;
-        eprintln!("{place}: as shown, {:.1} s", started.elapsed().as_secs_f64());
+        eprintln!("{place}: passed in {:.1} s", started.elapsed().as_secs_f64());
     }
     Ok(())
 }
 
-/// The commands of all blocks marked `console`, in order.
+/// Returns the commands of all blocks marked `console`, in order.
 fn commands(text: &str) -> Result<Vec<Shown>> {
     let mut found = Vec::new();
     let mut lines = (1..).zip(text.lines()).peekable();
     let mut above = "";
     while let Some((number, line)) = lines.next() {
         if line.trim() != "```console" {
-            // A blank line between the comment and its block is allowed: Markdown needs it.
+            // Markdown needs a blank line between the comment and its block.
             above = if line.trim().is_empty() { above } else { line };
             continue;
         }
@@ -111,11 +111,11 @@ fn commands_of_block(number: usize, block: &[(usize, &str)], above: &str) -> Res
     if let Some(codes) = above.trim().strip_prefix("<!-- exit:").and_then(|rest| rest.strip_suffix("-->")) {
         let codes: Vec<i32> =
             codes.split_whitespace().map(str::parse).collect::<Result<_, _>>().with_context(|| {
-                format!("{README}:{number}: the exit codes above the block, `{codes}`, are not numbers")
+                format!("{README}:{number}: expected exit codes above the block, found `{codes}`")
             })?;
         ensure!(
             codes.len() == found.len(),
-            "{README}:{number}: the block has {} commands, and {} exit codes above it",
+            "{README}:{number}: expected an exit code for each of {} commands, found {}",
             found.len(),
             codes.len()
         );
@@ -141,24 +141,24 @@ fn try_out(root: &Path, folder: &Path, shown: &Shown) -> Result<()> {
     let written =
         format!("{}\n{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     match output.status.code() {
-        Some(TIMED_OUT) => bail!("takes more than {LIMIT_SECS} s"),
+        Some(TIMED_OUT) => bail!("took more than {LIMIT_SECS} s"),
         code if code != Some(shown.exit) => {
-            bail!("{}, not exit code {} as shown; it wrote:\n{}", output.status, shown.exit, written.trim());
+            bail!("{}, expected exit code {}; the output is:\n{}", output.status, shown.exit, written.trim());
         }
         _ => {}
     }
     if let Some(line) = &shown.first_output {
-        let wanted = without_numbers(line);
+        let expected = without_numbers(line);
         ensure!(
-            written.lines().any(|line| without_numbers(line) == wanted),
-            "its output does not have the line that is shown:\n{line}\nit wrote:\n{}",
+            written.lines().any(|line| without_numbers(line) == expected),
+            "expected this line in the output:\n{line}\nthe output is:\n{}",
             written.trim()
         );
     }
     Ok(())
 }
 
-/// A line with each number (sign, digits, point, exponent) as `#` and each gap as one blank.
+/// Replaces each number (sign, digits, point, exponent) by `#` and each gap by one blank.
 fn without_numbers(line: &str) -> String {
     let mut out = String::new();
     let mut rest = line.trim();
@@ -203,18 +203,18 @@ mod tests {
     }
 
     #[test]
-    fn only_console_blocks_hold_commands() {
+    fn only_console_blocks_contain_commands() {
         let text = "```sh\n$ no\n```\n\n<!-- exit: 0 1 -->\n\n```console\n$ one\nout\nmore\n$ two \\\n    --long\n```\n$ no\n";
         let expected = vec![shown(8, "one", 0, Some("out")), shown(11, "two --long", 1, None)];
         assert_eq!(commands(text).unwrap(), expected);
     }
 
     #[test]
-    fn exit_codes_belong_to_the_block_below_them_and_match_its_commands() {
+    fn exit_codes_apply_to_the_block_below_them() {
         let two = commands("<!-- exit: 1 -->\n```console\n$ a\n```\ntext\n```console\n$ b\n```\n").unwrap();
         assert_eq!(two.iter().map(|shown| shown.exit).collect::<Vec<_>>(), [1, 0]);
         let error = commands("<!-- exit: 1 -->\n```console\n$ a\n$ b\n```\n").unwrap_err();
-        assert_eq!(error.to_string(), "README.md:2: the block has 2 commands, and 1 exit codes above it");
+        assert_eq!(error.to_string(), "README.md:2: expected an exit code for each of 2 commands, found 1");
     }
 
     #[test]
@@ -232,13 +232,16 @@ mod tests {
     }
 
     #[test]
-    fn a_command_is_held_to_its_exit_code_and_first_line() {
+    fn the_exit_code_and_the_first_line_are_compared() {
         let root = std::env::temp_dir();
         let try_out =
             |command: &str, exit, first_output| try_out(&root, &root, &shown(1, command, exit, first_output));
         assert!(try_out("echo took 3 s >&2; exit 1", 1, Some("took 12.5 s")).is_ok());
         assert!(
-            try_out("exit 1", 0, None).unwrap_err().to_string().contains("exit status: 1, not exit code 0")
+            try_out("exit 1", 0, None)
+                .unwrap_err()
+                .to_string()
+                .contains("exit status: 1, expected exit code 0")
         );
         assert!(
             try_out("echo held", 0, Some("falsified")).unwrap_err().to_string().contains("\nfalsified\n")
