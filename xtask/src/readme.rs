@@ -1,10 +1,10 @@
-//! `cargo xtask readme`: runs the commands in README.md and compares their output.
+//! `cargo xtask readme`: runs the commands shown in README.md and docs/tour.md and checks their output.
 //!
-//! In a code block marked `console`, a line that starts with `$ ` is a command, which continues on the next line after a
-//! `\`. The lines below are its output. Blocks run in order, each command in its own shell, in an empty folder, with the
-//! release build on the path. A command must exit with 0, unless a comment above the block lists the exit code of each
-//! command: `<!-- exit: 0 1 -->`. The command must write the first line of the output to stdout or stderr; numbers and the
-//! width of gaps are not compared.
+//! In a code block marked `console`, a line that starts with `$ ` is a command (`\` at its end continues it on the next
+//! line), and the lines below are its output. The blocks of a page run in order, each command in its own shell, in an
+//! empty folder, with the release build on the path. A command must exit with 0, unless a comment directly above the block
+//! gives the code of each of its commands: `<!-- exit: 0 1 -->`. The command must print every output line that the page
+//! shows, to stdout or stderr. Numbers and the width of gaps are not compared; a page may leave lines out.
 
 use std::fs;
 use std::path::Path;
@@ -15,53 +15,58 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::process::{cargo, run};
 
-const README: &str = "README.md";
-/// Time limit of one command, s.
+const PAGES: [&str; 2] = ["README.md", "docs/tour.md"];
+/// Time limit for one command, s.
 const LIMIT_SECS: u32 = 180;
-/// Exit code of `timeout` at the time limit.
+/// Exit code of `timeout` at the limit.
 const TIMED_OUT: i32 = 124;
 
-/// Commands that are not run: how they start, and why.
+/// Commands that are shown but not run: their first words and the reason.
 const SKIPPED: &[(&str, &str)] = &[
-    ("git clone", "the repository exists"),
+    ("git clone", "the repository is already there"),
     ("cd ", "the commands run in their own folder"),
     ("cargo xtask demo", "other steps run its parts"),
-    ("cargo xtask test", "it runs this chore"),
-    ("cargo bench", "it takes minutes"),
+    ("cargo xtask test", "it runs this check"),
+    ("cargo bench", "takes minutes"),
 ];
 
 #[derive(Debug, PartialEq)]
 struct Shown {
-    /// Line in README.md, from 1.
+    /// Line of its page, from 1.
     line: usize,
     command: String,
     exit: i32,
-    first_output: Option<String>,
+    /// Output lines that the page shows, blank ones left out.
+    output: Vec<String>,
 }
 
-/// Builds the program, then runs every command of README.md.
+/// Builds the program, then runs every command of the pages.
 ///
 /// # Errors
-/// If a command behaves differently from README.md, with its line.
+/// The first command that differs from its page, with its line.
 pub fn check(root: &Path) -> Result<()> {
-    let text = fs::read_to_string(root.join(README)).with_context(|| format!("cannot read {README}"))?;
-    let shown = commands(&text)?;
     run(&mut cargo(root, &["build", "--release"]), &[0])?;
-    // An empty folder: files of an earlier call could change the results.
+    PAGES.iter().try_for_each(|page| check_page(root, page))
+}
+
+fn check_page(root: &Path, page: &str) -> Result<()> {
+    let text = fs::read_to_string(root.join(page)).with_context(|| format!("cannot read {page}"))?;
+    let shown = commands(&text).with_context(|| page.to_string())?;
+    // An empty folder, so that files of an earlier run cannot interfere.
     let folder = root.join("target/readme");
     if folder.exists() {
         fs::remove_dir_all(&folder).with_context(|| format!("cannot empty {}", folder.display()))?;
     }
     fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
     for shown in &shown {
-        let place = format!("{README}:{}: `{}`", shown.line, shown.command);
+        let place = format!("{page}:{}: `{}`", shown.line, shown.command);
         if let Some((_, reason)) = SKIPPED.iter().find(|(start, _)| shown.command.starts_with(start)) {
-            eprintln!("{place}: not run: {reason}");
+            eprintln!("{place}: not run, {reason}");
             continue;
         }
         let started = Instant::now();
         try_out(root, &folder, shown).with_context(|| place.clone())?;
-        eprintln!("{place}: passed in {:.1} s", started.elapsed().as_secs_f64());
+        eprintln!("{place}: as shown, {:.1} s", started.elapsed().as_secs_f64());
     }
     Ok(())
 }
@@ -73,7 +78,7 @@ fn commands(text: &str) -> Result<Vec<Shown>> {
     let mut above = "";
     while let Some((number, line)) = lines.next() {
         if line.trim() != "```console" {
-            // Markdown needs a blank line between the comment and its block.
+            // A blank line between the comment and its block is allowed: Markdown needs it.
             above = if line.trim().is_empty() { above } else { line };
             continue;
         }
@@ -100,22 +105,21 @@ fn commands_of_block(number: usize, block: &[(usize, &str)], above: &str) -> Res
         } else if let Some(command) = text.strip_prefix("$ ") {
             goes_on = command.ends_with('\\');
             let command = command.trim_end_matches('\\').trim().to_owned();
-            found.push(Shown { line: *line, command, exit: 0, first_output: None });
+            found.push(Shown { line: *line, command, exit: 0, output: Vec::new() });
         } else if let Some(last) = last
-            && last.first_output.is_none()
             && !text.trim().is_empty()
         {
-            last.first_output = Some((*text).to_owned());
+            last.output.push((*text).to_owned());
         }
     }
     if let Some(codes) = above.trim().strip_prefix("<!-- exit:").and_then(|rest| rest.strip_suffix("-->")) {
         let codes: Vec<i32> =
             codes.split_whitespace().map(str::parse).collect::<Result<_, _>>().with_context(|| {
-                format!("{README}:{number}: expected exit codes above the block, found `{codes}`")
+                format!("line {number}: the exit codes above the block, `{codes}`, are not numbers")
             })?;
         ensure!(
             codes.len() == found.len(),
-            "{README}:{number}: expected an exit code for each of {} commands, found {}",
+            "line {number}: the block has {} commands and {} exit codes above it",
             found.len(),
             codes.len()
         );
@@ -141,24 +145,29 @@ fn try_out(root: &Path, folder: &Path, shown: &Shown) -> Result<()> {
     let written =
         format!("{}\n{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     match output.status.code() {
-        Some(TIMED_OUT) => bail!("took more than {LIMIT_SECS} s"),
+        Some(TIMED_OUT) => bail!("it takes more than {LIMIT_SECS} s"),
         code if code != Some(shown.exit) => {
-            bail!("{}, expected exit code {}; the output is:\n{}", output.status, shown.exit, written.trim());
+            bail!(
+                "{}, not exit code {} as shown; it printed:\n{}",
+                output.status,
+                shown.exit,
+                written.trim()
+            );
         }
         _ => {}
     }
-    if let Some(line) = &shown.first_output {
-        let expected = without_numbers(line);
+    let lines: Vec<String> = written.lines().map(without_numbers).collect();
+    for line in &shown.output {
         ensure!(
-            written.lines().any(|line| without_numbers(line) == expected),
-            "expected this line in the output:\n{line}\nthe output is:\n{}",
+            lines.contains(&without_numbers(line)),
+            "the page shows a line that the command does not print:\n{line}\nit printed:\n{}",
             written.trim()
         );
     }
     Ok(())
 }
 
-/// Replaces each number (sign, digits, point, exponent) by `#` and each gap by one blank.
+/// Replaces each number (sign, digits, point, exponent) with `#` and each gap with one space.
 fn without_numbers(line: &str) -> String {
     let mut out = String::new();
     let mut rest = line.trim();
@@ -174,7 +183,7 @@ fn without_numbers(line: &str) -> String {
     out
 }
 
-/// How many bytes at the start of a text are one number; 0 if it does not start with one.
+/// Returns the length in bytes of the number at the start of a text; 0 if it starts with none.
 fn number_length(text: &str) -> usize {
     let digits = |text: &str| text.bytes().take_while(u8::is_ascii_digit).count();
     let sign = usize::from(text.starts_with(['-', '+']));
@@ -198,23 +207,24 @@ fn number_length(text: &str) -> usize {
 mod tests {
     use super::*;
 
-    fn shown(line: usize, command: &str, exit: i32, first_output: Option<&str>) -> Shown {
-        Shown { line, command: command.into(), exit, first_output: first_output.map(Into::into) }
+    fn shown(line: usize, command: &str, exit: i32, output: &[&str]) -> Shown {
+        let output = output.iter().map(|line| (*line).to_owned()).collect();
+        Shown { line, command: command.into(), exit, output }
     }
 
     #[test]
-    fn only_console_blocks_contain_commands() {
+    fn only_console_blocks_hold_commands() {
         let text = "```sh\n$ no\n```\n\n<!-- exit: 0 1 -->\n\n```console\n$ one\nout\nmore\n$ two \\\n    --long\n```\n$ no\n";
-        let expected = vec![shown(8, "one", 0, Some("out")), shown(11, "two --long", 1, None)];
+        let expected = vec![shown(8, "one", 0, &["out", "more"]), shown(11, "two --long", 1, &[])];
         assert_eq!(commands(text).unwrap(), expected);
     }
 
     #[test]
-    fn exit_codes_apply_to_the_block_below_them() {
+    fn exit_codes_belong_to_the_block_below_them_and_match_its_commands() {
         let two = commands("<!-- exit: 1 -->\n```console\n$ a\n```\ntext\n```console\n$ b\n```\n").unwrap();
         assert_eq!(two.iter().map(|shown| shown.exit).collect::<Vec<_>>(), [1, 0]);
         let error = commands("<!-- exit: 1 -->\n```console\n$ a\n$ b\n```\n").unwrap_err();
-        assert_eq!(error.to_string(), "README.md:2: expected an exit code for each of 2 commands, found 1");
+        assert_eq!(error.to_string(), "line 2: the block has 2 commands and 1 exit codes above it");
     }
 
     #[test]
@@ -232,19 +242,13 @@ mod tests {
     }
 
     #[test]
-    fn the_exit_code_and_the_first_line_are_compared() {
+    fn exit_code_and_every_shown_line_are_compared() {
         let root = std::env::temp_dir();
-        let try_out =
-            |command: &str, exit, first_output| try_out(&root, &root, &shown(1, command, exit, first_output));
-        assert!(try_out("echo took 3 s >&2; exit 1", 1, Some("took 12.5 s")).is_ok());
-        assert!(
-            try_out("exit 1", 0, None)
-                .unwrap_err()
-                .to_string()
-                .contains("exit status: 1, expected exit code 0")
-        );
-        assert!(
-            try_out("echo held", 0, Some("falsified")).unwrap_err().to_string().contains("\nfalsified\n")
-        );
+        let error = |command: &str, exit, output: &[&str]| {
+            try_out(&root, &root, &shown(1, command, exit, output)).err().map(|error| error.to_string())
+        };
+        assert_eq!(error("echo took 3 s >&2; echo b; exit 1", 1, &["took 12.5 s", "b"]), None);
+        assert!(error("exit 1", 0, &[]).unwrap().contains("exit status: 1, not exit code 0"));
+        assert!(error("echo held", 0, &["held", "falsified"]).unwrap().contains("\nfalsified\n"));
     }
 }

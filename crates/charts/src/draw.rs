@@ -95,17 +95,13 @@ impl Panel {
             builder.caption(&self.title, (FONT, 13.0).into_font().color(&INK));
         }
         let mut chart = builder.build_cartesian_2d(Places::of(x), Places::of(y))?;
-        let tick_style = match has_names {
-            true => label_style().transform(FontTransform::Rotate90).pos(Pos::new(HPos::Left, VPos::Center)),
-            false => label_style(),
-        };
         chart
             .configure_mesh()
             .x_labels(x.ticks.len().max(1))
             .y_labels(y.ticks.len().max(1))
-            .x_label_formatter(&|place| x.tick_label(*place))
+            .x_label_formatter(&|place| if has_names { String::new() } else { x.tick_label(*place) })
             .y_label_formatter(&|place| y.tick_label(*place))
-            .x_label_style(tick_style)
+            .x_label_style(label_style())
             .y_label_style(label_style())
             .axis_desc_style(label_style())
             .x_desc(x.label.as_str())
@@ -116,6 +112,16 @@ impl Panel {
             .draw()?;
         for series in &self.series {
             self.draw_series(&mut chart, series)?;
+        }
+        if has_names {
+            // plotters centers turned tick labels on the axis, so that they would cross it.
+            let style =
+                label_style().transform(FontTransform::Rotate90).pos(Pos::new(HPos::Left, VPos::Center));
+            let (left, top) = area.get_base_pixel();
+            for (place, name) in &x.ticks {
+                let (column, row) = chart.backend_coord(&(*place, y.place(y.range[0])));
+                area.draw(&Text::new(name.clone(), (column - left, row - top + 8), style.clone()))?;
+            }
         }
         Ok(())
     }

@@ -525,7 +525,8 @@ refused if it has not ended, or differs from the plan in its seed, its settings 
     #[command(after_help = "Examples:
   mishandle zoo tables
 
-Writes the tables of README.md and controllers/README.md, and controllers/curves/TASK.svg.")]
+Writes the tables of README.md, docs/tasks.md and controllers/README.md, and the charts
+controllers/curves/TASK.svg.")]
     Tables,
 }
 

@@ -113,7 +113,7 @@ fn off_policy(rates: &[Rates]) -> Chart {
         };
         Panel {
             title: algorithm.to_uppercase(),
-            x: Axis::categories("changes, from left to right", &changes),
+            x: Axis::categories("change", &changes),
             y: Axis::percent("validation, %"),
             series: vec![
                 Series::bars(SUCCESS, points(|row| row.success_rate)),
@@ -123,7 +123,7 @@ fn off_policy(rates: &[Rates]) -> Chart {
     });
     Chart {
         title: "ball-balancing: from the paper's settings to ours".to_string(),
-        caption: "Each bar has all changes to its left. Mean over the seeds.".to_string(),
+        caption: "Each bar has its own change and all to its left. Mean over the seeds.".to_string(),
         legend: legend([("success rate", SUCCESS), ("strict success rate", STRICT)]),
         columns: 1,
         panel_size: [760, 250],

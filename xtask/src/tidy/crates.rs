@@ -1,7 +1,6 @@
-//! The table of crates in ARCHITECTURE.md says what is: the crates, what each uses, and the modules in them.
+//! Checks the table of crates in ARCHITECTURE.md against the workspace: crates, levels and dependencies.
 
 use std::collections::BTreeSet;
-use std::path::Path;
 
 use anyhow::{Context, Result};
 use serde_json::Value;
@@ -9,34 +8,32 @@ use serde_json::Value;
 use super::{Problem, Tree};
 
 const PAGE: &str = "ARCHITECTURE.md";
-const COLUMNS: [&str; 5] = ["level", "crate", "one line", "modules", "uses"];
+const COLUMNS: [&str; 5] = ["level", "crate", "purpose", "invariant", "uses"];
 /// In the column `uses`: every crate of a lower level.
 const ALL: &str = "all above";
-/// Our chores, which are no part of the product.
+/// Chores, which are not part of the product.
 const UNLISTED: [&str; 1] = ["xtask"];
 /// The crate that links MuJoCo.
 const MUJOCO: &str = "world";
-/// Crates that must not link it, not even through another crate: they serve any simulator.
-const WITHOUT_MUJOCO: [&str; 9] = [
+/// Crates that must not link MuJoCo, directly or through another crate, because they serve any simulator.
+const WITHOUT_MUJOCO: [&str; 12] = [
+    "random",
+    "files",
     "stl",
     "search",
     "network",
     "store",
+    "toys",
     "rollout",
     "controllers",
     "evaluation",
     "training",
     "falsification",
 ];
-/// Files in `src` that are not modules of their own.
-const ROOTS: [&str; 4] = ["lib.rs", "main.rs", "tests.rs", "bin"];
-
 /// A package of the workspace, as cargo sees it.
 pub struct Package {
-    /// As the table calls it: `stl` for `mishandle-stl`.
+    /// Name in the table: `stl` for `mishandle-stl`.
     name: String,
-    /// Its folder from the root; empty for the root package.
-    folder: String,
     uses: BTreeSet<String>,
 }
 
@@ -45,7 +42,6 @@ struct Row {
     line: usize,
     level: u32,
     name: String,
-    modules: Vec<String>,
     uses: Uses,
 }
 
@@ -54,28 +50,24 @@ enum Uses {
     Named(BTreeSet<String>),
 }
 
-/// Reads what `cargo metadata --no-deps` prints.
+/// Parses the output of `cargo metadata --no-deps`.
 ///
 /// # Errors
-/// The text is not what cargo prints.
-pub fn packages(metadata: &str, root: &Path) -> Result<Vec<Package>> {
+/// If the text does not list packages.
+pub fn packages(metadata: &str) -> Result<Vec<Package>> {
     let metadata: Value = serde_json::from_str(metadata)?;
     let packages = metadata["packages"].as_array().context("cargo metadata names no packages")?;
-    let all: Vec<Package> = packages.iter().map(|package| read(package, root)).collect::<Result<_>>()?;
+    let all: Vec<Package> = packages.iter().map(read).collect::<Result<_>>()?;
     Ok(all.into_iter().filter(|package| !UNLISTED.contains(&package.name.as_str())).collect())
 }
 
-fn read(package: &Value, root: &Path) -> Result<Package> {
-    let text =
-        |value: &Value| value.as_str().map(str::to_owned).context("cargo metadata lacks a name or a path");
-    let manifest = text(&package["manifest_path"])?;
-    let folder = Path::new(&manifest).parent().and_then(|folder| folder.strip_prefix(root).ok());
+fn read(package: &Value) -> Result<Package> {
+    let text = |value: &Value| value.as_str().map(str::to_owned).context("cargo metadata lacks a name");
     let is_normal_and_ours =
         |dependency: &&Value| dependency["kind"].is_null() && dependency["path"].is_string();
     let dependencies = package["dependencies"].as_array().map(Vec::as_slice).unwrap_or_default();
     Ok(Package {
         name: short(&text(&package["name"])?),
-        folder: folder.context("a package lies outside the repository")?.to_string_lossy().into_owned(),
         uses: dependencies
             .iter()
             .filter(is_normal_and_ours)
@@ -88,7 +80,7 @@ fn short(name: &str) -> String {
     name.strip_prefix("mishandle-").unwrap_or(name).to_owned()
 }
 
-/// Compares the table with the packages and with the files in them.
+/// Compares the table with the packages.
 pub fn check(tree: &Tree, packages: &[Package]) -> Vec<Problem> {
     let text = tree.file(PAGE).map_or("", |file| &file.text);
     let (first_line, rows) = match table(text) {
@@ -106,7 +98,6 @@ pub fn check(tree: &Tree, packages: &[Package]) -> Vec<Problem> {
             continue;
         };
         problems.extend(uses(row, &rows, package).into_iter().map(|what| problem(row.line, what)));
-        problems.extend(modules(row, tree, package).into_iter().map(|what| problem(row.line, what)));
         if WITHOUT_MUJOCO.contains(&row.name.as_str()) {
             problems.extend(path_to_mujoco(package, packages).map(|path| problem(row.line, linked(&path))));
         }
@@ -114,7 +105,7 @@ pub fn check(tree: &Tree, packages: &[Package]) -> Vec<Problem> {
     problems
 }
 
-/// The crates from a package to the one that links MuJoCo, both included, if the first depends on the last.
+/// Returns the dependency path from a package to the crate that links MuJoCo, both included, if there is one.
 fn path_to_mujoco<'a>(package: &'a Package, packages: &'a [Package]) -> Option<Vec<&'a str>> {
     if package.name == MUJOCO {
         return Some(vec![MUJOCO]);
@@ -149,30 +140,25 @@ fn cells(line: &str) -> Vec<&str> {
 
 fn row(line: usize, text: &str) -> Result<Row, Problem> {
     let cells = cells(text);
-    let [level, name, _, modules, uses] = cells[..] else {
+    let [level, name, purpose, invariant, uses] = cells[..] else {
         return Err(problem(line, format!("the row has {} cells, not {}", cells.len(), COLUMNS.len())));
     };
+    for (column, cell) in [("purpose", purpose), ("invariant", invariant)] {
+        if cell.is_empty() {
+            return Err(problem(line, format!("the column `{column}` is empty")));
+        }
+    }
     Ok(Row {
         line,
         level: level.parse().map_err(|_| problem(line, format!("the level `{level}` is not a number")))?,
         name: quoted(name).next().unwrap_or(name).to_owned(),
-        modules: quoted(modules).flat_map(expanded).collect(),
         uses: if uses == ALL { Uses::All } else { Uses::Named(quoted(uses).map(str::to_owned).collect()) },
     })
 }
 
-/// What stands between backticks.
+/// Returns the parts of a cell between backticks.
 fn quoted(cell: &str) -> impl Iterator<Item = &str> {
     cell.split('`').skip(1).step_by(2)
-}
-
-/// `a/{b,c}` is `a/b` and `a/c`.
-fn expanded(module: &str) -> Vec<String> {
-    let module = module.trim_end_matches('/');
-    match module.split_once('{').and_then(|(start, rest)| Some((start, rest.strip_suffix('}')?))) {
-        Some((start, names)) => names.split(',').map(|name| format!("{start}{}", name.trim())).collect(),
-        None => vec![module.to_owned()],
-    }
 }
 
 fn uses(row: &Row, rows: &[Row], package: &Package) -> Vec<String> {
@@ -196,75 +182,31 @@ fn uses(row: &Row, rows: &[Row], package: &Package) -> Vec<String> {
     too_few.chain(too_many).chain(not_below).collect()
 }
 
-/// Modules that the row names and the crate lacks, and the other way round.
-fn modules(row: &Row, tree: &Tree, package: &Package) -> Vec<String> {
-    let src = if package.folder.is_empty() { "src".to_owned() } else { format!("{}/src", package.folder) };
-    let exists = |module: &str| {
-        tree.file(&format!("{src}/{module}.rs")).is_some() || tree.has_folder(&format!("{src}/{module}"))
-    };
-    let gone = row.modules.iter().filter(|module| !exists(module));
-    let gone =
-        gone.map(|module| format!("`{}` has no module `{module}` (in {src}), which its row names", row.name));
-
-    let named: BTreeSet<&str> = row.modules.iter().filter_map(|module| module.split('/').next()).collect();
-    let present: BTreeSet<&str> = tree
-        .files
-        .iter()
-        .filter_map(|file| file.path.strip_prefix(&src)?.strip_prefix('/')?.split('/').next())
-        .filter(|name| !ROOTS.contains(name))
-        .map(|name| name.strip_suffix(".rs").unwrap_or(name))
-        .filter(|module| exists(module) && tree_has_rust(tree, &src, module))
-        .collect();
-    let missing: Vec<String> = present.difference(&named).map(|module| format!("`{module}`")).collect();
-    let missing = (!missing.is_empty())
-        .then(|| format!("`{}` has modules that its row does not name; add {}", row.name, missing.join(" ")));
-    gone.chain(missing).collect()
-}
-
-/// Whether a name in `src` is a module, rather than a folder of data.
-fn tree_has_rust(tree: &Tree, src: &str, module: &str) -> bool {
-    let (file, folder) = (format!("{src}/{module}.rs"), format!("{src}/{module}/"));
-    tree.files
-        .iter()
-        .any(|other| other.path == file || (other.path.starts_with(&folder) && other.path.ends_with(".rs")))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const HEAD: &str = "# Page\n\n| level | crate | one line | modules | uses |\n|--:|---|---|---|---|\n";
+    const HEAD: &str = "# Page\n\n| level | crate | purpose | invariant | uses |\n|--:|---|---|---|---|\n";
 
     fn package(name: &str, uses: &[&str]) -> Package {
         let uses = uses.iter().map(|name| (*name).to_owned()).collect();
-        let folder = if name == "mishandle" { String::new() } else { format!("crates/{name}") };
-        Package { name: name.into(), folder, uses }
+        Package { name: name.into(), uses }
     }
 
     /// A workspace of three crates: `stl` and `rollout`, which uses it, and the root package above both.
     #[track_caller]
     fn check_rows(rows: &str, expected: &[&str]) {
         let page = format!("{HEAD}{rows}\nText.\n");
-        let tree = Tree::of(&[
-            (PAGE, &page),
-            ("src/lib.rs", ""),
-            ("src/plan.rs", ""),
-            ("crates/stl/src/lib.rs", ""),
-            ("crates/stl/src/trace.rs", ""),
-            ("crates/stl/src/parse/mod.rs", ""),
-            ("crates/stl/src/parse/error.rs", ""),
-            ("crates/rollout/src/lib.rs", ""),
-            ("crates/rollout/src/pictures/a.xml", ""),
-        ]);
+        let tree = Tree::of(&[(PAGE, &page)]);
         let packages =
             [package("stl", &[]), package("rollout", &["stl"]), package("mishandle", &["stl", "rollout"])];
         let got: Vec<_> = check(&tree, &packages).iter().map(ToString::to_string).collect();
         assert_eq!(got, expected, "{rows}");
     }
 
-    const STL: &str = "| 0 | `stl` | text | `trace` `parse/error` | – |\n";
-    const ROLLOUT: &str = "| 1 | `rollout` | text | – | `stl` |\n";
-    const ROOT: &str = "| 2 | `mishandle`, the root package | text | `plan` | all above |\n";
+    const STL: &str = "| 0 | `stl` | text | no files | – |\n";
+    const ROLLOUT: &str = "| 1 | `rollout` | text | no physics | `stl` |\n";
+    const ROOT: &str = "| 2 | `mishandle`, the root package | text | no robot | all above |\n";
 
     #[test]
     fn a_true_table_has_no_problems() {
@@ -286,7 +228,7 @@ mod tests {
     #[test]
     fn uses_are_those_of_cargo_and_point_downwards() {
         check_rows(
-            &format!("{STL}| 1 | `rollout` | text | – | – |\n{ROOT}"),
+            &format!("{STL}| 1 | `rollout` | text | no physics | – |\n{ROOT}"),
             &["ARCHITECTURE.md:6: `rollout` uses `stl`, which its row does not name"],
         );
         check_rows(
@@ -323,22 +265,11 @@ mod tests {
     }
 
     #[test]
-    fn modules_are_those_of_the_crate() {
-        check_rows(
-            &format!("| 0 | `stl` | text | `trace` `parse/{{error,gone}}` | – |\n{ROLLOUT}{ROOT}"),
-            &["ARCHITECTURE.md:5: `stl` has no module `parse/gone` (in crates/stl/src), which its row names"],
-        );
-        check_rows(
-            &format!("| 0 | `stl` | text | – | – |\n{ROLLOUT}{ROOT}"),
-            &["ARCHITECTURE.md:5: `stl` has modules that its row does not name; add `parse` `trace`"],
-        );
-    }
-
-    #[test]
     fn a_page_without_the_table_or_with_a_broken_row_says_so() {
         let no_table = check(&Tree::of(&[]), &[]);
-        assert_eq!(no_table[0].what, "no table with the columns level, crate, one line, modules, uses");
+        assert_eq!(no_table[0].what, "no table with the columns level, crate, purpose, invariant, uses");
         check_rows("| 0 | `stl` |\n", &["ARCHITECTURE.md:5: the row has 2 cells, not 5"]);
+        check_rows("| 0 | `stl` | text | | – |\n", &["ARCHITECTURE.md:5: the column `invariant` is empty"]);
         check_rows(
             "| low | `stl` | text | – | – |\n",
             &["ARCHITECTURE.md:5: the level `low` is not a number"],
@@ -354,10 +285,9 @@ mod tests {
                 {"name": "rayon", "kind": null}]},
             {"name": "mishandle", "manifest_path": "/x/Cargo.toml", "dependencies": []},
             {"name": "xtask", "manifest_path": "/x/xtask/Cargo.toml", "dependencies": []}]}"#;
-        let packages = packages(metadata, Path::new("/x")).unwrap();
-        let seen: Vec<_> =
-            packages.iter().map(|p| (p.name.as_str(), p.folder.as_str(), p.uses.len())).collect();
-        assert_eq!(seen, [("rollout", "crates/rollout", 1), ("mishandle", "", 0)]);
+        let packages = packages(metadata).unwrap();
+        let found: Vec<_> = packages.iter().map(|p| (p.name.as_str(), p.uses.len())).collect();
+        assert_eq!(found, [("rollout", 1), ("mishandle", 0)]);
         assert!(packages[0].uses.contains("stl"));
     }
 }

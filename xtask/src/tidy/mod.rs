@@ -2,6 +2,7 @@
 
 mod crates;
 mod links;
+mod prose;
 mod rules;
 
 use std::fmt;
@@ -78,11 +79,12 @@ impl Tree {
 pub fn check(root: &Path) -> Result<()> {
     let tree = Tree::read(root)?;
     let metadata = output(&mut cargo(root, &["metadata", "--no-deps", "--format-version=1"]))?;
-    let packages = crates::packages(&metadata, root)?;
-    let problems = [crates::check(&tree, &packages), rules::check(&tree), links::check(&tree)]
-        .into_iter()
-        .flatten()
-        .collect::<Vec<_>>();
+    let packages = crates::packages(&metadata)?;
+    let problems =
+        [crates::check(&tree, &packages), rules::check(&tree), links::check(&tree), prose::check(&tree)]
+            .into_iter()
+            .flatten()
+            .collect::<Vec<_>>();
     for problem in &problems {
         eprintln!("{problem}");
     }

@@ -1,4 +1,4 @@
-//! The tables of README.md and controllers/README.md, from the records.
+//! The tables of README.md, docs/tasks.md and controllers/README.md, from the records.
 
 mod seeds;
 mod summary;
@@ -18,7 +18,7 @@ const NOTHING: &str = "-";
 /// A cell for something that the plan has and nobody has run.
 const NOT_RUN: &str = "not run";
 
-/// The page with the tables.
+/// The page of the shipped controllers.
 const PAGE: &str = "controllers/README.md";
 
 /// Width of a task's picture in README.md: four fit into a row.
@@ -60,9 +60,8 @@ impl Shown<'_> {
 /// # Errors
 /// If a page cannot be read or written, or has no place for a table.
 pub(crate) fn write(shown: &Shown<'_>, drawn: &[String]) -> Result<(), ExperimentError> {
-    let readme = shown.folder.path("README.md");
-    replace(&readme, "pictures", &pictures(shown))?;
-    replace(&readme, "tasks", &tasks(shown))?;
+    replace(&shown.folder.path("README.md"), "pictures", &pictures(shown))?;
+    replace(&shown.folder.path("docs/tasks.md"), "tasks", &tasks(shown))?;
     for (name, text) in [
         ("summary", summary::table(shown)),
         ("controllers", performance(shown, 0)),
