@@ -11,13 +11,13 @@ use mishandle::tasks::TaskError;
 pub enum ExperimentError {
     /// A training run, an evaluation or a falsification failed.
     #[error(transparent)]
-    Mishandle(#[from] MishandleError),
+    Mishandle(Box<MishandleError>),
     /// A controller file cannot be read.
     #[error(transparent)]
-    Controller(#[from] ControllerError),
+    Controller(Box<ControllerError>),
     /// A benchmark task cannot be built.
     #[error(transparent)]
-    Task(#[from] TaskError),
+    Task(Box<TaskError>),
     /// A file cannot be read or written.
     #[error("{}", path.display())]
     File {
@@ -100,6 +100,24 @@ pub enum ExperimentError {
         /// The folder that was imported.
         folder: PathBuf,
     },
+}
+
+impl From<MishandleError> for ExperimentError {
+    fn from(error: MishandleError) -> ExperimentError {
+        ExperimentError::Mishandle(Box::new(error))
+    }
+}
+
+impl From<ControllerError> for ExperimentError {
+    fn from(error: ControllerError) -> ExperimentError {
+        ExperimentError::Controller(Box::new(error))
+    }
+}
+
+impl From<TaskError> for ExperimentError {
+    fn from(error: TaskError) -> ExperimentError {
+        ExperimentError::Task(Box::new(error))
+    }
 }
 
 impl ExperimentError {

@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::fs;
-use std::path::PathBuf;
+use std::path::Path;
 
 use mishandle::training::Config;
 use mishandle::{Curve, MishandleError};
@@ -124,7 +124,7 @@ pub(crate) fn expected(
 }
 
 /// Reads a settings file and adds the defaults.
-fn full_settings(path: &PathBuf, training: &Training) -> Result<String, ExperimentError> {
+fn full_settings(path: &Path, training: &Training) -> Result<String, ExperimentError> {
     let text = String::from_utf8_lossy(&read(path)?).into_owned();
     let unknown = || MishandleError::Name {
         kind: "training algorithm",
@@ -133,8 +133,8 @@ fn full_settings(path: &PathBuf, training: &Training) -> Result<String, Experime
     };
     let config = Config::from_toml(&training.algorithm, &text).ok_or_else(unknown)?;
     let config = config.and_then(|config| config.check().map(|()| config));
-    let config =
-        config.map_err(|source| MishandleError::Settings { path: path.clone(), source: Box::new(source) })?;
+    let config = config
+        .map_err(|source| MishandleError::Settings { path: path.to_path_buf(), source: Box::new(source) })?;
     Ok(config.to_toml())
 }
 

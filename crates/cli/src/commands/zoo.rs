@@ -76,7 +76,7 @@ fn finish(result: Result<(), ExperimentError>) -> Result<ExitStatus> {
             Ok(ExitStatus::Interrupted)
         }
         // The hints of the program are for its own errors.
-        Err(ExperimentError::Mishandle(error)) => Err(error.into()),
+        Err(ExperimentError::Mishandle(error)) => Err((*error).into()),
         Err(error) => Err(error.into()),
     }
 }
