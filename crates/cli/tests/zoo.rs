@@ -3,12 +3,11 @@
 #![allow(clippy::unwrap_used)]
 
 mod bench;
-mod training;
 
 use std::process::Stdio;
+use std::time::{Duration, Instant};
 
 use bench::{Bench, SMALL, signal, text};
-use training::wait_until;
 
 /// A repository whose PPO training run on one task takes long.
 fn repository() -> Bench {
@@ -38,7 +37,11 @@ fn an_interrupted_training_run_leaves_a_checkpoint_and_exits_with_130() {
     };
     let child = command("zoo train --only point-reaching/ppo --seeds 1 --jobs 1").spawn().unwrap();
     let checkpoint = bench.path("target/controllers/point-reaching-ppo-s1.safetensors.checkpoint");
-    wait_until("a checkpoint", || checkpoint.exists());
+    let start = Instant::now();
+    while !checkpoint.exists() {
+        assert!(start.elapsed() < Duration::from_secs(60), "no checkpoint within a minute");
+        std::thread::sleep(Duration::from_millis(5));
+    }
     let second = text(&command("zoo train --only point-reaching/ppo").output().unwrap().stderr);
     assert!(second.contains("another `mishandle zoo` is running"), "{second}");
     signal(&child, "INT");

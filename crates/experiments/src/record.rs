@@ -384,7 +384,7 @@ impl Record {
         }
     }
 
-    /// Reads a record; `None` if there is none.
+    /// Reads a record; `None` if the file does not exist.
     ///
     /// # Errors
     /// If the file cannot be read or is not a record.
