@@ -1,18 +1,18 @@
-//! Tells the program which commit, target and compiler it was built from: run records and controllers name them. Embeds
-//! the shipped controllers and training settings, so that an installed program needs no clone.
+//! Passes commit, target triple and compiler to the program, which stores them in run files and controllers. Embeds the
+//! shipped controllers and training settings, so that an installed program needs no clone.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs, io};
 
-/// What the program is built from. What else may have changed, a page or a figure, is none of its business.
+/// Sources of the program. A change in another file, such as a documentation page, does not mark the commit as changed.
 const SOURCES: [&str; 5] = ["build.rs", "Cargo.toml", "Cargo.lock", "src", "crates"];
 
 /// Folders with a subfolder for each task, and the extension of the files that are embedded.
 const EMBEDDED: [(&str, &str); 2] = [("controllers", "safetensors"), ("experiments/training", "toml")];
 
 fn main() -> io::Result<()> {
-    // Whether anything is changed can be told only by looking whenever something is.
+    // `git status` must run again after every change of a source.
     for file in SOURCES {
         println!("cargo::rerun-if-changed={file}");
     }
@@ -32,7 +32,7 @@ fn main() -> io::Result<()> {
     Ok(())
 }
 
-/// Writes the list of embedded files as Rust source: paths from the root, in order, each with its content.
+/// Writes the list of embedded files as Rust source: paths relative to the repository, sorted, each with its content.
 fn embed() -> io::Result<()> {
     let root = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
     let mut files = Vec::new();
@@ -59,7 +59,7 @@ fn embed() -> io::Result<()> {
     )
 }
 
-/// What a folder contains, in alphabetical order; nothing if it does not exist.
+/// Returns the entries of a folder in alphabetical order. Returns no entries if the folder does not exist.
 fn entries(folder: &Path) -> io::Result<Vec<PathBuf>> {
     if !folder.is_dir() {
         return Ok(Vec::new());
@@ -70,7 +70,7 @@ fn entries(folder: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// Warns when `.cargo/config.toml` was not read, as in a crate outside the workspace: the results have the same bits, but
+/// Warns if `.cargo/config.toml` was not read, as in a crate outside the workspace. The results have the same bits, but
 /// the matrix kernels run without vector instructions.
 fn warn_of_features() {
     let features = env::var("CARGO_CFG_TARGET_FEATURE").unwrap_or_default();
@@ -78,7 +78,7 @@ fn warn_of_features() {
     if env::var("CARGO_CFG_TARGET_ARCH").is_ok_and(|arch| arch == "x86_64") && !(has("avx2") && has("fma")) {
         println!(
             "cargo::warning=Mishandle is built without `-C target-cpu=x86-64-v3`, so networks run many times slower; \
-             docs/library.md says how to set it"
+             docs/library.md explains how to set it"
         );
     }
 }

@@ -1,7 +1,7 @@
-//! What falsification costs beside stepping and inference alone, and what a second core gives:
-//! `cargo bench -p mishandle --bench campaign`.
+//! Measures the overhead of falsification over stepping and inference, and the speedup of a second core.
 //!
-//! Each figure is the best of several interleaved repetitions; what counts are the ratios.
+//! Run it with `cargo bench -p mishandle --bench campaign`. Each number is the minimum of several interleaved repetitions.
+//! The ratios are more reliable than the times.
 
 #![allow(clippy::print_stdout)]
 
@@ -25,16 +25,16 @@ fn main() {
         let name = task.definition().name;
         let controller = mishandle::shipped_controllers(task.definition())[0].clone();
         let mut plan = Plan::new(name, &controller);
-        // A formula that always holds: every trial spends its whole budget.
+        // This formula always holds, so every trial spends its whole budget.
         plan.falsify = Some(FalsifyPlan {
             formula: Some(format!("{} < 1e9", task.definition().signals[0].name)),
             trials: 16,
             budget: SIMULATIONS / 16,
             ..FalsifyPlan::default()
         });
-        let resolved = ResolvedPlan::new(&plan).expect("the plan is sound");
-        let target = task_target(&plan).expect("the plan is sound");
-        let environment = target.environment(&resolved.space).expect("the space is the task's own");
+        let resolved = ResolvedPlan::new(&plan).expect("the plan is valid");
+        let target = task_target(&plan).expect("the plan is valid");
+        let environment = target.environment(&resolved.space).expect("the space belongs to the task");
         let (one, two) = (pool(1), pool(2));
         let (mut alone, mut whole, mut both) = (Duration::MAX, Duration::MAX, Duration::MAX);
         for _ in 0..REPETITIONS {
@@ -52,67 +52,72 @@ fn main() {
         );
     }
     println!(
-        "\nper simulation of 300 control steps, one thread: stepping 16 rows and inferring them together, nothing else; \
-         a falsification\nwith search, noise, formulas and every simulation stored; and how much faster two threads do that"
+        "\ntime per simulation of 300 control steps on one thread: stepping and inference of 16 rows together; falsification \
+         with search,\nnoise, formulas and storage of every simulation; and the speedup of falsification on two threads"
     );
 }
 
 fn pool(threads: usize) -> rayon::ThreadPool {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be had")
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads are available")
 }
 
-/// Steps and infers as many rows as a falsification has, 16 together.
+/// Steps and infers as many simulations as the falsification, 16 together.
 fn stepping(target: &TaskTarget, environment: &TaskEnvironment) -> Duration {
     const ROWS: usize = 16;
-    let (mut worker, mut actor) = (environment.worker(), target.controller().worker());
-    let (states, seen, taken) =
+    let (mut worker, mut controller) = (environment.worker(), target.controller().worker());
+    let (state_size, observation_size, action_size) =
         (environment.state_size(), environment.observation_size(), environment.action_size());
-    let mut state = vec![0.0; ROWS * states];
+    let mut state = vec![0.0; ROWS * state_size];
     let mut memory = vec![0.0; ROWS * target.controller().state_size()];
-    let mut observation = vec![0.0; ROWS * seen];
-    let mut wanted = vec![0.0_f32; ROWS * taken];
-    let mut action = vec![0.0; taken];
+    let mut observation = vec![0.0; ROWS * observation_size];
+    let mut output = vec![0.0_f32; ROWS * action_size];
+    let mut action = vec![0.0; action_size];
     let mut signals = vec![0.0; environment.signals().len()];
     let mut rewards = vec![0.0; environment.reward_terms().len()];
     let requests: Vec<Request> = (0..u64::from(SIMULATIONS))
         .map(|i| Request::new(environment.space().sample(Seed(1), i), Seed(1).child(i)))
         .collect();
-    let begin = Instant::now();
+    let start = Instant::now();
     for requests in requests.chunks(ROWS) {
         for (row, request) in requests.iter().enumerate() {
             let sample = Sample {
-                observation: &mut observation[row * seen..][..seen],
+                observation: &mut observation[row * observation_size..][..observation_size],
                 signals: &mut signals,
                 rewards: &mut rewards,
             };
-            worker.reset(&request.scenario, request.seed, &mut state[row * states..][..states], sample);
+            worker.reset(
+                &request.scenario,
+                request.seed,
+                &mut state[row * state_size..][..state_size],
+                sample,
+            );
         }
-        actor.reset(&mut memory, Seed(0));
+        controller.reset(&mut memory, Seed(0));
         for _ in 0..environment.episode_steps() {
-            actor.act(ROWS, &observation, &mut memory, &mut wanted);
+            controller.act(ROWS, &observation, &mut memory, &mut output);
             for row in 0..requests.len() {
-                for (a, wanted) in action.iter_mut().zip(&wanted[row * taken..]) {
-                    *a = f64::from(wanted.clamp(-1.0, 1.0));
+                for (action, output) in action.iter_mut().zip(&output[row * action_size..]) {
+                    *action = f64::from(output.clamp(-1.0, 1.0));
                 }
                 let sample = Sample {
-                    observation: &mut observation[row * seen..][..seen],
+                    observation: &mut observation[row * observation_size..][..observation_size],
                     signals: &mut signals,
                     rewards: &mut rewards,
                 };
-                worker.step(&action, &mut state[row * states..][..states], sample);
+                worker.step(&action, &mut state[row * state_size..][..state_size], sample);
             }
         }
     }
-    begin.elapsed()
+    start.elapsed()
 }
 
 fn falsification(resolved: &ResolvedPlan) -> Duration {
     let folder = tempfile::tempdir().expect("there is a temporary folder");
     let path = folder.path().join("run.sqlite");
     let run: RunWriter = mishandle::create_run(resolved, Some(&path)).expect("the run can be written");
-    let begin = Instant::now();
+    let start = Instant::now();
     let found = mishandle::falsify(resolved, run, |_| ControlFlow::Continue(()));
-    let elapsed = begin.elapsed();
-    assert_eq!(found.expect("it runs").simulations, u64::from(SIMULATIONS));
+    let elapsed = start.elapsed();
+    assert_eq!(found.expect("the falsification succeeds").simulations, u64::from(SIMULATIONS));
     elapsed
 }

@@ -1,4 +1,4 @@
-//! One episode, step by step: the positions of everything in it as CSV, to be shown by MuJoCo.
+//! Runs one episode step by step and prints the joint positions (qpos) of every control step as CSV, for display in MuJoCo.
 //!
 //! ```text
 //! cargo run --release --example one_episode -- ball-balancing ppo 0.45 0.1 > positions.csv
@@ -11,17 +11,17 @@ use mishandle::{Plan, task_target};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [task, controller, start @ ..] = arguments.as_slice() else {
-        return Err("give a task, a controller, and a value for each axis of the initial box".into());
+    let [task, controller_name, start @ ..] = arguments.as_slice() else {
+        return Err("expected a task, a controller, and a value for each axis of the initial box".into());
     };
     let x0 = start.iter().map(|value| value.parse()).collect::<Result<Vec<f64>, _>>()?;
-    let target = task_target(&Plan::new(task, controller))?;
+    let target = task_target(&Plan::new(task, controller_name))?;
     let environment = target.starts();
     let scenario = Scenario::from(x0);
     environment.space().check(&scenario)?;
 
-    // A simulation is a row of numbers; a worker carries it on, an actor chooses its actions.
-    let (mut worker, mut actor) = (environment.worker(), target.controller().worker());
+    // The state of a simulation is a row of numbers. `worker` steps it, and `controller` computes its actions.
+    let (mut worker, mut controller) = (environment.worker(), target.controller().worker());
     let mut state = vec![0.0; environment.state_size()];
     let mut memory = vec![0.0; target.controller().state_size()];
     let mut observation = vec![0.0; environment.observation_size()];
@@ -31,14 +31,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
     worker.reset(&scenario, Seed(0), &mut state, sample);
-    actor.reset(&mut memory, Seed(0));
+    controller.reset(&mut memory, Seed(0));
     let mut world = environment.model().world();
     for _ in 0..environment.episode_steps() {
         world.set_state(&state);
         let positions: Vec<String> = world.qpos().iter().map(f64::to_string).collect();
         println!("{}", positions.join(","));
 
-        actor.act(1, &observation, &mut memory, &mut action);
+        controller.act(1, &observation, &mut memory, &mut action);
         let clipped: Vec<f64> = action.iter().map(|a| f64::from(a.clamp(-1.0, 1.0))).collect();
         let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
         if worker.step(&clipped, &mut state, sample) == StepStatus::Diverged {

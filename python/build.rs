@@ -1,4 +1,4 @@
-//! Lets the module find MuJoCo's library from wherever pip put it: where `cargo xtask mujoco` did.
+//! Sets the search path of the module to the folder into which `cargo xtask mujoco` puts MuJoCo's library.
 
 use std::path::Path;
 

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Builds the Python module, installs it into a virtual environment of its own under target/, and tests it.
+# Builds the Python module, installs it into the virtual environment target/python-venv, and runs its tests.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-# They would replace what .cargo/config.toml says of instruction set and library paths.
+# They would override the instruction set and library paths of .cargo/config.toml.
 unset RUSTFLAGS CARGO_ENCODED_RUSTFLAGS CARGO_TARGET_DIR
 
 export VIRTUAL_ENV="$PWD/target/python-venv"

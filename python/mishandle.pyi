@@ -1,4 +1,4 @@
-# The types; `help(mishandle.VectorEnv)` says what everything is.
+# Types only; `help(mishandle.VectorEnv)` prints the documentation.
 
 from typing import TypedDict
 

@@ -2,157 +2,158 @@ use std::path::PathBuf;
 
 use mishandle_training::TrainingError;
 
-/// What can be wrong with what a user asks for, or with the run that does it.
+/// An error in a plan or its arguments, or in the run that executes it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MishandleError {
-    /// A name that is none of those known.
-    #[error("there is no {kind} `{name}`; there are: {}", known.join(", "))]
-    Name {
-        /// What was named.
+    /// The name is unknown.
+    #[error("there is no {kind} `{name}`; choose from: {}", known.join(", "))]
+    UnknownName {
+        /// Kind of the named object, such as `task`.
         kind: &'static str,
-        /// The name given.
+        /// Name given by the user.
         name: String,
-        /// The names there are.
+        /// Known names.
         known: Vec<String>,
     },
-    /// A task without a controller.
-    #[error("{target} needs a controller: --controller NAME or FILE; there are: {}", known.join(", "))]
+    /// A task needs a controller, and the plan names none.
+    #[error("{target} needs a controller: give --controller NAME or FILE; shipped are: {}", known.join(", "))]
     NoController {
-        /// The task.
+        /// Name of the task.
         target: String,
-        /// The controllers there are.
+        /// Names of the task's shipped controllers.
         known: Vec<String>,
     },
-    /// An option that a target does not take.
-    #[error("{target} takes no {option}; only tasks do")]
-    NotForTarget {
-        /// The target.
+    /// The option applies to tasks only.
+    #[error("{target} does not support {option}; only tasks do")]
+    UnsupportedOption {
+        /// Name of the target.
         target: String,
-        /// The option.
+        /// Name of the option.
         option: &'static str,
     },
-    /// A plan that cannot be read.
-    #[error("the plan cannot be read: {0}")]
+    /// The plan is not valid TOML, or a key or value is invalid.
+    #[error("cannot read the plan: {0}")]
     Plan(String),
-    /// A plan of a newer format.
-    #[error("the plan has format {found}, this program knows formats up to {known}: use a newer Mishandle")]
+    /// The plan has a newer format.
+    #[error("the plan has format {found}, this program reads formats up to {known}: use a newer Mishandle")]
     NewerPlan {
         /// Format of the plan.
         found: u32,
-        /// Newest format known.
+        /// Newest format that this program reads.
         known: u32,
     },
-    /// `MISHANDLE_HOME` names no folder with our data files.
-    #[error("MISHANDLE_HOME is `{}`, which has no folder `{wanted}`", path.display())]
+    /// The folder in `MISHANDLE_HOME` does not contain the shipped files.
+    #[error("MISHANDLE_HOME is `{}`, which has no folder `{folder}`", path.display())]
     Home {
-        /// What it is set to.
+        /// Value of the variable.
         path: PathBuf,
-        /// What is missing there.
-        wanted: &'static str,
+        /// Name of the missing folder.
+        folder: &'static str,
     },
-    /// Another process trains into the same file.
-    #[error("another training is writing {}; wait until it ends, or give another {flag}", path.display())]
+    /// Another process is writing to the same training output.
+    #[error("another training run is writing {}; wait until it ends, or give another {flag}", path.display())]
     Busy {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The flag that says where it is.
+        /// Flag that sets the path.
         flag: &'static str,
     },
-    /// Something is where a new training would write.
-    #[error("{} exists already; give another {flag}, or --resume to carry on", path.display())]
+    /// A new training run would overwrite a file.
+    #[error("{} exists already; give another {flag}, or --resume to continue the training run", path.display())]
     Exists {
-        /// What is there.
+        /// Path of the existing file.
         path: PathBuf,
-        /// The flag that says where it is.
+        /// Flag that sets the path.
         flag: &'static str,
     },
-    /// There is nothing that a training could carry on from.
+    /// The training run cannot be resumed without a checkpoint.
     #[error(
-        "there is no checkpoint {} to carry on from; to begin again, remove what the training left and leave out --resume",
+        "there is no checkpoint {} to resume from; to start again, remove the other output files of the training run \
+         and leave out --resume",
         path.display()
     )]
     NoCheckpoint {
-        /// Where it would be.
+        /// Expected path of the checkpoint.
         path: PathBuf,
     },
-    /// Two things that a training writes would go to one place.
+    /// Two outputs of a training run have the same path.
     #[error("{} would hold both {first} and {second}; give another {flag}", path.display())]
-    SamePlace {
-        /// The place.
+    SamePath {
+        /// The common path.
         path: PathBuf,
-        /// What goes there.
+        /// First output.
         first: &'static str,
-        /// What else does.
+        /// Second output.
         second: &'static str,
-        /// The flag that puts the second there.
+        /// Flag that sets the path of the second output.
         flag: &'static str,
     },
-    /// The file of a training's curve is damaged, foreign, or another training's.
+    /// The learning curve is damaged, is not a curve, or belongs to another training run.
     #[error("{}: {problem}", path.display())]
     Curve {
-        /// Its path.
+        /// Path of the file.
         path: PathBuf,
-        /// What is wrong.
+        /// Cause of the error.
         problem: crate::CurveProblem,
     },
-    /// A training that does not fit into the memory.
-    #[error("the training needs at least {needed} of memory, {free} are free: {}", parts.join(", "))]
+    /// The training run needs more memory than is free.
+    #[error("the training run needs at least {needed} of memory, {free} are free: {}", parts.join(", "))]
     Memory {
-        /// What it needs.
+        /// Required memory, with its unit.
         needed: String,
-        /// What is free.
+        /// Free memory, with its unit.
         free: String,
-        /// What the largest of it is for, and how much that is.
+        /// The largest parts of the required memory, each with its size.
         parts: Vec<String>,
     },
-    /// A recorded simulation of an evaluation is not the one that its plan asks for.
+    /// A recorded simulation of an evaluation differs from the simulation of its plan.
     #[error(
-        "simulation {number} of the run is not the one that its plan asks for: rows are missing, or the run was made by \
-         another build and has to be resumed with that"
+        "simulation {number} of the run differs from simulation {number} of its plan: rows are missing, or another \
+         build made the run and must resume it"
     )]
-    OtherSimulation {
-        /// Number of the simulation that the plan asks for.
+    SimulationMismatch {
+        /// Number of the simulation.
         number: u32,
     },
-    /// The plan is not for this.
-    #[error("there is nothing to {wanted}: the plan has no [{wanted}] table, as a run of another command")]
-    OtherPlan {
-        /// The table that is missing.
-        wanted: &'static str,
+    /// The plan lacks the table of the command.
+    #[error("cannot {table}: the plan has no table [{table}]; was the run made by another command?")]
+    MissingPlanTable {
+        /// Name of the missing table.
+        table: &'static str,
     },
-    /// A number that makes no sense.
-    #[error("{what} is {value}; it has to be {wanted}")]
-    Value {
-        /// What the number is for.
+    /// A value is out of its range.
+    #[error("{what} is {value}; it must be {expected}")]
+    InvalidValue {
+        /// Meaning of the value.
         what: &'static str,
-        /// The number given.
+        /// Value given by the user.
         value: String,
-        /// What would be right.
-        wanted: &'static str,
+        /// Allowed values.
+        expected: &'static str,
     },
-    /// A start that lies in no task preset's initial box.
+    /// An initial state is outside the initial boxes of all task presets.
     #[error(
         "{axis} is {value} {unit}, outside the initial box: from {low} to {high} {unit} in task preset paper"
     )]
     OutsideBox {
-        /// The axis on which it lies outside.
+        /// Axis whose value is outside.
         axis: &'static str,
-        /// Its value there.
+        /// Value on that axis.
         value: f64,
         /// Unit of value and bounds.
         unit: &'static str,
-        /// Smallest value in the paper's box.
+        /// Lower bound of task preset `paper`.
         low: f64,
-        /// Largest value in the paper's box.
+        /// Upper bound of task preset `paper`.
         high: f64,
     },
-    /// A formula that reaches past the end of an episode can never be decided.
-    #[error("`{formula}` needs {needed} control steps, an episode has {steps}: it could never be decided")]
+    /// The formula reaches past the end of an episode, so that no episode can decide it.
+    #[error("`{formula}` needs {needed} control steps, an episode has {steps}: no episode can decide it")]
     Undecidable {
-        /// The formula.
+        /// Text of the formula.
         formula: String,
-        /// Control steps it needs.
+        /// Control steps that the formula needs.
         needed: String,
         /// Control steps of an episode.
         steps: usize,
@@ -160,81 +161,79 @@ pub enum MishandleError {
     /// A file cannot be read or written.
     #[error("{}", path.display())]
     File {
-        /// Its path.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// What a training writes down as it goes cannot be written.
+    /// An output of a training run cannot be written.
     #[error("cannot write the {what} {}", path.display())]
     Write {
-        /// What it is.
+        /// Kind of output.
         what: &'static str,
-        /// Its path.
+        /// Path of the output.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A controller file is damaged, foreign, or made for something else.
+    /// A controller file is damaged, is not a controller, or is for another task.
     #[error(transparent)]
     Controller(#[from] mishandle_controllers::ControllerError),
     /// A task cannot be built.
     #[error(transparent)]
     Task(#[from] mishandle_tasks::TaskError),
     /// An expert cannot be built.
-    #[error("the expert of {task}")]
+    #[error("cannot build the expert of {task}")]
     Expert {
-        /// The task.
+        /// Name of the task.
         task: String,
-        /// What is wrong.
+        /// Cause of the error.
         source: mishandle_world::WorldError,
     },
     /// Episodes cannot run.
     #[error(transparent)]
     Rollout(#[from] mishandle_rollout::RolloutError),
-    /// A record says that a target has other parts than it has now.
-    #[error("the run's target has other parts than {target} has now: {recorded}, now {found}")]
-    OtherParts {
-        /// The target.
+    /// The target of a run has other components now.
+    #[error("the run was made with the components {recorded}; {target} now has: {found}")]
+    ComponentMismatch {
+        /// Name of the target.
         target: String,
-        /// The parts in the record.
+        /// Roles of the recorded components.
         recorded: String,
-        /// The present ones.
+        /// Roles of the present components.
         found: String,
     },
-    /// The controller of a record is another one now.
+    /// The controller differs from the controller of the run.
     #[error(
-        "controller `{controller}` is not the run's: that had hash {recorded}, this one has {found}; if it was moved, \
-         --controller FILE says where it is now"
+        "controller `{controller}` is not the controller of the run: expected hash {recorded}, found {found}; if the \
+         file was moved, give its new path with --controller FILE"
     )]
-    OtherController {
-        /// As the plan names it.
+    ControllerMismatch {
+        /// Name or path in the plan.
         controller: String,
-        /// Hash in the record.
+        /// Recorded hash.
         recorded: String,
-        /// Hash of the present one.
+        /// Hash of the present controller.
         found: String,
     },
-    /// The controller of a record cannot be loaded from where it was.
+    /// The controller of a run cannot be loaded from its recorded path.
     #[error(
-        "the run's controller `{controller}` (hash {hash}) is not where it was; if it was moved, --controller FILE says \
-         where it is now"
+        "cannot load the run's controller `{controller}` (hash {hash}); if the file was moved, give its new path with \
+         --controller FILE"
     )]
-    LostController {
-        /// As the plan names it.
+    MissingController {
+        /// Name or path in the plan.
         controller: String,
-        /// Hash in the record.
+        /// Recorded hash.
         hash: String,
-        /// What was found there.
+        /// Cause of the error.
         source: Box<MishandleError>,
     },
-    /// A record ended in a way that this program does not know.
-    #[error(
-        "a simulation of the run ended in a way that this program does not know: {0}; use a newer Mishandle"
-    )]
+    /// A recorded simulation has an end that this program does not know.
+    #[error("a simulation of the run has the unknown end {0}; use a newer Mishandle")]
     UnknownEnd(String),
     /// A system returned no episode for a request.
-    #[error("the simulation returned no episode")]
+    #[error("the system returned no episode")]
     NoEpisode,
     /// An evaluation cannot run.
     #[error(transparent)]
@@ -242,21 +241,21 @@ pub enum MishandleError {
     /// A falsification cannot run.
     #[error(transparent)]
     Falsification(#[from] mishandle_falsification::FalsificationError),
-    /// A training cannot run.
+    /// A training run cannot start or continue.
     #[error(transparent)]
     Training(#[from] TrainingError),
-    /// Training settings that cannot be used.
+    /// Training settings are invalid.
     #[error("{}", path.display())]
     Settings {
-        /// The settings file.
+        /// Path of the settings file.
         path: PathBuf,
-        /// What is wrong.
+        /// Cause of the error.
         source: Box<TrainingError>,
     },
-    /// A search cannot be made.
+    /// A search cannot be constructed.
     #[error(transparent)]
     Search(#[from] mishandle_search::SearchError),
-    /// The run file.
+    /// A run file cannot be read or written.
     #[error(transparent)]
     Store(#[from] mishandle_store::StoreError),
 }

@@ -1,51 +1,54 @@
 use std::ops::ControlFlow;
 
-use mishandle_evaluation::{Evaluation, Metrics, Report, Roles};
+use mishandle_evaluation::{Evaluation, EvaluationReport, FormulaRoles, Metrics};
 use mishandle_rollout::{AxisKind, Request, Scenario, Seed, Space, Target};
 use mishandle_store::{RunWriter, TrialStatus};
 
 use crate::record;
 use crate::{EvaluatePlan, MishandleError, ResolvedPlan, StartRegion};
 
-/// An evaluation's simulations are one trial of its run.
+/// Number of the only trial of an evaluation.
 const TRIAL: u32 = 1;
 
-/// Most simulations of an evaluation; their numbers are 32 bits in its run.
-const MOST: u64 = 1_000_000_000;
+/// Largest number of simulations in an evaluation. Run files store simulation numbers in 32 bits.
+const MAX_EPISODES: u64 = 1_000_000_000;
 
-/// The task preset whose completion times count failures, too, as in the original benchmark's code.
+/// The task preset whose completion times include failed episodes, as in the code of the original benchmark.
 const COUNTS_FAILURES: &str = "code";
 
-/// Measures a target as its plan says, and stores every simulation in `run`, an open run file of that plan: those it
-/// holds already count and are not run again. `watch` is told how many are done, and may stop.
+/// Evaluates a target and stores every simulation in `run`.
+///
+/// `run` is an open run file of the same plan. The simulations that it already contains are counted, not repeated.
+/// `watch` gets the number of finished simulations after each batch and can stop the evaluation; the report then
+/// covers the finished simulations.
 ///
 /// # Errors
-/// If the plan has nothing to evaluate, or a simulation cannot be run or stored.
+/// If the plan has no table `[evaluate]`, `run` contains other simulations than the plan, or a simulation cannot be
+/// run or stored.
 pub fn evaluate(
     resolved: &ResolvedPlan,
     mut run: RunWriter,
     mut watch: impl FnMut(u64) -> ControlFlow<()>,
-) -> Result<Report, MishandleError> {
+) -> Result<EvaluationReport, MishandleError> {
     let plan = &resolved.plan;
-    let evaluate = plan.evaluate.as_ref().ok_or(MishandleError::OtherPlan { wanted: "evaluate" })?;
+    let evaluate = plan.evaluate.as_ref().ok_or(MishandleError::MissingPlanTable { table: "evaluate" })?;
     let accepts = |scenario: &Scenario| is_reachable(resolved, scenario);
     let evaluation = Evaluation {
-        accepted: (evaluate.starts == StartRegion::Reachable)
-            .then_some(&accepts as &dyn Fn(&Scenario) -> bool),
+        filter: (evaluate.starts == StartRegion::Reachable).then_some(&accepts as &dyn Fn(&Scenario) -> bool),
         batch: evaluate.batch as usize,
         ..Evaluation::new(evaluate.episodes, Seed(plan.seed))
     };
-    let mut metrics = Metrics::new(Roles::of(&resolved.specification))
-        .with_failures_completing(plan.preset == COUNTS_FAILURES);
+    let mut metrics = Metrics::new(FormulaRoles::of(&resolved.specification))
+        .with_completion_times_of_failures(plan.preset == COUNTS_FAILURES);
     if run.file().trials()?.is_empty() {
         run.start_trial(TRIAL, plan.seed)?;
     }
     for simulation in run.file().simulations() {
         let episode = record::episode(&simulation?)?;
-        let asked = evaluation.request(&resolved.space, metrics.simulations() as u32 + 1)?;
+        let expected = evaluation.request(&resolved.space, metrics.simulations() as u32 + 1)?;
         let Request { number, seed, scenario, .. } = &episode.request;
-        if (*number, *seed) != (asked.number, asked.seed) || !scenario.is_same(&asked.scenario) {
-            return Err(MishandleError::OtherSimulation { number: asked.number });
+        if (*number, *seed) != (expected.number, expected.seed) || !scenario.is_same(&expected.scenario) {
+            return Err(MishandleError::SimulationMismatch { number: expected.number });
         }
         metrics.add(&episode);
     }
@@ -70,32 +73,38 @@ fn is_reachable(resolved: &ResolvedPlan, scenario: &Scenario) -> bool {
     resolved.target.reachable.as_ref().is_none_or(|reachable| reachable(&resolved.space, scenario))
 }
 
-/// Whether any scenario of the plan's evaluation is another than the one drawn first, which was out of reach. If none is,
-/// the scenarios of the reachable part of the space are those of the whole.
-pub fn leaves_out_starts(resolved: &ResolvedPlan) -> bool {
+/// Returns whether the evaluation rejects any scenario as unreachable and draws it again.
+///
+/// If it rejects none, `box = "reachable"` evaluates the same scenarios as `box = "whole"`.
+pub fn rejects_scenarios(resolved: &ResolvedPlan) -> bool {
     let ResolvedPlan { plan, space, .. } = resolved;
-    let left_out = |index| !is_reachable(resolved, &space.sample(Seed(plan.seed), index));
+    let is_rejected = |index| !is_reachable(resolved, &space.sample(Seed(plan.seed), index));
     let reachable = plan.evaluate.as_ref().filter(|evaluate| evaluate.starts == StartRegion::Reachable);
-    reachable.is_some_and(|evaluate| (0..evaluate.episodes).any(left_out))
+    reachable.is_some_and(|evaluate| (0..evaluate.episodes).any(is_rejected))
 }
 
-/// Checks what an evaluation is asked to do in a space.
+/// Checks the evaluation settings of a plan against its target and space.
 pub(crate) fn check(evaluate: &EvaluatePlan, target: &Target, space: &Space) -> Result<(), MishandleError> {
     crate::falsify::check_batch(evaluate.batch)?;
     if evaluate.starts == StartRegion::Reachable {
-        let refused = |option| MishandleError::NotForTarget { target: target.identity.name.clone(), option };
-        target.reachable.as_ref().ok_or_else(|| refused("reachable part of the box"))?;
+        let unsupported =
+            |option| MishandleError::UnsupportedOption { target: target.identity.name.clone(), option };
+        target.reachable.as_ref().ok_or_else(|| unsupported("`--box reachable`"))?;
         if space.axes().iter().all(|axis| axis.kind != AxisKind::Start) {
-            let wanted =
-                "a space with the axes of `starts`, for its starts to be from the reachable part of the box";
-            return Err(MishandleError::Value { what: "the space", value: space.name().to_string(), wanted });
+            let expected =
+                "a space that contains `starts`, because --box reachable restricts the initial state";
+            return Err(MishandleError::InvalidValue {
+                what: "the space",
+                value: space.name().to_string(),
+                expected,
+            });
         }
     }
-    if (1..=MOST).contains(&evaluate.episodes) {
+    if (1..=MAX_EPISODES).contains(&evaluate.episodes) {
         return Ok(());
     }
-    let (what, wanted) = ("the number of episodes", "from 1 to 1000000000");
-    Err(MishandleError::Value { what, value: evaluate.episodes.to_string(), wanted })
+    let (what, expected) = ("the number of episodes", "from 1 to 1000000000");
+    Err(MishandleError::InvalidValue { what, value: evaluate.episodes.to_string(), expected })
 }
 
 #[cfg(test)]
@@ -104,7 +113,7 @@ mod tests {
     use crate::{Plan, create_run};
 
     #[test]
-    fn a_simulation_that_the_plan_does_not_ask_for_is_not_counted() {
+    fn a_recorded_simulation_that_differs_from_the_plan_is_an_error() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.sqlite");
         let plan = EvaluatePlan { episodes: 3, ..EvaluatePlan::default() };
@@ -116,6 +125,6 @@ mod tests {
         let episodes = resolved.system().unwrap().rollout(&[other]).unwrap();
         run.record(&[record::record(&episodes[0], 0)]).unwrap();
         let error = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap_err();
-        assert!(matches!(error, MishandleError::OtherSimulation { number: 1 }), "{error}");
+        assert!(matches!(error, MishandleError::SimulationMismatch { number: 1 }), "{error}");
     }
 }

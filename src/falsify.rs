@@ -8,44 +8,50 @@ use mishandle_store::{RunWriter, TrialStatus};
 use crate::record;
 use crate::{FalsifyPlan, MishandleError, ResolvedPlan};
 
-/// Most trials of a campaign, and most simulations of a trial: each trial takes some memory from the start.
-const MOST: u32 = 1_000_000;
+/// Largest number of trials in a campaign, and of simulations in a trial. The campaign allocates memory for every trial
+/// when it starts.
+const MAX_COUNT: u32 = 1_000_000;
 
-/// Most simulations in a batch: their traces are in memory together.
-const MOST_IN_A_BATCH: u32 = 65_536;
+/// Largest batch size. The traces of a batch are in memory together.
+const MAX_BATCH_SIZE: u32 = 65_536;
 
-/// Searches for counterexamples as a plan says, and stores every simulation in `run`, an open run file of that plan:
-/// those it holds already are not run again. `watch` is told how things stand after each batch, and may stop.
+/// Searches for counterexamples and stores every simulation in `run`.
+///
+/// `run` is an open run file of the same plan. The simulations that it already contains are not repeated: the searches
+/// get their recorded results. `watch` gets the progress after each batch and can stop the campaign.
 ///
 /// # Errors
-/// If the plan has nothing to falsify, or a simulation cannot be run or stored.
+/// If the plan has no table `[falsify]`, `run` contains other simulations than the plan, or a simulation cannot be run
+/// or stored.
 pub fn falsify(
     resolved: &ResolvedPlan,
     mut run: RunWriter,
     mut watch: impl FnMut(&FalsifyProgress) -> ControlFlow<()>,
 ) -> Result<CampaignOutcome, MishandleError> {
     let ResolvedPlan { plan, space, .. } = resolved;
-    let falsify = plan.falsify.as_ref().ok_or(MishandleError::OtherPlan { wanted: "falsify" })?;
+    let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
     let FalsifyPlan { trials, budget, batch, .. } = *falsify;
     let settings = CampaignSettings { trials, budget, seed: Seed(plan.seed), batch: batch as usize };
     let (coordinates, options) = (coordinates(space), search_options(falsify));
-    let make = |seed| by_name(&falsify.search, &coordinates, seed, &options);
-    let mut campaign = Campaign::new(settings, space, make)?;
-    let mut progress =
-        FalsifyProgress { most: u64::from(trials) * u64::from(budget), ..FalsifyProgress::default() };
+    let new_search = |seed| by_name(&falsify.search, &coordinates, seed, &options);
+    let mut campaign = Campaign::new(settings, space, new_search)?;
+    let mut progress = FalsifyProgress {
+        max_simulations: u64::from(trials) * u64::from(budget),
+        ..FalsifyProgress::default()
+    };
     for simulation in run.file().simulations() {
         campaign.replay(&record::episode(&simulation?)?)?;
         progress.simulations += 1;
     }
     let mut started = vec![false; trials as usize];
     for trial in run.file().trials()? {
-        // A number past the plan's trials cannot come this far: the campaign has refused its simulations.
+        // `replay` has already rejected simulations of trials that the plan does not have.
         if let Some(started) = started.get_mut((trial.trial.number as usize).wrapping_sub(1)) {
             *started = true;
         }
         if trial.trial.status != TrialStatus::Running {
             progress.ended += 1;
-            progress.most -= u64::from(budget).saturating_sub(trial.counts.simulations);
+            progress.max_simulations -= u64::from(budget).saturating_sub(trial.counts.simulations);
         }
         progress.falsified += u32::from(trial.trial.status == TrialStatus::Falsified);
     }
@@ -65,11 +71,11 @@ pub fn falsify(
             progress.falsified += u32::from(end == TrialEnd::Falsified);
         }
         progress.simulations += batch.episodes.len() as u64;
-        progress.most -= batch.unspent(budget);
+        progress.max_simulations -= batch.unspent(budget);
         Ok::<_, MishandleError>(watch(&progress))
     })?;
-    // A search may end without another simulation, and a run may have been killed between its last simulation and the
-    // end of its trial.
+    // A search can end without another simulation, and a run can be killed between the last simulation of a trial and
+    // the record of its end.
     for trial in &outcome.trials {
         let Some(end) = trial.end else { continue };
         let has_started = started[trial.trial as usize - 1];
@@ -81,16 +87,16 @@ pub fn falsify(
     Ok(outcome)
 }
 
-/// How a falsification stands.
+/// Progress of a falsification campaign.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FalsifyProgress {
-    /// Simulations so far.
+    /// Number of finished simulations.
     pub simulations: u64,
-    /// Simulations there will be if no further trial ends before its budget is spent.
-    pub most: u64,
-    /// Trials that have ended.
+    /// Total number of simulations if all running trials spend their budgets.
+    pub max_simulations: u64,
+    /// Number of finished trials.
     pub ended: u32,
-    /// Trials that have found a counterexample.
+    /// Number of trials that found a counterexample.
     pub falsified: u32,
 }
 
@@ -102,40 +108,42 @@ fn status(end: TrialEnd) -> TrialStatus {
     }
 }
 
-/// Checks the number of simulations in a batch.
+/// Checks a batch size.
 pub(crate) fn check_batch(batch: u32) -> Result<(), MishandleError> {
-    if (1..=MOST_IN_A_BATCH).contains(&batch) {
+    if (1..=MAX_BATCH_SIZE).contains(&batch) {
         return Ok(());
     }
-    Err(MishandleError::Value { what: "the batch", value: batch.to_string(), wanted: "from 1 to 65536" })
+    let (what, expected) = ("the batch size", "from 1 to 65536");
+    Err(MishandleError::InvalidValue { what, value: batch.to_string(), expected })
 }
 
-/// Checks all that a falsification is asked to do in a space, and returns whether its search needs the minima of
+/// Checks the falsification settings of a plan against its space, and returns whether the search needs the minima of
 /// sub-formulas.
 pub(crate) fn check(falsify: &FalsifyPlan, space: &Space) -> Result<bool, MishandleError> {
     check_batch(falsify.batch)?;
     let numbers = [("the number of trials", falsify.trials), ("the budget", falsify.budget)];
-    if let Some((what, value)) = numbers.into_iter().find(|(_, value)| !(1..=MOST).contains(value)) {
-        return Err(MishandleError::Value { what, value: value.to_string(), wanted: "from 1 to 1000000" });
+    if let Some((what, value)) = numbers.into_iter().find(|(_, value)| !(1..=MAX_COUNT).contains(value)) {
+        let expected = "from 1 to 1000000";
+        return Err(MishandleError::InvalidValue { what, value: value.to_string(), expected });
     }
     search_entry(&falsify.search)?;
     let search = by_name(&falsify.search, &coordinates(space), 0, &search_options(falsify))?;
     Ok(search.needs_subformulas())
 }
 
-/// The search of that name, with its options.
+/// Returns the search with the name `name` and its options.
 ///
 /// # Errors
-/// If there is none; the message lists the known searches.
+/// If the name is unknown; the message lists the known searches.
 pub fn search_entry(name: &str) -> Result<&'static SearchEntry, MishandleError> {
-    find_search(name).map_err(|_| MishandleError::Name {
+    find_search(name).map_err(|_| MishandleError::UnknownName {
         kind: "search",
         name: name.to_string(),
         known: SEARCHES.iter().map(|entry| entry.name.to_string()).collect(),
     })
 }
 
-/// The types of the search's coordinates.
+/// Returns the type of each coordinate of the search.
 fn coordinates(space: &Space) -> Vec<Coordinate> {
     let coordinate = |axis: &Axis| match (&axis.values, axis.levels()) {
         (AxisValues::Categorical(_), Some(levels)) => Coordinate::Categorical { levels },
@@ -145,20 +153,20 @@ fn coordinates(space: &Space) -> Vec<Coordinate> {
     space.axes().iter().map(coordinate).collect()
 }
 
-/// The options of a trial's search: those of the plan, and defaults that depend on the plan.
+/// Returns the options of the plan, completed by the defaults that depend on the plan.
 fn search_options(falsify: &FalsifyPlan) -> SearchOptions {
     let mut options = falsify.options.clone();
     let specs = find_search(&falsify.search).map(|entry| (entry.options)()).unwrap_or_default();
-    let is_open = |name: &str, options: &SearchOptions| {
+    let is_unset = |name: &str, options: &SearchOptions| {
         specs.iter().any(|spec| spec.name == name) && options.get(name).is_none()
     };
     if let Some(simplex) = &falsify.initial_simplex
-        && is_open("initial-simplex", &options)
+        && is_unset("initial-simplex", &options)
     {
         options.set("initial-simplex", simplex.clone());
     }
-    // As in SciPy when it is given a maximum number of evaluations: that is then the only limit.
-    if is_open("max-evaluations", &options) {
+    // As in SciPy, a maximum number of evaluations is then the only limit.
+    if is_unset("max-evaluations", &options) {
         options.set("max-evaluations", falsify.budget);
     }
     options
@@ -177,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn the_budget_is_the_only_limit_unless_the_plan_sets_another() {
+    fn the_budget_limits_evaluations_unless_the_plan_sets_a_limit() {
         let plan = |search: &str| FalsifyPlan { search: search.to_string(), ..FalsifyPlan::default() };
         assert_eq!(search_options(&plan("nelder-mead")), SearchOptions::new().with("max-evaluations", 300));
         let own = SearchOptions::new().with("max-evaluations", 7);
@@ -188,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn the_alias_of_the_first_simplex_is_read_by_nelder_mead_alone_and_yields_to_the_option() {
+    fn only_nelder_mead_reads_the_alias_of_the_initial_simplex_and_the_option_overrides_it() {
         let plan = |search: &str, options| FalsifyPlan {
             search: search.to_string(),
             initial_simplex: Some(simplex(0.1)),
@@ -204,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn options_of_another_search_are_refused() {
+    fn an_option_of_another_search_is_an_error() {
         let options = SearchOptions::new().with("xatol", 1e-6);
         let plan = FalsifyPlan { search: "dual-annealing".to_string(), options, ..FalsifyPlan::default() };
         let error = check(&plan, &plane()).unwrap_err();

@@ -1,4 +1,4 @@
-//! Where shipped controllers and training settings come from: a folder, or the program itself.
+//! Shipped controllers and training settings: from a folder, or from the program itself.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -10,26 +10,27 @@ use mishandle_tasks::Definition;
 use crate::target::{EXPERT, is_path};
 use crate::{MishandleError, task};
 
-/// The files that were in `controllers/` and `experiments/training/` when the program was built, with their content.
+/// The files in `controllers/` and `experiments/training/` at build time: path and content, sorted by path.
 static EMBEDDED: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
 
-/// Environment variable with the folder to read shipped files from.
+/// Environment variable that names the folder of the shipped files.
 const HOME: &str = "MISHANDLE_HOME";
 
-/// The folder that shipped controllers and training settings are read from: `MISHANDLE_HOME` if it is set, otherwise the
-/// clone of the repository that contains the program. `None` if there is no such clone: then the files that the program
-/// was built with are used.
+/// Returns the folder of the shipped controllers and training settings.
 ///
-/// The working directory does not count, so the same command gives the same result everywhere.
+/// It is `MISHANDLE_HOME` if that is set, otherwise the clone of the repository that contains the program. `None` means
+/// that the program uses the files that it was built with.
+///
+/// The folder does not depend on the working directory, so a command gives the same result in every folder.
 pub fn home() -> Option<PathBuf> {
-    if let Some(home) = chosen_home() {
+    if let Some(home) = home_from_environment() {
         return Some(home);
     }
     let program = std::env::current_exe().unwrap_or_default();
     program.ancestors().find(|folder| is_home(folder)).map(PathBuf::from)
 }
 
-fn chosen_home() -> Option<PathBuf> {
+fn home_from_environment() -> Option<PathBuf> {
     std::env::var_os(HOME).filter(|home| !home.is_empty()).map(PathBuf::from)
 }
 
@@ -37,8 +38,8 @@ fn is_home(folder: &Path) -> bool {
     folder.join("controllers").is_dir() && folder.join("experiments/training").is_dir()
 }
 
-/// Says in words where shipped files are read from.
-pub fn home_in_words() -> String {
+/// Describes the source of the shipped files, for messages: `in FOLDER` or `built into the program`.
+pub fn home_description() -> String {
     home().map_or("built into the program".to_string(), |home| format!("in {}", home.display()))
 }
 
@@ -46,13 +47,13 @@ pub fn home_in_words() -> String {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ShippedFile {
-    /// A file of [`home`], or one that the user named.
+    /// A file in [`home`], or a file named by the user.
     Path(PathBuf),
     /// A file that is built into the program.
     Embedded {
-        /// Its path in the repository.
+        /// Path in the repository.
         name: &'static str,
-        /// Its content.
+        /// Content of the file.
         bytes: &'static [u8],
     },
 }
@@ -64,7 +65,7 @@ impl fmt::Display for ShippedFile {
 }
 
 impl ShippedFile {
-    /// Its path: of an embedded file, the path in the repository.
+    /// Returns the path. An embedded file has its path in the repository.
     pub fn path(&self) -> &Path {
         match self {
             ShippedFile::Path(path) => path,
@@ -72,7 +73,7 @@ impl ShippedFile {
         }
     }
 
-    /// Reads its content.
+    /// Reads the content of the file.
     ///
     /// # Errors
     /// If the file cannot be read.
@@ -85,7 +86,7 @@ impl ShippedFile {
         }
     }
 
-    /// Reads it as a controller.
+    /// Loads the file as a controller.
     ///
     /// # Errors
     /// If the file cannot be read or is not a controller.
@@ -97,7 +98,7 @@ impl ShippedFile {
         }
     }
 
-    /// The shipped file with this path in the repository, if it exists.
+    /// Returns the shipped file with this path in the repository, if it exists.
     fn find(name: &str) -> Option<ShippedFile> {
         match home() {
             Some(home) => Some(home.join(name)).filter(|path| path.is_file()).map(ShippedFile::Path),
@@ -109,31 +110,32 @@ impl ShippedFile {
     }
 }
 
-/// The task whose controllers and settings a task takes: of a variant, the task that it varies.
+/// Returns the name of the task whose controllers and settings apply: the base task of a variant, otherwise the task
+/// itself.
 fn base(definition: &Definition) -> &'static str {
     definition.variant_of.unwrap_or(definition.name)
 }
 
-/// Path of a task's picture, if the repository is there.
+/// Returns the path of a task's picture, if [`home`] contains it.
 pub fn picture_path(task: &str) -> Option<PathBuf> {
     let path = home()?.join("docs").join("tasks").join(format!("{task}.png"));
     path.is_file().then_some(path)
 }
 
-/// Checks that `MISHANDLE_HOME`, if it is set, has the folder `wanted`.
-pub(crate) fn check_home(wanted: &'static str) -> Result<(), MishandleError> {
-    match chosen_home() {
-        Some(path) if !path.join(wanted).is_dir() => Err(MishandleError::Home { path, wanted }),
+/// Checks that `MISHANDLE_HOME`, if it is set, contains the folder `folder`.
+pub(crate) fn check_home(folder: &'static str) -> Result<(), MishandleError> {
+    match home_from_environment() {
+        Some(path) if !path.join(folder).is_dir() => Err(MishandleError::Home { path, folder }),
         _ => Ok(()),
     }
 }
 
-/// The shipped controller of that name for a task, if there is one.
+/// Returns the shipped controller with the name `name` for a task, if it exists.
 pub fn shipped_controller(definition: &Definition, name: &str) -> Option<ShippedFile> {
     ShippedFile::find(&format!("controllers/{}/{name}.safetensors", base(definition)))
 }
 
-/// The file of a task's controller: a path, or the name of a shipped one.
+/// Returns the file of a task's controller. `name` is a path or the name of a shipped controller.
 pub(crate) fn controller_of(definition: &Definition, name: &str) -> Result<ShippedFile, MishandleError> {
     if is_path(name) {
         return Ok(ShippedFile::Path(name.into()));
@@ -142,17 +144,17 @@ pub(crate) fn controller_of(definition: &Definition, name: &str) -> Result<Shipp
         return Ok(file);
     }
     check_home("controllers")?;
-    Err(MishandleError::Name {
+    Err(MishandleError::UnknownName {
         kind: "controller",
         name: name.to_string(),
         known: shipped_controllers(definition),
     })
 }
 
-/// The file of a controller: a path, or `TASK/NAME` for a shipped one.
+/// Returns the file of a controller. `name` is a path, or `TASK/NAME` for a shipped controller.
 ///
 /// # Errors
-/// If there is no such file, nor such a shipped controller.
+/// If `name` is neither a path nor a shipped controller.
 pub fn find_controller(name: &str) -> Result<ShippedFile, MishandleError> {
     let path = Path::new(name);
     let shipped = name.split_once('/').filter(|_| path.extension().is_none() && !path.exists());
@@ -165,32 +167,32 @@ pub fn find_controller(name: &str) -> Result<ShippedFile, MishandleError> {
     }
     check_home("controllers")?;
     if name == EXPERT {
-        return Err(MishandleError::Value {
+        return Err(MishandleError::InvalidValue {
             what: "the controller",
             value: name.to_string(),
-            wanted: "one that was trained; the expert is a program of the task's and has no file",
+            expected: "a trained controller; the expert is part of the task and has no file",
         });
     }
     let known = shipped_controllers(definition).into_iter().filter(|known| known != EXPERT).collect();
-    Err(MishandleError::Name { kind: "controller file", name: name.to_string(), known })
+    Err(MishandleError::UnknownName { kind: "controller file", name: name.to_string(), known })
 }
 
 fn no_controller(name: &str) -> MishandleError {
-    let wanted = "a file, as ./FILE, or TASK/NAME for a shipped one, as point-reaching/ppo";
-    MishandleError::Value { what: "the controller", value: name.to_string(), wanted }
+    let expected = "a path such as ./FILE, or a shipped controller TASK/NAME such as point-reaching/ppo";
+    MishandleError::InvalidValue { what: "the controller", value: name.to_string(), expected }
 }
 
-/// What a controller is called: its name, or that of its file without folder and extension.
+/// Returns the name of a controller. The name of a path is its file name without extension.
 pub fn controller_name(controller: &str) -> String {
     Path::new(controller).file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The shipped training settings of an algorithm for a task, if there are any.
+/// Returns the shipped training settings of an algorithm for a task, if they exist.
 pub fn shipped_settings(definition: &Definition, algorithm: &str) -> Option<ShippedFile> {
     ShippedFile::find(&format!("experiments/training/{}/{algorithm}.toml", base(definition)))
 }
 
-/// Names of the shipped controllers of a task, in alphabetical order; the expert comes last.
+/// Returns the names of a task's shipped controllers in alphabetical order, then `expert`.
 pub fn shipped_controllers(definition: &Definition) -> Vec<String> {
     let folder = format!("controllers/{}", base(definition));
     let paths: Vec<PathBuf> = match home() {
@@ -206,7 +208,7 @@ pub fn shipped_controllers(definition: &Definition) -> Vec<String> {
     };
     let name = |path: PathBuf| {
         let name = path.file_stem()?.to_str()?.to_string();
-        // A name with a point would be taken for a path, as that of a training's last controller.
+        // `is_path` treats a name with a dot as a path, such as the last controller of a training run.
         (path.extension()? == "safetensors" && !name.contains('.')).then_some(name)
     };
     let mut names: Vec<String> = paths.into_iter().filter_map(name).collect();
@@ -220,7 +222,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_embedded_files_are_those_of_the_repository() {
+    fn the_embedded_files_equal_the_files_of_the_repository() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
         assert!(EMBEDDED.is_sorted_by_key(|(name, _)| *name));
         for (name, bytes) in EMBEDDED {
@@ -238,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn an_embedded_controller_is_the_same_as_its_file() {
+    fn an_embedded_controller_equals_its_file() {
         let (name, bytes) = EMBEDDED.iter().find(|(name, _)| name.ends_with("/ppo.safetensors")).unwrap();
         let embedded = ShippedFile::Embedded { name, bytes };
         let path = ShippedFile::Path(Path::new(env!("CARGO_MANIFEST_DIR")).join(name));

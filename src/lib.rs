@@ -1,11 +1,15 @@
-//! Mishandle finds out what makes an AI controller fail.
+//! Trains, evaluates and falsifies AI controllers.
 //!
-//! A controller acts in a world under a scenario, which gives a trace, which has a robustness, which a search tries to
-//! push below zero. This crate puts the parts together: a [`Plan`] says what to do, [`ResolvedPlan`] looks up what it names,
-//! and the functions here do it and write every simulation to a run file as it ends.
+//! A controller acts in a simulated scenario, and the episode gives a trace. A formula in signal temporal logic maps
+//! the trace to its robustness. A search proposes scenarios until the robustness is negative: that scenario is a
+//! counterexample.
+//!
+//! This crate connects the parts. A [`Plan`] names target, scenario space, formula and search. [`ResolvedPlan`] looks
+//! these names up and checks them. [`evaluate`](evaluate()), [`falsify`](falsify()) and [`train`](train()) execute the
+//! plan and write every simulation to a run file as soon as it ends.
 //!
 //! # Example
-//! The expert balances the ball from the middle of the tray:
+//! The expert balances the ball from the center of the tray:
 //! ```
 //! use mishandle::rollout::{Request, Seed};
 //! use mishandle::{Plan, ResolvedPlan};
@@ -20,7 +24,6 @@ mod curve;
 mod error;
 mod evaluate;
 mod falsify;
-mod film;
 mod hint;
 mod home;
 mod memory;
@@ -28,30 +31,31 @@ mod plan;
 mod record;
 mod replay;
 mod search_options;
-mod shell;
+mod shell_quote;
 mod target;
 mod tensorboard;
 mod train;
 mod training_facts;
+mod trajectory;
 
 pub use build::{VERSION, VERSION_AND_COMMIT, build};
 pub use curve::{Curve, CurveProblem, CurveRow, NoTrainingTime};
 pub use error::MishandleError;
-pub use evaluate::{evaluate, leaves_out_starts};
+pub use evaluate::{evaluate, rejects_scenarios};
 pub use falsify::{FalsifyProgress, falsify, search_entry};
-pub use film::{Film, film, scene, start};
 pub use home::{
-    ShippedFile, controller_name, find_controller, home, home_in_words, picture_path, shipped_controller,
+    ShippedFile, controller_name, find_controller, home, home_description, picture_path, shipped_controller,
     shipped_controllers, shipped_settings,
 };
 pub use plan::{EvaluatePlan, FalsifyPlan, Plan, StartRegion};
 pub use record::create_run;
-pub use replay::{ReplayResult, choose, other_build, recorded_plan, replay};
+pub use replay::{ReplayResult, build_differences, recorded_plan, replay, select_simulation};
 pub use search_options::search_option_value;
-pub use shell::shell_word;
+pub use shell_quote::shell_quote;
 pub use target::{ResolvedPlan, preset, target, target_names, task, task_target};
 pub use train::{TrainObserver, TrainPlan, TrainReport, default_out, reward, train, uses_default_settings};
 pub use training_facts::{TrainingFacts, training_facts};
+pub use trajectory::{StateTrajectory, initial_state, replay_states, scene_mjcf};
 
 pub use {
     mishandle_controllers as controllers, mishandle_evaluation as evaluation,

@@ -57,7 +57,7 @@ mod tests {
         assert!(check_fits(needs.clone(), 8.502e9).is_ok());
         assert_eq!(
             check_fits(needs, 8.5e9).unwrap_err().to_string(),
-            "the training needs at least 8.5 GB of memory, 8.5 GB are free: 5.5 GB for larger, 3.0 GB for large"
+            "the training run needs at least 8.5 GB of memory, 8.5 GB are free: 5.5 GB for larger, 3.0 GB for large"
         );
     }
 }

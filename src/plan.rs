@@ -7,9 +7,9 @@ use crate::MishandleError;
 /// Version of the plan format.
 const FORMAT: u32 = 2;
 
-/// What to do, as a value: read from TOML, edited by flags, stored with the results.
+/// An evaluation or falsification: read from TOML, edited by flags, and stored with the results.
 ///
-/// Nothing in it is looked up yet: names are checked when it becomes a [`ResolvedPlan`](crate::ResolvedPlan) plan.
+/// A plan contains names only. [`ResolvedPlan::new`](crate::ResolvedPlan::new) looks them up and checks them.
 ///
 /// # Example
 /// ```
@@ -24,60 +24,59 @@ pub struct Plan {
     /// Version of the format.
     #[serde(default = "format")]
     pub format: u32,
-    /// Name of the target, a task or `toy/NAME`; a plan that leaves it out needs it from a flag. Plans of format 1 call
-    /// it `task`.
+    /// Name of the target: a task or `toy/NAME`. Empty if an argument names it. The key of format 1 is `task`.
     #[serde(default, alias = "task")]
     pub target: String,
-    /// Name of the scenario space, or several joined by `+`.
+    /// Name of the scenario space, or several names joined by `+`.
     #[serde(default = "starts")]
     pub space: String,
-    /// The task preset, which reading of the original benchmark counts: `paper` or `code`.
+    /// Task preset: the initial boxes and formulas of the benchmark's `paper` or of its `code`.
     #[serde(default = "paper")]
     pub preset: String,
-    /// Of a task, a shipped controller's name, or a path; a plan that leaves it out needs it from a flag.
+    /// Name of a shipped controller, or a path. Empty for toys, or if a flag names it.
     #[serde(default)]
     pub controller: String,
     /// Sample the policy's actions instead of taking their mean.
     #[serde(default)]
     pub stochastic: bool,
-    /// Standard deviation of the noise on each action, in units of the normalised action.
+    /// Standard deviation of the Gaussian noise on each action. Actions range from -1 to 1.
     #[serde(default)]
     pub action_noise: f64,
-    /// Standard deviation of the noise on each observation.
+    /// Standard deviation of the Gaussian noise on each observation, in units of the observation.
     #[serde(default)]
     pub observation_noise: f64,
-    /// Seed of everything random. Above 2⁶³ - 1, where TOML's integers end, it is written as a text.
+    /// Random seed of the run. Seeds above 2⁶³ - 1, the largest TOML integer, are written as strings.
     #[serde(default, with = "seed")]
     pub seed: u64,
-    /// What an evaluation does.
+    /// Settings of an evaluation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub evaluate: Option<EvaluatePlan>,
-    /// What a falsification does.
+    /// Settings of a falsification.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub falsify: Option<FalsifyPlan>,
 }
 
-/// Which initial configurations are drawn.
+/// Region from which an evaluation draws initial states.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StartRegion {
-    /// The whole box.
+    /// The whole initial box.
     #[default]
     Whole,
-    /// The part of it from which the task can be done at all.
+    /// The part of the box from which the task is feasible.
     Reachable,
 }
 
-/// What an evaluation does.
+/// Settings of an evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct EvaluatePlan {
     /// Number of simulations.
     pub episodes: u64,
-    /// Where they start: `box = "whole"` or `"reachable"`. Older plans call it `starts`.
+    /// Region of the initial states: `box = "whole"` or `"reachable"`. The key of older plans is `starts`.
     #[serde(rename = "box", alias = "starts")]
     pub starts: StartRegion,
-    /// Simulations that are run at once.
+    /// Batch size: number of simulations run at once. Results do not depend on it.
     pub batch: u32,
 }
 
@@ -87,27 +86,27 @@ impl Default for EvaluatePlan {
     }
 }
 
-/// What a falsification does.
+/// Settings of a falsification.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct FalsifyPlan {
-    /// The requirement to violate: the name of one of the target's formulas, or the text of a formula. Without it, the
-    /// target's first: of a task, `success`.
+    /// Requirement to violate: the name of a formula of the target, or the text of a formula. `None` selects the
+    /// target's first formula, which is `success` for a task.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub formula: Option<String>,
     /// Name of the search.
     pub search: String,
     /// Number of trials.
     pub trials: u32,
-    /// Simulations a trial may spend.
+    /// Largest number of simulations per trial.
     pub budget: u32,
-    /// Simulations that are run at once.
+    /// Batch size: number of simulations run at once.
     pub batch: u32,
-    /// Alias of the option `initial-simplex` of `nelder-mead`, from before searches had options. Other searches
-    /// ignore it, and `options` overrides it.
+    /// Alias of the option `initial-simplex` of `nelder-mead`, for plans from before searches had options. Other
+    /// searches ignore it, and `options` overrides it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub initial_simplex: Option<Vec<Vec<f64>>>,
-    /// Options of the search by name, the table `[falsify.options]`. `mishandle searches SEARCH` lists them.
+    /// Options of the search by name: the table `[falsify.options]`. `mishandle searches SEARCH` lists them.
     #[serde(with = "crate::search_options", skip_serializing_if = "SearchOptions::is_empty")]
     pub options: SearchOptions,
 }
@@ -130,16 +129,16 @@ fn format() -> u32 {
     FORMAT
 }
 
-/// A seed as TOML spells it.
+/// Conversion of seeds to and from TOML.
 mod seed {
     use serde::{Deserialize, Deserializer, Serializer};
 
     #[derive(Deserialize)]
     #[serde(
         untagged,
-        expecting = "expected a seed: a whole number from 0 to 18446744073709551615, or its text"
+        expecting = "expected a seed: an integer from 0 to 18446744073709551615, or a string with that integer"
     )]
-    enum Spelled {
+    enum SeedValue {
         Number(u64),
         Text(String),
     }
@@ -152,9 +151,9 @@ mod seed {
     }
 
     pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u64, D::Error> {
-        match Spelled::deserialize(deserializer)? {
-            Spelled::Number(seed) => Ok(seed),
-            Spelled::Text(text) => text.parse().map_err(serde::de::Error::custom),
+        match SeedValue::deserialize(deserializer)? {
+            SeedValue::Number(seed) => Ok(seed),
+            SeedValue::Text(text) => text.parse().map_err(serde::de::Error::custom),
         }
     }
 }
@@ -168,8 +167,7 @@ fn paper() -> String {
 }
 
 impl Plan {
-    /// A plan for a controller in a task, or for another target and an empty controller, with everything else at its
-    /// default.
+    /// Returns a plan with default settings. `controller` is empty for a target that is not a task.
     pub fn new(target: &str, controller: &str) -> Plan {
         Plan {
             format: FORMAT,
@@ -186,40 +184,36 @@ impl Plan {
         }
     }
 
-    /// Reads a plan.
+    /// Parses a plan. Keys that are left out have their defaults.
     ///
     /// # Errors
-    /// If the text is not TOML, has a key that is none of a plan's, or is of a newer format.
+    /// If the text is not TOML, contains an unknown key or an invalid value, or has a newer format.
     pub fn from_toml(text: &str) -> Result<Plan, MishandleError> {
         let unreadable = |error: toml::de::Error| MishandleError::Plan(error.to_string());
-        // A newer format may have keys that are unknown here: the format is the more useful thing to report.
+        // Checked first: a newer format can have unknown keys, and the format is the more useful error.
         let Format { format } = toml::from_str(text).map_err(unreadable)?;
         match format {
             Some(0) => {
-                let wanted = "1 or more";
-                return Err(MishandleError::Value {
-                    what: "the plan's format",
-                    value: "0".to_string(),
-                    wanted,
-                });
+                let (what, expected) = ("the plan's format", "1 or more");
+                return Err(MishandleError::InvalidValue { what, value: "0".to_string(), expected });
             }
             Some(found) if found > FORMAT => return Err(MishandleError::NewerPlan { found, known: FORMAT }),
             _ => {}
         }
         let mut plan: Plan = toml::from_str(text).map_err(unreadable)?;
-        // What an older format calls otherwise has its present name now.
+        // Deserialization has translated the keys of older formats.
         plan.format = FORMAT;
         Ok(plan)
     }
 
-    /// The plan as TOML.
+    /// Returns the plan as TOML.
     pub fn to_toml(&self) -> String {
-        // Strings, numbers and booleans in tables: TOML has a form for each.
+        // Cannot fail: the plan contains strings, numbers and booleans only.
         toml::to_string(self).unwrap_or_default()
     }
 }
 
-/// What every format of a plan states.
+/// The key that all formats have in common.
 #[derive(Deserialize)]
 struct Format {
     format: Option<u32>,
@@ -229,16 +223,16 @@ struct Format {
 mod tests {
     use super::*;
 
-    /// The example of docs/plans.md.
-    fn documented() -> &'static str {
+    /// Returns the example of docs/plans.md.
+    fn documented_plan() -> &'static str {
         let page = include_str!("../docs/plans.md");
         page.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap()
     }
 
     #[test]
-    fn the_documented_plan_names_every_key_and_every_default() {
-        let plan = Plan::from_toml(documented()).unwrap();
-        // Without a formula the target's first counts, which is `success` for a task.
+    fn the_documented_plan_contains_every_key_with_its_default() {
+        let plan = Plan::from_toml(documented_plan()).unwrap();
+        // The default formula is the target's first, which is `success` for a task.
         let falsify = FalsifyPlan { formula: Some("success".to_string()), ..FalsifyPlan::default() };
         let evaluate = EvaluatePlan::default();
         let defaults = Plan { evaluate: Some(evaluate), falsify: Some(falsify), ..plan.clone() };
@@ -248,12 +242,12 @@ mod tests {
             Plan { evaluate: None, falsify: None, ..plan.clone() },
             Plan::new("ball-balancing", "ppo")
         );
-        // Whatever a plan can hold is written out by `to_toml`, and stands in the example.
+        // `to_toml` writes every key, so the example must contain the same keys.
         let is_key = |line: &&str| line.contains(" = ");
         let keys = |text: &str| -> Vec<String> {
             text.lines().filter(is_key).map(|line| line.split(' ').next().unwrap().to_string()).collect()
         };
-        let (mut written, mut shown) = (keys(&plan.to_toml()), keys(documented()));
+        let (mut written, mut shown) = (keys(&plan.to_toml()), keys(documented_plan()));
         written.sort();
         shown.sort();
         assert_eq!(written, shown);
@@ -265,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn options_of_a_search_are_a_table_that_reads_back_as_itself() {
+    fn search_options_survive_a_round_trip_through_toml() {
         let text = "search = \"nelder-mead\"\n[falsify.options]\nxatol = 1\nmax_iterations = 9\nadaptive = true\n\
                     start = [0.5, 1]\ninitial-simplex = [[0, 1], [0.5, 1]]\nmodel = \"cubic\"\n";
         let falsify = options_of(text).unwrap();
@@ -282,17 +276,17 @@ mod tests {
     }
 
     #[test]
-    fn an_option_that_is_no_value_or_set_twice_is_refused() {
-        let refused = |text: &str| options_of(text).unwrap_err().to_string();
+    fn an_option_with_an_invalid_value_or_two_values_is_an_error() {
+        let error = |text: &str| options_of(text).unwrap_err().to_string();
         assert!(
-            refused("[falsify.options]\nxatol = 1979-05-27\n").contains("expected a number, true or false")
+            error("[falsify.options]\nxatol = 1979-05-27\n").contains("expected a number, true or false")
         );
-        let twice = refused("[falsify.options]\nmax-iterations = 1\nmax_iterations = 2\n");
+        let twice = error("[falsify.options]\nmax-iterations = 1\nmax_iterations = 2\n");
         assert!(twice.contains("`max_iterations` is set twice"), "{twice}");
     }
 
     #[test]
-    fn a_plan_of_the_first_format_is_read_and_written_in_the_present_one() {
+    fn a_plan_of_format_1_is_read_and_written_in_the_current_format() {
         let old =
             "format = 1\ntask = \"ball-balancing\"\ncontroller = \"ppo\"\n[falsify]\nformula = \"success\"\n";
         let plan = Plan::from_toml(old).unwrap();
@@ -302,8 +296,8 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_of_another_format_is_refused_by_its_format() {
-        let refused = |format: u32| {
+    fn a_plan_of_an_unknown_format_is_an_error_that_names_the_format() {
+        let error = |format: u32| {
             let plan = format!("format = {format}\ntarget = \"a\"\nnew_key = 1\n");
             Plan::from_toml(&plan).unwrap_err().to_string()
         };
@@ -311,12 +305,12 @@ mod tests {
             Plan::from_toml("format = 99\nnew_key = 1\n"),
             Err(MishandleError::NewerPlan { found: 99, .. })
         ));
-        assert!(refused(0).contains("format is 0"), "{}", refused(0));
-        assert!(refused(FORMAT).contains("new_key"), "{}", refused(FORMAT));
+        assert!(error(0).contains("format is 0"), "{}", error(0));
+        assert!(error(FORMAT).contains("new_key"), "{}", error(FORMAT));
     }
 
     #[test]
-    fn every_seed_comes_back() {
+    fn every_seed_survives_a_round_trip_through_toml() {
         for seed in [0, i64::MAX as u64, 1 << 63, u64::MAX] {
             let plan = Plan { seed, ..Plan::new("a", "b") };
             assert_eq!(Plan::from_toml(&plan.to_toml()).unwrap().seed, seed);
@@ -324,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn what_an_older_plan_calls_starts_is_read() {
+    fn the_older_key_starts_is_read_as_box() {
         let plan = |key| format!("task = \"a\"\ncontroller = \"b\"\n[evaluate]\n{key} = \"reachable\"\n");
         assert_eq!(Plan::from_toml(&plan("starts")).unwrap(), Plan::from_toml(&plan("box")).unwrap());
     }

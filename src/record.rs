@@ -1,4 +1,4 @@
-//! Between what ran and what is stored: only here is one turned into the other.
+//! Conversion between episodes and stored simulations. No other module does this.
 
 use std::path::{Path, PathBuf};
 
@@ -10,20 +10,20 @@ use mishandle_store::{IfExists, RunHeader, RunKind, RunWriter, Simulation, Targe
 use crate::target::is_path;
 use crate::{MishandleError, Plan, ResolvedPlan, build, controller_name};
 
-/// Names of the verdicts that are stored beside the robustness. Where the search needs them, two for each sub-formula of
-/// the requirement follow: its minimum and the sample of that.
+/// Names of the verdicts that are stored in addition to the robustness. If the search needs sub-formulas, two verdicts
+/// per sub-formula of the requirement follow: its minimum and the sample of the minimum.
 const VERDICTS: [&str; 5] = ["success", "strict", "dangerous_steps", "completion_step", "total_reward"];
 
-/// The names of all verdicts of a run that stores the minima of so many sub-formulas.
+/// Returns the names of all verdicts of a run that stores the minima of `subformulas` sub-formulas.
 fn verdict_names(subformulas: usize) -> Vec<String> {
     let of = |i| [format!("subformula_{i}_minimum"), format!("subformula_{i}_step")];
     VERDICTS.map(String::from).into_iter().chain((1..=subformulas).flat_map(of)).collect()
 }
 
-/// The header of a run of a resolved plan.
+/// Returns the header of a run.
 fn header(resolved: &ResolvedPlan) -> RunHeader {
     let ResolvedPlan { plan, target, space, specification, stored_subformulas } = resolved;
-    // A run is resumed and replayed from anywhere, so a path in it leads there from anywhere.
+    // Absolute, so that the run can be resumed and replayed from every folder.
     let mut stored = plan.clone();
     if let (true, Ok(path)) = (is_path(&plan.controller), std::path::absolute(&plan.controller)) {
         stored.controller = path.to_string_lossy().into_owned();
@@ -85,10 +85,10 @@ fn axis(axis: &mishandle_rollout::Axis) -> store::AxisRecord {
     }
 }
 
-/// Creates the run file of a resolved plan at `path`, or at the first free name in `runs/`.
+/// Creates the run file of a plan at `path`. Without a path, chooses the first free name in the folder `runs`.
 ///
 /// # Errors
-/// If there is a file already, or none can be written.
+/// If the file exists already or cannot be written.
 pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWriter, MishandleError> {
     let path = match path {
         Some(path) => path.to_path_buf(),
@@ -97,7 +97,7 @@ pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWri
     Ok(RunWriter::create(path, &header(resolved), IfExists::Refuse)?)
 }
 
-/// `runs/KIND-TARGET[-CONTROLLER][-SEARCH]-sSEED[-N].sqlite`, with the first N that is free.
+/// Returns `runs/KIND-TARGET[-CONTROLLER][-SEARCH]-sSEED[-N].sqlite` with the first free number N.
 fn free_path(plan: &Plan) -> Result<PathBuf, MishandleError> {
     let folder = PathBuf::from("runs");
     std::fs::create_dir_all(&folder)
@@ -115,7 +115,8 @@ fn free_path(plan: &Plan) -> Result<PathBuf, MishandleError> {
     Ok(free.unwrap_or_default())
 }
 
-/// What is stored of an episode, with the minima of so many sub-formulas; its trace too if it is a counterexample.
+/// Converts an episode to a stored simulation with the minima of `subformulas` sub-formulas. Only a counterexample
+/// keeps its trace.
 pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
     let columns = (0..episode.trace.names().len()).map(|i| episode.trace.column(i).to_vec()).collect();
     let trace = store::StoredTrace { columns };
@@ -155,16 +156,16 @@ pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
     }
 }
 
-/// The episode that a record is of, without its trace.
+/// Converts a stored simulation to an episode without a trace.
 ///
 /// # Errors
-/// If it ended in a way that this program does not know.
+/// If this program does not know the simulation's end.
 pub(crate) fn episode(simulation: &Simulation) -> Result<Episode, MishandleError> {
     let stored = |name: &str| {
         let index = VERDICTS.iter().position(|verdict| *verdict == name)?;
         simulation.verdicts.get(index).copied().flatten()
     };
-    // All of them are there, or none: a formula may have no finite value.
+    // Either all minima are present or none, because a formula can have no finite value.
     let pairs = simulation.verdicts.get(VERDICTS.len()..).unwrap_or_default().chunks(2);
     let minima: Option<Vec<SubformulaMinimum>> = pairs
         .map(|pair| match *pair {
@@ -196,14 +197,14 @@ pub(crate) fn episode(simulation: &Simulation) -> Result<Episode, MishandleError
     })
 }
 
-/// What a record's simulation was asked for.
-pub(crate) fn request(simulation: &Simulation, wants_subformulas: bool) -> Request {
+/// Returns the request of a stored simulation.
+pub(crate) fn request(simulation: &Simulation, needs_subformulas: bool) -> Request {
     Request {
         trial: simulation.trial,
         number: simulation.number,
         unit_point: simulation.unit_point.clone(),
         scenario: Scenario::new(simulation.scenario.clone()),
         seed: Seed(simulation.seed),
-        wants_subformulas,
+        needs_subformulas,
     }
 }

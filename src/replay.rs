@@ -4,23 +4,24 @@ use mishandle_store::{RunFile, RunHeader, Simulation};
 use crate::record;
 use crate::{MishandleError, Plan, ResolvedPlan, build};
 
-/// A recorded simulation that was run again.
+/// A replay of a recorded simulation.
 pub struct ReplayResult {
-    /// What was recorded.
+    /// The recorded simulation.
     pub recorded: Simulation,
-    /// What happened now.
+    /// The replayed episode.
     pub episode: Episode,
-    /// In what the two differ; nothing if they are the same to the bit.
+    /// Differences between record and replay. Empty if they are bit-identical.
     pub differences: Vec<String>,
-    /// How this program and its target differ from those that made the record; then the bits may differ, too.
-    pub other_build: Vec<String>,
+    /// Differences between the recorded build and target and the present ones. Results can differ between builds.
+    pub build_differences: Vec<String>,
 }
 
-/// Runs simulation `number` of trial `trial` of a run again and compares it with its record, bit for bit. `controller`
-/// says where the run's controller is now, if it has moved.
+/// Replays simulation `number` of trial `trial` and compares it with its record, bit for bit.
+///
+/// `controller` is the present path of the run's controller, if the file was moved.
 ///
 /// # Errors
-/// If the run has no such simulation, its plan cannot be carried out any more, or its controller is another one now.
+/// If the run has no such simulation, its plan cannot be resolved any more, or the controller differs from the run's.
 pub fn replay(
     run: &RunFile,
     trial: u32,
@@ -32,7 +33,7 @@ pub fn replay(
     replay_in(run, trial, number, &resolved, &mut *system)
 }
 
-/// As [`replay`], in a system of the run's target.
+/// Replays a simulation as [`replay`] does, in a given system of the run's target.
 pub(crate) fn replay_in(
     run: &RunFile,
     trial: u32,
@@ -46,18 +47,19 @@ pub(crate) fn replay_in(
     let again = record::record(&episode, resolved.stored_subformulas);
     Ok(ReplayResult {
         differences: differences(&recorded, &again),
-        other_build: other_build(run.header(), resolved),
+        build_differences: build_differences(run.header(), resolved),
         recorded,
         episode,
     })
 }
 
-/// The simulation that a person most wants to see again: the first counterexample, else the one with the least
-/// robustness; `trial` and `number` restrict the choice. `None` if the run has none such.
+/// Selects a simulation to replay: the first counterexample, or else the simulation with the minimum robustness.
+///
+/// `trial` and `number` restrict the choice. Returns trial and number, or `None` if no simulation has a robustness.
 ///
 /// # Errors
 /// If the run has no such trial, or cannot be read.
-pub fn choose(
+pub fn select_simulation(
     run: &RunFile,
     trial: Option<u32>,
     number: Option<u32>,
@@ -90,46 +92,50 @@ fn differences(recorded: &Simulation, again: &Simulation) -> Vec<String> {
     let mut differences = Vec::new();
     if recorded.end != again.end || recorded.steps != again.steps {
         differences.push(format!(
-            "it ended {:?} after {} control steps, now {:?} after {}",
+            "the recorded episode ended {:?} after {} control steps, the replay {:?} after {}",
             recorded.end, recorded.steps, again.end, again.steps
         ));
     }
     if bits(recorded.robustness) != bits(again.robustness) {
-        differences.push(format!("its robustness was {:?}, now {:?}", recorded.robustness, again.robustness));
+        differences.push(format!(
+            "the recorded robustness is {:?}, the replayed robustness {:?}",
+            recorded.robustness, again.robustness
+        ));
     }
     if recorded.trace_digest != again.trace_digest {
-        differences.push("its trace has other bits".to_string());
+        differences.push("the traces differ".to_string());
     }
     differences
 }
 
-/// The plan of a run, resolved, with the very controller that the run was made with: the one that the plan names, or the
-/// file `controller`, if that has moved.
+/// Resolves the plan of a run and checks that the controller is the same as in the run.
+///
+/// `controller` is the present path of the controller, if the file was moved.
 ///
 /// # Errors
-/// If the plan cannot be carried out any more, or the controller acts otherwise than the run's.
+/// If the plan cannot be resolved any more, or the controller has another hash than the run's.
 pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<ResolvedPlan, MishandleError> {
     let mut plan = Plan::from_toml(&header.plan)?;
     if let Some(controller) = controller {
         plan.controller = controller.to_string();
     }
     let recorded = header.components.iter().find(|component| component.role == "controller");
-    let lost = |error| match (error, recorded) {
+    let with_hint = |error| match (error, recorded) {
         (
-            error @ (MishandleError::Controller(_) | MishandleError::Name { kind: "controller", .. }),
+            error @ (MishandleError::Controller(_) | MishandleError::UnknownName { kind: "controller", .. }),
             Some(recorded),
-        ) if controller.is_none() => MishandleError::LostController {
+        ) if controller.is_none() => MishandleError::MissingController {
             controller: plan.controller.clone(),
             hash: recorded.hash.clone(),
             source: Box::new(error),
         },
         (error, _) => error,
     };
-    let resolved = ResolvedPlan::new(&plan).map_err(lost)?;
+    let resolved = ResolvedPlan::new(&plan).map_err(with_hint)?;
     let found = &resolved.target.components;
     for (then, now) in header.components.iter().zip(found) {
         if then.hash != now.hash {
-            return Err(MishandleError::OtherController {
+            return Err(MishandleError::ControllerMismatch {
                 controller: plan.controller,
                 recorded: then.hash.clone(),
                 found: now.hash.clone(),
@@ -138,7 +144,7 @@ pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<Res
     }
     if header.components.len() != found.len() {
         let parts = |roles: Vec<&str>| if roles.is_empty() { "none".to_string() } else { roles.join(", ") };
-        return Err(MishandleError::OtherParts {
+        return Err(MishandleError::ComponentMismatch {
             target: plan.target,
             recorded: parts(header.components.iter().map(|component| component.role.as_str()).collect()),
             found: parts(found.iter().map(|component| component.role.as_str()).collect()),
@@ -147,8 +153,8 @@ pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<Res
     Ok(resolved)
 }
 
-/// How this program and its target differ from those that made a run, part by part.
-pub fn other_build(header: &RunHeader, resolved: &ResolvedPlan) -> Vec<String> {
+/// Lists the differences between the build and target that made a run and the present ones.
+pub fn build_differences(header: &RunHeader, resolved: &ResolvedPlan) -> Vec<String> {
     let (then, now) = (&header.build, build());
     let mut parts = vec![
         ("program", then.program_version.as_str(), now.program_version.as_str()),
@@ -159,16 +165,16 @@ pub fn other_build(header: &RunHeader, resolved: &ResolvedPlan) -> Vec<String> {
     ];
     for (name, now) in &resolved.target.versions {
         let then =
-            header.versions.iter().find(|(known, _)| known == name).map_or("none", |(_, version)| version);
+            header.versions.iter().find(|(known, _)| known == name).map_or("unknown", |(_, version)| version);
         parts.push((name.as_str(), then, now.as_str()));
     }
-    // Runs of an earlier format have no hash of their target.
+    // Runs upgraded from format 1 have no hash of their target.
     if !header.target.hash.is_empty() {
         parts.push(("hash of the target", &header.target.hash, &resolved.target.identity.hash));
     }
     parts
         .iter()
         .filter(|(_, then, now)| then != now)
-        .map(|(part, then, now)| format!("{part} {then}, now {now}"))
+        .map(|(part, then, now)| format!("recorded {part} {then}, now {now}"))
         .collect()
 }

@@ -1,16 +1,16 @@
-//! Options of a search in plans and flags: TOML values by name.
+//! Options of a search in plans and flags.
 
 use mishandle_search::{OptionType, OptionValue, SearchOptions, find_search};
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// An [`OptionValue`] as TOML spells it.
+/// An [`OptionValue`] in TOML.
 #[derive(Serialize, Deserialize)]
 #[serde(
     untagged,
-    expecting = "expected a number, true or false, a text, a list of numbers, or a list of lists of numbers"
+    expecting = "expected a number, true or false, a string, a list of numbers, or a list of lists of numbers"
 )]
-enum Spelled {
+enum TomlValue {
     Boolean(bool),
     Integer(i64),
     Float(f64),
@@ -19,40 +19,40 @@ enum Spelled {
     Points(Vec<Vec<f64>>),
 }
 
-impl From<Spelled> for OptionValue {
-    fn from(value: Spelled) -> OptionValue {
+impl From<TomlValue> for OptionValue {
+    fn from(value: TomlValue) -> OptionValue {
         match value {
-            Spelled::Boolean(value) => OptionValue::Boolean(value),
-            Spelled::Integer(value) => OptionValue::Integer(value),
-            Spelled::Float(value) => OptionValue::Float(value),
-            Spelled::Text(value) => OptionValue::Text(value),
-            Spelled::Point(value) => OptionValue::Point(value),
-            Spelled::Points(value) => OptionValue::Points(value),
+            TomlValue::Boolean(value) => OptionValue::Boolean(value),
+            TomlValue::Integer(value) => OptionValue::Integer(value),
+            TomlValue::Float(value) => OptionValue::Float(value),
+            TomlValue::Text(value) => OptionValue::Text(value),
+            TomlValue::Point(value) => OptionValue::Point(value),
+            TomlValue::Points(value) => OptionValue::Points(value),
         }
     }
 }
 
-impl From<OptionValue> for Spelled {
-    fn from(value: OptionValue) -> Spelled {
+impl From<OptionValue> for TomlValue {
+    fn from(value: OptionValue) -> TomlValue {
         match value {
-            OptionValue::Boolean(value) => Spelled::Boolean(value),
-            OptionValue::Integer(value) => Spelled::Integer(value),
-            OptionValue::Float(value) => Spelled::Float(value),
-            OptionValue::Text(value) => Spelled::Text(value),
-            OptionValue::Point(value) => Spelled::Point(value),
-            OptionValue::Points(value) => Spelled::Points(value),
+            OptionValue::Boolean(value) => TomlValue::Boolean(value),
+            OptionValue::Integer(value) => TomlValue::Integer(value),
+            OptionValue::Float(value) => TomlValue::Float(value),
+            OptionValue::Text(value) => TomlValue::Text(value),
+            OptionValue::Point(value) => TomlValue::Point(value),
+            OptionValue::Points(value) => TomlValue::Points(value),
         }
     }
 }
 
-/// For `#[serde(with)]`: a table of options.
+/// Serializes options as a table, for `#[serde(with)]`.
 pub(crate) fn serialize<S: Serializer>(options: &SearchOptions, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(options.iter().map(|(name, value)| (name, Spelled::from(value.clone()))))
+    serializer.collect_map(options.iter().map(|(name, value)| (name, TomlValue::from(value.clone()))))
 }
 
-/// For `#[serde(with)]`: a table of options.
+/// Deserializes a table of options, for `#[serde(with)]`.
 pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<SearchOptions, D::Error> {
-    let table = std::collections::BTreeMap::<String, Spelled>::deserialize(deserializer)?;
+    let table = std::collections::BTreeMap::<String, TomlValue>::deserialize(deserializer)?;
     let mut options = SearchOptions::new();
     for (name, value) in table {
         // `max_iterations` and `max-iterations` are the same option.
@@ -64,10 +64,10 @@ pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<
     Ok(options)
 }
 
-/// Reads the value of an option from a flag: `1e-6`, `true`, `[[0.1, 0.2], [0.3, 0.4]]`.
+/// Parses the value of a search option from a flag, such as `1e-6`, `true` or `[[0.1, 0.2], [0.3, 0.4]]`.
 ///
-/// A value is written as in a plan (TOML), but a text needs no quotes. Whether `search` has the option and accepts the
-/// value is checked when the plan becomes a search.
+/// Values have TOML syntax, as in a plan, but strings need no quotes. [`ResolvedPlan::new`](crate::ResolvedPlan::new)
+/// checks whether `search` has the option and accepts the value.
 ///
 /// # Example
 /// ```
@@ -78,11 +78,11 @@ pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<
 /// assert_eq!(search_option_value("nelder-mead", "adaptive", "maybe"), OptionValue::Text("maybe".into()));
 /// ```
 pub fn search_option_value(search: &str, name: &str, text: &str) -> OptionValue {
-    /// A document of one value.
+    /// A TOML document with a single value.
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]
     struct Document {
-        value: Spelled,
+        value: TomlValue,
     }
     let specs = find_search(search).map(|entry| (entry.options)()).unwrap_or_default();
     let is_text =
@@ -96,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_flag_is_read_as_in_a_plan_and_is_never_two_values() {
+    fn a_flag_has_the_syntax_of_a_plan_and_exactly_one_value() {
         let value = |text: &str| search_option_value("dual-annealing", "visit", text);
         assert_eq!(value("2"), OptionValue::Integer(2));
         assert_eq!(value("true"), OptionValue::Boolean(true));

@@ -119,10 +119,11 @@ fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<FileLock>, Mis
         .map(|(flag, path)| {
             let folder = path.parent().unwrap_or(Path::new(""));
             folders
-                .make(folder)
+                .create(folder)
                 .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
             let file = with_ending(&path, ".lock");
-            let lock = FileLock::take(&file).map_err(|source| MishandleError::File { path: file, source })?;
+            let lock =
+                FileLock::try_acquire(&file).map_err(|source| MishandleError::File { path: file, source })?;
             lock.ok_or(MishandleError::Busy { path, flag })
         })
         .collect()
@@ -200,7 +201,7 @@ fn known(kind: &'static str, name: &str, names: &[&str]) -> Result<(), Mishandle
         return Ok(());
     }
     let known = names.iter().map(|name| (*name).to_string()).collect();
-    Err(MishandleError::Name { kind, name: name.to_string(), known })
+    Err(MishandleError::UnknownName { kind, name: name.to_string(), known })
 }
 
 /// The files of the best controller and of the last.

@@ -8,24 +8,25 @@ use mishandle_training::{Checkpoint, Config};
 use crate::train::{check_places, environment, reward, settings};
 use crate::{MishandleError, TrainPlan, memory, task};
 
-/// What decides which controller a training gives, and how its file will look.
+/// The inputs that determine the controller of a training run and the format of its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainingFacts {
-    /// All settings, those that the plan's file leaves out with their defaults.
+    /// All settings. Settings that the plan's file leaves out have their defaults.
     pub config: Config,
-    /// Hash of what the task is to a controller that learns it; see [`task_hash`].
+    /// Hash of the task as a learning controller experiences it; see [`task_hash`].
     pub task_hash: String,
     /// Hash of the layout of observations and actions.
     pub layout_hash: String,
-    /// Kinds of policy, and the version of the format that a controller with each is written in.
+    /// Kinds of policy, each with the format version of its controller files.
     pub formats: &'static [(&'static str, u64)],
 }
 
-/// Looks up and checks what `plan` names, without training and without a trace: what would keep the training from
-/// beginning, but for another one that writes to the same files just then.
+/// Makes all checks of a training run before its first step, and leaves no files.
+///
+/// It does not detect another training run that writes to the same files.
 ///
 /// # Errors
-/// As [`train`](crate::train()), before its first step.
+/// The errors of [`train`](crate::train()) before its first step.
 pub fn training_facts(plan: &TrainPlan) -> Result<TrainingFacts, MishandleError> {
     let task = task(&plan.task)?;
     let config = settings(plan)?;

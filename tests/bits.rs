@@ -1,7 +1,7 @@
-//! Simulations keep their bits from version to version: points, scenarios, seeds, robustness and traces of seven tasks and
-//! three searches are those of an earlier commit. The file says which, and by which command it was made.
+//! Simulations keep their bits between versions: points, scenarios, seeds, robustness and traces of seven tasks and three
+//! searches match those of an earlier commit. The golden file contains the commit and the command that generated it.
 //!
-//! A difference is not always a mistake: whoever changes physics, a search or a controller on purpose makes the file again.
+//! An intended change of physics, of a search or of a controller requires a new golden file.
 
 #![allow(clippy::unwrap_used)]
 
@@ -12,7 +12,7 @@ use mishandle::{FalsifyPlan, Plan, ResolvedPlan};
 use serde_json::Value;
 
 #[test]
-fn simulations_have_the_bits_of_an_earlier_commit() {
+fn simulations_are_bit_identical_to_an_earlier_commit() {
     let golden: Value = serde_json::from_str(include_str!("golden/bits.json")).unwrap();
     let folder = tempfile::tempdir().unwrap();
     for (i, case) in golden["cases"].as_array().unwrap().iter().enumerate() {
@@ -22,7 +22,7 @@ fn simulations_have_the_bits_of_an_earlier_commit() {
             formula: Some("strict".to_string()),
             search: search.to_string(),
             trials: 1,
-            // The limit on evaluations of nelder-mead is the budget, so it is that of the command.
+            // The budget limits the evaluations of nelder-mead, so it must be the budget of the command.
             budget: 14,
             ..FalsifyPlan::default()
         };
@@ -31,8 +31,8 @@ fn simulations_have_the_bits_of_an_earlier_commit() {
         let path = folder.path().join(format!("{i}.sqlite"));
         let run = mishandle::create_run(&resolved, Some(&path)).unwrap();
         mishandle::falsify(&resolved, run, |progress| {
-            let enough = progress.simulations as usize >= expected.len();
-            if enough { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            let is_done = progress.simulations as usize >= expected.len();
+            if is_done { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         })
         .unwrap();
         let run = RunFile::open(&path).unwrap();

@@ -1,4 +1,4 @@
-//! The output that docs/library.md shows is that of its program. `cargo xtask external` follows the page itself.
+//! The output in docs/library.md matches the output of its program. `cargo xtask external` runs the commands of the page.
 
 #![allow(clippy::unwrap_used)]
 
@@ -6,7 +6,7 @@ use mishandle::rollout::{Request, Seed};
 use mishandle::{Plan, ResolvedPlan};
 
 #[test]
-fn the_episode_of_the_page_has_the_robustness_that_it_shows() {
+fn the_page_shows_the_robustness_of_its_episode() {
     let page = include_str!("../docs/library.md");
     let plan = Plan::from_toml("target = \"ball-balancing\"\ncontroller = \"ppo\"").unwrap();
     let mut system = ResolvedPlan::new(&plan).unwrap().system().unwrap();

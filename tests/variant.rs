@@ -1,4 +1,4 @@
-//! A variant of a task takes the controllers of the task that it varies.
+//! A variant of a task accepts the controllers of its base task.
 
 #![allow(clippy::unwrap_used)]
 
@@ -46,34 +46,34 @@ impl Task for Variant {
     }
 }
 
-/// Makes the variant known, once for all tests.
+/// Registers the variant once for all tests.
 fn add_variant() {
     static ADDED: Once = Once::new();
     ADDED.call_once(|| mishandle::tasks::add(&Variant).unwrap());
 }
 
 #[test]
-fn controllers_of_the_base_task_are_the_variants_too() {
+fn a_variant_has_the_controllers_of_its_base_task() {
     add_variant();
     assert_eq!(shipped_controllers(&DEFINITION), shipped_controllers(base().definition()));
     let hash = |task: &str| mishandle::target(&Plan::new(task, "ppo")).unwrap().components[0].hash.clone();
     assert_eq!(hash(DEFINITION.name), hash(BASE));
-    // Another task's controller is none of its own.
+    // A controller of another task is an error.
     let other = concat!(env!("CARGO_MANIFEST_DIR"), "/controllers/ball-pushing/ppo.safetensors");
-    let told = mishandle::target(&Plan::new(DEFINITION.name, other)).err().unwrap().to_string();
-    assert!(told.contains("ball-pushing"), "{told}");
+    let error = mishandle::target(&Plan::new(DEFINITION.name, other)).err().unwrap().to_string();
+    assert!(error.contains("ball-pushing"), "{error}");
 }
 
 #[test]
-fn starts_are_left_out_only_of_a_box_that_is_in_part_out_of_reach() {
+fn only_unreachable_initial_states_are_excluded() {
     add_variant();
-    let leaves_out = |task: &str, starts| {
+    let excludes = |task: &str, starts| {
         let evaluate = EvaluatePlan { episodes: 20, starts, ..EvaluatePlan::default() };
         let plan = Plan { evaluate: Some(evaluate), ..Plan::new(task, "expert") };
-        mishandle::leaves_out_starts(&ResolvedPlan::new(&plan).unwrap())
+        mishandle::rejects_scenarios(&ResolvedPlan::new(&plan).unwrap())
     };
-    // The variant's reach is half of the box: that all of twenty starts lie within has a chance of one in a million.
-    assert!(leaves_out(DEFINITION.name, StartRegion::Reachable));
-    assert!(!leaves_out(DEFINITION.name, StartRegion::Whole));
-    assert!(!leaves_out(BASE, StartRegion::Reachable));
+    // Half of the variant's box is reachable. The probability that all 20 initial states are reachable is 1e-6.
+    assert!(excludes(DEFINITION.name, StartRegion::Reachable));
+    assert!(!excludes(DEFINITION.name, StartRegion::Whole));
+    assert!(!excludes(BASE, StartRegion::Reachable));
 }

@@ -1,4 +1,4 @@
-//! A task outside the benchmark is taken by every command: the one of `examples/your_task`.
+//! Every command accepts a task outside the benchmark: the one of `examples/your_task`.
 
 #![allow(clippy::unwrap_used)]
 
@@ -14,13 +14,14 @@ use mishandle::training::Config;
 #[path = "../examples/your_task/cube_flipping.rs"]
 mod cube_flipping;
 
-/// Adds the task, once for all tests.
+/// Registers the task once for all tests.
 fn add_task() {
     static ADDED: Once = Once::new();
     ADDED.call_once(|| mishandle::tasks::add(&cube_flipping::CubeFlipping).unwrap());
 }
 
-/// Runs the program with the task in a folder; what is in single quotes is one word.
+/// Runs the program with the registered task. `HERE` in the arguments is replaced by `folder`, and text in single quotes is
+/// one argument.
 fn run(folder: &Path, arguments: &str) -> ExitCode {
     let folder = folder.to_str().unwrap();
     let words = arguments.split('\'').enumerate().flat_map(|(i, part)| match i % 2 {
@@ -32,26 +33,26 @@ fn run(folder: &Path, arguments: &str) -> ExitCode {
 }
 
 #[test]
-fn every_command_takes_a_task_of_ones_own() {
+fn every_command_accepts_a_user_s_task() {
     add_task();
     let folder = tempfile::tempdir().unwrap();
     let run = |arguments: &str| run(folder.path(), arguments);
-    let done = ExitCode::SUCCESS;
+    let success = ExitCode::SUCCESS;
 
-    assert_eq!(run("tasks cube-flipping"), done);
-    assert_eq!(run("tasks cube-flipping --mjcf HERE/scene.xml"), done);
+    assert_eq!(run("tasks cube-flipping"), success);
+    assert_eq!(run("tasks cube-flipping --mjcf HERE/scene.xml"), success);
     assert_eq!(
         run("evaluate cube-flipping --controller expert --episodes 24 --seed 5 --out HERE/run.sqlite"),
-        done
+        success
     );
-    let measured = RunFile::open(folder.path().join("run.sqlite")).unwrap();
+    let run_file = RunFile::open(folder.path().join("run.sqlite")).unwrap();
     let robustness: Vec<f64> =
-        measured.simulations().map(|simulation| simulation.unwrap().robustness.unwrap()).collect();
+        run_file.simulations().map(|simulation| simulation.unwrap().robustness.unwrap()).collect();
     assert_eq!(robustness.len(), 24);
-    assert!(robustness.iter().all(|rho| *rho > 0.0), "the expert leaves a cube as it was: {robustness:?}");
-    assert_eq!(run("replay HERE/run.sqlite --simulation 7"), done);
+    assert!(robustness.iter().all(|rho| *rho > 0.0), "the expert does not flip the cube: {robustness:?}");
+    assert_eq!(run("replay HERE/run.sqlite --simulation 7"), success);
 
-    // Nobody tips the cube within half a second, so this is violated from everywhere.
+    // No controller can flip the cube within 0.5 s, so every initial state violates this formula.
     let early = "falsify cube-flipping --controller expert --formula 'eventually[0:30](cube_tilt >= 1.5)' --trials 1 \
                  --out HERE/early.sqlite";
     assert_eq!(run(early), ExitCode::from(1));
@@ -59,18 +60,18 @@ fn every_command_takes_a_task_of_ones_own() {
     let settings = "rollout_steps = 16\nminibatch_rows = 128\nepisodes.environments = 16\nrun.total_steps = 512\n\
                     run.validation_episodes = 2\n";
     std::fs::write(folder.path().join("ppo.toml"), settings).unwrap();
-    assert_eq!(run("train cube-flipping --settings HERE/ppo.toml --out HERE/mine.safetensors"), done);
+    assert_eq!(run("train cube-flipping --settings HERE/ppo.toml --out HERE/mine.safetensors"), success);
     assert_eq!(
         run("evaluate cube-flipping --controller HERE/mine.safetensors --episodes 2 --out HERE/mine.sqlite"),
-        done
+        success
     );
-    // None are shipped for it, so it takes the defaults.
-    assert_eq!(run("train cube-flipping --dry-run --out HERE/other.safetensors"), done);
+    // There are no shipped settings for the task, so it uses the defaults.
+    assert_eq!(run("train cube-flipping --dry-run --out HERE/other.safetensors"), success);
     assert_eq!(run("evaluate cube-floping --controller expert"), ExitCode::from(2));
 }
 
 #[test]
-fn the_example_fits_on_a_few_screens() {
+fn the_example_has_less_than_200_lines() {
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/your_task");
     let lines = |name: &str| std::fs::read_to_string(example.join(name)).unwrap().lines().count();
     let all: usize = ["main.rs", "cube_flipping.rs", "scene.xml", "ppo.toml"].map(lines).iter().sum();
@@ -78,7 +79,7 @@ fn the_example_fits_on_a_few_screens() {
 }
 
 #[test]
-fn without_shipped_settings_a_training_takes_the_defaults() {
+fn a_training_run_without_shipped_settings_uses_the_defaults() {
     add_task();
     let plan = |task: &str, settings: Option<&str>| TrainPlan {
         task: task.to_string(),

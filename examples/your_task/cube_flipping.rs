@@ -4,17 +4,16 @@ use std::{borrow::Cow, sync::Arc};
 
 use mishandle::rollout::Controller;
 use mishandle::tasks::kinematic::{ResolvedRate, rotation_between};
-use mishandle::tasks::{BoxAxis, Quantity, Variations, effort, limited, one, three};
-use mishandle::tasks::{
-    Definition, Expert, ExpertInput, ExpertPolicy, Grip, Panda, Reward, Scene, Task, TaskFormulas,
-};
+use mishandle::tasks::{BoxAxis, Definition, GripperMode, Quantity, Reward, TaskFormulas, Variations};
+use mishandle::tasks::{Expert, ExpertInput, ExpertPolicy, Panda, Scene, Task};
+use mishandle::tasks::{action_penalty, clamp_norm, scalar, vector3};
 use mishandle::world::frame::{add, cross, norm, rotate, scale, sub};
 use mishandle::world::{Body, Joint, Model, Rows, World, WorldError};
 
 /// The task.
 pub struct CubeFlipping;
 
-/// Half an edge of the cube, and the height of the table, m.
+/// Half the edge length of the cube, and the height of the table, m.
 const HALF: f64 = 0.05;
 const TABLE: f64 = 0.2;
 
@@ -22,38 +21,38 @@ const DEFINITION: Definition = Definition {
     name: "cube-flipping",
     summary: "Tip a cube onto another face.",
     variant_of: None,
-    setting: "A cube with edges of 10 cm and 200 g on a table 0.2 m high.",
+    scene_description: "A cube (edges 10 cm, 200 g) on a table 0.2 m high.",
     held: None,
     start: [0.0, -0.2, 0.0, -2.3, 0.0, 2.1, 0.785, 0.0, 0.0],
     start_noise: 0.0,
-    grip: Grip::Fixed(0.0),
+    grip: GripperMode::Fixed(0.0),
     n_substeps: 4,
     velocity_scale: 0.1,
     signals: &[
-        one("cube_tilt", "rad", "angle of the face that was on top, from the vertical"),
-        one("cube_height", "m", "height of the cube's centre above the table"),
-        one("cube_speed", "m/s", "speed of the cube"),
-        one("finger_cube_distance", "m", "distance of the finger tips from the cube's centre"),
+        scalar("cube_tilt", "rad", "angle between the initially upward face normal and the vertical"),
+        scalar("cube_height", "m", "height of the cube's center above the table"),
+        scalar("cube_speed", "m/s", "speed of the cube"),
+        scalar("finger_cube_distance", "m", "distance between the fingertips and the cube's center"),
     ],
     observation: &[
-        three("cube", "m", "centre of the cube"),
-        three("forward", "", "the cube's own axis that points away from the robot at the start"),
-        three("up", "", "the cube's own axis that points up at the start"),
-        three("cube_velocity", "m/s", "velocity of the cube"),
-        three("cube_from_finger", "m", "cube minus finger tips"),
+        vector3("cube", "m", "center of the cube"),
+        vector3("forward", "", "axis of the cube that initially points away from the robot"),
+        vector3("up", "", "axis of the cube that initially points up"),
+        vector3("cube_velocity", "m/s", "velocity of the cube"),
+        vector3("cube_from_finger", "m", "center of the cube minus fingertips"),
     ],
     original_reward: REWARD,
     shaped_reward: REWARD,
     initial_box: &[
-        axis("cube_x", "m", [0.48, 0.6], "cube's x"),
-        axis("cube_y", "m", [-0.15, 0.15], "cube's y"),
-        axis("cube_yaw", "rad", [-0.3, 0.3], "turn of the cube about the vertical"),
+        axis("cube_x", "m", [0.48, 0.6], "x position of the cube"),
+        axis("cube_y", "m", [-0.15, 0.15], "y position of the cube"),
+        axis("cube_yaw", "rad", [-0.3, 0.3], "yaw angle of the cube"),
     ],
     variations: Variations { friction: true, masses: &["cube"], push: Some(("cube", 1.0)), jump: None },
     paper: FORMULAS,
     code: FORMULAS,
     termination: "the cube has fallen off the table",
-    differences: "There is no original: this task is an example.",
+    differences: "This task is an example that is not in the original benchmark.",
 };
 
 const FORMULAS: TaskFormulas = TaskFormulas {
@@ -65,14 +64,14 @@ const FORMULAS: TaskFormulas = TaskFormulas {
 };
 
 const REWARD: &[Quantity] = &[
-    one("near", "", "0.2 (1 - tanh(5 d)), d the distance of the finger tips from the cube"),
-    one("tilt", "", "0.5 times the tilt over a right angle, at most 0.5"),
-    one("flipped", "", "0.3 where the tilt is at least 1.5 rad, else 0"),
-    one("calm", "", "-0.01 times the mean of the arm's squared actions"),
+    scalar("near", "", "0.2 (1 - tanh(5 d)), d the distance between the fingertips and the cube"),
+    scalar("tilt", "", "0.5 times the tilt divided by 90 degrees, at most 0.5"),
+    scalar("flipped", "", "0.3 if the tilt is at least 1.5 rad, else 0"),
+    scalar("calm", "", "-0.01 times the mean of the arm's squared actions"),
 ];
 
-const fn axis(name: &'static str, unit: &'static str, bounds: [f64; 2], sets: &'static str) -> BoxAxis {
-    BoxAxis { name, unit, paper: bounds, code: bounds, sets }
+const fn axis(name: &'static str, unit: &'static str, bounds: [f64; 2], meaning: &'static str) -> BoxAxis {
+    BoxAxis { name, unit, paper: bounds, code: bounds, meaning }
 }
 
 impl Task for CubeFlipping {
@@ -85,7 +84,7 @@ impl Task for CubeFlipping {
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
-        Ok(Box::new(Bound { panda: *panda, cube: model.joint("cube")?, body: model.body("cube")? }))
+        Ok(Box::new(BoundScene { panda: *panda, cube: model.joint("cube")?, body: model.body("cube")? }))
     }
 
     fn expert(&self) -> Result<Arc<dyn Controller>, WorldError> {
@@ -93,14 +92,14 @@ impl Task for CubeFlipping {
     }
 }
 
-/// What the scene reads in the compiled model.
-struct Bound {
+/// The elements of the scene in the compiled model.
+struct BoundScene {
     panda: Panda,
     cube: Joint,
     body: Body,
 }
 
-impl Scene for Bound {
+impl Scene for BoundScene {
     fn place(&self, x0: &[f64], world: &mut World) {
         let (sin, cos) = (0.5 * x0[2]).sin_cos();
         world.place_free(self.cube, [x0[0], x0[1], TABLE + HALF], [cos, 0.0, 0.0, sin]);
@@ -127,18 +126,18 @@ impl Scene for Bound {
         out[0] = 0.2 * (1.0 - (5.0 * signals[3]).tanh());
         out[1] = 0.5 * (signals[0] / std::f64::consts::FRAC_PI_2).min(1.0);
         out[2] = if signals[0] >= 1.5 { 0.3 } else { 0.0 };
-        out[3] = effort(action);
+        out[3] = action_penalty(action);
     }
 
-    fn lost(&self, _rows: &Rows<'_>, signals: &[f64]) -> bool {
+    fn is_terminal(&self, _rows: &Rows<'_>, signals: &[f64]) -> bool {
         signals[1] < 0.0
     }
 }
 
-/// Goes behind the cube, and turns with it about its far lower edge until it falls by itself.
+/// Moves behind the cube and rotates it about its far lower edge until it falls over.
 struct Flip;
 
-/// What it does next; the value in its memory.
+/// Phases, stored in the memory.
 const TRAVEL: f64 = 0.0;
 const DESCEND: f64 = 1.0;
 const TIP: f64 = 2.0;
@@ -149,9 +148,9 @@ impl ExpertPolicy for Flip {
     const SITE: &'static str = "grasp";
     const REST: [f64; 7] = [0.0, 0.0, 0.0, -2.3, 0.0, 2.3, 0.785];
 
-    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
-        let (cube, forward, up) = (seen.point(0), seen.point(3), seen.point(6));
-        // Tipping turns the cube about an axis that stays where it is: the one across, through the far lower edge.
+    fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
+        let (cube, forward, up) = (input.point(0), input.point(3), input.point(6));
+        // The axis of the rotation is the far lower edge of the cube.
         let (tips, across) = (arm.position(), cross(up, forward));
         let edge = sub(add(cube, scale(forward, HALF)), scale(up, HALF));
         let behind = add(sub(cube, scale(forward, HALF + 0.035)), scale(up, 0.6 * HALF));
@@ -163,15 +162,15 @@ impl ExpertPolicy for Flip {
             phase => phase,
         };
         let linear = match memory[0] {
-            TRAVEL => limited(scale(sub(above, tips), 5.0), 0.6),
-            DESCEND => limited(scale(sub(behind, tips), 5.0), 0.3),
+            TRAVEL => clamp_norm(scale(sub(above, tips), 5.0), 0.6),
+            DESCEND => clamp_norm(scale(sub(behind, tips), 5.0), 0.3),
             TIP => add(scale(cross(across, sub(tips, edge)), 0.8), scale(forward, 0.06)),
-            _ => limited(scale(sub([0.35, 0.0, 0.5], tips), 3.0), 0.3),
+            _ => clamp_norm(scale(sub([0.35, 0.0, 0.5], tips), 3.0), 0.3),
         };
-        // The fingers point down, side by side along the edge.
+        // The fingers point down and are parallel to the edge.
         let x = cross(across, [0.0, 0.0, -1.0]);
         let down = [x[0], across[0], 0.0, x[1], across[1], 0.0, 0.0, 0.0, -1.0];
-        let angular = limited(scale(rotation_between(&arm.rotation(), &down), 4.0), 2.0);
-        arm.twist(&seen.q, linear, angular)
+        let angular = clamp_norm(scale(rotation_between(&arm.rotation(), &down), 4.0), 2.0);
+        arm.twist(&input.q, linear, angular)
     }
 }

@@ -1,4 +1,4 @@
-//! The whole command line with a task of your own; docs/your_task.md says more.
+//! The whole command line with your own task. See docs/your_task.md.
 
 mod cube_flipping;
 

@@ -1,6 +1,6 @@
-//! The Python module `mishandle`: tasks as a vectorised environment of NumPy arrays.
+//! The Python module `mishandle`: tasks as vectorized environments with NumPy arrays.
 //!
-//! Types and documentation for Python's tools stand in `mishandle.pyi`.
+//! `mishandle.pyi` contains the types for Python's tools.
 
 mod vector_env;
 
@@ -15,10 +15,10 @@ pyo3::create_exception!(
     mishandle,
     MishandleError,
     pyo3::exceptions::PyException,
-    "What is wrong with what was asked for, in one line."
+    "An invalid name or value. The message has one line."
 );
 
-/// Tasks of Mishandle as a vectorised environment of NumPy arrays.
+/// Tasks of Mishandle as vectorized environments with NumPy arrays.
 #[pymodule(name = "mishandle")]
 fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", mishandle::VERSION)?;
@@ -26,7 +26,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<VectorEnv>()
 }
 
-/// An error with its causes, outermost first, and what to try instead.
+/// Converts an error to a Python exception: its causes, the outermost first, and a hint if there is one.
 fn raised(error: impl Into<mishandle::MishandleError>) -> PyErr {
     let error = error.into();
     let hint = error.hint().map_or(String::new(), |hint| format!("; {hint}"));

@@ -10,45 +10,45 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::{MishandleError, raised};
 
-/// Simulations of a task that are stepped together, a row each, and start anew when they end.
+/// Parallel environments of one task. An environment whose episode ends is reset in the same step.
 ///
-/// They are the episodes that `mishandle train` learns from, to the same bits for the same arguments, whatever the
-/// number of threads. Observations and actions are those of a controller: `observation_names` says what stands where,
-/// and an action steps the targets of seven arm joints and two fingers by at most its share in [-1, 1].
+/// The episodes are bit-identical to those of `mishandle train` with the same arguments, for every number of threads.
+/// Row i of each array belongs to environment i. `observation_names` describes the numbers of an observation. An action
+/// changes the targets of seven arm joints and two fingers; its numbers range from -1 to 1.
 ///
 /// Arguments:
 ///     task: name of a task, such as "point-reaching".
-///     environments: number of rows.
-///     preset: the task preset, "paper" or "code": which reading of the original benchmark the initial box is.
+///     environments: number of environments.
+///     preset: task preset, "paper" or "code", which selects the initial box.
 ///     reward: "shaped" or "original".
-///     seed: of all that is random; episode k of a row is the same whatever happens in other rows.
-///     time_limit: control steps after which the clock ends an episode; the task's if left out.
-///     action_noise: standard deviation of noise on each clipped action.
-///     staggered: whether a row's first episode has only a random part of its time, so that rows are not in step.
-///     threads: threads that step the rows; as many as there are cores if left out.
+///     seed: random seed. Episode k of an environment does not depend on the other environments.
+///     time_limit: control steps until truncation; by default the task's episode length.
+///     action_noise: standard deviation of the noise on each clipped action.
+///     staggered: whether the first episode of each environment has a random length, so that resets are spread out.
+///     threads: number of threads; by default the number of cores. It does not affect the results.
 ///
-/// Raises MishandleError if a name is unknown or a number is out of its range.
+/// Raises MishandleError if a name is unknown or a value is out of its range.
 ///
-/// Another Python thread may run while the rows are stepped; calls from several of them follow each other.
+/// Other Python threads can run during a step. Concurrent calls are executed one after the other.
 #[pyclass(frozen, module = "mishandle")]
 pub struct VectorEnv {
     environment: Arc<TaskEnvironment>,
     settings: EpisodeSettings,
     seed: Seed,
     pool: ThreadPool,
-    /// Nothing until the first reset. Locked by threads that have let go of the interpreter, never by others.
+    /// `None` until the first reset. Only threads that have released the interpreter lock it, which prevents deadlocks.
     episodes: Mutex<Option<Episodes>>,
 }
 
-/// What a control step gives, row by row.
-struct Outcome {
+/// Results of a control step, row by row.
+struct StepResult {
     observations: Vec<f32>,
     rewards: Vec<f64>,
     boundaries: Vec<Boundary>,
     final_observations: Vec<f32>,
 }
 
-/// What `step` returns: observations, rewards, terminated, truncated, info.
+/// Return value of `step`: observations, rewards, terminated, truncated, info.
 type Step<'py> = (
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray1<f64>>,
@@ -62,7 +62,7 @@ impl VectorEnv {
     #[new]
     #[pyo3(signature = (task, environments, *, preset = "paper", reward = "shaped", seed = 0, time_limit = None,
         action_noise = 0.0, staggered = false, threads = None))]
-    #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn new(
         task: &str,
         environments: usize,
@@ -81,7 +81,7 @@ impl VectorEnv {
             action_noise,
             ..EpisodeSettings::default()
         };
-        settings.check().map_err(wrong_keyword)?;
+        settings.check().map_err(keyword_error)?;
         let task = mishandle::task(task).map_err(raised)?;
         let preset = mishandle::preset(preset).map_err(raised)?;
         let reward = mishandle::reward(reward).map_err(raised)?;
@@ -99,9 +99,9 @@ impl VectorEnv {
         })
     }
 
-    /// Starts the first episode of every row: again the same ones if it is called again.
+    /// Starts the first episode of every environment. Every call starts the same episodes.
     ///
-    /// Returns what each row shows, float32 of shape (environments, observation_size).
+    /// Returns the observations, float32 of shape (environments, observation_size).
     fn reset<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let observations = py.detach(|| -> Result<_, RolloutError> {
             let episodes =
@@ -113,36 +113,36 @@ impl VectorEnv {
         self.rows(py, observations.map_err(raised)?)
     }
 
-    /// Carries every row on by one control step of `control_dt` seconds.
+    /// Advances every environment by one control step of `control_dt` seconds.
     ///
-    /// `actions` is float32 of shape (environments, action_size). Each is clipped to [-1, 1]; noise is added to it, if
-    /// there is any, and not clipped.
+    /// `actions` is float32 of shape (environments, action_size). Actions are clipped to [-1, 1]; then the action noise
+    /// is added without further clipping.
     ///
-    /// A row whose episode ends starts its next one in the same step. Returns
-    ///     observations: float32 (environments, observation_size), what each row shows now: the first observation of
-    ///         the next episode where one has just ended;
-    ///     rewards: float64 (environments,), of this step, the sum of the task's reward terms;
-    ///     terminated: bool (environments,), whether the task ended the row's episode, lost or with numbers that are
-    ///         no longer finite;
-    ///     truncated: bool (environments,), whether the clock did; never together with terminated;
-    ///     info: a dict whose "final_observation", float32 (environments, observation_size), is what each row showed
-    ///         after this step and before any new start: what a critic is asked about at the time limit. After
-    ///         numbers that are not finite it is the observation before the step, and the reward 0.
+    /// An environment whose episode ends is reset in the same step. Returns
+    ///     observations: float32 (environments, observation_size); after the end of an episode, the first observation of
+    ///         the next episode;
+    ///     rewards: float64 (environments,), the sum of the task's reward terms in this step;
+    ///     terminated: bool (environments,), whether the task terminated the episode: the task failed, or the simulation
+    ///         diverged;
+    ///     truncated: bool (environments,), whether the time limit ended the episode; never together with terminated;
+    ///     info: a dict with "final_observation", float32 (environments, observation_size): the observation after this
+    ///         step and before any reset, for bootstrapping the value at the time limit. If the simulation diverged, it
+    ///         is the observation before the step, and the reward is 0.
     ///
-    /// Raises MishandleError if there was no reset, or the actions have another type or shape or are not finite.
+    /// Raises MishandleError before the first reset, or if the actions have another type or shape or are not finite.
     fn step<'py>(&self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
         let actions = self.actions(actions)?;
-        let outcome = py.detach(|| self.outcome(&actions));
-        let Outcome { observations, rewards, boundaries, final_observations } =
-            outcome?.ok_or_else(|| MishandleError::new_err("`reset` comes before the first `step`"))?;
-        let which = |end| boundaries.iter().map(|boundary| *boundary == end).collect::<Vec<_>>();
+        let result = py.detach(|| self.step_all(&actions));
+        let StepResult { observations, rewards, boundaries, final_observations } =
+            result?.ok_or_else(|| MishandleError::new_err("call `reset` before the first `step`"))?;
+        let flags = |end| boundaries.iter().map(|boundary| *boundary == end).collect::<Vec<_>>();
         let info = PyDict::new(py);
         info.set_item("final_observation", self.rows(py, final_observations)?)?;
         Ok((
             self.rows(py, observations)?,
             rewards.into_pyarray(py),
-            which(Boundary::Terminated).into_pyarray(py),
-            which(Boundary::Truncated).into_pyarray(py),
+            flags(Boundary::Terminated).into_pyarray(py),
+            flags(Boundary::Truncated).into_pyarray(py),
             info,
         ))
     }
@@ -153,37 +153,37 @@ impl VectorEnv {
         self.environment.name()
     }
 
-    /// Number of rows.
+    /// Number of environments.
     #[getter]
     fn environments(&self) -> usize {
         self.settings.environments
     }
 
-    /// Numbers in an observation.
+    /// Size of an observation.
     #[getter]
     fn observation_size(&self) -> usize {
         self.environment.observation_size()
     }
 
-    /// Numbers in an action.
+    /// Size of an action.
     #[getter]
     fn action_size(&self) -> usize {
         self.environment.action_size()
     }
 
-    /// Control steps after which the clock ends an episode.
+    /// Control steps until truncation.
     #[getter]
     fn episode_steps(&self) -> usize {
         self.settings.time_limit.unwrap_or(self.environment.episode_steps())
     }
 
-    /// Duration of a control step, s.
+    /// Duration of a control step, in seconds.
     #[getter]
     fn control_dt(&self) -> f64 {
         self.environment.control_dt()
     }
 
-    /// What each number of an observation is, with an index where a quantity has several.
+    /// Name of each number of an observation, with an index for quantities of several numbers.
     #[getter]
     fn observation_names(&self) -> Vec<String> {
         let parts = self.environment.definition().whole_observation();
@@ -198,12 +198,12 @@ impl VectorEnv {
 }
 
 impl VectorEnv {
-    /// One control step; nothing before the first reset.
-    fn outcome(&self, actions: &[f32]) -> PyResult<Option<Outcome>> {
+    /// Executes one control step. Returns `None` before the first reset.
+    fn step_all(&self, actions: &[f32]) -> PyResult<Option<StepResult>> {
         let mut episodes = self.episodes.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(episodes) = episodes.as_mut() else { return Ok(None) };
         self.pool.install(|| episodes.step(actions)).map_err(raised)?;
-        Ok(Some(Outcome {
+        Ok(Some(StepResult {
             observations: episodes.observations().to_vec(),
             rewards: episodes.rewards().to_vec(),
             boundaries: episodes.boundaries().to_vec(),
@@ -211,46 +211,46 @@ impl VectorEnv {
         }))
     }
 
-    /// A copy of the actions, row by row.
+    /// Copies the actions row by row, and checks their type, shape and values.
     fn actions(&self, actions: &Bound<'_, PyAny>) -> PyResult<Vec<f32>> {
-        let wanted = [self.environments(), self.action_size()];
+        let expected = [self.environments(), self.action_size()];
         let Ok(actions) = actions.extract::<PyReadonlyArray2<'_, f32>>() else {
             let found = actions.get_type().name()?;
             let found = match (actions.getattr("dtype"), actions.getattr("shape")) {
                 (Ok(dtype), Ok(shape)) => format!("{found} of {dtype} and shape {shape}"),
                 _ => found.to_string(),
             };
-            let [rows, columns] = wanted;
+            let [rows, columns] = expected;
             return Err(MishandleError::new_err(format!(
                 "`actions` must be a NumPy array of float32 and shape ({rows}, {columns}), found {found}"
             )));
         };
-        if actions.shape() != wanted {
+        if actions.shape() != expected {
             return Err(MishandleError::new_err(format!(
-                "`actions` must have the shape {wanted:?} of environments and action numbers, found {:?}",
+                "`actions` must have the shape {expected:?} (environments, action size), found {:?}",
                 actions.shape()
             )));
         }
         let actions: Vec<f32> = actions.as_array().iter().copied().collect();
         match actions.iter().position(|action| !action.is_finite()) {
             None => Ok(actions),
-            Some(place) => Err(MishandleError::new_err(format!(
+            Some(index) => Err(MishandleError::new_err(format!(
                 "`actions` must be finite, found {} at [{}, {}]",
-                actions[place],
-                place / wanted[1],
-                place % wanted[1]
+                actions[index],
+                index / expected[1],
+                index % expected[1]
             ))),
         }
     }
 
-    /// An array with a row for each environment.
+    /// Returns an array with one row per environment.
     fn rows<'py>(&self, py: Python<'py>, numbers: Vec<f32>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         numbers.into_pyarray(py).reshape([self.environments(), self.observation_size()])
     }
 }
 
-/// A setting that has a value that it cannot have: in Python it is a keyword, in no table.
-fn wrong_keyword(error: TrainingError) -> PyErr {
+/// Converts an error of a training setting: in Python the setting is a keyword argument without a table.
+fn keyword_error(error: TrainingError) -> PyErr {
     match error {
         TrainingError::Setting { name, wanted, found, .. } => {
             let keyword = name.rsplit('.').next().unwrap_or(&name);

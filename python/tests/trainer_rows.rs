@@ -1,5 +1,5 @@
-//! Writes what the episodes of a training show under actions that any language can make, to be compared with Python:
-//! the first observations, then of every control step rewards, boundaries, last and next observations, as bytes.
+//! Writes the results of training episodes under fixed actions, for comparison with the Python module: the first
+//! observations, then rewards, episode ends, final observations and observations of every control step, as bytes.
 //!
 //! `trainer_rows TASK ENVIRONMENTS SEED TIME_LIMIT STEPS`
 

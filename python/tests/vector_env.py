@@ -1,4 +1,4 @@
-"""Tests of the Python module, by the standard library's own: `python/dev.sh` builds the module and runs them."""
+"""Tests of the Python module. `python/dev.sh` builds the module and runs them with unittest."""
 
 import ast
 import pathlib
@@ -15,22 +15,22 @@ ROOT = pathlib.Path(__file__).parents[2]
 
 
 def actions(step, environments, size):
-    """From -1.25 to 1.25 in steps of an eighth: the actions of trainer_rows.rs."""
+    """Return the actions of trainer_rows.rs: from -1.25 to 1.25 in steps of an eighth."""
     i = np.arange(environments * size)
     return ((step * 5 + i * 7) % 21 / 8 - 1.25).astype(np.float32).reshape(environments, size)
 
 
 def walk(env, steps):
-    """All that `steps` control steps show, as bytes in the order of trainer_rows.rs."""
-    shown = [env.reset()]
+    """Return the results of `steps` control steps as bytes, in the order of trainer_rows.rs."""
+    results = [env.reset()]
     for step in range(steps):
         observations, rewards, terminated, truncated, info = env.step(actions(step, env.environments, env.action_size))
-        shown += [rewards, terminated, truncated, info["final_observation"], observations]
-    return b"".join(array.tobytes() for array in shown)
+        results += [rewards, terminated, truncated, info["final_observation"], observations]
+    return b"".join(array.tobytes() for array in results)
 
 
 class Bits(unittest.TestCase):
-    def test_rows_are_those_of_the_trainer(self):
+    def test_rows_are_bit_identical_to_the_trainer(self):
         for task in ["point-reaching", "ball-balancing"]:
             numbers = dict(environments=5, seed=11, time_limit=40, steps=70)
             command = ["cargo", "run", "--quiet", "--example", "trainer_rows", "--", task, *map(str, numbers.values())]
@@ -38,13 +38,13 @@ class Bits(unittest.TestCase):
             env = VectorEnv(task, 5, seed=11, time_limit=40, action_noise=0.25, staggered=True)
             self.assertEqual(walk(env, 70), trainer, task)
 
-    def test_threads_change_nothing_and_seeds_do(self):
+    def test_results_depend_on_the_seed_and_not_on_the_threads(self):
         make = lambda seed, threads: VectorEnv("ball-balancing", 9, seed=seed, threads=threads, time_limit=20)
         first = walk(make(1, 1), 45)
         self.assertEqual(first, walk(make(1, 3), 45))
         self.assertNotEqual(first, walk(make(2, 1), 45))
 
-    def test_a_reset_begins_again(self):
+    def test_a_reset_restarts_the_same_episodes(self):
         env = VectorEnv("point-reaching", 3, seed=5, action_noise=0.1)
         self.assertEqual(walk(env, 10), walk(env, 10))
 
@@ -56,18 +56,18 @@ class Episodes(unittest.TestCase):
         self.assertEqual(env.control_dt, 1 / 60)
         self.assertEqual(len(env.observation_names), env.observation_size)
         self.assertEqual(env.observation_names[8], "joint_positions[8]")
-        seen = (4, env.observation_size)
+        shape = (4, env.observation_size)
         first = env.reset()
-        self.assertEqual((first.shape, first.dtype), (seen, np.float32))
+        self.assertEqual((first.shape, first.dtype), (shape, np.float32))
         observations, rewards, terminated, truncated, info = env.step(np.zeros((4, 9), np.float32))
-        self.assertEqual((observations.shape, observations.dtype), (seen, np.float32))
+        self.assertEqual((observations.shape, observations.dtype), (shape, np.float32))
         self.assertEqual((rewards.shape, rewards.dtype), ((4,), np.float64))
         for flags in [terminated, truncated]:
             self.assertEqual((flags.shape, flags.dtype), ((4,), np.bool_))
         self.assertEqual(list(info), ["final_observation"])
-        self.assertEqual(info["final_observation"].shape, seen)
+        self.assertEqual(info["final_observation"].shape, shape)
 
-    def test_the_clock_truncates_and_the_next_episode_begins_in_the_same_step(self):
+    def test_the_time_limit_truncates_and_the_next_episode_starts_in_the_same_step(self):
         env = VectorEnv("point-reaching", 2, time_limit=3)
         first = env.reset()
         for step in range(1, 7):
@@ -76,14 +76,14 @@ class Episodes(unittest.TestCase):
             self.assertFalse(terminated.any())
             self.assertEqual(truncated.all(), step % 3 == 0)
             final = info["final_observation"]
-            # The arm goes on in the step that ends an episode: its last observation is no first one.
+            # The arm moves in the step that ends an episode, so the final observation is not a first observation.
             self.assertFalse(np.array_equal(final, before))
             self.assertEqual(np.array_equal(final, observations), step % 3 != 0)
             if step == 3:
                 self.assertTrue(np.array_equal(observations[:, 9:18], first[:, 9:18]), "at rest again")
                 self.assertFalse(np.array_equal(observations[:, 18:21], first[:, 18:21]), "another target")
 
-    def test_a_lost_ball_terminates(self):
+    def test_a_lost_ball_terminates_the_episode(self):
         env = VectorEnv("ball-balancing", 2)
         env.reset()
         tilt = np.tile(np.array([1, -1, 1, -1, 1, 1, 1, 0, 0], np.float32), (2, 1))
@@ -93,13 +93,13 @@ class Episodes(unittest.TestCase):
 
     def test_actions_are_clipped(self):
         env = VectorEnv("point-reaching", 1)
-        shown = []
+        observations = []
         for size in [1.0, 5.0]:
             env.reset()
-            shown.append(env.step(np.full((1, 9), size, np.float32))[0])
-        self.assertTrue(np.array_equal(*shown))
+            observations.append(env.step(np.full((1, 9), size, np.float32))[0])
+        self.assertTrue(np.array_equal(*observations))
 
-    def test_python_runs_while_rows_are_stepped(self):
+    def test_other_python_threads_run_during_a_step(self):
         env = VectorEnv("point-reaching", 2000, threads=1)
         env.reset()
         still = np.zeros((2000, 9), np.float32)
@@ -109,11 +109,11 @@ class Episodes(unittest.TestCase):
         while stepping.is_alive():
             counted += 1
             time.sleep(0.001)
-        # The interpreter would be asked three times at most, were it held for each of the steps.
+        # If the steps held the interpreter, the loop would run at most three times.
         self.assertGreater(counted, 10)
 
 
-class Mistakes(unittest.TestCase):
+class Errors(unittest.TestCase):
     def check(self, message, action):
         with self.assertRaises(MishandleError) as raised:
             action()
@@ -122,8 +122,8 @@ class Mistakes(unittest.TestCase):
 
     def test_names_and_numbers(self):
         self.check("did you mean `point-reaching`?", lambda: VectorEnv("point-reachin", 1))
-        self.check("no task preset `x`; there are: paper, code", lambda: VectorEnv("point-reaching", 1, preset="x"))
-        self.check("no reward `x`; there are: shaped", lambda: VectorEnv("point-reaching", 1, reward="x"))
+        self.check("no task preset `x`; choose from: paper, code", lambda: VectorEnv("point-reaching", 1, preset="x"))
+        self.check("no reward `x`; choose from: shaped", lambda: VectorEnv("point-reaching", 1, reward="x"))
         self.check("`environments` must be a whole number from 1 to 10^12, found 0", lambda: VectorEnv("point-reaching", 0))
         self.check("`time_limit` must be a whole number from 1 to 10^12", lambda: VectorEnv("point-reaching", 1, time_limit=0))
         self.check("`action_noise` must be", lambda: VectorEnv("point-reaching", 1, action_noise=float("nan")))
@@ -132,7 +132,7 @@ class Mistakes(unittest.TestCase):
     def test_actions(self):
         env = VectorEnv("point-reaching", 2)
         good = np.zeros((2, 9), np.float32)
-        self.check("`reset` comes before the first `step`", lambda: env.step(good))
+        self.check("call `reset` before the first `step`", lambda: env.step(good))
         first = env.reset()
         bad = good.copy()
         bad[1, 4] = np.nan
@@ -142,7 +142,7 @@ class Mistakes(unittest.TestCase):
         self.check("float32 and shape (2, 9), found ndarray of float64", lambda: env.step(np.zeros((2, 9))))
         self.check("found ndarray of float32 and shape (18,)", lambda: env.step(np.zeros(18, np.float32)))
         self.check("found list", lambda: env.step([[0.0] * 9] * 2))
-        # Nothing was stepped, and columns may lie anywhere in memory.
+        # The invalid calls did not step the environments, and an array in column order is accepted.
         self.assertTrue(np.array_equal(env.step(np.asfortranarray(good))[0], self.after_one_step(first)))
 
     @staticmethod
@@ -153,7 +153,7 @@ class Mistakes(unittest.TestCase):
 
 
 class Types(unittest.TestCase):
-    def test_the_stub_names_what_there_is(self):
+    def test_the_stub_lists_all_public_names(self):
         stub = ast.parse((ROOT / "python/mishandle.pyi").read_text())
         of = lambda body: {node.name for node in body if isinstance(node, (ast.ClassDef, ast.FunctionDef))}
         self.assertEqual(of(stub.body) - {"Info"}, set(mishandle.__all__) - {"__version__"})

@@ -1,4 +1,4 @@
-//! From a plan to what it tests: the one place that knows which kinds of targets there are.
+//! Resolves plans. Only this module knows the kinds of targets.
 
 mod task;
 
@@ -11,69 +11,71 @@ use crate::{MishandleError, Plan};
 pub(crate) use task::{EXPERT, is_path};
 pub use task::{preset, task, task_target};
 
-/// The target that `plan` names.
+/// Returns the target of a plan.
 ///
 /// # Errors
-/// If a name is unknown, a file cannot be read or does not fit, or a number makes no sense.
+/// If a name is unknown, a file cannot be read or is for another task, or a number is out of its range.
 pub fn target(plan: &Plan) -> Result<Target, MishandleError> {
     if let Some(toy) = mishandle_toys::target(&plan.target) {
-        refuse_task_options(plan)?;
+        check_no_task_options(plan)?;
         return Ok(toy?);
     }
     if mishandle_tasks::task(&plan.target).is_none() {
         let known = target_names();
-        return Err(MishandleError::Name { kind: "target", name: plan.target.clone(), known });
+        return Err(MishandleError::UnknownName { kind: "target", name: plan.target.clone(), known });
     }
     Ok(task_target(plan)?.target()?)
 }
 
-/// Names of all targets: tasks first, then toys.
+/// Returns the names of all targets: tasks first, then toys.
 pub fn target_names() -> Vec<String> {
     let toys = TOYS.iter().map(|toy| format!("toy/{}", toy.name()));
     task::task_names().into_iter().chain(toys).collect()
 }
 
-/// Refuses what only a task takes.
-fn refuse_task_options(plan: &Plan) -> Result<(), MishandleError> {
+/// Checks that the plan sets no option that only tasks support.
+fn check_no_task_options(plan: &Plan) -> Result<(), MishandleError> {
     let given = [
-        ("controller", !plan.controller.is_empty()),
+        ("a controller", !plan.controller.is_empty()),
         ("action noise", plan.action_noise != 0.0),
         ("observation noise", plan.observation_noise != 0.0),
-        ("sampling of actions", plan.stochastic),
-        ("task preset but the default", plan.preset != Plan::new("", "").preset),
+        ("sampled actions", plan.stochastic),
+        ("a task preset other than `paper`", plan.preset != Plan::new("", "").preset),
     ];
     match given.into_iter().find(|(_, is_given)| *is_given) {
-        Some((option, _)) => Err(MishandleError::NotForTarget { target: plan.target.clone(), option }),
+        Some((option, _)) => Err(MishandleError::UnsupportedOption { target: plan.target.clone(), option }),
         None => Ok(()),
     }
 }
 
-/// A plan with all that it names looked up and checked: nothing after this depends on the kind of target.
+/// A plan whose names are looked up and checked. Later steps do not depend on the kind of target.
 #[derive(Debug)]
 pub struct ResolvedPlan {
-    /// The plan.
+    /// The plan itself.
     pub plan: Plan,
-    /// What is tested.
+    /// The target under test.
     pub target: Target,
-    /// What a scenario may set.
+    /// The scenario space.
     pub space: Space,
-    /// The formulas; the requirement is what a falsification tries to violate.
+    /// The formulas. A falsification tries to violate the requirement.
     pub specification: Specification,
-    /// How many sub-formulas of the requirement have their minima stored: all of them if the search needs them, so that a
-    /// resumed run can tell them again; otherwise none.
+    /// Number of sub-formulas of the requirement whose minima are stored. Some searches need these minima; a resumed
+    /// run reads them from the run file. Zero for the other searches.
     pub stored_subformulas: usize,
 }
 
 impl ResolvedPlan {
-    /// Looks up and checks all that `plan` names.
+    /// Looks up and checks the names and values of `plan`.
     ///
     /// # Errors
-    /// If a name is unknown, a file cannot be read or does not fit, a formula is wrong or longer than an episode, or
-    /// a number makes no sense.
+    /// If a name is unknown, a file cannot be read or is for another task, a formula is invalid or reaches past the end
+    /// of an episode, or a number is out of its range.
     pub fn new(plan: &Plan) -> Result<ResolvedPlan, MishandleError> {
         let target = target(plan)?;
         let space = target.space(&plan.space).map_err(|error| match error {
-            RolloutError::UnknownSpace { name, known } => MishandleError::Name { kind: "space", name, known },
+            RolloutError::UnknownSpace { name, known } => {
+                MishandleError::UnknownName { kind: "space", name, known }
+            }
             error => error.into(),
         })?;
         let mut needs_subformulas = false;
@@ -86,9 +88,9 @@ impl ResolvedPlan {
             text = falsify.formula.clone().unwrap_or(text);
         }
         let requirement = requirement(&text, &target)?;
-        check_decided(&requirement, &target)?;
+        check_decidable(&requirement, &target)?;
         let mut specification = Specification::from_formulas(&target.formulas, requirement)?;
-        // A target without a formula of that name is measured by what it requires.
+        // Without a formula `success`, the success rate is the rate of the requirement.
         specification.success.get_or_insert_with(|| specification.requirement.clone());
         SpecificationMonitor::new(&specification, &target.signal_names(), target.control_dt)?;
         let stored_subformulas =
@@ -96,16 +98,16 @@ impl ResolvedPlan {
         Ok(ResolvedPlan { plan: plan.clone(), target, space, specification, stored_subformulas })
     }
 
-    /// The system that runs its simulations.
+    /// Returns the system that runs the simulations.
     ///
     /// # Errors
-    /// If the parts of the target do not fit each other.
+    /// If the components of the target are incompatible.
     pub fn system(&self) -> Result<Box<dyn System>, MishandleError> {
         Ok(self.target.system(&self.space, &self.specification)?)
     }
 }
 
-/// A formula by its name or its text. A single word is a name, or else a signal.
+/// Parses a formula that is given by its name or its text. A single word is the name of a formula or of a signal.
 fn requirement(text: &str, target: &Target) -> Result<Formula, MishandleError> {
     let named = target.formulas.iter().find(|formula| formula.name == text);
     let source = named.map_or(text, |formula| &formula.text);
@@ -115,7 +117,7 @@ fn requirement(text: &str, target: &Target) -> Result<Formula, MishandleError> {
     let is_word = named.is_none() && formula.signals() == [text];
     if is_word && target.signals.iter().all(|signal| signal.name != text) {
         let names = target.formulas.iter().map(|formula| formula.name.clone());
-        return Err(MishandleError::Name {
+        return Err(MishandleError::UnknownName {
             kind: "formula or signal",
             name: text.to_string(),
             known: names.chain(target.signals.iter().map(|signal| signal.name.clone())).collect(),
@@ -124,8 +126,8 @@ fn requirement(text: &str, target: &Target) -> Result<Formula, MishandleError> {
     Ok(formula)
 }
 
-/// Refuses a formula that an episode could never decide.
-fn check_decided(formula: &Formula, target: &Target) -> Result<(), MishandleError> {
+/// Checks that the formula does not reach past the end of an episode.
+fn check_decidable(formula: &Formula, target: &Target) -> Result<(), MishandleError> {
     let clock = Clock::steps(target.control_dt);
     let monitor = Monitor::new(formula, &target.signal_names(), clock).map_err(|source| {
         MishandleError::Rollout(RolloutError::Monitor { formula: formula.to_string(), source })

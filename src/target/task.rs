@@ -1,4 +1,4 @@
-//! Tasks as targets: which task, which controller, which noise a plan names.
+//! Tasks as targets: task, controller and noise of a plan.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -10,35 +10,35 @@ use mishandle_tasks::{Preset, Task, TaskTarget};
 use crate::home::controller_of;
 use crate::{MishandleError, Plan, controller_name, shipped_controllers};
 
-/// Name of the controller that is no file.
+/// Name of a task's expert, a controller without a file.
 pub(crate) const EXPERT: &str = "expert";
 
-/// The task of that name.
+/// Returns the task with the name `name`.
 ///
 /// # Errors
-/// If there is none; the message lists those there are.
+/// If the name is unknown; the message lists the known tasks.
 pub fn task(name: &str) -> Result<&'static dyn Task, MishandleError> {
-    mishandle_tasks::task(name).ok_or_else(|| MishandleError::Name {
+    mishandle_tasks::task(name).ok_or_else(|| MishandleError::UnknownName {
         kind: "task",
         name: name.to_string(),
         known: task_names(),
     })
 }
 
-/// Names of all tasks.
+/// Returns the names of all tasks.
 pub(crate) fn task_names() -> Vec<String> {
     mishandle_tasks::tasks().iter().map(|task| task.definition().name.to_string()).collect()
 }
 
-/// The task preset of that name: `paper` or `code`.
+/// Returns the task preset with the name `name`: `paper` or `code`.
 ///
 /// # Errors
-/// If there is none.
+/// If the name is unknown.
 pub fn preset(name: &str) -> Result<Preset, MishandleError> {
     match name {
         "paper" => Ok(Preset::Paper),
         "code" => Ok(Preset::Code),
-        _ => Err(MishandleError::Name {
+        _ => Err(MishandleError::UnknownName {
             kind: "task preset",
             name: name.to_string(),
             known: ["paper", "code"].map(String::from).to_vec(),
@@ -46,10 +46,10 @@ pub fn preset(name: &str) -> Result<Preset, MishandleError> {
     }
 }
 
-/// The task, controller and noise that `plan` names, looked up and checked.
+/// Looks up and checks task, controller and noise of `plan`.
 ///
 /// # Errors
-/// If a name is unknown, a file cannot be read or does not fit, or a number makes no sense.
+/// If a name is unknown, a file cannot be read or is for another task, or a number is out of its range.
 pub fn task_target(plan: &Plan) -> Result<TaskTarget, MishandleError> {
     let task = task(&plan.target)?;
     let preset = preset(&plan.preset)?;
@@ -65,12 +65,12 @@ pub fn task_target(plan: &Plan) -> Result<TaskTarget, MishandleError> {
     Ok(TaskTarget::new(task, preset, controller, noise)?)
 }
 
-/// Whether a controller is named by a path, not by the name of a shipped one.
+/// Returns whether `controller` is a path rather than the name of a shipped controller.
 pub(crate) fn is_path(controller: &str) -> bool {
     controller.contains(std::path::MAIN_SEPARATOR) || Path::new(controller).extension().is_some()
 }
 
-/// Loads a controller: the expert, a shipped one by name, or a file by its path.
+/// Loads a controller: the expert, a shipped controller by name, or a file by path.
 fn load_controller(
     task: &dyn Task,
     name: &str,
@@ -85,10 +85,10 @@ fn load_controller(
     };
     if name == EXPERT {
         if stochastic {
-            return Err(MishandleError::Value {
+            return Err(MishandleError::InvalidValue {
                 what: "controller",
                 value: "the expert".to_string(),
-                wanted: "a learned policy, for its actions to be sampled",
+                expected: "a learned policy, because --stochastic samples the policy's actions",
             });
         }
         let controller = task
@@ -98,9 +98,9 @@ fn load_controller(
     }
     let shipped = controller_of(definition, name)?;
     let file = shipped.controller()?;
-    // What a variant is given may be made for it, or for the task that it varies.
-    let made_for = definition.variant_of.filter(|base| file.header.task == *base).unwrap_or(definition.name);
-    file.check(made_for, &definition.layout())?;
+    // A variant accepts controllers of its own and of its base task.
+    let task_name = definition.variant_of.filter(|base| file.header.task == *base).unwrap_or(definition.name);
+    file.check(task_name, &definition.layout())?;
     let policy = file.policy.sampling(stochastic);
     let component = component(policy.hash(), bytes_hash(&shipped.bytes()?));
     Ok((Arc::new(policy), component))

@@ -40,7 +40,7 @@ impl EventFile {
     ) -> Result<EventFile, MishandleError> {
         let failed = |source| MishandleError::File { path: folder.to_path_buf(), source };
         let mut folders = NewFolders::default();
-        folders.make(folder).map_err(failed)?;
+        folders.create(folder).map_err(failed)?;
         EventFile::check(folder, resumes)?;
         let mut event = Vec::new();
         put_double(&mut event, event::WALL_TIME, now_secs());

@@ -1,6 +1,6 @@
 use std::path::{Path, PathBuf};
 
-use crate::{MishandleError, shell_word};
+use crate::{MishandleError, shell_quote};
 
 /// What to train.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,7 +52,7 @@ impl TrainPlan {
             command += &format!(" --reward {}", self.reward);
         }
         if let Some(settings) = &self.settings {
-            command += &format!(" --settings {}", shell_word(&settings.to_string_lossy()));
+            command += &format!(" --settings {}", shell_quote(&settings.to_string_lossy()));
         }
         if let Some(steps) = self.steps {
             command += &format!(" --steps {steps}");
@@ -64,7 +64,7 @@ impl TrainPlan {
     pub fn whole_command(&self) -> String {
         let flags = [("--out", Some(&self.out)), ("--csv", self.csv.as_ref())];
         let flags = flags.into_iter().chain([("--tensorboard", self.tensorboard.as_ref())]);
-        let flags = flags.filter_map(|(flag, path)| Some((flag, shell_word(&path?.to_string_lossy()))));
+        let flags = flags.filter_map(|(flag, path)| Some((flag, shell_quote(&path?.to_string_lossy()))));
         let places: String = flags.map(|(flag, word)| format!(" {flag} {word}")).collect();
         self.command() + &places + if self.resume { " --resume" } else { "" }
     }
@@ -92,7 +92,7 @@ impl TrainPlan {
         for (at, (second, path, flag)) in places.iter().enumerate() {
             let same = places[..at].iter().find(|(_, other, _)| resolved(other) == resolved(path));
             if let Some((first, ..)) = same {
-                return Err(MishandleError::SamePlace { path: path.clone(), first, second, flag });
+                return Err(MishandleError::SamePath { path: path.clone(), first, second, flag });
             }
         }
         Ok(())

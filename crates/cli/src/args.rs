@@ -1,4 +1,4 @@
-//! What can be typed.
+//! Command-line arguments and their help.
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use clap::{Args, Parser, Subcommand};
 
 use crate::count::count;
 
-/// The version, and where the program found what it needs: the answer to most questions about an installation.
+/// Version, and the paths of MuJoCo's library and of the shipped files, for questions about an installation.
 static LONG_VERSION: LazyLock<String> = LazyLock::new(|| {
     let library = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
     let library = library.lines().find(|line| line.contains("libmujoco.so"));
@@ -17,12 +17,12 @@ static LONG_VERSION: LazyLock<String> = LazyLock::new(|| {
         "{}\nMuJoCo {}: {}\nshipped controllers and settings: {}",
         mishandle::VERSION_AND_COMMIT,
         mishandle::world::mujoco_version(),
-        library.unwrap_or("in this program"),
-        mishandle::home_in_words()
+        library.unwrap_or("linked statically"),
+        mishandle::home_description()
     )
 });
 
-/// Finds out what makes a robot's controller fail.
+/// Train, evaluate and falsify robot controllers
 #[derive(Debug, Parser)]
 #[command(name = "mishandle", version = mishandle::VERSION_AND_COMMIT, long_version = LONG_VERSION.as_str())]
 #[command(arg_required_else_help = true, max_term_width = 100)]
@@ -31,8 +31,8 @@ static LONG_VERSION: LazyLock<String> = LazyLock::new(|| {
   mishandle evaluate ball-balancing --controller ppo --episodes 1000
   mishandle falsify ball-balancing --controller ppo --formula strict --trials 5
 
-Words go to stderr, data to stdout. Exit codes: 0 done, 1 falsified or violated, 2 an error,
-130 interrupted (what was done is saved).")]
+Results go to stdout, messages to stderr. Exit codes: 0 success, 1 falsified or violated, 2 error,
+130 interrupted (finished work is saved).")]
 pub struct Arguments {
     #[command(subcommand)]
     pub command: Command,
@@ -56,137 +56,135 @@ pub enum Command {
     Man(Man),
 }
 
-/// Lists the tasks with their formulas, initial boxes and controllers; explains one in full
+/// List the tasks, or describe one task in full
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle tasks
   mishandle tasks ball-balancing
-  mishandle tasks ball-balancing --mjcf scene.xml     the scene, to load into MuJoCo")]
+  mishandle tasks ball-balancing --mjcf scene.xml     the scene as MJCF, to load into MuJoCo")]
 pub struct Tasks {
-    /// Name of a task, to explain it in full
+    /// Name of a task to describe: scene, formulas, initial box, observation, actions and rewards
     pub task: Option<String>,
-    /// Task preset, a reading of the original benchmark: paper or code
+    /// Task preset: initial boxes and formulas of the benchmark's `paper` or of its `code`
     #[arg(long, default_value = "paper")]
     pub preset: String,
-    /// Write the task's MJCF document to this file; the keyframe `start` is its start, but the rules of servos and
-    /// gripper are not in it
+    /// Write the task's scene to this MJCF file, with the initial state as keyframe `start`; the file does not contain
+    /// the control of servos and gripper
     #[arg(long, value_name = "FILE", requires = "task")]
     pub mjcf: Option<PathBuf>,
-    /// One JSON document on stdout
+    /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
 }
 
-/// Lists the targets; explains one: its scenario spaces, axes, signals and formulas
+/// List the targets, or describe one target: scenario spaces, axes, signals and formulas
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle targets
-  mishandle targets ball-balancing       every axis that a scenario may set
+  mishandle targets ball-balancing       all axes of its scenario spaces
   mishandle targets toy/car-following")]
 pub struct Targets {
-    /// Name of a target, to explain it
+    /// Name of a target to describe
     pub target: Option<String>,
-    /// Task preset whose box and formulas to show: paper or code [default: paper]
+    /// Task preset of the described initial box and formulas: paper or code [default: paper]
     #[arg(long, requires = "target")]
     pub preset: Option<String>,
-    /// One JSON document on stdout
+    /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
 }
 
-/// Lists the searches; explains one with its options
+/// List the search algorithms, or describe one with its options
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle searches
   mishandle searches nelder-mead
   mishandle searches nelder-mead --json")]
 pub struct Searches {
-    /// Name of a search, to list its options with type, default, range and meaning
+    /// Name of a search to describe: options with type, default, range and meaning
     pub search: Option<String>,
-    /// One JSON document on stdout
+    /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
 }
 
-/// Measures the robustness of a formula on a recorded trace
+/// Compute the robustness of a temporal logic formula on a recorded trace
 #[derive(Debug, Args)]
-#[command(
-    after_help = "The trace is a CSV file: a header of signal names, then a row of numbers for each sample. A column
-named `time` (seconds) gives the sampling period.
+#[command(after_help = "The trace is a CSV file: a header with the signal names, then one row of numbers per
+sample. The optional column `time` (seconds) determines the sampling period.
 
 Examples:
   mishandle monitor --formula 'always[0:2](d <= 0.3)' trace.csv             bounds count samples
   mishandle monitor --formula 'always[0:2s](d <= 0.3)' --period 0.1 trace.csv
-  mishandle monitor --formula 'always[0:2](d <= 0.3)' --period 0.1 --unit s trace.csv  as RTAMT
+  mishandle monitor --formula 'always[0:2](d <= 0.3)' --period 0.1 --unit s trace.csv  as in RTAMT
 
-Exit code 1 if the robustness at time 0 is negative."
-)]
+Exit code 1 means that the robustness at time 0 is negative.")]
 pub struct Monitor {
-    /// The formula, in RTAMT's syntax
+    /// Formula in the syntax of RTAMT
     #[arg(long, allow_hyphen_values = true)]
     pub formula: String,
-    /// CSV file with the trace; - for stdin
+    /// CSV file with the trace; - reads stdin
     pub trace: PathBuf,
-    /// Seconds between samples; without it, the `time` column says, else 1
+    /// Sampling period in seconds [default: mean step of the column `time`, or 1 without that column]
     #[arg(long, allow_negative_numbers = true)]
     pub period: Option<f64>,
-    /// Unit of interval bounds that have none (s, ms, us or ns); without it, they count samples
+    /// Unit of interval bounds without a unit: s, ms, us or ns [default: such bounds count samples]
     #[arg(long)]
     pub unit: Option<String>,
-    /// Refuse a formula that reaches past the end of the trace, instead of cutting its windows there
+    /// Fail if the formula reaches past the end of the trace, instead of truncating its intervals
     #[arg(long)]
     pub strict_horizon: bool,
-    /// One JSON document on stdout
+    /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
 }
 
-/// What every command that runs simulations takes.
+/// Flags of all commands that run simulations.
 #[derive(Debug, Args)]
 pub struct Run {
-    /// Seed of everything random [default: 0, or as the plan says]
+    /// Random seed [default: 0, or the seed of the plan]
     #[arg(long, allow_negative_numbers = true, value_parser = count::<u64>)]
     pub seed: Option<u64>,
-    /// Number of threads; results never depend on it [default: all cores]
+    /// Number of threads; does not affect the results [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub threads: Option<usize>,
-    /// One JSON document on stdout
+    /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
 }
 
-/// What of a subject a run's own plan decides: all but where the controller is.
+/// Arguments that a resumed run takes from its own plan. The path of the controller is not among them.
 const PLANNED: [&str; 8] =
     ["target", "space", "preset", "action_noise", "observation_noise", "stochastic", "batch", "plan"];
 
-/// What is tested, and under which scenarios.
+/// Flags that define the target and its scenarios.
 #[derive(Debug, Args)]
 pub struct Subject {
     /// Name of a target: a task, or toy/NAME; `mishandle targets` lists them
     #[arg(required_unless_present_any = ["plan", "resume"])]
     pub target: Option<String>,
-    /// Controller of a task: the name of a shipped one (ppo, expert), or a path
+    /// Controller of a task: a path, or the name of a shipped controller such as ppo or expert
     #[arg(long, value_name = "C")]
     pub controller: Option<String>,
-    /// Scenario space: one of the target's, or several joined by + [default: starts]
+    /// Scenario space of the target, or several joined by + [default: starts]
     #[arg(long, value_name = "NAME")]
     pub space: Option<String>,
-    /// Simulations that are run at once [default: 64]
+    /// Batch size: number of simulations run at once [default: 64]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u32>)]
     pub batch: Option<u32>,
-    /// Task preset, a reading of the original benchmark: paper or code
+    /// Task preset: initial box and formulas of the benchmark's `paper` or of its `code` [default: paper]
     #[arg(long)]
     pub preset: Option<String>,
-    /// Standard deviation of the noise on each action, added after the action is clipped to [-1, 1]
+    /// Standard deviation of the Gaussian noise on each action, added after clipping to [-1, 1] [default: 0]
     #[arg(long, value_name = "STD", allow_negative_numbers = true)]
     pub action_noise: Option<f64>,
-    /// Standard deviation of the noise on each observation
+    /// Standard deviation of the Gaussian noise on each observation [default: 0]
     #[arg(long, value_name = "STD", allow_negative_numbers = true)]
     pub observation_noise: Option<f64>,
-    /// Sample the policy's actions instead of taking their mean
+    /// Sample actions from the policy instead of taking the mean action
     #[arg(long)]
     pub stochastic: bool,
-    /// Start from this plan (TOML); flags edit it
+    /// Read a plan (TOML); other flags override it
     #[arg(long, value_name = "FILE")]
     pub plan: Option<PathBuf>,
 }
@@ -272,24 +270,26 @@ fn environments(text: &str) -> Result<NonZeroUsize, String> {
     NonZeroUsize::new(count(text)?).ok_or_else(|| "it has to be at least 1".to_string())
 }
 
-/// Tells how a controller was trained: command, settings, seed, commit, validation
+/// Show how a controller was trained: command, settings, random seed, commit, validation
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle controller my_controller.safetensors
-  mishandle controller point-reaching/ppo                     a shipped one
+  mishandle controller point-reaching/ppo                     a shipped controller
   mishandle controller point-reaching/ppo --json
 
-Figures are of validations during training; `mishandle evaluate` measures on other starts.")]
+The output is a valid settings file: `mishandle train --settings FILE` trains with the same settings.
+Success rates are from validation during training. `mishandle evaluate` measures the controller on
+other initial states.")]
 pub struct Controller {
-    /// A file, or TASK/NAME for a shipped one
+    /// Path of a controller, or TASK/NAME for a shipped controller
     #[arg(value_name = "FILE|TASK/NAME")]
     pub controller: String,
-    /// One JSON document on stdout
+    /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
 }
 
-/// Measures a controller: success rates, dangerous behavior, completion time, with 95 % intervals
+/// Evaluate a controller: success rate, dangerous behavior rate and completion time, with 95 % intervals
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle evaluate point-reaching --controller ppo --episodes 1000
@@ -301,13 +301,14 @@ pub struct Evaluate {
     /// Number of simulations [default: 100]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u64>)]
     pub episodes: Option<u64>,
-    /// Where they start: whole, or reachable (the part of the box from which the task can be done)
+    /// Region of the initial states: whole, or reachable (the part of the box from which the task is feasible)
+    /// [default: whole]
     #[arg(long = "box", value_name = "PART")]
     pub starts: Option<String>,
-    /// Run file for the simulations [default: a new one in runs/]
+    /// Run file to create (SQLite) [default: a new file in runs/]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Carry on a run that was stopped, as its own plan says; --controller says where its controller is, if it moved
+    /// Resume a stopped run with its own plan; if its controller was moved, --controller is the new path
     #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
     #[arg(conflicts_with_all = ["episodes", "starts", "out", "seed"])]
     pub resume: Option<PathBuf>,
@@ -315,7 +316,7 @@ pub struct Evaluate {
     pub run: Run,
 }
 
-/// Searches for scenarios under which a target violates a formula
+/// Search for counterexamples: scenarios in which a target violates a formula
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle falsify ball-balancing --controller ppo --search random
@@ -326,31 +327,30 @@ pub struct Evaluate {
   mishandle falsify ball-balancing --controller ppo --search nelder-mead --search-option xatol=1e-6
   mishandle falsify --resume runs/RUN.sqlite
 
-In JSON, median_simulations is the least number of simulations after which half of the trials are falsified.
-Exit code 1 if a counterexample was found.")]
+Exit code 1 means that a counterexample was found.")]
 pub struct Falsify {
     #[command(flatten)]
     pub subject: Subject,
-    /// Search: random, nelder-mead or dual-annealing [default: random]
+    /// Search algorithm: random, nelder-mead or dual-annealing [default: random]
     #[arg(long, value_name = "S")]
     pub search: Option<String>,
-    /// Option of the search, repeatable; `mishandle searches SEARCH` lists them
+    /// Option of the search algorithm (repeatable); `mishandle searches SEARCH` lists them
     #[arg(long = "search-option", value_name = "NAME=VALUE", value_parser = name_and_value)]
     pub search_options: Vec<(String, String)>,
-    /// Requirement to violate: the name of one of the target's formulas (success, strict), or the text of a formula
-    /// [default: the target's first, success]
+    /// Requirement to violate: the name of a formula of the target (such as success or strict), or the text of a
+    /// formula [default: the target's first formula, which is success for a task]
     #[arg(long, allow_hyphen_values = true)]
     pub formula: Option<String>,
-    /// Number of trials [default: 30]
+    /// Number of trials: independent searches, each with its own random seed [default: 30]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u32>)]
     pub trials: Option<u32>,
-    /// Simulations that a trial may spend [default: 300]
+    /// Largest number of simulations per trial [default: 300]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u32>)]
     pub budget: Option<u32>,
-    /// Run file for the simulations [default: a new one in runs/]
+    /// Run file to create (SQLite) [default: a new file in runs/]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Carry on a run that was stopped, as its own plan says; --controller says where its controller is, if it moved
+    /// Resume a stopped run with its own plan; if its controller was moved, --controller is the new path
     #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
     #[arg(conflicts_with_all = ["search", "search_options", "formula", "trials", "budget", "out", "seed"])]
     pub resume: Option<PathBuf>,
@@ -358,89 +358,90 @@ pub struct Falsify {
     pub run: Run,
 }
 
-/// The two sides of `NAME=VALUE`.
+/// Parses `NAME=VALUE`.
 fn name_and_value(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((name, value)) if !name.trim().is_empty() => {
             Ok((name.trim().to_string(), value.trim().to_string()))
         }
-        _ => Err("expected NAME=VALUE, for example xatol=1e-6".to_string()),
+        _ => Err("expected NAME=VALUE, such as xatol=1e-6".to_string()),
     }
 }
 
-/// Runs a recorded simulation again and checks that it is the same to the bit
+/// Replay a recorded simulation and check that the result is bit-identical
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle replay runs/RUN.sqlite                      the first counterexample
   mishandle replay runs/RUN.sqlite --trial 2 --simulation 17 --trace trace.csv
 
-Exit code 0 if the replay is the same to the bit, 2 if it is not.")]
+Exit code 0 means that the replay is bit-identical to the record, 2 that it differs.")]
 pub struct Replay {
-    /// Run file
+    /// Run file of `mishandle evaluate` or `mishandle falsify`
     #[arg(value_name = "RUN")]
     pub file: PathBuf,
-    /// Number of the trial [default: with --simulation 1, else any]
+    /// Number of the trial, from 1 [default: 1 if --simulation is given, otherwise any]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub trial: Option<u32>,
-    /// Number of the simulation within the trial [default: the first counterexample, else the least robust]
+    /// Number of the simulation within its trial, from 1 [default: the first counterexample, otherwise the simulation
+    /// with the minimum robustness]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub simulation: Option<u32>,
-    /// Where the run's controller is now, if it has moved: the very same one
+    /// New path of the run's controller, if the file was moved
     #[arg(long, value_name = "C")]
     pub controller: Option<String>,
     /// Write the trace to this CSV file
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
-    /// Number of threads; the result never depends on it [default: all cores]
+    /// Number of threads; does not affect the result [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub threads: Option<usize>,
-    /// One JSON document on stdout
+    /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
 }
 
-/// Draws the start of a task, or films a recorded simulation
+/// Render the initial state of a task, or a video or filmstrip of a recorded simulation
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle render ball-pushing --out start.png
   mishandle render ball-pushing --at 0.45,-0.1 --out start.png
-  mishandle render --run runs/RUN.sqlite --out film.mp4            the first counterexample
-  mishandle render --run runs/RUN.sqlite --trial 2 --simulation 17 --out strip.png   six moments
+  mishandle render --run runs/RUN.sqlite --out video.mp4           the first counterexample
+  mishandle render --run runs/RUN.sqlite --trial 2 --simulation 17 --out strip.png   six frames
 
-No display is needed. Films are made by the program ffmpeg.")]
+Rendering needs no display. Videos need the program ffmpeg.")]
 pub struct Render {
-    /// Name of a task, to draw its start
+    /// Name of a task, to render its initial state
     #[arg(conflicts_with = "run")]
     pub task: Option<String>,
-    /// Initial configuration: a value for each axis of the initial box [default: the middle of the box]
+    /// Initial state: one value per axis of the initial box, in the axis' unit [default: the center of the box]
     #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
     #[arg(conflicts_with = "run")]
     pub at: Option<Vec<f64>>,
-    /// Run file, to run one of its simulations again
+    /// Run file, to render one of its simulations
     #[arg(long, value_name = "RUN")]
     pub run: Option<PathBuf>,
-    /// Number of the trial [default: with --simulation 1, else any]
+    /// Number of the trial, from 1 [default: 1 if --simulation is given, otherwise any]
     #[arg(long, value_name = "N", requires = "run")]
     pub trial: Option<u32>,
-    /// Number of the simulation within the trial [default: the first counterexample, else the least robust]
+    /// Number of the simulation within its trial, from 1 [default: the first counterexample, otherwise the simulation
+    /// with the minimum robustness]
     #[arg(long, value_name = "N", requires = "run")]
     pub simulation: Option<u32>,
-    /// Where the run's controller is now, if it has moved: the very same one
+    /// New path of the run's controller, if the file was moved
     #[arg(long, value_name = "C", requires = "run")]
     pub controller: Option<String>,
-    /// Where it goes: a .png, or an .mp4 for a film
+    /// Output file: .png for a picture or a filmstrip, .mp4 for a video
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Width and height in pixels, of each picture in a filmstrip [default: 960x720, of a film 640x480, in a
-    /// filmstrip 480x360]
+    /// Width and height of each frame, in pixels [default: picture 960x720, video 640x480, filmstrip 480x360]
     #[arg(long, value_name = "WxH")]
     pub size: Option<String>,
-    /// Write over FILE if it is there
+    /// Overwrite FILE if it exists
     #[arg(long)]
     pub force: bool,
 }
 
-/// Maintains the controllers that come with the repository: trains, measures, tabulates
+/// Maintain the shipped controllers: train, measure, import, write tables and charts
 #[derive(Debug, Args)]
 #[command(arg_required_else_help = true)]
 #[command(after_help = "Examples:
@@ -459,7 +460,7 @@ pub struct Zoo {
 
 #[derive(Debug, Subcommand)]
 pub enum ZooCommand {
-    /// Lists the training runs of the plan with their states
+    /// List the training runs of the plan with their states
     #[command(after_help = "Examples:
   mishandle zoo list
   mishandle zoo list --only ball-pushing --seeds 0
@@ -470,11 +471,11 @@ present file format, and measured with the present formulas.")]
     List {
         #[command(flatten)]
         selection: ZooSelection,
-        /// One JSON document on stdout
+        /// Print one JSON document to stdout
         #[arg(long)]
         json: bool,
     },
-    /// Trains and measures what is missing or out of date, then writes the tables and the charts
+    /// Train and measure what is missing or out of date, then write the tables and the charts
     #[command(after_help = "Examples:
   mishandle zoo train
   mishandle zoo train --only peg-in-hole/ppo --seeds 1 2 --jobs 2
@@ -487,7 +488,7 @@ A training run that fails does not end the others.")]
         #[command(flatten)]
         jobs: ZooJobs,
     },
-    /// Measures controllers without training, then writes the tables and the charts
+    /// Measure controllers without training, then write the tables and the charts
     #[command(after_help = "Examples:
   mishandle zoo measure                            what is missing or out of date
   mishandle zoo measure --only cloth-placing/ppo --again
@@ -503,11 +504,11 @@ measured, unless --again is given.")]
         /// Repeat all selected measurements
         #[arg(long)]
         again: bool,
-        /// One JSON document on stdout
+        /// Print one JSON document to stdout
         #[arg(long)]
         json: bool,
     },
-    /// Adds training runs from another machine: checks, measures, and writes the tables and the charts
+    /// Add training runs from another machine: check, measure, and write the tables and the charts
     #[command(after_help = "Examples:
   mishandle train peg-in-hole --algorithm sac --seed 2 --threads 1 \\
       --out runs/peg-in-hole-sac-s2.safetensors --csv runs/peg-in-hole-sac-s2.csv
@@ -521,7 +522,7 @@ refused if it has not ended, or differs from the plan in its seed, its settings 
         #[command(flatten)]
         selection: ZooSelection,
     },
-    /// Writes the tables and the charts again, from the records and the curves alone
+    /// Write the tables and the charts again, from the records and the curves alone
     #[command(after_help = "Examples:
   mishandle zoo tables
 
@@ -544,7 +545,7 @@ pub struct ZooSelection {
     pub adopt: bool,
 }
 
-/// How many things happen at a time.
+/// Number of jobs at a time.
 #[derive(Debug, Args)]
 pub struct ZooJobs {
     /// Jobs at a time, one thread each [default: all cores]
@@ -556,24 +557,24 @@ fn jobs(text: &str) -> Result<NonZeroUsize, String> {
     NonZeroUsize::new(count(text)?).ok_or_else(|| "expected at least 1".to_string())
 }
 
-/// Prints a script that completes commands and flags in a shell
+/// Print a shell script that completes commands and flags
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle completions bash > ~/.local/share/bash-completion/completions/mishandle
   mishandle completions zsh > ~/.zfunc/_mishandle
   mishandle completions fish > ~/.config/fish/completions/mishandle.fish")]
 pub struct Completions {
-    /// Which shell
+    /// Name of the shell
     pub shell: clap_complete::Shell,
 }
 
-/// Prints the manual page, or writes the pages of all commands to a folder
+/// Print the manual page, or write the pages of all commands to a folder
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle man | man -l -
   mishandle man ~/.local/share/man/man1")]
 pub struct Man {
-    /// Folder for mishandle.1 and a page for each command; pages in it are replaced
+    /// Folder for mishandle.1 and one page per command; existing pages are replaced
     #[arg(value_name = "DIR")]
     pub folder: Option<PathBuf>,
 }

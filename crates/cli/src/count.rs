@@ -1,40 +1,41 @@
-//! Counts as people type them: 1000000, `1_000_000` or 1e6.
+//! Integers on the command line: 1000000, `1_000_000` or 1e6.
 
-/// The whole number that a text says; clap puts the flag's name before the message.
+/// Parses a non-negative integer. clap prints the name of the flag before the message.
 pub fn count<T: TryFrom<u64>>(text: &str) -> Result<T, String> {
-    let wrong = |why: &str| format!("{why}; give a whole number, as 1000000, 1_000_000 or 1e6");
-    let number = whole(text).map_err(wrong)?;
-    T::try_from(number).map_err(|_| wrong("it is too large"))
+    let error = |why: &str| format!("{why}; expected an integer such as 1000000, 1_000_000 or 1e6");
+    let number = integer(text).map_err(error)?;
+    T::try_from(number).map_err(|_| error("the value is too large"))
 }
 
-/// Exact, in decimal digits: a float would round large numbers.
-fn whole(text: &str) -> Result<u64, &'static str> {
-    const NO_NUMBER: &str = "it is no number";
+/// Parses an integer exactly, from its decimal digits: a float would round large numbers.
+fn integer(text: &str) -> Result<u64, &'static str> {
+    const NOT_A_NUMBER: &str = "the value is not a number";
     let (mantissa, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
-    let exponent: i32 = exponent.parse().map_err(|_| NO_NUMBER)?;
-    let (before, behind) = mantissa.split_once('.').unwrap_or((mantissa, ""));
-    let mut digits = digits(before).ok_or(if text.starts_with('-') { "it is below 0" } else { NO_NUMBER })?;
+    let exponent: i32 = exponent.parse().map_err(|_| NOT_A_NUMBER)?;
+    let (whole, fraction) = mantissa.split_once('.').unwrap_or((mantissa, ""));
+    let not_a_number = if text.starts_with('-') { "the value is negative" } else { NOT_A_NUMBER };
+    let mut digits = digits(whole).ok_or(not_a_number)?;
     if mantissa.contains('.') {
-        digits += &self::digits(behind).ok_or(NO_NUMBER)?;
+        digits += &self::digits(fraction).ok_or(NOT_A_NUMBER)?;
     }
-    // How many zeros are to be put behind the digits, or taken from there.
-    let zeros = exponent.saturating_sub(behind.chars().filter(char::is_ascii_digit).count() as i32);
+    // Number of zeros to append to the digits; negative: number of digits to remove.
+    let zeros = exponent.saturating_sub(fraction.chars().filter(char::is_ascii_digit).count() as i32);
     let cut = digits.len().saturating_sub(zeros.min(0).unsigned_abs() as usize);
     if digits[cut..].bytes().any(|digit| digit != b'0') {
-        return Err("it is not whole");
+        return Err("the value is not an integer");
     }
     let digits = digits[..cut].trim_start_matches('0');
     let scale = if digits.is_empty() { Some(1) } else { 10_u64.checked_pow(zeros.max(0).unsigned_abs()) };
     let number = if digits.is_empty() { Some(0) } else { digits.parse::<u64>().ok() };
-    number.zip(scale).and_then(|(number, scale)| number.checked_mul(scale)).ok_or("it is too large")
+    number.zip(scale).and_then(|(number, scale)| number.checked_mul(scale)).ok_or("the value is too large")
 }
 
-/// Digits without the underscores between them.
+/// Returns the digits without the underscores between them.
 fn digits(text: &str) -> Option<String> {
     let groups: Vec<&str> = text.split('_').collect();
-    let right =
+    let is_valid =
         groups.iter().all(|group| !group.is_empty() && group.bytes().all(|byte| byte.is_ascii_digit()));
-    right.then(|| groups.concat())
+    is_valid.then(|| groups.concat())
 }
 
 #[cfg(test)]
@@ -42,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whole_numbers_are_exact_however_they_are_written() {
+    fn integers_are_parsed_exactly_in_every_notation() {
         for (text, number) in [
             ("0", 0),
             ("100000", 100_000),
@@ -54,7 +55,7 @@ mod tests {
             ("3.0", 3),
             ("0e99", 0),
             ("1_0.5e1", 105),
-            // 2⁵³ + 1, which no f64 is, and the largest.
+            // 2⁵³ + 1, which f64 cannot represent, and the largest u64.
             ("9007199254740993", 9_007_199_254_740_993),
             ("1.8446744073709551615e19", u64::MAX),
         ] {
@@ -63,31 +64,31 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_whole_number_is_refused_with_the_reason() {
+    fn an_invalid_integer_is_an_error_with_its_reason() {
         for (text, why) in [
-            ("1.5", "not whole"),
-            ("1e-1", "not whole"),
-            ("15e-1", "not whole"),
-            ("-5", "below 0"),
-            ("-1e6", "below 0"),
+            ("1.5", "not an integer"),
+            ("1e-1", "not an integer"),
+            ("15e-1", "not an integer"),
+            ("-5", "negative"),
+            ("-1e6", "negative"),
             ("1e20", "too large"),
             ("18446744073709551616", "too large"),
-            ("1e999999999999", "no number"),
+            ("1e999999999999", "not a number"),
             ("1e999999999", "too large"),
-            ("", "no number"),
-            ("e6", "no number"),
-            ("1.", "no number"),
-            (".5", "no number"),
-            ("_1", "no number"),
-            ("1__0", "no number"),
-            ("1e", "no number"),
-            ("1e6e6", "no number"),
-            ("1,000", "no number"),
-            ("ten", "no number"),
-            ("nan", "no number"),
+            ("", "not a number"),
+            ("e6", "not a number"),
+            ("1.", "not a number"),
+            (".5", "not a number"),
+            ("_1", "not a number"),
+            ("1__0", "not a number"),
+            ("1e", "not a number"),
+            ("1e6e6", "not a number"),
+            ("1,000", "not a number"),
+            ("ten", "not a number"),
+            ("nan", "not a number"),
         ] {
-            let refusal = count::<u64>(text).unwrap_err();
-            assert!(refusal.starts_with(&format!("it is {why}")), "{text}: {refusal}");
+            let error = count::<u64>(text).unwrap_err();
+            assert!(error.starts_with(&format!("the value is {why};")), "{text}: {error}");
         }
         assert!(count::<u32>("4294967295").is_ok() && count::<u32>("4294967296").is_err());
     }

@@ -1,4 +1,4 @@
-//! Signals that ask a command to save what it has and to end: Ctrl-C, SIGTERM, and SIGHUP, when its terminal goes.
+//! Signals that interrupt a command: SIGINT (Ctrl-C), SIGTERM, and SIGHUP when the terminal closes.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -7,31 +7,33 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use signal_hook::low_level::exit;
 
-/// Exit code of a command that was interrupted: the shells' for Ctrl-C.
+/// Exit code of an interrupted command, the same as a shell's after Ctrl-C.
 pub const EXIT_CODE: u8 = 130;
 
-static ASKED: AtomicBool = AtomicBool::new(false);
+static REQUESTED: AtomicBool = AtomicBool::new(false);
 
-/// From here on the first signal ends nothing by itself: it makes `announce` run, and the command has to look at
-/// [`asked`]. The second ends the command at once, after `clear`, unless it is SIGHUP: that comes from the shell and from
-/// the system, so often twice.
+/// Installs the signal handlers.
+///
+/// The first signal calls `announce` and makes [`requested`] return true; the command must check that. A second signal
+/// calls `clear` and ends the program immediately. A second SIGHUP is ignored, because the shell and the system often
+/// both send one.
 pub fn listen(announce: impl Fn() + Send + 'static, clear: impl Fn() + Send + 'static) -> Result<()> {
     let mut signals = Signals::new([SIGINT, SIGTERM])?;
-    if !outlives_its_terminal() {
+    if !ignores_sighup() {
         signals.add_signal(SIGHUP)?;
     }
     std::thread::spawn(move || {
         for signal in signals.forever() {
-            match (asked(), signal) {
+            match (requested(), signal) {
                 (true, SIGHUP) => {}
                 (true, _) => {
                     clear();
                     exit(EXIT_CODE.into());
                 }
                 (false, _) => {
-                    // In this order: what the command says when it ends comes after.
+                    // In this order, so that the announcement precedes the command's final messages.
                     announce();
-                    ASKED.store(true, Ordering::Relaxed);
+                    REQUESTED.store(true, Ordering::Relaxed);
                 }
             }
         }
@@ -39,15 +41,15 @@ pub fn listen(announce: impl Fn() + Send + 'static, clear: impl Fn() + Send + 's
     Ok(())
 }
 
-/// Whether SIGHUP was set to be ignored, as `nohup` does. Only Linux tells.
-fn outlives_its_terminal() -> bool {
+/// Returns whether SIGHUP is ignored, as under `nohup`. Works on Linux only; elsewhere it returns false.
+fn ignores_sighup() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
     ignored.is_some_and(|mask| mask >> (SIGHUP - 1) & 1 == 1)
 }
 
-/// Whether the command has been asked to end.
-pub fn asked() -> bool {
-    ASKED.load(Ordering::Relaxed)
+/// Returns whether a signal has requested an interruption.
+pub fn requested() -> bool {
+    REQUESTED.load(Ordering::Relaxed)
 }

@@ -1,6 +1,6 @@
 //! The command line of Mishandle.
 //!
-//! Words go to stderr, data to stdout. Exit codes: 0 done, 1 falsified or violated, 2 an error, 130 interrupted.
+//! Results go to stdout, messages to stderr. Exit codes: 0 success, 1 falsified or violated, 2 error, 130 interrupted.
 
 mod args;
 mod commands;
@@ -25,15 +25,14 @@ use args::{Arguments, Command};
 /// Name of the program.
 const PROGRAM: &str = "mishandle";
 
-/// Runs the program on the arguments of the process.
-///
+/// Runs the program with the arguments of the process.
 pub fn main() -> ExitCode {
     main_with_tasks(&[])
 }
 
-/// Runs the program on the arguments of the process, with tasks of your own beside the benchmark's.
+/// Runs the program with the arguments of the process and with your own tasks in addition to the benchmark's.
 ///
-/// A task with a mistake in its definition ends the program before any command, with exit code 2.
+/// If the definition of a task is invalid, the program prints the error and returns exit code 2.
 pub fn main_with_tasks(tasks: &[&'static dyn Task]) -> ExitCode {
     match tasks.iter().try_for_each(|task| mishandle::tasks::add(*task)) {
         Ok(()) => run_with(std::env::args_os()),
@@ -44,17 +43,17 @@ pub fn main_with_tasks(tasks: &[&'static dyn Task]) -> ExitCode {
     }
 }
 
-/// Runs the program on these arguments, the first of which is its own name.
+/// Runs the program with the given arguments. The first one is the name of the program.
 pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let arguments = match Arguments::try_parse_from(arguments) {
         Ok(arguments) => arguments,
         Err(error) => {
-            // Help goes to stdout, whose reader may be gone.
+            // Help goes to stdout, which can be a closed pipe.
             let _ = error.print();
             return ExitCode::from(error.exit_code() as u8);
         }
     };
-    let outcome = match &arguments.command {
+    let status = match &arguments.command {
         Command::Tasks(command) => commands::tasks::run(command),
         Command::Targets(command) => commands::targets::run(command),
         Command::Searches(command) => commands::searches::run(command),
@@ -70,7 +69,7 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Completions(command) => commands::completions::run(command),
         Command::Man(command) => commands::man::run(command),
     };
-    match outcome {
+    match status {
         Ok(ExitStatus::Done) => ExitCode::SUCCESS,
         Ok(ExitStatus::Violated) => ExitCode::from(1),
         Ok(ExitStatus::Interrupted) => ExitCode::from(interrupt::EXIT_CODE),
@@ -82,13 +81,13 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     }
 }
 
-/// How a command that did its work ends.
+/// Result of a command that ended without an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ExitStatus {
-    /// Nothing was violated.
+    /// The command finished, and no formula was violated.
     Done,
-    /// A counterexample was found, or a formula is violated.
+    /// The command found a counterexample or a violated formula.
     Violated,
-    /// It was asked to end before it was done, and has saved what it had.
+    /// A signal interrupted the command, which has saved its finished work.
     Interrupted,
 }

@@ -1,4 +1,4 @@
-//! Data on stdout, words on stderr.
+//! Output: results on stdout, messages on stderr.
 
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::path::Path;
@@ -11,13 +11,13 @@ use mishandle::files::AtomicFile;
 use mishandle::stl::{Formula, MonitorError};
 use serde_json::{Number, Value, json};
 
-/// Writes a line of data.
+/// Prints a line to stdout.
 pub fn line(text: &str) -> Result<()> {
     writeln!(std::io::stdout().lock(), "{text}")?;
     Ok(())
 }
 
-/// Writes a JSON document, whose first key is the version of its schema. In an array every object has it.
+/// Prints a JSON document. The key `schema` is added as the first key, in an array to every object.
 pub fn json(value: Value) -> Result<()> {
     let with_schema = |value: Value| joined(json!({ "schema": SCHEMA }), value);
     let document = match value {
@@ -27,12 +27,12 @@ pub fn json(value: Value) -> Result<()> {
     line(&serde_json::to_string_pretty(&document)?)
 }
 
-/// Creates a file that appears when it is complete. An existing file is replaced only with `force`.
+/// Creates a file that appears under its name when it is complete. An existing file is replaced only with `force`.
 pub fn create(path: &Path, force: bool) -> Result<AtomicFile> {
     let created = if force { AtomicFile::replace(path) } else { AtomicFile::create_new(path) };
     match created {
         Err(error) if error.kind() == ErrorKind::AlreadyExists => {
-            bail!("{} exists already; give another --out, or --force to overwrite it", path.display())
+            bail!("{} exists already; give another --out, or overwrite it with --force", path.display())
         }
         Err(error) if error.kind() == ErrorKind::NotFound => {
             let folder = path.parent().unwrap_or(path);
@@ -42,7 +42,7 @@ pub fn create(path: &Path, force: bool) -> Result<AtomicFile> {
     }
 }
 
-/// Writes a file that appears when it is complete. An existing file is replaced only with `force`.
+/// Writes a file that appears under its name when it is complete. An existing file is replaced only with `force`.
 pub fn write_atomically(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
     let mut file = create(path, force)?;
     file.write_all(bytes)
@@ -50,11 +50,11 @@ pub fn write_atomically(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
         .with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// Writes a new file with `write`; an existing one is an error.
+/// Creates a file and fills it with `write`. An existing file is an error.
 pub fn write_new(path: &Path, write: impl FnOnce(&mut AtomicFile) -> Result<()>) -> Result<()> {
     let mut file = match AtomicFile::create_new(path) {
         Err(error) if error.kind() == ErrorKind::AlreadyExists => {
-            bail!("{} exists already; give another name", path.display());
+            bail!("{} exists already; give another path", path.display());
         }
         created => created.with_context(|| format!("cannot write {}", path.display()))?,
     };
@@ -63,10 +63,10 @@ pub fn write_new(path: &Path, write: impl FnOnce(&mut AtomicFile) -> Result<()>)
         .with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// Version of the JSON documents: keys are only ever added within one.
+/// Version of the JSON documents. Within a version, keys are only added.
 const SCHEMA: u32 = 1;
 
-/// An average with its interval.
+/// Converts an estimate and its confidence interval to JSON.
 pub fn estimate(estimate: &Estimate) -> Value {
     let value = |value: Option<f64>| value.map_or(Value::Null, number);
     json!({
@@ -77,7 +77,7 @@ pub fn estimate(estimate: &Estimate) -> Value {
     })
 }
 
-/// Two objects as one, the keys of `first` first.
+/// Merges two objects; the keys of `first` come first.
 pub fn joined(first: Value, second: Value) -> Value {
     match (first, second) {
         (Value::Object(first), Value::Object(second)) => {
@@ -87,7 +87,7 @@ pub fn joined(first: Value, second: Value) -> Value {
     }
 }
 
-/// A number in JSON; infinities, which JSON lacks, are the strings "inf" and "-inf".
+/// Converts a number to JSON. Infinities, which JSON lacks, are the strings "inf" and "-inf".
 pub fn number(value: f64) -> Value {
     match Number::from_f64(value) {
         Some(number) => Value::Number(number),
@@ -95,46 +95,47 @@ pub fn number(value: f64) -> Value {
     }
 }
 
-/// Says something on stderr.
-pub fn say(text: &str) {
-    // There is nowhere to report that stderr is closed.
+/// Prints a message to stderr.
+pub fn message(text: &str) {
+    // If stderr is closed, the error cannot be reported.
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 
-/// Warns of a formula that is hardly ever meant.
-pub fn warn_of_chains(formula: &Formula) {
+/// Warns about a chained comparison, whose meaning users rarely expect.
+pub fn warn_of_chained_comparisons(formula: &Formula) {
     if formula.chains_comparisons() {
-        say(&format!(
-            "warning: comparisons are not chained: `0.2 <= v <= 0.3` is `(0.2 <= v) <= 0.3`, as in RTAMT; write \
-             `0.2 <= v and v <= 0.3`. The formula is {formula}"
+        message(&format!(
+            "warning: comparisons do not chain: `0.2 <= v <= 0.3` means `(0.2 <= v) <= 0.3`, as in RTAMT; write \
+             `0.2 <= v and v <= 0.3` instead. The formula is {formula}"
         ));
     }
 }
 
-/// Whether stderr is a terminal, where a progress bar can be drawn.
+/// Returns whether stderr is a terminal, which shows a progress bar.
 pub fn shows_progress() -> bool {
     std::io::stderr().is_terminal()
 }
 
-/// Says what went wrong, from the outside in, and what to try instead.
+/// Prints an error with its causes, the outermost first, and a hint if there is one.
 pub fn report_error(error: &Error) {
-    say(&format!("error: {}", printable(&format!("{error:#}"))));
+    message(&format!("error: {}", printable(&format!("{error:#}"))));
     let hint = error.chain().find_map(|cause| {
-        let ours = cause.downcast_ref::<MishandleError>().and_then(MishandleError::hint);
-        ours.or_else(|| cause.downcast_ref::<MonitorError>().and_then(MonitorError::hint))
+        let hint = cause.downcast_ref::<MishandleError>().and_then(MishandleError::hint);
+        hint.or_else(|| cause.downcast_ref::<MonitorError>().and_then(MonitorError::hint))
     });
     if let Some(hint) = hint {
-        say(&format!("hint: {hint}"));
+        message(&format!("hint: {hint}"));
     }
 }
 
-/// Text with its control characters escaped, except line breaks and tabs: names in a plan must not command the terminal.
+/// Escapes the control characters of a text, except line breaks and tabs, so that names in a plan cannot send escape
+/// sequences to the terminal.
 fn printable(text: &str) -> String {
     let escape = |c: char| c.is_control() && c != '\n' && c != '\t';
     text.chars().flat_map(|c| if escape(c) { c.escape_default().collect() } else { vec![c] }).collect()
 }
 
-/// Whether the reader of stdout went away, as `head` does.
+/// Returns whether the reader of stdout has closed the pipe, as `head` does.
 pub fn is_broken_pipe(error: &Error) -> bool {
     error
         .chain()
@@ -142,13 +143,13 @@ pub fn is_broken_pipe(error: &Error) -> bool {
         .any(|error| error.kind() == ErrorKind::BrokenPipe)
 }
 
-/// Lines up the columns of a table; numbers should be formatted already. The first row is the header.
+/// Formats a table with aligned columns. The first row is the header.
 pub fn table(rows: &[Vec<String>]) -> String {
     let lines: Vec<String> = table_cells(rows).iter().map(|line| line.trim_end().to_string()).collect();
     lines.join("\n").trim_end().to_string()
 }
 
-/// Columns of text for a person: as wide as the terminal, 80 where stdout is none.
+/// Returns the width of text output in columns: the width of the terminal, from 40 to 100, or 80 without a terminal.
 pub fn width() -> usize {
     match std::io::stdout().is_terminal() {
         true => usize::from(Term::stdout().size().1).clamp(40, 100),
@@ -156,7 +157,7 @@ pub fn width() -> usize {
     }
 }
 
-/// As [`table`] without a header, in `width` columns: the last column is wrapped, but not to less than 16 columns.
+/// Formats a table in `width` columns. The last column is wrapped, but never to less than 16 columns.
 pub fn table_in(rows: &[Vec<String>], width: usize) -> String {
     let head: Vec<Vec<String>> = rows.iter().map(|row| row[..row.len().saturating_sub(1)].to_vec()).collect();
     let head = table_cells(&head);
@@ -169,7 +170,7 @@ pub fn table_in(rows: &[Vec<String>], width: usize) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// The cells of each row, lined up, with two spaces behind each.
+/// Aligns the cells of each row, with two spaces after each cell.
 fn table_cells(rows: &[Vec<String>]) -> Vec<String> {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |column: usize| {
@@ -182,19 +183,19 @@ fn table_cells(rows: &[Vec<String>]) -> Vec<String> {
     rows.iter().map(line).collect()
 }
 
-/// Text with `indent` spaces before each line but the first.
+/// Indents all lines except the first by `indent` spaces.
 pub fn indented(text: &str, indent: usize) -> String {
     text.replace('\n', &format!("\n{}", " ".repeat(indent)))
 }
 
-/// Breaks a line, if it is longer than `width`, into lines that are indented by two more columns than the first.
+/// Wraps a line at `width` columns. Continuation lines are indented by two more columns than the first.
 pub fn folded(line: &str, width: usize) -> String {
     let start = line.len() - line.trim_start().len();
     let text = wrapped(line, width.saturating_sub(start + 2));
     format!("{}{}", " ".repeat(start), indented(&text, start + 2))
 }
 
-/// Breaks text into lines of at most `width` characters, between words.
+/// Wraps text between words into lines of at most `width` characters. Words longer than that are not broken.
 pub fn wrapped(text: &str, width: usize) -> String {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
@@ -215,7 +216,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_column_is_wrapped_below_itself() {
+    fn the_last_column_wraps_within_its_column() {
         let rows = [["a", "x", "one two three four"], ["bcd", "", "one"]];
         let rows = rows.map(|row| row.map(String::from).to_vec());
         assert_eq!(table_in(&rows, 24), "a    x  one two three\n        four\nbcd     one");
@@ -223,18 +224,18 @@ mod tests {
     }
 
     #[test]
-    fn control_characters_are_escaped_and_line_breaks_stay() {
+    fn control_characters_are_escaped_and_line_breaks_are_kept() {
         assert_eq!(printable("no `\u{1b}[31mä\u{7}`\nhere"), "no `\\u{1b}[31mä\\u{7}`\nhere");
     }
 
     #[test]
-    fn a_long_line_is_folded_below_its_start() {
+    fn continuation_lines_are_indented_below_the_start_of_the_line() {
         assert_eq!(folded("  a b", 5), "  a\n    b");
         assert_eq!(folded("  one two three", 12), "  one two\n    three");
     }
 
     #[test]
-    fn lines_are_as_full_as_the_width_allows_and_no_word_is_cut() {
+    fn lines_are_filled_up_to_the_width_and_words_are_not_broken() {
         assert_eq!(wrapped("to be or  not", 5), "to be\nor\nnot");
         assert_eq!(wrapped("incorrigible a b", 3), "incorrigible\na b");
         assert_eq!(wrapped("", 3), "");

@@ -1,4 +1,4 @@
-//! A progress bar on stderr, drawn only on a terminal, in one line that fits its width.
+//! Progress bar on stderr: one line that fits the width of the terminal. Without a terminal it is hidden.
 
 use std::fmt::Write;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,21 +10,21 @@ use mishandle::training::clock;
 
 use crate::output::shows_progress;
 
-/// Cells of the narrowest and of the widest bar.
+/// Smallest and largest width of the bar, in columns.
 const CELLS: [usize; 2] = [10, 40];
 
-/// How often the line is drawn when nothing else happens, so that the time goes on.
+/// Interval between redraws that update the elapsed time.
 const TICK: Duration = Duration::from_millis(500);
 
-/// A progress bar. It is cleared when it is dropped, so an error that ends the command leaves nothing of it.
+/// A progress bar. Dropping it clears its line, also after an error.
 pub struct Bar {
     line: ProgressBar,
     note: Arc<Mutex<String>>,
 }
 
 impl Bar {
-    /// A bar over `total` of `what`; invisible unless stderr is a terminal.
-    pub fn new(total: u64, what: &'static str) -> Bar {
+    /// Creates a bar for `total` items; `unit` is their plural noun. The bar is hidden unless stderr is a terminal.
+    pub fn new(total: u64, unit: &'static str) -> Bar {
         let target =
             if shows_progress() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
         let line = ProgressBar::with_draw_target(Some(total), target);
@@ -32,20 +32,20 @@ impl Bar {
         let shown = note.clone();
         let draw = move |state: &ProgressState, out: &mut dyn Write| {
             let note = shown.lock().unwrap_or_else(PoisonError::into_inner);
-            let facts = Facts {
+            let progress = Progress {
                 done: state.pos(),
                 total: state.len().unwrap_or(0),
-                what,
+                unit,
                 elapsed: state.elapsed(),
                 left: state.eta(),
                 note: &note,
             };
-            // The last column stays free: some terminals begin a new line with it.
+            // The last column stays empty, because some terminals wrap after it.
             let columns = usize::from(Term::stderr().size().1).saturating_sub(1);
-            // A buffer in memory takes everything.
-            let _ = out.write_str(&facts.line(columns));
+            // Writing to a buffer in memory cannot fail.
+            let _ = out.write_str(&progress.line(columns));
         };
-        // The template is a constant; a mistake in it would show in every run.
+        // The template is constant and valid.
         if let Ok(style) = ProgressStyle::with_template("{line}") {
             line.set_style(style.with_key("line", draw));
         }
@@ -55,17 +55,17 @@ impl Bar {
         Bar { line, note }
     }
 
-    /// How much there is to do.
+    /// Sets the total number of items.
     pub fn set_length(&self, total: u64) {
         self.line.set_length(total);
     }
 
-    /// How much is done.
+    /// Sets the number of finished items.
     pub fn set_position(&self, done: u64) {
         self.line.set_position(done);
     }
 
-    /// What is said at the end of the line, where there is room.
+    /// Sets the note at the end of the line. A narrow terminal does not show it.
     pub fn set_note(&self, note: String) {
         *self.note.lock().unwrap_or_else(PoisonError::into_inner) = note;
     }
@@ -75,7 +75,7 @@ impl Bar {
         self.line.finish_and_clear();
     }
 
-    /// The line itself, for a thread that writes to the terminal.
+    /// Returns a handle to the line, for a thread that writes to the terminal.
     pub fn line(&self) -> ProgressBar {
         self.line.clone()
     }
@@ -87,21 +87,21 @@ impl Drop for Bar {
     }
 }
 
-/// What the line says.
-struct Facts<'a> {
+/// Content of the progress line.
+struct Progress<'a> {
     done: u64,
     total: u64,
-    what: &'a str,
+    unit: &'a str,
     elapsed: Duration,
     left: Duration,
     note: &'a str,
 }
 
-impl Facts<'_> {
-    /// The line in at most `columns`. Where that is too narrow, the note goes first, then the time that has passed, the bar,
-    /// and the rest from its end.
+impl Progress<'_> {
+    /// Formats the line in at most `columns` columns. If it is too long, it drops the note, then the elapsed time, then
+    /// the bar, and then truncates the rest.
     fn line(&self, columns: usize) -> String {
-        let count = format!("{}/{} {}", self.done, self.total, self.what);
+        let count = format!("{}/{} {}", self.done, self.total, self.unit);
         let elapsed = clock(self.elapsed.as_secs_f64());
         let left = match self.done {
             0 => String::new(),
@@ -124,8 +124,8 @@ impl Facts<'_> {
     }
 
     fn bar(&self, cells: usize) -> String {
-        let share = if self.total == 0 { 0.0 } else { self.done as f64 / self.total as f64 };
-        let filled = (share.min(1.0) * cells as f64) as usize;
+        let fraction = if self.total == 0 { 0.0 } else { self.done as f64 / self.total as f64 };
+        let filled = (fraction.min(1.0) * cells as f64) as usize;
         "#".repeat(filled) + &"-".repeat(cells - filled)
     }
 }
@@ -134,37 +134,37 @@ impl Facts<'_> {
 mod tests {
     use super::*;
 
-    fn facts() -> Facts<'static> {
-        Facts {
+    fn progress() -> Progress<'static> {
+        Progress {
             done: 45,
             total: 180,
-            what: "simulations",
+            unit: "simulations",
             elapsed: Duration::from_secs(61),
             left: Duration::from_secs(183),
-            note: "1 trials ended, 1 falsified",
+            note: "1 trials finished, 1 falsified",
         }
     }
 
     #[test]
-    fn the_line_says_what_fits() {
-        // A quarter of the cells is filled: of 40, of 38, then 44 - 29 - 3 = 12 without the time that has passed.
+    fn the_line_drops_the_parts_that_do_not_fit() {
+        // A quarter of the cells is filled: of 40, of 38, then of 44 - 29 - 3 = 12 without the elapsed time.
         let rest = "45/180 simulations, 1:01, 3:03 left";
         let bar = |filled, empty| format!("[{}{}]", "#".repeat(filled), "-".repeat(empty));
-        assert_eq!(facts().line(120), format!("{} {rest}, 1 trials ended, 1 falsified", bar(10, 30)));
-        assert_eq!(facts().line(76), format!("{} {rest}", bar(9, 29)));
-        assert_eq!(facts().line(44), format!("{} 45/180 simulations, 3:03 left", bar(3, 9)));
-        assert_eq!(facts().line(35), "45/180 simulations, 3:03 left");
-        assert_eq!(facts().line(8), "45/180 s");
+        assert_eq!(progress().line(120), format!("{} {rest}, 1 trials finished, 1 falsified", bar(10, 30)));
+        assert_eq!(progress().line(76), format!("{} {rest}", bar(9, 29)));
+        assert_eq!(progress().line(44), format!("{} 45/180 simulations, 3:03 left", bar(3, 9)));
+        assert_eq!(progress().line(35), "45/180 simulations, 3:03 left");
+        assert_eq!(progress().line(8), "45/180 s");
     }
 
     #[test]
     fn no_line_is_wider_than_the_terminal() {
         for columns in 0..200 {
             for done in [0, 45, 180] {
-                let line = Facts { done, ..facts() }.line(columns);
+                let line = Progress { done, ..progress() }.line(columns);
                 assert!(line.chars().count() <= columns, "{line}");
             }
         }
-        assert_eq!(Facts { done: 0, total: 0, ..facts() }.line(60).find("--"), Some(1));
+        assert_eq!(Progress { done: 0, total: 0, ..progress() }.line(60).find("--"), Some(1));
     }
 }

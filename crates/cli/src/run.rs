@@ -1,4 +1,4 @@
-//! What evaluate and falsify share: from flags to a plan, and where its run is stored.
+//! Code shared by `evaluate` and `falsify`: plan, run file and messages.
 
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -12,22 +12,22 @@ use serde_json::{Value, json};
 use crate::progress::Bar;
 use crate::{args, interrupt, output};
 
-/// More threads than any machine has cores for.
+/// Largest number of threads, more than any machine has cores.
 const MAX_THREADS: usize = 1024;
 
-/// Makes a rayon pool of the wanted size the one that everything runs in.
+/// Sets the size of rayon's global thread pool.
 pub fn set_threads(threads: Option<usize>) -> Result<()> {
     if let Some(threads) = threads {
         ensure!(
             (1..=MAX_THREADS).contains(&threads),
-            "--threads is {threads}; it has to be from 1 to {MAX_THREADS}"
+            "--threads is {threads}; it must be from 1 to {MAX_THREADS}"
         );
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
     }
     Ok(())
 }
 
-/// The plan that the flags describe: one from a file or a run, or a new one, edited.
+/// Returns the plan that the flags describe: the plan of `--plan` or a new plan, with the values of the flags.
 pub fn plan(subject: &args::Subject, run: &args::Run) -> Result<Plan> {
     let mut plan = match (&subject.plan, &subject.target) {
         (Some(path), _) => {
@@ -35,7 +35,7 @@ pub fn plan(subject: &args::Subject, run: &args::Run) -> Result<Plan> {
             Plan::from_toml(&text).with_context(|| path.display().to_string())?
         }
         (None, Some(target)) => Plan::new(target, ""),
-        (None, None) => bail!("expected a target or a --plan"),
+        (None, None) => bail!("there is no target: name one, or give --plan FILE"),
     };
     let edit = |field: &mut String, flag: &Option<String>| {
         if let Some(value) = flag {
@@ -50,12 +50,12 @@ pub fn plan(subject: &args::Subject, run: &args::Run) -> Result<Plan> {
     plan.observation_noise = subject.observation_noise.unwrap_or(plan.observation_noise);
     plan.stochastic |= subject.stochastic;
     plan.seed = run.seed.unwrap_or(plan.seed);
-    ensure!(!plan.target.is_empty(), "neither the plan nor an argument names a target");
+    ensure!(!plan.target.is_empty(), "there is no target: name one in the plan or as an argument");
     Ok(plan)
 }
 
-/// A resolved plan and its open run file: of a stopped run, whose controller may have moved, or of a new one that the
-/// flags describe.
+/// Opens a run file and returns it with its resolved plan: the run `resume`, or else a new run with the plan
+/// `new_plan`. `controller` is the new path of the controller of a resumed run.
 pub fn open(
     resume: Option<&Path>,
     controller: Option<&str>,
@@ -69,13 +69,13 @@ pub fn open(
     };
     let run = RunWriter::resume(path)?;
     let resolved = mishandle::recorded_plan(run.file().header(), controller)?;
-    for difference in mishandle::other_build(run.file().header(), &resolved) {
-        output::say(&format!("warning: the run was begun by another build: {difference}"));
+    for difference in mishandle::build_differences(run.file().header(), &resolved) {
+        output::message(&format!("warning: another build started the run: {difference}"));
     }
     Ok((resolved, run))
 }
 
-/// What is tested and how, in a line, for a heading.
+/// Returns a one-line description of target and settings.
 pub fn heading(resolved: &ResolvedPlan) -> String {
     let ResolvedPlan { plan, space, .. } = resolved;
     let mut text = plan.target.clone();
@@ -97,17 +97,17 @@ pub fn heading(resolved: &ResolvedPlan) -> String {
     text
 }
 
-/// A number of axes in words.
+/// Formats a number of axes.
 pub fn axes(count: usize) -> String {
     if count == 1 { "1 axis".to_string() } else { format!("{count} axes") }
 }
 
-/// A number of simulations in words.
+/// Formats a number of simulations.
 pub fn simulations(count: u64) -> String {
     if count == 1 { "1 simulation".to_string() } else { format!("{count} simulations") }
 }
 
-/// The keys that the documents of `evaluate` and `falsify` share.
+/// Returns the keys that the JSON documents of `evaluate` and `falsify` share.
 pub fn document(resolved: &ResolvedPlan, path: &str) -> Value {
     let ResolvedPlan { plan, target, space, .. } = resolved;
     let controller = target.components.first();
@@ -129,72 +129,72 @@ pub fn document(resolved: &ResolvedPlan, path: &str) -> Value {
     })
 }
 
-/// A scenario by axis name.
+/// Returns a scenario as JSON: value by axis name.
 pub fn scenario(axes: &[Axis], values: &[Option<f64>]) -> Value {
     let entries = axes.iter().zip(values).map(|(axis, value)| (axis.name.clone(), json!(value)));
     Value::Object(entries.collect())
 }
 
-/// Values of a scenario that a table shows.
-const SHOWN_AXES: usize = 4;
+/// Number of values in the summary of a scenario.
+const SUMMARY_VALUES: usize = 4;
 
-/// A scenario for a table: all of a small one, of a large one the values that are farthest from nominal.
-pub fn at(axes: &[Axis], values: &[Option<f64>]) -> String {
-    shown(axes, values, SHOWN_AXES)
+/// Formats a scenario for a table: all its values if they are few, otherwise the values farthest from nominal.
+pub fn scenario_summary(axes: &[Axis], values: &[Option<f64>]) -> String {
+    format_scenario(axes, values, SUMMARY_VALUES)
 }
 
-/// A whole scenario for people.
-pub fn whole(axes: &[Axis], values: &[Option<f64>]) -> String {
-    shown(axes, values, usize::MAX)
+/// Formats all values of a scenario.
+pub fn scenario_text(axes: &[Axis], values: &[Option<f64>]) -> String {
+    format_scenario(axes, values, usize::MAX)
 }
 
-fn shown(axes: &[Axis], values: &[Option<f64>], most: usize) -> String {
-    let mut set: Vec<(usize, &Axis, f64)> = (0..)
+fn format_scenario(axes: &[Axis], values: &[Option<f64>], max_values: usize) -> String {
+    let mut shown: Vec<(usize, &Axis, f64)> = (0..)
         .zip(axes.iter().zip(values))
-        .filter_map(|(place, (axis, value))| Some((place, axis, (*value)?)))
+        .filter_map(|(index, (axis, value))| Some((index, axis, (*value)?)))
         .collect();
-    // To leave out one value saves no room.
-    let left_out = if set.len() > most.saturating_add(1) { set.len() - most } else { 0 };
-    if left_out > 0 {
+    // ", and 1 more" would be as long as the value itself.
+    let omitted = if shown.len() > max_values.saturating_add(1) { shown.len() - max_values } else { 0 };
+    if omitted > 0 {
         let distance = |(_, axis, value): &(usize, &Axis, f64)| {
-            (axis.unit(*value) - axis.unit(axis.nominal.unwrap_or_default())).abs()
+            (axis.unit_coordinate(*value) - axis.unit_coordinate(axis.nominal.unwrap_or_default())).abs()
         };
-        set.sort_by(|a, b| distance(b).total_cmp(&distance(a)));
-        set.truncate(most);
-        set.sort_by_key(|(place, ..)| *place);
+        shown.sort_by(|a, b| distance(b).total_cmp(&distance(a)));
+        shown.truncate(max_values);
+        shown.sort_by_key(|(index, ..)| *index);
     }
     let value = |(_, axis, value): &(usize, &Axis, f64)| match axis.levels() {
         Some(_) => format!("{} = {value} {}", axis.name, axis.unit),
         None => format!("{} = {value:.4} {}", axis.name, axis.unit),
     };
-    let values: Vec<String> = set.iter().map(|pair| value(pair).trim_end().to_string()).collect();
-    let rest = if left_out > 0 { format!(", and {left_out} more") } else { String::new() };
+    let values: Vec<String> = shown.iter().map(|entry| value(entry).trim_end().to_string()).collect();
+    let rest = if omitted > 0 { format!(", and {omitted} more") } else { String::new() };
     values.join(", ") + &rest
 }
 
-/// Where a run is, as a person would type it.
+/// Returns the path of a run, quoted for a shell.
 pub fn name(run: &RunFile) -> String {
-    mishandle::shell_word(&run.path().to_string_lossy())
+    mishandle::shell_quote(&run.path().to_string_lossy())
 }
 
-/// Says how far an interrupted run came, and how it goes on.
-pub fn say_interrupted(command: &str, simulations: u64, name: &str) {
-    output::say(&format!("interrupted after {simulations} simulations; every one is in {name}"));
-    output::say(&format!("Carry on: mishandle {command} --resume {name}"));
+/// Reports the progress of an interrupted run and the command that resumes it.
+pub fn report_interruption(command: &str, simulations: u64, name: &str) {
+    output::message(&format!("interrupted after {}, stored in {name}", self::simulations(simulations)));
+    output::message(&format!("Resume with: mishandle {command} --resume {name}"));
 }
 
-/// Has signals end the run after a batch, and says so below the bar as soon as one comes.
-pub fn end_on_signals(bar: &Bar) -> Result<()> {
-    let (shown, cleared) = (bar.line(), bar.line());
+/// Makes signals end the run after the current batch. The first signal prints a message immediately.
+pub fn stop_on_signals(bar: &Bar) -> Result<()> {
+    let (announced, cleared) = (bar.line(), bar.line());
     let announce = move || {
-        shown.suspend(|| {
-            output::say("finishing the simulations that have begun; Ctrl-C again ends at once");
+        announced.suspend(|| {
+            output::message("finishing the running simulations; press Ctrl-C again to stop immediately");
         });
     };
     interrupt::listen(announce, move || cleared.finish_and_clear())
 }
 
-/// Whether to go on after a batch.
-pub fn flow() -> ControlFlow<()> {
-    if interrupt::asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+/// Returns whether to continue after a batch.
+pub fn control_flow() -> ControlFlow<()> {
+    if interrupt::requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
 }

@@ -30,7 +30,7 @@ impl Watch {
         let (shown, cleared) = (live.clone(), live.clone());
         let announce = move || {
             shown.suspend(|| {
-                output::say("finishing the iteration that has begun; Ctrl-C again ends at once");
+                output::message("finishing the iteration that has begun; Ctrl-C again ends at once");
             });
         };
         interrupt::listen(announce, move || cleared.finish())?;
@@ -49,7 +49,7 @@ impl TrainObserver for Watch {
     fn begins(&mut self, done: u64, total: u64) {
         // The first iteration may take minutes.
         if !shows_progress() {
-            output::say(&format!("training {}: {done} of {total} environment steps done", self.title));
+            output::message(&format!("training {}: {done} of {total} environment steps done", self.title));
         }
     }
 
@@ -58,14 +58,14 @@ impl TrainObserver for Watch {
         if shows_progress() {
             self.live.show(progress);
         } else if self.log.is_due(Instant::now()) {
-            output::say(&progress.to_string());
+            output::message(&progress.to_string());
         }
-        if interrupt::asked() { Flow::Stop } else { Flow::Continue }
+        if interrupt::requested() { Flow::Stop } else { Flow::Continue }
     }
 
     fn unwritten(&mut self, failure: &MishandleError) {
         self.live.suspend(|| {
-            output::say(&format!("warning: {}; training goes on, and will try again", whole(failure)));
+            output::message(&format!("warning: {}; training goes on, and will try again", whole(failure)));
         });
     }
 }

@@ -1,4 +1,4 @@
-"""Runs a program in a pseudo-terminal of COLUMNS x 24 and copies what it writes to stdout.
+"""Run a program in a pseudo-terminal of COLUMNS x 24 and copy its output to stdout.
 
 usage: in_terminal.py COLUMNS [--signal NAME AFTER_SECONDS COUNT] PROGRAM ARGUMENT...
 """
@@ -11,7 +11,7 @@ if rest[0] == "--signal":
     name, after, count, rest = rest[1], float(rest[2]), int(rest[3]), rest[4:]
 child, terminal = pty.fork()
 if child == 0:
-    # The size is set before the program can ask for it.
+    # The size is set before the program starts.
     fcntl.ioctl(0, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
     os.execv(rest[0], rest)
 due = time.monotonic() + after

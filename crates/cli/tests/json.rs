@@ -1,4 +1,4 @@
-//! docs/json.md documents every key of every JSON document, and nothing else.
+//! docs/json.md documents exactly the keys of the JSON documents.
 
 #![allow(clippy::unwrap_used)]
 
@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use bench::{Bench, SMALL};
 use serde_json::Value;
 
-/// The keys of each section of the page and their types.
+/// Returns the documented keys of each section, with their types.
 fn documented() -> BTreeMap<String, BTreeMap<String, String>> {
     let mut sections: BTreeMap<String, BTreeMap<String, String>> = BTreeMap::new();
     let mut section = String::new();
@@ -30,7 +30,7 @@ fn documented() -> BTreeMap<String, BTreeMap<String, String>> {
     sections
 }
 
-/// Each key of a document with the type of its value, `null` included; objects of these names are maps.
+/// Collects each key of a document with the type of its value, including `null`. Some objects are maps.
 fn keys(value: &Value, path: &str, found: &mut Vec<(String, &'static str)>) {
     match value {
         Value::Object(entries) => {
@@ -66,7 +66,7 @@ fn kind(value: &Value, is_map: bool) -> &'static str {
 }
 
 #[test]
-fn the_page_documents_what_every_command_prints() {
+fn the_page_documents_the_keys_that_every_command_prints() {
     let bench = Bench::new();
     bench.write("d.csv", "time,d\n0.0,0.2\n0.1,0.3\n");
     bench.write("small.toml", SMALL);
@@ -90,7 +90,7 @@ fn the_page_documents_what_every_command_prints() {
         &["there is no target `toy/nosiy`", "did you mean `toy/noisy`?"],
     );
     let documented = documented();
-    let mut seen: BTreeMap<&str, BTreeMap<String, &str>> = BTreeMap::new();
+    let mut printed: BTreeMap<&str, BTreeMap<String, &str>> = BTreeMap::new();
     for (section, command, code) in commands {
         let mut found = Vec::new();
         keys(&bench.json(&format!("{command} --json"), code), "", &mut found);
@@ -104,13 +104,13 @@ fn the_page_documents_what_every_command_prints() {
                 "`{command}`: {key} is documented as {known} and is a {kind}"
             );
             assert!(!key.ends_with("seed") || kind == "string", "`{command}`: a seed is a string");
-            seen.entry(section).or_default().insert(key, kind);
+            printed.entry(section).or_default().insert(key, kind);
         }
     }
     for (section, page) in &documented {
-        let seen = seen.get(section.as_str()).unwrap_or_else(|| panic!("{section} was not run"));
+        let printed = printed.get(section.as_str()).unwrap_or_else(|| panic!("{section} was not run"));
         for key in page.keys() {
-            assert!(seen.contains_key(key), "`{section}` does not print `{key}`, which is documented");
+            assert!(printed.contains_key(key), "`{section}` does not print `{key}`, which is documented");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The program from outside.
+//! End-to-end tests of the program.
 
 #![allow(clippy::unwrap_used)]
 
@@ -14,11 +14,11 @@ use serde_json::Value;
 
 const FAST: &str = "--controller expert --seed 3";
 
-/// A formula that the expert of point reaching violates from some starts.
+/// A formula that the expert of point-reaching violates from some initial states.
 const HARD: &str = "--formula 'always[22:300](finger_target_distance <= 0.12)'";
 
 #[test]
-fn every_command_explains_itself_with_examples() {
+fn the_help_of_every_command_has_examples() {
     let bench = Bench::new();
     for command in [
         "tasks",
@@ -39,14 +39,14 @@ fn every_command_explains_itself_with_examples() {
         let help = bench.check(&format!("{command} --help"), 0);
         let (_, examples) = help.split_once("Examples:\n").expect(command);
         for example in examples.lines().take_while(|line| !line.is_empty()) {
-            assert!(example.starts_with("  mishandle "), "an example is cut in two: {example}");
+            assert!(example.starts_with("  mishandle "), "an example is broken into two lines: {example}");
         }
         assert!(help.contains(&format!("mishandle {command}")), "{command}");
     }
 }
 
 #[test]
-fn tasks_are_listed_with_what_the_glossary_names() {
+fn tasks_lists_formulas_signals_box_and_controllers() {
     let bench = Bench::new();
     let tasks = bench.json("tasks --json", 0);
     let names: Vec<&str> =
@@ -65,7 +65,7 @@ fn tasks_are_listed_with_what_the_glossary_names() {
 }
 
 #[test]
-fn searches_are_listed_with_their_options() {
+fn searches_lists_the_options_of_each_search() {
     let bench = Bench::new();
     let searches = bench.json("searches --json", 0);
     let names: Vec<&str> =
@@ -111,7 +111,7 @@ fn searches_are_listed_with_their_options() {
 }
 
 #[test]
-fn options_of_a_search_come_from_a_plan_and_from_flags_which_win() {
+fn search_options_come_from_the_plan_and_flags_override_it() {
     let bench = Bench::new();
     let falsify = |more: &str| {
         bench.document(&format!("falsify point-reaching {FAST} --trials 1 --budget 9 --json {more}"), 0)
@@ -131,9 +131,9 @@ fn options_of_a_search_come_from_a_plan_and_from_flags_which_win() {
     let planned = falsify("--plan plan.toml");
     assert_eq!(planned["trials"][0]["simulations"], 7);
     assert_eq!(falsify("--plan plan.toml --search-option max_evaluations=5"), short);
-    // The budget is the limit if nothing else is said.
+    // By default the budget is the limit.
     assert_eq!(falsify("--search nelder-mead")["trials"][0]["simulations"], 9);
-    // The older key of a plan is the same first simplex.
+    // The older key of a plan sets the same initial simplex.
     let simplex = "[[0.1, 0.1, 0.1], [0.2, 0.1, 0.1], [0.1, 0.2, 0.1], [0.1, 0.1, 0.2]]";
     bench.write("old.toml", &format!("[falsify]\nsearch = \"nelder-mead\"\ninitial-simplex = {simplex}\n"));
     let new = falsify(&format!("{nelder_mead} 'initial-simplex={simplex}'"));
@@ -142,7 +142,7 @@ fn options_of_a_search_come_from_a_plan_and_from_flags_which_win() {
 }
 
 #[test]
-fn a_wrong_option_of_a_search_is_refused_by_name() {
+fn an_invalid_search_option_is_an_error_that_names_it() {
     let bench = Bench::new();
     let refuses = |options: &str, parts: &[&str]| {
         bench.refuses(&format!("falsify point-reaching --controller expert {options}"), parts);
@@ -165,11 +165,11 @@ fn a_wrong_option_of_a_search_is_refused_by_name() {
         &["`start`", "it must be 3 numbers in [0, 1]"],
     );
     refuses("--search nelder-mead --search-option xatol", &["NAME=VALUE"]);
-    assert!(!bench.path("runs").exists(), "a run was begun");
+    assert!(!bench.path("runs").exists(), "a run was created");
 }
 
 #[test]
-fn a_task_s_scene_can_be_taken_out() {
+fn tasks_writes_the_scene_as_mjcf() {
     let bench = Bench::new();
     bench.check("tasks ball-balancing --mjcf scene.xml", 0);
     let xml = std::fs::read_to_string(bench.path("scene.xml")).unwrap();
@@ -178,7 +178,7 @@ fn a_task_s_scene_can_be_taken_out() {
 }
 
 #[test]
-fn monitor_measures_and_its_exit_code_tells() {
+fn monitor_prints_the_robustness_and_returns_1_for_a_violation() {
     let bench = Bench::new();
     bench.write("d.csv", "time,d\n0.0,0.2\n0.1,0.3\n0.2,0.1\n");
     // 0.35 - d = 0.15, 0.05, 0.25
@@ -188,7 +188,7 @@ fn monitor_measures_and_its_exit_code_tells() {
     assert!((rho - 0.05).abs() < 1e-12);
     assert_eq!(signal.len(), 3);
     bench.check("monitor --formula 'always[0:2](d <= 0.25)' d.csv", 1);
-    // 0.2 s are two samples of 0.1 s; the same in RTAMT's reading.
+    // 0.2 s are two samples of 0.1 s, also with RTAMT's default unit.
     for formula in ["--formula 'always[0:0.2s](d <= 0.35)'", "--formula 'always[0:0.2](d <= 0.35)' --unit s"]
     {
         let found = bench.json(&format!("monitor {formula} d.csv --json"), 0);
@@ -199,7 +199,7 @@ fn monitor_measures_and_its_exit_code_tells() {
 }
 
 #[test]
-fn monitor_says_what_is_wrong_and_where() {
+fn errors_of_monitor_name_cause_and_position() {
     let bench = Bench::new();
     bench.write("d.csv", "d,e\n0.2,1\n0.3,nan\n0.1,2\n");
     bench.write("text.csv", "d\n0.2\nabc\n");
@@ -213,7 +213,7 @@ fn monitor_says_what_is_wrong_and_where() {
     bench.refuses("monitor --formula 'd > 0' uneven.csv", &["evenly spaced", "0.15"]);
     bench.refuses("monitor --formula 'd > 0' missing.csv", &["missing.csv", "No such file"]);
     bench.refuses("monitor --formula 'always[0:9](d > 0)' d.csv --strict-horizon", &["reaches 9 samples"]);
-    // 2^64 and just below: no horizon wraps, or passes for one without an end.
+    // 2^64 and just below: the horizon neither overflows nor counts as unbounded.
     for bound in ["18446744073709551616", "18446744073709549568", "1e300"] {
         let formula = format!("always[0:{bound}](d > 0)");
         bench.refuses(
@@ -224,12 +224,12 @@ fn monitor_says_what_is_wrong_and_where() {
     bench.refuses("monitor --formula 'd = 0.1' d.csv", &["did you mean `==`"]);
     bench.refuses("monitor --formula 'dd > 1' d.csv", &["hint: did you mean `d`?"]);
     let chained = text(&bench.run("monitor --formula '0.2 <= d <= 0.3' d.csv").stderr);
-    assert!(chained.contains("comparisons are not chained"), "{chained}");
+    assert!(chained.contains("comparisons do not chain"), "{chained}");
     bench.refuses("monitor --formula 'always[0:0.5s](d > 0)' d.csv", &["0.5 s", "1 s"]);
 }
 
 #[test]
-fn an_evaluation_gives_the_same_document_for_any_number_of_threads() {
+fn an_evaluation_gives_the_same_document_for_every_number_of_threads() {
     let bench = Bench::new();
     let report =
         bench.document(&format!("evaluate point-reaching {FAST} --episodes 40 --threads 1 --json"), 0);
@@ -247,7 +247,7 @@ fn an_evaluation_gives_the_same_document_for_any_number_of_threads() {
 }
 
 #[test]
-fn a_falsification_finds_stores_and_replays_a_counterexample() {
+fn a_counterexample_is_found_stored_and_replayed() {
     let bench = Bench::new();
     for search in ["random", "nelder-mead", "dual-annealing"] {
         let run = format!("{search}.sqlite");
@@ -265,21 +265,21 @@ fn a_falsification_finds_stores_and_replays_a_counterexample() {
         let again = bench.json(&format!("replay {run} --trace {search}.csv --json"), 0);
         assert_eq!(again["same"], true);
         assert!(again["robustness"].as_f64().unwrap() < 0.0);
-        // The trace that the replay wrote gives the very robustness that was recorded.
+        // The trace of the replay has exactly the recorded robustness.
         let formula = HARD.trim_start_matches("--formula ");
         let measured = bench.json(&format!("monitor --formula {formula} {search}.csv --json"), 1);
         assert_eq!(measured["robustness"], again["robustness"]);
         bench.refuses(&arguments, &["already"]);
-        // A trace is written over nothing, least of all over the run.
+        // A trace overwrites no file, in particular not the run.
         bench.refuses(
             &format!("replay {run} --trace {run}"),
-            &[&format!("{run} exists already; give another name")],
+            &[&format!("{run} exists already; give another path")],
         );
     }
 }
 
 #[test]
-fn what_a_controller_survives_ends_with_exit_code_0() {
+fn a_campaign_without_counterexamples_returns_0() {
     let bench = Bench::new();
     let found = bench.json(&format!("falsify point-reaching {FAST} --trials 2 --budget 10 --json"), 0);
     assert_eq!(found["falsified_trials"], 0);
@@ -287,9 +287,9 @@ fn what_a_controller_survives_ends_with_exit_code_0() {
 }
 
 #[test]
-fn a_killed_falsification_goes_on_to_the_same_result() {
+fn a_killed_falsification_resumes_to_the_same_result() {
     let bench = Bench::new();
-    // A formula that holds: every trial spends its budget, so there is time to kill it.
+    // The formula holds, so every trial spends its budget and there is time to kill the process.
     let arguments = format!("falsify point-reaching {FAST} --search dual-annealing --trials 4 --budget 120");
     let whole = bench.document(&format!("{arguments} --out whole.sqlite --json"), 0);
     let mut child = bench.command(&format!("{arguments} --out killed.sqlite")).spawn().unwrap();
@@ -304,7 +304,7 @@ fn a_killed_falsification_goes_on_to_the_same_result() {
     let digest =
         |name: &str| mishandle::store::RunFile::open(bench.path(name)).unwrap().content_digest().unwrap();
     assert_eq!(digest("killed.sqlite"), digest("whole.sqlite"));
-    // Resuming what has ended changes nothing.
+    // Resuming a finished run changes nothing.
     assert_eq!(bench.document("falsify --resume killed.sqlite --json", 0), whole);
 }
 
@@ -321,7 +321,7 @@ fn wait_for_rows(path: &Path, rows: u64) {
 }
 
 #[test]
-fn a_killed_evaluation_goes_on_to_the_same_result() {
+fn a_killed_evaluation_resumes_to_the_same_result() {
     let bench = Bench::new();
     let arguments = format!("evaluate point-reaching {FAST} --episodes 400");
     let whole = bench.document(&format!("{arguments} --out whole.sqlite --json"), 0);
@@ -334,7 +334,7 @@ fn a_killed_evaluation_goes_on_to_the_same_result() {
 }
 
 #[test]
-fn a_plan_says_the_same_as_its_flags() {
+fn a_plan_and_the_equivalent_flags_give_the_same_result() {
     let bench = Bench::new();
     bench.write(
         "plan.toml",
@@ -342,7 +342,7 @@ fn a_plan_says_the_same_as_its_flags() {
     );
     let planned = bench.document("evaluate --plan plan.toml --json", 0);
     assert_eq!(planned, bench.document(&format!("evaluate point-reaching {FAST} --episodes 20 --json"), 0));
-    // Flags edit the plan.
+    // Flags override the plan.
     let edited = bench.json("evaluate --plan plan.toml --seed 4 --json", 0);
     assert_eq!(edited["seed"], "4");
     bench.write("wrong.toml", "task = \"point-reaching\"\ncontroler = \"expert\"\n");
@@ -352,10 +352,13 @@ fn a_plan_says_the_same_as_its_flags() {
 }
 
 #[test]
-fn flags_complete_a_plan_and_what_it_lacks_has_its_default() {
+fn flags_complete_a_plan_and_missing_keys_have_defaults() {
     let bench = Bench::new();
     bench.write("plan.toml", "seed = 3\n[evaluate]\nepisodes = 20\nbox = \"reachable\"\n");
-    bench.refuses("evaluate --plan plan.toml", &["names a target"]);
+    bench.refuses(
+        "evaluate --plan plan.toml",
+        &["there is no target: name one in the plan or as an argument"],
+    );
     bench.refuses(
         "evaluate point-reaching --plan plan.toml",
         &["point-reaching needs a controller", "expert"],
@@ -363,13 +366,13 @@ fn flags_complete_a_plan_and_what_it_lacks_has_its_default() {
     let flags = "point-reaching --plan plan.toml --controller expert --json";
     let found = bench.json(&format!("evaluate {flags}"), 0);
     assert_eq!((&found["simulations"], &found["seed"]), (&20.into(), &"3".into()));
-    // It says nothing of falsification.
+    // The plan has no table [falsify].
     let found = bench.json(&format!("falsify {flags} --trials 1 --budget 2"), 0);
     assert_eq!((&found["search"], &found["budget"]), (&"random".into(), &2.into()));
 }
 
 #[test]
-fn an_interrupted_campaign_says_how_it_goes_on_and_does_to_the_same_result() {
+fn an_interrupted_run_prints_the_command_that_resumes_it_to_the_same_result() {
     let bench = Bench::new();
     for (command, name) in [
         (format!("falsify point-reaching {FAST} --trials 4 --budget 100"), "INT"),
@@ -386,9 +389,9 @@ fn an_interrupted_campaign_says_how_it_goes_on_and_does_to_the_same_result() {
         let output = child.wait_with_output().unwrap();
         let err = text(&output.stderr);
         assert_eq!(output.status.code(), Some(130), "{err}");
-        assert!(err.starts_with("finishing the simulations that have begun; Ctrl-C again"), "{err}");
+        assert!(err.starts_with("finishing the running simulations; press Ctrl-C again"), "{err}");
         assert!(output.stdout.is_empty());
-        let quoted = format!(r"Carry on: mishandle {verb} --resume 'it'\''s {verb}.sqlite'");
+        let quoted = format!(r"Resume with: mishandle {verb} --resume 'it'\''s {verb}.sqlite'");
         assert!(err.contains(&quoted), "{err}");
         assert!(simulations(&bench.path(&run)) < 400);
         let resumed = bench.command(&format!("{verb} --json")).arg("--resume").arg(&run).output().unwrap();
@@ -397,9 +400,9 @@ fn an_interrupted_campaign_says_how_it_goes_on_and_does_to_the_same_result() {
 }
 
 #[test]
-fn a_second_signal_ends_a_long_batch_at_once() {
+fn a_second_signal_stops_a_long_batch_immediately() {
     let bench = Bench::new();
-    // A batch of cloths takes many times longer than what happens here.
+    // A batch of cloth-placing takes much longer than this test.
     let mut command =
         bench.command("evaluate cloth-placing --controller expert --episodes 64 --threads 1 --out a.sqlite");
     let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
@@ -409,35 +412,35 @@ fn a_second_signal_ends_a_long_batch_at_once() {
         std::thread::sleep(Duration::from_millis(5));
     }
     signal(&child, "INT");
-    let mut said = BufReader::new(child.stderr.take().unwrap());
+    let mut stderr = BufReader::new(child.stderr.take().unwrap());
     let mut line = String::new();
-    said.read_line(&mut line).unwrap();
-    assert!(line.starts_with("finishing the simulations that have begun"), "{line}");
+    stderr.read_line(&mut line).unwrap();
+    assert!(line.starts_with("finishing the running simulations"), "{line}");
     signal(&child, "INT");
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let mut rest = String::new();
-    said.read_to_string(&mut rest).unwrap();
-    assert_eq!(rest, "", "it went on");
+    stderr.read_to_string(&mut rest).unwrap();
+    assert_eq!(rest, "", "the program continued");
     assert_eq!(simulations(&bench.path("a.sqlite")), 0);
 }
 
 #[test]
-fn an_evaluation_names_the_part_of_the_box_that_it_starts_from() {
+fn an_evaluation_reports_the_region_of_its_initial_states() {
     let bench = Bench::new();
     let evaluate = format!("evaluate point-reaching {FAST} --episodes 4 --box");
-    let words = "no part of the box is proven out of reach";
+    let note = "no initial state was rejected as unreachable";
     for (part, named) in [("reachable", true), ("whole", false)] {
         let output = bench.run(&format!("{evaluate} {part}"));
         let (out, err) = (text(&output.stdout), text(&output.stderr));
         let header = out.lines().next().unwrap();
-        assert_eq!(header.contains("starts from the reachable part of the box"), named, "{header}");
-        assert_eq!(err.contains(words), named, "{err}");
+        assert_eq!(header.contains("initial states from the reachable part of the box"), named, "{header}");
+        assert_eq!(err.contains(note), named, "{err}");
         assert_eq!(bench.json(&format!("{evaluate} {part} --json"), 0)["box"], part);
     }
 }
 
 #[test]
-fn a_run_follows_its_controller_when_that_has_moved() {
+fn a_run_accepts_the_new_path_of_a_moved_controller() {
     let bench = Bench::new();
     bench.write("ppo.toml", SMALL);
     bench.check("train point-reaching --settings ppo.toml --steps 256 --out a.safetensors", 0);
@@ -447,9 +450,14 @@ fn a_run_follows_its_controller_when_that_has_moved() {
     std::fs::create_dir(bench.path("moved")).unwrap();
     std::fs::rename(bench.path("a.safetensors"), bench.path("moved/b.safetensors")).unwrap();
     for command in ["replay a.sqlite", "evaluate --resume a.sqlite"] {
-        bench
-            .refuses(command, &["a.safetensors", "is not where it was", "--controller FILE", "No such file"]);
-        bench.refuses(&format!("{command} --controller other.safetensors"), &["is not the run's"]);
+        bench.refuses(
+            command,
+            &["a.safetensors", "cannot load the run's controller", "--controller FILE", "No such file"],
+        );
+        bench.refuses(
+            &format!("{command} --controller other.safetensors"),
+            &["is not the controller of the run"],
+        );
     }
     assert_eq!(bench.json("replay a.sqlite --controller moved/b.safetensors --json", 0)["same"], true);
     let resumed = bench.json("evaluate --resume a.sqlite --controller moved/b.safetensors --json", 0);
@@ -457,9 +465,9 @@ fn a_run_follows_its_controller_when_that_has_moved() {
 }
 
 #[test]
-fn a_formula_without_a_value_from_some_starts_ends_no_campaign() {
+fn simulations_without_a_finite_robustness_do_not_stop_a_campaign() {
     let bench = Bench::new();
-    // The root has no value from starts beyond 0.5 m of the target.
+    // The square root is undefined for initial states farther than 0.5 m from the target.
     let formula = "--formula 'always(sqrt(0.5 - finger_target_distance) >= -1)'";
     let arguments =
         format!("falsify point-reaching {FAST} {formula} --trials 2 --budget 30 --out a.sqlite --json");
@@ -471,9 +479,9 @@ fn a_formula_without_a_value_from_some_starts_ends_no_campaign() {
         found["trials"].as_array().unwrap().iter().map(|t| t["undecided"].as_u64().unwrap()).sum();
     assert!((1..60).contains(&undecided), "{undecided}");
     assert_eq!(simulations(&bench.path("a.sqlite")), 60);
-    assert!(err.contains("no finite value at step 0") && err.contains("with target_x = "), "{err}");
+    assert!(err.contains("no finite value at step 0") && err.contains("(target_x = "), "{err}");
     assert_eq!(bench.json("falsify --resume a.sqlite --json", 0), found);
-    // Such a simulation replays, too.
+    // An undecided simulation can be replayed.
     let file = mishandle::store::RunFile::open(bench.path("a.sqlite")).unwrap();
     let undefined =
         file.simulations().map(Result::unwrap).find(|simulation| simulation.robustness.is_none()).unwrap();
@@ -483,7 +491,7 @@ fn a_formula_without_a_value_from_some_starts_ends_no_campaign() {
 }
 
 #[test]
-fn a_single_episode_has_means_without_intervals() {
+fn a_single_episode_gives_means_without_intervals() {
     let bench = Bench::new();
     let table = bench.check(&format!("evaluate point-reaching {FAST} --episodes 1"), 0);
     let row = table.lines().find(|line| line.starts_with("task completion time")).unwrap();
@@ -492,10 +500,10 @@ fn a_single_episode_has_means_without_intervals() {
 }
 
 #[test]
-fn what_cannot_be_written_leaves_no_file_and_is_named() {
+fn an_output_that_cannot_be_written_is_an_error_and_leaves_no_file() {
     let bench = Bench::new();
     bench.check(&format!("evaluate point-reaching {FAST} --episodes 1 --out a.sqlite"), 0);
-    // The shell lets no file grow beyond 512 bytes, and lets the program see that as an error.
+    // The shell limits files to 512 bytes; ignoring SIGXFSZ turns the limit into a write error.
     for (arguments, path) in
         [("replay a.sqlite --trace t.csv", "t.csv"), ("tasks ball-balancing --mjcf scene.xml", "scene.xml")]
     {
@@ -505,19 +513,19 @@ fn what_cannot_be_written_leaves_no_file_and_is_named() {
         let err = text(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{err}");
         assert!(err.contains(&format!("cannot write {path}")), "{err}");
-        assert!(!bench.path(path).exists(), "{path} is there");
+        assert!(!bench.path(path).exists(), "{path} exists");
     }
-    // A document asked for beside the scene is given, too.
+    // `--json` also prints the document when the scene is written.
     let tasks = bench.json("tasks ball-balancing --mjcf scene.xml --json", 0);
     assert_eq!(tasks[0]["name"], "ball-balancing");
-    bench.refuses("replay a.sqlite --trial 3", &["holds no trial 3"]);
+    bench.refuses("replay a.sqlite --trial 3", &["has no trial 3"]);
 }
 
 #[test]
-fn mistakes_are_refused_before_anything_runs() {
+fn invalid_arguments_are_errors_before_any_simulation() {
     let bench = Bench::new();
-    bench.write("junk.safetensors", "this is no controller");
-    bench.write("junk.sqlite", "this is no run");
+    bench.write("junk.safetensors", "this is not a controller");
+    bench.write("junk.sqlite", "this is not a run");
     let falsify = "falsify point-reaching --controller expert";
     bench.refuses("evaluate point-reaching --controller nobody", &["no controller `nobody`", "expert"]);
     bench.refuses(
@@ -531,7 +539,7 @@ fn mistakes_are_refused_before_anything_runs() {
     bench.refuses(&format!("{falsify} --search anealing"), &["no search `anealing`", "dual-annealing"]);
     bench.refuses(
         &format!("{falsify} --formula 'always[0:301](finger_twist < 9)'"),
-        &["301", "never be decided"],
+        &["301", "no episode can decide it"],
     );
     bench.refuses(
         &format!("{falsify} --formula 'finger_twst < 9'"),
@@ -567,32 +575,32 @@ fn mistakes_are_refused_before_anything_runs() {
         &["--search-option xatol is given twice"],
     );
     let toy = "toy/sphere-2d";
-    bench.refuses(&format!("falsify {toy} --preset code"), &["takes no task preset"]);
-    bench.refuses(&format!("evaluate {toy} --box reachable"), &["takes no reachable part"]);
+    bench.refuses(&format!("falsify {toy} --preset code"), &["does not support a task preset"]);
+    bench.refuses(&format!("evaluate {toy} --box reachable"), &["does not support `--box reachable`"]);
     bench.refuses(
         "evaluate point-reaching --controller expert --box reachable --space delay",
         &["the space is delay", "`starts`"],
     );
     bench.refuses(&format!("{falsify} --space noise"), &["no space `noise`", "--action-noise"]);
-    bench.refuses(&format!("train {toy}"), &["it is a toy"]);
+    bench.refuses(&format!("train {toy}"), &["is a toy, not a task"]);
     bench.refuses("replay junk.sqlite", &["junk.sqlite"]);
     bench.refuses("replay missing.sqlite", &["missing.sqlite"]);
     bench.refuses("falsify --resume junk.sqlite", &["junk.sqlite"]);
-    assert!(!bench.path("runs").exists(), "a run was begun");
+    assert!(!bench.path("runs").exists(), "a run was created");
 }
 
 #[test]
-fn a_dry_run_says_what_would_be_trained_and_trains_nothing() {
+fn a_dry_run_prints_the_settings_and_trains_nothing() {
     let bench = Bench::new();
     bench.write("a.toml", "gamma = 0.9\n");
     let train = |more: &str| bench.json(&format!("train point-reaching --dry-run --json {more}"), 0);
     let facts = train("--settings a.toml --steps 512");
     let settings = facts["settings"].as_str().unwrap();
-    // What is stated, what a flag says, and a default.
+    // From the file, from a flag, and a default.
     for line in ["gamma = 0.9\n", "total_steps = 512\n", "gae_lambda = 0.95\n"] {
         assert!(settings.contains(line), "{settings}");
     }
-    // All settings read again are the same settings, and the task does not hang on them.
+    // The printed settings are read back unchanged, and the task hash does not depend on them.
     bench.write("all.toml", settings);
     let again = train("--settings all.toml");
     assert_eq!((&again["settings"], &again["task_hash"]), (&facts["settings"], &facts["task_hash"]));
@@ -602,14 +610,14 @@ fn a_dry_run_says_what_would_be_trained_and_trains_nothing() {
         &["did you mean `sac`?"],
     );
     assert!(!bench.path("runs").exists());
-    // A variant has the settings of the task that it varies.
+    // A variant has the settings of its base task.
     let settings_of =
         |task: &str| bench.json(&format!("train {task} --dry-run --json"), 0)["settings"].clone();
     assert_eq!(settings_of("cloth-placing-7x7"), settings_of("cloth-placing"));
 }
 
 #[test]
-fn a_task_is_explained_by_what_it_states() {
+fn tasks_describes_a_task_from_its_definition() {
     let bench = Bench::new();
     let page = bench.check("tasks point-reaching", 0);
     let words = page.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -623,7 +631,7 @@ fn a_task_is_explained_by_what_it_states() {
     ] {
         assert!(page.contains(line), "the page has no `{line}`:\n{page}");
     }
-    // The paper's box and the code's stand side by side, and so do formulas that differ.
+    // The page shows boxes and differing formulas of both task presets.
     let page = bench.check("tasks ball-balancing", 0);
     assert!(page.contains("[0.2, 0.5]") && page.contains("[0.192, 0.492]"), "{page}");
     assert!(

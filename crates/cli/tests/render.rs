@@ -1,4 +1,4 @@
-//! Pictures and films, from outside. Where there is no OpenGL, what is checked is that the program says so.
+//! End-to-end tests of pictures and videos. Without OpenGL, they only check the error message.
 
 #![cfg(feature = "render")]
 #![allow(clippy::unwrap_used)]
@@ -8,14 +8,15 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// What stands in for the encoder: it keeps what it is sent.
-const KEEPS: &str = "#!/bin/sh\n[ \"$1\" = -version ] && exit\nfor last; do :; done\ncat > \"$last\"\n";
-/// It says through a file that it has begun, and takes its time over each picture of 32 x 24 pixels.
+/// A fake encoder that stores its input.
+const STORES: &str = "#!/bin/sh\n[ \"$1\" = -version ] && exit\nfor last; do :; done\ncat > \"$last\"\n";
+/// A slow fake encoder for frames of 32 x 24 pixels. It creates the file `started` when it starts.
 const SLOW: &str = "#!/bin/sh
 [ \"$1\" = -version ] && exit
-touch begun
-while head -c 2304 > picture; do sleep 0.05; done
+touch started
+while head -c 2304 > frame; do sleep 0.05; done
 ";
+/// A fake encoder that fails.
 const FAILS: &str = "#!/bin/sh\necho 'no encoder' >&2\nexit 3\n";
 
 struct Bench {
@@ -37,24 +38,28 @@ impl Bench {
         command
     }
 
-    /// Runs the program, which has to end well.
+    /// Runs the program, which must succeed.
     #[track_caller]
     fn check(&self, arguments: &str) {
         let output = self.command(arguments).output().unwrap();
-        assert!(output.status.success(), "{arguments}: {}", said(&output));
+        assert!(output.status.success(), "{arguments}: {}", stderr(&output));
     }
 
-    /// Runs the program, which has to refuse with these words and leave nothing behind. Returns all that it said.
+    /// Runs the program, which must fail with a message that contains `parts`, and create no file. Returns the message.
     #[track_caller]
     fn refuses(&self, command: &mut Command, parts: &[&str]) -> String {
         let before = self.files();
         let output = command.output().unwrap();
-        assert_eq!(output.status.code(), Some(2), "{command:?}: {}", said(&output));
+        assert_eq!(output.status.code(), Some(2), "{command:?}: {}", stderr(&output));
         for part in parts {
-            assert!(said(&output).contains(part), "{command:?} does not say `{part}`: {}", said(&output));
+            assert!(
+                stderr(&output).contains(part),
+                "{command:?} does not print `{part}`: {}",
+                stderr(&output)
+            );
         }
-        assert_eq!(self.files(), before, "{command:?} left something");
-        said(&output)
+        assert_eq!(self.files(), before, "{command:?} created a file");
+        stderr(&output)
     }
 
     fn files(&self) -> Vec<PathBuf> {
@@ -64,14 +69,14 @@ impl Bench {
         files
     }
 
-    /// Whether pictures can be drawn on this machine; where they cannot, the program names what it takes.
-    fn can_draw(&self) -> bool {
+    /// Returns whether this machine can render. If it cannot, the program must name the missing packages.
+    fn can_render(&self) -> bool {
         let output = self.command("render point-reaching --size 16x16 --out probe.png").output().unwrap();
-        assert!(output.status.success() || said(&output).contains("libegl1"), "{}", said(&output));
+        assert!(output.status.success() || stderr(&output).contains("libegl1"), "{}", stderr(&output));
         output.status.success()
     }
 
-    /// A folder with nothing but an `ffmpeg` that does what `script` says.
+    /// Creates a folder that contains only an `ffmpeg` with the content `script`.
     fn encoder(&self, name: &str, script: &str) -> PathBuf {
         let folder = self.path(name);
         std::fs::create_dir(&folder).unwrap();
@@ -82,11 +87,11 @@ impl Bench {
     }
 }
 
-fn said(output: &Output) -> String {
+fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Width and height in a PNG's header.
+/// Returns width and height from the header of a PNG file.
 fn size(path: &Path) -> (u32, u32) {
     let bytes = std::fs::read(path).unwrap();
     assert_eq!(&bytes[..8], b"\x89PNG\r\n\x1a\n");
@@ -95,16 +100,16 @@ fn size(path: &Path) -> (u32, u32) {
 }
 
 #[test]
-fn a_start_is_drawn_and_written_over_only_by_force() {
+fn an_initial_state_is_rendered_and_overwritten_only_with_force() {
     let bench = Bench::new();
-    if !bench.can_draw() {
+    if !bench.can_render() {
         return;
     }
     bench.check("render point-reaching --at 0.4,-0.3,0.5 --size 160x120 --out left.png");
     bench.check("render point-reaching --at 0.4,0.3,0.5 --size 160x120 --out right.png");
     assert_eq!(size(&bench.path("left.png")), (160, 120));
     let bytes = |name: &str| std::fs::read(bench.path(name)).unwrap();
-    assert_ne!(bytes("left.png"), bytes("right.png"), "the target is elsewhere");
+    assert_ne!(bytes("left.png"), bytes("right.png"), "the target has another position");
     bench.refuses(
         &mut bench.command("render point-reaching --out left.png"),
         &["left.png exists already", "--force"],
@@ -114,83 +119,83 @@ fn a_start_is_drawn_and_written_over_only_by_force() {
 }
 
 #[test]
-fn without_a_driver_the_packages_are_named() {
+fn without_a_driver_the_error_names_the_packages() {
     let bench = Bench::new();
     let without_driver = |mut command: Command| {
         command.env("__EGL_VENDOR_LIBRARY_DIRS", "/nonexistent").env("LIBGL_DRIVERS_PATH", "/nonexistent");
         command
     };
     let mut command = without_driver(bench.command("render point-reaching --out start.png"));
-    let packages = ["error: no picture can be drawn", "apt install libegl1 libgl1-mesa-dri"];
+    let packages = ["error: cannot render without a display", "apt install libegl1 libgl1-mesa-dri"];
     bench.refuses(&mut command, &packages);
-    // Of a run, before it is run again.
+    // With --run, the error comes before the simulation.
     bench.check("evaluate point-reaching --controller expert --episodes 1 --out run.sqlite");
     let mut command = without_driver(bench.command("render --run run.sqlite --out strip.png"));
-    let said = bench.refuses(&mut command, &packages);
-    assert!(!said.contains("control steps"), "it simulated for nothing: {said}");
+    let error = bench.refuses(&mut command, &packages);
+    assert!(!error.contains("control steps"), "it simulated without need: {error}");
 }
 
 #[test]
-fn an_episode_becomes_a_film_or_a_filmstrip() {
+fn an_episode_is_rendered_as_a_video_or_a_filmstrip() {
     let bench = Bench::new();
     bench.check("evaluate point-reaching --controller expert --episodes 2 --out run.sqlite");
-    if !bench.can_draw() {
+    if !bench.can_render() {
         return;
     }
     bench.check("render --run run.sqlite --simulation 2 --size 32x24 --out strip.png");
     assert_eq!(size(&bench.path("strip.png")), (3 * 32, 2 * 24));
 
-    let film = || bench.command("render --run run.sqlite --simulation 2 --size 32x24 --out film.mp4");
+    let render = || bench.command("render --run run.sqlite --simulation 2 --size 32x24 --out video.mp4");
     let nothing = bench.path("nothing");
-    let said_without = bench.refuses(film().env("PATH", &nothing), &["`ffmpeg`", "apt install ffmpeg"]);
-    assert!(!said_without.contains("control steps"), "it simulated for nothing: {said_without}");
+    let error = bench.refuses(render().env("PATH", &nothing), &["`ffmpeg`", "apt install ffmpeg"]);
+    assert!(!error.contains("control steps"), "it simulated without need: {error}");
     let fails = bench.encoder("fails", FAILS);
-    bench.refuses(film().env("PATH", format!("{}:/usr/bin:/bin", fails.display())), &["no encoder"]);
-    let keeps = bench.encoder("keeps", KEEPS);
-    let output = film().env("PATH", format!("{}:/usr/bin:/bin", keeps.display())).output().unwrap();
-    assert!(output.status.success(), "{}", said(&output));
-    // Samples 0, 2, 4 ... 300: 151 pictures of three bytes a pixel.
-    assert_eq!(std::fs::metadata(bench.path("film.mp4")).unwrap().len(), 151 * 32 * 24 * 3);
+    bench.refuses(render().env("PATH", format!("{}:/usr/bin:/bin", fails.display())), &["no encoder"]);
+    let stores = bench.encoder("stores", STORES);
+    let output = render().env("PATH", format!("{}:/usr/bin:/bin", stores.display())).output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    // Samples 0, 2, 4 ... 300: 151 frames with three bytes per pixel.
+    assert_eq!(std::fs::metadata(bench.path("video.mp4")).unwrap().len(), 151 * 32 * 24 * 3);
 }
 
 #[test]
-fn an_interrupted_film_leaves_nothing() {
+fn an_interrupted_video_leaves_no_file() {
     let bench = Bench::new();
     bench.check("evaluate point-reaching --controller expert --episodes 1 --out run.sqlite");
-    if !bench.can_draw() {
+    if !bench.can_render() {
         return;
     }
     let slow = bench.encoder("slow", SLOW);
-    let mut command = bench.command("render --run run.sqlite --size 32x24 --out film.mp4");
+    let mut command = bench.command("render --run run.sqlite --size 32x24 --out video.mp4");
     command.env("PATH", format!("{}:/usr/bin:/bin", slow.display())).stderr(Stdio::piped());
     let child = command.spawn().unwrap();
     let start = Instant::now();
-    while !bench.path("begun").exists() {
+    while !bench.path("started").exists() {
         assert!(start.elapsed() < Duration::from_secs(60));
         std::thread::sleep(Duration::from_millis(5));
     }
     Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     let output = child.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(130), "{}", said(&output));
-    assert!(said(&output).ends_with("interrupted; nothing was written\n"), "{}", said(&output));
-    let expected = ["begun", "picture", "probe.png", "run.sqlite", "slow"].map(|name| bench.path(name));
+    assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
+    assert!(stderr(&output).ends_with("interrupted; nothing was written\n"), "{}", stderr(&output));
+    let expected = ["frame", "probe.png", "run.sqlite", "slow", "started"].map(|name| bench.path(name));
     assert_eq!(bench.files(), expected);
 }
 
 #[test]
-fn what_cannot_be_drawn_is_said() {
+fn invalid_arguments_of_render_are_errors() {
     let bench = Bench::new();
     for (arguments, parts) in [
         ("point-reching --out a.png", ["no task `point-reching`", "did you mean `point-reaching`?"]),
         ("point-reaching --out a.jpg", ["a.jpg", ".png"]),
-        ("point-reaching --out a.mp4", ["one picture", "--run"]),
+        ("point-reaching --out a.mp4", ["a single picture", "--run"]),
         ("point-reaching --out no/a.png", ["cannot write no/a.png", "there is no folder no\n"]),
         ("point-reaching --at 0.5,0 --out a.png", ["2 values", "target_z"]),
         (
             "point-reaching --at -0.5,0,0.5 --out a.png",
             ["target_x is -0.5 m, outside the initial box", "from 0.3 to 0.7 m"],
         ),
-        ("--out a.png", ["give a TASK, or --run RUN", "error"]),
+        ("--out a.png", ["give a TASK or --run RUN", "error"]),
         ("point-reaching --at 0.5,0,nan --out a.png", ["target_z", "NaN"]),
         ("point-reaching --size 33x20 --out a.png", ["33x20", "even"]),
         ("point-reaching --size 5000x20 --out a.png", ["5000x20", "4096"]),

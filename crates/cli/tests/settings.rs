@@ -122,7 +122,7 @@ fn what_does_not_fit_into_memory_is_refused_before_it_is_taken() {
         bench.write("a.toml", settings);
         for flag in ["", "--dry-run"] {
             let train = format!("train point-reaching --algorithm {algorithm} --settings a.toml {flag}");
-            bench.refuses(&train, &["the training needs at least ", " GB of memory, ", told]);
+            bench.refuses(&train, &["the training run needs at least ", " GB of memory, ", told]);
         }
     }
     assert_eq!(names(&bench), ["a.toml"]);
@@ -135,7 +135,11 @@ fn counts_are_taken_as_people_write_them() {
         let told = bench.json(&format!("{TRAIN} --dry-run --json --steps {steps}"), 0);
         assert_eq!(told["environment_steps"], total, "{steps}");
     }
-    for (steps, why) in [("1.5", "it is not whole"), ("1e-3", "it is not whole"), ("-3", "it is below 0")] {
+    for (steps, why) in [
+        ("1.5", "the value is not an integer"),
+        ("1e-3", "the value is not an integer"),
+        ("-3", "the value is negative"),
+    ] {
         bench.refuses(&format!("{TRAIN} --dry-run --steps {steps}"), &[why, "--steps", "1_000_000 or 1e6"]);
     }
     assert_eq!(bench.json(&format!("{TRAIN} --dry-run --json --seed 1e3"), 0)["seed"], "1000");
@@ -170,7 +174,7 @@ fn a_controller_tells_how_it_was_trained() {
         ("ppo.toml", &["ppo.toml"][..]),
         ("none.safetensors", &["none.safetensors: No such file"]),
         ("ppo", &["is ppo", "TASK/NAME", "point-reaching/ppo"]),
-        ("point-reaching/expert", &["the expert is a program", "has no file"]),
+        ("point-reaching/expert", &["the expert is part of the task", "has no file"]),
         ("point-reaching/pppo", &["no controller file `pppo`", "did you mean `ppo`?"]),
         ("point-reachin/ppo", &["no task `point-reachin`", "did you mean `point-reaching`?"]),
     ] {

@@ -1,8 +1,8 @@
-//! The progress bar in a terminal: it fits the width, and nothing of it is left, however the command ends.
+//! The progress bar in a terminal: it fits the width, and it is cleared at every end of the command.
 
 #![allow(clippy::unwrap_used)]
 
-#[allow(dead_code, reason = "not all tests use all of the bench")]
+#[allow(dead_code, reason = "not every test uses all functions")]
 mod bench;
 
 use std::process::{Command, Output};
@@ -25,7 +25,7 @@ fn in_terminal(bench: &Bench, columns: usize, options: &str, arguments: &str) ->
         .unwrap()
 }
 
-/// What a terminal shows in the end, and the longest line that was written to it at any time.
+/// Returns the final content of a terminal, and the length of the longest line at any time.
 fn shown(bytes: &[u8], columns: usize) -> (Vec<String>, usize) {
     let text = String::from_utf8_lossy(bytes);
     let mut lines: Vec<Vec<char>> = vec![Vec::new()];
@@ -80,7 +80,7 @@ fn has_bar(line: &str) -> bool {
 const EVALUATE: &str = "evaluate point-reaching --controller expert --threads 1 --episodes";
 
 #[test]
-fn the_bar_fits_every_width_and_is_cleared() {
+fn the_bar_fits_every_terminal_width_and_is_cleared() {
     for columns in [60, 80, 120, 200] {
         let bench = Bench::new();
         let output = in_terminal(
@@ -91,10 +91,10 @@ fn the_bar_fits_every_width_and_is_cleared() {
         );
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         assert!(
-            text.contains("simulations at most") && text.contains("[-"),
-            "{columns}: no bar was drawn\n{text}"
+            text.contains("/60 simulations") && text.contains("[-"),
+            "{columns}: no bar was shown\n{text}"
         );
-        // What follows the bar, paths and formulas, may be longer than the terminal.
+        // The JSON document after the bar can be wider than the terminal.
         let bar = text.split('{').next().unwrap();
         let (lines, longest) = shown(bar.as_bytes(), columns);
         assert!(longest + 1 >= columns.min(70), "{columns}: the bar has {longest} columns");
@@ -104,7 +104,7 @@ fn the_bar_fits_every_width_and_is_cleared() {
 }
 
 #[test]
-fn signals_leave_nothing_of_the_bar() {
+fn signals_clear_the_bar() {
     for (signal, count) in [("SIGINT", 1), ("SIGTERM", 1), ("SIGTERM", 2), ("SIGINT", 2)] {
         let bench = Bench::new();
         let options = format!("--signal {signal} 1 {count}");
@@ -113,13 +113,13 @@ fn signals_leave_nothing_of_the_bar() {
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         assert!(text.contains("/100000 simulations"), "{text}");
         let (lines, _) = shown(&output.stdout, 200);
-        assert!(lines.iter().any(|line| line.starts_with("finishing the simulations")), "{lines:?}");
+        assert!(lines.iter().any(|line| line.starts_with("finishing the running simulations")), "{lines:?}");
         assert!(!lines.iter().any(|line| has_bar(line)), "{signal} {count}: {lines:?}");
     }
 }
 
 #[test]
-fn an_error_leaves_nothing_of_the_bar() {
+fn an_error_clears_the_bar() {
     let bench = Bench::new();
     let output = in_terminal(&bench, 80, "", &format!("{EVALUATE} 20 --out none/a.sqlite"));
     let (lines, _) = shown(&output.stdout, 200);
@@ -129,14 +129,14 @@ fn an_error_leaves_nothing_of_the_bar() {
 }
 
 #[test]
-fn tasks_fit_into_the_terminal_and_into_80_columns_in_a_pipe() {
+fn tasks_fits_the_terminal_and_80_columns_in_a_pipe() {
     let bench = Bench::new();
     let widest = |text: &str| text.lines().map(|line| line.chars().count()).max().unwrap();
     let names = ["", "point-reaching", "cube-stacking", "ball-pushing", "cloth-placing-7x7"];
     for arguments in names.map(|name| format!("tasks {name}")) {
         assert!(widest(&bench.check(&arguments, 0)) <= 80, "{arguments}");
         let output = in_terminal(&bench, 70, "", &arguments);
-        // The path of the picture is one word; the longest word of a formula takes 67 columns.
+        // The path of the picture is a single word. The longest word of a formula has 67 columns.
         let text = String::from_utf8_lossy(&output.stdout).replace('\r', "");
         let text: String =
             text.lines().filter(|line| !line.ends_with(".png")).map(|line| format!("{line}\n")).collect();

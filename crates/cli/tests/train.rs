@@ -29,9 +29,10 @@ fn an_interrupted_training_goes_on_and_of_two_on_one_file_one_is_refused() {
     let places = "--out a.safetensors --csv a.csv --tensorboard board";
     let child = begin(&bench, &format!("{TRAIN} {ENDLESS} {places}"));
     wait_until("two rows", || lines_of(&bench.path("a.csv")) > 2);
-    bench.refuses(&format!("{TRAIN} --out a.safetensors"), &["another training is writing a.safetensors"]);
+    bench
+        .refuses(&format!("{TRAIN} --out a.safetensors"), &["another training run is writing a.safetensors"]);
     let other = format!("{TRAIN} --out b.safetensors --csv a.csv --resume");
-    bench.refuses(&other, &["another training is writing a.csv", "give another --csv"]);
+    bench.refuses(&other, &["another training run is writing a.csv", "give another --csv"]);
     signal(&child, "INT");
     let output = child.wait_with_output().unwrap();
     let err = text(&output.stderr);
@@ -137,7 +138,7 @@ fn nothing_is_written_over_unasked() {
     for (flags, told) in [
         (
             "--out none.safetensors --resume",
-            "there is no checkpoint none.safetensors.checkpoint to carry on from",
+            "there is no checkpoint none.safetensors.checkpoint to resume from",
         ),
         ("--out a.safetensors", "a.safetensors exists already; give another --out, or --resume"),
         ("--out b.safetensors --csv a.csv", "a.csv exists already; give another --csv, or --resume"),
@@ -259,7 +260,7 @@ fn a_curve_whose_last_line_was_cut_off_tells_of_the_whole_rows() {
     let rows: String = (1..=40).map(|i| format!("{}{}\n", row(i), ",0".repeat(empty_terms))).collect();
     bench.write("b.csv", &format!("{header}\n{rows}41,6560,41"));
     let told = bench.run("curve b.csv --environments 16 --json");
-    assert_eq!(text(&told.stderr), "warning: the last line of b.csv is cut off; it is left out\n");
+    assert_eq!(text(&told.stderr), "warning: the last line of b.csv is incomplete and was ignored\n");
     let found: Value = serde_json::from_slice(&told.stdout).unwrap();
     assert_eq!(found["iterations"], 40);
     assert_eq!(

@@ -176,10 +176,10 @@ fn all_files_of_a_training_are_kept_from_others_and_from_each_other() {
     let child = begin(&bench, &format!("{TRAIN} {ENDLESS} --out a.safetensors --csv a.csv"));
     wait_until("a row", || lines_of(&bench.path("a.csv")) > 1);
     for (flags, told) in [
-        ("--out a.last.safetensors", "another training is writing a.last.safetensors; wait"),
+        ("--out a.last.safetensors", "another training run is writing a.last.safetensors; wait"),
         (
             "--out b.safetensors --csv a.last.safetensors",
-            "another training is writing a.last.safetensors; wait",
+            "another training run is writing a.last.safetensors; wait",
         ),
         ("--out b.safetensors --csv b.safetensors", "would hold both the best controller and the curve"),
         ("--out b.safetensors --csv ./b.safetensors.checkpoint --resume", "the checkpoint and the curve"),

@@ -1,4 +1,4 @@
-//! Writes controllers anew in the present format, every number as it was:
+//! Rewrites controller files in the current format without changing any number:
 //! `cargo run -p mishandle-controllers --example rewrite -- controllers/*/*.safetensors`
 
 use std::path::PathBuf;

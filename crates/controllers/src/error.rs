@@ -2,14 +2,14 @@ use std::path::PathBuf;
 
 use mishandle_network::NetworkError;
 
-/// Why a controller could not be made, read or written.
+/// The error of creating, reading, writing or checking a controller.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ControllerError {
-    /// A file is not a controller that can be used.
+    /// The file is not a valid controller.
     #[error("{problem}: {}", path.display())]
     File {
-        /// What is wrong with it.
+        /// What is wrong with the file.
         problem: FileProblem,
         /// The file.
         path: PathBuf,
@@ -17,7 +17,7 @@ pub enum ControllerError {
     /// The file cannot be read.
     #[error("cannot read the controller {}", path.display())]
     Read {
-        /// What the system says.
+        /// The error of the operating system.
         source: std::io::Error,
         /// The file.
         path: PathBuf,
@@ -25,89 +25,90 @@ pub enum ControllerError {
     /// The file cannot be written.
     #[error("cannot write the controller {}", path.display())]
     Write {
-        /// What the system says.
+        /// The error of the operating system.
         source: std::io::Error,
         /// The file.
         path: PathBuf,
     },
-    /// A controller that was made for another task.
-    #[error("the controller was made for {found}, not for {wanted}")]
+    /// The controller was trained for another task.
+    #[error("the controller was trained for {found}, not for {expected}")]
     Task {
-        /// The task it is to do.
-        wanted: String,
-        /// The task it was made for.
+        /// The task to run.
+        expected: String,
+        /// The task it was trained for.
         found: String,
     },
-    /// A controller that takes other observations, or gives other actions, than the environment's.
+    /// The observations or actions of the controller differ from those of the task.
     #[error("the controller does not fit {task}: {}", differences.join("; "))]
     Layout {
-        /// The task it is to do.
+        /// The task to run.
         task: String,
-        /// Where they differ.
+        /// The differences, one sentence each.
         differences: Vec<String>,
     },
-    /// The parts of a policy do not fit each other.
-    #[error("the policy's {what} has {found} numbers, its network {wanted}")]
+    /// The length of a part of a policy does not match its network.
+    #[error("the policy's {what} has {found} numbers; its network needs {expected}")]
     Size {
-        /// Which part.
+        /// The part.
         what: &'static str,
-        /// What the network has.
-        wanted: usize,
-        /// What the part has.
+        /// The length that the network needs.
+        expected: usize,
+        /// The length of the part.
         found: usize,
     },
-    /// A logarithm of a standard deviation is NaN or infinite.
-    #[error("the policy's `log_std` must be finite; number {index} is {found}")]
+    /// The logarithm of a standard deviation is NaN or infinite.
+    #[error("number {index} of the policy's `log_std` is {found}; it must be finite")]
     LogStd {
-        /// Its place, counted from 0.
+        /// Its index, from 0.
         index: usize,
-        /// The number found.
+        /// Its value.
         found: f32,
     },
-    /// The network or the normaliser cannot be made.
+    /// The network or the normalizer is invalid.
     #[error(transparent)]
     Network(#[from] NetworkError),
 }
 
-/// What is wrong with a controller's file.
+/// The problem of an invalid controller file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FileProblem {
-    /// It is something else.
-    #[error("not a controller ({reason}); wanted is a .safetensors file that `mishandle train` wrote")]
-    Foreign {
-        /// What shows it.
+    /// The file has another format.
+    #[error("not a controller ({reason}); expected a .safetensors file written by `mishandle train`")]
+    NotAController {
+        /// How this was detected.
         reason: String,
     },
-    /// Bytes are missing, or there are too many.
-    #[error("the controller is damaged: its {found} bytes are not as many as its header says")]
+    /// The file was truncated or extended.
+    #[error("the controller is damaged: its length of {found} bytes does not match its header")]
     Length {
-        /// Length of the file.
+        /// The length of the file in bytes.
         found: usize,
     },
-    /// Its hash is not that of its bytes.
-    #[error("the controller is damaged: its bytes are not those that were written; restore it from a copy")]
-    Changed,
-    /// A header that this program's version should understand, and does not.
-    #[error("the controller's header is damaged: {reason}")]
+    /// The checksum does not match the bytes.
+    #[error("the controller is damaged: its checksum does not match; restore the file from a copy")]
+    ChecksumMismatch,
+    /// The header is invalid although its format version is supported.
+    #[error("the controller's header is invalid: {reason}")]
     Header {
-        /// What is wrong with it.
+        /// What is wrong with the header.
         reason: String,
     },
-    /// It was written by a later version of the program.
+    /// The file was written by a newer version of the program.
     #[error(
-        "the controller has format version {found}, this program reads up to {known}; use a newer program"
+        "the controller has format version {found}, but this program supports versions up to {supported}; use a newer \
+     version of the program"
     )]
-    Newer {
-        /// Version of the file.
+    NewerVersion {
+        /// The version of the file.
         found: u64,
-        /// Newest version that can be read.
-        known: u64,
+        /// The newest supported version.
+        supported: u64,
     },
-    /// Its tensors do not make a policy.
+    /// The tensors do not form a policy.
     #[error("the controller is damaged: {source}")]
     Policy {
-        /// What is wrong with them.
+        /// What is wrong with the tensors.
         source: Box<ControllerError>,
     },
 }

@@ -1,8 +1,9 @@
-//! A controller's file: safetensors, with a JSON header.
+//! Controller files: safetensors with a JSON header.
 //!
-//! The tensors are `normalizer.mean` and `normalizer.variance` (`F64`), `policy.log_std` (not of a squashed policy),
-//! `policy.layers.0.weight`, `policy.layers.0.bias`, … (`F32`, PyTorch's layout). The header is a JSON text under the key
-//! `mishandle` of the file's metadata. Squashed policies are written as format version 3, others as 2.
+//! The tensors are `normalizer.mean` and `normalizer.variance` (`F64`), `policy.log_std` (`F32`, not in a squashed
+//! policy) and `policy.layers.0.weight`, `policy.layers.0.bias`, … (`F32`, in PyTorch's layout). The header is JSON
+//! text under the key `mishandle` of the file's metadata. Squashed policies are written as format version 3, others
+//! as version 2.
 
 use std::path::Path;
 
@@ -13,85 +14,83 @@ use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use crate::checksum::{EMPTY_CHECKSUM, has_valid_checksum, write_checksum};
 use crate::layout::hexadecimal;
 use crate::policy::{GAUSSIAN, SQUASHED};
-use crate::seal::{UNSEALED, is_sealed, seal};
 use crate::{ControllerError, FileProblem, Layout, Policy};
 
-/// Newest version of the format; a file of a newer one is refused. Version 1 had no hash of itself,
-/// version 2 no squashed policies.
+/// The newest supported format version. Version 1 had no checksum, version 2 no squashed policies.
 pub const FORMAT_VERSION: u64 = 3;
 
-/// Key of the header in the file's metadata.
+/// The key of the header in the file's metadata.
 const HEADER_KEY: &str = "mishandle";
 
-/// What a controller's file says about it.
+/// The header of a controller file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
-    /// Name of the task it was trained for.
+    /// The name of the task.
     pub task: String,
-    /// Name of the algorithm that trained it.
+    /// The name of the training algorithm.
     pub algorithm: String,
-    /// Name of the task's preset.
+    /// The name of the task's preset.
     pub preset: String,
-    /// Name of the reward it learned from.
+    /// The name of the reward function.
     pub reward: String,
-    /// What stands where in its observations and actions.
+    /// The layout of observations and actions.
     pub layout: Layout,
-    /// Hash of all that it learned from: physics, starts, observations, reward; empty in a file that was written before
-    /// there was one.
+    /// The hash of everything that affects training: physics, initial states, observations, reward. Empty in old files.
     #[serde(default)]
     pub task_hash: String,
-    /// How it was trained.
+    /// The training record.
     pub training: TrainingRecord,
 }
 
-/// How a controller was trained.
+/// The record of how a controller was trained.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainingRecord {
-    /// Seed of the training.
+    /// The random seed.
     pub seed: u64,
-    /// Environment steps (control steps times environments) until these weights.
+    /// Environment steps (control steps times environments) up to these weights.
     pub environment_steps: u64,
-    /// Duration, s.
+    /// Wall-clock time, s.
     pub wall_clock_secs: f64,
-    /// Commit of the program's source, empty if unknown.
+    /// The Git commit of the program; empty if unknown.
     pub git_commit: String,
     /// The command line.
     pub command: String,
-    /// The settings, as TOML.
+    /// The training settings as TOML.
     pub settings: String,
-    /// The last validation of these weights, if there was one.
+    /// The last validation of these weights, if any.
     pub validation: Option<ValidationRecord>,
 }
 
-/// What a validation during training found.
+/// The result of a validation during training.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ValidationRecord {
-    /// Number of episodes.
+    /// The number of episodes.
     pub episodes: usize,
-    /// Share that met the success formula.
+    /// The fraction of episodes that satisfy the success formula.
     pub success_rate: f64,
-    /// Share that met the strict one.
+    /// The fraction of episodes that satisfy the strict formula.
     pub strict_success_rate: f64,
 }
 
-/// A controller and what is known about it.
+/// A controller with its header.
 #[derive(Clone, Debug)]
 pub struct ControllerFile {
-    /// What is known about it.
+    /// The header.
     pub header: Header,
     /// The controller.
     pub policy: Policy,
 }
 
-/// The JSON text: the header between what the reader needs to know first.
+/// The JSON header as stored, with the fields that are checked before the others.
 #[derive(Serialize, Deserialize)]
 struct StoredHeader {
     format_version: u64,
-    /// Hash of the file; see [`seal`].
+    /// The checksum of the file; see [`write_checksum`].
     #[serde(default)]
     sha256: String,
     #[serde(flatten)]
@@ -109,16 +108,16 @@ struct StoredPolicy {
     output_activation: String,
 }
 
-/// Kinds of policy, and the version that a file with each is written in: the oldest that says all of it.
+/// The kinds of policies, and the format version written for each: the oldest version that supports it.
 pub const WRITTEN_VERSIONS: [(&str, u64); 2] = [(GAUSSIAN, 2), (SQUASHED, 3)];
 
-/// The version that a file with a kind of policy is written in. None if there is no such kind.
+/// Returns the format version for a kind of policy; `None` if there is no such kind.
 fn version_of(kind: &str) -> Option<u64> {
     WRITTEN_VERSIONS.iter().find(|(known, _)| *known == kind).map(|(_, version)| *version)
 }
 
 impl StoredPolicy {
-    /// Number of parameters, if it can be counted at all: asked before memory is taken for them.
+    /// Returns the number of parameters; `None` on overflow. Checked before memory is allocated for them.
     fn parameter_count(&self) -> Option<usize> {
         self.sizes.windows(2).try_fold(0_usize, |count, layer| {
             layer[0].checked_add(1)?.checked_mul(layer[1])?.checked_add(count)
@@ -127,10 +126,10 @@ impl StoredPolicy {
 }
 
 impl ControllerFile {
-    /// Reads a controller.
+    /// Reads a controller file.
     ///
     /// # Errors
-    /// If the file cannot be read, is something else, is damaged, holds NaN, or was written by a newer program.
+    /// If the file cannot be read, is not a controller, is damaged, contains NaN, or was written by a newer program.
     pub fn load(path: &Path) -> Result<ControllerFile, ControllerError> {
         let bytes = std::fs::read(path)
             .map_err(|source| ControllerError::Read { source, path: path.to_path_buf() })?;
@@ -138,22 +137,25 @@ impl ControllerFile {
             .map_err(|problem| ControllerError::File { problem, path: path.to_path_buf() })
     }
 
-    /// Writes the controller, whole or not at all.
+    /// Writes the controller file atomically.
     ///
     /// # Errors
-    /// If the file cannot be written; one that was there is then as it was.
+    /// If the file cannot be written. An existing file is then unchanged.
     pub fn save(&self, path: &Path) -> Result<(), ControllerError> {
         write_atomically(path, &self.to_bytes())
             .map_err(|source| ControllerError::Write { source, path: path.to_path_buf() })
     }
 
-    /// Checks that the controller was made for `task`, whose observations and actions are laid out as `layout` says.
+    /// Checks that the controller was trained for `task` with this `layout` of observations and actions.
     ///
     /// # Errors
-    /// If it was made for another task or layout; the message names the parts that differ.
+    /// If it was trained for another task, or with another layout; the message lists the differences.
     pub fn check(&self, task: &str, layout: &Layout) -> Result<(), ControllerError> {
         if self.header.task != task {
-            return Err(ControllerError::Task { wanted: task.to_string(), found: self.header.task.clone() });
+            return Err(ControllerError::Task {
+                expected: task.to_string(),
+                found: self.header.task.clone(),
+            });
         }
         let differences = layout.differences(&self.header.layout);
         if !differences.is_empty() {
@@ -162,15 +164,15 @@ impl ControllerFile {
         Ok(())
     }
 
-    /// The bytes of the file. The same controller and header give the same bytes.
+    /// Returns the bytes of the file. The same controller and header give the same bytes.
     ///
     /// # Panics
-    /// Never: every tensor's length is the product of its shape.
+    /// Never: the length of every tensor is the product of its shape.
     pub fn to_bytes(&self) -> Vec<u8> {
         let network = self.policy.network();
         let stored = StoredHeader {
             format_version: version_of(self.policy.kind()).unwrap_or(FORMAT_VERSION),
-            sha256: UNSEALED.to_string(),
+            sha256: EMPTY_CHECKSUM.to_string(),
             header: self.header.clone(),
             layout_hash: self.header.layout.hash(),
             policy: StoredPolicy {
@@ -190,33 +192,33 @@ impl ControllerFile {
         for Tensor { name, shape, values } in network.tensors() {
             tensors.push(stored_f32(&format!("policy.{name}"), shape, values));
         }
-        let right = "a header is plain data, and every tensor's length is the product of its shape";
-        let json = serde_json::to_string(&stored).expect(right);
+        let valid = "a header is plain data, and the length of every tensor is the product of its shape";
+        let json = serde_json::to_string(&stored).expect(valid);
         let views = tensors.iter().map(|tensor| {
-            let view = TensorView::new(tensor.dtype, tensor.shape.clone(), &tensor.bytes).expect(right);
+            let view = TensorView::new(tensor.dtype, tensor.shape.clone(), &tensor.bytes).expect(valid);
             (tensor.name.as_str(), view)
         });
         let metadata = std::iter::once((HEADER_KEY.to_string(), json)).collect();
-        let mut bytes = safetensors::serialize(views, Some(metadata)).expect(right);
-        seal(&mut bytes);
+        let mut bytes = safetensors::serialize(views, Some(metadata)).expect(valid);
+        write_checksum(&mut bytes);
         bytes
     }
 
-    /// The controller that a file's bytes hold.
+    /// Parses the bytes of a controller file.
     ///
     /// # Errors
-    /// If they are something else, damaged, hold NaN, or were written by a newer program.
+    /// If they are not a controller, are damaged, contain NaN, or were written by a newer program.
     pub fn from_bytes(bytes: &[u8]) -> Result<ControllerFile, FileProblem> {
-        let tensors = SafeTensors::deserialize(bytes).map_err(|error| told(&error, bytes))?;
-        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| told(&error, bytes))?;
+        let tensors = SafeTensors::deserialize(bytes).map_err(|error| file_problem(&error, bytes))?;
+        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| file_problem(&error, bytes))?;
         let json = metadata.metadata().as_ref().and_then(|metadata| metadata.get(HEADER_KEY));
         let Some(json) = json else {
-            return Err(FileProblem::Foreign { reason: format!("it has no header `{HEADER_KEY}`") });
+            return Err(FileProblem::NotAController { reason: format!("it has no header `{HEADER_KEY}`") });
         };
         let stored = read_header(json, bytes)?;
         if stored.policy.parameter_count().is_none_or(|count| count > bytes.len() / size_of::<f32>()) {
             return Err(FileProblem::Header {
-                reason: "its network has more numbers than the file".to_string(),
+                reason: "its network has more parameters than the file has numbers".to_string(),
             });
         }
         let policy = read_policy(&stored.policy, &tensors)
@@ -224,13 +226,13 @@ impl ControllerFile {
         let StoredHeader { header, .. } = stored;
         let sizes = (policy.observation_size(), policy.action_size());
         if sizes != (header.layout.observation_size(), header.layout.action_size()) {
-            return Err(FileProblem::Header { reason: "its layout is not its network's".to_string() });
+            return Err(FileProblem::Header { reason: "its layout does not match its network".to_string() });
         }
         Ok(ControllerFile { header, policy })
     }
 }
 
-/// The SHA-256 of a file's bytes, its first 16 bytes in hexadecimal.
+/// Returns the first 16 bytes of the SHA-256 of a file's bytes, in hexadecimal.
 pub fn bytes_hash(bytes: &[u8]) -> String {
     hexadecimal(&Sha256::digest(bytes)[..16])
 }
@@ -252,36 +254,38 @@ fn stored_f32(name: &str, shape: Vec<usize>, values: &[f32]) -> StoredTensor {
     StoredTensor { name: name.to_string(), dtype: Dtype::F32, shape, bytes }
 }
 
-/// What a reader of safetensors found wrong. A file that begins as one of them was one once.
-fn told(error: &SafeTensorError, bytes: &[u8]) -> FileProblem {
-    let began_well = bytes.get(8) == Some(&b'{');
+/// Converts an error of the safetensors parser. A file that starts like a safetensors file is reported as damaged.
+fn file_problem(error: &SafeTensorError, bytes: &[u8]) -> FileProblem {
+    let starts_like_safetensors = bytes.get(8) == Some(&b'{');
     match error {
-        SafeTensorError::MetadataIncompleteBuffer | SafeTensorError::InvalidHeaderLength if began_well => {
+        SafeTensorError::MetadataIncompleteBuffer | SafeTensorError::InvalidHeaderLength
+            if starts_like_safetensors =>
+        {
             FileProblem::Length { found: bytes.len() }
         }
-        other => FileProblem::Foreign { reason: other.to_string() },
+        other => FileProblem::NotAController { reason: other.to_string() },
     }
 }
 
 fn read_header(json: &str, bytes: &[u8]) -> Result<StoredHeader, FileProblem> {
-    let damaged = |reason: String| FileProblem::Header { reason };
-    let value: serde_json::Value = serde_json::from_str(json).map_err(|error| damaged(error.to_string()))?;
+    let invalid = |reason: String| FileProblem::Header { reason };
+    let value: serde_json::Value = serde_json::from_str(json).map_err(|error| invalid(error.to_string()))?;
     let Some(found) = value.get("format_version").and_then(serde_json::Value::as_u64) else {
-        return Err(damaged("it has no `format_version`".to_string()));
+        return Err(invalid("it has no `format_version`".to_string()));
     };
     if found > FORMAT_VERSION {
-        return Err(FileProblem::Newer { found, known: FORMAT_VERSION });
+        return Err(FileProblem::NewerVersion { found, supported: FORMAT_VERSION });
     }
-    if (found != 1 || value.get("sha256").is_some()) && !is_sealed(bytes) {
-        return Err(FileProblem::Changed);
+    if (found != 1 || value.get("sha256").is_some()) && !has_valid_checksum(bytes) {
+        return Err(FileProblem::ChecksumMismatch);
     }
-    let stored: StoredHeader = serde_json::from_value(value).map_err(|error| damaged(error.to_string()))?;
+    let stored: StoredHeader = serde_json::from_value(value).map_err(|error| invalid(error.to_string()))?;
     if stored.layout_hash != stored.header.layout.hash() {
-        return Err(damaged("its layout was changed after it was written".to_string()));
+        return Err(invalid("its layout does not match its `layout_hash`".to_string()));
     }
     if version_of(&stored.policy.kind).is_none() {
-        return Err(damaged(format!(
-            "the policy's kind is `{}`; known are `{GAUSSIAN}` and `{SQUASHED}`",
+        return Err(invalid(format!(
+            "the policy's kind is `{}`; known kinds: `{GAUSSIAN}`, `{SQUASHED}`",
             stored.policy.kind
         )));
     }
@@ -317,7 +321,7 @@ fn read_policy(stored: &StoredPolicy, file: &SafeTensors<'_>) -> Result<Policy, 
     }
 }
 
-/// The numbers of a tensor, none if it holds others; its length then tells.
+/// Returns the numbers of a tensor; an empty vector if its type differs, which later fails the check of its length.
 fn f64s(view: &TensorView<'_>) -> Vec<f64> {
     let (numbers, _) = view.data().as_chunks();
     if view.dtype() == Dtype::F64 { numbers.iter().map(|x| f64::from_le_bytes(*x)).collect() } else { vec![] }
@@ -356,23 +360,23 @@ mod tests {
         ControllerFile { header, policy }
     }
 
-    /// The one sentence that `bytes` are refused with.
-    fn refusal(bytes: &[u8]) -> String {
+    /// Returns the error message for these bytes.
+    fn error_message(bytes: &[u8]) -> String {
         ControllerFile::from_bytes(bytes).unwrap_err().to_string()
     }
 
-    /// The example's bytes with `from` replaced by `to`, of the same length, in the header, and sealed again.
+    /// Returns the example's bytes with `from` replaced by `to`, of the same length, in the header, and a new checksum.
     fn with_header(from: &str, to: &str) -> Vec<u8> {
         assert_eq!(from.len(), to.len());
         let mut bytes = example().to_bytes();
         let at = bytes.windows(from.len()).position(|window| window == from.as_bytes()).unwrap();
         bytes[at..][..to.len()].copy_from_slice(to.as_bytes());
-        seal(&mut bytes);
+        write_checksum(&mut bytes);
         bytes
     }
 
     #[test]
-    fn a_controller_comes_back_to_the_bit() {
+    fn a_controller_survives_a_round_trip_bit_for_bit() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ppo.safetensors");
         let saved = example();
@@ -388,7 +392,7 @@ mod tests {
     }
 
     #[test]
-    fn a_squashed_controller_comes_back_to_the_bit() {
+    fn a_squashed_controller_survives_a_round_trip_bit_for_bit() {
         let mut saved = example();
         let mut network = Mlp::new(&[2, 3, 2], Activation::Elu, Activation::Identity).unwrap();
         network.update(|parameters| {
@@ -413,49 +417,51 @@ mod tests {
     }
 
     #[test]
-    fn other_files_are_refused() {
+    fn other_files_are_errors() {
         for bytes in [&b""[..], b"short", b"PK\x03\x04 an archive of some kind", &[0xFF; 64]] {
-            assert!(refusal(bytes).starts_with("not a controller ("), "{}", refusal(bytes));
+            assert!(error_message(bytes).starts_with("not a controller ("), "{}", error_message(bytes));
         }
         let foreign = TensorView::new(Dtype::F32, vec![1], &[0; 4]).unwrap();
         let bytes = safetensors::serialize([("weight", foreign)], None).unwrap();
-        assert!(refusal(&bytes).contains("it has no header `mishandle`"), "{}", refusal(&bytes));
+        assert!(error_message(&bytes).contains("it has no header `mishandle`"), "{}", error_message(&bytes));
     }
 
     #[test]
-    fn a_file_cut_anywhere_or_grown_is_refused() {
+    fn a_truncated_or_extended_file_is_an_error() {
         let bytes = example().to_bytes();
         for length in 0..bytes.len() {
             assert!(ControllerFile::from_bytes(&bytes[..length]).is_err(), "cut to {length} bytes");
         }
         let half = &bytes[..bytes.len() / 2];
-        let told =
-            format!("the controller is damaged: its {} bytes are not as many as its header says", half.len());
-        assert_eq!(refusal(half), told);
-        assert!(refusal(&[&bytes[..], b"more"].concat()).contains("not as many as its header says"));
+        let expected = format!(
+            "the controller is damaged: its length of {} bytes does not match its header",
+            half.len()
+        );
+        assert_eq!(error_message(half), expected);
+        assert!(error_message(&[&bytes[..], b"more"].concat()).contains("does not match its header"));
     }
 
     #[test]
-    fn a_single_changed_bit_is_found_out() {
+    fn a_single_changed_bit_is_detected() {
         let mut bytes = example().to_bytes();
-        for place in 0..bytes.len() {
+        for index in 0..bytes.len() {
             for bit in 0..8 {
-                bytes[place] ^= 1 << bit;
-                assert!(ControllerFile::from_bytes(&bytes).is_err(), "bit {bit} of byte {place}");
-                bytes[place] ^= 1 << bit;
+                bytes[index] ^= 1 << bit;
+                assert!(ControllerFile::from_bytes(&bytes).is_err(), "bit {bit} of byte {index}");
+                bytes[index] ^= 1 << bit;
             }
         }
         let last = bytes.len() - 1;
         bytes[last] ^= 1;
         assert_eq!(
-            refusal(&bytes),
-            "the controller is damaged: its bytes are not those that were written; restore it from a copy"
+            error_message(&bytes),
+            "the controller is damaged: its checksum does not match; restore the file from a copy"
         );
     }
 
     #[test]
-    fn a_file_from_before_the_hash_is_read() {
-        // Version 1 had no such field; one that is longer takes its room.
+    fn a_file_of_version_1_without_a_checksum_is_read() {
+        // Replace the field, which version 1 lacks, by spaces.
         let hash = format!("\\\"sha256\\\":\\\"{}\\\",", "0".repeat(64));
         let text = example().to_bytes();
         let at = text.windows(9).position(|window| window == b"\\\"sha256\\").unwrap();
@@ -468,53 +474,54 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_or_newer_header_is_refused() {
+    fn an_invalid_or_newer_header_is_an_error() {
         let version = "format_version\\\":";
         assert_eq!(
-            refusal(&with_header(&format!("{version}2"), &format!("{version}4"))),
-            "the controller has format version 4, this program reads up to 3; use a newer program"
+            error_message(&with_header(&format!("{version}2"), &format!("{version}4"))),
+            "the controller has format version 4, but this program supports versions up to 3; use a newer version of the \
+             program"
         );
-        for (from, to, told) in [
-            ("ball\\\",", "bull\\\",", "its layout was changed after it was written"),
-            ("gaussian", "caussian", "the policy's kind is `caussian`; known are `gaussian` and"),
+        for (from, to, expected) in [
+            ("ball\\\",", "bull\\\",", "its layout does not match its `layout_hash`"),
+            ("gaussian", "caussian", "the policy's kind is `caussian`; known kinds: `gaussian`, "),
             ("[2,3,1]", "[9e9,3]", "invalid type: floating point"),
-            ("[2,3,1]", "[2,4,1]", "tensor `layers.0.weight` needs the shape [4, 2]"),
-            ("[2,3,1]", "[999,9]", "its network has more numbers than the file"),
+            ("[2,3,1]", "[2,4,1]", "tensor `layers.0.weight` must have the shape [4, 2]"),
+            ("[2,3,1]", "[999,9]", "its network has more parameters than the file has numbers"),
             ("\\\"elu\\\"", "\\\"elv\\\"", "activation `elv` is not known"),
         ] {
-            let refusal = refusal(&with_header(from, to));
-            assert!(refusal.contains(told), "{from} -> {to}: {refusal}");
-            assert!(!refusal.contains('\n'));
+            let message = error_message(&with_header(from, to));
+            assert!(message.contains(expected), "{from} -> {to}: {message}");
+            assert!(!message.contains('\n'));
         }
     }
 
     #[test]
-    fn weights_that_are_not_numbers_are_refused() {
+    fn nan_weights_are_an_error() {
         let mut bytes = example().to_bytes();
         let last = bytes.len() - 4;
         bytes[last..].copy_from_slice(&f32::NAN.to_le_bytes());
-        seal(&mut bytes);
-        assert!(refusal(&bytes).contains("must be finite; number"), "{}", refusal(&bytes));
+        write_checksum(&mut bytes);
+        assert!(error_message(&bytes).contains("is NaN; it must be finite"), "{}", error_message(&bytes));
     }
 
     #[test]
-    fn a_controller_for_something_else_is_refused() {
+    fn a_controller_for_another_task_or_layout_is_an_error() {
         let file = example();
         assert!(file.check("ball-pushing", &file.header.layout).is_ok());
-        let told = file.check("ball-catching", &file.header.layout).unwrap_err().to_string();
-        assert_eq!(told, "the controller was made for ball-pushing, not for ball-catching");
+        let message = file.check("ball-catching", &file.header.layout).unwrap_err().to_string();
+        assert_eq!(message, "the controller was trained for ball-pushing, not for ball-catching");
         let mut other = file.header.layout.clone();
         other.observation[0].name = "cube".to_string();
-        let told = file.check("ball-pushing", &other).unwrap_err().to_string();
+        let message = file.check("ball-pushing", &other).unwrap_err().to_string();
         assert_eq!(
-            told,
+            message,
             "the controller does not fit ball-pushing: part 0 of the observation is `cube` (2 numbers, m), \
-             the controller takes `ball` (2 numbers, m)"
+             but the controller expects `ball` (2 numbers, m)"
         );
     }
 
     #[test]
-    fn a_file_that_is_not_there_is_named() {
+    fn a_missing_file_is_reported_with_its_path() {
         let error = ControllerFile::load(Path::new("/nowhere/ppo.safetensors")).unwrap_err();
         assert_eq!(error.to_string(), "cannot read the controller /nowhere/ppo.safetensors");
         assert!(std::error::Error::source(&error).is_some());

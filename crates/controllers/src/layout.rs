@@ -1,4 +1,4 @@
-//! What stands where in an observation and an action.
+//! Layouts of observations and actions.
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -7,26 +7,26 @@ use sha2::{Digest, Sha256};
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Entry {
-    /// Name, for instance `ball_velocity`.
+    /// The name, for example `ball_velocity`.
     pub name: String,
-    /// Unit, empty for plain numbers.
+    /// The unit; empty for dimensionless numbers.
     pub unit: String,
-    /// How many numbers it is.
+    /// The number of components.
     pub size: usize,
 }
 
-/// What stands where in the observations that a controller takes and the actions that it gives.
+/// The order, names, units and sizes of the parts of observations and actions.
 ///
 /// # Example
 /// ```
 /// use mishandle_controllers::{Entry, Layout};
 /// let entry = |name: &str, unit: &str, size| Entry { name: name.into(), unit: unit.into(), size };
-/// let wanted = Layout { observation: vec![entry("ball", "m", 3)], action: vec![entry("arm", "", 7)] };
+/// let expected = Layout { observation: vec![entry("ball", "m", 3)], action: vec![entry("arm", "", 7)] };
 /// let found = Layout { observation: vec![entry("cube", "m", 3)], action: vec![entry("arm", "", 7)] };
-/// assert_eq!(wanted.observation_size(), 3);
+/// assert_eq!(expected.observation_size(), 3);
 /// assert_eq!(
-///     wanted.differences(&found),
-///     ["part 0 of the observation is `ball` (3 numbers, m), the controller takes `cube` (3 numbers, m)"],
+///     expected.differences(&found),
+///     ["part 0 of the observation is `ball` (3 numbers, m), but the controller expects `cube` (3 numbers, m)"],
 /// );
 /// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -39,17 +39,17 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Length of an observation.
+    /// Returns the number of components of an observation.
     pub fn observation_size(&self) -> usize {
         self.observation.iter().map(|entry| entry.size).sum()
     }
 
-    /// Number of actions.
+    /// Returns the number of components of an action.
     pub fn action_size(&self) -> usize {
         self.action.iter().map(|entry| entry.size).sum()
     }
 
-    /// The first 16 bytes of the SHA-256 of all names, units and sizes, in hexadecimal.
+    /// Returns the first 16 bytes of the SHA-256 of all names, units and sizes, in hexadecimal.
     pub fn hash(&self) -> String {
         let mut digest = Sha256::new();
         for (side, entries) in [("observation", &self.observation), ("action", &self.action)] {
@@ -60,20 +60,21 @@ impl Layout {
         hexadecimal(&digest.finalize()[..16])
     }
 
-    /// Where `found`, a controller's layout, is not this one, an environment's: one sentence for each part.
+    /// Returns the differences between this layout of an environment and the layout `found` of a controller, one
+    /// sentence per part that differs.
     pub fn differences(&self, found: &Layout) -> Vec<String> {
         let sides = [
-            ("observation", "takes", &self.observation, &found.observation),
-            ("action", "gives", &self.action, &found.action),
+            ("observation", "expects", &self.observation, &found.observation),
+            ("action", "outputs", &self.action, &found.action),
         ];
         let mut differences = Vec::new();
-        for (side, verb, wanted, found) in sides {
-            for i in 0..wanted.len().max(found.len()) {
-                let (wanted, found) = (wanted.get(i), found.get(i));
-                if wanted != found {
+        for (side, verb, expected, found) in sides {
+            for i in 0..expected.len().max(found.len()) {
+                let (expected, found) = (expected.get(i), found.get(i));
+                if expected != found {
                     differences.push(format!(
-                        "part {i} of the {side} is {}, the controller {verb} {}",
-                        describe(wanted),
+                        "part {i} of the {side} is {}, but the controller {verb} {}",
+                        describe(expected),
                         describe(found)
                     ));
                 }
@@ -108,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn the_hash_sees_names_sizes_and_order() {
+    fn the_hash_depends_on_names_sizes_and_order() {
         let base = layout(&[("a", 1), ("b", 2)]);
         assert_eq!(base.hash(), layout(&[("a", 1), ("b", 2)]).hash());
         for other in [layout(&[("b", 2), ("a", 1)]), layout(&[("a", 2), ("b", 1)]), layout(&[("a", 1)])] {
@@ -117,8 +118,11 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_part_is_named() {
-        let told = layout(&[("a", 1), ("b", 2)]).differences(&layout(&[("a", 1)]));
-        assert_eq!(told, ["part 1 of the observation is `b` (2 numbers, m), the controller takes nothing"]);
+    fn a_missing_part_is_reported() {
+        let differences = layout(&[("a", 1), ("b", 2)]).differences(&layout(&[("a", 1)]));
+        assert_eq!(
+            differences,
+            ["part 1 of the observation is `b` (2 numbers, m), but the controller expects nothing"]
+        );
     }
 }

@@ -1,16 +1,21 @@
-//! Learned policies and their file format.
+//! Trained controllers: neural-network policies and their file format.
+//!
+//! A [`Policy`] normalizes an observation, evaluates a multi-layer perceptron and returns the action: the mean of a
+//! Gaussian, or of a Gaussian squashed by tanh. It is a [`Controller`](mishandle_rollout::Controller), so it can be
+//! evaluated and falsified like any other. A [`ControllerFile`] stores a policy in a safetensors file. Its [`Header`]
+//! contains the task, the [`Layout`] of observations and actions, and the training record.
 
+mod checksum;
 mod error;
 mod file;
 mod layout;
 mod policy;
-mod seal;
 pub mod squashed;
 
+pub use checksum::{EMPTY_CHECKSUM, has_valid_checksum, write_checksum};
 pub use error::{ControllerError, FileProblem};
 pub use file::{
     ControllerFile, FORMAT_VERSION, Header, TrainingRecord, ValidationRecord, WRITTEN_VERSIONS, bytes_hash,
 };
 pub use layout::{Entry, Layout};
 pub use policy::Policy;
-pub use seal::{UNSEALED, is_sealed, seal};

@@ -1,4 +1,4 @@
-//! A learned policy: a Gaussian, or one that is squashed into [-1, 1].
+//! Neural-network policies: Gaussian, or squashed Gaussian with actions in [-1, 1].
 
 use std::sync::Arc;
 
@@ -10,16 +10,22 @@ use sha2::{Digest, Sha256};
 use crate::layout::hexadecimal;
 use crate::{ControllerError, squashed};
 
-/// A policy: a frozen normaliser and a network behind it, x = clamp((o - mean) / (√variance + 1e-8), -5, 5).
+/// A policy: a normalizer with fixed statistics, followed by a network.
 ///
 /// ```text
+/// x = clamp((o - mean) / (√variance + 1e-8), -5, 5)
 /// Gaussian:            μ = network(x),               a ~ N(μ, diag(e^log_std)²)
 /// squashed Gaussian:   (μ, h) = network(x),          a = tanh(u), u ~ N(μ, diag(σ(h))²)
 /// ```
 ///
-/// As a [`Controller`] it gives μ, or tanh μ; [`sampling`](Self::sampling) gives one that draws, from
-/// [`Stream::Policy`] of each simulation's seed. Actions are not clipped here. σ(h) is that of [`squashed`]. A Gaussian
-/// whose network ends in tanh is a deterministic policy with the noise that it explored with.
+/// By default the policy is deterministic: as a [`Controller`] it returns μ or tanh μ. [`sampling`](Self::sampling)
+/// makes it stochastic, with random numbers from [`Stream::Policy`] of each simulation's seed. Actions are not
+/// clipped. σ(h) is defined in [`squashed`]. A deterministic policy (DDPG, TD3) is stored as a Gaussian whose network
+/// ends in tanh and whose standard deviation is its exploration noise.
+///
+/// # Reference
+/// Squashed Gaussian: Haarnoja, Zhou, Abbeel and Levine, "Soft Actor-Critic: Off-Policy Maximum Entropy Deep
+/// Reinforcement Learning with a Stochastic Actor", ICML 2018.
 ///
 /// # Example
 /// ```
@@ -44,7 +50,7 @@ pub struct Policy {
     samples: bool,
 }
 
-/// What every actor reads.
+/// The data that all workers share.
 #[derive(Debug)]
 struct Core {
     normalizer: Normalizer<f32>,
@@ -52,33 +58,33 @@ struct Core {
     kind: Kind,
 }
 
-/// How actions come out of the network's outputs.
+/// How the network's outputs define actions.
 #[derive(Debug)]
 enum Kind {
-    /// They are the outputs, with these deviations.
+    /// The outputs are the means; these are the standard deviations.
     Gaussian { std: Vec<f32> },
     /// The first half of the outputs is μ, the second h.
     Squashed,
 }
 
 impl Policy {
-    /// A policy that scales observations by `mean` and `variance` (one number for each of the network's inputs), and
-    /// whose actions have the standard deviations e^`log_std` (one for each output).
+    /// Creates a Gaussian policy. `mean` and `variance` normalize observations, with one number per network input.
+    /// Actions have the standard deviations e^`log_std`, with one number per network output.
     ///
     /// # Errors
-    /// If a length is not the network's, or a number is not finite, or a variance negative.
+    /// If a length does not match the network, a number is not finite, or a variance is negative.
     pub fn new(
         mean: Vec<f64>,
         variance: Vec<f64>,
         network: Mlp<f32>,
         log_std: Vec<f32>,
     ) -> Result<Policy, ControllerError> {
-        for (what, wanted, found) in [
-            ("normaliser", network.input_size(), mean.len()),
+        for (what, expected, found) in [
+            ("normalizer", network.input_size(), mean.len()),
             ("`log_std`", network.output_size(), log_std.len()),
         ] {
-            if wanted != found {
-                return Err(ControllerError::Size { what, wanted, found });
+            if expected != found {
+                return Err(ControllerError::Size { what, expected, found });
             }
         }
         if let Some((index, found)) = log_std.iter().enumerate().find(|(_, x)| !x.is_finite()) {
@@ -88,11 +94,12 @@ impl Policy {
         Self::of_kind(mean, variance, network, log_std, kind)
     }
 
-    /// A squashed policy that scales observations by `mean` and `variance`; the network gives μ of all actions, then
-    /// h of all actions.
+    /// Creates a squashed Gaussian policy. `mean` and `variance` normalize observations. The network outputs μ of all
+    /// actions, then h of all actions.
     ///
     /// # Errors
-    /// If a length is not the network's, its outputs are no pairs, or a number is not finite, or a variance negative.
+    /// If a length does not match the network, the number of outputs is odd, a number is not finite, or a variance is
+    /// negative.
     ///
     /// # Example
     /// ```
@@ -114,11 +121,11 @@ impl Policy {
         network: Mlp<f32>,
     ) -> Result<Policy, ControllerError> {
         let (outputs, inputs) = (network.output_size(), network.input_size());
-        for (what, wanted, found) in
-            [("normaliser", inputs, mean.len()), ("pairs of outputs", outputs, outputs / 2 * 2)]
+        for (what, expected, found) in
+            [("normalizer", inputs, mean.len()), ("pairs of outputs", outputs, outputs / 2 * 2)]
         {
-            if wanted != found {
-                return Err(ControllerError::Size { what, wanted, found });
+            if expected != found {
+                return Err(ControllerError::Size { what, expected, found });
             }
         }
         Self::of_kind(mean, variance, network, Vec::new(), Kind::Squashed)
@@ -131,53 +138,54 @@ impl Policy {
         log_std: Vec<f32>,
         kind: Kind,
     ) -> Result<Policy, ControllerError> {
-        // A network that was set from tensors holds finite numbers alone; one that was trained may not.
+        // A network from a file has finite parameters; those of a trained network may be NaN.
         network.clone().set_tensors(&network.tensors())?;
         let normalizer = Normalizer::new(&mean, &variance)?;
         let core = Arc::new(Core { normalizer, network, kind });
         Ok(Policy { mean, variance, log_std, core, samples: false })
     }
 
-    /// The same policy, drawing its actions if `samples`, giving their mean if not.
+    /// Returns the policy with stochastic actions if `samples` is true, otherwise with deterministic actions.
     #[must_use]
     pub fn sampling(mut self, samples: bool) -> Policy {
         self.samples = samples;
         self
     }
 
-    /// Mean of each observation, by which it is scaled.
+    /// Returns the mean of each observation component, used for normalization.
     pub fn mean(&self) -> &[f64] {
         &self.mean
     }
 
-    /// Variance of each observation, by which it is scaled.
+    /// Returns the variance of each observation component, used for normalization.
     pub fn variance(&self) -> &[f64] {
         &self.variance
     }
 
-    /// The network behind the normaliser.
+    /// Returns the network, which takes normalized observations.
     pub fn network(&self) -> &Mlp<f32> {
         &self.core.network
     }
 
-    /// Logarithms of the standard deviations of the actions; none of a squashed policy, whose network gives them.
+    /// Returns the logarithms of the actions' standard deviations; empty for a squashed policy, whose network outputs
+    /// them.
     pub fn log_std(&self) -> &[f32] {
         &self.log_std
     }
 
-    /// Whether it is a squashed policy.
+    /// Returns whether the policy is squashed.
     pub fn is_squashed(&self) -> bool {
         matches!(self.core.kind, Kind::Squashed)
     }
 
-    /// What kind it is, as files name it.
+    /// Returns the name of the kind of policy as stored in files.
     pub fn kind(&self) -> &'static str {
         if self.is_squashed() { SQUASHED } else { GAUSSIAN }
     }
 
-    /// A hash of all that decides its actions: the first 16 bytes of a SHA-256, in hexadecimal.
+    /// Returns a hash of everything that determines the actions: the first 16 bytes of a SHA-256, in hexadecimal.
     ///
-    /// Policies with the same weights have the same, whenever, wherever and for how long they were trained.
+    /// It does not depend on the training record.
     pub fn hash(&self) -> String {
         let network = self.network();
         let mut digest = Sha256::new();
@@ -199,12 +207,12 @@ impl Policy {
     }
 }
 
-/// Names of the kinds.
+/// The names of the kinds of policies in files.
 pub(crate) const GAUSSIAN: &str = "gaussian";
 pub(crate) const SQUASHED: &str = "squashed-gaussian";
 
-/// Numbers of a sampling policy's memory: two halves of the seed, each exact in an `f64`, and the control step.
-const MEMORY: usize = 3;
+/// The state of a stochastic policy: two halves of the seed, each exact in an `f64`, and the control step.
+const STATE_SIZE: usize = 3;
 
 impl Controller for Policy {
     fn observation_size(&self) -> usize {
@@ -217,7 +225,7 @@ impl Controller for Policy {
     }
 
     fn state_size(&self) -> usize {
-        if self.samples { MEMORY } else { 0 }
+        if self.samples { STATE_SIZE } else { 0 }
     }
 
     fn worker(&self) -> Box<dyn ControllerWorker> {
@@ -226,7 +234,7 @@ impl Controller for Policy {
             samples: self.samples,
             workspace: Workspace::default(),
             inputs: Vec::new(),
-            draws: vec![0.0; self.action_size()],
+            noise: vec![0.0; self.action_size()],
         })
     }
 }
@@ -236,7 +244,7 @@ struct PolicyWorker {
     samples: bool,
     workspace: Workspace<f32>,
     inputs: Vec<f32>,
-    draws: Vec<f64>,
+    noise: Vec<f64>,
 }
 
 impl ControllerWorker for PolicyWorker {
@@ -252,24 +260,24 @@ impl ControllerWorker for PolicyWorker {
         self.inputs.extend_from_slice(&observations[..rows * network.input_size()]);
         normalizer.normalize(&mut self.inputs);
         let outputs = network.forward(&self.inputs, &mut self.workspace);
-        let size = self.draws.len();
+        let size = self.noise.len();
         for (row, action) in actions.chunks_exact_mut(size).enumerate() {
             if self.samples {
-                let memory = &mut states[row * MEMORY..][..MEMORY];
-                let seed = Seed(memory[0] as u64 | (memory[1] as u64) << 32);
-                seed.normals(Stream::Policy, memory[2] as u64, &mut self.draws);
-                memory[2] += 1.0;
+                let state = &mut states[row * STATE_SIZE..][..STATE_SIZE];
+                let seed = Seed(state[0] as u64 | (state[1] as u64) << 32);
+                seed.normals(Stream::Policy, state[2] as u64, &mut self.noise);
+                state[2] += 1.0;
             }
             match kind {
                 Kind::Gaussian { std } => {
                     let outputs = &outputs[row * size..][..size];
-                    for (((a, output), std), z) in action.iter_mut().zip(outputs).zip(std).zip(&self.draws) {
+                    for (((a, output), std), z) in action.iter_mut().zip(outputs).zip(std).zip(&self.noise) {
                         *a = if self.samples { output + std * *z as f32 } else { *output };
                     }
                 }
                 Kind::Squashed => {
                     let (means, raw) = outputs[row * 2 * size..][..2 * size].split_at(size);
-                    for (((a, mean), raw), z) in action.iter_mut().zip(means).zip(raw).zip(&self.draws) {
+                    for (((a, mean), raw), z) in action.iter_mut().zip(means).zip(raw).zip(&self.noise) {
                         let u = if self.samples {
                             f64::from(*mean) + squashed::log_std(f64::from(*raw)).exp() * z
                         } else {
@@ -288,7 +296,7 @@ mod tests {
     use super::*;
     use mishandle_network::Activation;
 
-    /// Two observations, three actions, weights drawn from `seed`.
+    /// Returns a policy with two observations, three actions and random weights.
     fn policy(seed: u64) -> Policy {
         let mut network = Mlp::new(&[2, 20, 3], Activation::Elu, Activation::Identity).unwrap();
         let mut index = 0;
@@ -300,21 +308,21 @@ mod tests {
     }
 
     #[test]
-    fn a_row_is_the_same_alone_and_among_others() {
+    fn a_row_does_not_depend_on_the_batch_size() {
         let policy = policy(1).sampling(true);
         let observations: Vec<f32> = (0..2 * 37).map(|i| (i as f32 * 0.7).sin()).collect();
-        let mut actor = policy.worker();
-        let mut states = vec![0.0; 37 * MEMORY];
-        for (row, state) in states.chunks_mut(MEMORY).enumerate() {
-            actor.reset(state, Seed(u64::MAX - row as u64));
+        let mut worker = policy.worker();
+        let mut states = vec![0.0; 37 * STATE_SIZE];
+        for (row, state) in states.chunks_mut(STATE_SIZE).enumerate() {
+            worker.reset(state, Seed(u64::MAX - row as u64));
         }
         let mut alone_states = states.clone();
         let (mut together, mut alone) = (vec![0.0; 3 * 37], vec![0.0; 3 * 37]);
         for _step in 0..2 {
-            actor.act(37, &observations, &mut states, &mut together);
+            worker.act(37, &observations, &mut states, &mut together);
             for row in 0..37 {
-                let memory = &mut alone_states[row * MEMORY..][..MEMORY];
-                actor.act(1, &observations[2 * row..][..2], memory, &mut alone[3 * row..][..3]);
+                let state = &mut alone_states[row * STATE_SIZE..][..STATE_SIZE];
+                worker.act(1, &observations[2 * row..][..2], state, &mut alone[3 * row..][..3]);
             }
             assert_eq!(together, alone);
             assert_eq!(states, alone_states);
@@ -322,17 +330,17 @@ mod tests {
     }
 
     #[test]
-    fn draws_have_the_mean_and_the_deviations_that_were_asked_for() {
+    fn samples_have_the_specified_mean_and_standard_deviation() {
         let policy = policy(2);
         let mut mean = [0.0; 3];
         policy.worker().act(1, &[0.3, 0.4], &mut [], &mut mean);
         let rows = 20_000;
-        let (mut actor, mut states) = (policy.sampling(true).worker(), vec![0.0; rows * MEMORY]);
-        for (row, state) in states.chunks_mut(MEMORY).enumerate() {
-            actor.reset(state, Seed(row as u64));
+        let (mut worker, mut states) = (policy.sampling(true).worker(), vec![0.0; rows * STATE_SIZE]);
+        for (row, state) in states.chunks_mut(STATE_SIZE).enumerate() {
+            worker.reset(state, Seed(row as u64));
         }
         let mut actions = vec![0.0; 3 * rows];
-        actor.act(rows, &[0.3, 0.4].repeat(rows), &mut states, &mut actions);
+        worker.act(rows, &[0.3, 0.4].repeat(rows), &mut states, &mut actions);
         for (i, log_std) in [-1.0_f64, 0.0, 0.5].into_iter().enumerate() {
             let deviations = actions.chunks(3).map(|row| f64::from(row[i] - mean[i]));
             let (std, n) = (log_std.exp(), rows as f64);
@@ -344,18 +352,18 @@ mod tests {
     }
 
     #[test]
-    fn squashed_draws_are_the_tanh_of_normal_numbers() {
+    fn squashed_samples_are_the_tanh_of_gaussian_samples() {
         let mut network = Mlp::new(&[1, 2], Activation::Elu, Activation::Identity).unwrap();
         network.update(|parameters| parameters.copy_from_slice(&[0.0, 0.0, 0.3, 0.25]));
         let policy = Policy::squashed(vec![0.0], vec![1.0], network).unwrap();
         assert_eq!((policy.action_size(), policy.log_std().len()), (1, 0));
         let rows = 20_000;
-        let (mut actor, mut states) = (policy.clone().sampling(true).worker(), vec![0.0; rows * MEMORY]);
-        for (row, state) in states.chunks_mut(MEMORY).enumerate() {
-            actor.reset(state, Seed(row as u64));
+        let (mut worker, mut states) = (policy.clone().sampling(true).worker(), vec![0.0; rows * STATE_SIZE]);
+        for (row, state) in states.chunks_mut(STATE_SIZE).enumerate() {
+            worker.reset(state, Seed(row as u64));
         }
         let mut actions = vec![0.0; rows];
-        actor.act(rows, &vec![0.7; rows], &mut states, &mut actions);
+        worker.act(rows, &vec![0.7; rows], &mut states, &mut actions);
         // log σ = -5 + 3.5 (1 + tanh 0.25) = -0.64279
         let (std, n) = ((-0.64279_f64).exp(), rows as f64);
         let deviations = actions.iter().map(|a| f64::from(*a).atanh() - 0.3);
@@ -364,12 +372,12 @@ mod tests {
         assert!((variance / (std * std) - 1.0).abs() < 5.0 * (2.0 / n).sqrt());
         assert_ne!(policy.hash(), policy.clone().sampling(true).hash());
         let odd = Mlp::new(&[1, 3], Activation::Elu, Activation::Identity).unwrap();
-        let told = Policy::squashed(vec![0.0], vec![1.0], odd).unwrap_err().to_string();
-        assert_eq!(told, "the policy's pairs of outputs has 2 numbers, its network 3");
+        let message = Policy::squashed(vec![0.0], vec![1.0], odd).unwrap_err().to_string();
+        assert_eq!(message, "the policy's pairs of outputs has 2 numbers; its network needs 3");
     }
 
     #[test]
-    fn the_hash_sees_every_part() {
+    fn the_hash_depends_on_every_part() {
         let (a, b) = (policy(1), policy(2));
         assert_eq!(a.hash(), policy(1).hash());
         let rebuilt = |mean: Vec<f64>, log_std: Vec<f32>| {
@@ -385,24 +393,24 @@ mod tests {
     }
 
     #[test]
-    fn parts_that_do_not_fit_or_are_not_numbers_are_refused() {
+    fn parts_of_the_wrong_length_and_nan_are_errors() {
         let network = policy(1).network().clone();
         let make = |mean: Vec<f64>, network: Mlp<f32>, log_std: Vec<f32>| {
             Policy::new(mean, vec![1.0; 2], network, log_std).unwrap_err().to_string()
         };
         assert_eq!(
             make(vec![0.0], network.clone(), vec![0.0; 3]),
-            "the policy's normaliser has 1 numbers, its network 2"
+            "the policy's normalizer has 1 numbers; its network needs 2"
         );
         assert_eq!(
             make(vec![0.0; 2], network.clone(), vec![0.0, f32::NAN, 0.0]),
-            "the policy's `log_std` must be finite; number 1 is NaN"
+            "number 1 of the policy's `log_std` is NaN; it must be finite"
         );
         let mut damaged = network;
         damaged.update(|parameters| parameters[4] = f32::NAN);
         assert_eq!(
             make(vec![0.0; 2], damaged, vec![0.0; 3]),
-            "`layers.0.weight` must be finite; number 4 is NaN"
+            "number 4 of `layers.0.weight` is NaN; it must be finite"
         );
     }
 }

@@ -1,31 +1,29 @@
 use mishandle_rollout::RolloutError;
 
-/// What can be wrong with an evaluation.
+/// Errors of an evaluation.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EvaluationError {
-    /// The system could not run an episode.
+    /// The system cannot run an episode.
     #[error(transparent)]
     Rollout(#[from] RolloutError),
-    /// The system gave another number of episodes than it was asked for.
-    #[error(
-        "the system was asked for {asked} episodes and gave {given}; it has to give one for each request"
-    )]
-    Episodes {
+    /// The number of episodes differs from the number of requests.
+    #[error("the system returned {returned} episodes; expected {requested}, one per request")]
+    EpisodeCount {
         /// Number of requests.
-        asked: usize,
+        requested: usize,
         /// Number of episodes.
-        given: usize,
+        returned: usize,
     },
-    /// No drawn scenario was accepted.
+    /// The filter rejected every random scenario.
     #[error(
-        "none of {draws} scenarios drawn for simulation {simulation} was accepted; the accepted part of the space has to \
-         be larger"
+        "the scenario filter rejected all {draws} random scenarios of simulation {simulation}; \
+         choose a space with a larger accepted part"
     )]
-    NoStart {
+    NoAcceptedScenario {
         /// Number of the simulation, from 1.
         simulation: u32,
-        /// How many were drawn.
+        /// Number of random scenarios.
         draws: u64,
     },
 }

@@ -1,8 +1,9 @@
-//! Success rate, dangerous behavior rate and task completion time, with intervals.
+//! Measures the success rate, dangerous behavior rate and task completion time of a controller, with confidence intervals.
 //!
-//! [`evaluate`] runs simulations from starts that depend on the seed and their number only, so that two controllers
-//! evaluated with one seed are compared on the same starts and the same noise. [`Metrics`] reduces their verdicts to
-//! a [`Report`]; [`wilson`], [`bootstrap_mean`] and [`bootstrap_share`] give the intervals.
+//! [`evaluate`] runs simulations from random initial states. They depend only on the seed and the number of the
+//! simulation, so two controllers that are evaluated with the same seed have the same initial states and the same noise.
+//! [`Metrics`] reduces the verdicts to an [`EvaluationReport`]. [`wilson`], [`bootstrap_mean`] and
+//! [`bootstrap_fraction`] compute the confidence intervals.
 //!
 //! # Example
 //! ```
@@ -18,6 +19,6 @@ mod metrics;
 mod run;
 
 pub use error::EvaluationError;
-pub use interval::{Estimate, bootstrap_mean, bootstrap_share, wilson};
-pub use metrics::{Metrics, Report, Roles};
-pub use run::{Accepts, Evaluation, evaluate};
+pub use interval::{Estimate, bootstrap_fraction, bootstrap_mean, wilson};
+pub use metrics::{EvaluationReport, FormulaRoles, Metrics};
+pub use run::{Evaluation, ScenarioFilter, evaluate};

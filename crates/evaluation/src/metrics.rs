@@ -1,40 +1,40 @@
-//! From verdicts to the metrics of a controller in a task.
+//! Metrics of a controller from the verdicts of its episodes.
 
 use mishandle_rollout::{Episode, EpisodeEnd, Seed, Specification};
 
-use crate::{Estimate, bootstrap_mean, bootstrap_share, wilson};
+use crate::{Estimate, bootstrap_fraction, bootstrap_mean, wilson};
 
-/// How well and how safely a controller does its task, over all simulations of an evaluation.
+/// Metrics of a controller over all simulations of an evaluation.
 ///
-/// A diverged simulation has not succeeded, so it counts among the `n` of both success rates and not among their
-/// successes; the same holds for one that left the formula undecided. Leaving them out would reward a controller for
-/// breaking the physics. Neither counts as falsified. What they would have shown cannot be averaged: a diverged
-/// simulation is in neither of the other two metrics, and `diverged` and `undecided` say how many there are.
+/// Diverged and undecided simulations count as failures in both success rates, because excluding them would reward a
+/// controller that breaks the physics. They do not count as falsified. A diverged simulation is excluded from the
+/// dangerous behavior rate and the task completion time. `diverged` and `undecided` report the numbers of these
+/// simulations.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Report {
-    /// Simulations in all.
+pub struct EvaluationReport {
+    /// Number of simulations.
     pub simulations: u64,
-    /// Those whose numbers stopped being finite.
+    /// Number of diverged simulations.
     pub diverged: u64,
-    /// Those that did not diverge and yet left success undecided.
+    /// Number of simulations that did not diverge but left success undecided.
     pub undecided: u64,
-    /// Those that did not diverge and yet left strict success undecided.
+    /// Number of simulations that did not diverge but left strict success undecided.
     pub strict_undecided: u64,
-    /// SR: share of all simulations whose robustness of success is above 0, with its Wilson interval.
+    /// Success rate: fraction of simulations with a success robustness above 0, with its Wilson interval.
     pub success_rate: Estimate,
-    /// The same for strict success; `None` without such a formula.
+    /// Success rate of the strict formula; `None` without this formula.
     pub strict_success_rate: Option<Estimate>,
-    /// DBR: mean over the simulations that did not diverge of the share of samples, the first one left out, at which
-    /// the safe condition is violated. Bootstrap interval; `None` without such a condition.
+    /// Dangerous behavior rate: mean over the simulations that did not diverge of the fraction of samples (except the
+    /// first) at which the safe condition is violated. Bootstrap interval; `None` without this condition.
     pub dangerous_behavior_rate: Option<Estimate>,
-    /// TCT: mean number of control steps until completion first holds, its whole window inside the episode, over the
-    /// successful simulations in which it does. Bootstrap interval; `None` without such a formula.
+    /// Task completion time: mean number of control steps until completion first holds with its whole window inside the
+    /// episode, over the successful simulations that complete. Bootstrap interval; `None` without this formula.
     pub task_completion_time: Option<Estimate>,
 }
 
-/// Which formulas there are beside the one for success: without one there is no such metric.
+/// The optional formulas of a specification. Each of them defines a metric.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Roles {
+pub struct FormulaRoles {
     /// Strict success.
     pub strict: bool,
     /// The safe condition.
@@ -43,10 +43,10 @@ pub struct Roles {
     pub completion: bool,
 }
 
-impl Roles {
-    /// The roles that `specification` fills.
-    pub fn of(specification: &Specification) -> Roles {
-        Roles {
+impl FormulaRoles {
+    /// Returns the optional formulas of `specification`.
+    pub fn of(specification: &Specification) -> FormulaRoles {
+        FormulaRoles {
             strict: specification.strict.is_some(),
             safe: specification.safe.is_some(),
             completion: specification.completion.is_some(),
@@ -54,13 +54,13 @@ impl Roles {
     }
 }
 
-/// Adds up simulations one by one; 16 bytes a simulation at most.
+/// Accumulates the metrics of simulations, with at most 16 bytes per simulation.
 ///
 /// # Example
 /// ```
-/// use mishandle_evaluation::{Metrics, Roles};
+/// use mishandle_evaluation::{Metrics, FormulaRoles};
 /// use mishandle_rollout::Seed;
-/// let report = Metrics::new(Roles { strict: true, ..Roles::default() }).report(Seed(0));
+/// let report = Metrics::new(FormulaRoles { strict: true, ..FormulaRoles::default() }).report(Seed(0));
 /// assert_eq!((report.simulations, report.success_rate.value), (0, None));
 /// assert!(report.strict_success_rate.is_some() && report.task_completion_time.is_none());
 /// ```
@@ -72,29 +72,30 @@ pub struct Metrics {
     strict_undecided: u64,
     successes: u64,
     strict_successes: u64,
-    dangerous_shares: Vec<f64>,
+    dangerous_fractions: Vec<f64>,
     completion_steps: Vec<f64>,
-    roles: Roles,
-    failures_complete: bool,
+    roles: FormulaRoles,
+    counts_failures: bool,
 }
 
 impl Metrics {
-    /// Metrics of no simulation.
-    pub fn new(roles: Roles) -> Metrics {
+    /// Makes empty metrics.
+    pub fn new(roles: FormulaRoles) -> Metrics {
         Metrics { roles, ..Metrics::default() }
     }
 
-    /// The same, but the completion time of a failed simulation counts, too, as in the original benchmark's code.
-    pub fn with_failures_completing(self, failures_complete: bool) -> Metrics {
-        Metrics { failures_complete, ..self }
+    /// Includes completion times of failed simulations if `counts_failures` is `true`, like the code of the original
+    /// benchmark.
+    pub fn with_completion_times_of_failures(self, counts_failures: bool) -> Metrics {
+        Metrics { counts_failures, ..self }
     }
 
-    /// How many simulations were added.
+    /// Returns the number of simulations.
     pub fn simulations(&self) -> u64 {
         self.simulations
     }
 
-    /// Adds a simulation, which may come from a record.
+    /// Adds a simulation. It may come from a record.
     pub fn add(&mut self, episode: &Episode) {
         let verdict = &episode.verdict;
         self.simulations += 1;
@@ -113,25 +114,27 @@ impl Metrics {
         self.successes += u64::from(holds(verdict.success));
         self.strict_successes += u64::from(holds(verdict.strict));
         if let (Some(dangerous), true) = (verdict.dangerous_steps, episode.steps > 0) {
-            self.dangerous_shares.push(dangerous as f64 / episode.steps as f64);
+            self.dangerous_fractions.push(dangerous as f64 / episode.steps as f64);
         }
-        if let (true, Some(step)) =
-            (self.failures_complete || holds(verdict.success), verdict.completion_step)
+        if let (true, Some(step)) = (self.counts_failures || holds(verdict.success), verdict.completion_step)
         {
             self.completion_steps.push(step as f64);
         }
     }
 
-    /// What they amount to; `seed` is that of the evaluation and decides the draws of the bootstrap.
-    pub fn report(&self, seed: Seed) -> Report {
-        Report {
+    /// Returns the metrics of all simulations. `seed` is the seed of the evaluation; the bootstrap draws depend on it.
+    pub fn report(&self, seed: Seed) -> EvaluationReport {
+        EvaluationReport {
             simulations: self.simulations,
             diverged: self.diverged,
             undecided: self.undecided,
             strict_undecided: self.strict_undecided,
             success_rate: wilson(self.successes, self.simulations),
             strict_success_rate: self.roles.strict.then(|| wilson(self.strict_successes, self.simulations)),
-            dangerous_behavior_rate: self.roles.safe.then(|| bootstrap_share(&self.dangerous_shares, seed)),
+            dangerous_behavior_rate: self
+                .roles
+                .safe
+                .then(|| bootstrap_fraction(&self.dangerous_fractions, seed)),
             task_completion_time: self.roles.completion.then(|| bootstrap_mean(&self.completion_steps, seed)),
         }
     }
@@ -146,9 +149,9 @@ mod tests {
 
     use super::*;
 
-    const ALL: Roles = Roles { strict: true, safe: true, completion: true };
+    const ALL: FormulaRoles = FormulaRoles { strict: true, safe: true, completion: true };
 
-    /// A simulation of four control steps.
+    /// Makes a simulation of four control steps.
     fn episode(
         success: Option<f64>,
         strict: Option<f64>,
@@ -178,19 +181,19 @@ mod tests {
         Episode { end: EpisodeEnd::Diverged { step: 3 }, ..episode(None, None, 0, None) }
     }
 
-    fn report(episodes: &[Episode]) -> Report {
+    fn report(episodes: &[Episode]) -> EvaluationReport {
         let mut metrics = Metrics::new(ALL);
         episodes.iter().for_each(|episode| metrics.add(episode));
         metrics.report(Seed(0))
     }
 
     #[test]
-    fn metrics_worked_out_by_hand() {
+    fn metrics_match_a_hand_calculation() {
         let report = report(&[
-            episode(Some(0.2), Some(0.1), 0, Some(1)), // done, well, safely, after 1 step
-            episode(Some(0.1), Some(-0.3), 1, Some(4)), // done after 4 steps, 1 of 4 samples dangerous
-            episode(Some(0.1), Some(-0.3), 0, None),   // done, yet completion never held: no completion time
-            episode(Some(-0.5), Some(-0.9), 4, Some(2)), // failed: its completion step does not count
+            episode(Some(0.2), Some(0.1), 0, Some(1)), // strict success after 1 step
+            episode(Some(0.1), Some(-0.3), 1, Some(4)), // success after 4 steps, 1 of 4 samples dangerous
+            episode(Some(0.1), Some(-0.3), 0, None),   // success without a completion time
+            episode(Some(-0.5), Some(-0.9), 4, Some(2)), // failure: its completion step does not count
         ]);
         assert_eq!((report.simulations, report.diverged, report.undecided), (4, 0, 0));
         assert_eq!((report.success_rate.value, report.success_rate.n), (Some(0.75), 4));
@@ -211,12 +214,12 @@ mod tests {
     }
 
     #[test]
-    fn a_robustness_of_zero_is_no_success() {
+    fn a_robustness_of_0_is_not_a_success() {
         assert_eq!(report(&[episode(Some(0.0), Some(0.0), 0, Some(0))]).success_rate.value, Some(0.0));
     }
 
     #[test]
-    fn a_diverged_simulation_is_no_success_and_says_nothing_of_danger() {
+    fn a_diverged_simulation_is_a_failure_without_a_dangerous_fraction() {
         let report = report(&[episode(Some(1.0), Some(1.0), 2, Some(2)), diverged()]);
         assert_eq!((report.simulations, report.diverged, report.undecided), (2, 1, 0));
         assert_eq!((report.success_rate.value, report.success_rate.n), (Some(0.5), 2));
@@ -228,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn an_undecided_simulation_is_no_success_and_its_danger_counts() {
+    fn an_undecided_simulation_is_a_failure_with_a_dangerous_fraction() {
         let report = report(&[episode(None, Some(1.0), 4, Some(0)), episode(Some(1.0), None, 0, Some(0))]);
         assert_eq!((report.undecided, report.strict_undecided), (1, 1));
         assert_eq!(report.success_rate.value, Some(0.5));
@@ -238,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn a_simulation_without_a_formula_s_value_is_undecided_and_says_nothing_of_danger() {
+    fn a_simulation_with_an_undefined_formula_is_undecided_without_a_dangerous_fraction() {
         let undefined = Episode { end: EpisodeEnd::Undefined { step: 3 }, ..episode(None, None, 0, None) };
         let report = report(&[episode(Some(1.0), Some(1.0), 2, Some(2)), undefined]);
         assert_eq!((report.diverged, report.undecided, report.strict_undecided), (0, 1, 1));
@@ -246,8 +249,8 @@ mod tests {
     }
 
     #[test]
-    fn the_completion_of_a_failure_counts_only_if_asked_for() {
-        let mut metrics = Metrics::new(ALL).with_failures_completing(true);
+    fn completion_times_of_failures_count_only_if_requested() {
+        let mut metrics = Metrics::new(ALL).with_completion_times_of_failures(true);
         metrics.add(&episode(Some(-0.5), Some(-0.9), 0, Some(2)));
         metrics.add(&episode(Some(0.5), Some(0.9), 0, Some(4)));
         let time = metrics.report(Seed(0)).task_completion_time.unwrap();
@@ -255,8 +258,8 @@ mod tests {
     }
 
     #[test]
-    fn a_metric_without_its_formula_is_left_out() {
-        let mut metrics = Metrics::new(Roles::default());
+    fn a_metric_without_its_formula_is_none() {
+        let mut metrics = Metrics::new(FormulaRoles::default());
         metrics.add(&episode(Some(1.0), Some(1.0), 0, Some(1)));
         let report = metrics.report(Seed(0));
         assert_eq!(report.success_rate.value, Some(1.0));
@@ -265,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_success_there_is_no_completion_time() {
+    fn without_a_success_the_completion_time_is_empty() {
         let report = report(&[episode(Some(-1.0), Some(-1.0), 0, Some(1))]);
         assert_eq!(report.task_completion_time, Some(Estimate::default()));
     }

@@ -1,73 +1,76 @@
-//! Many simulations of one system, from starts that are drawn and not searched.
+//! Runs the simulations of an evaluation from random scenarios.
 
 use std::ops::ControlFlow;
 
 use mishandle_rollout::{DEFAULT_BATCH_SIZE, Episode, Request, Scenario, Seed, Space, System};
 
-use crate::{EvaluationError, Metrics, Report};
+use crate::{EvaluationError, EvaluationReport, Metrics};
 
-/// How many starts are drawn for one simulation before the accepted part of the box is taken to be empty.
+/// Number of random scenarios per simulation after which an evaluation fails because the filter rejects all of them.
 const DRAWS: u64 = 100_000;
 
-/// Says which scenarios count.
-pub type Accepts<'a> = dyn Fn(&Scenario) -> bool + 'a;
+/// Returns whether an evaluation may use a scenario.
+pub type ScenarioFilter<'a> = dyn Fn(&Scenario) -> bool + 'a;
 
-/// What to run: how many simulations, keyed by which seed, from which part of the space.
+/// Settings of an evaluation: number of simulations, seed, batch size and scenario filter.
 ///
-/// Simulation i, counted from 1, has the seed `seed.child(i - 1)` and the scenario `space.sample(seed, i - 1)` if that is
-/// accepted, else the first of `space.sample(seed.child(i - 1), 1)`, `(…, 2)`, … that is. So neither depends on the
-/// system, on the number of simulations or on the batches they are run in.
+/// Simulation i, counted from 1, has the seed `seed.child(i - 1)` and the scenario `space.sample(seed, i - 1)`. If the
+/// filter rejects the scenario, it has the first accepted one of `space.sample(seed.child(i - 1), 1)`, `(…, 2)`, ….
+/// So a simulation does not depend on the system, the number of simulations or the batches.
 #[derive(Clone, Copy)]
 pub struct Evaluation<'a> {
     /// Number of simulations.
     pub episodes: u64,
-    /// Key of scenarios and simulations.
+    /// Random seed of scenarios and simulations.
     pub seed: Seed,
-    /// Simulations that are asked for at once, at least 1.
+    /// Number of simulations per batch. 0 counts as 1.
     pub batch: usize,
-    /// Which scenarios count; `None` for the whole space.
-    pub accepted: Option<&'a Accepts<'a>>,
+    /// Filter of scenarios; `None` accepts the whole space.
+    pub filter: Option<&'a ScenarioFilter<'a>>,
 }
 
 impl Evaluation<'_> {
-    /// An evaluation over the whole space.
+    /// Makes an evaluation over the whole space with the default batch size.
     pub fn new(episodes: u64, seed: Seed) -> Self {
-        Evaluation { episodes, seed, batch: DEFAULT_BATCH_SIZE, accepted: None }
+        Evaluation { episodes, seed, batch: DEFAULT_BATCH_SIZE, filter: None }
     }
 
-    /// Simulation `number`, counted from 1; all are of trial 1.
+    /// Returns the request for simulation `number`, counted from 1. All requests have trial number 1.
     ///
     /// # Errors
-    /// [`EvaluationError::NoStart`] if no scenario was accepted among 100,000.
+    /// [`EvaluationError::NoAcceptedScenario`] if the filter rejects 100,000 random scenarios.
     pub fn request(&self, space: &Space, number: u32) -> Result<Request, EvaluationError> {
         let index = u64::from(number) - 1;
         let seed = self.seed.child(index);
         let first = space.sample(self.seed, index);
         let further = (1..DRAWS).map(|draw| space.sample(seed, draw));
-        let accepted = |scenario: &Scenario| self.accepted.is_none_or(|accepted| accepted(scenario));
-        match std::iter::once(first).chain(further).find(accepted) {
+        let is_accepted = |scenario: &Scenario| self.filter.is_none_or(|filter| filter(scenario));
+        match std::iter::once(first).chain(further).find(is_accepted) {
             Some(scenario) => Ok(Request { number, ..Request::new(scenario, seed) }),
-            None => Err(EvaluationError::NoStart { simulation: number, draws: DRAWS }),
+            None => Err(EvaluationError::NoAcceptedScenario { simulation: number, draws: DRAWS }),
         }
     }
 }
 
-/// Runs the simulations of `evaluation` that `metrics` does not hold yet, and reports on all of them.
+/// Runs the simulations of `evaluation` that `metrics` does not contain, and returns a report on all simulations.
 ///
-/// The first of them has the number `metrics.simulations() + 1`: an interrupted evaluation goes on from recorded episodes
-/// that were added again. `on_batch` is given the episodes of each batch, in order, before the next one starts. If it
-/// breaks, the evaluation ends there, and the report is on fewer simulations than were asked for.
+/// The first simulation has the number `metrics.simulations() + 1`. To resume an interrupted evaluation, add its recorded
+/// episodes to `metrics` first. `on_batch` receives the episodes of each batch, in order, before the next batch starts. If
+/// it breaks, the evaluation ends, and the report covers the simulations so far.
 ///
 /// # Errors
-/// What the system or `on_batch` cannot do, or [`EvaluationError::NoStart`].
+/// - [`EvaluationError::Rollout`] if the system fails.
+/// - [`EvaluationError::EpisodeCount`] if the system returns a wrong number of episodes.
+/// - [`EvaluationError::NoAcceptedScenario`] if the filter rejects 100,000 random scenarios.
+/// - An error of `on_batch`.
 ///
 /// # Example
-/// See `tests/run.rs` for a system in closed form; with the system of a target:
+/// `tests/run.rs` contains a system in closed form. With the system of a target:
 /// ```
 /// # use std::ops::ControlFlow;
-/// # use mishandle_evaluation::{EvaluationError, Evaluation, Metrics, Report, evaluate};
+/// # use mishandle_evaluation::{EvaluationError, Evaluation, Metrics, EvaluationReport, evaluate};
 /// # use mishandle_rollout::{Seed, System};
-/// fn report(system: &mut dyn System) -> Result<Report, EvaluationError> {
+/// fn report(system: &mut dyn System) -> Result<EvaluationReport, EvaluationError> {
 ///     let mut done = 0;
 ///     evaluate(system, &Evaluation::new(100, Seed(7)), &mut Metrics::default(), |episodes| {
 ///         done += episodes.len();
@@ -80,7 +83,7 @@ pub fn evaluate<E: From<EvaluationError>>(
     evaluation: &Evaluation<'_>,
     metrics: &mut Metrics,
     mut on_batch: impl FnMut(&[Episode]) -> Result<ControlFlow<()>, E>,
-) -> Result<Report, E> {
+) -> Result<EvaluationReport, E> {
     let batch = evaluation.batch.max(1) as u64;
     while metrics.simulations() < evaluation.episodes {
         let first = metrics.simulations() + 1;
@@ -90,7 +93,8 @@ pub fn evaluate<E: From<EvaluationError>>(
             .collect::<Result<Vec<Request>, EvaluationError>>()?;
         let episodes = system.rollout(&requests).map_err(EvaluationError::from)?;
         if episodes.len() != requests.len() {
-            return Err(EvaluationError::Episodes { asked: requests.len(), given: episodes.len() }.into());
+            let (requested, returned) = (requests.len(), episodes.len());
+            return Err(EvaluationError::EpisodeCount { requested, returned }.into());
         }
         episodes.iter().for_each(|episode| metrics.add(episode));
         if on_batch(&episodes)?.is_break() {

@@ -126,7 +126,7 @@ pub(crate) fn expected(
 /// Reads a settings file and adds the defaults.
 fn full_settings(path: &Path, training: &Training) -> Result<String, ExperimentError> {
     let text = String::from_utf8_lossy(&read(path)?).into_owned();
-    let unknown = || MishandleError::Name {
+    let unknown = || MishandleError::UnknownName {
         kind: "training algorithm",
         name: training.algorithm.clone(),
         known: crate::algorithms().map(String::from).collect(),

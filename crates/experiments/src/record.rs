@@ -4,9 +4,9 @@
 //! the same bytes.
 
 use mishandle::StartRegion;
-use mishandle::evaluation::{Estimate, Report};
+use mishandle::evaluation::{Estimate, EvaluationReport};
 use mishandle::falsification::{CampaignOutcome, TrialEnd, TrialOutcome};
-use mishandle::{ResolvedPlan, leaves_out_starts};
+use mishandle::{ResolvedPlan, rejects_scenarios};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::folder::{ZooFolder, read, write};
@@ -128,7 +128,7 @@ pub struct EvaluationRecord {
 
 impl EvaluationRecord {
     /// Returns the record of an evaluation.
-    pub fn new(resolved: &ResolvedPlan, report: &Report) -> EvaluationRecord {
+    pub fn new(resolved: &ResolvedPlan, report: &EvaluationReport) -> EvaluationRecord {
         let ResolvedPlan { plan, target, .. } = resolved;
         let controller = target.components.first();
         let estimate =
@@ -143,7 +143,7 @@ impl EvaluationRecord {
             observation_noise: plan.observation_noise,
             seed: plan.seed,
             starts: plan.evaluate.as_ref().map(|evaluate| evaluate.starts),
-            leaves_out_starts: Some(leaves_out_starts(resolved)),
+            leaves_out_starts: Some(rejects_scenarios(resolved)),
             simulations: report.simulations,
             diverged: report.diverged,
             undecided: report.undecided,

@@ -31,7 +31,7 @@ pub(crate) fn train(
     let file = |ending: &str| bench.folder.work(training, ending);
     let lock_path = file(LOCK);
     create_parent(&lock_path)?;
-    let lock = FileLock::take(&lock_path).map_err(ExperimentError::file(&lock_path))?;
+    let lock = FileLock::try_acquire(&lock_path).map_err(ExperimentError::file(&lock_path))?;
     // Its files must not be removed while a training run that was started by hand writes them.
     drop(lock.ok_or(MishandleError::Busy { path: file(CONTROLLER), flag: "--out" })?);
     if !matches!(entry.state, TrainingState::Interrupted { .. }) {

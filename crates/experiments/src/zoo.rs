@@ -179,7 +179,7 @@ impl<'a> Zoo<'a> {
         let entries = self.entries()?;
         let path = self.folder.work_file("lock");
         create_parent(&path)?;
-        let lock = FileLock::take(&path).map_err(ExperimentError::file(&path))?;
+        let lock = FileLock::try_acquire(&path).map_err(ExperimentError::file(&path))?;
         let _lock = lock.ok_or(ExperimentError::Busy)?;
         let result = work(&entries);
         let entries = self.all_entries()?;

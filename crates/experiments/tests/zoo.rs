@@ -271,7 +271,7 @@ fn a_stopped_training_run_continues_from_its_checkpoint() {
     repository.laboratory.stop_training(false);
     // While another process trains it, its files are left alone.
     let lock = repository.path("target/controllers/point-reaching-ppo-s0.safetensors.lock");
-    let other = FileLock::take(&lock).unwrap().unwrap();
+    let other = FileLock::try_acquire(&lock).unwrap().unwrap();
     let (refused, reports) = repository.call(ppo(&[0]), |zoo| zoo.train());
     assert!(matches!(refused, Err(ExperimentError::Failed { failed: 1, total: 1 })), "{refused:?}");
     assert!(reports[0].contains("another training is writing"), "{reports:?}");
@@ -296,7 +296,7 @@ fn a_second_process_is_kept_out() {
     let repository = Repository::new();
     let lock = repository.path("target/controllers/lock");
     fs::create_dir_all(lock.parent().unwrap()).unwrap();
-    let _other = FileLock::take(&lock).unwrap().unwrap();
+    let _other = FileLock::try_acquire(&lock).unwrap().unwrap();
     let (refused, _) = repository.call(ppo(&[0]), |zoo| zoo.train());
     assert!(matches!(refused, Err(ExperimentError::Busy)), "{refused:?}");
     // Listing needs no lock.

@@ -1,5 +1,7 @@
-//! What a campaign costs beside its simulations: `cargo bench -p mishandle-falsification [-- SIMULATIONS]` (a million
-//! if not said), for every search, on a system in closed form. Memory is the peak of the process so far.
+//! Measures the overhead of a campaign per simulation, for every search, on a system in closed form.
+//!
+//! `cargo bench -p mishandle-falsification [-- SIMULATIONS]` runs a million simulations by default. The memory column is
+//! the peak of the process so far.
 #![allow(clippy::print_stdout, reason = "a benchmark prints")]
 
 use std::error::Error;
@@ -15,8 +17,8 @@ const AXES: usize = 6;
 const BUDGET: u32 = 300;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let asked = std::env::args().find_map(|word| word.parse().ok());
-    let simulations: u32 = asked.unwrap_or(1_000_000);
+    let argument = std::env::args().find_map(|word| word.parse().ok());
+    let simulations: u32 = argument.unwrap_or(1_000_000);
     let axis = |i: usize| Axis::start(&format!("x{i}"), "m", -1.0, 1.0);
     let space = Space::new("starts", (0..AXES).map(axis).collect())?;
     let system = || {
@@ -44,7 +46,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Microseconds a simulation takes in batches without a search.
+/// Returns the time of a simulation without a search, µs.
 fn bare(system: &mut FunctionSystem, simulations: u32) -> Result<f64, Box<dyn Error>> {
     let batch: Vec<Request> =
         (0..DEFAULT_BATCH_SIZE as u64).map(|i| Request::new([0.1; AXES], Seed(i))).collect();
@@ -55,7 +57,7 @@ fn bare(system: &mut FunctionSystem, simulations: u32) -> Result<f64, Box<dyn Er
     Ok(1e6 * start.elapsed().as_secs_f64() / f64::from(simulations))
 }
 
-/// Peak memory of the process in MiB, where the system says it.
+/// Returns the peak memory of the process in MiB, or `unknown` if the operating system does not report it.
 fn peak_memory() -> String {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));

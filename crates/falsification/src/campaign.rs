@@ -1,4 +1,4 @@
-//! Many trials of one search against one system, advanced together.
+//! Many trials of one search against one system, run together.
 
 use std::ops::ControlFlow;
 
@@ -7,28 +7,28 @@ use mishandle_search::{Search, SearchError};
 
 use crate::{CampaignOutcome, FalsificationError, Trial, TrialEnd, TrialOutcome};
 
-/// How large a campaign is.
+/// Size and seed of a campaign.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CampaignSettings {
     /// Number of trials, at least 1.
     pub trials: u32,
-    /// Simulations a trial may spend, at least 1.
+    /// Maximum number of simulations per trial, at least 1.
     pub budget: u32,
-    /// Seed of the run.
+    /// Random seed of the campaign.
     pub seed: Seed,
-    /// Simulations that are asked for at once, at least 1.
+    /// Number of simulations per batch. 0 counts as 1.
     pub batch: usize,
 }
 
 impl Default for CampaignSettings {
-    /// The paper's 30 trials of 300 simulations.
+    /// Returns the settings of the paper: 30 trials with 300 simulations each.
     fn default() -> Self {
         CampaignSettings { trials: 30, budget: 300, seed: Seed(0), batch: DEFAULT_BATCH_SIZE }
     }
 }
 
 impl CampaignSettings {
-    /// The seed of trial `number`, counted from 1.
+    /// Returns the seed of trial `number`, counted from 1.
     pub fn trial_seed(&self, number: u32) -> Seed {
         self.seed.child(u64::from(number) - 1)
     }
@@ -37,17 +37,17 @@ impl CampaignSettings {
 /// Makes the search of a trial from its seed.
 pub type SearchFactory<'a> = dyn Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'a;
 
-/// What one batch of simulations gave.
+/// The results of one batch of simulations.
 #[derive(Clone, Copy, Debug)]
 pub struct CampaignBatch<'a> {
-    /// The episodes that belong to their trials; those of one trial are in order.
+    /// The episodes of the batch without surplus. The episodes of a trial are in order.
     pub episodes: &'a [Episode],
-    /// The trials that ended with this batch, and how.
+    /// Numbers and ends of the trials that ended in this batch.
     pub ended: &'a [(u32, TrialEnd)],
 }
 
 impl CampaignBatch<'_> {
-    /// Simulations of the budgets of the trials that ended with this batch that they did not spend.
+    /// Returns the number of unspent simulations of the trials that ended in this batch.
     pub fn unspent(&self, budget: u32) -> u64 {
         let last = |trial: &u32| {
             let own = self.episodes.iter().map(|episode| &episode.request).filter(|own| own.trial == *trial);
@@ -59,40 +59,40 @@ impl CampaignBatch<'_> {
 
 /// Trials of one search against one system.
 ///
-/// They advance in lockstep: a batch holds the next simulation of every open trial, those with the lowest numbers if
-/// there are more than rows in a batch, and several of each if there are fewer and the search can say them in advance.
-/// Simulations of a batch that come after a violation in their trial are no part of it: they are counted as surplus and
-/// dropped. So each trial makes the same simulations that it would make alone and one by one, whatever the size of the
-/// batches; only the order in which simulations of different trials come depends on it.
+/// The trials run in lockstep. A batch contains the next simulation of every running trial. If there are more trials than
+/// simulations in a batch, it contains the trials with the lowest numbers. If there are fewer, it contains several
+/// simulations of each trial, as far as the search can propose them in advance. Simulations that follow a violation of
+/// their trial in the same batch are counted as surplus and dropped. So each trial has the same simulations as if it ran
+/// alone, for any batch size. Only the order of simulations of different trials depends on the batch size.
 ///
-/// Memory holds the outcome of every trial and the searches of those that are open in a batch, no simulations.
+/// Memory contains the outcome of every trial and the searches of the running trials, but no simulations.
 pub struct Campaign<'a> {
     settings: CampaignSettings,
     space: Space,
     make: Box<SearchFactory<'a>>,
     slots: Vec<Slot>,
-    /// All slots before this one have ended.
-    first_open: usize,
+    /// All trials before this index have ended.
+    first_running: usize,
     surplus: u64,
 }
 
 enum Slot {
-    Waiting,
-    Open(Box<Trial>),
+    NotStarted,
+    Running(Box<Trial>),
     Ended(TrialOutcome),
 }
 
 impl<'a> Campaign<'a> {
-    /// A campaign before its first simulation, over `space`, with a search from `make` for each trial.
+    /// Makes a campaign over `space`. `make` makes the search of a trial from its seed.
     ///
     /// # Errors
-    /// [`FalsificationError::Empty`] without trials or budget.
+    /// [`FalsificationError::Empty`] if the number of trials or the budget is 0.
     pub fn new(
         settings: CampaignSettings,
         space: &Space,
         make: impl Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'a,
     ) -> Result<Campaign<'a>, FalsificationError> {
-        for (what, number) in [("trials", settings.trials), ("simulations a trial", settings.budget)] {
+        for (what, number) in [("trials", settings.trials), ("simulations per trial", settings.budget)] {
             if number == 0 {
                 return Err(FalsificationError::Empty { what });
             }
@@ -101,23 +101,24 @@ impl<'a> Campaign<'a> {
             settings,
             space: space.clone(),
             make: Box::new(make),
-            slots: (0..settings.trials).map(|_| Slot::Waiting).collect(),
-            first_open: 0,
+            slots: (0..settings.trials).map(|_| Slot::NotStarted).collect(),
+            first_running: 0,
             surplus: 0,
         })
     }
 
-    /// Takes a recorded simulation as made, before the campaign runs. Those of one trial have to come in order; trials
-    /// may take turns in any way.
+    /// Replays a recorded simulation before the campaign runs. The records of a trial must be in order; records of
+    /// different trials may be interleaved.
     ///
-    /// The trial's search is asked and told again, which costs no simulation. After replaying all records, those of ended
-    /// trials too, a campaign gives the same records and the same outcome as an uninterrupted one. With a larger budget
-    /// than before, trials that had spent theirs go on.
+    /// The search of the trial proposes the point and observes the result again, without a simulation. After replaying all
+    /// records, including those of ended trials, a campaign gives the same result as an uninterrupted one. With a larger
+    /// budget, trials that had spent their budget continue.
     ///
     /// # Errors
-    /// [`FalsificationError::OtherBuild`] if point, scenario and seed are not, bit for bit, what the trial asks for;
-    /// [`FalsificationError::UnknownTrial`], [`FalsificationError::OutOfOrder`] or [`FalsificationError::PastTheEnd`] if
-    /// the record cannot be this campaign's.
+    /// - [`FalsificationError::RecordMismatch`] if the point, scenario or seed differs in any bit from the request of the
+    ///   trial.
+    /// - [`FalsificationError::UnknownTrial`], [`FalsificationError::OutOfOrder`] or
+    ///   [`FalsificationError::AfterTrialEnd`] if the record does not belong to this campaign.
     pub fn replay(&mut self, recorded: &Episode) -> Result<(), FalsificationError> {
         let Request { trial, number, .. } = recorded.request;
         if !(1..=self.settings.trials).contains(&trial) {
@@ -125,41 +126,41 @@ impl<'a> Campaign<'a> {
         }
         let index = trial as usize - 1;
         let done = match &self.slots[index] {
-            Slot::Waiting => 0,
-            Slot::Open(trial) => trial.outcome().simulations,
+            Slot::NotStarted => 0,
+            Slot::Running(trial) => trial.outcome().simulations,
             Slot::Ended(outcome) => {
-                return Err(FalsificationError::PastTheEnd { trial, number, last: outcome.simulations });
+                return Err(FalsificationError::AfterTrialEnd { trial, number, last: outcome.simulations });
             }
         };
         if number != done + 1 {
-            return Err(FalsificationError::OutOfOrder { trial, found: number, wanted: done + 1 });
+            return Err(FalsificationError::OutOfOrder { trial, found: number, expected: done + 1 });
         }
-        let Some(asked) = self.ask(index, 1)?.pop() else {
-            return Err(FalsificationError::PastTheEnd { trial, number, last: done });
+        let Some(expected) = self.ask(index, 1)?.pop() else {
+            return Err(FalsificationError::AfterTrialEnd { trial, number, last: done });
         };
-        if !is_same(&asked, &recorded.request) {
+        if !is_same(&expected, &recorded.request) {
             let describe = |request: &Request| {
                 let Request { unit_point, scenario, seed, .. } = request;
                 format!("at {unit_point:?}, with scenario {:?} and seed {}", scenario.values(), seed.0)
             };
-            return Err(FalsificationError::OtherBuild {
+            return Err(FalsificationError::RecordMismatch {
                 trial,
                 number,
                 recorded: describe(&recorded.request),
-                asked: describe(&asked),
+                expected: describe(&expected),
             });
         }
         self.tell(recorded).map(drop)
     }
 
-    /// Runs the trials to their ends against `system`, which has the campaign's space.
+    /// Runs all trials to their ends against `system`, which must have the campaign's space.
     ///
-    /// `on_batch` is given the simulations of each batch before the next one starts, so that they can be stored in one
-    /// transaction. If it breaks, the campaign pauses there: nothing simulated is lost, and another call goes on.
+    /// `on_batch` receives the simulations of each batch before the next batch starts, so that it can store them in one
+    /// transaction. If it breaks, the campaign pauses without losing a simulation, and another call continues it.
     ///
     /// # Errors
-    /// What the system, a search or `on_batch` cannot do. The campaign cannot be run on after an error, but a new one
-    /// can be resumed from what was recorded.
+    /// If the system, a search or `on_batch` fails, or a complete episode leaves the formula undecided. After an error the
+    /// campaign cannot continue; a new campaign can replay the records.
     pub fn run<E: From<FalsificationError>>(
         &mut self,
         system: &mut dyn System,
@@ -171,9 +172,9 @@ impl<'a> Campaign<'a> {
                 break;
             }
             let episodes = system.rollout(&requests).map_err(FalsificationError::from)?;
-            let (asked, given) = (requests.len(), episodes.len());
-            if asked != given {
-                return Err(FalsificationError::Episodes { asked, given }.into());
+            let (requested, returned) = (requests.len(), episodes.len());
+            if requested != returned {
+                return Err(FalsificationError::EpisodeCount { requested, returned }.into());
             }
             let mut ended = Vec::new();
             let episodes = self.receive(episodes, &mut ended)?;
@@ -184,41 +185,41 @@ impl<'a> Campaign<'a> {
         Ok(self.outcome())
     }
 
-    /// What was found so far.
+    /// Returns the outcome so far.
     pub fn outcome(&self) -> CampaignOutcome {
         let outcome = |slot: &Slot| match slot {
-            Slot::Waiting => None,
-            Slot::Open(trial) => Some(trial.outcome().clone()),
+            Slot::NotStarted => None,
+            Slot::Running(trial) => Some(trial.outcome().clone()),
             Slot::Ended(outcome) => Some(outcome.clone()),
         };
         let trials = self.slots.iter().filter_map(outcome).collect();
         CampaignOutcome { surplus: self.surplus, ..CampaignOutcome::new(trials, self.settings.budget) }
     }
 
-    /// The next simulations, trial by trial, at most `batch_size`; none once all trials have ended.
+    /// Returns the next simulations, ordered by trial, at most `batch_size`. The list is empty if all trials have ended.
     fn next_batch(&mut self, batch_size: usize) -> Result<Vec<Request>, FalsificationError> {
         let mut batch = Vec::with_capacity(batch_size);
         while batch.is_empty() {
-            let open = self.open_slots(batch_size);
-            if open.is_empty() {
+            let running = self.running_slots(batch_size);
+            if running.is_empty() {
                 break;
             }
-            let (share, rest) = (batch_size / open.len(), batch_size % open.len());
-            for (place, &index) in open.iter().enumerate() {
-                batch.extend(self.ask(index, share + usize::from(place < rest))?);
+            let (quotient, remainder) = (batch_size / running.len(), batch_size % running.len());
+            for (position, &index) in running.iter().enumerate() {
+                batch.extend(self.ask(index, quotient + usize::from(position < remainder))?);
             }
         }
         Ok(batch)
     }
 
-    /// The first slots that have not ended, at most `n`.
-    fn open_slots(&mut self, n: usize) -> Vec<usize> {
+    /// Returns the indices of the first trials that have not ended, at most `n`.
+    fn running_slots(&mut self, n: usize) -> Vec<usize> {
         let ended = |slot: &Slot| matches!(slot, Slot::Ended(_));
-        self.first_open += self.slots[self.first_open..].iter().take_while(|slot| ended(slot)).count();
-        (self.first_open..self.slots.len()).filter(|&index| !ended(&self.slots[index])).take(n).collect()
+        self.first_running += self.slots[self.first_running..].iter().take_while(|slot| ended(slot)).count();
+        (self.first_running..self.slots.len()).filter(|&index| !ended(&self.slots[index])).take(n).collect()
     }
 
-    /// Tells the searches, drops what comes after the end of its trial, and adds the trials that end to `ended`.
+    /// Reports the episodes to the searches, drops the surplus, and adds the trials that end to `ended`.
     fn receive(
         &mut self,
         episodes: Vec<Episode>,
@@ -237,41 +238,41 @@ impl<'a> Campaign<'a> {
         Ok(kept)
     }
 
-    /// Asks a trial, which begins if it has not yet.
+    /// Returns the next requests of a trial and starts it if necessary.
     fn ask(&mut self, index: usize, n: usize) -> Result<Vec<Request>, FalsificationError> {
-        if matches!(self.slots[index], Slot::Waiting) {
-            self.slots[index] = Slot::Open(Box::new(self.begin(index as u32 + 1)?));
+        if matches!(self.slots[index], Slot::NotStarted) {
+            self.slots[index] = Slot::Running(Box::new(self.start_trial(index as u32 + 1)?));
         }
-        let Slot::Open(trial) = &mut self.slots[index] else {
+        let Slot::Running(trial) = &mut self.slots[index] else {
             return Ok(Vec::new());
         };
-        let asked = trial.ask(n)?;
+        let requests = trial.ask(n)?;
         self.close_if_ended(index);
-        Ok(asked)
+        Ok(requests)
     }
 
-    fn begin(&self, number: u32) -> Result<Trial, FalsificationError> {
+    fn start_trial(&self, number: u32) -> Result<Trial, FalsificationError> {
         let seed = self.settings.trial_seed(number);
         let search = (self.make)(Trial::search_seed(seed))?;
-        let (found, wanted) = (search.dimension(), self.space.dimension());
-        if found != wanted {
-            return Err(FalsificationError::Dimension { search: search.name(), found, wanted });
+        let (found, expected) = (search.dimension(), self.space.dimension());
+        if found != expected {
+            return Err(FalsificationError::Dimension { search: search.name(), found, expected });
         }
         Ok(Trial::new(number, seed, self.settings.budget, search, self.space.clone()))
     }
 
-    /// Tells an open trial and says how that ended it, if it did.
+    /// Reports an episode to its running trial and returns the end of the trial if this episode ended it.
     fn tell(&mut self, episode: &Episode) -> Result<Option<TrialEnd>, FalsificationError> {
         let index = episode.request.trial as usize - 1;
-        if let Slot::Open(trial) = &mut self.slots[index] {
+        if let Slot::Running(trial) = &mut self.slots[index] {
             trial.tell(episode)?;
         }
         Ok(self.close_if_ended(index))
     }
 
-    /// Keeps of an ended trial its outcome only.
+    /// Replaces an ended trial by its outcome and returns its end.
     fn close_if_ended(&mut self, index: usize) -> Option<TrialEnd> {
-        let Slot::Open(trial) = &self.slots[index] else {
+        let Slot::Running(trial) = &self.slots[index] else {
             return None;
         };
         let outcome = trial.outcome();
@@ -283,7 +284,7 @@ impl<'a> Campaign<'a> {
     }
 }
 
-/// Whether both ask for the same simulation, to the bit.
+/// Returns whether both requests have the same bits.
 fn is_same(a: &Request, b: &Request) -> bool {
     let bits = |point: &[f64]| point.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
     a.seed == b.seed && bits(&a.unit_point) == bits(&b.unit_point) && a.scenario.is_same(&b.scenario)

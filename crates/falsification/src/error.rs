@@ -1,35 +1,37 @@
 use mishandle_rollout::RolloutError;
 use mishandle_search::SearchError;
 
-/// What can be wrong with a falsification.
+/// Errors of a falsification.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FalsificationError {
-    /// A campaign without trials, or trials without simulations.
-    #[error("a campaign of 0 {what} was asked for; it needs at least 1")]
+    /// A campaign has no trials, or its trials have no simulations.
+    #[error("the number of {what} is 0; expected at least 1")]
     Empty {
-        /// What there was none of.
+        /// `trials` or `simulations per trial`.
         what: &'static str,
     },
-    /// The search proposes points of another dimension than the space has axes.
-    #[error("the search `{search}` has dimension {found}, the space has {wanted} axes")]
+    /// The dimension of the search differs from the number of axes of the space.
+    #[error(
+        "the search `{search}` has dimension {found}; expected {expected}, the number of axes of the space"
+    )]
     Dimension {
         /// Name of the search.
         search: &'static str,
-        /// Its dimension.
+        /// Dimension of the search.
         found: usize,
-        /// Axes of the space.
-        wanted: usize,
+        /// Number of axes of the space.
+        expected: usize,
     },
-    /// The system could not run an episode.
+    /// The system cannot run an episode.
     #[error(transparent)]
     Rollout(#[from] RolloutError),
-    /// The search could not be made, or refused what it was told.
+    /// The search cannot be made, or rejects an observation.
     #[error(transparent)]
     Search(#[from] SearchError),
-    /// A search gave no point though it has not ended and no value is awaited.
+    /// A search proposes no point, although it has not ended and waits for no observation.
     #[error(
-        "the search `{search}` gave no point in trial {trial}, though it has not ended and awaits no value"
+        "the search `{search}` proposed no point in trial {trial}, although it has not ended and waits for no observation"
     )]
     Stalled {
         /// Name of the search.
@@ -37,20 +39,18 @@ pub enum FalsificationError {
         /// Number of the trial.
         trial: u32,
     },
-    /// The system gave another number of episodes than it was asked for.
-    #[error(
-        "the system was asked for {asked} episodes and gave {given}; it has to give one for each request"
-    )]
-    Episodes {
+    /// The number of episodes differs from the number of requests.
+    #[error("the system returned {returned} episodes; expected {requested}, one per request")]
+    EpisodeCount {
         /// Number of requests.
-        asked: usize,
+        requested: usize,
         /// Number of episodes.
-        given: usize,
+        returned: usize,
     },
-    /// An episode ran to its end and left the formula undecided, so every other one would too.
+    /// A complete episode leaves the formula undecided, so every other episode would too.
     #[error(
-        "simulation {number} of trial {trial} ran to its end and left the formula undecided; \
-         the formula's intervals have to lie within the episode"
+        "simulation {number} of trial {trial} is complete but leaves the formula undecided; \
+         the intervals of the formula must be within the episode"
     )]
     Undecidable {
         /// Number of the trial.
@@ -58,41 +58,41 @@ pub enum FalsificationError {
         /// Number of the simulation.
         number: u32,
     },
-    /// A robustness that is no number.
+    /// A robustness is NaN.
     #[error(
-        "the robustness of simulation {number} of trial {trial}, with scenario {scenario:?}, is NaN; it has to be a number"
+        "the robustness of simulation {number} of trial {trial}, with scenario {scenario:?}, is NaN; expected a number"
     )]
     NotANumber {
         /// Number of the trial.
         trial: u32,
         /// Number of the simulation.
         number: u32,
-        /// Its scenario.
+        /// Scenario of the simulation.
         scenario: Vec<Option<f64>>,
     },
-    /// A recorded simulation of a trial that the campaign does not have.
-    #[error("simulation {number} of trial {trial} is recorded, but the campaign has {trials} trials")]
+    /// A record belongs to a trial that the campaign does not have.
+    #[error("simulation {number} of trial {trial} is recorded, but the campaign has only {trials} trials")]
     UnknownTrial {
         /// Number of the trial.
         trial: u32,
         /// Number of the simulation.
         number: u32,
-        /// Trials of the campaign.
+        /// Number of trials of the campaign.
         trials: u32,
     },
-    /// A recorded simulation that is not the next one of its trial.
-    #[error("simulation {found} of trial {trial} is recorded where simulation {wanted} has to come next")]
+    /// A record is not the next simulation of its trial.
+    #[error("the record of trial {trial} contains simulation {found}; expected simulation {expected} next")]
     OutOfOrder {
         /// Number of the trial.
         trial: u32,
-        /// Number of the simulation found.
+        /// Number of the recorded simulation.
         found: u32,
-        /// Number of the simulation that comes next.
-        wanted: u32,
+        /// Number of the next simulation.
+        expected: u32,
     },
-    /// A recorded simulation after the end of its trial.
+    /// A record follows the last simulation of its trial.
     #[error("simulation {number} of trial {trial} is recorded, but the trial ended with simulation {last}")]
-    PastTheEnd {
+    AfterTrialEnd {
         /// Number of the trial.
         trial: u32,
         /// Number of the simulation.
@@ -100,19 +100,19 @@ pub enum FalsificationError {
         /// Number of the trial's last simulation.
         last: u32,
     },
-    /// What was recorded is not what the trial now asks for.
+    /// The point, scenario or seed of a record differs from the request of the trial.
     #[error(
-        "simulation {number} of trial {trial} was recorded {recorded}, but the trial now asks for one {asked}: \
-         the run was made by another build or with other settings and has to be resumed with those"
+        "simulation {number} of trial {trial} was recorded {recorded}, but this program requests it {expected}: \
+         the run was made by another build or with other settings; resume it with those"
     )]
-    OtherBuild {
+    RecordMismatch {
         /// Number of the trial.
         trial: u32,
         /// Number of the simulation.
         number: u32,
-        /// Point, scenario and seed that were recorded.
+        /// Recorded point, scenario and seed.
         recorded: String,
-        /// Those asked for now.
-        asked: String,
+        /// Requested point, scenario and seed.
+        expected: String,
     },
 }

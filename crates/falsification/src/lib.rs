@@ -1,13 +1,13 @@
-//! Trials and campaigns: searches that try to push a robustness below zero.
+//! Falsification: searches for scenarios with a negative robustness (counterexamples).
 //!
-//! A [`Trial`] is one seeded search with a budget of simulations. A [`Campaign`] advances many of them together, so
-//! that one batch of the [`System`](mishandle_rollout::System) under test holds simulations of several trials; what
-//! each trial simulates is the same as if it ran alone, one simulation at a time. Every
-//! [`Episode`](mishandle_rollout::Episode) is handed to a callback before the next batch starts, and a campaign that was
-//! cut short goes on from what was recorded. This crate reads no file and no clock.
+//! A [`Trial`] is one seeded search with a budget of simulations. A [`Campaign`] runs many trials together: one batch of
+//! the [`System`](mishandle_rollout::System) under test contains simulations of several trials. Each trial has the same
+//! simulations as if it ran alone, one simulation at a time. A callback receives every
+//! [`Episode`](mishandle_rollout::Episode) before the next batch starts. An interrupted campaign resumes from its records.
+//! This crate uses neither files nor clocks.
 //!
 //! # Example
-//! A system in closed form, violated in the corner x > 0.9:
+//! A system in closed form whose requirement is violated where x > 0.9:
 //! ```
 //! use std::ops::ControlFlow;
 //! use mishandle_falsification::{Campaign, FalsificationError, CampaignSettings};

@@ -1,61 +1,62 @@
-//! What trials found, and what a campaign of them amounts to.
+//! Outcomes of trials and campaigns.
 
 use mishandle_evaluation::{Estimate, wilson};
 use mishandle_rollout::{Episode, EpisodeEnd, Scenario, Seed};
 
 use crate::TrialEnd;
 
-/// The simulation of a trial with the least robustness, the earliest of equals: its counterexample, if it has one.
+/// The simulation of a trial with the minimum robustness, the earliest of equals. It is a counterexample if the trial was
+/// falsified.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Minimum {
     /// Robustness.
     pub robustness: f64,
-    /// Its scenario.
+    /// Scenario.
     pub scenario: Scenario,
-    /// Key of everything random in it.
+    /// Random seed of the simulation.
     pub seed: Seed,
-    /// Its number in the trial, from 1.
+    /// Number of the simulation in the trial, from 1.
     pub number: u32,
 }
 
 /// A simulation on whose trace the formula has no finite value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Undefined {
-    /// Its number in the trial, from 1.
+    /// Number of the simulation in the trial, from 1.
     pub number: u32,
-    /// Its scenario.
+    /// Scenario.
     pub scenario: Scenario,
-    /// Key of everything random in it.
+    /// Random seed of the simulation.
     pub seed: Seed,
     /// Sample of the trace at which the formula has no finite value.
     pub step: usize,
 }
 
-/// What a trial found, as far as it went.
+/// Outcome of a trial so far.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrialOutcome {
     /// Number of the trial, from 1.
     pub trial: u32,
-    /// Its seed.
+    /// Random seed of the trial.
     pub seed: Seed,
-    /// How it ended; `None` if it was cut short.
+    /// How the trial ended; `None` if it was interrupted.
     pub end: Option<TrialEnd>,
-    /// Simulations it made, the falsifying one included.
+    /// Number of simulations, including the falsifying one.
     pub simulations: u32,
-    /// How many of them diverged.
+    /// Number of diverged simulations.
     pub diverged: u32,
-    /// How many of them did not diverge and were stopped undecided.
+    /// Number of simulations that did not diverge but left the formula undecided.
     pub undecided: u32,
-    /// How many of the undecided ones have no finite value of the formula.
+    /// Number of undecided simulations without a finite value of the formula.
     pub undefined: u32,
-    /// The first of these.
+    /// First simulation without a finite value of the formula.
     pub first_undefined: Option<Undefined>,
-    /// The least robustness; `None` if no simulation has one.
+    /// Simulation with the minimum robustness; `None` if no simulation has a robustness.
     pub minimum: Option<Minimum>,
 }
 
 impl TrialOutcome {
-    /// The outcome of a trial that has not begun.
+    /// Makes the outcome of a trial without simulations.
     pub(crate) fn new(trial: u32, seed: Seed) -> TrialOutcome {
         TrialOutcome {
             trial,
@@ -70,7 +71,7 @@ impl TrialOutcome {
         }
     }
 
-    /// Whether it found a violation.
+    /// Returns whether the trial found a violation.
     pub fn falsified(&self) -> bool {
         self.end == Some(TrialEnd::Falsified)
     }
@@ -101,38 +102,38 @@ impl TrialOutcome {
     }
 }
 
-/// What a campaign found, as far as it went.
+/// Outcome of a campaign so far.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CampaignOutcome {
-    /// The trials that have begun, in order.
+    /// Outcomes of the started trials, in order.
     pub trials: Vec<TrialOutcome>,
-    /// How many of them found a violation.
+    /// Number of falsified trials.
     pub falsified_trials: u32,
-    /// FR: their share of the trials that have ended, with its Wilson interval.
+    /// Falsification rate: fraction of falsified trials among the ended trials, with its Wilson interval.
     pub falsification_rate: Estimate,
-    /// S̄: mean number of simulations over the falsified trials; `None` if there is none. It says nothing of how often
-    /// a search fails: the two below do.
+    /// Mean number of simulations over the falsified trials; `None` without falsified trials. It does not depend on the
+    /// number of trials without a violation, unlike the median and the restricted mean.
     pub mean_simulations: Option<f64>,
-    /// The least number of simulations after which at least half of the trials have found a violation; `None` if fewer
-    /// than half do, or if a trial was cut short.
+    /// Median number of simulations to the first violation: the smallest number by which at least half of the trials have
+    /// found one. `None` if fewer than half did, or if a trial was interrupted.
     pub median_simulations: Option<u32>,
-    /// Mean number of simulations to the first violation, the budget where there is none. A search that ended by itself
-    /// counts as the whole budget, since it would find nothing more. `None` if a trial was cut short.
+    /// Restricted mean number of simulations to the first violation: a trial without one counts as the whole budget, also
+    /// if its search ended by its own criterion. `None` if a trial was interrupted.
     pub restricted_mean_simulations: Option<f64>,
-    /// Simulations of all trials.
+    /// Number of simulations of all trials.
     pub simulations: u64,
-    /// How many of them diverged.
+    /// Number of diverged simulations.
     pub diverged: u64,
-    /// How many of them did not diverge and were stopped undecided.
+    /// Number of simulations that did not diverge but left the formula undecided.
     pub undecided: u64,
-    /// How many of the undecided ones have no finite value of the formula.
+    /// Number of undecided simulations without a finite value of the formula.
     pub undefined: u64,
-    /// Simulations that were run and belong to no trial: those of a batch that come after a violation in their trial.
+    /// Number of surplus simulations, which belong to no trial: in their batch they follow a violation of their trial.
     pub surplus: u64,
 }
 
 impl CampaignOutcome {
-    /// What trials with this budget amount to.
+    /// Summarizes trials with this budget.
     pub fn new(trials: Vec<TrialOutcome>, budget: u32) -> CampaignOutcome {
         let ended = trials.iter().filter(|trial| trial.end.is_some()).count() as u64;
         let total =
@@ -161,8 +162,10 @@ impl CampaignOutcome {
     }
 }
 
-/// The least number of simulations by which at least half of `trials` trials are falsified, `simulations` being those of
-/// the falsified ones. Counted in whole trials, since a rounded share would miss one half by a bit.
+/// Returns the smallest number of simulations by which at least half of `trials` trials are falsified.
+///
+/// `simulations` contains the numbers of the falsified trials. The function counts trials, because a Kaplan-Meier product
+/// of fractions has rounding errors at one half.
 fn median(simulations: impl Iterator<Item = u32>, trials: usize) -> Option<u32> {
     let mut simulations: Vec<u32> = simulations.collect();
     simulations.sort_unstable();
@@ -180,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outcome_worked_out_by_hand() {
+    fn an_outcome_matches_a_hand_calculation() {
         let outcome = CampaignOutcome::new(
             vec![
                 trial(20, Some(TrialEnd::Falsified)),
@@ -193,30 +196,30 @@ mod tests {
         assert_eq!(outcome.falsified_trials, 2);
         assert_eq!((outcome.falsification_rate.value, outcome.falsification_rate.n), (Some(0.5), 4));
         assert_eq!(outcome.mean_simulations, Some(30.0));
-        // Half of the trials are falsified by simulation 40; the two others count 300 each.
+        // Half of the trials are falsified by simulation 40. The other two count as 300 each.
         assert_eq!(outcome.median_simulations, Some(40));
         assert_eq!(outcome.restricted_mean_simulations, Some((20.0 + 40.0 + 300.0 + 300.0) / 4.0));
         assert_eq!((outcome.simulations, outcome.diverged, outcome.undecided), (460, 4, 8));
     }
 
     #[test]
-    fn without_a_violation_there_is_no_mean() {
+    fn without_a_violation_the_mean_is_none() {
         let outcome = CampaignOutcome::new(vec![trial(300, Some(TrialEnd::BudgetSpent))], 300);
         assert_eq!((outcome.mean_simulations, outcome.median_simulations), (None, None));
         assert_eq!(outcome.restricted_mean_simulations, Some(300.0));
     }
 
     #[test]
-    fn a_trial_cut_short_is_in_no_rate() {
+    fn an_interrupted_trial_is_excluded_from_the_rate() {
         let outcome = CampaignOutcome::new(vec![trial(20, Some(TrialEnd::Falsified)), trial(50, None)], 300);
         assert_eq!((outcome.falsification_rate.value, outcome.falsification_rate.n), (Some(1.0), 1));
         assert_eq!((outcome.median_simulations, outcome.restricted_mean_simulations), (None, None));
     }
 
-    /// 30 trials, each falsified after another number of simulations: half of them by the 15th. A product of rounded
-    /// shares, 29/30 * 28/29 * ..., is above one half there.
+    /// Of 30 trials that are falsified after 1 to 30 simulations, half are falsified by simulation 15. The product of the
+    /// rounded fractions 29/30 * 28/29 * ... is above one half there.
     #[test]
-    fn the_median_counts_whole_trials() {
+    fn the_median_counts_trials_without_rounding_errors() {
         for trials in 1..=60 {
             let falsified = (1..=trials).map(|n| trial(n, Some(TrialEnd::Falsified))).collect();
             let outcome = CampaignOutcome::new(falsified, 300);
@@ -225,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn half_of_the_trials_is_enough_for_a_median_and_fewer_are_not() {
+    fn a_median_requires_half_of_the_trials_to_be_falsified() {
         let spent = || trial(300, Some(TrialEnd::BudgetSpent));
         let found = |n| trial(n, Some(TrialEnd::Falsified));
         let outcome = CampaignOutcome::new(vec![spent(), found(7), spent(), found(3)], 300);

@@ -1,4 +1,4 @@
-//! One seeded search with a budget.
+//! One seeded search with a budget of simulations.
 
 use mishandle_rollout::{Episode, EpisodeEnd, Request, Seed, Space};
 use mishandle_search::{Observation, Search, SearchEnd, SubformulaMinimum};
@@ -8,24 +8,24 @@ use crate::{FalsificationError, TrialOutcome};
 /// How a trial ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrialEnd {
-    /// Its last simulation has a robustness below 0.
+    /// The last simulation has a robustness below 0.
     Falsified,
-    /// The budget was spent without one.
+    /// The budget was spent without a violation.
     BudgetSpent,
-    /// The search ended by its own criterion, without one and before the budget was spent.
+    /// The search ended by its own criterion, without a violation and before the budget was spent.
     SearchEnded(SearchEnd),
 }
 
-/// One seeded search that stops at the first robustness below 0, or when its budget of simulations is spent, or when
-/// the search ends by itself.
+/// One seeded search. It ends at the first robustness below 0, when its budget of simulations is spent, or when the search
+/// ends by its own criterion.
 ///
-/// Of the trial's seed, child 0 is the search's and child m that of simulation m, counted from 1. A violation found by
-/// simulation m counts as m simulations. The trial holds no history, only the least robustness.
+/// The search has the seed child 0 of the trial's seed, and simulation m, counted from 1, has child m. A violation in
+/// simulation m counts as m simulations. A trial stores the minimum robustness but no history.
 ///
-/// A diverged simulation is told to the search as +∞, the worst there is, since it is not a counterexample. So is one that
-/// was stopped with the formula undecided, or on whose trace the formula has no finite value. All are counted. An episode
-/// that ran to its end and still left the formula undecided is an error: the formula is longer than the episode, and the
-/// whole budget would be spent on nothing.
+/// The search observes +∞, the worst value, for a simulation that diverged, was stopped with the formula undecided, or has
+/// no finite value of the formula, because none of them is a counterexample. All of them count against the budget. A
+/// complete episode that leaves the formula undecided is an error: the formula is longer than the episode, so no
+/// simulation could have a robustness.
 pub struct Trial {
     search: Box<dyn Search>,
     space: Space,
@@ -34,29 +34,30 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// Trial `number`, counted from 1, with this seed, before its first simulation. The search has to be made with
-    /// [`search_seed`](Self::search_seed) and the dimension of `space`.
+    /// Makes trial `number`, counted from 1. The search must have the seed [`search_seed`](Self::search_seed) and the
+    /// dimension of `space`.
     pub fn new(number: u32, seed: Seed, budget: u32, search: Box<dyn Search>, space: Space) -> Trial {
         Trial { search, space, budget, outcome: TrialOutcome::new(number, seed) }
     }
 
-    /// The seed for the search of a trial with this seed.
+    /// Returns the seed of the search of a trial with this seed.
     pub fn search_seed(seed: Seed) -> u64 {
         seed.child(0).0
     }
 
-    /// How it stands.
+    /// Returns the outcome so far.
     pub fn outcome(&self) -> &TrialOutcome {
         &self.outcome
     }
 
-    /// The next simulations it wants, at most `n`; none if it has ended.
+    /// Returns the next simulations to run, at most `n`. The list is empty if the trial has ended.
     ///
-    /// More than one only where the search can say them before it knows the first value, and at most one more than
-    /// the trial has simulated. Those after a violation are surplus: so they never cost more than the trial itself.
+    /// The list is longer than 1 only if the search can propose points before it observes the first of them. Its length
+    /// is at most one more than the number of completed simulations. Simulations after a violation are surplus, so this
+    /// limit keeps the surplus below the cost of the trial.
     ///
     /// # Errors
-    /// [`FalsificationError::Stalled`] if the search proposes nothing and has not ended.
+    /// [`FalsificationError::Stalled`] if the search proposes no point and has not ended.
     pub fn ask(&mut self, n: usize) -> Result<Vec<Request>, FalsificationError> {
         if self.outcome.end.is_some() {
             return Ok(Vec::new());
@@ -66,7 +67,7 @@ impl Trial {
         let points = self.search.ask_batch(n);
         if points.is_empty() {
             match self.search.finished() {
-                Some(finish) => self.outcome.end = Some(TrialEnd::SearchEnded(finish)),
+                Some(end) => self.outcome.end = Some(TrialEnd::SearchEnded(end)),
                 None => return Err(FalsificationError::Stalled { search: self.search.name(), trial }),
             }
         }
@@ -76,15 +77,17 @@ impl Trial {
             scenario: self.space.at(&unit_point),
             unit_point,
             seed: self.outcome.seed.child(u64::from(number)),
-            wants_subformulas: self.search.needs_subformulas(),
+            needs_subformulas: self.search.needs_subformulas(),
         };
         Ok((done + 1..).zip(points).map(request).collect())
     }
 
-    /// Takes the episode of the first request that has none yet; it may come from a record.
+    /// Adds the episode of the first request without one. It may come from a record.
     ///
     /// # Errors
-    /// [`FalsificationError::Undecidable`], [`FalsificationError::NotANumber`], or what the search refuses.
+    /// - [`FalsificationError::Undecidable`] if the episode is complete but the formula undecided.
+    /// - [`FalsificationError::NotANumber`] if the robustness is NaN.
+    /// - [`FalsificationError::Search`] if the search rejects the observation.
     pub fn tell(&mut self, episode: &Episode) -> Result<(), FalsificationError> {
         let Request { trial, number, unit_point, scenario, .. } = &episode.request;
         let robustness = episode.robustness();
@@ -111,7 +114,7 @@ impl Trial {
     }
 }
 
-/// What the search is told of a simulation: +∞ if it has no verdict.
+/// Returns the search's observation of an episode: +∞ if the episode has no robustness.
 fn observation(episode: &Episode) -> Observation {
     let minimum = |found: &mishandle_stl::SubformulaMinimum| SubformulaMinimum {
         minimum: found.minimum,

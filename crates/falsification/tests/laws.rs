@@ -1,4 +1,4 @@
-//! Laws of every campaign: what batches, interruptions and budgets may not change.
+//! Invariants of campaigns: batches, interruptions and budgets do not change the simulations.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::collections::BTreeMap;
@@ -9,7 +9,7 @@ use mishandle_rollout::{Axis, Episode, EpisodeEnd, Request, Seed, Space, Stream,
 use mishandle_search::{Coordinate, SEARCHES, SearchOptions, by_name};
 use mishandle_toys::{FunctionSystem, SimulatedEnd};
 
-/// A simulation, and how its trial ended if it was the last one.
+/// A simulation, and the end of its trial if it is the last one.
 #[derive(Clone, Debug, PartialEq)]
 struct Row {
     episode: Episode,
@@ -30,7 +30,7 @@ impl Row {
     }
 }
 
-/// Rows of all trials, each trial's in the order in which they came.
+/// Rows by trial, in order.
 type Rows = BTreeMap<u32, Vec<Row>>;
 
 const TRIALS: u32 = 6;
@@ -40,9 +40,9 @@ fn space() -> Space {
     Space::new("starts", vec![Axis::start("x", "m", -1.0, 3.0), Axis::start("y", "m", 0.2, 0.5)]).unwrap()
 }
 
-/// On the left a smooth bowl above 0, in which a local search converges. On the right a cone that is violated about
-/// (2, 0.4), noisy, sometimes diverging or stopped, all by the simulation's seed alone.
-fn fate(request: &Request) -> SimulatedEnd {
+/// A smooth bowl above 0 for small x, in which a local search converges. Elsewhere a noisy cone with a violation around
+/// (2, 0.4); the seed of the simulation determines the noise, divergence and early stops.
+fn simulated_end(request: &Request) -> SimulatedEnd {
     let [x, y] = [0, 1].map(|i| request.scenario.get(i).unwrap());
     let (x, y) = ((x - 2.0) / 4.0, (y - 0.4) / 0.3);
     if x < -0.35 {
@@ -56,7 +56,7 @@ fn fate(request: &Request) -> SimulatedEnd {
 }
 
 fn system() -> FunctionSystem {
-    FunctionSystem::new(space(), fate)
+    FunctionSystem::new(space(), simulated_end)
 }
 
 fn campaign(search: &'static str, trials: u32, budget: u32, batch: usize) -> Campaign<'static> {
@@ -65,17 +65,17 @@ fn campaign(search: &'static str, trials: u32, budget: u32, batch: usize) -> Cam
     Campaign::new(settings, &space(), make).unwrap()
 }
 
-/// Runs on until `limit` simulations have come, and adds them to `rows`. The outcome is without its surplus, which
-/// depends on the batches.
+/// Runs the campaign for at least `limit` simulations and adds them to `rows`. The returned outcome has no surplus, which
+/// depends on the batch size.
 fn run(
     campaign: &mut Campaign<'_>,
     system: &mut dyn System,
     limit: usize,
     rows: &mut Rows,
 ) -> CampaignOutcome {
-    let mut seen = 0;
+    let mut count = 0;
     let outcome = campaign.run(system, |batch| {
-        seen += batch.episodes.len();
+        count += batch.episodes.len();
         for episode in batch.episodes {
             let Request { trial, number, seed, .. } = episode.request;
             assert_eq!(seed, Seed(11).child(u64::from(trial) - 1).child(number.into()));
@@ -84,7 +84,7 @@ fn run(
         for (trial, end) in batch.ended {
             rows.get_mut(trial).unwrap().last_mut().unwrap().trial_end = Some(*end);
         }
-        Ok::<_, FalsificationError>(if seen < limit {
+        Ok::<_, FalsificationError>(if count < limit {
             ControlFlow::Continue(())
         } else {
             ControlFlow::Break(())
@@ -104,10 +104,10 @@ fn names() -> impl Iterator<Item = &'static str> {
 }
 
 #[test]
-fn the_cases_below_hold_every_kind_of_end() {
+fn the_test_cases_cover_every_kind_of_end() {
     let trials: Vec<_> = names().flat_map(|search| whole(search, TRIALS, BUDGET, 8).0.trials).collect();
     let ended =
-        |wanted: fn(TrialEnd) -> bool| trials.iter().filter(|trial| trial.end.is_some_and(wanted)).count();
+        |matches: fn(TrialEnd) -> bool| trials.iter().filter(|trial| trial.end.is_some_and(matches)).count();
     assert!(ended(|end| end == TrialEnd::Falsified) >= 5);
     assert!(ended(|end| end == TrialEnd::BudgetSpent) >= 5);
     assert!(ended(|end| matches!(end, TrialEnd::SearchEnded(_))) >= 1 || names().count() == 1);
@@ -115,7 +115,7 @@ fn the_cases_below_hold_every_kind_of_end() {
 }
 
 #[test]
-fn any_batch_size_records_the_same_simulations() {
+fn the_simulations_do_not_depend_on_the_batch_size() {
     for search in names() {
         for trials in [1, TRIALS] {
             let expected = whole(search, trials, BUDGET, 1);
@@ -132,7 +132,7 @@ fn any_batch_size_records_the_same_simulations() {
 }
 
 #[test]
-fn a_trial_alone_makes_the_simulations_that_it_makes_among_others() {
+fn the_simulations_of_a_trial_do_not_depend_on_other_trials() {
     for search in names() {
         let (one, many) = (whole(search, 1, BUDGET, 4), whole(search, TRIALS, BUDGET, 4));
         assert_eq!(one.1[&1], many.1[&1], "{search}");
@@ -140,7 +140,7 @@ fn a_trial_alone_makes_the_simulations_that_it_makes_among_others() {
 }
 
 #[test]
-fn a_resumed_campaign_ends_as_if_it_had_never_been_cut_short() {
+fn a_resumed_campaign_has_the_same_result_as_an_uninterrupted_one() {
     for search in names() {
         let expected = whole(search, TRIALS, BUDGET, 6);
         let all: Vec<Row> = expected.1.values().flatten().cloned().collect();
@@ -152,7 +152,7 @@ fn a_resumed_campaign_ends_as_if_it_had_never_been_cut_short() {
             let outcome = run(&mut resumed, &mut system(), usize::MAX, &mut rows);
             assert_eq!((outcome, rows), expected, "{search}, cut after {cut}");
         }
-        // A killed run may end in the middle of a batch: any beginning of each trial will do.
+        // A killed run may end in the middle of a batch, so any prefix of each trial must be valid.
         for keep in [3, 17, 40] {
             let mut rows = Rows::new();
             let mut resumed = campaign(search, TRIALS, BUDGET, 6);
@@ -167,7 +167,7 @@ fn a_resumed_campaign_ends_as_if_it_had_never_been_cut_short() {
 }
 
 #[test]
-fn a_paused_campaign_goes_on() {
+fn a_paused_campaign_continues_to_the_same_result() {
     for search in names() {
         let expected = whole(search, TRIALS, BUDGET, 4);
         let (mut paused, mut system, mut rows) = (campaign(search, TRIALS, BUDGET, 4), system(), Rows::new());
@@ -180,7 +180,7 @@ fn a_paused_campaign_goes_on() {
 }
 
 #[test]
-fn the_budget_is_hard_and_the_count_inclusive() {
+fn no_trial_exceeds_its_budget_and_the_count_includes_the_violation() {
     for search in names() {
         let (outcome, rows) = whole(search, TRIALS, BUDGET, 8);
         for (trial, rows) in outcome.trials.iter().zip(rows.values()) {
@@ -200,7 +200,7 @@ fn the_budget_is_hard_and_the_count_inclusive() {
 }
 
 #[test]
-fn the_minimum_is_the_least_robustness_recorded() {
+fn the_minimum_is_the_smallest_recorded_robustness() {
     for search in names() {
         let (outcome, rows) = whole(search, TRIALS, BUDGET, 8);
         for (trial, rows) in outcome.trials.iter().zip(rows.values()) {
@@ -210,8 +210,8 @@ fn the_minimum_is_the_least_robustness_recorded() {
             assert_eq!(minimum.robustness, least, "{search}");
             let request = &row.episode.request;
             assert_eq!((&minimum.scenario, minimum.seed), (&request.scenario, request.seed));
-            assert_eq!(fate(request), SimulatedEnd::Robustness(least));
-            let count = |wanted: fn(&Row) -> bool| rows.iter().filter(|row| wanted(row)).count() as u32;
+            assert_eq!(simulated_end(request), SimulatedEnd::Robustness(least));
+            let count = |matches: fn(&Row) -> bool| rows.iter().filter(|row| matches(row)).count() as u32;
             assert_eq!(trial.diverged, count(|row| matches!(row.episode.end, EpisodeEnd::Diverged { .. })));
             assert_eq!(trial.undecided, count(|row| matches!(row.episode.end, EpisodeEnd::Stopped { .. })));
         }
@@ -219,20 +219,20 @@ fn the_minimum_is_the_least_robustness_recorded() {
 }
 
 #[test]
-fn what_is_thrown_away_never_costs_more_than_what_is_kept() {
+fn the_surplus_is_smaller_than_the_number_of_simulations() {
     for batch_size in [1, 8, 64] {
         let mut system = system();
         let mut campaign = campaign("random", 1, 5000, batch_size);
         let outcome = run(&mut campaign, &mut system, usize::MAX, &mut Rows::new());
         assert_eq!(outcome.falsified_trials, 1);
         let spent = outcome.simulations as usize;
-        assert!(system.simulations() < 2 * spent, "{} simulated for {spent}", system.simulations());
+        assert!(system.simulations() < 2 * spent, "{} simulations for {spent}", system.simulations());
         assert!(batch_size > 1 || system.simulations() == spent);
     }
 }
 
 #[test]
-fn a_larger_budget_goes_on_from_a_smaller_one() {
+fn a_campaign_resumes_with_a_larger_budget() {
     let (_, rows) = whole("random", 4, 10, 4);
     let mut longer = campaign("random", 4, 60, 4);
     rows.values().flatten().for_each(|row| longer.replay(&row.episode).unwrap());

@@ -5,8 +5,8 @@ use tempfile::{Builder, NamedTempFile};
 
 /// A file that appears at its path only when it is complete.
 ///
-/// The bytes go to a temporary file in the same folder. [`persist`](Self::persist) syncs it to the disk and renames it. If
-/// the value is dropped before, the temporary file is removed. A process that is killed leaves a file
+/// The bytes go to a temporary file in the same folder. [`persist`](Self::persist) syncs it to the disk and renames
+/// it. If the value is dropped before, the temporary file is removed. A process that is killed leaves a file
 /// `.mishandle-*.part` behind, which nothing reads.
 ///
 /// # Example
@@ -26,7 +26,7 @@ use tempfile::{Builder, NamedTempFile};
 /// ```
 #[derive(Debug)]
 pub struct AtomicFile {
-    part: NamedTempFile,
+    temporary: NamedTempFile,
     path: PathBuf,
     replaces: bool,
 }
@@ -61,28 +61,28 @@ impl AtomicFile {
             // The usual permissions of a new file; the process's umask is subtracted.
             builder.permissions(std::fs::Permissions::from_mode(0o666));
         }
-        // The message of the kind alone: the temporary name would confuse the user.
-        let part = builder.tempfile_in(folder).map_err(|error| match error.raw_os_error() {
+        // Keeps only the kind of the error: the temporary name would confuse the user.
+        let temporary = builder.tempfile_in(folder).map_err(|error| match error.raw_os_error() {
             Some(code) => io::Error::from_raw_os_error(code),
             None => error.kind().into(),
         })?;
-        Ok(AtomicFile { part, path: path.to_path_buf(), replaces })
+        Ok(AtomicFile { temporary, path: path.to_path_buf(), replaces })
     }
 
     /// Returns the path of the temporary file, for a program that writes it by its name.
-    pub fn part(&self) -> &Path {
-        self.part.path()
+    pub fn temporary_path(&self) -> &Path {
+        self.temporary.path()
     }
 
-    /// Syncs the file to the disk and gives it its name.
+    /// Syncs the file to the disk and renames it to its path.
     ///
     /// # Errors
     /// Any error of the system. The temporary file is then removed, and an old file at the path is unchanged.
     pub fn persist(self) -> io::Result<()> {
-        self.part.as_file().sync_all()?;
+        self.temporary.as_file().sync_all()?;
         let persisted = match self.replaces {
-            true => self.part.persist(&self.path),
-            false => self.part.persist_noclobber(&self.path),
+            true => self.temporary.persist(&self.path),
+            false => self.temporary.persist_noclobber(&self.path),
         };
         persisted.map(drop).map_err(|error| error.error)
     }
@@ -90,11 +90,11 @@ impl AtomicFile {
 
 impl Write for AtomicFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.part.as_file_mut().write(bytes)
+        self.temporary.as_file_mut().write(bytes)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.part.as_file_mut().flush()
+        self.temporary.as_file_mut().flush()
     }
 }
 
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn the_old_file_is_replaced_and_nothing_else_is_left() {
+    fn an_existing_file_is_replaced_and_no_temporary_file_is_left() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.bin");
         write_atomically(&path, b"old").unwrap();
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dropped_file_leaves_nothing() {
+    fn a_dropped_file_leaves_no_temporary_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.bin");
         let mut file = AtomicFile::create_new(&path).unwrap();
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_in_the_way_is_an_error_that_leaves_no_partial_file() {
+    fn a_folder_at_the_path_is_an_error_and_leaves_no_temporary_file() {
         let folder = tempfile::tempdir().unwrap();
         fs::create_dir(folder.path().join("a.bin")).unwrap();
         assert!(write_atomically(&folder.path().join("a.bin"), b"new").is_err());
@@ -163,7 +163,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn others_may_read_a_new_file_as_far_as_the_umask_lets_them() {
+    fn a_new_file_has_the_permissions_of_the_umask() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
         let [ours, plain] = ["ours", "plain"].map(|name| folder.path().join(name));

@@ -2,9 +2,9 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A lock file that keeps a second process away for as long as this lives.
+/// An exclusive lock on a lock file, held until this value is dropped.
 ///
-/// The system releases the lock when a process is killed; the file that is then left behind locks nobody out.
+/// The operating system releases the lock when a process is killed. The remaining file does not block other processes.
 #[derive(Debug)]
 pub struct FileLock {
     path: PathBuf,
@@ -12,11 +12,11 @@ pub struct FileLock {
 }
 
 impl FileLock {
-    /// Takes the lock file at `path`; `None` if somebody else has it.
+    /// Acquires the lock at `path`; `None` if another process has it.
     ///
     /// # Errors
     /// If the file cannot be created or locked.
-    pub fn take(path: &Path) -> io::Result<Option<FileLock>> {
+    pub fn try_acquire(path: &Path) -> io::Result<Option<FileLock>> {
         loop {
             let file = OpenOptions::new().write(true).create(true).truncate(false).open(path)?;
             match file.try_lock() {
@@ -24,7 +24,7 @@ impl FileLock {
                 Err(TryLockError::WouldBlock) => return Ok(None),
                 Err(TryLockError::Error(source)) => return Err(source),
             }
-            // Its former owner may have removed it since it was opened: then the lock guards nothing.
+            // The previous owner may have removed the file after we opened it. Then the lock has no effect.
             if is_at(&file, path) {
                 return Ok(Some(FileLock { path: path.to_path_buf(), _file: file }));
             }
@@ -34,7 +34,7 @@ impl FileLock {
 
 impl Drop for FileLock {
     fn drop(&mut self) {
-        // Still locked, so nobody else has it; a file left behind is no harm.
+        // We still hold the lock, so no other process uses the file. An error is harmless.
         let _ = std::fs::remove_file(&self.path);
     }
 }
@@ -42,13 +42,13 @@ impl Drop for FileLock {
 #[cfg(unix)]
 fn is_at(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
-    let place = |found: &std::fs::Metadata| (found.dev(), found.ino());
-    matches!((file.metadata(), path.metadata()), (Ok(a), Ok(b)) if place(&a) == place(&b))
+    let identity = |found: &std::fs::Metadata| (found.dev(), found.ino());
+    matches!((file.metadata(), path.metadata()), (Ok(a), Ok(b)) if identity(&a) == identity(&b))
 }
 
 #[cfg(not(unix))]
 fn is_at(_: &File, _: &Path) -> bool {
-    // A file that is open cannot be removed there.
+    // On other systems an open file cannot be removed.
     true
 }
 
@@ -57,15 +57,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_two_owners_one_is_refused_until_the_other_is_gone() {
+    fn a_lock_has_one_owner_until_it_is_dropped() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.lock");
-        let first = FileLock::take(&path).unwrap().unwrap();
-        assert!(FileLock::take(&path).unwrap().is_none());
+        let first = FileLock::try_acquire(&path).unwrap().unwrap();
+        assert!(FileLock::try_acquire(&path).unwrap().is_none());
         drop(first);
         assert!(!path.exists());
-        // What a killed process leaves behind.
+        // The file that a killed process leaves behind.
         std::fs::write(&path, "").unwrap();
-        assert!(FileLock::take(&path).unwrap().is_some());
+        assert!(FileLock::try_acquire(&path).unwrap().is_some());
     }
 }

@@ -2,61 +2,75 @@ use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// A file that grows by whole records.
+/// A file to which complete records are appended.
 ///
-/// A full disk leaves no part of a record behind: what could not be written is kept, and tried again before the next.
+/// A full disk never leaves a partial record: a record that could not be written is kept in memory and written before
+/// the next one.
 #[derive(Debug)]
 pub struct GrowingFile {
     path: PathBuf,
     file: File,
-    /// Bytes of the records that are there; whatever the file has behind them goes with the next write.
+    /// The length of the complete records in bytes. The next write removes anything after them.
     length: u64,
-    /// Records that are not there yet.
+    /// Records that are not written yet.
     pending: Vec<u8>,
-    /// Whether it was begun here.
+    /// Whether this value created the file.
     is_new: bool,
 }
 
 impl GrowingFile {
-    /// Begins a file that must not be there yet. If its first record cannot be written, nothing is left of it.
+    /// Creates a file, which must not exist yet, and writes its first record.
+    ///
+    /// # Errors
+    /// `AlreadyExists` if the file exists, or any other error of the operating system. If the first record cannot be
+    /// written, the file is removed.
     pub fn create(path: PathBuf, first: &[u8]) -> io::Result<GrowingFile> {
         let file = File::create_new(&path)?;
-        let mut begun = GrowingFile { path, file, length: 0, pending: Vec::new(), is_new: true };
-        match begun.append(first) {
-            Ok(()) => Ok(begun),
+        let mut created = GrowingFile { path, file, length: 0, pending: Vec::new(), is_new: true };
+        match created.append(first) {
+            Ok(()) => Ok(created),
             Err(error) => {
-                begun.discard();
+                created.discard();
                 Err(error)
             }
         }
     }
 
-    /// Goes on behind the first `length` bytes of a file.
+    /// Opens an existing file and continues after its first `length` bytes.
+    ///
+    /// # Errors
+    /// Any error of the operating system.
     pub fn open(path: PathBuf, length: u64) -> io::Result<GrowingFile> {
         let file = File::options().write(true).open(&path)?;
         Ok(GrowingFile { path, file, length, pending: Vec::new(), is_new: false })
     }
 
-    /// Takes the file away again, if it was begun here.
+    /// Removes the file if this value created it.
     pub fn discard(self) {
         if self.is_new {
-            // The failure that led here is the one to tell.
+            // The caller reports the error that led here, not this one.
             let _ = std::fs::remove_file(&self.path);
         }
     }
 
-    /// Where it is.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Writes a record behind the others.
+    /// Appends a record.
+    ///
+    /// # Errors
+    /// Any error of the operating system. The record is then kept and written with the next one.
     pub fn append(&mut self, record: &[u8]) -> io::Result<()> {
         self.pending.extend_from_slice(record);
         self.write()
     }
 
-    /// Has all that was written reach the disk, and nothing stand behind it.
+    /// Writes all records, removes anything after them and syncs the file to the disk.
+    ///
+    /// # Errors
+    /// Any error of the operating system.
     pub fn finish(&mut self) -> io::Result<()> {
         self.write()?;
         self.file.sync_data()
@@ -66,7 +80,7 @@ impl GrowingFile {
         self.file.set_len(self.length)?;
         self.file.seek(SeekFrom::Start(self.length))?;
         self.file.write_all(&self.pending).inspect_err(|_| {
-            // What is left of a record there, the next write takes away; whoever reads before should not see it.
+            // Removes the partial record at once, so that no reader sees it. The next write would remove it, too.
             let _ = self.file.set_len(self.length);
         })?;
         self.length += self.pending.len() as u64;
@@ -80,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_stands_behind_the_kept_bytes_goes_with_the_next_record() {
+    fn bytes_after_the_opened_length_are_removed_by_the_next_write() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         let mut file = GrowingFile::create(path.clone(), b"one ").unwrap();
@@ -97,11 +111,11 @@ mod tests {
     }
 
     #[test]
-    fn what_could_not_be_written_is_tried_again() {
+    fn records_that_could_not_be_written_are_written_later() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         let mut file = GrowingFile::create(path.clone(), b"one ").unwrap();
-        // A file opened for reading takes nothing.
+        // Writing to a file opened for reading fails.
         let writable = std::mem::replace(&mut file.file, File::open(&path).unwrap());
         assert!(file.append(b"two ").is_err());
         assert!(file.append(b"three ").is_err());
@@ -112,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_file_that_was_begun_here_is_taken_away() {
+    fn discarding_removes_only_a_file_created_by_this_value() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         GrowingFile::create(path.clone(), b"one ").unwrap().discard();

@@ -1,27 +1,30 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Folders that were made for what is to be written. Those that are still empty in the end go with their owner.
+/// Folders created for output files. Folders that are still empty are removed when this value is dropped.
 #[derive(Debug, Default)]
 pub struct NewFolders {
     /// Outer ones first.
-    made: Vec<PathBuf>,
+    created: Vec<PathBuf>,
 }
 
 impl NewFolders {
-    /// Makes a folder, with those that it is in, where it is not there yet.
-    pub fn make(&mut self, path: &Path) -> io::Result<()> {
+    /// Creates a folder and its missing parents.
+    ///
+    /// # Errors
+    /// Any error of the operating system.
+    pub fn create(&mut self, path: &Path) -> io::Result<()> {
         let is_missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
         let missing: Vec<&Path> = path.ancestors().take_while(is_missing).collect();
-        self.made.extend(missing.into_iter().rev().map(Path::to_path_buf));
+        self.created.extend(missing.into_iter().rev().map(Path::to_path_buf));
         std::fs::create_dir_all(path)
     }
 }
 
 impl Drop for NewFolders {
     fn drop(&mut self) {
-        for folder in self.made.iter().rev() {
-            // One that is not empty stays.
+        for folder in self.created.iter().rev() {
+            // Fails for a folder that is not empty, which stays.
             let _ = std::fs::remove_dir(folder);
         }
     }
@@ -32,16 +35,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_made_and_is_empty_goes() {
+    fn created_folders_are_removed_if_they_are_empty() {
         let home = tempfile::tempdir().unwrap();
         let [old, new, inner, other] =
             ["old", "old/new", "old/new/inner", "old/new/other"].map(|name| home.path().join(name));
         std::fs::create_dir(&old).unwrap();
         let make = |path: &Path| {
             let mut folders = NewFolders::default();
-            folders.make(&old).unwrap();
-            folders.make(path).unwrap();
-            folders.make(&other).unwrap();
+            folders.create(&old).unwrap();
+            folders.create(path).unwrap();
+            folders.create(&other).unwrap();
             folders
         };
         let folders = make(&inner);
@@ -52,7 +55,7 @@ mod tests {
         std::fs::write(new.join("a"), "").unwrap();
         drop(folders);
         assert!(new.join("a").exists() && !inner.exists());
-        // A file is in the way.
-        assert!(NewFolders::default().make(&new.join("a/b")).is_err());
+        // A file has the name of the folder.
+        assert!(NewFolders::default().create(&new.join("a/b")).is_err());
     }
 }

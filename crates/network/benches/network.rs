@@ -1,4 +1,4 @@
-//! Times of the passes on one thread: `cargo bench -p mishandle-network`.
+//! Times of forward and backward passes, Jacobian-vector products and updates: `cargo bench -p mishandle-network`.
 #![allow(clippy::print_stdout)]
 
 use std::hint::black_box;
@@ -6,8 +6,8 @@ use std::time::Instant;
 
 use mishandle_network::{Activation, Adam, CHUNK_ROWS, ChunkPool, Mlp, Workspace};
 
-/// The least time of a run, s.
-fn least(runs: usize, mut run: impl FnMut()) -> f64 {
+/// Returns the minimum time of a run in seconds.
+fn min_time(runs: usize, mut run: impl FnMut()) -> f64 {
     (0..runs)
         .map(|_| {
             let start = Instant::now();
@@ -17,7 +17,7 @@ fn least(runs: usize, mut run: impl FnMut()) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// One step of Adam on the mean of (y − 1)² / 2.
+/// Takes one step of Adam on the mean of (y − 1)² / 2.
 fn update(
     network: &mut Mlp<f32>,
     inputs: &[f32],
@@ -51,7 +51,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let mut workspace = Workspace::default();
         for rows in [1, 4, 16, 64, 256] {
             let inputs = &inputs[..rows * sizes[0]];
-            let time = least(2000, || {
+            let time = min_time(2000, || {
                 black_box(network.forward(black_box(inputs), &mut workspace));
             });
             println!("  forward, {rows:4} rows: {:8.2} us", time * 1e6);
@@ -61,7 +61,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         for threads in [1, rayon::current_num_threads()] {
             let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
             let mut pool = ChunkPool::<f32, (Workspace<f32>, Vec<f32>)>::new(CHUNK_ROWS);
-            let time = least(100, || {
+            let time = min_time(100, || {
                 threads.install(|| update(&mut network, &inputs, &mut pool, &mut gradient, &mut adam));
             });
             println!("  update, 4096 rows, {} threads: {:7.2} ms", threads.current_num_threads(), time * 1e3);
@@ -70,11 +70,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let error = vec![1.0; CHUNK_ROWS * network.output_size()];
         let direction = vec![1.0; count];
         network.forward(part, &mut workspace);
-        let backward = least(200, || network.backward(&error, &mut workspace, Some(&mut gradient), None));
-        let tangent = least(200, || {
+        let backward = min_time(200, || network.backward(&error, &mut workspace, Some(&mut gradient), None));
+        let tangent = min_time(200, || {
             black_box(network.tangent(Some(&direction), None, &mut workspace));
         });
-        let step = least(200, || network.update(|parameters| adam.step(parameters, &gradient)));
+        let step = min_time(200, || network.update(|parameters| adam.step(parameters, &gradient)));
         println!("  backward and tangent, {CHUNK_ROWS} rows: {:.1}, {:.1} us", backward * 1e6, tangent * 1e6);
         println!("  Adam's step and packing: {:.1} us", step * 1e6);
     }

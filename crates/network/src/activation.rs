@@ -4,10 +4,10 @@ use std::fmt;
 use std::str::FromStr;
 
 use crate::NetworkError;
-use crate::lanes::Lanes;
+use crate::matmul::Lanes;
 use crate::scalar::Scalar;
 
-/// The function behind a layer. Each maps 0 to 0, and each derivative is a function of the value alone.
+/// The activation function of a layer. Every activation maps 0 to 0, and its derivative is a function of its value.
 ///
 /// | | y(x) | dy/dx |
 /// |---|---|---|
@@ -23,6 +23,10 @@ use crate::scalar::Scalar;
 /// assert_eq!(Activation::Tanh.to_string(), "tanh");
 /// assert!("swish".parse::<Activation>().is_err());
 /// ```
+///
+/// # Reference
+/// `Elu`: Clevert, Unterthiner and Hochreiter, "Fast and Accurate Deep Network Learning by Exponential Linear Units
+/// (ELUs)", ICLR 2016.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Activation {
     /// Exponential linear unit, with α = 1.
@@ -31,7 +35,7 @@ pub enum Activation {
     Tanh,
     /// Rectified linear unit.
     Relu,
-    /// Nothing is done.
+    /// No activation.
     Identity,
 }
 
@@ -64,8 +68,8 @@ impl FromStr for Activation {
 impl Activation {
     /// Replaces each x by y(x).
     ///
-    /// Every number is written, also one that stays as it is: where some may be left alone, the compiler makes masked
-    /// stores, which some processors do very slowly. NaN stays NaN.
+    /// Every number is written, even if it does not change: conditional writes compile to masked stores, which are
+    /// very slow on some processors. NaN stays NaN.
     #[inline(always)]
     pub(crate) fn apply<T: Scalar>(self, values: &mut [Lanes<T>]) {
         match self {
@@ -79,9 +83,9 @@ impl Activation {
         }
     }
 
-    /// Multiplies each of `factors` by dy/dx at the place where the activation gave the value in `outputs`.
+    /// Multiplies each of `factors` by dy/dx, given the activation's value in `outputs`.
     ///
-    /// The two with a bend add f · (dy/dx − 1) to f, so that every number is written here too.
+    /// The piecewise activations add f · (dy/dx − 1) to f, so that every number is written here too.
     #[inline(always)]
     pub(crate) fn times_derivative<T: Scalar>(self, outputs: &[Lanes<T>], factors: &mut [Lanes<T>]) {
         let at_most_zero = |y: T| if y > T::ZERO { T::ZERO } else { y };

@@ -1,4 +1,4 @@
-//! Batches over threads, with results that do not depend on how many there are.
+//! Multi-threaded batches whose results do not depend on the number of threads.
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -7,13 +7,13 @@ use rayon::prelude::*;
 
 use crate::scalar::Scalar;
 
-/// A good number of rows in a chunk: the values of a layer then stay in a core's cache, and the sums of chunks cost little.
+/// The default chunk size in rows: the values of a layer fit in a core's cache, and adding the sums of chunks is cheap.
 pub const CHUNK_ROWS: usize = 256;
 
-/// Cuts a batch into chunks of a fixed number of rows and runs them on the threads of the rayon pool that it is called in.
+/// Splits a batch into chunks of a fixed number of rows and processes them on the threads of the current rayon pool.
 ///
-/// `S` is what a chunk needs to work in, for instance a [`Workspace`](crate::Workspace) per network. As many are made as chunks run
-/// at once, and they are reused. A chunk must not depend on what is left in it.
+/// `S` is the scratch memory of a chunk, for example a [`Workspace`](crate::Workspace) per network. It is created
+/// once per concurrent chunk and reused. The result of a chunk must not depend on its content.
 ///
 /// # Example
 /// ```
@@ -40,22 +40,24 @@ pub struct ChunkPool<T, S> {
 }
 
 impl<T: Scalar, S: Default + Send> ChunkPool<T, S> {
-    /// A pool for chunks of `chunk_rows` rows (at least one), the last of a batch having what is left. See [`CHUNK_ROWS`].
+    /// Creates a pool with chunks of `chunk_rows` rows, at least one. The last chunk of a batch may be smaller. See
+    /// [`CHUNK_ROWS`].
     pub fn new(chunk_rows: usize) -> ChunkPool<T, S> {
         ChunkPool { chunk_rows: chunk_rows.max(1), scratch: Mutex::default(), sums: Vec::new() }
     }
 
-    /// How many rows a chunk has.
+    /// Returns the number of rows per chunk.
     pub fn chunk_rows(&self) -> usize {
         self.chunk_rows
     }
 
-    /// Sets `total` to the sum over all chunks of what `add` adds to its own vector of as many numbers, which begins at zero.
+    /// Sets `total` to the sum over all chunks of the vectors that `add` computes.
     ///
-    /// `add` is given the chunk's rows, scratch and vector. The chunks' vectors are added in the order of the rows, so the bits depend on
-    /// the size of a chunk and never on the threads. A loss or a count can ride along in extra numbers of the vector.
+    /// `add` takes the chunk's rows, the scratch memory and a vector of zeros with the length of `total`, and adds to
+    /// the vector. The vectors are summed in the order of the rows, so the bits depend on the chunk size but not on
+    /// the number of threads. Additional elements of the vector can contain a loss or a count.
     pub fn sum(&mut self, rows: usize, total: &mut [T], add: impl Fn(Range<usize>, &mut S, &mut [T]) + Sync) {
-        /// How many numbers of the total a thread adds up at a time.
+        /// The number of elements of the total that one task sums.
         const BLOCK: usize = 4096;
         let count = total.len();
         if count == 0 {
@@ -78,9 +80,9 @@ impl<T: Scalar, S: Default + Send> ChunkPool<T, S> {
         });
     }
 
-    /// Lets `fill` write each chunk's share of `output`, which has as many numbers for each row.
+    /// Calls `fill` to write each chunk's part of `output`, which has the same number of elements for every row.
     ///
-    /// `fill` is given the chunk's rows, scratch and share.
+    /// `fill` takes the chunk's rows, the scratch memory and the chunk's part of `output`.
     ///
     /// # Panics
     /// If the length of `output` is not a multiple of `rows`.
@@ -95,14 +97,15 @@ impl<T: Scalar, S: Default + Send> ChunkPool<T, S> {
         }
         assert!(output.len().is_multiple_of(rows), "output: {} numbers for {rows} rows", output.len());
         let columns = output.len() / rows;
-        output.par_chunks_mut(self.chunk_rows * columns).enumerate().for_each(|(c, share)| {
+        output.par_chunks_mut(self.chunk_rows * columns).enumerate().for_each(|(c, part)| {
             let first = c * self.chunk_rows;
-            with_scratch(&self.scratch, |scratch| fill(first..first + share.len() / columns, scratch, share));
+            with_scratch(&self.scratch, |scratch| fill(first..first + part.len() / columns, scratch, part));
         });
     }
 }
 
-/// Runs `work` with a scratch that no other chunk holds. What a panic left behind is no worse than what a chunk leaves.
+/// Runs `work` with scratch memory that no other chunk is using. Memory left by a panic is fine, since its content does
+/// not matter.
 fn with_scratch<S: Default>(scratches: &Mutex<Vec<S>>, work: impl FnOnce(&mut S)) {
     let lock = || scratches.lock().unwrap_or_else(PoisonError::into_inner);
     let mut scratch = lock().pop().unwrap_or_default();

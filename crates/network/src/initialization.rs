@@ -1,25 +1,25 @@
-//! Initial parameters, from random numbers that the caller draws.
+//! Initialization of parameters from the caller's random numbers.
 
 use crate::NetworkError;
 use crate::mlp::Mlp;
 use crate::scalar::Scalar;
 
 impl<T: Scalar> Mlp<T> {
-    /// Gives each layer an orthogonal weight times its gain, and zero bias.
+    /// Sets the weight of each layer to a random orthogonal matrix times the layer's gain, and the bias to zero.
     ///
-    /// The columns of a weight (its rows, where there are fewer of them) are orthogonal and `gain` long: a uniformly random one of
-    /// such matrices if `normal` draws standard normal numbers. Each layer takes outputs · inputs of them, in order. It is
-    /// PyTorch's `orthogonal_`: the same numbers give the same matrix up to rounding.
+    /// The columns of a weight (or its rows, if there are fewer rows) are orthogonal and have the length `gain`. The
+    /// matrix is uniformly distributed if `normal` returns standard normal numbers. Each layer uses outputs · inputs
+    /// numbers, in order. This is PyTorch's `orthogonal_`: the same numbers give the same matrix up to rounding.
     ///
     /// # Errors
-    /// [`NetworkError::Length`] if there is not one gain for each layer.
+    /// [`NetworkError::Length`] if the number of gains is not the number of layers.
     ///
     /// # Panics
-    /// If `normal` keeps giving numbers of which no basis can be made, such as zeros alone.
+    /// If the numbers from `normal` are linearly dependent, for example all zero.
     ///
     /// # Reference
-    /// Saxe, McClelland and Ganguli, "Exact solutions to the nonlinear dynamics of learning in deep linear neural networks",
-    /// ICLR 2014.
+    /// Saxe, McClelland and Ganguli, "Exact solutions to the nonlinear dynamics of learning in deep linear neural
+    /// networks", ICLR 2014.
     pub fn initialize_orthogonal(
         &mut self,
         gains: &[f64],
@@ -28,7 +28,7 @@ impl<T: Scalar> Mlp<T> {
         if gains.len() != self.layer_count() {
             return Err(NetworkError::Length {
                 what: "gains".to_string(),
-                wanted: self.layer_count(),
+                expected: self.layer_count(),
                 found: gains.len(),
             });
         }
@@ -46,13 +46,14 @@ impl<T: Scalar> Mlp<T> {
         Ok(())
     }
 
-    /// Gives each layer the weights and biases that PyTorch's `Linear` has by default.
+    /// Initializes weights and biases like PyTorch's `Linear`.
     ///
     /// ```text
     /// W, b ~ U(−1/√inputs, 1/√inputs)
     /// ```
     ///
-    /// `uniform` draws from [0, 1); each layer takes its weight's numbers and then its bias's.
+    /// `uniform` must return uniform random numbers in [0, 1). Each layer uses them for its weight first, then for
+    /// its bias.
     pub fn initialize_uniform(&mut self, mut uniform: impl FnMut() -> f64) {
         let shapes = self.shapes.clone();
         self.update(|parameters| {
@@ -67,8 +68,7 @@ impl<T: Scalar> Mlp<T> {
     }
 }
 
-/// The orthogonal factor of `matrix`, which is plain and of `rows` x `columns`: its columns made orthogonal, or its rows where
-/// there are fewer of them.
+/// Returns the row-major `rows` x `columns` matrix with its columns orthonormalized, or its rows if there are fewer.
 fn orthogonal(mut matrix: Vec<f64>, rows: usize, columns: usize) -> Vec<f64> {
     if rows < columns {
         orthonormalize(&mut matrix, columns);
@@ -79,7 +79,7 @@ fn orthogonal(mut matrix: Vec<f64>, rows: usize, columns: usize) -> Vec<f64> {
     transpose(&transposed, columns, rows)
 }
 
-/// Modified Gram-Schmidt on the rows of `vectors`, which are `length` long.
+/// Orthonormalizes the rows of `vectors`, of length `length`, by the modified Gram-Schmidt process.
 fn orthonormalize(vectors: &mut [f64], length: usize) {
     for i in 0..vectors.len() / length {
         let (done, rest) = vectors.split_at_mut(i * length);
@@ -91,7 +91,7 @@ fn orthonormalize(vectors: &mut [f64], length: usize) {
             }
         }
         let norm = dot(vector, vector).sqrt();
-        assert!(norm > 0.0, "the random numbers given make no basis");
+        assert!(norm > 0.0, "the random numbers are linearly dependent");
         for x in vector {
             *x /= norm;
         }

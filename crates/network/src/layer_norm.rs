@@ -1,42 +1,42 @@
-//! Layer normalisation without parameters, on matrices in panels.
+//! Layer normalization without parameters, on matrices in panels.
 //!
 //! ```text
 //! y = s (x − mean(x)),  s = 1 / √(variance(x) + 1e-5),  over the columns of a row
 //! ∂y/∂x = s (I − 1 1ᵀ / n − y yᵀ / n)
 //! ```
 //!
-//! PyTorch's `LayerNorm` has a gain and a shift for each column as well (its `elementwise_affine`): the next layer's weights and
-//! this layer's bias can do most of what they do.
+//! PyTorch's `LayerNorm` also has a gain and a shift per column (`elementwise_affine`). The next layer's weights can
+//! represent most of their effect.
 //!
 //! # Reference
 //! Ba, Kiros and Hinton, "Layer Normalization", 2016.
 
-use crate::lanes::{Lanes, WIDTH};
+use crate::matmul::{Lanes, WIDTH};
 use crate::scalar::Scalar;
 
 /// Added to a variance, as PyTorch does.
 const EPSILON: f64 = 1e-5;
 
-/// Standardises each row; columns that do not exist become 0.
+/// Standardizes each row; padding columns become 0.
 #[inline(always)]
 pub(crate) fn standardize<T: Scalar>(columns: usize, values: &mut [Lanes<T>], scales: &mut [T]) {
     let rows = scales.len();
-    let share = T::from_f64(1.0 / columns as f64);
+    let weight = T::from_f64(1.0 / columns as f64);
     for (r, scale) in scales.iter_mut().enumerate() {
         let mut sum = Lanes::ZERO;
         for lanes in values[r..].iter().step_by(rows) {
             zip(&mut sum, lanes, |sum, x| sum + x);
         }
-        let mean = total(&sum) * share;
+        let mean = total(&sum) * weight;
         let mut squares = Lanes::ZERO;
         for (p, lanes) in values[r..].iter_mut().step_by(rows).enumerate() {
             for x in &mut lanes.0 {
                 *x = *x - mean;
             }
-            blank(columns, p, lanes);
+            clear_padding(columns, p, lanes);
             zip(&mut squares, lanes, |sum, x| x.mul_add(x, sum));
         }
-        *scale = T::ONE / total(&squares).mul_add(share, T::from_f64(EPSILON)).sqrt();
+        *scale = T::ONE / total(&squares).mul_add(weight, T::from_f64(EPSILON)).sqrt();
         for lanes in values[r..].iter_mut().step_by(rows) {
             for x in &mut lanes.0 {
                 *x = *x * *scale;
@@ -45,29 +45,29 @@ pub(crate) fn standardize<T: Scalar>(columns: usize, values: &mut [Lanes<T>], sc
     }
 }
 
-/// Multiplies each row of `flow` by ∂y/∂x; columns that do not exist must hold 0, and do so afterwards.
+/// Multiplies each row of `gradient` by ∂y/∂x. Padding columns must be 0 and stay 0.
 #[inline(always)]
 pub(crate) fn times_derivative<T: Scalar>(
     columns: usize,
     values: &[Lanes<T>],
     scales: &[T],
-    flow: &mut [Lanes<T>],
+    gradient: &mut [Lanes<T>],
 ) {
     let rows = scales.len();
-    let share = T::from_f64(1.0 / columns as f64);
+    let weight = T::from_f64(1.0 / columns as f64);
     for (r, scale) in scales.iter().enumerate() {
         let (mut sum, mut along) = (Lanes::ZERO, Lanes::ZERO);
-        for (flow, y) in flow[r..].iter().step_by(rows).zip(values[r..].iter().step_by(rows)) {
-            zip(&mut sum, flow, |sum, f| sum + f);
-            for ((along, f), y) in along.0.iter_mut().zip(&flow.0).zip(&y.0) {
+        for (gradient, y) in gradient[r..].iter().step_by(rows).zip(values[r..].iter().step_by(rows)) {
+            zip(&mut sum, gradient, |sum, f| sum + f);
+            for ((along, f), y) in along.0.iter_mut().zip(&gradient.0).zip(&y.0) {
                 *along = f.mul_add(*y, *along);
             }
         }
-        let (mean, along) = (total(&sum) * share, total(&along) * share);
-        let panels = flow[r..].iter_mut().step_by(rows).zip(values[r..].iter().step_by(rows));
-        for (p, (flow, y)) in panels.enumerate() {
-            zip(flow, y, |f, y| *scale * (-along).mul_add(y, f - mean));
-            blank(columns, p, flow);
+        let (mean, along) = (total(&sum) * weight, total(&along) * weight);
+        let panels = gradient[r..].iter_mut().step_by(rows).zip(values[r..].iter().step_by(rows));
+        for (p, (gradient, y)) in panels.enumerate() {
+            zip(gradient, y, |f, y| *scale * (-along).mul_add(y, f - mean));
+            clear_padding(columns, p, gradient);
         }
     }
 }
@@ -79,7 +79,7 @@ fn zip<T: Scalar>(to: &mut Lanes<T>, from: &Lanes<T>, f: impl Fn(T, T) -> T) {
     }
 }
 
-/// The sum of all lanes, by halves.
+/// Returns the sum of all lanes, by pairwise summation.
 #[inline(always)]
 fn total<T: Scalar>(lanes: &Lanes<T>) -> T {
     let mut sums = lanes.0;
@@ -93,9 +93,9 @@ fn total<T: Scalar>(lanes: &Lanes<T>) -> T {
     sums[0]
 }
 
-/// Sets the lanes of the panel numbered `p` beyond the last column to 0.
+/// Sets the padding lanes of the panel with index `p` to 0.
 #[inline(always)]
-fn blank<T: Scalar>(columns: usize, p: usize, lanes: &mut Lanes<T>) {
+fn clear_padding<T: Scalar>(columns: usize, p: usize, lanes: &mut Lanes<T>) {
     let width = columns - p * WIDTH;
     if width < WIDTH {
         lanes.0[width..].fill(T::ZERO);

@@ -1,14 +1,17 @@
-//! Multi-layer perceptrons: forward, backward, tangents, Adam, running normalisers.
+//! Multi-layer perceptrons on the CPU: forward and backward passes, Jacobian-vector products, the optimizer Adam, and
+//! running normalizers of observations.
 //!
-//! A network is an [`Mlp`]: sizes, two activations and one flat vector of parameters. Passes run in a [`Workspace`] that
-//! the caller owns and reuses, so a pass in a loop allocates nothing. [`ChunkPool`] spreads a batch over threads.
+//! A network is an [`Mlp`]: layer sizes, two activations and one flat vector of parameters. Passes run in a
+//! [`Workspace`] that the caller owns and reuses, so repeated passes do not allocate. [`ChunkPool`] distributes a
+//! batch over threads.
 //!
-//! Two laws hold, bit for bit, on one build and architecture:
+//! Results are reproducible bit for bit on one build and architecture:
 //!
-//! - a row's result never depends on how many rows are computed with it;
-//! - a sum over a batch depends on the size of its chunks and never on the number of threads.
+//! - the result of a row does not depend on the other rows of the batch;
+//! - a sum over a batch depends on the chunk size but not on the number of threads.
 //!
-//! The crate draws no random numbers: initialisers are given theirs. It knows no policies, no losses and no files.
+//! The crate generates no random numbers: the caller passes them to the initialization functions. It has no policies,
+//! no losses and no file formats.
 //!
 //! # Example
 //! ```
@@ -33,11 +36,11 @@ mod adam;
 mod chunks;
 pub mod elementary;
 mod initialization;
-mod lanes;
 mod layer_norm;
+mod matmul;
 mod mlp;
 mod normalizer;
-mod pass;
+mod propagation;
 mod scalar;
 
 pub use activation::Activation;
@@ -45,75 +48,75 @@ pub use adam::{Adam, clip_norm};
 pub use chunks::{CHUNK_ROWS, ChunkPool};
 pub use mlp::{Mlp, Tensor};
 pub use normalizer::{Moments, Normalizer, RunningNormalizer};
-pub use pass::Workspace;
+pub use propagation::Workspace;
 pub use scalar::Scalar;
 
-/// Why a network, its optimiser or its normaliser cannot be made from what was given.
+/// The error of creating a network, an optimizer or a normalizer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NetworkError {
-    /// The sizes do not describe a network.
-    #[error("a network needs an input and an output size, all sizes at least 1; found {found:?}")]
+    /// Invalid layer sizes.
+    #[error("the layer sizes are {found:?}; expected at least an input and an output size, each at least 1")]
     Sizes {
-        /// The sizes as given.
+        /// The given sizes.
         found: Vec<usize>,
     },
-    /// A name that is no activation.
-    #[error("activation `{found}` is not known; known are: elu, tanh, relu, identity")]
+    /// An unknown name of an activation.
+    #[error("activation `{found}` is not known; known activations: elu, tanh, relu, identity")]
     UnknownActivation {
-        /// The name as given.
+        /// The given name.
         found: String,
     },
-    /// A vector whose length does not fit.
-    #[error("`{what}` needs {wanted} numbers, found {found}")]
+    /// A vector of the wrong length.
+    #[error("`{what}` has {found} numbers; expected {expected}")]
     Length {
-        /// What the numbers are.
+        /// The name of the vector.
         what: String,
-        /// How many there should be.
-        wanted: usize,
-        /// How many there are.
+        /// The expected length.
+        expected: usize,
+        /// The given length.
         found: usize,
     },
-    /// A tensor that the network has and the given ones lack.
-    #[error("tensor `{wanted}` is missing; given are: {}", given.join(", "))]
+    /// A missing tensor.
+    #[error("tensor `{expected}` is missing; given tensors: {}", given.join(", "))]
     MissingTensor {
-        /// The name looked for.
-        wanted: String,
-        /// The names given.
+        /// The name of the tensor.
+        expected: String,
+        /// The names of the given tensors.
         given: Vec<String>,
     },
-    /// A tensor that the network does not have, or one given twice.
-    #[error("tensor `{found}` does not belong here; this network holds, once each: {}", known.join(", "))]
+    /// A tensor that the network does not have, or a duplicate.
+    #[error("unexpected tensor `{found}`; this network has, once each: {}", known.join(", "))]
     UnexpectedTensor {
-        /// The name given.
+        /// The name of the tensor.
         found: String,
         /// The names of the network's tensors.
         known: Vec<String>,
     },
-    /// A tensor of another shape.
+    /// A tensor of the wrong shape.
     #[error(
-        "tensor `{name}` needs the shape {wanted:?} and as many numbers, found {found:?} and {numbers} numbers"
+        "tensor `{name}` must have the shape {expected:?}, found the shape {found:?} with {numbers} numbers"
     )]
     Shape {
         /// The tensor's name.
         name: String,
-        /// The shape of the network's tensor.
-        wanted: Vec<usize>,
-        /// The shape given.
+        /// The expected shape.
+        expected: Vec<usize>,
+        /// The given shape.
         found: Vec<usize>,
-        /// How many numbers were given.
+        /// The number of given numbers.
         numbers: usize,
     },
     /// A number that is NaN, infinite or out of its range.
-    #[error("`{what}` must be {wanted}; number {index} is {found}")]
+    #[error("number {index} of `{what}` is {found}; it must be {expected}")]
     Number {
-        /// What the number belongs to.
+        /// The name of the vector.
         what: String,
-        /// What it should be.
-        wanted: &'static str,
-        /// Its place, counted from 0.
+        /// The allowed range.
+        expected: &'static str,
+        /// The index of the number, from 0.
         index: usize,
-        /// The number found.
+        /// The number.
         found: f64,
     },
 }

@@ -1,8 +1,8 @@
-//! The network itself: sizes, activations, parameters and their names.
+//! The network: layer sizes, activations, parameters and their names.
 
 use crate::NetworkError;
 use crate::activation::Activation;
-use crate::lanes::{self, Lanes};
+use crate::matmul::{self, Lanes};
 use crate::scalar::Scalar;
 
 /// A multi-layer perceptron.
@@ -11,14 +11,15 @@ use crate::scalar::Scalar;
 /// y₀ = input,  y_l = f_l(W_l y_(l−1) + b_l),  output = y_L
 /// ```
 ///
-/// `f_l` is the hidden activation for every layer but the last, which has the output activation. All parameters stand in one
-/// flat vector, layer by layer, each layer's weight `[outputs, inputs]` row by row and then its bias `[outputs]`: the order
-/// of PyTorch's `Sequential` of `Linear` layers.
+/// `f_l` is the output activation for the last layer and the hidden activation for all others. All parameters are in
+/// one flat vector, layer by layer: first the weight `[outputs, inputs]`, row-major, then the bias `[outputs]`. This
+/// is the order of PyTorch's `Sequential` of `Linear` layers.
 ///
-/// [With layer normalisation](Mlp::with_layer_norm) each hidden layer is standardised over its outputs, before the activation.
+/// [With layer normalization](Mlp::with_layer_norm) each hidden layer is standardized over its outputs before the
+/// activation.
 ///
-/// A new network is all zeros: give it parameters with [`update`](Mlp::update), [`set_tensors`](Mlp::set_tensors) or an
-/// initialiser.
+/// The parameters of a new network are zero. Set them with [`update`](Mlp::update), [`set_tensors`](Mlp::set_tensors)
+/// or an initialization function.
 ///
 /// # Example
 /// ```
@@ -37,9 +38,9 @@ pub struct Mlp<T> {
     layer_norm: bool,
     parameters: Vec<T>,
     pub(crate) shapes: Vec<LayerShape>,
-    /// The parameters again, in the layout that the products read.
+    /// A copy of the parameters in the layout of the matrix products.
     pub(crate) packed: Vec<PackedLayer<T>>,
-    /// Each layer's weight as the second operand of a product over its outputs, which gives the gradient of its inputs.
+    /// Each layer's weight as second operand of the product that computes the gradient of its inputs.
     pub(crate) packed_for_inputs: Vec<Vec<Lanes<T>>>,
 }
 
@@ -50,11 +51,11 @@ pub struct Tensor<'a, T> {
     pub name: String,
     /// `[outputs, inputs]` of a weight, `[outputs]` of a bias.
     pub shape: Vec<usize>,
-    /// The numbers, row by row.
+    /// The numbers, row-major.
     pub values: &'a [T],
 }
 
-/// Where a layer's parameters stand in the flat vector.
+/// The shape of a layer, and the offset of its parameters in the flat vector.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LayerShape {
     pub inputs: usize,
@@ -67,44 +68,46 @@ impl LayerShape {
         self.inputs * self.outputs
     }
 
-    /// The layer's weight and bias in `flat`.
+    /// Returns the layer's weight and bias in `flat`.
     pub(crate) fn split<T>(self, flat: &[T]) -> (&[T], &[T]) {
         flat[self.offset..][..self.weight_count() + self.outputs].split_at(self.weight_count())
     }
 
-    /// The layer's weight and bias in `flat`.
+    /// Returns the layer's weight and bias in `flat`.
     pub(crate) fn split_mut<T>(self, flat: &mut [T]) -> (&mut [T], &mut [T]) {
         flat[self.offset..][..self.weight_count() + self.outputs].split_at_mut(self.weight_count())
     }
 }
 
-/// A layer's parameters as the second operand of a product over its inputs.
+/// A layer's parameters in panels, as second operand of the product with its inputs.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct PackedLayer<T> {
-    /// The transposed weight, of inputs x outputs.
+    /// The transposed weight, inputs x outputs.
     pub weight: Vec<Lanes<T>>,
-    /// One row, of outputs.
+    /// One row of outputs.
     pub bias: Vec<Lanes<T>>,
 }
 
 impl<T: Scalar> PackedLayer<T> {
-    /// Takes the layer's parameters from `flat`, a vector like the network's parameters.
+    /// Copies the layer's parameters from `flat`, a vector in the layout of the network's parameters.
     pub(crate) fn pack(&mut self, shape: LayerShape, flat: &[T]) {
         let (weight, bias) = shape.split(flat);
-        self.weight
-            .resize(lanes::panels(shape.inputs) * lanes::WIDTH * lanes::panels(shape.outputs), Lanes::ZERO);
-        lanes::pack_transposed(weight, shape.inputs, &mut self.weight);
-        lanes::resize(&mut self.bias, 1, shape.outputs);
-        lanes::pack(bias, shape.outputs, 1, &mut self.bias);
+        self.weight.resize(
+            matmul::panels(shape.inputs) * matmul::WIDTH * matmul::panels(shape.outputs),
+            Lanes::ZERO,
+        );
+        matmul::pack_transposed(weight, shape.inputs, &mut self.weight);
+        matmul::resize(&mut self.bias, 1, shape.outputs);
+        matmul::pack(bias, shape.outputs, 1, &mut self.bias);
     }
 }
 
 impl<T: Scalar> Mlp<T> {
-    /// A network of zeros with `sizes[0]` inputs, `sizes[1..]` outputs of its layers, and so as many layers as there are sizes, less
-    /// one.
+    /// Creates a network with zero parameters. `sizes` has the number of inputs, then the number of outputs of each
+    /// layer.
     ///
     /// # Errors
-    /// [`NetworkError::Sizes`] if there are fewer than two sizes or one is 0.
+    /// [`NetworkError::Sizes`] if there are fewer than two sizes or a size is 0.
     pub fn new(
         sizes: &[usize],
         hidden_activation: Activation,
@@ -135,7 +138,7 @@ impl<T: Scalar> Mlp<T> {
                 .map(|shape| {
                     vec![
                         Lanes::ZERO;
-                        lanes::panels(shape.outputs) * lanes::WIDTH * lanes::panels(shape.inputs)
+                        matmul::panels(shape.outputs) * matmul::WIDTH * matmul::panels(shape.inputs)
                     ]
                 })
                 .collect(),
@@ -144,7 +147,7 @@ impl<T: Scalar> Mlp<T> {
         Ok(network)
     }
 
-    /// The same network with layer normalisation in every layer but the last, without parameters of its own.
+    /// Adds layer normalization without parameters to every layer except the last.
     ///
     /// ```text
     /// z = W_l y_(l−1) + b_l,  y_l = f_l((z − mean(z)) / √(variance(z) + 1e-5))
@@ -156,7 +159,7 @@ impl<T: Scalar> Mlp<T> {
     ///
     /// let mut network = Mlp::<f32>::new(&[1, 2, 1], Activation::Identity, Activation::Identity)?.with_layer_norm();
     /// network.update(|parameters| parameters.copy_from_slice(&[1.0, 3.0, 0.0, 0.0, 5.0, 1.0, 0.5]));
-    /// // z = (x, 3 x) has the mean 2 x and the deviations -x and x: (-1, 1) whatever x > 0 is, then -5 + 1 + 0.5.
+    /// // z = (x, 3 x) has mean 2 x and deviations -x and x, so it becomes (-1, 1) for every x > 0: -5 + 1 + 0.5.
     /// let outputs = network.forward(&[1.0, 100.0], &mut Workspace::default()).to_vec();
     /// assert!(outputs.iter().all(|y| (y + 3.5).abs() < 1e-4));
     /// # Ok::<(), mishandle_network::NetworkError>(())
@@ -167,56 +170,57 @@ impl<T: Scalar> Mlp<T> {
         self
     }
 
-    /// The number of inputs, then the number of outputs of each layer.
+    /// Returns the number of inputs, then the number of outputs of each layer.
     pub fn sizes(&self) -> &[usize] {
         &self.sizes
     }
 
-    /// How many numbers a row of inputs has.
+    /// Returns the number of inputs.
     pub fn input_size(&self) -> usize {
         self.sizes[0]
     }
 
-    /// How many numbers a row of outputs has.
+    /// Returns the number of outputs.
     pub fn output_size(&self) -> usize {
         self.sizes[self.layer_count()]
     }
 
-    /// The activation of every layer but the last.
+    /// Returns the activation of all layers except the last.
     pub fn hidden_activation(&self) -> Activation {
         self.hidden_activation
     }
 
-    /// The activation of the last layer.
+    /// Returns the activation of the last layer.
     pub fn output_activation(&self) -> Activation {
         self.output_activation
     }
 
-    /// Whether hidden layers are standardised before their activation.
+    /// Returns whether the network has layer normalization.
     pub fn has_layer_norm(&self) -> bool {
         self.layer_norm
     }
 
-    /// How many parameters there are.
+    /// Returns the number of parameters.
     pub fn parameter_count(&self) -> usize {
         self.parameters.len()
     }
 
-    /// All parameters: layer by layer, the weight `[outputs, inputs]` row by row and then the bias.
+    /// Returns all parameters: layer by layer, the weight `[outputs, inputs]`, row-major, and then the bias.
     pub fn parameters(&self) -> &[T] {
         &self.parameters
     }
 
-    /// Lets `change` write the parameters.
+    /// Calls `change` with the parameters, and returns its result.
     ///
-    /// Afterwards they are copied into the layout that the products read: about 1 ns a parameter.
+    /// Afterwards the parameters are copied into the layout of the matrix products, which takes about 1 ns per
+    /// parameter.
     pub fn update<R>(&mut self, change: impl FnOnce(&mut [T]) -> R) -> R {
         let result = change(&mut self.parameters);
         self.pack();
         result
     }
 
-    /// The parameters by name: `layers.0.weight`, `layers.0.bias`, `layers.1.weight`, …
+    /// Returns the parameters by name: `layers.0.weight`, `layers.0.bias`, `layers.1.weight`, …
     pub fn tensors(&self) -> Vec<Tensor<'_, T>> {
         self.shapes
             .iter()
@@ -235,10 +239,11 @@ impl<T: Scalar> Mlp<T> {
             .collect()
     }
 
-    /// Sets all parameters from tensors, which may come in any order.
+    /// Sets all parameters from tensors in any order.
     ///
     /// # Errors
-    /// A tensor that is missing, does not belong here, has another shape, or holds NaN or infinity. The network then stays as it was.
+    /// If a tensor is missing, unexpected, given twice or of the wrong shape, or contains NaN or infinity. The
+    /// network is then unchanged.
     ///
     /// # Example
     /// ```
@@ -255,21 +260,21 @@ impl<T: Scalar> Mlp<T> {
         let own = self.tensors();
         let known = || own.iter().map(|tensor| tensor.name.clone()).collect();
         for (i, tensor) in tensors.iter().enumerate() {
-            let twice = tensors[..i].iter().any(|earlier| earlier.name == tensor.name);
-            if twice || own.iter().all(|wanted| wanted.name != tensor.name) {
+            let is_duplicate = tensors[..i].iter().any(|earlier| earlier.name == tensor.name);
+            if is_duplicate || own.iter().all(|expected| expected.name != tensor.name) {
                 return Err(NetworkError::UnexpectedTensor { found: tensor.name.clone(), known: known() });
             }
         }
         let mut parameters = Vec::with_capacity(self.parameters.len());
-        for wanted in &own {
-            let Some(tensor) = tensors.iter().find(|tensor| tensor.name == wanted.name) else {
+        for expected in &own {
+            let Some(tensor) = tensors.iter().find(|tensor| tensor.name == expected.name) else {
                 let given = tensors.iter().map(|tensor| tensor.name.clone()).collect();
-                return Err(NetworkError::MissingTensor { wanted: wanted.name.clone(), given });
+                return Err(NetworkError::MissingTensor { expected: expected.name.clone(), given });
             };
-            if tensor.shape != wanted.shape || tensor.values.len() != wanted.values.len() {
+            if tensor.shape != expected.shape || tensor.values.len() != expected.values.len() {
                 return Err(NetworkError::Shape {
                     name: tensor.name.clone(),
-                    wanted: wanted.shape.clone(),
+                    expected: expected.shape.clone(),
                     found: tensor.shape.clone(),
                     numbers: tensor.values.len(),
                 });
@@ -279,7 +284,7 @@ impl<T: Scalar> Mlp<T> {
             {
                 return Err(NetworkError::Number {
                     what: tensor.name.clone(),
-                    wanted: "finite",
+                    expected: "finite",
                     index,
                     found: value.to_f64(),
                 });
@@ -294,12 +299,12 @@ impl<T: Scalar> Mlp<T> {
         self.sizes.len() - 1
     }
 
-    /// The activation behind layer `l`, counted from 0.
+    /// Returns the activation of layer `l`, counted from 0.
     pub(crate) fn activation(&self, l: usize) -> Activation {
         if l + 1 == self.layer_count() { self.output_activation } else { self.hidden_activation }
     }
 
-    /// Whether the outputs of layer `l`, counted from 0, are standardised before its activation.
+    /// Returns whether layer `l`, counted from 0, has layer normalization.
     pub(crate) fn is_standardized(&self, l: usize) -> bool {
         self.layer_norm && l + 1 < self.layer_count()
     }
@@ -307,8 +312,8 @@ impl<T: Scalar> Mlp<T> {
     fn pack(&mut self) {
         for (l, shape) in self.shapes.iter().enumerate() {
             self.packed[l].pack(*shape, &self.parameters);
-            let padded = lanes::panels(shape.outputs) * lanes::WIDTH;
-            lanes::pack(
+            let padded = matmul::panels(shape.outputs) * matmul::WIDTH;
+            matmul::pack(
                 shape.split(&self.parameters).0,
                 shape.inputs,
                 padded,

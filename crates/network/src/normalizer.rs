@@ -1,17 +1,17 @@
-//! Means and variances that follow a stream of rows, and the scaling that they give.
+//! Running mean and variance of observations, and the normalization with them.
 
 use crate::NetworkError;
 use crate::adam::check_numbers;
 use crate::scalar::Scalar;
 
-/// Normalised numbers stay within ± this.
+/// Normalized numbers are clipped to ± this value.
 const CLIP: f64 = 5.0;
-/// Added to a standard deviation before it divides.
+/// Added to the standard deviation in the denominator.
 const EPSILON: f64 = 1e-8;
 
-/// Count, mean and sum of squared deviations of each column of some rows, in f64.
+/// The number of rows, and the mean and sum of squared deviations of each column, in f64.
 ///
-/// Moments of parts of a batch can be made on several threads and merged; merged in a fixed order they are the same bits.
+/// Moments of parts of a batch can be computed on several threads and merged. The bits depend on the order of merging.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moments {
     count: f64,
@@ -20,24 +20,24 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Moments of no row.
+    /// Creates the moments of an empty set of rows.
     pub fn new(columns: usize) -> Moments {
         Moments { count: 0.0, mean: vec![0.0; columns], squares: vec![0.0; columns] }
     }
 
-    /// Moments of plain rows.
+    /// Computes the moments of a row-major matrix.
     ///
     /// ```text
     /// mean = Σ x / n,  squares = Σ (x − mean)²
     /// ```
     ///
     /// # Panics
-    /// If `rows` is not a whole number of rows of `columns` numbers.
+    /// If the length of `rows` is not a multiple of `columns`, or `columns` is 0.
     pub fn of_rows<T: Scalar>(rows: &[T], columns: usize) -> Moments {
         let mut moments = Moments::new(columns);
         assert!(
             columns > 0 && rows.len().is_multiple_of(columns),
-            "{} numbers, rows have {columns}",
+            "expected a multiple of {columns} numbers, found {}",
             rows.len()
         );
         if rows.is_empty() {
@@ -61,7 +61,7 @@ impl Moments {
         moments
     }
 
-    /// Takes in the rows of `other`.
+    /// Adds the rows of `other`.
     ///
     /// ```text
     /// δ = mean_b − mean_a,  n = n_a + n_b
@@ -74,8 +74,13 @@ impl Moments {
     /// # Reference
     /// Chan, Golub and LeVeque, "Algorithms for Computing the Sample Variance", The American Statistician 37 (3), 1983.
     pub fn merge(&mut self, other: &Moments) {
-        assert!(self.mean.len() == other.mean.len(), "{} columns and {}", self.mean.len(), other.mean.len());
-        // Written so that a NaN count would not pass for an empty one.
+        assert!(
+            self.mean.len() == other.mean.len(),
+            "expected {} columns, found {}",
+            self.mean.len(),
+            other.mean.len()
+        );
+        // A NaN count does not count as empty.
         if other.count == 0.0 {
             return;
         }
@@ -89,18 +94,18 @@ impl Moments {
         self.count = count;
     }
 
-    /// Moments that go on where others were, to the bit.
+    /// Restores moments bit for bit from count, mean and sum of squared deviations.
     ///
     /// # Errors
-    /// If the lengths differ, or a number is NaN or infinite, or a sum of squares or the count negative.
+    /// If the lengths differ, a number is NaN or infinite, or a sum of squares or the count is negative.
     pub fn resume(count: f64, mean: Vec<f64>, squares: Vec<f64>) -> Result<Moments, NetworkError> {
         check_statistics(&mean, &squares)?;
         check_numbers("count", &[count], "finite and at least 0", |count| count.is_finite() && count >= 0.0)?;
         Ok(Moments { count, mean, squares })
     }
 
-    /// The same rows, with sums of squares n / (n − 1) times as large: their share of a merged variance is then their
-    /// sample variance, as skrl's `RunningStandardScaler` has it.
+    /// Multiplies the sums of squares by n / (n − 1), so that the rows contribute their sample variance to a merged
+    /// variance, as in skrl's `RunningStandardScaler`.
     ///
     /// # Example
     /// ```
@@ -114,39 +119,39 @@ impl Moments {
         self
     }
 
-    /// How many rows.
+    /// Returns the number of rows.
     pub fn count(&self) -> f64 {
         self.count
     }
 
-    /// The mean of each column.
+    /// Returns the mean of each column.
     pub fn mean(&self) -> &[f64] {
         &self.mean
     }
 
-    /// The sum of squared deviations of each column.
+    /// Returns the sum of squared deviations of each column.
     pub fn squares(&self) -> &[f64] {
         &self.squares
     }
 
-    /// The variance of each column, squares / n.
+    /// Returns the variance of each column: the sum of squared deviations divided by n.
     pub fn variance(&self) -> impl ExactSizeIterator<Item = f64> {
         self.squares.iter().map(|squares| squares / self.count)
     }
 }
 
-/// A normaliser that learns its mean and variance from the rows it is shown.
+/// A normalizer with running mean and variance.
 ///
-/// It begins with mean 0 and variance 1 at the weight of one row, as skrl's does, so that it is usable before it has seen any. The
-/// variance is Σ (x − mean)² / n with that row in it. (skrl merges each batch with Σ (x − mean)² / (n − 1) instead, so that its
-/// result depends a little on how rows are batched; ours does not, up to rounding. For skrl's way, merge
-/// [`Moments::with_sample_variance`].)
+/// Like skrl's, it starts with mean 0 and variance 1 with the weight of one row, so it is usable before the first
+/// update. The variance is Σ (x − mean)² / n, including that row. skrl merges each batch with Σ (x − mean)² / (n − 1)
+/// instead, so its result depends slightly on the batch sizes; ours does not, up to rounding. For skrl's result,
+/// merge [`Moments::with_sample_variance`].
 ///
 /// # Example
 /// ```
 /// use mishandle_network::RunningNormalizer;
 /// let mut normalizer = RunningNormalizer::new(1);
-/// normalizer.update(&[3.0_f32, 3.0, 3.0]); // with the row it began with: mean (0 + 9) / 4, variance 27/16 + 1/4
+/// normalizer.update(&[3.0_f32, 3.0, 3.0]); // with the initial row: mean (0 + 9) / 4, variance 27/16 + 1/4
 /// assert_eq!(normalizer.mean(), [2.25]);
 /// assert_eq!(normalizer.variance(), [1.9375]);
 /// ```
@@ -156,17 +161,17 @@ pub struct RunningNormalizer {
 }
 
 impl RunningNormalizer {
-    /// A normaliser of rows of `columns` numbers that has seen none.
+    /// Creates a normalizer of rows with `columns` numbers.
     pub fn new(columns: usize) -> RunningNormalizer {
         RunningNormalizer {
             moments: Moments { count: 1.0, mean: vec![0.0; columns], squares: vec![1.0; columns] },
         }
     }
 
-    /// A normaliser that goes on where another was.
+    /// Restores a normalizer from mean, variance and count.
     ///
     /// # Errors
-    /// If the lengths differ, or a number is NaN or infinite, a variance negative, or the count not positive.
+    /// If the lengths differ, a number is NaN or infinite, a variance is negative, or the count is not positive.
     pub fn resume(mean: Vec<f64>, variance: &[f64], count: f64) -> Result<RunningNormalizer, NetworkError> {
         check_statistics(&mean, variance)?;
         check_numbers("count", &[count], "finite and above 0", |count| count.is_finite() && count > 0.0)?;
@@ -174,58 +179,58 @@ impl RunningNormalizer {
         Ok(RunningNormalizer { moments: Moments { count, mean, squares } })
     }
 
-    /// A normaliser that goes on from the [`moments`](RunningNormalizer::moments) of another, to the bit.
+    /// Restores a normalizer bit for bit from its [`moments`](RunningNormalizer::moments).
     ///
     /// # Errors
-    /// If the moments are those of no row.
+    /// If the count of the moments is not positive.
     pub fn from_moments(moments: Moments) -> Result<RunningNormalizer, NetworkError> {
         check_numbers("count", &[moments.count], "above 0", |count| count > 0.0)?;
         Ok(RunningNormalizer { moments })
     }
 
-    /// What it has learned.
+    /// Returns the accumulated moments.
     pub fn moments(&self) -> &Moments {
         &self.moments
     }
 
-    /// Learns from plain rows.
+    /// Updates mean and variance with the rows of a row-major matrix.
     ///
     /// # Panics
-    /// If `rows` is not a whole number of rows.
+    /// If the length of `rows` is not a multiple of the number of columns.
     pub fn update<T: Scalar>(&mut self, rows: &[T]) {
         self.merge(&Moments::of_rows(rows, self.moments.mean.len()));
     }
 
-    /// Learns from the moments of some rows.
+    /// Updates mean and variance with the moments of some rows.
     ///
     /// # Panics
-    /// If the number of columns is another.
+    /// If the number of columns differs.
     pub fn merge(&mut self, rows: &Moments) {
         self.moments.merge(rows);
     }
 
-    /// How many rows were seen, with the one it began with.
+    /// Returns the number of rows, including the initial one.
     pub fn count(&self) -> f64 {
         self.moments.count
     }
 
-    /// The mean of each column.
+    /// Returns the mean of each column.
     pub fn mean(&self) -> &[f64] {
         &self.moments.mean
     }
 
-    /// The variance of each column.
+    /// Returns the variance of each column.
     pub fn variance(&self) -> Vec<f64> {
         self.moments.variance().collect()
     }
 
-    /// The scaling as it is now.
+    /// Returns a normalizer with the current mean and variance.
     pub fn freeze<T: Scalar>(&self) -> Normalizer<T> {
         Normalizer::with_statistics(&self.moments.mean, self.moments.variance())
     }
 }
 
-/// A scaling by a fixed mean and standard deviation.
+/// A normalizer with fixed mean and standard deviation.
 ///
 /// ```text
 /// normalize(x) = clamp((x − mean) / (√variance + 1e-8), −5, 5)
@@ -248,14 +253,14 @@ impl RunningNormalizer {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Normalizer<T> {
     mean: Vec<T>,
-    deviation: Vec<T>,
+    std: Vec<T>,
 }
 
 impl<T: Scalar> Normalizer<T> {
-    /// The scaling for rows whose columns have these means and variances.
+    /// Creates a normalizer for columns with these means and variances.
     ///
     /// # Errors
-    /// If the lengths differ, or a number is NaN or infinite, or a variance negative.
+    /// If the lengths differ, a number is NaN or infinite, or a variance is negative.
     pub fn new(mean: &[f64], variance: &[f64]) -> Result<Normalizer<T>, NetworkError> {
         check_statistics(mean, variance)?;
         Ok(Normalizer::with_statistics(mean, variance.iter().copied()))
@@ -264,37 +269,37 @@ impl<T: Scalar> Normalizer<T> {
     fn with_statistics(mean: &[f64], variance: impl Iterator<Item = f64>) -> Normalizer<T> {
         Normalizer {
             mean: mean.iter().map(|mean| T::from_f64(*mean)).collect(),
-            deviation: variance.map(|variance| T::from_f64(variance.sqrt())).collect(),
+            std: variance.map(|variance| T::from_f64(variance.sqrt())).collect(),
         }
     }
 
-    /// Normalises plain rows in place.
+    /// Normalizes the rows of a row-major matrix in place.
     ///
     /// # Panics
-    /// If `rows` is not a whole number of rows.
+    /// If the length of `rows` is not a multiple of the number of columns.
     pub fn normalize(&self, rows: &mut [T]) {
         let epsilon = T::from_f64(EPSILON);
-        self.for_each(rows, |x, mean, deviation| clamp((x - mean) / (deviation + epsilon)));
+        self.for_each(rows, |x, mean, std| clamp((x - mean) / (std + epsilon)));
     }
 
-    /// Undoes [`normalize`](Normalizer::normalize) in place, up to what the clamp cut off.
+    /// Inverts [`normalize`](Normalizer::normalize) in place, except for the clipping.
     ///
     /// # Panics
-    /// If `rows` is not a whole number of rows.
+    /// If the length of `rows` is not a multiple of the number of columns.
     pub fn invert(&self, rows: &mut [T]) {
-        self.for_each(rows, |y, mean, deviation| deviation * clamp(y) + mean);
+        self.for_each(rows, |y, mean, std| std * clamp(y) + mean);
     }
 
     fn for_each(&self, rows: &mut [T], f: impl Fn(T, T, T) -> T) {
         let columns = self.mean.len();
         assert!(
             columns > 0 && rows.len().is_multiple_of(columns),
-            "{} numbers, rows have {columns}",
+            "expected a multiple of {columns} numbers, found {}",
             rows.len()
         );
         for row in rows.chunks_exact_mut(columns) {
-            for ((x, mean), deviation) in row.iter_mut().zip(&self.mean).zip(&self.deviation) {
-                *x = f(*x, *mean, *deviation);
+            for ((x, mean), std) in row.iter_mut().zip(&self.mean).zip(&self.std) {
+                *x = f(*x, *mean, *std);
             }
         }
     }
@@ -315,7 +320,7 @@ fn check_statistics(mean: &[f64], variance: &[f64]) -> Result<(), NetworkError> 
     if mean.len() != variance.len() || mean.is_empty() {
         return Err(NetworkError::Length {
             what: "variance".to_string(),
-            wanted: mean.len().max(1),
+            expected: mean.len().max(1),
             found: variance.len(),
         });
     }

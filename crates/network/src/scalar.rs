@@ -1,15 +1,15 @@
-//! The numbers a network can be made of.
+//! The scalar types of networks.
 
 use std::fmt::Debug;
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
 use crate::elementary;
-use crate::lanes::Kernels;
+use crate::matmul::Kernels;
 
-/// `f32`, the number to use, or `f64`, for checking gradients.
+/// A scalar type: `f32` for networks, or `f64` for gradient checks.
 ///
-/// Elementary functions of `f32` are this crate's own ([`elementary`]), so their bits depend on the build alone; those of
+/// Elementary functions of `f32` are implemented in [`elementary`], so their bits depend only on the build. Those of
 /// `f64` are the standard library's.
 pub trait Scalar:
     Kernels
@@ -33,22 +33,22 @@ pub trait Scalar:
     /// 1
     const ONE: Self;
 
-    /// The nearest number to `value`.
+    /// Converts `value` to the nearest number.
     fn from_f64(value: f64) -> Self;
 
-    /// This number, exactly.
+    /// Converts the number to `f64`, exactly.
     fn to_f64(self) -> f64;
 
-    /// `self · a + b`, rounded once.
+    /// Returns `self · a + b`, rounded once.
     fn mul_add(self, a: Self, b: Self) -> Self;
 
-    /// √self
+    /// Returns √self.
     fn sqrt(self) -> Self;
 
-    /// e^self − 1 for `self` ≤ 0 (or NaN, which gives NaN).
+    /// Returns e^self − 1 for `self` ≤ 0; NaN stays NaN.
     fn exp_m1_of_nonpositive(self) -> Self;
 
-    /// The hyperbolic tangent.
+    /// Returns the hyperbolic tangent.
     fn tanh(self) -> Self;
 }
 

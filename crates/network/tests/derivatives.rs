@@ -1,4 +1,5 @@
-//! Values against plain loops; gradients and tangents against finite differences and against each other. All in f64.
+//! Outputs compared with plain loops; gradients and tangents compared with finite differences and each other. All in
+//! f64.
 
 mod reference;
 
@@ -23,7 +24,7 @@ fn standardize(z: &mut [f64]) {
     z.iter_mut().for_each(|x| *x = (*x - mean) / (variance + 1e-5).sqrt());
 }
 
-/// The definition, one number at a time.
+/// Computes the outputs by the definition, one number at a time.
 fn outputs_by_loops(network: &Mlp<f64>, inputs: &[f64]) -> Vec<f64> {
     let tensors = network.tensors();
     let layers = tensors.len() / 2;
@@ -47,12 +48,12 @@ fn outputs_by_loops(network: &Mlp<f64>, inputs: &[f64]) -> Vec<f64> {
 }
 
 #[track_caller]
-fn close(what: &str, found: &[f64], wanted: &[f64], tolerance: f64) {
-    assert_eq!(found.len(), wanted.len(), "{what}");
-    for (i, (found, wanted)) in found.iter().zip(wanted).enumerate() {
+fn close(what: &str, found: &[f64], expected: &[f64], tolerance: f64) {
+    assert_eq!(found.len(), expected.len(), "{what}");
+    for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
         assert!(
-            (found - wanted).abs() < tolerance * wanted.abs().max(1.0),
-            "{what}[{i}]: {found}, wanted {wanted}"
+            (found - expected).abs() < tolerance * expected.abs().max(1.0),
+            "{what}[{i}]: found {found}, expected {expected}"
         );
     }
 }
@@ -69,7 +70,7 @@ fn central_difference(x: &[f64], direction: &[f64], f: impl Fn(&[f64]) -> Vec<f6
 }
 
 #[test]
-fn forward_is_the_definition() {
+fn forward_pass_follows_the_definition() {
     let mut random = Random(1);
     for case in CASES {
         let network = network::<f64>(case, &mut random);
@@ -86,7 +87,7 @@ fn forward_is_the_definition() {
 }
 
 #[test]
-fn tangents_are_limits_of_differences() {
+fn tangents_equal_finite_differences() {
     let mut random = Random(2);
     for case in CASES {
         let network = network::<f64>(case, &mut random);
@@ -121,7 +122,7 @@ fn tangents_are_limits_of_differences() {
 }
 
 #[test]
-fn gradients_are_limits_of_differences() {
+fn gradients_equal_finite_differences() {
     let mut random = Random(3);
     for case in CASES {
         let network = network::<f64>(case, &mut random);
@@ -132,7 +133,7 @@ fn gradients_are_limits_of_differences() {
             (0..count).map(|j| f64::from(u8::from(i == j))).collect()
         };
 
-        // Every thirteenth number, beginning at another place each time: all layers, weights and biases.
+        // Every thirteenth parameter with a varying start, so that all layers, weights and biases are checked.
         for i in (case.0.len()..gradient.len()).step_by(13).chain([gradient.len() - 1]) {
             let difference =
                 central_difference(network.parameters(), &unit(i, gradient.len()), |parameters| {
@@ -162,7 +163,7 @@ fn gradients(network: &Mlp<f64>, inputs: &[f64], output_gradient: &[f64]) -> (Ve
 
 /// uᵀ (J v) = (Jᵀ u)ᵀ v, for parameters and inputs at once.
 #[test]
-fn tangents_and_gradients_are_dual() {
+fn tangents_and_gradients_are_adjoint() {
     let mut random = Random(4);
     for case in CASES {
         let network = network::<f64>(case, &mut random);
@@ -173,7 +174,7 @@ fn tangents_and_gradients_are_dual() {
         let mut workspace = Workspace::default();
         network.forward(&inputs, &mut workspace);
         let forwards = dot(&u, network.tangent(Some(&v_parameters), Some(&v_inputs), &mut workspace));
-        // A backward pass after a tangent still finds the forward pass in the workspace.
+        // The workspace keeps the forward pass, so a backward pass may follow a tangent.
         let (mut gradient, mut input_gradient) = (vec![0.0; v_parameters.len()], vec![0.0; v_inputs.len()]);
         network.backward(&u, &mut workspace, Some(&mut gradient), Some(&mut input_gradient));
         let backwards = dot(&gradient, &v_parameters) + dot(&input_gradient, &v_inputs);
@@ -182,7 +183,7 @@ fn tangents_and_gradients_are_dual() {
 }
 
 #[test]
-fn parameter_gradients_are_added_and_either_may_be_left_out() {
+fn parameter_gradients_accumulate_and_each_gradient_is_optional() {
     let mut random = Random(5);
     let network = network::<f64>(CASES[3], &mut random);
     let inputs: Vec<f64> = random.normals(ROWS * network.input_size());
@@ -199,7 +200,7 @@ fn parameter_gradients_are_added_and_either_may_be_left_out() {
 }
 
 #[test]
-fn no_rows_are_no_work() {
+fn empty_batches_are_allowed() {
     let network = network::<f64>(CASES[0], &mut Random(6));
     let mut workspace = Workspace::default();
     assert!(network.forward(&[], &mut workspace).is_empty());
@@ -211,14 +212,14 @@ fn no_rows_are_no_work() {
 
 #[test]
 #[should_panic(expected = "no forward pass of this network")]
-fn a_workspace_of_another_network_is_refused() {
+fn a_workspace_of_another_network_panics() {
     let mut workspace = Workspace::default();
     network::<f64>(CASES[0], &mut Random(7)).forward(&[1.0; 3], &mut workspace);
     network::<f64>(CASES[5], &mut Random(7)).backward(&[1.0; 9], &mut workspace, None, None);
 }
 
 #[test]
-fn a_number_that_is_not_one_reaches_the_output() {
+fn nan_inputs_propagate_to_the_outputs_of_their_row_only() {
     let mut random = Random(8);
     for case in CASES {
         let network = network::<f32>(case, &mut random);

@@ -1,4 +1,4 @@
-//! The same bits whatever rows stand beside a row, and whatever the number of threads.
+//! Results do not depend on the other rows of a batch or on the number of threads, bit for bit.
 
 mod reference;
 
@@ -9,13 +9,13 @@ fn bits(numbers: &[f32]) -> Vec<u32> {
     numbers.iter().map(|number| number.to_bits()).collect()
 }
 
-/// The rows from `first` to `end` of `numbers`, of `columns` each.
+/// Returns rows `first` to `end` of a row-major matrix.
 fn rows(numbers: &[f32], columns: usize, first: usize, end: usize) -> &[f32] {
     &numbers[first * columns..end * columns]
 }
 
 #[test]
-fn a_row_does_not_depend_on_its_neighbours() {
+fn a_row_does_not_depend_on_other_rows() {
     const ROWS: usize = 61;
     let mut random = Random(1);
     for case in CASES {
@@ -38,13 +38,13 @@ fn a_row_does_not_depend_on_its_neighbours() {
             [outputs, input_gradient, tangents]
         };
         let whole = pass(0, ROWS);
-        // Every number of rows up to some tiles and a rest, and so every way of cutting rows into tiles.
+        // Row counts up to several tiles and a remainder cover every partition of rows into tiles.
         for count in 1..=20 {
             for first in [0, 7, ROWS - count] {
                 let part = pass(first, first + count);
                 for ((part, whole), columns) in part.iter().zip(&whole).zip([outs, ins, outs]) {
-                    let wanted = rows(whole, columns, first, first + count);
-                    assert_eq!(bits(part), bits(wanted), "{case:?}, {count} rows from {first}");
+                    let expected = rows(whole, columns, first, first + count);
+                    assert_eq!(bits(part), bits(expected), "{case:?}, {count} rows from {first}");
                 }
             }
         }
@@ -52,19 +52,19 @@ fn a_row_does_not_depend_on_its_neighbours() {
 }
 
 #[test]
-fn a_used_workspace_gives_what_a_new_one_gives() {
+fn a_used_workspace_gives_the_same_result_as_a_new_one() {
     let mut random = Random(2);
     let network = network::<f32>(CASES[3], &mut random);
     let inputs: Vec<f32> = random.normals(40 * network.input_size());
     let few = &inputs[..3 * network.input_size()];
     let mut used = Workspace::default();
-    // What a NaN leaves in memory must not be seen either.
+    // NaN left in the memory must have no effect either.
     network.forward(&vec![f32::NAN; inputs.len()], &mut used);
     let after = bits(network.forward(few, &mut used));
     assert_eq!(after, bits(network.forward(few, &mut Workspace::default())));
 }
 
-/// Gradient and loss of Σ y² / 2 over a batch, with the loss behind the gradient.
+/// Returns the gradient of Σ y² / 2 over a batch, followed by the loss.
 fn gradient_with_threads(threads: usize, chunk_rows: usize, batch: usize) -> Vec<u32> {
     let mut random = Random(3);
     let network = network::<f32>(CASES[5], &mut random);
@@ -102,8 +102,8 @@ fn a_sum_does_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn a_sum_over_chunks_is_the_sum() {
-    // Whole numbers, so that every order of adding gives the same.
+fn the_sum_over_chunks_equals_the_sum_over_rows() {
+    // Integers, so that the order of summation does not matter.
     let mut pool = ChunkPool::<f64, ()>::new(10);
     for batch in [0, 1, 9, 10, 11, 105] {
         let mut total = [f64::NAN; 2];
@@ -119,7 +119,7 @@ fn a_sum_over_chunks_is_the_sum() {
 }
 
 #[test]
-fn every_number_of_a_long_vector_is_summed() {
+fn every_element_of_a_long_vector_is_summed() {
     let mut total = vec![f64::NAN; 10_000];
     ChunkPool::<f64, ()>::new(3).sum(8, &mut total, |rows, (), sum| {
         for (i, number) in sum.iter_mut().enumerate() {
@@ -130,7 +130,7 @@ fn every_number_of_a_long_vector_is_summed() {
 }
 
 #[test]
-fn mapped_rows_are_forward_rows() {
+fn mapped_outputs_equal_those_of_one_forward_pass() {
     let mut random = Random(4);
     let network = network::<f32>(CASES[5], &mut random);
     let inputs: Vec<f32> = random.normals(100 * network.input_size());

@@ -1,4 +1,4 @@
-//! Running normalisers: arithmetic, the merge law, limits.
+//! Running normalizers: arithmetic, merging, edge cases.
 
 mod reference;
 
@@ -6,15 +6,18 @@ use mishandle_network::{Moments, Normalizer, RunningNormalizer};
 use reference::Random;
 
 #[track_caller]
-fn close(found: &[f64], wanted: &[f64]) {
-    assert_eq!(found.len(), wanted.len());
-    for (found, wanted) in found.iter().zip(wanted) {
-        assert!((found - wanted).abs() < 1e-12 * wanted.abs().max(1.0), "{found}, wanted {wanted}");
+fn close(found: &[f64], expected: &[f64]) {
+    assert_eq!(found.len(), expected.len());
+    for (found, expected) in found.iter().zip(expected) {
+        assert!(
+            (found - expected).abs() < 1e-12 * expected.abs().max(1.0),
+            "found {found}, expected {expected}"
+        );
     }
 }
 
 #[test]
-fn moments_by_hand() {
+fn moments_equal_values_computed_by_hand() {
     // Columns 1, 2, 6 and 10, 10, 40: means 3 and 20, squares 4 + 1 + 9 and 100 + 100 + 400.
     let moments = Moments::of_rows(&[1.0, 10.0, 2.0, 10.0, 6.0, 40.0], 2);
     assert_eq!(moments.count(), 3.0);
@@ -23,7 +26,7 @@ fn moments_by_hand() {
 }
 
 #[test]
-fn merged_parts_are_the_whole() {
+fn merged_moments_equal_the_moments_of_all_rows() {
     let mut random = Random(1);
     let rows: Vec<f64> =
         random.normals::<f64>(3 * 500).iter().enumerate().map(|(i, x)| x + i as f64 * 0.01).collect();
@@ -40,7 +43,7 @@ fn merged_parts_are_the_whole() {
 }
 
 #[test]
-fn two_updates_are_one() {
+fn two_updates_equal_one_update_with_all_rows() {
     let mut random = Random(2);
     let rows: Vec<f32> = random.normals(4 * 100);
     let (mut once, mut twice) = (RunningNormalizer::new(4), RunningNormalizer::new(4));
@@ -53,8 +56,8 @@ fn two_updates_are_one() {
 }
 
 #[test]
-fn large_means_do_not_swallow_small_deviations() {
-    // Deviations of 1 around a million: Σ x² − n mean² would lose half the digits.
+fn a_large_mean_does_not_cancel_small_deviations() {
+    // Deviations of 1 around one million: Σ x² − n mean² would lose half of the digits.
     let rows: Vec<f64> = (0..1000).map(|i| 1e6 + f64::from(i % 2) * 2.0).collect();
     let mut moments = Moments::new(1);
     for part in rows.chunks(10) {
@@ -65,7 +68,7 @@ fn large_means_do_not_swallow_small_deviations() {
 }
 
 #[test]
-fn normalised_rows_have_mean_zero_and_variance_one() {
+fn normalized_rows_have_mean_zero_and_variance_one() {
     let mut random = Random(3);
     let mut rows: Vec<f32> = random.normals::<f32>(2 * 20_000).iter().map(|x| 7.0 + 0.1 * x).collect();
     let mut normalizer = RunningNormalizer::new(2);
@@ -75,7 +78,7 @@ fn normalised_rows_have_mean_zero_and_variance_one() {
     frozen.normalize(&mut rows);
     let moments = Moments::of_rows(&rows, 2);
     for (mean, variance) in moments.mean().iter().zip(moments.variance()) {
-        // The row that the normaliser begins with lies 70 deviations off and weighs 1/20001: variance 1 + 70² / 20001.
+        // The initial row is 70 standard deviations away and has the weight 1/20001: variance 1 + 70² / 20001.
         assert!(mean.abs() < 5e-3, "{mean}");
         assert!((variance - 1.0 / (1.0 + 5000.0 / 20_001.0)).abs() < 0.01, "{variance}");
     }
@@ -86,14 +89,14 @@ fn normalised_rows_have_mean_zero_and_variance_one() {
 }
 
 #[test]
-fn a_new_normaliser_only_clips() {
+fn a_new_normalizer_only_clips() {
     let mut rows = [0.5_f64, -4.0, 50.0, f64::NEG_INFINITY];
     RunningNormalizer::new(2).freeze().normalize(&mut rows);
     close(&rows, &[0.5 / (1.0 + 1e-8), -4.0 / (1.0 + 1e-8), 5.0, -5.0]);
 }
 
 #[test]
-fn a_constant_column_is_harmless_and_nan_is_kept() {
+fn a_constant_column_stays_finite_and_nan_stays_nan() {
     let normalizer = Normalizer::<f32>::new(&[2.0], &[0.0]).expect("valid");
     let mut rows = [2.0, 2.1, f32::NAN];
     normalizer.normalize(&mut rows);
@@ -102,7 +105,7 @@ fn a_constant_column_is_harmless_and_nan_is_kept() {
 }
 
 #[test]
-fn a_resumed_normaliser_goes_on() {
+fn a_restored_normalizer_continues_like_the_original() {
     let mut random = Random(4);
     let rows: Vec<f64> = random.normals(3 * 50);
     let mut normalizer = RunningNormalizer::new(3);
@@ -117,13 +120,13 @@ fn a_resumed_normaliser_goes_on() {
 }
 
 #[test]
-fn statistics_that_are_none_are_refused() {
-    let refused = |mean: &[f64], variance: &[f64]| {
-        Normalizer::<f32>::new(mean, variance).expect_err("refused").to_string()
+fn invalid_statistics_are_errors() {
+    let message = |mean: &[f64], variance: &[f64]| {
+        Normalizer::<f32>::new(mean, variance).expect_err("invalid").to_string()
     };
-    assert_eq!(refused(&[0.0, 0.0], &[1.0]), "`variance` needs 2 numbers, found 1");
-    assert_eq!(refused(&[f64::NAN], &[1.0]), "`mean` must be finite; number 0 is NaN");
-    assert_eq!(refused(&[0.0], &[-1.0]), "`variance` must be finite and at least 0; number 0 is -1");
+    assert_eq!(message(&[0.0, 0.0], &[1.0]), "`variance` has 1 numbers; expected 2");
+    assert_eq!(message(&[f64::NAN], &[1.0]), "number 0 of `mean` is NaN; it must be finite");
+    assert_eq!(message(&[0.0], &[-1.0]), "number 0 of `variance` is -1; it must be finite and at least 0");
     assert!(RunningNormalizer::resume(vec![0.0], &[1.0], 0.0).is_err());
     assert!(RunningNormalizer::resume(vec![0.0], &[1.0], f64::NAN).is_err());
 }

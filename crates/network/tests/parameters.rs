@@ -1,4 +1,4 @@
-//! Parameters: names, initial values, steps.
+//! Parameters: names, initialization, optimizer steps.
 
 mod reference;
 
@@ -10,7 +10,7 @@ fn small() -> Mlp<f32> {
 }
 
 #[test]
-fn tensors_have_pytorchs_order_and_shapes() {
+fn tensors_have_the_order_and_shapes_of_pytorch() {
     let mut network = small();
     network.update(|parameters| {
         for (i, parameter) in parameters.iter_mut().enumerate() {
@@ -19,78 +19,78 @@ fn tensors_have_pytorchs_order_and_shapes() {
     });
     let found: Vec<(String, Vec<usize>, f32)> =
         network.tensors().into_iter().map(|tensor| (tensor.name, tensor.shape, tensor.values[0])).collect();
-    let wanted = [
+    let expected = [
         ("layers.0.weight", vec![3, 2], 0.0),
         ("layers.0.bias", vec![3], 6.0),
         ("layers.1.weight", vec![1, 3], 9.0),
         ("layers.1.bias", vec![1], 12.0),
     ];
-    assert_eq!(found, wanted.map(|(name, shape, first)| (name.to_string(), shape, first)));
+    assert_eq!(found, expected.map(|(name, shape, first)| (name.to_string(), shape, first)));
 }
 
 #[test]
-fn tensors_may_come_in_any_order() {
+fn tensors_may_be_given_in_any_order() {
     let source = network::<f32>(CASES[3], &mut Random(1));
     let mut tensors = source.tensors();
     tensors.reverse();
     let mut copy = Mlp::new(source.sizes(), Activation::Elu, Activation::Tanh).expect("a network");
-    copy.set_tensors(&tensors).expect("they fit");
+    copy.set_tensors(&tensors).expect("the tensors of the network");
     assert_eq!(copy.parameters(), source.parameters());
 }
 
 #[track_caller]
-fn check_refused(change: impl Fn(&mut Vec<Tensor<'_, f32>>), message: &str) {
+fn check_error(change: impl Fn(&mut Vec<Tensor<'_, f32>>), message: &str) {
     let source = small();
     let mut tensors = source.tensors();
     change(&mut tensors);
     let mut network =
         network::<f32>((&[2, 3, 1], Activation::Elu, Activation::Identity, false), &mut Random(2));
     let before = network.parameters().to_vec();
-    let error = network.set_tensors(&tensors).expect_err("refused");
+    let error = network.set_tensors(&tensors).expect_err("invalid");
     assert_eq!(error.to_string(), message);
-    assert_eq!(network.parameters(), before, "a refused set changes nothing");
+    assert_eq!(network.parameters(), before, "an error changes nothing");
 }
 
 #[test]
-fn tensors_that_do_not_fit_are_refused() {
-    check_refused(
+fn missing_unexpected_and_malformed_tensors_are_errors() {
+    check_error(
         |tensors| drop(tensors.remove(1)),
-        "tensor `layers.0.bias` is missing; given are: layers.0.weight, layers.1.weight, layers.1.bias",
+        "tensor `layers.0.bias` is missing; given tensors: layers.0.weight, layers.1.weight, layers.1.bias",
     );
-    check_refused(
+    check_error(
         |tensors| tensors[1].name = "layers.7.bias".to_string(),
-        "tensor `layers.7.bias` does not belong here; this network holds, once each: \
+        "unexpected tensor `layers.7.bias`; this network has, once each: \
          layers.0.weight, layers.0.bias, layers.1.weight, layers.1.bias",
     );
-    check_refused(
+    check_error(
         |tensors| tensors.push(tensors[0].clone()),
-        "tensor `layers.0.weight` does not belong here; this network holds, once each: \
+        "unexpected tensor `layers.0.weight`; this network has, once each: \
          layers.0.weight, layers.0.bias, layers.1.weight, layers.1.bias",
     );
-    check_refused(
+    check_error(
         |tensors| tensors[0].shape.reverse(),
-        "tensor `layers.0.weight` needs the shape [3, 2] and as many numbers, found [2, 3] and 6 numbers",
+        "tensor `layers.0.weight` must have the shape [3, 2], found the shape [2, 3] with 6 numbers",
     );
-    check_refused(
+    check_error(
         |tensors| tensors[0].values = &[1.0; 5],
-        "tensor `layers.0.weight` needs the shape [3, 2] and as many numbers, found [3, 2] and 5 numbers",
+        "tensor `layers.0.weight` must have the shape [3, 2], found the shape [3, 2] with 5 numbers",
     );
-    check_refused(
+    check_error(
         |tensors| tensors[1].values = &[0.0, f32::NAN, 0.0],
-        "`layers.0.bias` must be finite; number 1 is NaN",
+        "number 1 of `layers.0.bias` is NaN; it must be finite",
     );
 }
 
 #[test]
-fn sizes_that_make_no_network_are_refused() {
+fn invalid_sizes_are_errors() {
     for sizes in [&[][..], &[3], &[3, 0, 1]] {
-        let error = Mlp::<f32>::new(sizes, Activation::Elu, Activation::Identity).expect_err("refused");
+        let error = Mlp::<f32>::new(sizes, Activation::Elu, Activation::Identity).expect_err("invalid");
         assert_eq!(error, NetworkError::Sizes { found: sizes.to_vec() });
     }
 }
 
 #[test]
-fn orthogonal_weights_keep_lengths_times_gain() {
+fn orthogonal_weights_scale_lengths_by_the_gain() {
     let mut random = Random(3);
     let mut network =
         Mlp::<f64>::new(&[30, 64, 64, 9], Activation::Elu, Activation::Identity).expect("a network");
@@ -98,7 +98,7 @@ fn orthogonal_weights_keep_lengths_times_gain() {
     for (tensor, gain) in network.tensors().iter().step_by(2).zip([2.0, 1.0, 0.01]) {
         let (rows, columns) = (tensor.shape[0], tensor.shape[1]);
         let at = |r: usize, c: usize| tensor.values[r * columns + c];
-        // W Wᵀ or Wᵀ W, whichever is smaller, is gain² times the unit matrix.
+        // W Wᵀ or Wᵀ W, whichever is smaller, is gain² times the identity matrix.
         for i in 0..rows.min(columns) {
             for j in 0..rows.min(columns) {
                 let product: f64 = if rows <= columns {
@@ -106,18 +106,18 @@ fn orthogonal_weights_keep_lengths_times_gain() {
                 } else {
                     (0..rows).map(|k| at(k, i) * at(k, j)).sum()
                 };
-                let wanted = if i == j { gain * gain } else { 0.0 };
-                assert!((product - wanted).abs() < 1e-12, "{}: {i}, {j}: {product}", tensor.name);
+                let expected = if i == j { gain * gain } else { 0.0 };
+                assert!((product - expected).abs() < 1e-12, "{}: {i}, {j}: {product}", tensor.name);
             }
         }
     }
-    let error = network.initialize_orthogonal(&[1.0], || 0.0).expect_err("refused");
-    assert_eq!(error.to_string(), "`gains` needs 3 numbers, found 1");
+    let error = network.initialize_orthogonal(&[1.0], || 0.0).expect_err("invalid");
+    assert_eq!(error.to_string(), "`gains` has 1 numbers; expected 3");
 }
 
 /// U(−b, b) has the mean 0 and the variance b² / 3.
 #[test]
-fn uniform_parameters_have_pytorchs_bound() {
+fn uniform_parameters_have_the_bound_of_pytorch() {
     let mut random = Random(4);
     let mut network = Mlp::<f64>::new(&[100, 400], Activation::Elu, Activation::Identity).expect("a network");
     network.initialize_uniform(|| random.uniform());
@@ -133,7 +133,7 @@ fn uniform_parameters_have_pytorchs_bound() {
 }
 
 #[test]
-fn two_steps_of_adam_by_hand() {
+fn two_steps_of_adam_equal_values_computed_by_hand() {
     let mut adam = Adam::<f64>::new(1, 0.1);
     let mut theta = [1.0];
     // m = 0.1 · 2 = 0.2, v = 0.001 · 4 = 0.004; corrected: 2 and 4; θ = 1 − 0.1 · 2 / (2 + 1e-8).
@@ -151,7 +151,7 @@ fn two_steps_of_adam_by_hand() {
 }
 
 #[test]
-fn adam_resumes_to_the_same_bits() {
+fn a_restored_adam_continues_bit_for_bit() {
     let mut random = Random(5);
     let gradients: Vec<Vec<f32>> = (0..6).map(|_| random.normals(20)).collect();
     let (mut whole, mut parameters) = (Adam::new(20, 1e-3), vec![0.5; 20]);
@@ -159,7 +159,7 @@ fn adam_resumes_to_the_same_bits() {
     for gradient in &gradients {
         whole.step(&mut parameters, gradient);
         let (m, v) = (resumed.first_moments().to_vec(), resumed.second_moments().to_vec());
-        resumed = Adam::resume(1e-3, m, v, resumed.steps()).expect("they fit");
+        resumed = Adam::resume(1e-3, m, v, resumed.steps()).expect("valid moments");
         resumed.step(&mut again, gradient);
     }
     assert_eq!(parameters, again);
@@ -170,7 +170,7 @@ fn adam_resumes_to_the_same_bits() {
 }
 
 #[test]
-fn clipping_shortens_long_gradients_only() {
+fn clipping_scales_only_gradients_above_the_limit() {
     let mut long: Vec<f64> = (1..=40).map(f64::from).collect();
     let norm = f64::from(40 * 41 * 81 / 6_u32).sqrt(); // Σ i² = n (n + 1) (2 n + 1) / 6
     assert!((clip_norm(&mut long, 1.0) - norm).abs() < 1e-12);

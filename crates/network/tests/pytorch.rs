@@ -1,4 +1,4 @@
-//! Agreement with PyTorch: `tests/golden/pytorch/make.py` writes the cases.
+//! Agreement with PyTorch: `tests/golden/pytorch/make.py` runs PyTorch and writes the golden file.
 
 use mishandle_network::{Activation, Adam, Mlp, Scalar, Workspace, clip_norm};
 use serde_json::Value;
@@ -12,14 +12,14 @@ fn numbers<T: Scalar>(case: &Value, key: &str) -> Vec<T> {
     array.iter().map(|number| T::from_f64(number.as_f64().expect("a number"))).collect()
 }
 
-/// `found` is within `tolerance` of `wanted`, relative to the larger of 1 and its size.
+/// Checks that `found` is within `tolerance` of PyTorch's values, relative to max(1, |value|).
 #[track_caller]
 fn close<T: Scalar>(case: &Value, key: &str, found: &[T], tolerance: f64) {
-    let wanted = numbers::<f64>(case, key);
-    assert_eq!(found.len(), wanted.len(), "{key}");
-    for (i, (found, wanted)) in found.iter().zip(&wanted).enumerate() {
-        let error = (found.to_f64() - wanted).abs() / wanted.abs().max(1.0);
-        assert!(error < tolerance, "{key}[{i}] of {}: {found:?}, PyTorch has {wanted}", case["sizes"]);
+    let expected = numbers::<f64>(case, key);
+    assert_eq!(found.len(), expected.len(), "{key}");
+    for (i, (found, expected)) in found.iter().zip(&expected).enumerate() {
+        let error = (found.to_f64() - expected).abs() / expected.abs().max(1.0);
+        assert!(error < tolerance, "{key}[{i}] of {}: {found:?}, PyTorch has {expected}", case["sizes"]);
     }
 }
 
@@ -55,12 +55,12 @@ fn check_passes<T: Scalar>(tolerance: f64) {
 }
 
 #[test]
-fn passes_in_f64() {
+fn passes_agree_with_pytorch_in_f64() {
     check_passes::<f64>(1e-10);
 }
 
 #[test]
-fn passes_in_f32() {
+fn passes_agree_with_pytorch_in_f32() {
     check_passes::<f32>(1e-5);
 }
 
@@ -88,17 +88,17 @@ fn check_adam<T: Scalar>(tolerance: f64) {
 }
 
 #[test]
-fn clipping_and_adam_in_f64() {
+fn clipping_and_adam_agree_with_pytorch_in_f64() {
     check_adam::<f64>(1e-9);
 }
 
 #[test]
-fn clipping_and_adam_in_f32() {
+fn clipping_and_adam_agree_with_pytorch_in_f32() {
     check_adam::<f32>(2e-5);
 }
 
 #[test]
-fn orthogonal_weights() {
+fn orthogonal_initialization_agrees_with_pytorch() {
     for case in cases()["orthogonal"].as_array().expect("cases") {
         let size = |key: &str| case[key].as_u64().expect("a whole number") as usize;
         let sizes = [size("columns"), size("rows")];
@@ -106,7 +106,7 @@ fn orthogonal_weights() {
         let mut normal = numbers::<f64>(case, "normal").into_iter();
         let gain = case["gain"].as_f64().expect("a number");
         network.initialize_orthogonal(&[gain], || normal.next().expect("enough numbers")).expect("one gain");
-        assert!(normal.next().is_none(), "as many numbers are drawn as PyTorch draws");
+        assert!(normal.next().is_none(), "the initialization uses as many numbers as PyTorch's");
         close(case, "weight", network.tensors()[0].values, 1e-9);
         assert!(network.tensors()[1].values.iter().all(|bias| *bias == 0.0));
     }

@@ -1,4 +1,4 @@
-/// One block of Philox4x32 with ten rounds: four 32-bit words from a counter and a key.
+/// Returns one block of Philox4x32 with ten rounds: four 32-bit words from a counter and a key.
 ///
 /// Each round multiplies two words of the counter by fixed odd constants, keeps the low halves and mixes the high
 /// halves with the other words and the key; the key grows by fixed increments (Weyl sequences) between rounds.
@@ -26,17 +26,17 @@ pub fn philox4x32(counter: [u32; 4], key: [u32; 2]) -> [u32; 4] {
     c
 }
 
-/// The two halves of a 64-bit number, the low one first.
+/// Returns the two halves of a 64-bit number, the low half first.
 pub(crate) fn halves(bits: u64) -> [u32; 2] {
     [bits as u32, (bits >> 32) as u32]
 }
 
-/// The 64-bit number with these halves.
+/// Returns the 64-bit number with these halves.
 pub(crate) fn joined(low: u32, high: u32) -> u64 {
     u64::from(low) | (u64::from(high) << 32)
 }
 
-/// A uniform number in [0, 1) from 64 random bits: a multiple of 2^-53.
+/// Returns a uniform number in [0, 1) from 64 random bits: a multiple of 2^-53.
 pub(crate) fn unit(bits: u64) -> f64 {
     (bits >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
 }
@@ -47,7 +47,7 @@ mod tests {
 
     /// The known-answer vectors published with Random123 (`kat_vectors`, philox 4x32, 10 rounds).
     #[test]
-    fn philox_gives_the_published_answers() {
+    fn philox_returns_the_published_answers() {
         let ones = u32::MAX;
         let pi = [0x243f6a88, 0x85a308d3, 0x13198a2e, 0x03707344];
         let cases = [

@@ -1,9 +1,9 @@
 use crate::philox::{halves, joined, philox4x32, unit};
 
-/// The key of a random stream: 64 bits, from which children and numbers are derived without any state.
+/// A random seed of 64 bits, from which random numbers and child seeds are derived without state.
 ///
-/// Every number is a pure function of (seed, stream, step, index): Philox4x32-10 keyed by the seed, with the rest as
-/// its counter. So no order of threads or calls can change a number, and a new stream never shifts another.
+/// Every number is a pure function of (seed, stream, step, index): the output of Philox4x32-10 with the seed as key and
+/// the rest as counter. So the order of threads or calls cannot change a number, and streams are independent.
 ///
 /// # Example
 /// ```
@@ -21,7 +21,7 @@ use crate::philox::{halves, joined, philox4x32, unit};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Seed(pub u64);
 
-/// What random numbers are used for. The numbers are fixed for ever: a new use takes a new one.
+/// The use of random numbers. The discriminants never change: a new use gets a new discriminant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub enum Stream {
@@ -29,38 +29,42 @@ pub enum Stream {
     ActionNoise = 0,
     /// Noise added to observations.
     ObservationNoise = 1,
-    /// What an environment draws when it is reset.
+    /// Random numbers of an environment's reset.
     Reset = 2,
     /// Delays of actions or observations.
     Delay = 3,
     /// External pushes.
     Push = 4,
-    /// A stochastic policy's own draws.
+    /// Action samples of a stochastic policy.
     Policy = 5,
-    /// Seeds derived from a seed.
+    /// Child seeds.
     Child = 6,
-    /// Initial configurations drawn by a training run or an evaluation.
+    /// Initial states sampled by a training run or an evaluation.
     InitialConfiguration = 7,
     /// Initial weights of a network.
     Weights = 8,
-    /// Order of a learner's minibatches.
+    /// Shuffling of minibatches.
     Shuffle = 9,
 }
 
 impl Seed {
-    /// The seed of the `index`-th part of what this seed stands for: trials of a run, simulations of a trial.
+    /// Returns child seed `index`, for example the seed of a trial in a run or of a simulation in a trial.
     pub fn child(self, index: u64) -> Seed {
         let [a, b, _, _] = self.block(Stream::Child, index, 0);
         Seed(joined(a, b))
     }
 
-    /// A number drawn uniformly from [0, 1), with 53 random bits.
+    /// Returns a uniform random number in [0, 1) with 53 random bits.
     pub fn uniform(self, stream: Stream, step: u64, index: u32) -> f64 {
         let [a, b, _, _] = self.block(stream, step, index);
         unit(joined(a, b))
     }
 
-    /// Fills `out` with independent standard normal numbers, by Box and Muller's transform.
+    /// Fills `out` with independent standard normal numbers by the Box-Muller transform.
+    ///
+    /// # Reference
+    /// Box and Muller, "A Note on the Generation of Random Normal Deviates", The Annals of Mathematical Statistics 29,
+    /// 1958.
     pub fn normals(self, stream: Stream, step: u64, out: &mut [f64]) {
         for (pair, index) in out.chunks_mut(2).zip(0..) {
             let [a, b, c, d] = self.block(stream, step, index);

@@ -2,7 +2,7 @@ use crate::philox::{halves, joined, philox4x32, unit};
 
 /// A sequence of random numbers, determined by a seed and a stream number.
 ///
-/// Two streams of one seed never share a block, so what one consumer draws never shifts another.
+/// Two streams of one seed never share a block of the generator, so they are independent.
 #[derive(Debug, Clone)]
 pub struct Sequence {
     key: [u32; 2],
@@ -12,12 +12,12 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// The stream numbered `stream` of `seed`, at its beginning.
+    /// Creates stream number `stream` of `seed`, at its start.
     pub fn new(seed: u64, stream: u64) -> Self {
         Self { key: halves(seed), stream, next_block: 0, spare: None }
     }
 
-    /// The next 64 random bits.
+    /// Returns the next 64 random bits.
     pub fn bits(&mut self) -> u64 {
         if let Some(bits) = self.spare.take() {
             return bits;
@@ -29,19 +29,19 @@ impl Sequence {
         joined(word[0], word[1])
     }
 
-    /// The next uniform number in [0, 1): a multiple of 2^-53.
+    /// Returns the next uniform random number in [0, 1), a multiple of 2^-53.
     pub fn uniform(&mut self) -> f64 {
         unit(self.bits())
     }
 
-    /// The next whole number in [0, n): the high half of 64 random bits times `n`.
+    /// Returns the next random integer in [0, n): the high half of the product of 64 random bits and `n`.
     ///
-    /// A number is at most n / 2^64 more likely than another. The result is 0 if `n` is 0.
+    /// The probabilities of two integers differ by at most 2^-64. Returns 0 if `n` is 0.
     pub fn below(&mut self, n: u64) -> u64 {
         ((u128::from(self.bits()) * u128::from(n)) >> 64) as u64
     }
 
-    /// Two independent standard normal numbers, by the method of Box and Muller.
+    /// Returns two independent standard normal numbers by the Box-Muller transform.
     ///
     /// ```text
     /// r = sqrt(-2 ln u₁),  (r cos 2πu₂, r sin 2πu₂)
@@ -60,23 +60,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn streams_and_seeds_differ_and_repeat() {
+    fn a_sequence_is_determined_by_seed_and_stream() {
         let first = |seed, stream| Sequence::new(seed, stream).bits();
         assert_eq!(first(1, 2), first(1, 2));
         assert_ne!(first(1, 2), first(1, 3));
         assert_ne!(first(1, 2), first(2, 2));
     }
 
-    /// Mean, variance and fourth moment of n draws, against 1/2 and 1/12, and 0, 1 and 3, within five standard errors.
+    /// Compares mean, variance and fourth moment of n samples with 1/2 and 1/12, and 0, 1 and 3: within five standard
+    /// errors.
     #[test]
-    fn uniforms_and_normals_have_their_moments() {
+    fn uniform_and_normal_samples_have_the_expected_moments() {
         let n = 100_000;
         let mut stream = Sequence::new(3, 0);
         let uniform: Vec<f64> = (0..n).map(|_| stream.uniform()).collect();
         assert!(uniform.iter().all(|u| (0.0..1.0).contains(u)));
         let normal: Vec<f64> = (0..n / 2).flat_map(|_| <[f64; 2]>::from(stream.normal_pair())).collect();
-        let moment = |x: &[f64], centre: f64, power: i32| {
-            x.iter().map(|v| (v - centre).powi(power)).sum::<f64>() / x.len() as f64
+        let moment = |x: &[f64], center: f64, power: i32| {
+            x.iter().map(|v| (v - center).powi(power)).sum::<f64>() / x.len() as f64
         };
         let standard_error = |variance: f64| (variance / f64::from(n)).sqrt();
         let check = |got: f64, expected: f64, variance: f64| {

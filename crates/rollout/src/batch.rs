@@ -6,14 +6,12 @@ use crate::{
     Environment, EnvironmentBatch, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, StepStatus,
 };
 
-/// Chunks of rows for each thread: more than one, so that threads that finish early find work.
+/// Chunks of rows per thread. More than one balances the load between threads.
 const CHUNKS_PER_THREAD: usize = 4;
 
-/// Many simulations of one environment, stepped together on all threads of the current rayon pool: what training
-/// needs.
+/// Many simulations of one environment, stepped together on all threads of the current rayon pool.
 ///
-/// Row-major buffers hold what each row shows. The same rows, seeds and actions give the same bits for any number of
-/// threads.
+/// Its buffers are row-major. The same seeds and actions give the same bits for any number of threads.
 pub struct CpuBatch<E: Environment + ?Sized = dyn Environment> {
     environment: Arc<E>,
     chunks: Vec<Chunk>,
@@ -23,7 +21,7 @@ pub struct CpuBatch<E: Environment + ?Sized = dyn Environment> {
     signals: Vec<f64>,
     rewards: Vec<f64>,
     statuses: Vec<StepStatus>,
-    /// The seed of each row that [`EnvironmentBatch::reset`] resets.
+    /// Seeds of the rows that [`EnvironmentBatch::reset`] resets.
     seeds: Vec<Option<Seed>>,
 }
 
@@ -33,7 +31,7 @@ struct Chunk {
 }
 
 impl<E: Environment + ?Sized> CpuBatch<E> {
-    /// A batch of `rows` simulations; every row has to be [reset](Self::reset) before it is stepped.
+    /// Makes a batch of `rows` simulations. Every row must be [reset](Self::reset) before its first step.
     pub fn new(environment: Arc<E>, rows: usize) -> CpuBatch<E> {
         let rows_per_chunk = rows.div_ceil(rayon::current_num_threads() * CHUNKS_PER_THREAD).max(1);
         let chunk = || Chunk {
@@ -53,17 +51,17 @@ impl<E: Environment + ?Sized> CpuBatch<E> {
         }
     }
 
-    /// Number of simulations.
+    /// Returns the number of simulations.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// The environment.
+    /// Returns the environment.
     pub fn environment(&self) -> &Arc<E> {
         &self.environment
     }
 
-    /// Starts a new simulation in every row for which `start` gives a scenario and a seed.
+    /// Starts a new simulation in every row for which `start` returns a scenario and a seed.
     pub fn reset(&mut self, start: impl Fn(usize) -> Option<(Scenario, Seed)> + Sync) {
         self.for_rows(|row, worker, state, sample, status| {
             if let Some((scenario, seed)) = start(row) {
@@ -73,7 +71,7 @@ impl<E: Environment + ?Sized> CpuBatch<E> {
         });
     }
 
-    /// Carries every row on by one control step; `actions` holds `rows` times `action_size` values, not clipped here.
+    /// Advances every row by one control step. `actions` has the shape `[rows, action_size]` and is not clipped.
     pub fn step(&mut self, actions: &[f64]) {
         let size = self.environment.action_size();
         self.for_rows(|row, worker, state, sample, status| {
@@ -81,34 +79,34 @@ impl<E: Environment + ?Sized> CpuBatch<E> {
         });
     }
 
-    /// What the controller sees, `rows` times `observation_size`.
+    /// Returns the current observations, `[rows, observation_size]`.
     pub fn observations(&self) -> &[f32] {
         &self.observations
     }
 
-    /// The signals, `rows` times their number.
+    /// Returns the current signals, `[rows, signals]`.
     pub fn signals(&self) -> &[f64] {
         &self.signals
     }
 
-    /// The reward terms of the last step, `rows` times their number.
+    /// Returns the reward terms of the last step, `[rows, reward terms]`.
     pub fn rewards(&self) -> &[f64] {
         &self.rewards
     }
 
-    /// How the last step left each row.
+    /// Returns the status of each row after the last step.
     pub fn statuses(&self) -> &[StepStatus] {
         &self.statuses
     }
 
-    /// Copies the state row of simulation `row` into `state`: a snapshot from which it continues to the same bits.
+    /// Copies the state of simulation `row` into `state`. A simulation restored from it continues with the same bits.
     pub fn read_state(&self, row: usize, state: &mut [f64]) {
         let size = self.environment.state_size();
         let chunk = &self.chunks[row / self.rows_per_chunk];
         state.copy_from_slice(&chunk.states[(row % self.rows_per_chunk) * size..][..size]);
     }
 
-    /// Restores a snapshot of simulation `row`. Its observation, signals and rewards appear with the next step.
+    /// Restores the state of simulation `row`. Its observation, signals and rewards are updated by the next step.
     pub fn write_state(&mut self, row: usize, state: &[f64]) {
         let size = self.environment.state_size();
         let chunk = &mut self.chunks[row / self.rows_per_chunk];

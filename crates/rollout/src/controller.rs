@@ -1,27 +1,33 @@
 use crate::Seed;
 
-/// Something that turns observations into actions: a shared description, from which each thread takes an [`ControllerWorker`].
+/// A policy: computes actions from observations.
+///
+/// A controller is shared and immutable. Each thread makes its own [`ControllerWorker`].
 pub trait Controller: Send + Sync {
-    /// Length of the observations it takes.
+    /// Returns the length of an observation.
     fn observation_size(&self) -> usize;
-    /// Number of actions it gives.
+    /// Returns the number of actions.
     fn action_size(&self) -> usize;
-    /// Length of the memory it keeps for each simulation; 0 if it keeps none.
+    /// Returns the length of the controller's state per simulation; 0 if it is stateless.
     fn state_size(&self) -> usize {
         0
     }
-    /// What one thread needs to act.
+    /// Makes a worker for one thread.
     fn worker(&self) -> Box<dyn ControllerWorker>;
 }
 
-/// What one thread needs to act for any number of simulations at once.
+/// Computes the actions of a [`Controller`] on one thread, for any number of simulations at once.
 ///
-/// A row's actions never depend on the other rows, nor on how many there are.
+/// The actions of a row do not depend on the other rows or their number.
 pub trait ControllerWorker: Send {
-    /// Writes the memory of a new simulation; its random draws come from [`Stream::Policy`](crate::Stream::Policy)
-    /// of `seed`.
+    /// Writes the controller's initial state of a new simulation.
+    ///
+    /// Random draws must come from [`Stream::Policy`](crate::Stream::Policy) of `seed`.
     fn reset(&mut self, _state: &mut [f64], _seed: Seed) {}
 
-    /// Writes the actions of `rows` simulations, row after row, from their `observations` and their memory `states`.
+    /// Computes the actions of `rows` simulations and updates the controller's states.
+    ///
+    /// All slices are row-major: `observations` is `[rows, observation_size]`, `states` is `[rows, state_size]`, and
+    /// `actions` is `[rows, action_size]`.
     fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]);
 }

@@ -1,44 +1,46 @@
-//! Axes that act between environment and controller, so that every environment has them: biases and disturbances of
-//! observations and actions, delays, and explicit draws of the action noise.
+//! Disturbances between environment and controller, which every environment supports: biases and offsets of observations
+//! and actions, delays, and explicit draws of the action noise.
 
 use std::collections::VecDeque;
 use std::ops::Range;
 
 use crate::{Axis, RolloutError, Scenario, Seed, Space, Stream};
 
-/// An axis and what its value does to the loop of observation and action.
+/// An axis whose value disturbs observations or actions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Disturbance {
-    /// The axis. Its nominal value is 0, or absent for an explicit draw.
+    /// The axis. Its nominal value is 0, or `None` for an explicit draw.
     pub axis: Axis,
-    /// What its value does.
+    /// The effect of its value.
     pub effect: Effect,
 }
 
-/// What the value of an axis does to the loop of observation and action.
+/// Effect of the value of an axis on observations or actions.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
-    /// Adds to one entry of the observation that the controller sees, in the observation's unit, before noise.
+    /// Adds the value to one entry of the controller's observation, in the unit of the entry, before the noise.
     Observation {
         /// Index of the entry.
         entry: usize,
-        /// When, and with which weight.
-        shape: Shape,
+        /// Weight of the value in each control step.
+        profile: TimeProfile,
     },
-    /// Adds to one entry of the action after it has been clipped and delayed, before noise.
+    /// Adds the value to one entry of the clipped and delayed action, before the noise.
     Action {
         /// Index of the entry.
         entry: usize,
-        /// When, and with which weight.
-        shape: Shape,
+        /// Weight of the value in each control step.
+        profile: TimeProfile,
     },
-    /// The controller sees what was observed so many control steps ago; before that, the first observation.
+    /// Delays observations by this number of control steps. The first observation fills the gap at the start.
     ObservationDelay,
-    /// The environment gets the action of so many control steps ago; before that, an action of 0.
+    /// Delays actions by this number of control steps. Actions of 0 fill the gap at the start.
     ActionDelay,
-    /// Sets the mean of the action noise's draws for one entry over these control steps, in units of that mean's own
-    /// standard deviation 1 / sqrt(n). The draws keep their deviations from the mean, which is independent of them, so a
-    /// value drawn from a standard normal law leaves the law of the noise as it is.
+    /// Sets the mean of the action noise of one entry over these n control steps.
+    ///
+    /// The value is in units of the standard deviation of that mean, 1 / sqrt(n). The draws keep their deviations from
+    /// the mean. The mean of independent normal draws is independent of the deviations, so a standard normal value leaves
+    /// the distribution of the noise unchanged.
     ActionDraw {
         /// Index of the entry.
         entry: usize,
@@ -47,55 +49,58 @@ pub enum Effect {
     },
 }
 
-/// The weight of a disturbance in each control step, counted from 0.
+/// Weight of a disturbance in each control step, counted from 0.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Shape {
-    /// 1 in these control steps: a segment of a piecewise-constant disturbance, or a bias.
+pub enum TimeProfile {
+    /// 1 in these control steps: a bias, or a segment of a piecewise-constant disturbance.
     Constant(Range<usize>),
-    /// 1 at the knot, falling linearly to 0 at the knots beside it: the sum over knots interpolates linearly.
+    /// 1 at a knot, linear to 0 at the adjacent knots. The sum over all knots interpolates linearly between their values.
     Linear {
-        /// The knot before, or the same.
+        /// Control step of the previous knot; equals `at` for the first knot.
         before: usize,
-        /// The knot.
+        /// Control step of the knot.
         at: usize,
-        /// The knot after, or the same.
+        /// Control step of the next knot; equals `at` for the last knot.
         after: usize,
     },
 }
 
-impl Shape {
-    /// The weight in a control step.
+impl TimeProfile {
+    /// Returns the weight in a control step.
     pub fn weight(&self, step: usize) -> f64 {
         match self {
-            Shape::Constant(steps) => f64::from(u8::from(steps.contains(&step))),
-            Shape::Linear { at, .. } if step == *at => 1.0,
-            Shape::Linear { before, at, .. } if (*before..*at).contains(&step) => {
+            TimeProfile::Constant(steps) => f64::from(u8::from(steps.contains(&step))),
+            TimeProfile::Linear { at, .. } if step == *at => 1.0,
+            TimeProfile::Linear { before, at, .. } if (*before..*at).contains(&step) => {
                 (step - before) as f64 / (at - before) as f64
             }
-            Shape::Linear { at, after, .. } if (*at..*after).contains(&step) => {
+            TimeProfile::Linear { at, after, .. } if (*at..*after).contains(&step) => {
                 (after - step) as f64 / (after - at) as f64
             }
-            Shape::Linear { .. } => 0.0,
+            TimeProfile::Linear { .. } => 0.0,
         }
     }
 }
 
-/// Which value of a scenario goes where: to the environment, or to an effect in the loop.
+/// Routes each value of a scenario to the environment or to a disturbance.
 #[derive(Clone, Debug)]
-pub(crate) struct Wiring {
-    /// For each axis of the environment its place in a scenario.
+pub(crate) struct AxisRouting {
+    /// Index in the scenario of each axis of the environment.
     environment: Vec<usize>,
-    /// Places in a scenario and what is done with the values there.
+    /// Index in the scenario and effect of each disturbance.
     effects: Vec<(usize, Effect)>,
 }
 
-impl Wiring {
-    /// Sends each axis of `space` to the environment's axis of that name, or else to the disturbance of that name.
+impl AxisRouting {
+    /// Routes each axis of `space` to the axis of the environment or the disturbance of the same name.
+    ///
+    /// # Errors
+    /// If the name of an axis is unknown, or an axis of the environment is missing from `space`.
     pub(crate) fn new(
         space: &Space,
         environment: &Space,
         disturbances: &[Disturbance],
-    ) -> Result<Wiring, RolloutError> {
+    ) -> Result<AxisRouting, RolloutError> {
         let place = |name: &str| space.axes().iter().position(|axis| axis.name == name);
         let missing =
             |axis: &str| RolloutError::Axis { axis: axis.to_string(), what: "the system has no such axis" };
@@ -111,30 +116,30 @@ impl Wiring {
         }
         let find = |axis: &Axis| place(&axis.name).ok_or_else(|| missing(&axis.name));
         let effects = disturbances.iter().filter_map(|d| Some((place(&d.axis.name)?, d.effect.clone())));
-        Ok(Wiring {
+        Ok(AxisRouting {
             environment: environment.axes().iter().map(find).collect::<Result<_, _>>()?,
             effects: effects.collect(),
         })
     }
 
-    /// Whether anything is to be done in the loop.
+    /// Returns whether the space has an axis of a disturbance.
     pub(crate) fn has_effects(&self) -> bool {
         !self.effects.is_empty()
     }
 
-    /// The environment's part of a scenario.
+    /// Returns the environment's part of a scenario.
     pub(crate) fn environment(&self, scenario: &Scenario) -> Scenario {
         Scenario::new(self.environment.iter().map(|place| scenario.get(*place)).collect())
     }
 }
 
-/// The effects on one simulation, with the delayed observations and actions that belong to its state.
+/// Disturbances of one simulation, with its delayed observations and actions.
 #[derive(Debug, Default)]
-pub(crate) struct Disturbed {
-    /// Entry, shape and value of what is added.
-    observation: Vec<(usize, Shape, f64)>,
-    action: Vec<(usize, Shape, f64)>,
-    /// Entry, control steps and what is added to each draw.
+pub(crate) struct ActiveDisturbances {
+    /// Entry, profile and value of each offset.
+    observation: Vec<(usize, TimeProfile, f64)>,
+    action: Vec<(usize, TimeProfile, f64)>,
+    /// Entry, control steps and offset of the draws.
     draws: Vec<(usize, Range<usize>, f64)>,
     observation_delay: usize,
     action_delay: usize,
@@ -142,11 +147,16 @@ pub(crate) struct Disturbed {
     past_actions: VecDeque<Vec<f64>>,
 }
 
-impl Disturbed {
-    /// The effects of a scenario; what is nominal has none.
-    pub(crate) fn new(wiring: &Wiring, scenario: &Scenario, seed: Seed, action_size: usize) -> Disturbed {
-        let mut disturbed = Disturbed::default();
-        for (place, effect) in &wiring.effects {
+impl ActiveDisturbances {
+    /// Returns the disturbances of a scenario. Nominal values have no effect.
+    pub(crate) fn new(
+        routing: &AxisRouting,
+        scenario: &Scenario,
+        seed: Seed,
+        action_size: usize,
+    ) -> ActiveDisturbances {
+        let mut disturbed = ActiveDisturbances::default();
+        for (place, effect) in &routing.effects {
             let Some(value) = scenario.get(*place) else { continue };
             match effect {
                 Effect::ActionDraw { entry, steps } => {
@@ -155,10 +165,10 @@ impl Disturbed {
                     disturbed.draws.push((*entry, steps.clone(), value / count.sqrt() - mean));
                 }
                 _ if value == 0.0 => {}
-                Effect::Observation { entry, shape } => {
-                    disturbed.observation.push((*entry, shape.clone(), value));
+                Effect::Observation { entry, profile } => {
+                    disturbed.observation.push((*entry, profile.clone(), value));
                 }
-                Effect::Action { entry, shape } => disturbed.action.push((*entry, shape.clone(), value)),
+                Effect::Action { entry, profile } => disturbed.action.push((*entry, profile.clone(), value)),
                 Effect::ObservationDelay => disturbed.observation_delay = value as usize,
                 Effect::ActionDelay => disturbed.action_delay = value as usize,
             }
@@ -166,10 +176,10 @@ impl Disturbed {
         disturbed
     }
 
-    /// What the controller sees in control step `step` in place of `observation`.
+    /// Replaces `observation` by the disturbed observation of control step `step`.
     pub(crate) fn observe(&mut self, step: usize, observation: &mut [f32]) {
         if self.observation_delay > 0 {
-            // The oldest one makes room for the newest, so that nothing is allocated once there are enough.
+            // The buffer of the oldest observation is reused, so that a full queue does not allocate.
             let full = self.past_observations.len() > self.observation_delay;
             let oldest = if full { self.past_observations.pop_front() } else { None };
             let mut newest = oldest.unwrap_or_else(|| vec![0.0; observation.len()]);
@@ -177,15 +187,15 @@ impl Disturbed {
             self.past_observations.push_back(newest);
             observation.copy_from_slice(&self.past_observations[0]);
         }
-        for (entry, shape, value) in &self.observation {
-            let added = value * shape.weight(step);
+        for (entry, profile, value) in &self.observation {
+            let added = value * profile.weight(step);
             if added != 0.0 {
                 observation[*entry] += added as f32;
             }
         }
     }
 
-    /// What the environment gets in control step `step` in place of the clipped `action`.
+    /// Replaces the clipped `action` by the disturbed action of control step `step`.
     pub(crate) fn act(&mut self, step: usize, action: &mut [f64]) {
         if self.action_delay > 0 {
             let full = self.past_actions.len() == self.action_delay;
@@ -194,15 +204,15 @@ impl Disturbed {
             action.swap_with_slice(&mut oldest);
             self.past_actions.push_back(oldest);
         }
-        for (entry, shape, value) in &self.action {
-            let added = value * shape.weight(step);
+        for (entry, profile, value) in &self.action {
+            let added = value * profile.weight(step);
             if added != 0.0 {
                 action[*entry] += added;
             }
         }
     }
 
-    /// Makes explicit what was drawn for control step `step`.
+    /// Shifts the standard normal draws of control step `step` to their explicit mean.
     pub(crate) fn draw(&self, step: usize, draws: &mut [f64]) {
         for (entry, steps, shift) in &self.draws {
             if steps.contains(&step) {
@@ -212,7 +222,7 @@ impl Disturbed {
     }
 }
 
-/// The mean of the action noise's draws for one entry over some control steps.
+/// Returns the mean of the action noise's standard normal draws of one entry over some control steps.
 fn mean_draw(seed: Seed, entry: usize, steps: &Range<usize>, action_size: usize) -> f64 {
     let mut draws = vec![0.0; action_size];
     let mut sum = 0.0;
@@ -232,48 +242,48 @@ mod tests {
     fn linear_knots_interpolate_between_their_values() {
         // Knots at 0, 10 and 30 with the values 2, 4 and 0.
         let knots = [
-            (Shape::Linear { before: 0, at: 0, after: 10 }, 2.0),
-            (Shape::Linear { before: 0, at: 10, after: 30 }, 4.0),
-            (Shape::Linear { before: 10, at: 30, after: 30 }, 0.0),
+            (TimeProfile::Linear { before: 0, at: 0, after: 10 }, 2.0),
+            (TimeProfile::Linear { before: 0, at: 10, after: 30 }, 4.0),
+            (TimeProfile::Linear { before: 10, at: 30, after: 30 }, 0.0),
         ];
-        let at = |step| knots.iter().map(|(shape, value)| shape.weight(step) * value).sum::<f64>();
+        let at = |step| knots.iter().map(|(profile, value)| profile.weight(step) * value).sum::<f64>();
         assert_eq!([0, 5, 10, 20, 30, 31].map(at), [2.0, 3.0, 4.0, 2.0, 0.0, 0.0]);
-        let segment = Shape::Constant(3..5);
+        let segment = TimeProfile::Constant(3..5);
         assert_eq!([2, 3, 4, 5].map(|step| segment.weight(step)), [0.0, 1.0, 1.0, 0.0]);
     }
 
-    fn disturbed(effect: Effect, value: f64) -> Disturbed {
+    fn disturbed(effect: Effect, value: f64) -> ActiveDisturbances {
         let axis = Axis::new(AxisKind::Model, "a", "", [0.0, 9.0], Some(0.0));
         let space = Space::new("s", vec![axis.clone()]).unwrap();
         let none = Space::new("none", vec![]).unwrap();
-        let wiring = Wiring::new(&space, &none, &[Disturbance { axis, effect }]).unwrap();
-        Disturbed::new(&wiring, &[value].into(), Seed(4), 2)
+        let routing = AxisRouting::new(&space, &none, &[Disturbance { axis, effect }]).unwrap();
+        ActiveDisturbances::new(&routing, &[value].into(), Seed(4), 2)
     }
 
     #[test]
-    fn a_delay_shows_the_first_observation_until_an_older_one_is_there() {
+    fn an_observation_delay_repeats_the_first_observation_at_the_start() {
         let mut disturbed = disturbed(Effect::ObservationDelay, 2.0);
-        let seen: Vec<f32> = (0..6)
+        let observed: Vec<f32> = (0..6)
             .map(|step| {
                 let mut observation = [step as f32];
                 disturbed.observe(step, &mut observation);
                 observation[0]
             })
             .collect();
-        assert_eq!(seen, [0.0, 0.0, 0.0, 1.0, 2.0, 3.0]);
+        assert_eq!(observed, [0.0, 0.0, 0.0, 1.0, 2.0, 3.0]);
     }
 
     #[test]
-    fn a_delayed_action_is_zero_until_the_first_one_arrives() {
+    fn an_action_delay_fills_the_start_with_zeros() {
         let mut disturbed = disturbed(Effect::ActionDelay, 2.0);
-        let done: Vec<f64> = (1..7)
+        let applied: Vec<f64> = (1..7)
             .map(|step| {
                 let mut action = [f64::from(step), 0.0];
                 disturbed.act(step as usize, &mut action);
                 action[0]
             })
             .collect();
-        assert_eq!(done, [0.0, 0.0, 1.0, 2.0, 3.0, 4.0]);
+        assert_eq!(applied, [0.0, 0.0, 1.0, 2.0, 3.0, 4.0]);
     }
 
     #[test]
@@ -297,12 +307,12 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_that_nothing_takes_is_refused() {
+    fn an_unknown_and_a_missing_axis_are_errors() {
         let none = Space::new("none", vec![]).unwrap();
         let space = Space::new("s", vec![Axis::start("wind", "m/s", 0.0, 1.0)]).unwrap();
-        let error = Wiring::new(&space, &none, &[]).unwrap_err().to_string();
+        let error = AxisRouting::new(&space, &none, &[]).unwrap_err().to_string();
         assert!(error.contains("wind"), "{error}");
-        let missing = Wiring::new(&none, &space, &[]).unwrap_err().to_string();
+        let missing = AxisRouting::new(&none, &space, &[]).unwrap_err().to_string();
         assert!(missing.contains("wind"), "{missing}");
     }
 }

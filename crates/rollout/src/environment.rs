@@ -2,65 +2,64 @@ use std::sync::Arc;
 
 use crate::{Scenario, Seed, Space};
 
-/// Something a controller acts in: a shared description, from which each thread takes a [`EnvironmentWorker`].
+/// An environment in which a controller acts.
 ///
-/// One simulation is a *state row*: `state_size` numbers that hold all that the future depends on. A worker carries on
-/// any row, and gives the same bits as any other worker would.
+/// An environment is shared and immutable. Each thread makes its own [`EnvironmentWorker`]. The state of one simulation
+/// is a *state row* of `state_size` numbers, which determine its future. Any worker can step any row, with the same bits.
 pub trait Environment: Send + Sync {
-    /// Name, for messages and records.
+    /// Returns the name, for messages and records.
     fn name(&self) -> &str;
-    /// The axes of the scenarios that a reset takes.
+    /// Returns the space of the scenarios that a reset accepts.
     fn space(&self) -> &Space;
-    /// Names of the signals, in the order of [`Sample::signals`].
+    /// Returns the names of the signals, in the order of [`Sample::signals`].
     fn signals(&self) -> &Arc<[String]>;
-    /// Names of the reward terms, in the order of [`Sample::rewards`]; the reward is their sum.
+    /// Returns the names of the reward terms, in the order of [`Sample::rewards`]. The reward is their sum.
     fn reward_terms(&self) -> &[String];
-    /// Length of an observation.
+    /// Returns the length of an observation.
     fn observation_size(&self) -> usize;
-    /// Number of actions; each is meant for [-1, 1].
+    /// Returns the number of actions. The range of each is [-1, 1].
     fn action_size(&self) -> usize;
-    /// Length of a state row.
+    /// Returns the length of a state row.
     fn state_size(&self) -> usize;
-    /// Duration of a control step, s.
+    /// Returns the duration of a control step, s.
     fn control_dt(&self) -> f64;
-    /// Control steps of a whole episode.
+    /// Returns the number of control steps of an episode.
     fn episode_steps(&self) -> usize;
-    /// What one thread needs to step rows.
+    /// Makes a worker for one thread.
     fn worker(&self) -> Box<dyn EnvironmentWorker>;
 }
 
-/// What one thread needs to reset and step state rows of an [`Environment`].
+/// Resets and steps state rows of an [`Environment`] on one thread.
 pub trait EnvironmentWorker: Send {
-    /// Writes the row of a new simulation under `scenario` into `state`, and what is seen there into `sample`.
+    /// Writes the initial state under `scenario` into `state`, and its sample into `sample`. Sets the reward terms to 0.
     ///
-    /// Whatever the environment draws comes from [`Stream::Reset`](crate::Stream::Reset) of `seed`. The reward terms
-    /// are set to 0.
+    /// Random draws must come from [`Stream::Reset`](crate::Stream::Reset) of `seed`.
     fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>);
 
-    /// Carries `state` on by one control step under `action`, which is not clipped, and writes what is seen after it.
+    /// Advances `state` by one control step under `action`, which is not clipped, and writes the sample after the step.
     ///
-    /// After [`StepStatus::Diverged`] neither the row nor the sample mean anything.
+    /// After [`StepStatus::Diverged`] the contents of `state` and `sample` are meaningless.
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus;
 }
 
-/// Where an environment writes what one sample shows. The lengths are the environment's.
+/// Output buffers for one sample of an episode. The environment determines their lengths.
 #[derive(Debug)]
 pub struct Sample<'a> {
-    /// What the controller sees.
+    /// The observation, input of the controller.
     pub observation: &'a mut [f32],
-    /// What the formulas speak of.
+    /// The signals, input of the formulas.
     pub signals: &'a mut [f64],
-    /// The reward, term by term.
+    /// The reward terms.
     pub rewards: &'a mut [f64],
 }
 
-/// How a control step left a simulation.
+/// Status of a simulation after a control step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StepStatus {
-    /// It can go on.
+    /// The simulation continues.
     Running,
-    /// The task is lost or over. This ends an episode in training only; measured episodes run on.
+    /// The simulation reached a terminal state. This ends training episodes; evaluated episodes continue.
     Terminated,
-    /// Its numbers are no longer finite.
+    /// A state value is no longer finite.
     Diverged,
 }

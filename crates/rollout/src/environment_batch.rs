@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use crate::{CpuBatch, Environment, RolloutError, Seed, StepStatus};
 
-/// Many simulations that are stepped together, one per row: what a training algorithm acts in.
+/// A vectorized environment: many simulations that are stepped together, one per row.
 ///
 /// [`CpuBatch`] implements it on the CPU for any [`Environment`]. A batch on a GPU or in another process implements it
 /// directly. All arrays are row-major.
@@ -12,9 +12,9 @@ pub trait EnvironmentBatch: Send {
     /// Returns the number of rows.
     fn rows(&self) -> usize;
 
-    /// Starts a new episode in each of these rows, at a random initial state that is drawn from the row's seed.
+    /// Starts a new episode in each of these rows, at a random initial state drawn with the row's seed.
     ///
-    /// A row may occur once at most. All rows must be reset before the first step.
+    /// A row may occur at most once. All rows must be reset before the first step.
     ///
     /// # Errors
     /// If the batch fails as a whole.
@@ -55,34 +55,34 @@ pub trait BatchFactory: Send + Sync {
     /// Returns the facts that every batch of this factory shares.
     fn spec(&self) -> EnvironmentSpec;
 
-    /// Makes a batch of `rows` simulations. Every row must be reset before it is stepped.
+    /// Makes a batch of `rows` simulations. Every row must be reset before its first step.
     ///
     /// # Errors
     /// If the batch cannot be made.
     fn batch(&self, rows: usize) -> Result<Box<dyn EnvironmentBatch>, RolloutError>;
 }
 
-/// What a training algorithm must know about an environment.
+/// Sizes and names that a training algorithm must know about an environment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EnvironmentSpec {
     /// Name, for messages and checkpoints.
     pub name: String,
     /// Length of an observation.
     pub observation_size: usize,
-    /// Number of actions; each is meant for [-1, 1].
+    /// Number of actions. The range of each is [-1, 1].
     pub action_size: usize,
-    /// Length of a row's state: all numbers that its future depends on.
+    /// Length of a state row, which determines the future of its simulation.
     pub state_size: usize,
-    /// Number of signals, which a validation records; 0 if there are none.
+    /// Number of signals, which a validation records; may be 0.
     pub signal_count: usize,
-    /// Names of the reward terms; the reward is their sum.
+    /// Names of the reward terms. The reward is their sum.
     pub reward_terms: Vec<String>,
-    /// Control steps of an episode.
+    /// Number of control steps of an episode.
     pub episode_steps: usize,
 }
 
 impl EnvironmentSpec {
-    /// The facts about an environment.
+    /// Returns the specification of `environment`.
     pub fn of(environment: &(impl Environment + ?Sized)) -> EnvironmentSpec {
         EnvironmentSpec {
             name: environment.name().to_string(),

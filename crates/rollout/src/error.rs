@@ -1,135 +1,135 @@
-/// What can be wrong before or while episodes run.
+/// Errors before or during episodes.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RolloutError {
     /// A scenario has the wrong number of values.
-    #[error("the scenario has {found} values, the space has {wanted} axes ({axes})")]
+    #[error("the scenario has {found} values; expected {expected}, one for each axis of the space ({axes})")]
     Dimension {
         /// Number of axes of the space.
-        wanted: usize,
-        /// Number of values given.
+        expected: usize,
+        /// Number of values of the scenario.
         found: usize,
-        /// Names of the axes, for the message.
+        /// Names of the axes, joined by commas.
         axes: String,
     },
-    /// A scenario holds NaN or an infinity.
-    #[error("the scenario's `{axis}` is {value}, which is not a finite number")]
+    /// A scenario contains NaN or an infinity.
+    #[error("the scenario's `{axis}` is {value}; expected a finite number")]
     NotFinite {
         /// Name of the axis.
         axis: String,
-        /// The value given.
+        /// The value.
         value: f64,
     },
-    /// A scenario leaves out a value that is not a random draw.
-    #[error("the scenario has no value for `{axis}`; only a random draw may be left out")]
-    Absent {
+    /// A scenario omits a value that is not a random draw.
+    #[error("the scenario has no value for `{axis}`; only a random draw may be omitted")]
+    MissingValue {
         /// Name of the axis.
         axis: String,
     },
-    /// A value that the axis does not take.
+    /// A value outside the bounds of its axis, or a fraction where a whole number is required.
     #[error(
-        "the scenario's `{axis}` is {value}; allowed values go from {low} to {high}, whole numbers if it counts"
+        "the scenario's `{axis}` is {value}; expected a value from {low} to {high}, a whole number if the axis is discrete"
     )]
-    Value {
+    OutOfRange {
         /// Name of the axis.
         axis: String,
-        /// The value given.
+        /// The value.
         value: f64,
-        /// Smallest value.
+        /// Lower bound.
         low: f64,
-        /// Largest value.
+        /// Upper bound.
         high: f64,
     },
-    /// A space that the target does not have.
-    #[error("there is no space `{name}`; there are: {}", known.join(", "))]
+    /// The target has no space with this name.
+    #[error("there is no space `{name}`; available spaces: {}", known.join(", "))]
     UnknownSpace {
-        /// The name given.
+        /// The unknown name.
         name: String,
-        /// The names there are.
+        /// Names of the target's spaces.
         known: Vec<String>,
     },
-    /// An axis that makes no sense, or that nobody knows.
+    /// An axis is inconsistent or unknown.
     #[error("axis `{axis}`: {what}")]
     Axis {
         /// Name of the axis.
         axis: String,
-        /// What is wrong.
+        /// The problem.
         what: &'static str,
     },
-    /// An axis whose lower bound does not lie below its upper bound, or is not finite.
+    /// The bounds of an axis are not finite, or the lower one is not below the upper one.
     #[error(
-        "axis `{axis}` goes from {low} to {high}: the lower bound has to be a finite number below the upper one"
+        "axis `{axis}` has bounds from {low} to {high}; expected a finite lower bound below a finite upper bound"
     )]
     Bounds {
         /// Name of the axis.
         axis: String,
-        /// Its lower bound.
+        /// Lower bound.
         low: f64,
-        /// Its upper bound.
+        /// Upper bound.
         high: f64,
     },
-    /// A controller made for other observations or actions than the environment's.
+    /// The controller's observation or action size differs from the environment's.
     #[error(
-        "the controller takes {found_observation} observations and gives {found_action} actions, \
-         {environment} has {wanted_observation} and {wanted_action}"
+        "the controller has {found_observation} observations and {found_action} actions; \
+         {environment} has {expected_observation} and {expected_action}"
     )]
     Layout {
         /// Name of the environment.
         environment: String,
-        /// Observations the environment gives.
-        wanted_observation: usize,
-        /// Actions the environment takes.
-        wanted_action: usize,
-        /// Observations the controller takes.
+        /// Observation size of the environment.
+        expected_observation: usize,
+        /// Action size of the environment.
+        expected_action: usize,
+        /// Observation size of the controller.
         found_observation: usize,
-        /// Actions the controller gives.
+        /// Action size of the controller.
         found_action: usize,
     },
-    /// A controller's output was NaN or infinite.
+    /// A controller returned NaN or an infinity.
     #[error(
         "action {component} of the controller was {value} at step {step} of the simulation with scenario {scenario:?}"
     )]
     Action {
         /// Index of the action.
         component: usize,
-        /// What the controller gave.
+        /// The value that the controller returned.
         value: f64,
-        /// Control step.
+        /// Control step, from 1.
         step: usize,
         /// The simulation's scenario.
         scenario: crate::Scenario,
     },
-    /// A noise level that is negative, NaN or infinite.
-    #[error("{what} is {value}: a standard deviation has to be a finite number of at least 0")]
+    /// A noise level is negative, NaN or infinite.
+    #[error("{what} is {value}; expected a standard deviation: a finite number of at least 0")]
     Noise {
-        /// Which noise.
+        /// Name of the noise.
         what: &'static str,
-        /// The value given.
+        /// The value.
         value: f64,
     },
-    /// The safe condition has a temporal operator.
-    #[error("the safe condition `{formula}` has a temporal operator; it has to be a predicate on one sample")]
+    /// The safe condition contains a temporal operator.
+    #[error("the safe condition `{formula}` has a temporal operator; expected a predicate on one sample")]
     NotAPredicate {
         /// Text of the formula.
         formula: String,
     },
-    /// A formula that does not parse.
+    /// A formula does not parse.
     #[error("formula `{formula}`")]
     Parse {
         /// Text of the formula.
         formula: String,
-        /// What the parser says.
+        /// The parser's error.
         source: mishandle_stl::ParseError,
     },
-    /// A formula that does not fit the signals or the clock, or a trace that holds NaN.
+    /// A formula does not fit the signals or the clock, or a trace contains NaN.
     #[error("formula `{formula}`")]
     Monitor {
         /// Text of the formula.
         formula: String,
-        /// What the monitor says.
+        /// The monitor's error.
         source: mishandle_stl::MonitorError,
     },
-    /// A foreign system failed.
+    /// A system outside this crate failed.
     #[error("the system under test failed: {0}")]
     System(String),
     /// An environment batch cannot be made or stepped.

@@ -1,15 +1,21 @@
-//! The seam between what is tested and what tests it: target, space, scenario, system, episode.
+//! Runs a controller in an environment and evaluates the resulting episodes.
 //!
-//! A [`Target`] is anything that can be falsified: it declares the axes that a [`Scenario`] may set, its signals and its
-//! formulas, and makes a [`System`] that turns [`Request`]s into [`Episode`]s. A [`Rollout`] is the system made of a
-//! [`Controller`] in an [`Environment`]; any other simulator may be one.
+//! This crate defines the interface between the system under test and the searches, evaluations and training algorithms
+//! that use it:
 //!
-//! This crate knows no physics. Environment and controller are shared, immutable descriptions that hand out workers: an
-//! [`Environment`] gives a [`EnvironmentWorker`] to each thread, a [`Controller`] an [`ControllerWorker`]. What belongs to one simulation lives
-//! in its state row, so any worker can carry on any simulation, and nothing depends on the number of threads.
+//! - A [`Target`] is anything that can be falsified. It declares the axes that a [`Scenario`] may set, its signals and
+//!   its formulas, and makes a [`System`].
+//! - A [`System`] simulates [`Request`]s and returns [`Episode`]s with their robustness. A [`Rollout`] is the system of a
+//!   [`Controller`] in an [`Environment`]. Any other simulator can implement [`System`] directly.
+//! - A [`Space`] maps a point of \[0,1\]^d to a [`Scenario`] in SI units.
+//! - A [`Specification`] contains the formulas, and a [`SpecificationMonitor`] evaluates them on a trace.
 //!
-//! Training acts in an [`EnvironmentBatch`], which a [`BatchFactory`] makes. [`CpuBatch`] is the one on the CPU; others
-//! may live on a GPU or in another process.
+//! An [`Environment`] and a [`Controller`] are shared and immutable. Each thread makes its own [`EnvironmentWorker`] and
+//! [`ControllerWorker`]. The state of a simulation is a row of numbers, so any worker can step any simulation, and the
+//! results do not depend on the number of threads. This crate contains no physics.
+//!
+//! Training steps an [`EnvironmentBatch`], which a [`BatchFactory`] makes. [`CpuBatch`] runs on the CPU. Other
+//! implementations may run on a GPU or in another process.
 
 mod batch;
 mod controller;
@@ -29,7 +35,7 @@ pub use mishandle_random::{Seed, Stream};
 
 pub use batch::CpuBatch;
 pub use controller::{Controller, ControllerWorker};
-pub use disturbance::{Disturbance, Effect, Shape};
+pub use disturbance::{Disturbance, Effect, TimeProfile};
 pub use environment::{Environment, EnvironmentWorker, Sample, StepStatus};
 pub use environment_batch::{BatchFactory, EnvironmentBatch, EnvironmentSpec};
 pub use error::RolloutError;
@@ -39,4 +45,4 @@ pub use rollout::{Rollout, StopCondition};
 pub use space::{Axis, AxisKind, AxisValues, Distribution, Scenario, Space};
 pub use specification::{Specification, SpecificationMonitor, Verdict};
 pub use system::{DEFAULT_BATCH_SIZE, System};
-pub use target::{Component, Formulas, Identity, NamedFormula, Reachable, Signal, SystemFactory, Target};
+pub use target::{Component, Identity, NamedFormula, ReachabilityCheck, Signal, SystemFactory, Target};

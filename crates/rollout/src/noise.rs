@@ -1,9 +1,9 @@
 use crate::{RolloutError, Seed, Stream};
 
-/// Gaussian noise on what passes between controller and environment: standard deviations, never variances.
+/// Gaussian noise on actions and observations, given as standard deviations.
 ///
-/// Action noise is in units of the normalised action. It is added after the action has been clipped to [-1, 1], and
-/// the sum is not clipped again. Observation noise is added to what the controller sees, in the observation's units.
+/// Action noise is in units of the normalized action. It is added after the action is clipped to [-1, 1], and the sum is
+/// not clipped again. Observation noise is added to the controller's input, in the units of the observation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Noise {
     /// Standard deviation of the noise on each action.
@@ -13,10 +13,10 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Checks both levels.
+    /// Checks that both standard deviations are finite and at least 0.
     ///
     /// # Errors
-    /// If one is negative, NaN or infinite.
+    /// [`RolloutError::Noise`] if one is negative, NaN or infinite.
     pub fn check(&self) -> Result<(), RolloutError> {
         for (what, value) in [("action noise", self.action_std), ("observation noise", self.observation_std)]
         {
@@ -27,8 +27,9 @@ impl Noise {
         Ok(())
     }
 
-    /// Adds the noise of control step `step` to a clipped action; `draws` is scratch of the same length, and `explicit`
-    /// may replace what was drawn.
+    /// Adds the noise of control step `step` to a clipped action.
+    ///
+    /// `draws` is a scratch buffer of the same length. `explicit` may modify the standard normal draws in it.
     pub(crate) fn on_action(
         &self,
         seed: Seed,
@@ -46,7 +47,7 @@ impl Noise {
         }
     }
 
-    /// Adds the noise of sample `step` to what the controller sees; `draws` is scratch of the same length.
+    /// Adds the noise of sample `step` to an observation. `draws` is a scratch buffer of the same length.
     pub(crate) fn on_observation(&self, seed: Seed, step: u64, observation: &mut [f32], draws: &mut [f64]) {
         if self.observation_std > 0.0 {
             seed.normals(Stream::ObservationNoise, step, draws);

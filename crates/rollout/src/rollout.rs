@@ -3,39 +3,39 @@ use std::sync::{Arc, Mutex};
 use mishandle_stl::{MonitorError, Trace};
 use rayon::prelude::*;
 
-use crate::disturbance::{Disturbed, Wiring};
+use crate::disturbance::{ActiveDisturbances, AxisRouting};
 use crate::{
     Controller, ControllerWorker, Disturbance, Environment, EnvironmentWorker, Episode, EpisodeEnd, Noise,
     Request, RolloutError, Sample, Space, Specification, SpecificationMonitor, StepStatus, System, Verdict,
 };
 
-/// Most rows that are stepped in lockstep by one thread: enough to share the reading of a network's weights among
-/// them, few enough to keep their states in its cache.
+/// Maximum number of rows that one thread steps in lockstep. Sixteen rows share each read of the network's weights and
+/// their states still fit into the cache.
 const ROWS: usize = 16;
 
-/// Decides, from the control step and the sample's signals, whether an episode may end here.
+/// Decides from the control step and the signals whether an episode ends early.
 pub type StopCondition = dyn Fn(usize, &[f64]) -> bool + Send + Sync;
 
-/// A controller in an environment, with noise and a specification: the [`System`] that our tasks are.
+/// The [`System`] of a controller in an environment, with noise and a specification.
 ///
-/// Simulations run on all threads of the current rayon pool, up to 16 at a time on each, their observations inferred
-/// together. An episode is the same to the bit whatever it runs beside.
+/// Simulations run on all threads of the current rayon pool. Each thread steps up to 16 simulations in lockstep and
+/// computes their actions together. The bits of an episode do not depend on the other episodes.
 pub struct Rollout {
     environment: Arc<dyn Environment>,
     controller: Arc<dyn Controller>,
     specification: Specification,
     noise: Noise,
     space: Space,
-    wiring: Wiring,
+    routing: AxisRouting,
     stop: Option<Box<StopCondition>>,
-    seats: Mutex<Vec<Seat>>,
+    workers: Mutex<Vec<RolloutWorker>>,
 }
 
 impl Rollout {
-    /// Puts the parts together.
+    /// Makes a system from its parts.
     ///
     /// # Errors
-    /// If the controller's layout is not the environment's, a formula does not fit the signals, or a noise level is
+    /// If the controller's sizes differ from the environment's, a formula does not fit the signals, or a noise level is
     /// not a finite number of at least 0.
     pub fn new(
         environment: Arc<dyn Environment>,
@@ -43,13 +43,13 @@ impl Rollout {
         specification: Specification,
         noise: Noise,
     ) -> Result<Rollout, RolloutError> {
-        let wanted = (environment.observation_size(), environment.action_size());
+        let expected = (environment.observation_size(), environment.action_size());
         let found = (controller.observation_size(), controller.action_size());
-        if wanted != found {
+        if expected != found {
             return Err(RolloutError::Layout {
                 environment: environment.name().to_string(),
-                wanted_observation: wanted.0,
-                wanted_action: wanted.1,
+                expected_observation: expected.0,
+                expected_action: expected.1,
                 found_observation: found.0,
                 found_action: found.1,
             });
@@ -58,55 +58,56 @@ impl Rollout {
         SpecificationMonitor::new(&specification, environment.signals(), environment.control_dt())?;
         let space = environment.space().clone();
         Ok(Rollout {
-            wiring: Wiring::new(&space, &space, &[])?,
+            routing: AxisRouting::new(&space, &space, &[])?,
             space,
             environment,
             controller,
             specification,
             noise,
             stop: None,
-            seats: Mutex::new(Vec::new()),
+            workers: Mutex::new(Vec::new()),
         })
     }
 
-    /// Takes scenarios of `space`: each of its axes is one of the environment's or one of `disturbances`, by name.
+    /// Replaces the space of scenarios. Each axis of `space` must have the name of an axis of the environment or of one
+    /// of `disturbances`.
     ///
     /// # Errors
-    /// If an axis of the space is neither, or one of the environment's is not in the space.
+    /// If the name of an axis is unknown, or an axis of the environment is missing from `space`.
     pub fn with_disturbances(
         mut self,
         space: Space,
         disturbances: &[Disturbance],
     ) -> Result<Rollout, RolloutError> {
-        self.wiring = Wiring::new(&space, self.environment.space(), disturbances)?;
+        self.routing = AxisRouting::new(&space, self.environment.space(), disturbances)?;
         self.space = space;
         Ok(self)
     }
 
-    /// Ends episodes early where `stop` says so; formulas that the shorter trace does not cover are undecided.
+    /// Ends an episode early where `stop` returns `true`. Formulas that the shorter trace does not cover are undecided.
     pub fn with_stop(mut self, stop: Box<StopCondition>) -> Rollout {
         self.stop = Some(stop);
         self
     }
 
-    /// The specification that judges the episodes.
+    /// Returns the specification that is evaluated on the episodes.
     pub fn specification(&self) -> &Specification {
         &self.specification
     }
 
-    fn take_seat(&self) -> Result<Seat, RolloutError> {
-        let free = self.seats.lock().map(|mut seats| seats.pop()).unwrap_or(None);
+    fn take_worker(&self) -> Result<RolloutWorker, RolloutError> {
+        let free = self.workers.lock().map(|mut workers| workers.pop()).unwrap_or(None);
         match free {
-            Some(seat) => Ok(seat),
-            None => Seat::new(self),
+            Some(worker) => Ok(worker),
+            None => RolloutWorker::new(self),
         }
     }
 
-    fn run_rows(&self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
-        let mut seat = self.take_seat()?;
-        let episodes = seat.run(self, requests);
-        if let Ok(mut seats) = self.seats.lock() {
-            seats.push(seat);
+    fn run_chunk(&self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
+        let mut worker = self.take_worker()?;
+        let episodes = worker.run(self, requests);
+        if let Ok(mut workers) = self.workers.lock() {
+            workers.push(worker);
         }
         episodes
     }
@@ -125,21 +126,21 @@ impl System for Rollout {
         let this = &*self;
         let chunks = requests
             .par_chunks(rows)
-            .map(|chunk| this.run_rows(chunk))
+            .map(|chunk| this.run_chunk(chunk))
             .collect::<Result<Vec<Vec<Episode>>, RolloutError>>()?;
         Ok(chunks.into_iter().flatten().collect())
     }
 }
 
-/// What one thread works with: kept between calls, so that a control step allocates nothing.
-struct Seat {
-    worker: Box<dyn EnvironmentWorker>,
-    actor: Box<dyn ControllerWorker>,
-    judge: SpecificationMonitor,
+/// Workers and buffers of one thread. They are reused between calls, so that a control step does not allocate.
+struct RolloutWorker {
+    environment: Box<dyn EnvironmentWorker>,
+    controller: Box<dyn ControllerWorker>,
+    monitor: SpecificationMonitor,
     states: Vec<f64>,
-    memories: Vec<f64>,
-    /// What acts in the loop of each row; empty where the space has no such axis.
-    disturbed: Vec<Disturbed>,
+    controller_states: Vec<f64>,
+    /// Disturbances of each row; empty if the space has no axis of a disturbance.
+    disturbances: Vec<ActiveDisturbances>,
     observations: Vec<f32>,
     actions: Vec<f32>,
     action: Vec<f64>,
@@ -148,21 +149,21 @@ struct Seat {
     draws: Vec<f64>,
 }
 
-impl Seat {
-    fn new(rollout: &Rollout) -> Result<Seat, RolloutError> {
+impl RolloutWorker {
+    fn new(rollout: &Rollout) -> Result<RolloutWorker, RolloutError> {
         let (environment, controller) = (&rollout.environment, &rollout.controller);
         let (observation_size, action_size) = (environment.observation_size(), environment.action_size());
-        Ok(Seat {
-            worker: environment.worker(),
-            actor: controller.worker(),
-            judge: SpecificationMonitor::new(
+        Ok(RolloutWorker {
+            environment: environment.worker(),
+            controller: controller.worker(),
+            monitor: SpecificationMonitor::new(
                 &rollout.specification,
                 environment.signals(),
                 environment.control_dt(),
             )?,
             states: vec![0.0; ROWS * environment.state_size()],
-            memories: vec![0.0; ROWS * controller.state_size()],
-            disturbed: Vec::new(),
+            controller_states: vec![0.0; ROWS * controller.state_size()],
+            disturbances: Vec::new(),
             observations: vec![0.0; ROWS * observation_size],
             actions: vec![0.0; ROWS * action_size],
             action: vec![0.0; action_size],
@@ -188,15 +189,15 @@ impl Seat {
         }
         for episode in &mut episodes {
             if !matches!(episode.end, EpisodeEnd::Diverged { .. }) {
-                let whole = episode.end == EpisodeEnd::Completed;
-                match self.judge.verdict(&episode.trace, whole) {
+                let is_complete = episode.end == EpisodeEnd::Completed;
+                match self.monitor.verdict(&episode.trace, is_complete) {
                     Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
                         episode.end = EpisodeEnd::Undefined { step };
                     }
                     verdict => episode.verdict = verdict?,
                 }
-                if episode.request.wants_subformulas && episode.verdict.robustness.is_some() {
-                    episode.verdict.subformulas = self.judge.subformulas(&episode.trace)?;
+                if episode.request.needs_subformulas && episode.verdict.robustness.is_some() {
+                    episode.verdict.subformulas = self.monitor.subformulas(&episode.trace)?;
                 }
             }
         }
@@ -206,23 +207,31 @@ impl Seat {
     fn reset(&mut self, rollout: &Rollout, requests: &[Request]) -> Vec<Episode> {
         let (state_size, observation_size) =
             (rollout.environment.state_size(), rollout.environment.observation_size());
-        let memory_size = rollout.controller.state_size();
+        let controller_state_size = rollout.controller.state_size();
         let samples = rollout.environment.episode_steps() + 1;
-        self.disturbed.clear();
+        self.disturbances.clear();
         let mut episodes = Vec::with_capacity(requests.len());
         for (row, request) in requests.iter().enumerate() {
             let Request { scenario, seed, .. } = request;
             let observation = &mut self.observations[row * observation_size..][..observation_size];
             let sample = Sample { observation, signals: &mut self.signals, rewards: &mut self.rewards };
             let state = &mut self.states[row * state_size..][..state_size];
-            if rollout.wiring.has_effects() {
+            if rollout.routing.has_effects() {
                 let action_size = self.action.len();
-                self.disturbed.push(Disturbed::new(&rollout.wiring, scenario, *seed, action_size));
-                self.worker.reset(&rollout.wiring.environment(scenario), *seed, state, sample);
+                self.disturbances.push(ActiveDisturbances::new(
+                    &rollout.routing,
+                    scenario,
+                    *seed,
+                    action_size,
+                ));
+                self.environment.reset(&rollout.routing.environment(scenario), *seed, state, sample);
             } else {
-                self.worker.reset(scenario, *seed, state, sample);
+                self.environment.reset(scenario, *seed, state, sample);
             }
-            self.actor.reset(&mut self.memories[row * memory_size..][..memory_size], *seed);
+            self.controller.reset(
+                &mut self.controller_states[row * controller_state_size..][..controller_state_size],
+                *seed,
+            );
             let mut trace = Trace::with_capacity(rollout.environment.signals().clone(), samples);
             trace.push(&self.signals);
             episodes.push(Episode {
@@ -243,16 +252,16 @@ impl Seat {
         let rows = episodes.len();
         let observations = self.observations.chunks_mut(observation_size);
         for (row, (observation, episode)) in observations.zip(&*episodes).enumerate() {
-            if let Some(disturbed) = self.disturbed.get_mut(row) {
+            if let Some(disturbed) = self.disturbances.get_mut(row) {
                 disturbed.observe(step, observation);
             }
             let draws = &mut self.draws[..observation_size];
             rollout.noise.on_observation(episode.request.seed, step as u64, observation, draws);
         }
-        self.actor.act(
+        self.controller.act(
             rows,
             &self.observations[..rows * observation_size],
-            &mut self.memories[..rows * rollout.controller.state_size()],
+            &mut self.controller_states[..rows * rollout.controller.state_size()],
             &mut self.actions[..rows * action_size],
         );
         for (actions, episode) in self.actions.chunks(action_size).zip(episodes) {
@@ -282,10 +291,10 @@ impl Seat {
         let (state_size, observation_size) =
             (rollout.environment.state_size(), rollout.environment.observation_size());
         let action_size = self.action.len();
-        for (a, wanted) in self.action.iter_mut().zip(&self.actions[row * action_size..]) {
-            *a = f64::from(*wanted).clamp(-1.0, 1.0);
+        for (clipped, action) in self.action.iter_mut().zip(&self.actions[row * action_size..]) {
+            *clipped = f64::from(*action).clamp(-1.0, 1.0);
         }
-        let mut disturbed = self.disturbed.get_mut(row);
+        let mut disturbed = self.disturbances.get_mut(row);
         if let Some(disturbed) = &mut disturbed {
             disturbed.act(step, &mut self.action);
         }
@@ -301,7 +310,7 @@ impl Seat {
             rewards: &mut self.rewards,
         };
         let status =
-            self.worker.step(&self.action, &mut self.states[row * state_size..][..state_size], sample);
+            self.environment.step(&self.action, &mut self.states[row * state_size..][..state_size], sample);
         if status == StepStatus::Diverged {
             episode.end = EpisodeEnd::Diverged { step: step + 1 };
             return Ok(());

@@ -3,23 +3,23 @@ use std::sync::Arc;
 
 use crate::{RolloutError, Seed, Stream};
 
-/// What an [`Axis`] varies.
+/// Kind of quantity that an [`Axis`] varies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum AxisKind {
     /// The initial state.
     Start,
-    /// A constant of the system: a scale or an offset of a physical parameter, a sensor bias, a delay.
+    /// A constant of the system: a factor or an offset of a physical parameter, a sensor bias, a delay.
     Model,
-    /// Something that happens at a time: a push, a target that jumps. Several axes describe one event.
+    /// An event at a point in time: a push, a jump of the target. Several axes describe one event.
     Event,
-    /// One knot of a disturbance on actions or observations.
+    /// One knot or segment of a disturbance of actions or observations.
     Input,
-    /// A random draw made explicit. Its nominal value is absence: the draw then comes from its stream.
+    /// A random draw made explicit. Its nominal value is `None`, for which its random stream provides the draw.
     Noise,
 }
 
 impl AxisKind {
-    /// All kinds, with the word for each in records and on screen.
+    /// All kinds with their names in records and output.
     pub const ALL: [(AxisKind, &'static str); 5] = [
         (AxisKind::Start, "start"),
         (AxisKind::Model, "model"),
@@ -28,7 +28,7 @@ impl AxisKind {
         (AxisKind::Noise, "noise"),
     ];
 
-    /// The word for it.
+    /// Returns the name.
     pub fn name(self) -> &'static str {
         Self::ALL.iter().find(|(kind, _)| *kind == self).map_or("", |(_, name)| name)
     }
@@ -40,30 +40,30 @@ impl fmt::Display for AxisKind {
     }
 }
 
-/// Which values an axis takes between its bounds.
+/// Values of an axis between its bounds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AxisValues {
-    /// All of them, evenly spaced in u.
+    /// Real numbers, linear in u.
     Continuous,
-    /// All of them, evenly spaced in the logarithm; the bounds are positive.
+    /// Positive real numbers, logarithmic in u.
     Logarithmic,
-    /// Whole numbers, the bounds included.
+    /// Whole numbers, including the bounds.
     Integer,
-    /// Names, counted from 0: the bounds are 0 and the number of names less 1.
+    /// Names, numbered from 0. The bounds are 0 and the number of names minus 1.
     Categorical(Arc<[String]>),
 }
 
-/// The law from which [`Space::sample`] draws the value of an axis.
+/// Distribution from which [`Space::sample`] draws the value of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Distribution {
     /// Uniform in u.
     Uniform,
-    /// Standard normal, drawn again until it lies within the bounds.
+    /// Standard normal, truncated to the bounds by rejection.
     Normal,
 }
 
 impl Distribution {
-    /// The word for it.
+    /// Returns the name.
     pub fn name(self) -> &'static str {
         match self {
             Distribution::Uniform => "uniform",
@@ -77,26 +77,26 @@ impl Distribution {
 pub struct Axis {
     /// Name, for instance `ball_x`; unique within its target.
     pub name: String,
-    /// Unit, for instance `m`; empty for plain numbers.
+    /// Unit, for instance `m`; empty for dimensionless numbers.
     pub unit: String,
-    /// Smallest value.
+    /// Lower bound.
     pub low: f64,
-    /// Largest value.
+    /// Upper bound.
     pub high: f64,
-    /// The value of an undisturbed episode; `None` for a random draw that is left to its stream.
+    /// Value in an undisturbed episode; `None` for a draw that its random stream provides.
     pub nominal: Option<f64>,
-    /// What it varies.
+    /// Kind of quantity.
     pub kind: AxisKind,
-    /// Which values it takes.
+    /// Values between the bounds.
     pub values: AxisValues,
-    /// The law from which it is drawn.
+    /// Distribution of random scenarios.
     pub distribution: Distribution,
-    /// What it sets, in words.
+    /// Description of the quantity.
     pub meaning: String,
 }
 
 impl Axis {
-    /// A continuous axis of this kind, drawn uniformly.
+    /// Makes a continuous axis with a uniform distribution.
     ///
     /// # Example
     /// ```
@@ -118,22 +118,22 @@ impl Axis {
         }
     }
 
-    /// An axis of the initial state, whose nominal value is the middle of its bounds.
+    /// Makes an axis of the initial state. Its nominal value is the midpoint of its bounds.
     pub fn start(name: &str, unit: &str, low: f64, high: f64) -> Axis {
         Axis::new(AxisKind::Start, name, unit, [low, high], Some(low * 0.5 + high * 0.5))
     }
 
-    /// The same axis with these values.
+    /// Returns the axis with other values.
     pub fn with_values(self, values: AxisValues) -> Axis {
         Axis { values, ..self }
     }
 
-    /// The same axis, explained.
+    /// Returns the axis with a description.
     pub fn meaning(self, meaning: &str) -> Axis {
         Axis { meaning: meaning.to_string(), ..self }
     }
 
-    /// The number of values; `None` if there is a continuum of them.
+    /// Returns the number of values of a discrete axis; `None` for a continuous one.
     pub fn levels(&self) -> Option<usize> {
         match self.values {
             AxisValues::Continuous | AxisValues::Logarithmic => None,
@@ -141,7 +141,7 @@ impl Axis {
         }
     }
 
-    /// The value at `u` in \[0, 1\]; bounds are met exactly at 0 and 1.
+    /// Returns the value at `u` in \[0, 1\]. The bounds are exact at 0 and 1.
     pub fn at(&self, u: f64) -> f64 {
         match (&self.values, self.levels()) {
             (_, Some(levels)) => self.low + (u * levels as f64).floor().min((levels - 1) as f64),
@@ -150,8 +150,9 @@ impl Axis {
         }
     }
 
-    /// The inverse of [`at`](Self::at), up to rounding; for a level, the middle of the interval that gives it.
-    pub fn unit(&self, value: f64) -> f64 {
+    /// Returns the u of a value, the inverse of [`at`](Self::at) up to rounding. For a discrete value it is the midpoint
+    /// of the interval that maps to the value.
+    pub fn unit_coordinate(&self, value: f64) -> f64 {
         match (&self.values, self.levels()) {
             (_, Some(levels)) => (value - self.low + 0.5) / levels as f64,
             (AxisValues::Logarithmic, _) => (value / self.low).ln() / (self.high / self.low).ln(),
@@ -159,7 +160,7 @@ impl Axis {
         }
     }
 
-    /// Whether `value` is one that it may have. Starts may lie outside their bounds: a user may ask for them.
+    /// Returns whether `value` is allowed. An initial state may be outside its bounds, because a user may ask for one.
     fn accepts(&self, value: f64) -> bool {
         let within = (self.low..=self.high).contains(&value);
         match self.levels() {
@@ -169,27 +170,27 @@ impl Axis {
     }
 
     fn check(&self) -> Result<(), RolloutError> {
-        let wrong = |what| RolloutError::Axis { axis: self.name.clone(), what };
+        let error = |what| RolloutError::Axis { axis: self.name.clone(), what };
         if !(self.low < self.high && self.low.is_finite() && self.high.is_finite()) {
             return Err(RolloutError::Bounds { axis: self.name.clone(), low: self.low, high: self.high });
         }
         if self.values == AxisValues::Logarithmic && self.low <= 0.0 {
-            return Err(wrong("its scale is logarithmic, so its lower bound must be positive"));
+            return Err(error("the lower bound of a logarithmic axis must be positive"));
         }
         if self.levels().is_some() && (self.low.fract() != 0.0 || self.high.fract() != 0.0) {
-            return Err(wrong("its values are whole numbers, so its bounds must be whole, too"));
+            return Err(error("the bounds of a discrete axis must be whole numbers"));
         }
         match self.nominal {
-            None if self.kind != AxisKind::Noise => Err(wrong("only a noise axis may have no nominal value")),
-            Some(nominal) if !nominal.is_finite() => Err(wrong("its nominal value must be finite")),
+            None if self.kind != AxisKind::Noise => Err(error("only a noise axis may have no nominal value")),
+            Some(nominal) if !nominal.is_finite() => Err(error("the nominal value must be finite")),
             _ => Ok(()),
         }
     }
 }
 
-/// A value for each axis of a [`Space`], in its order and in SI units.
+/// One value per axis of a [`Space`], in the order of the axes and in SI units.
 ///
-/// An absent value is a random draw that is left to its stream; only noise axes may have one.
+/// A value of `None` is a draw that its random stream provides. Only noise axes may have one.
 ///
 /// # Example
 /// ```
@@ -201,25 +202,25 @@ impl Axis {
 pub struct Scenario(Vec<Option<f64>>);
 
 impl Scenario {
-    /// A scenario of these values.
+    /// Makes a scenario from its values.
     pub fn new(values: Vec<Option<f64>>) -> Scenario {
         Scenario(values)
     }
 
-    /// The values, one for each axis.
+    /// Returns the values, one per axis.
     pub fn values(&self) -> &[Option<f64>] {
         &self.0
     }
 
-    /// The value of axis `index`; `None` if it is absent.
+    /// Returns the value of axis `index`; `None` if its random stream provides it.
     ///
     /// # Panics
-    /// If there is no such axis.
+    /// If `index` is not the index of an axis.
     pub fn get(&self, index: usize) -> Option<f64> {
         self.0[index]
     }
 
-    /// Whether both hold the same bits.
+    /// Returns whether both scenarios have the same bits.
     pub fn is_same(&self, other: &Scenario) -> bool {
         let bits = |scenario: &Scenario| scenario.0.iter().map(|x| x.map(f64::to_bits)).collect::<Vec<_>>();
         bits(self) == bits(other)
@@ -244,9 +245,9 @@ impl<const N: usize> From<[f64; N]> for Scenario {
     }
 }
 
-/// A named set of axes: what a search may choose. Axes of the target that are not in it keep their nominal values.
+/// A search space: a named list of axes. Axes of the target that it does not contain keep their nominal values.
 ///
-/// This is the one place where a point u of \[0,1\]^d becomes a [`Scenario`] in SI units.
+/// [`at`](Self::at) maps a point u of \[0,1\]^d to a [`Scenario`] in SI units. No other code does this conversion.
 ///
 /// # Example
 /// ```
@@ -262,10 +263,11 @@ pub struct Space {
 }
 
 impl Space {
-    /// A space with these axes.
+    /// Makes a space of these axes.
     ///
     /// # Errors
-    /// If the bounds of an axis are not finite or not in order, its nominal value is missing, or two axes share a name.
+    /// If the bounds of an axis are not finite or not in order, its nominal value is missing, or two axes have the same
+    /// name.
     pub fn new(name: &str, axes: Vec<Axis>) -> Result<Space, RolloutError> {
         for (index, axis) in axes.iter().enumerate() {
             axis.check()?;
@@ -276,41 +278,41 @@ impl Space {
         Ok(Space { name: name.to_string(), axes: axes.into() })
     }
 
-    /// Its name.
+    /// Returns the name.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The axes, in the order of a scenario's values.
+    /// Returns the axes, in the order of the values of a scenario.
     pub fn axes(&self) -> &[Axis] {
         &self.axes
     }
 
-    /// Number of axes.
+    /// Returns the number of axes.
     pub fn dimension(&self) -> usize {
         self.axes.len()
     }
 
-    /// The scenario at point `u` of \[0,1\]^d; bounds are met exactly at 0 and 1.
+    /// Returns the scenario at the point `u` of \[0,1\]^d. The bounds are exact at 0 and 1.
     pub fn at(&self, u: &[f64]) -> Scenario {
         Scenario(self.axes.iter().zip(u).map(|(axis, u)| Some(axis.at(*u))).collect())
     }
 
-    /// The point of a scenario without absent values: the inverse of [`at`](Self::at), up to rounding.
+    /// Returns the point of a scenario, the inverse of [`at`](Self::at) up to rounding; `None` if a value is `None`.
     pub fn unit_point(&self, scenario: &Scenario) -> Option<Vec<f64>> {
         self.axes
             .iter()
             .zip(scenario.values())
-            .map(|(axis, value)| value.map(|value| axis.unit(value)))
+            .map(|(axis, value)| value.map(|value| axis.unit_coordinate(value)))
             .collect()
     }
 
-    /// The scenario of an undisturbed episode.
+    /// Returns the scenario of an undisturbed episode.
     pub fn nominal(&self) -> Scenario {
         Scenario(self.axes.iter().map(|axis| axis.nominal).collect())
     }
 
-    /// The `index`-th scenario of `seed`: each axis is drawn from its own law.
+    /// Returns random scenario number `index` of `seed`. Each axis has its own distribution.
     pub fn sample(&self, seed: Seed, index: u64) -> Scenario {
         let draw = |(number, axis): (u32, &Axis)| match axis.distribution {
             Distribution::Uniform => axis.at(seed.uniform(Stream::InitialConfiguration, index, number)),
@@ -319,28 +321,33 @@ impl Space {
         Scenario((0..).zip(self.axes.iter()).map(draw).map(Some).collect())
     }
 
-    /// Checks that `scenario` has a value that is allowed for every axis.
+    /// Checks that `scenario` has an allowed value for every axis.
     ///
     /// # Errors
-    /// If the number of values is wrong, or one is missing, not finite, outside the bounds of its axis (a start may lie
-    /// outside) or not a whole number where it has to be one.
+    /// If the number of values is wrong, or a value is missing, not finite, outside the bounds of its axis (except for
+    /// initial states) or a fraction on a discrete axis.
     pub fn check(&self, scenario: &Scenario) -> Result<(), RolloutError> {
         let found = scenario.values().len();
         if found != self.dimension() {
             let axes = self.axes.iter().map(|axis| axis.name.as_str()).collect::<Vec<_>>().join(", ");
-            return Err(RolloutError::Dimension { wanted: self.dimension(), found, axes });
+            return Err(RolloutError::Dimension { expected: self.dimension(), found, axes });
         }
         for (axis, value) in self.axes.iter().zip(scenario.values()) {
             match *value {
                 None if axis.nominal.is_some() => {
-                    return Err(RolloutError::Absent { axis: axis.name.clone() });
+                    return Err(RolloutError::MissingValue { axis: axis.name.clone() });
                 }
                 Some(value) if !value.is_finite() => {
                     return Err(RolloutError::NotFinite { axis: axis.name.clone(), value });
                 }
                 Some(value) if !axis.accepts(value) => {
                     let Axis { name, low, high, .. } = axis;
-                    return Err(RolloutError::Value { axis: name.clone(), value, low: *low, high: *high });
+                    return Err(RolloutError::OutOfRange {
+                        axis: name.clone(),
+                        value,
+                        low: *low,
+                        high: *high,
+                    });
                 }
                 _ => {}
             }
@@ -349,7 +356,7 @@ impl Space {
     }
 }
 
-/// A standard normal number within the bounds of `axis`, or the middle of them if none is found in many draws.
+/// Draws a standard normal number within the bounds of `axis` by rejection; returns their midpoint after 10,000 rejections.
 fn normal_within(axis: &Axis, seed: Seed) -> f64 {
     const DRAWS: u64 = 10_000;
     let draw = |step| {
@@ -369,26 +376,29 @@ mod tests {
     }
 
     #[test]
-    fn every_level_has_the_same_share_of_the_unit_interval_and_comes_back() {
+    fn every_discrete_value_has_an_equal_part_of_the_unit_interval_and_an_inverse() {
         let delay = axis(AxisValues::Integer, 0.0, 3.0);
         let count = |level: f64| (0..4000).filter(|i| delay.at(f64::from(*i) / 4000.0) == level).count();
         assert_eq!([0.0, 1.0, 2.0, 3.0].map(count), [1000; 4]);
         assert_eq!((delay.at(0.0), delay.at(1.0)), (0.0, 3.0));
-        assert_eq!([0.0, 1.0, 2.0, 3.0].map(|level| delay.at(delay.unit(level))), [0.0, 1.0, 2.0, 3.0]);
+        assert_eq!(
+            [0.0, 1.0, 2.0, 3.0].map(|level| delay.at(delay.unit_coordinate(level))),
+            [0.0, 1.0, 2.0, 3.0]
+        );
     }
 
     #[test]
-    fn a_logarithmic_axis_has_the_geometric_mean_in_the_middle_and_its_bounds_exactly() {
+    fn a_logarithmic_axis_has_the_geometric_mean_at_its_midpoint_and_exact_bounds() {
         let gain = axis(AxisValues::Logarithmic, 0.25, 4.0);
         assert!((gain.at(0.5) - 1.0).abs() < 1e-15);
         assert_eq!((gain.at(0.0), gain.at(1.0)), (0.25, 4.0));
-        assert!((gain.unit(2.0) - 0.75).abs() < 1e-15);
+        assert!((gain.unit_coordinate(2.0) - 0.75).abs() < 1e-15);
     }
 
     #[test]
-    fn wrong_axes_are_refused() {
+    fn invalid_axes_are_errors() {
         let none = Axis::new(AxisKind::Model, "a", "", [0.0, 1.0], None);
-        for (axis, told) in [
+        for (axis, expected) in [
             (axis(AxisValues::Continuous, 1.0, 1.0), "from 1 to 1"),
             (axis(AxisValues::Continuous, 0.0, f64::NAN), "from 0 to NaN"),
             (axis(AxisValues::Logarithmic, 0.0, 1.0), "logarithmic"),
@@ -396,14 +406,14 @@ mod tests {
             (none, "nominal"),
         ] {
             let error = Space::new("s", vec![axis]).unwrap_err().to_string();
-            assert!(error.contains(told), "{error}");
+            assert!(error.contains(expected), "{error}");
         }
         let twice = vec![axis(AxisValues::Continuous, 0.0, 1.0), axis(AxisValues::Continuous, 0.0, 1.0)];
         assert!(Space::new("s", twice).unwrap_err().to_string().contains("two axes"));
     }
 
     #[test]
-    fn only_a_start_may_lie_outside_its_bounds_and_only_noise_may_be_absent() {
+    fn only_an_initial_state_may_be_outside_its_bounds_and_only_noise_may_be_omitted() {
         let noise = Axis::new(AxisKind::Noise, "z", "", [-3.0, 3.0], None);
         let axes = vec![Axis::start("x", "m", 0.0, 1.0), axis(AxisValues::Integer, 0.0, 3.0), noise];
         let space = Space::new("s", axes).unwrap();
@@ -419,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn normal_draws_have_the_law_s_moments_and_stay_within_the_bounds() {
+    fn normal_draws_have_mean_0_and_variance_1_and_stay_within_the_bounds() {
         let mut draw = Axis::new(AxisKind::Noise, "z", "", [-4.0, 4.0], None);
         draw.distribution = Distribution::Normal;
         let space = Space::new("s", vec![draw]).unwrap();

@@ -1,21 +1,22 @@
 use crate::{Episode, Request, RolloutError, Space};
 
-/// How many simulations are asked for at once if a plan says nothing else. It never depends on the number of threads,
-/// so that a run has the same batches everywhere.
+/// Default number of simulations per batch. It does not depend on the number of threads, so that a run has the same
+/// batches on every machine.
 pub const DEFAULT_BATCH_SIZE: usize = 64;
 
-/// What can be evaluated and falsified: it is given requests and returns episodes with verdicts.
+/// A system under test: simulates requests and returns episodes with verdicts.
 ///
-/// Our tasks are systems through [`Rollout`](crate::Rollout); a closed form in a test is one, and so is any other
-/// simulator.
+/// The manipulation tasks implement it through [`Rollout`](crate::Rollout). Any other simulator, or a function in closed
+/// form, can implement it directly.
 pub trait System {
-    /// The axes of the scenarios that it takes.
+    /// Returns the space of the scenarios that the system accepts.
     fn space(&self) -> &Space;
 
-    /// Runs the requested simulations; the episodes come in the order of the requests. An episode never depends on what
-    /// it runs beside.
+    /// Runs the requested simulations and returns one episode per request, in the same order.
+    ///
+    /// An episode does not depend on the other requests.
     ///
     /// # Errors
-    /// If a scenario does not fit the space, or no simulation could be run. A diverged simulation is not an error.
+    /// If a scenario does not fit the space or a simulation cannot run. A diverged simulation is not an error.
     fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError>;
 }

@@ -5,97 +5,95 @@ use sha2::{Digest, Sha256};
 
 use crate::{Axis, RolloutError, Scenario, Space, Specification, System};
 
-/// What a target is: enough to know it again.
+/// Identity of a target: name and hash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
-    /// What kind of target it is, for instance `task` or `toy`.
+    /// Kind of target, for instance `task` or `toy`.
     pub kind: String,
-    /// Its name within its kind, as a plan states it.
+    /// Name in plans and on the command line.
     pub name: String,
-    /// Hash of all that it states: equal hashes, equal targets.
+    /// SHA-256 of the description of the target, in hexadecimal. Equal targets have equal hashes.
     pub hash: String,
 }
 
 impl Identity {
-    /// The identity of a target that states `content`, which is hashed by SHA-256.
+    /// Makes the identity of a target with the description `content`, of which it stores the SHA-256 hash.
     pub fn new(kind: &str, name: &str, content: &str) -> Identity {
         let hash = Sha256::digest(content.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect();
         Identity { kind: kind.to_string(), name: name.to_string(), hash }
     }
 }
 
-/// A part of a target that comes from outside, such as a trained controller.
+/// An external part of a target, such as a trained controller.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Component {
-    /// What it is for, for instance `controller`.
+    /// Role in the target, for instance `controller`.
     pub role: String,
-    /// What it is called.
+    /// Name.
     pub name: String,
-    /// Hash of what it does.
+    /// Hash of its behavior.
     pub hash: String,
-    /// Hash of the bytes of its file; empty if it has none.
+    /// Hash of the bytes of its file; empty if it has no file.
     pub file_hash: String,
 }
 
-/// A named number of a trace.
+/// A named column of a trace.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Signal {
-    /// Name, as formulas use it.
+    /// Name in formulas.
     pub name: String,
-    /// Unit; empty for plain numbers.
+    /// Unit; empty for dimensionless numbers.
     pub unit: String,
 }
 
 /// A formula with a name.
 ///
-/// Four names are roles: `success` and `strict` make success rates, `safe` (a predicate on one sample) the dangerous
-/// behavior rate, `completion` the task completion time. A target without one of them has no such metric.
+/// Four names are roles. `success` and `strict` define the success rates, `safe` (a predicate on one sample) defines the
+/// dangerous behavior rate, and `completion` defines the task completion time. A target without one of these formulas
+/// has no such metric.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NamedFormula {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its text.
+    /// Text in the formula language.
     pub text: String,
 }
-
-/// The formulas of a target; the first is the requirement if a plan names no other.
-pub type Formulas = Vec<NamedFormula>;
 
 /// Makes the system for a space and a specification.
 pub type SystemFactory =
     dyn Fn(&Space, &Specification) -> Result<Box<dyn System>, RolloutError> + Send + Sync;
 
-/// Says whether the requirement can be met at all under a scenario of a space.
-pub type Reachable = dyn Fn(&Space, &Scenario) -> bool + Send + Sync;
+/// Returns whether the requirement can be satisfied under a scenario of a space.
+pub type ReachabilityCheck = dyn Fn(&Space, &Scenario) -> bool + Send + Sync;
 
-/// Anything that can be falsified: what may vary, what is seen, what is required, and what runs it.
+/// Anything that can be falsified: axes of scenarios, signals, formulas, and a factory of systems.
 ///
-/// Nothing that uses a target knows what kind it is.
+/// The code that uses a target does not depend on its kind.
 #[derive(Clone)]
 pub struct Target {
-    /// What it is.
+    /// Name and hash.
     pub identity: Identity,
-    /// Parts of it that come from outside.
+    /// External parts, such as the controller.
     pub components: Vec<Component>,
-    /// Every axis that a scenario may set.
+    /// All axes that a scenario may set.
     pub axes: Vec<Axis>,
-    /// Named sets of these axes; the first is the default.
+    /// Named lists of these axes. The first is the default.
     pub spaces: Vec<Space>,
     /// The signals of its traces, in order.
     pub signals: Vec<Signal>,
-    /// Its formulas, the default requirement first.
-    pub formulas: Formulas,
+    /// Formulas. The first is the default requirement.
+    pub formulas: Vec<NamedFormula>,
     /// Duration of a control step, s.
     pub control_dt: f64,
-    /// Control steps of a whole episode.
+    /// Number of control steps of an episode.
     pub episode_steps: usize,
-    /// Whether equal requests give equal episodes, to the bit.
+    /// Whether equal requests give bit-identical episodes.
     pub is_deterministic: bool,
-    /// Versions that its episodes depend on, beside the program's own: name and version.
+    /// Names and versions of the software that its episodes depend on, except this program.
     pub versions: Vec<(String, String)>,
-    /// Whether a scenario can be met at all; every one can if this is absent.
-    pub reachable: Option<Arc<Reachable>>,
-    /// What makes its systems.
+    /// Check whether the requirement can be satisfied under a scenario. `None` means that it always can.
+    pub reachable: Option<Arc<ReachabilityCheck>>,
+    /// Makes systems.
     pub factory: Arc<SystemFactory>,
 }
 
@@ -106,16 +104,17 @@ impl fmt::Debug for Target {
 }
 
 impl Target {
-    /// The names of its signals.
+    /// Returns the names of the signals.
     pub fn signal_names(&self) -> Arc<[String]> {
         self.signals.iter().map(|signal| signal.name.clone()).collect()
     }
 
-    /// The space of that name. Names joined by `+` make the space of all their axes, each taken once; `all` is the space
-    /// of all axes.
+    /// Returns the space with this name.
+    ///
+    /// Names joined by `+` give the union of their axes. `all` is the space of all axes.
     ///
     /// # Errors
-    /// [`RolloutError::UnknownSpace`] with the names there are.
+    /// [`RolloutError::UnknownSpace`] with the available names.
     pub fn space(&self, name: &str) -> Result<Space, RolloutError> {
         let parts: Vec<&str> = name.split('+').collect();
         if parts.contains(&ALL_AXES) {
@@ -137,10 +136,10 @@ impl Target {
         Space::new(name, axes)
     }
 
-    /// The system that runs scenarios of `space` and judges them by `specification`.
+    /// Makes the system that simulates scenarios of `space` and evaluates `specification`.
     ///
     /// # Errors
-    /// If an axis is not the target's, or a formula does not fit its signals.
+    /// If `space` contains an axis that the target does not have, or a formula does not fit its signals.
     pub fn system(
         &self,
         space: &Space,

@@ -1,4 +1,4 @@
-//! Episodes of an environment in closed form: what they record, and that nothing depends on what runs beside them.
+//! Tests episodes of an environment in closed form: their contents, and their independence of batches and threads.
 
 #![allow(clippy::unwrap_used)]
 
@@ -7,28 +7,28 @@ use std::sync::{Arc, Mutex};
 use mishandle_rollout::{
     Axis, AxisKind, AxisValues, Controller, ControllerWorker, CpuBatch, Disturbance, Effect, Environment,
     EnvironmentWorker, Episode, EpisodeEnd, Noise, Request, Rollout, RolloutError, Sample, Scenario, Seed,
-    Shape, Space, Specification, StepStatus, Stream, System,
+    Space, Specification, StepStatus, Stream, System, TimeProfile,
 };
 
-/// A point on a line that moves by each action; it starts up to 0.01 off, drawn with the simulation's seed.
+/// A point on a line that each action moves. Its initial position has a random offset of up to 0.01.
 struct Line {
     space: Space,
     signals: Arc<[String]>,
     terms: [String; 1],
-    /// Position beyond which its numbers stop being finite.
-    cliff: f64,
-    /// Actions as they arrived, for the tests that look at them.
-    seen: Arc<Mutex<Vec<f64>>>,
+    /// Position beyond which the simulation diverges.
+    divergence_limit: f64,
+    /// Actions that the environment received.
+    received: Arc<Mutex<Vec<f64>>>,
 }
 
 impl Line {
-    fn new(cliff: f64) -> Line {
+    fn new(divergence_limit: f64) -> Line {
         Line {
             space: Space::new("starts", vec![Axis::start("x", "m", -1.0, 1.0)]).unwrap(),
             signals: Arc::from(["x".to_string()]),
             terms: ["near".to_string()],
-            cliff,
-            seen: Arc::default(),
+            divergence_limit,
+            received: Arc::default(),
         }
     }
 }
@@ -62,17 +62,17 @@ impl Environment for Line {
         20
     }
     fn worker(&self) -> Box<dyn EnvironmentWorker> {
-        Box::new(LineWorker { cliff: self.cliff, seen: self.seen.clone() })
+        Box::new(LineWorker { divergence_limit: self.divergence_limit, received: self.received.clone() })
     }
 }
 
 struct LineWorker {
-    cliff: f64,
-    seen: Arc<Mutex<Vec<f64>>>,
+    divergence_limit: f64,
+    received: Arc<Mutex<Vec<f64>>>,
 }
 
 impl LineWorker {
-    fn show(x: f64, sample: &mut Sample<'_>) {
+    fn write_sample(x: f64, sample: &mut Sample<'_>) {
         sample.observation[0] = x as f32;
         sample.signals[0] = x;
         sample.rewards[0] = -x.abs();
@@ -82,18 +82,18 @@ impl LineWorker {
 impl EnvironmentWorker for LineWorker {
     fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
         state[0] = scenario.get(0).unwrap() + 0.01 * seed.uniform(Stream::Reset, 0, 0);
-        Self::show(state[0], &mut sample);
+        Self::write_sample(state[0], &mut sample);
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {
-        self.seen.lock().unwrap().push(action[0]);
+        self.received.lock().unwrap().push(action[0]);
         state[0] += 0.1 * action[0];
-        Self::show(state[0], &mut sample);
-        if state[0] > self.cliff { StepStatus::Diverged } else { StepStatus::Running }
+        Self::write_sample(state[0], &mut sample);
+        if state[0] > self.divergence_limit { StepStatus::Diverged } else { StepStatus::Running }
     }
 }
 
-/// Gives `gain` times what it sees, plus how often it has acted in this simulation.
+/// Returns `gain` times the observation, plus 0.001 times the number of its actions in this simulation.
 struct Gain {
     gain: f32,
     inputs: usize,
@@ -110,13 +110,13 @@ impl Controller for Gain {
         1
     }
     fn worker(&self) -> Box<dyn ControllerWorker> {
-        Box::new(GainActor(self.gain))
+        Box::new(GainWorker(self.gain))
     }
 }
 
-struct GainActor(f32);
+struct GainWorker(f32);
 
-impl ControllerWorker for GainActor {
+impl ControllerWorker for GainWorker {
     fn reset(&mut self, state: &mut [f64], _seed: Seed) {
         state[0] = 0.0;
     }
@@ -144,14 +144,14 @@ fn requests(n: u64) -> Vec<Request> {
 const NOISE: Noise = Noise { action_std: 0.3, observation_std: 0.1 };
 
 #[test]
-fn an_episode_holds_every_sample_and_its_verdict() {
+fn an_episode_contains_every_sample_and_its_verdict() {
     let request = Request::new([0.8], Seed(1));
     let mut system = rollout(Line::new(9.0), -1.0, Noise::default());
     let episode = system.rollout(&[request]).unwrap().remove(0);
     assert_eq!((episode.steps, episode.end), (20, EpisodeEnd::Completed));
     let start = 0.8 + 0.01 * Seed(1).uniform(Stream::Reset, 0, 0);
     assert_eq!(episode.trace.column(0)[0], start);
-    // x falls by a tenth of itself in each step, but for the 0.001 a step that the controller adds.
+    // x decreases by a tenth of itself per step, except for the 0.001 per step that the controller adds.
     let second = start + 0.1 * f64::from(-(start as f32));
     assert_eq!(episode.trace.column(0)[1], second);
     assert_eq!(episode.verdict.success, Some(2.0 - start));
@@ -162,7 +162,7 @@ fn an_episode_holds_every_sample_and_its_verdict() {
 }
 
 #[test]
-fn an_episode_is_the_same_to_the_bit_alone_in_a_batch_and_on_any_number_of_threads() {
+fn the_bits_of_an_episode_depend_on_neither_batch_nor_threads() {
     let run = |threads: usize, requests: &[Request]| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| rollout(Line::new(9.0), 0.3, NOISE).rollout(requests).unwrap())
@@ -178,26 +178,26 @@ fn an_episode_is_the_same_to_the_bit_alone_in_a_batch_and_on_any_number_of_threa
 
 #[test]
 fn actions_are_clipped_before_noise_and_not_after() {
-    // A gain of 1000 asks for far more than 1, so every clipped action is -1 or 1.
+    // With a gain of 1000 every clipped action is -1 or 1.
     let quiet = Line::new(1e9);
-    let (seen, request) = (quiet.seen.clone(), Request::new([0.5], Seed(3)));
+    let (received, request) = (quiet.received.clone(), Request::new([0.5], Seed(3)));
     rollout(quiet, 1000.0, Noise::default()).rollout(std::slice::from_ref(&request)).unwrap();
-    assert!(seen.lock().unwrap().iter().all(|action| *action == 1.0));
+    assert!(received.lock().unwrap().iter().all(|action| *action == 1.0));
 
     let noisy = Line::new(1e9);
-    let seen = noisy.seen.clone();
+    let received = noisy.received.clone();
     let noise = Noise { action_std: 0.5, observation_std: 0.0 };
     rollout(noisy, 1000.0, noise).rollout(std::slice::from_ref(&request)).unwrap();
-    for (step, action) in seen.lock().unwrap().iter().enumerate() {
+    for (step, action) in received.lock().unwrap().iter().enumerate() {
         let mut draw = [0.0];
         Seed(3).normals(Stream::ActionNoise, step as u64, &mut draw);
         assert_eq!(*action, 1.0 + 0.5 * draw[0], "at step {step}");
     }
-    assert!(seen.lock().unwrap().iter().any(|action| *action > 1.0));
+    assert!(received.lock().unwrap().iter().any(|action| *action > 1.0));
 }
 
 #[test]
-fn a_diverged_simulation_ends_undecided_and_disturbs_no_other() {
+fn a_diverged_simulation_is_undecided_and_does_not_affect_others() {
     let mut system = rollout(Line::new(1.2), 1.0, Noise::default());
     let episodes = system.rollout(&requests(21)).unwrap();
     let (mut diverged, mut completed) = (0, 0);
@@ -205,7 +205,7 @@ fn a_diverged_simulation_ends_undecided_and_disturbs_no_other() {
         match episode.end {
             EpisodeEnd::Diverged { step } => {
                 diverged += 1;
-                assert_eq!(episode.trace.len(), step, "samples 0 to the last finite one");
+                assert_eq!(episode.trace.len(), step, "the trace ends with the last finite sample");
                 assert_eq!(episode.verdict, mishandle_rollout::Verdict::default());
             }
             _ => {
@@ -218,7 +218,7 @@ fn a_diverged_simulation_ends_undecided_and_disturbs_no_other() {
 }
 
 #[test]
-fn a_stopped_episode_says_where_and_what_it_cannot_decide() {
+fn a_stopped_episode_has_its_last_step_and_undecided_formulas() {
     let stop = Box::new(|step: usize, _signals: &[f64]| step == 7);
     let mut system = rollout(Line::new(9.0), -1.0, Noise::default()).with_stop(stop);
     for episode in system.rollout(&requests(3)).unwrap() {
@@ -229,34 +229,34 @@ fn a_stopped_episode_says_where_and_what_it_cannot_decide() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused() {
+fn mismatched_parts_are_errors() {
     let two = Arc::new(Gain { gain: 1.0, inputs: 2 });
-    let refused = Rollout::new(Arc::new(Line::new(9.0)), two, specification(), Noise::default());
-    assert!(matches!(refused.err(), Some(RolloutError::Layout { found_observation: 2, .. })));
+    let result = Rollout::new(Arc::new(Line::new(9.0)), two, specification(), Noise::default());
+    assert!(matches!(result.err(), Some(RolloutError::Layout { found_observation: 2, .. })));
 
     let noise = Noise { action_std: f64::NAN, observation_std: 0.0 };
     let controller = Arc::new(Gain { gain: 1.0, inputs: 1 });
-    let refused = Rollout::new(Arc::new(Line::new(9.0)), controller.clone(), specification(), noise);
-    assert!(matches!(refused.err(), Some(RolloutError::Noise { .. })));
+    let result = Rollout::new(Arc::new(Line::new(9.0)), controller.clone(), specification(), noise);
+    assert!(matches!(result.err(), Some(RolloutError::Noise { .. })));
 
     let unknown = Specification::parse("y < 1", "x < 1", "x < 1", "x < 1").unwrap();
-    let refused = Rollout::new(Arc::new(Line::new(9.0)), controller, unknown, Noise::default());
-    assert!(matches!(refused.err(), Some(RolloutError::Monitor { .. })));
+    let result = Rollout::new(Arc::new(Line::new(9.0)), controller, unknown, Noise::default());
+    assert!(matches!(result.err(), Some(RolloutError::Monitor { .. })));
 
     let mut system = rollout(Line::new(9.0), 1.0, Noise::default());
-    let wrong = |x0: Vec<f64>| vec![Request::new(x0, Seed(0))];
+    let request = |x0: Vec<f64>| vec![Request::new(x0, Seed(0))];
     assert!(matches!(
-        system.rollout(&wrong(vec![])),
-        Err(RolloutError::Dimension { wanted: 1, found: 0, .. })
+        system.rollout(&request(vec![])),
+        Err(RolloutError::Dimension { expected: 1, found: 0, .. })
     ));
-    assert!(matches!(system.rollout(&wrong(vec![f64::NAN])), Err(RolloutError::NotFinite { .. })));
+    assert!(matches!(system.rollout(&request(vec![f64::NAN])), Err(RolloutError::NotFinite { .. })));
 
     let mut broken = rollout(Line::new(9.0), f32::NAN, Noise::default());
     assert!(matches!(broken.rollout(&requests(1)), Err(RolloutError::Action { step: 1, .. })));
 }
 
 #[test]
-fn a_batch_has_the_same_bits_on_any_number_of_threads_and_continues_from_a_snapshot() {
+fn a_batch_has_the_same_bits_on_any_number_of_threads_and_after_a_restored_state() {
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
@@ -282,13 +282,13 @@ fn a_batch_has_the_same_bits_on_any_number_of_threads_and_continues_from_a_snaps
     assert_eq!(one, run(7));
 }
 
-/// The episode of a line whose loop is disturbed by one axis.
+/// Runs an episode of a line with one disturbance.
 fn disturbed(effect: Effect, value: Option<f64>, gain: f32, noise: Noise) -> Episode {
     let nominal = if matches!(effect, Effect::ActionDraw { .. }) { None } else { Some(0.0) };
     let kind = if nominal.is_none() { AxisKind::Noise } else { AxisKind::Input };
     let axis = Axis::new(kind, "d", "", [-3.0, 3.0], nominal);
     let line = Line::new(1e9);
-    // The axis of the loop comes first, so that the environment's own has to be found.
+    // The axis of the disturbance comes first, so that the test covers the lookup of axes by name.
     let space = Space::new("s", vec![axis.clone(), line.space.axes()[0].clone()]).unwrap();
     let mut system =
         rollout(line, gain, noise).with_disturbances(space, &[Disturbance { axis, effect }]).unwrap();
@@ -303,10 +303,10 @@ fn positions(episode: &Episode) -> Vec<f64> {
 #[test]
 fn a_nominal_disturbance_changes_no_bit() {
     let undisturbed = rollout(Line::new(1e9), -0.4, NOISE).rollout(&[Request::new([0.5], Seed(3))]).unwrap();
-    let whole = Shape::Constant(0..20);
+    let whole = TimeProfile::Constant(0..20);
     for effect in [
-        Effect::Observation { entry: 0, shape: whole.clone() },
-        Effect::Action { entry: 0, shape: whole },
+        Effect::Observation { entry: 0, profile: whole.clone() },
+        Effect::Action { entry: 0, profile: whole },
         Effect::ObservationDelay,
         Effect::ActionDelay,
         Effect::ActionDraw { entry: 0, steps: 0..20 },
@@ -319,34 +319,34 @@ fn a_nominal_disturbance_changes_no_bit() {
 
 #[test]
 fn an_offset_of_the_action_moves_the_point_by_its_integral() {
-    // The controller does nothing but count, 0.001 a step, so the action is not clipped.
-    let effect = Effect::Action { entry: 0, shape: Shape::Constant(5..9) };
+    // With a gain of 0 the action is 0.001 per step, so it is not clipped.
+    let effect = Effect::Action { entry: 0, profile: TimeProfile::Constant(5..9) };
     let (with, without) = (
         disturbed(effect.clone(), Some(0.25), 0.0, Noise::default()),
         disturbed(effect, Some(0.0), 0.0, Noise::default()),
     );
     for (step, (a, b)) in positions(&with).iter().zip(positions(&without)).enumerate() {
-        // Four control steps of 0.1 times 0.25 each, the first of them from step 5 to step 6.
+        // Four control steps move the point by 0.1 * 0.25 each, the first from sample 5 to sample 6.
         let expected = 0.1 * 0.25 * step.saturating_sub(5).min(4) as f64;
         assert!((a - b - expected).abs() < 1e-12, "at sample {step}: {}", a - b);
     }
 }
 
 #[test]
-fn a_biased_sensor_is_seen_by_the_controller_and_not_by_the_trace() {
-    let effect = Effect::Observation { entry: 0, shape: Shape::Constant(0..20) };
+fn an_observation_bias_affects_the_controller_but_not_the_trace() {
+    let effect = Effect::Observation { entry: 0, profile: TimeProfile::Constant(0..20) };
     let (with, without) = (
         disturbed(effect.clone(), Some(0.5), -0.1, Noise::default()),
         disturbed(effect, Some(0.0), -0.1, Noise::default()),
     );
     let (with, without) = (positions(&with), positions(&without));
     assert_eq!(with[0], without[0]);
-    // The action is lower by 0.1 times the bias, the point moves by a tenth of that.
+    // The action is lower by 0.1 times the bias, and the point moves by a tenth of the action.
     assert!((without[1] - with[1] - 0.1 * 0.1 * 0.5).abs() < 1e-8);
 }
 
 #[test]
-fn delayed_actions_arrive_late_and_a_row_s_delay_is_its_own() {
+fn an_action_delay_applies_to_its_own_row() {
     let run = |delay: f64| {
         let axis = Axis::new(AxisKind::Model, "delay", "control steps", [0.0, 3.0], Some(0.0))
             .with_values(AxisValues::Integer);
@@ -361,7 +361,7 @@ fn delayed_actions_arrive_late_and_a_row_s_delay_is_its_own() {
         positions(&system.rollout(&others).unwrap()[1])
     };
     let (prompt, late) = (run(0.0), run(2.0));
-    assert_eq!(late[..3], [late[0]; 3], "nothing is done for two control steps");
-    // The first action arrives in the third control step: the same step as without a delay.
+    assert_eq!(late[..3], [late[0]; 3], "the first two actions are 0");
+    // The first action arrives in the third control step and has the same effect as without a delay.
     assert_eq!(late[3] - late[2], prompt[1] - prompt[0]);
 }

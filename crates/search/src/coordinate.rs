@@ -7,9 +7,9 @@ use crate::SearchError;
 /// Every coordinate of a point is a number in [0, 1], whatever its type. The caller maps it to a value with a unit, or
 /// to one of `levels` levels: level `min(⌊levels u⌋, levels - 1)`.
 ///
-/// The type helps a search that exploits it, for example by not trying two points of the same level. The listed
-/// searches [`random`](crate::Random), [`nelder-mead`](crate::NelderMead) and [`dual-annealing`](crate::DualAnnealing)
-/// do not: they treat every coordinate as continuous in [0, 1].
+/// A search may exploit the type, for example to avoid two points of the same level. The searches
+/// [`random`](crate::Random), [`nelder-mead`](crate::NelderMead) and [`dual-annealing`](crate::DualAnnealing) do not:
+/// they treat every coordinate as continuous in [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Coordinate {
     /// A real number.
@@ -19,7 +19,7 @@ pub enum Coordinate {
         /// Number of levels, at least 1.
         levels: usize,
     },
-    /// A choice: the levels have no order.
+    /// A categorical value: the levels have no order.
     Categorical {
         /// Number of levels, at least 1.
         levels: usize,
@@ -41,7 +41,7 @@ pub(crate) fn dimension(coordinates: &[Coordinate]) -> Result<usize, SearchError
     check_dimension(coordinates.len())
 }
 
-/// Returns a dimension of at least 1.
+/// Returns the dimension if it is at least 1.
 pub(crate) fn check_dimension(dimension: usize) -> Result<usize, SearchError> {
     if dimension == 0 { Err(SearchError::Dimension { found: 0 }) } else { Ok(dimension) }
 }

@@ -1,70 +1,70 @@
-//! What can go wrong between a search and its caller.
+//! Errors of creating and calling searches.
 
-/// A mistake in how a search was made or told.
+/// The error of creating a search or of calling it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SearchError {
     /// No search has this name.
-    #[error("there is no search `{wanted}`; there are {}", known.join(", "))]
+    #[error("search `{name}` is not known; known searches: {}", known.join(", "))]
     UnknownSearch {
-        /// The name asked for.
-        wanted: String,
-        /// The names there are.
+        /// The given name.
+        name: String,
+        /// The names of all searches.
         known: Vec<&'static str>,
     },
     /// A search needs at least one coordinate.
-    #[error("a search of dimension {found} was asked for; the dimension must be at least 1")]
+    #[error("the dimension of the search is {found}; it must be at least 1")]
     Dimension {
-        /// The dimension asked for.
+        /// The given dimension.
         found: usize,
     },
     /// A coordinate without levels.
-    #[error("coordinate {coordinate} has 0 levels; an integer or categorical coordinate needs at least 1")]
+    #[error("coordinate {coordinate} has 0 levels; integer and categorical coordinates need at least 1")]
     NoLevels {
-        /// Index of the coordinate, from 0.
+        /// The index of the coordinate, from 0.
         coordinate: usize,
     },
     /// The search has no option of this name.
-    #[error("{search} has no option `{wanted}`; {}", listed(known))]
+    #[error("{search} has no option `{name}`; {}", listed(known))]
     UnknownOption {
         /// The search.
         search: &'static str,
-        /// The name given.
-        wanted: String,
+        /// The given name.
+        name: String,
         /// The options of the search.
         known: Vec<String>,
     },
     /// An option has a wrong type or is out of range.
     #[error("option `{option}` of {search} is {found}; it must be {expected}")]
     Option {
-        /// The search whose option it is.
+        /// The search.
         search: &'static str,
         /// The name of the option.
         option: String,
-        /// What was given.
+        /// The given value.
         found: String,
-        /// What would be right.
+        /// The allowed values.
         expected: String,
     },
-    /// A value was told though no point awaits one.
-    #[error("a value was told at {told:?}, but no point awaits its value; ask first")]
+    /// An observation although no point is pending.
+    #[error("received a value at {point:?}, but no point is pending; call `ask` first")]
     NotAsked {
-        /// The point told.
-        told: Vec<f64>,
+        /// The point of the observation.
+        point: Vec<f64>,
     },
-    /// A value was told at another point than the one whose turn it is.
-    #[error("a value was told at {told:?}; the next value expected is that at {asked:?}")]
+    /// An observation at a point that is not the oldest pending one.
+    #[error("received a value at {point:?}; expected the value at the oldest pending point, {expected:?}")]
     WrongPoint {
-        /// The point told.
-        told: Vec<f64>,
-        /// The point that has waited longest.
-        asked: Vec<f64>,
+        /// The point of the observation.
+        point: Vec<f64>,
+        /// The oldest pending point.
+        expected: Vec<f64>,
     },
-    /// The robustness told is NaN.
-    #[error("the robustness told at {told:?} is NaN; a simulation without a verdict is told as +inf")]
+    /// The robustness is NaN.
+    #[error("the robustness at {point:?} is NaN; use +inf for a simulation without a verdict")]
     NotANumber {
-        /// The point told.
-        told: Vec<f64>,
+        /// The point of the observation.
+        point: Vec<f64>,
     },
 }
 

@@ -1,40 +1,40 @@
-//! Functions on `[0,1]^d` with known minima, to try searches on.
+//! Test functions on `[0,1]^d` with known minima, for benchmarks of searches.
 //!
-//! The classical ones are scaled from their usual boxes. [`FUNCTIONS`] lists them all.
+//! The classical functions are scaled from their usual domains. [`FUNCTIONS`] lists all functions.
 
 use std::f64::consts::{E, TAU};
 
-/// A function on `[0,1]^d` whose least value is known.
+/// A function on `[0,1]^d` with a known minimum.
 #[derive(Debug, Clone, Copy)]
 pub struct TestFunction {
-    /// Its name.
+    /// The name.
     pub name: &'static str,
-    /// The function, of at least `least_dimension` coordinates.
+    /// The function, defined for at least `min_dimension` coordinates.
     pub at: fn(&[f64]) -> f64,
-    /// The fewest coordinates it is defined for.
-    pub least_dimension: usize,
-    /// The least value on `[0,1]^d`, the same for all d.
+    /// The minimum number of coordinates.
+    pub min_dimension: usize,
+    /// The minimum on `[0,1]^d`, the same for all d.
     pub minimum: f64,
-    /// One point where it is attained, as the value of all coordinates.
-    pub minimiser: f64,
+    /// A minimizer, given as the common value of all its coordinates.
+    pub minimizer: f64,
 }
 
 /// All test functions.
 pub const FUNCTIONS: &[TestFunction] = &[
-    TestFunction { name: "sphere", at: sphere, least_dimension: 1, minimum: 0.0, minimiser: 0.3 },
-    TestFunction { name: "rosenbrock", at: rosenbrock, least_dimension: 2, minimum: 0.0, minimiser: 0.75 },
-    TestFunction { name: "rastrigin", at: rastrigin, least_dimension: 1, minimum: 0.0, minimiser: 0.6 },
-    TestFunction { name: "ackley", at: ackley, least_dimension: 1, minimum: 0.0, minimiser: 0.4 },
-    TestFunction { name: "min-max", at: min_max, least_dimension: 1, minimum: -0.25, minimiser: 0.8125 },
-    TestFunction { name: "hole", at: hole, least_dimension: 1, minimum: -1.0, minimiser: 0.7 },
+    TestFunction { name: "sphere", at: sphere, min_dimension: 1, minimum: 0.0, minimizer: 0.3 },
+    TestFunction { name: "rosenbrock", at: rosenbrock, min_dimension: 2, minimum: 0.0, minimizer: 0.75 },
+    TestFunction { name: "rastrigin", at: rastrigin, min_dimension: 1, minimum: 0.0, minimizer: 0.6 },
+    TestFunction { name: "ackley", at: ackley, min_dimension: 1, minimum: 0.0, minimizer: 0.4 },
+    TestFunction { name: "min-max", at: min_max, min_dimension: 1, minimum: -0.25, minimizer: 0.8125 },
+    TestFunction { name: "hole", at: hole, min_dimension: 1, minimum: -1.0, minimizer: 0.7 },
 ];
 
-/// Σ (uᵢ - 0.3)²: one smooth valley.
+/// Evaluates the sphere function Σ (uᵢ - 0.3)².
 pub fn sphere(u: &[f64]) -> f64 {
     u.iter().map(|x| (x - 0.3) * (x - 0.3)).sum()
 }
 
-/// Rosenbrock's curved valley Σ 100 (xᵢ₊₁ - xᵢ²)² + (1 - xᵢ)², x = 4u - 2.
+/// Evaluates Rosenbrock's function Σ 100 (xᵢ₊₁ - xᵢ²)² + (1 - xᵢ)², x = 4u - 2: a curved valley.
 pub fn rosenbrock(u: &[f64]) -> f64 {
     let term = |pair: &[f64]| {
         let (x, y) = (4.0 * pair[0] - 2.0, 4.0 * pair[1] - 2.0);
@@ -43,12 +43,12 @@ pub fn rosenbrock(u: &[f64]) -> f64 {
     u.windows(2).map(term).sum()
 }
 
-/// Rastrigin's egg box Σ 10 + x² - 10 cos 2πx, x = 10 (u - 0.6).
+/// Evaluates Rastrigin's function Σ 10 + x² - 10 cos 2πx, x = 10 (u - 0.6): many local minima on a grid.
 pub fn rastrigin(u: &[f64]) -> f64 {
     u.iter().map(|u| 10.0 * (u - 0.6)).map(|x| 10.0 + x * x - 10.0 * (TAU * x).cos()).sum()
 }
 
-/// Ackley's function, a cone with ripples, x = 60 (u - 0.4).
+/// Evaluates Ackley's function, x = 60 (u - 0.4): a cone with ripples.
 pub fn ackley(u: &[f64]) -> f64 {
     let d = u.len() as f64;
     let x = || u.iter().map(|u| 60.0 * (u - 0.4));
@@ -57,7 +57,8 @@ pub fn ackley(u: &[f64]) -> f64 {
     20.0 + E - 20.0 * (-0.2 * radius).exp() - ripple.exp()
 }
 
-/// The shape of a robustness value: the worst over coordinates of the better of two ramps, in steps of 1/64.
+/// Evaluates a function shaped like a robustness: the maximum over coordinates of the minimum of two ramps, in steps of
+/// 1/64.
 ///
 /// ```text
 /// max over i of min(|uᵢ - 0.2| - 0.125, 2 |uᵢ - 0.8125| - 0.25), rounded down to multiples of 1/64
@@ -68,13 +69,13 @@ pub fn min_max(u: &[f64]) -> f64 {
     (worst * 64.0).floor() / 64.0
 }
 
-/// A narrow hole of radius 0.05 and depth 1 about 0.7, in a bowl whose slope leads away from it, towards 0.2.
+/// Evaluates a function with a narrow hole of radius 0.05 and depth 1 at 0.7, in a bowl with its minimum at 0.2.
 ///
 /// ```text
 /// 400 r² - 1 where r² = Σ (uᵢ - 0.7)² < 1/400, else Σ (uᵢ - 0.2)² / (10 d)
 /// ```
 pub fn hole(u: &[f64]) -> f64 {
-    let squared_distance = |centre: f64| u.iter().map(|x| (x - centre) * (x - centre)).sum::<f64>();
+    let squared_distance = |center: f64| u.iter().map(|x| (x - center) * (x - center)).sum::<f64>();
     let squared = squared_distance(0.7);
     if squared < 0.0025 { 400.0 * squared - 1.0 } else { squared_distance(0.2) / (10.0 * u.len() as f64) }
 }
@@ -85,13 +86,13 @@ mod tests {
     use mishandle_random::Sequence;
 
     #[test]
-    fn every_minimum_is_attained_and_not_undercut() {
+    fn every_minimum_is_attained_and_is_a_lower_bound() {
         for function in FUNCTIONS {
-            for d in function.least_dimension..=4 {
-                let at_minimiser = (function.at)(&vec![function.minimiser; d]);
+            for d in function.min_dimension..=4 {
+                let at_minimizer = (function.at)(&vec![function.minimizer; d]);
                 assert!(
-                    (at_minimiser - function.minimum).abs() < 1e-12,
-                    "{} at d = {d}: {at_minimiser}",
+                    (at_minimizer - function.minimum).abs() < 1e-12,
+                    "{} at d = {d}: {at_minimizer}",
                     function.name
                 );
                 let mut stream = Sequence::new(1, d as u64);

@@ -1,10 +1,11 @@
-//! Searches that propose points of `[0,1]^d` and are told what was observed there.
+//! Searches: black-box optimization on the unit cube `[0,1]^d` with an ask-and-tell interface.
 //!
-//! A [`Search`] minimizes robustness. It knows no unit, no box and no physics: the caller maps a point of the unit cube
-//! to a scenario, simulates it and tells the search an [`Observation`]. Every search is a plain state machine: it can
-//! stop after any evaluation, and its points depend only on its coordinates' types, seed, options and observations.
+//! A [`Search`] minimizes a function, here the robustness of a simulation. The caller asks for a point of the unit
+//! cube, maps it to a scenario, simulates the scenario and reports an [`Observation`] to the search. A search knows no
+//! units and no physics. It is a state machine: it can stop after any evaluation, and its points depend only on the
+//! types of its coordinates, its random seed, its options and the observations.
 //!
-//! [`SEARCHES`] lists all searches with their options; [`by_name`] makes one.
+//! [`SEARCHES`] lists all searches with their options; [`by_name`] creates one.
 //!
 //! # Example
 //! ```
@@ -16,25 +17,26 @@
 //!     let value = (u[0] - 0.3).abs() + (u[1] - 0.8).abs();
 //!     search.tell(&u, &Observation::from(value))?;
 //! }
-//! let (u, value) = search.best().expect("300 values were told");
+//! let (u, value) = search.best().expect("300 evaluations");
 //! assert!(value < 0.1 && (u[0] - 0.3).abs() < 0.1);
 //! # Ok::<(), mishandle_search::SearchError>(())
 //! ```
 
+mod ask_tell;
 mod coordinate;
 mod dual_annealing;
 mod error;
 pub mod functions;
 mod lbfgsb;
-mod ledger;
 mod nelder_mead;
 mod observation;
 mod options;
+mod pending;
 mod random;
 mod registry;
-mod rounds;
 mod search;
 
+pub use ask_tell::{AskTell, RoundBased};
 pub use coordinate::Coordinate;
 pub use dual_annealing::{DualAnnealing, DualAnnealingOptions, VisitingDistribution};
 pub use error::SearchError;
@@ -44,5 +46,4 @@ pub use observation::{Observation, SubformulaMinimum};
 pub use options::{OptionSpec, OptionType, OptionValue, SearchOptions};
 pub use random::Random;
 pub use registry::{SEARCHES, SearchConstructor, SearchEntry, by_name, find_search};
-pub use rounds::{AskTell, RoundBased};
 pub use search::{Search, SearchEnd};

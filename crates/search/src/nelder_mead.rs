@@ -1,4 +1,4 @@
-//! Nelder and Mead's simplex, move for move as SciPy's `minimize(method="Nelder-Mead")` with bounds 0 and 1.
+//! The simplex search of Nelder and Mead, equal to SciPy's `minimize(method="Nelder-Mead")` with bounds 0 and 1.
 
 use std::cmp::Ordering;
 
@@ -11,9 +11,9 @@ use crate::{AskTell, RoundBased, SearchEnd, SearchError};
 
 const NAME: &str = "nelder-mead";
 
-/// The first simplex moves each coordinate by this share of itself,
+/// The first simplex increases each coordinate by this fraction.
 const RELATIVE_STEP: f64 = 0.05;
-/// or to this value where the coordinate is zero.
+/// The value in the first simplex of a coordinate that is zero.
 const STEP_FROM_ZERO: f64 = 0.00025;
 
 pub(crate) const ENTRY: SearchEntry = SearchEntry {
@@ -58,18 +58,18 @@ options! {
 
 /// The simplex search of Nelder and Mead in `[0,1]^d`: d + 1 vertices that reflect, expand, contract and shrink.
 ///
-/// With the vertices sorted by value, c the mean of all but the worst, and w the worst, every single trial is
+/// Let the vertices be sorted by value, w the worst vertex and c the mean of all others. The trial points are
 ///
 /// ```text
 /// u = clip((1 + t) c - t w, 0, 1)    t = 1 reflect, χ expand, ψ contract outside, -ψ contract inside
-/// v ← v₀ + σ (v - v₀)                shrink towards the best vertex v₀
+/// v ← v₀ + σ (v - v₀)                shrink toward the best vertex v₀
 /// χ = 2, ψ = 1/2, σ = 1/2            adaptive: χ = 1 + 2/d, ψ = 3/4 - 1/(2d), σ = 1 - 1/d
 /// ```
 ///
-/// From the same first simplex and the same values its points are SciPy's to the last bit. Vertices of equal value
-/// keep their order; SciPy's own order of ties depends on the processor (NumPy's vectorised sort is not stable), and
-/// is this one where NumPy runs without that sort and d < 16. A simplex whose values are all +∞ keeps shrinking
-/// until a limit ends it, as in SciPy. There is no restart. Every coordinate is treated as continuous.
+/// Given the same first simplex and values, the points equal SciPy's bit for bit. Vertices of equal value keep their
+/// order. SciPy's order of ties depends on the processor, since NumPy's vectorized sort is not stable; it is the same
+/// as here if NumPy runs without that sort and d < 16. If all values are +∞, the simplex shrinks until a limit is
+/// reached, as in SciPy. There are no restarts. Every coordinate is treated as continuous.
 ///
 /// # Reference
 /// Nelder and Mead, "A simplex method for function minimization", The Computer Journal 7, 1965. Gao and Han,
@@ -91,7 +91,7 @@ pub struct NelderMead {
     n_evaluations: usize,
     step: Step,
     round: Vec<Vec<f64>>,
-    finish: Option<SearchEnd>,
+    end: Option<SearchEnd>,
 }
 
 #[derive(Debug, Clone)]
@@ -100,7 +100,7 @@ struct Vertex {
     value: f64,
 }
 
-/// What the points of the present round are.
+/// The kind of points of the current round.
 #[derive(Debug, Clone)]
 enum Step {
     FirstSimplex,
@@ -112,11 +112,12 @@ enum Step {
 }
 
 impl NelderMead {
-    /// A simplex search of `dimension` coordinates; `seed` draws the start where the options give none.
+    /// Creates a simplex search on `[0,1]^dimension`. Without a start in the options, it is sampled uniformly from
+    /// `seed`.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] for dimension 0; [`SearchError::Option`] for a start outside the box or of another
-    /// length, a simplex that is not d + 1 finite points, a tolerance that is not at least 0, a limit of 0.
+    /// [`SearchError::Dimension`] for dimension 0; [`SearchError::Option`] for a start outside `[0,1]^d` or of the
+    /// wrong length, a simplex that is not d + 1 finite points, a negative or NaN tolerance, or a limit of 0.
     pub fn new(dimension: usize, seed: u64, options: &NelderMeadOptions) -> Result<Self, SearchError> {
         check(dimension, options)?;
         let simplex = match &options.initial_simplex {
@@ -148,24 +149,24 @@ impl NelderMead {
             n_evaluations: 0,
             step: Step::FirstSimplex,
             round: Vec::new(),
-            finish: None,
+            end: None,
         };
         search.propose(simplex.into_iter().map(reflected_into_box).collect(), Step::FirstSimplex);
         Ok(search)
     }
 
-    /// Asks for `points`, or for as many of them as the limit on evaluations leaves.
+    /// Proposes `points`, truncated to the remaining number of evaluations.
     fn propose(&mut self, mut points: Vec<Vec<f64>>, step: Step) {
         points.truncate(self.max_evaluations - self.n_evaluations);
         if points.is_empty() {
-            self.finish = Some(SearchEnd::EvaluationLimit);
+            self.end = Some(SearchEnd::EvaluationLimit);
         }
         self.round = points;
         self.step = step;
     }
 
-    /// Asks for the point `t` times as far beyond the centroid as the worst vertex is before it.
-    fn propose_beyond(&mut self, t: f64, step: Step) {
+    /// Proposes the point (1 + t) c - t w on the line through the worst vertex w and the centroid c.
+    fn propose_on_line(&mut self, t: f64, step: Step) {
         let worst = &self.vertices[self.vertices.len() - 1].u;
         let point = self.centroid.iter().zip(worst).map(|(c, w)| clip((1.0 + t) * c - t * w)).collect();
         self.propose(vec![point], step);
@@ -181,20 +182,20 @@ impl NelderMead {
         self.propose(points, Step::Shrink);
     }
 
-    /// Ends, or begins the next iteration with a reflection.
-    fn begin_iteration(&mut self) {
+    /// Ends the search, or starts the next iteration with a reflection.
+    fn start_iteration(&mut self) {
         self.vertices.sort_by(|a, b| a.value.partial_cmp(&b.value).unwrap_or(Ordering::Equal));
-        let finish = if self.n_evaluations >= self.max_evaluations {
+        let end = if self.n_evaluations >= self.max_evaluations {
             Some(SearchEnd::EvaluationLimit)
         } else if self.iteration >= self.max_iterations {
             Some(SearchEnd::IterationLimit)
-        } else if self.is_small() {
+        } else if self.has_converged() {
             Some(SearchEnd::Converged)
         } else {
             None
         };
-        if finish.is_some() {
-            self.finish = finish;
+        if end.is_some() {
+            self.end = end;
             self.round.clear();
             return;
         }
@@ -204,11 +205,12 @@ impl NelderMead {
             self.centroid.iter_mut().zip(&vertex.u).for_each(|(c, x)| *c += x);
         }
         self.centroid.iter_mut().for_each(|c| *c /= d as f64);
-        self.propose_beyond(1.0, Step::Reflection);
+        self.propose_on_line(1.0, Step::Reflection);
     }
 
-    /// Whether the simplex meets both tolerances. Values of +∞ throughout differ by NaN, which does not.
-    fn is_small(&self) -> bool {
+    /// Returns whether the simplex meets both tolerances. If all values are +∞, their differences are NaN, so it does
+    /// not.
+    fn has_converged(&self) -> bool {
         let best = &self.vertices[0];
         self.vertices[1..].iter().all(|v| {
             v.u.iter().zip(&best.u).all(|(x, b)| (x - b).abs() <= self.xatol)
@@ -218,7 +220,7 @@ impl NelderMead {
 
     fn end_iteration(&mut self) {
         self.iteration += 1;
-        self.begin_iteration();
+        self.start_iteration();
     }
 
     fn replace_worst(&mut self, vertex: Vertex) {
@@ -231,14 +233,14 @@ impl NelderMead {
         let value = |i: usize| self.vertices[i].value;
         let d = self.centroid.len();
         if reflected.value < value(0) {
-            self.propose_beyond(self.expansion, Step::Expansion { reflected });
+            self.propose_on_line(self.expansion, Step::Expansion { reflected });
         } else if reflected.value < value(d - 1) {
             self.replace_worst(reflected);
         } else if reflected.value < value(d) {
             let reflected_value = reflected.value;
-            self.propose_beyond(self.contraction, Step::OutsideContraction { reflected_value });
+            self.propose_on_line(self.contraction, Step::OutsideContraction { reflected_value });
         } else {
-            self.propose_beyond(-self.contraction, Step::InsideContraction);
+            self.propose_on_line(-self.contraction, Step::InsideContraction);
         }
     }
 }
@@ -255,18 +257,18 @@ impl RoundBased for NelderMead {
     fn receive(&mut self, values: &[f64]) {
         self.n_evaluations += values.len();
         let step = std::mem::replace(&mut self.step, Step::FirstSimplex);
-        let told = std::mem::take(&mut self.round).into_iter().zip(values);
-        let mut told = told.map(|(u, value)| Vertex { u, value: *value });
+        let evaluated = std::mem::take(&mut self.round).into_iter().zip(values);
+        let mut evaluated = evaluated.map(|(u, value)| Vertex { u, value: *value });
         if matches!(step, Step::FirstSimplex | Step::Shrink) {
             let first = usize::from(matches!(step, Step::Shrink));
             self.vertices.truncate(first);
-            self.vertices.extend(told);
+            self.vertices.extend(evaluated);
             self.iteration += first;
-            self.begin_iteration();
+            self.start_iteration();
             return;
         }
         // Every other round is a single point.
-        let Some(trial) = told.next() else { return };
+        let Some(trial) = evaluated.next() else { return };
         let worst_value = self.vertices[self.vertices.len() - 1].value;
         match step {
             Step::FirstSimplex | Step::Shrink => {}
@@ -281,8 +283,8 @@ impl RoundBased for NelderMead {
         }
     }
 
-    fn finish(&self) -> Option<SearchEnd> {
-        self.finish
+    fn finished(&self) -> Option<SearchEnd> {
+        self.end
     }
 }
 
@@ -316,7 +318,7 @@ fn simplex_around(start: &[f64]) -> Vec<Vec<f64>> {
     simplex
 }
 
-/// Reflects at 1 rather than clips, lest a start at the upper bound give a flat simplex.
+/// Reflects coordinates at 1 instead of clipping them, so that a start at the upper bound gives no degenerate simplex.
 fn reflected_into_box(mut vertex: Vec<f64>) -> Vec<f64> {
     vertex.iter_mut().for_each(|x| *x = clip(if *x > 1.0 { 2.0 - *x } else { *x }));
     vertex

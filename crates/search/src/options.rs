@@ -1,6 +1,6 @@
-//! Options of searches: values by name, and what each search accepts.
+//! Options of searches: values by name, and the specifications of the accepted options.
 //!
-//! A search declares its options once, with the macro [`options!`], at the fields of its option structure.
+//! A search declares its options once, as the fields of its option structure, with the macro [`options!`].
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -51,10 +51,10 @@ macro_rules! option_value_from {
 option_value_from!(f64 => Float, i64 => Integer, i32 => Integer, u32 => Integer, bool => Boolean);
 option_value_from!(String => Text, &str => Text, Vec<f64> => Point, Vec<Vec<f64>> => Points);
 
-/// Options of a search by name; an option that is absent has its default.
+/// Options of a search by name. An absent option has its default.
 ///
-/// Names are spelled with hyphens, as in plans; `_` is read as `-`. Nothing is checked until the search is made:
-/// [`by_name`](crate::by_name) reports unknown names, wrong types and values out of range.
+/// Names have hyphens, as in plans; `_` is converted to `-`. Options are checked when the search is created:
+/// [`by_name`](crate::by_name) returns an error for unknown names, wrong types and values out of range.
 ///
 /// # Example
 /// ```
@@ -74,12 +74,12 @@ pub struct SearchOptions {
 }
 
 impl SearchOptions {
-    /// Returns options that are all at their defaults.
+    /// Creates options with all defaults.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Returns the options with this one set.
+    /// Sets an option and returns the options.
     #[must_use]
     pub fn with(mut self, name: &str, value: impl Into<OptionValue>) -> Self {
         self.set(name, value);
@@ -96,7 +96,7 @@ impl SearchOptions {
         self.values.get(&hyphenated(name))
     }
 
-    /// Returns the options that are set, sorted by name.
+    /// Returns all options that are set, sorted by name.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &OptionValue)> {
         self.values.iter().map(|(name, value)| (name.as_str(), value))
     }
@@ -115,7 +115,7 @@ impl<N: AsRef<str>, V: Into<OptionValue>> FromIterator<(N, V)> for SearchOptions
     }
 }
 
-/// The name of an option as plans spell it.
+/// Returns the name of an option with hyphens, as in plans.
 fn hyphenated(name: &str) -> String {
     name.replace('_', "-")
 }
@@ -150,7 +150,7 @@ impl OptionType {
         }
     }
 
-    /// Returns what a value of the type is, for an error message.
+    /// Returns a description of the type for error messages.
     fn expected(self) -> &'static str {
         match self {
             OptionType::Float => "a number",
@@ -163,14 +163,14 @@ impl OptionType {
     }
 }
 
-/// What a search accepts as one of its options.
+/// The specification of an option.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OptionSpec {
     /// The name, with hyphens.
     pub name: String,
     /// The type.
     pub kind: OptionType,
-    /// The default as in a plan, or what happens without a value.
+    /// The default as in a plan, or the behavior without a value.
     pub default: String,
     /// The range in words; empty if every value of the type is accepted.
     pub range: &'static str,
@@ -180,13 +180,13 @@ pub struct OptionSpec {
 
 /// A range of numbers.
 pub(crate) struct Range {
-    /// In words: "at least 0".
+    /// A description, for example "at least 0".
     pub words: &'static str,
     pub holds: fn(f64) -> bool,
 }
 
 impl Range {
-    /// A range of which only words are known here, because the check needs the dimension.
+    /// Creates a range with a description only, because its check needs the dimension.
     pub(crate) const fn described(words: &'static str) -> Self {
         Self { words, holds: |_| true }
     }
@@ -199,17 +199,17 @@ pub(crate) const AT_LEAST_1: Range = Range { words: "at least 1", holds: |x| x >
 /// For [`check_start`].
 pub(crate) const POINT_OF_THE_BOX: Range = Range::described("d numbers in [0, 1]");
 
-/// A type of fields of option structures.
+/// A field type of option structures.
 pub(crate) trait OptionField: Sized {
     const TYPE: OptionType;
 
-    /// Returns the field of a value, if it has the right type.
+    /// Converts an option value to the field type; `None` if the type differs.
     fn read(value: &OptionValue) -> Option<Self>;
 
-    /// Returns the value; `None` if the field is `None`.
+    /// Converts the field to an option value; `None` if the field is `None`.
     fn value(&self) -> Option<OptionValue>;
 
-    /// Returns the number that a [`Range`] applies to.
+    /// Returns the number that a [`Range`] applies to, if the field is a number.
     fn number(&self) -> Option<f64> {
         None
     }
@@ -309,7 +309,7 @@ impl OptionSpec {
     }
 }
 
-/// Returns an option's value if it has the right type and is in its range, the default if it is not set.
+/// Reads an option and checks its type and range; returns the default if it is not set.
 pub(crate) fn read_option<T: OptionField>(
     search: &'static str,
     field: &str,
@@ -363,13 +363,13 @@ pub(crate) fn check_names(
         None => Ok(()),
         Some((name, _)) => Err(SearchError::UnknownOption {
             search,
-            wanted: name.to_owned(),
+            name: name.to_owned(),
             known: known.iter().map(|spec| spec.name.clone()).collect(),
         }),
     }
 }
 
-/// Checks that a start is a point of `[0,1]^d`.
+/// Checks that an initial point is in `[0,1]^d`.
 pub(crate) fn check_start(
     search: &'static str,
     start: Option<&Vec<f64>>,
@@ -388,10 +388,11 @@ pub(crate) fn check_start(
     }
 }
 
-/// Declares the options of a search as a structure: meaning, type, default and range of each, at its field.
+/// Declares the options of a search as a structure: each field has a meaning, a type, a default and a range.
 ///
-/// For a field that is `None` by default, words say what happens then. The structure gets `Default`, its
-/// [`OptionSpec`]s (`specs`), a reader of [`SearchOptions`] (`read`) and a check of all ranges (`check_ranges`).
+/// A field that is `None` by default has a description of the behavior in that case. The macro implements `Default`,
+/// the [`OptionSpec`]s (`specs`), the conversion from [`SearchOptions`] (`read`) and a check of all ranges
+/// (`check_ranges`).
 macro_rules! options {
     (
         $(#[$about:meta])*
@@ -415,7 +416,7 @@ macro_rules! options {
         }
 
         impl $name {
-            /// Returns what the search accepts, one entry per option.
+            /// Returns the specifications of all options.
             pub fn specs() -> Vec<$crate::OptionSpec> {
                 let defaults = Self::default();
                 vec![$({
@@ -427,7 +428,7 @@ macro_rules! options {
                 }),*]
             }
 
-            /// Reads the options by name; those that are absent have their defaults.
+            /// Converts options by name; absent options have their defaults.
             ///
             /// # Errors
             /// [`SearchError::UnknownOption`](crate::SearchError::UnknownOption) for a name that is not listed in
@@ -479,7 +480,7 @@ mod tests {
     }
 
     #[test]
-    fn a_declaration_says_everything_once() {
+    fn a_declaration_defines_the_specifications() {
         let specs = ProbeOptions::specs();
         let columns: Vec<[&str; 5]> = specs
             .iter()
@@ -499,7 +500,7 @@ mod tests {
     }
 
     #[test]
-    fn options_are_read_by_name_and_absent_ones_keep_their_defaults() {
+    fn options_are_read_by_name_and_absent_options_have_their_defaults() {
         assert_eq!(ProbeOptions::read(&SearchOptions::new()), Ok(ProbeOptions::default()));
         let given = SearchOptions::new()
             .with("tolerance", 2)
@@ -520,35 +521,31 @@ mod tests {
     }
 
     #[track_caller]
-    fn check_refused(name: &str, value: impl Into<OptionValue>, message: &str) {
+    fn check_error(name: &str, value: impl Into<OptionValue>, message: &str) {
         let error = ProbeOptions::read(&SearchOptions::new().with(name, value)).expect_err("wrong");
         assert_eq!(error.to_string(), message);
     }
 
     #[test]
-    fn a_wrong_option_is_named_with_what_is_allowed() {
+    fn an_invalid_option_is_reported_with_the_allowed_values() {
         let all = "tolerance, max-steps, adaptive, model, start, simplex";
-        check_refused("maxsteps", 3, &format!("probe has no option `maxsteps`; its options are: {all}"));
-        check_refused("tolerance", -1.0, "option `tolerance` of probe is -1.0; it must be at least 0");
-        check_refused("tolerance", f64::NAN, "option `tolerance` of probe is NaN; it must be at least 0");
-        check_refused(
+        check_error("maxsteps", 3, &format!("probe has no option `maxsteps`; its options are: {all}"));
+        check_error("tolerance", -1.0, "option `tolerance` of probe is -1.0; it must be at least 0");
+        check_error("tolerance", f64::NAN, "option `tolerance` of probe is NaN; it must be at least 0");
+        check_error(
             "tolerance",
             "a",
             "option `tolerance` of probe is \"a\"; it must be a number, at least 0",
         );
-        check_refused("max_steps", 0, "option `max-steps` of probe is 0; it must be at least 1");
-        check_refused(
-            "max_steps",
-            -7,
-            "option `max-steps` of probe is -7; it must be an integer, at least 1",
-        );
-        check_refused(
+        check_error("max_steps", 0, "option `max-steps` of probe is 0; it must be at least 1");
+        check_error("max_steps", -7, "option `max-steps` of probe is -7; it must be an integer, at least 1");
+        check_error(
             "max_steps",
             1.5,
             "option `max-steps` of probe is 1.5; it must be an integer, at least 1",
         );
-        check_refused("adaptive", 1, "option `adaptive` of probe is 1; it must be true or false");
-        check_refused(
+        check_error("adaptive", 1, "option `adaptive` of probe is 1; it must be true or false");
+        check_error(
             "start",
             0.5,
             "option `start` of probe is 0.5; it must be a point (a list of numbers), d numbers in [0, 1]",
@@ -556,7 +553,7 @@ mod tests {
     }
 
     #[test]
-    fn a_structure_that_was_filled_in_by_hand_is_checked_too() {
+    fn a_structure_with_public_fields_is_checked_too() {
         assert_eq!(ProbeOptions::default().check_ranges(), Ok(()));
         let error = ProbeOptions { max_steps: Some(0), ..ProbeOptions::default() }.check_ranges();
         let expected = "option `max-steps` of probe is 0; it must be at least 1";
@@ -564,7 +561,7 @@ mod tests {
     }
 
     #[test]
-    fn values_are_written_as_in_a_plan() {
+    fn values_are_formatted_as_in_a_plan() {
         let written = |value: OptionValue| value.to_string();
         assert_eq!(written(2e-5.into()), "2e-5");
         assert_eq!(written(3.0.into()), "3.0");

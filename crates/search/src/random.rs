@@ -1,7 +1,7 @@
-//! Independent uniform points: the baseline every search has to beat.
+//! Random search: independent uniform points, the baseline for every other search.
 
 use crate::coordinate::check_dimension;
-use crate::ledger::Ledger;
+use crate::pending::PendingPoints;
 use crate::registry::SearchEntry;
 use mishandle_random::Sequence;
 
@@ -20,28 +20,28 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
     },
 };
 
-/// Independent uniform points of `[0,1]^d`; point i depends on (seed, i) only and the search never ends.
+/// Random search: independent uniform points of `[0,1]^d`. Point i depends only on (seed, i). The search never ends.
 ///
-/// Every coordinate is treated as continuous: a caller that maps it to n levels sees each with probability 1/n.
+/// Every coordinate is treated as continuous. If the caller maps it to n levels, each has the probability 1/n.
 #[derive(Debug, Clone)]
 pub struct Random {
     dimension: usize,
     seed: u64,
     next: u64,
-    ledger: Ledger,
+    pending: PendingPoints,
 }
 
 impl Random {
-    /// A random search of `dimension` coordinates.
+    /// Creates a random search on `[0,1]^dimension`.
     ///
     /// # Errors
     /// [`SearchError::Dimension`] if `dimension` is 0.
     pub fn new(dimension: usize, seed: u64) -> Result<Self, SearchError> {
         check_dimension(dimension)?;
-        Ok(Self { dimension, seed, next: 0, ledger: Ledger::default() })
+        Ok(Self { dimension, seed, next: 0, pending: PendingPoints::default() })
     }
 
-    /// Point number `i` of this seed, counted from 0.
+    /// Returns point number `i`, counted from 0.
     pub fn point(&self, i: u64) -> Vec<f64> {
         let mut stream = Sequence::new(self.seed, i);
         (0..self.dimension).map(|_| stream.uniform()).collect()
@@ -60,12 +60,12 @@ impl Search for Random {
     fn ask_batch(&mut self, n: usize) -> Vec<Vec<f64>> {
         let points: Vec<Vec<f64>> = (self.next..self.next + n as u64).map(|i| self.point(i)).collect();
         self.next += n as u64;
-        points.iter().for_each(|u| self.ledger.hand_out(u.clone()));
+        points.iter().for_each(|u| self.pending.push(u.clone()));
         points
     }
 
     fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError> {
-        self.ledger.take_back(u, observation.robustness).map(drop)
+        self.pending.resolve(u, observation.robustness).map(drop)
     }
 
     fn finished(&self) -> Option<SearchEnd> {
@@ -73,6 +73,6 @@ impl Search for Random {
     }
 
     fn best(&self) -> Option<(&[f64], f64)> {
-        self.ledger.best()
+        self.pending.best()
     }
 }

@@ -5,22 +5,22 @@ use crate::{
     random,
 };
 
-/// What the list knows about a search.
+/// An entry of [`SEARCHES`].
 #[derive(Debug, Clone, Copy)]
 pub struct SearchEntry {
-    /// The name that users type.
+    /// The name of the search.
     pub name: &'static str,
-    /// A summary in one line.
+    /// A one-line description.
     pub summary: &'static str,
     /// The publication that describes the method.
     pub reference: &'static str,
     /// Returns its options.
     pub options: fn() -> Vec<OptionSpec>,
-    /// Makes the search.
+    /// Creates the search.
     pub make: SearchConstructor,
 }
 
-/// Makes a search from the types of its coordinates, its seed and its options.
+/// A function that creates a search from the types of its coordinates, its random seed and its options.
 pub type SearchConstructor = fn(&[Coordinate], u64, &SearchOptions) -> Result<Box<dyn Search>, SearchError>;
 
 /// All searches. To add one, write its file and add a line here.
@@ -30,18 +30,18 @@ pub const SEARCHES: &[SearchEntry] = &[
     dual_annealing::ENTRY,
 ];
 
-/// Returns the entry of the search called `name`.
+/// Returns the entry of the search with this name.
 ///
 /// # Errors
 /// [`SearchError::UnknownSearch`] with the known names.
 pub fn find_search(name: &str) -> Result<&'static SearchEntry, SearchError> {
     SEARCHES.iter().find(|entry| entry.name == name).ok_or_else(|| SearchError::UnknownSearch {
-        wanted: name.to_owned(),
+        name: name.to_owned(),
         known: SEARCHES.iter().map(|entry| entry.name).collect(),
     })
 }
 
-/// Makes the search called `name` on `[0,1]^d`, with one coordinate type for each of the d coordinates.
+/// Creates the search called `name` on `[0,1]^d`, given the type of each of the d coordinates.
 ///
 /// # Errors
 /// [`SearchError::UnknownSearch`] with the known names, [`SearchError::Dimension`] without coordinates,
@@ -55,8 +55,8 @@ pub fn find_search(name: &str) -> Result<&'static SearchEntry, SearchError> {
 /// let search = by_name("random", &space, 0, &SearchOptions::default())?;
 /// assert_eq!((search.name(), search.dimension()), ("random", 3));
 ///
-/// let error = by_name("randon", &space, 0, &SearchOptions::default()).err().expect("misspelt");
-/// assert!(error.to_string().ends_with("there are random, nelder-mead, dual-annealing"));
+/// let error = by_name("randon", &space, 0, &SearchOptions::default()).err().expect("misspelled");
+/// assert!(error.to_string().ends_with("known searches: random, nelder-mead, dual-annealing"));
 /// # Ok::<(), mishandle_search::SearchError>(())
 /// ```
 pub fn by_name(

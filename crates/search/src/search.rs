@@ -1,50 +1,49 @@
-//! The interface of every search: it is asked for points and told what was observed there.
+//! The ask-and-tell interface of all searches.
 
 use std::fmt;
 
 use crate::{Observation, SearchError};
 
-/// A search proposes points of `[0,1]^d` and is told what was observed there; it minimizes the robustness.
+/// A search minimizes the robustness on `[0,1]^d`: it proposes points (ask) and takes the observations there (tell).
 ///
-/// The points are a pure function of the coordinates' types, the seed, the options and the observations told so far.
-/// To resume a search, make it again and tell it the recorded observations. The caller owns the budget: it may stop
-/// asking after any observation.
+/// The points are a pure function of the types of the coordinates, the random seed, the options and the observations so
+/// far. To resume a search, create it again and tell it the recorded observations. The caller owns the budget and may
+/// stop after any observation.
 ///
-/// A robustness of `+∞` is valid and the worst value (a simulation that diverged). NaN is an error.
+/// A robustness of `+∞` is the worst valid value, for example for a simulation that diverged. NaN is an error.
 pub trait Search: Send {
-    /// The name in [`SEARCHES`](crate::SEARCHES).
+    /// Returns the name in [`SEARCHES`](crate::SEARCHES).
     fn name(&self) -> &'static str;
 
-    /// The number of coordinates d of every point, at least 1.
+    /// Returns the number of coordinates d, at least 1.
     fn dimension(&self) -> usize;
 
-    /// The next points to evaluate, at most `n`, each of length d with coordinates in [0, 1].
+    /// Returns the next points to evaluate, at most `n`, each of length d with coordinates in [0, 1].
     ///
-    /// Fewer than `n` where the next point depends on a value not yet told: `nelder-mead` gives its first simplex or
-    /// a shrunken one at once, `dual-annealing` a point with its neighbours for a gradient; otherwise both give one.
-    /// None at all while such a value is awaited, or when the search has ended, which
-    /// [`finished`](Search::finished) tells apart.
-    /// The sequence of points does not depend on how it is cut into batches.
+    /// It returns fewer than `n` points if the next point depends on pending values. `nelder-mead` proposes several
+    /// points only for its first or a shrunken simplex, `dual-annealing` only for a point with its neighbors for a
+    /// gradient. It returns no point if all further points depend on pending values, or if the search has ended; see
+    /// [`finished`](Search::finished). The sequence of points does not depend on the batch sizes.
     fn ask_batch(&mut self, n: usize) -> Vec<Vec<f64>>;
 
-    /// The next point to evaluate: [`ask_batch`](Search::ask_batch) of one.
+    /// Returns the next point to evaluate: [`ask_batch`](Search::ask_batch) with `n` = 1.
     fn ask(&mut self) -> Option<Vec<f64>> {
         self.ask_batch(1).pop()
     }
 
     /// Returns whether observations must contain the minima of all sub-formulas.
     ///
-    /// The answer is the same during the whole life of a search. If it is `false`, the caller computes no minima.
+    /// The result is constant for a search. If it is `false`, the caller computes no minima.
     fn needs_subformulas(&self) -> bool {
         false
     }
 
-    /// Tells the search what was observed at a point that it proposed, in the order of asking.
+    /// Passes the observation at a proposed point to the search. Observations must be in the order of the points.
     ///
     /// # Errors
-    /// [`SearchError::NotAsked`] if no point awaits its observation, [`SearchError::WrongPoint`] if `u` does not equal
-    /// the point that has waited longest, [`SearchError::NotANumber`] if the robustness is NaN. After an error the
-    /// search is unchanged: the same point still waits.
+    /// [`SearchError::NotAsked`] if no point is pending, [`SearchError::WrongPoint`] if `u` is not the oldest pending
+    /// point, [`SearchError::NotANumber`] if the robustness is NaN. After an error the search is unchanged and the
+    /// point is still pending.
     ///
     /// # Example
     /// ```
@@ -57,26 +56,27 @@ pub trait Search: Send {
     /// ```
     fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError>;
 
-    /// Why the search has ended by its own criterion; `None` while it has not.
+    /// Returns the termination criterion that ended the search; `None` if it has not ended.
     fn finished(&self) -> Option<SearchEnd>;
 
-    /// Returns the point with the lowest robustness told so far, the earliest of equals; `None` before the first.
+    /// Returns the point with the lowest robustness so far, the earliest if several have it; `None` without
+    /// observations.
     fn best(&self) -> Option<(&[f64], f64)>;
 }
 
-/// Why a search ended by its own criterion; it will propose nothing more.
+/// The termination criterion that ended a search. It proposes no more points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SearchEnd {
-    /// The tolerances on points and values were met.
+    /// The tolerances on points and values are met.
     Converged,
-    /// The limit on iterations was reached.
+    /// The maximum number of iterations is reached.
     IterationLimit,
-    /// The limit on evaluations was reached.
+    /// The maximum number of evaluations is reached.
     EvaluationLimit,
-    /// A line search found no lower value where its slope promised one.
+    /// A line search found no lower value along a descent direction.
     Abnormal,
-    /// No start with a finite value was found.
+    /// No initial point with a finite value was found.
     NoFiniteStart,
 }
 
@@ -84,10 +84,10 @@ impl fmt::Display for SearchEnd {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             SearchEnd::Converged => "tolerances met",
-            SearchEnd::IterationLimit => "limit on iterations reached",
-            SearchEnd::EvaluationLimit => "limit on evaluations reached",
+            SearchEnd::IterationLimit => "maximum number of iterations reached",
+            SearchEnd::EvaluationLimit => "maximum number of evaluations reached",
             SearchEnd::Abnormal => "no progress along a descent direction",
-            SearchEnd::NoFiniteStart => "no start with a finite value found",
+            SearchEnd::NoFiniteStart => "no initial point with a finite value found",
         })
     }
 }

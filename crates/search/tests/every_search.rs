@@ -1,4 +1,4 @@
-//! What holds for every search in the list, and for the local search beside it.
+//! Properties of every listed search and of the local search L-BFGS-B.
 
 use mishandle_search::functions::{self, FUNCTIONS};
 use mishandle_search::{
@@ -23,24 +23,28 @@ fn names() -> impl Iterator<Item = &'static str> {
     SEARCHES.iter().map(|entry| entry.name).chain(["l-bfgs-b"])
 }
 
-/// Values of all kinds: a slope, steps, ties and failures.
+/// Returns a function with a slope, steps, ties and infinite values.
 fn rough(u: &[f64]) -> f64 {
     let value = functions::min_max(u) + 0.1 * u[0];
     if u[0] + u[u.len() - 1] > 1.7 { f64::INFINITY } else { value }
 }
 
-/// The points and values of at most `budget` evaluations, asked for in batches of `batch`.
+/// Returns the points and values of at most `budget` evaluations in batches of `batch`.
 fn trace(search: &mut dyn Search, f: fn(&[f64]) -> f64, budget: usize, batch: usize) -> Vec<(Vec<f64>, f64)> {
     let mut trace = Vec::new();
     while trace.len() < budget {
         let points = search.ask_batch(batch.min(budget - trace.len()));
         if points.is_empty() {
-            assert!(search.finished().is_some(), "{} gives nothing though nothing is open", search.name());
+            assert!(
+                search.finished().is_some(),
+                "{} proposes nothing although no point is pending",
+                search.name()
+            );
             break;
         }
         for u in points {
             let value = f(&u);
-            search.tell(&u, &value.into()).expect("told as asked");
+            search.tell(&u, &value.into()).expect("a pending point");
             trace.push((u, value));
         }
     }
@@ -48,7 +52,7 @@ fn trace(search: &mut dyn Search, f: fn(&[f64]) -> f64, budget: usize, batch: us
 }
 
 #[test]
-fn the_list_has_distinct_names_and_makes_what_it_names() {
+fn listed_searches_have_distinct_names() {
     let listed: Vec<&str> = SEARCHES.iter().map(|entry| entry.name).collect();
     assert_eq!(listed, ["random", "nelder-mead", "dual-annealing"]);
     for entry in SEARCHES {
@@ -60,7 +64,7 @@ fn the_list_has_distinct_names_and_makes_what_it_names() {
 }
 
 #[test]
-fn every_point_is_in_the_box() {
+fn every_point_is_in_the_unit_cube() {
     for name in names() {
         for d in 1..=5 {
             for f in [rough as fn(&[f64]) -> f64, functions::sphere, |_| 1.0, |_| f64::INFINITY, |u| -u[0]] {
@@ -76,7 +80,7 @@ fn every_point_is_in_the_box() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_points_and_another_seed_others() {
+fn equal_seeds_give_equal_points_and_different_seeds_different_ones() {
     for name in names() {
         let points = |seed| trace(&mut *make(name, 3, seed), rough, 300, 1);
         assert_eq!(points(5), points(5), "{name}");
@@ -85,7 +89,7 @@ fn the_same_seed_gives_the_same_points_and_another_seed_others() {
 }
 
 #[test]
-fn batches_do_not_change_the_points() {
+fn batch_sizes_do_not_change_the_points() {
     for name in names() {
         let one_by_one = trace(&mut *make(name, 3, 2), rough, 300, 1);
         for batch in [2, 5, 64] {
@@ -94,7 +98,7 @@ fn batches_do_not_change_the_points() {
     }
 }
 
-/// A search that is told the first values again goes on as if it had never stopped, wherever it was stopped.
+/// A new search that replays the recorded values continues like the original, after any number of evaluations.
 #[test]
 fn replaying_the_values_resumes_the_search() {
     for name in names() {
@@ -103,7 +107,7 @@ fn replaying_the_values_resumes_the_search() {
             let mut resumed = make(name, 2, 9);
             for (u, value) in &whole[..stop] {
                 assert_eq!(resumed.ask().as_ref(), Some(u), "{name} stopped at {stop}");
-                resumed.tell(u, &(*value).into()).expect("told as asked");
+                resumed.tell(u, &(*value).into()).expect("a pending point");
             }
             assert_eq!(resumed.ask().as_ref(), Some(&whole[stop].0), "{name} stopped at {stop}");
         }
@@ -111,59 +115,59 @@ fn replaying_the_values_resumes_the_search() {
 }
 
 #[test]
-fn best_is_the_earliest_of_the_lowest() {
+fn best_is_the_earliest_point_with_the_lowest_value() {
     for name in names() {
         let mut search = make(name, 2, 4);
-        let told = trace(&mut *search, rough, 200, 3);
-        let lowest = told.iter().map(|(_, value)| *value).fold(f64::INFINITY, f64::min);
-        let (u, _) = told.iter().find(|(_, value)| *value == lowest).expect("some value was told");
+        let evaluated = trace(&mut *search, rough, 200, 3);
+        let lowest = evaluated.iter().map(|(_, value)| *value).fold(f64::INFINITY, f64::min);
+        let (u, _) = evaluated.iter().find(|(_, value)| *value == lowest).expect("values");
         assert_eq!(search.best(), Some((u.as_slice(), lowest)), "{name}");
     }
 }
 
-/// Points asked for and never told do no harm: the caller may stop at any time, and asking past what is known gives
-/// nothing rather than a guess.
+/// The caller may stop with pending points at any time. A search proposes nothing while the next point depends on
+/// pending values.
 #[test]
-fn a_search_never_needs_one_more_evaluation() {
+fn pending_points_never_block_the_caller() {
     for name in names() {
         let mut search = make(name, 2, 1);
         let first = search.ask_batch(1000);
         assert!(!first.is_empty());
         assert!(search.finished().is_none());
         if name != "random" {
-            assert!(search.ask_batch(1000).is_empty(), "{name} knows no value yet");
+            assert!(search.ask_batch(1000).is_empty(), "{name} has no values yet");
         }
         for u in &first[..first.len() - 1] {
-            search.tell(u, &1.0.into()).expect("told as asked");
+            search.tell(u, &1.0.into()).expect("a pending point");
         }
         assert!(search.best().is_some() || first.len() == 1);
     }
 }
 
 #[test]
-fn misuse_is_an_error_and_changes_nothing() {
+fn wrong_observations_are_errors_and_change_nothing() {
     for name in names() {
         let mut search = make(name, 2, 3);
-        let told = vec![0.5, 0.5];
+        let point = vec![0.5, 0.5];
         assert_eq!(
-            search.tell(&told, &1.0.into()),
-            Err(SearchError::NotAsked { told: told.clone() }),
+            search.tell(&point, &1.0.into()),
+            Err(SearchError::NotAsked { point: point.clone() }),
             "{name}"
         );
         let asked = search.ask().expect("a first point");
-        let wrong = SearchError::WrongPoint { told: told.clone(), asked: asked.clone() };
-        assert_eq!(search.tell(&told, &1.0.into()), Err(wrong), "{name}");
+        let wrong = SearchError::WrongPoint { point: point.clone(), expected: asked.clone() };
+        assert_eq!(search.tell(&point, &1.0.into()), Err(wrong), "{name}");
         assert!(search.tell(&asked[..1], &1.0.into()).is_err(), "{name}");
         assert_eq!(
             search.tell(&asked, &f64::NAN.into()),
-            Err(SearchError::NotANumber { told: asked.clone() }),
+            Err(SearchError::NotANumber { point: asked.clone() }),
             "{name}"
         );
         assert!(search.best().is_none());
         assert_eq!(search.tell(&asked, &f64::INFINITY.into()), Ok(()), "{name}");
         assert_eq!(
             search.tell(&asked, &1.0.into()),
-            Err(SearchError::NotAsked { told: asked.clone() }),
+            Err(SearchError::NotAsked { point: asked.clone() }),
             "{name}"
         );
         assert!(search.ask_batch(0).is_empty());
@@ -171,7 +175,7 @@ fn misuse_is_an_error_and_changes_nothing() {
 }
 
 #[test]
-fn a_point_of_random_depends_on_seed_and_number_only() {
+fn a_point_of_random_depends_only_on_seed_and_number() {
     let mut search = Random::new(3, 11).expect("d is at least 1");
     let points = search.ask_batch(20);
     for (i, u) in points.iter().enumerate().rev() {
@@ -181,18 +185,18 @@ fn a_point_of_random_depends_on_seed_and_number_only() {
 }
 
 #[test]
-fn unknown_names_and_wrong_options_are_refused_with_what_would_be_right() {
-    let refused =
+fn unknown_names_and_invalid_options_are_reported_with_the_allowed_values() {
+    let message_of =
         |name: &str, d: usize, options: &SearchOptions| match by_name(name, &continuous(d), 0, options) {
-            Ok(_) => panic!("{name} in {d} dimensions was made"),
+            Ok(_) => panic!("{name} in {d} dimensions was created"),
             Err(error) => error.to_string(),
         };
     let defaults = SearchOptions::default();
-    let all = "there are random, nelder-mead, dual-annealing";
-    assert_eq!(refused("Nelder_Mead", 2, &defaults), format!("there is no search `Nelder_Mead`; {all}"));
+    let all = "known searches: random, nelder-mead, dual-annealing";
+    assert_eq!(message_of("Nelder_Mead", 2, &defaults), format!("search `Nelder_Mead` is not known; {all}"));
     for entry in SEARCHES {
-        let message = refused(entry.name, 0, &defaults);
-        assert_eq!(message, "a search of dimension 0 was asked for; the dimension must be at least 1");
+        let message = message_of(entry.name, 0, &defaults);
+        assert_eq!(message, "the dimension of the search is 0; it must be at least 1");
     }
     let nan = f64::NAN;
     let cases: [(&str, &str, OptionValue); 15] = [
@@ -213,16 +217,16 @@ fn unknown_names_and_wrong_options_are_refused_with_what_would_be_right() {
         ("dual-annealing", "max-iterations", 0.into()),
     ];
     for (name, option, value) in cases {
-        let message = refused(name, 2, &SearchOptions::new().with(option, value));
+        let message = message_of(name, 2, &SearchOptions::new().with(option, value));
         assert!(message.starts_with(&format!("option `{option}` of {name} is ")), "{message}");
         assert!(message.contains("; it must be "), "{message}");
     }
     let unknown = SearchOptions::new().with("x-atol", 1.0);
-    assert!(refused("nelder-mead", 2, &unknown).contains("no option `x-atol`; its options are: start, "));
-    assert_eq!(refused("random", 2, &unknown), "random has no option `x-atol`; it has no options");
+    assert!(message_of("nelder-mead", 2, &unknown).contains("no option `x-atol`; its options are: start, "));
+    assert_eq!(message_of("random", 2, &unknown), "random has no option `x-atol`; it has no options");
 }
 
-/// The default of every option, given as a value, is accepted and changes no point.
+/// Setting every option to its default changes no point.
 #[test]
 fn the_listed_defaults_are_the_defaults() {
     let value = |spec: &mishandle_search::OptionSpec| -> Option<OptionValue> {
@@ -232,7 +236,7 @@ fn the_listed_defaults_are_the_defaults() {
             OptionType::Integer => text.parse::<i64>().ok().map(OptionValue::from),
             OptionType::Boolean => text.parse::<bool>().ok().map(OptionValue::from),
             OptionType::Text => Some(text.trim_matches('"').into()),
-            // Their defaults depend on the dimension or the seed, and are described in words.
+            // These defaults depend on the dimension or the seed; their description is text.
             OptionType::Point | OptionType::Points => None,
         }
     };
@@ -265,7 +269,7 @@ fn the_types_of_coordinates_do_not_change_the_points_of_the_listed_searches() {
 }
 
 #[test]
-fn a_coordinate_without_levels_is_refused() {
+fn a_coordinate_without_levels_is_an_error() {
     for coordinate in [Coordinate::Integer { levels: 0 }, Coordinate::Categorical { levels: 0 }] {
         let space = [Coordinate::Continuous, coordinate];
         for entry in SEARCHES {
@@ -275,7 +279,7 @@ fn a_coordinate_without_levels_is_refused() {
     }
 }
 
-/// A search that does not ask for sub-formulas proposes the same points with and without them.
+/// A search that does not request sub-formulas proposes the same points with and without them.
 #[test]
 fn sub_formulas_do_not_change_the_points_of_a_search_that_does_not_need_them() {
     for name in names() {
@@ -286,16 +290,16 @@ fn sub_formulas_do_not_change_the_points_of_a_search_that_does_not_need_them() {
             assert_eq!(Some(&u), v.as_ref(), "{name}");
             let minimum = SubformulaMinimum { minimum: f64::from(i), step: 3 };
             let observation = Observation::from(rough(&u));
-            plain.tell(&u, &observation).expect("told as asked");
+            plain.tell(&u, &observation).expect("a pending point");
             with.tell(&u, &Observation { subformulas: vec![minimum; 2], ..observation })
-                .expect("told as asked");
+                .expect("a pending point");
         }
         assert_eq!(plain.best(), with.best());
     }
 }
 
 #[test]
-fn the_local_search_refuses_wrong_options() {
+fn invalid_options_of_the_local_search_are_errors() {
     let cases = [
         ("start", vec![1.5], LbfgsbOptions::default()),
         ("memory", vec![0.5], LbfgsbOptions { memory: 0, ..Default::default() }),
@@ -313,10 +317,10 @@ fn the_local_search_refuses_wrong_options() {
 
 // --- known optima ---
 
-/// With the budget of a falsification, 300 evaluations, each search comes near the minimum of the functions it suits.
+/// With the budget of a falsification trial, 300 evaluations, each search approaches the minimum of suitable functions.
 ///
-/// Tolerances are of the methods: random points leave a gap of about 300^(-1/2) between them in two dimensions,
-/// Nelder-Mead ends at differences of value of 1e-4, and a local search may crawl along Rosenbrock's valley.
+/// Tolerances depend on the method: random points in two dimensions have a distance of about 300^(-1/2), Nelder-Mead
+/// ends at value differences of 1e-4, and a local search moves slowly along Rosenbrock's valley.
 #[test]
 fn known_optima_are_approached_within_the_budget() {
     let cases = [
@@ -354,7 +358,7 @@ fn dual_annealing_finds_global_minima() {
     }
 }
 
-// --- how searches end ---
+// --- termination ---
 
 fn ended(
     options: &SearchOptions,
@@ -368,31 +372,31 @@ fn ended(
 }
 
 #[test]
-fn searches_end_for_the_reason_they_give() {
+fn searches_end_by_the_reported_criterion() {
     let defaults = SearchOptions::default();
     assert_eq!(ended(&defaults, "random", functions::sphere, 1000), (1000, None));
     let (n, finish) = ended(&defaults, "nelder-mead", functions::sphere, 1000);
     assert!(n < 400 && finish == Some(SearchEnd::Converged));
-    // Without a finite value neither tolerance is ever met: 200 d evaluations.
+    // Without a finite value the tolerances are never met: 200 d evaluations.
     assert_eq!(
         ended(&defaults, "nelder-mead", |_| f64::INFINITY, 1000),
         (400, Some(SearchEnd::EvaluationLimit))
     );
-    // The start and 1000 redraws.
+    // The first initial point and 1000 redraws.
     assert_eq!(
         ended(&defaults, "dual-annealing", |_| f64::INFINITY, 2000),
         (1001, Some(SearchEnd::NoFiniteStart))
     );
     let ten = SearchOptions::new().with("max-iterations", 10).with("local-search", false);
-    // The start and ten chains of 2d = 4 visits.
+    // The initial point and ten chains of 2d = 4 visits.
     assert_eq!(ended(&ten, "dual-annealing", functions::sphere, 100), (41, Some(SearchEnd::IterationLimit)));
 }
 
-/// The temperature of chain t is (2^1.62 - 1) / ((t + 2)^1.62 - 1) of the first: 0.120 at t = 4, 0.093 at t = 5. With a
-/// restart ratio of 0.1 an annealing has five chains, and twelve chains of 2d = 4 visits take three starts: 51
-/// evaluations, as SciPy's `dual_annealing` reports too.
+/// The temperature of chain t is (2^1.62 - 1) / ((t + 2)^1.62 - 1) times the initial one: 0.120 at t = 4, 0.093 at t
+/// = 5. With a restart ratio of 0.1 a restart comes after five chains, so twelve chains of 2d = 4 visits have three
+/// initial points: 51 evaluations, the same number as in SciPy's `dual_annealing`.
 #[test]
-fn annealing_restarts_below_its_temperature() {
+fn annealing_restarts_below_the_restart_temperature() {
     let options = SearchOptions::new()
         .with("restart-ratio", 0.1)
         .with("local-search", false)

@@ -1,4 +1,4 @@
-//! Agreement with SciPy: the files in `golden/scipy` hold what the real one does; `make.py` there makes them.
+//! Agreement with SciPy: `golden/scipy/make.py` runs SciPy and writes the golden files.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -46,7 +46,7 @@ impl Number {
     }
 }
 
-// --- the functions make.py runs SciPy on, operation for operation ---
+// --- the test functions of make.py, operation for operation ---
 
 fn function(name: &str) -> fn(&[f64]) -> f64 {
     match name {
@@ -62,7 +62,7 @@ fn function(name: &str) -> fn(&[f64]) -> f64 {
         "edge" => edge,
         "flat" => |_| 1.0,
         "failing" => |_| f64::INFINITY,
-        _ => panic!("make.py knows a function `{name}` that this file does not"),
+        _ => panic!("function `{name}` of make.py is missing here"),
     }
 }
 
@@ -131,7 +131,7 @@ impl NelderMeadRun {
     }
 }
 
-/// The 64-bit FNV-1a hash of the coordinates' bytes, little endian.
+/// Returns the 64-bit FNV-1a hash of the coordinates' bytes, little endian.
 fn fnv1a(points: &[Vec<f64>]) -> String {
     let bytes = points.iter().flatten().flat_map(|x| x.to_le_bytes());
     let hash = bytes.fold(0xCBF2_9CE4_8422_2325_u64, |state, byte| {
@@ -143,13 +143,13 @@ fn fnv1a(points: &[Vec<f64>]) -> String {
 fn run_to_the_end(search: &mut dyn Search, f: fn(&[f64]) -> f64) -> Vec<Vec<f64>> {
     let mut points = Vec::new();
     while let Some(u) = search.ask() {
-        search.tell(&u, &f(&u).into()).expect("told as asked");
+        search.tell(&u, &f(&u).into()).expect("a pending point");
         points.push(u);
     }
     points
 }
 
-/// Every point of every run is SciPy's to the last bit, and so are number of points and reason of ending.
+/// All points of all runs equal SciPy's bit for bit, and so do the number of points and the termination criterion.
 #[test]
 fn nelder_mead_proposes_the_points_of_scipy() {
     for run in golden::<NelderMeadRun>("nelder_mead.json") {
@@ -175,7 +175,7 @@ struct LbfgsbRun {
     options: LbfgsbGiven,
     points: Vec<Vec<f64>>,
     values: Vec<Vec<Number>>,
-    /// None where SciPy went on to a point that is not a number.
+    /// `None` if SciPy continued to a NaN point.
     result: Option<LbfgsbResult>,
 }
 
@@ -213,10 +213,10 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-/// Told SciPy's values, the search proposes SciPy's points.
+/// Given SciPy's values, the search proposes SciPy's points.
 ///
-/// Values are SciPy's own, round by round, since finite differences multiply the rounding error of a value by 1e8 and
-/// two runs of the same program part after a few iterations for that reason alone.
+/// The values are SciPy's own, round by round. Finite differences multiply the rounding error of a value by 1e8, so
+/// runs with recomputed values diverge after a few iterations.
 #[test]
 fn the_local_search_proposes_the_points_of_scipy() {
     for run in golden::<LbfgsbRun>("lbfgsb.json") {
@@ -229,7 +229,7 @@ fn the_local_search_proposes_the_points_of_scipy() {
             let error = distance(&round[0], expected);
             assert!(error < 1e-8, "round {i} of {name}: {:?}, not {expected:?}, off by {error:e}", round[0]);
             for (u, value) in round.iter().zip(values) {
-                search.tell(u, &value.value().into()).expect("told as asked");
+                search.tell(u, &value.value().into()).expect("a pending point");
             }
         }
         let finish = search.finished().unwrap_or_else(|| panic!("{name} goes on after {}", run.points.len()));
@@ -246,26 +246,28 @@ fn the_local_search_proposes_the_points_of_scipy() {
 
 // --- dual annealing ---
 
-/// The largest distance between the distribution functions of two sorted samples.
+/// Returns the Kolmogorov-Smirnov statistic: the maximum distance between the empirical distribution functions of two
+/// sorted samples.
 fn kolmogorov_smirnov(a: &[f64], b: &[f64]) -> f64 {
     let share = |sample: &[f64], x: f64| sample.partition_point(|s| *s <= x) as f64 / sample.len() as f64;
     a.iter().chain(b).map(|x| (share(a, *x) - share(b, *x)).abs()).fold(0.0, f64::max)
 }
 
-/// The distance that two samples of one law exceed with probability 1 % (asymptotically, and less often with ties).
+/// Returns the statistic that two samples of one distribution exceed with probability 1 % (asymptotically; less with
+/// ties).
 fn critical_distance(n: usize, m: usize) -> f64 {
     let (n, m) = (n as f64, m as f64);
     (-(0.01_f64 / 2.0).ln() / 2.0 * (n + m) / (n * m)).sqrt()
 }
 
 #[track_caller]
-fn check_same_law(name: &str, mut ours: Vec<f64>, mut theirs: Vec<f64>) {
+fn check_same_distribution(name: &str, mut ours: Vec<f64>, mut theirs: Vec<f64>) {
     ours.sort_by(f64::total_cmp);
     theirs.sort_by(f64::total_cmp);
     let (found, most) = (kolmogorov_smirnov(&ours, &theirs), critical_distance(ours.len(), theirs.len()));
     let median = |sample: &[f64]| sample[sample.len() / 2];
     let medians = format!("medians {} and {}", median(&ours), median(&theirs));
-    #[expect(clippy::print_stdout, reason = "the distances are figures to report")]
+    #[expect(clippy::print_stdout, reason = "the distances are shown with --nocapture")]
     {
         println!("{name}: distance {found:.4}, 1 % level {most:.4}, {medians}");
     }
@@ -273,7 +275,7 @@ fn check_same_law(name: &str, mut ours: Vec<f64>, mut theirs: Vec<f64>) {
 }
 
 #[derive(Deserialize)]
-struct Race {
+struct Benchmark {
     function: String,
     d: usize,
     threshold: f64,
@@ -281,35 +283,35 @@ struct Race {
     evaluations: Vec<f64>,
 }
 
-fn evaluations_to(race: &Race, seed: u64) -> usize {
-    let f = function(&race.function);
+fn evaluations_to(benchmark: &Benchmark, seed: u64) -> usize {
+    let f = function(&benchmark.function);
     let options = DualAnnealingOptions { max_iterations: 100_000, ..Default::default() };
-    let mut search = AskTell::new(DualAnnealing::new(race.d, seed, &options).expect("valid options"));
-    for count in 1..=race.most {
-        let u = search.ask().expect("100,000 chains outlast the cap");
+    let mut search = AskTell::new(DualAnnealing::new(benchmark.d, seed, &options).expect("valid options"));
+    for count in 1..=benchmark.most {
+        let u = search.ask().expect("100,000 chains take more evaluations than the limit");
         let value = f(&u);
-        if value <= race.threshold {
+        if value <= benchmark.threshold {
             return count;
         }
-        search.tell(&u, &value.into()).expect("told as asked");
+        search.tell(&u, &value.into()).expect("a pending point");
     }
-    race.most + 1
+    benchmark.most + 1
 }
 
-/// On six functions, 200 seeds of ours and 200 of SciPy's need as many evaluations to a threshold, by the two-sample test
-/// of Kolmogorov and Smirnov at the 1 % level.
+/// On six functions, the number of evaluations to a threshold has the same distribution as SciPy's, over 200 seeds
+/// each, by the two-sample Kolmogorov-Smirnov test at the 1 % level.
 #[test]
 fn dual_annealing_needs_as_many_evaluations_as_scipy() {
-    let races = golden::<Race>("dual_annealing.json");
-    assert_eq!(races.len(), 6);
-    for race in races {
-        assert!(race.evaluations.len() >= 200);
-        let n_seeds = race.evaluations.len() as u64;
-        let ours = (0..n_seeds).map(|seed| evaluations_to(&race, seed) as f64).collect();
-        check_same_law(
-            &format!("{} in {} dimensions", race.function, race.d),
+    let benchmarks = golden::<Benchmark>("dual_annealing.json");
+    assert_eq!(benchmarks.len(), 6);
+    for benchmark in benchmarks {
+        assert!(benchmark.evaluations.len() >= 200);
+        let n_seeds = benchmark.evaluations.len() as u64;
+        let ours = (0..n_seeds).map(|seed| evaluations_to(&benchmark, seed) as f64).collect();
+        check_same_distribution(
+            &format!("{} in {} dimensions", benchmark.function, benchmark.d),
             ours,
-            race.evaluations.clone(),
+            benchmark.evaluations.clone(),
         );
     }
 }
@@ -323,20 +325,22 @@ struct Visits {
     last_alone: Vec<f64>,
 }
 
-/// Jumps, and points visited from (0.1, 0.5, 0.9) by all coordinates or by the last, have SciPy's laws.
+/// Jumps, and points visited from (0.1, 0.5, 0.9) by all coordinates or the last one, have SciPy's distributions.
 #[test]
-fn visits_are_distributed_as_those_of_scipy() {
+fn visits_have_the_distribution_of_scipy() {
     for (i, visits) in golden::<Visits>("visiting.json").into_iter().enumerate() {
-        let law = VisitingDistribution::new(visits.visit);
+        let distribution = VisitingDistribution::new(visits.visit);
         let t = visits.temperature;
         let mut stream = Sequence::new(1, i as u64);
         let name = format!("q = {}, T = {t}", visits.visit);
-        let jumps = (0..20_000).map(|_| law.jump(t, &mut stream)).collect();
-        check_same_law(&format!("jumps at {name}"), jumps, visits.jumps);
+        let jumps = (0..20_000).map(|_| distribution.jump(t, &mut stream)).collect();
+        check_same_distribution(&format!("jumps at {name}"), jumps, visits.jumps);
         let mut visit = |step: usize, coordinate: usize| {
-            (0..20_000).map(|_| law.visit(&[0.1, 0.5, 0.9], step, t, &mut stream)[coordinate]).collect()
+            (0..20_000)
+                .map(|_| distribution.visit(&[0.1, 0.5, 0.9], step, t, &mut stream)[coordinate])
+                .collect()
         };
-        check_same_law(&format!("first of all at {name}"), visit(0, 0), visits.first_of_all);
-        check_same_law(&format!("last alone at {name}"), visit(5, 2), visits.last_alone);
+        check_same_distribution(&format!("first of all at {name}"), visit(0, 0), visits.first_of_all);
+        check_same_distribution(&format!("last alone at {name}"), visit(5, 2), visits.last_alone);
     }
 }

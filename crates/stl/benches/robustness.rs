@@ -1,8 +1,8 @@
-//! Robustness of the paper's specifications and of nested ones, against RTAMT in the same run.
+//! Time to compute the robustness signal of the tasks' specifications and of nested formulas, compared with RTAMT.
 //!
-//! RTAMT runs in the virtual environment that `cargo xtask golden rtamt` makes, or in the Python that `MISHANDLE_PYTHON`
-//! names. Without either, only our own times are printed. Times are the least of several runs, of a formula that was
-//! read before, for the signal at all samples.
+//! RTAMT runs in the virtual environment that `cargo xtask golden rtamt` creates, or in the Python interpreter in
+//! `MISHANDLE_PYTHON`. Without either, only our own times are printed. Times are the minimum of several runs, without
+//! parsing.
 #![allow(clippy::print_stdout)]
 
 use mishandle_stl::{Clock, Formula, Monitor, Trace};
@@ -33,10 +33,10 @@ const FORMULAS: [(&str, &str); 14] = [
 
 const SAMPLES: [usize; 4] = [300, 3_000, 30_000, 300_000];
 
-/// RTAMT is not tried where it is expected to take longer than this, from its time on the next shorter trace.
-const PATIENCE_SECS: f64 = 20.0;
+/// RTAMT is skipped if it is expected to take longer than this, given its time on the next shorter trace.
+const RTAMT_LIMIT_SECS: f64 = 20.0;
 
-/// Reads formula, samples and repetitions from each line; answers with the least time in seconds.
+/// Reads formula, samples and repetitions from each line; prints the minimum time in seconds.
 const RTAMT: &str = r#"
 import json, logging, sys, time
 logging.disable(logging.WARNING)
@@ -58,7 +58,7 @@ for line in sys.stdin:
     print(least, flush=True)
 "#;
 
-/// Signals that wander within [-1, 1], the same on every run.
+/// Returns noisy waves within [-1, 1], the same on every run.
 fn trace(samples: usize) -> Trace {
     let names: Arc<[String]> = ["a", "b", "c"].map(String::from).into();
     let mut trace = Trace::with_capacity(names, samples);
@@ -74,7 +74,7 @@ fn trace(samples: usize) -> Trace {
     trace
 }
 
-/// The least time of one measurement, s.
+/// Returns the minimum time of one evaluation in seconds.
 fn ours(formula: &str, trace: &Trace) -> f64 {
     let formula = Formula::parse(formula).expect("the formulas above are formulas");
     let mut monitor = Monitor::new(&formula, trace.names(), Clock::steps(1.0)).expect("of these signals");
@@ -94,31 +94,31 @@ fn ours(formula: &str, trace: &Trace) -> f64 {
     (0..10).map(|_| measure(times).as_secs_f64() / times as f64).fold(f64::INFINITY, f64::min)
 }
 
-/// RTAMT's least time, s, by a Python of this name; `None` if it does not run.
+/// Returns RTAMT's minimum time in seconds with this Python interpreter; `None` if it does not run.
 fn rtamt(python: &str, formula: &str, trace: &Trace, repetitions: usize) -> Option<f64> {
     let column = |(i, name): (usize, &String)| (name.clone(), trace.column(i).into());
     let columns: serde_json::Map<_, _> = trace.names().iter().enumerate().map(column).collect();
-    let question = serde_json::json!([formula, columns, repetitions]).to_string();
+    let request = serde_json::json!([formula, columns, repetitions]).to_string();
     let mut child =
         Command::new(python).args(["-c", RTAMT]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().ok()?;
-    child.stdin.take()?.write_all(question.as_bytes()).ok()?;
+    child.stdin.take()?.write_all(request.as_bytes()).ok()?;
     let answer = child.wait_with_output().ok()?;
     String::from_utf8(answer.stdout).ok()?.trim().parse().ok()
 }
 
-/// A Python that has RTAMT.
+/// Returns a Python interpreter with RTAMT.
 fn python() -> Option<String> {
-    let made = concat!(env!("CARGO_MANIFEST_DIR"), "/../../target/golden-venv/stl-rtamt/bin/python");
-    let found = || std::path::Path::new(made).exists().then(|| made.to_string());
+    let created = concat!(env!("CARGO_MANIFEST_DIR"), "/../../target/golden-venv/stl-rtamt/bin/python");
+    let found = || std::path::Path::new(created).exists().then(|| created.to_string());
     std::env::var("MISHANDLE_PYTHON").ok().or_else(found)
 }
 
 fn main() {
-    // `cargo test --benches` only has to see that it runs.
+    // `cargo test --benches` only checks that the benchmark runs.
     let is_test = !std::env::args().any(|argument| argument == "--bench");
     let python = python().filter(|_| !is_test);
     if python.is_none() {
-        println!("RTAMT is not timed: `cargo xtask golden rtamt` makes an environment that has it\n");
+        println!("RTAMT is skipped; create its environment with `cargo xtask golden rtamt`\n");
     }
     println!(
         "{:<16} {:>8} {:>12} {:>12} {:>12} {:>9}",
@@ -130,7 +130,7 @@ fn main() {
             let trace = trace(*samples);
             let own = ours(formula, &trace);
             let theirs = match &python {
-                Some(python) if expected_secs <= PATIENCE_SECS => {
+                Some(python) if expected_secs <= RTAMT_LIMIT_SECS => {
                     let repetitions = if expected_secs < 1.0 { 3 } else { 1 };
                     rtamt(python, formula, &trace, repetitions)
                 }

@@ -1,11 +1,11 @@
-//! Time: intervals as they are written, and the clock that turns their bounds into counts of samples.
+//! Time bounds as written in a formula, and the clock that converts them to samples.
 
 use crate::error::MonitorError;
 use std::fmt;
 
-/// A unit of time, as it may follow an interval bound.
+/// A unit of time that may follow an interval bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unit {
+pub enum TimeUnit {
     /// `s`
     Seconds,
     /// `ms`
@@ -16,32 +16,33 @@ pub enum Unit {
     Nanoseconds,
 }
 
-impl Unit {
-    /// Every unit, the longest first.
-    pub const ALL: [Unit; 4] = [Unit::Seconds, Unit::Milliseconds, Unit::Microseconds, Unit::Nanoseconds];
+impl TimeUnit {
+    /// All units, longest first.
+    pub const ALL: [TimeUnit; 4] =
+        [TimeUnit::Seconds, TimeUnit::Milliseconds, TimeUnit::Microseconds, TimeUnit::Nanoseconds];
 
-    /// How the unit is written.
+    /// Returns the symbol of the unit as written in a formula.
     pub fn symbol(self) -> &'static str {
         ["s", "ms", "us", "ns"][self as usize]
     }
 
-    /// How many of the unit make a second.
+    /// Returns the number of these units in one second.
     fn per_second(self) -> f64 {
         [1.0, 1e3, 1e6, 1e9][self as usize]
     }
 }
 
-impl fmt::Display for Unit {
+impl fmt::Display for TimeUnit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.symbol())
     }
 }
 
-/// One end of an interval as written: a number that is not negative, with or without a unit.
+/// An interval bound as written: a nonnegative number with an optional unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Bound {
     pub value: f64,
-    pub unit: Option<Unit>,
+    pub unit: Option<TimeUnit>,
 }
 
 impl fmt::Display for Bound {
@@ -51,7 +52,7 @@ impl fmt::Display for Bound {
     }
 }
 
-/// The interval of a temporal operator as written; both ends have a unit or neither has, and begin is at most end.
+/// The interval of a temporal operator as written. Either both bounds have a unit or neither has; `begin <= end`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Interval {
     pub begin: Bound,
@@ -59,7 +60,7 @@ pub(crate) struct Interval {
 }
 
 impl Interval {
-    /// Whether the begin lies after the end. Both have units or neither has.
+    /// Returns whether the begin is later than the end. Either both bounds must have a unit or neither.
     pub(crate) fn is_reversed(&self) -> bool {
         let in_nanoseconds = |bound: Bound| match bound.unit {
             Some(unit) => bound.value * (1e9 / unit.per_second()),
@@ -75,7 +76,7 @@ impl fmt::Display for Interval {
     }
 }
 
-/// An interval counted in samples: `begin <= end`, and `usize::MAX` for an end that never comes.
+/// An interval in samples: `begin <= end`; `end` is `usize::MAX` if the interval is unbounded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Window {
     pub begin: usize,
@@ -83,83 +84,83 @@ pub(crate) struct Window {
 }
 
 impl Window {
-    /// The window of an operator without an interval: all the time there is.
+    /// The window of an operator without an interval.
     pub(crate) const UNBOUNDED: Window = Window { begin: 0, end: usize::MAX };
 }
 
-/// The latest sample that a bound may name: so few that those of the longest formula add up to less than 2^63, and more
-/// than a trace of 60 samples a second has after four thousand years.
-const LATEST: f64 = (1_u64 << 43) as f64;
+/// The largest bound, in samples. The bounds of the longest formula add up to less than 2^63. A trace with 60 samples
+/// per second reaches this number after four thousand years.
+const MAX_BOUND: f64 = (1_u64 << 43) as f64;
 
-/// The sampling period, and what an interval bound without a unit means.
+/// The sampling period, and the meaning of an interval bound without a unit.
 ///
-/// A bound has to fall on a sample. It does if it lies within a billionth of a whole number of periods, relative to
-/// that number, so that 5 s are 300 steps of 1/60 s although no `f64` holds 1/60 exactly.
+/// A bound must be a whole number of sampling periods, up to a relative error of 1e-9. So 5 s are 300 steps of 1/60 s
+/// although no `f64` equals 1/60.
 ///
 /// # Example
-/// `[0:2]` is two control steps for the one clock and two seconds, twenty samples, for the other:
+/// `[0:2]` means two control steps for the first clock and two seconds, or twenty samples, for the second:
 /// ```
-/// use mishandle_stl::{Clock, Formula, Monitor, Unit};
+/// use mishandle_stl::{Clock, Formula, Monitor, TimeUnit};
 ///
 /// let names = ["d".to_owned()];
 /// let formula = Formula::parse("always[0:2](d <= 0.3)").unwrap();
 /// let steps = Monitor::new(&formula, &names, Clock::steps(0.1)).unwrap();
 /// assert_eq!(steps.horizon(), Some(2));
-/// let seconds = Monitor::new(&formula, &names, Clock::rtamt(0.1, Unit::Seconds)).unwrap();
+/// let seconds = Monitor::new(&formula, &names, Clock::rtamt(0.1, TimeUnit::Seconds)).unwrap();
 /// assert_eq!(seconds.horizon(), Some(20));
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clock {
     period_secs: f64,
-    bare: Bare,
+    bare_bound: BareBound,
 }
 
-/// What a bound without a unit counts.
+/// The meaning of a bound without a unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Bare {
+enum BareBound {
     Steps,
-    Time(Unit),
+    Time(TimeUnit),
 }
 
 impl Clock {
-    /// Samples `dt` seconds apart; a bound without a unit counts control steps.
+    /// Creates a clock with a sampling period of `dt` seconds. A bound without a unit counts control steps.
     pub fn steps(dt: f64) -> Clock {
-        Clock { period_secs: dt, bare: Bare::Steps }
+        Clock { period_secs: dt, bare_bound: BareBound::Steps }
     }
 
-    /// RTAMT's reading: samples `period_secs` apart; a bound without a unit is in `unit` (RTAMT's own default is the
-    /// second, with a period of 1 s).
-    pub fn rtamt(period_secs: f64, unit: Unit) -> Clock {
-        Clock { period_secs, bare: Bare::Time(unit) }
+    /// Creates a clock with RTAMT's convention: a sampling period of `period_secs` seconds, and a bound without a unit
+    /// is in `unit`. RTAMT's defaults are a period of 1 s and seconds.
+    pub fn rtamt(period_secs: f64, unit: TimeUnit) -> Clock {
+        Clock { period_secs, bare_bound: BareBound::Time(unit) }
     }
 
-    /// The sampling period, s.
+    /// Returns the sampling period in seconds.
     pub fn period_secs(&self) -> f64 {
         self.period_secs
     }
 
-    /// The time of a sample, s.
+    /// Returns the time of a sample in seconds.
     pub(crate) fn time_secs(&self, step: usize) -> f64 {
         step as f64 * self.period_secs
     }
 
-    /// Accepts a positive, finite period only.
+    /// Checks that the period is positive and finite.
     pub(crate) fn check(&self) -> Result<(), MonitorError> {
         if self.period_secs > 0.0 && self.period_secs.is_finite() {
             Ok(())
         } else {
-            Err(MonitorError::BadPeriod { period_secs: self.period_secs })
+            Err(MonitorError::InvalidPeriod { period_secs: self.period_secs })
         }
     }
 
-    /// The interval of `operator` in samples.
+    /// Converts the interval of `operator` to samples.
     pub(crate) fn window(&self, operator: &str, interval: Option<Interval>) -> Result<Window, MonitorError> {
         let Some(interval) = interval else { return Ok(Window::UNBOUNDED) };
         let samples = |bound: Bound| {
             self.samples(bound).map_err(|samples| {
                 let (operator, bound) = (operator.to_owned(), self.describe(bound));
-                if samples > LATEST {
-                    return MonitorError::TooLate { operator, bound, samples };
+                if samples > MAX_BOUND {
+                    return MonitorError::BoundTooLarge { operator, bound, samples };
                 }
                 MonitorError::NotAMultiple { operator, bound, samples, period_secs: self.period_secs }
             })
@@ -167,29 +168,29 @@ impl Clock {
         Ok(Window { begin: samples(interval.begin)?, end: samples(interval.end)? })
     }
 
-    /// The bound in samples, or, where it falls between two or past the latest, its quotient by the period.
+    /// Converts a bound to samples. The error is the bound divided by the period: not a whole number, or too large.
     fn samples(&self, bound: Bound) -> Result<usize, f64> {
         if bound.value.is_infinite() {
             return Ok(usize::MAX);
         }
-        let unit = bound.unit.or(match self.bare {
-            Bare::Steps => None,
-            Bare::Time(unit) => Some(unit),
+        let unit = bound.unit.or(match self.bare_bound {
+            BareBound::Steps => None,
+            BareBound::Time(unit) => Some(unit),
         });
         let samples = match unit {
             Some(unit) => bound.value / (self.period_secs * unit.per_second()),
             None => bound.value,
         };
         let whole = samples.round();
-        let on_a_sample = samples == whole || (samples - whole).abs() <= 1e-9 * whole;
-        if on_a_sample && whole <= LATEST { Ok(whole as usize) } else { Err(samples) }
+        let is_whole = samples == whole || (samples - whole).abs() <= 1e-9 * whole;
+        if is_whole && whole <= MAX_BOUND { Ok(whole as usize) } else { Err(samples) }
     }
 
-    /// The bound as written, with the unit that the clock gives it.
+    /// Returns the bound as text, with its unit.
     fn describe(&self, bound: Bound) -> String {
-        match (bound.unit, self.bare) {
-            (None, Bare::Steps) => format!("{bound} (steps)"),
-            (None, Bare::Time(unit)) => format!("{bound} {unit}"),
+        match (bound.unit, self.bare_bound) {
+            (None, BareBound::Steps) => format!("{bound} (steps)"),
+            (None, BareBound::Time(unit)) => format!("{bound} {unit}"),
             (Some(unit), _) => format!("{} {unit}", bound.value),
         }
     }
@@ -200,34 +201,34 @@ mod tests {
     use super::*;
 
     #[track_caller]
-    fn check(clock: Clock, value: f64, unit: Option<Unit>, expected: Result<usize, f64>) {
+    fn check(clock: Clock, value: f64, unit: Option<TimeUnit>, expected: Result<usize, f64>) {
         assert_eq!(clock.samples(Bound { value, unit }), expected);
     }
 
     #[test]
-    fn a_bound_is_a_whole_number_of_samples() {
+    fn a_bound_must_be_a_whole_number_of_samples() {
         let control = Clock::steps(1.0 / 60.0);
-        check(control, 5.0, Some(Unit::Seconds), Ok(300));
-        check(control, 50.0, Some(Unit::Milliseconds), Ok(3));
-        check(control, 86_400.0, Some(Unit::Seconds), Ok(5_184_000));
-        check(control, 0.01, Some(Unit::Seconds), Err(0.6));
+        check(control, 5.0, Some(TimeUnit::Seconds), Ok(300));
+        check(control, 50.0, Some(TimeUnit::Milliseconds), Ok(3));
+        check(control, 86_400.0, Some(TimeUnit::Seconds), Ok(5_184_000));
+        check(control, 0.01, Some(TimeUnit::Seconds), Err(0.6));
         check(control, 7.0, None, Ok(7));
         check(control, 0.5, None, Err(0.5));
         check(control, f64::INFINITY, None, Ok(usize::MAX));
-        check(Clock::rtamt(0.1, Unit::Seconds), 0.3, None, Ok(3));
-        check(Clock::rtamt(0.1, Unit::Milliseconds), 300.0, None, Ok(3));
-        check(control, LATEST, None, Ok(1 << 43));
-        check(control, LATEST + 1.0, None, Err(LATEST + 1.0));
-        check(Clock::rtamt(1.0, Unit::Seconds), 1e300, None, Err(1e300));
-        check(Clock::steps(1e-9), 1e300, Some(Unit::Seconds), Err(f64::INFINITY));
+        check(Clock::rtamt(0.1, TimeUnit::Seconds), 0.3, None, Ok(3));
+        check(Clock::rtamt(0.1, TimeUnit::Milliseconds), 300.0, None, Ok(3));
+        check(control, MAX_BOUND, None, Ok(1 << 43));
+        check(control, MAX_BOUND + 1.0, None, Err(MAX_BOUND + 1.0));
+        check(Clock::rtamt(1.0, TimeUnit::Seconds), 1e300, None, Err(1e300));
+        check(Clock::steps(1e-9), 1e300, Some(TimeUnit::Seconds), Err(f64::INFINITY));
     }
 
     #[test]
-    fn intervals_of_mixed_units_are_compared_in_time() {
+    fn bounds_with_different_units_are_compared_as_durations() {
         let bound = |value, unit| Bound { value, unit: Some(unit) };
         let reversed = |begin, end| Interval { begin, end }.is_reversed();
-        assert!(!reversed(bound(500.0, Unit::Milliseconds), bound(1.0, Unit::Seconds)));
-        assert!(!reversed(bound(1000.0, Unit::Milliseconds), bound(1.0, Unit::Seconds)));
-        assert!(reversed(bound(2.0, Unit::Seconds), bound(5.0, Unit::Milliseconds)));
+        assert!(!reversed(bound(500.0, TimeUnit::Milliseconds), bound(1.0, TimeUnit::Seconds)));
+        assert!(!reversed(bound(1000.0, TimeUnit::Milliseconds), bound(1.0, TimeUnit::Seconds)));
+        assert!(reversed(bound(2.0, TimeUnit::Seconds), bound(5.0, TimeUnit::Milliseconds)));
     }
 }

@@ -1,11 +1,11 @@
-//! What can be wrong with a formula, and with a formula on a trace.
+//! Errors of parsing a formula and of evaluating it on a trace.
 
-/// Where something stands in the text of a formula; both numbers start at 1 and count characters.
+/// A position in the text of a formula. Line and column start at 1; columns count characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Position {
-    /// The line, 1 for a formula on one line.
+    /// The line.
     pub line: usize,
-    /// The character within its line; one past the last where the text ends too early.
+    /// The column; one past the last character if the text ends too early.
     pub column: usize,
 }
 
@@ -18,72 +18,75 @@ impl std::fmt::Display for Position {
     }
 }
 
-/// Why a text is not a formula. Every variant knows where: see [`ParseError::position`].
+/// The error of parsing a formula. [`ParseError::position`] returns where it is.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ParseError {
-    /// Something else stands where a certain thing had to.
+    /// An unexpected token.
     #[error("{at}: expected {expected}, found {found}{}", hint(nearest))]
     Unexpected {
-        /// Where it stands.
+        /// The position of the token.
         at: Position,
-        /// What would have been right there.
+        /// What is allowed there.
         expected: String,
-        /// What stands there, in quotes, or "the end of the formula".
+        /// The token in quotes, or "the end of the formula".
         found: String,
-        /// The operator that is written most like this word, or the one before it, where one is close.
+        /// The operator with the most similar spelling, if one is similar to this word or to the one before it.
         nearest: Option<&'static str>,
     },
-    /// A number that is not written as one, or that no `f64` can hold.
+    /// A malformed number, or one outside the range of `f64`.
     #[error("{at}: expected {expected}, found the number `{text}`")]
     BadNumber {
-        /// Where the number begins.
+        /// The position of the number.
         at: Position,
         /// The number as written.
         text: String,
-        /// What would have been right there.
+        /// What is allowed there.
         expected: String,
     },
-    /// An interval whose begin lies after its end.
-    #[error("{at}: expected an interval whose begin is at most its end, found [{begin}:{end}]")]
+    /// An interval whose begin is later than its end.
+    #[error("{at}: expected an interval [begin:end] with begin <= end, found [{begin}:{end}]")]
     BeginAfterEnd {
-        /// Where the interval's `[` stands.
+        /// The position of the interval's `[`.
         at: Position,
         /// The begin as written.
         begin: String,
         /// The end as written.
         end: String,
     },
-    /// A name that is defined twice.
+    /// A name defined twice.
     #[error("{at}: `{name}` is already defined; expected a new name")]
     DefinedTwice {
-        /// Where the second definition stands.
+        /// The position of the second definition.
         at: Position,
         /// The name.
         name: String,
     },
-    /// A last statement that gives a name to a number, where a formula has to stand.
-    #[error("{at}: `{name} = ...` names a number and measures nothing; did you mean `==`?")]
+    /// A number as last statement, which must be a formula.
+    #[error(
+        "{at}: `{name} = ...` defines a number, but the last statement must be a formula; did you mean `==`?"
+    )]
     NamesNumber {
-        /// Where the name stands.
+        /// The position of the name.
         at: Position,
         /// The name.
         name: String,
     },
-    /// More operands wait for their operators than a monitor has buffers for.
-    #[error("{at}: expected at most {limit} operands waiting for their operators; the formula nests deeper")]
+    /// The formula is nested too deeply: it needs more buffers than a monitor may have.
+    #[error("{at}: the formula is nested too deeply; at most {limit} operands may be pending at once")]
     TooDeep {
-        /// Where the limit is passed.
+        /// The position where the limit is exceeded.
         at: Position,
         /// The limit.
         limit: usize,
     },
-    /// More operators and operands than a formula may have, sub-formulas written out.
+    /// The formula has too many operators and operands, counted after named sub-formulas are expanded.
     #[error(
-        "{at}: expected at most {limit} operators and operands; the formula, its named parts written out, has more"
+        "{at}: the formula is too long; at most {limit} operators and operands are allowed after named sub-formulas are \
+         expanded"
     )]
     TooLong {
-        /// Where the limit is passed.
+        /// The position where the limit is exceeded.
         at: Position,
         /// The limit.
         limit: usize,
@@ -91,7 +94,7 @@ pub enum ParseError {
 }
 
 impl ParseError {
-    /// Where in the text the formula goes wrong.
+    /// Returns the position of the error in the text.
     pub fn position(&self) -> Position {
         match self {
             ParseError::Unexpected { at, .. }
@@ -104,101 +107,97 @@ impl ParseError {
         }
     }
 
-    /// The column of [`ParseError::position`].
+    /// Returns the column of [`ParseError::position`].
     pub fn column(&self) -> usize {
         self.position().column
     }
 }
 
-/// Why a formula has no robustness: it does not fit the signals or the clock, or the trace holds what no formula can
-/// be measured on.
+/// The error of compiling a formula for a set of signals, or of evaluating it on a trace.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MonitorError {
-    /// The formula names a signal that the trace lacks.
-    #[error("signal `{wanted}` is not in the trace, which holds: {}", list(known))]
+    /// The trace has no signal of this name.
+    #[error("signal `{signal}` is not in the trace; known signals: {}", list(known))]
     UnknownSignal {
         /// The name in the formula.
-        wanted: String,
-        /// The names in the trace, in its order.
+        signal: String,
+        /// The names of the trace's signals, in order.
         known: Vec<String>,
-        /// The name in the trace that is written most alike, where one is close: a hint to show.
+        /// The known signal with the most similar spelling, if one is similar.
         nearest: Option<String>,
     },
-    /// A definition of the formula bears the name of a signal, which it would hide.
+    /// A definition in the formula has the name of a signal and would shadow it.
     #[error(
-        "`{name} = ...` defines a name that is a signal of the trace; did you mean `==`? If not, the definition needs \
-         another name"
+        "`{name} = ...` defines a name that is already a signal of the trace; did you mean `==`? If not, rename the \
+         definition"
     )]
-    HidesSignal {
+    ShadowsSignal {
         /// The name.
         name: String,
     },
-    /// A clock whose period is not a length of time.
-    #[error("the sampling period must be positive and finite, in seconds; it is {period_secs}")]
-    BadPeriod {
-        /// The period asked for, s.
+    /// A sampling period that is not positive and finite.
+    #[error("the sampling period is {period_secs} s; it must be positive and finite")]
+    InvalidPeriod {
+        /// The sampling period, s.
         period_secs: f64,
     },
-    /// An interval bound that falls between two samples.
+    /// An interval bound that is not a multiple of the sampling period.
     #[error(
-        "bound {bound} of `{operator}` must be a whole number of steps of {period_secs} s; it is {samples} of them"
+        "bound {bound} of `{operator}` is {samples} steps of {period_secs} s; it must be a whole number of steps"
     )]
     NotAMultiple {
-        /// The operator whose interval it is.
+        /// The operator that has the interval.
         operator: String,
-        /// The bound as written.
+        /// The bound with its unit.
         bound: String,
         /// The bound divided by the period.
         samples: f64,
         /// The sampling period, s.
         period_secs: f64,
     },
-    /// An interval bound past the end of any trace, so that horizons could not be added up.
+    /// An interval bound so large that the sum of bounds could overflow.
     #[error(
-        "bound {bound} of `{operator}` is {samples:e} samples, more than any trace has; write `inf` for a window \
-         without an end"
+        "bound {bound} of `{operator}` is {samples:e} samples, more than any trace has; write `inf` for an unbounded \
+     interval"
     )]
-    TooLate {
-        /// The operator whose interval it is.
+    BoundTooLarge {
+        /// The operator that has the interval.
         operator: String,
-        /// The bound as written.
+        /// The bound with its unit.
         bound: String,
         /// The bound divided by the period.
         samples: f64,
     },
-    /// A trace without samples has no time 0.
-    #[error("the trace is empty; robustness needs at least one sample")]
+    /// The trace has no samples.
+    #[error("the trace is empty; it must have at least one sample")]
     EmptyTrace,
-    /// A trace whose signals are not those that the monitor was made for.
-    #[error(
-        "the monitor was made for `{wanted}` as signal {index} of the trace, which holds: {}",
-        list(found)
-    )]
-    OtherSignals {
-        /// The name that the monitor was made for.
-        wanted: String,
-        /// Its place among the signals, from 0.
+    /// The trace's signals differ from those that the monitor was compiled for.
+    #[error("expected `{expected}` as signal {index} of the trace, found the signals: {}", list(found))]
+    SignalMismatch {
+        /// The name that the monitor was compiled for.
+        expected: String,
+        /// The index of the signal, from 0.
         index: usize,
-        /// The names in this trace.
+        /// The names of the trace's signals.
         found: Vec<String>,
     },
-    /// A sample that is NaN or infinite, in a signal of the formula.
+    /// A sample is NaN or infinite, in a signal that the formula reads.
     #[error("signal `{signal}` is {value} at step {step} (t = {time_secs} s); every sample must be finite")]
     NotFinite {
         /// The signal.
         signal: String,
-        /// The value: NaN or an infinity.
+        /// The value: NaN or ±∞.
         value: f64,
         /// The sample, from 0.
         step: usize,
         /// Its time, s.
         time_secs: f64,
     },
-    /// Arithmetic without a value: a division by zero, the root of a negative number, an overflow.
+    /// Arithmetic without a finite value: a division by zero, the square root of a negative number, an overflow.
     #[error("`{operation}` has no finite value at step {step} (t = {time_secs} s)")]
     Undefined {
-        /// The operation with the values it was applied to.
+        /// The operation with the values of its operands.
         operation: String,
         /// The sample, from 0.
         step: usize,
@@ -208,7 +207,7 @@ pub enum MonitorError {
 }
 
 impl MonitorError {
-    /// What may have been meant, if something can be said.
+    /// Returns a suggestion for the user, if there is one.
     pub fn hint(&self) -> Option<String> {
         match self {
             MonitorError::UnknownSignal { nearest: Some(name), .. } => {

@@ -1,76 +1,80 @@
-//! Minima and maxima over windows that slide along a signal, in time linear in its length whatever the window.
+//! Sliding-window minimum and maximum, in time linear in the length of the signal for every window length.
+//!
+//! # Reference
+//! Van Herk, "A fast algorithm for local minimum and maximum filters on rectangular and octagonal kernels", Pattern
+//! Recognition Letters 13, 1992: the block scans for long windows.
 
 use crate::clock::Window;
 
-/// Minimum or maximum: which of two values wins, and the value that every other wins against.
+/// Minimum or maximum: a binary operation with its neutral element.
 pub(crate) trait Extremum {
-    /// The extremum of no value at all.
+    /// The extremum of an empty set.
     const NEUTRAL: f64;
-    /// The other one.
+    /// Maximum for minimum and vice versa.
     type Dual: Extremum;
-    /// The extremum of two values, neither of them NaN.
+    /// Returns the extremum of two values, neither of which may be NaN.
     fn pick(a: f64, b: f64) -> f64;
 }
 
 /// The minimum.
-pub(crate) struct Least;
+pub(crate) struct Minimum;
 
 /// The maximum.
-pub(crate) struct Greatest;
+pub(crate) struct Maximum;
 
-impl Extremum for Least {
+impl Extremum for Minimum {
     const NEUTRAL: f64 = f64::INFINITY;
-    type Dual = Greatest;
+    type Dual = Maximum;
     #[inline(always)]
     fn pick(a: f64, b: f64) -> f64 {
         if a < b { a } else { b }
     }
 }
 
-impl Extremum for Greatest {
+impl Extremum for Maximum {
     const NEUTRAL: f64 = f64::NEG_INFINITY;
-    type Dual = Least;
+    type Dual = Minimum;
     #[inline(always)]
     fn pick(a: f64, b: f64) -> f64 {
         if a > b { a } else { b }
     }
 }
 
-/// Windows up to this long are built by doubling, longer ones by scanning blocks. Measured, scanning takes 2.7 times as
-/// long for windows of 5 samples, and as long for windows of 31.
+/// Windows up to this length are computed by doubling, longer ones by block scans. Measured: for windows of 5 samples
+/// block scans take 2.7 times as long, for windows of 31 samples the same time.
 const SHORT: usize = 16;
 
-/// Outputs per tile of the doubling, so that its passes stay in the first-level cache.
+/// Outputs per tile of the doubling, so that its passes stay in the L1 cache.
 const TILE: usize = 1024;
 
-/// The scratch, in values, that the functions of this module need for signals of `n` samples.
+/// Returns the number of scratch values that the functions of this module need for signals of `n` samples.
 pub(crate) fn scratch_len(n: usize) -> usize {
     2 * n.max(TILE + SHORT)
 }
 
-/// `out[t]` is the extremum of `x` over `[t + begin, t + end]`, cut at the end of the signal.
+/// Sets `out[t]` to the extremum of `x` over `[t + begin, t + end]`, truncated at the end of the signal.
 pub(crate) fn ahead<E: Extremum>(x: &[f64], window: Window, out: &mut [f64], scratch: &mut [f64]) {
-    let left = x.len() - window.begin.min(x.len());
-    let (out, beyond) = out.split_at_mut(left);
+    let available = x.len() - window.begin.min(x.len());
+    let (out, beyond) = out.split_at_mut(available);
     beyond.fill(E::NEUTRAL);
-    let x = &x[x.len() - left..];
+    let x = &x[x.len() - available..];
     let length = (window.end - window.begin).saturating_add(1);
-    if length >= left {
+    if length >= available {
         return scan_back::<E>(x, out);
     }
-    let (whole, cut) = out.split_at_mut(left + 1 - length);
+    let (whole, cut) = out.split_at_mut(available + 1 - length);
     slide::<E>(x, length, whole, scratch);
-    scan_back::<E>(&x[left + 1 - length..], cut);
+    scan_back::<E>(&x[available + 1 - length..], cut);
 }
 
-/// `out[t]` is the extremum of `x` over `[t - end, t - begin]`, cut at the begin of the signal.
+/// Sets `out[t]` to the extremum of `x` over `[t - end, t - begin]`, truncated at the beginning of the signal.
 pub(crate) fn behind<E: Extremum>(x: &[f64], window: Window, out: &mut [f64], scratch: &mut [f64]) {
-    let left = x.len() - window.begin.min(x.len());
-    let (beyond, out) = out.split_at_mut(x.len() - left);
+    let available = x.len() - window.begin.min(x.len());
+    let (beyond, out) = out.split_at_mut(x.len() - available);
     beyond.fill(E::NEUTRAL);
-    let x = &x[..left];
+    let x = &x[..available];
     let length = (window.end - window.begin).saturating_add(1);
-    if length >= left {
+    if length >= available {
         return scan_forward::<E>(x, out);
     }
     let (cut, whole) = out.split_at_mut(length - 1);
@@ -78,7 +82,7 @@ pub(crate) fn behind<E: Extremum>(x: &[f64], window: Window, out: &mut [f64], sc
     slide::<E>(x, length, whole, scratch);
 }
 
-/// `out[i]` is the extremum of `x[i..i + length]`; `out` holds as many values as there are such windows.
+/// Sets `out[i]` to the extremum of `x[i..i + length]`; `out` has one value for each such window.
 fn slide<E: Extremum>(x: &[f64], length: usize, out: &mut [f64], scratch: &mut [f64]) {
     if length == 1 {
         out.copy_from_slice(x);
@@ -92,8 +96,8 @@ fn slide<E: Extremum>(x: &[f64], length: usize, out: &mut [f64], scratch: &mut [
     }
 }
 
-/// [`slide`] for short windows: windows of 2, 4, 8, … samples, each from two of half the length, and at last two that
-/// overlap to the length asked for. Each pass is one vectorised sweep; there are at most log2([`SHORT`]) of them.
+/// [`slide`] for short windows: computes windows of 2, 4, 8, … samples from pairs of half the length, then merges two
+/// overlapping windows to the requested length. Each pass is vectorized; there are at most log2([`SHORT`]) passes.
 fn double<E: Extremum>(x: &[f64], length: usize, out: &mut [f64], scratch: &mut [f64]) {
     let (mut from, mut to) = scratch.split_at_mut(TILE + SHORT);
     let mut span = 1;
@@ -117,9 +121,8 @@ fn merge<E: Extremum>(a: &[f64], b: &[f64], out: &mut [f64]) {
     }
 }
 
-/// [`slide`] for long windows. Cut the signal into blocks as long as the window; a window then lies in one block or
-/// reaches from the end of one into the begin of the next, so it is the extremum of a suffix of the one and a prefix
-/// of the other, and one scan in either direction gives all of these.
+/// [`slide`] for long windows (van Herk). The signal is split into blocks of the window's length. A window then
+/// consists of a suffix of one block and a prefix of the next, so one scan in each direction computes all extrema.
 fn scan_blocks<E: Extremum>(x: &[f64], length: usize, out: &mut [f64], scratch: &mut [f64]) {
     let (suffix, scratch) = scratch.split_at_mut(length);
     for (block, out) in out.chunks_mut(length).enumerate() {
@@ -134,7 +137,7 @@ fn scan_blocks<E: Extremum>(x: &[f64], length: usize, out: &mut [f64], scratch: 
     }
 }
 
-/// `out[t]` is the extremum of `x[t..]`.
+/// Sets `out[t]` to the extremum of `x[t..]`.
 fn scan_back<E: Extremum>(x: &[f64], out: &mut [f64]) {
     let mut best = E::NEUTRAL;
     for (out, x) in out.iter_mut().zip(x).rev() {
@@ -143,7 +146,7 @@ fn scan_back<E: Extremum>(x: &[f64], out: &mut [f64]) {
     }
 }
 
-/// `out[t]` is the extremum of `x[..=t]`.
+/// Sets `out[t]` to the extremum of `x[..=t]`.
 fn scan_forward<E: Extremum>(x: &[f64], out: &mut [f64]) {
     let mut best = E::NEUTRAL;
     for (out, x) in out.iter_mut().zip(x) {

@@ -1,4 +1,4 @@
-//! A formula: its operators and operands in postfix order, and the text that it prints as.
+//! Formulas: operators and operands in postfix order, and their text.
 
 use crate::clock::Interval;
 use crate::error::ParseError;
@@ -10,17 +10,17 @@ use std::str::FromStr;
 /// An operand, or an operator that applies to the values before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Node {
-    /// A number; `true` is +∞ and `false` −∞.
+    /// A number; `true` is +∞, `false` is −∞.
     Constant(f64),
-    /// A signal, by its place among the formula's signals.
+    /// A signal, by its index among the formula's signals.
     Signal(u32),
     Apply(Operator, Option<Interval>),
 }
 
-/// A temporal-logic formula, read from RTAMT's syntax.
+/// A formula of signal temporal logic, in RTAMT's syntax.
 ///
 /// # Syntax
-/// Operators from the tightest to the loosest; those between two operands group to the left:
+/// Operators in order of decreasing precedence; infix operators are left-associative:
 ///
 /// | operator | written |
 /// |---|---|
@@ -31,31 +31,33 @@ pub(crate) enum Node {
 /// | negation | `not` `!` |
 /// | future | `always` `G`, `eventually` `F`, `next` `X`, `s_next` `sX` |
 /// | past | `historically` `H`, `once` `O`, `prev` `Y`, `s_prev` `sY` |
-/// | two operands | `until` `U` and `release` `R`, then `unless` `W`, then `since` `S` |
+/// | binary temporal | `until` `U` and `release` `R`, then `unless` `W`, then `since` `S` |
 /// | logic | `and` `&`, then `or` `\|`, then `implies` `->`, then `iff` `<->`, then `xor` |
 ///
-/// `always`, `eventually`, `historically`, `once`, `until`, `release`, `unless` and `since` take an interval, `[a:b]` or
-/// `[a,b]`: bounds are numbers with or without a unit (`s`, `ms`, `us`, `ns`), or constants; the end may be `inf`. A begin
-/// without a unit before an end with one takes that unit. What a bare bound means is the [`Clock`](crate::Clock)'s
-/// business.
+/// `always`, `eventually`, `historically`, `once`, `until`, `release`, `unless` and `since` take an interval, `[a:b]`
+/// or `[a,b]`. Bounds are numbers with an optional unit (`s`, `ms`, `us`, `ns`), or constants; the end may be `inf`.
+/// If only the end has a unit, the begin has the same unit. The [`Clock`](crate::Clock) defines the meaning of bounds
+/// without a unit.
 ///
-/// Numbers may have exponents and underscores. `true` is +∞ and `false` −∞. Comments are `// …` and `/* … */`. A text
-/// may declare (`input float d`), define constants (`const float limit = 0.3`) and name sub-formulas
-/// (`near = d <= limit`) before the last formula, which is the one that counts and may have a name, too (`out = d <= 1`);
-/// semicolons between them are optional. A definition that bears the name of a signal of the trace is refused by the
-/// [`Monitor`](crate::Monitor): most often `=` was typed for `==`. So is a last statement that names a number.
+/// Numbers may have exponents and underscores. `true` is +∞ and `false` is −∞. Comments are `// …` and `/* … */`. A
+/// text may declare signals (`input float d`), define constants (`const float limit = 0.3`) and name sub-formulas
+/// (`near = d <= limit`). The last statement is the formula; it may have a name, too (`out = d <= 1`). Semicolons
+/// between statements are optional. The [`Monitor`](crate::Monitor) rejects a definition with the name of a signal of
+/// the trace, since `=` is often a typo for `==`. For the same reason the last statement may not be a number with a
+/// name.
 ///
-/// **Comparisons are not chained**: as in RTAMT, `0.2 <= v <= 0.3` is `(0.2 <= v) <= 0.3`, which bounds `v - 0.2`. Write
-/// `0.2 <= v and v <= 0.3`. [`Formula::chains_comparisons`] finds it.
+/// **Comparisons are not chained**: as in RTAMT, `0.2 <= v <= 0.3` is `(0.2 <= v) <= 0.3`, which bounds `v - 0.2`.
+/// Write `0.2 <= v and v <= 0.3`. [`Formula::chains_comparisons`] detects such formulas.
 ///
-/// # Where the reading is not RTAMT's
-/// RTAMT 0.4.10 lets `+` bind tighter than `-` and `*` tighter than `/`: **it reads `a - b + c` as `a - (b + c)`** and
-/// `a / b * c` as `a / (b * c)`. Here they are `(a - b) + c` and `(a / b) * c`, as in arithmetic. A formula prints with
-/// these parentheses, so that both read what it prints alike. All other operators bind as they do there.
+/// # Differences from RTAMT
+/// In RTAMT 0.4.10 `+` binds tighter than `-` and `*` tighter than `/`: **it parses `a - b + c` as `a - (b + c)`** and
+/// `a / b * c` as `a / (b * c)`. Here they are `(a - b) + c` and `(a / b) * c`, as in arithmetic. A formula is printed
+/// with these parentheses, so that both parsers agree on the printed text. All other operators have RTAMT's precedence.
 ///
-/// What RTAMT refuses or misreads besides is read the usual way: `!=`, `-x`, `a - 1` (refused there at first), `x/y` (one
-/// name there), `ln`, `release`, `true`, `unless` without an interval, trailing semicolons, constants as bounds. Refused
-/// here: annotations (`@topic`) and imports, which belong to ROS; and a begin with a unit before an end without one.
+/// Further text that RTAMT rejects or misparses has its usual meaning here: `!=`, `-x`, `a - 1` (which RTAMT rejects at
+/// first), `x/y` (which RTAMT parses as one name), `ln`, `release`, `true`, `unless` without an interval, trailing
+/// semicolons, constants as bounds. Two things are rejected here only: annotations (`@topic`) and imports, which belong
+/// to ROS, and an interval whose begin has a unit and whose end has none.
 ///
 /// # Example
 /// ```
@@ -73,14 +75,14 @@ pub(crate) enum Node {
 /// # Reference
 /// Nickovic and Yamaguchi, "RTAMT: Online Robustness Monitors from STL", ATVA 2020.
 ///
-/// Two formulas are equal if they mean the same tree; what their texts define on the way to it does not count.
+/// Two formulas are equal if their syntax trees are equal, whatever constants and sub-formulas their texts define.
 #[derive(Clone, Debug)]
 pub struct Formula {
     /// Distinct, in the order of their first appearance.
     pub(crate) signals: Vec<String>,
-    /// In postfix order, so that no depth of nesting can exhaust the call stack.
+    /// In postfix order, so that deep nesting cannot overflow the call stack.
     pub(crate) nodes: Vec<Node>,
-    /// The names that the text defines, used or not.
+    /// All names that the text defines, whether used or not.
     pub(crate) defined: Vec<String>,
 }
 
@@ -91,27 +93,27 @@ impl PartialEq for Formula {
 }
 
 impl Formula {
-    /// Reads a formula.
+    /// Parses a formula.
     ///
     /// # Errors
-    /// Where the text is not a formula: the place, what was expected there and what was found.
+    /// [`ParseError`] with the position, what is allowed there and what was found.
     pub fn parse(text: &str) -> Result<Formula, ParseError> {
         parser::parse(text)
     }
 
-    /// The names of the signals in the formula, distinct, in the order of their first appearance.
+    /// Returns the distinct names of the signals in the formula, in the order of first appearance.
     pub fn signals(&self) -> Vec<&str> {
         self.signals.iter().map(String::as_str).collect()
     }
 
-    /// Whether the value at a sample depends on that sample alone: no temporal operator, no `next`, `prev`, `rise` or
-    /// `fall`.
+    /// Returns whether the value at a sample depends on that sample only: the formula has no temporal operator and no
+    /// `next`, `prev`, `rise` or `fall`.
     pub fn is_state_predicate(&self) -> bool {
         !self.nodes.iter().any(|node| matches!(node, Node::Apply(operator, _) if operator.is_temporal()))
     }
 
-    /// Whether the outcome of a comparison is compared again, as in `0.2 <= v <= 0.3`: that is `(0.2 <= v) <= 0.3`, a
-    /// bound on `v - 0.2`, and hardly ever what was meant.
+    /// Returns whether the result of a comparison is compared again, as in `0.2 <= v <= 0.3`. This is
+    /// `(0.2 <= v) <= 0.3`, a bound on `v - 0.2`, which is rarely intended.
     pub fn chains_comparisons(&self) -> bool {
         let starts = self.starts();
         let compares =
@@ -119,7 +121,7 @@ impl Formula {
         (0..self.nodes.len()).any(|node| compares(node) && compares(starts[node - 1] - 1))
     }
 
-    /// For each node the index where its operands begin.
+    /// Returns for each node the index of the first node of its operands.
     pub(crate) fn starts(&self) -> Vec<usize> {
         let mut operands = Vec::new();
         let mut starts = Vec::with_capacity(self.nodes.len());
@@ -143,7 +145,7 @@ impl FromStr for Formula {
     }
 }
 
-/// What is still to be printed.
+/// A piece of output that is not printed yet.
 enum Piece {
     Node(usize),
     InParentheses(usize),
@@ -157,16 +159,16 @@ impl fmt::Display for Formula {
     }
 }
 
-/// How an operator is written.
+/// A function from operators to their spelling.
 pub(crate) type Spelling = fn(Operator) -> &'static str;
 
 impl Formula {
-    /// Writes the formula with operators spelled in this way.
+    /// Writes the formula with this spelling of operators.
     pub(crate) fn write(&self, f: &mut fmt::Formatter<'_>, spelling: Spelling) -> fmt::Result {
         self.write_node(f, spelling, self.nodes.len() - 1, &self.starts())
     }
 
-    /// Writes the sub-formula that ends in this node.
+    /// Writes the sub-formula whose last node is `node`.
     pub(crate) fn write_node(
         &self,
         f: &mut fmt::Formatter<'_>,
@@ -187,7 +189,7 @@ impl Formula {
                     Node::Constant(value) => write_number(f, value)?,
                     Node::Signal(signal) => f.write_str(&self.signals[signal as usize])?,
                     Node::Apply(operator, interval) => {
-                        self.unfold(operator, spelling(operator), interval, index, starts, &mut pieces);
+                        self.push_pieces(operator, spelling(operator), interval, index, starts, &mut pieces);
                     }
                 },
             }
@@ -195,8 +197,8 @@ impl Formula {
         Ok(())
     }
 
-    /// Pushes the pieces of an operator and its operands, the last piece first.
-    fn unfold(
+    /// Pushes the pieces of an operator and its operands in reverse order.
+    fn push_pieces(
         &self,
         operator: Operator,
         name: &'static str,
@@ -237,26 +239,25 @@ impl Formula {
         }
     }
 
-    /// An operand of `parent`, in parentheses where it would otherwise be read differently. An operator before its
-    /// operand reaches as far right as it can, so it stays outside tighter ones; and what stands between two operands
-    /// is set off behind such an operator for the reader's sake.
+    /// Returns an operand of `parent`, in parentheses if the text would otherwise parse differently. An infix operand
+    /// of a prefix operator always gets parentheses, for readability.
     fn operand(&self, parent: Operator, index: usize, is_left: bool) -> Piece {
         use Operator::{Add, Divide, Multiply, Subtract};
         let Node::Apply(child, _) = self.nodes[index] else { return Piece::Node(index) };
-        let set_off = match (parent.shape(), child.shape()) {
+        let needs_parentheses = match (parent.shape(), child.shape()) {
             (_, Shape::Call(_)) | (Shape::Call(_), _) => false,
             (Shape::Prefix, Shape::Infix) => true,
             (Shape::Prefix, Shape::Prefix) => parent == Operator::Negate && child != Operator::Negate,
-            // Not needed, but RTAMT 0.4.10 reads these the other way.
+            // Redundant here, but RTAMT 0.4.10 parses these differently.
             _ if is_left && matches!((parent, child), (Add, Subtract) | (Multiply, Divide)) => true,
-            (Shape::Infix, _) if is_left => child.power() < parent.power(),
-            (Shape::Infix, _) => child.power() <= parent.power(),
+            (Shape::Infix, _) if is_left => child.precedence() < parent.precedence(),
+            (Shape::Infix, _) => child.precedence() <= parent.precedence(),
         };
-        if set_off { Piece::InParentheses(index) } else { Piece::Node(index) }
+        if needs_parentheses { Piece::InParentheses(index) } else { Piece::Node(index) }
     }
 }
 
-/// The shortest text that reads back as the same number; infinities are the truth values.
+/// Writes the shortest text that parses to the same number; ±∞ are the truth values.
 pub(crate) fn write_number(f: &mut fmt::Formatter<'_>, value: f64) -> fmt::Result {
     match value {
         f64::INFINITY => f.write_str("true"),

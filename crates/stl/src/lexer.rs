@@ -1,8 +1,8 @@
-//! From text to tokens, each with its place.
+//! The lexer: text to tokens with positions.
 
 use crate::error::{ParseError, Position};
 
-/// What a token is; words and symbols keep their text.
+/// The kind of a token; words and symbols keep their text.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Kind<'t> {
     Number(f64),
@@ -11,7 +11,7 @@ pub(crate) enum Kind<'t> {
     End,
 }
 
-/// A token and where it begins.
+/// A token and its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Token<'t> {
     pub kind: Kind<'t>,
@@ -20,7 +20,7 @@ pub(crate) struct Token<'t> {
 }
 
 impl Token<'_> {
-    /// The token as an error message shows it.
+    /// Returns the token as error messages show it.
     pub(crate) fn found(&self) -> String {
         match self.kind {
             Kind::End => "the end of the formula".to_owned(),
@@ -33,13 +33,13 @@ impl Token<'_> {
     }
 }
 
-/// Every symbol, a longer one before those it begins with. `=>` and `<=>` mean nothing, but are better named whole.
+/// All symbols; a symbol comes before its prefixes. `=>` and `<=>` have no meaning but appear whole in error messages.
 const SYMBOLS: [&str; 30] = [
     "!==", "<->", "<=>", "=>", "<=", ">=", "==", "!=", "->", "&&", "||", "<", ">", "=", "!", "&", "|", "+",
     "-", "*", "/", "(", ")", "[", "]", ",", ":", ";", "@", ".",
 ];
 
-/// The tokens of `text`, with an [`Kind::End`] after the last. White space and comments (`// …`, `/* … */`) part them.
+/// Splits `text` into tokens, ending with [`Kind::End`]. Whitespace and comments (`// …`, `/* … */`) separate tokens.
 pub(crate) fn tokens(text: &str) -> Result<Vec<Token<'_>>, ParseError> {
     let mut lexer = Lexer { rest: text, at: Position { line: 1, column: 1 } };
     let mut tokens = Vec::new();
@@ -59,7 +59,7 @@ struct Lexer<'t> {
 }
 
 impl<'t> Lexer<'t> {
-    /// Takes the next `bytes` bytes, which end between two characters.
+    /// Consumes the next `bytes` bytes, which must end at a character boundary.
     fn take(&mut self, bytes: usize) -> &'t str {
         let (taken, rest) = self.rest.split_at(bytes);
         for character in taken.chars() {
@@ -84,7 +84,7 @@ impl<'t> Lexer<'t> {
                 let at = self.at;
                 let inside = self.rest[2..].find("*/").ok_or_else(|| ParseError::Unexpected {
                     at,
-                    expected: "`*/` after the comment that begins here".to_owned(),
+                    expected: "`*/` to end the comment that starts here".to_owned(),
                     found: "the end of the formula".to_owned(),
                     nearest: None,
                 })?;
@@ -120,8 +120,8 @@ impl<'t> Lexer<'t> {
         })
     }
 
-    /// A number: digits with an optional fraction and exponent, or hexadecimal or binary digits after `0x` or `0b`.
-    /// Underscores may stand between digits.
+    /// Reads a number: digits with an optional fraction and exponent, or hexadecimal or binary digits after `0x` or
+    /// `0b`. Digits may be separated by underscores.
     fn number(&mut self) -> Result<Token<'t>, ParseError> {
         let at = self.at;
         let prefixed = [("0x", 16), ("0X", 16), ("0b", 2), ("0B", 2)];
@@ -153,7 +153,8 @@ impl<'t> Lexer<'t> {
     }
 }
 
-/// The length of the decimal number that `text` begins with, or of its part up to an exponent without digits.
+/// Returns the length of the decimal number at the start of `text`. The error is the length up to an exponent without
+/// digits.
 fn decimal_length(text: &str) -> Result<usize, usize> {
     let mut length = digits(text, 10);
     if text[length..].starts_with('.') {
@@ -171,7 +172,7 @@ fn decimal_length(text: &str) -> Result<usize, usize> {
     Ok(length)
 }
 
-/// The number of digits that `text` begins with, underscores between digits counted.
+/// Returns the number of digits at the start of `text`, counting underscores between digits.
 fn digits(text: &str, radix: u32) -> usize {
     if !text.starts_with(|c: char| c.is_digit(radix)) {
         return 0;
@@ -200,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn tokens_are_as_long_as_they_can_be() {
+    fn tokens_are_as_long_as_possible() {
         check("a<->b", "a <-> b");
         check("a<-1", "a < - 1");
         check("a!==b!=c", "a !== b != c");
@@ -212,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_have_the_value_they_are_written_with() {
+    fn numbers_are_parsed_to_their_value() {
         let cases =
             [("1_000", 1000.0), ("1.", 1.0), (".5", 0.5), ("1E+3", 1000.0), ("0x1F", 31.0), ("0b11", 3.0)];
         for (text, value) in cases {
@@ -223,7 +224,7 @@ mod tests {
     #[test]
     fn lines_and_columns_count_characters() {
         let tokens = tokens("größe >\n  1").unwrap();
-        let places: Vec<_> = tokens.iter().map(|token| (token.at.line, token.at.column)).collect();
-        assert_eq!(places, [(1, 1), (1, 7), (2, 3), (2, 4)]);
+        let positions: Vec<_> = tokens.iter().map(|token| (token.at.line, token.at.column)).collect();
+        assert_eq!(positions, [(1, 1), (1, 7), (2, 3), (2, 4)]);
     }
 }

@@ -1,12 +1,19 @@
-//! Traces, temporal-logic formulas and their robustness.
+//! Signal temporal logic (STL): formulas, traces and robustness.
 //!
-//! A [`Trace`] holds named signals, one value per sample. A [`Formula`] is read from text in the syntax of RTAMT. A
-//! [`Monitor`] is a formula compiled for the signals of a trace and a [`Clock`]; it measures robustness: how far a trace
-//! is from violating the formula, as a number whose sign is the verdict.
+//! STL states requirements on signals over time, for example "the distance is at most 0.12 m at every step from 50 to
+//! 300". A [`Trace`] holds named signals, one value per sample. A [`Formula`] is parsed from text in the syntax of
+//! RTAMT. A [`Monitor`] evaluates a formula on traces. It returns the robustness: a number that is positive if the
+//! trace satisfies the formula, negative if the trace violates it, and whose size is the distance to the border
+//! between the two. A [`Clock`] converts the time bounds of a formula to samples.
 //!
-//! # Where the reading is not RTAMT's
-//! RTAMT 0.4.10 reads `a - b + c` as `a - (b + c)` and `a / b * c` as `a / (b * c)`. Here `+` and `-` bind alike and group
-//! to the left, and so do `*` and `/`. [`Formula`] lists the other differences of reading, [`Monitor`] those of value.
+//! # Differences from RTAMT
+//! RTAMT 0.4.10 parses `a - b + c` as `a - (b + c)` and `a / b * c` as `a / (b * c)`. Here `+` and `-` have the same
+//! precedence and associate to the left, and so do `*` and `/`. [`Formula`] lists the other differences in parsing,
+//! [`Monitor`] the differences in values.
+//!
+//! # Reference
+//! Maler and Nickovic, "Monitoring Temporal Properties of Continuous Signals", FORMATS 2004. Donzé and Maler, "Robust
+//! Satisfaction of Temporal Logic over Real-Valued Signals", FORMATS 2010.
 //!
 //! # Example
 //! ```
@@ -39,9 +46,9 @@ mod subformula;
 mod trace;
 mod until;
 
-pub use clock::{Clock, Unit};
+pub use clock::{Clock, TimeUnit};
 pub use error::{MonitorError, ParseError, Position};
-pub use explain::Moment;
+pub use explain::EvaluationTime;
 pub use formula::Formula;
 pub use monitor::Monitor;
 pub use spelling::nearest;

@@ -1,21 +1,22 @@
-//! A monitor: a formula compiled for a set of signals and a clock, with the buffers it works in.
+//! Monitors: a formula compiled for a set of signals and a clock, with its buffers.
 
 use crate::clock::{Clock, Window};
 use crate::error::MonitorError;
-use crate::extremum::{self, Extremum, Greatest, Least};
+use crate::extremum::{self, Extremum, Maximum, Minimum};
 use crate::formula::Formula;
 use crate::operator::Operator;
 use crate::pointwise::{self, Values};
-use crate::program::{Action, Instruction, Place, Program, Source, Subformula};
+use crate::program::{Action, Instruction, Location, Program, Source, Subformula};
 use crate::subformula::SubformulaMinimum;
 use crate::trace::Trace;
 use crate::until;
 use std::sync::Arc;
 
-/// Measures how far traces are from violating a formula.
+/// Computes the robustness of traces with respect to a formula.
 ///
-/// Robustness ρ(φ, w, t) is positive where the trace w satisfies φ at sample t, negative where it violates it, and 0 at
-/// the border; its size is the distance to the border in the unit of the signals. For samples t of n:
+/// The robustness ρ(φ, w, t) is positive if the trace w satisfies φ at sample t and negative if w violates φ. Its
+/// size is the distance to the border between the two, in the unit of the signals. At the border it is 0 and decides
+/// nothing.
 ///
 /// ```text
 /// ρ(x <= y, t)         = y - x                      ρ(x >= y, t) = x - y           (the same for < and >)
@@ -30,28 +31,28 @@ use std::sync::Arc;
 /// ρ(φ since[a:b] ψ, t) = max over t′ in [t-b, t-a] of min(ρ(ψ, t′), min ρ(φ, s) over s in (t′, t])
 /// φ release[a:b] ψ     = not (not φ until[a:b] not ψ)
 /// φ unless[a:b] ψ      = always[0:b] φ or φ until[a:b] ψ
-/// ρ(next φ, t)         = ρ(φ, t+1), past the end +∞, for s_next −∞ (prev and s_prev likewise at the begin)
-/// ρ(rise(φ), t)        = min(-ρ(φ, t-1), ρ(φ, t)), φ before the begin being −∞; fall(φ) = rise(not φ)
+/// ρ(next φ, t)         = ρ(φ, t+1); past the end +∞, for s_next −∞ (prev and s_prev likewise before the start)
+/// ρ(rise(φ), t)        = min(-ρ(φ, t-1), ρ(φ, t)), with −∞ for φ before the start; fall(φ) = rise(not φ)
 /// ```
 ///
-/// Windows are cut where the trace ends; the minimum over no sample is +∞ and the maximum −∞. Without an interval,
-/// windows reach to the end (or begin) of the trace. A number or a signal alone is its own robustness. These are the
-/// values of RTAMT 0.4.10's discrete-time offline monitor for a formula that it reads as we do; see
-/// [`Formula`](Formula#where-the-reading-is-not-rtamts) for the few that it does not.
+/// Windows are truncated at the end of the trace. The minimum over an empty window is +∞, the maximum −∞. Without an
+/// interval, windows extend to the end (or start) of the trace. A number or a signal is its own robustness. The values
+/// equal those of RTAMT 0.4.10's discrete-time offline monitor for every formula that both parse alike; see
+/// [`Formula`](Formula#differences-from-rtamt) for the exceptions.
 ///
-/// # Where the values are not RTAMT's
-/// Two infinities of the same sign, which cut windows can give, differ by 0 in `-`, comparisons, `iff` and `xor`; RTAMT
-/// computes NaN, and what its `min` and `max` then give depends on the order of their operands. Arithmetic without a
-/// finite value on finite operands is an error that names the step; RTAMT ends with Python's exception, or goes on with
-/// an infinity. A trace of one sample is measured as any other. A bounded operator on a bare signal leaves the trace as
-/// it is (RTAMT appends to the caller's list).
+/// # Differences from RTAMT
+/// Truncated windows can produce two infinities of the same sign. Their difference in `-`, comparisons, `iff` and
+/// `xor` is 0; RTAMT computes NaN, and the result of its `min` and `max` then depends on the order of the operands.
+/// Arithmetic on finite operands without a finite result is an error that contains the step; RTAMT raises a Python
+/// exception or continues with an infinity. A trace of one sample is allowed. A bounded operator on a bare signal
+/// does not modify the trace; RTAMT appends to the caller's list.
 ///
 /// # Cost
-/// Time is linear in the length of the trace, whatever the intervals, and measuring allocates only to grow the buffers
-/// to the longest trace so far.
+/// Time is linear in the length of the trace for all intervals. Allocation happens only when a trace is longer than all
+/// traces before it.
 ///
 /// # Example
-/// A fingertip that has to stay within 0.12 m of its target from the second control step on:
+/// A fingertip that must stay within 0.12 m of its target from control step 1 on:
 /// ```
 /// use std::sync::Arc;
 /// use mishandle_stl::{Clock, Formula, Monitor, Trace};
@@ -76,11 +77,11 @@ use std::sync::Arc;
 pub struct Monitor {
     program: Program,
     clock: Clock,
-    /// The names of the last trace that was found to hold our signals; shared, so that a look at the address is enough.
-    checked: Option<Arc<[String]>>,
+    /// The names of the last checked trace. They are shared, so comparing the address suffices.
+    checked_names: Option<Arc<[String]>>,
     buffers: Vec<Vec<f64>>,
     scratch: Vec<f64>,
-    /// Empty until minima are asked for.
+    /// Empty until minima are requested.
     minima: Vec<SubformulaMinimum>,
 }
 
@@ -88,47 +89,45 @@ impl Monitor {
     /// Compiles `formula` for traces of the signals `names`.
     ///
     /// # Errors
-    /// A signal of the formula that is not in `names`, a period that is not positive, an interval bound that falls
-    /// between two samples.
+    /// If `names` lacks a signal of the formula or contains a name that the formula defines, the sampling period is not
+    /// positive and finite, or an interval bound is not a whole number of samples or too large.
     pub fn new(formula: &Formula, names: &[String], clock: Clock) -> Result<Monitor, MonitorError> {
         let program = Program::compile(formula, names, &clock)?;
         let buffers = vec![Vec::new(); program.buffers];
-        Ok(Monitor { program, clock, checked: None, buffers, scratch: Vec::new(), minima: Vec::new() })
+        Ok(Monitor { program, clock, checked_names: None, buffers, scratch: Vec::new(), minima: Vec::new() })
     }
 
-    /// The robustness at every sample of the trace.
+    /// Returns the robustness at every sample of the trace.
     ///
     /// # Errors
-    /// An empty trace, one of other signals, a NaN or an infinity in a signal that the formula reads, arithmetic without
-    /// a value.
+    /// If the trace is empty or has other signals, a signal of the formula is NaN or infinite, or arithmetic has no
+    /// finite value.
     pub fn robustness_signal(&mut self, trace: &Trace) -> Result<&[f64], MonitorError> {
-        self.measure(trace, trace.len())
+        self.evaluate(trace, trace.len())
     }
 
-    /// The robustness at time 0. Looks at no more samples than that takes.
+    /// Returns the robustness at time 0. Evaluates only the samples within the horizon.
     ///
     /// # Errors
-    /// As for [`Monitor::robustness_signal`], though arithmetic is not tried on samples that the value at time 0 does
-    /// not depend on.
+    /// As for [`Monitor::robustness_signal`]. Arithmetic at samples beyond the horizon is not evaluated.
     pub fn robustness(&mut self, trace: &Trace) -> Result<f64, MonitorError> {
         let needed = self.horizon().map_or(usize::MAX, |horizon| horizon.saturating_add(1));
-        let values = self.measure(trace, trace.len().min(needed))?;
-        // Measured traces hold at least one sample.
+        let values = self.evaluate(trace, trace.len().min(needed))?;
+        // `evaluate` rejects an empty trace.
         values.first().copied().ok_or(MonitorError::EmptyTrace)
     }
 
     /// Returns the least robustness of every sub-formula over the trace, with the first sample at which it is attained.
     ///
-    /// The order is that of [`Formula::subformulas`]: root first, depth first, left operand before right. The values of
-    /// a sub-formula are those of a monitor of its own.
+    /// The order is that of [`Formula::subformulas`]: root first, depth first, left operand before right. The values
+    /// of a sub-formula equal those of a separate monitor for it.
     ///
-    /// The minimum is over the samples at which the trace covers the sub-formula: all samples that its bounded windows,
-    /// `next`, `prev`, `rise` and `fall` look at are in the trace, and so is the first sample of each window without an
-    /// end. Elsewhere the value is that of a cut or empty window and says little about the system. `always[50:300] p` on
-    /// samples 0 to 300 is covered at sample 0 only, `p` at all of them.
+    /// The minimum is over the samples at which the trace covers the sub-formula: the trace contains all samples that
+    /// its bounded windows, `next`, `prev`, `rise` and `fall` read, and the first sample of each unbounded window. At
+    /// other samples a window is truncated or empty, and the value says little about the system. On samples 0 to 300,
+    /// `always[50:300] p` is covered at sample 0 only, and `p` at all samples.
     ///
-    /// The cost is that of [`Monitor::robustness_signal`] plus one pass over the samples per sub-formula. Both are paid
-    /// only here.
+    /// The cost is that of [`Monitor::robustness_signal`] plus one pass over the samples per sub-formula.
     ///
     /// # Errors
     /// As for [`Monitor::robustness_signal`].
@@ -167,39 +166,39 @@ impl Monitor {
         Ok(&self.minima)
     }
 
-    /// How many samples past t the value at t depends on: with it, a value is that of the trace and of no cut window
-    /// if `t + horizon` is a sample. `None` if the value depends on all samples to the end of the trace, whatever its
-    /// length.
+    /// Returns the number of samples after t that the value at t depends on. If `t + horizon` is a sample of the
+    /// trace, no window of the value at t is truncated at the end. `None` if the value depends on all samples up to
+    /// the end of the trace.
     pub fn horizon(&self) -> Option<usize> {
         self.program.horizon
     }
 
-    /// The robustness at the first `samples` samples, as if the trace ended there.
-    fn measure(&mut self, trace: &Trace, samples: usize) -> Result<&[f64], MonitorError> {
+    /// Computes the robustness at the first `samples` samples, as if the trace ended there.
+    fn evaluate(&mut self, trace: &Trace, samples: usize) -> Result<&[f64], MonitorError> {
         self.check(trace)?;
-        self.make_room(samples);
+        self.reserve(samples);
         for instruction in 0..self.program.instructions.len() {
             self.execute(instruction, trace, samples)?;
         }
         Ok(&self.buffers[self.program.result()][..samples])
     }
 
-    /// The same, and shows `see` every sub-formula while its values are there.
+    /// Like `evaluate`, and calls `visit` for every sub-formula while its values are in the buffers.
     fn run(
         &mut self,
         trace: &Trace,
         samples: usize,
-        mut see: impl FnMut(&Subformula, &Operands<'_>),
+        mut visit: impl FnMut(&Subformula, &Operands<'_>),
     ) -> Result<(), MonitorError> {
         self.check(trace)?;
-        self.make_room(samples);
-        let mut seen = 0;
+        self.reserve(samples);
+        let mut visited = 0;
         for done in 0..=self.program.instructions.len() {
             let operands = Operands { trace, buffers: &self.buffers, samples };
-            let ready = self.program.subformulas[seen..].iter();
+            let ready = self.program.subformulas[visited..].iter();
             for subformula in ready.take_while(|subformula| subformula.instructions == done) {
-                see(subformula, &operands);
-                seen += 1;
+                visit(subformula, &operands);
+                visited += 1;
             }
             if done < self.program.instructions.len() {
                 self.execute(done, trace, samples)?;
@@ -211,22 +210,22 @@ impl Monitor {
     /// Executes one instruction.
     fn execute(&mut self, instruction: usize, trace: &Trace, samples: usize) -> Result<(), MonitorError> {
         let Instruction { action, out } = self.program.instructions[instruction];
-        // Taken out, so that the other buffers can be read while it is written.
+        // Moved out, so that the other buffers can be read while this one is written.
         let mut values = std::mem::take(&mut self.buffers[out]);
         let operands = Operands { trace, buffers: &self.buffers, samples };
-        let result = operands.act(action, &mut values[..samples], &mut self.scratch, &self.clock);
+        let result = operands.apply(action, &mut values[..samples], &mut self.scratch, &self.clock);
         self.buffers[out] = values;
         result
     }
 
-    /// Accepts a trace of at least one sample that holds our signals, all of them finite.
+    /// Checks that the trace has at least one sample and the expected signals, and that they are finite.
     fn check(&mut self, trace: &Trace) -> Result<(), MonitorError> {
         if trace.is_empty() {
             return Err(MonitorError::EmptyTrace);
         }
-        if !self.checked.as_ref().is_some_and(|names| Arc::ptr_eq(names, trace.names())) {
+        if !self.checked_names.as_ref().is_some_and(|names| Arc::ptr_eq(names, trace.names())) {
             self.check_names(trace.names())?;
-            self.checked = Some(Arc::clone(trace.names()));
+            self.checked_names = Some(Arc::clone(trace.names()));
         }
         for (column, name) in &self.program.columns {
             let values = trace.column(*column);
@@ -244,16 +243,16 @@ impl Monitor {
     fn check_names(&self, names: &[String]) -> Result<(), MonitorError> {
         match self.program.columns.iter().find(|(column, name)| names.get(*column) != Some(name)) {
             None => Ok(()),
-            Some((index, wanted)) => Err(MonitorError::OtherSignals {
-                wanted: wanted.clone(),
+            Some((index, expected)) => Err(MonitorError::SignalMismatch {
+                expected: expected.clone(),
                 index: *index,
                 found: names.to_vec(),
             }),
         }
     }
 
-    /// Grows the buffers to hold this many samples.
-    fn make_room(&mut self, samples: usize) {
+    /// Grows the buffers to this many samples.
+    fn reserve(&mut self, samples: usize) {
         for buffer in &mut self.buffers {
             if buffer.len() < samples {
                 buffer.resize(samples, 0.0);
@@ -266,7 +265,7 @@ impl Monitor {
     }
 }
 
-/// What an instruction may read.
+/// The data that an instruction may read.
 struct Operands<'a> {
     trace: &'a Trace,
     buffers: &'a [Vec<f64>],
@@ -274,17 +273,17 @@ struct Operands<'a> {
 }
 
 impl<'a> Operands<'a> {
-    fn signal(&self, place: Place) -> &'a [f64] {
-        match place {
-            Place::Column(column) => &self.trace.column(column)[..self.samples],
-            Place::Buffer(buffer) => &self.buffers[buffer][..self.samples],
+    fn signal(&self, location: Location) -> &'a [f64] {
+        match location {
+            Location::Column(column) => &self.trace.column(column)[..self.samples],
+            Location::Buffer(buffer) => &self.buffers[buffer][..self.samples],
         }
     }
 
     fn values(&self, source: Source) -> Values<'a> {
         match source {
             Source::Constant(value) => Values::Constant(value),
-            Source::Place(place) => Values::Signal(self.signal(place)),
+            Source::Location(location) => Values::Signal(self.signal(location)),
         }
     }
 
@@ -297,7 +296,7 @@ impl<'a> Operands<'a> {
         }
     }
 
-    fn act(
+    fn apply(
         &self,
         action: Action,
         out: &mut [f64],
@@ -306,7 +305,7 @@ impl<'a> Operands<'a> {
     ) -> Result<(), MonitorError> {
         match action {
             Action::Load(Source::Constant(value)) => out.fill(value),
-            Action::Load(Source::Place(place)) => out.copy_from_slice(self.signal(place)),
+            Action::Load(Source::Location(location)) => out.copy_from_slice(self.signal(location)),
             Action::Map(operator, x) => {
                 let x = self.values(x);
                 pointwise::map(operator, x, out);
@@ -317,67 +316,76 @@ impl<'a> Operands<'a> {
                 pointwise::zip(operator, x, y, out);
                 check_arithmetic(operator, &[x, y], out, clock)?;
             }
-            Action::Along(operator, window, x) => along(operator, window, self.signal(x), out, scratch),
-            Action::Between(operator, window, x, y) => {
-                between(operator, window, self.signal(x), self.signal(y), out, scratch);
+            Action::TemporalUnary(operator, window, x) => {
+                temporal_unary(operator, window, self.signal(x), out, scratch);
+            }
+            Action::TemporalBinary(operator, window, x, y) => {
+                temporal_binary(operator, window, self.signal(x), self.signal(y), out, scratch);
             }
         }
         Ok(())
     }
 }
 
-/// Temporal operators of one operand.
-fn along(operator: Operator, window: Window, x: &[f64], out: &mut [f64], scratch: &mut [f64]) {
+/// Applies a unary temporal operator.
+fn temporal_unary(operator: Operator, window: Window, x: &[f64], out: &mut [f64], scratch: &mut [f64]) {
     match operator {
-        Operator::Always => extremum::ahead::<Least>(x, window, out, scratch),
-        Operator::Eventually => extremum::ahead::<Greatest>(x, window, out, scratch),
-        Operator::Historically => extremum::behind::<Least>(x, window, out, scratch),
-        Operator::Once => extremum::behind::<Greatest>(x, window, out, scratch),
+        Operator::Always => extremum::ahead::<Minimum>(x, window, out, scratch),
+        Operator::Eventually => extremum::ahead::<Maximum>(x, window, out, scratch),
+        Operator::Historically => extremum::behind::<Minimum>(x, window, out, scratch),
+        Operator::Once => extremum::behind::<Maximum>(x, window, out, scratch),
         Operator::Next => next(x, f64::INFINITY, out),
         Operator::StrongNext => next(x, f64::NEG_INFINITY, out),
         Operator::Previous => previous(x, f64::INFINITY, out),
         Operator::StrongPrevious => previous(x, f64::NEG_INFINITY, out),
-        Operator::Rise => edge(x, out, |before, now| Least::pick(-before, now), f64::NEG_INFINITY),
-        Operator::Fall => edge(x, out, |before, now| Least::pick(before, -now), f64::INFINITY),
+        Operator::Rise => edge(x, out, |before, now| Minimum::pick(-before, now), f64::NEG_INFINITY),
+        Operator::Fall => edge(x, out, |before, now| Minimum::pick(before, -now), f64::INFINITY),
         _ => unreachable!("{operator:?} is compiled to another kind of instruction"),
     }
 }
 
-/// Temporal operators of two operands.
-fn between(operator: Operator, window: Window, x: &[f64], y: &[f64], out: &mut [f64], scratch: &mut [f64]) {
+/// Applies a binary temporal operator.
+fn temporal_binary(
+    operator: Operator,
+    window: Window,
+    x: &[f64],
+    y: &[f64],
+    out: &mut [f64],
+    scratch: &mut [f64],
+) {
     match operator {
-        Operator::Until => until::until::<Greatest>(x, y, window, out, scratch),
-        Operator::Release => until::until::<Least>(x, y, window, out, scratch),
-        Operator::Since => until::since::<Greatest>(x, y, window, out, scratch),
+        Operator::Until => until::until::<Maximum>(x, y, window, out, scratch),
+        Operator::Release => until::until::<Minimum>(x, y, window, out, scratch),
+        Operator::Since => until::since::<Maximum>(x, y, window, out, scratch),
         Operator::Unless => {
-            until::until::<Greatest>(x, y, window, out, scratch);
+            until::until::<Maximum>(x, y, window, out, scratch);
             let (held, scratch) = scratch.split_at_mut(x.len());
-            extremum::ahead::<Least>(x, Window { begin: 0, end: window.end }, held, scratch);
-            out.iter_mut().zip(held).for_each(|(out, held)| *out = Greatest::pick(*out, *held));
+            extremum::ahead::<Minimum>(x, Window { begin: 0, end: window.end }, held, scratch);
+            out.iter_mut().zip(held).for_each(|(out, held)| *out = Maximum::pick(*out, *held));
         }
         _ => unreachable!("{operator:?} is compiled to another kind of instruction"),
     }
 }
 
-fn next(x: &[f64], past_the_end: f64, out: &mut [f64]) {
+fn next(x: &[f64], after_end: f64, out: &mut [f64]) {
     let last = x.len() - 1;
     out[..last].copy_from_slice(&x[1..]);
-    out[last] = past_the_end;
+    out[last] = after_end;
 }
 
-fn previous(x: &[f64], before_the_begin: f64, out: &mut [f64]) {
-    out[0] = before_the_begin;
+fn previous(x: &[f64], before_start: f64, out: &mut [f64]) {
+    out[0] = before_start;
     out[1..].copy_from_slice(&x[..x.len() - 1]);
 }
 
-fn edge(x: &[f64], out: &mut [f64], value: impl Fn(f64, f64) -> f64, before_the_begin: f64) {
-    out[0] = value(before_the_begin, x[0]);
+fn edge(x: &[f64], out: &mut [f64], value: impl Fn(f64, f64) -> f64, before_start: f64) {
+    out[0] = value(before_start, x[0]);
     for (out, pair) in out[1..].iter_mut().zip(x.windows(2)) {
         *out = value(pair[0], pair[1]);
     }
 }
 
-/// Finds the first sample where arithmetic has no finite value, if its operands are finite, or no value at all.
+/// Checks that arithmetic has a value at every sample: not NaN, and finite if its operands are finite.
 fn check_arithmetic(
     operator: Operator,
     operands: &[Values<'_>],

@@ -1,4 +1,4 @@
-//! The operators of the language, one row each: how they are written, how tightly they bind, what they apply to.
+//! The table of operators: spellings, precedence and operands.
 
 /// An operator or function of the language.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,25 +41,25 @@ pub(crate) enum Operator {
     Fall,
 }
 
-/// Where an operator stands in the text.
+/// The position of an operator relative to its operands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Shape {
     /// Before its only operand.
     Prefix,
-    /// Between its two operands; all group to the left.
+    /// Between its two operands; all infix operators are left-associative.
     Infix,
     /// A name with this many operands in parentheses.
     Call(usize),
 }
 
 impl Shape {
-    /// Whether both stand in the same place; calls do whatever the number of their operands.
+    /// Returns whether both shapes are equal, ignoring the number of operands of a call.
     fn is_like(self, other: Shape) -> bool {
         std::mem::discriminant(&self) == std::mem::discriminant(&other)
     }
 }
 
-/// Whether the value at one sample depends on others, and whether the operator takes an interval.
+/// Whether the value at a sample depends on other samples, and whether the operator takes an interval.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Time {
     Pointwise,
@@ -73,11 +73,12 @@ use Time::{Pointwise, Timed, Untimed};
 
 type Row = (Operator, &'static [&'static str], Shape, u8, Time);
 
-/// Spellings (the first is the one we print), shape, binding power (larger binds tighter), relation to time.
+/// Spellings (the first is printed), shape, precedence (larger binds tighter), relation to time.
 ///
-/// The order is RTAMT 0.4.10's but for one fault: there `*` binds tighter than `/` and `+` tighter than `-`, so that it
-/// reads `a - b + c` as `a - (b + c)`. Here each pair binds alike. All infix operators group to the left, `->` too. The
-/// unary minus on anything but a number, `ln` and `release` are not in that grammar.
+/// The precedence is that of RTAMT 0.4.10 with one correction: in RTAMT `*` binds tighter than `/` and `+` tighter
+/// than `-`, so it parses `a - b + c` as `a - (b + c)`. Here both operators of each pair have the same precedence.
+/// All infix operators, including `->`, are left-associative. RTAMT's grammar has no `ln`, no `release`, and a unary
+/// minus only on numbers.
 #[rustfmt::skip]
 const TABLE: [Row; 36] = [
     (Negate,         &["-"],                       Prefix,  25, Pointwise),
@@ -119,28 +120,28 @@ const TABLE: [Row; 36] = [
 ];
 
 impl Operator {
-    /// Every operator, in the order of the table.
+    /// Returns all operators in the order of the table.
     pub(crate) fn all() -> impl Iterator<Item = Operator> {
         TABLE.iter().map(|row| row.0)
     }
 
-    /// The operator of this shape that is written `text`.
-    pub(crate) fn written(text: &str, shape: Shape) -> Option<Operator> {
+    /// Returns the operator of this shape with the spelling `text`.
+    pub(crate) fn by_spelling(text: &str, shape: Shape) -> Option<Operator> {
         TABLE.iter().find(|row| row.2.is_like(shape) && row.1.contains(&text)).map(|row| row.0)
     }
 
-    /// Every spelling of the operators of these shapes.
+    /// Returns all spellings of the operators of these shapes.
     pub(crate) fn words(shapes: &[Shape]) -> impl Iterator<Item = &'static str> {
-        let is_wanted = |row: &&Row| shapes.iter().any(|shape| row.2.is_like(*shape));
-        TABLE.iter().filter(is_wanted).flat_map(|row| row.1).copied()
+        let has_shape = |row: &&Row| shapes.iter().any(|shape| row.2.is_like(*shape));
+        TABLE.iter().filter(has_shape).flat_map(|row| row.1).copied()
     }
 
-    /// The rows stand in the order of the variants; a test holds them to it.
+    /// Returns the row of the operator. Rows are in the order of the variants, which a test checks.
     fn row(self) -> &'static Row {
         &TABLE[self as usize]
     }
 
-    /// The spelling that we print.
+    /// Returns the printed spelling.
     pub(crate) fn name(self) -> &'static str {
         self.row().1[0]
     }
@@ -153,7 +154,7 @@ impl Operator {
         self.row().2
     }
 
-    /// The number of operands.
+    /// Returns the number of operands.
     pub(crate) fn arity(self) -> usize {
         match self.shape() {
             Prefix => 1,
@@ -162,37 +163,37 @@ impl Operator {
         }
     }
 
-    /// How tightly the operator binds; larger is tighter.
-    pub(crate) fn power(self) -> u8 {
+    /// Returns the precedence; larger binds tighter.
+    pub(crate) fn precedence(self) -> u8 {
         self.row().3
     }
 
-    /// Whether the value at one sample depends on other samples.
+    /// Returns whether the value at a sample depends on other samples.
     pub(crate) fn is_temporal(self) -> bool {
         self.row().4 != Pointwise
     }
 
-    /// Whether the operator asks which of two values is the larger.
+    /// Returns whether the operator is `<=`, `>=`, `<` or `>`.
     pub(crate) fn is_order(self) -> bool {
         matches!(self, LessOrEqual | GreaterOrEqual | Less | Greater)
     }
 
-    /// Whether the operator compares two numbers.
+    /// Returns whether the operator compares two numbers.
     pub(crate) fn is_comparison(self) -> bool {
         self.is_order() || matches!(self, Equal | NotEqual)
     }
 
-    /// Whether the operator computes a number, which has no truth value.
+    /// Returns whether the result is a number without a truth value.
     pub(crate) fn is_term(self) -> bool {
         self.is_arithmetic() || matches!(self, Negate | Abs)
     }
 
-    /// Whether the operator computes numbers from numbers, and may fail to.
+    /// Returns whether the operator is arithmetic that can have no finite value.
     pub(crate) fn is_arithmetic(self) -> bool {
         matches!(self, Sqrt | Exp | Ln | Pow | Multiply | Divide | Add | Subtract)
     }
 
-    /// Whether an interval may follow the operator.
+    /// Returns whether an interval may follow the operator.
     pub(crate) fn takes_interval(self) -> bool {
         self.row().4 == Timed
     }
@@ -203,7 +204,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_stand_in_the_order_of_the_variants() {
+    fn rows_are_in_the_order_of_the_variants() {
         for (index, operator) in Operator::all().enumerate() {
             assert_eq!(operator as usize, index, "{operator:?}");
         }
@@ -213,7 +214,7 @@ mod tests {
     fn no_two_operators_of_one_shape_share_a_spelling() {
         for operator in Operator::all() {
             for text in operator.spellings() {
-                assert_eq!(Operator::written(text, operator.shape()), Some(operator), "{text}");
+                assert_eq!(Operator::by_spelling(text, operator.shape()), Some(operator), "{text}");
             }
         }
     }

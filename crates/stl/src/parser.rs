@@ -1,6 +1,6 @@
-//! From tokens to a formula in postfix order, by operator precedence with an explicit stack.
+//! The parser: tokens to a formula in postfix order, by operator precedence with an explicit stack (shunting yard).
 
-use crate::clock::{Bound, Interval, Unit};
+use crate::clock::{Bound, Interval, TimeUnit};
 use crate::error::{ParseError, Position};
 use crate::formula::{Formula, Node};
 use crate::lexer::{Kind, Token, tokens};
@@ -8,28 +8,28 @@ use crate::operator::{Operator, Shape};
 use crate::spelling::nearest_within;
 use std::collections::HashMap;
 
-/// The most operands that may wait for their operators: a monitor keeps a buffer of the trace's length for each.
-const MAX_WAITING: usize = 1000;
+/// The maximum depth of the operand stack. A monitor has a buffer of the trace's length for each entry.
+const MAX_STACK_DEPTH: usize = 1000;
 
-/// The most operators and operands of a formula, named parts written out.
+/// The maximum number of operators and operands of a formula, after named sub-formulas are expanded.
 const MAX_NODES: usize = 1 << 20;
 
-/// Words that begin a declaration of a signal.
+/// Words that start a declaration of a signal.
 const TYPES: [&str; 3] = ["float", "int", "long"];
 
-const OPERAND: &str = "a signal, a number, `(` or an operator that stands before its operand";
+const OPERAND: &str = "a signal, a number, `(` or a prefix operator";
 
 const NO_INTERVAL: &str = "an operand; only always, eventually, historically, once, until, release, unless and since \
                            take an interval";
 
-/// Reads a text of declarations, definitions and the formula that ends it.
+/// Parses declarations, definitions and the final formula.
 pub(crate) fn parse(text: &str) -> Result<Formula, ParseError> {
     let tokens = tokens(text)?;
     let mut parser = Parser {
         tokens: &tokens,
         next: 0,
         signals: Vec::new(),
-        places: HashMap::new(),
+        indices: HashMap::new(),
         named: HashMap::new(),
         defined: Vec::new(),
     };
@@ -38,7 +38,8 @@ pub(crate) fn parse(text: &str) -> Result<Formula, ParseError> {
     Ok(with_own_signals(nodes, &parser.signals, defined))
 }
 
-/// The formula of these nodes, its signals numbered by their first appearance; signals of unused definitions fall away.
+/// Creates the formula of these nodes. Its signals are numbered by first appearance; signals of unused definitions are
+/// dropped.
 fn with_own_signals(mut nodes: Vec<Node>, names: &[&str], defined: Vec<String>) -> Formula {
     let mut own = vec![None; names.len()];
     let mut signals = Vec::new();
@@ -57,28 +58,28 @@ fn with_own_signals(mut nodes: Vec<Node>, names: &[&str], defined: Vec<String>) 
 struct Parser<'t> {
     tokens: &'t [Token<'t>],
     next: usize,
-    /// Every signal named so far, and where each stands in that list.
+    /// The signals found so far, and the index of each in this list.
     signals: Vec<&'t str>,
-    places: HashMap<&'t str, u32>,
-    /// What names stand for: constants and sub-formulas, in postfix order, with the operands they make wait.
-    named: HashMap<&'t str, Operands>,
-    /// Every name that stands before a `=`, in order.
+    indices: HashMap<&'t str, u32>,
+    /// Named constants and sub-formulas.
+    named: HashMap<&'t str, Postfix>,
+    /// All defined names, in order.
     defined: Vec<&'t str>,
 }
 
-/// A formula under construction: nodes in postfix order, the operands that wait now, and the most that ever did.
+/// A formula under construction: nodes in postfix order, the current depth of the operand stack, and its maximum.
 #[derive(Default)]
-struct Operands {
+struct Postfix {
     nodes: Vec<Node>,
-    waiting: usize,
-    most: usize,
+    depth: usize,
+    max_depth: usize,
 }
 
-/// An operator or bracket whose last operand has not ended.
+/// An operator or open bracket whose last operand is not complete.
 enum Pending {
     Operator(Operator, Option<Interval>),
     Parenthesis(Position),
-    /// A call and the commas still to come.
+    /// A call and the number of commas still expected.
     Call(Operator, usize, Position),
 }
 
@@ -87,7 +88,7 @@ impl<'t> Parser<'t> {
         self.ahead(0)
     }
 
-    /// The token `n` after the next; the end lasts for ever.
+    /// Returns the token `n` after the next one; the end token if there are fewer.
     fn ahead(&self, n: usize) -> Token<'t> {
         self.tokens[(self.next + n).min(self.tokens.len() - 1)]
     }
@@ -114,7 +115,7 @@ impl<'t> Parser<'t> {
         if self.accept(symbol) { Ok(()) } else { self.unexpected(format!("`{symbol}` {why}")) }
     }
 
-    /// Statements up to the end of the text; the last one is the formula.
+    /// Parses statements up to the end of the text; the last one is the formula.
     fn text(&mut self) -> Result<Vec<Node>, ParseError> {
         loop {
             while self.accept(";") {}
@@ -132,17 +133,18 @@ impl<'t> Parser<'t> {
             match name {
                 Some(token) => self.define(token, formula)?,
                 None if has_end => {
-                    return self.unexpected("the end; only a last formula goes without `name =`");
+                    return self
+                        .unexpected("the end of the formula; only the last statement may omit `name =`");
                 }
                 None => return self.unexpected("an operator or the end of the formula"),
             }
         }
     }
 
-    /// One statement: `None` for a declaration, else a formula with the name before its `=`.
-    fn statement(&mut self) -> Result<Option<(Option<Token<'t>>, Operands)>, ParseError> {
+    /// Parses one statement: `None` for a declaration, otherwise a formula with the name before its `=`, if any.
+    fn statement(&mut self) -> Result<Option<(Option<Token<'t>>, Postfix)>, ParseError> {
         if self.peek().is_symbol("@") || (self.at_word("from") && self.is_name(1)) {
-            return self.unexpected("a formula; annotations and imports belong to ROS and are not read here");
+            return self.unexpected("a formula; RTAMT's ROS annotations and imports are not supported");
         }
         if self.at_word("specification") && self.is_name(1) {
             self.next += 2;
@@ -168,17 +170,17 @@ impl<'t> Parser<'t> {
         self.peek().kind == Kind::Word(word)
     }
 
-    /// Whether the token `n` after the next can name something.
+    /// Returns whether the token `n` after the next one can be a name.
     fn is_name(&self, n: usize) -> bool {
         matches!(self.ahead(n).kind, Kind::Word(word) if !is_reserved(word))
     }
 
-    /// Whether a statement begins here with `name =`.
+    /// Returns whether a statement starts here with `name =`.
     fn names_statement(&self) -> bool {
         self.is_name(0) && self.ahead(1).is_symbol("=")
     }
 
-    /// Skips `input float` and the like if a declaration begins here; its name is then the next token.
+    /// Skips the direction and type (`input float`) if a declaration starts here; the next token is then its name.
     fn declares(&mut self) -> bool {
         let direction = usize::from((self.at_word("input") || self.at_word("output")) && self.is_name(1));
         let is_type = matches!(self.ahead(direction).kind, Kind::Word(word) if TYPES.contains(&word));
@@ -187,7 +189,7 @@ impl<'t> Parser<'t> {
         found
     }
 
-    /// `const float limit = 0.3`
+    /// Parses a constant: `const float limit = 0.3`.
     fn constant(&mut self) -> Result<(), ParseError> {
         self.next += 1;
         if !matches!(self.peek().kind, Kind::Word(word) if TYPES.contains(&word)) {
@@ -205,19 +207,19 @@ impl<'t> Parser<'t> {
         };
         self.next += 1;
         self.defined.push(name.text);
-        self.define(name, Operands { nodes: vec![Node::Constant(sign * value)], waiting: 1, most: 1 })
+        self.define(name, Postfix { nodes: vec![Node::Constant(sign * value)], depth: 1, max_depth: 1 })
     }
 
-    fn define(&mut self, name: Token<'t>, formula: Operands) -> Result<(), ParseError> {
+    fn define(&mut self, name: Token<'t>, formula: Postfix) -> Result<(), ParseError> {
         match self.named.insert(name.text, formula) {
             None => Ok(()),
             Some(_) => Err(ParseError::DefinedTwice { at: name.at, name: name.text.to_owned() }),
         }
     }
 
-    /// A formula, up to the first token that cannot belong to it.
-    fn formula(&mut self) -> Result<Operands, ParseError> {
-        let mut operands = Operands::default();
+    /// Parses a formula, up to the first token that cannot belong to it.
+    fn formula(&mut self) -> Result<Postfix, ParseError> {
+        let mut operands = Postfix::default();
         let mut pending = Vec::new();
         loop {
             self.operand(&mut operands, &mut pending)?;
@@ -228,25 +230,25 @@ impl<'t> Parser<'t> {
             let Some(operator) = self.infix() else { break };
             self.next += 1;
             let interval = self.interval(operator)?;
-            reduce(&mut operands, &mut pending, operator.power());
+            reduce(&mut operands, &mut pending, operator.precedence());
             pending.push(Pending::Operator(operator, interval));
         }
         self.finish(&mut operands, &mut pending)?;
         Ok(operands)
     }
 
-    /// The infix operator that is next, if one is. A name before `=` begins the next statement instead.
+    /// Returns the infix operator at the next token, if any. A name before `=` starts the next statement instead.
     fn infix(&self) -> Option<Operator> {
         match self.peek().kind {
             Kind::Word(_) if self.names_statement() => None,
-            Kind::Word(word) => Operator::written(word, Shape::Infix),
-            Kind::Symbol(symbol) => Operator::written(symbol, Shape::Infix),
+            Kind::Word(word) => Operator::by_spelling(word, Shape::Infix),
+            Kind::Symbol(symbol) => Operator::by_spelling(symbol, Shape::Infix),
             _ => None,
         }
     }
 
-    /// One operand, after any number of opening brackets and operators that stand before it.
-    fn operand(&mut self, operands: &mut Operands, pending: &mut Vec<Pending>) -> Result<(), ParseError> {
+    /// Parses one operand, after any number of opening brackets and prefix operators.
+    fn operand(&mut self, operands: &mut Postfix, pending: &mut Vec<Pending>) -> Result<(), ParseError> {
         loop {
             let token = self.peek();
             let text = match token.kind {
@@ -263,7 +265,7 @@ impl<'t> Parser<'t> {
                 Kind::Symbol(text) | Kind::Word(text) => text,
                 Kind::End => return self.unexpected(OPERAND),
             };
-            if let Some(operator) = Operator::written(text, Shape::Prefix) {
+            if let Some(operator) = Operator::by_spelling(text, Shape::Prefix) {
                 self.next += 1;
                 let interval = self.interval(operator)?;
                 pending.push(Pending::Operator(operator, interval));
@@ -277,14 +279,14 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// The function whose call is next, if one is. `ln` is a name like any other where no `(` follows.
+    /// Returns the function called at the next token, if any. `ln` without a following `(` is an ordinary name.
     fn call(&self) -> Option<Operator> {
-        let operator = Operator::written(self.peek().text, Shape::Call(0))?;
+        let operator = Operator::by_spelling(self.peek().text, Shape::Call(0))?;
         (operator != Operator::Ln || self.ahead(1).is_symbol("(")).then_some(operator)
     }
 
-    /// A truth value, a constant, a named sub-formula or a signal.
-    fn name(&mut self, operands: &mut Operands) -> Result<(), ParseError> {
+    /// Parses a truth value, a constant, a named sub-formula or a signal.
+    fn name(&mut self, operands: &mut Postfix) -> Result<(), ParseError> {
         let token = self.peek();
         let truth = match token.text {
             "true" | "TRUE" => Some(f64::INFINITY),
@@ -300,19 +302,19 @@ impl<'t> Parser<'t> {
         }
         self.next += 1;
         if let Some(part) = self.named.get(token.text) {
-            return operands.push(&part.nodes, part.most, token.at);
+            return operands.push(&part.nodes, part.max_depth, token.at);
         }
-        let place = *self.places.entry(token.text).or_insert_with(|| {
+        let index = *self.indices.entry(token.text).or_insert_with(|| {
             self.signals.push(token.text);
             self.signals.len() as u32 - 1
         });
-        operands.push(&[Node::Signal(place)], 1, token.at)
+        operands.push(&[Node::Signal(index)], 1, token.at)
     }
 
-    /// Takes a `)` that ends a parenthesis or a call of this formula.
+    /// Consumes a `)` that closes a parenthesis or a call of this formula.
     fn accept_closing(
         &mut self,
-        operands: &mut Operands,
+        operands: &mut Postfix,
         pending: &mut Vec<Pending>,
     ) -> Result<bool, ParseError> {
         if !self.peek().is_symbol(")") {
@@ -331,8 +333,8 @@ impl<'t> Parser<'t> {
         Ok(true)
     }
 
-    /// Takes a `,` between two operands of a call.
-    fn accept_comma(&mut self, operands: &mut Operands, pending: &mut Vec<Pending>) -> bool {
+    /// Consumes a `,` between two operands of a call.
+    fn accept_comma(&mut self, operands: &mut Postfix, pending: &mut Vec<Pending>) -> bool {
         if !self.peek().is_symbol(",") {
             return false;
         }
@@ -347,8 +349,8 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// Applies what is pending at the end of a formula, where no bracket may be open.
-    fn finish(&self, operands: &mut Operands, pending: &mut Vec<Pending>) -> Result<(), ParseError> {
+    /// Applies the pending operators at the end of a formula, where no bracket may be open.
+    fn finish(&self, operands: &mut Postfix, pending: &mut Vec<Pending>) -> Result<(), ParseError> {
         reduce(operands, pending, 0);
         let expected = match pending.last() {
             None if self.ends_statement() => return Ok(()),
@@ -363,13 +365,13 @@ impl<'t> Parser<'t> {
             // `reduce` applies every pending operator above a bracket.
             Some(Pending::Operator(..)) => return Ok(()),
         };
-        let (token, nearest) = (self.peek(), self.misspelt());
+        let (token, nearest) = (self.peek(), self.suggested_operator());
         Err(ParseError::Unexpected { at: token.at, expected, found: token.found(), nearest })
     }
 
-    /// The operator that was meant, perhaps, where none could be read: by the next token, which should be one between
-    /// operands, or by the name before it, which was taken for an operand.
-    fn misspelt(&self) -> Option<&'static str> {
+    /// Returns a suggestion where an operator was expected: the infix operator most similar to the next token, or the
+    /// prefix operator most similar to the name before it, which was parsed as an operand.
+    fn suggested_operator(&self) -> Option<&'static str> {
         if self.peek().is_symbol("=") {
             return Some("==");
         }
@@ -387,7 +389,7 @@ impl<'t> Parser<'t> {
         token.kind == Kind::End || token.is_symbol(";") || self.names_statement()
     }
 
-    /// The interval that may follow `operator`.
+    /// Parses the optional interval of `operator`.
     fn interval(&mut self, operator: Operator) -> Result<Option<Interval>, ParseError> {
         let at = self.peek().at;
         if !operator.takes_interval() || !self.accept("[") {
@@ -422,7 +424,7 @@ impl<'t> Parser<'t> {
         Ok(Some(interval))
     }
 
-    /// A bound: a number, a constant or `inf`, with or without a unit.
+    /// Parses a bound: a number, a constant or `inf`, with an optional unit.
     fn bound(&mut self) -> Result<Bound, ParseError> {
         let value = match self.peek().kind {
             Kind::Number(value) => Some(value),
@@ -434,51 +436,51 @@ impl<'t> Parser<'t> {
             _ => None,
         };
         let Some(value) = value.filter(|value| *value >= 0.0) else {
-            return self.unexpected("a bound: a number that is not negative, a constant or `inf`");
+            return self.unexpected("a bound: a nonnegative number, a constant or `inf`");
         };
         self.next += 1;
-        let unit = Unit::ALL.into_iter().find(|unit| self.at_word(unit.symbol()));
+        let unit = TimeUnit::ALL.into_iter().find(|unit| self.at_word(unit.symbol()));
         self.next += usize::from(unit.is_some());
         Ok(Bound { value, unit })
     }
 }
 
-impl Operands {
-    /// Whether no signal and no truth value is in it.
+impl Postfix {
+    /// Returns whether the nodes contain no signal and no truth value.
     fn is_number(&self) -> bool {
         let is_finite = |node: &Node| matches!(node, Node::Constant(value) if value.is_finite());
         self.nodes.iter().all(|node| is_finite(node) || matches!(node, Node::Apply(..)))
     }
 
-    /// Appends an operand that itself makes `most` operands wait.
-    fn push(&mut self, nodes: &[Node], most: usize, at: Position) -> Result<(), ParseError> {
-        self.most = self.most.max(self.waiting + most);
-        if self.most > MAX_WAITING {
-            return Err(ParseError::TooDeep { at, limit: MAX_WAITING });
+    /// Appends an operand that itself needs a stack depth of `depth`.
+    fn push(&mut self, nodes: &[Node], depth: usize, at: Position) -> Result<(), ParseError> {
+        self.max_depth = self.max_depth.max(self.depth + depth);
+        if self.max_depth > MAX_STACK_DEPTH {
+            return Err(ParseError::TooDeep { at, limit: MAX_STACK_DEPTH });
         }
         if self.nodes.len() + nodes.len() > MAX_NODES {
             return Err(ParseError::TooLong { at, limit: MAX_NODES });
         }
         self.nodes.extend_from_slice(nodes);
-        self.waiting += 1;
+        self.depth += 1;
         Ok(())
     }
 
-    /// Applies an operator to the last operands. The sign of a number becomes part of the number.
+    /// Applies an operator to the last operands. The minus sign of a constant becomes part of the constant.
     fn apply(&mut self, operator: Operator, interval: Option<Interval>) {
         if let (Operator::Negate, Some(Node::Constant(value))) = (operator, self.nodes.last_mut()) {
             *value = -*value;
             return;
         }
-        self.waiting -= operator.arity() - 1;
+        self.depth -= operator.arity() - 1;
         self.nodes.push(Node::Apply(operator, interval));
     }
 }
 
-/// Applies the pending operators that bind at least as tightly as `power`, up to the innermost open bracket.
-fn reduce(operands: &mut Operands, pending: &mut Vec<Pending>, power: u8) {
+/// Applies the pending operators that bind at least as tightly as `precedence`, up to the innermost open bracket.
+fn reduce(operands: &mut Postfix, pending: &mut Vec<Pending>, precedence: u8) {
     while let Some(&Pending::Operator(operator, interval)) = pending.last() {
-        if operator.power() < power {
+        if operator.precedence() < precedence {
             break;
         }
         pending.pop();
@@ -486,17 +488,18 @@ fn reduce(operands: &mut Operands, pending: &mut Vec<Pending>, power: u8) {
     }
 }
 
-/// The operator of these shapes that is written most like `word`, at most a third of its letters apart. One letter is
-/// like any other.
+/// Returns the spelling of an operator of these shapes that is most similar to `word`: an edit distance of at most a
+/// third of its letters. Spellings of one letter are not suggested, since every letter is similar to them.
 fn nearest_operator(word: &str, shapes: &[Shape]) -> Option<&'static str> {
     let words = Operator::words(shapes).filter(|word| word.len() > 1);
     nearest_within(word.chars().count() / 3, word, words)
 }
 
-/// Words that cannot name a signal or a part. `R`, `release` and `ln`, which RTAMT reads as names, are told by their place.
+/// Returns whether `word` cannot name a signal or a sub-formula. `R`, `release` and `ln` are names in RTAMT, so their
+/// position decides whether they are operators.
 fn is_reserved(word: &str) -> bool {
-    let place_tells = [Operator::Release, Operator::Ln];
+    let decided_by_position = [Operator::Release, Operator::Ln];
     let is_operator =
-        |operator: Operator| operator.spellings().contains(&word) && !place_tells.contains(&operator);
+        |operator: Operator| operator.spellings().contains(&word) && !decided_by_position.contains(&operator);
     ["true", "TRUE", "false", "FALSE"].contains(&word) || Operator::all().any(is_operator)
 }

@@ -1,9 +1,9 @@
-//! Operators whose value at a sample depends on that sample alone.
+//! Pointwise operators: their value at a sample depends on that sample only.
 
-use crate::extremum::{Extremum, Greatest, Least};
+use crate::extremum::{Extremum, Maximum, Minimum};
 use crate::operator::Operator;
 
-/// An operand: one value per sample, or the same value at all of them.
+/// An operand: one value per sample, or a constant.
 #[derive(Clone, Copy)]
 pub(crate) enum Values<'a> {
     Signal(&'a [f64]),
@@ -19,7 +19,7 @@ impl Values<'_> {
     }
 }
 
-/// Applies an operator of one operand.
+/// Applies a unary operator.
 pub(crate) fn map(operator: Operator, x: Values<'_>, out: &mut [f64]) {
     match operator {
         Operator::Negate | Operator::Not => map_with(x, out, |x| -x),
@@ -31,7 +31,7 @@ pub(crate) fn map(operator: Operator, x: Values<'_>, out: &mut [f64]) {
     }
 }
 
-/// Applies an operator of two operands.
+/// Applies a binary operator.
 pub(crate) fn zip(operator: Operator, x: Values<'_>, y: Values<'_>, out: &mut [f64]) {
     match operator {
         Operator::Pow => zip_with(x, y, out, f64::powf),
@@ -42,14 +42,14 @@ pub(crate) fn zip(operator: Operator, x: Values<'_>, y: Values<'_>, out: &mut [f
         Operator::LessOrEqual | Operator::Less => zip_with(x, y, out, |x, y| difference(y, x)),
         Operator::Equal | Operator::Iff => zip_with(x, y, out, |x, y| -difference(x, y).abs()),
         Operator::NotEqual | Operator::Xor => zip_with(x, y, out, |x, y| difference(x, y).abs()),
-        Operator::And => zip_with(x, y, out, Least::pick),
-        Operator::Or => zip_with(x, y, out, Greatest::pick),
-        Operator::Implies => zip_with(x, y, out, |x, y| Greatest::pick(-x, y)),
+        Operator::And => zip_with(x, y, out, Minimum::pick),
+        Operator::Or => zip_with(x, y, out, Maximum::pick),
+        Operator::Implies => zip_with(x, y, out, |x, y| Maximum::pick(-x, y)),
         _ => unreachable!("{operator:?} is compiled to another kind of instruction"),
     }
 }
 
-/// `x - y`, and 0 for two infinities of the same sign, which are as far from each other as any equal values.
+/// Returns `x - y`, and 0 for two infinities of the same sign, since equal values have distance 0.
 #[inline(always)]
 fn difference(x: f64, y: f64) -> f64 {
     if x == y { 0.0 } else { x - y }
@@ -79,7 +79,7 @@ fn zip_with(x: Values<'_>, y: Values<'_>, out: &mut [f64], f: impl Fn(f64, f64) 
     }
 }
 
-/// Whether every value is finite.
+/// Returns whether every value is finite.
 pub(crate) fn all_finite(values: &[f64]) -> bool {
     values.iter().fold(true, |finite, value| finite & (value.abs() < f64::INFINITY))
 }

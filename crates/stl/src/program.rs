@@ -1,4 +1,4 @@
-//! A formula compiled to a list of instructions over numbered buffers.
+//! The compiler: a formula to a list of instructions over numbered buffers.
 
 use crate::clock::{Clock, Window};
 use crate::error::MonitorError;
@@ -7,20 +7,20 @@ use crate::operator::Operator;
 use crate::spelling::nearest;
 use crate::subformula::Reach;
 
-/// Where the values of an operand lie.
+/// The location of an operand's values.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Place {
+pub(crate) enum Location {
     /// A signal of the trace.
     Column(usize),
     /// A buffer of the monitor.
     Buffer(usize),
 }
 
-/// An operand of an operator that looks at one sample at a time.
+/// An operand of a pointwise operator.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Source {
     Constant(f64),
-    Place(Place),
+    Location(Location),
 }
 
 /// One operator applied to all samples.
@@ -30,47 +30,47 @@ pub(crate) enum Action {
     Load(Source),
     Map(Operator, Source),
     Zip(Operator, Source, Source),
-    /// A temporal operator of one operand.
-    Along(Operator, Window, Place),
-    /// A temporal operator of two operands.
-    Between(Operator, Window, Place, Place),
+    /// A unary temporal operator.
+    TemporalUnary(Operator, Window, Location),
+    /// A binary temporal operator.
+    TemporalBinary(Operator, Window, Location, Location),
 }
 
-/// An action and the buffer that its result fills, which is none of its operands'.
+/// An action and the buffer for its result, which differs from the buffers of its operands.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Instruction {
     pub action: Action,
     pub out: usize,
 }
 
-/// The instructions of a formula; the last one computes its robustness.
+/// A compiled formula; the last instruction computes its robustness.
 #[derive(Clone, Debug)]
 pub(crate) struct Program {
     pub instructions: Vec<Instruction>,
-    /// How many buffers the instructions name.
+    /// The number of buffers that the instructions use.
     pub buffers: usize,
-    /// The signals read: their columns and names.
+    /// The columns and names of the signals that the formula reads.
     pub columns: Vec<(usize, String)>,
-    /// Samples past t that the value at t depends on.
+    /// The number of samples after t that the value at t depends on; `None` if unbounded.
     pub horizon: Option<usize>,
-    /// The sub-formulas, in the order in which their values are computed.
+    /// The sub-formulas in the order in which their values are computed.
     pub subformulas: Vec<Subformula>,
 }
 
-/// Where the values of a sub-formula are, and when: buffers are used again.
+/// The location of a sub-formula's values, and the time at which they are there, since buffers are reused.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Subformula {
     pub values: Source,
-    /// The values are there after this many instructions, and before the next one.
+    /// The values are valid after this number of instructions, until the next one.
     pub instructions: usize,
-    /// The samples that a trace must have around t to cover it.
+    /// The samples around t that a trace must have to cover the sub-formula at t.
     pub reach: Reach,
-    /// Its index in the list of sub-formulas.
+    /// The index in the list of sub-formulas.
     pub index: usize,
 }
 
 impl Program {
-    /// Resolves signals to columns and intervals to samples, and gives every intermediate result a buffer.
+    /// Resolves signals to columns and intervals to samples, and assigns a buffer to every intermediate result.
     pub(crate) fn compile(
         formula: &Formula,
         names: &[String],
@@ -78,7 +78,7 @@ impl Program {
     ) -> Result<Program, MonitorError> {
         clock.check()?;
         if let Some(name) = formula.defined.iter().find(|name| names.contains(name)) {
-            return Err(MonitorError::HidesSignal { name: name.clone() });
+            return Err(MonitorError::ShadowsSignal { name: name.clone() });
         }
         let columns =
             formula.signals.iter().map(|name| column(name, names)).collect::<Result<Vec<_>, _>>()?;
@@ -92,7 +92,7 @@ impl Program {
             match *node {
                 Node::Constant(value) => compiler.push_leaf(Source::Constant(value)),
                 Node::Signal(signal) => {
-                    compiler.push_leaf(Source::Place(Place::Column(columns[signal as usize].0)));
+                    compiler.push_leaf(Source::Location(Location::Column(columns[signal as usize].0)));
                 }
                 Node::Apply(operator, interval) => {
                     compiler.apply(operator, clock.window(operator.name(), interval)?);
@@ -104,32 +104,32 @@ impl Program {
             }
         }
         let Operand { source: result, horizon, .. } = compiler.pop();
-        if !matches!(result, Source::Place(Place::Buffer(_))) {
+        if !matches!(result, Source::Location(Location::Buffer(_))) {
             compiler.emit(Action::Load(result));
         }
         let Compiler { instructions, buffers, .. } = compiler;
         Ok(Program { instructions, buffers, columns, horizon, subformulas })
     }
 
-    /// The buffer that holds the robustness at the end.
+    /// Returns the buffer that contains the robustness after the last instruction.
     pub(crate) fn result(&self) -> usize {
         self.instructions.last().map_or(0, |instruction| instruction.out)
     }
 }
 
-/// The column of the signal `wanted`, with its name.
-fn column(wanted: &str, names: &[String]) -> Result<(usize, String), MonitorError> {
-    match names.iter().position(|name| name == wanted) {
-        Some(index) => Ok((index, wanted.to_owned())),
+/// Returns the column of the signal, with its name.
+fn column(signal: &str, names: &[String]) -> Result<(usize, String), MonitorError> {
+    match names.iter().position(|name| name == signal) {
+        Some(index) => Ok((index, signal.to_owned())),
         None => Err(MonitorError::UnknownSignal {
-            wanted: wanted.to_owned(),
+            signal: signal.to_owned(),
             known: names.to_vec(),
-            nearest: nearest(wanted, names.iter().map(String::as_str)).map(str::to_owned),
+            nearest: nearest(signal, names.iter().map(String::as_str)).map(str::to_owned),
         }),
     }
 }
 
-/// An operand that waits for its operator.
+/// An operand on the stack of the compiler.
 #[derive(Clone, Copy)]
 struct Operand {
     source: Source,
@@ -137,7 +137,7 @@ struct Operand {
     reach: Reach,
 }
 
-/// Runs through a formula as a stack machine would.
+/// Translates postfix nodes to instructions with a stack of operands.
 #[derive(Default)]
 struct Compiler {
     instructions: Vec<Instruction>,
@@ -152,7 +152,7 @@ impl Compiler {
     }
 
     fn pop(&mut self) -> Operand {
-        // A formula holds as many operands as its operators take, so the stack is never empty here.
+        // The parser guarantees the operands of every operator, so the stack is never empty here.
         let missing = Operand { source: Source::Constant(f64::NAN), horizon: None, reach: Reach::default() };
         self.stack.pop().unwrap_or(missing)
     }
@@ -166,8 +166,8 @@ impl Compiler {
                 reach: Reach::of(operator, window, last.reach, last.reach),
             };
             if operator.is_temporal() {
-                let x = self.materialise(last.source);
-                self.finish(Action::Along(operator, window, x), &[Source::Place(x)], result);
+                let x = self.materialize(last.source);
+                self.finish(Action::TemporalUnary(operator, window, x), &[Source::Location(x)], result);
             } else {
                 self.finish(Action::Map(operator, last.source), &[last.source], result);
             }
@@ -180,20 +180,20 @@ impl Compiler {
             reach: Reach::of(operator, window, first.reach, last.reach),
         };
         if operator.is_temporal() {
-            let (x, y) = (self.materialise(first.source), self.materialise(last.source));
-            let used = [Source::Place(x), Source::Place(y)];
-            self.finish(Action::Between(operator, window, x, y), &used, result);
+            let (x, y) = (self.materialize(first.source), self.materialize(last.source));
+            let used = [Source::Location(x), Source::Location(y)];
+            self.finish(Action::TemporalBinary(operator, window, x, y), &used, result);
         } else {
             let used = [first.source, last.source];
             self.finish(Action::Zip(operator, first.source, last.source), &used, result);
         }
     }
 
-    /// The place of an operand; a constant gets a buffer of its own.
-    fn materialise(&mut self, source: Source) -> Place {
+    /// Returns the location of an operand; a constant is loaded into a buffer.
+    fn materialize(&mut self, source: Source) -> Location {
         match source {
-            Source::Place(place) => place,
-            Source::Constant(_) => Place::Buffer(self.emit(Action::Load(source))),
+            Source::Location(place) => place,
+            Source::Constant(_) => Location::Buffer(self.emit(Action::Load(source))),
         }
     }
 
@@ -201,14 +201,14 @@ impl Compiler {
     fn finish(&mut self, action: Action, used: &[Source], result: impl FnOnce(Source) -> Operand) {
         let out = self.emit(action);
         for source in used {
-            if let Source::Place(Place::Buffer(buffer)) = source {
+            if let Source::Location(Location::Buffer(buffer)) = source {
                 self.free.push(*buffer);
             }
         }
-        self.stack.push(result(Source::Place(Place::Buffer(out))));
+        self.stack.push(result(Source::Location(Location::Buffer(out))));
     }
 
-    /// Emits an action into a free buffer, the one used last if there is any, since it is likely to be in the cache.
+    /// Emits an action into a free buffer: the one freed last, if any, since it is likely to be in the cache.
     fn emit(&mut self, action: Action) -> usize {
         let out = self.free.pop().unwrap_or_else(|| {
             self.buffers += 1;
@@ -219,28 +219,28 @@ impl Compiler {
     }
 }
 
-/// Samples past t that an operator's value at t depends on, from those of its operands; `None` is all there are.
+/// Returns the horizon of an operator given the horizons of its operands; `None` is unbounded.
 fn horizon(operator: Operator, window: Window, first: Option<usize>, last: Option<usize>) -> Option<usize> {
     let later = |horizon: Option<usize>, by: usize| match (horizon, by) {
         (None, _) | (_, usize::MAX) => None,
         (Some(horizon), by) => Some(horizon.saturating_add(by)),
     };
     let earlier = |horizon: Option<usize>, by: usize| horizon.map(|horizon| horizon.saturating_sub(by));
-    let furthest = |a: Option<usize>, b: Option<usize>| Some(a?.max(b?));
+    let max_horizon = |a: Option<usize>, b: Option<usize>| Some(a?.max(b?));
     match operator {
         Operator::Always | Operator::Eventually => later(first, window.end),
         Operator::Historically | Operator::Once => earlier(first, window.begin),
         Operator::Next | Operator::StrongNext => later(first, 1),
         Operator::Previous | Operator::StrongPrevious => earlier(first, 1),
-        // The operand on the left is not needed at the end of the window itself.
+        // The left operand is not evaluated at the last sample of the window.
         Operator::Until | Operator::Release if window.end == 0 => last,
         Operator::Until | Operator::Release if window.end == usize::MAX => None,
         Operator::Until | Operator::Release => {
-            furthest(later(first, window.end - 1), later(last, window.end))
+            max_horizon(later(first, window.end - 1), later(last, window.end))
         }
-        Operator::Unless => furthest(later(first, window.end), later(last, window.end)),
+        Operator::Unless => max_horizon(later(first, window.end), later(last, window.end)),
         Operator::Since if window.end == 0 => last,
-        Operator::Since => furthest(first, earlier(last, window.begin)),
-        _ => furthest(first, last),
+        Operator::Since => max_horizon(first, earlier(last, window.begin)),
+        _ => max_horizon(first, last),
     }
 }

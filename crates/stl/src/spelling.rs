@@ -1,9 +1,11 @@
-//! What a misspelled name may have meant.
+//! Suggestions for misspelled names.
 
 use strsim::levenshtein;
 
-/// The known name that `wanted` begins, else the one that takes the fewest edits to reach, if that is at most a third of
-/// its letters (or two edits).
+/// Returns the known name most similar to `name`.
+///
+/// That is the first known name that starts with `name`, otherwise the one with the smallest edit distance
+/// (Levenshtein, ignoring case), if the distance is at most 2 or a third of the letters of `name`.
 ///
 /// # Example
 /// ```
@@ -11,25 +13,25 @@ use strsim::levenshtein;
 /// assert_eq!(nearest("strikt", ["success", "strict"]), Some("strict"));
 /// assert_eq!(nearest("xyz", ["success", "strict"]), None);
 /// ```
-pub fn nearest<'a>(wanted: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let known: Vec<&str> = known.into_iter().collect();
-    let begun = known.iter().find(|name| !wanted.is_empty() && name.starts_with(wanted));
-    let limit = (wanted.chars().count() / 3).max(2);
-    begun.copied().or_else(|| nearest_within(limit, wanted, known))
+    let completed = known.iter().find(|known| !name.is_empty() && known.starts_with(name));
+    let limit = (name.chars().count() / 3).max(2);
+    completed.copied().or_else(|| nearest_within(limit, name, known))
 }
 
-/// The known name that takes the fewest edits to reach, if it takes no more than `limit`.
+/// Returns the known name with the smallest edit distance to `name`, if the distance is at most `limit`.
 pub(crate) fn nearest_within<'a>(
     limit: usize,
-    wanted: &str,
+    name: &str,
     known: impl IntoIterator<Item = &'a str>,
 ) -> Option<&'a str> {
     let ranked =
-        known.into_iter().map(|name| (levenshtein(&wanted.to_lowercase(), &name.to_lowercase()), name));
+        known.into_iter().map(|known| (levenshtein(&name.to_lowercase(), &known.to_lowercase()), known));
     ranked
         .filter(|(distance, _)| *distance <= limit)
         .min_by_key(|(distance, _)| *distance)
-        .map(|(_, name)| name)
+        .map(|(_, known)| known)
 }
 
 #[cfg(test)]
@@ -37,14 +39,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_nearest_name_is_the_one_fewest_edits_away() {
+    fn the_nearest_name_has_the_smallest_edit_distance() {
         let known = ["cube_height", "cube_speed", "door_yaw_deg"];
-        let check = |wanted: &str, expected: Option<&str>| {
-            assert_eq!(nearest(wanted, known), expected, "{wanted}");
+        let check = |name: &str, expected: Option<&str>| {
+            assert_eq!(nearest(name, known), expected, "{name}");
         };
         check("cube_hieght", Some("cube_height")); // two letters swapped: two edits
         check("Cube_Speed", Some("cube_speed"));
-        check("door_yaw", Some("door_yaw_deg")); // four edits, but begun rightly
+        check("door_yaw", Some("door_yaw_deg")); // four edits, but a prefix
         check("yaw_deg", None); // five edits, more than a third of seven letters
         check("x", None);
         check("", None);

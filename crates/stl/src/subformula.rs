@@ -1,4 +1,4 @@
-//! Sub-formulas: which parts of a formula count as one, in which order, and where a trace covers them.
+//! Sub-formulas: their definition, their order, and the samples at which a trace covers them.
 
 use crate::clock::Window;
 use crate::formula::{Formula, Node};
@@ -14,7 +14,7 @@ pub struct SubformulaMinimum {
 }
 
 impl SubformulaMinimum {
-    /// The minimum over no sample.
+    /// The minimum over an empty set of samples.
     pub(crate) const NONE: SubformulaMinimum = SubformulaMinimum { minimum: f64::INFINITY, step: 0 };
 
     /// Returns the minimum of `values`, the first of which belongs to sample `first`.
@@ -24,7 +24,7 @@ impl SubformulaMinimum {
     }
 }
 
-/// How many samples before and after t must exist so that no window of the value at t is cut or empty.
+/// The number of samples before and after t that a trace must have so that no window of the value at t is truncated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Reach {
     pub behind: usize,
@@ -32,15 +32,15 @@ pub(crate) struct Reach {
 }
 
 impl Reach {
-    /// Returns the samples of a trace of `samples` samples that it covers.
+    /// Returns the covered samples of a trace with `samples` samples.
     pub(crate) fn covered(self, samples: usize) -> std::ops::Range<usize> {
         let end = samples.saturating_sub(self.ahead);
         self.behind.min(end)..end
     }
 
-    /// Returns the reach of an operator from those of its operands (`first` and `last` are the same for one operand).
+    /// Returns the reach of an operator given the reach of its operands (`first` equals `last` for a unary operator).
     ///
-    /// A window without an end counts with its first sample only: it reaches to the end of any trace.
+    /// Only the first sample of an unbounded window counts, since the window extends to the end of every trace.
     pub(crate) fn of(operator: Operator, window: Window, first: Reach, last: Reach) -> Reach {
         let begin = window.begin;
         let end = if window.end == usize::MAX { begin } else { window.end };
@@ -58,7 +58,7 @@ impl Reach {
             Operator::Next | Operator::StrongNext => after(last, 1, 1),
             Operator::Previous | Operator::StrongPrevious => before(last, 1, 1),
             Operator::Rise | Operator::Fall => before(last, 0, 1),
-            // The left operand does not count at the far end of the window.
+            // The left operand is not evaluated at the far end of the window.
             Operator::Until | Operator::Release if window.end == 0 => last,
             Operator::Since if window.end == 0 => last,
             Operator::Until | Operator::Release => {
@@ -81,9 +81,9 @@ impl Formula {
     /// The order is fixed: root first, depth first, left operand before right. It is the order of
     /// [`Monitor::subformula_minima`](crate::Monitor::subformula_minima).
     ///
-    /// A sub-formula has a truth value: a comparison, a logical or temporal operator, or an operand of one of the
-    /// latter two. The terms of a comparison (`distance`, `0.12`, `abs(a - b)`) are numbers and not listed. A
-    /// sub-formula that occurs twice is listed twice. Each text reads back as the sub-formula.
+    /// A sub-formula has a truth value: it is a comparison, a logical or temporal operator, or an operand of a
+    /// logical or temporal operator. The terms of a comparison (`distance`, `0.12`, `abs(a - b)`) are numbers and are
+    /// not listed. A sub-formula that occurs twice is listed twice. Each text parses to its sub-formula.
     ///
     /// # Example
     /// ```

@@ -1,11 +1,11 @@
-//! A trace: named signals, one value per sample each.
+//! Traces: named signals sampled at a fixed period.
 
 use std::sync::Arc;
 
-/// Named signals over time, one `f64` per sample each, stored signal by signal.
+/// Named signals over time, one `f64` per signal and sample, stored signal by signal.
 ///
-/// Samples are numbered from 0 and lie one sampling period apart. The names are shared, so that the traces of many
-/// simulations hold them once. Of two signals of the same name, the first is the one that a formula reads.
+/// Samples are numbered from 0 and are one sampling period apart. The names are shared between the traces of many
+/// simulations. If two signals have the same name, formulas read the first.
 ///
 /// # Example
 /// ```
@@ -28,58 +28,58 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// A trace of these signals without samples.
+    /// Creates a trace of these signals without samples.
     pub fn new(names: Arc<[String]>) -> Trace {
         Trace::with_capacity(names, 0)
     }
 
-    /// A trace of these signals without samples, with room for `samples` of them.
+    /// Creates a trace of these signals without samples, with capacity for `samples` samples.
     pub fn with_capacity(names: Arc<[String]>, samples: usize) -> Trace {
         let columns = names.iter().map(|_| Vec::with_capacity(samples)).collect();
         Trace { names, columns, len: 0 }
     }
 
-    /// Appends a sample: one value per signal, in the order of the names. Allocates nothing within the capacity.
+    /// Appends a sample: one value per signal, in the order of the names. Does not allocate within the capacity.
     ///
     /// # Panics
-    /// If `sample` does not hold one value per signal.
+    /// If the length of `sample` is not the number of signals.
     pub fn push(&mut self, sample: &[f64]) {
-        assert_eq!(sample.len(), self.columns.len(), "a sample holds one value per signal");
+        assert_eq!(sample.len(), self.columns.len(), "a sample must have one value per signal");
         for (column, value) in self.columns.iter_mut().zip(sample) {
             column.push(*value);
         }
         self.len += 1;
     }
 
-    /// The number of samples.
+    /// Returns the number of samples.
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// Whether there is no sample.
+    /// Returns whether the trace has no samples.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// The names of the signals, in the order of the columns.
+    /// Returns the names of the signals, in the order of the columns.
     pub fn names(&self) -> &Arc<[String]> {
         &self.names
     }
 
-    /// Signal `i`, one value per sample.
+    /// Returns signal `i`, one value per sample.
     ///
     /// # Panics
-    /// If there are not more than `i` signals.
+    /// If `i` is not less than the number of signals.
     pub fn column(&self, i: usize) -> &[f64] {
         &self.columns[i]
     }
 
-    /// The signal of this name, one value per sample.
+    /// Returns the signal with this name, one value per sample; `None` if there is no such signal.
     pub fn signal(&self, name: &str) -> Option<&[f64]> {
         self.names.iter().position(|known| known == name).map(|i| self.column(i))
     }
 
-    /// Removes the samples and keeps the room they took.
+    /// Removes all samples and keeps the allocated memory.
     pub fn clear(&mut self) {
         self.columns.iter_mut().for_each(Vec::clear);
         self.len = 0;

@@ -1,52 +1,52 @@
-//! `until`, `release` and `since` over windows that slide along two signals, in time linear in their length whatever
-//! the window.
+//! `until`, `release` and `since` over sliding windows, in time linear in the length of the signals for every window.
 //!
-//! # How
-//! With an outer extremum `max` and an inner one `min` (for `release` the other way round), wanted is
+//! # Algorithm
+//! With `max` as outer and `min` as inner extremum (for `release` the other way round), the value at t is
 //!
 //! ```text
 //! U[a,b](t) = max over t' in [t+a, t+b] of min(q(t'), min p over [t, t'))
 //! ```
 //!
-//! **The begin.** Every t' is at least t + a, so `min p over [t, t')` is the lesser of `min p over [t, t+a)` and
-//! `min p over [t+a, t')`; the first does not depend on t' and can be taken out:
-//! `U[a,b](t) = min(min p over [t, t+a), U[0,b-a](t+a))`, where the first is a sliding minimum.
+//! **Lower bound.** Every t' is at least t + a, so `min p over [t, t')` is the minimum of `min p over [t, t+a)` and
+//! `min p over [t+a, t')`. The first does not depend on t', so
+//! `U[a,b](t) = min(min p over [t, t+a), U[0,b-a](t+a))`, and the first operand is a sliding-window minimum.
 //!
-//! **The end.** Let `f_i(v) = max(q(i), min(p(i), v))`. Since min distributes over max,
+//! **Upper bound.** Let `f_i(v) = max(q(i), min(p(i), v))`. Since min distributes over max,
 //! `f_s(f_{s+1}(… f_{s+w}(-∞)))` is the maximum over t' in [s, s+w] of `min(q(t'), min p over [s, t'))`, which is
-//! `U[0,w](s)`. So `U[0,w]` is a composition of functions over a sliding window. Functions of this form are closed under
-//! composition: with `f(v) = max(q, min(p, v))` and `g(v) = max(q', min(p', v))`,
+//! `U[0,w](s)`. So `U[0,w]` is a composition of functions over a sliding window. Functions of this form are closed
+//! under composition: with `f(v) = max(q, min(p, v))` and `g(v) = max(q', min(p', v))`,
 //!
 //! ```text
 //! f(g(v)) = max(q, min(p, q'), min(p, p', v)) = max(max(q, min(p, q')), min(min(p, p'), v))
 //! ```
 //!
-//! so a pair (p, q) stands for each. Composition is associative, so blocks work as they do for a sliding extremum: cut
-//! the signals into blocks of w + 1 samples; a window is a suffix of one block followed by a prefix of the next, one
-//! backward scan gives the pairs of all suffixes, one forward scan those of all prefixes, and
-//! `U[0,w](s) = max(q_suffix, min(p_suffix, q_prefix))`. At the end of the trace windows are cut, which is what leaving
-//! out the functions past it means.
+//! so a pair (p, q) represents each function. Composition is associative, so the block scans of `extremum` apply: the
+//! signals are split into blocks of w + 1 samples, and a window is a suffix of one block followed by a prefix of the
+//! next. One backward scan computes the pairs of all suffixes, one forward scan those of all prefixes, and
+//! `U[0,w](s) = max(q_suffix, min(p_suffix, q_prefix))`. Windows are truncated at the end of the trace by leaving out
+//! the functions of later samples.
 //!
 //! `since` is `until` with time reversed.
 
 use crate::clock::Window;
 use crate::extremum::{self, Extremum};
 
-/// The scratch, in values, that the functions of this module need for signals of `n` samples.
+/// Returns the number of scratch values that the functions of this module need for signals of `n` samples.
 pub(crate) fn scratch_len(n: usize) -> usize {
     3 * n + extremum::scratch_len(n)
 }
 
-/// `until` (E the maximum) or `release` (E the minimum), windows cut at the end of the signals.
+/// Computes `until` (E is the maximum) or `release` (E is the minimum). Windows are truncated at the end of the
+/// signals.
 pub(crate) fn until<E: Extremum>(p: &[f64], q: &[f64], window: Window, out: &mut [f64], scratch: &mut [f64]) {
     let n = p.len();
     let begin = window.begin.min(n);
-    let left = n - begin;
-    let (reach, beyond) = out.split_at_mut(left);
+    let available = n - begin;
+    let (reach, beyond) = out.split_at_mut(available);
     beyond.fill(E::NEUTRAL);
     let length = (window.end - window.begin).saturating_add(1);
     from_now::<E>(&p[begin..], &q[begin..], length, reach, scratch);
-    if begin > 0 && left > 0 {
+    if begin > 0 && available > 0 {
         let (held, scratch) = scratch.split_at_mut(n);
         extremum::ahead::<E::Dual>(p, Window { begin: 0, end: begin - 1 }, held, scratch);
         for (out, held) in reach.iter_mut().zip(held) {
@@ -55,7 +55,7 @@ pub(crate) fn until<E: Extremum>(p: &[f64], q: &[f64], window: Window, out: &mut
     }
 }
 
-/// `since`, windows cut at the begin of the signals. Reverses both and takes [`until`].
+/// Computes `since` as [`until`] on reversed signals. Windows are truncated at the beginning of the signals.
 pub(crate) fn since<E: Extremum>(p: &[f64], q: &[f64], window: Window, out: &mut [f64], scratch: &mut [f64]) {
     let (p_reversed, scratch) = scratch.split_at_mut(p.len());
     let (q_reversed, scratch) = scratch.split_at_mut(q.len());
@@ -65,7 +65,7 @@ pub(crate) fn since<E: Extremum>(p: &[f64], q: &[f64], window: Window, out: &mut
     out.reverse();
 }
 
-/// `U[0, length - 1]` by compositions over blocks of `length` samples; see the top of this file.
+/// Computes `U[0, length - 1]` by compositions over blocks of `length` samples; see the module documentation.
 fn from_now<E: Extremum>(p: &[f64], q: &[f64], length: usize, out: &mut [f64], scratch: &mut [f64]) {
     let n = p.len();
     let (held, scratch) = scratch.split_at_mut(n);
@@ -76,7 +76,7 @@ fn from_now<E: Extremum>(p: &[f64], q: &[f64], length: usize, out: &mut [f64], s
         let (p, q) = (&p[begin..end], &q[begin..end]);
         suffixes::<E>(p, q, &mut out[begin..end], &mut held[begin..end]);
         if begin > 0 {
-            // The windows that reach into this block begin in the one before, at most `length - 1` samples back.
+            // The windows that extend into this block start in the previous one, at most `length - 1` samples back.
             prefixes::<E>(p, q, &mut reached[begin..end]);
         }
         end = begin;
@@ -86,14 +86,15 @@ fn from_now<E: Extremum>(p: &[f64], q: &[f64], length: usize, out: &mut [f64], s
         if next >= n {
             break;
         }
-        // Sample `begin` sees its own block only; the k-th after it sees k samples of the next one, or all there are.
-        let seen = &reached[next..n.min(next + length - 1)];
+        // The window of sample `begin` stays in its block. The window of the k-th sample after it contains the first k
+        // samples of the next block, or all of them.
+        let next_block = &reached[next..n.min(next + length - 1)];
         let (out, held) = (&mut out[begin + 1..next], &held[begin + 1..next]);
         let all = reached[n - 1];
-        let (whole, cut) = out.split_at_mut(seen.len());
-        let (held_whole, held_cut) = held.split_at(seen.len());
-        for ((out, held), seen) in whole.iter_mut().zip(held_whole).zip(seen) {
-            *out = E::pick(*out, E::Dual::pick(*held, *seen));
+        let (whole, cut) = out.split_at_mut(next_block.len());
+        let (held_whole, held_cut) = held.split_at(next_block.len());
+        for ((out, held), prefix) in whole.iter_mut().zip(held_whole).zip(next_block) {
+            *out = E::pick(*out, E::Dual::pick(*held, *prefix));
         }
         for (out, held) in cut.iter_mut().zip(held_cut) {
             *out = E::pick(*out, E::Dual::pick(*held, all));
@@ -101,7 +102,7 @@ fn from_now<E: Extremum>(p: &[f64], q: &[f64], length: usize, out: &mut [f64], s
     }
 }
 
-/// Pairs of all suffixes of a block: `q` into `out`, `p` into `held`.
+/// Computes the pairs of all suffixes of a block: `q` into `out`, `p` into `held`.
 fn suffixes<E: Extremum>(p: &[f64], q: &[f64], out: &mut [f64], held: &mut [f64]) {
     let (mut best, mut hold) = (E::NEUTRAL, E::Dual::NEUTRAL);
     for i in (0..p.len()).rev() {
@@ -111,7 +112,7 @@ fn suffixes<E: Extremum>(p: &[f64], q: &[f64], out: &mut [f64], held: &mut [f64]
     }
 }
 
-/// The `q` of the pairs of all prefixes of a block.
+/// Computes the `q` of the pairs of all prefixes of a block.
 fn prefixes<E: Extremum>(p: &[f64], q: &[f64], reached: &mut [f64]) {
     let (mut best, mut hold) = (E::NEUTRAL, E::Dual::NEUTRAL);
     for i in 0..p.len() {

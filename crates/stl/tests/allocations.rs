@@ -1,6 +1,7 @@
-//! A monitor that is used again allocates nothing. Counting allocations takes a global allocator, which takes `unsafe`;
-//! it only counts and passes every call on to the system's. The file holds one test, so that nothing else allocates.
-#![allow(clippy::unwrap_used)] // the setting for tests does not reach the helpers of test files
+//! Evaluating a trace with a used monitor does not allocate. Counting allocations requires a global allocator and
+//! therefore `unsafe`; it counts and forwards every call to the system allocator. The file contains one test only, so
+//! that no other test allocates at the same time.
+#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 #![allow(unsafe_code)]
 
 use mishandle_stl::{Clock, Formula, Monitor, Trace};
@@ -14,16 +15,16 @@ thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
 }
 
-// SAFETY: every call goes to the system's allocator unchanged; the count is no part of the memory handed out.
+// SAFETY: every call is forwarded to the system allocator unchanged.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: the caller keeps the contract of `alloc`.
+        // SAFETY: the caller fulfills the contract of `alloc`.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller keeps the contract of `dealloc`.
+        // SAFETY: the caller fulfills the contract of `dealloc`.
         unsafe { System.dealloc(pointer, layout) }
     }
 }
@@ -40,7 +41,7 @@ fn fill(trace: &mut Trace, samples: usize) {
 }
 
 #[test]
-fn measuring_again_allocates_nothing() {
+fn a_used_monitor_does_not_allocate() {
     let formulas = [
         "always[0:30](a <= 0.3)",
         "always[0:200](eventually[3:90](a <= b))",
@@ -65,7 +66,7 @@ fn measuring_again_allocates_nothing() {
         }
         assert_eq!(ALLOCATIONS.get() - before, 0, "{text}");
     }
-    // The counter counts.
+    // The counter works.
     let before = ALLOCATIONS.get();
     drop(std::hint::black_box(vec![0_u8; 16]));
     assert_eq!(ALLOCATIONS.get() - before, 1);

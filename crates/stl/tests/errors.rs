@@ -1,7 +1,7 @@
-//! What a wrong formula, a wrong trace or a wrong clock is told, and what odd ones are read as.
-#![allow(clippy::unwrap_used)] // the setting for tests does not reach the helpers of test files
+//! Error messages for wrong formulas, traces and clocks, and the parsing of unusual formulas.
+#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
-use mishandle_stl::{Clock, Formula, Monitor, MonitorError, ParseError, Trace, Unit};
+use mishandle_stl::{Clock, Formula, Monitor, MonitorError, ParseError, TimeUnit, Trace};
 use std::sync::Arc;
 
 const CONTROL_DT: f64 = 1.0 / 60.0;
@@ -12,11 +12,11 @@ fn check(text: &str, column: usize, message: &str) {
     assert_eq!((error.column(), error.to_string().as_str()), (column, message), "{text:?}");
 }
 
-const OPERAND: &str = "expected a signal, a number, `(` or an operator that stands before its operand";
-const BOUND: &str = "expected a bound: a number that is not negative, a constant or `inf`";
+const OPERAND: &str = "expected a signal, a number, `(` or a prefix operator";
+const BOUND: &str = "expected a bound: a nonnegative number, a constant or `inf`";
 
 #[test]
-fn a_missing_operand_is_asked_for_where_it_should_stand() {
+fn a_missing_operand_is_reported_at_its_position() {
     check("", 1, &format!("column 1: {OPERAND}, found the end of the formula"));
     check("always[0:30](d <= )", 19, &format!("column 19: {OPERAND}, found `)`"));
     check("a and", 6, &format!("column 6: {OPERAND}, found the end of the formula"));
@@ -29,7 +29,7 @@ fn a_missing_operand_is_asked_for_where_it_should_stand() {
 }
 
 #[test]
-fn brackets_are_matched() {
+fn unmatched_brackets_are_errors() {
     check(
         "(a > 0",
         7,
@@ -53,12 +53,12 @@ fn brackets_are_matched() {
 }
 
 #[test]
-fn intervals_say_what_a_bound_is() {
-    check("always[3:1] a", 7, "column 7: expected an interval whose begin is at most its end, found [3:1]");
+fn malformed_intervals_are_errors() {
+    check("always[3:1] a", 7, "column 7: expected an interval [begin:end] with begin <= end, found [3:1]");
     check(
         "always[2s:500ms] a",
         7,
-        "column 7: expected an interval whose begin is at most its end, found [2s:500ms]",
+        "column 7: expected an interval [begin:end] with begin <= end, found [2s:500ms]",
     );
     check("always[-1:2] a", 8, &format!("column 8: {BOUND}, found `-`"));
     check("always[0:] a", 10, &format!("column 10: {BOUND}, found `]`"));
@@ -81,7 +81,7 @@ fn intervals_say_what_a_bound_is() {
 }
 
 #[test]
-fn a_misspelt_operator_comes_with_the_nearest() {
+fn a_misspelled_operator_is_reported_with_a_suggestion() {
     let check = |text: &str, column: usize, found: &str, hint: &str| {
         let expected = "expected an operator or the end of the formula";
         check(text, column, &format!("column {column}: {expected}, found `{found}`{hint}"));
@@ -92,7 +92,7 @@ fn a_misspelt_operator_comes_with_the_nearest() {
     check("squrt(d) < 1", 6, "(", "; did you mean `sqrt`?");
     check("x unti y", 3, "unti", "; did you mean `until`?");
     check("x > 0 AND y > 0", 7, "AND", "; did you mean `and`?");
-    // Not a word between operands, and not an operator at all.
+    // Not similar to an infix operator, and not similar to any operator.
     check("x alway y", 3, "alway", "");
     check("door_yaw (d)", 10, "(", "");
     check("x y", 3, "y", "");
@@ -101,7 +101,7 @@ fn a_misspelt_operator_comes_with_the_nearest() {
 }
 
 #[test]
-fn numbers_and_characters_are_read_or_named() {
+fn malformed_numbers_and_unknown_characters_are_errors() {
     check("a > 1e", 5, "column 5: expected digits in the exponent, found the number `1e`");
     check(
         "a > 1e400",
@@ -116,24 +116,24 @@ fn numbers_and_characters_are_read_or_named() {
     check(
         "a > 0 /* b",
         7,
-        "column 7: expected `*/` after the comment that begins here, found the end of the formula",
+        "column 7: expected `*/` to end the comment that starts here, found the end of the formula",
     );
     check(
         "a > 0 and\n  b >",
         6,
-        "line 2, column 6: expected a signal, a number, `(` or an operator that stands before its operand, found the end of the formula",
+        "line 2, column 6: expected a signal, a number, `(` or a prefix operator, found the end of the formula",
     );
 }
 
 #[test]
-fn statements_before_the_formula_are_told_apart() {
-    let ros = "expected a formula; annotations and imports belong to ROS and are not read here";
+fn malformed_statements_are_errors() {
+    let ros = "expected a formula; RTAMT's ROS annotations and imports are not supported";
     check("@topic(a, b) a > 0", 1, &format!("column 1: {ros}, found `@`"));
     check("from m import T a > 0", 1, &format!("column 1: {ros}, found `from`"));
     check(
         "a > 0; b > 0",
         8,
-        "column 8: expected the end; only a last formula goes without `name =`, found `b`",
+        "column 8: expected the end of the formula; only the last statement may omit `name =`, found `b`",
     );
     check("p = a; p = b; p", 8, "column 8: `p` is already defined; expected a new name");
     check("const float k = a; k", 17, "column 17: expected the constant's value, a number, found `a`");
@@ -153,7 +153,7 @@ fn check_same(text: &str, other: &str) {
 }
 
 #[test]
-fn declarations_definitions_and_comments_leave_the_formula() {
+fn declarations_definitions_and_comments_do_not_change_the_formula() {
     check_same("out = a > 0;", "a > 0");
     check_same("specification near input float a output float out out = a > 0", "a > 0");
     check_same("const float limit = -3.5; a > limit", "a > -3.5");
@@ -161,7 +161,7 @@ fn declarations_definitions_and_comments_leave_the_formula() {
     check_same("c = a + b\nd = c > 0\nout = always d", "always(a + b > 0)");
     check_same("float sum = a + b; sum > 0", "a + b > 0");
     check_same("a > 0 // up\n and /* both */ b > 0", "a > 0 and b > 0");
-    // Words that only their place makes keywords.
+    // Words that are keywords in some positions only.
     check_same("s > 1 and input > ms", "(s > 1) and (input > ms)");
     check_same("R R R", "R release R");
     check_same("ln(ln) > 0", "(ln(ln)) > 0");
@@ -170,7 +170,7 @@ fn declarations_definitions_and_comments_leave_the_formula() {
 }
 
 #[test]
-fn what_rtamt_refuses_or_misreads_is_read_the_usual_way() {
+fn formulas_that_rtamt_rejects_or_misparses_have_their_usual_meaning() {
     check_same("a != b", "a !== b");
     check_same("a-1 > 0", "(a) - (1) > 0");
     check_same("-a * b", "(-a) * b");
@@ -182,7 +182,7 @@ fn what_rtamt_refuses_or_misreads_is_read_the_usual_way() {
 }
 
 #[test]
-fn a_formula_prints_with_the_parentheses_that_say_how_it_was_read() {
+fn a_printed_formula_shows_its_structure_by_parentheses() {
     let check = |text: &str, printed: &str| assert_eq!(Formula::parse(text).unwrap().to_string(), printed);
     check("a - b + c > 0", "(a - b) + c > 0");
     check("a / b * c > 0", "(a / b) * c > 0");
@@ -206,12 +206,12 @@ fn a_state_predicate_has_no_temporal_operator() {
 }
 
 #[test]
-fn nesting_is_bounded_by_an_error_and_not_by_the_call_stack() {
+fn nesting_beyond_the_limit_is_an_error_and_not_a_stack_overflow() {
     let deep = |levels: usize| format!("{}a{}", "(b and ".repeat(levels), ")".repeat(levels));
     assert!(Formula::parse(&deep(999)).is_ok());
     let error = Formula::parse(&deep(100_000)).unwrap_err();
     assert!(matches!(error, ParseError::TooDeep { limit: 1000, .. }), "{error}");
-    // What needs no further buffer may be as deep as it likes.
+    // Nesting that needs no additional buffer has no limit.
     let names = ["a".to_owned()];
     let mut trace = Trace::new(names.clone().into());
     trace.push(&[2.0]);
@@ -225,7 +225,7 @@ fn nesting_is_bounded_by_an_error_and_not_by_the_call_stack() {
 }
 
 #[test]
-fn named_parts_that_double_each_time_are_stopped() {
+fn exponential_growth_by_named_sub_formulas_is_an_error() {
     let mut text = "p0 = a > 0;".to_owned();
     for i in 0..40 {
         text += &format!("p{} = p{i} and p{i};", i + 1);
@@ -240,65 +240,65 @@ fn trace_of(name: &str, values: &[f64]) -> Trace {
     trace
 }
 
-/// What measuring `text` on the signal `d` with these samples says.
-fn measure(text: &str, d: &[f64]) -> Result<Vec<f64>, MonitorError> {
+/// Returns the robustness signal of `text` on the signal `d` with these samples.
+fn evaluate(text: &str, d: &[f64]) -> Result<Vec<f64>, MonitorError> {
     let trace = trace_of("d", d);
     let mut monitor = Monitor::new(&Formula::parse(text).unwrap(), trace.names(), Clock::steps(0.5))?;
     monitor.robustness_signal(&trace).map(<[f64]>::to_vec)
 }
 
 #[test]
-fn an_unknown_signal_comes_with_the_known_ones_and_the_nearest() {
+fn an_unknown_signal_is_reported_with_the_known_ones_and_a_suggestion() {
     let known = ["cube_height".to_owned(), "cube_speed".to_owned()];
     let formula = Formula::parse("always(cube_hight > 0)").unwrap();
     let error = Monitor::new(&formula, &known, Clock::steps(CONTROL_DT)).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "signal `cube_hight` is not in the trace, which holds: cube_height, cube_speed"
+        "signal `cube_hight` is not in the trace; known signals: cube_height, cube_speed"
     );
     assert!(
         matches!(error, MonitorError::UnknownSignal { nearest: Some(name), .. } if name == "cube_height")
     );
     let error = Monitor::new(&formula, &[], Clock::steps(CONTROL_DT)).unwrap_err();
-    assert_eq!(error.to_string(), "signal `cube_hight` is not in the trace, which holds: no signals");
+    assert_eq!(error.to_string(), "signal `cube_hight` is not in the trace; known signals: no signals");
 }
 
 #[test]
-fn a_bound_between_two_samples_comes_with_both_numbers() {
+fn a_bound_between_two_samples_is_reported_with_the_period() {
     let check = |text: &str, clock: Clock, message: &str| {
         let error = Monitor::new(&Formula::parse(text).unwrap(), &["d".to_owned()], clock).unwrap_err();
         assert_eq!(error.to_string(), message, "{text}");
     };
     let control = Clock::steps(CONTROL_DT);
-    let steps = "must be a whole number of steps of 0.016666666666666666 s";
-    check("always[0:0.01s] d", control, &format!("bound 0.01 s of `always` {steps}; it is 0.6 of them"));
-    check("d until[0:0.5] d", control, &format!("bound 0.5 (steps) of `until` {steps}; it is 0.5 of them"));
-    let rtamt = Clock::rtamt(0.1, Unit::Seconds);
+    let steps = "steps of 0.016666666666666666 s; it must be a whole number of steps";
+    check("always[0:0.01s] d", control, &format!("bound 0.01 s of `always` is 0.6 {steps}"));
+    check("d until[0:0.5] d", control, &format!("bound 0.5 (steps) of `until` is 0.5 {steps}"));
+    let rtamt = Clock::rtamt(0.1, TimeUnit::Seconds);
     check(
         "once[0:0.25] d",
         rtamt,
-        "bound 0.25 s of `once` must be a whole number of steps of 0.1 s; it is 2.5 of them",
+        "bound 0.25 s of `once` is 2.5 steps of 0.1 s; it must be a whole number of steps",
     );
     for period in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         check(
             "d",
             Clock::steps(period),
-            &format!("the sampling period must be positive and finite, in seconds; it is {period}"),
+            &format!("the sampling period is {period} s; it must be positive and finite"),
         );
     }
 }
 
 #[test]
-fn samples_that_are_no_numbers_are_named_with_their_time() {
-    let message = |d: &[f64]| measure("d > 0", d).unwrap_err().to_string();
+fn samples_that_are_not_finite_are_reported_with_their_time() {
+    let message = |d: &[f64]| evaluate("d > 0", d).unwrap_err().to_string();
     assert_eq!(
         message(&[0.0, f64::NAN]),
         "signal `d` is NaN at step 1 (t = 0.5 s); every sample must be finite"
     );
     let infinite = [0.0, 0.0, f64::NEG_INFINITY];
     assert_eq!(message(&infinite), "signal `d` is -inf at step 2 (t = 1 s); every sample must be finite");
-    assert_eq!(message(&[]), "the trace is empty; robustness needs at least one sample");
-    // A signal that the formula does not read is not its business.
+    assert_eq!(message(&[]), "the trace is empty; it must have at least one sample");
+    // A signal that the formula does not read may have any value.
     let names: Arc<[String]> = ["d", "e"].map(String::from).into();
     let mut trace = Trace::new(Arc::clone(&names));
     trace.push(&[1.0, f64::NAN]);
@@ -307,16 +307,16 @@ fn samples_that_are_no_numbers_are_named_with_their_time() {
 }
 
 #[test]
-fn arithmetic_without_a_value_is_named_with_its_operands() {
-    let message = |text: &str| measure(text, &[1.0, 0.0]).unwrap_err().to_string();
+fn arithmetic_without_a_finite_value_is_reported_with_its_operands() {
+    let message = |text: &str| evaluate(text, &[1.0, 0.0]).unwrap_err().to_string();
     assert_eq!(message("2 / d > 0"), "`2 / 0` has no finite value at step 1 (t = 0.5 s)");
     assert_eq!(message("sqrt(d - 1) > 0"), "`sqrt(-1)` has no finite value at step 1 (t = 0.5 s)");
     assert_eq!(message("ln(d) > 0"), "`ln(0)` has no finite value at step 1 (t = 0.5 s)");
     assert_eq!(message("pow(d, -1) > 0"), "`pow(0, -1)` has no finite value at step 1 (t = 0.5 s)");
     assert_eq!(message("exp(1000 * d) > 0"), "`exp(1000)` has no finite value at step 0 (t = 0 s)");
-    // Infinities that cut windows give are values; what has no value with them is an error as well.
-    assert_eq!(measure("1 + (always[5:6] d) > 0", &[1.0]), Ok(vec![f64::INFINITY]));
-    assert!(measure("(always[5:6] d) * 0 > 0", &[1.0]).is_err());
+    // Infinities from truncated windows are values, but arithmetic on them can also have no value.
+    assert_eq!(evaluate("1 + (always[5:6] d) > 0", &[1.0]), Ok(vec![f64::INFINITY]));
+    assert!(evaluate("(always[5:6] d) * 0 > 0", &[1.0]).is_err());
     // The value at time 0 does not depend on the second sample.
     let trace = trace_of("d", &[1.0, 0.0]);
     let mut monitor =
@@ -325,23 +325,23 @@ fn arithmetic_without_a_value_is_named_with_its_operands() {
 }
 
 #[test]
-fn a_trace_of_other_signals_is_refused() {
+fn a_trace_of_other_signals_is_an_error() {
     let mut monitor =
         Monitor::new(&Formula::parse("d > 0").unwrap(), &["d".to_owned()], Clock::steps(1.0)).unwrap();
     assert_eq!(monitor.robustness(&trace_of("d", &[1.0])), Ok(1.0));
     let error = monitor.robustness(&trace_of("e", &[1.0])).unwrap_err();
-    assert_eq!(error.to_string(), "the monitor was made for `d` as signal 0 of the trace, which holds: e");
+    assert_eq!(error.to_string(), "expected `d` as signal 0 of the trace, found the signals: e");
     assert_eq!(monitor.robustness(&trace_of("d", &[3.0])), Ok(3.0));
 }
 
 #[test]
 #[should_panic(expected = "one value per signal")]
-fn a_sample_of_the_wrong_width_is_a_fault_of_the_caller() {
+fn a_sample_of_the_wrong_length_panics() {
     Trace::new(Arc::from(["d".to_owned()])).push(&[1.0, 2.0]);
 }
 
 #[test]
-fn a_bound_past_every_trace_is_refused_and_horizons_never_wrap() {
+fn a_bound_beyond_the_limit_is_an_error_and_horizons_do_not_overflow() {
     let names = ["d".to_owned()];
     let horizon = |text: &str| {
         Monitor::new(&Formula::parse(text).unwrap(), &names, Clock::steps(1.0))
@@ -351,15 +351,15 @@ fn a_bound_past_every_trace_is_refused_and_horizons_never_wrap() {
     for bound in ["18446744073709549568", "18446744073709551616", "1e300", "8796093022209"] {
         for text in [format!("always[0:{bound}] d"), format!("d until[{bound}:inf] d")] {
             let error = horizon(&text).unwrap_err();
-            assert!(matches!(error, MonitorError::TooLate { .. }), "{text}: {error}");
+            assert!(matches!(error, MonitorError::BoundTooLarge { .. }), "{text}: {error}");
         }
     }
     assert_eq!(
         horizon("always[0:1e16] d").unwrap_err().to_string(),
-        "bound 10000000000000000 (steps) of `always` is 1e16 samples, more than any trace has; write `inf` for a window without an \
-         end"
+        "bound 10000000000000000 (steps) of `always` is 1e16 samples, more than any trace has; write `inf` for an unbounded \
+         interval"
     );
-    // The most that a bound may be, added up as often as a formula may nest, still counts.
+    // The largest bound times the largest nesting depth does not overflow.
     let latest = 1_usize << 43;
     assert_eq!(horizon(&format!("always[0:{latest}] d")), Ok(Some(latest)));
     let nested = format!("{}d", format!("always[0:{latest}] ").repeat(1000));
@@ -368,17 +368,17 @@ fn a_bound_past_every_trace_is_refused_and_horizons_never_wrap() {
 }
 
 #[test]
-fn an_assignment_that_should_be_a_comparison_is_found_out() {
+fn an_assignment_in_place_of_a_comparison_is_an_error() {
     let names = ["ball_speed".to_owned()];
     check(
         "ball_sped = 0.1",
         1,
-        "column 1: `ball_sped = ...` names a number and measures nothing; did you mean `==`?",
+        "column 1: `ball_sped = ...` defines a number, but the last statement must be a formula; did you mean `==`?",
     );
     check(
         "p = 1; q = -p * 2",
         8,
-        "column 8: `q = ...` names a number and measures nothing; did you mean `==`?",
+        "column 8: `q = ...` defines a number, but the last statement must be a formula; did you mean `==`?",
     );
     let found = "expected an operator or `)` to match the `(` at column 7, found `=`; did you mean `==`?";
     check("always(ball_speed = 0.1)", 19, &format!("column 19: {found}"));
@@ -392,13 +392,13 @@ fn an_assignment_that_should_be_a_comparison_is_found_out() {
             "{text}: {error}"
         );
     }
-    // RTAMT's own way to write a formula.
+    // The usual form of a formula in RTAMT.
     assert!(monitor("out = ball_speed <= 0.1").is_ok());
     assert!(monitor("limit = 0.1; out = ball_speed <= limit").is_ok());
 }
 
 #[test]
-fn chained_comparisons_are_found() {
+fn chained_comparisons_are_detected() {
     let chains = |text: &str| Formula::parse(text).unwrap().chains_comparisons();
     for text in ["0.2 <= v <= 0.3", "always(1 < v - 2 >= w)", "a and b > c > d or e"] {
         assert!(chains(text), "{text}");
@@ -406,6 +406,6 @@ fn chained_comparisons_are_found() {
     for text in ["0.2 <= v and v <= 0.3", "v <= (w <= 3)", "(a < b) == (c < d)", "a", "1 < 2"] {
         assert!(!chains(text), "{text}");
     }
-    // What RTAMT makes of it: 0.3 - (v - 0.2).
-    assert_eq!(measure("0.2 <= v <= 0.3".replace('v', "d").as_str(), &[0.0]), Ok(vec![0.5]));
+    // As in RTAMT: 0.3 - (v - 0.2).
+    assert_eq!(evaluate("0.2 <= v <= 0.3".replace('v', "d").as_str(), &[0.0]), Ok(vec![0.5]));
 }

@@ -1,7 +1,7 @@
-//! Agreement with RTAMT, by files that `tests/golden/rtamt/make.py` wrote by running it.
-#![allow(clippy::unwrap_used)] // the setting for tests does not reach the helpers of test files
+//! Agreement with RTAMT: `tests/golden/rtamt/make.py` runs RTAMT and writes the golden files.
+#![allow(clippy::unwrap_used)] // clippy's set_up for tests does not cover helper functions
 
-use mishandle_stl::{Clock, Formula, Monitor, Trace, Unit};
+use mishandle_stl::{Clock, Formula, Monitor, TimeUnit, Trace};
 use serde_json::Value;
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ fn rows(file: &str) -> Vec<Value> {
     serde_json::from_str(file).unwrap()
 }
 
-/// Numbers in a text; Rust's own parser reads each to the last bit.
+/// Parses numbers separated by spaces, exactly.
 fn numbers(value: &Value) -> Vec<f64> {
     value.as_str().unwrap().split(' ').map(|number| number.parse().unwrap()).collect()
 }
@@ -23,15 +23,15 @@ fn trace_of(columns: &[Vec<f64>]) -> Trace {
     trace
 }
 
-/// Exact but for `exp` and `pow`, which may come from another mathematical library.
+/// Exact, except for `exp` and `pow`, whose last bits depend on the math library.
 fn is_close(text: &str, got: f64, expected: f64) -> bool {
     let is_exact = !text.contains("exp(") && !text.contains("pow(");
     got == expected || (!is_exact && (got - expected).abs() <= 1e-12 * expected.abs().max(1.0))
 }
 
-/// A case's trace, and the monitor of `text` for its signals and its clock.
-fn setting(case: &Value, text: &str) -> (Trace, Monitor) {
-    let unit = Unit::ALL.into_iter().find(|unit| unit.symbol() == case["unit"]).unwrap();
+/// Returns the trace of a case, and a monitor of `text` for its signals and clock.
+fn set_up(case: &Value, text: &str) -> (Trace, Monitor) {
+    let unit = TimeUnit::ALL.into_iter().find(|unit| unit.symbol() == case["unit"]).unwrap();
     let clock = Clock::rtamt(case["period_secs"].as_f64().unwrap(), unit);
     let columns: Vec<Vec<f64>> = case["trace"].as_array().unwrap().iter().map(numbers).collect();
     let trace = trace_of(&columns);
@@ -41,12 +41,12 @@ fn setting(case: &Value, text: &str) -> (Trace, Monitor) {
 }
 
 #[test]
-fn robustness_is_rtamts() {
+fn robustness_equals_that_of_rtamt() {
     let cases = rows(include_str!("golden/rtamt/values.json"));
     assert!(cases.len() >= 300);
     for case in &cases {
         let text = case["formula"].as_str().unwrap();
-        let (trace, mut monitor) = setting(case, text);
+        let (trace, mut monitor) = set_up(case, text);
         let expected = numbers(&case["robustness"]);
         let got = monitor.robustness_signal(&trace).unwrap().to_vec();
         let agrees = got.iter().zip(&expected).all(|(got, expected)| is_close(text, *got, *expected));
@@ -60,22 +60,22 @@ fn robustness_is_rtamts() {
 }
 
 #[test]
-fn operators_bind_as_they_do_in_rtamt() {
+fn operators_have_the_precedence_of_rtamt() {
     let pairs = rows(include_str!("golden/rtamt/trees.json"));
     assert!(pairs.len() >= 300);
     for pair in &pairs {
         let (text, tree) = (pair[0].as_str().unwrap(), pair[1].as_str().unwrap());
-        // RTAMT's trees call the operator `prev` by another name than its grammar does.
+        // RTAMT's trees print the operator `prev` as `previous`.
         let tree = tree.replace("previous", "prev");
         let parse = |text: &str| Formula::parse(text).unwrap_or_else(|error| panic!("{text}: {error}"));
         assert_eq!(parse(text), parse(&tree), "{text} is {tree} in RTAMT");
     }
 }
 
-/// Where RTAMT lets `+` bind tighter than `-` and `*` tighter than `/`, ours is the value that arithmetic gives.
+/// RTAMT gives `+` a higher precedence than `-`, and `*` a higher one than `/`. Here values follow arithmetic.
 #[test]
-fn sums_and_products_are_read_from_left_to_right_as_they_are_not_in_rtamt() {
-    // At the two samples a = 8, 4; b = 2, 4; c = 4, 1/2. Beside each value stands RTAMT's, of its own reading.
+fn sums_and_products_associate_to_the_left_unlike_in_rtamt() {
+    // At the two samples a = 8, 4; b = 2, 4; c = 4, 1/2. Columns: our values, RTAMT's values.
     let expected = [
         ("a - b + c", [10.0, 0.5], [2.0, -0.5]), // 6 + 4, 0 + 1/2; 8 - 6, 4 - 9/2
         ("a / b * c", [16.0, 0.5], [1.0, 2.0]),  // 4 · 4, 1 · 1/2; 8 / 8, 4 / 2
@@ -88,11 +88,11 @@ fn sums_and_products_are_read_from_left_to_right_as_they_are_not_in_rtamt() {
     assert_eq!(cases.len(), expected.len());
     for (case, (text, ours, rtamts)) in cases.iter().zip(expected) {
         assert_eq!(case["formula"], text);
-        let (trace, mut monitor) = setting(case, text);
+        let (trace, mut monitor) = set_up(case, text);
         assert_eq!(monitor.robustness_signal(&trace).unwrap(), ours, "{text}");
         assert_eq!(numbers(&case["robustness"]), rtamts, "{text} in RTAMT");
 
-        // What we print, RTAMT reads as we do.
+        // RTAMT parses our printed text as we do.
         assert_eq!(case["mended"], Formula::parse(text).unwrap().to_string());
         assert_eq!(numbers(&case["mended_robustness"]), ours, "{text} in RTAMT, mended");
     }

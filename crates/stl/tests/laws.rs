@@ -1,5 +1,5 @@
-//! What must hold for every formula and trace, tried on random ones.
-#![allow(clippy::unwrap_used)] // the setting for tests does not reach the helpers of test files
+//! Laws that hold for every formula and trace, checked on random ones.
+#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
 mod naive;
 
@@ -41,7 +41,7 @@ fn check_equal(one: &str, other: &str, columns: &[Vec<f64>]) {
 }
 
 #[test]
-fn robustness_is_what_the_definitions_say() {
+fn robustness_follows_the_definitions() {
     let mut random = Random(1);
     for case in 0..20_000 {
         let n = 1 + random.below(if case % 10 == 0 { 90 } else { 14 });
@@ -54,7 +54,7 @@ fn robustness_is_what_the_definitions_say() {
 }
 
 #[test]
-fn windows_of_all_lengths_on_long_traces_are_what_the_definitions_say() {
+fn windows_of_all_lengths_on_long_traces_follow_the_definitions() {
     let mut random = Random(2);
     let lengths = [1, 2, 3, 4, 5, 7, 8, 15, 16, 17, 31, 64, 127, 250, 500, 1023, 1024, 1025, 1500, 3000];
     for name in TIMED_ONE.into_iter().chain(TIMED_TWO) {
@@ -66,7 +66,7 @@ fn windows_of_all_lengths_on_long_traces_are_what_the_definitions_say() {
                 true => Tree::One(name, window, Box::new(Tree::Signal(0))),
                 false => Tree::Two(name, window, Box::new(Tree::Signal(0)), Box::new(Tree::Signal(1))),
             };
-            // Left operands that fall rarely and right ones that rise rarely, so that far samples count too.
+            // Left operands that rarely fall and right operands that rarely rise, so that distant samples matter.
             let mut columns = random_columns(&mut random, n);
             for (step, value) in columns[0].iter_mut().enumerate() {
                 *value = 20.0 - (step as f64 / 40.0) + if step % 97 == 5 { *value } else { 0.0 };
@@ -80,7 +80,7 @@ fn windows_of_all_lengths_on_long_traces_are_what_the_definitions_say() {
     }
 }
 
-/// A random interval as text, and the same one sample longer at its end.
+/// Returns a random interval as text, and the same one sample longer at its end.
 fn intervals(random: &mut Random) -> (String, String) {
     let (begin, length) = (random.below(5), random.below(12));
     (format!("[{begin}:{}]", begin + length), format!("[{begin}:{}]", begin + length + 1))
@@ -117,7 +117,7 @@ fn operators_have_their_duals() {
 }
 
 #[test]
-fn the_past_is_the_future_of_the_trace_reversed() {
+fn past_operators_are_future_operators_on_the_reversed_trace() {
     let mut random = Random(4);
     let reversed = |columns: &[Vec<f64>]| -> Vec<Vec<f64>> {
         columns.iter().map(|column| column.iter().rev().copied().collect()).collect()
@@ -142,7 +142,7 @@ fn the_past_is_the_future_of_the_trace_reversed() {
 }
 
 #[test]
-fn a_longer_window_never_helps_always_and_never_hurts_eventually_and_until() {
+fn a_longer_window_never_raises_always_and_never_lowers_eventually_and_until() {
     let mut random = Random(5);
     for _ in 0..1000 {
         let n = 1 + random.below(30);
@@ -168,7 +168,7 @@ fn a_longer_window_never_helps_always_and_never_hurts_eventually_and_until() {
 }
 
 #[test]
-fn a_trace_that_is_better_everywhere_is_at_least_as_robust() {
+fn robustness_is_monotonic_in_the_trace() {
     let mut random = Random(6);
     let formulas = [
         "always[1:4] a",
@@ -194,7 +194,7 @@ fn a_trace_that_is_better_everywhere_is_at_least_as_robust() {
 }
 
 #[test]
-fn a_formula_about_the_future_forgets_what_came_before() {
+fn a_future_formula_does_not_depend_on_past_samples() {
     let mut random = Random(7);
     let is_past =
         |name: &str| ["historically", "once", "since", "prev", "s_prev", "rise", "fall"].contains(&name);
@@ -222,7 +222,7 @@ fn a_formula_about_the_future_forgets_what_came_before() {
 }
 
 #[test]
-fn samples_past_the_horizon_change_nothing() {
+fn samples_beyond_the_horizon_do_not_change_the_value() {
     let mut random = Random(8);
     let mut bounded = 0;
     for _ in 0..5000 {
@@ -249,7 +249,7 @@ fn samples_past_the_horizon_change_nothing() {
 }
 
 #[test]
-fn the_horizon_is_the_furthest_sample_that_counts() {
+fn the_horizon_is_the_last_sample_that_matters() {
     let cases = [
         ("a > 0", Some(0)),
         ("always[0:30](a > 0)", Some(30)),
@@ -258,12 +258,12 @@ fn the_horizon_is_the_furthest_sample_that_counts() {
         ("always[3:inf] a", None),
         ("a until[0:5] b", Some(5)),
         ("(next a) until[0:0] b", Some(0)),
-        ("(always[0:9] a) until[0:5] b", Some(13)), // the left operand is needed up to the fourth sample
+        ("(always[0:9] a) until[0:5] b", Some(13)), // the left operand is evaluated up to sample 4
         ("(always[0:9] a) unless[0:5] b", Some(14)),
         ("once[3:4](next next a)", Some(0)),
         ("once[1:4](always[0:5] a)", Some(4)),
         ("historically a since b", Some(0)),
-        ("next s_next prev rise(a)", Some(2)), // whether there is a second sample ahead counts
+        ("next s_next prev rise(a)", Some(2)), // the existence of sample 2 matters
         ("1 > 0", Some(0)),
     ];
     for (text, expected) in cases {
@@ -272,7 +272,7 @@ fn the_horizon_is_the_furthest_sample_that_counts() {
 }
 
 #[test]
-fn a_printed_formula_reads_back_as_itself() {
+fn a_printed_formula_parses_to_itself() {
     let mut random = Random(9);
     for _ in 0..20_000 {
         let size = random.below(9);
@@ -284,9 +284,9 @@ fn a_printed_formula_reads_back_as_itself() {
     }
 }
 
-/// Token soup: what reads at all must print as something that reads the same.
+/// Random tokens: if a text parses, its printed form parses to the same formula.
 #[test]
-fn whatever_reads_prints_and_reads_back() {
+fn every_text_that_parses_survives_a_round_trip() {
     let mut random = Random(10);
     let tokens = [
         "a",
@@ -333,7 +333,7 @@ fn whatever_reads_prints_and_reads_back() {
 }
 
 #[test]
-fn no_text_makes_the_reader_panic() {
+fn the_parser_never_panics() {
     let mut random = Random(13);
     let pieces = [
         "a", "é", "≤", "\u{301}", "0x", "0b", "1", "_", ".", "e", "+", "-", "/", "/*", "*/", "//", "\n", " ",
@@ -361,7 +361,7 @@ fn no_value_is_nan() {
 }
 
 #[test]
-fn huge_and_empty_windows_have_their_values() {
+fn huge_and_empty_windows_have_the_documented_values() {
     let columns = [vec![1.0, -2.0, 3.0], vec![0.0, 5.0, -1.0], vec![0.0; 3]];
     let check = |text: &str, expected: [f64; 3]| assert_eq!(robustness(text, &columns), expected, "{text}");
     const INF: f64 = f64::INFINITY;
@@ -382,7 +382,7 @@ fn huge_and_empty_windows_have_their_values() {
 }
 
 #[test]
-fn a_monitor_may_meet_traces_of_any_length_in_any_order() {
+fn a_monitor_accepts_traces_of_any_length_in_any_order() {
     let mut random = Random(12);
     let window: Interval = Some((1, 70));
     let tree = Tree::Two("until", window, Box::new(Tree::Signal(0)), Box::new(Tree::Signal(1)));
@@ -399,7 +399,8 @@ fn a_monitor_may_meet_traces_of_any_length_in_any_order() {
 
 // --- sub-formulas ---
 
-/// Samples of a trace of `n` at which a formula that looks this far looks past neither end.
+/// Returns the samples of a trace of `n` samples at which a formula with these offsets reads no sample outside the
+/// trace.
 fn covered((low, high): (i64, i64), n: usize) -> std::ops::Range<usize> {
     let end = n.saturating_sub(high as usize);
     (-low as usize).min(end)..end
@@ -416,7 +417,7 @@ fn least_of(values: &[f64], covered: std::ops::Range<usize>) -> SubformulaMinimu
 }
 
 #[test]
-fn minima_of_sub_formulas_are_those_of_their_own_monitors() {
+fn minima_of_sub_formulas_equal_those_of_separate_monitors() {
     let mut random = Random(14);
     for case in 0..10_000 {
         let n = 1 + random.below(if case % 10 == 0 { 90 } else { 14 });
@@ -435,18 +436,18 @@ fn minima_of_sub_formulas_are_those_of_their_own_monitors() {
         for ((part, text), minimum) in parts.iter().zip(&texts).zip(&minima) {
             let values = robustness(text, &columns);
             assert_eq!(values, part.evaluate(&columns), "{text} on {columns:?}");
-            let expected = least_of(&values, covered(part.looks_at(), n));
+            let expected = least_of(&values, covered(part.offsets(), n));
             assert_eq!(*minimum, expected, "{text} on {columns:?}");
         }
-        // Asking for minima changes no robustness.
+        // Computing minima does not change the robustness.
         assert_eq!(monitor.robustness(&trace), Ok(tree.evaluate(&columns)[0]));
     }
 }
 
-/// The value of a formula with bounded windows at a covered sample is the same in every longer trace around it, so more
-/// samples can only lower the minimum.
+/// At a covered sample, the value of a formula with bounded windows is the same in every longer trace. So more samples
+/// can only lower the minimum.
 #[test]
-fn a_covered_sample_does_not_depend_on_where_the_trace_is_cut() {
+fn the_value_at_a_covered_sample_does_not_depend_on_the_ends_of_the_trace() {
     let mut random = Random(15);
     let (mut formulas, mut samples) = (0, 0);
     while formulas < 3000 {
@@ -465,7 +466,7 @@ fn a_covered_sample_does_not_depend_on_where_the_trace_is_cut() {
             .map(|column| [random.column(before), column.clone(), random.column(12)].concat())
             .collect();
         let (short, long) = (robustness(&text, &columns), robustness(&text, &longer));
-        for step in covered(tree.looks_at(), n) {
+        for step in covered(tree.offsets(), n) {
             samples += 1;
             assert_eq!(short[step], long[step + before], "{text} at {step} of {columns:?} in {longer:?}");
         }
@@ -477,7 +478,7 @@ fn a_covered_sample_does_not_depend_on_where_the_trace_is_cut() {
 }
 
 #[test]
-fn minima_of_sub_formulas_by_hand() {
+fn minima_of_sub_formulas_equal_values_computed_by_hand() {
     // Samples 0 to 4.
     let columns = [vec![3.0, 1.0, -2.0, 4.0, -2.0], vec![0.0, 5.0, 2.0, 1.0, 6.0], vec![0.0; 5]];
     let check = |text: &str, expected: &[(&str, f64, usize)]| {
@@ -492,7 +493,7 @@ fn minima_of_sub_formulas_by_hand() {
         assert_eq!(found, expected, "{text}");
     };
     const INF: f64 = f64::INFINITY;
-    // a is least at samples 2 and 4: the first counts. b - 1 is [-1, 4, 1, 0, 5].
+    // a has its minimum at samples 2 and 4; the first is reported. b - 1 is [-1, 4, 1, 0, 5].
     check("a", &[("a", -2.0, 2)]);
     check(
         "a > 0 or b > 1",
@@ -505,14 +506,14 @@ fn minima_of_sub_formulas_by_hand() {
     check("next a", &[("next a", -2.0, 1), ("a", -2.0, 2)]);
     // Covered at samples 2 to 4: b two samples before is [0, 5, 2].
     check("once[2:2] b", &[("once[2:2] b", 0.0, 2), ("b", 0.0, 0)]);
-    // A window without an end is covered by its first sample: suffix minima of a are -2 throughout.
+    // The first sample covers an unbounded window: all suffix minima of a are -2.
     check("always (a > 0)", &[("always(a > 0)", -2.0, 0), ("a > 0", -2.0, 2)]);
     // Covered at samples 0 to 2; suffix maxima of a from two samples on: [4, 4, -2].
     check("eventually[2:inf] a", &[("eventually[2:inf] a", -2.0, 2), ("a", -2.0, 2)]);
-    // Left operand needed over [t, t + 1), right one up to t + 1: samples 0 to 3.
+    // The left operand is evaluated on [t, t + 1), the right one up to t + 1: samples 0 to 3.
     // max(b(t), min(a(t), b(t + 1))): max(0, min(3, 5)) = 3, max(5, 1) = 5, max(2, -2) = 2, max(1, min(4, 6)) = 4.
     check("a until[0:1] b", &[("a until[0:1] b", 2.0, 2), ("a", -2.0, 2), ("b", 0.0, 0)]);
-    // No sample has five more after it.
+    // No sample has five later samples.
     check("always[0:5] a", &[("always[0:5] a", INF, 0), ("a", -2.0, 2)]);
     check("true until[0:1] a", &[("true until[0:1] a", 1.0, 1), ("true", INF, 0), ("a", -2.0, 2)]);
     // Terms are not listed.
@@ -520,13 +521,13 @@ fn minima_of_sub_formulas_by_hand() {
 }
 
 #[test]
-fn minima_ask_for_arithmetic_at_every_sample() {
+fn minima_evaluate_arithmetic_at_every_sample() {
     let columns = [vec![1.0, 4.0, -1.0], vec![0.0; 3], vec![0.0; 3]];
     let mut monitor = monitor("sqrt(a) >= 1");
     assert_eq!(monitor.robustness(&trace_of(&columns)), Ok(0.0));
     let found = monitor.subformula_minima(&trace_of(&columns));
     assert!(matches!(found, Err(MonitorError::Undefined { step: 2, .. })), "{found:?}");
-    // The next trace is measured as if nothing had happened.
+    // An error does not affect the next trace.
     let columns = [vec![4.0, 1.0, 9.0], vec![0.0; 3], vec![0.0; 3]];
     let expected = [SubformulaMinimum { minimum: 0.0, step: 1 }];
     assert_eq!(monitor.subformula_minima(&trace_of(&columns)).unwrap(), expected);

@@ -1,8 +1,6 @@
-//! What a campaign costs on disk and in time: `cargo bench -p mishandle-store [-- SIMULATIONS]` (100,000 if
-//! not said).
+//! Disk space and time of recording a campaign: `cargo bench -p mishandle-store [-- SIMULATIONS]` (default 100,000).
 //!
-//! The ratio is against what one would do without a store: a line of CSV per simulation, appended and
-//! flushed.
+//! The ratio compares with the simplest alternative: one line of CSV per simulation, appended and flushed.
 #![allow(clippy::print_stdout)]
 
 use std::error::Error;
@@ -17,17 +15,17 @@ use mishandle_store::{
 
 const AXES: usize = 6;
 const TRIALS: u32 = 30;
-/// Trials whose simulations are recorded in turn, as worker threads do.
+/// Trials whose simulations are recorded alternately, as by worker threads.
 const AT_ONCE: u32 = 8;
 const BATCH: u32 = 32;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let asked = std::env::args().find_map(|word| word.parse().ok());
-    let simulations: u32 = asked.unwrap_or(100_000);
+    let argument = std::env::args().find_map(|word| word.parse().ok());
+    let simulations: u32 = argument.unwrap_or(100_000);
     let folder = tempfile::tempdir()?;
     rows(simulations, &folder.path().join("rows.sqlite"))?;
     let csv = lines(simulations, &folder.path().join("rows.csv"))?;
-    println!("  the same as flushed lines of CSV      {csv:8.2} s");
+    println!("  flushed lines of CSV, for comparison  {csv:8.2} s");
     traces(&folder.path().join("traces.sqlite"))
 }
 
@@ -110,7 +108,7 @@ fn peak_mib() -> f64 {
 
 fn batches(simulations: u32) -> impl Iterator<Item = Vec<Simulation>> {
     let per_trial = simulations.div_ceil(TRIALS);
-    // Eight trials run at a time; each in turn hands over a batch.
+    // Eight trials run at a time and record their batches in turn.
     let groups = (0..TRIALS).step_by(AT_ONCE as usize).map(|first| first..TRIALS.min(first + AT_ONCE));
     groups.flat_map(move |trials| {
         (1..=per_trial).step_by(BATCH as usize).flat_map(move |first| {
@@ -140,8 +138,8 @@ fn simulation(trial: u32, number: u32) -> Simulation {
     }
 }
 
-/// A servo that follows a sine, a ball that bounces, distances between them, and a distance that comes to
-/// rest.
+/// Signals of a trace: a servo that follows a sine, a bouncing ball, their distances, and a distance that becomes
+/// constant.
 fn smooth_trace() -> StoredTrace {
     let (mut q, mut q_dot, mut z, mut z_dot) = (0.7_f64, 0.0, 1.0_f64, 0.3);
     let mut columns = vec![Vec::new(); 6];

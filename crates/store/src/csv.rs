@@ -1,9 +1,10 @@
-//! Writes the tables of a run as CSV, for whatever reads that.
+//! Exports simulations and traces of a run as CSV.
 
 use std::io::{self, Write};
 
 use crate::{AxisRecord, Result, RunFile, Simulation, StoreError, StoredTrace, row};
 
+/// Columns that every export has, before those of axes and verdicts.
 const FIXED: [&str; 10] = [
     "trial",
     "simulation",
@@ -17,17 +18,17 @@ const FIXED: [&str; 10] = [
     "steps",
 ];
 
-/// Writes all simulations of a run as CSV (RFC 4180): a line of names, then a line each, ordered by trial and
+/// Writes all simulations of a run as CSV (RFC 4180): a header, then one line per simulation, ordered by trial and
 /// number.
 ///
 /// The columns are `trial`, `simulation`, `seed`, `robustness`, `robustness_low`, `robustness_high`,
-/// `stop_threshold`, `end`, `end_step`, `steps`; then, per axis, `u_NAME` (the unit point) and, per axis,
-/// `NAME_UNIT` (the scenario; `m/s` is written `m_per_s`); then a column per further verdict; then `trace_digest`
-/// in hexadecimal. Numbers have as many digits as it takes to read them back exactly, infinities are `inf` and
-/// `-inf`, and absent values are empty.
+/// `stop_threshold`, `end`, `end_step`, `steps`; then one column `u_NAME` per axis (the unit point); then one column
+/// `NAME_UNIT` per axis (the scenario; the unit `m/s` becomes `m_per_s`); then one column per verdict; then
+/// `trace_digest` in hexadecimal. Numbers have enough digits to be read back exactly, infinities are `inf` and `-inf`,
+/// and missing values are empty.
 ///
 /// # Errors
-/// [`Io`](StoreError::Io) if `writer` fails, or a failure of the file.
+/// [`Io`](StoreError::Io) if `writer` fails, or an error of the run file.
 pub fn export_csv(run: &RunFile, writer: &mut impl Write) -> Result<()> {
     let mut writer = io::BufWriter::new(writer);
     let header = run.header();
@@ -43,8 +44,8 @@ pub fn export_csv(run: &RunFile, writer: &mut impl Write) -> Result<()> {
     writer.flush().map_err(failed)
 }
 
-/// Writes a trace as CSV (RFC 4180), in the form that `monitor` reads: a column `time` in seconds, then a
-/// column per signal of the run's header, a line per sample.
+/// Writes a trace as CSV (RFC 4180) that `mishandle monitor` reads: a column `time` in seconds, then one column per
+/// signal of the run's header; one line per sample.
 ///
 /// # Errors
 /// [`Io`](StoreError::Io) if `writer` fails.
@@ -91,7 +92,7 @@ fn with_unit(axis: &AxisRecord) -> String {
     }
 }
 
-/// The shortest text that reads back as the same number.
+/// Returns the shortest text that is read back as the same number.
 fn number(value: f64) -> String {
     format!("{value:?}")
 }

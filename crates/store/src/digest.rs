@@ -1,13 +1,13 @@
-//! SHA-256 over values, each fed in one canonical form, so that a digest never depends on how they are
-//! stored.
+//! SHA-256 of values in a canonical encoding, so that a digest does not depend on the storage format.
 
 use sha2::{Digest as _, Sha256};
 
-/// A SHA-256 that takes values: little-endian, floats by their bits, texts and lists after their length.
+/// A SHA-256 of values. Numbers are encoded as 8 little-endian bytes, floats by their bits; the length of a text or
+/// list precedes its content.
 pub(crate) struct Digest(Sha256);
 
 impl Digest {
-    /// `subject` keeps the digests of different things apart.
+    /// Creates a digest. Different kinds of values use different `subject`s, so that their digests differ.
     pub(crate) fn of(subject: &str) -> Self {
         let mut digest = Self(Sha256::new());
         digest.text(subject);
@@ -48,14 +48,14 @@ impl Digest {
         self.0.update(text);
     }
 
-    /// The first 16 bytes of the SHA-256, read as a big-endian number, so that its hexadecimal form is
-    /// theirs.
+    /// Returns the first 16 bytes of the SHA-256 as a big-endian number, so that its hexadecimal digits are those of
+    /// the hash.
     pub(crate) fn finish(self) -> u128 {
         let bytes: [u8; 32] = self.0.finalize().into();
         bytes[..16].iter().fold(0, |number, &byte| number << 8 | u128::from(byte))
     }
 
-    /// The first 8 bytes of the SHA-256, as SQLite's integer.
+    /// Returns the first 8 bytes of the SHA-256 as a signed integer, the integer type of SQLite.
     pub(crate) fn finish_row(self) -> i64 {
         ((self.finish() >> 64) as u64).cast_signed()
     }
@@ -66,13 +66,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_the_start_of_sha_256() {
-        // printf '\1\0\0\0\0\0\0\0a' | sha256sum: the length 1, then the text
+    fn the_digest_is_a_prefix_of_sha_256() {
+        // printf '\1\0\0\0\0\0\0\0a' | sha256sum: the length 1, then the text.
         assert_eq!(format!("{:032x}", Digest::of("a").finish()), "ae6121c88ba555f64c3d812123eb799d");
     }
 
     #[test]
-    fn long_lists_are_fed_whole() {
+    fn lists_longer_than_the_buffer_are_hashed_completely() {
         let values: Vec<f64> = (0..1000).map(f64::from).collect();
         let mut whole = Digest::of("list");
         whole.floats(&values);

@@ -1,90 +1,90 @@
-//! What can go wrong with a run file, told to the user.
+//! Errors of run files.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use rusqlite::ErrorCode;
 
-/// Why a run file could not be written or read.
+/// An error while reading or writing a run file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreError {
-    /// A file is in the place of the new run.
-    #[error("cannot create a run: there is a file already, which would be overwritten: {}", path.display())]
+    /// The new run would overwrite a file.
+    #[error("cannot create a run: the file exists already; give another path: {}", path.display())]
     Exists {
-        /// The file.
+        /// Path of the existing file.
         path: PathBuf,
     },
-    /// There is no such file, or no such folder.
+    /// The file or its folder does not exist.
     #[error("cannot open a run: {what} does not exist: {}", path.display())]
     Missing {
         /// `the file` or `the folder`.
         what: &'static str,
-        /// Where it was looked for.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// The file or its folder cannot be written.
+    /// The file or its folder is read-only.
     #[error("cannot write a run: the file or its folder is read-only: {}", path.display())]
     ReadOnly {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// The file is there, but may not be opened.
-    #[error("cannot open a run: the system refuses access to the file: {}", path.display())]
+    /// The process has no permission to open the file.
+    #[error("cannot open a run: the system denies access to the file: {}", path.display())]
     CannotOpen {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// The run was not closed (its writer was killed or still runs), and the folder's being read-only keeps
-    /// SQLite from reading what is in its log.
+    /// The run was not closed, because its writer was killed or is still running, and the folder is read-only. SQLite
+    /// then cannot read the log beside the file.
     #[error(
-        "cannot read a run that was not closed from a read-only folder; copy it, and the file ending in `-wal` \
-         beside it, to a folder that can be written: {}", path.display()
+        "cannot read a run that was not closed from a read-only folder; copy it and the file ending in `-wal` \
+         beside it to a writable folder: {}", path.display()
     )]
     NotClosed {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// Another process has it.
+    /// Another process has the run open for writing.
     #[error(
         "another process is writing this run; wait until it ends, or stop it: {}", path.display()
     )]
     Locked {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// No room is left.
+    /// The disk is full.
     #[error(
-        "the disk is full; what was recorded before is safe: free some space and resume the run: {}",
+        "the disk is full; the recorded simulations are safe: free some space and resume the run: {}",
         path.display()
     )]
     DiskFull {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// No room is left for a new run.
-    #[error("the disk is full, so the run could not be begun: {}", path.display())]
+    /// The disk has no space for a new run.
+    #[error("the disk is full, so the run could not be created: {}", path.display())]
     NoRoom {
-        /// The file, which is not there.
+        /// Path of the file, which does not exist.
         path: PathBuf,
     },
-    /// The file is something else.
+    /// The file is not a run file.
     #[error("not a run file: expected a SQLite database made by mishandle, found {found}: {}", path.display())]
     NotARun {
-        /// What it is.
+        /// Description of the content.
         found: String,
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// The file is one of ours, but its content is not what was written.
+    /// The content of the run file was changed or damaged.
     #[error("the run file is damaged, restore it from a copy: {what}: {}", path.display())]
     Damaged {
-        /// Where the damage shows.
+        /// Description of the damage.
         what: String,
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// The file is of a later format.
+    /// The file has a newer format.
     #[error(
         "the run file has format version {found}, this program reads versions up to {supported}; \
          use a newer program: {}", path.display()
@@ -92,39 +92,39 @@ pub enum StoreError {
     NewerVersion {
         /// Format version of the file.
         found: i64,
-        /// The latest that this program knows.
+        /// Latest version that this program reads.
         supported: i64,
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// The file is of an earlier format, and cannot be upgraded where it is.
+    /// The file has an older format and cannot be upgraded, because it or its folder is read-only.
     #[error(
         "the run file has format version {found} and must be upgraded to {current}, but the file or its folder is \
-         read-only; copy it to a folder that can be written: {}", path.display()
+         read-only; copy it to a writable folder: {}", path.display()
     )]
     CannotUpgrade {
         /// Format version of the file.
         found: i64,
-        /// The version that this program reads.
+        /// Version that this program writes.
         current: i64,
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// A list has the wrong number of elements.
+    /// A list has the wrong length.
     #[error(
         "cannot record simulation {number} of trial {trial}: its {list} has {found} elements, \
-         the run's header asks for {expected}"
+         the run's header requires {expected}"
     )]
     WrongLength {
-        /// Which list.
+        /// Name of the list.
         list: &'static str,
         /// Number of the trial.
         trial: u32,
         /// Number of the simulation.
         number: u32,
-        /// Its elements.
+        /// Length of the list.
         found: usize,
-        /// How many there should be.
+        /// Required length.
         expected: usize,
     },
     /// The signals of a trace have different lengths.
@@ -137,68 +137,68 @@ pub enum StoreError {
         trial: u32,
         /// Number of the simulation.
         number: u32,
-        /// A signal.
+        /// Name of the signal.
         signal: String,
-        /// Its samples.
+        /// Number of its samples.
         found: usize,
-        /// The first signal.
+        /// Name of the first signal.
         first: String,
-        /// The samples of that.
+        /// Number of samples of the first signal.
         expected: usize,
     },
     /// A simulation has the number 0.
-    #[error("cannot record simulation 0 of trial {trial}: the simulations of a trial are numbered from 1")]
-    NumberedFromOne {
+    #[error("cannot record simulation 0 of trial {trial}: simulations of a trial are numbered from 1")]
+    SimulationZero {
         /// Number of the trial.
         trial: u32,
     },
-    /// A number is NaN, or infinite where it may not be.
+    /// A value is NaN, or infinite although it must be finite.
     #[error("cannot record simulation {number} of trial {trial}: its {what} is {value}")]
     NotANumber {
-        /// Which number.
+        /// Name of the value.
         what: String,
         /// Number of the trial.
         trial: u32,
         /// Number of the simulation.
         number: u32,
-        /// What it is.
+        /// The invalid value.
         value: f64,
     },
-    /// The digest given with a trace is that of another.
+    /// The digest of a simulation does not match its trace.
     #[error(
         "cannot record simulation {number} of trial {trial}: its trace digest is {given:032x}, \
-         but the trace given with it has {computed:032x}"
+         but its trace has the digest {computed:032x}"
     )]
     WrongDigest {
         /// Number of the trial.
         trial: u32,
         /// Number of the simulation.
         number: u32,
-        /// As given.
+        /// Digest of the simulation.
         given: u128,
-        /// As computed from the trace.
+        /// Digest computed from the trace.
         computed: u128,
     },
-    /// The header contradicts itself.
+    /// The header is invalid.
     #[error("cannot create a run: {what}")]
     BadHeader {
-        /// What is wrong, and what would be right.
+        /// The invalid value and the allowed values.
         what: String,
     },
-    /// The simulation or the trial stands in the run already.
-    #[error("cannot record {what}: it is in the run already")]
+    /// The run already contains the simulation or the trial.
+    #[error("cannot record {what}: the run already contains it")]
     AlreadyRecorded {
-        /// Which one.
+        /// The simulation or the trial.
         what: String,
     },
-    /// There is no such trial.
-    #[error("the run holds no trial {trial}")]
+    /// The run has no trial with this number.
+    #[error("the run has no trial {trial}")]
     UnknownTrial {
-        /// Its number.
+        /// Number of the trial.
         trial: u32,
     },
-    /// There is no such simulation.
-    #[error("the run holds no simulation {number} of trial {trial}")]
+    /// The run has no simulation with this number.
+    #[error("the run has no simulation {number} of trial {trial}")]
     UnknownSimulation {
         /// Number of the trial.
         trial: u32,
@@ -208,17 +208,17 @@ pub enum StoreError {
     /// A file could not be read, written or removed.
     #[error("{what}: {source}")]
     Io {
-        /// What was tried.
+        /// The operation that failed.
         what: String,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// SQLite failed in a way that has no name here.
+    /// SQLite failed with an error that has no variant of its own.
     #[error("SQLite failed: {message}: {}", path.display())]
     Sqlite {
-        /// What SQLite says.
+        /// Message of SQLite.
         message: String,
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
 }
@@ -228,26 +228,26 @@ impl StoreError {
         Self::Damaged { what: what.into() + if_without_log(path), path: path.into() }
     }
 
-    /// The file is a database that does not say it is a run.
+    /// The file is a database without the application ID of a run file.
     pub(crate) fn of_another_program(path: &Path) -> Self {
-        let found = "a SQLite database of another program, or one whose making was broken off";
+        let found = "a SQLite database of another program, or a run file whose creation was interrupted";
         Self::NotARun { found: found.to_string() + if_without_log(path), path: path.into() }
     }
 
-    /// `doing` is what was tried, as a verb.
-    pub(crate) fn from_io(path: &Path, doing: &str, source: std::io::Error) -> Self {
+    /// Converts an I/O error. `verb` names the operation that failed.
+    pub(crate) fn from_io(path: &Path, verb: &str, source: std::io::Error) -> Self {
         use std::io::ErrorKind;
         match source.kind() {
             ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
                 Self::ReadOnly { path: path.into() }
             }
             ErrorKind::StorageFull => Self::DiskFull { path: path.into() },
-            _ => Self::Io { what: format!("cannot {doing} {}", path.display()), source },
+            _ => Self::Io { what: format!("cannot {verb} {}", path.display()), source },
         }
     }
 
-    /// Gives SQLite's codes their meaning here. Our SQL text never changes, so a statement that SQLite cannot
-    /// understand, or a value of an unexpected type, means that the file is not what it was.
+    /// Converts an error of SQLite. The SQL statements of this crate are constant, so a statement that SQLite rejects,
+    /// or a value of an unexpected type, means that the file is damaged.
     pub(crate) fn from_sqlite(path: &Path, error: &rusqlite::Error) -> Self {
         let path = path.to_path_buf();
         let message = error.to_string();
@@ -269,23 +269,23 @@ impl StoreError {
     }
 }
 
-/// What else may be wrong with a file that SQLite would read together with a log, and that has none.
+/// Returns a second possible cause of an error, for a file whose write-ahead log is missing.
 fn if_without_log(path: &Path) -> &'static str {
-    // Bytes 18 and 19 of a SQLite file are 2 from the time its writer begins a log until it has closed the file.
+    // SQLite sets bytes 18 and 19 to 2 when a writer starts a log, and resets them when the writer closes the file.
     const VERSIONS: std::ops::Range<usize> = 18..20;
-    let mut begin = [0; VERSIONS.end];
-    let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut begin));
+    let mut first_bytes = [0; VERSIONS.end];
+    let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut first_bytes));
     let mut log = path.as_os_str().to_owned();
     log.push("-wal");
     let has_log = std::fs::metadata(log).is_ok_and(|found| found.len() > 0);
-    if read.is_ok() && begin[VERSIONS] == [2, 2] && !has_log {
-        ", or a run that was copied while it was written or after a kill, without the file ending in `-wal` beside it"
+    if read.is_ok() && first_bytes[VERSIONS] == [2, 2] && !has_log {
+        ", or a run that was copied before it was closed, without the file ending in `-wal` beside it"
     } else {
         ""
     }
 }
 
-/// Says which file a failure of SQLite concerns.
+/// Adds the path of the run file to an error of SQLite.
 pub(crate) trait InFile<T> {
     fn in_file(self, path: &Path) -> crate::Result<T>;
 }

@@ -1,15 +1,15 @@
-//! What a run says about itself: written once, when its file is created.
+//! The header of a run, which is written once, when the file is created.
 
-/// What kind of run a file holds.
+/// Kind of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum RunKind {
-    /// Trials that search for a violation.
+    /// A falsification: trials that search for a counterexample.
     Falsify,
-    /// Episodes that measure rates.
+    /// An evaluation: episodes with random scenarios.
     Evaluate,
 }
 
-/// The program that made a run, as given by the caller; unknown fields are empty.
+/// The program that made a run. Unknown fields are empty.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct BuildRecord {
     /// Version of the program, such as `0.1.0`.
@@ -20,7 +20,7 @@ pub struct BuildRecord {
     pub target: String,
     /// Version of the Rust compiler.
     pub rustc: String,
-    /// Architecture and instruction set of the machine that ran it.
+    /// Architecture and instruction set of the build.
     pub architecture: String,
 }
 
@@ -42,9 +42,9 @@ pub struct TargetRecord {
 pub struct ComponentRecord {
     /// Role of the component, such as `controller`.
     pub role: String,
-    /// Name or path, as the plan gives it.
+    /// Name or path, as in the plan.
     pub name: String,
-    /// Hash of what determines the behavior: weights and settings.
+    /// Hash of the content that determines the behavior: weights and settings.
     pub hash: String,
     /// Hash of the bytes of the file; empty if there is no file.
     pub file_hash: String,
@@ -89,7 +89,7 @@ pub struct AxisRecord {
     pub meaning: String,
 }
 
-/// What was run, by which build, from which plan.
+/// The header of a run: plan, target, scenario space and build.
 ///
 /// The caller provides all of it, and reading returns it unchanged. It contains no time or date, so that equal
 /// runs have equal headers.
@@ -109,7 +109,7 @@ pub struct RunHeader {
     pub components: Vec<ComponentRecord>,
     /// Name of the scenario space.
     pub space: String,
-    /// Text of the requirement, whose robustness is recorded.
+    /// Text of the requirement. Simulations record its robustness.
     pub formula: String,
     /// All named formulas of the target.
     pub formulas: Vec<FormulaRecord>,
@@ -125,7 +125,7 @@ pub struct RunHeader {
     pub signals: Vec<SignalRecord>,
     /// The axes of the scenario space, in the order of [`Simulation::scenario`](crate::Simulation::scenario).
     pub axes: Vec<AxisRecord>,
-    /// Names of the further verdicts of a simulation, in the order of
+    /// Names of the verdicts in addition to the robustness, in the order of
     /// [`Simulation::verdicts`](crate::Simulation::verdicts).
     pub verdicts: Vec<String>,
 }

@@ -1,4 +1,4 @@
-//! The header as rows: single values by key, and a table for each list.
+//! Storage of the header: a table of single values by key, and one table per list.
 
 use std::path::Path;
 
@@ -30,18 +30,18 @@ const LISTS: [(&str, &str); 6] = [
     ("verdict", "name"),
 ];
 
-/// Refuses a header that a reader could not make sense of.
+/// Checks a header before it is written.
 pub(crate) fn guard(header: &RunHeader) -> Result<()> {
     let bad = |what| Err(StoreError::BadHeader { what });
     if !(header.control_dt > 0.0 && header.control_dt.is_finite()) {
-        return bad(format!("its control period is {} s, it must be above 0 and finite", header.control_dt));
+        return bad(format!("its control period is {} s; it must be positive and finite", header.control_dt));
     }
     for AxisRecord { name, low, high, nominal, .. } in &header.axes {
         if !(low.is_finite() && high.is_finite()) {
-            return bad(format!("axis `{name}` has the bounds {low} and {high}, they must be finite"));
+            return bad(format!("axis `{name}` has the bounds {low} and {high}; they must be finite"));
         }
         if let Some(nominal) = nominal.filter(|nominal| !nominal.is_finite()) {
-            return bad(format!("axis `{name}` has the nominal value {nominal}, it must be finite"));
+            return bad(format!("axis `{name}` has the nominal value {nominal}; it must be finite"));
         }
     }
     let versions: Vec<&str> = header.versions.iter().map(|(name, _)| name.as_str()).collect();
@@ -58,13 +58,13 @@ pub(crate) fn guard(header: &RunHeader) -> Result<()> {
     ] {
         names.sort_unstable();
         if let Some([name, _]) = names.array_windows().find(|[a, b]| a == b) {
-            return bad(format!("two of its {list} have the name `{name}`, each must have its own"));
+            return bad(format!("two of its {list} have the name `{name}`; names must be unique"));
         }
     }
     Ok(())
 }
 
-/// The single values, by key.
+/// Returns the single values by key.
 fn values(header: &RunHeader) -> [(&'static str, Value); 17] {
     [
         ("kind", text(kind_text(header.kind))),
@@ -87,7 +87,7 @@ fn values(header: &RunHeader) -> [(&'static str, Value); 17] {
     ]
 }
 
-/// The rows of each of [`LISTS`].
+/// Returns the rows of each table in [`LISTS`].
 fn rows(header: &RunHeader) -> [Vec<Vec<Value>>; LISTS.len()] {
     let version = |(name, version): &(String, String)| vec![text(name), text(version)];
     let component = |component: &ComponentRecord| {
@@ -164,7 +164,7 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
             .iter()
             .find(|(_, known)| *known == kind)
             .map(|(kind, _)| *kind)
-            .ok_or_else(|| StoreError::damaged(path, format!("its kind is {kind:?}")))?,
+            .ok_or_else(|| StoreError::damaged(path, format!("its kind {kind:?} is unknown")))?,
         build: BuildRecord {
             program_version: text("program_version")?,
             git_commit: text("git_commit")?,
@@ -224,7 +224,7 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
     Ok(header)
 }
 
-/// The value of a key of the header, which every version of the format keeps in the same table.
+/// Returns the value of a key. All versions of the format have the table `header`.
 pub(crate) fn value<T: FromSql>(connection: &Connection, path: &Path, key: &str) -> Result<T> {
     let value = connection.query_row("SELECT value FROM header WHERE key = ?1", [key], |row| row.get(0));
     value.map_err(|error| match error {
@@ -235,7 +235,7 @@ pub(crate) fn value<T: FromSql>(connection: &Connection, path: &Path, key: &str)
     })
 }
 
-/// Reads one of [`LISTS`].
+/// Reads a table of [`LISTS`].
 fn list<T>(
     connection: &Connection,
     path: &Path,

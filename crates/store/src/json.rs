@@ -1,12 +1,12 @@
-//! Lists of numbers as JSON text. Every finite number reads back with the same bits; the infinities are the strings
-//! `"inf"` and `"-inf"`; an absent value is `null`.
+//! Lists of numbers as JSON text. Finite numbers are read back with the same bits, infinities are the strings `"inf"`
+//! and `"-inf"`, and a missing value is `null`.
 
 use serde_json::{Map, Result, Value};
 
 const INFINITY: &str = "inf";
 const MINUS_INFINITY: &str = "-inf";
 
-/// Returns the object that maps each name to its value. `values` has as many elements as `names`.
+/// Returns a JSON object that maps each name to its value. `names` and `values` have the same length.
 pub(crate) fn object<'a>(names: impl Iterator<Item = &'a str>, values: &[Option<f64>]) -> Result<String> {
     let mut text = Vec::with_capacity(2 + values.len() * 40);
     text.push(b'{');
@@ -26,12 +26,12 @@ pub(crate) fn object<'a>(names: impl Iterator<Item = &'a str>, values: &[Option<
     Ok(String::from_utf8(text).unwrap_or_default())
 }
 
-/// Returns the array of finite numbers.
+/// Returns a JSON array of finite numbers.
 pub(crate) fn array(values: &[f64]) -> Result<String> {
     serde_json::to_string(values)
 }
 
-/// Reads an [`object`] that has exactly these names; `None` if `text` is something else.
+/// Parses an [`object`] with exactly these names. Returns `None` for other text.
 pub(crate) fn parse_object<'a>(
     text: &str,
     names: impl ExactSizeIterator<Item = &'a str>,
@@ -49,7 +49,7 @@ pub(crate) fn parse_object<'a>(
     names.map(value).collect()
 }
 
-/// Reads an [`array`]; `None` if `text` is something else.
+/// Parses an [`array`]. Returns `None` for other text.
 pub(crate) fn parse_array(text: &str) -> Option<Vec<f64>> {
     serde_json::from_str(text).ok()
 }
@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_object_is_json_that_others_read() {
+    fn an_object_is_standard_json() {
         let names = ["x", "say \"hi\"", "ρ", "high", "low"];
         let values = [Some(0.1), None, Some(-0.0), Some(f64::INFINITY), Some(f64::NEG_INFINITY)];
         let text = object(names.into_iter(), &values).unwrap();
@@ -70,8 +70,8 @@ mod tests {
     }
 
     #[test]
-    fn every_finite_number_comes_back() {
-        // Bit patterns of every exponent, and the hard ones.
+    fn every_finite_number_is_read_back_with_the_same_bits() {
+        // Bit patterns of every exponent, and difficult numbers.
         let patterns = (0..200_000_u64).map(|k| f64::from_bits(k.wrapping_mul(0x9e37_79b9_7f4a_7c15)));
         let hard = [
             0.0,
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn text_of_another_form_is_refused() {
+    fn other_text_is_rejected() {
         let read = |text| parse_object(text, ["a", "b"].into_iter());
         assert_eq!(read(r#"{"b":1, "a":2.5}"#).unwrap(), [Some(2.5), Some(1.0)]);
         for text in [

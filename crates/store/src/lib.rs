@@ -1,36 +1,36 @@
-//! One SQLite file a run, a row a simulation, readable for years.
+//! Stores runs: one SQLite file per run, one row per simulation.
 //!
-//! A *run* is one campaign of falsification or one evaluation. Its file holds
+//! A *run* is one falsification campaign or one evaluation. Its file contains
 //!
-//! - the **header** ([`RunHeader`]): what was run, by which build, from which plan;
-//! - the **trials** ([`TrialRecord`]): one seeded search each;
-//! - the **simulations** ([`Simulation`]): a row each, written in a transaction as it ends;
-//! - the **traces** ([`StoredTrace`]) of those simulations for which they were wanted.
+//! - the **header** ([`RunHeader`]): plan, target, scenario space and build;
+//! - the **trials** ([`TrialRecord`]): seeded searches;
+//! - the **simulations** ([`Simulation`]): one row each, committed when the simulation ends;
+//! - the **traces** ([`StoredTrace`]) of selected simulations, such as counterexamples.
 //!
-//! [`RunWriter`] writes (one per file), [`RunFile`] reads (any number, also while the run goes on).
+//! [`RunWriter`] writes a run; a file has at most one writer. [`RunFile`] reads a run; there can be any number of
+//! readers, also while the run is being written.
 //!
-//! # What can be relied on
-//! - A number comes back with the same bits: ±infinity, −0.0 and seeds above 2⁶³ included.
-//! - A process that is killed loses at most the transaction in flight.
-//! - Every row carries a hash of itself, and one of its trace: a changed byte in them is found out
-//!   ([`StoreError::Damaged`]) whenever they are read, never shown as a result. That rows are missing is
-//!   found out by [`RunFile::check`].
-//! - At rest a run is a single file, which can be copied and read from a read-only folder. While it is
-//!   written, and after a kill, three more files stand beside it (`-wal`, `-shm`, `.lock`) and belong to it.
-//! - The folder of a run that is being written has to be on a disk of the machine itself, not on a network:
-//!   SQLite's log needs memory that its readers and its writer share.
-//! - The same records in give the same content out, [`RunFile::content_digest`]. The bytes of two SQLite
-//!   files are not to be compared: they depend on the order and the size of the transactions.
-//! - A file of an older format is upgraded in place when it is opened; one of a newer format is refused.
+//! # Guarantees
+//! - Numbers are read back with the same bits, including ±infinity, −0.0 and seeds above 2⁶³.
+//! - A killed process loses at most its current transaction.
+//! - Every row contains a hash of itself and of its trace. Reading a row whose bytes were changed fails with
+//!   [`StoreError::Damaged`]. [`RunFile::check`] also detects missing rows.
+//! - A closed run is a single file, which can be copied, and read from a read-only folder. Until the run is closed, and
+//!   after a kill, the files ending in `-wal`, `-shm` and `.lock` beside it belong to it.
+//! - The folder of a run that is being written must be on a local disk, because SQLite's write-ahead log needs memory
+//!   shared by readers and writer.
+//! - The same records give the same [`RunFile::content_digest`]. The bytes of two SQLite files can differ, because they
+//!   depend on the order and size of the transactions.
+//! - A file of an older format is upgraded in place when it is opened. A file of a newer format is an error.
 //! - A file contains the tables and views that this program creates and nothing else. A file with other views or
-//!   triggers, which SQL statements could run into, is refused as damaged.
+//!   triggers, which could change the meaning of SQL statements, is reported as damaged.
 //!
-//! People read the file with plain `sqlite3`: `docs/run_file.md` lists its tables, views and columns.
+//! The file can be read with plain `sqlite3`: `docs/run_file.md` lists its tables, views and columns.
 //!
 //! # Example
 //! ```
-//! use mishandle_store::{AxisRecord, BuildRecord, ComponentRecord, SimulationEnd, IfExists, RunFile, RunHeader, RunKind, RunWriter};
-//! use mishandle_store::{SignalRecord, Simulation, TargetRecord, TrialStatus};
+//! use mishandle_store::{AxisRecord, BuildRecord, ComponentRecord, SignalRecord, TargetRecord};
+//! use mishandle_store::{IfExists, RunFile, RunHeader, RunKind, RunWriter, Simulation, SimulationEnd, TrialStatus};
 //!
 //! # fn main() -> Result<(), mishandle_store::StoreError> {
 //! # let folder = tempfile::tempdir().unwrap();

@@ -1,17 +1,17 @@
-//! What a run records: trials, and the simulations in them.
+//! Trials and simulations of a run.
 
 use crate::trace_blob::StoredTrace;
 
-/// How a trial stands.
+/// Status of a trial.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum TrialStatus {
-    /// It has begun and not ended: the run goes on, or was killed.
+    /// The trial has started and not ended: the run is in progress, or was killed.
     Running,
-    /// It found a violation.
+    /// The trial found a counterexample.
     Falsified,
-    /// It spent its budget without one.
+    /// The trial spent its budget without a counterexample.
     BudgetSpent,
-    /// The search ended it before the budget was spent.
+    /// The search ended the trial before the budget was spent.
     Converged,
 }
 
@@ -22,31 +22,31 @@ pub struct TrialRecord {
     pub number: u32,
     /// Seed of the trial.
     pub seed: u64,
-    /// How it stands.
+    /// Status of the trial.
     pub status: TrialStatus,
 }
 
-/// How an episode ended.
+/// End of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum SimulationEnd {
-    /// It ran to its last control step.
+    /// The episode ran to its last control step.
     Completed,
-    /// The target ended it by its own rule.
+    /// The target terminated the episode.
     Terminated {
-        /// The control step after which it ended.
+        /// The control step after which the episode ended.
         step: u32,
     },
-    /// The monitor stopped it, because the verdict was decided.
+    /// The monitor stopped the episode, because the verdict was decided.
     Stopped {
-        /// The control step after which it stopped.
+        /// The control step after which the episode stopped.
         step: u32,
     },
     /// The physics diverged.
     Diverged {
-        /// The control step in which it diverged.
+        /// The control step in which the physics diverged.
         step: u32,
     },
-    /// A formula has no finite value on its trace.
+    /// A formula has no finite value on the trace.
     Undefined {
         /// The sample at which the formula is undefined.
         step: u32,
@@ -77,56 +77,56 @@ pub struct Simulation {
     pub trial: u32,
     /// Number of the simulation within its trial, from 1.
     pub number: u32,
-    /// Seed of the simulation's random numbers; any `u64`.
+    /// Random seed of the simulation; any `u64`.
     pub seed: u64,
     /// The search's point of \[0, 1\]^d: one number per axis, or empty if no search proposed it.
     pub unit_point: Vec<f64>,
-    /// The scenario: one value per axis, in the axis' unit; `None` is a random draw left to its stream.
+    /// The scenario: one value per axis, in the axis' unit; `None` for a value drawn from its random stream.
     pub scenario: Vec<Option<f64>>,
-    /// Robustness of the run's formula, ±infinity included; `None` if it is undecided.
+    /// Robustness of the requirement, possibly ±infinity; `None` if undecided.
     pub robustness: Option<f64>,
-    /// Lower bound of the robustness of the whole episode; equal to `robustness` if the episode is whole.
+    /// Lower bound of the robustness of the complete episode; equal to `robustness` if the episode is complete.
     pub robustness_low: Option<f64>,
-    /// Upper bound of the robustness of the whole episode; equal to `robustness` if the episode is whole.
+    /// Upper bound of the robustness of the complete episode; equal to `robustness` if the episode is complete.
     pub robustness_high: Option<f64>,
-    /// The threshold at which the monitor was to stop the episode; `None` if it was not to.
+    /// Threshold of the robustness at which the monitor stops the episode; `None` without early stopping.
     pub stop_threshold: Option<f64>,
-    /// How the episode ended.
+    /// End of the episode.
     pub end: SimulationEnd,
-    /// Control steps that were simulated.
+    /// Number of simulated control steps.
     pub steps: u32,
-    /// One value per verdict that the header names; `None` where it does not apply.
+    /// One value per verdict in the header; `None` where it does not apply.
     pub verdicts: Vec<Option<f64>>,
-    /// [`trace_digest`](crate::trace_digest) of the trace, so that a replay can be compared even if the trace is
-    /// not stored.
+    /// [`trace_digest`](crate::trace_digest) of the trace. A replay can be compared with it even if the trace is not
+    /// stored.
     pub trace_digest: Option<u128>,
-    /// The trace, with the header's signals as its columns; `None` if it is not stored.
+    /// The trace, with one column per signal of the header; `None` if it is not stored.
     ///
-    /// [`RunFile::simulations`](crate::RunFile::simulations) does not read it and leaves `None`;
+    /// [`RunFile::simulations`](crate::RunFile::simulations) does not read the trace and returns `None`;
     /// [`RunFile::simulation`](crate::RunFile::simulation) reads it.
     pub trace: Option<StoredTrace>,
 }
 
-/// How many simulations there are, and of which kind.
+/// Numbers of simulations by result.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// All of them.
+    /// All simulations.
     pub simulations: u64,
-    /// Those with a robustness below 0.
+    /// Simulations with negative robustness.
     pub falsified: u64,
-    /// Those without a robustness.
+    /// Simulations without a robustness.
     pub undecided: u64,
-    /// Those in which the physics diverged.
+    /// Simulations whose physics diverged.
     pub diverged: u64,
 }
 
-/// A trial and what its simulations amount to.
+/// A trial with statistics of its simulations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrialSummary {
     /// The trial.
     pub trial: TrialRecord,
-    /// Its simulations, counted.
+    /// Numbers of its simulations.
     pub counts: Counts,
-    /// The least robustness among those that are decided.
+    /// Minimum robustness of its decided simulations.
     pub minimum_robustness: Option<f64>,
 }

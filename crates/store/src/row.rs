@@ -1,4 +1,4 @@
-//! A simulation and a trial as rows: their columns, their hash, and the guards on the way in.
+//! Simulations and trials as rows: columns, hashes, and checks before writing.
 
 use std::path::Path;
 
@@ -33,7 +33,7 @@ fn status_from_text(text: &str) -> Option<TrialStatus> {
     STATUSES.iter().find(|(_, known)| *known == text).map(|(status, _)| *status)
 }
 
-/// The word for an end, and its step.
+/// Returns the stored name and step of an end.
 pub(crate) fn end_text(end: SimulationEnd) -> (&'static str, Option<u32>) {
     match end {
         SimulationEnd::Completed => ("completed", None),
@@ -64,7 +64,7 @@ fn end_from_text(text: &str, step: Option<u32>) -> Option<SimulationEnd> {
     (end_text(end).1 == step).then_some(end)
 }
 
-/// Feeds all of a simulation, so that no field can change unseen. The digest stands for the trace.
+/// Feeds all fields of a simulation, so that a change of any field is detected. The digest represents the trace.
 pub(crate) fn feed(digest: &mut Digest, simulation: &Simulation, trace_digest: Option<u128>) {
     let Simulation {
         trial,
@@ -107,7 +107,7 @@ fn hash(simulation: &Simulation, trace_digest: Option<u128>) -> i64 {
     digest.finish_row()
 }
 
-/// Feeds all of a trial.
+/// Feeds all fields of a trial.
 pub(crate) fn feed_trial(digest: &mut Digest, trial: &TrialRecord) {
     let TrialRecord { number, seed, status } = *trial;
     digest.integer(u64::from(number));
@@ -132,7 +132,7 @@ pub(crate) fn insert_trial(connection: &Connection, trial: &TrialRecord) -> rusq
     ])
 }
 
-/// Reads a trial from its number, seed, status and hash, and compares the hash.
+/// Reads a trial from a row of number, seed, status and hash, and checks the hash.
 pub(crate) fn read_trial(row: &Row<'_>, path: &Path) -> Result<TrialRecord> {
     let number = row.get(0).in_file(path)?;
     let damaged = |what: &str| StoreError::damaged(path, format!("trial {number}: {what}"));
@@ -146,11 +146,11 @@ pub(crate) fn read_trial(row: &Row<'_>, path: &Path) -> Result<TrialRecord> {
     Ok(trial)
 }
 
-/// Refuses a simulation that does not fit the run's header or holds a number that means nothing.
+/// Checks that a simulation fits the run's header and that its values are valid.
 pub(crate) fn guard(simulation: &Simulation, header: &RunHeader) -> Result<()> {
     let (trial, number) = (simulation.trial, simulation.number);
     if number < 1 {
-        return Err(StoreError::NumberedFromOne { trial });
+        return Err(StoreError::SimulationZero { trial });
     }
     let length = |list, found: usize, expected: usize| {
         if found == expected {
@@ -178,12 +178,12 @@ pub(crate) fn guard(simulation: &Simulation, header: &RunHeader) -> Result<()> {
     let bad = |what, value| Err(StoreError::NotANumber { what, trial, number, value });
     for (axis, value) in header.axes.iter().zip(&simulation.scenario) {
         if let Some(value) = value.filter(|value| !value.is_finite()) {
-            return bad(format!("scenario's axis `{}`", axis.name), value);
+            return bad(format!("scenario value of axis `{}`", axis.name), value);
         }
     }
     for (axis, &value) in header.axes.iter().zip(&simulation.unit_point) {
         if !value.is_finite() {
-            return bad(format!("unit point's axis `{}`", axis.name), value);
+            return bad(format!("unit point value of axis `{}`", axis.name), value);
         }
     }
     for (name, verdict) in header.verdicts.iter().zip(&simulation.verdicts) {
@@ -204,7 +204,7 @@ pub(crate) fn guard(simulation: &Simulation, header: &RunHeader) -> Result<()> {
     Ok(())
 }
 
-/// Inserts a simulation that fits `header`, without its trace, whose digest is `trace_digest`.
+/// Inserts a simulation without its trace. [`guard`] has checked it, and `trace_digest` is the digest of its trace.
 pub(crate) fn insert(
     connection: &Connection,
     header: &RunHeader,
@@ -243,7 +243,7 @@ pub(crate) fn insert(
     ])
 }
 
-/// Reads a simulation from a row of [`COLUMNS`] and compares its hash. The trace is not read.
+/// Reads a simulation without its trace from a row of [`COLUMNS`], and checks its hash.
 pub(crate) fn read(row: &Row<'_>, path: &Path, header: &RunHeader) -> Result<Simulation> {
     let (trial, number): (u32, u32) = (row.get(0).in_file(path)?, row.get(1).in_file(path)?);
     let damaged =

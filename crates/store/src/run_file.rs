@@ -1,4 +1,4 @@
-//! Reads a run file.
+//! Reading of run files.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -14,15 +14,16 @@ use crate::{
     upgrade,
 };
 
-/// How long to wait for the short moments in which another process needs the file for itself.
-const PATIENCE: Duration = Duration::from_secs(1);
+/// Longest wait for a lock of another process. Such locks are short.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Simulations fetched at once by [`Simulations`].
+/// Number of simulations that [`Simulations`] reads at once.
 const PAGE: u32 = 256;
 
-/// A run that can be read, by any number of processes, also while one writes it.
+/// A run opened for reading.
 ///
-/// Each call sees what was recorded by then.
+/// Any number of processes can read a run, also while it is being written. Each call returns the records committed
+/// before it.
 #[derive(Debug)]
 pub struct RunFile {
     pub(crate) path: PathBuf,
@@ -31,23 +32,23 @@ pub struct RunFile {
 }
 
 impl RunFile {
-    /// Opens a run for reading. A file of an older format is upgraded first, in place.
+    /// Opens a run for reading. A file of an older format is first upgraded in place.
     ///
     /// # Errors
-    /// [`Missing`](StoreError::Missing), [`NotARun`](StoreError::NotARun),
-    /// [`NewerVersion`](StoreError::NewerVersion) and [`Damaged`](StoreError::Damaged) as their names say;
-    /// [`NotClosed`](StoreError::NotClosed) for a run that was killed and now lies in a read-only folder;
-    /// [`CannotUpgrade`](StoreError::CannotUpgrade) for a file of an older format in a read-only folder, and all
-    /// of [`RunWriter::resume`] for one elsewhere.
+    /// - [`Missing`](StoreError::Missing), [`NotARun`](StoreError::NotARun),
+    ///   [`NewerVersion`](StoreError::NewerVersion) or [`Damaged`](StoreError::Damaged);
+    /// - [`NotClosed`](StoreError::NotClosed) if the run was not closed and the folder is read-only;
+    /// - [`CannotUpgrade`](StoreError::CannotUpgrade) if the file has an older format and the folder is read-only;
+    /// - the errors of [`RunWriter::resume`] if the file has an older format.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         Self::open_with(path.as_ref(), STEPS)
     }
 
-    /// `open` for a program that knows these steps.
+    /// Opens a run as a program with these upgrade steps would.
     pub(crate) fn open_with(path: &Path, steps: &[Step]) -> Result<Self> {
         let connection = connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
         let version = upgrade::version(&connection, path, steps).map_err(|error| match error {
-            // The file itself has been opened; what SQLite cannot make is the index of the log beside it.
+            // The file is open. SQLite could not create the index of the log beside it.
             StoreError::ReadOnly { path } | StoreError::CannotOpen { path } => StoreError::NotClosed { path },
             error => error,
         })?;
@@ -65,26 +66,26 @@ impl RunFile {
         Self::of(connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?, path)
     }
 
-    /// The run behind a connection, whose version has been found right.
+    /// Returns the run of a connection. The caller has checked the format version.
     pub(crate) fn of(connection: Connection, path: &Path) -> Result<Self> {
         let header = schema::read_header(&connection, path)?;
         Ok(Self { path: path.into(), connection, header })
     }
 
-    /// Where the file is.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What was run, by which build, from which plan.
+    /// Returns the header: plan, target, scenario space and build.
     pub fn header(&self) -> &RunHeader {
         &self.header
     }
 
-    /// The trials, by number, with what their simulations amount to. Reads every simulation.
+    /// Returns the trials by number, with statistics of their simulations. Reads every simulation.
     ///
     /// # Errors
-    /// [`Damaged`](StoreError::Damaged), or another failure of the file.
+    /// [`Damaged`](StoreError::Damaged), or another error of the file.
     pub fn trials(&self) -> Result<Vec<TrialSummary>> {
         let sql = format!(
             "SELECT trial.number, trial.seed, trial.status, trial.row_hash, min(robustness), {}
@@ -107,10 +108,10 @@ impl RunFile {
         Ok(trials)
     }
 
-    /// One trial.
+    /// Returns the trial with this number.
     ///
     /// # Errors
-    /// [`UnknownTrial`](StoreError::UnknownTrial), or a failure of the file.
+    /// [`UnknownTrial`](StoreError::UnknownTrial), or another error of the file.
     pub fn trial(&self, trial: u32) -> Result<TrialRecord> {
         let sql = "SELECT number, seed, status, row_hash FROM trial WHERE number = ?1";
         let mut select = self.connection.prepare_cached(sql).in_file(&self.path)?;
@@ -121,40 +122,41 @@ impl RunFile {
         }
     }
 
-    /// How many simulations the run holds. Reads every one.
+    /// Returns the numbers of simulations by result. Reads every simulation.
     ///
     /// # Errors
-    /// A failure of the file.
+    /// An error of the file.
     pub fn counts(&self) -> Result<Counts> {
         let sql = format!("SELECT {} FROM simulation", row::COUNTS);
         self.connection.query_row(&sql, [], |row| counts(row, 0)).in_file(&self.path)
     }
 
-    /// The number of the last simulation of a trial; 0 if it has none. A resumed trial goes on with the next.
+    /// Returns the number of the last simulation of a trial, or 0 if it has none. A resumed trial continues with the
+    /// next number.
     ///
     /// # Errors
-    /// A failure of the file.
-    pub fn last_number(&self, trial: u32) -> Result<u32> {
+    /// An error of the file.
+    pub fn last_simulation_number(&self, trial: u32) -> Result<u32> {
         let sql = "SELECT ifnull(max(number), 0) FROM simulation WHERE trial = ?1";
         self.connection.query_row(sql, [trial], |row| row.get(0)).in_file(&self.path)
     }
 
-    /// All simulations without their traces, ordered by trial and number, a few at a time: memory does not grow
-    /// with their number.
+    /// Iterates over all simulations without their traces, ordered by trial and number. Memory use does not depend on
+    /// their number.
     pub fn simulations(&self) -> Simulations<'_> {
         Simulations::between(self, 0, u32::MAX)
     }
 
-    /// The simulations of one trial without their traces, ordered by number, a few at a time.
-    pub fn simulations_of(&self, trial: u32) -> Simulations<'_> {
+    /// Iterates over the simulations of one trial without their traces, ordered by number.
+    pub fn trial_simulations(&self, trial: u32) -> Simulations<'_> {
         Simulations::between(self, trial, trial)
     }
 
-    /// One simulation, with its trace if that is stored.
+    /// Returns one simulation, with its trace if the trace is stored.
     ///
     /// # Errors
-    /// [`UnknownSimulation`](StoreError::UnknownSimulation), [`Damaged`](StoreError::Damaged), or another
-    /// failure of the file.
+    /// [`UnknownSimulation`](StoreError::UnknownSimulation), [`Damaged`](StoreError::Damaged), or another error of the
+    /// file.
     pub fn simulation(&self, trial: u32, number: u32) -> Result<Simulation> {
         let sql = format!("SELECT {} FROM simulation WHERE trial = ?1 AND number = ?2", row::COLUMNS);
         let mut select = self.connection.prepare_cached(&sql).in_file(&self.path)?;
@@ -170,24 +172,25 @@ impl RunFile {
         Ok(Simulation { trace: self.trace_of(&simulation)?, ..simulation })
     }
 
-    /// The trials and numbers of the simulations whose traces are stored, in order.
+    /// Returns trial and number of the simulations whose traces are stored, in order.
     ///
     /// # Errors
-    /// A failure of the file.
-    pub fn traced(&self) -> Result<Vec<(u32, u32)>> {
+    /// An error of the file.
+    pub fn stored_traces(&self) -> Result<Vec<(u32, u32)>> {
         let sql = "SELECT trial, number FROM trace ORDER BY trial, number";
         let mut select = self.connection.prepare_cached(sql).in_file(&self.path)?;
         let rows = select.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).in_file(&self.path)?;
         rows.collect::<rusqlite::Result<_>>().in_file(&self.path)
     }
 
-    /// A digest of all trials and simulations in order, and of which traces are stored: equal for two runs in
-    /// which the same was recorded, in whatever batches. The header is left out, so that two builds can be
-    /// compared; traces count by their digests. For a run that is being written, ask its writer's
-    /// [`file`](RunWriter::file): another process may see simulations come in between.
+    /// Returns a digest of all trials, simulations and trace digests, and of the set of stored traces.
+    ///
+    /// Two runs with the same records have the same digest, whatever their batch sizes. The digest does not depend on
+    /// the header, so that runs of two builds can be compared. For a run that is being written, call it on the writer's
+    /// [`file`](RunWriter::file): in another process, simulations can be added while the digest is computed.
     ///
     /// # Errors
-    /// [`Damaged`](StoreError::Damaged), or another failure of the file.
+    /// [`Damaged`](StoreError::Damaged), or another error of the file.
     pub fn content_digest(&self) -> Result<u128> {
         let mut digest = Digest::of("content");
         for summary in self.trials()? {
@@ -197,17 +200,17 @@ impl RunFile {
             let simulation = simulation?;
             row::feed(&mut digest, &simulation, simulation.trace_digest);
         }
-        for (trial, number) in self.traced()? {
+        for (trial, number) in self.stored_traces()? {
             digest.integer(u64::from(trial));
             digest.integer(u64::from(number));
         }
         Ok(digest.finish())
     }
 
-    /// Reads everything, and lets SQLite check the file's structure.
+    /// Checks the structure of the file and the hashes of all trials, simulations and traces.
     ///
     /// # Errors
-    /// [`Damaged`](StoreError::Damaged) at the first thing that is not as it was written.
+    /// [`Damaged`](StoreError::Damaged) for the first damage found.
     pub fn check(&self) -> Result<()> {
         let verdict: String = self
             .connection
@@ -218,7 +221,9 @@ impl RunFile {
         }
         self.trials()?;
         self.simulations().try_for_each(|simulation| simulation.map(drop))?;
-        self.traced()?.into_iter().try_for_each(|(trial, number)| self.simulation(trial, number).map(drop))
+        self.stored_traces()?
+            .into_iter()
+            .try_for_each(|(trial, number)| self.simulation(trial, number).map(drop))
     }
 
     fn trace_of(&self, simulation: &Simulation) -> Result<Option<StoredTrace>> {
@@ -243,11 +248,11 @@ fn counts(row: &Row<'_>, first: usize) -> rusqlite::Result<Counts> {
     Ok(Counts { simulations: count(0)?, falsified: count(1)?, undecided: count(2)?, diverged: count(3)? })
 }
 
-/// The simulations of a run, in order; see [`RunFile::simulations`]. Ends after the first error.
+/// Iterator over simulations; see [`RunFile::simulations`]. It ends after the first error.
 #[derive(Debug)]
 pub struct Simulations<'a> {
     file: &'a RunFile,
-    /// Trial and number of the last simulation fetched.
+    /// Trial and number of the last simulation that was read.
     after: (u32, u32),
     last_trial: u32,
     page: std::vec::IntoIter<Simulation>,
@@ -272,7 +277,7 @@ impl<'a> Simulations<'a> {
         while let Some(row) = rows.next().in_file(path)? {
             let simulation = row::read(row, path, &self.file.header)?;
             let (trial, number) = (simulation.trial, simulation.number);
-            // A damaged index could lead round in circles.
+            // A damaged index could cause an endless loop.
             if (trial, number) <= self.after {
                 let what =
                     format!("the index of simulations is wrong at simulation {number} of trial {trial}");
@@ -302,7 +307,7 @@ impl Iterator for Simulations<'_> {
     }
 }
 
-/// Opens what is there, without looking into it yet.
+/// Connects to an existing file, and checks that it is a non-empty regular file.
 pub(crate) fn connect(path: &Path, access: OpenFlags) -> Result<Connection> {
     let found = std::fs::metadata(path).map_err(|source| match source.kind() {
         std::io::ErrorKind::NotFound => StoreError::Missing { what: "the file", path: path.into() },
@@ -317,12 +322,12 @@ pub(crate) fn connect(path: &Path, access: OpenFlags) -> Result<Connection> {
     open(path, access)
 }
 
-/// Opens a file that is there, an empty one too.
+/// Connects to an existing file, which can be empty.
 pub(crate) fn open(path: &Path, access: OpenFlags) -> Result<Connection> {
     let connection =
         Connection::open_with_flags(path, access | OpenFlags::SQLITE_OPEN_NO_MUTEX).in_file(path)?;
-    connection.busy_timeout(PATIENCE).in_file(path)?;
-    // A damaged or foreign file must not lead SQLite astray.
+    connection.busy_timeout(BUSY_TIMEOUT).in_file(path)?;
+    // Protects SQLite against damaged and malicious files.
     connection.pragma_update(None, "cell_size_check", true).in_file(path)?;
     connection.pragma_update(None, "trusted_schema", false).in_file(path)?;
     Ok(connection)

@@ -1,4 +1,4 @@
-//! Writes a run file.
+//! Writing of run files.
 
 use std::fs::{File, OpenOptions};
 use std::io::ErrorKind;
@@ -15,36 +15,38 @@ use crate::{
     Result, RunHeader, Simulation, TrialRecord, TrialStatus, header_table, row, schema, trace_blob, upgrade,
 };
 
-/// What to do if there is a run already where a new one is to be created.
+/// Behavior of [`RunWriter::create`] if the file exists.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum IfExists {
-    /// Refuse, and leave it as it is.
+    /// Return [`StoreError::Exists`] and leave the file unchanged.
     Refuse,
-    /// Remove it, all of it. Only a run of ours, or a file with nothing in it, is ever removed.
+    /// Replace the file. Only a run file or an empty file can be replaced.
     Replace,
 }
 
-/// The one writer of a run.
+/// The writer of a run. A run has at most one writer.
 ///
-/// It holds a lock file beside the run and SQLite's write lock for as long as it lives, so that a second one is
-/// refused, and readers are not. Each call is a transaction of its own: once it has returned, a killed process loses nothing of it.
-/// (After a power failure the last few transactions may be missing; those before them are whole.)
+/// The writer holds a lock file beside the run and SQLite's write lock. A second writer gets [`StoreError::Locked`];
+/// readers are not blocked. Each call is one transaction: a process that is killed after the call has returned loses
+/// nothing of it. After a power failure the last few transactions can be missing; the earlier ones are complete.
 #[derive(Debug)]
 pub struct RunWriter {
     file: RunFile,
-    /// SQLite's lock alone is free for a moment between two transactions. Dropped last, after the file is settled.
+    /// Needed in addition to SQLite's lock, which is released for a moment between two transactions. Dropped last,
+    /// after the file is closed.
     _lock: Option<FileLock>,
 }
 
 impl RunWriter {
-    /// Creates a run that holds the header and nothing else.
+    /// Creates a run that contains only the header.
     ///
     /// # Errors
-    /// [`Exists`](StoreError::Exists) if there is a file already that is not to be replaced,
-    /// [`NotARun`](StoreError::NotARun) if it is not ours to replace, [`Locked`](StoreError::Locked) if it is
-    /// being written; [`BadHeader`](StoreError::BadHeader) if names repeat or numbers are not finite;
-    /// [`Missing`](StoreError::Missing), [`ReadOnly`](StoreError::ReadOnly) and
-    /// [`NoRoom`](StoreError::NoRoom) for the folder.
+    /// - [`Exists`](StoreError::Exists) if the file exists and `existing` is [`IfExists::Refuse`];
+    /// - [`NotARun`](StoreError::NotARun) if the file to replace is not a run file, [`Locked`](StoreError::Locked) if
+    ///   it is being written;
+    /// - [`BadHeader`](StoreError::BadHeader) if names are not unique or numbers are not finite;
+    /// - [`Missing`](StoreError::Missing), [`ReadOnly`](StoreError::ReadOnly) or [`NoRoom`](StoreError::NoRoom) for the
+    ///   folder.
     pub fn create(path: impl AsRef<Path>, header: &RunHeader, existing: IfExists) -> Result<Self> {
         let path = path.as_ref();
         header_table::guard(header)?;
@@ -53,27 +55,27 @@ impl RunWriter {
             writer_lock = lock(path)?;
             remove(path)?;
         }
-        claim(path).map_err(not_begun)?;
+        create_file(path).map_err(creation_error)?;
         if writer_lock.is_none() {
             writer_lock = lock(path)?;
         }
-        fill(path, header, writer_lock).map_err(|error| {
-            // What was made so far is ours and worth nothing; the first failure is the one to tell.
+        initialize(path, header, writer_lock).map_err(|error| {
+            // Removes the incomplete run. The first error is the one to report.
             let _ = remove_files(path);
-            not_begun(error)
+            creation_error(error)
         })
     }
 
-    /// Opens a run to record more in it. A file of an older format is upgraded first, in place.
+    /// Opens a run to add records. A file of an older format is first upgraded in place.
     ///
     /// # Errors
-    /// [`Locked`](StoreError::Locked) if another writer has it, [`ReadOnly`](StoreError::ReadOnly), and all
-    /// that [`RunFile::open`] may find.
+    /// [`Locked`](StoreError::Locked) if another process is writing the run, [`ReadOnly`](StoreError::ReadOnly), or an
+    /// error of [`RunFile::open`].
     pub fn resume(path: impl AsRef<Path>) -> Result<Self> {
         Self::resume_with(path.as_ref(), STEPS)
     }
 
-    /// `resume` for a program that knows these steps.
+    /// Resumes a run as a program with these upgrade steps would.
     pub(crate) fn resume_with(path: &Path, steps: &[Step]) -> Result<Self> {
         let connection = connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
         upgrade::version(&connection, path, steps)?;
@@ -81,10 +83,10 @@ impl RunWriter {
         if connection.is_readonly("main").in_file(path)? {
             return Err(StoreError::ReadOnly { path: path.into() });
         }
-        // An upgrade replaces tables that others refer to.
+        // An upgrade replaces tables that other tables refer to.
         connection.pragma_update(None, "foreign_keys", false).in_file(path)?;
         begin(&connection).in_file(path)?;
-        // Asked again, now that nobody else can change it.
+        // Checked again: now no other process can change it.
         let found = upgrade::version(&connection, path, steps)?;
         upgrade::upgrade(&connection, path, found, steps)?;
         connection.execute_batch("COMMIT").in_file(path)?;
@@ -95,15 +97,15 @@ impl RunWriter {
         Ok(Self { file, _lock: writer_lock })
     }
 
-    /// The run as it stands, to read.
+    /// Returns the run for reading, with all records up to now.
     pub fn file(&self) -> &RunFile {
         &self.file
     }
 
-    /// Adds a trial, which is then running.
+    /// Adds a trial with status [`Running`](TrialStatus::Running).
     ///
     /// # Errors
-    /// [`AlreadyRecorded`](StoreError::AlreadyRecorded), or a failure of the file.
+    /// [`AlreadyRecorded`](StoreError::AlreadyRecorded), or another error of the file.
     pub fn start_trial(&mut self, trial: u32, seed: u64) -> Result<()> {
         self.transact(|file| {
             let row = TrialRecord { number: trial, seed, status: TrialStatus::Running };
@@ -115,10 +117,10 @@ impl RunWriter {
         })
     }
 
-    /// Says how a trial ended, or that it is running again.
+    /// Sets the status of a trial.
     ///
     /// # Errors
-    /// [`UnknownTrial`](StoreError::UnknownTrial), or a failure of the file.
+    /// [`UnknownTrial`](StoreError::UnknownTrial), or another error of the file.
     pub fn end_trial(&mut self, trial: u32, status: TrialStatus) -> Result<()> {
         self.transact(|file| {
             let row = TrialRecord { status, ..file.trial(trial)? };
@@ -128,16 +130,16 @@ impl RunWriter {
         })
     }
 
-    /// Records simulations, all of them or, on an error, none.
+    /// Records simulations in one transaction: on an error, none of them is recorded.
     ///
-    /// A simulation with a trace and no digest gets the digest of its trace.
+    /// A simulation with a trace and without a digest gets the digest of its trace.
     ///
     /// # Errors
     /// [`UnknownTrial`](StoreError::UnknownTrial), [`AlreadyRecorded`](StoreError::AlreadyRecorded),
     /// [`WrongLength`](StoreError::WrongLength), [`NotANumber`](StoreError::NotANumber),
-    /// [`NumberedFromOne`](StoreError::NumberedFromOne) and [`WrongDigest`](StoreError::WrongDigest) for a
-    /// simulation that does not fit; [`DiskFull`](StoreError::DiskFull) or another failure of the file. The
-    /// writer can be used on after any of them.
+    /// [`SimulationZero`](StoreError::SimulationZero) and [`WrongDigest`](StoreError::WrongDigest) for a
+    /// simulation that does not fit the run; [`DiskFull`](StoreError::DiskFull) or another error of the file. The
+    /// writer remains usable after an error.
     pub fn record(&mut self, simulations: &[Simulation]) -> Result<()> {
         for simulation in simulations {
             row::guard(simulation, self.file.header())?;
@@ -148,18 +150,18 @@ impl RunWriter {
         self.transact(|file| simulations.iter().try_for_each(|simulation| insert(file, simulation)))
     }
 
-    /// Ends the writing: everything is on the disk, in a single file.
+    /// Closes the run and moves all records into a single file.
     ///
-    /// Dropping the writer does the same, but cannot say if it failed. While somebody reads the run, the log
-    /// beside the file stays; it goes with the last of them.
+    /// Dropping the writer does the same, but ignores errors. While another process reads the run, the log beside the
+    /// file remains; the last reader removes it.
     ///
     /// # Errors
-    /// A failure of the file; what was recorded is safe all the same, in the file and its log.
+    /// An error of the file. The records are safe in the file and its log.
     pub fn close(self) -> Result<()> {
-        settle(&self.file.connection).in_file(&self.file.path)
+        merge_log(&self.file.connection).in_file(&self.file.path)
     }
 
-    /// Runs `work` in the transaction that is open, commits it and opens the next.
+    /// Runs `work` in the open transaction, commits it and begins the next one.
     fn transact(&mut self, work: impl FnOnce(&RunFile) -> Result<()>) -> Result<()> {
         let (connection, path) = (&self.file.connection, &self.file.path);
         if connection.is_autocommit() {
@@ -167,10 +169,10 @@ impl RunWriter {
         }
         let done = work(&self.file).and_then(|()| connection.execute_batch("COMMIT").in_file(path));
         if done.is_err() && !connection.is_autocommit() {
-            // SQLite rolls back by itself when the connection ends, should this fail.
+            // If this fails, SQLite rolls back when the connection closes.
             let _ = connection.execute_batch("ROLLBACK");
         }
-        // Should this fail, the next call tries again, and reports it.
+        // If this fails, the next call tries again and reports the error.
         let _ = begin(connection);
         done
     }
@@ -178,21 +180,21 @@ impl RunWriter {
 
 impl Drop for RunWriter {
     fn drop(&mut self) {
-        // Nobody is left to tell; the log holds what could not be moved into the file.
-        let _ = settle(&self.file.connection);
+        // An error cannot be reported here. The records are safe in the log.
+        let _ = merge_log(&self.file.connection);
     }
 }
 
-/// A failure of a run that is not there: nothing of it is safe, and nothing can be resumed.
-fn not_begun(error: StoreError) -> StoreError {
+/// Converts an error during creation: unlike after [`StoreError::DiskFull`], there is no run to resume.
+fn creation_error(error: StoreError) -> StoreError {
     match error {
         StoreError::DiskFull { path } => StoreError::NoRoom { path },
         error => error,
     }
 }
 
-/// Takes the name, so that of two processes one is refused.
-fn claim(path: &Path) -> Result<File> {
+/// Creates an empty file. Of two processes that create the same run, one gets an error.
+fn create_file(path: &Path) -> Result<File> {
     OpenOptions::new().write(true).create_new(true).open(path).map_err(|source| match source.kind() {
         ErrorKind::AlreadyExists => StoreError::Exists { path: path.into() },
         ErrorKind::NotFound => StoreError::Missing { what: "the folder", path: path.into() },
@@ -200,8 +202,8 @@ fn claim(path: &Path) -> Result<File> {
     })
 }
 
-/// Makes a run of an empty file.
-fn fill(path: &Path, header: &RunHeader, writer_lock: Option<FileLock>) -> Result<RunWriter> {
+/// Writes tables and header to an empty file.
+fn initialize(path: &Path, header: &RunHeader, writer_lock: Option<FileLock>) -> Result<RunWriter> {
     let connection = open(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
     prepare(&connection, path)?;
     begin(&connection).in_file(path)?;
@@ -214,10 +216,10 @@ fn fill(path: &Path, header: &RunHeader, writer_lock: Option<FileLock>) -> Resul
     Ok(RunWriter { file: RunFile::of(connection, path)?, _lock: writer_lock })
 }
 
-/// Keeps other writers away from a run. Where no lock file can be made, SQLite's own lock has to do, and what is wrong with
-/// the folder shows when the run is written.
+/// Locks a run against other writers. If the lock file cannot be created, only SQLite's own lock protects the run, and
+/// writing the run reports the problem with the folder.
 fn lock(path: &Path) -> Result<Option<FileLock>> {
-    match FileLock::take(&lock_file(path)) {
+    match FileLock::try_acquire(&lock_file(path)) {
         Ok(None) => Err(StoreError::Locked { path: path.into() }),
         Ok(lock) => Ok(lock),
         Err(_) => Ok(None),
@@ -230,7 +232,7 @@ fn lock_file(path: &Path) -> PathBuf {
     name.into()
 }
 
-/// Refuses a run whose rows refer to rows that are missing.
+/// Checks that all rows that other rows refer to exist.
 fn check_references(file: &RunFile) -> Result<()> {
     let (connection, path) = (&file.connection, &file.path);
     let missing: Option<(String, String)> = connection
@@ -242,13 +244,13 @@ fn check_references(file: &RunFile) -> Result<()> {
     match missing {
         Some((table, parent)) => Err(StoreError::damaged(
             path,
-            format!("a row of its {table}s refers to a {parent} that is missing"),
+            format!("a row of table `{table}` refers to a missing row of table `{parent}`"),
         )),
         None => Ok(()),
     }
 }
 
-/// Sets what a writer needs of SQLite.
+/// Sets the journal mode and other options of a writer.
 fn prepare(connection: &Connection, path: &Path) -> Result<()> {
     if connection.is_readonly("main").in_file(path)? {
         return Err(StoreError::ReadOnly { path: path.into() });
@@ -258,13 +260,13 @@ fn prepare(connection: &Connection, path: &Path) -> Result<()> {
     connection.pragma_update(None, "foreign_keys", true).in_file(path)
 }
 
-/// Takes the write lock, which the writer holds from one transaction to the next.
+/// Begins a transaction with the write lock, which the writer holds until the next transaction.
 fn begin(connection: &Connection) -> rusqlite::Result<()> {
     connection.execute_batch("BEGIN IMMEDIATE")
 }
 
-/// Moves the log into the file and leaves the file alone, if no reader is in the way.
-fn settle(connection: &Connection) -> rusqlite::Result<()> {
+/// Moves the log into the file and removes the log, unless a reader uses it.
+fn merge_log(connection: &Connection) -> rusqlite::Result<()> {
     if !connection.is_autocommit() {
         connection.execute_batch("ROLLBACK")?;
     }
@@ -300,17 +302,17 @@ fn insert(file: &RunFile, simulation: &Simulation) -> Result<()> {
     Ok(())
 }
 
-/// The extended code, if a constraint of the tables was violated.
+/// Returns SQLite's extended error code if a constraint of the tables was violated.
 fn constraint(error: &rusqlite::Error) -> Option<i32> {
     let failure = error.sqlite_error()?;
     (failure.code == rusqlite::ErrorCode::ConstraintViolation).then_some(failure.extended_code)
 }
 
-/// Removes a run that is ours, whole or begun, and that nobody writes.
+/// Removes a run, complete or not, that no process is writing.
 fn remove(path: &Path) -> Result<()> {
     if std::fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() > 0) {
         let connection = connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
-        // A newer or an older one is a run too, and so is one whose making was broken off.
+        // Runs of newer and older formats can be removed, and runs whose creation was interrupted.
         match upgrade::version(&connection, path, STEPS) {
             Ok(_) | Err(StoreError::NewerVersion { .. }) => {}
             Err(StoreError::NotARun { .. }) if is_blank(&connection) => {}
@@ -321,7 +323,7 @@ fn remove(path: &Path) -> Result<()> {
     remove_files(path)
 }
 
-/// Whether this is a database without a single table.
+/// Returns whether the database has no tables.
 fn is_blank(connection: &Connection) -> bool {
     connection.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0)) == Ok(0)
 }
@@ -349,7 +351,7 @@ mod tests {
     use crate::{BuildRecord, RunKind, SignalRecord, SimulationEnd, StoredTrace, TargetRecord};
 
     fn traced(number: u32) -> Simulation {
-        // Noise, so that it takes as much room as it has bits.
+        // Noise, which does not compress.
         let column = (0..301_u32).map(|step| f64::from(step * 31 + number * 17).sin()).collect();
         Simulation {
             trial: 1,
@@ -370,13 +372,16 @@ mod tests {
     }
 
     #[test]
-    fn a_run_that_found_no_room_to_begin_is_not_to_be_resumed() {
+    fn a_full_disk_during_creation_is_an_error_without_the_advice_to_resume() {
         let full = StoreError::from_io(Path::new("run"), "create", ErrorKind::StorageFull.into());
-        assert_eq!(not_begun(full).to_string(), "the disk is full, so the run could not be begun: run");
+        assert_eq!(
+            creation_error(full).to_string(),
+            "the disk is full, so the run could not be created: run"
+        );
     }
 
     #[test]
-    fn a_full_disk_loses_nothing_that_was_recorded() {
+    fn a_full_disk_loses_no_recorded_simulation() {
         let header = RunHeader {
             kind: RunKind::Falsify,
             build: BuildRecord::default(),
@@ -410,15 +415,15 @@ mod tests {
         };
         assert!(matches!(error, StoreError::DiskFull { .. }), "{error}");
         assert!(recorded > 30, "{recorded}");
-        assert_eq!(writer.file().last_number(1).unwrap(), recorded);
+        assert_eq!(writer.file().last_simulation_number(1).unwrap(), recorded);
 
-        // With room again, the same writer goes on.
+        // With free space, the same writer continues.
         writer.file.connection.pragma_update(None, "max_page_count", 10_000).unwrap();
         writer.record(&[traced(recorded + 1)]).unwrap();
         writer.close().unwrap();
         let run = RunFile::open(&path).unwrap();
         run.check().unwrap();
         assert_eq!(run.simulation(1, recorded).unwrap().trace, traced(recorded).trace);
-        assert_eq!(run.last_number(1).unwrap(), recorded + 1);
+        assert_eq!(run.last_simulation_number(1).unwrap(), recorded + 1);
     }
 }

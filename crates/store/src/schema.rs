@@ -1,11 +1,11 @@
 //! The tables and views of a run file.
 //!
-//! People read the file with plain `sqlite3`; `docs/run_file.md` explains the columns to them. Numbers that SQLite
-//! would change are of type `ANY`: a column of type `REAL` turns −0.0 into 0. Seeds are decimal text, because
-//! SQLite's integers have a sign. Hashes of rows are the first 64 bits of a SHA-256.
+//! `docs/run_file.md` explains the columns to readers with plain `sqlite3`. Columns of floats have the type `ANY`,
+//! because a column of type `REAL` turns −0.0 into 0. Seeds are decimal text, because SQLite's integers are signed.
+//! Hashes of rows are the first 64 bits of a SHA-256.
 //!
-//! `simulation` keeps its row numbers: in a table without them, SQLite moves a row of more than 1,000 bytes, which 20
-//! axes take, to pages of its own.
+//! `simulation` is not `WITHOUT ROWID`: in such a table, SQLite moves a row of more than 1,000 bytes (about 20 axes) to
+//! overflow pages.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -17,13 +17,14 @@ use crate::row::COUNTS;
 use crate::upgrade::STEPS;
 use crate::{Result, RunHeader, header_table};
 
-/// The version of the file's format that this program writes, and the latest that it reads.
+/// Format version that this program writes, and the latest that it reads.
 pub const FORMAT_VERSION: i64 = STEPS.len() as i64 + 1;
 
-/// Marks a SQLite database as a run of ours: `MHdl` in ASCII.
+/// Application ID of run files: `MHdl` in ASCII.
 pub(crate) const APPLICATION_ID: i64 = 0x4d48_646c;
 
-/// SQLite keeps the text of a statement, so that it can be compared when a file is opened.
+/// The statements that create the tables. SQLite stores their text, and opening a file compares it, so every character
+/// is part of the format.
 pub(crate) const TABLES: &[&str] = &[
     "CREATE TABLE header (
     key TEXT PRIMARY KEY,
@@ -99,7 +100,7 @@ pub(crate) const TABLES: &[&str] = &[
 ) STRICT",
 ];
 
-/// The columns that the view `simulations` takes from the table as they are.
+/// Columns of the table that the view `simulations` contains unchanged.
 const SIMULATION_COLUMNS: [&str; 11] = [
     "trial",
     "number",
@@ -114,10 +115,11 @@ const SIMULATION_COLUMNS: [&str; 11] = [
     "trace_digest",
 ];
 
-/// SQLite returns at most 2,000 columns. Axes and verdicts beyond this number are only in the JSON.
-const MOST_COLUMNS: usize = 1900;
+/// Largest number of columns of a view. SQLite returns at most 2,000 columns; further axes and verdicts are only in the
+/// JSON.
+const MAX_COLUMNS: usize = 1900;
 
-/// Creates the tables and views of this version, but for the tables that the file has.
+/// Creates the tables and views of this version that the file lacks.
 pub(crate) fn create(connection: &Connection, header: &RunHeader) -> rusqlite::Result<()> {
     let found = statements(connection)?;
     let views = views(header);
@@ -131,22 +133,22 @@ pub(crate) fn create(connection: &Connection, header: &RunHeader) -> rusqlite::R
 
 /// Checks that the file contains the tables and views of this version and nothing else, and returns its header.
 ///
-/// A file from a stranger may have views in place of the tables, or triggers.
+/// A malicious file can contain triggers, or views in place of the tables.
 pub(crate) fn read_header(connection: &Connection, path: &Path) -> Result<RunHeader> {
     let found = statements(connection).in_file(path)?;
     let others = without(found, path, TABLES.iter().copied())?;
     let header = header_table::read(connection, path)?;
-    nothing(&without(others, path, views(&header).iter().map(String::as_str))?, path)?;
+    check_empty(&without(others, path, views(&header).iter().map(String::as_str))?, path)?;
     Ok(header)
 }
 
 /// Checks that the file contains these tables and nothing else.
 pub(crate) fn check(connection: &Connection, path: &Path, tables: &[&str]) -> Result<()> {
     let found = statements(connection).in_file(path)?;
-    nothing(&without(found, path, tables.iter().copied())?, path)
+    check_empty(&without(found, path, tables.iter().copied())?, path)
 }
 
-/// Kind and name of a table, view, index or trigger, by the statement that made it.
+/// Kind and name of each table, view, index and trigger, by the statement that created it.
 type Statements = BTreeMap<String, String>;
 
 /// Removes `expected` from `found`.
@@ -158,17 +160,17 @@ fn without<'a>(
     for sql in expected {
         if found.remove(sql).is_none() {
             let kind_and_name: Vec<&str> = sql.split_whitespace().skip(1).take(2).collect();
-            let what = format!("its {} is missing or another one", kind_and_name.join(" ").to_lowercase());
+            let what = format!("its {} is missing or was changed", kind_and_name.join(" ").to_lowercase());
             return Err(StoreError::damaged(path, what));
         }
     }
     Ok(found)
 }
 
-fn nothing(others: &Statements, path: &Path) -> Result<()> {
+fn check_empty(others: &Statements, path: &Path) -> Result<()> {
     match others.values().next() {
         Some(other) => {
-            Err(StoreError::damaged(path, format!("it contains {other}, which this program did not make")))
+            Err(StoreError::damaged(path, format!("it contains {other}, which this program did not create")))
         }
         None => Ok(()),
     }
@@ -183,7 +185,8 @@ fn statements(connection: &Connection) -> rusqlite::Result<Statements> {
     select.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
 }
 
-/// The views for people, which depend on the header: a column per axis and per verdict.
+/// Returns the statements that create the views. They depend on the header: one column per axis and verdict. Their text
+/// is part of the format.
 fn views(header: &RunHeader) -> [String; 2] {
     let mut taken: BTreeSet<String> = SIMULATION_COLUMNS.iter().map(ToString::to_string).collect();
     let mut columns: Vec<String> = SIMULATION_COLUMNS.iter().map(ToString::to_string).collect();
@@ -193,13 +196,13 @@ fn views(header: &RunHeader) -> [String; 2] {
     }
     for name in &header.verdicts {
         let value = extract("verdicts", name);
-        // As text, an infinity would compare greater than every number.
+        // As a string, an infinity would compare greater than every number.
         let value = format!("CASE {value} WHEN 'inf' THEN 9e999 WHEN '-inf' THEN -9e999 ELSE {value} END");
         columns.push(format!("{value} AS {}", identifier(&free_name("verdict", name, &mut taken))));
     }
     // SQLite ends a statement at a NUL.
     columns.retain(|column| !column.contains('\0'));
-    columns.truncate(MOST_COLUMNS);
+    columns.truncate(MAX_COLUMNS);
     [
         format!("CREATE VIEW simulations AS SELECT\n    {}\nFROM simulation", columns.join(",\n    ")),
         format!(
@@ -211,14 +214,14 @@ GROUP BY trial.number"
     ]
 }
 
-/// `name`, or a name derived from it if a column has that name; SQLite ignores the case of names.
+/// Returns `name`, or a name derived from it if another column has it. SQLite ignores the case of names.
 fn free_name(kind: &str, name: &str, taken: &mut BTreeSet<String>) -> String {
     let numbered = (2..).map(|number: u32| format!("{kind}_{name}_{number}"));
     let mut candidates = [name.to_owned(), format!("{kind}_{name}")].into_iter().chain(numbered);
     candidates.find(|candidate| taken.insert(candidate.to_ascii_lowercase())).unwrap_or_default()
 }
 
-/// An expression for the member `name` of the JSON object in `column`.
+/// Returns an SQL expression for the member `name` of the JSON object in `column`.
 fn extract(column: &str, name: &str) -> String {
     let is_plain = |c: char| c != '"' && c != '\\' && !c.is_control();
     if !name.is_empty() && name.chars().all(is_plain) {

@@ -1,6 +1,6 @@
-//! The trace of an episode, and the few bytes that it is stored as.
+//! Compression of traces.
 //!
-//! A blob is, in this order,
+//! A blob consists of
 //!
 //! ```text
 //! 1 byte               version of the encoding, 1
@@ -18,19 +18,20 @@
 //! order 0: 0      order 1: x₁      order 2: 2 x₁ − x₂      order 3: 3 x₁ − 3 x₂ + x₃
 //! ```
 //!
-//! The residual is the difference to that, its sign moved to the lowest bit. The motion of a robot is smooth,
-//! so the high bytes of the residuals are mostly 0; the low ones are rounding noise, which nothing can
-//! compress. Every bit pattern comes back, NaN included.
+//! The residual is x minus the prediction, with the sign moved to the lowest bit. The motion of a robot is smooth, so
+//! the high bytes of the residuals are mostly 0. The low bytes are rounding noise, which does not compress. The
+//! encoding is lossless for every bit pattern, including NaN.
 
 use crate::digest::Digest;
 
 const ENCODING: u8 = 1;
 const ORDERS: u8 = 4;
 const FIXED_BYTES: usize = 9;
-/// LZ4 never shrinks to less than a 255th; a blob that claims more is damaged, and is not given the memory.
+/// Upper bound of LZ4's compression ratio, which is at most 255. A blob that claims a higher ratio is damaged; no
+/// memory is allocated for it.
 const LARGEST_RATIO: usize = 256;
 
-/// The signals of one episode: a column per signal of the header, a sample per control step, from step 0.
+/// The trace of an episode: one column per signal of the header, one sample per control step, from step 0.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct StoredTrace {
     /// The columns, all of the same length, in the order of
@@ -39,23 +40,23 @@ pub struct StoredTrace {
 }
 
 impl StoredTrace {
-    /// [`trace_digest`] of the columns.
+    /// Returns the [`trace_digest`] of the columns.
     pub fn digest(&self) -> u128 {
         trace_digest(self.columns.iter().map(Vec::as_slice))
     }
 
-    /// Samples in each column.
+    /// Returns the number of samples per column.
     pub(crate) fn samples(&self) -> usize {
         self.columns.first().map_or(0, Vec::len)
     }
 }
 
-/// Digest of a trace's bits: equal for two traces if, and for all practical purposes only if, every sample of
-/// every column has the same bits.
+/// Returns a digest of the bits of a trace. Two traces have the same digest if and, for practical purposes, only if all
+/// their samples have the same bits.
 ///
-/// It is the first 128 bits of a SHA-256 over the text `trace`, after its length, and the columns in their
-/// order, each after its length; lengths and samples take 8 bytes, little-endian. It does not depend on how a
-/// trace is stored.
+/// The digest is the first 128 bits of the SHA-256 of the text `trace`, preceded by its length, and of the columns in
+/// order, each preceded by its length. Lengths and samples have 8 bytes, little-endian. The digest does not depend on
+/// the storage format.
 ///
 /// # Example
 /// ```
@@ -73,7 +74,7 @@ pub fn trace_digest<'a>(columns: impl IntoIterator<Item = &'a [f64]>) -> u128 {
     digest.finish()
 }
 
-/// The blob of a trace whose columns have the same length.
+/// Encodes a trace as a blob. Its columns have the same length.
 pub(crate) fn encode(trace: &StoredTrace) -> Vec<u8> {
     let (samples, columns) = (trace.samples(), trace.columns.len());
     let residuals = samples * columns;
@@ -99,12 +100,12 @@ pub(crate) fn encode(trace: &StoredTrace) -> Vec<u8> {
     blob
 }
 
-/// The trace of a blob, or what is wrong with the blob.
+/// Decodes a blob. The error describes the damage.
 pub(crate) fn decode(blob: &[u8]) -> Result<StoredTrace, String> {
-    let (fixed, rest) = blob.split_at_checked(FIXED_BYTES).ok_or("it ends within its first bytes")?;
+    let (fixed, rest) = blob.split_at_checked(FIXED_BYTES).ok_or("it ends within its header")?;
     let [encoding, s0, s1, s2, s3, c0, c1, c2, c3] = *fixed else { return Err("it ends early".into()) };
     if encoding != ENCODING {
-        return Err(format!("its encoding is {encoding}, this program knows {ENCODING}"));
+        return Err(format!("its encoding is {encoding}, this program reads {ENCODING}"));
     }
     let samples = u32::from_le_bytes([s0, s1, s2, s3]) as usize;
     let columns = u32::from_le_bytes([c0, c1, c2, c3]) as usize;
@@ -112,10 +113,12 @@ pub(crate) fn decode(blob: &[u8]) -> Result<StoredTrace, String> {
     let residuals = samples
         .checked_mul(columns)
         .filter(|&residuals| residuals <= block.len().saturating_mul(LARGEST_RATIO))
-        .ok_or_else(|| format!("{} bytes cannot hold {columns} columns of {samples}", block.len()))?;
+        .ok_or_else(|| {
+            format!("{} bytes cannot contain {columns} columns of {samples} samples", block.len())
+        })?;
     let planes = lz4_flex::block::decompress(block, residuals * 8).map_err(|error| error.to_string())?;
     if planes.len() != residuals * 8 {
-        return Err(format!("it holds {} bytes of residuals, not {}", planes.len(), residuals * 8));
+        return Err(format!("it has {} bytes of residuals, expected {}", planes.len(), residuals * 8));
     }
     let column_of = |(column, &order): (usize, &u8)| {
         let mut past = [0; 3];
@@ -128,12 +131,12 @@ pub(crate) fn decode(blob: &[u8]) -> Result<StoredTrace, String> {
         (0..samples).map(next).collect()
     };
     if let Some(order) = orders.iter().find(|&&order| order >= ORDERS) {
-        return Err(format!("a predictor's order is {order}, not 0 to 3"));
+        return Err(format!("the order of a predictor is {order}, expected 0 to 3"));
     }
     Ok(StoredTrace { columns: orders.iter().enumerate().map(column_of).collect() })
 }
 
-/// What comes after `past`, the latest first, if the differences of that order go on.
+/// Predicts the next sample by polynomial extrapolation of degree `order` - 1 from `past`, the latest sample first.
 fn predict(order: u8, past: [u64; 3]) -> u64 {
     let [x1, x2, x3] = past;
     match order {
@@ -144,7 +147,7 @@ fn predict(order: u8, past: [u64; 3]) -> u64 {
     }
 }
 
-/// The order that leaves the fewest bits.
+/// Returns the order with the smallest residuals.
 fn best_order(values: &[f64]) -> u8 {
     let mut bits = [0; ORDERS as usize];
     let mut past = [0; 3];
@@ -158,7 +161,7 @@ fn best_order(values: &[f64]) -> u8 {
     (0..ORDERS).min_by_key(|&order| bits[usize::from(order)]).unwrap_or(0)
 }
 
-/// 0, −1, 1, −2, … become 0, 1, 2, 3, …
+/// Zigzag encoding: maps 0, −1, 1, −2, … to 0, 1, 2, 3, …
 fn fold_sign(x: u64) -> u64 {
     x << 1 ^ (x.cast_signed() >> 63).cast_unsigned()
 }
@@ -182,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn every_bit_comes_back() {
+    fn decoding_restores_every_bit() {
         check(vec![]);
         check(vec![vec![], vec![]]);
         check(vec![vec![1.5]]);
@@ -196,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn the_digest_is_the_one_that_others_compute() {
+    fn the_digest_equals_a_computation_in_python() {
         // Python: b = struct.pack('<Q', 5) + b'trace'
         //         for c in [[1.0, -0.0], [0.1, inf]]: b += struct.pack('<Qdd', 2, *c)
         //         hashlib.sha256(b).hexdigest()[:32]
@@ -205,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn folding_the_sign_is_undone() {
+    fn unfolding_inverts_folding_the_sign() {
         assert_eq!([0, u64::MAX, 1, u64::MAX - 1].map(fold_sign), [0, 1, 2, 3]);
         for x in [0, 1, u64::MAX, 1 << 63, (1 << 63) - 1, 0x1234_5678_9abc_def0] {
             assert_eq!(unfold_sign(fold_sign(x)), x);
@@ -213,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_costs_next_to_nothing_and_a_smooth_signal_half() {
+    fn constant_and_smooth_signals_compress() {
         let constant = StoredTrace { columns: vec![vec![0.1; 301]; 6] };
         assert!(encode(&constant).len() < 200, "{}", encode(&constant).len());
         let smooth =
@@ -222,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_is_an_error_or_another_trace_but_never_a_panic() {
+    fn decoding_a_damaged_blob_never_panics() {
         let trace = StoredTrace { columns: vec![(0..50).map(f64::from).collect(); 3] };
         let blob = encode(&trace);
         for length in 0..blob.len() {

@@ -1,4 +1,4 @@
-//! Brings the files of earlier programs up to the format of this one.
+//! Upgrades run files of older formats.
 
 use std::path::Path;
 
@@ -10,17 +10,17 @@ use crate::schema::APPLICATION_ID;
 
 mod v1;
 
-/// Changes the tables and rows of one version into those of the next.
+/// Converts the tables and rows of one version to those of the next.
 pub(crate) type Step = fn(&Connection, &Path) -> Result<()>;
 
-/// `STEPS[v - 1]` leads from version v to v + 1. The result of a released step never changes; a fixture of the
-/// version it starts from, with values stated by hand, tests that.
+/// `STEPS[v - 1]` upgrades version v to v + 1. The result of a released step never changes. A fixture of version v,
+/// with values stated by hand, tests that.
 ///
-/// The last step writes with the code of the current version. The commit that adds the next version moves what the
-/// step needs of that code into the step's file.
+/// The last step writes with the code of the current version. The commit that adds the next version copies the code
+/// that the step uses into the step's file.
 pub(crate) const STEPS: &[Step] = &[v1::step];
 
-/// The format version of a run file, which is one that `steps` know how to read.
+/// Returns the format version of a run file. A version that `steps` cannot upgrade is an error.
 pub(crate) fn version(connection: &Connection, path: &Path, steps: &[Step]) -> Result<i64> {
     let integer =
         |pragma| connection.pragma_query_value(None, pragma, |row| row.get::<_, i64>(0)).in_file(path);
@@ -34,12 +34,12 @@ pub(crate) fn version(connection: &Connection, path: &Path, steps: &[Step]) -> R
         return Err(StoreError::NewerVersion { found, supported, path: path.into() });
     }
     if found < 1 {
-        return Err(StoreError::damaged(path, format!("its format version is {found}, they start at 1")));
+        return Err(StoreError::damaged(path, format!("its format version is {found}; versions start at 1")));
     }
     Ok(found)
 }
 
-/// Takes the steps that a file of version `found` lacks, within the transaction that is open.
+/// Upgrades a file of version `found` in the open transaction.
 pub(crate) fn upgrade(connection: &Connection, path: &Path, found: i64, steps: &[Step]) -> Result<()> {
     for (step, version) in steps.iter().zip(1_i64..).filter(|&(_, version)| version >= found) {
         step(connection, path)?;
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
     use crate::{RunFile, RunWriter};
 
-    /// What the steps from version 2 on might look like: a new value, then a change of it.
+    /// Examples of future steps: version 3 adds a value, version 4 changes it.
     const FUTURE: &[Step] = &[
         v1::step,
         |connection, path| {
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn opening_an_older_file_takes_the_steps_it_lacks() {
+    fn opening_an_older_file_applies_the_missing_steps() {
         for version in [1, 2] {
             let (_folder, path) = copy_of_version(version);
             let upgraded = RunFile::open_with(&path, FUTURE).unwrap();
@@ -88,14 +88,14 @@ mod tests {
             assert_eq!(upgraded.content_digest().unwrap(), digest);
             drop(upgraded);
             assert_eq!(note(&path).unwrap(), "from version 2, then 3");
-            // A second time there is nothing left to do: the insertion would fail.
+            // Opening it again applies no step: a second insertion would fail.
             RunFile::open_with(&path, FUTURE).unwrap();
             RunWriter::resume_with(&path, FUTURE).unwrap();
         }
     }
 
     #[test]
-    fn steps_already_taken_are_left_out() {
+    fn steps_are_applied_only_once() {
         let (_folder, path) = copy_of_version(1);
         for count in 1..=FUTURE.len() {
             RunWriter::resume_with(&path, &FUTURE[..count]).unwrap().close().unwrap();
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_that_fails_leaves_the_file_as_it_was() {
+    fn a_failed_step_leaves_the_file_unchanged() {
         let failing: &[Step] =
             &[FUTURE[0], FUTURE[1], |_, path| Err(StoreError::damaged(path, "a step failed"))];
         for version in [1, 2] {
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn the_program_from_before_the_upgrade_refuses_the_file() {
+    fn an_older_program_rejects_an_upgraded_file() {
         let (_folder, path) = copy_of_version(2);
         RunWriter::resume_with(&path, FUTURE).unwrap().close().unwrap();
         let error = RunFile::open(&path).unwrap_err();

@@ -1,6 +1,5 @@
-//! A file that is damaged, foreign, read-only or not there is answered with one clear error, never with wrong
-//! values.
-#![allow(clippy::unwrap_used)] // what serves tests is a test
+//! A file that is damaged, not a run, read-only or missing gives one clear error, never wrong values.
+#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
 mod sample;
 
@@ -24,18 +23,18 @@ fn small_run() -> (TempDir, PathBuf) {
     (folder, path)
 }
 
-/// Everything a reader can ask for.
+/// Returns everything that a reader can read.
 fn content(path: &Path) -> Result<String> {
     let run = RunFile::open(path)?;
     run.check()?;
     let mut content = format!("{:?} {:x} ", run.header(), run.content_digest()?);
-    for (trial, number) in run.traced()? {
+    for (trial, number) in run.stored_traces()? {
         content += &format!("{:?} ", run.simulation(trial, number)?);
     }
     Ok(content)
 }
 
-/// Bytes that repeat with the seed (xorshift).
+/// Reproducible random numbers (xorshift).
 fn noise(seed: u64) -> impl Iterator<Item = u64> {
     std::iter::successors(Some(seed), |&x| {
         let x = x ^ x << 13;
@@ -46,11 +45,11 @@ fn noise(seed: u64) -> impl Iterator<Item = u64> {
 }
 
 #[test]
-fn changed_bytes_are_found_out_or_do_not_matter() {
+fn changed_bytes_are_detected_or_have_no_effect() {
     let (_folder, path) = small_run();
     let bytes = std::fs::read(&path).unwrap();
     let expected = content(&path).unwrap();
-    let mut found_out = 0;
+    let mut detected = 0;
     let places = noise(1).zip(noise(2)).take(600);
     for (place, change) in
         places.map(|(place, change)| (place as usize % bytes.len(), 1 + (change % 255) as u8))
@@ -59,11 +58,11 @@ fn changed_bytes_are_found_out_or_do_not_matter() {
         damaged[place] ^= change;
         std::fs::write(&path, &damaged).unwrap();
         match content(&path) {
-            Err(_) => found_out += 1,
+            Err(_) => detected += 1,
             Ok(read) => assert!(read == expected, "byte {place} changed by {change:#x}"),
         }
     }
-    assert!(found_out > 100, "only {found_out} of 600 changes were found out");
+    assert!(detected > 100, "only {detected} of 600 changes were detected");
 }
 
 #[test]
@@ -105,33 +104,37 @@ fn check_message(outcome: Result<impl Sized>, message: &str, path: &Path) {
 }
 
 #[test]
-fn a_file_that_is_not_ours_is_named_and_left_alone() {
+fn a_file_that_is_not_a_run_is_reported_and_left_unchanged() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("thing");
-    let ours = "not a run file: expected a SQLite database made by mishandle, found";
-    let other = "a SQLite database of another program, or one whose making was broken off";
+    let path = folder.path().join("file");
+    let not_a_run = "not a run file: expected a SQLite database made by mishandle, found";
+    let other = "a SQLite database of another program, or a run file whose creation was interrupted";
 
-    check_message(RunFile::open(folder.path()), &format!("{ours} a folder or a device"), folder.path());
+    check_message(RunFile::open(folder.path()), &format!("{not_a_run} a folder or a device"), folder.path());
     std::fs::write(&path, "").unwrap();
-    check_message(RunFile::open(&path), &format!("{ours} an empty file"), &path);
-    check_message(RunWriter::resume(&path), &format!("{ours} an empty file"), &path);
+    check_message(RunFile::open(&path), &format!("{not_a_run} an empty file"), &path);
+    check_message(RunWriter::resume(&path), &format!("{not_a_run} an empty file"), &path);
 
     std::fs::write(&path, "trial,simulation\n1,1\n".repeat(400)).unwrap();
-    check_message(RunFile::open(&path), &format!("{ours} a file of another kind"), &path);
-    check_message(RunWriter::resume(&path), &format!("{ours} a file of another kind"), &path);
+    check_message(RunFile::open(&path), &format!("{not_a_run} a file of another kind"), &path);
+    check_message(RunWriter::resume(&path), &format!("{not_a_run} a file of another kind"), &path);
     let replaced = RunWriter::create(&path, &header(), IfExists::Replace);
-    check_message(replaced, &format!("{ours} a file of another kind"), &path);
+    check_message(replaced, &format!("{not_a_run} a file of another kind"), &path);
     assert!(std::fs::read_to_string(&path).unwrap().starts_with("trial"));
 
     std::fs::remove_file(&path).unwrap();
     rusqlite::Connection::open(&path).unwrap().execute_batch("CREATE TABLE t (x)").unwrap();
-    check_message(RunFile::open(&path), &format!("{ours} {other}"), &path);
-    check_message(RunWriter::resume(&path), &format!("{ours} {other}"), &path);
-    check_message(RunWriter::create(&path, &header(), IfExists::Replace), &format!("{ours} {other}"), &path);
+    check_message(RunFile::open(&path), &format!("{not_a_run} {other}"), &path);
+    check_message(RunWriter::resume(&path), &format!("{not_a_run} {other}"), &path);
+    check_message(
+        RunWriter::create(&path, &header(), IfExists::Replace),
+        &format!("{not_a_run} {other}"),
+        &path,
+    );
 }
 
 #[test]
-fn an_empty_file_may_be_replaced() {
+fn an_empty_file_can_be_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run");
     std::fs::write(&path, "").unwrap();
@@ -140,17 +143,17 @@ fn an_empty_file_may_be_replaced() {
 }
 
 #[test]
-fn a_run_whose_making_was_broken_off_is_named_and_may_be_replaced() {
+fn a_run_whose_creation_was_interrupted_is_reported_and_can_be_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run");
-    // The first thing that a new file is told; the tables come in one transaction after it.
+    // The first step of creating a run. The tables are created afterwards, in one transaction.
     rusqlite::Connection::open(&path).unwrap().pragma_update(None, "journal_mode", "WAL").unwrap();
     assert!(matches!(RunFile::open(&path), Err(StoreError::NotARun { .. })));
     RunWriter::create(&path, &header(), IfExists::Replace).unwrap();
 }
 
 #[test]
-fn a_copy_without_its_log_is_told_what_it_may_be_and_a_closed_run_is_one_file() {
+fn a_copy_without_its_log_is_an_error_and_a_closed_run_is_a_single_file() {
     let folder = tempfile::tempdir().unwrap();
     let (path, copy) = (folder.path().join("run.sqlite"), folder.path().join("copy.sqlite"));
     let mut writer = RunWriter::create(&path, &header(), IfExists::Refuse).unwrap();
@@ -165,7 +168,7 @@ fn a_copy_without_its_log_is_told_what_it_may_be_and_a_closed_run_is_one_file() 
 }
 
 #[test]
-fn a_locked_file_is_named() {
+fn a_locked_run_is_an_error_that_names_the_file() {
     let (_folder, path) = small_run();
     let other = rusqlite::Connection::open(&path).unwrap();
     other.execute_batch("BEGIN EXCLUSIVE").unwrap();
@@ -177,7 +180,7 @@ fn a_locked_file_is_named() {
 }
 
 #[test]
-fn a_newer_file_is_refused_with_both_versions() {
+fn a_newer_format_is_an_error_that_names_both_versions() {
     let (_folder, path) = small_run();
     rusqlite::Connection::open(&path).unwrap().pragma_update(None, "user_version", 9).unwrap();
     let message =
@@ -188,7 +191,7 @@ fn a_newer_file_is_refused_with_both_versions() {
 }
 
 #[test]
-fn what_is_missing_is_named() {
+fn a_missing_file_or_folder_is_an_error_that_names_it() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("nowhere/run.sqlite");
     check_message(RunFile::open(&path), "cannot open a run: the file does not exist", &path);

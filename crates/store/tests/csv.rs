@@ -1,5 +1,5 @@
-//! The tables as CSV, against lines written by hand.
-#![allow(clippy::unwrap_used)] // what serves tests is a test
+//! The CSV export, compared with lines written by hand.
+#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
 mod sample;
 
@@ -9,7 +9,7 @@ use mishandle_store::{
 use sample::{header, signal};
 
 #[test]
-fn simulations_are_lines_that_read_back_exactly() {
+fn simulations_are_exported_with_exact_numbers() {
     let folder = tempfile::tempdir().unwrap();
     let mut writer = RunWriter::create(folder.path().join("run"), &header(), IfExists::Refuse).unwrap();
     writer.start_trial(1, 0).unwrap();
@@ -56,7 +56,7 @@ fn simulations_are_lines_that_read_back_exactly() {
 }
 
 #[test]
-fn a_trace_has_a_column_of_time_and_one_per_signal() {
+fn a_trace_is_exported_with_time_and_one_column_per_signal() {
     let folder = tempfile::tempdir().unwrap();
     let header = RunHeader {
         control_dt: 0.25,

@@ -1,7 +1,7 @@
-//! A process that is killed while it writes loses at most the transaction in flight.
+//! A process that is killed while it writes loses at most its current transaction.
 //!
-//! The test starts its own binary again as the process to be killed.
-#![allow(clippy::unwrap_used)] // what serves tests is a test
+//! The test starts its own binary again and kills that process.
+#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
 mod sample;
 
@@ -15,8 +15,8 @@ use sample::{header, record, traced_record};
 const BATCH: u32 = 8;
 const RUN: &str = "MISHANDLE_STORE_TEST_RUN";
 
-/// The process to be killed: it says after each batch how many simulations are recorded. Without the
-/// variable, as one of the tests, it does nothing.
+/// The process to be killed. It prints the number of recorded simulations after each batch. Without the environment
+/// variable, as an ordinary test, it does nothing.
 #[test]
 fn writes_until_killed() {
     let Some(path) = std::env::var_os(RUN) else { return };
@@ -28,7 +28,7 @@ fn writes_until_killed() {
         }
         resumed => resumed.unwrap(),
     };
-    let first = writer.file().last_number(1).unwrap() + 1;
+    let first = writer.file().last_simulation_number(1).unwrap() + 1;
     for first in (first..).step_by(BATCH as usize) {
         let records = (first..first + BATCH).map(|number| match number % BATCH {
             0 => traced_record(1, number),
@@ -39,7 +39,7 @@ fn writes_until_killed() {
     }
 }
 
-/// Starts the process, kills it after `batches` more of them, and gives back what it last said.
+/// Starts the process, kills it after `batches` batches, and returns the last number that it printed.
 fn run_and_kill(path: &Path, batches: usize) -> u32 {
     let mut child = Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "writes_until_killed", "--nocapture"])
@@ -48,26 +48,26 @@ fn run_and_kill(path: &Path, batches: usize) -> u32 {
         .spawn()
         .unwrap();
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
-    let mut said = lines.by_ref().filter_map(|line| line.strip_prefix("recorded ")?.parse().ok());
-    let mut last = said.nth(batches).unwrap();
-    // SIGKILL on Unix: the process has no say in it. What it said until then is still in the pipe.
+    let mut printed = lines.by_ref().filter_map(|line| line.strip_prefix("recorded ")?.parse().ok());
+    let mut last = printed.nth(batches).unwrap();
+    // SIGKILL on Unix, which a process cannot handle. Its output up to then is still in the pipe.
     child.kill().unwrap();
-    last = said.last().unwrap_or(last);
+    last = printed.last().unwrap_or(last);
     child.wait().unwrap();
     last
 }
 
 #[test]
-fn a_kill_loses_at_most_the_transaction_in_flight() {
+fn a_kill_loses_at_most_the_current_transaction() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
-    // Fibonacci numbers of batches: killed early, and past several moves of the log into the file.
+    // Fibonacci numbers of batches: early kills, and kills after SQLite has moved the log into the file several times.
     for batches in [0, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144, 233] {
-        let said = run_and_kill(&path, batches);
+        let printed = run_and_kill(&path, batches);
         let run = RunFile::open(&path).unwrap();
         run.check().unwrap();
-        let found = run.last_number(1).unwrap();
-        assert!(found == said || found == said + BATCH, "said {said}, found {found}");
+        let found = run.last_simulation_number(1).unwrap();
+        assert!(found == printed || found == printed + BATCH, "printed {printed}, found {found}");
         assert_eq!(run.counts().unwrap().simulations, u64::from(found));
     }
     let run = RunFile::open(&path).unwrap();
@@ -76,7 +76,7 @@ fn a_kill_loses_at_most_the_transaction_in_flight() {
         let expected = if number % BATCH == 0 { traced_record(1, number) } else { record(1, number) };
         assert_eq!(run.simulation(1, number).unwrap(), expected);
     }
-    // The next writer tidies up.
+    // The next writer removes the log.
     drop(run);
     RunWriter::resume(&path).unwrap().close().unwrap();
     assert!(!folder.path().join("run.sqlite-wal").exists());

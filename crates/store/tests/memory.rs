@@ -1,7 +1,7 @@
-//! Memory does not grow with the number of simulations: a run is written, read and upgraded in less than its file's
-//! size.
-#![allow(clippy::unwrap_used)] // what serves tests is a test
-#![cfg(target_os = "linux")] // where a process can ask for its own peak
+//! Memory use does not grow with the number of simulations: writing, reading and upgrading a run takes less memory than
+//! its file takes on disk.
+#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
+#![cfg(target_os = "linux")] // where a process can read its peak memory
 
 mod sample;
 
@@ -9,7 +9,7 @@ use mishandle_store::{IfExists, RunFile, RunWriter, export_csv};
 use sample::{header, record, version_1};
 
 #[test]
-fn a_run_is_larger_than_the_memory_it_takes() {
+fn a_run_needs_less_memory_than_its_file_size() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
     let mut writer = RunWriter::create(&path, &header(), IfExists::Refuse).unwrap();
@@ -27,7 +27,7 @@ fn a_run_is_larger_than_the_memory_it_takes() {
     let (peak, size) = (peak_bytes(), path.metadata().unwrap().len());
     assert!(peak < size / 2, "{peak} bytes of memory for a file of {size} bytes");
 
-    // Upgrading takes little more.
+    // An upgrade takes little more.
     let (_folder, old_path) = version_1::copy();
     let row = |number| version_1::Row {
         trial: 3,
@@ -44,7 +44,7 @@ fn a_run_is_larger_than_the_memory_it_takes() {
     version_1::add(&old_path, (1..=simulations).map(row));
     let old_size = old_path.metadata().unwrap().len();
     let upgraded = RunFile::open(&old_path).unwrap();
-    assert_eq!(upgraded.last_number(3).unwrap(), simulations);
+    assert_eq!(upgraded.last_simulation_number(3).unwrap(), simulations);
 
     let peak = peak_bytes();
     assert!(peak < old_size, "{peak} bytes of memory for an older file of {old_size} bytes");

@@ -1,6 +1,6 @@
-//! Every run file ever released still reads. The values are stated here by hand; `examples/write_fixture.rs` wrote the
-//! files.
-#![allow(clippy::unwrap_used)] // what serves tests is a test
+//! Run files of all released versions can be read. The expected values are written by hand; `examples/write_fixture.rs`
+//! wrote the files.
+#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
 use mishandle_store::{
     AxisRecord, ComponentRecord, Counts, FormulaRecord, RunFile, RunKind, SignalRecord, SimulationEnd,
@@ -23,7 +23,7 @@ fn formula(name: &str, text: &str) -> FormulaRecord {
     FormulaRecord { name: name.into(), text: text.into() }
 }
 
-/// The trials are the same in every version's file.
+/// The files of all versions have the same trials.
 #[track_caller]
 fn check_trials(run: &RunFile) {
     let trials: Vec<_> = run.trials().unwrap().iter().map(|summary| summary.trial).collect();
@@ -40,10 +40,10 @@ fn check_trials(run: &RunFile) {
     assert_eq!(trials[0].seed, 18_446_744_073_709_551_614);
 }
 
-/// So are the traces.
+/// The files of all versions have the same traces.
 #[track_caller]
 fn check_traces(run: &RunFile) {
-    assert_eq!(run.traced().unwrap(), [(2, 2)]);
+    assert_eq!(run.stored_traces().unwrap(), [(2, 2)]);
     let columns = run.simulation(2, 2).unwrap().trace.unwrap().columns;
     assert_eq!((columns[0].len(), columns[1].len()), (301, 301));
     assert_eq!((columns[0][0], columns[0][300], columns[1][2]), (0.0, 30.0, 7.5));
@@ -53,7 +53,7 @@ fn check_traces(run: &RunFile) {
 
 #[test]
 fn version_1() {
-    // A copy, since opening an older file upgrades it.
+    // A copy, because opening an older file upgrades it.
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("v1.sqlite");
     std::fs::copy("tests/fixtures/v1.sqlite", &path).unwrap();
@@ -119,7 +119,7 @@ fn version_1() {
     assert_eq!(second.verdicts, [None, Some(0.2)]);
     assert_eq!(second.trace_digest, None);
 
-    // Only a complete episode proves its robustness; -0.0 keeps its sign.
+    // Only a complete episode has bounds of its robustness; -0.0 keeps its sign.
     let bounds: Vec<_> = simulations
         .iter()
         .map(|s| (s.robustness_low.map(f64::to_bits), s.robustness_high.map(f64::to_bits), s.stop_threshold))

@@ -1,5 +1,5 @@
-//! What people see who open a run with plain SQLite.
-#![allow(clippy::unwrap_used)] // what serves tests is a test
+//! Run files read with plain SQLite.
+#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
 mod sample;
 
@@ -11,7 +11,7 @@ use rusqlite::types::Value;
 use sample::{axis, header, record, traced_record};
 use tempfile::TempDir;
 
-/// A run of these simulations, all of trial 1.
+/// Creates a run with these simulations, all in trial 1.
 fn run_of(header: &RunHeader, simulations: &[Simulation]) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
@@ -24,7 +24,7 @@ fn run_of(header: &RunHeader, simulations: &[Simulation]) -> (TempDir, PathBuf) 
     (folder, path)
 }
 
-/// The rows of a query, as `sqlite3` prints them.
+/// Returns the rows of a query in the format of `sqlite3`.
 fn query(path: &Path, sql: &str) -> Vec<String> {
     let connection = Connection::open(path).unwrap();
     let mut select = connection.prepare(sql).unwrap();
@@ -57,7 +57,7 @@ fn with_robustness(number: u32, robustness: f64) -> Simulation {
 }
 
 #[test]
-fn the_queries_of_the_documentation_answer_what_it_says() {
+fn the_documented_queries_return_what_the_page_states() {
     let mut inside = with_robustness(1, 0.5);
     inside.end = mishandle_store::SimulationEnd::Completed;
     let mut outside = with_robustness(2, -0.25);
@@ -80,12 +80,12 @@ fn the_queries_of_the_documentation_answer_what_it_says() {
     let tables = names.iter().flat_map(|name| columns(&path, name)).filter(|name| !name.starts_with("ball_"));
     let verdicts = header().verdicts;
     for name in names.iter().cloned().chain(header_keys).chain(tables) {
-        assert!(verdicts.contains(&name) || page.contains(&format!("`{name}`")), "{name} is not explained");
+        assert!(verdicts.contains(&name) || page.contains(&format!("`{name}`")), "{name} is not documented");
     }
 }
 
 #[test]
-fn a_row_is_text_that_people_read() {
+fn a_row_is_readable_text() {
     let mut simulation = traced_record(1, 1);
     simulation.seed = u64::MAX;
     simulation.scenario = vec![Some(0.5), None];
@@ -106,13 +106,13 @@ fn a_row_is_text_that_people_read() {
         query(&path, "SELECT seed, status FROM trials"),
         ["18446744073709551615|falsified", "0|running"]
     );
-    // An infinity is a number in the view: as text it would be greater than 0.
+    // In the view an infinity is a number. As a string it would be greater than 0.
     let sql = "SELECT number, strict_robustness FROM simulations WHERE strict_robustness < -1000";
     assert_eq!(query(&path, sql), ["1|-inf"]);
 }
 
 #[test]
-fn a_column_has_its_axis_value_whatever_its_name() {
+fn a_column_has_the_value_of_its_axis_for_every_axis_name() {
     let names = [
         "mass",
         "MASS",
@@ -176,7 +176,7 @@ fn a_column_has_its_axis_value_whatever_its_name() {
 }
 
 #[test]
-fn more_axes_than_sqlite_has_columns_are_recorded_all() {
+fn axes_beyond_the_column_limit_of_sqlite_are_recorded() {
     let axes: Vec<_> = (0..3000).map(|i| axis(&format!("x{i}"), "", 0.0, 1.0)).collect();
     let nul = axis("with a \0", "", 0.0, 1.0);
     let header = RunHeader { axes: [vec![nul], axes].concat(), verdicts: vec![], ..header() };
@@ -189,7 +189,7 @@ fn more_axes_than_sqlite_has_columns_are_recorded_all() {
 }
 
 #[track_caller]
-fn check_refused(sql: &str, what: &str) {
+fn check_damaged(sql: &str, what: &str) {
     let (_folder, path) = run_of(&header(), &[record(1, 1)]);
     Connection::open(&path).unwrap().execute_batch(sql).unwrap();
     let message = format!("the run file is damaged, restore it from a copy: {what}: {}", path.display());
@@ -199,28 +199,28 @@ fn check_refused(sql: &str, what: &str) {
 }
 
 #[test]
-fn a_file_contains_only_what_this_program_made() {
-    check_refused("CREATE TABLE mine (x)", "it contains table mine, which this program did not make");
-    check_refused("CREATE VIEW mine AS SELECT 1", "it contains view mine, which this program did not make");
-    check_refused(
+fn other_tables_views_indexes_and_triggers_are_reported_as_damage() {
+    check_damaged("CREATE TABLE mine (x)", "it contains table mine, which this program did not create");
+    check_damaged("CREATE VIEW mine AS SELECT 1", "it contains view mine, which this program did not create");
+    check_damaged(
         "CREATE INDEX mine ON simulation (robustness)",
-        "it contains index mine, which this program did not make",
+        "it contains index mine, which this program did not create",
     );
-    check_refused(
+    check_damaged(
         "CREATE TRIGGER trial AFTER INSERT ON simulation BEGIN DELETE FROM trial; END",
-        "it contains trigger trial, which this program did not make",
+        "it contains trigger trial, which this program did not create",
     );
-    check_refused("DROP VIEW trials", "its view trials is missing or another one");
-    check_refused(
+    check_damaged("DROP VIEW trials", "its view trials is missing or was changed");
+    check_damaged(
         "DROP VIEW simulations; CREATE VIEW simulations AS SELECT * FROM simulation",
-        "its view simulations is missing or another one",
+        "its view simulations is missing or was changed",
     );
-    check_refused(
+    check_damaged(
         "ALTER TABLE signal RENAME TO other; CREATE VIEW signal AS SELECT * FROM other",
-        "its table signal is missing or another one",
+        "its table signal is missing or was changed",
     );
-    check_refused("ALTER TABLE trace ADD COLUMN note TEXT", "its table trace is missing or another one");
-    // SQLite's own statistics are harmless.
+    check_damaged("ALTER TABLE trace ADD COLUMN note TEXT", "its table trace is missing or was changed");
+    // SQLite's own statistics are allowed.
     let (_folder, path) = run_of(&header(), &[record(1, 1)]);
     Connection::open(&path).unwrap().execute_batch("ANALYZE").unwrap();
     RunFile::open(&path).unwrap().check().unwrap();
@@ -272,9 +272,9 @@ fn a_changed_value_does_not_match_its_hash() {
 }
 
 #[test]
-fn an_index_that_does_not_fit_its_table_is_found_out() {
+fn an_index_that_does_not_match_its_table_is_detected() {
     let (_folder, path) = run_of(&header(), &[record(1, 1), record(1, 2)]);
-    // The index of the primary key, made to say that simulation 2 has the number 3.
+    // Changes the index of the primary key: simulation 2 gets the number 3.
     let connection = Connection::open(&path).unwrap();
     let root: u32 = connection
         .query_row(

@@ -1,7 +1,7 @@
-//! What cannot be written can be read, and says why it cannot be written.
+//! Read-only runs can be read, and the error of writing them names the cause.
 //!
-//! Permissions mean nothing to root, so the checks run in a process of their own, as a user who is not.
-#![allow(clippy::unwrap_used)] // what serves tests is a test
+//! Root ignores permissions, so the checks run in a separate process as an ordinary user.
+#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 #![cfg(unix)]
 
 mod sample;
@@ -23,7 +23,7 @@ fn allow(path: &Path, mode: u32) {
     set_permissions(path, Permissions::from_mode(mode)).unwrap();
 }
 
-/// The checks. Without the variable, as one of the tests, it does nothing.
+/// The checks. Without the environment variable, as an ordinary test, it does nothing.
 #[test]
 fn as_an_ordinary_user() {
     let Some(folder) = std::env::var_os(FOLDER).map(PathBuf::from) else { return };
@@ -32,7 +32,7 @@ fn as_an_ordinary_user() {
     let secret = folder.join("secret.sqlite");
     let old = folder.join("closed/old.sqlite");
 
-    assert_eq!(RunFile::open(&closed).unwrap().last_number(1).unwrap(), 1);
+    assert_eq!(RunFile::open(&closed).unwrap().last_simulation_number(1).unwrap(), 1);
     let error = RunWriter::resume(&closed).unwrap_err();
     assert!(matches!(error, StoreError::ReadOnly { .. }), "{error}");
     let error = RunWriter::create(folder.join("closed/new.sqlite"), &header(), IfExists::Refuse).unwrap_err();
@@ -47,7 +47,7 @@ fn as_an_ordinary_user() {
         error.to_string(),
         format!(
             "the run file has format version 1 and must be upgraded to 2, but the file or its folder is read-only; \
-             copy it to a folder that can be written: {}",
+             copy it to a writable folder: {}",
             old.display()
         )
     );
@@ -57,7 +57,7 @@ fn as_an_ordinary_user() {
 }
 
 #[test]
-fn a_read_only_folder_is_named_and_its_runs_are_readable() {
+fn runs_in_a_read_only_folder_are_readable_and_not_writable() {
     let folder = tempfile::tempdir().unwrap();
     let place = |name: &str| folder.path().join(name);
     create_dir(place("closed")).unwrap();
@@ -65,7 +65,7 @@ fn a_read_only_folder_is_named_and_its_runs_are_readable() {
     let mut writer = RunWriter::create(place("closed/run.sqlite"), &header(), IfExists::Refuse).unwrap();
     writer.start_trial(1, 0).unwrap();
     writer.record(&[record(1, 1)]).unwrap();
-    // What a kill at this moment would leave.
+    // The files that a kill at this moment would leave.
     copy(place("closed/run.sqlite"), place("killed/run.sqlite")).unwrap();
     copy(place("closed/run.sqlite-wal"), place("killed/run.sqlite-wal")).unwrap();
     writer.close().unwrap();
@@ -92,6 +92,6 @@ fn a_read_only_folder_is_named_and_its_runs_are_readable() {
     for name in ["closed", "killed"] {
         allow(&place(name), 0o755); // so that they can be removed
     }
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(said.contains("all checked"), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    let output_text = String::from_utf8_lossy(&output.stdout);
+    assert!(output_text.contains("all checked"), "{output_text}{}", String::from_utf8_lossy(&output.stderr));
 }

@@ -1,5 +1,5 @@
-//! What is recorded comes back, to the bit, in order, and nothing else is accepted.
-#![allow(clippy::unwrap_used)] // what serves tests is a test
+//! Records are read back bit for bit and in order, and invalid records are errors.
+#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
 mod sample;
 
@@ -16,7 +16,7 @@ fn new_run() -> (TempDir, RunWriter) {
     (folder, writer)
 }
 
-/// All bits of a simulation; `==` on floats would take -0.0 for 0.0.
+/// Returns all bits of a simulation. `==` on floats does not distinguish -0.0 from 0.0.
 fn bits(simulation: &Simulation) -> String {
     let hex = |values: &[Option<f64>]| {
         values.iter().map(|value| format!("{:x?} ", value.map(f64::to_bits))).collect::<String>()
@@ -33,7 +33,7 @@ fn bits(simulation: &Simulation) -> String {
 }
 
 #[test]
-fn the_header_comes_back() {
+fn the_header_is_read_back_unchanged() {
     let (_folder, writer) = new_run();
     let path = writer.file().path().to_owned();
     writer.close().unwrap();
@@ -41,12 +41,12 @@ fn the_header_comes_back() {
 }
 
 #[test]
-fn every_bit_comes_back_in_order_from_any_order_of_recording() {
+fn simulations_are_read_back_bit_for_bit_and_sorted_for_every_recording_order() {
     let (_folder, mut writer) = new_run();
     for trial in [2, 0, 1] {
         writer.start_trial(trial, u64::MAX - u64::from(trial)).unwrap();
     }
-    // More than one page of the iterator, in batches of 1, 2, 3, …, trials in turn.
+    // More than one page of the iterator, in batches of 1, 2, 3, … simulations, alternating between trials.
     let mut expected = Vec::new();
     let (mut first, mut length) = (1, 1);
     while first < 700 {
@@ -69,17 +69,17 @@ fn every_bit_comes_back_in_order_from_any_order_of_recording() {
         assert_eq!(bits(got), bits(expected));
         assert_eq!(bits(&run.simulation(expected.trial, expected.number).unwrap()), bits(expected));
     }
-    let of_one: Vec<Simulation> = run.simulations_of(1).map(Result::unwrap).collect();
+    let of_trial_1: Vec<Simulation> = run.trial_simulations(1).map(Result::unwrap).collect();
     assert_eq!(
-        of_one,
+        of_trial_1,
         expected.iter().filter(|simulation| simulation.trial == 1).cloned().collect::<Vec<_>>()
     );
-    assert_eq!(run.simulations_of(3).count(), 0);
+    assert_eq!(run.trial_simulations(3).count(), 0);
     run.check().unwrap();
 }
 
 #[test]
-fn hard_values_come_back() {
+fn extreme_values_are_read_back_unchanged() {
     let hard = [-0.0, 5e-324, f64::MAX, f64::MIN, 0.1 + 0.2, 1e15, -3.0, f64::INFINITY, f64::NEG_INFINITY];
     let (_folder, mut writer) = new_run();
     writer.start_trial(1, 0).unwrap();
@@ -101,7 +101,7 @@ fn hard_values_come_back() {
 }
 
 #[test]
-fn a_simulation_without_a_unit_point_and_a_run_without_axes_are_fine() {
+fn a_simulation_without_a_unit_point_and_a_run_without_axes_are_valid() {
     let (_folder, mut writer) = new_run();
     writer.start_trial(1, 0).unwrap();
     let mut bare = record(1, 1);
@@ -119,7 +119,7 @@ fn a_simulation_without_a_unit_point_and_a_run_without_axes_are_fine() {
 }
 
 #[test]
-fn traces_come_back_where_they_were_given() {
+fn stored_traces_are_read_back() {
     let (_folder, mut writer) = new_run();
     writer.start_trial(1, 0).unwrap();
     writer.record(&[record(1, 1), traced_record(1, 2)]).unwrap();
@@ -131,16 +131,16 @@ fn traces_come_back_where_they_were_given() {
     let run = writer.file();
     assert_eq!(run.simulation(1, 1).unwrap().trace, None);
     assert_eq!(run.simulation(1, 2).unwrap(), traced_record(1, 2));
-    assert_eq!(run.traced().unwrap(), [(1, 2), (1, 3)]);
+    assert_eq!(run.stored_traces().unwrap(), [(1, 2), (1, 3)]);
     assert!(run.simulations().all(|simulation| simulation.unwrap().trace.is_none()));
-    // A digest that was not given is filled in; NaN is compared by its bits.
+    // The writer computes a missing digest; NaN is compared by its bits.
     let read = run.simulation(1, 3).unwrap();
     assert_eq!(read.trace_digest, Some(diverged.trace.unwrap().digest()));
     assert!(read.trace.unwrap().columns[0][1].is_nan());
 }
 
 #[test]
-fn counts_are_those_of_the_records() {
+fn counts_match_the_records() {
     let (_folder, mut writer) = new_run();
     writer.start_trial(1, 11).unwrap();
     writer.start_trial(2, 22).unwrap();
@@ -170,11 +170,11 @@ fn counts_are_those_of_the_records() {
     assert_eq!(first.minimum_robustness, Some(-0.25));
     assert_eq!(second.counts, Counts::default());
     assert_eq!((second.trial.status, second.minimum_robustness), (TrialStatus::Running, None));
-    assert_eq!((run.last_number(1).unwrap(), run.last_number(2).unwrap()), (5, 0));
+    assert_eq!((run.last_simulation_number(1).unwrap(), run.last_simulation_number(2).unwrap()), (5, 0));
 }
 
 #[test]
-fn every_status_comes_back() {
+fn every_status_is_read_back() {
     let (_folder, mut writer) = new_run();
     writer.start_trial(1, 0).unwrap();
     for status in
@@ -186,14 +186,14 @@ fn every_status_comes_back() {
 }
 
 #[test]
-fn a_resumed_run_goes_on_where_it_stood() {
+fn a_resumed_run_continues_after_its_last_record() {
     let (_folder, mut writer) = new_run();
     let path = writer.file().path().to_owned();
     writer.start_trial(1, 0).unwrap();
     writer.record(&[record(1, 1), record(1, 2)]).unwrap();
     drop(writer);
     let mut writer = RunWriter::resume(&path).unwrap();
-    assert_eq!(writer.file().last_number(1).unwrap(), 2);
+    assert_eq!(writer.file().last_simulation_number(1).unwrap(), 2);
     writer.record(&[record(1, 3)]).unwrap();
     writer.close().unwrap();
     let run = RunFile::open(&path).unwrap();
@@ -202,7 +202,7 @@ fn a_resumed_run_goes_on_where_it_stood() {
 }
 
 #[test]
-fn the_content_digest_knows_no_batches_and_sees_every_difference() {
+fn the_content_digest_ignores_batches_and_detects_every_difference() {
     let digest = |batches: &[&[Simulation]], status| {
         let (_folder, mut writer) = new_run();
         writer.start_trial(1, 5).unwrap();
@@ -241,7 +241,7 @@ fn the_content_digest_knows_no_batches_and_sees_every_difference() {
 }
 
 #[test]
-fn a_reader_sees_each_transaction_while_the_run_goes_on() {
+fn a_reader_sees_each_transaction_of_a_running_writer() {
     let (_folder, mut writer) = new_run();
     let reader = RunFile::open(writer.file().path()).unwrap();
     writer.start_trial(1, 0).unwrap();
@@ -277,139 +277,139 @@ fn the_log_does_not_grow_with_the_run() {
     assert!(log < 6 << 20, "{log} bytes");
 }
 
-// What is refused.
+// Invalid records and headers.
 
 #[track_caller]
-fn check_refused(change: impl FnOnce(&mut Simulation), message: &str) {
+fn check_rejected(change: impl FnOnce(&mut Simulation), message: &str) {
     let (_folder, mut writer) = new_run();
     writer.start_trial(1, 0).unwrap();
     writer.record(&[record(1, 1)]).unwrap();
-    let mut refused = traced_record(1, 3);
-    change(&mut refused);
-    let error = writer.record(&[record(1, 2), refused]).unwrap_err();
+    let mut invalid = traced_record(1, 3);
+    change(&mut invalid);
+    let error = writer.record(&[record(1, 2), invalid]).unwrap_err();
     assert_eq!(error.to_string(), message);
-    // None of the batch is there, and the writer works on.
+    // No simulation of the batch is recorded, and the writer remains usable.
     assert_eq!(writer.file().counts().unwrap().simulations, 1);
     writer.record(&[record(1, 2)]).unwrap();
 }
 
 #[test]
-fn a_record_that_does_not_fit_is_refused_with_its_batch() {
+fn an_invalid_record_rejects_its_whole_batch() {
     let cannot = "cannot record simulation 3 of trial 1: its";
-    check_refused(
+    check_rejected(
         |record| record.scenario.truncate(1),
-        &format!("{cannot} scenario has 1 elements, the run's header asks for 2"),
+        &format!("{cannot} scenario has 1 elements, the run's header requires 2"),
     );
-    check_refused(
+    check_rejected(
         |record| record.unit_point.push(0.0),
-        &format!("{cannot} unit point has 3 elements, the run's header asks for 2"),
+        &format!("{cannot} unit point has 3 elements, the run's header requires 2"),
     );
-    check_refused(
+    check_rejected(
         |record| record.verdicts.clear(),
-        &format!("{cannot} list of verdicts has 0 elements, the run's header asks for 2"),
+        &format!("{cannot} list of verdicts has 0 elements, the run's header requires 2"),
     );
-    check_refused(
+    check_rejected(
         |record| record.trace.as_mut().unwrap().columns.truncate(1),
-        &format!("{cannot} trace has 1 elements, the run's header asks for 2"),
+        &format!("{cannot} trace has 1 elements, the run's header requires 2"),
     );
-    check_refused(
+    check_rejected(
         |record| record.trace.as_mut().unwrap().columns[1].truncate(52),
         &format!("{cannot} trace has 52 samples of `ball_height`, but 53 of `ball_hole_distance`"),
     );
-    check_refused(|record| record.robustness = Some(f64::NAN), &format!("{cannot} robustness is NaN"));
-    check_refused(
+    check_rejected(|record| record.robustness = Some(f64::NAN), &format!("{cannot} robustness is NaN"));
+    check_rejected(
         |record| record.scenario[1] = Some(f64::INFINITY),
-        &format!("{cannot} scenario's axis `ball_velocity_x` is inf"),
+        &format!("{cannot} scenario value of axis `ball_velocity_x` is inf"),
     );
-    check_refused(
+    check_rejected(
         |record| record.robustness_low = Some(f64::NAN),
         &format!("{cannot} lower bound of the robustness is NaN"),
     );
-    check_refused(
+    check_rejected(
         |record| record.robustness_high = Some(f64::NAN),
         &format!("{cannot} upper bound of the robustness is NaN"),
     );
-    check_refused(
+    check_rejected(
         |record| record.stop_threshold = Some(f64::NAN),
         &format!("{cannot} stop threshold is NaN"),
     );
-    check_refused(
+    check_rejected(
         |record| record.unit_point[0] = f64::NAN,
-        &format!("{cannot} unit point's axis `ball_x` is NaN"),
+        &format!("{cannot} unit point value of axis `ball_x` is NaN"),
     );
-    check_refused(
+    check_rejected(
         |record| record.verdicts[0] = Some(f64::NAN),
         &format!("{cannot} verdict `strict_robustness` is NaN"),
     );
-    check_refused(
+    check_rejected(
         |record| record.trace_digest = Some(0xabc),
         &format!(
-            "{cannot} trace digest is 00000000000000000000000000000abc, but the trace given with it has {:032x}",
+            "{cannot} trace digest is 00000000000000000000000000000abc, but its trace has the digest {:032x}",
             trace(53).digest()
         ),
     );
-    check_refused(
+    check_rejected(
         |record| record.number = 0,
-        "cannot record simulation 0 of trial 1: the simulations of a trial are numbered from 1",
+        "cannot record simulation 0 of trial 1: simulations of a trial are numbered from 1",
     );
-    check_refused(
+    check_rejected(
         |record| record.number = 1,
-        "cannot record simulation 1 of trial 1: it is in the run already",
+        "cannot record simulation 1 of trial 1: the run already contains it",
     );
-    check_refused(|record| record.trial = 4, "the run holds no trial 4");
+    check_rejected(|record| record.trial = 4, "the run has no trial 4");
 }
 
 #[test]
-fn what_is_not_there_is_named() {
+fn an_unknown_trial_or_simulation_is_an_error_that_names_it() {
     let (_folder, mut writer) = new_run();
     writer.start_trial(1, 0).unwrap();
     let run = writer.file();
-    assert_eq!(run.simulation(1, 2).unwrap_err().to_string(), "the run holds no simulation 2 of trial 1");
-    assert_eq!(run.trial(9).unwrap_err().to_string(), "the run holds no trial 9");
+    assert_eq!(run.simulation(1, 2).unwrap_err().to_string(), "the run has no simulation 2 of trial 1");
+    assert_eq!(run.trial(9).unwrap_err().to_string(), "the run has no trial 9");
     let error = writer.end_trial(9, TrialStatus::Converged).unwrap_err();
-    assert_eq!(error.to_string(), "the run holds no trial 9");
+    assert_eq!(error.to_string(), "the run has no trial 9");
     assert_eq!(
         writer.start_trial(1, 3).unwrap_err().to_string(),
-        "cannot record trial 1: it is in the run already"
+        "cannot record trial 1: the run already contains it"
     );
 }
 
 #[test]
-fn a_header_that_contradicts_itself_is_refused() {
+fn an_invalid_header_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let axis = |name, low| axis(name, "", low, 1.0);
     let formula = |text: &str| FormulaRecord { name: "safe".into(), text: text.into() };
     for (header, message) in [
         (
             RunHeader { signals: vec![signal("a", "m"), signal("b", ""), signal("a", "")], ..header() },
-            "cannot create a run: two of its signals have the name `a`, each must have its own",
+            "cannot create a run: two of its signals have the name `a`; names must be unique",
         ),
         (
             RunHeader { axes: vec![axis("x", 0.0), axis("x", 0.0)], ..header() },
-            "cannot create a run: two of its axes have the name `x`, each must have its own",
+            "cannot create a run: two of its axes have the name `x`; names must be unique",
         ),
         (
             RunHeader { formulas: vec![formula("a"), formula("b")], ..header() },
-            "cannot create a run: two of its formulas have the name `safe`, each must have its own",
+            "cannot create a run: two of its formulas have the name `safe`; names must be unique",
         ),
         (
             RunHeader { versions: vec![("a".into(), "1".into()), ("a".into(), "2".into())], ..header() },
-            "cannot create a run: two of its versions have the name `a`, each must have its own",
+            "cannot create a run: two of its versions have the name `a`; names must be unique",
         ),
         (
             RunHeader {
                 axes: vec![AxisRecord { nominal: Some(f64::INFINITY), ..axis("x", 0.0) }],
                 ..header()
             },
-            "cannot create a run: axis `x` has the nominal value inf, it must be finite",
+            "cannot create a run: axis `x` has the nominal value inf; it must be finite",
         ),
         (
             RunHeader { axes: vec![axis("x", f64::NAN)], ..header() },
-            "cannot create a run: axis `x` has the bounds NaN and 1, they must be finite",
+            "cannot create a run: axis `x` has the bounds NaN and 1; they must be finite",
         ),
         (
             RunHeader { control_dt: f64::NAN, ..header() },
-            "cannot create a run: its control period is NaN s, it must be above 0 and finite",
+            "cannot create a run: its control period is NaN s; it must be positive and finite",
         ),
     ] {
         let path = folder.path().join("run.sqlite");
@@ -419,11 +419,11 @@ fn a_header_that_contradicts_itself_is_refused() {
 }
 
 #[test]
-fn an_existing_run_is_replaced_only_if_told() {
+fn an_existing_run_is_replaced_only_on_request() {
     let (_folder, mut writer) = new_run();
     let path = writer.file().path().to_owned();
     writer.start_trial(1, 0).unwrap();
-    // While it is being written it is not touched at all.
+    // A run that is being written is not replaced.
     assert!(matches!(RunWriter::create(&path, &header(), IfExists::Replace), Err(StoreError::Locked { .. })));
     writer.close().unwrap();
     assert!(matches!(RunWriter::create(&path, &header(), IfExists::Refuse), Err(StoreError::Exists { .. })));
@@ -435,7 +435,7 @@ fn an_existing_run_is_replaced_only_if_told() {
 }
 
 #[test]
-fn there_is_one_writer_at_a_time() {
+fn a_run_has_one_writer_at_a_time() {
     let (_folder, writer) = new_run();
     let path = writer.file().path().to_owned();
     let error = RunWriter::resume(&path).unwrap_err();
@@ -445,7 +445,7 @@ fn there_is_one_writer_at_a_time() {
 }
 
 #[test]
-fn a_second_writer_is_refused_also_between_two_transactions() {
+fn a_second_writer_is_locked_out_between_two_transactions() {
     let (_folder, mut writer) = new_run();
     let path = writer.file().path().to_owned();
     std::thread::scope(|scope| {
@@ -455,13 +455,13 @@ fn a_second_writer_is_refused_also_between_two_transactions() {
             trial += 1;
             writer.start_trial(trial, 0).unwrap();
         }
-        let refused = |result: &Result<(), StoreError>| matches!(result, Err(StoreError::Locked { .. }));
-        assert!(second.join().unwrap().iter().all(refused));
+        let is_locked = |result: &Result<(), StoreError>| matches!(result, Err(StoreError::Locked { .. }));
+        assert!(second.join().unwrap().iter().all(is_locked));
     });
 }
 
 #[test]
-fn a_run_with_rows_that_refer_to_missing_ones_is_not_resumed() {
+fn a_run_with_references_to_missing_rows_is_not_resumed() {
     for deleted in ["DELETE FROM trial WHERE number = 1", "DELETE FROM simulation WHERE number = 1"] {
         let (_folder, mut writer) = new_run();
         let path = writer.file().path().to_owned();

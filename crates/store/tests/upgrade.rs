@@ -1,5 +1,5 @@
-//! Runs of format version 1 are upgraded to the bit, or refused and left as they were.
-#![allow(clippy::unwrap_used)] // what serves tests is a test
+//! Runs of format version 1 are upgraded bit for bit; damaged ones are reported and left unchanged.
+#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
 mod sample;
 
@@ -8,7 +8,7 @@ use rusqlite::Connection;
 use sample::version_1::{Row, add, copy};
 use sample::{header, record};
 
-/// A row of trial 3, which has none in the fixture.
+/// Returns a row of trial 3, which has no rows in the fixture.
 fn row(number: u32) -> Row {
     let x = f64::from(number) / 7.0;
     Row {
@@ -26,7 +26,7 @@ fn row(number: u32) -> Row {
     }
 }
 
-/// What version 2 holds of it.
+/// Returns the simulation that version 2 stores for the row.
 fn upgraded(row: &Row) -> Simulation {
     let end = match row.ended {
         ("horizon", _) => SimulationEnd::Completed,
@@ -54,28 +54,28 @@ fn upgraded(row: &Row) -> Simulation {
 }
 
 #[test]
-fn every_row_of_many_pages_comes_back() {
+fn rows_of_many_pages_are_upgraded_bit_for_bit() {
     let (_folder, path) = copy();
     add(&path, (1..=1000).map(row));
     let run = RunFile::open(&path).unwrap();
     let mut count = 0;
-    for (number, read) in (1..).zip(run.simulations_of(3)) {
-        // Debug output tells -0.0 from 0.0, and every float from the next.
+    for (number, read) in (1..).zip(run.trial_simulations(3)) {
+        // Debug output distinguishes -0.0 from 0.0, and every float from its neighbors.
         assert_eq!(format!("{:?}", read.unwrap()), format!("{:?}", upgraded(&row(number))));
         count += 1;
     }
     assert_eq!(count, 1000);
-    assert_eq!(run.simulations_of(1).count() + run.simulations_of(2).count(), 5);
+    assert_eq!(run.trial_simulations(1).count() + run.trial_simulations(2).count(), 5);
     run.check().unwrap();
 }
 
 #[test]
-fn an_upgraded_file_has_the_tables_of_a_new_one_and_can_be_continued() {
+fn an_upgraded_run_has_the_tables_of_a_new_run_and_can_be_resumed() {
     let (_folder, path) = copy();
     let mut writer = RunWriter::resume(&path).unwrap();
     writer.start_trial(9, 9).unwrap();
     writer.record(&[Simulation { scenario: vec![None, Some(1.0)], ..record(9, 1) }]).unwrap();
-    // The traces refer to the new table: foreign keys hold again.
+    // The traces refer to the new table, so foreign keys are valid.
     assert!(matches!(writer.record(&[record(10, 1)]), Err(StoreError::UnknownTrial { trial: 10 })));
     writer.close().unwrap();
     RunFile::open(&path).unwrap().check().unwrap();
@@ -95,7 +95,7 @@ fn an_upgraded_file_has_the_tables_of_a_new_one_and_can_be_continued() {
 }
 
 #[test]
-fn a_killed_run_is_upgraded_with_what_its_log_holds() {
+fn a_killed_run_is_upgraded_with_the_records_in_its_log() {
     let (_folder, path) = copy();
     let killed = path.with_file_name("killed.sqlite");
     let connection = Connection::open(&path).unwrap();
@@ -108,11 +108,11 @@ fn a_killed_run_is_upgraded_with_what_its_log_holds() {
     drop(connection);
     let run = RunFile::open(&killed).unwrap();
     run.check().unwrap();
-    assert_eq!(run.last_number(3).unwrap(), 3);
+    assert_eq!(run.last_simulation_number(3).unwrap(), 3);
 }
 
 #[test]
-fn a_damaged_file_is_refused_and_left_as_it_was() {
+fn a_damaged_file_is_an_error_and_left_unchanged() {
     let row_hash = "does not match its hash";
     for (sql, what) in [
         ("UPDATE simulation SET robustness = 0.5 WHERE number = 700", row_hash),
@@ -127,9 +127,9 @@ fn a_damaged_file_is_refused_and_left_as_it_was() {
         ("UPDATE header SET value = 'code?' WHERE key = 'preset'", "the header does not match its hash"),
         ("UPDATE axis SET high = 9.0 WHERE position = 1", "the header does not match its hash"),
         ("DELETE FROM header WHERE key = 'task'", "its header lacks `task`"),
-        ("CREATE TABLE trial_1 (x)", "it contains table trial_1, which this program did not make"),
+        ("CREATE TABLE trial_1 (x)", "it contains table trial_1, which this program did not create"),
         ("CREATE TRIGGER t AFTER DELETE ON trial BEGIN SELECT 1; END", "it contains trigger t"),
-        ("DROP TABLE trace", "its table trace is missing or another one"),
+        ("DROP TABLE trace", "its table trace is missing or was changed"),
     ] {
         let (_folder, path) = copy();
         add(&path, (1..=800).map(row));

@@ -1,9 +1,10 @@
-//! What a control step costs, beside the bare `mj_step` calls in it: `cargo bench -p mishandle-tasks --bench step`, for all
-//! tasks or those that are named: `-- point-reaching`.
+//! Measures the time of a control step and of its `mj_step` calls alone.
 //!
-//! The expert drives; its actions are recorded first, so that its own time does not count, and shown in a column of
-//! its own. Times are the least of many repetitions of an episode on one thread; what counts are the ratios, which
-//! come from interleaved runs.
+//! `cargo bench -p mishandle-tasks --bench step` measures all tasks, `-- point-reaching` the named ones.
+//!
+//! The actions come from the expert. They are recorded first, so that the time of the expert does not count; a separate
+//! column shows it. Times are the minimum of many repetitions of an episode on one thread. The ratios come from interleaved
+//! runs and are more reliable than the times.
 
 #![allow(clippy::print_stdout)]
 
@@ -21,9 +22,10 @@ fn main() {
         "{:<20} {:>10} {:>10} {:>7} {:>8} {:>12} {:>11}",
         "task", "step", "bare", "ratio", "physics", "steps/s/core", "expert"
     );
-    let named: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
-    let is_named = |task: &&&dyn Task| named.is_empty() || named.iter().any(|n| n == task.definition().name);
-    for task in TASKS.iter().filter(is_named) {
+    let names: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
+    let is_selected =
+        |task: &&&dyn Task| names.is_empty() || names.iter().any(|n| n == task.definition().name);
+    for task in TASKS.iter().filter(is_selected) {
         let mut episode = Episode::record(*task);
         let (mut whole, mut bare) = (Duration::MAX, Duration::MAX);
         for _ in 0..REPETITIONS {
@@ -44,7 +46,7 @@ fn main() {
     }
     println!(
         "\nstep: physics, observation, reward, signals, and the four formulas at the end of the episode\n\
-         bare: the same mj_step calls with the same controls, nothing else; physics: its share of a step"
+         bare: the same mj_step calls with the same controls alone; physics: fraction of the step"
     );
 }
 
@@ -54,16 +56,16 @@ fn time(run: impl FnOnce()) -> Duration {
     start.elapsed()
 }
 
-/// One episode of a task's expert, to be run again and again.
+/// A recorded episode of a task's expert for repeated runs.
 struct Episode {
     environment: TaskEnvironment,
     worker: Box<dyn EnvironmentWorker>,
-    judge: SpecificationMonitor,
+    monitor: SpecificationMonitor,
     trace: Trace,
     start: Vec<f64>,
     state: Vec<f64>,
     actions: Vec<[f64; JOINTS]>,
-    /// Joint targets of every control step, and whether the hand still holds on.
+    /// Joint targets of every control step, and whether the hand still holds the object.
     targets: Vec<([f64; JOINTS], bool)>,
     controls: Vec<([f64; JOINTS], bool)>,
     world: mishandle_world::World,
@@ -76,13 +78,13 @@ struct Episode {
 impl Episode {
     fn record(task: &dyn Task) -> Episode {
         let environment =
-            TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).expect("the task is sound");
+            TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).expect("the task is valid");
         let specification = task.definition().paper.specification().expect("the formulas parse");
-        let judge =
+        let monitor =
             SpecificationMonitor::new(&specification, environment.signals(), environment.control_dt());
         let mut episode = Episode {
             worker: environment.worker(),
-            judge: judge.expect("the formulas fit the signals"),
+            monitor: monitor.expect("the formulas fit the signals"),
             trace: Trace::with_capacity(environment.signals().clone(), EPISODE_STEPS + 1),
             start: vec![0.0; environment.state_size()],
             state: vec![0.0; environment.state_size()],
@@ -102,9 +104,9 @@ impl Episode {
     }
 
     fn record_actions(&mut self, task: &dyn Task) {
-        let expert = task.expert().expect("there is an expert");
-        let mut actor = expert.worker();
-        let (mut memory, mut wanted) = (vec![0.0; expert.state_size()], [0.0_f32; JOINTS]);
+        let expert = task.expert().expect("the task has an expert");
+        let mut controller = expert.worker();
+        let (mut memory, mut output) = (vec![0.0; expert.state_size()], [0.0_f32; JOINTS]);
         let x0 = self.environment.space().at(&vec![0.4; self.environment.space().dimension()]);
         let sample = Sample {
             observation: &mut self.observation,
@@ -113,12 +115,12 @@ impl Episode {
         };
         self.worker.reset(&x0, Seed(0), &mut self.start, sample);
         self.state.copy_from_slice(&self.start);
-        actor.reset(&mut memory, Seed(0));
+        controller.reset(&mut memory, Seed(0));
         for _ in 0..EPISODE_STEPS {
-            let begin = Instant::now();
-            actor.act(1, &self.observation, &mut memory, &mut wanted);
-            self.expert += begin.elapsed();
-            let action = wanted.map(f64::from);
+            let start = Instant::now();
+            controller.act(1, &self.observation, &mut memory, &mut output);
+            self.expert += start.elapsed();
+            let action = output.map(f64::from);
             self.actions.push(action);
             let sample = Sample {
                 observation: &mut self.observation,
@@ -134,7 +136,7 @@ impl Episode {
         }
     }
 
-    /// The controls of every physics step, by the servos' rule.
+    /// Records the controls of every physics step.
     fn record_controls(&mut self) {
         let model = self.environment.model();
         let panda = Panda::new(model).expect("the robot is in the model");
@@ -152,7 +154,7 @@ impl Episode {
                 self.world.step();
             }
         }
-        // Both ways lead to the same state, or the comparison would be of two things.
+        // The comparison is valid only if both runs end in the same state.
         let mut end = vec![0.0; physics.len()];
         self.world.read_state(&mut end);
         assert_eq!(end, self.state[..physics.len()]);
@@ -171,7 +173,7 @@ impl Episode {
             self.worker.step(action, &mut self.state, sample);
             self.trace.push(&self.signals);
         }
-        black_box(self.judge.verdict(&self.trace, true).expect("the trace is finite"));
+        black_box(self.monitor.verdict(&self.trace, true).expect("the trace is finite"));
     }
 
     fn bare(&mut self) {

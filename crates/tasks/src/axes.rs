@@ -1,112 +1,114 @@
-//! The axes of a task beside its initial box: what each sets in the model, as an event, or in the loop.
+//! The axes of a task besides its initial box: model constants, events, and disturbances of observations and actions.
 
 use std::ops::Range;
 
 use mishandle_rollout::{
-    Axis, AxisKind, AxisValues, Distribution, Disturbance, Effect, RolloutError, Shape, Space,
+    Axis, AxisKind, AxisValues, Distribution, Disturbance, Effect, RolloutError, Space, TimeProfile,
 };
 use mishandle_world::{Body, Change, Mocap, Model, WorldError};
 
 use crate::definition::{Definition, Preset};
 use crate::robot::{ARM_JOINTS, CONTROL_DT, EPISODE_STEPS, JOINT_NAMES, Panda};
 
-/// Control steps of a segment of a piecewise-constant disturbance: one second.
+/// Length of a segment of a piecewise-constant disturbance, control steps: 1 s.
 const SEGMENT: usize = 60;
 
-/// Control steps at which a linear drift of an observation has its knots.
+/// Control steps of the knots of a piecewise-linear drift of an observation.
 const DRIFT_KNOTS: [usize; 3] = [0, 150, 300];
 
-/// Largest delay, control steps: 50 ms.
+/// Maximum delay, control steps: 50 ms.
 const MAX_DELAY: f64 = 3.0;
 
-/// Largest bias or drift of an observed position, m.
+/// Maximum bias or drift of an observed position, m.
 const MAX_BIAS: f64 = 0.02;
 
-/// Largest disturbance of an action, of the range \[-1, 1\].
+/// Maximum disturbance of an action, which has the range \[-1, 1\].
 const MAX_DISTURBANCE: f64 = 0.5;
 
-/// Explicit draws of a standard normal law stay within this: 1 in 16,000 would lie outside.
+/// Bound of explicit standard normal draws. The probability of a larger draw is 1 in 16,000.
 const MAX_DRAW: f64 = 4.0;
 
-/// What an axis of the environment sets.
+/// Parameter of the scene that an axis sets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Setting {
-    /// Value `0` of the initial configuration.
+pub(crate) enum Parameter {
+    /// Component of the initial configuration.
     Start(usize),
-    /// A constant of the model.
+    /// Constant of the model.
     Constant(Constant),
-    /// A number of the push.
+    /// Component of the push.
     Push(usize),
-    /// A number of the jump.
+    /// Component of the jump.
     Jump(usize),
-    /// The random offset of an arm joint's start, in units of the largest.
+    /// Random offset of the initial position of an arm joint, in units of the maximum.
     StartDraw(usize),
 }
 
-/// A constant of the model.
+/// Constant of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Constant {
-    /// Factor of all sliding friction.
+    /// Factor of the sliding friction of all contacts.
     Friction,
-    /// Factor of the mass of the definition's `masses[0]`.
+    /// Factor of the mass of an entry of [`Variations::masses`](crate::Variations::masses).
     Mass(usize),
-    /// Factor of the arm servos' stiffness and damping.
+    /// Factor of the stiffness and damping of the arm servos.
     Gain,
-    /// Damping added to the arm's joints, N m s/rad.
+    /// Additional damping of the arm joints, N m s/rad.
     Damping,
 }
 
-/// The axes of the environment and what they set, start axes first.
-pub(crate) fn settings(
+/// Returns the axes of the environment and their parameters, axes of the initial box first.
+pub(crate) fn parameters(
     definition: &Definition,
     preset: Preset,
-) -> Result<Vec<(Axis, Setting)>, RolloutError> {
+) -> Result<Vec<(Axis, Parameter)>, RolloutError> {
     let starts = definition.starts(preset)?;
-    let mut settings: Vec<(Axis, Setting)> =
-        starts.axes().iter().cloned().zip((0..).map(Setting::Start)).collect();
-    settings.extend(constants(definition));
-    settings.extend(events(definition));
+    let mut parameters: Vec<(Axis, Parameter)> =
+        starts.axes().iter().cloned().zip((0..).map(Parameter::Start)).collect();
+    parameters.extend(constants(definition));
+    parameters.extend(events(definition));
     if definition.start_noise > 0.0 {
-        settings.extend((0..ARM_JOINTS).map(|joint| {
+        parameters.extend((0..ARM_JOINTS).map(|joint| {
             let name = format!("start_draw_{}", JOINT_NAMES[joint]);
             let meaning = format!(
-                "random offset of the joint's start, in units of the largest, {} rad",
-                definition.start_noise
+                "random offset of the initial position of {}, in units of its maximum, {} rad",
+                JOINT_NAMES[joint], definition.start_noise
             );
             let axis = Axis::new(AxisKind::Noise, &name, "", [-1.0, 1.0], None).meaning(&meaning);
-            (axis, Setting::StartDraw(joint))
+            (axis, Parameter::StartDraw(joint))
         }));
     }
-    Ok(settings)
+    Ok(parameters)
 }
 
-fn constants(definition: &Definition) -> Vec<(Axis, Setting)> {
+fn constants(definition: &Definition) -> Vec<(Axis, Parameter)> {
     let scale = |name: &str, [low, high]: [f64; 2], meaning: &str| {
         let axis = Axis::new(AxisKind::Model, name, "", [low, high], Some(1.0));
         axis.with_values(AxisValues::Logarithmic).meaning(meaning)
     };
     let mut axes = Vec::new();
     if definition.variations.friction {
-        let meaning = "factor of the sliding friction of every contact";
+        let meaning = "factor of the sliding friction of all contacts";
         axes.push((scale("friction_scale", [0.5, 2.0], meaning), Constant::Friction));
     }
     for (index, body) in definition.variations.masses.iter().enumerate() {
-        let meaning = format!("factor of mass and inertia of the {body}");
+        let meaning = format!("factor of the mass and inertia of the {body}");
         axes.push((scale(&format!("{body}_mass_scale"), [0.5, 2.0], &meaning), Constant::Mass(index)));
     }
-    let gain = "factor of stiffness and damping of the arm's servos; their velocity limits stay";
+    let gain = "factor of the stiffness and damping of the arm servos; their velocity limits do not change";
     axes.push((scale("servo_gain_scale", [0.8, 1.25], gain), Constant::Gain));
     let damping = Axis::new(AxisKind::Model, "joint_damping", "N m s/rad", [0.0, 10.0], Some(0.0))
-        .meaning("viscous damping added to each joint of the arm");
+        .meaning("additional viscous damping of each arm joint");
     axes.push((damping, Constant::Damping));
-    axes.into_iter().map(|(axis, constant)| (axis, Setting::Constant(constant))).collect()
+    axes.into_iter().map(|(axis, constant)| (axis, Parameter::Constant(constant))).collect()
 }
 
-/// The parts of a push and of a jump, in the order of their numbers.
+/// Components of a push and of a jump.
 const PUSH: [&str; 5] = ["push_time", "push_duration", "push_force_x", "push_force_y", "push_force_z"];
 const JUMP: [&str; 4] = ["jump_time", "jump_x", "jump_y", "jump_z"];
 
-fn events(definition: &Definition) -> Vec<(Axis, Setting)> {
+const XYZ: [&str; 3] = ["x", "y", "z"];
+
+fn events(definition: &Definition) -> Vec<(Axis, Parameter)> {
     let event = |name: &str, unit: &str, bounds, nominal: f64, meaning: &str| {
         Axis::new(AxisKind::Event, name, unit, bounds, Some(nominal)).meaning(meaning)
     };
@@ -114,35 +116,41 @@ fn events(definition: &Definition) -> Vec<(Axis, Setting)> {
     if let Some((body, force)) = definition.variations.push {
         let parts = PUSH.iter().enumerate().map(|(index, name)| {
             let axis = match index {
-                0 => event(name, "s", [0.0, 4.0], 0.0, &format!("when the push on the {body} begins")),
-                1 => event(name, "s", [0.01, 0.2], 0.1, "how long it lasts"),
-                _ => event(name, "N", [-force, force], 0.0, &format!("force on the {body}, world axes")),
+                0 => event(name, "s", [0.0, 4.0], 0.0, &format!("start time of the push on the {body}")),
+                1 => event(name, "s", [0.01, 0.2], 0.1, &format!("duration of the push on the {body}")),
+                _ => {
+                    let meaning = format!("force on the {body} along the world's {} axis", XYZ[index - 2]);
+                    event(name, "N", [-force, force], 0.0, &meaning)
+                }
             };
-            (axis, Setting::Push(index))
+            (axis, Parameter::Push(index))
         });
         axes.extend(parts);
     }
     if let Some(body) = definition.variations.jump {
         let parts = JUMP.iter().enumerate().map(|(index, name)| {
             let axis = match index {
-                0 => event(name, "s", [0.0, 4.0], 0.0, &format!("when the {body} jumps")),
-                _ => event(name, "m", [-0.1, 0.1], 0.0, &format!("how far the {body} jumps, world axes")),
+                0 => event(name, "s", [0.0, 4.0], 0.0, &format!("time of the jump of the {body}")),
+                _ => {
+                    let meaning = format!("jump of the {body} along the world's {} axis", XYZ[index - 1]);
+                    event(name, "m", [-0.1, 0.1], 0.0, &meaning)
+                }
             };
-            (axis, Setting::Jump(index))
+            (axis, Parameter::Jump(index))
         });
         axes.extend(parts);
     }
     axes
 }
 
-/// The axes that act in the loop of observation and action. Explicit draws of the action noise are there if there is noise.
+/// Returns the disturbances of observations and actions. Explicit draws of the action noise exist only if there is noise.
 pub(crate) fn disturbances(definition: &Definition, action_noise: bool) -> Vec<Disturbance> {
     let mut all = delays();
     for (name, unit, entry) in positions(definition) {
         all.push(Disturbance {
             axis: offset(AxisKind::Model, &format!("bias_{name}"), unit, MAX_BIAS)
-                .meaning(&format!("constant error of the observed {name}")),
-            effect: Effect::Observation { entry, shape: Shape::Constant(0..EPISODE_STEPS) },
+                .meaning(&format!("constant bias of the observed {name}")),
+            effect: Effect::Observation { entry, profile: TimeProfile::Constant(0..EPISODE_STEPS) },
         });
     }
     for (name, unit, entry) in positions(definition) {
@@ -151,9 +159,9 @@ pub(crate) fn disturbances(definition: &Definition, action_noise: bool) -> Vec<D
             let after = DRIFT_KNOTS[(knot + 1).min(DRIFT_KNOTS.len() - 1)];
             all.push(Disturbance {
                 axis: offset(AxisKind::Input, &format!("drift_{name}_{}", knot + 1), unit, MAX_BIAS).meaning(
-                    &format!("error of the observed {name} at control step {at}, linear between the knots"),
+                    &format!("bias of the observed {name} at control step {at}, linear between the knots"),
                 ),
-                effect: Effect::Observation { entry, shape: Shape::Linear { before, at, after } },
+                effect: Effect::Observation { entry, profile: TimeProfile::Linear { before, at, after } },
             });
         }
     }
@@ -161,19 +169,22 @@ pub(crate) fn disturbances(definition: &Definition, action_noise: bool) -> Vec<D
         let name = format!("disturbance_{}_{segment}", JOINT_NAMES[joint]);
         all.push(Disturbance {
             axis: offset(AxisKind::Input, &name, "", MAX_DISTURBANCE).meaning(&format!(
-                "added to the joint's action, which is in [-1, 1], in control steps {}",
+                "offset of the action of {}, which has the range [-1, 1], in control steps {}",
+                JOINT_NAMES[joint],
                 first_to_last(&steps)
             )),
-            effect: Effect::Action { entry: joint, shape: Shape::Constant(steps) },
+            effect: Effect::Action { entry: joint, profile: TimeProfile::Constant(steps) },
         });
     }
     if action_noise {
         for (joint, segment, steps) in segments() {
             let name = format!("draw_{}_{segment}", JOINT_NAMES[joint]);
-            let mut axis = Axis::new(AxisKind::Noise, &name, "", [-MAX_DRAW, MAX_DRAW], None).meaning(&format!(
-                "mean of the joint's action noise in control steps {}, in units of its standard deviation",
-                first_to_last(&steps)
-            ));
+            let mut axis =
+                Axis::new(AxisKind::Noise, &name, "", [-MAX_DRAW, MAX_DRAW], None).meaning(&format!(
+                    "mean of the action noise of {} in control steps {}, in units of its standard deviation",
+                    JOINT_NAMES[joint],
+                    first_to_last(&steps)
+                ));
             axis.distribution = Distribution::Normal;
             all.push(Disturbance { axis, effect: Effect::ActionDraw { entry: joint, steps } });
         }
@@ -183,12 +194,8 @@ pub(crate) fn disturbances(definition: &Definition, action_noise: bool) -> Vec<D
 
 fn delays() -> Vec<Disturbance> {
     [
-        ("action_delay", "control steps until an action reaches the robot", Effect::ActionDelay),
-        (
-            "observation_delay",
-            "control steps until an observation reaches the controller",
-            Effect::ObservationDelay,
-        ),
+        ("action_delay", "delay between controller and robot", Effect::ActionDelay),
+        ("observation_delay", "delay between sensors and controller", Effect::ObservationDelay),
     ]
     .map(|(name, meaning, effect)| {
         let axis = Axis::new(AxisKind::Model, name, "control steps", [0.0, MAX_DELAY], Some(0.0));
@@ -197,17 +204,17 @@ fn delays() -> Vec<Disturbance> {
     .to_vec()
 }
 
-/// An axis around 0.
+/// Makes an axis with bounds symmetric about 0.
 fn offset(kind: AxisKind, name: &str, unit: &str, bound: f64) -> Axis {
     Axis::new(kind, name, unit, [-bound, bound], Some(0.0))
 }
 
-/// Control steps in words, the last one included.
+/// Formats a range of control steps, including the last one.
 fn first_to_last(steps: &Range<usize>) -> String {
     format!("{} to {}", steps.start, steps.end - 1)
 }
 
-/// Joint, number from 1 and control steps of each segment of a piecewise-constant disturbance.
+/// Returns the joint, the number from 1, and the control steps of each segment of the piecewise-constant disturbances.
 fn segments() -> impl Iterator<Item = (usize, usize, Range<usize>)> {
     let joints = 0..ARM_JOINTS;
     joints.flat_map(|joint| {
@@ -215,13 +222,13 @@ fn segments() -> impl Iterator<Item = (usize, usize, Range<usize>)> {
     })
 }
 
-/// The observed positions: name with its axis, unit, and place in the observation.
+/// Returns the components of the observed positions: name with coordinate, unit, and index in the observation.
 fn positions(definition: &Definition) -> Vec<(String, &'static str, usize)> {
     let mut positions = Vec::new();
     let mut first = 0;
     for quantity in definition.whole_observation() {
         if quantity.unit == "m" && quantity.size == 3 {
-            let entries = ["x", "y", "z"].into_iter().zip(first..);
+            let entries = XYZ.into_iter().zip(first..);
             positions.extend(entries.map(|(axis, entry)| (format!("{}_{axis}", quantity.name), "m", entry)));
         }
         first += quantity.size;
@@ -229,22 +236,22 @@ fn positions(definition: &Definition) -> Vec<(String, &'static str, usize)> {
     positions
 }
 
-/// The named spaces of a task, `starts` first. Spaces without axes are left out.
+/// Returns the named spaces of a task, `starts` first, without empty ones.
 pub(crate) fn spaces(
-    settings: &[(Axis, Setting)],
-    loops: &[Disturbance],
+    parameters: &[(Axis, Parameter)],
+    disturbances: &[Disturbance],
 ) -> Result<Vec<Space>, RolloutError> {
-    let of_environment = |wanted: fn(Setting) -> bool| -> Vec<Axis> {
-        settings.iter().filter(|(_, setting)| wanted(*setting)).map(|(axis, _)| axis.clone()).collect()
+    let of_scene = |matches: fn(Parameter) -> bool| -> Vec<Axis> {
+        parameters.iter().filter(|(_, parameter)| matches(*parameter)).map(|(axis, _)| axis.clone()).collect()
     };
-    let of_loop = |wanted: fn(&Disturbance) -> bool| -> Vec<Axis> {
-        loops.iter().filter(|disturbance| wanted(disturbance)).map(|d| d.axis.clone()).collect()
+    let of_loop = |matches: fn(&Disturbance) -> bool| -> Vec<Axis> {
+        disturbances.iter().filter(|disturbance| matches(disturbance)).map(|d| d.axis.clone()).collect()
     };
-    let start_draws = of_environment(|setting| matches!(setting, Setting::StartDraw(_)));
+    let start_draws = of_scene(|parameter| matches!(parameter, Parameter::StartDraw(_)));
     let action_draws = of_loop(|d| d.axis.kind == AxisKind::Noise);
     [
-        ("starts", of_environment(|setting| matches!(setting, Setting::Start(_)))),
-        ("dynamics", of_environment(|setting| matches!(setting, Setting::Constant(_)))),
+        ("starts", of_scene(|parameter| matches!(parameter, Parameter::Start(_)))),
+        ("dynamics", of_scene(|parameter| matches!(parameter, Parameter::Constant(_)))),
         ("delay", of_loop(|d| matches!(d.effect, Effect::ActionDelay | Effect::ObservationDelay))),
         (
             "sensing",
@@ -254,7 +261,7 @@ pub(crate) fn spaces(
             "drift",
             of_loop(|d| d.axis.kind == AxisKind::Input && matches!(d.effect, Effect::Observation { .. })),
         ),
-        ("events", of_environment(|setting| matches!(setting, Setting::Push(_) | Setting::Jump(_)))),
+        ("events", of_scene(|parameter| matches!(parameter, Parameter::Push(_) | Parameter::Jump(_)))),
         ("disturbance", of_loop(|d| matches!(d.effect, Effect::Action { .. }))),
         ("noise", [start_draws, action_draws].concat()),
     ]
@@ -264,7 +271,7 @@ pub(crate) fn spaces(
     .collect()
 }
 
-/// The elements of a model that axes set, found by name once.
+/// Elements of the model that axes modify.
 #[derive(Clone, Debug)]
 pub(crate) struct Elements {
     masses: Vec<Vec<Body>>,
@@ -289,7 +296,7 @@ impl Elements {
         })
     }
 
-    /// The change of the model that a value of a constant makes.
+    /// Returns the change of the model for a value of a constant.
     pub(crate) fn change(&self, constant: Constant, value: f64) -> Change {
         match constant {
             Constant::Friction => Change::Friction(value),
@@ -300,7 +307,7 @@ impl Elements {
     }
 }
 
-/// The body of that name, or the vertices of the flex of that name.
+/// Returns the body with this name, or the bodies of the vertices of the flex with this name.
 fn bodies(model: &Model, name: &str) -> Result<Vec<Body>, WorldError> {
     match model.flex(name) {
         Ok(flex) => Ok(flex.bodies().collect()),
@@ -308,47 +315,51 @@ fn bodies(model: &Model, name: &str) -> Result<Vec<Body>, WorldError> {
     }
 }
 
-/// A push as its five numbers say.
+/// A constant force during an interval of time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Push {
-    begin: f64,
+    start: f64,
     end: f64,
     force: [f64; 3],
 }
 
 impl Push {
-    /// `None` if nothing pushes.
-    pub(crate) fn new(numbers: &[f64]) -> Option<Push> {
-        let force = [numbers[2], numbers[3], numbers[4]];
-        (force != [0.0; 3]).then(|| Push { begin: numbers[0], end: numbers[0] + numbers[1], force })
+    /// Makes a push from its components in the order of [`PUSH`]; `None` if the force is 0.
+    pub(crate) fn new(components: &[f64]) -> Option<Push> {
+        let [start, duration, x, y, z] = *components else { return None };
+        let force = [x, y, z];
+        (force != [0.0; 3]).then(|| Push { start, end: start + duration, force })
     }
 
-    /// The mean force over a physics step that begins at `time` and lasts `step`, s: the push may cover a part of it.
+    /// Returns the mean force over the physics step from `time` to `time + step`, s. The push may cover a part of the
+    /// step.
     pub(crate) fn force(&self, time: f64, step: f64) -> [f64; 3] {
-        let covered = ((time + step).min(self.end) - time.max(self.begin)).max(0.0);
+        let covered = ((time + step).min(self.end) - time.max(self.start)).max(0.0);
         mishandle_world::frame::scale(self.force, covered / step)
     }
 }
 
-/// How far the mocap body jumps in control step `step`; `None` if it does not.
-pub(crate) fn jump(numbers: &[f64], step: usize) -> Option<[f64; 3]> {
-    let offset = [numbers[1], numbers[2], numbers[3]];
-    let due = (numbers[0] / CONTROL_DT).floor() as usize == step;
-    (due && offset != [0.0; 3]).then_some(offset)
+/// Returns the displacement of the mocap body in control step `step`; `None` if it does not jump in this step.
+///
+/// `components` has the order of [`JUMP`].
+pub(crate) fn jump(components: &[f64], step: usize) -> Option<[f64; 3]> {
+    let offset = [components[1], components[2], components[3]];
+    let is_due = (components[0] / CONTROL_DT).floor() as usize == step;
+    (is_due && offset != [0.0; 3]).then_some(offset)
 }
 
-/// Numbers of a push and of a jump.
-pub(crate) const PUSH_NUMBERS: usize = PUSH.len();
-pub(crate) const JUMP_NUMBERS: usize = JUMP.len();
+/// Number of components of a push and of a jump.
+pub(crate) const PUSH_SIZE: usize = PUSH.len();
+pub(crate) const JUMP_SIZE: usize = JUMP.len();
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_push_gives_its_impulse_however_it_lies_between_the_steps() {
-        for (begin, duration) in [(0.0, 0.1), (0.0123, 0.0507), (0.9999, 0.0101)] {
-            let push = Push::new(&[begin, duration, 2.0, 0.0, -1.0]).expect("it pushes");
+    fn the_impulse_of_a_push_does_not_depend_on_the_physics_steps() {
+        for (start, duration) in [(0.0, 0.1), (0.0123, 0.0507), (0.9999, 0.0101)] {
+            let push = Push::new(&[start, duration, 2.0, 0.0, -1.0]).expect("the force is not 0");
             let step = 1.0 / 480.0;
             let impulse: f64 = (0..600).map(|i| push.force(f64::from(i) * step, step)[0] * step).sum();
             assert!((impulse - 2.0 * duration).abs() < 1e-12, "{impulse}");
@@ -358,9 +369,9 @@ mod tests {
 
     #[test]
     fn a_jump_happens_once_in_the_control_step_of_its_time() {
-        let numbers = [1.01, 0.1, 0.0, 0.0];
-        let steps: Vec<usize> = (0..300).filter(|step| jump(&numbers, *step).is_some()).collect();
-        assert_eq!(steps, [60], "1.01 s lie in control step 60, counted from 0");
+        let components = [1.01, 0.1, 0.0, 0.0];
+        let steps: Vec<usize> = (0..300).filter(|step| jump(&components, *step).is_some()).collect();
+        assert_eq!(steps, [60], "1.01 s is in control step 60, counted from 0");
         assert_eq!(jump(&[1.0, 0.0, 0.0, 0.0], 60), None);
     }
 }

@@ -1,4 +1,4 @@
-//! Finds mistakes in a task's definition and scene before the first episode, and says in which field they are.
+//! Validates the definition and the scene of a task before the first episode. Errors name the invalid field.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -6,14 +6,14 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use mishandle_stl::Formula;
 use mishandle_world::{Model, WorldError};
 
-use crate::definition::{BoxAxis, Definition, Grip, Quantity, Reward, Scene, Task};
+use crate::definition::{BoxAxis, Definition, GripperMode, Quantity, Reward, Scene, Task};
 use crate::environment::TaskError;
 use crate::robot::{JOINTS, Panda};
 
-/// Checks what a task states as data.
+/// Checks the definition of a task.
 ///
 /// # Errors
-/// Names the field that is wrong.
+/// [`TaskError::Field`] with the invalid field.
 pub(crate) fn check_definition(definition: &Definition) -> Result<(), TaskError> {
     let error = |field: &'static str, problem: String| Err(field_error(definition, field, problem));
     let is_in_name = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
@@ -27,7 +27,7 @@ pub(crate) fn check_definition(definition: &Definition) -> Result<(), TaskError>
     if !(definition.start_noise.is_finite() && definition.start_noise >= 0.0) {
         return error(
             "start_noise",
-            format!("expected a number from 0 on, found {}", definition.start_noise),
+            format!("expected a number of at least 0, found {}", definition.start_noise),
         );
     }
     if !(definition.velocity_scale.is_finite() && definition.velocity_scale != 0.0) {
@@ -35,7 +35,7 @@ pub(crate) fn check_definition(definition: &Definition) -> Result<(), TaskError>
         return error("velocity_scale", format!("expected a number other than 0, found {found}"));
     }
     if definition.held.is_some_and(|held| !held.mjcf.contains("<body>")) {
-        return error("held", "expected `mjcf` with a `<body>` without attributes".to_string());
+        return error("held", "expected `mjcf` that contains a `<body>` without attributes".to_string());
     }
     check_quantities(definition)?;
     check_names(definition, "initial_box", definition.initial_box.iter().map(|axis| axis.name))?;
@@ -43,7 +43,7 @@ pub(crate) fn check_definition(definition: &Definition) -> Result<(), TaskError>
     check_formulas(definition)
 }
 
-/// Checks the number of physics steps in a control step.
+/// Checks the number of physics steps per control step.
 ///
 /// # Errors
 /// If it is 0.
@@ -64,19 +64,19 @@ fn check_quantities(definition: &Definition) -> Result<(), TaskError> {
     ];
     for (field, list) in lists {
         check_names(definition, field, list.iter().map(|quantity| quantity.name))?;
-        let is_wrong = |quantity: &&Quantity| match field {
+        let has_invalid_size = |quantity: &&Quantity| match field {
             "observation" => quantity.size == 0,
             _ => quantity.size != 1,
         };
-        if let Some(Quantity { name, size, .. }) = list.iter().find(is_wrong) {
+        if let Some(Quantity { name, size, .. }) = list.iter().find(has_invalid_size) {
             let expected = if field == "observation" { "at least 1" } else { "1" };
             let problem = format!("`{name}` has size {size}; expected {expected}");
             return Err(field_error(definition, field, problem));
         }
     }
-    // A signal has to be a word of the formula language.
-    let is_word = |name: &str| Formula::parse(name).is_ok_and(|formula| formula.signals() == [name]);
-    match definition.signals.iter().find(|signal| !is_word(signal.name)) {
+    // A signal must be an identifier of the formula language.
+    let is_identifier = |name: &str| Formula::parse(name).is_ok_and(|formula| formula.signals() == [name]);
+    match definition.signals.iter().find(|signal| !is_identifier(signal.name)) {
         Some(Quantity { name, .. }) => {
             let problem =
                 format!("formulas cannot contain the name `{name}`; expected letters, digits and `_`");
@@ -91,29 +91,29 @@ fn check_names<'a>(
     field: &'static str,
     names: impl Iterator<Item = &'a str>,
 ) -> Result<(), TaskError> {
-    let mut seen: Vec<&str> = Vec::new();
+    let mut known: Vec<&str> = Vec::new();
     for name in names {
         if name.is_empty() {
-            return Err(field_error(definition, field, format!("entry {} has no name", seen.len() + 1)));
+            return Err(field_error(definition, field, format!("entry {} has no name", known.len() + 1)));
         }
-        if seen.contains(&name) {
+        if known.contains(&name) {
             return Err(field_error(definition, field, format!("two entries have the name `{name}`")));
         }
-        seen.push(name);
+        known.push(name);
     }
     Ok(())
 }
 
 fn check_bounds(definition: &Definition) -> Result<(), TaskError> {
     let in_order = |[low, high]: [f64; 2]| low.is_finite() && high.is_finite() && low < high;
-    let wrong = definition.initial_box.iter().find(|axis| !(in_order(axis.paper) && in_order(axis.code)));
-    let Some(BoxAxis { name, paper, code, .. }) = wrong else { return Ok(()) };
+    let invalid = definition.initial_box.iter().find(|axis| !(in_order(axis.paper) && in_order(axis.code)));
+    let Some(BoxAxis { name, paper, code, .. }) = invalid else { return Ok(()) };
     let bounds = if in_order(*paper) { code } else { paper };
     let problem = format!("axis `{name}` has bounds {bounds:?}; expected two finite numbers in order");
     Err(field_error(definition, "initial_box", problem))
 }
 
-/// Checks that formulas parse and contain the task's signals alone.
+/// Checks that the formulas parse and contain only signals of the task.
 fn check_formulas(definition: &Definition) -> Result<(), TaskError> {
     for formulas in [&definition.paper, &definition.code] {
         let texts = [
@@ -128,7 +128,8 @@ fn check_formulas(definition: &Definition) -> Result<(), TaskError> {
             let known = |name: &str| definition.signals.iter().any(|signal| signal.name == name);
             if let Some(unknown) = formula.signals().iter().find(|name| !known(name)) {
                 let names: Vec<&str> = definition.signals.iter().map(|signal| signal.name).collect();
-                let problem = format!("there is no signal `{unknown}`; there are: {}", names.join(", "));
+                let problem =
+                    format!("there is no signal `{unknown}`; available signals: {}", names.join(", "));
                 return Err(field_error(definition, field, problem));
             }
         }
@@ -140,13 +141,15 @@ fn field_error(definition: &Definition, field: &'static str, problem: String) ->
     TaskError::Field { task: definition.name, field, problem }
 }
 
-/// Numbers that no scene writes: each entry is filled with both in turn, and one that keeps both was not written.
+/// Two arbitrary numbers. The check fills a buffer with each of them; an entry that keeps both was not written.
 const UNWRITTEN: [f64; 2] = [-3.0517578125e-5, 8.589934592e9];
 
-/// Calls every function of a scene once, at the center of the initial box, with rows as long as the definition declares.
+/// Calls every function of a scene at the center of the initial box, with buffers of the lengths that the definition
+/// declares.
 ///
 /// # Errors
-/// Names the function that fails or leaves a declared number out, and the field that declares how many there are.
+/// [`TaskError::Field`] if a function panics or does not write a declared number. The field is the one that declares the
+/// length.
 pub(crate) fn check_scene(
     definition: &Definition,
     model: &Model,
@@ -159,7 +162,7 @@ pub(crate) fn check_scene(
     let center: Vec<f64> =
         definition.initial_box.iter().map(|axis| 0.5 * (axis.paper[0] + axis.paper[1])).collect();
     let failed = |function: &str, field, count: usize, cause: Box<dyn Any + Send>| {
-        let cause = said(cause.as_ref());
+        let cause = panic_message(cause.as_ref());
         field_error(definition, field, format!("`Scene::{function}` panics with {count} numbers: {cause}"))
     };
     catch_unwind(AssertUnwindSafe(|| scene.place(&center, &mut world)))
@@ -174,12 +177,12 @@ pub(crate) fn check_scene(
                 .map_err(|cause| failed(function, field, count, cause))?;
         }
         let [first, second] = filled;
-        let left = (0..count).find(|i| first[*i] == UNWRITTEN[0] && second[*i] == UNWRITTEN[1]);
-        match left {
-            Some(left) => {
-                let name = name_at(names, left);
+        let unwritten = (0..count).find(|i| first[*i] == UNWRITTEN[0] && second[*i] == UNWRITTEN[1]);
+        match unwritten {
+            Some(index) => {
+                let name = name_at(names, index);
                 let problem =
-                    format!("`Scene::{function}` does not write number {left} of {count} (`{name}`)");
+                    format!("`Scene::{function}` does not write number {index} of {count} (`{name}`)");
                 Err(field_error(definition, field, problem))
             }
             None => Ok(first),
@@ -193,9 +196,9 @@ pub(crate) fn check_scene(
             scene.reward(reward, &rows, &signals, &action, out);
         })?;
     }
-    catch_unwind(AssertUnwindSafe(|| scene.lost(&rows, &signals)))
-        .map_err(|cause| failed("lost", "signals", signals.len(), cause))?;
-    if let Grip::Scene(_) = definition.grip {
+    catch_unwind(AssertUnwindSafe(|| scene.is_terminal(&rows, &signals)))
+        .map_err(|cause| failed("is_terminal", "signals", signals.len(), cause))?;
+    if let GripperMode::Scene(_) = definition.grip {
         let mut fingers = [0.0; 2];
         catch_unwind(AssertUnwindSafe(|| scene.grip(&rows, &action, &mut fingers)))
             .map_err(|cause| failed("grip", "grip", fingers.len(), cause))?;
@@ -203,13 +206,13 @@ pub(crate) fn check_scene(
     Ok(())
 }
 
-/// What a panic said.
-fn said(cause: &(dyn Any + Send)) -> String {
+/// Returns the message of a panic.
+fn panic_message(cause: &(dyn Any + Send)) -> String {
     let text = cause.downcast_ref::<String>().cloned();
     text.or_else(|| cause.downcast_ref::<&str>().map(ToString::to_string)).unwrap_or_default()
 }
 
-/// Name of the quantity that the number at `index` belongs to.
+/// Returns the name of the quantity that contains the number at `index`.
 fn name_at(names: &[Quantity], index: usize) -> &'static str {
     let mut end = 0;
     let found = names.iter().find(|quantity| {
@@ -219,23 +222,24 @@ fn name_at(names: &[Quantity], index: usize) -> &'static str {
     found.map_or("", |quantity| quantity.name)
 }
 
-/// Compiles the document of a task, `xml`. Errors have the line of the task's own file, and that line's text.
+/// Compiles the document `xml` of a task.
 ///
 /// # Errors
-/// If MuJoCo refuses it.
+/// If MuJoCo cannot compile it. The message contains the line number in the task's own file and the text of the line.
 pub(crate) fn compile(task: &dyn Task, xml: &str) -> Result<Model, WorldError> {
     Model::from_xml(xml).map_err(|error| match error {
         WorldError::Model(message) => {
-            WorldError::Model(located(&message, xml, &task.scene(), task.scene_file()))
+            WorldError::Model(with_scene_line(&message, xml, &task.scene(), task.scene_file()))
         }
         other => other,
     })
 }
 
-/// MuJoCo's message with its line in `xml` replaced by the line of the scene's file, and the text of that line.
+/// Replaces the line number of MuJoCo's message, which refers to `xml`, by the line number in the file of the scene, and
+/// appends the text of the line.
 ///
-/// MuJoCo counts from 1. A line outside the scene is of the robot or of what the hand holds, which have no file.
-fn located(message: &str, xml: &str, scene: &str, file: &str) -> String {
+/// MuJoCo counts lines from 1. A line outside the scene belongs to the robot or the held object, which have no file.
+fn with_scene_line(message: &str, xml: &str, scene: &str, file: &str) -> String {
     const LINE: &str = "line ";
     let found = message.match_indices(LINE).find_map(|(at, _)| {
         let digits = &message[at + LINE.len()..];

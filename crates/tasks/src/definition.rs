@@ -4,63 +4,63 @@ use mishandle_world::{Model, Rows, World, WorldError};
 
 use crate::robot::{ARM_JOINTS, JOINTS, Panda};
 
-/// A task preset, which reading of the original benchmark counts: changes formulas, metrics and box, nothing else.
+/// A task preset: one of two readings of the original benchmark. It determines formulas, metrics and the initial box.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Preset {
-    /// What the paper prints, where it can be met and agrees with the paper's own results.
+    /// The values in the text of the paper, where they are feasible and agree with its results.
     #[default]
     Paper,
-    /// What the paper's code does.
+    /// The values in the code of the paper.
     Code,
 }
 
-/// Which reward a training run learns from.
+/// Reward function of a training run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reward {
-    /// The original's, with its slips mended.
+    /// The reward of the original benchmark with its bugs fixed.
     Original,
-    /// Ours, shaped to lead to the strict formula.
+    /// The reward of this project, shaped towards the strict formula.
     Shaped,
 }
 
-/// A named number that a task shows: a signal, an entry of the observation, a term of the reward.
+/// A named quantity of a task: a signal, a part of the observation, or a reward term.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quantity {
     /// Name.
     pub name: &'static str,
-    /// Unit, empty for plain numbers.
+    /// Unit; empty for dimensionless numbers.
     pub unit: &'static str,
-    /// How many numbers it is.
+    /// Number of components.
     pub size: usize,
-    /// What it is, or its formula.
+    /// Description, or formula of a reward term.
     pub meaning: &'static str,
 }
 
-/// A quantity of one number.
-pub const fn one(name: &'static str, unit: &'static str, meaning: &'static str) -> Quantity {
+/// Makes a quantity with one component.
+pub const fn scalar(name: &'static str, unit: &'static str, meaning: &'static str) -> Quantity {
     Quantity { name, unit, size: 1, meaning }
 }
 
-/// A quantity of three numbers.
-pub const fn three(name: &'static str, unit: &'static str, meaning: &'static str) -> Quantity {
+/// Makes a quantity with three components.
+pub const fn vector3(name: &'static str, unit: &'static str, meaning: &'static str) -> Quantity {
     Quantity { name, unit, size: 3, meaning }
 }
 
-/// The four formulas of a task, over its signals; bare interval bounds count control steps.
+/// The four formulas of a task over its signals. Interval bounds without a unit count control steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TaskFormulas {
-    /// φ: the task was done.
+    /// φ, success: the task was done.
     pub success: &'static str,
-    /// φ′: the task was done well. Ours, not the paper's.
+    /// φ′, strict success: the task was done well. The paper has no such formula.
     pub strict: &'static str,
     /// δ: the behavior is not dangerous.
     pub safe: &'static str,
-    /// κ: holds from the moment the task is completed.
+    /// κ: the task is completed where it first holds.
     pub completion: &'static str,
 }
 
 impl TaskFormulas {
-    /// The formulas with their names.
+    /// Returns the formulas with their names.
     pub fn named(&self) -> Vec<NamedFormula> {
         let texts = [
             ("success", self.success),
@@ -71,16 +71,16 @@ impl TaskFormulas {
         texts.map(|(name, text)| NamedFormula { name: name.to_string(), text: text.to_string() }).to_vec()
     }
 
-    /// The formulas, parsed.
+    /// Parses the formulas.
     ///
     /// # Errors
-    /// If one does not parse.
+    /// If a formula does not parse, or `safe` contains a temporal operator.
     pub fn specification(&self) -> Result<Specification, RolloutError> {
         Specification::parse(self.success, self.strict, self.safe, self.completion)
     }
 }
 
-/// One axis of an initial box.
+/// One axis of the initial box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoxAxis {
     /// Name.
@@ -91,12 +91,12 @@ pub struct BoxAxis {
     pub paper: [f64; 2],
     /// Bounds under [`Preset::Code`].
     pub code: [f64; 2],
-    /// What the axis sets in the scene.
-    pub sets: &'static str,
+    /// Description of the quantity that the axis sets.
+    pub meaning: &'static str,
 }
 
 impl BoxAxis {
-    /// Lower and upper bound under a preset.
+    /// Returns the lower and the upper bound under a preset.
     pub fn bounds(&self, preset: Preset) -> [f64; 2] {
         match preset {
             Preset::Paper => self.paper,
@@ -105,85 +105,85 @@ impl BoxAxis {
     }
 }
 
-/// How the hand holds something.
+/// Attachment of an object to the hand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Hold {
-    /// For good: it is part of the hand's body.
+pub enum Attachment {
+    /// Permanent: the object is a part of the hand's body.
     Fixed,
-    /// By a weld to the hand, until the gripper lets go: it is a free body, its free joint and its weld carry its name.
+    /// By a weld until the gripper releases it. The object is a free body; its free joint and its weld have its name.
     Weld,
 }
 
-/// Something the hand holds.
+/// An object that the hand holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Held {
-    /// Name of its body.
+pub struct HeldObject {
+    /// Name of the body.
     pub name: &'static str,
-    /// How it is held.
-    pub hold: Hold,
-    /// Its `<body>`, without name, pose and free joint.
+    /// Attachment to the hand.
+    pub attachment: Attachment,
+    /// MJCF `<body>` without name, pose and free joint.
     pub mjcf: &'static str,
-    /// Where its frame is when the robot stands in its start pose, m.
+    /// Position of the body frame in the world while the robot is in its initial pose, m.
     pub position: [f64; 3],
-    /// Orientation there.
+    /// Orientation of the body frame in that pose, w x y z.
     pub quaternion: [f64; 4],
 }
 
-/// What may vary in a task's scene beside the initial box: each gives scenarios some axes.
+/// Variations of a task's scene besides the initial box. Each one adds axes to the scenarios.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Variations {
-    /// Whether anything touches anything, so that friction matters.
+    /// Whether the scene has contacts, so that friction may vary.
     pub friction: bool,
-    /// Names of bodies, or of a flex, whose mass matters.
+    /// Names of bodies, or of a flex, whose mass may vary.
     pub masses: &'static [&'static str],
-    /// Name of a body, or of a flex, that may be pushed, and the largest force along each axis, N. Each vertex of a flex
-    /// gets the whole force.
+    /// Name of a body, or of a flex, that may be pushed, and the maximum force along each axis, N. Each vertex of a flex
+    /// receives the full force.
     pub push: Option<(&'static str, f64)>,
     /// Name of a mocap body that may jump.
     pub jump: Option<&'static str>,
 }
 
 impl Variations {
-    /// Nothing beside the robot's own constants.
+    /// No variations except those of the robot.
     pub const NONE: Variations = Variations { friction: false, masses: &[], push: None, jump: None };
 }
 
-/// Who moves the fingers.
+/// Control of the gripper.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Grip {
-    /// Nobody: they are held at this opening, m for each finger.
+pub enum GripperMode {
+    /// The fingers stay at this position, m per finger.
     Fixed(f64),
-    /// The scene decides before each control step, by [`Scene::grip`]; this is its rule in words, and what the last two
-    /// actions do.
+    /// [`Scene::grip`] sets the targets of the fingers before each control step. The text describes this rule and the
+    /// effect of the last two actions.
     Scene(&'static str),
 }
 
-/// All that a task states as data, each fact once.
+/// The definition of a task as data.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Definition {
     /// Name on the command line.
     pub name: &'static str,
-    /// One sentence for people.
+    /// Summary in one sentence.
     pub summary: &'static str,
-    /// Of another version of a task of the benchmark, that task's name: it shares formulas, layout and controllers.
+    /// Name of the base task if this task is a variant. A variant shares formulas, layout and controllers with its base.
     pub variant_of: Option<&'static str>,
-    /// What stands where, how large and how heavy it is, in words.
-    pub setting: &'static str,
-    /// What the hand holds at the start.
-    pub held: Option<Held>,
-    /// Start of the seven arm joints (rad) and the two fingers (m).
+    /// Description of the objects in the scene: positions, sizes and masses.
+    pub scene_description: &'static str,
+    /// Object in the hand at the start.
+    pub held: Option<HeldObject>,
+    /// Initial positions of the seven arm joints (rad) and the two fingers (m).
     pub start: [f64; 9],
-    /// Largest random offset of each arm joint's start, rad. Its stream is keyed by the simulation's seed.
+    /// Maximum random offset of the initial position of each arm joint, rad. It is drawn with the seed of the simulation.
     pub start_noise: f64,
-    /// Who moves the fingers.
-    pub grip: Grip,
-    /// Physics steps in a control step.
+    /// Control of the gripper.
+    pub grip: GripperMode,
+    /// Physics steps per control step.
     pub n_substeps: usize,
-    /// What joint velocities are multiplied with in the observation.
+    /// Factor of the joint velocities in the observation.
     pub velocity_scale: f64,
-    /// Signals, in order; each is one number.
+    /// Signals, in order. Each has one component.
     pub signals: &'static [Quantity],
-    /// What the controller sees after the 18 numbers of the robot's joints, in order.
+    /// Parts of the observation after the 18 numbers of the robot's joints, in order.
     pub observation: &'static [Quantity],
     /// Terms of the original reward.
     pub original_reward: &'static [Quantity],
@@ -191,20 +191,20 @@ pub struct Definition {
     pub shaped_reward: &'static [Quantity],
     /// Axes of the initial box.
     pub initial_box: &'static [BoxAxis],
-    /// What else may vary.
+    /// Variations of the scene besides the initial box.
     pub variations: Variations,
     /// Formulas under [`Preset::Paper`].
     pub paper: TaskFormulas,
     /// Formulas under [`Preset::Code`].
     pub code: TaskFormulas,
-    /// When a training episode ends early, in words.
+    /// Condition of [`Scene::is_terminal`], in words.
     pub termination: &'static str,
-    /// Where MuJoCo forced a difference from the original, and why it does not change what is tested.
+    /// Differences from the original benchmark and their reasons.
     pub differences: &'static str,
 }
 
 impl Definition {
-    /// The formulas of a preset.
+    /// Returns the formulas of a preset.
     pub fn formulas(&self, preset: Preset) -> &TaskFormulas {
         match preset {
             Preset::Paper => &self.paper,
@@ -212,7 +212,7 @@ impl Definition {
         }
     }
 
-    /// The terms of a reward.
+    /// Returns the terms of a reward.
     pub fn reward(&self, reward: Reward) -> &'static [Quantity] {
         match reward {
             Reward::Original => self.original_reward,
@@ -220,26 +220,26 @@ impl Definition {
         }
     }
 
-    /// The parts of an observation: the robot's joints, then what the task adds.
+    /// Returns the parts of an observation: the robot's joints, then the task's part.
     pub fn whole_observation(&self) -> Vec<Quantity> {
         let robot = [
             Quantity {
                 name: "joint_positions",
                 unit: "",
                 size: JOINTS,
-                meaning: "seven joints and two fingers, mapped from their limits to [-1, 1]",
+                meaning: "positions of the seven arm joints and two fingers, mapped from their limits to [-1, 1]",
             },
             Quantity {
                 name: "joint_velocities",
                 unit: "rad/s, m/s",
                 size: JOINTS,
-                meaning: "times the task's velocity scale",
+                meaning: "velocities of the joints, multiplied by the velocity scale of the task",
             },
         ];
         robot.iter().chain(self.observation).copied().collect()
     }
 
-    /// What a controller of this task takes and gives.
+    /// Returns the layout of observations and actions, which a controller of this task must have.
     pub fn layout(&self) -> Layout {
         let entry = |name: &str, unit: &str, size| Entry { name: name.into(), unit: unit.into(), size };
         Layout {
@@ -251,78 +251,79 @@ impl Definition {
         }
     }
 
-    /// The initial box of a preset as a space.
+    /// Returns the initial box of a preset as a space.
     ///
     /// # Errors
     /// If the bounds of an axis are not in order.
     pub fn starts(&self, preset: Preset) -> Result<Space, RolloutError> {
         let axis = |axis: &BoxAxis| {
             let [low, high] = axis.bounds(preset);
-            Axis::start(axis.name, axis.unit, low, high).meaning(axis.sets)
+            Axis::start(axis.name, axis.unit, low, high).meaning(axis.meaning)
         };
         Space::new("starts", self.initial_box.iter().map(axis).collect())
     }
 }
 
-/// A manipulation task: its data, its scene bound to a compiled model, and an expert.
+/// A manipulation task: a definition, a scene, and an expert.
 pub trait Task: Send + Sync {
-    /// What the task states as data.
+    /// Returns the definition of the task as data.
     fn definition(&self) -> &'static Definition;
 
-    /// MJCF of what stands around the robot: children of `<mujoco>`.
+    /// Returns the MJCF of the scene around the robot: children of `<mujoco>`.
     ///
-    /// Its equality constraints, but those that keep the edges of a flex, are what the hand holds: all are switched
-    /// off for good when the gripper lets go.
+    /// Its equality constraints, except those of the edges of a flex, attach the held object to the hand. All of them are
+    /// disabled permanently when the gripper releases the object.
     fn scene(&self) -> std::borrow::Cow<'static, str>;
 
-    /// Name of the file that [`scene`](Self::scene) comes from, for error messages.
+    /// Returns the name of the file of [`scene`](Self::scene), for error messages.
     fn scene_file(&self) -> &'static str {
         "scene.xml"
     }
 
-    /// Finds the scene's elements in the compiled model.
+    /// Finds the elements of the scene in the compiled model.
     ///
     /// # Errors
-    /// If one is missing.
+    /// If an element is missing.
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError>;
 
-    /// Whether the task can be done at all from an initial configuration of its box.
+    /// Returns whether the task is feasible from an initial configuration of its box.
     ///
-    /// It can unless a task proves otherwise, from kinematics or from the time there is: failures of a controller, of
-    /// the expert too, are no proof.
+    /// The default is `true`. A task may return `false` only with a proof from kinematics or from the duration of an
+    /// episode. A failure of a controller, including the expert, is not a proof.
     fn reachable(&self, _x0: &[f64]) -> bool {
         true
     }
 
-    /// A controller that meets the formula by model and feedback, from what a controller may see.
+    /// Returns a model-based controller that satisfies the success formula from the observation alone.
     ///
     /// # Errors
     /// If the robot's model does not compile.
     fn expert(&self) -> Result<std::sync::Arc<dyn mishandle_rollout::Controller>, WorldError>;
 }
 
-/// A task's scene in a compiled model. All functions are pure: they read rows and write numbers.
+/// A task's scene in a compiled model. All functions are pure functions of the simulation state.
 pub trait Scene: Send + Sync {
-    /// Puts the scene where `x0` says; the robot is placed already.
+    /// Sets the initial state of the scene from the initial configuration `x0`. The robot is already placed.
     fn place(&self, x0: &[f64], world: &mut World);
 
-    /// Under [`Grip::Scene`]: sets the fingers' targets (m, clamped to their stroke afterwards) for the coming control
-    /// step, from the state before it, and says whether the gripper lets go of what it holds.
+    /// Sets the targets of the fingers for the next control step under [`GripperMode::Scene`], and returns whether the
+    /// gripper releases the held object.
     ///
-    /// `fingers` comes with the targets of the step before; the action is not clipped.
+    /// `fingers` contains the targets of the previous step, m; the caller clamps them to the stroke. The action is not
+    /// clipped.
     fn grip(&self, _rows: &Rows<'_>, _action: &[f64], _fingers: &mut [f64]) -> bool {
         false
     }
 
-    /// Writes the signals.
+    /// Writes the signals, in the order of the definition.
     fn signals(&self, rows: &Rows<'_>, out: &mut [f64]);
 
-    /// Writes the task's part of the observation.
+    /// Writes the task's part of the observation, in the order of the definition.
     fn observe(&self, rows: &Rows<'_>, out: &mut [f64]);
 
-    /// Writes the terms of a reward, from the scene after the step and the action (not clipped) that led to it.
+    /// Writes the terms of a reward, from the state after the step and its action, which is not clipped.
     fn reward(&self, reward: Reward, rows: &Rows<'_>, signals: &[f64], action: &[f64], out: &mut [f64]);
 
-    /// Whether a training episode may end here because the task is lost.
-    fn lost(&self, rows: &Rows<'_>, signals: &[f64]) -> bool;
+    /// Returns whether the state is terminal: a training episode ends here, because the task has failed.
+    fn is_terminal(&self, rows: &Rows<'_>, signals: &[f64]) -> bool;
 }

@@ -5,16 +5,16 @@ use mishandle_rollout::{
 };
 use mishandle_world::{Change, Model, World, WorldError};
 
-use crate::axes::{self, Constant, Elements, JUMP_NUMBERS, PUSH_NUMBERS, Push, Setting};
+use crate::axes::{self, Constant, Elements, JUMP_SIZE, PUSH_SIZE, Parameter, Push};
 use crate::check::{check_definition, check_scene, check_substeps, compile};
-use crate::definition::{Definition, Grip, Preset, Reward, Scene, Task};
+use crate::definition::{Definition, GripperMode, Preset, Reward, Scene, Task};
 use crate::document::compose;
 use crate::robot::{ARM_JOINTS, CONTROL_DT, EPISODE_STEPS, JOINTS, Panda};
 
-/// Observations are clipped to this.
+/// Bound to which observations are clipped.
 const OBSERVATION_LIMIT: f64 = 5.0;
 
-/// What can be wrong when a task becomes an environment.
+/// Errors of a task: invalid definition, scene or formulas.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TaskError {
@@ -23,37 +23,36 @@ pub enum TaskError {
     Scene {
         /// Name of the task.
         task: &'static str,
-        /// What is wrong.
+        /// Error of MuJoCo.
         source: WorldError,
     },
-    /// A field of the task's definition is wrong, or a function of its scene does not fit it.
+    /// A field of the task's definition is invalid, or a function of its scene does not fit it.
     #[error("task {task}, field `{field}`: {problem}")]
     Field {
         /// Name of the task.
         task: &'static str,
-        /// The field of [`Definition`].
+        /// Field of [`Definition`].
         field: &'static str,
-        /// What is wrong.
+        /// Problem and expected value.
         problem: String,
     },
-    /// The box or a formula is wrong.
+    /// The initial box or a formula is invalid.
     #[error("task {task}")]
     Data {
         /// Name of the task.
         task: &'static str,
-        /// What is wrong.
+        /// Problem.
         source: RolloutError,
     },
 }
 
-/// Worlds with changed constants that one worker keeps: as many as rows are stepped in lockstep.
+/// Number of worlds with changed constants that a worker caches: the number of rows that are stepped in lockstep.
 const CHANGED_WORLDS: usize = 16;
 
-/// A task as an environment: robot, scene, and the clock of control and physics steps.
+/// A task as an environment.
 ///
-/// A state row is MuJoCo's state, then the nine joint targets. Where the space has axes of the model or of events, the
-/// control step and the values of these axes follow: all that the future depends on. Random numbers are drawn at the
-/// reset alone, so a row needs no counters.
+/// A state row contains MuJoCo's state and the nine joint targets. If the space has axes of model constants or events, the
+/// control step and the values of these axes follow. Random numbers are drawn only at the reset.
 #[derive(Clone)]
 pub struct TaskEnvironment {
     definition: &'static Definition,
@@ -61,31 +60,31 @@ pub struct TaskEnvironment {
     panda: Panda,
     scene: Arc<dyn Scene>,
     reward: Reward,
-    /// Every axis there is, start axes first.
-    settings: Vec<(Axis, Setting)>,
+    /// All axes of the scene and their parameters, axes of the initial box first.
+    parameters: Vec<(Axis, Parameter)>,
     space: Space,
-    /// What each axis of the space sets.
-    sets: Arc<[Setting]>,
+    /// Parameter of each axis of the space.
+    space_parameters: Arc<[Parameter]>,
     elements: Elements,
     signals: Arc<[String]>,
     reward_terms: Vec<String>,
 }
 
 impl TaskEnvironment {
-    /// Builds `task` under a preset, with a reward to learn from. Its space is the initial box.
+    /// Makes the environment of `task` under a preset with a reward. Its space is the initial box.
     ///
     /// # Errors
-    /// If the scene does not compile or the task's data do not fit each other.
+    /// If the scene does not compile or the definition of the task is inconsistent.
     pub fn new(task: &dyn Task, preset: Preset, reward: Reward) -> Result<TaskEnvironment, TaskError> {
         let definition = task.definition();
         Self::with_substeps(task, preset, reward, definition.n_substeps)
     }
 
-    /// As [`new`](Self::new), with another number of physics steps in a control step: to check that outcomes do not
-    /// depend on it.
+    /// Makes the environment with another number of physics steps per control step, to check that outcomes do not depend
+    /// on it.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
+    /// As for [`new`](Self::new).
     pub fn with_substeps(
         task: &dyn Task,
         preset: Preset,
@@ -111,68 +110,71 @@ impl TaskEnvironment {
             panda,
             scene: scene.into(),
             reward,
-            settings: axes::settings(definition, preset).map_err(data_error)?,
+            parameters: axes::parameters(definition, preset).map_err(data_error)?,
             space: definition.starts(preset).map_err(data_error)?,
-            sets: (0..definition.initial_box.len()).map(Setting::Start).collect(),
+            space_parameters: (0..definition.initial_box.len()).map(Parameter::Start).collect(),
             signals: definition.signals.iter().map(|signal| signal.name.to_string()).collect(),
             reward_terms: definition.reward(reward).iter().map(|term| term.name.to_string()).collect(),
         };
         Ok(environment)
     }
 
-    /// The same with another space, whose axes are among those of the task. Axes that are not in the space keep their
-    /// nominal values.
+    /// Returns the environment over another space. Axes of the task that it does not contain keep their nominal values.
     ///
     /// # Errors
-    /// If an axis is unknown.
+    /// If `space` has an axis that the task does not have.
     pub fn with_space(&self, space: Space) -> Result<TaskEnvironment, TaskError> {
-        let find = |axis: &Axis| self.settings.iter().find(|(known, _)| known.name == axis.name);
+        let find = |axis: &Axis| self.parameters.iter().find(|(known, _)| known.name == axis.name);
         let unknown = |axis: &Axis| TaskError::Data {
             task: self.definition.name,
             source: RolloutError::Axis { axis: axis.name.clone(), what: "the task has no such axis" },
         };
-        let set = |axis: &Axis| find(axis).map(|(_, set)| *set).ok_or_else(|| unknown(axis));
-        let sets = space.axes().iter().map(set).collect::<Result<_, _>>()?;
-        Ok(TaskEnvironment { sets, space, ..self.clone() })
+        let parameter =
+            |axis: &Axis| find(axis).map(|(_, parameter)| *parameter).ok_or_else(|| unknown(axis));
+        let space_parameters = space.axes().iter().map(parameter).collect::<Result<_, _>>()?;
+        Ok(TaskEnvironment { space_parameters, space, ..self.clone() })
     }
 
-    /// The compiled model.
+    /// Returns the compiled model.
     pub fn model(&self) -> &Model {
         &self.model
     }
 
-    /// What the task states as data.
+    /// Returns the definition of the task.
     pub fn definition(&self) -> &'static Definition {
         self.definition
     }
 
-    /// Every axis of the task's scene, start axes first, and what it sets.
-    pub(crate) fn settings(&self) -> &[(Axis, Setting)] {
-        &self.settings
+    /// Returns all axes of the scene and their parameters, axes of the initial box first.
+    pub(crate) fn parameters(&self) -> &[(Axis, Parameter)] {
+        &self.parameters
     }
 
-    /// The values of an undisturbed episode.
-    fn nominal(&self) -> Conditions {
-        let mut conditions = Conditions {
+    /// Returns the parameters of an undisturbed episode.
+    fn nominal(&self) -> ParameterValues {
+        let mut values = ParameterValues {
             start: vec![0.0; self.definition.initial_box.len()],
             constants: Vec::new(),
-            push: [0.0; PUSH_NUMBERS],
-            jump: [0.0; JUMP_NUMBERS],
+            push: [0.0; PUSH_SIZE],
+            jump: [0.0; JUMP_SIZE],
             start_draws: [None; ARM_JOINTS],
         };
-        for (axis, setting) in &self.settings {
-            conditions.set(*setting, axis.nominal);
+        for (axis, parameter) in &self.parameters {
+            values.set(*parameter, axis.nominal);
         }
-        conditions
+        values
     }
 
-    /// Whether any axis of the space needs more than a reset.
+    /// Returns whether a state row contains parameters, because an axis of the space affects steps after the reset.
     fn has_tail(&self) -> bool {
-        self.sets.iter().any(|set| matches!(set, Setting::Constant(_) | Setting::Push(_) | Setting::Jump(_)))
+        let affects_steps = |parameter: &Parameter| {
+            matches!(parameter, Parameter::Constant(_) | Parameter::Push(_) | Parameter::Jump(_))
+        };
+        self.space_parameters.iter().any(affects_steps)
     }
 }
 
-/// The document, told to drop shapes that only pictures need.
+/// Returns the document with a compiler option that removes visual geoms.
 fn without_visuals(xml: &str) -> String {
     xml.replacen("</mujoco>", "<compiler discardvisual=\"true\"/>\n</mujoco>", 1)
 }
@@ -223,73 +225,73 @@ impl Environment for TaskEnvironment {
             scene: self.scene.clone(),
             reward: self.reward,
             n_substeps: (CONTROL_DT / self.model.timestep()).round() as usize,
-            sets: self.sets.clone(),
+            space_parameters: self.space_parameters.clone(),
             elements: self.elements.clone(),
-            worlds: Worlds {
+            worlds: WorldCache {
                 nominal: nominal.constants.clone(),
-                worlds: vec![(nominal.values(), self.model.world())],
+                worlds: vec![(nominal.constant_values(), self.model.world())],
                 next: 1,
             },
-            conditions: nominal,
+            values: nominal,
             observation: vec![0.0; self.observation_size()],
         })
     }
 }
 
-/// What a scenario sets, axis by axis.
+/// Values of all parameters of the scene.
 #[derive(Clone, Debug)]
-struct Conditions {
+struct ParameterValues {
     start: Vec<f64>,
     constants: Vec<(Constant, f64)>,
-    push: [f64; PUSH_NUMBERS],
-    jump: [f64; JUMP_NUMBERS],
+    push: [f64; PUSH_SIZE],
+    jump: [f64; JUMP_SIZE],
     start_draws: [Option<f64>; ARM_JOINTS],
 }
 
-impl Conditions {
-    fn set(&mut self, setting: Setting, value: Option<f64>) {
-        // Only a draw may be absent, as the space has checked.
+impl ParameterValues {
+    fn set(&mut self, parameter: Parameter, value: Option<f64>) {
+        // The space has checked that only a draw is `None`.
         let number = value.unwrap_or(0.0);
-        match setting {
-            Setting::Start(index) => self.start[index] = number,
-            Setting::Constant(constant) => {
+        match parameter {
+            Parameter::Start(index) => self.start[index] = number,
+            Parameter::Constant(constant) => {
                 match self.constants.iter_mut().find(|(known, _)| *known == constant) {
                     Some((_, value)) => *value = number,
                     None => self.constants.push((constant, number)),
                 }
             }
-            Setting::Push(index) => self.push[index] = number,
-            Setting::Jump(index) => self.jump[index] = number,
-            Setting::StartDraw(joint) => self.start_draws[joint] = value,
+            Parameter::Push(index) => self.push[index] = number,
+            Parameter::Jump(index) => self.jump[index] = number,
+            Parameter::StartDraw(joint) => self.start_draws[joint] = value,
         }
     }
 
-    /// The values of the constants, in their order.
-    fn values(&self) -> Vec<f64> {
+    /// Returns the values of the constants.
+    fn constant_values(&self) -> Vec<f64> {
         self.constants.iter().map(|(_, value)| *value).collect()
     }
 
-    /// What a state row holds beside physics and joint targets: control step 0, constants, push, jump.
+    /// Returns the tail of a state row, which follows physics and joint targets: control step 0, constants, push, jump.
     fn tail(&self) -> Vec<f64> {
-        [&[0.0], self.values().as_slice(), &self.push, &self.jump].concat()
+        [&[0.0], self.constant_values().as_slice(), &self.push, &self.jump].concat()
     }
 }
 
-/// The worlds of one worker: that of the model as it is, and those of the changed models that were needed last. A row's
-/// constants choose its world, so that rows with different constants can be stepped in turns.
-struct Worlds {
+/// The worlds of one worker: that of the nominal model, and the most recent ones of changed models. The constants of a
+/// state row determine its world, so that one worker can step rows with different constants.
+struct WorldCache {
     nominal: Vec<(Constant, f64)>,
-    /// Values of the constants, in the order of `nominal`, and a world of the model that has them; the nominal one first.
+    /// Values of the constants, in the order of `nominal`, and the world with these values. The nominal one is first.
     worlds: Vec<(Vec<f64>, World)>,
-    /// Which is given up next.
+    /// Index of the world that is replaced next.
     next: usize,
 }
 
-impl Worlds {
-    /// The place of the world with these constants, which is made if it is not there.
+impl WorldCache {
+    /// Returns the index of the world with these constants; makes the world if necessary.
     fn find(&mut self, values: &[f64], elements: &Elements) -> usize {
-        if let Some(place) = self.worlds.iter().position(|(known, _)| known == values) {
-            return place;
+        if let Some(index) = self.worlds.iter().position(|(known, _)| known == values) {
+            return index;
         }
         let changed = self.nominal.iter().zip(values).filter(|((_, nominal), value)| nominal != *value);
         let changes: Vec<Change> =
@@ -299,10 +301,10 @@ impl Worlds {
             self.worlds.push(made);
             return self.worlds.len() - 1;
         }
-        let place = self.next;
-        self.next = place % CHANGED_WORLDS + 1;
-        self.worlds[place] = made;
-        place
+        let index = self.next;
+        self.next = index % CHANGED_WORLDS + 1;
+        self.worlds[index] = made;
+        index
     }
 }
 
@@ -312,30 +314,30 @@ struct TaskWorker {
     scene: Arc<dyn Scene>,
     reward: Reward,
     n_substeps: usize,
-    sets: Arc<[Setting]>,
+    space_parameters: Arc<[Parameter]>,
     elements: Elements,
-    worlds: Worlds,
-    /// Nominal where the space has no axis; the rest is overwritten by each reset.
-    conditions: Conditions,
+    worlds: WorldCache,
+    /// Parameters without an axis in the space keep their nominal values. Each reset overwrites the others.
+    values: ParameterValues,
     observation: Vec<f64>,
 }
 
 impl TaskWorker {
-    /// The place of the world in which a row with this tail is stepped.
-    fn place(&mut self, tail: &[f64]) -> usize {
+    /// Returns the index of the world of a state row with this tail.
+    fn world_index(&mut self, tail: &[f64]) -> usize {
         if tail.is_empty() {
             return 0;
         }
         self.worlds.find(&tail[1..][..self.worlds.nominal.len()], &self.elements)
     }
 
-    /// Sets the fingers' targets, and lets go of what the hand holds when the scene says so.
-    fn move_fingers(&mut self, place: usize, action: &[f64], fingers: &mut [f64]) {
+    /// Sets the targets of the fingers, and releases the held object if the scene requests it.
+    fn move_fingers(&mut self, world_index: usize, action: &[f64], fingers: &mut [f64]) {
         match self.definition.grip {
-            Grip::Fixed(opening) => fingers.fill(opening),
-            Grip::Scene(_) => {
-                let world = &mut self.worlds.worlds[place].1;
-                // The poses left behind may be those of another row.
+            GripperMode::Fixed(opening) => fingers.fill(opening),
+            GripperMode::Scene(_) => {
+                let world = &mut self.worlds.worlds[world_index].1;
+                // The derived poses may belong to another row.
                 world.refresh();
                 if self.scene.grip(&world.rows(), action, fingers) {
                     world.switch_all(false);
@@ -345,67 +347,67 @@ impl TaskWorker {
         }
     }
 
-    /// Lets what is to jump in this control step jump, and says what pushes.
-    fn begin_events(&mut self, place: usize, tail: &[f64]) -> Option<Push> {
+    /// Applies the jump of this control step and returns the push.
+    fn start_events(&mut self, world_index: usize, tail: &[f64]) -> Option<Push> {
         let events = tail.get(1 + self.worlds.nominal.len()..)?;
-        let (push, numbers) = events.split_at(PUSH_NUMBERS);
-        let due = axes::jump(numbers, tail[0] as usize);
-        if let (Some(mocap), Some(offset)) = (self.elements.jump, due) {
-            self.worlds.worlds[place].1.shift(mocap, offset);
+        let (push, jump) = events.split_at(PUSH_SIZE);
+        let offset = axes::jump(jump, tail[0] as usize);
+        if let (Some(mocap), Some(offset)) = (self.elements.jump, offset) {
+            self.worlds.worlds[world_index].1.shift(mocap, offset);
         }
         Push::new(push)
     }
 
-    /// Writes signals and observation of the present state.
-    fn show(&mut self, place: usize, sample: &mut Sample<'_>) {
-        let world = &mut self.worlds.worlds[place].1;
+    /// Writes the signals and the observation of the current state.
+    fn write_sample(&mut self, world_index: usize, sample: &mut Sample<'_>) {
+        let world = &mut self.worlds.worlds[world_index].1;
         world.refresh();
         let rows = world.rows();
         self.scene.signals(&rows, sample.signals);
         self.panda.observe(&rows, self.definition.velocity_scale, &mut self.observation[..2 * JOINTS]);
         self.scene.observe(&rows, &mut self.observation[2 * JOINTS..]);
-        for (seen, value) in sample.observation.iter_mut().zip(&self.observation) {
-            *seen = value.clamp(-OBSERVATION_LIMIT, OBSERVATION_LIMIT) as f32;
+        for (clipped, value) in sample.observation.iter_mut().zip(&self.observation) {
+            *clipped = value.clamp(-OBSERVATION_LIMIT, OBSERVATION_LIMIT) as f32;
         }
     }
 }
 
 impl EnvironmentWorker for TaskWorker {
     fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
-        for (setting, value) in self.sets.iter().zip(scenario.values()) {
-            self.conditions.set(*setting, *value);
+        for (parameter, value) in self.space_parameters.iter().zip(scenario.values()) {
+            self.values.set(*parameter, *value);
         }
         let mut start = self.definition.start;
         for (i, (q, joint)) in start[..ARM_JOINTS].iter_mut().zip(self.panda.joints()).enumerate() {
             let drawn = || 2.0 * seed.uniform(Stream::Reset, 0, i as u32) - 1.0;
-            let offset = self.conditions.start_draws[i].unwrap_or_else(drawn);
+            let offset = self.values.start_draws[i].unwrap_or_else(drawn);
             *q = (*q + self.definition.start_noise * offset).clamp(joint.low, joint.high);
         }
         let (physics, rest) = state.split_at_mut(self.worlds.worlds[0].1.model().state_size());
         let (targets, tail) = rest.split_at_mut(JOINTS);
         if !tail.is_empty() {
-            tail.copy_from_slice(&self.conditions.tail());
+            tail.copy_from_slice(&self.values.tail());
         }
-        let place = self.place(tail);
-        let world = &mut self.worlds.worlds[place].1;
+        let world_index = self.world_index(tail);
+        let world = &mut self.worlds.worlds[world_index].1;
         world.reset();
         self.panda.place(&start, world);
-        self.scene.place(&self.conditions.start, world);
-        self.show(place, &mut sample);
+        self.scene.place(&self.values.start, world);
+        self.write_sample(world_index, &mut sample);
         sample.rewards.fill(0.0);
-        self.worlds.worlds[place].1.read_state(physics);
+        self.worlds.worlds[world_index].1.read_state(physics);
         targets.copy_from_slice(&start);
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {
         let (physics, rest) = state.split_at_mut(self.worlds.worlds[0].1.model().state_size());
         let (targets, tail) = rest.split_at_mut(JOINTS);
-        let place = self.place(tail);
-        self.worlds.worlds[place].1.set_state(physics);
+        let world_index = self.world_index(tail);
+        self.worlds.worlds[world_index].1.set_state(physics);
         self.panda.move_targets(action, targets);
-        let push = self.begin_events(place, tail);
-        self.move_fingers(place, action, &mut targets[ARM_JOINTS..]);
-        let world = &mut self.worlds.worlds[place].1;
+        let push = self.start_events(world_index, tail);
+        self.move_fingers(world_index, action, &mut targets[ARM_JOINTS..]);
+        let world = &mut self.worlds.worlds[world_index].1;
         for substep in 0..self.n_substeps {
             if let Some(push) = &push {
                 let step = world.model().timestep();
@@ -423,10 +425,10 @@ impl EnvironmentWorker for TaskWorker {
         if let Some(step) = tail.first_mut() {
             *step += 1.0;
         }
-        self.show(place, &mut sample);
-        let rows = self.worlds.worlds[place].1.rows();
+        self.write_sample(world_index, &mut sample);
+        let rows = self.worlds.worlds[world_index].1.rows();
         self.scene.reward(self.reward, &rows, sample.signals, action, sample.rewards);
-        match self.scene.lost(&rows, sample.signals) {
+        match self.scene.is_terminal(&rows, sample.signals) {
             true => StepStatus::Terminated,
             false => StepStatus::Running,
         }

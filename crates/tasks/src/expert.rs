@@ -1,4 +1,4 @@
-//! What the experts share: they see what a controller may see, and command joint velocities.
+//! The base of the experts: controllers that compute joint velocities from the observation.
 
 use std::sync::Arc;
 
@@ -9,75 +9,75 @@ use crate::definition::Definition;
 use crate::kinematic::ResolvedRate;
 use crate::robot::{ARM_JOINTS, JOINT_NAMES, JOINTS, Panda, SERVO_LAG, TARGET_STEP, VELOCITY_LIMIT};
 
-/// What an expert sees in one sample.
+/// The observation of an expert.
 pub struct ExpertInput<'a> {
-    /// Positions of the arm's joints, rad.
+    /// Positions of the arm joints, rad.
     pub q: [f64; ARM_JOINTS],
     /// Positions of the fingers, m.
     pub fingers: [f64; JOINTS - ARM_JOINTS],
-    /// The task's part of the observation.
+    /// Task's part of the observation.
     pub task: &'a [f32],
 }
 
 impl ExpertInput<'_> {
-    /// Three numbers of the task's part, from `at` on.
+    /// Returns the three numbers of the task's part that start at index `at`.
     pub fn point(&self, at: usize) -> [f64; 3] {
         [0, 1, 2].map(|i| f64::from(self.task[at + i]))
     }
 }
 
-/// How one task's expert moves.
+/// The policy of one task's expert.
 pub trait ExpertPolicy: Send + Sync + 'static {
-    /// Length of its memory.
+    /// Length of the memory per simulation.
     const MEMORY: usize = 0;
-    /// Site whose motion it thinks in.
+    /// Site that the policy moves.
     const SITE: &'static str;
-    /// Posture it is drawn to, rad.
+    /// Rest posture for the null space of the inverse kinematics, rad.
     const REST: [f64; ARM_JOINTS];
 
-    /// The joint velocities it wants, rad/s.
+    /// Returns the desired joint velocities, rad/s.
     fn velocity(
         &self,
-        seen: &ExpertInput<'_>,
+        input: &ExpertInput<'_>,
         arm: &mut ResolvedRate,
         memory: &mut [f64],
     ) -> [f64; ARM_JOINTS];
 
-    /// The actions for the fingers, in [-1, 1]; called after [`velocity`](Self::velocity). They count where the policy
-    /// moves the fingers.
-    fn fingers(&self, _seen: &ExpertInput<'_>, _memory: &[f64]) -> [f64; JOINTS - ARM_JOINTS] {
+    /// Returns the actions of the fingers, in [-1, 1]. The call follows [`velocity`](Self::velocity). The actions have an
+    /// effect only in tasks whose policy moves the fingers.
+    fn fingers(&self, _input: &ExpertInput<'_>, _memory: &[f64]) -> [f64; JOINTS - ARM_JOINTS] {
         [0.0; JOINTS - ARM_JOINTS]
     }
 }
 
-/// An expert of a task: a [`ExpertPolicy`] on top of the robot's kinematics.
-pub struct Expert<B> {
-    behavior: Arc<B>,
+/// The expert of a task: an [`ExpertPolicy`] on top of the robot's kinematics.
+pub struct Expert<P> {
+    policy: Arc<P>,
     definition: &'static Definition,
     model: Model,
 }
 
-impl<B: ExpertPolicy> Expert<B> {
-    /// The expert of the task that `definition` describes.
-    pub fn controller(
-        behavior: B,
-        definition: &'static Definition,
-    ) -> Result<Arc<dyn Controller>, WorldError> {
+impl<P: ExpertPolicy> Expert<P> {
+    /// Makes the expert of the task with this definition.
+    ///
+    /// # Errors
+    /// If the robot's model does not compile or has no site [`ExpertPolicy::SITE`].
+    pub fn controller(policy: P, definition: &'static Definition) -> Result<Arc<dyn Controller>, WorldError> {
         let model = Model::from_xml(PANDA)?;
-        // Both are made for every thread later; that they can be made is found out here.
+        // Each worker makes both again and cannot return an error.
         Panda::new(&model)?;
-        arm::<B>(&model)?;
-        Ok(Arc::new(Expert { behavior: Arc::new(behavior), definition, model }))
+        arm::<P>(&model)?;
+        Ok(Arc::new(Expert { policy: Arc::new(policy), definition, model }))
     }
 }
 
-fn arm<B: ExpertPolicy>(model: &Model) -> Result<ResolvedRate, WorldError> {
+fn arm<P: ExpertPolicy>(model: &Model) -> Result<ResolvedRate, WorldError> {
     let mut names = [""; ARM_JOINTS];
     names.copy_from_slice(&JOINT_NAMES[..ARM_JOINTS]);
-    ResolvedRate::new(model, &names, B::SITE, B::REST)
+    ResolvedRate::new(model, &names, P::SITE, P::REST)
 }
 
-impl<B: ExpertPolicy> Controller for Expert<B> {
+impl<P: ExpertPolicy> Controller for Expert<P> {
     fn observation_size(&self) -> usize {
         self.definition.layout().observation_size()
     }
@@ -87,32 +87,31 @@ impl<B: ExpertPolicy> Controller for Expert<B> {
     }
 
     fn state_size(&self) -> usize {
-        B::MEMORY
+        P::MEMORY
     }
 
     fn worker(&self) -> Box<dyn ControllerWorker> {
-        // Both were made once from the same model in `controller`.
-        let made = "the expert's model was checked when the expert was made";
-        let panda = Panda::new(&self.model).expect(made);
-        Box::new(ExpertActor {
-            behavior: self.behavior.clone(),
+        let checked = "`Expert::controller` checked the model";
+        let panda = Panda::new(&self.model).expect(checked);
+        Box::new(ExpertWorker {
+            policy: self.policy.clone(),
             joints: *panda.joints(),
-            arm: arm::<B>(&self.model).expect(made),
+            arm: arm::<P>(&self.model).expect(checked),
             velocity_scale: self.definition.velocity_scale,
             observation_size: self.observation_size(),
         })
     }
 }
 
-struct ExpertActor<B> {
-    behavior: Arc<B>,
+struct ExpertWorker<P> {
+    policy: Arc<P>,
     joints: [Joint; JOINTS],
     arm: ResolvedRate,
     velocity_scale: f64,
     observation_size: usize,
 }
 
-impl<B: ExpertPolicy> ControllerWorker for ExpertActor<B> {
+impl<P: ExpertPolicy> ControllerWorker for ExpertWorker<P> {
     fn reset(&mut self, state: &mut [f64], _seed: mishandle_rollout::Seed) {
         state.fill(0.0);
     }
@@ -120,31 +119,31 @@ impl<B: ExpertPolicy> ControllerWorker for ExpertActor<B> {
     fn act(&mut self, _rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
         let rows = observations.chunks(self.observation_size).zip(actions.chunks_mut(JOINTS));
         for (row, (observation, action)) in rows.enumerate() {
-            let memory = &mut states[row * B::MEMORY..][..B::MEMORY];
+            let memory = &mut states[row * P::MEMORY..][..P::MEMORY];
             let position = |i: usize| {
                 let Joint { low, high, .. } = self.joints[i];
                 low + 0.5 * (f64::from(observation[i]) + 1.0) * (high - low)
             };
             let q: [f64; ARM_JOINTS] = std::array::from_fn(position);
             let fingers = std::array::from_fn(|i| position(ARM_JOINTS + i));
-            let seen = ExpertInput { q, fingers, task: &observation[2 * JOINTS..] };
+            let input = ExpertInput { q, fingers, task: &observation[2 * JOINTS..] };
             self.arm.set(&q);
-            let wanted = self.behavior.velocity(&seen, &mut self.arm, memory);
-            // A servo that is not held up moves at (target - q) / lag, so the velocity seen tells where the target
-            // is; the action moves the target by the difference to where it should be.
+            let desired = self.policy.velocity(&input, &mut self.arm, memory);
+            // A servo without obstacles moves at (target - q) / lag, so the observed velocity determines its target. The
+            // action moves the target by the difference to the desired target.
             for i in 0..ARM_JOINTS {
                 let velocity = f64::from(observation[JOINTS + i]) / self.velocity_scale;
-                let wanted = wanted[i].clamp(-VELOCITY_LIMIT[i], VELOCITY_LIMIT[i]);
-                action[i] = (SERVO_LAG[i] * (wanted - velocity) / TARGET_STEP).clamp(-1.0, 1.0) as f32;
+                let desired = desired[i].clamp(-VELOCITY_LIMIT[i], VELOCITY_LIMIT[i]);
+                action[i] = (SERVO_LAG[i] * (desired - velocity) / TARGET_STEP).clamp(-1.0, 1.0) as f32;
             }
-            let fingers = self.behavior.fingers(&seen, memory);
+            let fingers = self.policy.fingers(&input, memory);
             action[ARM_JOINTS..].copy_from_slice(&fingers.map(|a| a as f32));
         }
     }
 }
 
-/// `v` shortened to at most `limit`.
-pub fn limited(v: [f64; 3], limit: f64) -> [f64; 3] {
+/// Scales `v` down to a norm of at most `limit`.
+pub fn clamp_norm(v: [f64; 3], limit: f64) -> [f64; 3] {
     let length = mishandle_world::frame::norm(v);
     if length > limit { mishandle_world::frame::scale(v, limit / length) } else { v }
 }

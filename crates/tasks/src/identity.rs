@@ -1,42 +1,47 @@
-//! What a controller was trained on, as one hash.
+//! Hashes that identify tasks and targets.
+//!
+//! Run files and controller files store these hashes. The hashed texts must therefore never depend on the names of types,
+//! fields or functions, only on what the task defines.
 
 use std::fmt::Write;
 
 use mishandle_controllers::bytes_hash;
 use mishandle_rollout::{Environment, Sample, Seed, Stream};
 
-use crate::definition::{Preset, Reward, Task};
+use crate::definition::{GripperMode, Preset, Reward, Task, TaskFormulas, Variations};
 use crate::document::compose;
 use crate::environment::{TaskEnvironment, TaskError};
 
-/// Starts that are looked at.
+/// Number of initial states of [`behavior`].
 const STARTS: u64 = 4;
 
-/// Control steps from each of them: few, so that what is chaotic has no time to grow.
+/// Control steps from each initial state. There are few, so that chaotic motion cannot amplify rounding errors.
 const STEPS: u64 = 30;
 
-/// Control steps that an action lasts: long enough for the arm to get somewhere.
+/// Control steps with the same action, so that the arm moves a visible distance.
 const ACTION_STEPS: u64 = 10;
 
-/// Decimals that count. What differs below may be another compiler's rounding.
+/// Reciprocal of the resolution of the hashed numbers. Smaller differences may be rounding errors of another compiler.
 const DECIMALS: f64 = 1e5;
 
-/// Hash of all that a controller of `task` learns from: the physics, the starts, what is observed, the reward, and when an
-/// episode ends. The formulas are not in it: they judge a controller, and another judge makes no other controller.
+/// Returns the hash of everything that determines the training of a controller of `task`: physics, initial states,
+/// observation, reward and termination.
 ///
-/// It is taken of what the task states (the scene without comments and colors, the box, the layout, the reward's terms and
-/// the rule of termination in words), and of what the environment does in a few control steps of fixed actions, rounded:
-/// so a change of code shows too. What neither shows, such as a slip mended in a rare branch, has to be told in the words
-/// of the task, as it should.
+/// The formulas are not hashed, because they only evaluate a controller.
+///
+/// The hash covers the definition of the task (scene without comments and colors, initial box, layout, reward terms and
+/// termination rule as text) and the rounded behavior of the environment over a few control steps, so that it also covers
+/// changes of the code. It does not cover a changed branch that these steps do not reach; such a change must be described
+/// in the texts of the task.
 ///
 /// # Errors
-/// If the scene does not compile or the task's data do not fit each other.
+/// If the scene does not compile or the definition is inconsistent.
 pub fn task_hash(task: &dyn Task, reward: Reward) -> Result<String, TaskError> {
     let definition = task.definition();
     let environment = TaskEnvironment::new(task, Preset::Paper, reward)?;
     let scene_error = |source| TaskError::Scene { task: definition.name, source };
-    let mut text = without_looks(&compose(task).map_err(scene_error)?);
-    let mut line = |words: String| text.push_str(&(words + "\n"));
+    let mut text = without_appearance(&compose(task).map_err(scene_error)?);
+    let mut line = |content: String| text.push_str(&(content + "\n"));
     line(definition.layout().hash());
     line(format!("start noise {}, velocities times {}", definition.start_noise, definition.velocity_scale));
     for axis in definition.initial_box {
@@ -45,33 +50,55 @@ pub fn task_hash(task: &dyn Task, reward: Reward) -> Result<String, TaskError> {
     for term in definition.reward(reward) {
         line(format!("{} = {}", term.name, term.meaning));
     }
-    line(format!("{:?}", definition.grip));
+    line(gripper_text(definition.grip));
     line(definition.termination.to_string());
     line(behavior(&environment));
     Ok(bytes_hash(text.as_bytes()))
 }
 
-/// What a task states of itself under a preset: scene, robot's start, layout, initial box, axes, formulas, as text.
-pub(crate) fn stated(task: &dyn Task, preset: Preset) -> Result<String, TaskError> {
+/// Returns the definition of a task under a preset as text: scene, initial pose, layout, initial box, axes and formulas.
+///
+/// # Errors
+/// If the scene does not compile.
+pub(crate) fn definition_text(task: &dyn Task, preset: Preset) -> Result<String, TaskError> {
     let definition = task.definition();
     let xml = compose(task).map_err(|source| TaskError::Scene { task: definition.name, source })?;
     let starts: Vec<_> = definition.initial_box.iter().map(|axis| (axis.name, axis.bounds(preset))).collect();
     let signals: Vec<_> = definition.signals.iter().map(|signal| signal.name).collect();
     Ok(format!(
-        "{}{}\nstart {:?} noise {} velocities times {} grip {:?}\n{starts:?}\n{signals:?}\n{:?}\n{:?}\n",
-        without_looks(&xml),
+        "{}{}\nstart {:?} noise {} velocities times {} grip {}\n{starts:?}\n{signals:?}\n{}\n{}\n",
+        without_appearance(&xml),
         definition.layout().hash(),
         definition.start,
         definition.start_noise,
         definition.velocity_scale,
-        definition.grip,
-        definition.variations,
-        definition.formulas(preset),
+        gripper_text(definition.grip),
+        variations_text(&definition.variations),
+        formulas_text(definition.formulas(preset)),
     ))
 }
 
-/// A document without comments, colors and indentation.
-fn without_looks(xml: &str) -> String {
+fn gripper_text(mode: GripperMode) -> String {
+    match mode {
+        GripperMode::Fixed(opening) => format!("Fixed({opening:?})"),
+        GripperMode::Scene(rule) => format!("Scene({rule:?})"),
+    }
+}
+
+fn variations_text(variations: &Variations) -> String {
+    let Variations { friction, masses, push, jump } = variations;
+    format!("Variations {{ friction: {friction:?}, masses: {masses:?}, push: {push:?}, jump: {jump:?} }}")
+}
+
+fn formulas_text(formulas: &TaskFormulas) -> String {
+    let TaskFormulas { success, strict, safe, completion } = formulas;
+    format!(
+        "Formulas {{ success: {success:?}, strict: {strict:?}, safe: {safe:?}, completion: {completion:?} }}"
+    )
+}
+
+/// Returns a document without comments, colors and indentation.
+fn without_appearance(xml: &str) -> String {
     let mut rest = xml;
     let mut text = String::new();
     while let Some((before, after)) = rest.split_once("<!--") {
@@ -87,7 +114,7 @@ fn without_looks(xml: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ") + "\n"
 }
 
-/// Observations, rewards and endings of a few control steps, as rounded whole numbers.
+/// Returns the observations, rewards and statuses of a few control steps under fixed actions, as rounded integers.
 fn behavior(environment: &TaskEnvironment) -> String {
     let mut worker = environment.worker();
     let mut state = vec![0.0; environment.state_size()];
@@ -95,7 +122,7 @@ fn behavior(environment: &TaskEnvironment) -> String {
     let mut signals = vec![0.0; environment.signals().len()];
     let mut rewards = vec![0.0; environment.reward_terms().len()];
     let mut action = vec![0.0; environment.action_size()];
-    let mut seen = String::new();
+    let mut text = String::new();
     for start in 0..STARTS {
         let seed = Seed(start);
         let mut sample =
@@ -109,12 +136,12 @@ fn behavior(environment: &TaskEnvironment) -> String {
             let status = worker.step(&action, &mut state, sample);
             let numbers = observation.iter().map(|x| f64::from(*x)).chain(rewards.iter().copied());
             for number in numbers {
-                let _ = write!(seen, "{} ", (number * DECIMALS).round() as i64);
+                let _ = write!(text, "{} ", (number * DECIMALS).round() as i64);
             }
-            let _ = writeln!(seen, "{status:?}");
+            let _ = writeln!(text, "{status:?}");
         }
     }
-    seen
+    text
 }
 
 #[cfg(test)]
@@ -129,7 +156,7 @@ mod tests {
     use crate::{Definition, Panda, Scene, TASKS, task};
 
     #[test]
-    fn tasks_and_rewards_differ_and_a_hash_repeats() {
+    fn every_task_and_reward_has_its_own_reproducible_hash() {
         let hash = |task: &dyn Task, reward| task_hash(task, reward).unwrap();
         let mut all: Vec<String> = TASKS.iter().map(|task| hash(*task, Reward::Shaped)).collect();
         let reaching = task("point-reaching").unwrap();
@@ -141,7 +168,22 @@ mod tests {
         assert_eq!(all.len(), count);
     }
 
-    /// A task with another definition, and with text put before its scene.
+    #[test]
+    fn hashed_texts_do_not_depend_on_names_of_types() {
+        let text = definition_text(task("ball-pushing").unwrap(), Preset::Paper).unwrap();
+        let expected = "grip Fixed(0.015)\n\
+            [(\"ball_x\", [0.4, 0.6]), (\"ball_y\", [-0.1, 0.1])]\n\
+            [\"ball_hole_distance\", \"ball_hole_horizontal_distance\", \"ball_height\", \"ball_speed\", \
+            \"finger_ball_distance\"]\n\
+            Variations { friction: true, masses: [\"ball\"], push: Some((\"ball\", 0.1)), jump: None }\n\
+            Formulas { success: \"eventually[0:300](ball_hole_distance <= 0.3)\", \
+            strict: \"eventually[0:270](always[0:30](ball_hole_horizontal_distance <= 0.13 and ball_height <= 0.36))\", \
+            safe: \"ball_hole_distance <= 0.5\", completion: \"always[0:4](ball_hole_distance <= 0.3)\" }\n";
+        assert!(text.ends_with(expected), "{text}");
+        assert_eq!(gripper_text(GripperMode::Scene("a \"rule\"")), r#"Scene("a \"rule\"")"#);
+    }
+
+    /// A task with another definition, and with a prefix of its scene.
     struct Changed {
         base: &'static dyn Task,
         definition: &'static Definition,
@@ -167,17 +209,17 @@ mod tests {
     }
 
     #[track_caller]
-    fn check(scene: &'static str, change: impl Fn(&mut Definition), is_other: bool) {
+    fn check(scene: &'static str, change: impl Fn(&mut Definition), changes_hash: bool) {
         let base = task("point-reaching").unwrap();
         let mut definition = *base.definition();
         change(&mut definition);
         let changed = Changed { base, definition: Box::leak(Box::new(definition)), scene };
         let hash = |task: &dyn Task| task_hash(task, Reward::Shaped).unwrap();
-        assert_eq!(hash(&changed) != hash(base), is_other);
+        assert_eq!(hash(&changed) != hash(base), changes_hash);
     }
 
     #[test]
-    fn what_is_learned_from_counts_and_what_judges_does_not() {
+    fn the_hash_covers_training_but_not_evaluation() {
         check("", |_| {}, false);
         check("", |definition| definition.paper.success = definition.paper.strict, false);
         check("", |definition| definition.summary = "another", false);
@@ -194,10 +236,10 @@ mod tests {
     }
 
     #[test]
-    fn comments_colors_and_indentation_are_left_out_and_nothing_else() {
+    fn comments_colors_and_indentation_are_removed() {
         let plain = "<geom size=\"1\"/> <geom mass=\"2\"/>\n";
-        let told = "<geom size=\"1\" rgba=\"1 0 0 1\"/>\n  <!-- heavy -->\n  <geom mass=\"2\"/>";
-        assert_eq!(without_looks(told), plain);
-        assert_eq!(without_looks(plain), plain);
+        let decorated = "<geom size=\"1\" rgba=\"1 0 0 1\"/>\n  <!-- heavy -->\n  <geom mass=\"2\"/>";
+        assert_eq!(without_appearance(decorated), plain);
+        assert_eq!(without_appearance(plain), plain);
     }
 }

@@ -1,12 +1,12 @@
-//! Differential inverse kinematics: joint velocities that move a site as wanted.
+//! Differential inverse kinematics: joint velocities for a desired motion of a site.
 
 use mishandle_world::{Arm, Model, WorldError};
 
 /// Joints of an arm.
 const JOINTS: usize = 7;
 
-/// Joint velocities for a wanted twist, by damped least squares, with a pull towards a rest posture in what freedom
-/// is left.
+/// Computes joint velocities for a desired twist by damped least squares, with a pull towards a rest posture in the null
+/// space.
 ///
 /// ```text
 /// q̇ = Jᵀ (J Jᵀ + λ² I)⁻¹ v + (I - J⁺ J) k (q_rest - q),   λ = 0.03
@@ -22,17 +22,17 @@ pub struct ResolvedRate {
     jacobian: [f64; 6 * JOINTS],
 }
 
-/// Damping of the inverse, in the Jacobian's units.
+/// Damping λ of the inverse, in units of the Jacobian.
 const DAMPING: f64 = 0.03;
 
-/// Strength of the pull towards the rest posture, 1/s.
+/// Gain k of the pull towards the rest posture, 1/s.
 const REST_GAIN: f64 = 1.0;
 
 impl ResolvedRate {
-    /// The chain of `joints` that carries `site`, drawn to the posture `rest` (rad).
+    /// Makes the kinematics of `site` at the end of the chain `joints`, with the rest posture `rest` (rad).
     ///
     /// # Errors
-    /// If a name is unknown to the model.
+    /// If the model has no joint or site with a given name.
     pub fn new(
         model: &Model,
         joints: &[&str; JOINTS],
@@ -42,42 +42,42 @@ impl ResolvedRate {
         Ok(ResolvedRate { arm: Arm::new(model, joints, site)?, rest, jacobian: [0.0; 6 * JOINTS] })
     }
 
-    /// Moves the model to the joint vector `q`, rad.
+    /// Sets the joint positions to `q`, rad.
     pub fn set(&mut self, q: &[f64; JOINTS]) {
         self.arm.set(q);
     }
 
-    /// Position of the site at the joint vector last set, m.
+    /// Returns the position of the site at the current joint positions, m.
     pub fn position(&self) -> [f64; 3] {
         self.arm.position()
     }
 
-    /// Rotation matrix of the site, row by row, at the joint vector last set.
+    /// Returns the rotation matrix of the site at the current joint positions, row-major.
     pub fn rotation(&self) -> [f64; 9] {
         self.arm.rotation()
     }
 
-    /// Joint velocities (rad/s) at `q`, the joint vector last set, for the wanted linear velocity (m/s).
+    /// Returns joint velocities (rad/s) for a desired linear velocity (m/s). `q` must be the current joint positions.
     pub fn linear(&mut self, q: &[f64; JOINTS], velocity: [f64; 3]) -> [f64; JOINTS] {
         self.solve(q, velocity)
     }
 
-    /// Joint velocities (rad/s) at `q`, the joint vector last set, for the wanted linear (m/s) and angular (rad/s)
-    /// velocity.
+    /// Returns joint velocities (rad/s) for a desired linear (m/s) and angular (rad/s) velocity. `q` must be the current
+    /// joint positions.
     pub fn twist(&mut self, q: &[f64; JOINTS], linear: [f64; 3], angular: [f64; 3]) -> [f64; JOINTS] {
         let [a, b, c] = linear;
         let [d, e, f] = angular;
         self.solve(q, [a, b, c, d, e, f])
     }
 
-    fn solve<const ROWS: usize>(&mut self, q: &[f64; JOINTS], wanted: [f64; ROWS]) -> [f64; JOINTS] {
+    fn solve<const ROWS: usize>(&mut self, q: &[f64; JOINTS], desired: [f64; ROWS]) -> [f64; JOINTS] {
         self.arm.jacobian(&mut self.jacobian);
         let j = &self.jacobian;
         let rest: [f64; JOINTS] = std::array::from_fn(|i| REST_GAIN * (self.rest[i] - q[i]));
-        // What the pull alone would do to the site is taken off the wanted twist; then both are solved for at once:
+        // The motion of the site by the pull is subtracted from the desired twist, so that one solve gives both parts:
         // q̇ = pull + Jᵀ (J Jᵀ + λ² I)⁻¹ (v - J pull).
         let residual: [f64; ROWS] = std::array::from_fn(|r| {
-            wanted[r] - (0..JOINTS).map(|i| j[r * JOINTS + i] * rest[i]).sum::<f64>()
+            desired[r] - (0..JOINTS).map(|i| j[r * JOINTS + i] * rest[i]).sum::<f64>()
         });
         let gram: [[f64; ROWS]; ROWS] = std::array::from_fn(|r| {
             std::array::from_fn(|c| {
@@ -90,7 +90,7 @@ impl ResolvedRate {
     }
 }
 
-/// Solves `a x = b` for a symmetric positive definite `a`, by Cholesky's decomposition.
+/// Solves `a x = b` for a symmetric positive definite `a` by Cholesky decomposition.
 fn solve_positive<const N: usize>(mut a: [[f64; N]; N], mut b: [f64; N]) -> [f64; N] {
     for i in 0..N {
         for k in 0..=i {
@@ -105,14 +105,13 @@ fn solve_positive<const N: usize>(mut a: [[f64; N]; N], mut b: [f64; N]) -> [f64
     b
 }
 
-/// The rotation vector (axis times angle, rad, world axes) that turns `from` into `to`, both rotation matrices row by
-/// row.
+/// Returns the rotation vector (axis times angle, rad, world frame) from `from` to `to`, both row-major rotation matrices.
 ///
 /// # Example
 /// ```
 /// use mishandle_tasks::kinematic::rotation_between;
 /// let level = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
-/// let turned = [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]; // a quarter turn about z
+/// let turned = [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]; // 90 degrees about z
 /// let [x, y, z] = rotation_between(&level, &turned);
 /// assert!(x.abs() < 1e-12 && y.abs() < 1e-12 && (z - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
 /// ```
@@ -121,7 +120,7 @@ pub fn rotation_between(from: &[f64; 9], to: &[f64; 9]) -> [f64; 3] {
     let axis = [entry(2, 1) - entry(1, 2), entry(0, 2) - entry(2, 0), entry(1, 0) - entry(0, 1)];
     let sin = 0.5 * mishandle_world::frame::norm(axis);
     let cos = 0.5 * (entry(0, 0) + entry(1, 1) + entry(2, 2) - 1.0);
-    // Where the sine vanishes so does the axis found this way; the limit of angle / (2 sin) at angle 0 is one half.
+    // For a vanishing sine the computed axis vanishes too. The limit of angle / (2 sin) at angle 0 is one half.
     let factor = if sin > 1e-9 { sin.atan2(cos) / (2.0 * sin) } else { 0.5 };
     axis.map(|a| factor * a)
 }
@@ -131,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_system_solved_by_hand() {
+    fn a_linear_system_matches_a_hand_calculation() {
         // 4x + 2y = 10, 2x + 3y = 9: x = 1.5, y = 2.
         let [x, y] = solve_positive([[4.0, 2.0], [2.0, 3.0]], [10.0, 9.0]);
         assert!((x - 1.5).abs() < 1e-12 && (y - 2.0).abs() < 1e-12, "{x} {y}");

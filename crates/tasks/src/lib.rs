@@ -1,7 +1,9 @@
-//! The manipulation tasks, one folder each, with their experts.
+//! The manipulation tasks of the benchmark: a Franka Panda arm in MuJoCo, with a scripted expert controller per task.
 //!
-//! A task states each fact once: its scene, signals, formulas, initial box, observation and reward. A new task is a
-//! folder and one line of [`TASKS`].
+//! A [`Task`] consists of a [`Definition`] (signals, formulas, initial box, observation and reward terms as data) and a
+//! [`Scene`] (functions on a compiled MuJoCo model). A [`TaskEnvironment`] is a task as an environment for training. A
+//! [`TaskTarget`] is a task with a controller, as a target for evaluation and falsification. A new task is a folder of
+//! this crate and one line of [`TASKS`]; a task of another crate is registered by [`add`].
 
 use std::sync::{PoisonError, RwLock};
 
@@ -26,20 +28,20 @@ mod robot;
 mod target;
 
 pub use definition::{
-    BoxAxis, Definition, Grip, Held, Hold, Preset, Quantity, Reward, Scene, Task, TaskFormulas, Variations,
-    one, three,
+    Attachment, BoxAxis, Definition, GripperMode, HeldObject, Preset, Quantity, Reward, Scene, Task,
+    TaskFormulas, Variations, scalar, vector3,
 };
 pub use document::{compose, compose_with_start};
 pub use environment::{TaskEnvironment, TaskError};
-pub use expert::{Expert, ExpertInput, ExpertPolicy, limited};
+pub use expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
 pub use identity::task_hash;
-pub use reward::effort;
+pub use reward::action_penalty;
 pub use robot::{
     CONTROL_DT, EPISODE_STEPS, FINGER_STEP, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT,
 };
 pub use target::TaskTarget;
 
-/// The benchmark's tasks, in the order in which they are listed.
+/// The tasks of the benchmark, in the order of their listing.
 pub static TASKS: &[&dyn Task] = &[
     &point_reaching::PointReaching,
     &cube_stacking::CubeStacking,
@@ -52,13 +54,13 @@ pub static TASKS: &[&dyn Task] = &[
     &cloth_placing::CLOTH_PLACING_7X7,
 ];
 
-/// Tasks beside the benchmark's.
+/// Tasks registered by [`add`].
 static ADDED: RwLock<Vec<&'static dyn Task>> = RwLock::new(Vec::new());
 
-/// Adds a task to those that are known by name.
+/// Registers a task, so that its name is known on the command line and in plans.
 ///
 /// # Errors
-/// If its definition has a mistake, another task has the same name, or the task that it varies is unknown.
+/// If its definition is invalid, another task has the same name, or the task that it is a variant of is unknown.
 pub fn add(new: &'static dyn Task) -> Result<(), TaskError> {
     let definition = new.definition();
     check::check_definition(definition)?;
@@ -75,13 +77,13 @@ pub fn add(new: &'static dyn Task) -> Result<(), TaskError> {
     Ok(())
 }
 
-/// All tasks: the benchmark's, then those that were added.
+/// Returns all tasks: those of the benchmark, then the registered ones.
 pub fn tasks() -> Vec<&'static dyn Task> {
     let added = ADDED.read().unwrap_or_else(PoisonError::into_inner);
     TASKS.iter().chain(added.iter()).copied().collect()
 }
 
-/// The task of that name.
+/// Returns the task with this name; `None` if there is none.
 ///
 /// # Example
 /// ```

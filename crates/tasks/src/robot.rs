@@ -1,8 +1,8 @@
-//! The Panda as all tasks use it: its joints, how actions move them, how its servos keep the velocity limits.
+//! The Franka Panda arm: joints, effect of actions, and velocity limits of the servos.
 
 use mishandle_world::{Body, Joint, Model, Rows, Site, World, WorldError};
 
-/// Number of joints: seven of the arm, two of the fingers. Also the number of actions.
+/// Number of joints: seven of the arm and two of the fingers. Equals the number of actions.
 pub const JOINTS: usize = 9;
 
 /// Number of joints of the arm.
@@ -18,27 +18,27 @@ pub const CONTROL_DT: f64 = 1.0 / 60.0;
 /// Control steps in an episode.
 pub const EPISODE_STEPS: usize = 300;
 
-/// How far an action of 1 moves an arm joint's target in one control step, rad.
+/// Change of an arm joint's target per control step under an action of 1, rad.
 pub const TARGET_STEP: f64 = 7.5 / 60.0;
 
-/// How far an action of 1 moves a finger's target in one control step, m, where a policy moves the fingers.
+/// Change of a finger's target per control step under an action of 1, m, in tasks whose policy moves the fingers.
 pub const FINGER_STEP: f64 = 0.1 * TARGET_STEP;
 
 /// Time constant of the servos: damping over stiffness, s (80 / 400 for the arm, 100 / 10,000 for the fingers).
 pub(crate) const SERVO_LAG: [f64; JOINTS] = [0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.01, 0.01];
 
-/// Velocity limits, rad/s for the arm, m/s for the fingers.
+/// Velocity limits of the joints, rad/s for the arm, m/s for the fingers.
 pub const VELOCITY_LIMIT: [f64; JOINTS] = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61, 0.2, 0.2];
 
-/// How far ahead of a joint its servo may be asked to be, rad or m: the velocity limit times the lag.
-const REACH: [f64; JOINTS] = {
-    let mut reach = VELOCITY_LIMIT;
+/// Maximum distance of a servo's setpoint from its joint position, rad or m: the velocity limit times the lag.
+const MAX_LEAD: [f64; JOINTS] = {
+    let mut lead = VELOCITY_LIMIT;
     let mut i = 0;
     while i < JOINTS {
-        reach[i] *= SERVO_LAG[i];
+        lead[i] *= SERVO_LAG[i];
         i += 1;
     }
-    reach
+    lead
 };
 
 /// The robot's elements in a compiled model.
@@ -47,12 +47,12 @@ pub struct Panda {
     joints: [Joint; JOINTS],
     left_finger: Body,
     right_finger: Body,
-    /// The point between the finger tips.
+    /// Site at the midpoint between the fingertips.
     pub grasp: Site,
 }
 
 impl Panda {
-    /// Finds the robot in `model`.
+    /// Finds the robot's elements in `model`.
     ///
     /// # Errors
     /// If an element is missing.
@@ -70,24 +70,24 @@ impl Panda {
         })
     }
 
-    /// The joints, arm first.
+    /// Returns the joints, arm first.
     pub fn joints(&self) -> &[Joint; JOINTS] {
         &self.joints
     }
 
-    /// Midpoint of the two finger frames, m.
+    /// Returns the midpoint of the two finger frames, m.
     pub fn finger_position(&self, rows: &Rows<'_>) -> [f64; 3] {
         let (left, right) = (rows.position(self.left_finger), rows.position(self.right_finger));
         [0, 1, 2].map(|i| 0.5 * (left[i] + right[i]))
     }
 
-    /// Norm of the left finger's six-dimensional twist, linear m/s and angular rad/s together.
+    /// Returns the norm of the left finger's six-dimensional twist, which mixes m/s and rad/s.
     pub fn finger_twist(&self, rows: &Rows<'_>) -> f64 {
         let (linear, angular) = rows.twist(self.left_finger);
         linear.iter().chain(&angular).map(|v| v * v).sum::<f64>().sqrt()
     }
 
-    /// Puts the robot at rest at `q`.
+    /// Sets the joint positions to `q` and the joint velocities to 0.
     pub fn place(&self, q: &[f64; JOINTS], world: &mut World) {
         for (joint, q) in self.joints.iter().zip(q) {
             world.qpos_mut()[joint.qpos] = *q;
@@ -95,14 +95,14 @@ impl Panda {
         }
     }
 
-    /// Moves the arm's joint targets (rad) by an action, and keeps them inside the joints' limits.
+    /// Moves the targets of the arm joints (rad) by an action and clamps them to the joint limits.
     pub fn move_targets(&self, action: &[f64], targets: &mut [f64]) {
         for ((joint, a), target) in self.joints[..ARM_JOINTS].iter().zip(action).zip(targets) {
             *target = (*target + TARGET_STEP * a).clamp(joint.low, joint.high);
         }
     }
 
-    /// Moves the fingers' targets (m) by the last two numbers of an action.
+    /// Moves the targets of the fingers (m) by the last two entries of an action and clamps them to the stroke.
     pub fn move_fingers(&self, action: &[f64], fingers: &mut [f64]) {
         for (finger, a) in fingers.iter_mut().zip(&action[ARM_JOINTS..]) {
             *finger += FINGER_STEP * a;
@@ -110,28 +110,29 @@ impl Panda {
         self.limit_fingers(fingers);
     }
 
-    /// Keeps the fingers' targets (m) inside their stroke.
+    /// Clamps the targets of the fingers (m) to their stroke.
     pub(crate) fn limit_fingers(&self, fingers: &mut [f64]) {
         for (finger, joint) in fingers.iter_mut().zip(&self.joints[ARM_JOINTS..]) {
             *finger = finger.clamp(joint.low, joint.high);
         }
     }
 
-    /// Sets the servos for one physics step towards `targets`.
+    /// Sets the setpoints of the servos for one physics step towards `targets`.
     ///
-    /// MuJoCo has no velocity limits. A servo that is asked for at most `v_max` times its lag beyond the joint's
-    /// position settles at `v_max`, so that is what it is asked for.
+    /// MuJoCo has no velocity limits. A servo with a setpoint at `v_max` times its lag ahead of the joint position settles
+    /// at the velocity `v_max`. So this function limits the distance of the setpoint from the joint position to
+    /// `v_max` times the lag.
     pub fn set_servos(&self, targets: &[f64], world: &mut World) {
         let qpos = world.qpos();
-        let asked: [f64; JOINTS] = std::array::from_fn(|i| {
+        let setpoints: [f64; JOINTS] = std::array::from_fn(|i| {
             let q = qpos[self.joints[i].qpos];
-            q + (targets[i] - q).clamp(-REACH[i], REACH[i])
+            q + (targets[i] - q).clamp(-MAX_LEAD[i], MAX_LEAD[i])
         });
-        world.ctrl_mut()[..JOINTS].copy_from_slice(&asked);
+        world.ctrl_mut()[..JOINTS].copy_from_slice(&setpoints);
     }
 
-    /// Writes the first 18 numbers of an observation: positions mapped from their limits to [-1, 1], and velocities
-    /// times `velocity_scale`.
+    /// Writes the first 18 numbers of an observation: joint positions mapped from their limits to [-1, 1], and joint
+    /// velocities multiplied by `velocity_scale`.
     pub(crate) fn observe(&self, rows: &Rows<'_>, velocity_scale: f64, out: &mut [f64]) {
         let (positions, velocities) = out.split_at_mut(JOINTS);
         for (i, joint) in self.joints.iter().enumerate() {

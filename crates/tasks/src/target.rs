@@ -1,19 +1,19 @@
-//! A task with a controller in it, as a target.
+//! A task with a controller, as a target of evaluation and falsification.
 
 use std::sync::Arc;
 
 use mishandle_rollout::{
-    Axis, Component, Controller, Disturbance, Environment, Identity, Noise, Reachable, Rollout, RolloutError,
-    Scenario, Signal, Space, Specification, System, SystemFactory, Target,
+    Axis, Component, Controller, Disturbance, Environment, Identity, Noise, ReachabilityCheck, Rollout,
+    RolloutError, Scenario, Signal, Space, Specification, System, SystemFactory, Target,
 };
 
 use crate::axes;
 use crate::definition::{Preset, Quantity, Reward, Task};
 use crate::environment::{TaskEnvironment, TaskError};
-use crate::identity::stated;
+use crate::identity::definition_text;
 use crate::robot::{CONTROL_DT, EPISODE_STEPS};
 
-/// A task, a controller in it, and the noise between them.
+/// A task with a controller and noise.
 #[derive(Clone)]
 pub struct TaskTarget {
     task: &'static dyn Task,
@@ -21,15 +21,15 @@ pub struct TaskTarget {
     controller: Arc<dyn Controller>,
     component: Component,
     noise: Noise,
-    /// The task over its initial box: compiled once, shared by all its systems.
+    /// The environment over the initial box. It is compiled once and shared by all systems.
     starts: Arc<TaskEnvironment>,
 }
 
 impl TaskTarget {
-    /// Puts the parts together; `component` says what the controller is.
+    /// Makes a target. `component` identifies the controller.
     ///
     /// # Errors
-    /// If the scene does not compile or the task's data do not fit each other.
+    /// If the scene does not compile or the definition of the task is inconsistent.
     pub fn new(
         task: &'static dyn Task,
         preset: Preset,
@@ -40,65 +40,66 @@ impl TaskTarget {
         Ok(TaskTarget { task, preset, controller, component, noise, starts })
     }
 
-    /// The controller.
+    /// Returns the controller.
     pub fn controller(&self) -> &Arc<dyn Controller> {
         &self.controller
     }
 
-    /// The target.
+    /// Returns the task and controller as a [`Target`].
     ///
     /// # Errors
-    /// If two axes have the same name, or the controller does not fit the task.
+    /// If the scene does not compile, two axes have the same name, or the controller does not fit the task.
     pub fn target(&self) -> Result<Target, TaskError> {
         let definition = self.task.definition();
         let error = |source| TaskError::Data { task: definition.name, source };
-        let settings = self.starts.settings();
-        let loops = self.disturbances();
-        let axes = settings.iter().map(|(axis, _)| axis).chain(loops.iter().map(|d| &d.axis));
+        let parameters = self.starts.parameters();
+        let disturbances = self.disturbances();
+        let axes = parameters.iter().map(|(axis, _)| axis).chain(disturbances.iter().map(|d| &d.axis));
         let signal = |q: &Quantity| Signal { name: q.name.to_string(), unit: q.unit.to_string() };
         let target = Target {
             identity: self.identity()?,
             components: vec![self.component.clone()],
             axes: axes.cloned().collect(),
-            spaces: axes::spaces(settings, &loops).map_err(error)?,
+            spaces: axes::spaces(parameters, &disturbances).map_err(error)?,
             signals: definition.signals.iter().map(signal).collect(),
             formulas: definition.formulas(self.preset).named(),
             control_dt: CONTROL_DT,
             episode_steps: EPISODE_STEPS,
             is_deterministic: true,
             versions: vec![("MuJoCo".to_string(), mishandle_world::mujoco_version())],
-            reachable: Some(self.reachable()),
+            reachable: Some(self.reachability_check()),
             factory: self.clone().factory(),
         };
-        // What does not fit is found now and not when a system is made.
+        // This reports mismatches now instead of in the first use of the factory.
         let all = target.space("all").map_err(error)?;
         let specification = definition.formulas(self.preset).specification().map_err(error)?;
         target.system(&all, &specification).map_err(error)?;
         Ok(target)
     }
 
-    /// The environment over its initial box.
+    /// Returns the environment over the initial box.
     pub fn starts(&self) -> &Arc<TaskEnvironment> {
         &self.starts
     }
 
-    /// The environment for the axes of `space` that are the environment's.
+    /// Returns the environment over the axes of `space` that belong to the scene. Other axes of `space` belong to
+    /// disturbances.
     ///
     /// # Errors
-    /// If the axes do not make a space.
+    /// If two axes have the same name or the bounds of an axis are invalid.
     pub fn environment(&self, space: &Space) -> Result<TaskEnvironment, TaskError> {
-        let known = |axis: &&Axis| self.starts.settings().iter().any(|(own, _)| own.name == axis.name);
+        let known = |axis: &&Axis| self.starts.parameters().iter().any(|(own, _)| own.name == axis.name);
         let own: Vec<Axis> = space.axes().iter().filter(known).cloned().collect();
         let space = Space::new(space.name(), own)
             .map_err(|source| TaskError::Data { task: self.task.definition().name, source })?;
         self.starts.with_space(space)
     }
 
-    /// The system that runs the controller in `environment`, made by [`environment`](Self::environment) for `space` or a
-    /// wrapper of that one.
+    /// Makes the system of the controller in `environment`, which must come from [`environment`](Self::environment) for
+    /// `space` or wrap such an environment.
     ///
     /// # Errors
-    /// If the controller does not fit, or a formula does not fit the signals.
+    /// If the controller does not fit the environment, or a formula does not fit the signals.
     pub fn system_in(
         &self,
         environment: Arc<dyn Environment>,
@@ -117,13 +118,13 @@ impl TaskTarget {
         let Noise { action_std, observation_std } = self.noise;
         let text = format!(
             "{}controller {}\naction noise {action_std}\nobservation noise {observation_std}\n",
-            stated(self.task, self.preset)?,
+            definition_text(self.task, self.preset)?,
             self.component.hash
         );
         Ok(Identity::new("task", self.task.definition().name, &text))
     }
 
-    fn reachable(&self) -> Arc<Reachable> {
+    fn reachability_check(&self) -> Arc<ReachabilityCheck> {
         let (task, starts) = (self.task, self.starts.space().clone());
         let nominal = starts.nominal();
         Arc::new(move |space: &Space, scenario: &Scenario| {
@@ -146,7 +147,7 @@ impl TaskTarget {
     }
 }
 
-/// An error with its causes, on one line.
+/// Returns an error and its causes on one line.
 fn error_text(error: &dyn std::error::Error) -> String {
     let causes = std::iter::successors(Some(error), |error| error.source());
     causes.map(ToString::to_string).collect::<Vec<_>>().join(": ")

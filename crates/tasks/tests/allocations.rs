@@ -1,5 +1,5 @@
-//! A control step allocates nothing.
-#![allow(unsafe_code)] // a global allocator that counts cannot be written without
+//! A control step does not allocate memory.
+#![allow(unsafe_code)] // A counting global allocator requires unsafe code.
 #![allow(clippy::unwrap_used)]
 
 use std::alloc::{GlobalAlloc, Layout, System as Allocator};
@@ -14,7 +14,7 @@ thread_local! {
 
 struct Counting;
 
-// SAFETY: everything is passed on to the system's allocator.
+// SAFETY: every call is forwarded to the system allocator.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         let _ = ALLOCATIONS.try_with(|count| count.set(count.get() + 1));
@@ -34,17 +34,17 @@ fn allocations() -> usize {
 }
 
 #[test]
-fn a_control_step_and_its_expert_allocate_nothing() {
+fn a_control_step_and_its_expert_do_not_allocate() {
     for task in TASKS {
         let environment = TaskEnvironment::new(*task, Preset::Paper, Reward::Shaped).unwrap();
         let expert = task.expert().unwrap();
-        let (mut worker, mut actor) = (environment.worker(), expert.worker());
+        let (mut worker, mut controller) = (environment.worker(), expert.worker());
         let mut state = vec![0.0; environment.state_size()];
         let mut memory = vec![0.0; expert.state_size()];
         let mut observation = vec![0.0; environment.observation_size()];
         let mut signals = vec![0.0; environment.signals().len()];
         let mut rewards = vec![0.0; environment.reward_terms().len()];
-        let (mut wanted, mut action) = (vec![0.0; 9], vec![0.0; 9]);
+        let (mut output, mut action) = (vec![0.0; 9], vec![0.0; 9]);
         let x0 = environment.space().nominal();
         macro_rules! sample {
             () => {
@@ -52,16 +52,16 @@ fn a_control_step_and_its_expert_allocate_nothing() {
             };
         }
         worker.reset(&x0, Seed(0), &mut state, sample!());
-        actor.reset(&mut memory, Seed(0));
+        controller.reset(&mut memory, Seed(0));
         let before = allocations();
         for _ in 0..300 {
-            actor.act(1, &observation, &mut memory, &mut wanted);
-            action.iter_mut().zip(&wanted).for_each(|(a, w)| *a = f64::from(*w));
+            controller.act(1, &observation, &mut memory, &mut output);
+            action.iter_mut().zip(&output).for_each(|(action, output)| *action = f64::from(*output));
             worker.step(&action, &mut state, sample!());
         }
         assert_eq!(allocations() - before, 0, "{}", environment.name());
     }
-    // The counter counts.
+    // The counter detects an allocation.
     let before = allocations();
     drop(std::hint::black_box(vec![1_u8; 100]));
     assert_eq!(allocations() - before, 1);

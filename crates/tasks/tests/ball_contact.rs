@@ -1,4 +1,4 @@
-//! Balls rest, roll, bounce and stay where they would on a bench.
+//! Tests the physics of balls: they rest, roll, bounce and stay in place as on a test bench.
 
 #![allow(clippy::unwrap_used)]
 
@@ -6,7 +6,7 @@ use mishandle_tasks::{JOINT_NAMES, compose, task};
 use mishandle_world::frame::rotate;
 use mishandle_world::{Joint, Model, World};
 
-/// The scene of a task with the robot held in its start pose; `extra` is more MJCF.
+/// The scene of a task with the robot in its initial pose. `extra` is additional MJCF.
 struct Bench {
     world: World,
     ball: Joint,
@@ -45,7 +45,7 @@ impl Bench {
 }
 
 #[test]
-fn a_ball_at_rest_on_the_table_stays_and_sinks_less_than_a_millimetre() {
+fn a_ball_at_rest_on_the_table_stays_and_penetrates_it_by_less_than_a_millimeter() {
     let mut bench = Bench::new("ball-pushing", "");
     bench.place([0.5, 0.0, 0.44]);
     bench.run(1.0);
@@ -66,13 +66,13 @@ fn a_ball_dropped_on_the_tray_does_not_bounce() {
         bench.run(1.0 / 120.0);
         highest = highest.max(bench.position()[2]);
     }
-    // It falls 0.08 m; a restitution of 0.1 would let it rise by 0.0008 m.
+    // The fall height is 0.08 m. A restitution of 0.1 would give a rebound of 0.0008 m.
     assert!(highest < 1.0208, "it rises to {highest}");
 }
 
 #[test]
-fn a_ball_rolls_down_a_slope_with_five_sevenths_of_its_pull() {
-    // Gravity leans by 0.1 rad instead of the tray: what a slope of that angle is.
+fn a_ball_rolls_down_a_slope_with_five_sevenths_of_the_acceleration() {
+    // Gravity tilted by 0.1 rad is equivalent to a slope of that angle.
     let (sin, cos) = 0.1_f64.sin_cos();
     let gravity = format!("<option gravity=\"{} 0 {}\"/>", 9.81 * sin, -9.81 * cos);
     let mut bench = Bench::new("ball-balancing", &gravity);
@@ -83,7 +83,7 @@ fn a_ball_rolls_down_a_slope_with_five_sevenths_of_its_pull() {
     let mut expected = 0.0;
     for _ in 0..parts {
         bench.run(seconds / f64::from(parts));
-        // The servos give way a little under tray and ball: the tray's own slope counts, too.
+        // The weight of tray and ball tilts the tray slightly, which the expected acceleration includes.
         bench.world.refresh();
         let normal = rotate(bench.world.rows().quaternion(tray), [0.0, 0.0, 1.0]);
         expected += 5.0 / 7.0 * 9.81 * (sin * normal[2] + cos * normal[0]) / f64::from(parts);
@@ -109,7 +109,7 @@ fn a_ball_bounces_on_the_ground_with_a_restitution_of_0_4() {
                 -up / down
             })
             .collect();
-        // Where in a physics step the ball touches down moves a single bounce by a quarter of it.
+        // The time of contact within a physics step changes a single restitution by up to a quarter.
         assert!(restitutions.iter().all(|e| (0.28..0.52).contains(e)), "{name}: {restitutions:?}");
         let mean = restitutions.iter().sum::<f64>() / restitutions.len() as f64;
         assert!((mean - 0.4).abs() < 0.04, "{name}: {mean}");
@@ -133,7 +133,7 @@ fn a_rolling_ball_keeps_its_speed_on_the_table_and_stays_in_the_pit() {
 }
 
 #[test]
-fn scenes_are_where_the_reference_has_them() {
+fn positions_match_the_original_benchmark() {
     let bench = Bench::new("ball-pushing", "");
     let hole = bench.world.model().site("hole").unwrap();
     let mut world = bench.world;
@@ -144,7 +144,7 @@ fn scenes_are_where_the_reference_has_them() {
     bench.world.refresh();
     let tray = bench.world.model().body("tray").unwrap();
     let (p, q) = (bench.world.rows().position(tray), bench.world.rows().quaternion(tray));
-    for (found, wanted) in p.iter().chain(&q).zip([0.342, 0.0, 0.89, 1.0, 0.0, 0.0, 0.0]) {
-        assert!((found.abs() - wanted).abs() < 1e-9, "{p:?} {q:?}");
+    for (found, expected) in p.iter().chain(&q).zip([0.342, 0.0, 0.89, 1.0, 0.0, 0.0, 0.0]) {
+        assert!((found.abs() - expected).abs() < 1e-9, "{p:?} {q:?}");
     }
 }

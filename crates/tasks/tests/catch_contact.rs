@@ -1,4 +1,5 @@
-//! The catching box catches what falls into it, lets nothing through, and the ball moves as one on a bench.
+//! Tests the physics of ball catching: the box catches balls, no ball tunnels through it, and the ball moves as on a test
+//! bench.
 
 #![allow(clippy::unwrap_used)]
 
@@ -15,7 +16,7 @@ use mishandle_world::{Joint, Model, Site, World};
 const HALF_WIDTH: f64 = 0.035;
 const DEPTH: f64 = 0.1;
 
-/// The middles of walls and floor, m: a ball whose centre has passed one is on the other side.
+/// Middle planes of walls and floor, m. A ball whose center passes one of them is on the other side.
 const WALL_MIDDLE: f64 = 0.0375;
 const FLOOR_MIDDLE: f64 = -0.01;
 
@@ -26,7 +27,7 @@ const RADIUS: f64 = 0.01;
 const MASS: f64 = 0.001;
 const GRAVITY: f64 = 9.81;
 
-/// The task's scene with the robot in its start pose, its servos holding it or driving it at full speed.
+/// The scene with the robot in its initial pose. The servos hold it or drive it at full speed.
 struct Bench {
     world: World,
     panda: Panda,
@@ -60,8 +61,8 @@ impl Bench {
         self.world.refresh();
     }
 
-    /// Sets the arm going at its velocity limits, in the directions that `signs` names.
-    fn rush(&mut self, signs: [f64; 7]) {
+    /// Moves the arm at its velocity limits in the directions `signs`.
+    fn move_at_full_speed(&mut self, signs: [f64; 7]) {
         for (i, sign) in signs.iter().enumerate() {
             let dof = self.world.model().joint(JOINT_NAMES[i]).unwrap().dof;
             self.world.qvel_mut()[dof] = sign * VELOCITY_LIMIT[i];
@@ -70,7 +71,8 @@ impl Bench {
         self.world.refresh();
     }
 
-    /// Places the ball in the box's frame (m from the middle of its floor) with a velocity relative to the box.
+    /// Places the ball at a position (m) and with a velocity (m/s) in the box's frame, whose origin is the middle of its
+    /// floor.
     fn throw(&mut self, position: [f64; 3], velocity: [f64; 3]) {
         let at = add(self.tool_position(), self.turned([position[0], position[1], position[2] + FLOOR]));
         let v = add(self.turned(velocity), self.box_velocity(at));
@@ -78,7 +80,7 @@ impl Bench {
         self.world.qvel_mut()[self.ball.dof..][..3].copy_from_slice(&v);
     }
 
-    /// A vector of the box's frame in the world's.
+    /// Returns a vector of the box's frame in the world frame.
     fn turned(&self, v: [f64; 3]) -> [f64; 3] {
         let r = self.world.rows().site_rotation(self.tool);
         std::array::from_fn(|i| dot([r[3 * i], r[3 * i + 1], r[3 * i + 2]], v))
@@ -88,14 +90,14 @@ impl Bench {
         self.world.rows().site_position(self.tool)
     }
 
-    /// Velocity of the box's material at a point in the world.
+    /// Returns the velocity of the box at a point of the world frame.
     fn box_velocity(&self, at: [f64; 3]) -> [f64; 3] {
         let body = self.world.model().body("box").unwrap();
         let (linear, angular) = self.world.rows().twist(body);
         add(linear, cross(angular, sub(at, self.world.rows().position(body))))
     }
 
-    /// The ball in the box's frame, m from the middle of its floor.
+    /// Returns the position of the ball in the box's frame, whose origin is the middle of its floor, m.
     fn ball_in_box(&mut self) -> [f64; 3] {
         self.world.refresh();
         let from_tool = sub(self.position(), self.tool_position());
@@ -125,7 +127,7 @@ impl Bench {
         (0..self.steps(seconds)).for_each(|_| self.step());
     }
 
-    /// Kinetic energy of the ball, its spin included, and its height's, J.
+    /// Returns the kinetic energy (including the rotation) plus the potential energy of the ball, J.
     fn energy(&self) -> f64 {
         let (v, spin) = (self.velocity(), self.world.rows().free_angular_velocity(self.ball));
         let inertia = 0.4 * MASS * RADIUS * RADIUS;
@@ -133,7 +135,7 @@ impl Bench {
     }
 }
 
-/// Where the ball is, seen from the box.
+/// Region of the ball relative to the box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Place {
     Inside,
@@ -150,14 +152,14 @@ fn place([x, y, height]: [f64; 3]) -> Place {
     }
 }
 
-/// The `k`-th of a sequence of numbers that fills [-1, 1] evenly, another one for each `stream`.
-fn spread(k: usize, stream: i32) -> f64 {
-    // Powers of the inverse of the root of x^7 = x + 1: an additive recurrence of low discrepancy.
+/// Returns element `k` of a low-discrepancy sequence in [-1, 1]. Each `stream` is another sequence.
+fn low_discrepancy(k: usize, stream: i32) -> f64 {
+    // This is an additive recurrence with powers of the inverse of the root of x^7 = x + 1.
     let step = 1.112_775_684_278_706_f64.powi(-stream);
     2.0 * (0.5 + step * k as f64).fract() - 1.0
 }
 
-/// Throws the ball and says in what way it went through a floor or a wall, if it did, and where it is at the end.
+/// Simulates a throw. Returns the transition through a floor or a wall, if there was one, and the final region.
 fn fly(bench: &mut Bench, seconds: f64) -> (Option<(Place, Place)>, Place) {
     let mut before = place(bench.ball_in_box());
     for _ in 0..bench.steps(seconds) {
@@ -173,8 +175,8 @@ fn fly(bench: &mut Bench, seconds: f64) -> (Option<(Place, Place)>, Place) {
     (None, before)
 }
 
-/// Full speed towards a ball that comes from the front and above, and to both sides.
-const RUSHES: [[f64; 7]; 4] = [
+/// Directions of the joints towards a ball from the front and from above, and to both sides.
+const DIRECTIONS: [[f64; 7]; 4] = [
     [0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0],
     [0.0, -1.0, 0.0, 1.0, 0.0, 1.0, 0.0],
     [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],
@@ -182,50 +184,59 @@ const RUSHES: [[f64; 7]; 4] = [
 ];
 
 #[test]
-fn every_ball_that_enters_the_mouth_stays() {
+fn every_ball_that_enters_the_mouth_stays_in_the_box() {
     let mut bench = Bench::new("");
     for k in 0..1000 {
         bench.reset();
-        // From the mouth, whole ball inside it, down with 1 to 6.5 m/s and to the side with up to 2 m/s. The ball of
-        // the task has at most 5.4 m/s, at the ground, and meets an expert's box with 5 m/s.
-        let [x, y] = [1, 2].map(|i| 0.024 * spread(k, i));
-        let down = -3.75 + 2.75 * spread(k, 3);
-        bench.throw([x, y, DEPTH], [2.0 * spread(k, 4), 2.0 * spread(k, 5), down]);
+        // The ball starts inside the mouth with 1 to 6.5 m/s downwards and up to 2 m/s sideways. The ball of the task has
+        // at most 5.4 m/s, at the ground, and meets the expert's box with 5 m/s.
+        let [x, y] = [1, 2].map(|i| 0.024 * low_discrepancy(k, i));
+        let down = -3.75 + 2.75 * low_discrepancy(k, 3);
+        bench.throw([x, y, DEPTH], [2.0 * low_discrepancy(k, 4), 2.0 * low_discrepancy(k, 5), down]);
         let (tunnel, end) = fly(&mut bench, 0.2);
         assert_eq!((tunnel, end), (None, Place::Inside), "throw {k}");
     }
 }
 
 #[test]
-fn no_ball_goes_through_the_box_at_full_speed_of_the_arm() {
+fn no_ball_tunnels_through_the_box_at_full_speed_of_the_arm() {
     let mut bench = Bench::new("");
     for k in 0..1000 {
         bench.reset();
-        bench.rush(RUSHES[k % RUSHES.len()]);
-        let [x, y] = [1, 2].map(|i| 0.024 * spread(k, i));
-        bench.throw([x, y, DEPTH], [2.0 * spread(k, 3), 2.0 * spread(k, 4), -5.0 + 3.0 * spread(k, 5)]);
+        bench.move_at_full_speed(DIRECTIONS[k % DIRECTIONS.len()]);
+        let [x, y] = [1, 2].map(|i| 0.024 * low_discrepancy(k, i));
+        bench.throw(
+            [x, y, DEPTH],
+            [2.0 * low_discrepancy(k, 3), 2.0 * low_discrepancy(k, 4), -5.0 + 3.0 * low_discrepancy(k, 5)],
+        );
         let (tunnel, _) = fly(&mut bench, 0.06);
         assert_eq!(tunnel, None, "throw {k}");
     }
 }
 
 #[test]
-fn no_ball_that_grazes_the_rim_or_hits_a_wall_from_outside_goes_through() {
+fn no_ball_at_the_rim_or_an_outer_wall_tunnels_through_the_box() {
     let mut bench = Bench::new("");
     for k in 0..1000 {
         bench.reset();
         if k % 2 == 0 {
-            bench.rush(RUSHES[k / 2 % RUSHES.len()]);
+            bench.move_at_full_speed(DIRECTIONS[k / 2 % DIRECTIONS.len()]);
         }
-        let along = 0.05 * spread(k, 1);
+        let along = 0.05 * low_discrepancy(k, 1);
         let (position, velocity) = match k % 4 {
-            // Down onto the rim.
+            // A ball falls onto the rim.
             0 | 1 => {
-                let x = WALL_MIDDLE + 0.01 * spread(k, 2);
-                ([x, along, DEPTH + 0.02], [spread(k, 3), spread(k, 4), -4.0 + 3.0 * spread(k, 5)])
+                let x = WALL_MIDDLE + 0.01 * low_discrepancy(k, 2);
+                (
+                    [x, along, DEPTH + 0.02],
+                    [low_discrepancy(k, 3), low_discrepancy(k, 4), -4.0 + 3.0 * low_discrepancy(k, 5)],
+                )
             }
-            // Against the front wall.
-            _ => ([0.06, along, 0.05 + 0.04 * spread(k, 2)], [-3.0 + 2.0 * spread(k, 3), spread(k, 4), 0.0]),
+            // A ball hits the front wall from outside.
+            _ => (
+                [0.06, along, 0.05 + 0.04 * low_discrepancy(k, 2)],
+                [-3.0 + 2.0 * low_discrepancy(k, 3), low_discrepancy(k, 4), 0.0],
+            ),
         };
         bench.throw(position, velocity);
         let (tunnel, _) = fly(&mut bench, 0.06);
@@ -245,7 +256,7 @@ fn free_flight_is_a_parabola() {
         bench.step();
         let (t, [x, y, z]) = (step as f64 * dt, bench.position());
         assert!((x - (1.1 - t)).abs() < 1e-9 && (y - 0.03).abs() < 1e-12, "{x} {y} at {t} s");
-        // Each step moves the ball with the velocity at its end, so it is ahead by g t dt / 2: 3 mm after 0.3 s.
+        // The semi-implicit integrator uses the velocity at the end of a step. Its error is g t dt / 2: 3 mm after 0.3 s.
         let parabola = 1.5 - 0.5 * GRAVITY * t * t;
         assert!((z - (parabola - 0.5 * GRAVITY * t * dt)).abs() < 1e-9, "{z} at {t} s");
     }
@@ -255,13 +266,13 @@ fn free_flight_is_a_parabola() {
 fn a_ball_dropped_in_the_box_does_not_bounce_and_stays_for_ten_seconds() {
     let mut bench = Bench::new("");
     bench.throw([0.0, 0.0, DEPTH], [0.0, 0.0, -4.5]);
-    // It takes 20 ms to the floor.
+    // The ball reaches the floor after 20 ms.
     bench.run(0.03);
     let highest = (0..bench.steps(0.5)).fold(0.0_f64, |highest, _| {
         bench.step();
         highest.max(bench.ball_in_box()[2])
     });
-    // A restitution of 0.05 would let it rise by (0.05 * 4.6 m/s)² / 2 g = 2.7 mm.
+    // A restitution of 0.05 would give a rebound of (0.05 * 4.6 m/s)² / 2 g = 2.7 mm.
     assert!(highest < RADIUS + 0.0027, "it rises to {highest}");
     let mut deepest: f64 = 0.0;
     for _ in 0..bench.steps(10.0) {
@@ -271,12 +282,12 @@ fn a_ball_dropped_in_the_box_does_not_bounce_and_stays_for_ten_seconds() {
     }
     assert!(deepest < 2e-4, "it sinks in by {deepest} m");
     assert!((bench.ball_in_box()[2] - RADIUS).abs() < 2e-4, "{:?}", bench.ball_in_box());
-    // The box's weight leans it by 8e-5 rad. Nothing resists rolling: in 10 s the ball gains no more than
-    // 5/7 g 8e-5 10 s = 6 mm/s and comes to lie against the wall.
+    // The weight of the box tilts it by 8e-5 rad. Without rolling resistance the ball gains at most
+    // 5/7 g 8e-5 10 s = 6 mm/s in 10 s and comes to rest at the wall.
     assert!(norm(bench.velocity()) < 0.006, "{:?}", bench.velocity());
 }
 
-/// Where the ball comes to lie in the box when gravity leans by 0.5 rad that way.
+/// Returns the final position of the ball in the box under gravity tilted by 0.5 rad in the direction (x, y).
 fn rolled(x: f64, y: f64) -> [f64; 3] {
     let (sin, cos) = 0.5_f64.sin_cos();
     let (gx, gy, gz) = (GRAVITY * sin * x, GRAVITY * sin * y, -GRAVITY * cos);
@@ -287,7 +298,7 @@ fn rolled(x: f64, y: f64) -> [f64; 3] {
 }
 
 #[test]
-fn the_cavity_is_as_wide_as_drawn_and_a_ball_in_its_corner_is_caught() {
+fn the_cavity_has_its_nominal_width_and_a_ball_in_its_corner_is_caught() {
     let reach = HALF_WIDTH - RADIUS;
     for (x, y) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {
         let p = rolled(x, y);
@@ -296,7 +307,7 @@ fn the_cavity_is_as_wide_as_drawn_and_a_ball_in_its_corner_is_caught() {
     }
     let aside = rolled(1.0, 1.0)[0].hypot(rolled(1.0, 1.0)[1]);
     assert!((aside - reach * 2.0_f64.sqrt()).abs() < 3e-4, "{aside}");
-    // The strict formula's bound: farther than a corner, nearer than a ball that touches the box from outside.
+    // The bound of the strict formula is farther than a corner and nearer than a ball that touches the box from outside.
     let strict = task("ball-catching").unwrap().definition().paper.strict;
     assert!(strict.contains("ball_box_horizontal_distance <= 0.04 ") && aside < 0.04, "{strict}");
 }
@@ -306,14 +317,17 @@ fn a_throw_gains_no_energy_in_the_box() {
     let mut bench = Bench::new("");
     for k in 0..200 {
         bench.reset();
-        let [x, y] = [1, 2].map(|i| 0.024 * spread(k, i));
-        bench.throw([x, y, DEPTH], [spread(k, 3), spread(k, 4), -4.0 + 2.0 * spread(k, 5)]);
+        let [x, y] = [1, 2].map(|i| 0.024 * low_discrepancy(k, i));
+        bench.throw(
+            [x, y, DEPTH],
+            [low_discrepancy(k, 3), low_discrepancy(k, 4), -4.0 + 2.0 * low_discrepancy(k, 5)],
+        );
         let thrown = 0.5 * MASS * dot(bench.velocity(), bench.velocity());
         let mut least = bench.energy();
         for _ in 0..bench.steps(0.5) {
             bench.step();
             let energy = bench.energy();
-            // A hard landing presses the ball into the floor; coming out it gains a little.
+            // A hard landing presses the ball into the floor, which returns a small amount of energy.
             assert!(
                 energy < least + 0.05 * thrown,
                 "throw {k}: {energy} J after {least} J, thrown with {thrown} J"
@@ -341,23 +355,23 @@ fn a_ball_bounces_on_the_ground_with_a_restitution_of_0_4() {
             -up / down
         })
         .collect();
-    // Where in a physics step the ball touches down moves a single bounce by an eighth of it.
+    // The time of contact within a physics step changes a single restitution by up to an eighth.
     assert!(restitutions.iter().all(|e| (0.34..0.46).contains(e)), "{restitutions:?}");
     let mean = restitutions.iter().sum::<f64>() / restitutions.len() as f64;
     assert!((mean - 0.4).abs() < 0.02, "{mean}");
 }
 
 #[test]
-fn the_scene_is_where_the_reference_has_it() {
+fn positions_match_the_original_benchmark() {
     let bench = Bench::new("");
     let found = bench.tool_position();
     assert!(norm(sub(found, [0.35, 0.0, 0.885])) < 1e-9, "{found:?}");
-    assert!(bench.turned([0.0, 0.0, 1.0])[2] > 1.0 - 1e-9, "the box stands level");
+    assert!(bench.turned([0.0, 0.0, 1.0])[2] > 1.0 - 1e-9, "the box is level");
 }
 
 #[test]
-fn the_expert_catches_from_the_edges_of_the_box_too() {
-    // That every start can be caught is shown by catching: the task needs no map of what is reachable.
+fn the_expert_catches_from_the_whole_initial_box() {
+    // The test proves that the whole initial box is reachable.
     let task = task("ball-catching").unwrap();
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
     let specification = task.definition().paper.specification().unwrap();

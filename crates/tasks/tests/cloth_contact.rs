@@ -1,4 +1,4 @@
-//! The cloth hangs, falls, drapes, slides and rests as a cloth would on a bench.
+//! Tests the physics of the cloth: it hangs, falls, drapes, slides and rests as on a test bench.
 
 #![allow(clippy::unwrap_used)]
 
@@ -14,11 +14,11 @@ const GRIDS: [(&str, usize); 2] = [("cloth-placing", 11), ("cloth-placing-7x7", 
 /// Gravity, m/s².
 const G: f64 = 9.81;
 
-/// Side of the cloth and radius of what a vertex touches with, m.
+/// Side of the cloth and collision radius of a vertex, m.
 const SIDE: f64 = 0.3;
 const RADIUS: f64 = 0.005;
 
-/// The scene with the robot held in its start pose, the table out of the way; `extra` is more MJCF.
+/// The scene with the robot in its initial pose and the table far away. `extra` is additional MJCF.
 struct Bench {
     world: World,
     cloth: Flex,
@@ -47,14 +47,14 @@ impl Bench {
         self.world.place(table, [x, y, 0.0], [1.0, 0.0, 0.0, 0.0]);
     }
 
-    /// Lets go, and lays the cloth out level with its centre at `centre`, at rest.
-    fn lay_out(&mut self, centre: [f64; 3]) {
+    /// Releases the cloth and places it at rest in a horizontal plane with its center at `center`.
+    fn lay_out(&mut self, center: [f64; 3]) {
         self.world.switch_all(false);
         let start = self.vertices();
         let first = self.world.qpos().len() - 3 * start.len();
         for (k, from) in start.iter().enumerate() {
             let along = |index: usize| SIDE * (index as f64 / (self.side - 1) as f64 - 0.5);
-            let to = add(centre, [along(k % self.side), along(k / self.side), 0.0]);
+            let to = add(center, [along(k % self.side), along(k / self.side), 0.0]);
             self.world.qpos_mut()[first + 3 * k..][..3].copy_from_slice(&sub(to, *from));
         }
         self.world.refresh();
@@ -79,7 +79,7 @@ impl Bench {
         self.world.refresh();
     }
 
-    /// Kinetic and potential energy of the cloth for each kg of it, J/kg.
+    /// Returns the kinetic plus potential energy of the cloth per mass, J/kg.
     fn energy(&self) -> f64 {
         let each = self
             .vertices()
@@ -100,7 +100,7 @@ fn mean(points: &[[f64; 3]]) -> [f64; 3] {
     scale(points.iter().fold([0.0; 3], |sum, p| add(sum, *p)), 1.0 / points.len() as f64)
 }
 
-/// The largest stretch of an edge along a row or a column, as a share of its length.
+/// Returns the maximum strain of an edge along a row or a column.
 fn stretch(vertices: &[[f64; 3]], side: usize) -> f64 {
     let spacing = SIDE / (side - 1) as f64;
     let edge = |a: usize, b: usize| norm(sub(vertices[a], vertices[b])) / spacing - 1.0;
@@ -110,7 +110,7 @@ fn stretch(vertices: &[[f64; 3]], side: usize) -> f64 {
 }
 
 #[test]
-fn the_cloth_starts_where_the_reference_has_it_and_weighs_605_grams() {
+fn initial_position_and_mass_match_the_original_benchmark() {
     for (name, side) in GRIDS {
         let bench = Bench::new((name, side), "");
         let vertices = bench.vertices();
@@ -118,7 +118,7 @@ fn the_cloth_starts_where_the_reference_has_it_and_weighs_605_grams() {
         for (k, vertex) in vertices.iter().enumerate() {
             let along = |index: usize| SIDE * (index as f64 / (side - 1) as f64 - 0.5);
             let flat = [0.5 + along(k % side), 0.0, 0.65 + along(k / side)];
-            // Its waves are 0.2 mm high.
+            // The amplitude of the waves is 0.2 mm.
             assert!(norm(sub(*vertex, flat)) < 2.1e-4, "{name}: vertex {k} at {vertex:?}");
         }
         let xml = compose(task(name).unwrap()).unwrap();
@@ -131,7 +131,7 @@ fn the_cloth_starts_where_the_reference_has_it_and_weighs_605_grams() {
 }
 
 #[test]
-fn it_hangs_from_the_cell_between_the_finger_tips() {
+fn the_cloth_hangs_from_the_cell_between_the_fingertips() {
     for (name, side) in GRIDS {
         let mut bench = Bench::new((name, side), "");
         let model = bench.world.model().clone();
@@ -148,7 +148,7 @@ fn it_hangs_from_the_cell_between_the_finger_tips() {
                 vertex
             })
             .collect();
-        // The finger tips meet inside the cell.
+        // The midpoint of the fingertips is inside the cell.
         let tips = bench.world.rows().site_position(model.site("grasp").unwrap());
         let (low, high) = (bench.vertices()[held[0]], bench.vertices()[held[3]]);
         assert!(low[0] < tips[0] && tips[0] < high[0] && low[2] < tips[2] && tips[2] < high[2], "{name}");
@@ -159,7 +159,7 @@ fn it_hangs_from_the_cell_between_the_finger_tips() {
             let gap = norm(sub(vertices[*vertex], point(&bench, corner)));
             assert!(gap < 4e-3, "{name}: corner {corner} is {gap} m from its vertex");
         }
-        // The farthest corner is 0.3 m from the pinch; the centroid hangs below it.
+        // The farthest corner is 0.3 m from the fingertips, and the centroid hangs below them.
         let tips = bench.world.rows().site_position(model.site("grasp").unwrap());
         let lowest = vertices.iter().map(|v| v[2]).fold(f64::MAX, f64::min);
         assert!((0.2..0.32).contains(&(tips[2] - lowest)), "{name}: it hangs down {} m", tips[2] - lowest);
@@ -175,7 +175,7 @@ fn it_hangs_from_the_cell_between_the_finger_tips() {
 }
 
 #[test]
-fn it_falls_freely_and_nothing_inside_it_changes_its_momentum() {
+fn a_free_cloth_falls_with_gravity_and_internal_forces_conserve_its_momentum() {
     for grid in GRIDS {
         let mut bench = Bench::new(grid, "");
         bench.lay_out([0.0, 1.0, 1.0]);
@@ -184,7 +184,7 @@ fn it_falls_freely_and_nothing_inside_it_changes_its_momentum() {
         let (fall, velocity) = (sub(mean(&bench.vertices()), before), mean(&bench.velocities()));
         assert!((velocity[2] + G * 0.25).abs() < 1e-6, "{grid:?} falls at {} m/s", velocity[2]);
         assert!(norm_xy(fall) < 1e-9, "{grid:?} drifts by {fall:?}");
-        // Half a physics step's worth of the last velocity is the integrator's.
+        // The tolerance is the error of the integrator: half a physics step times the final velocity.
         assert!(
             (fall[2] + 0.5 * G * 0.25 * 0.25).abs() < 0.5 * G * 0.25 / 240.0 + 1e-6,
             "{grid:?}: {fall:?}"
@@ -212,22 +212,22 @@ fn it_falls_freely_and_nothing_inside_it_changes_its_momentum() {
         assert!(norm(sub(mean(&bench.velocities()), linear)) < 1e-9, "{grid:?}: linear momentum changes");
         let spun = norm(sub(angular(&bench), spin));
         assert!(spun < 2e-3, "{grid:?}: angular momentum changes by {spun} of {spin:?}");
-        assert!(bench.rms_speed() < 0.7 * kinetic, "{grid:?}: nothing damps its edges");
+        assert!(bench.rms_speed() < 0.7 * kinetic, "{grid:?}: the edges have no damping");
     }
 }
 
 #[test]
-fn dropped_on_the_table_it_drapes_over_the_edge_comes_to_rest_and_gains_no_energy() {
+fn a_dropped_cloth_drapes_over_the_edge_comes_to_rest_and_gains_no_energy() {
     for grid in GRIDS {
         let mut bench = Bench::new(grid, "");
         bench.place_table([0.0, 1.0]);
-        // A third of it is beyond the table's edge, and the rest of it holds that.
+        // A third of the cloth is beyond the table's edge, and friction on the rest holds it.
         bench.lay_out([0.1, 1.0, 0.45]);
         let (mut lowest, mut rest) = (bench.energy(), 0.0);
         for tick in 0..300 {
             bench.run(1.0 / 60.0);
             let now = bench.energy();
-            // Edges and contacts give back what they stored: less than lifting the cloth by two millimetres takes.
+            // Edges and contacts return stored energy: less than the potential energy of 2 mm.
             assert!(now < lowest + 2e-3 * G, "{grid:?}: energy grows from {lowest} to {now} J/kg");
             lowest = lowest.min(now);
             if bench.rms_speed() > 0.05 {
@@ -248,8 +248,9 @@ fn dropped_on_the_table_it_drapes_over_the_edge_comes_to_rest_and_gains_no_energ
 }
 
 #[test]
-fn with_nine_tenths_beyond_an_edge_it_slides_off() {
-    // An edge of a right angle holds back by a factor of at most e^(π/2) = 4.8 at a friction of 1: 1 : 9 is beyond it.
+fn a_cloth_with_nine_tenths_beyond_an_edge_slides_off() {
+    // By the capstan equation a right-angled edge with a friction of 1 holds at most a ratio of e^(π/2) = 4.8. The ratio here
+    // is 9.
     let ledge = "<worldbody><geom class=\"table\" pos=\"0 3 0.2\" size=\"0.5 0.5 0.2\"/></worldbody>";
     for grid in GRIDS {
         let mut bench = Bench::new(grid, ledge);
@@ -260,8 +261,8 @@ fn with_nine_tenths_beyond_an_edge_it_slides_off() {
     }
 }
 
-/// Acceleration (m/s²) and way (m) of the cloth along x on a level table under a gravity that leans by `angle`: what a
-/// slope of that angle is.
+/// Returns the acceleration (m/s²) and displacement (m) of the cloth along x on a level table with gravity tilted by `angle`,
+/// which is equivalent to a slope of this angle.
 fn slide(grid: (&str, usize), angle: f64) -> (f64, f64) {
     let (sin, cos) = angle.sin_cos();
     let slope = format!(
@@ -278,11 +279,11 @@ fn slide(grid: (&str, usize), angle: f64) -> (f64, f64) {
 }
 
 #[test]
-fn friction_of_1_holds_it_on_a_slope_of_40_degrees_and_lets_it_slide_on_one_of_55() {
+fn a_cloth_with_a_friction_of_1_rests_on_a_slope_of_40_degrees_and_slides_on_55_degrees() {
     for grid in GRIDS {
-        // tan 40° = 0.84 < 1. What is left is MuJoCo's creep.
-        let (_, way) = slide(grid, 40_f64.to_radians());
-        assert!(way.abs() < 0.02, "{grid:?} slides {way} m in a second on 40°");
+        // tan 40° = 0.84 < 1. The remaining displacement is the creep of MuJoCo's soft contacts.
+        let (_, displacement) = slide(grid, 40_f64.to_radians());
+        assert!(displacement.abs() < 0.02, "{grid:?} slides {displacement} m in a second on 40°");
         let angle = 55_f64.to_radians();
         let (acceleration, _) = slide(grid, angle);
         // a = g (sin - μ cos)
@@ -294,11 +295,11 @@ fn friction_of_1_holds_it_on_a_slope_of_40_degrees_and_lets_it_slide_on_one_of_5
     }
 }
 
-/// An episode of the task's expert, seen from the bench.
-struct Driven {
+/// An episode of the expert that a test steps.
+struct ExpertEpisode {
     environment: TaskEnvironment,
     worker: Box<dyn EnvironmentWorker>,
-    actor: Box<dyn ControllerWorker>,
+    controller: Box<dyn ControllerWorker>,
     memory: Vec<f64>,
     state: Vec<f64>,
     observation: Vec<f32>,
@@ -306,14 +307,14 @@ struct Driven {
     rewards: Vec<f64>,
 }
 
-impl Driven {
-    fn new(name: &str, x0: &[f64]) -> Driven {
+impl ExpertEpisode {
+    fn new(name: &str, x0: &[f64]) -> ExpertEpisode {
         let task = task(name).unwrap();
         let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
         let expert = task.expert().unwrap();
-        let mut driven = Driven {
+        let mut episode = ExpertEpisode {
             worker: environment.worker(),
-            actor: expert.worker(),
+            controller: expert.worker(),
             memory: vec![0.0; expert.state_size()],
             state: vec![0.0; environment.state_size()],
             observation: vec![0.0; environment.observation_size()],
@@ -322,15 +323,15 @@ impl Driven {
             environment,
         };
         let (worker, sample) = (
-            &mut driven.worker,
+            &mut episode.worker,
             Sample {
-                observation: &mut driven.observation,
-                signals: &mut driven.signals,
-                rewards: &mut driven.rewards,
+                observation: &mut episode.observation,
+                signals: &mut episode.signals,
+                rewards: &mut episode.rewards,
             },
         );
-        worker.reset(&x0.into(), Seed(0), &mut driven.state, sample);
-        driven
+        worker.reset(&x0.into(), Seed(0), &mut episode.state, sample);
+        episode
     }
 
     fn step(&mut self, action: &[f64]) {
@@ -344,7 +345,7 @@ impl Driven {
 
     fn expert_step(&mut self) {
         let mut action = [0.0; 9];
-        self.actor.act(1, &self.observation, &mut self.memory, &mut action);
+        self.controller.act(1, &self.observation, &mut self.memory, &mut action);
         self.step(&action.map(f64::from));
     }
 
@@ -354,16 +355,16 @@ impl Driven {
 }
 
 #[test]
-fn the_expert_stretches_no_edge_far_and_presses_no_vertex_deep_into_the_table() {
+fn the_expert_causes_small_edge_strains_and_small_penetrations() {
     for (name, side) in GRIDS {
         for x0 in [[0.45, -0.35], [0.75, 0.35], [0.6, 0.1]] {
-            let mut driven = Driven::new(name, &x0);
-            let model = driven.environment.model().clone();
+            let mut episode = ExpertEpisode::new(name, &x0);
+            let model = episode.environment.model().clone();
             let (cloth, mut world) = (model.flex("cloth").unwrap(), model.world());
             let (mut longest, mut deepest): (f64, f64) = (0.0, 0.0);
             for _ in 0..300 {
-                driven.expert_step();
-                world.set_state(&driven.state);
+                episode.expert_step();
+                world.set_state(&episode.state);
                 world.refresh();
                 let vertices = world.rows().vertices(cloth).to_vec();
                 longest = longest.max(stretch(&vertices, side));
@@ -379,49 +380,49 @@ fn the_expert_stretches_no_edge_far_and_presses_no_vertex_deep_into_the_table() 
 }
 
 #[test]
-fn the_gripper_opens_by_itself_above_the_table_and_stays_open_there() {
+fn the_gripper_opens_automatically_above_the_table() {
     let far = [0.75, 0.35];
     for (name, _) in GRIDS {
-        // The start is within 0.07 m of this table's centre and at rest.
-        let mut above = Driven::new(name, &[0.52, 0.03]);
+        // The cloth starts at rest within 0.07 m of this table's center.
+        let mut above = ExpertEpisode::new(name, &[0.52, 0.03]);
         assert_eq!(above.signal("cloth_released"), 0.0);
         above.step(&[0.0; 9]);
         assert_eq!(above.signal("cloth_released"), 1.0, "{name}");
 
-        let mut away = Driven::new(name, &far);
+        let mut away = ExpertEpisode::new(name, &far);
         (0..60).for_each(|_| away.step(&[0.0; 9]));
         assert_eq!(away.signal("cloth_released"), 0.0, "{name}");
     }
 }
 
 #[test]
-fn an_open_finger_lets_go_for_good() {
+fn an_open_finger_releases_the_cloth_permanently() {
     for (name, _) in GRIDS {
-        let mut driven = Driven::new(name, &[0.75, 0.35]);
+        let mut episode = ExpertEpisode::new(name, &[0.75, 0.35]);
         let with_fingers = |a: f64| [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, a, a];
-        // 0.3 of a step of 0.0125 m is less than the 0.005 m that let go.
-        driven.step(&with_fingers(0.3));
-        (0..10).for_each(|_| driven.step(&with_fingers(0.0)));
-        assert_eq!(driven.signal("cloth_released"), 0.0, "{name}");
-        (0..10).for_each(|_| driven.step(&with_fingers(1.0)));
-        assert_eq!(driven.signal("cloth_released"), 1.0, "{name}");
-        (0..30).for_each(|_| driven.step(&with_fingers(-1.0)));
-        assert_eq!(driven.signal("cloth_released"), 1.0, "{name}");
-        assert!(driven.signal("cloth_height_above_target") < 0.0, "{name}: it has not fallen");
+        // 0.3 times 0.0125 m is less than the finger position of 0.005 m that releases the cloth.
+        episode.step(&with_fingers(0.3));
+        (0..10).for_each(|_| episode.step(&with_fingers(0.0)));
+        assert_eq!(episode.signal("cloth_released"), 0.0, "{name}");
+        (0..10).for_each(|_| episode.step(&with_fingers(1.0)));
+        assert_eq!(episode.signal("cloth_released"), 1.0, "{name}");
+        (0..30).for_each(|_| episode.step(&with_fingers(-1.0)));
+        assert_eq!(episode.signal("cloth_released"), 1.0, "{name}");
+        assert!(episode.signal("cloth_height_above_target") < 0.0, "{name}: it has not fallen");
     }
 }
 
 #[test]
-fn the_share_over_the_table_counts_vertices() {
-    // The sheet stands in the plane y = 0 and reaches in x from 0.35 to 0.65: columns of vertices every 3 cm. Over a
-    // table from 0.30 to 0.60 in x are those at 0.35, 0.38 … 0.59.
-    let over = |x0: &[f64]| Driven::new("cloth-placing", x0).signal("cloth_vertices_over_table");
+fn the_fraction_over_the_table_counts_vertices() {
+    // The cloth is in the plane y = 0 with columns of vertices every 3 cm from x = 0.35 to 0.65. The columns at 0.35, 0.38 …
+    // 0.59 are over a table from x = 0.30 to 0.60.
+    let over = |x0: &[f64]| ExpertEpisode::new("cloth-placing", x0).signal("cloth_vertices_over_table");
     assert!((over(&[0.45, 0.0]) - 9.0 / 11.0).abs() < 1e-12);
     assert_eq!(over(&[0.45, 0.2]), 0.0);
 }
 
 #[test]
-fn both_grids_see_and_do_the_same() {
+fn both_grids_have_the_same_layout_formulas_and_initial_box() {
     let [fine, coarse] = GRIDS.map(|(name, _)| task(name).unwrap().definition());
     assert_eq!(coarse.variant_of, Some(fine.name));
     assert_eq!(

@@ -1,4 +1,4 @@
-//! Cubes are held, fall, rest, slide and topple as they would on a bench.
+//! Tests the physics of cubes: they are held, fall, rest, slide and topple as on a test bench.
 
 #![allow(clippy::unwrap_used)]
 
@@ -8,7 +8,7 @@ use mishandle_world::{Joint, Model, World};
 
 const G: f64 = 9.81;
 
-/// The scene with the robot at its start; `extra` is more MJCF.
+/// The scene with the robot in its initial pose. `extra` is additional MJCF.
 struct Bench {
     world: World,
     panda: Panda,
@@ -36,10 +36,10 @@ impl Bench {
         }
     }
 
-    /// The cube off the hand, `from_target` away from the target cube, leaning about y.
+    /// Releases the cube and places it at `from_target` relative to the target cube, rotated by `lean` about y.
     fn with_cube_at(extra: &str, from_target: [f64; 3], lean: f64) -> Bench {
         let mut bench = Bench::new(extra);
-        bench.let_go();
+        bench.release();
         let [x, y, z] = from_target;
         let (sin, cos) = (0.5 * lean).sin_cos();
         bench.world.place_free(bench.target, [0.6, 0.1, 0.025], [1.0, 0.0, 0.0, 0.0]);
@@ -47,7 +47,7 @@ impl Bench {
         bench
     }
 
-    fn let_go(&mut self) {
+    fn release(&mut self) {
         let weld = self.world.model().equality("cube").unwrap();
         self.world.switch(weld, false);
         self.targets[7..].fill(0.04);
@@ -79,7 +79,7 @@ impl Bench {
         norm(self.velocity(joint))
     }
 
-    /// Distance of the cube's centre from the point between the finger tips.
+    /// Returns the distance between the cube's center and the midpoint of the fingertips.
     fn slip(&mut self) -> f64 {
         self.world.refresh();
         let rows = self.world.rows();
@@ -87,7 +87,7 @@ impl Bench {
     }
 }
 
-/// Gravity that leans towards `heading` instead of the ground: what a slope of that gradient is.
+/// Returns MJCF with gravity tilted towards `heading`, which is equivalent to a slope of this gradient.
 fn slope(gradient: f64, heading: f64) -> String {
     let (sin, cos) = gradient.atan().sin_cos();
     let (x, y) = (G * sin * heading.cos(), G * sin * heading.sin());
@@ -95,7 +95,7 @@ fn slope(gradient: f64, heading: f64) -> String {
 }
 
 #[test]
-fn stacked_cubes_stay_and_sink_less_than_half_a_millimetre() {
+fn stacked_cubes_stay_in_place_and_penetrate_by_less_than_half_a_millimeter() {
     let mut bench = Bench::with_cube_at("", [0.01, 0.005, 0.05], 0.0);
     bench.run(1.0);
     let settled = [bench.position(bench.cube), bench.position(bench.target)];
@@ -135,7 +135,7 @@ fn a_cube_starts_to_slide_on_the_ground_at_a_slope_of_0_75_in_any_direction() {
             bench.run(1.0);
             bench.speed(bench.target)
         };
-        // Sliding it would have gained g (sin - 0.75 cos) times 1 s: 0.38 m/s at 0.8.
+        // The speed of a sliding cube after 1 s is g (sin - 0.75 cos) times 1 s, which is 0.38 m/s at 0.8.
         let (below, above) = (speed_after_a_second(0.7), speed_after_a_second(0.8));
         assert!(below < 2e-3, "towards {heading} it creeps at {below} m/s");
         assert!(above > 0.2, "towards {heading} it slides at {above} m/s only");
@@ -143,7 +143,7 @@ fn a_cube_starts_to_slide_on_the_ground_at_a_slope_of_0_75_in_any_direction() {
 }
 
 #[test]
-fn a_sliding_cube_stops_after_the_distance_that_friction_needs() {
+fn a_sliding_cube_stops_after_the_distance_of_coulomb_friction() {
     let distances: Vec<f64> = (0..16)
         .map(|i| {
             let (sin, cos) = (0.4 * f64::from(i)).sin_cos();
@@ -159,7 +159,7 @@ fn a_sliding_cube_stops_after_the_distance_that_friction_needs() {
         })
         .collect();
     let (mean, expected) = (distances.iter().sum::<f64>() / 16.0, 1.0 / (2.0 * 0.75 * G));
-    // A cube this tall is close to toppling while it slides, and rattles: single distances differ.
+    // The cube almost topples and rattles while it slides, so single distances differ.
     assert!((mean / expected - 1.0).abs() < 0.1, "{mean} m instead of {expected}: {distances:?}");
 }
 
@@ -178,8 +178,8 @@ fn a_cube_stays_on_a_fixed_one_up_to_a_slope_of_1() {
 
 #[test]
 fn a_stack_topples_where_the_slope_exceeds_width_over_height() {
-    // The stack is 0.05 m wide and 0.1 m high, so it topples at 0.5. The ground gives way by half a millimetre and the
-    // slope is there at once, which costs it a tenth of that.
+    // The stack is 0.05 m wide and 0.1 m high, so the critical slope is 0.5. The compliance of the ground and the sudden
+    // start of the slope reduce it by a tenth.
     let lowest = |gradient: f64| {
         let mut bench = Bench::with_cube_at(&slope(gradient, 0.0), [0.0, 0.0, 0.05], 0.0);
         bench.run(1.5);
@@ -204,7 +204,7 @@ fn a_cube_bounces_on_the_ground_with_a_restitution_of_0_4() {
             -up / down
         })
         .collect();
-    // Where in a physics step the cube touches down moves a single bounce.
+    // The time of contact within a physics step changes a single restitution.
     assert!(restitutions.iter().all(|e| (0.32..0.48).contains(e)), "{restitutions:?}");
     let mean = restitutions.iter().sum::<f64>() / restitutions.len() as f64;
     assert!((mean - 0.4).abs() < 0.03, "{mean}");
@@ -219,12 +219,12 @@ fn a_cube_does_not_bounce_on_the_other() {
         bench.step();
         highest = highest.max(bench.cube_from_target()[2]);
     }
-    // It falls 0.1 m; a restitution of 0.1 would let it rise by 0.001 m.
+    // The fall height is 0.1 m. A restitution of 0.1 would give a rebound of 0.001 m.
     assert!(highest < 0.051, "it rises to {highest}");
 }
 
 #[test]
-fn the_squeezed_cube_is_still_and_penetrated_by_less_than_a_millimetre() {
+fn the_fingers_hold_the_cube_still_and_penetrate_it_by_less_than_a_millimeter() {
     let mut bench = Bench::new("");
     bench.run(0.5);
     let before = bench.position(bench.cube);
@@ -239,7 +239,7 @@ fn the_squeezed_cube_is_still_and_penetrated_by_less_than_a_millimetre() {
 }
 
 #[test]
-fn the_held_cube_slips_by_less_than_two_millimetres_while_the_arm_swings_at_its_limits() {
+fn the_held_cube_slips_by_less_than_two_millimeters_at_the_velocity_limits_of_the_arm() {
     let mut bench = Bench::new("");
     bench.run(0.2);
     let start = bench.slip();
@@ -259,11 +259,11 @@ fn the_held_cube_slips_by_less_than_two_millimetres_while_the_arm_swings_at_its_
 }
 
 #[test]
-fn a_cube_that_is_let_go_falls_freely_from_between_the_fingers() {
+fn a_released_cube_falls_freely_from_between_the_fingers() {
     let mut bench = Bench::new("");
     bench.run(0.3);
-    bench.let_go();
-    // A finger opens at 0.2 m/s at most and leaves the cube's face within a hundredth of a second or two.
+    bench.release();
+    // A finger opens at up to 0.2 m/s and loses contact with the cube's face within 0.02 s.
     bench.run(0.05);
     let before = bench.velocity(bench.cube);
     bench.run(0.1);

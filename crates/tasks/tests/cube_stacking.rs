@@ -1,4 +1,4 @@
-//! What cube stacking shows, when its gripper opens, and what its reward leads to.
+//! Tests the observation, the gripper and the rewards of cube stacking.
 
 #![allow(clippy::unwrap_used)]
 
@@ -13,27 +13,27 @@ struct Row {
 }
 
 /// An episode of the expert.
-struct Shown {
-    names: Vec<String>,
+struct ExpertEpisode {
+    signal_names: Vec<String>,
     rows: Vec<Row>,
 }
 
-impl Shown {
-    fn of_expert(x0: &[f64], reward: Reward) -> Shown {
+impl ExpertEpisode {
+    fn run(x0: &[f64], reward: Reward) -> ExpertEpisode {
         let task = task("cube-stacking").unwrap();
         let environment = TaskEnvironment::new(task, Preset::Paper, reward).unwrap();
         let expert = task.expert().unwrap();
-        let (mut worker, mut actor) = (environment.worker(), expert.worker());
+        let (mut worker, mut controller) = (environment.worker(), expert.worker());
         let (mut state, mut memory) = (vec![0.0; environment.state_size()], vec![0.0; expert.state_size()]);
         let mut observation = vec![0.0; environment.observation_size()];
         let mut signals = vec![0.0; environment.signals().len()];
         let mut rewards = vec![0.0; environment.reward_terms().len()];
         let mut rows = Vec::new();
-        actor.reset(&mut memory, Seed(1));
+        controller.reset(&mut memory, Seed(1));
         for step in 0..=environment.episode_steps() {
             let mut action = [0.0; JOINTS];
             if step > 0 {
-                actor.act(1, &observation, &mut memory, &mut action);
+                controller.act(1, &observation, &mut memory, &mut action);
             }
             let sample =
                 Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
@@ -44,41 +44,41 @@ impl Shown {
             let (observation, signals) = (observation.clone(), signals.clone());
             rows.push(Row { observation, signals, reward: rewards.iter().sum() });
         }
-        Shown { names: environment.signals().to_vec(), rows }
+        ExpertEpisode { signal_names: environment.signals().to_vec(), rows }
     }
 
     fn signal(&self, name: &str) -> Vec<f64> {
-        let i = self.names.iter().position(|known| known == name).unwrap();
+        let i = self.signal_names.iter().position(|known| known == name).unwrap();
         self.rows.iter().map(|row| row.signals[i]).collect()
     }
 }
 
 #[test]
-fn the_scene_starts_where_the_reference_has_it() {
-    let shown = Shown::of_expert(&[0.6, -0.1], Reward::Original);
-    let observation = &shown.rows[0].observation;
+fn the_initial_state_matches_the_original_benchmark() {
+    let episode = ExpertEpisode::run(&[0.6, -0.1], Reward::Original);
+    let observation = &episode.rows[0].observation;
     assert_eq!(observation.len(), 28);
-    // Cube, its quaternion, cube minus target cube.
+    // Position of the cube, its quaternion, cube minus target cube.
     let expected = [0.34, 0.0, 0.91, 1.0, 0.0, 0.0, 0.0, -0.26, 0.1, 0.885];
     for (found, expected) in observation[18..].iter().zip(expected) {
         assert!((f64::from(*found) - expected).abs() < 1e-6, "{:?}", &observation[18..]);
     }
-    // The fingers start at the cube's faces, and its centre between their pads.
+    // The fingers touch the cube's faces, and its center is between their pads.
     assert!((observation[7] - 0.25).abs() < 1e-6 && (observation[8] - 0.25).abs() < 1e-6);
-    assert!(shown.signal("finger_cube_distance")[0] < 1e-3);
+    assert!(episode.signal("finger_cube_distance")[0] < 1e-3);
 }
 
 #[test]
-fn the_hand_lets_go_one_step_after_the_cubes_are_close_and_for_good() {
-    let shown = Shown::of_expert(&[0.6, 0.1], Reward::Shaped);
+fn the_hand_releases_the_cube_permanently_one_step_after_the_cubes_are_close() {
+    let episode = ExpertEpisode::run(&[0.6, 0.1], Reward::Shaped);
     let (distance, height) =
-        (shown.signal("cube_target_horizontal_distance"), shown.signal("cube_height_above_target"));
+        (episode.signal("cube_target_horizontal_distance"), episode.signal("cube_height_above_target"));
     let close = |k: usize| distance[k].hypot(height[k]) < 0.08 && height[k] >= 0.025;
     let first = (0..=300).find(|k| close(*k)).unwrap();
-    for (step, held) in shown.signal("cube_held").into_iter().enumerate() {
+    for (step, held) in episode.signal("cube_held").into_iter().enumerate() {
         assert_eq!(held == 1.0, step <= first, "step {step}, close at {first}");
     }
-    let fingers = |step: usize| shown.rows[step].observation[7];
+    let fingers = |step: usize| episode.rows[step].observation[7];
     assert!(
         fingers(first) < 0.25 && fingers(first + 10) > 0.95,
         "{} {}",
@@ -88,24 +88,27 @@ fn the_hand_lets_go_one_step_after_the_cubes_are_close_and_for_good() {
 }
 
 #[test]
-fn the_shaped_reward_is_twice_as_high_for_a_stack_as_for_anything_a_full_hand_gets() {
-    let shown = Shown::of_expert(&[0.6, 0.1], Reward::Shaped);
-    let held = shown.signal("cube_held");
-    let full = shown.rows.iter().zip(&held).filter(|(_, held)| **held == 1.0);
-    let most = full.map(|(row, _)| row.reward).fold(0.0, f64::max);
-    let stacked = shown.rows[300].reward;
-    assert!(most < 0.4 && stacked > 0.98, "at most {most} with the cube in the hand, {stacked} stacked");
+fn the_shaped_reward_of_a_stack_is_twice_the_maximum_while_holding_the_cube() {
+    let episode = ExpertEpisode::run(&[0.6, 0.1], Reward::Shaped);
+    let held = episode.signal("cube_held");
+    let holding = episode.rows.iter().zip(&held).filter(|(_, held)| **held == 1.0);
+    let maximum = holding.map(|(row, _)| row.reward).fold(0.0, f64::max);
+    let stacked = episode.rows[300].reward;
+    assert!(
+        maximum < 0.4 && stacked > 0.98,
+        "at most {maximum} with the cube in the hand, {stacked} stacked"
+    );
 }
 
 #[test]
-fn the_original_reward_of_a_stack_by_hand() {
-    let shown = Shown::of_expert(&[0.6, 0.1], Reward::Original);
-    // The cube is 3 cm above the point that counts: 2 / 1.03 + 10 - 0 + 2.
+fn the_original_reward_of_a_stack_matches_a_hand_calculation() {
+    let episode = ExpertEpisode::run(&[0.6, 0.1], Reward::Original);
+    // The cube is 3 cm above the point of the reward: 2 / 1.03 + 10 - 0 + 2.
     let expected = 2.0 / 1.03 + 12.0;
-    let found = shown.rows[300].reward;
+    let found = episode.rows[300].reward;
     assert!((found - expected).abs() < 1e-3, "{found} instead of {expected}");
-    // At the start d = |(-0.26, -0.1, 0.865)| with a target at y = 0.1, and only the first term counts.
-    let start = shown.rows[1].reward;
+    // Initially d = |(-0.26, -0.1, 0.865)| for a target at y = 0.1, and only the first term is not 0.
+    let start = episode.rows[1].reward;
     let d = (0.26_f64.powi(2) + 0.1_f64.powi(2) + 0.865_f64.powi(2)).sqrt();
     assert!((start - 2.0 / (1.0 + d)).abs() < 5e-3, "{start}");
 }

@@ -1,4 +1,4 @@
-//! The door hangs, turns, stops and is pulled as a door on a bench would be.
+//! Tests the physics of the door: it turns, stops and is pulled as on a test bench.
 
 #![allow(clippy::unwrap_used)]
 
@@ -7,16 +7,16 @@ use mishandle_tasks::{JOINT_NAMES, Panda, VELOCITY_LIMIT, compose, task};
 use mishandle_world::frame::{add, norm, rotate, rotate_back, scale, sub};
 use mishandle_world::{Body, Joint, Model, PANDA, Site, World};
 
-/// A posture before the door.
+/// A posture in front of the door.
 const REST: [f64; 7] = [0.6, -0.2, -0.35, -1.75, -1.0, 2.7, 0.2];
 
-/// A level hand that points in the direction `azimuth`, its left finger above: its axes as columns, row by row.
+/// Returns the rotation matrix (row-major) of a level hand in the direction `azimuth` with the left finger above.
 fn level(azimuth: f64) -> [f64; 9] {
     let (sin, cos) = azimuth.sin_cos();
     [-sin, 0.0, cos, cos, 0.0, sin, 0.0, 1.0, 0.0]
 }
 
-/// The scene with the door at (0.8, 0) m; `extra` is more MJCF.
+/// The scene with the door at (0.8, 0) m. `extra` is additional MJCF.
 struct Bench {
     world: World,
     panda: Panda,
@@ -25,7 +25,7 @@ struct Bench {
     panel: Body,
     handle: Site,
     n_substeps: usize,
-    /// The deepest penetration so far, m.
+    /// Maximum penetration so far, m.
     deepest: f64,
 }
 
@@ -81,28 +81,28 @@ impl Bench {
         std::array::from_fn(|i| self.world.qpos()[self.panda.joints()[i].qpos])
     }
 
-    /// A point in the panel's frame.
+    /// Returns a point of the world frame in the panel's frame.
     fn in_panel(&mut self, point: [f64; 3]) -> [f64; 3] {
         self.world.refresh();
         let rows = self.world.rows();
         rotate_back(rows.quaternion(self.panel), sub(point, rows.position(self.panel)))
     }
 
-    /// A point of the panel's frame in the world's.
+    /// Returns a point of the panel's frame in the world frame.
     fn in_world(&mut self, point: [f64; 3]) -> [f64; 3] {
         self.world.refresh();
         let rows = self.world.rows();
         add(rows.position(self.panel), rotate(rows.quaternion(self.panel), point))
     }
 
-    /// Where the grasp point is in the panel's frame.
+    /// Returns the grasp point in the panel's frame.
     fn grasp_in_panel(&mut self) -> [f64; 3] {
         let q = self.q();
         self.arm.set(&q);
         self.in_panel(self.arm.position())
     }
 
-    /// Puts the arm where the grasp point is at `point` and the hand turned as `rotation`, at rest.
+    /// Sets the arm at rest with the grasp point at `point` and the hand's rotation matrix `rotation`.
     fn pose(&mut self, point: [f64; 3], rotation: &[f64; 9], fingers: f64) {
         let mut q = REST;
         for _ in 0..2000 {
@@ -119,7 +119,7 @@ impl Bench {
         self.panda.place(&whole, &mut self.world);
     }
 
-    /// Moves the hand along `direction`, as fast as the joints' velocity limits allow, and the fingers to `fingers`.
+    /// Moves the hand along `direction` at the velocity limits of the joints, and the fingers to `fingers`.
     fn drive(&mut self, direction: [f64; 3], rotation: &[f64; 9], fingers: f64, seconds: f64) {
         for _ in 0..(60.0 * seconds).round() as usize {
             let q = self.q();
@@ -128,7 +128,7 @@ impl Bench {
             let velocity = self.arm.twist(&q, direction, turn);
             let fastest = (0..7).map(|i| velocity[i].abs() / VELOCITY_LIMIT[i]).fold(0.0, f64::max);
             let full = if norm(direction) > 0.0 { 1.0 / fastest } else { 1.0 };
-            // 0.2 s is the servos' lag: damping over stiffness.
+            // 0.2 s is the lag of the servos: damping over stiffness.
             let targets: [f64; 9] =
                 std::array::from_fn(|i| if i < 7 { q[i] + 0.2 * full * velocity[i] } else { fingers });
             for _ in 0..self.n_substeps {
@@ -140,18 +140,18 @@ impl Bench {
     }
 }
 
-/// Moment of inertia about the hinge's axis of a box of mass `m` with sides `a` and `b` across it, its centre at (x, y)
-/// from the frame's origin.
+/// Returns the moment of inertia about the hinge axis of a box with mass `m`, horizontal sides `a` and `b`, and center
+/// (x, y) relative to the frame's origin.
 fn about_hinge(m: f64, [a, b]: [f64; 2], [x, y]: [f64; 2]) -> f64 {
     m * ((a * a + b * b) / 12.0 + (x - 0.005).powi(2) + (y + 0.464).powi(2))
 }
 
-/// Of the whole door: panel, and two levers and two key cylinders of 1,000 kg/m³.
+/// Returns the moment of inertia of the whole door: panel, two levers and two key cylinders of 1,000 kg/m³.
 fn inertia() -> f64 {
     let panel = about_hinge(1.0, [0.025, 0.762], [0.019, -0.059]);
     let stem = |x| about_hinge(1000.0 * 0.033 * 0.033 * 0.0335, [0.033, 0.033], [x, 0.287]);
     let bar = |x| about_hinge(1000.0 * 0.03 * 0.1091 * 0.0335, [0.03, 0.1091], [x, 0.24895]);
-    // A cylinder across its axis: m (r²/4 + h²/12); a box with sides h and sqrt(3) r has the same.
+    // A cylinder has the moment m (r²/4 + h²/12) perpendicular to its axis, like a box with sides h and sqrt(3) r.
     let key = |x| {
         let mass = 1000.0 * std::f64::consts::PI * 0.028 * 0.028 * 0.016;
         about_hinge(mass, [0.016, 3.0_f64.sqrt() * 0.028], [x, 0.283])
@@ -160,7 +160,7 @@ fn inertia() -> f64 {
 }
 
 #[test]
-fn the_handle_is_where_the_reference_has_it_and_comes_towards_the_robot() {
+fn the_handle_matches_the_original_benchmark_and_opens_towards_the_robot() {
     let mut bench = Bench::new("");
     let at = |bench: &mut Bench, yaw: f64| {
         bench.swing(yaw, 0.0);
@@ -169,43 +169,43 @@ fn the_handle_is_where_the_reference_has_it_and_comes_towards_the_robot() {
     };
     let near = |a: [f64; 3], b: [f64; 3]| assert!(norm(sub(a, b)) < 1e-9, "{a:?} is not {b:?}");
     near(at(&mut bench, 0.0), [0.7467, 0.1962, 0.8124]);
-    // A quarter turn about the hinge at (0.805, -0.464) takes its offset (-0.0583, 0.6602) to (-0.6602, -0.0583).
+    // A rotation by 90 degrees about the hinge at (0.805, -0.464) maps the offset (-0.0583, 0.6602) to (-0.6602, -0.0583).
     near(at(&mut bench, std::f64::consts::FRAC_PI_2), [0.1448, -0.5223, 0.8124]);
 }
 
 #[test]
-fn a_torque_turns_the_door_as_fast_as_its_weight_allows() {
+fn a_torque_accelerates_the_door_according_to_its_inertia() {
     let mut bench = Bench::new("<actuator><motor name=\"twist\" joint=\"door\"/></actuator>");
     bench.world.ctrl_mut()[9] = 1.0;
     bench.run(0.5);
-    // 1 N m less the joint's friction of 0.01 N m.
+    // The torque is 1 N m minus the joint friction of 0.01 N m.
     let expected = 0.5 * 0.99 / inertia();
     assert!((bench.rate() / expected - 1.0).abs() < 0.005, "{} rad/s instead of {expected}", bench.rate());
 }
 
 #[test]
-fn a_door_let_go_spins_on_and_its_friction_stops_it() {
+fn a_released_door_keeps_turning_until_friction_stops_it() {
     let mut bench = Bench::new("");
-    let braking = 0.01 / inertia();
+    let deceleration = 0.01 / inertia();
     bench.stand_aside();
     bench.swing(0.2, 1.0);
     bench.run(1.0);
-    let expected = (0.2 + 1.0 - 0.5 * braking, 1.0 - braking);
+    let expected = (0.2 + 1.0 - 0.5 * deceleration, 1.0 - deceleration);
     assert!((bench.yaw() - expected.0).abs() < 0.005, "{} instead of {}", bench.yaw(), expected.0);
     assert!((bench.rate() - expected.1).abs() < 0.005, "{} instead of {}", bench.rate(), expected.1);
 
-    // 0.1 rad/s ends after ω / braking = 4.1 s, ω² / (2 braking) = 0.21 rad on.
+    // From ω = 0.1 rad/s with the deceleration a the door stops after ω / a = 4.1 s and ω² / 2a = 0.21 rad.
     bench.swing(0.2, 0.1);
     bench.run(8.0);
-    let way = 0.01 / (2.0 * braking);
-    assert!((bench.yaw() - 0.2 - way).abs() < 0.02, "{} rad instead of {way}", bench.yaw() - 0.2);
+    let angle = 0.01 / (2.0 * deceleration);
+    assert!((bench.yaw() - 0.2 - angle).abs() < 0.02, "{} rad instead of {angle}", bench.yaw() - 0.2);
     assert!(bench.rate().abs() < 1e-3, "it creeps at {} rad/s", bench.rate());
 }
 
 #[test]
-fn the_hinge_stops_at_both_ends_and_hardly_rebounds() {
-    let most = 120.0_f64.to_radians();
-    for (from, rate, end) in [(1.5, 3.0, most), (0.5, -3.0, 0.0), (0.5, -0.5, 0.0)] {
+fn the_hinge_stops_at_both_limits_with_a_small_rebound() {
+    let limit = 120.0_f64.to_radians();
+    for (from, rate, end) in [(1.5, 3.0, limit), (0.5, -3.0, 0.0), (0.5, -0.5, 0.0)] {
         let mut bench = Bench::new("");
         bench.stand_aside();
         bench.swing(from, rate);
@@ -234,13 +234,14 @@ fn a_lever_held_between_the_fingers_follows_the_hand_at_full_speed() {
 }
 
 #[test]
-fn a_finger_behind_the_lever_pulls_the_door_and_stays_behind_it() {
+fn a_finger_behind_the_lever_pulls_the_door_without_slipping_off() {
     let mut bench = Bench::new("");
     bench.swing(0.3, 0.0);
-    // Slanting in from the lever's free end, whose back is at x = -0.037 and y = 0.1944 m; the panel is at 0.0065.
-    let (point, slanting) = (bench.in_world([-0.01, 0.2, 0.81]), level(bench.yaw() + 0.9));
-    bench.pose(point, &slanting, 0.0);
-    bench.drive([-1.0, 0.0, 0.0], &slanting, 0.0, 0.3);
+    // The hand approaches obliquely from the lever's free end. The lever's back is at x = -0.037 m and y = 0.1944 m, and the
+    // panel is at x = 0.0065 m.
+    let (point, oblique) = (bench.in_world([-0.01, 0.2, 0.81]), level(bench.yaw() + 0.9));
+    bench.pose(point, &oblique, 0.0);
+    bench.drive([-1.0, 0.0, 0.0], &oblique, 0.0, 0.3);
     let [x, y, _] = bench.grasp_in_panel();
     assert!(bench.yaw() > 0.5, "it is open by {} rad", bench.yaw());
     assert!(x > -0.03 && y > 0.18, "the finger is no longer behind it, but at {x}, {y}");
@@ -248,7 +249,7 @@ fn a_finger_behind_the_lever_pulls_the_door_and_stays_behind_it() {
 }
 
 #[test]
-fn a_finger_driven_hard_against_the_lever_does_not_go_through() {
+fn a_finger_at_full_force_does_not_pass_through_the_lever() {
     let mut bench = Bench::new("");
     bench.swing(0.3, 0.0);
     let point = bench.in_world([-0.052, 0.23, 0.9]);
@@ -262,7 +263,7 @@ fn a_finger_driven_hard_against_the_lever_does_not_go_through() {
 
 #[test]
 fn pushing_does_not_open_the_door() {
-    // On the lever; on the slab; on a panel that is a little open.
+    // The hand pushes on the lever, on the slab, and on a panel that is slightly open.
     for (yaw, y, seconds) in [(0.0, 0.23, 0.4), (0.0, 0.0, 0.8), (0.2, 0.0, 0.8)] {
         let mut bench = Bench::new("");
         bench.swing(yaw, 0.0);
@@ -270,7 +271,7 @@ fn pushing_does_not_open_the_door() {
         bench.drive([1.0, 0.0, 0.0], &level(0.0), 0.0, seconds);
         let [x, _, _] = bench.grasp_in_panel();
         assert!(bench.yaw().abs() < 0.02, "from {yaw} rad it comes to {}", bench.yaw());
-        // The finger tips are 9 mm before the grasp point, the lever's front is at -0.067, the slab's at -0.016.
+        // The fingertips are 9 mm in front of the grasp point. The lever's front is at -0.067 m, the slab's at -0.016 m.
         let front = if y > 0.0 { -0.067 } else { -0.016 };
         assert!(bench.deepest > 0.0 && x + 0.009 < front + 0.005, "the finger tips are at {}", x + 0.009);
         assert!(bench.deepest < 0.006, "they sink in by {} m", bench.deepest);

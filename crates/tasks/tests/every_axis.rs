@@ -1,4 +1,4 @@
-//! What holds for every task and every axis that a scenario may set.
+//! Invariants of every task and every axis of its scenarios.
 
 #![allow(clippy::unwrap_used)]
 
@@ -14,7 +14,7 @@ use mishandle_world::Model;
 
 const NOISE: Noise = Noise { action_std: 0.2, observation_std: 0.0 };
 
-/// The shipped PPO controller, which uses every number that it sees.
+/// Loads the shipped PPO controller, which uses every number of the observation.
 fn policy(task: &dyn Task) -> Arc<dyn Controller> {
     let definition = task.definition();
     let name = definition.variant_of.unwrap_or(definition.name);
@@ -23,9 +23,12 @@ fn policy(task: &dyn Task) -> Arc<dyn Controller> {
 }
 
 fn target(task: &'static dyn Task) -> Target {
-    let part = |text: &str| text.to_string();
-    let component =
-        Component { role: part("controller"), name: part("ppo"), hash: part("-"), file_hash: part("") };
+    let component = Component {
+        role: "controller".into(),
+        name: "ppo".into(),
+        hash: "-".into(),
+        file_hash: String::new(),
+    };
     let controller = policy(task);
     TaskTarget::new(task, Preset::Paper, (controller, component), NOISE).unwrap().target().unwrap()
 }
@@ -38,7 +41,7 @@ fn system(target: &Target, task: &dyn Task, space: &Space) -> Box<dyn System> {
     target.system(space, &specification(task)).unwrap()
 }
 
-/// Everything that an episode holds but its scenario, as bits.
+/// Returns the contents of an episode without its scenario, numbers as bits.
 fn bits(episode: &Episode) -> (Vec<u64>, String) {
     let trace = &episode.trace;
     let columns = (0..trace.names().len()).flat_map(|i| trace.column(i).iter().map(|x| x.to_bits()));
@@ -50,7 +53,7 @@ fn run(system: &mut dyn System, scenario: Scenario) -> Episode {
     system.rollout(&[Request::new(scenario, Seed(9))]).unwrap().remove(0)
 }
 
-/// The nominal scenario of `space` with these values in place of the nominal ones.
+/// Returns the nominal scenario of `space` with some values replaced.
 fn with(space: &Space, values: &[(&str, f64)]) -> Scenario {
     let nominal = space.nominal();
     let value = |(index, axis): (usize, &Axis)| {
@@ -61,7 +64,7 @@ fn with(space: &Space, values: &[(&str, f64)]) -> Scenario {
 }
 
 #[test]
-fn a_nominal_scenario_is_the_undisturbed_episode_bit_for_bit() {
+fn a_nominal_scenario_has_the_bits_of_an_undisturbed_episode() {
     for task in TASKS {
         let (target, name) = (target(*task), task.definition().name);
         let starts = target.space("starts").unwrap();
@@ -69,14 +72,14 @@ fn a_nominal_scenario_is_the_undisturbed_episode_bit_for_bit() {
         let all = target.space("all").unwrap();
         let mut system = system(&target, *task, &all);
         assert!(bits(&run(&mut *system, all.nominal())) == bits(&undisturbed), "{name}");
-        // An event without magnitude is nominal, whenever it happens.
+        // An event without magnitude has no effect at any time.
         let times = [("push_time", 1.3), ("push_duration", 0.17), ("jump_time", 2.1)];
         assert!(bits(&run(&mut *system, with(&all, &times))) == bits(&undisturbed), "{name}: times");
     }
 }
 
 #[test]
-fn every_kind_of_axis_is_there_for_every_task() {
+fn every_task_has_axes_of_every_kind() {
     for task in TASKS {
         let target = target(*task);
         for (kind, name) in AxisKind::ALL {
@@ -87,18 +90,18 @@ fn every_kind_of_axis_is_there_for_every_task() {
             );
         }
         let spaces: Vec<&str> = target.spaces.iter().map(Space::name).collect();
-        let wanted = ["starts", "dynamics", "delay", "sensing", "drift", "events", "disturbance", "noise"];
-        assert_eq!(spaces, wanted, "{}", task.definition().name);
+        let expected = ["starts", "dynamics", "delay", "sensing", "drift", "events", "disturbance", "noise"];
+        assert_eq!(spaces, expected, "{}", task.definition().name);
         let in_spaces: usize = target.spaces.iter().map(Space::dimension).sum();
-        assert_eq!(in_spaces, target.axes.len(), "each axis is in one space");
+        assert_eq!(in_spaces, target.axes.len(), "each axis is in exactly one space");
     }
 }
 
-/// The axes whose values are looked at: of those that differ only by joint or by observed number the first and the last,
-/// in their first segment. What happens later may come too late to matter: a cloth that lies stays where it is.
+/// Selects the axes of the test. From axes that differ only by joint or observed number it takes the first and the last,
+/// and only the first segment, because later disturbances may have no effect, for instance on a cloth at rest.
 fn representatives(axes: &[Axis]) -> Vec<&Axis> {
     let family = |axis: &Axis| axis.name.split('_').next().unwrap_or_default().to_string();
-    let is_many = |axis: &Axis| ["bias", "drift", "disturbance", "draw"].contains(&family(axis).as_str());
+    let is_repeated = |axis: &Axis| ["bias", "drift", "disturbance", "draw"].contains(&family(axis).as_str());
     let segment = |axis: &Axis| axis.name.rsplit('_').next().and_then(|part| part.parse::<u32>().ok());
     let axes: Vec<&Axis> =
         axes.iter().filter(|axis| segment(axis).is_none_or(|segment| segment == 1)).collect();
@@ -106,7 +109,7 @@ fn representatives(axes: &[Axis]) -> Vec<&Axis> {
         |axis: &Axis, other: Option<&&Axis>| other.is_some_and(|other| family(other) == family(axis));
     let is_kept = |i: usize| {
         let before = i.checked_sub(1).and_then(|i| axes.get(i));
-        !is_many(axes[i]) || !is_same(axes[i], before) || !is_same(axes[i], axes.get(i + 1))
+        !is_repeated(axes[i]) || !is_same(axes[i], before) || !is_same(axes[i], axes.get(i + 1))
     };
     (0..axes.len()).filter(|i| is_kept(*i)).map(|i| axes[i]).collect()
 }
@@ -117,39 +120,39 @@ fn every_axis_changes_the_trace() {
         let (target, name) = (target(*task), task.definition().name);
         let all = target.space("all").unwrap();
         let mut system = system(&target, *task, &all);
-        // Times and durations matter where something happens.
+        // Times and durations have an effect only if an event has a magnitude.
         let force = target.axes.iter().find(|axis| axis.name == "push_force_x").map_or(0.0, |axis| axis.high);
-        let happening = [("push_force_x", force), ("jump_x", 0.05)];
+        let events = [("push_force_x", force), ("jump_x", 0.05)];
         let nominal = bits(&run(&mut *system, all.nominal()));
-        let disturbed = bits(&run(&mut *system, with(&all, &happening)));
-        assert!(nominal != disturbed, "{name}: no event");
+        let disturbed = bits(&run(&mut *system, with(&all, &events)));
+        assert!(nominal != disturbed, "{name}: the events have no effect");
         let axes = representatives(&target.axes);
         let scenarios = axes.iter().map(|axis| {
             let value = if axis.nominal == Some(axis.high) { axis.low } else { axis.high };
             let is_time = axis.kind == AxisKind::Event && axis.unit == "s";
-            let others: &[(&str, f64)] = if is_time { &happening } else { &[] };
+            let others: &[(&str, f64)] = if is_time { &events } else { &[] };
             with(&all, &[&[(axis.name.as_str(), value)], others].concat())
         });
         let requests: Vec<Request> = scenarios.map(|scenario| Request::new(scenario, Seed(9))).collect();
         for (axis, episode) in axes.iter().zip(system.rollout(&requests).unwrap()) {
             let is_time = axis.kind == AxisKind::Event && axis.unit == "s";
             let before = if is_time { &disturbed } else { &nominal };
-            // A door turns about the vertical, so a vertical force does not move it.
+            // The hinge axis of the door is vertical, so a vertical force does not move it.
             if (name, axis.name.as_str()) == ("door-opening", "push_force_z") {
                 assert!(bits(&episode) == *before, "a vertical force moves the door");
                 continue;
             }
-            assert!(bits(&episode) != *before, "{name}: nothing changes with {}", axis.name);
+            assert!(bits(&episode) != *before, "{name}: {} has no effect", axis.name);
         }
     }
 }
 
 #[test]
-fn a_disturbed_episode_never_depends_on_its_batch_or_on_threads() {
+fn a_disturbed_episode_depends_on_neither_batch_nor_threads() {
     for task in TASKS.iter().filter(|task| !task.definition().name.starts_with("cloth")) {
         let target = target(*task);
         let all = target.space("all").unwrap();
-        // More rows with constants of their own than a worker keeps worlds.
+        // There are more rows with different constants than cached worlds of a worker.
         let requests: Vec<Request> =
             (0..40).map(|i| Request::new(all.sample(Seed(2), i), Seed(2).child(i))).collect();
         let on = |threads: usize, requests: &[Request]| {
@@ -168,8 +171,8 @@ fn a_disturbed_episode_never_depends_on_its_batch_or_on_threads() {
     }
 }
 
-/// One simulation, stepped by hand under actions of 0.
-struct Hand {
+/// One simulation that a test steps with actions of 0.
+struct Stepper {
     environment: TaskEnvironment,
     worker: Box<dyn mishandle_rollout::EnvironmentWorker>,
     state: Vec<f64>,
@@ -178,8 +181,8 @@ struct Hand {
     rewards: Vec<f64>,
 }
 
-impl Hand {
-    fn new(name: &str, values: &[(&str, f64)]) -> Hand {
+impl Stepper {
+    fn new(name: &str, values: &[(&str, f64)]) -> Stepper {
         let task = task(name).unwrap();
         let target = target(task);
         let of_loop = |axis: &Axis| {
@@ -190,7 +193,7 @@ impl Hand {
         let space = Space::new("environment", axes).unwrap();
         let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original).unwrap();
         let environment = environment.with_space(space.clone()).unwrap();
-        let mut hand = Hand {
+        let mut stepper = Stepper {
             worker: environment.worker(),
             state: vec![0.0; environment.state_size()],
             observation: vec![0.0; environment.observation_size()],
@@ -199,12 +202,12 @@ impl Hand {
             environment,
         };
         let sample = Sample {
-            observation: &mut hand.observation,
-            signals: &mut hand.signals,
-            rewards: &mut hand.rewards,
+            observation: &mut stepper.observation,
+            signals: &mut stepper.signals,
+            rewards: &mut stepper.rewards,
         };
-        hand.worker.reset(&with(&space, values), Seed(1), &mut hand.state, sample);
-        hand
+        stepper.worker.reset(&with(&space, values), Seed(1), &mut stepper.state, sample);
+        stepper
     }
 
     fn step(&mut self) {
@@ -216,7 +219,8 @@ impl Hand {
         self.worker.step(&[0.0; 9], &mut self.state, sample);
     }
 
-    fn steps(mut self, count: usize) -> Hand {
+    /// Runs `count` control steps.
+    fn steps(mut self, count: usize) -> Stepper {
         (0..count).for_each(|_| self.step());
         self
     }
@@ -225,7 +229,7 @@ impl Hand {
         self.environment.model()
     }
 
-    /// Velocity of a free body, m/s.
+    /// Returns the velocity of a free body, m/s.
     fn velocity(&self, name: &str) -> [f64; 3] {
         let mut world = self.model().world();
         world.set_state(&self.state);
@@ -241,19 +245,20 @@ impl Hand {
 
 #[test]
 fn a_push_on_a_free_body_changes_its_momentum_by_force_times_duration() {
-    // Begin, duration (both between physics steps), and a control step after it and before the ball touches anything.
-    for (name, begin, duration, steps) in [
+    // Start time and duration (s, not multiples of the physics step), and a control step after the push but before the ball
+    // has contacts.
+    for (name, start, duration, steps) in [
         ("ball-balancing", 0.0213, 0.0517, 6),
         ("ball-catching", 0.1003, 0.1511, 18),
         ("ball-pushing", 0.0041, 0.0183, 2),
     ] {
         for scale in [1.0, 2.0] {
             let force = [0.004, -0.003, 0.002];
-            let pushed = Hand::new(
+            let pushed = Stepper::new(
                 name,
                 &[
                     ("ball_mass_scale", scale),
-                    ("push_time", begin),
+                    ("push_time", start),
                     ("push_duration", duration),
                     ("push_force_x", force[0]),
                     ("push_force_y", force[1]),
@@ -261,14 +266,14 @@ fn a_push_on_a_free_body_changes_its_momentum_by_force_times_duration() {
                 ],
             )
             .steps(steps);
-            let free = Hand::new(name, &[("ball_mass_scale", scale)]).steps(steps);
+            let free = Stepper::new(name, &[("ball_mass_scale", scale)]).steps(steps);
             let mass = scale * free.model().mass(free.model().body("ball").unwrap());
             let (with, without) = (pushed.velocity("ball"), free.velocity("ball"));
             for i in 0..3 {
-                let (gained, given) = (mass * (with[i] - without[i]), force[i] * duration);
+                let (momentum, impulse) = (mass * (with[i] - without[i]), force[i] * duration);
                 assert!(
-                    (gained - given).abs() <= 1e-9 * given.abs(),
-                    "{name}: {gained} instead of {given} N s"
+                    (momentum - impulse).abs() <= 1e-9 * impulse.abs(),
+                    "{name}: {momentum} instead of {impulse} N s"
                 );
             }
         }
@@ -276,15 +281,15 @@ fn a_push_on_a_free_body_changes_its_momentum_by_force_times_duration() {
 }
 
 #[test]
-fn a_pushed_cube_slides_as_far_as_coulomb_friction_lets_it() {
-    // A cube of 20 g on the ground, pushed with 0.5 N for 0.05 s against the friction μ m g, then stopped by it.
+fn a_pushed_cube_slides_the_distance_of_coulomb_friction() {
+    // A push of 0.5 N for 0.05 s accelerates a cube of 20 g on the ground against the friction μ m g, which then stops it.
     let slide = |scale: f64| {
         let push =
             [("friction_scale", scale), ("push_time", 0.5), ("push_duration", 0.05), ("push_force_x", 0.5)];
-        let cube = Hand::new("cube-stacking", &push).steps(29);
+        let cube = Stepper::new("cube-stacking", &push).steps(29);
         let before = cube.position("target")[0];
         let cube = cube.steps(90);
-        assert!(cube.velocity("target")[0].abs() < 0.01, "it has come to rest");
+        assert!(cube.velocity("target")[0].abs() < 0.01, "the cube is at rest");
         cube.position("target")[0] - before
     };
     for (scale, mu) in [(1.0, 0.75), (0.5, 0.375)] {
@@ -293,7 +298,7 @@ fn a_pushed_cube_slides_as_far_as_coulomb_friction_lets_it() {
         let velocity = acceleration * duration;
         let expected = 0.5 * acceleration * duration * duration + velocity * velocity / (2.0 * mu * g);
         let found = slide(scale);
-        // Contacts are soft, and the push starts and stops the cube within a few steps.
+        // The tolerance allows for soft contacts and for the discretization of a short push.
         assert!((found / expected - 1.0).abs() < 0.1, "{found} m, expected {expected} m at friction {mu}");
     }
 }
@@ -301,12 +306,13 @@ fn a_pushed_cube_slides_as_far_as_coulomb_friction_lets_it() {
 #[test]
 fn a_target_jumps_by_its_offset_in_the_control_step_of_its_time() {
     let jump = [("jump_time", 0.1), ("jump_x", 0.04), ("jump_y", -0.03), ("jump_z", 0.02)];
-    let (mut with, mut without) = (Hand::new("point-reaching", &jump), Hand::new("point-reaching", &[]));
+    let (mut with, mut without) =
+        (Stepper::new("point-reaching", &jump), Stepper::new("point-reaching", &[]));
     for step in 1..=10 {
         with.step();
         without.step();
         let moved: Vec<f32> = (18..21).map(|i| with.observation[i] - without.observation[i]).collect();
-        // 0.1 s are six control steps: the seventh begins with the jump.
+        // 0.1 s is six control steps, so the seventh step starts with the jump.
         let expected = if step > 6 { [0.04, -0.03, 0.02] } else { [0.0; 3] };
         for (moved, expected) in moved.iter().zip(expected) {
             assert!((moved - expected).abs() < 1e-6, "after step {step}: {moved:?}");
@@ -315,39 +321,39 @@ fn a_target_jumps_by_its_offset_in_the_control_step_of_its_time() {
 }
 
 #[test]
-fn a_snapshot_in_the_middle_of_a_push_continues_to_the_same_bits() {
+fn a_state_restored_during_a_push_continues_with_the_same_bits() {
     for task in TASKS {
         let force = task.definition().variations.push.unwrap().1;
         let push =
             [("servo_gain_scale", 0.9), ("push_time", 0.05), ("push_duration", 0.2), ("push_force_y", force)];
-        let mut hand = Hand::new(task.definition().name, &push).steps(8);
-        let mut restored = Hand::new(task.definition().name, &[]);
-        restored.state.copy_from_slice(&hand.state);
+        let mut stepper = Stepper::new(task.definition().name, &push).steps(8);
+        let mut restored = Stepper::new(task.definition().name, &[]);
+        restored.state.copy_from_slice(&stepper.state);
         for step in 8..20 {
-            hand.step();
+            stepper.step();
             restored.step();
             let bits =
-                |hand: &Hand| hand.state.iter().chain(&hand.signals).map(|x| x.to_bits()).collect::<Vec<_>>();
-            assert!(bits(&hand) == bits(&restored), "{} at step {step}", task.definition().name);
+                |row: &Stepper| row.state.iter().chain(&row.signals).map(|x| x.to_bits()).collect::<Vec<_>>();
+            assert!(bits(&stepper) == bits(&restored), "{} at step {step}", task.definition().name);
         }
     }
 }
 
 #[test]
-fn damping_slows_an_arm_and_weaker_servos_follow_later() {
-    // One control step of a raised target: how far joint 1 has come after ten.
+fn damping_and_weaker_servos_slow_the_arm() {
+    // Position of joint 1 after one control step with a raised target and nine with actions of 0.
     let reach = |values: &[(&str, f64)]| {
-        let mut hand = Hand::new("point-reaching", values);
+        let mut stepper = Stepper::new("point-reaching", values);
         let sample = Sample {
-            observation: &mut hand.observation,
-            signals: &mut hand.signals,
-            rewards: &mut hand.rewards,
+            observation: &mut stepper.observation,
+            signals: &mut stepper.signals,
+            rewards: &mut stepper.rewards,
         };
-        hand.worker.step(&[1.0; 9], &mut hand.state, sample);
-        let hand = hand.steps(9);
-        let mut world = hand.model().world();
-        world.set_state(&hand.state);
-        world.qpos()[hand.model().joint("joint1").unwrap().qpos]
+        stepper.worker.step(&[1.0; 9], &mut stepper.state, sample);
+        let stepper = stepper.steps(9);
+        let mut world = stepper.model().world();
+        world.set_state(&stepper.state);
+        world.qpos()[stepper.model().joint("joint1").unwrap().qpos]
     };
     let nominal = reach(&[]);
     assert!(reach(&[("joint_damping", 10.0)]) < nominal);
@@ -356,7 +362,7 @@ fn damping_slows_an_arm_and_weaker_servos_follow_later() {
 }
 
 #[test]
-fn an_unknown_axis_and_a_value_out_of_range_are_refused() {
+fn an_unknown_axis_and_a_value_out_of_range_are_errors() {
     let task = task("ball-balancing").unwrap();
     let target = target(task);
     let wind = Space::new("wind", vec![Axis::start("wind", "m/s", 0.0, 1.0)]).unwrap();

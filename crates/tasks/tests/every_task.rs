@@ -1,4 +1,4 @@
-//! What holds for every task there is.
+//! Invariants of every task.
 
 #![allow(clippy::unwrap_used)]
 
@@ -21,8 +21,8 @@ fn environment(task: &dyn Task, preset: Preset, reward: Reward) -> TaskEnvironme
     TaskEnvironment::new(task, preset, reward).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// One simulation, stepped by hand.
-struct Hand {
+/// One simulation that a test steps.
+struct Stepper {
     worker: Box<dyn EnvironmentWorker>,
     state: Vec<f64>,
     observation: Vec<f32>,
@@ -30,9 +30,9 @@ struct Hand {
     rewards: Vec<f64>,
 }
 
-impl Hand {
-    fn new(environment: &TaskEnvironment) -> Hand {
-        Hand {
+impl Stepper {
+    fn new(environment: &TaskEnvironment) -> Stepper {
+        Stepper {
             worker: environment.worker(),
             state: vec![0.0; environment.state_size()],
             observation: vec![0.0; environment.observation_size()],
@@ -59,24 +59,24 @@ impl Hand {
         self.worker.step(action, &mut self.state, sample)
     }
 
-    /// Everything it shows, as bits.
+    /// Returns the bits of state, signals, rewards and observation.
     fn bits(&self) -> Vec<u64> {
         let wide = self.state.iter().chain(&self.signals).chain(&self.rewards).map(|x| x.to_bits());
         wide.chain(self.observation.iter().map(|x| u64::from(x.to_bits()))).collect()
     }
 }
 
-/// An action that moves every joint, different in every step.
+/// Returns an action that moves every joint and differs in every step.
 fn wiggle(step: usize) -> Vec<f64> {
     (0..9).map(|joint| (0.3 * step as f64 + joint as f64).sin()).collect()
 }
 
-fn middle(definition: &Definition) -> Vec<f64> {
+fn center(definition: &Definition) -> Vec<f64> {
     definition.initial_box.iter().map(|axis| 0.5 * (axis.paper[0] + axis.paper[1])).collect()
 }
 
 #[test]
-fn names_are_distinct_and_told() {
+fn names_are_unique_and_every_quantity_has_a_description() {
     let mut tasks = HashSet::new();
     for task in TASKS {
         let definition = task.definition();
@@ -98,12 +98,12 @@ fn names_are_distinct_and_told() {
 }
 
 #[test]
-fn the_document_is_the_model_that_is_stepped() {
+fn the_document_has_the_dynamics_of_the_environment() {
     for task in TASKS {
         let environment = environment(*task, Preset::Paper, Reward::Shaped);
         let document = Model::from_xml(&compose(*task).unwrap()).unwrap();
         assert_eq!(document.timestep(), environment.model().timestep(), "{}", environment.name());
-        // Shapes that are only drawn are in the document alone, which changes no bit of what moves.
+        // Only the document contains visual geoms, which do not change a bit of the dynamics.
         let fall = |model: &Model| {
             let (panda, mut world) = (Panda::new(model).unwrap(), model.world());
             panda.place(&task.definition().start, &mut world);
@@ -118,7 +118,7 @@ fn the_document_is_the_model_that_is_stepped() {
 }
 
 #[test]
-fn the_document_holds_the_start() {
+fn the_document_contains_the_initial_state() {
     for task in TASKS {
         let xml = compose_with_start(*task).unwrap();
         let model = Model::from_xml(&xml).unwrap();
@@ -127,11 +127,11 @@ fn the_document_holds_the_start() {
             text.split('"').next().unwrap().split(' ').map(|x| x.parse().unwrap()).collect()
         };
         let environment = environment(*task, Preset::Paper, Reward::Shaped);
-        let mut hand = Hand::new(&environment);
-        hand.reset(middle(task.definition()), Seed(0));
+        let mut stepper = Stepper::new(&environment);
+        stepper.reset(center(task.definition()), Seed(0));
         let mut world = environment.model().world();
-        world.set_state(&hand.state);
-        // The arm of some tasks starts with noise, which the document leaves out.
+        world.set_state(&stepper.state);
+        // The arm of some tasks starts with noise, which the document does not contain.
         let arm = if task.definition().start_noise > 0.0 { 7 } else { 0 };
         assert_eq!(key("qpos")[arm..], world.qpos()[arm..], "{}", environment.name());
         assert_eq!(key("qvel"), world.qvel(), "{}", environment.name());
@@ -140,56 +140,56 @@ fn the_document_holds_the_start() {
 }
 
 #[test]
-fn every_formula_names_signals_that_exist_and_is_decided_by_an_episode() {
+fn every_formula_has_known_signals_and_is_decided_by_an_episode() {
     for task in TASKS {
         for preset in PRESETS {
             let environment = environment(*task, preset, Reward::Original);
             let specification = task.definition().formulas(preset).specification().unwrap();
-            let mut judge =
+            let mut monitor =
                 SpecificationMonitor::new(&specification, environment.signals(), environment.control_dt())
                     .unwrap();
             let mut trace = mishandle_stl::Trace::new(environment.signals().clone());
             for _ in 0..=environment.episode_steps() {
                 trace.push(&vec![1.0; environment.signals().len()]);
             }
-            let verdict = judge.verdict(&trace, true).unwrap();
+            let verdict = monitor.verdict(&trace, true).unwrap();
             assert!(verdict.success.is_some() && verdict.strict.is_some(), "{}", environment.name());
         }
     }
 }
 
 #[test]
-fn numbers_stay_finite_and_as_many_as_documented() {
+fn observations_signals_and_rewards_stay_finite() {
     for task in TASKS {
         for reward in REWARDS {
             let environment = environment(*task, Preset::Paper, reward);
-            let mut hand = Hand::new(&environment);
-            hand.reset(middle(task.definition()), Seed(1));
+            let mut stepper = Stepper::new(&environment);
+            stepper.reset(center(task.definition()), Seed(1));
             for step in 0..300 {
-                // Twice the range of a policy, as noise may ask for.
+                // Noise may cause actions outside [-1, 1].
                 let action: Vec<f64> = wiggle(step).iter().map(|a| 2.0 * a).collect();
-                assert_ne!(hand.step(&action), StepStatus::Diverged, "{} at {step}", environment.name());
-                assert!(hand.observation.iter().all(|x| x.abs() <= 5.0));
-                assert!(hand.signals.iter().chain(&hand.rewards).all(|x| x.is_finite()));
+                assert_ne!(stepper.step(&action), StepStatus::Diverged, "{} at {step}", environment.name());
+                assert!(stepper.observation.iter().all(|x| x.abs() <= 5.0));
+                assert!(stepper.signals.iter().chain(&stepper.rewards).all(|x| x.is_finite()));
             }
         }
     }
 }
 
 #[test]
-fn the_same_seed_gives_the_same_bits_and_another_row_in_between_changes_nothing() {
+fn steps_of_another_row_do_not_change_the_bits_of_a_simulation() {
     for task in TASKS {
         let environment = environment(*task, Preset::Paper, Reward::Shaped);
-        let x0 = middle(task.definition());
-        let (mut alone, mut between) = (Hand::new(&environment), Hand::new(&environment));
-        let mut other = Hand::new(&environment);
+        let x0 = center(task.definition());
+        let (mut alone, mut between) = (Stepper::new(&environment), Stepper::new(&environment));
+        let mut other = Stepper::new(&environment);
         alone.reset(x0.clone(), Seed(5));
         between.reset(x0.clone(), Seed(5));
         other.reset(environment.space().at(&vec![0.1; x0.len()]), Seed(6));
         for step in 0..60 {
             alone.step(&wiggle(step));
             between.step(&wiggle(step));
-            // Another simulation passes through the same worker.
+            // Another simulation uses the same worker.
             std::mem::swap(&mut between.worker, &mut other.worker);
             other.step(&wiggle(step + 7));
             std::mem::swap(&mut between.worker, &mut other.worker);
@@ -199,39 +199,39 @@ fn the_same_seed_gives_the_same_bits_and_another_row_in_between_changes_nothing(
 }
 
 #[test]
-fn a_snapshot_in_mid_episode_continues_to_the_same_bits() {
+fn a_restored_state_continues_with_the_same_bits() {
     for task in TASKS {
         let environment = environment(*task, Preset::Paper, Reward::Shaped);
-        let mut hand = Hand::new(&environment);
-        hand.reset(middle(task.definition()), Seed(2));
+        let mut stepper = Stepper::new(&environment);
+        stepper.reset(center(task.definition()), Seed(2));
         (0..80).for_each(|step| {
-            hand.step(&wiggle(step));
+            stepper.step(&wiggle(step));
         });
-        let mut restored = Hand::new(&environment);
-        restored.state.copy_from_slice(&hand.state);
+        let mut restored = Stepper::new(&environment);
+        restored.state.copy_from_slice(&stepper.state);
         for step in 80..140 {
-            hand.step(&wiggle(step));
+            stepper.step(&wiggle(step));
             restored.step(&wiggle(step));
-            assert_eq!(hand.bits(), restored.bits(), "{} at step {step}", environment.name());
+            assert_eq!(stepper.bits(), restored.bits(), "{} at step {step}", environment.name());
         }
     }
 }
 
 #[test]
-fn every_axis_of_the_box_reaches_the_scene() {
+fn every_axis_of_the_box_changes_the_observation() {
     for task in TASKS {
         let environment = environment(*task, Preset::Paper, Reward::Shaped);
         let dimension = environment.space().dimension();
-        let mut hand = Hand::new(&environment);
+        let mut stepper = Stepper::new(&environment);
         for axis in 0..dimension {
-            let at = |hand: &mut Hand, value: f64| {
+            let at = |stepper: &mut Stepper, value: f64| {
                 let mut u = vec![0.5; dimension];
                 u[axis] = value;
                 let x0 = environment.space().at(&u);
-                hand.reset(x0.clone(), Seed(3));
-                (x0.get(axis).unwrap(), hand.observation.clone())
+                stepper.reset(x0.clone(), Seed(3));
+                (x0.get(axis).unwrap(), stepper.observation.clone())
             };
-            let ((low, before), (high, after)) = (at(&mut hand, 0.1), at(&mut hand, 0.9));
+            let ((low, before), (high, after)) = (at(&mut stepper, 0.1), at(&mut stepper, 0.9));
             let moved = |(a, b): (&f32, &f32)| (f64::from(b - a).abs() - (high - low)).abs() < 1e-6;
             assert!(
                 before.iter().zip(&after).any(moved),
@@ -243,7 +243,7 @@ fn every_axis_of_the_box_reaches_the_scene() {
 }
 
 #[test]
-fn starts_are_drawn_from_the_whole_box_and_nowhere_else() {
+fn random_initial_states_cover_the_box() {
     for task in TASKS {
         for preset in PRESETS {
             let environment = environment(*task, preset, Reward::Shaped);
@@ -252,7 +252,7 @@ fn starts_are_drawn_from_the_whole_box_and_nowhere_else() {
                 let [low, high] = axis.bounds(preset);
                 let values = || starts.iter().filter_map(|start| start.get(i));
                 assert!(values().all(|x| (low..=high).contains(&x)), "{} {}", environment.name(), axis.name);
-                // Of 1,000 uniform draws none within 2 % of a bound: 2 in 10^9.
+                // The probability that none of 1,000 uniform draws is within 2 % of a bound is 2e-9.
                 let near = 0.02 * (high - low);
                 assert!(values().any(|x| x < low + near) && values().any(|x| x > high - near));
             }
@@ -266,17 +266,17 @@ fn the_reward_is_the_sum_of_its_terms() {
         for reward in REWARDS {
             let environment = environment(*task, Preset::Paper, reward);
             let expert = task.expert().unwrap();
-            let (mut actor, mut memory) = (expert.worker(), vec![0.0; expert.state_size()]);
-            let mut wanted = [0.0_f32; 9];
-            let mut hand = Hand::new(&environment);
+            let (mut controller, mut memory) = (expert.worker(), vec![0.0; expert.state_size()]);
+            let mut action = [0.0_f32; 9];
+            let mut stepper = Stepper::new(&environment);
             let x0 = environment.space().sample(Seed(11), 0);
-            hand.reset(x0.clone(), Seed(11).child(0));
-            actor.reset(&mut memory, Seed(0));
-            let mut terms = vec![0.0; hand.rewards.len()];
+            stepper.reset(x0.clone(), Seed(11).child(0));
+            controller.reset(&mut memory, Seed(0));
+            let mut terms = vec![0.0; stepper.rewards.len()];
             for _ in 0..300 {
-                actor.act(1, &hand.observation, &mut memory, &mut wanted);
-                hand.step(&wanted.map(f64::from));
-                terms.iter_mut().zip(&hand.rewards).for_each(|(sum, term)| *sum += term);
+                controller.act(1, &stepper.observation, &mut memory, &mut action);
+                stepper.step(&action.map(f64::from));
+                terms.iter_mut().zip(&stepper.rewards).for_each(|(sum, term)| *sum += term);
             }
             let total = expert_episodes_from(*task, environment, vec![x0])[0].total_reward;
             let sum: f64 = terms.iter().sum();
@@ -285,7 +285,7 @@ fn the_reward_is_the_sum_of_its_terms() {
     }
 }
 
-/// Episodes of the expert from starts that are drawn from the reachable part of the box.
+/// Runs episodes of the expert from random initial states in the reachable part of the box.
 fn expert_episodes(task: &dyn Task, environment: TaskEnvironment, starts: usize) -> Vec<Episode> {
     let x0s = (0..)
         .map(|i| environment.space().sample(Seed(11), i))
@@ -295,7 +295,7 @@ fn expert_episodes(task: &dyn Task, environment: TaskEnvironment, starts: usize)
     expert_episodes_from(task, environment, x0s)
 }
 
-/// The values of a scenario of starts.
+/// Returns the values of a scenario of initial states.
 fn numbers(start: &Scenario) -> Vec<f64> {
     start.values().iter().flatten().copied().collect()
 }
@@ -314,24 +314,24 @@ fn expert_episodes_from(
 }
 
 #[test]
-fn the_expert_meets_both_formulas() {
+fn the_expert_satisfies_both_formulas() {
     for task in TASKS {
         let name = task.definition().name;
         let episodes = expert_episodes(*task, environment(*task, Preset::Paper, Reward::Shaped), 40);
         assert!(episodes.iter().all(|episode| episode.end == EpisodeEnd::Completed), "{name}");
-        let fails = |met: fn(&Episode) -> bool| -> Vec<Vec<f64>> {
+        let failures = |is_met: fn(&Episode) -> bool| -> Vec<Vec<f64>> {
             episodes
                 .iter()
-                .filter(|episode| !met(episode))
+                .filter(|episode| !is_met(episode))
                 .map(|episode| numbers(&episode.request.scenario))
                 .collect()
         };
-        // The experts' bars are 99 % and 95 % of 1,000 starts. A variant has the expert of its task, which is made for
-        // that one: it reaches 88 %.
-        let (success, strict) = (fails(succeeds), fails(is_strict));
-        assert!(success.is_empty(), "{name} breaks the formula from {success:?}");
+        // The required rates of an expert are 99 % and 95 % of 1,000 initial states. A variant uses the expert of its base
+        // task, which reaches 88 %.
+        let (success, strict) = (failures(succeeds), failures(is_strict));
+        assert!(success.is_empty(), "{name} violates the success formula from {success:?}");
         let allowed = if task.definition().variant_of.is_some() { 6 } else { 0 };
-        assert!(strict.len() <= allowed, "{name} breaks the strict formula from {strict:?}");
+        assert!(strict.len() <= allowed, "{name} violates the strict formula from {strict:?}");
     }
 }
 
@@ -360,18 +360,18 @@ fn halving_the_physics_step_changes_at_most_one_outcome_in_a_hundred() {
         let others = whole.iter().zip(&halved).filter(other).count();
         let same_success = |(a, b): (&Episode, &Episode)| succeeds(a) == succeeds(b);
         assert!(whole.iter().zip(&halved).all(same_success), "{}", task.definition().name);
-        // Where one start in ten fails by chance, as in a variant, other chances decide other starts.
+        // In a variant one initial state in ten fails by chance, so a change of the physics step changes more outcomes.
         let allowed = if task.definition().variant_of.is_some() { 20 } else { 1 };
         assert!(
             others <= allowed,
-            "{}: {others} of 100 outcomes hang on the physics step",
+            "{}: {others} of 100 outcomes depend on the physics step",
             task.definition().name
         );
     }
 }
 
 #[test]
-fn an_episode_is_the_same_alone_and_in_a_batch_on_any_number_of_threads() {
+fn an_episode_depends_on_neither_batch_nor_threads() {
     for task in TASKS {
         let run = |threads: usize, starts: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -384,16 +384,16 @@ fn an_episode_is_the_same_alone_and_in_a_batch_on_any_number_of_threads() {
 }
 
 #[test]
-fn every_reward_ranks_the_expert_above_doing_nothing() {
+fn every_reward_is_higher_for_the_expert_than_for_zero_actions() {
     for task in TASKS {
         for reward in REWARDS {
             let idle_environment = environment(*task, Preset::Paper, reward);
-            let mut hand = Hand::new(&idle_environment);
+            let mut stepper = Stepper::new(&idle_environment);
             let mut idle = 0.0;
-            hand.reset(middle(task.definition()), Seed(4));
+            stepper.reset(center(task.definition()), Seed(4));
             for _ in 0..300 {
-                hand.step(&[0.0; 9]);
-                idle += hand.rewards.iter().sum::<f64>();
+                stepper.step(&[0.0; 9]);
+                idle += stepper.rewards.iter().sum::<f64>();
             }
             let episodes = expert_episodes(*task, environment(*task, Preset::Paper, reward), 8);
             let expert = episodes.iter().map(|e| e.total_reward).sum::<f64>() / episodes.len() as f64;

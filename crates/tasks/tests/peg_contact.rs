@@ -1,4 +1,4 @@
-//! A peg falls, stands, jams and is held as it would be on a bench.
+//! Tests the physics of the peg: it falls, stands, jams and is held as on a test bench.
 
 #![allow(clippy::unwrap_used)]
 
@@ -9,10 +9,10 @@ use mishandle_tasks::{JOINTS, Panda, Preset, Reward, TaskEnvironment, compose, t
 use mishandle_world::frame::{norm, norm_xy, rotate, rotate_back, sub};
 use mishandle_world::{Body, Equality, Joint, Model, World};
 
-/// Where the block stands, and its hole: m.
+/// Horizontal position of the block and its hole, m.
 const HOLE: [f64; 2] = [0.5, 0.0];
 
-/// Heights of the peg's origin: standing on the block, standing on the hole's floor, m.
+/// Heights of the peg's origin while the peg stands on the block and on the hole's floor, m.
 const ON_BLOCK: f64 = 0.43;
 const IN_HOLE: f64 = 0.38;
 
@@ -23,7 +23,7 @@ const SHAFT: f64 = 0.06;
 
 const UPRIGHT: [f64; 4] = [0.5, 0.5, 0.5, 0.5];
 
-/// The scene, with the arm's servos held as the environment holds them.
+/// The scene with the servos of the environment.
 struct Bench {
     world: World,
     panda: Panda,
@@ -38,7 +38,7 @@ impl Bench {
         Bench::with("")
     }
 
-    /// The scene with more MJCF.
+    /// Makes the scene with additional MJCF.
     fn with(extra: &str) -> Bench {
         let task = task("peg-in-hole").unwrap();
         let definition = task.definition();
@@ -59,7 +59,7 @@ impl Bench {
         bench
     }
 
-    /// The peg let go of, at rest, its origin at `offset` from the hole's axis and at this height.
+    /// Makes the scene with a released peg at rest. Its origin is at `offset` from the hole's axis.
     fn loose(offset: [f64; 2], height: f64, quaternion: [f64; 4]) -> Bench {
         let mut bench = Bench::new();
         bench.world.switch(bench.weld, false);
@@ -72,7 +72,7 @@ impl Bench {
         self.world.step();
     }
 
-    /// The deepest penetration on the way, m.
+    /// Runs the simulation and returns the maximum penetration, m.
     fn run(&mut self, seconds: f64) -> f64 {
         let steps = (seconds / self.world.model().timestep()).round() as usize;
         (0..steps).fold(0.0, |deepest: f64, _| {
@@ -85,7 +85,7 @@ impl Bench {
         self.world.rows().free_position(self.peg)
     }
 
-    /// Angle of the peg's axis from upright, rad.
+    /// Returns the angle between the peg's axis and the vertical, rad.
     fn tilt(&self) -> f64 {
         let axis = rotate(self.quaternion(), [0.0, 1.0, 0.0]);
         norm_xy(axis).atan2(axis[2])
@@ -95,7 +95,7 @@ impl Bench {
         [3, 4, 5, 6].map(|i| self.world.qpos()[self.peg.qpos + i])
     }
 
-    /// The peg's origin and axis in the hand's frame.
+    /// Returns the peg's origin and axis in the hand's frame.
     fn in_hand(&mut self) -> ([f64; 3], [f64; 3]) {
         self.world.refresh();
         let rows = self.world.rows();
@@ -104,18 +104,18 @@ impl Bench {
     }
 }
 
-/// The peg's quaternion when its axis leans towards -x by `angle`.
+/// Returns the quaternion of a peg whose axis leans towards -x by `angle`.
 fn leaning(angle: f64) -> [f64; 4] {
     let (s, c) = (0.5 * angle).sin_cos();
-    // A turn about y by -angle, then upright.
+    // The product of a rotation by -angle about y and the upright orientation.
     let [w, x, y, z] = UPRIGHT;
     [c * w + s * y, c * x - s * z, c * y - s * w, c * z + s * x]
 }
 
 #[test]
-fn the_play_is_four_millimetres_all_around() {
-    // The walls are tangent to the circle of 10 mm; between two of them, at the polygon's corners, a shaft of 6 mm
-    // moves 4 mm / cos(π / 16) = 4.08 mm.
+fn the_clearance_is_four_millimeters_in_every_direction() {
+    // The walls are tangent to the circle of 10 mm. At the corners of the polygon the clearance of a shaft of 6 mm is
+    // 4 mm / cos(π / 16) = 4.08 mm.
     for i in 0..64 {
         let (sin, cos) = (TAU * f64::from(i) / 64.0).sin_cos();
         let touches = |offset: f64| {
@@ -129,12 +129,12 @@ fn the_play_is_four_millimetres_all_around() {
 }
 
 #[test]
-fn a_straight_peg_falls_in_and_stays() {
+fn an_upright_peg_falls_into_the_hole_and_stays() {
     for offset in [0.0, 0.002, 0.0038] {
         let mut bench = Bench::loose([offset, 0.0], ON_BLOCK + 0.005, UPRIGHT);
         let deepest = bench.run(1.0);
         assert!((bench.position()[2] - IN_HOLE).abs() < 1e-4, "{:?}", bench.position());
-        // It arrives at 1 m/s and so moves 4 mm in a physics step.
+        // The peg arrives at 1 m/s and moves 4 mm per physics step.
         assert!(deepest < 0.002, "{deepest}");
         let before = bench.position();
         assert!(bench.run(10.0) < 1e-4);
@@ -144,7 +144,7 @@ fn a_straight_peg_falls_in_and_stays() {
 
 #[test]
 fn a_peg_beside_the_hole_stands_on_the_block() {
-    // Over a wall's edge, over a seam of two boxes, on one box.
+    // The peg stands on the edge of a wall, on the seam of two boxes, and on one box.
     for offset in [[0.02, 0.0], [0.05, 0.003], [0.1, 0.1]] {
         let mut bench = Bench::loose(offset, ON_BLOCK, UPRIGHT);
         bench.run(0.5);
@@ -169,7 +169,7 @@ fn a_peg_bounces_on_the_ground_with_a_restitution_of_0_4_and_not_on_the_block() 
         }
         -up / down
     };
-    // Where in a physics step the peg touches down moves a single bounce by half of it.
+    // The time of contact within a physics step changes a single restitution by up to a half.
     let mean = |offset: [f64; 2], surface: f64| {
         (0..20).map(|i| restitution(offset, surface, 0.2 + 0.013 * f64::from(i))).sum::<f64>() / 20.0
     };
@@ -178,19 +178,19 @@ fn a_peg_bounces_on_the_ground_with_a_restitution_of_0_4_and_not_on_the_block() 
     assert!(block < 0.1, "{block} on the block");
 }
 
-/// Depth to which the lowest point of a shaft that leans by `angle` gets into a hole of that radius.
+/// Returns the depth of the lowest point of a jammed shaft that leans by `angle`.
 ///
-/// In the plane of the axis and the vertical: the lower end's one edge is at the far wall, x = 2 R. The end is
-/// 2 r cos(angle) wide; from its lowest point the shaft's side rises at `angle` from the vertical to the near rim,
+/// In the plane of the axis and the vertical, one edge of the lower end is at the far wall, x = 2 R. The end is
+/// 2 r cos(angle) wide. From its lowest point the side of the shaft rises at `angle` to the vertical up to the near rim,
 /// x = 0. So depth · tan(angle) = 2 R - 2 r cos(angle).
 fn depth_leaning(angle: f64) -> f64 {
     2.0 * (HOLE_RADIUS - SHAFT_RADIUS * angle.cos()) / angle.tan()
 }
 
-/// How deep the lowest point of a peg gets that slides down slowly without turning, leaning by `angle`, m.
+/// Simulates a peg that slides down slowly with a constant lean, and returns the final depth of its lowest point, m.
 fn depth_reached(angle: f64) -> f64 {
     let (sin, cos) = angle.sin_cos();
-    // Its lower end's edge passes 0.05 mm from the far wall.
+    // The distance between the edge of the lower end and the far wall is 0.05 mm.
     let x = HOLE[0] + HOLE_RADIUS - 0.00005 - SHAFT_RADIUS * cos - 0.5 * SHAFT * sin;
     let lowest_below_origin = 0.5 * SHAFT * cos + SHAFT_RADIUS * sin;
     let height = 0.4 + lowest_below_origin;
@@ -214,8 +214,8 @@ fn depth_reached(angle: f64) -> f64 {
 }
 
 #[test]
-fn a_crooked_peg_jams_where_geometry_says() {
-    // 9.3 degrees is the limit: there the lowest point just reaches the floor, 50 mm down.
+fn a_leaning_peg_jams_at_the_depth_of_the_geometry() {
+    // At the limit of 9.3 degrees the lowest point just reaches the floor at a depth of 50 mm.
     assert!((depth_leaning(0.1616) - 0.05).abs() < 1e-4);
     for angle in [0.05, 0.10, 0.14] {
         let depth = depth_reached(angle);
@@ -228,7 +228,7 @@ fn a_crooked_peg_jams_where_geometry_says() {
 }
 
 #[test]
-fn the_hand_holds_the_peg_without_squeezing_it() {
+fn the_hand_holds_the_peg_without_penetrating_it() {
     let mut bench = Bench::new();
     let start = bench.in_hand();
     let deepest = bench.run(1.0);
@@ -238,7 +238,7 @@ fn the_hand_holds_the_peg_without_squeezing_it() {
     let before = bench.position();
     bench.run(0.5);
     assert!(norm(sub(bench.position(), before)) < 1e-6, "the peg trembles");
-    // The pads are at the cap: closer by half a millimetre they touch it.
+    // The pads are at the surface of the cap: half a millimeter closer they penetrate it.
     for finger in [7, 8] {
         let mut closer = Bench::new();
         closer.targets[finger] -= 5e-4;
@@ -249,11 +249,11 @@ fn the_hand_holds_the_peg_without_squeezing_it() {
 }
 
 #[test]
-fn a_held_peg_does_not_slip_when_the_arm_shakes() {
+fn a_held_peg_does_not_slip_at_full_speed_of_the_arm() {
     let mut bench = Bench::new();
     let start = bench.in_hand();
     let (mut slip, mut turn): (f64, f64) = (0.0, 0.0);
-    // Up high, far from the block: each joint at full speed to and fro.
+    // Each joint moves back and forth at full speed, far above the block.
     for step in 0..240 {
         let sign = if (step / 20) % 2 == 0 { 1.0 } else { -1.0 };
         bench.panda.move_targets(&[sign, sign * 0.2, -sign, -sign, sign, sign, -sign], &mut bench.targets);
@@ -269,7 +269,7 @@ fn a_held_peg_does_not_slip_when_the_arm_shakes() {
 }
 
 #[test]
-fn the_whole_arm_does_not_drive_the_peg_into_the_block() {
+fn the_full_force_of_the_arm_does_not_press_the_peg_into_the_block() {
     let mut bench = Bench::new();
     // Above the block, 4 cm beside its hole.
     let above = [0.08, -0.137, 0.0, -1.572, 0.0, 1.486, 2.4];
@@ -287,8 +287,8 @@ fn the_whole_arm_does_not_drive_the_peg_into_the_block() {
             lowest = lowest.min(tip);
         }
     }
-    // It comes down at 1.7 m/s, 7 mm in a physics step: that far it may be before the block is felt, and no farther
-    // under the full torque that follows.
+    // The peg comes down at 1.7 m/s, 7 mm per physics step. This is the maximum penetration, also under the full torque
+    // after the contact.
     assert!(speed > 1.5, "it comes down at {speed} m/s");
     assert!(lowest > 0.4 - 1.1 * speed / 240.0, "its tip gets down to {lowest} at {speed} m/s");
     let now = bench.in_hand();
@@ -299,54 +299,54 @@ fn the_whole_arm_does_not_drive_the_peg_into_the_block() {
 }
 
 #[test]
-fn the_gripper_lets_go_once_near_the_hole_wherever_it_is() {
+fn the_gripper_releases_the_peg_near_the_hole_for_every_position_of_the_block() {
     let task = task("peg-in-hole").unwrap();
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
     let expert = task.expert().unwrap();
-    let (mut worker, mut actor) = (environment.worker(), expert.worker());
+    let (mut worker, mut controller) = (environment.worker(), expert.worker());
     let mut state = vec![0.0; environment.state_size()];
     let mut memory = vec![0.0; expert.state_size()];
     let mut observation = vec![0.0; environment.observation_size()];
     let mut signals = vec![0.0; environment.signals().len()];
     let mut rewards = vec![0.0; environment.reward_terms().len()];
-    let (mut wanted, mut action) = (vec![0.0; JOINTS], vec![0.0; JOINTS]);
+    let (mut output, mut action) = (vec![0.0; JOINTS], vec![0.0; JOINTS]);
     macro_rules! sample {
         () => {
             Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards }
         };
     }
-    // In the middle, and at the corners of the box: the nearest and the farthest holes.
+    // The hole is in the middle of the initial box and at its corners, which include the nearest and the farthest holes.
     for hole in [HOLE, [0.3, -0.2], [0.3, 0.2], [0.7, -0.2], [0.7, 0.2]] {
         worker.reset(&hole.into(), Seed(0), &mut state, sample!());
-        actor.reset(&mut memory, Seed(0));
+        controller.reset(&mut memory, Seed(0));
         assert_eq!(observation[18..25], [0.109, 0.0, 0.786, 0.5, 0.5, 0.5, 0.5].map(|x: f64| x as f32));
         let mut held = true;
         for step in 1..=300 {
             let [x, y, z] = [25, 26, 27].map(|i| f64::from(observation[i]));
-            // The hole's marker is at its floor, the release point 4 cm above it.
+            // The site of the hole is at its floor, and the release point is 4 cm above it.
             let near = norm([x, y, z - 0.04]) <= 0.024;
-            actor.act(1, &observation, &mut memory, &mut wanted);
-            action.iter_mut().zip(&wanted).for_each(|(a, w)| *a = f64::from(*w));
+            controller.act(1, &observation, &mut memory, &mut output);
+            action.iter_mut().zip(&output).for_each(|(action, output)| *action = f64::from(*output));
             worker.step(&action, &mut state, sample!());
             held &= !near;
             assert_eq!(signals[4], if held { 1.0 } else { 0.0 }, "hole at {hole:?}, step {step}");
         }
         assert!(!held, "hole at {hole:?}");
-        // It lies in the hole as deep as that is, and the fingers are open.
+        // The peg is fully inserted, and the fingers are open.
         assert!((signals[1] - 0.05).abs() < 1e-3 && signals[0] < 0.005, "hole at {hole:?}: {signals:?}");
         assert!(observation[7] > 0.99 && observation[8] > 0.99);
     }
 }
 
 #[test]
-fn the_block_is_where_the_box_says_and_leaves_the_base_alone() {
+fn the_block_has_the_position_of_the_scenario_and_does_not_touch_the_base() {
     let mut bench = Bench::new();
     let model = bench.world.model().clone();
-    // The nearest holes: the block then reaches to 0.15 m from the base's axis.
+    // For the nearest holes the block is 0.15 m from the base's axis.
     for y in [-0.2, 0.0, 0.2] {
         bench.world.place(model.mocap("block").unwrap(), [0.3, y, 0.0], [1.0, 0.0, 0.0, 0.0]);
         bench.world.refresh();
         assert_eq!(bench.world.rows().site_position(model.site("hole").unwrap()), [0.3, y, 0.35]);
-        assert!(bench.run(0.2) < 1e-5, "something touches");
+        assert!(bench.run(0.2) < 1e-5, "the block has contacts");
     }
 }

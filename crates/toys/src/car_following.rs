@@ -1,6 +1,6 @@
-//! A car behind another one: a time series with every kind of axis.
+//! A car that follows another car: a dynamic system with every kind of axis.
 //!
-//! The follower drives by the intelligent driver model of Treiber, Hennecke and Helbing, "Congested traffic states in
+//! The follower uses the intelligent driver model of Treiber, Hennecke and Helbing, "Congested traffic states in
 //! empirical observations and microscopic simulations", Physical Review E 62, 2000, with a bounded deceleration:
 //!
 //! ```text
@@ -21,26 +21,26 @@ pub(crate) struct CarFollowing;
 const DT: f64 = 0.1;
 const STEPS: usize = 200;
 
-/// Parameters of the model: desired speed (m/s), time headway (s), least gap (m), acceleration and comfortable
-/// deceleration (m/s²).
+/// Parameters of the model: desired speed v₀ (m/s), time headway T (s), minimum gap s₀ (m), acceleration A and
+/// comfortable deceleration B (m/s²).
 const DESIRED_SPEED: f64 = 33.0;
 const HEADWAY: f64 = 1.0;
-const LEAST_GAP: f64 = 2.0;
+const MIN_GAP: f64 = 2.0;
 const ACCELERATION: f64 = 1.5;
 const DECELERATION: f64 = 2.0;
 
-/// The hardest that the follower can brake on a dry road, m/s².
-const HARDEST: f64 = 8.0;
+/// The follower's maximum deceleration on a dry road, m/s².
+const MAX_DECELERATION: f64 = 8.0;
 
 /// Steps between the knots of the front car's acceleration.
 const KNOT: usize = 50;
 const KNOTS: usize = STEPS / KNOT + 1;
 
-/// Standard deviation of the measured gap's error, m, which is drawn anew in each of these parts of the episode.
+/// Standard deviation of the gap measurement's error, m. The error is constant in each of these parts of the episode.
 const GAP_STD: f64 = 0.5;
 const PARTS: usize = 4;
 
-/// Places of the axes.
+/// Indices of the axes.
 const GAP: usize = 0;
 const SPEED: usize = 1;
 const DELAY: usize = 2;
@@ -55,7 +55,7 @@ impl Toy for CarFollowing {
     }
 
     fn summary(&self) -> &'static str {
-        "A car follows another one for 20 s: safe from every start, not when the front car brakes and the road is wet."
+        "A car follows another car for 20 s: safe from every initial state, unsafe if the front car brakes on a wet road."
     }
 
     fn axes(&self) -> Vec<Axis> {
@@ -107,7 +107,7 @@ impl Toy for CarFollowing {
     }
 
     fn simulate(&self, values: &[Option<f64>], seed: Seed, push: &mut dyn FnMut(&[f64])) {
-        let value = |place: usize| values[place].unwrap_or_default();
+        let value = |index: usize| values[index].unwrap_or_default();
         let (mut gap, mut speed, mut front) = (value(GAP), value(SPEED), value(SPEED));
         let mut drawn = [0.0; PARTS];
         seed.normals(Stream::ObservationNoise, 0, &mut drawn);
@@ -119,15 +119,15 @@ impl Toy for CarFollowing {
         push(&[gap, speed, speed - front]);
         for step in 0..STEPS {
             commands.push_back(acceleration(gap + error(step), speed, speed - front));
-            let command = commands.pop_front().unwrap_or_default().max(-HARDEST * value(BRAKES));
-            let front_acceleration = knots(&values[FRONT..][..KNOTS], step)
+            let command = commands.pop_front().unwrap_or_default().max(-MAX_DECELERATION * value(BRAKES));
+            let front_acceleration = interpolate(&values[FRONT..][..KNOTS], step)
                 - braking(step as f64 * DT, [value(EVENT), value(EVENT + 1), value(EVENT + 2)]);
             let (before, front_before) = (speed, front);
             speed = (speed + DT * command).max(0.0);
             front = (front + DT * front_acceleration).max(0.0);
             gap += 0.5 * DT * (front + front_before - speed - before);
             if gap <= 0.0 {
-                // They have collided, and stay where they are.
+                // After a collision both cars stop.
                 (speed, front) = (0.0, 0.0);
             }
             push(&[gap, speed, speed - front]);
@@ -135,24 +135,24 @@ impl Toy for CarFollowing {
     }
 }
 
-/// The follower's acceleration by the intelligent driver model, m/s².
+/// Returns the follower's acceleration by the intelligent driver model, m/s².
 fn acceleration(gap: f64, speed: f64, closing: f64) -> f64 {
-    let wanted = LEAST_GAP
-        + (speed * HEADWAY + speed * closing / (2.0 * (ACCELERATION * DECELERATION).sqrt())).max(0.0);
-    let ratio = wanted / gap.max(0.1);
+    let desired_gap =
+        MIN_GAP + (speed * HEADWAY + speed * closing / (2.0 * (ACCELERATION * DECELERATION).sqrt())).max(0.0);
+    let ratio = desired_gap / gap.max(0.1);
     ACCELERATION * (1.0 - (speed / DESIRED_SPEED).powi(4) - ratio * ratio)
 }
 
-/// How hard the front car brakes at `time`, m/s².
+/// Returns the front car's deceleration at `time`, m/s².
 fn braking(time: f64, [begin, duration, deceleration]: [f64; 3]) -> f64 {
     if (begin..begin + duration).contains(&time) { deceleration } else { 0.0 }
 }
 
-/// Linear interpolation between the knots.
-fn knots(values: &[Option<f64>], step: usize) -> f64 {
-    let (knot, share) = (step / KNOT, (step % KNOT) as f64 / KNOT as f64);
+/// Interpolates linearly between the knots.
+fn interpolate(values: &[Option<f64>], step: usize) -> f64 {
+    let (knot, weight) = (step / KNOT, (step % KNOT) as f64 / KNOT as f64);
     let value = |knot: usize| values.get(knot).copied().flatten().unwrap_or_default();
-    (1.0 - share) * value(knot) + share * value(knot + 1)
+    (1.0 - weight) * value(knot) + weight * value(knot + 1)
 }
 
 #[cfg(test)]
@@ -162,15 +162,15 @@ mod tests {
     #[test]
     fn in_equilibrium_the_follower_keeps_its_gap() {
         // At 20 m/s without closing speed the acceleration is 0 at s = s* / sqrt(1 - (v / v₀)⁴).
-        let gap = (LEAST_GAP + 20.0 * HEADWAY) / (1.0 - (20.0_f64 / DESIRED_SPEED).powi(4)).sqrt();
+        let gap = (MIN_GAP + 20.0 * HEADWAY) / (1.0 - (20.0_f64 / DESIRED_SPEED).powi(4)).sqrt();
         assert!(acceleration(gap, 20.0, 0.0).abs() < 1e-12);
         assert!(acceleration(gap - 1.0, 20.0, 0.0) < 0.0 && acceleration(gap + 1.0, 20.0, 0.0) > 0.0);
     }
 
     #[test]
-    fn cars_that_have_collided_stay_where_they_are() {
+    fn cars_stop_after_a_collision() {
         let mut values: Vec<Option<f64>> = CarFollowing.axes().iter().map(|axis| axis.nominal).collect();
-        // The front car stops as hard as it can, and the follower hardly brakes.
+        // The front car brakes with maximum deceleration, the follower with a quarter of it.
         values[BRAKES] = Some(0.25);
         values[EVENT..EVENT + 3].copy_from_slice(&[Some(1.0), Some(5.0), Some(8.0)]);
         let mut gaps = Vec::new();
@@ -181,9 +181,9 @@ mod tests {
     }
 
     #[test]
-    fn the_front_car_brakes_for_its_duration_and_its_knots_are_met() {
+    fn the_front_car_brakes_for_the_duration_and_follows_its_knots() {
         assert_eq!([0.9, 1.0, 2.9, 3.0].map(|time| braking(time, [1.0, 2.0, 6.0])), [0.0, 6.0, 6.0, 0.0]);
         let values = [Some(0.0), Some(1.0), Some(-1.0), None, None];
-        assert_eq!([0, 25, 50, 75, 100].map(|step| knots(&values, step)), [0.0, 0.5, 1.0, 0.0, -1.0]);
+        assert_eq!([0, 25, 50, 75, 100].map(|step| interpolate(&values, step)), [0.0, 0.5, 1.0, 0.0, -1.0]);
     }
 }

@@ -1,24 +1,24 @@
-//! A system whose robustness is a function of the request.
+//! A system for tests whose robustness is a function of the request.
 
 use std::sync::Arc;
 
 use mishandle_rollout::{Episode, EpisodeEnd, Request, RolloutError, Space, System, Verdict};
 use mishandle_stl::Trace;
 
-/// How a simulation of a [`FunctionSystem`] goes.
+/// The outcome of a simulation of a [`FunctionSystem`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SimulatedEnd {
-    /// It runs to its end and has this robustness.
+    /// The simulation completes with this robustness.
     Robustness(f64),
-    /// It is stopped before the formula is decided.
+    /// The simulation stops before the formula is decided.
     Undecided,
-    /// It diverges.
+    /// The simulation diverges.
     Diverged,
 }
 
 /// A [`System`] whose robustness is a function of the request.
 ///
-/// Its episodes have the signal `robustness`, two samples of it, and one control step.
+/// Its episodes have one control step, and so two samples, of the signal `robustness`.
 ///
 /// # Example
 /// ```
@@ -32,25 +32,25 @@ pub enum SimulatedEnd {
 /// ```
 pub struct FunctionSystem {
     space: Space,
-    fate: Box<dyn Fn(&Request) -> SimulatedEnd>,
+    outcome: Box<dyn Fn(&Request) -> SimulatedEnd>,
     signals: Arc<[String]>,
     simulations: usize,
 }
 
 impl FunctionSystem {
-    /// A system with this space, whose simulations go as `fate` says.
-    pub fn new(space: Space, fate: impl Fn(&Request) -> SimulatedEnd + 'static) -> FunctionSystem {
+    /// Creates a system with this space. `outcome` returns the outcome of each simulation.
+    pub fn new(space: Space, outcome: impl Fn(&Request) -> SimulatedEnd + 'static) -> FunctionSystem {
         let signals = Arc::from(["robustness".to_string()]);
-        FunctionSystem { space, fate: Box::new(fate), signals, simulations: 0 }
+        FunctionSystem { space, outcome: Box::new(outcome), signals, simulations: 0 }
     }
 
-    /// How many simulations it has run.
+    /// Returns the number of completed simulations.
     pub fn simulations(&self) -> usize {
         self.simulations
     }
 
     fn episode(&self, request: &Request) -> Episode {
-        let (robustness, end) = match (self.fate)(request) {
+        let (robustness, end) = match (self.outcome)(request) {
             SimulatedEnd::Robustness(rho) => (Some(rho), EpisodeEnd::Completed),
             SimulatedEnd::Undecided => (None, EpisodeEnd::Stopped { step: 1 }),
             SimulatedEnd::Diverged => (None, EpisodeEnd::Diverged { step: 1 }),

@@ -1,7 +1,8 @@
-//! Targets in closed form that ship with the program: for tests, documentation and benchmarks of searches.
+//! Toy targets in closed form, for tests, documentation and benchmarks of searches.
 //!
-//! A simulation takes microseconds and its truth is known, so that searches and campaigns can be tried in milliseconds.
-//! A new toy is a file and a line of [`TOYS`]. [`FunctionSystem`] is a system whose robustness is any function, for tests.
+//! A simulation takes microseconds, and the counterexamples are known, so searches and campaigns can be tested in
+//! milliseconds. To add a toy, write a file and add a line to [`TOYS`]. [`FunctionSystem`] is a system for tests whose
+//! robustness is an arbitrary function.
 //!
 //! # Example
 //! The car keeps its distance from every start, unless the car in front brakes:
@@ -28,6 +29,6 @@ mod toy;
 pub use function_system::{FunctionSystem, SimulatedEnd};
 pub use toy::{Toy, target};
 
-/// All toys, in the order in which they are listed.
+/// All toys, in the order of the list.
 pub static TOYS: &[&dyn Toy] =
     &[&sphere::Sphere, &needle::Needle, &plateau::Plateau, &noisy::Noisy, &car_following::CarFollowing];

@@ -1,4 +1,4 @@
-//! A needle in a rough landscape: many local minima, and one narrow well that they do not lead to.
+//! A rough landscape with many local minima and one narrow well elsewhere.
 
 use std::f64::consts::TAU;
 
@@ -8,7 +8,7 @@ use crate::Toy;
 
 pub(crate) struct Needle;
 
-/// Where the well is, its width, and how deep it is.
+/// Position, width and depth of the well.
 const WELL: [f64; 2] = [0.62, 0.27];
 const WIDTH: f64 = 0.02;
 const DEPTH: f64 = 1.0;
@@ -19,7 +19,7 @@ impl Toy for Needle {
     }
 
     fn summary(&self) -> &'static str {
-        "A needle in a rough landscape: `height` has 100 local minima above 0, and one well below it, on 0.2 % of the square."
+        "A rough landscape: `height` has 100 local minima above 0, and one narrow well below 0 on 0.2 % of the square."
     }
 
     fn axes(&self) -> Vec<Axis> {

@@ -1,4 +1,4 @@
-//! A valley under noise: the same scenario fails with one seed and not with another.
+//! A valley with noise: the same scenario fails with some seeds and not with others.
 
 use mishandle_rollout::{Axis, AxisKind, Distribution, Seed, Stream};
 
@@ -15,7 +15,7 @@ impl Toy for Noisy {
     }
 
     fn summary(&self) -> &'static str {
-        "A valley under noise: half of all seeds violate the requirement at x = 0.7, hardly any do 0.3 away."
+        "A valley with noise: half of all seeds violate the requirement at x = 0.7, and almost none at a distance of 0.3."
     }
 
     fn axes(&self) -> Vec<Axis> {

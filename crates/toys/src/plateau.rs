@@ -1,4 +1,4 @@
-//! A staircase: the robustness is constant on rings, so that no slope leads down.
+//! A staircase: the robustness is constant on rings, so its gradient is zero almost everywhere.
 
 use mishandle_rollout::{Axis, Seed};
 
@@ -6,7 +6,7 @@ use crate::Toy;
 
 pub(crate) struct Plateau;
 
-/// The middle of the rings and their width, m.
+/// The center of the rings and their width, m.
 const CENTER: [f64; 2] = [-0.5, 0.45];
 const WIDTH: f64 = 0.1;
 

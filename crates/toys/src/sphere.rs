@@ -1,4 +1,4 @@
-//! A smooth bowl: the distance from a point in the plane.
+//! A smooth convex function: the distance from a point in the plane.
 
 use mishandle_rollout::{Axis, Seed};
 
@@ -15,7 +15,7 @@ impl Toy for Sphere {
     }
 
     fn summary(&self) -> &'static str {
-        "A smooth bowl: keep 0.1 m away from a point of a square of 2 m; 0.8 % of it violates that."
+        "A smooth function: stay 0.1 m away from a point; 0.8 % of the square of 2 m violates the requirement."
     }
 
     fn axes(&self) -> Vec<Axis> {

@@ -8,10 +8,10 @@ use mishandle_stl::{MonitorError, Trace};
 
 use crate::TOYS;
 
-/// The kind of these targets, which begins their names in plans.
+/// The kind of these targets, a prefix of their names in plans.
 const KIND: &str = "toy";
 
-/// The name of the space of all axes of a kind.
+/// The names of the spaces; each contains all axes of one kind.
 const SPACES: [(AxisKind, &str); 5] = [
     (AxisKind::Start, "starts"),
     (AxisKind::Model, "dynamics"),
@@ -22,35 +22,39 @@ const SPACES: [(AxisKind, &str); 5] = [
 
 /// A system in closed form, or nearly so.
 pub trait Toy: Send + Sync {
-    /// Name in plans, with `toy/` before it.
+    /// Returns the name; plans add the prefix `toy/`.
     fn name(&self) -> &'static str;
-    /// One sentence for people.
+    /// Returns a one-sentence description.
     fn summary(&self) -> &'static str;
-    /// What a scenario may set.
+    /// Returns all axes that a scenario may set.
     fn axes(&self) -> Vec<Axis>;
-    /// Name and unit of each signal.
+    /// Returns the name and unit of each signal.
     fn signals(&self) -> &'static [(&'static str, &'static str)];
-    /// Name and text of each formula, the default requirement first.
+    /// Returns the name and text of each formula; the first is the default requirement.
     fn formulas(&self) -> &'static [(&'static str, &'static str)];
-    /// Duration of a step, s.
+    /// Returns the duration of a control step, s.
     fn control_dt(&self) -> f64 {
         1.0
     }
-    /// Steps of an episode.
+    /// Returns the number of control steps of an episode.
     fn episode_steps(&self) -> usize {
         1
     }
-    /// Runs an episode under a value for each of [`axes`](Self::axes), and pushes each sample of the signals.
+    /// Runs an episode and passes each sample of the signals to `push`. `values` has one value per axis of
+    /// [`axes`](Self::axes); `None` is a random value from `seed`.
     fn simulate(&self, values: &[Option<f64>], seed: Seed, push: &mut dyn FnMut(&[f64]));
 }
 
-/// The toy of that name, with `toy/` before it, as a target; `None` if there is none.
+/// Returns the target with this name, including the prefix `toy/`; `None` if there is no such toy.
+///
+/// # Errors
+/// If the toy's axes do not form valid spaces.
 pub fn target(name: &str) -> Option<Result<Target, RolloutError>> {
     let own = name.strip_prefix(KIND)?.strip_prefix('/')?;
-    TOYS.iter().find(|toy| toy.name() == own).map(|toy| of(*toy))
+    TOYS.iter().find(|toy| toy.name() == own).map(|toy| target_of(*toy))
 }
 
-fn of(toy: &'static dyn Toy) -> Result<Target, RolloutError> {
+fn target_of(toy: &'static dyn Toy) -> Result<Target, RolloutError> {
     let axes = toy.axes();
     let of_kind = |kind: AxisKind| axes.iter().filter(|axis| axis.kind == kind).cloned().collect::<Vec<_>>();
     let spaces = SPACES
@@ -80,14 +84,14 @@ fn of(toy: &'static dyn Toy) -> Result<Target, RolloutError> {
     })
 }
 
-/// A toy that runs scenarios of a space.
+/// A system that runs a toy with scenarios of a space.
 struct ToySystem {
     toy: &'static dyn Toy,
     space: Space,
-    /// For each axis of the toy its place in a scenario, or its nominal value.
-    places: Vec<Result<usize, Option<f64>>>,
+    /// For each axis of the toy its index in the space, or its nominal value if the space lacks it.
+    indices: Vec<Result<usize, Option<f64>>>,
     signals: Arc<[String]>,
-    judge: SpecificationMonitor,
+    monitor: SpecificationMonitor,
 }
 
 impl ToySystem {
@@ -100,21 +104,21 @@ impl ToySystem {
         if let Some(axis) = space.axes().iter().find(|axis| axes.iter().all(|own| own.name != axis.name)) {
             return Err(RolloutError::Axis { axis: axis.name.clone(), what: "the toy has no such axis" });
         }
-        let place = |axis: &Axis| space.axes().iter().position(|own| own.name == axis.name);
+        let index = |axis: &Axis| space.axes().iter().position(|own| own.name == axis.name);
         let signals: Arc<[String]> = toy.signals().iter().map(|(name, _)| (*name).to_string()).collect();
         Ok(ToySystem {
             toy,
             space: space.clone(),
-            places: axes.iter().map(|axis| place(axis).ok_or(axis.nominal)).collect(),
-            judge: SpecificationMonitor::new(specification, &signals, toy.control_dt())?,
+            indices: axes.iter().map(|axis| index(axis).ok_or(axis.nominal)).collect(),
+            monitor: SpecificationMonitor::new(specification, &signals, toy.control_dt())?,
             signals,
         })
     }
 
     fn values(&self, scenario: &Scenario) -> Vec<Option<f64>> {
-        self.places
+        self.indices
             .iter()
-            .map(|place| place.map_or_else(|nominal| nominal, |place| scenario.get(place)))
+            .map(|index| index.map_or_else(|nominal| nominal, |index| scenario.get(index)))
             .collect()
     }
 
@@ -122,14 +126,14 @@ impl ToySystem {
         let values = self.values(&request.scenario);
         let mut trace = Trace::with_capacity(self.signals.clone(), self.toy.episode_steps() + 1);
         self.toy.simulate(&values, request.seed, &mut |sample| trace.push(sample));
-        let (end, mut verdict) = match self.judge.verdict(&trace, true) {
+        let (end, mut verdict) = match self.monitor.verdict(&trace, true) {
             Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
                 (EpisodeEnd::Undefined { step }, mishandle_rollout::Verdict::default())
             }
             verdict => (EpisodeEnd::Completed, verdict?),
         };
-        if request.wants_subformulas && verdict.robustness.is_some() {
-            verdict.subformulas = self.judge.subformulas(&trace)?;
+        if request.needs_subformulas && verdict.robustness.is_some() {
+            verdict.subformulas = self.monitor.subformulas(&trace)?;
         }
         let steps = trace.len().saturating_sub(1);
         Ok(Episode { request: request.clone(), end, steps, verdict, total_reward: 0.0, trace })
@@ -156,7 +160,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_toy_is_a_target_whose_nominal_episode_meets_its_requirement() {
+    fn the_nominal_episode_of_every_toy_satisfies_its_requirement() {
         for toy in TOYS {
             let target = target(&format!("toy/{}", toy.name())).unwrap().unwrap();
             let requirement = Formula::parse(&target.formulas[0].text).unwrap();
@@ -176,10 +180,10 @@ mod tests {
     }
 
     #[test]
-    fn names_are_distinct_and_others_are_unknown() {
+    fn names_are_distinct_and_unknown_names_have_no_target() {
         for (i, toy) in TOYS.iter().enumerate() {
             assert!(TOYS[..i].iter().all(|other| other.name() != toy.name()));
-            assert!(target(toy.name()).is_none(), "the kind belongs to the name");
+            assert!(target(toy.name()).is_none(), "the name must have the prefix");
         }
         let joined = target("toy/noisy").unwrap().unwrap();
         assert_eq!(joined.space("all+starts").unwrap().axes(), joined.space("all").unwrap().axes());
@@ -187,8 +191,8 @@ mod tests {
     }
 
     #[test]
-    fn the_violated_part_of_each_closed_form_has_the_stated_size() {
-        // By geometry: a disc of radius 0.1 in a square of side 2.
+    fn the_failure_rate_of_each_closed_form_is_the_stated_one() {
+        // A disc of radius 0.1 in a square of side 2.
         let pi = std::f64::consts::PI;
         for (name, share) in [("toy/sphere-2d", pi * 0.1 * 0.1 / 4.0), ("toy/plateau", pi * 0.1 * 0.1 / 4.0)]
         {

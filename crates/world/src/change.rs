@@ -1,4 +1,4 @@
-//! Copies of a model with other constants.
+//! Copies of a model with changed physical parameters.
 
 use std::sync::Arc;
 
@@ -6,24 +6,23 @@ use mujoco_rs::prelude::*;
 
 use crate::{Actuator, Body, Joint, Model};
 
-/// A change of a model's constants.
+/// A change of a model's physical parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Change {
     /// Multiplies the sliding friction of every contact.
     Friction(f64),
-    /// Multiplies mass and inertia of these bodies.
+    /// Multiplies the mass and inertia of these bodies.
     Mass(Vec<Body>, f64),
     /// Adds viscous damping to these joints, N m s/rad or N s/m.
     Damping(Vec<Joint>, f64),
-    /// Multiplies stiffness and damping of these position servos, so that their ratio stays.
+    /// Multiplies the stiffness and damping of these position servos, so that their ratio is unchanged.
     Gain(Vec<Actuator>, f64),
 }
 
 impl Model {
-    /// A copy of this model with these changes. What MuJoCo derives from masses and inertias is computed anew.
+    /// Returns a copy of this model with these changes. Quantities that MuJoCo derives from masses are recomputed.
     ///
     /// # Example
-    /// A robot of twice the mass has twice the inertia, so that the same force accelerates it half as much:
     /// ```
     /// use mishandle_world::{Change, Model};
     /// let xml = r#"<mujoco><worldbody><body name="ball"><freejoint/><geom size="0.1" mass="2"/></body></worldbody></mujoco>"#;
@@ -46,7 +45,7 @@ impl Model {
         Model { inner: Arc::new(inner), state_size: self.state_size }
     }
 
-    /// Mass of a body without its children, kg.
+    /// Returns the mass of a body without its children, kg.
     pub fn mass(&self, body: Body) -> f64 {
         self.inner.body_mass()[body.0]
     }

@@ -1,4 +1,4 @@
-//! Elements of a model, found by name once: plain indices in a step.
+//! Elements of a model, looked up by name once and then plain indices.
 
 /// A body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -12,25 +12,25 @@ pub struct Site(pub(crate) usize);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Actuator(pub(crate) usize);
 
-/// An equality constraint, which can be switched.
+/// An equality constraint, which can be switched on and off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Equality(pub(crate) usize);
 
-/// A body whose pose is set, not simulated.
+/// A mocap body: its pose is set and not simulated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mocap(pub(crate) usize);
 
-/// A flex whose vertices are bodies that move along the world's axes and do not turn: a cloth.
+/// A deformable object (flex) such as a cloth, whose vertices are bodies that translate but do not rotate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Flex {
     pub(crate) body: usize,
     pub(crate) dof: usize,
-    /// Number of vertices.
+    /// The number of vertices.
     pub vertices: usize,
 }
 
 impl Flex {
-    /// The bodies that are its vertices.
+    /// Returns the bodies of the vertices.
     pub fn bodies(&self) -> impl Iterator<Item = Body> {
         (self.body..self.body + self.vertices).map(Body)
     }
@@ -40,12 +40,12 @@ impl Flex {
 /// angular in the body's own).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joint {
-    /// Index of its first generalised position.
+    /// The index of its first generalized position.
     pub qpos: usize,
-    /// Index of its first generalised velocity.
+    /// The index of its first generalized velocity.
     pub dof: usize,
-    /// Lower limit, rad or m.
+    /// The lower limit, rad or m.
     pub low: f64,
-    /// Upper limit, rad or m.
+    /// The upper limit, rad or m.
     pub high: f64,
 }

@@ -1,35 +1,37 @@
-/// What can be wrong with a model.
+/// The error of compiling a model, finding its elements or rendering it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WorldError {
-    /// MuJoCo does not accept the MJCF document.
+    /// MuJoCo cannot compile the MJCF document.
     #[error("MuJoCo cannot compile the model: {0}")]
     Model(String),
-    /// No element has the name asked for.
-    #[error("the model has no {kind} named `{name}`; it has: {}", known.join(", "))]
+    /// No element has this name.
+    #[error("the model has no {kind} named `{name}`; known names: {}", known.join(", "))]
     Element {
-        /// Kind of element.
+        /// The kind of element.
         kind: &'static str,
-        /// The name asked for.
+        /// The given name.
         name: String,
-        /// The names there are.
+        /// The names of all elements of this kind.
         known: Vec<String>,
     },
-    /// The body is there, but its pose cannot be set.
+    /// The body is not a mocap body.
     #[error("body `{0}` is not a mocap body, so its pose cannot be set")]
     NotMocap(String),
-    /// The flex is there, but its vertices are no plain rows.
-    #[error("flex `{0}` is not made of bodies of the world in a row, each with slides along x, y and z")]
-    NotFree(String),
-    /// Nothing can be drawn.
+    /// The vertices of the flex do not form a contiguous block of free point masses.
     #[error(
-        "no picture can be drawn without a display here: {0} (it takes EGL and OpenGL; on Debian and Ubuntu: apt install \
-         libegl1 libgl1-mesa-dri)"
+        "flex `{0}` must consist of consecutive top-level bodies, each with slide joints along x, y and z"
+    )]
+    UnsupportedFlex(String),
+    /// OpenGL is not available.
+    #[error(
+        "cannot render without a display: {0} (rendering needs EGL and OpenGL; on Debian and Ubuntu: apt install libegl1 \
+         libgl1-mesa-dri)"
     )]
     Render(String),
-    /// The program cannot draw.
+    /// The program was built without the feature `render`.
     #[error(
-        "this program was built without pictures; build it with `cargo build --release --features render`"
+        "this program was built without rendering; build it with `cargo build --release --features render`"
     )]
     NoRenderer,
 }

@@ -1,41 +1,41 @@
 //! Points, vectors and rotations as plain arrays; quaternions are (w, x, y, z).
 
-/// `a - b`.
+/// Returns `a - b`.
 pub fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-/// `a + b`.
+/// Returns `a + b`.
 pub fn add(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-/// `a` times the number `s`.
+/// Returns `a` times the scalar `s`.
 pub fn scale(a: [f64; 3], s: f64) -> [f64; 3] {
     [a[0] * s, a[1] * s, a[2] * s]
 }
 
-/// Scalar product.
+/// Returns the dot product.
 pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Vector product.
+/// Returns the cross product.
 pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// Euclidean length.
+/// Returns the Euclidean norm.
 pub fn norm(a: [f64; 3]) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// Length of the horizontal part.
+/// Returns the Euclidean norm of the horizontal components.
 pub fn norm_xy(a: [f64; 3]) -> f64 {
     a[0].hypot(a[1])
 }
 
-/// `v` turned by the unit quaternion `q`.
+/// Returns `v` rotated by the unit quaternion `q`.
 ///
 /// # Example
 /// ```
@@ -50,7 +50,7 @@ pub fn rotate(q: [f64; 4], v: [f64; 3]) -> [f64; 3] {
     add(add(v, scale(t, q[0])), cross(u, t))
 }
 
-/// `v` turned by the inverse of the unit quaternion `q`.
+/// Returns `v` rotated by the inverse of the unit quaternion `q`.
 pub fn rotate_back(q: [f64; 4], v: [f64; 3]) -> [f64; 3] {
     rotate([q[0], -q[1], -q[2], -q[3]], v)
 }

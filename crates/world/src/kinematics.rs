@@ -1,22 +1,22 @@
 use crate::{Joint, Model, Site, World, WorldError};
 
-/// Kinematics of a chain of joints that carries a site: pose and Jacobian at any joint vector.
+/// The forward kinematics of a chain of joints that ends at a site: pose and Jacobian for any joint vector.
 ///
-/// It has a [`World`] of its own, whose other joints stay where the MJCF document has them.
+/// It has its own [`World`], whose other joints keep the positions of the MJCF document.
 #[derive(Debug)]
 pub struct Arm {
     world: World,
     site: Site,
     joints: Vec<Joint>,
-    /// Jacobian over all velocities of the model, linear rows above angular ones, row-major 6 x nv.
+    /// The Jacobian for all velocities of the model, row-major 6 x nv, with the linear rows above the angular rows.
     full: Vec<f64>,
 }
 
 impl Arm {
-    /// The chain of `joints` that carries `site`.
+    /// Creates the kinematics of the chain of `joints` that ends at `site`.
     ///
     /// # Errors
-    /// If a name is unknown to the model.
+    /// If the model has no element with one of the names.
     pub fn new(model: &Model, joints: &[&str], site: &str) -> Result<Arm, WorldError> {
         Ok(Arm {
             world: model.world(),
@@ -26,12 +26,12 @@ impl Arm {
         })
     }
 
-    /// The joints.
+    /// Returns the joints.
     pub fn joints(&self) -> &[Joint] {
         &self.joints
     }
 
-    /// Moves the joints to `q`, rad or m.
+    /// Sets the joint positions to `q`, rad or m.
     pub fn set(&mut self, q: &[f64]) {
         for (joint, q) in self.joints.iter().zip(q) {
             self.world.qpos_mut()[joint.qpos] = *q;
@@ -39,27 +39,27 @@ impl Arm {
         self.world.refresh();
     }
 
-    /// Position of the site, m.
+    /// Returns the position of the site, m.
     pub fn position(&self) -> [f64; 3] {
         self.world.rows().site_position(self.site)
     }
 
-    /// Rotation matrix of the site, row by row: takes its own axes to the world's.
+    /// Returns the rotation matrix of the site, row-major: it maps the site's axes to world axes.
     pub fn rotation(&self) -> [f64; 9] {
         self.world.rows().site_rotation(self.site)
     }
 
-    /// Fills `out` with the site's Jacobian, row-major 6 x joints: linear velocity (m/s) above angular velocity
-    /// (rad/s), both in world axes, for each joint's unit velocity.
+    /// Computes the site's Jacobian into `out`, row-major 6 x joints: linear velocity (m/s) above angular velocity
+    /// (rad/s), both in world axes, per unit joint velocity.
     ///
     /// # Panics
-    /// If `out` does not hold six times the number of joints.
+    /// If the length of `out` is not six times the number of joints.
     pub fn jacobian(&mut self, out: &mut [f64]) {
         let (columns, nv) = (self.joints.len(), self.world.model().qvel_size());
-        assert_eq!(out.len(), 6 * columns, "the Jacobian has six rows of {columns}");
+        assert_eq!(out.len(), 6 * columns, "the Jacobian has 6 rows and {columns} columns");
         self.world.data.com_pos();
         let (linear, angular) = self.full.split_at_mut(3 * nv);
-        // SAFETY: both halves hold 3 nv values, the site belongs to the model, model and data belong together.
+        // SAFETY: both halves have 3 nv elements, the site belongs to the model, and the data belong to the model.
         #[allow(unsafe_code)]
         unsafe {
             mujoco_rs::mujoco_c::mj_jacSite(

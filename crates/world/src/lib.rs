@@ -1,11 +1,11 @@
-//! MuJoCo behind a small safe interface: a [`Model`] shared by all threads, a [`World`] for each of them.
+//! A safe interface to the physics engine MuJoCo: a [`Model`] shared by all threads, and a [`World`] per thread.
 //!
-//! A simulation is a row of numbers, MuJoCo's full integration state. A [`World`] takes a row, steps it and gives it
-//! back, with the same bits as any other world of the model would. Elements are found by name, once, when a task is
-//! loaded; in a step they are plain indices.
+//! The state of a simulation is a vector of numbers, MuJoCo's full integration state. A [`World`] loads a state, takes
+//! physics steps and returns the new state. All worlds of a model give the same bits. Bodies, joints and other elements
+//! are looked up by name once, when a task is loaded, and are then plain indices.
 //!
 //! Units are SI, quaternions are (w, x, y, z), vectors and rotations are in the world frame, whose origin is the base
-//! of the robot. This is the one crate with `unsafe` code; it knows no tasks.
+//! of the robot. This is the only crate with `unsafe` code. It knows no tasks.
 
 mod change;
 mod element;
@@ -26,10 +26,10 @@ pub use render::{Renderer, Size, png};
 pub use rows::Rows;
 pub use state::World;
 
-/// The robot: a Franka Emika Panda with its hand, as an MJCF document.
+/// The robot, a Franka Emika Panda with its hand, as MJCF document.
 pub const PANDA: &str = include_str!("../assets/panda.xml");
 
-/// Version of the MuJoCo library that is linked, for instance `3.17.0`.
+/// Returns the version of the linked MuJoCo library, for example `3.17.0`.
 pub fn mujoco_version() -> String {
     mujoco_rs::mujoco_version().to_string()
 }

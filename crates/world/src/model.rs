@@ -6,8 +6,8 @@ use mujoco_rs::prelude::*;
 
 use crate::{Actuator, Body, Equality, Flex, Joint, Mocap, Site, World, WorldError};
 
-/// The state that determines the future: positions, velocities, controls, mocap poses, switched constraints, and the
-/// warm start of the solver, without which the next step would have other bits.
+/// The integration state: positions, velocities, controls, mocap poses, active constraints, and the warm start of the
+/// solver, which affects the bits of the next step.
 pub(crate) const INTEGRATION: u32 = MjtState::mjSTATE_INTEGRATION as u32;
 
 /// A compiled MJCF document, shared by all threads.
@@ -21,7 +21,7 @@ impl Model {
     /// Compiles an MJCF document.
     ///
     /// # Errors
-    /// If MuJoCo refuses it; the message is MuJoCo's.
+    /// If MuJoCo rejects the document, with MuJoCo's message, or the model has a ball joint.
     ///
     /// # Example
     /// ```
@@ -29,95 +29,95 @@ impl Model {
     /// assert_eq!(model.qpos_size(), 9); // seven joints of the arm, two of the fingers
     /// ```
     pub fn from_xml(xml: &str) -> Result<Model, WorldError> {
-        // MuJoCo reads the text as a C string; a zero byte would cut it short.
+        // MuJoCo reads a C string, which a zero byte would truncate.
         if xml.contains('\0') {
-            return Err(WorldError::Model("the document holds a zero byte".to_string()));
+            return Err(WorldError::Model("the document contains a zero byte".to_string()));
         }
-        keep_warnings();
+        discard_warning_log();
         let inner = MjModel::from_xml_string(xml)
-            .map_err(|error| WorldError::Model(whole_message(xml).unwrap_or_else(|| error.to_string())))?;
+            .map_err(|error| WorldError::Model(full_message(xml).unwrap_or_else(|| error.to_string())))?;
         if inner.jnt_type().contains(&MjtJoint::mjJNT_BALL) {
             return Err(WorldError::Model(
-                "it has a ball joint; only hinge, slide and free ones are known".into(),
+                "it has a ball joint; only hinge, slide and free joints are supported".into(),
             ));
         }
         let state_size = inner.state_size(INTEGRATION);
         Ok(Model { inner: Arc::new(inner), state_size })
     }
 
-    /// A world of this model, for one thread.
+    /// Creates a world of this model, for one thread.
     pub fn world(&self) -> World {
         World::new(self.clone())
     }
 
-    /// Length of a state row.
+    /// Returns the length of a state vector.
     pub fn state_size(&self) -> usize {
         self.state_size
     }
 
-    /// Number of generalised positions.
+    /// Returns the number of generalized positions.
     pub fn qpos_size(&self) -> usize {
         self.inner.nq() as usize
     }
 
-    /// Number of generalised velocities.
+    /// Returns the number of generalized velocities.
     pub fn qvel_size(&self) -> usize {
         self.inner.nv() as usize
     }
 
-    /// Number of actuators.
+    /// Returns the number of actuators.
     pub fn actuators(&self) -> usize {
         self.inner.nu() as usize
     }
 
-    /// Duration of a physics step, s.
+    /// Returns the duration of a physics step, s.
     pub fn timestep(&self) -> f64 {
         self.inner.opt().timestep
     }
 
-    /// A copy of this model with another duration of the physics step, s.
+    /// Returns a copy of this model with another duration of the physics step, s.
     pub fn with_timestep(&self, timestep: f64) -> Model {
         let mut inner = (*self.inner).clone();
         inner.opt_mut().timestep = timestep;
         Model { inner: Arc::new(inner), state_size: self.state_size }
     }
 
-    /// The body of that name.
+    /// Returns the body with this name.
     ///
     /// # Errors
-    /// If there is none.
+    /// If the model has no such element.
     pub fn body(&self, name: &str) -> Result<Body, WorldError> {
         self.find(MjtObjBase::mjOBJ_BODY, "body", name).map(Body)
     }
 
-    /// The site of that name.
+    /// Returns the site with this name.
     ///
     /// # Errors
-    /// If there is none.
+    /// If the model has no such element.
     pub fn site(&self, name: &str) -> Result<Site, WorldError> {
         self.find(MjtObjBase::mjOBJ_SITE, "site", name).map(Site)
     }
 
-    /// The actuator of that name.
+    /// Returns the actuator with this name.
     ///
     /// # Errors
-    /// If there is none.
+    /// If the model has no such element.
     pub fn actuator(&self, name: &str) -> Result<Actuator, WorldError> {
         self.find(MjtObjBase::mjOBJ_ACTUATOR, "actuator", name).map(Actuator)
     }
 
-    /// The equality constraint of that name.
+    /// Returns the equality constraint with this name.
     ///
     /// # Errors
-    /// If there is none.
+    /// If the model has no such element.
     pub fn equality(&self, name: &str) -> Result<Equality, WorldError> {
         self.find(MjtObjBase::mjOBJ_EQUALITY, "equality constraint", name).map(Equality)
     }
 
-    /// The joint of that name: where its position and its velocity start.
+    /// Returns the joint with this name.
     ///
     /// # Errors
-    /// If there is none.
+    /// If the model has no such element.
     pub fn joint(&self, name: &str) -> Result<Joint, WorldError> {
         let id = self.find(MjtObjBase::mjOBJ_JOINT, "joint", name)?;
         let range = self.inner.jnt_range()[id];
@@ -129,10 +129,10 @@ impl Model {
         })
     }
 
-    /// The mocap body of that name: a fixture whose pose is part of the state.
+    /// Returns the mocap body with this name. Its pose is part of the state.
     ///
     /// # Errors
-    /// If there is none, or it is not a mocap body.
+    /// If the model has no such body, or it is not a mocap body.
     pub fn mocap(&self, name: &str) -> Result<Mocap, WorldError> {
         let Body(id) = self.body(name)?;
         usize::try_from(self.inner.body_mocapid()[id])
@@ -140,11 +140,11 @@ impl Model {
             .map_err(|_| WorldError::NotMocap(name.to_string()))
     }
 
-    /// The flex of that name: a cloth.
+    /// Returns the flex with this name, such as a cloth.
     ///
     /// # Errors
-    /// If there is none, or its vertices are not bodies of the world that follow one another, each with slides along
-    /// x, y and z.
+    /// If the model has no such flex, or its vertices are not consecutive top-level bodies with slide joints along x,
+    /// y and z.
     pub fn flex(&self, name: &str) -> Result<Flex, WorldError> {
         let id = self.find(MjtObjBase::mjOBJ_FLEX, "flex", name)?;
         let model = &*self.inner;
@@ -162,7 +162,7 @@ impl Model {
                 && model.jnt_axis()[joint..][..3] == [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
         };
         if !bodies.iter().enumerate().all(free) {
-            return Err(WorldError::NotFree(name.to_string()));
+            return Err(WorldError::UnsupportedFlex(name.to_string()));
         }
         Ok(Flex { body: first, dof: model.body_dofadr()[first] as usize, vertices })
     }
@@ -176,7 +176,7 @@ impl Model {
         })
     }
 
-    /// The name of the `id`-th element of a kind, empty if it has none; `None` past the last.
+    /// Returns the name of element `id` of a kind, empty if it has no name; `None` if there is no such element.
     fn name(&self, kind: MjtObjBase, id: usize) -> Option<String> {
         let count = match kind {
             MjtObjBase::mjOBJ_BODY => self.inner.nbody(),
@@ -190,13 +190,14 @@ impl Model {
     }
 }
 
-/// Why MuJoCo refuses a document. `mujoco-rs` cuts messages after 100 bytes, often before the line number.
-fn whole_message(xml: &str) -> Option<String> {
+/// Returns MuJoCo's full error message for a document. `mujoco-rs` truncates messages to 100 bytes, often before the
+/// line number.
+fn full_message(xml: &str) -> Option<String> {
     use mujoco_rs::mujoco_c::{mj_compile, mj_deleteModel, mj_deleteSpec, mj_parseXMLString, mjs_getError};
     let xml = CString::new(xml).ok()?;
     let mut message: [c_char; 1000] = [0; 1000];
-    // SAFETY: the text and the buffer outlive the calls, MuJoCo ends the message with a zero byte within the length that
-    // it is given, and both objects are deleted once, after their last use.
+    // SAFETY: the text and the buffer outlive the calls. MuJoCo terminates the message with a zero byte within the
+    // given length. Both objects are deleted once, after their last use.
     #[allow(unsafe_code)]
     let text = unsafe {
         let (buffer, length) = (message.as_mut_ptr(), message.len() as i32);
@@ -216,12 +217,12 @@ fn whole_message(xml: &str) -> Option<String> {
     Some(text.trim().to_string()).filter(|text| !text.is_empty())
 }
 
-/// MuJoCo writes each warning to a file in the working directory, unless somebody takes it. All that it warns of is also
-/// counted in its data, where [`World::take_divergence`] looks, so nobody needs the file.
-fn keep_warnings() {
+/// Discards MuJoCo's warnings, which it would otherwise write to a file in the working directory. MuJoCo also counts
+/// them in its data, where [`World::take_divergence`] reads them.
+fn discard_warning_log() {
     extern "C" fn take(_warning: *const c_char) {}
     static ONCE: Once = Once::new();
-    // SAFETY: no thread of ours is in MuJoCo before the first model is compiled, and it is written once.
+    // SAFETY: the callback is set once, and no thread runs MuJoCo before the first model is compiled.
     #[allow(unsafe_code)]
     ONCE.call_once(|| unsafe { mujoco_rs::mujoco_c::mju_user_warning = Some(take) });
 }

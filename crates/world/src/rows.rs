@@ -3,18 +3,18 @@ use mujoco_rs::prelude::MjtJoint;
 use crate::frame::{add, cross, rotate, scale, sub};
 use crate::{Body, Equality, Flex, Joint, Site};
 
-/// The state of a world and what follows from it, as plain rows of numbers: all that a task may look at.
+/// A read-only view of a world for tasks: the state and the quantities computed from it.
 ///
-/// Poses, and the twists made of them, are those of the last [`World::refresh`](crate::World::refresh).
+/// Poses and twists are those of the last [`World::refresh`](crate::World::refresh).
 #[derive(Clone, Copy, Debug)]
 pub struct Rows<'a> {
-    /// Generalised positions.
+    /// Generalized positions.
     pub qpos: &'a [f64],
-    /// Generalised velocities.
+    /// Generalized velocities.
     pub qvel: &'a [f64],
     /// Controls.
     pub ctrl: &'a [f64],
-    /// Which equality constraints are switched on.
+    /// Whether each equality constraint is active.
     pub active: &'a [bool],
     pub(crate) body_positions: &'a [[f64; 3]],
     pub(crate) body_quaternions: &'a [[f64; 4]],
@@ -25,7 +25,7 @@ pub struct Rows<'a> {
     pub(crate) tree: Tree<'a>,
 }
 
-/// Which body hangs on which, by which joints.
+/// The kinematic tree: the parent and the joints of each body.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Tree<'a> {
     pub parents: &'a [i32],
@@ -36,20 +36,20 @@ pub(crate) struct Tree<'a> {
 }
 
 impl Rows<'_> {
-    /// Origin of a body's frame, m.
+    /// Returns the origin of a body's frame, m.
     pub fn position(&self, body: Body) -> [f64; 3] {
         self.body_positions[body.0]
     }
 
-    /// Orientation of a body: takes its own axes to the world's.
+    /// Returns the orientation of a body: the rotation from the body's axes to world axes.
     pub fn quaternion(&self, body: Body) -> [f64; 4] {
         self.body_quaternions[body.0]
     }
 
-    /// Linear (m/s) and angular (rad/s) velocity of a body's frame, both in world axes: the sum of what each joint
-    /// between it and the world adds.
+    /// Returns the linear (m/s) and angular (rad/s) velocity of a body's frame, both in world axes: the sum of the
+    /// contributions of all joints between the body and the world.
     ///
-    /// A fixture whose pose is set has no velocity.
+    /// A mocap body has velocity 0.
     pub fn twist(&self, body: Body) -> ([f64; 3], [f64; 3]) {
         let point = self.position(body);
         let (mut linear, mut angular) = ([0.0; 3], [0.0; 3]);
@@ -67,7 +67,7 @@ impl Rows<'_> {
                         let w = [self.qvel[dof + 3], self.qvel[dof + 4], self.qvel[dof + 5]];
                         (v, rotate(self.body_quaternions[at], w))
                     }
-                    // A model with one is refused when it is compiled.
+                    // `Model::from_xml` rejects models with ball joints.
                     MjtJoint::mjJNT_BALL => continue,
                 };
                 linear = add(linear, add(v, cross(w, sub(point, anchor))));
@@ -78,42 +78,42 @@ impl Rows<'_> {
         (linear, angular)
     }
 
-    /// Whether an equality constraint is switched on.
+    /// Returns whether an equality constraint is active.
     pub fn is_active(&self, equality: Equality) -> bool {
         self.active[equality.0]
     }
 
-    /// Position of a site, m.
+    /// Returns the position of a site, m.
     pub fn site_position(&self, site: Site) -> [f64; 3] {
         self.site_positions[site.0]
     }
 
-    /// Rotation matrix of a site, row by row: takes its own axes to the world's.
+    /// Returns the rotation matrix of a site, row-major: it maps the site's axes to world axes.
     pub fn site_rotation(&self, site: Site) -> [f64; 9] {
         self.site_rotations[site.0]
     }
 
-    /// Positions of a flex's vertices, m.
+    /// Returns the positions of a flex's vertices, m.
     pub fn vertices(&self, flex: Flex) -> &[[f64; 3]] {
         &self.body_positions[flex.body..][..flex.vertices]
     }
 
-    /// Velocities of a flex's vertices, m/s.
+    /// Returns the velocities of a flex's vertices, m/s.
     pub fn vertex_velocities(&self, flex: Flex) -> &[[f64; 3]] {
         self.qvel[flex.dof..][..3 * flex.vertices].as_chunks().0
     }
 
-    /// Position of a free body, m.
+    /// Returns the position of a free body, m.
     pub fn free_position(&self, joint: Joint) -> [f64; 3] {
         [self.qpos[joint.qpos], self.qpos[joint.qpos + 1], self.qpos[joint.qpos + 2]]
     }
 
-    /// Linear velocity of a free body, world axes, m/s.
+    /// Returns the linear velocity of a free body in world axes, m/s.
     pub fn free_velocity(&self, joint: Joint) -> [f64; 3] {
         [self.qvel[joint.dof], self.qvel[joint.dof + 1], self.qvel[joint.dof + 2]]
     }
 
-    /// Angular velocity of a free body, world axes, rad/s. (MuJoCo has it in the body's own axes.)
+    /// Returns the angular velocity of a free body in world axes, rad/s. (MuJoCo stores it in body axes.)
     pub fn free_angular_velocity(&self, joint: Joint) -> [f64; 3] {
         let quaternion = [3, 4, 5, 6].map(|i| self.qpos[joint.qpos + i]);
         rotate(quaternion, [3, 4, 5].map(|i| self.qvel[joint.dof + i]))

@@ -6,10 +6,10 @@ use crate::model::INTEGRATION;
 use crate::rows::Tree;
 use crate::{Actuator, Body, Equality, Joint, Mocap, Model, Rows};
 
-/// What one thread needs to step state rows of a [`Model`].
+/// A simulation of a [`Model`] on one thread.
 ///
-/// Positions, velocities and controls are those of the row last read in or stepped. Poses and twists follow them when
-/// [`refresh`](Self::refresh) is called: MuJoCo leaves those of the step's beginning behind.
+/// Positions, velocities and controls are those of the current state. Poses and twists are updated by
+/// [`refresh`](Self::refresh): after a step, MuJoCo's poses are those of the start of the step.
 #[derive(Debug)]
 pub struct World {
     pub(crate) data: MjData<Arc<MjModel>>,
@@ -21,24 +21,24 @@ impl World {
         World { data: MjData::new(model.inner.clone()), model }
     }
 
-    /// The model.
+    /// Returns the model.
     pub fn model(&self) -> &Model {
         &self.model
     }
 
-    /// Puts everything where the MJCF document has it, at rest.
+    /// Resets the state to that of the MJCF document, at rest.
     pub fn reset(&mut self) {
         self.data.reset();
     }
 
-    /// Takes over a state row.
+    /// Sets the state.
     ///
     /// # Panics
     /// If `row` is shorter than [`Model::state_size`].
     pub fn set_state(&mut self, row: &[f64]) {
-        assert!(row.len() >= self.model.state_size, "a state row of {} values is too short", row.len());
-        // SAFETY: the row is long enough (checked above), and model and data belong together. The wrapper's own
-        // method is avoided because it measures the row's length anew in every call.
+        assert!(row.len() >= self.model.state_size, "the state has {} values, which is too few", row.len());
+        // SAFETY: the row is long enough (checked above), and the data belong to the model. The wrapper's own method is
+        // avoided because it recomputes the length of the state in every call.
         #[allow(unsafe_code)]
         unsafe {
             mujoco_rs::mujoco_c::mj_setState(
@@ -55,7 +55,7 @@ impl World {
     /// # Panics
     /// If `row` is shorter than [`Model::state_size`].
     pub fn read_state(&self, row: &mut [f64]) {
-        assert!(row.len() >= self.model.state_size, "a state row of {} values is too short", row.len());
+        assert!(row.len() >= self.model.state_size, "the state has {} values, which is too few", row.len());
         // SAFETY: as in `set_state`.
         #[allow(unsafe_code)]
         unsafe {
@@ -68,19 +68,20 @@ impl World {
         }
     }
 
-    /// Carries the state on by one physics step.
+    /// Advances the state by one physics step.
     pub fn step(&mut self) {
         self.data.step();
     }
 
-    /// Computes poses from the positions.
+    /// Computes poses from positions (forward kinematics).
     pub fn refresh(&mut self) {
         self.data.kinematics();
     }
 
-    /// Whether a number is not finite or absurdly large, now or in a step since the last call; clears that.
+    /// Returns whether the simulation has diverged since the last call: a number is not finite or exceeds MuJoCo's
+    /// limit. Resets the world if it has.
     ///
-    /// MuJoCo checks positions and velocities when a step begins, so those that the last step left are checked here.
+    /// MuJoCo checks positions and velocities at the start of a step, so those after the last step are checked here.
     pub fn take_divergence(&mut self) -> bool {
         const BAD: [usize; 4] = [
             MjtWarning::mjWARN_BADQPOS as usize,
@@ -88,51 +89,52 @@ impl World {
             MjtWarning::mjWARN_BADQACC as usize,
             MjtWarning::mjWARN_BADCTRL as usize,
         ];
-        let sane = |values: &[f64]| values.iter().all(|value| value.abs() < mujoco_rs::mujoco_c::mjMAXVAL);
-        let quiet = BAD.iter().all(|&kind| self.data.warning()[kind].number == 0);
-        if quiet && sane(self.qpos()) && sane(self.qvel()) {
+        let in_range =
+            |values: &[f64]| values.iter().all(|value| value.abs() < mujoco_rs::mujoco_c::mjMAXVAL);
+        let has_no_warning = BAD.iter().all(|&kind| self.data.warning()[kind].number == 0);
+        if has_no_warning && in_range(self.qpos()) && in_range(self.qvel()) {
             return false;
         }
         self.data.reset();
         true
     }
 
-    /// Generalised positions.
+    /// Returns the generalized positions.
     pub fn qpos(&self) -> &[f64] {
         self.data.qpos()
     }
 
-    /// Generalised positions, to be set.
+    /// Returns the generalized positions for writing.
     pub fn qpos_mut(&mut self) -> &mut [f64] {
         self.data.qpos_mut()
     }
 
-    /// Generalised velocities.
+    /// Returns the generalized velocities.
     pub fn qvel(&self) -> &[f64] {
         self.data.qvel()
     }
 
-    /// Generalised velocities, to be set.
+    /// Returns the generalized velocities for writing.
     pub fn qvel_mut(&mut self) -> &mut [f64] {
         self.data.qvel_mut()
     }
 
-    /// Controls, one for each actuator.
+    /// Returns the controls, one per actuator.
     pub fn ctrl(&self) -> &[f64] {
         self.data.ctrl()
     }
 
-    /// Controls, to be set. MuJoCo ends a step with them as they are, so they have to be finite.
+    /// Returns the controls for writing. They must be finite.
     pub fn ctrl_mut(&mut self) -> &mut [f64] {
         self.data.ctrl_mut()
     }
 
-    /// Force of an actuator in the last step, N or N m.
+    /// Returns the force of an actuator in the last step, N or N m.
     pub fn actuator_force(&self, actuator: Actuator) -> f64 {
         self.data.actuator_force()[actuator.0]
     }
 
-    /// The state and what follows from it, as plain rows.
+    /// Returns a view of the state and the quantities computed from it.
     pub fn rows(&self) -> Rows<'_> {
         Rows {
             qpos: self.data.qpos(),
@@ -155,13 +157,13 @@ impl World {
         }
     }
 
-    /// Places a mocap body.
+    /// Sets the pose of a mocap body.
     pub fn place(&mut self, mocap: Mocap, position: [f64; 3], quaternion: [f64; 4]) {
         self.data.mocap_pos_mut()[mocap.0] = position;
         self.data.mocap_quat_mut()[mocap.0] = quaternion;
     }
 
-    /// Positions and quaternions of all mocap bodies.
+    /// Returns the positions and quaternions of all mocap bodies.
     pub fn mocap_poses(&self) -> (&[[f64; 3]], &[[f64; 4]]) {
         (self.data.mocap_pos(), self.data.mocap_quat())
     }
@@ -172,13 +174,13 @@ impl World {
         *position = crate::frame::add(*position, offset);
     }
 
-    /// Applies a force (N, world axes) to a body's center of mass in all steps to come, until another is applied. It is
-    /// part of the state.
+    /// Applies a force (N, world axes) to a body's center of mass in all following steps, until it is replaced. The
+    /// force is part of the state.
     pub fn push(&mut self, body: Body, force: [f64; 3]) {
         self.data.xfrc_applied_mut()[body.0][..3].copy_from_slice(&force);
     }
 
-    /// Places a free body, at rest.
+    /// Sets the pose of a free body and its velocity to 0.
     pub fn place_free(&mut self, joint: Joint, position: [f64; 3], quaternion: [f64; 4]) {
         let qpos = &mut self.data.qpos_mut()[joint.qpos..][..7];
         qpos[..3].copy_from_slice(&position);
@@ -191,8 +193,7 @@ impl World {
         self.data.eq_active_mut()[equality.0] = on;
     }
 
-    /// Switches all equality constraints on or off, but those that keep the edges of a flex: they are what a cloth is
-    /// made of.
+    /// Switches all equality constraints on or off, except the edge constraints of flexes, which hold a cloth together.
     pub fn switch_all(&mut self, on: bool) {
         let kinds = self.model.inner.eq_type();
         for (active, kind) in self.data.eq_active_mut().iter_mut().zip(kinds) {
@@ -202,7 +203,7 @@ impl World {
         }
     }
 
-    /// The deepest penetration among the present contacts, m; 0 without one.
+    /// Returns the maximum penetration depth of all contacts, m; 0 without contacts.
     pub fn penetration(&self) -> f64 {
         self.data.contact().iter().map(|contact| -contact.dist).fold(0.0, f64::max)
     }

@@ -1,10 +1,10 @@
-//! The vertices of a flex are plain rows, and letting go of things does not dissolve it.
+//! The vertices of a flex are contiguous, and switching constraints off does not break its edges.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use mishandle_world::{Model, World, WorldError};
 
-/// One triangle of three point masses, one of them tied to the world; `last` is the third vertex's body.
+/// Returns a triangle of three point masses, one of them fixed to the world; `last` is the body of the third vertex.
 fn triangle(last: &str) -> Result<Model, WorldError> {
     let slides = "<joint type=\"slide\" axis=\"1 0 0\"/><joint type=\"slide\" axis=\"0 1 0\"/>\
                   <joint type=\"slide\" axis=\"0 0 1\"/><geom size=\"0.01\" mass=\"1\" contype=\"0\" conaffinity=\"0\"/>";
@@ -33,12 +33,12 @@ fn steps(world: &mut World, seconds: f64) {
 }
 
 #[test]
-fn positions_and_velocities_come_vertex_by_vertex() {
+fn positions_and_velocities_are_ordered_by_vertex() {
     let model = triangle("<body name=\"c\" pos=\"0 1 1\">{slides}</body>").unwrap();
     let cloth = model.flex("cloth").unwrap();
     assert_eq!(cloth.vertices, 3);
     let mut world = model.world();
-    // Behind the free body's seven positions and six velocities.
+    // After the free body's seven positions and six velocities.
     world.qpos_mut()[7 + 3] = 0.5;
     world.qvel_mut()[6 + 3 + 1] = -2.0;
     world.refresh();
@@ -48,7 +48,7 @@ fn positions_and_velocities_come_vertex_by_vertex() {
 }
 
 #[test]
-fn what_is_let_go_falls_in_one_piece() {
+fn a_released_cloth_keeps_its_edge_lengths() {
     let model = triangle("<body name=\"c\" pos=\"0 1 1\">{slides}</body>").unwrap();
     let (cloth, tie) = (model.flex("cloth").unwrap(), model.equality("tie").unwrap());
     let mut world = model.world();
@@ -65,16 +65,16 @@ fn what_is_let_go_falls_in_one_piece() {
 }
 
 #[test]
-fn vertices_that_are_no_plain_rows_are_refused() {
+fn a_flex_with_unsupported_vertices_is_an_error() {
     let unknown =
         triangle("<body name=\"c\" pos=\"0 1 1\">{slides}</body>").unwrap().flex("tent").unwrap_err();
     assert!(unknown.to_string().contains("cloth"), "{unknown}");
-    // A vertex that can move along one axis alone; one whose axes are turned.
+    // A vertex that moves along one axis only; a vertex with rotated axes.
     for last in [
         "<body name=\"c\" pos=\"0 1 1\"><joint type=\"slide\"/><geom size=\"0.01\" mass=\"1\" contype=\"0\" conaffinity=\"0\"/></body>",
         "<body name=\"c\" pos=\"0 1 1\" euler=\"0 0 90\">{slides}</body>",
     ] {
-        let refused = triangle(last).unwrap().flex("cloth").unwrap_err();
-        assert!(matches!(refused, WorldError::NotFree(_)), "{refused}");
+        let error = triangle(last).unwrap().flex("cloth").unwrap_err();
+        assert!(matches!(error, WorldError::UnsupportedFlex(_)), "{error}");
     }
 }

@@ -1,4 +1,4 @@
-//! The robot's kinematics against Franka's Denavit-Hartenberg table, worked out here with 4x4 matrices.
+//! The robot's kinematics compared with Franka's Denavit-Hartenberg parameters, computed with 4x4 matrices.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -6,10 +6,10 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 use mishandle_world::{Arm, Joint, Model, PANDA, World};
 
-/// Takes a frame's coordinates to the base's.
+/// Maps a frame's coordinates to base coordinates.
 type Transform = [[f64; 4]; 4];
 
-/// Craig's convention, one joint a row: a (m), alpha (rad), d (m). Row i is Rx(alpha) Tx(a) Rz(q) Tz(d).
+/// Craig's convention, one row per joint: a (m), alpha (rad), d (m). Row i is Rx(alpha) Tx(a) Rz(q) Tz(d).
 const DENAVIT_HARTENBERG: [[f64; 3]; 7] = [
     [0.0, 0.0, 0.333],
     [0.0, -FRAC_PI_2, 0.0],
@@ -41,7 +41,7 @@ fn product(a: &Transform, b: &Transform) -> Transform {
     std::array::from_fn(|i| std::array::from_fn(|j| (0..4).map(|k| a[i][k] * b[k][j]).sum()))
 }
 
-/// The frames of links 1 to 7, hand, left finger, right finger and TCP, in the base frame.
+/// Returns the frames of links 1 to 7, hand, left finger, right finger and TCP, in the base frame.
 fn frames(q: &[f64; 9]) -> Vec<(&'static str, Transform)> {
     const LINKS: [&str; 7] = ["link1", "link2", "link3", "link4", "link5", "link6", "link7"];
     let mut frame = shift(0.0, 0.0);
@@ -87,7 +87,7 @@ fn close(got: f64, expected: f64, tolerance: f64, what: &str) {
 }
 
 #[test]
-fn every_frame_agrees_with_the_denavit_hartenberg_table() {
+fn every_frame_agrees_with_the_denavit_hartenberg_parameters() {
     let (mut world, joints) = panda();
     let mut state = 1;
     for _ in 0..1000 {
@@ -117,7 +117,8 @@ fn every_frame_agrees_with_the_denavit_hartenberg_table() {
     }
 }
 
-/// One of the four starts of the tasks: arm, finger opening, and where hand, left finger and TCP are then, m.
+/// Checks one of the four initial configurations of the tasks: arm, finger opening, and the positions of hand, left
+/// finger and TCP, m.
 #[track_caller]
 fn check_start(arm: [f64; 7], finger: f64, expected: [[f64; 3]; 3]) {
     let (mut world, _) = panda();
@@ -137,7 +138,7 @@ fn check_start(arm: [f64; 7], finger: f64, expected: [[f64; 3]; 3]) {
 }
 
 #[test]
-fn the_starts_of_the_tasks_are_where_published_kinematics_put_them() {
+fn initial_configurations_agree_with_published_kinematics() {
     check_start(
         [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785],
         0.01,
@@ -161,7 +162,7 @@ fn the_starts_of_the_tasks_are_where_published_kinematics_put_them() {
 }
 
 #[test]
-fn the_jacobian_is_that_of_the_denavit_hartenberg_frames() {
+fn the_jacobian_agrees_with_the_denavit_hartenberg_frames() {
     let (world, joints) = panda();
     let mut arm = Arm::new(world.model(), &JOINTS[..7], "grasp").unwrap();
     let mut state = 2;
@@ -173,7 +174,7 @@ fn the_jacobian_is_that_of_the_denavit_hartenberg_frames() {
         let frames = frames(&q);
         let (_, tcp) = frames[frames.len() - 1];
         for (j, (name, frame)) in frames[..7].iter().enumerate() {
-            // A revolute joint turns about its frame's z: angular part z, linear part z x (tcp - origin).
+            // A revolute joint rotates about its frame's z axis: angular part z, linear part z x (tcp - origin).
             let z = [frame[0][2], frame[1][2], frame[2][2]];
             let r: [f64; 3] = std::array::from_fn(|i| tcp[i][3] - frame[i][3]);
             let linear = [z[1] * r[2] - z[2] * r[1], z[2] * r[0] - z[0] * r[2], z[0] * r[1] - z[1] * r[0]];
@@ -205,7 +206,8 @@ fn the_jacobian_is_the_derivative_of_the_position() {
             };
             let (ahead, behind) = (at(step), at(-step));
             for i in 0..3 {
-                // Central differences err by step^2 / 6 times a third derivative of at most the arm's reach, 1.3 m.
+                // The error of central differences is step^2 / 6 times a third derivative of at most the arm's reach,
+                // 1.3 m.
                 close((ahead[i] - behind[i]) / (2.0 * step), jacobian[9 * i + j], 1e-9, JOINTS[j]);
             }
         }
@@ -213,7 +215,7 @@ fn the_jacobian_is_the_derivative_of_the_position() {
 }
 
 #[test]
-fn a_twist_is_the_jacobian_times_the_joint_velocities() {
+fn a_twist_equals_the_jacobian_times_the_joint_velocities() {
     let (mut world, joints) = panda();
     let mut arm = Arm::new(world.model(), &JOINTS, "right_finger").unwrap();
     let finger = world.model().body("right_finger").unwrap();

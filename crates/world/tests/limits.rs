@@ -1,5 +1,5 @@
-//! The robot keeps its position, velocity and effort limits under the servo rule, holds where it is told to, and its
-//! visual shapes weigh and touch nothing.
+//! The robot keeps its position, velocity and effort limits under the servo rule and holds its initial configuration.
+//! Its visual shapes have no mass and no contacts.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -11,9 +11,10 @@ const JOINTS: [&str; 9] =
 const VELOCITY_LIMIT: [f64; 9] = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61, 0.2, 0.2];
 /// Published effort limits, N m and N.
 const EFFORT_LIMIT: [f64; 9] = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0, 200.0, 200.0];
-/// Velocity limit times damping over stiffness, 80 / 400 s and 100 / 10000 s: how far a control may lead its joint.
+/// The maximum difference between control and joint position: velocity limit times damping over stiffness, 80 / 400 s
+/// and 100 / 10000 s.
 const LEAD: [f64; 9] = [0.435, 0.435, 0.435, 0.435, 0.522, 0.522, 0.522, 0.002, 0.002];
-/// A target moves that far in a control step of 1/60 s at full scale, rad and m.
+/// The change of the target per control step of 1/60 s at full scale, rad and m.
 const FULL_SCALE: [f64; 9] = [0.125, 0.125, 0.125, 0.125, 0.125, 0.125, 0.125, 0.0125, 0.0125];
 
 const HOME: [f64; 9] = [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.02, 0.02];
@@ -25,7 +26,7 @@ struct Robot {
     target: [f64; 9],
 }
 
-/// The largest of each quantity seen: velocity over its limit, effort over its limit, way beyond a joint's range.
+/// Maxima: velocity relative to its limit, effort relative to its limit, distance beyond the joint's range.
 #[derive(Clone, Copy, Debug, Default)]
 struct Peaks {
     velocity: [f64; 9],
@@ -46,7 +47,7 @@ impl Robot {
         }
     }
 
-    /// One control step: the targets move by `action` times full scale, the servos follow.
+    /// Takes one control step: the targets move by `action` times full scale, and the servos follow.
     fn control_step(&mut self, substeps: u32, action: &[f64; 9], peaks: &mut Peaks) {
         for i in 0..9 {
             let joint = self.joints[i];
@@ -69,7 +70,7 @@ impl Robot {
         }
     }
 
-    /// Drives by `action` to the limits (2.5 s) and then back to the other ones (4.5 s).
+    /// Drives by `action` to the limits (2.5 s) and then to the opposite limits (4.5 s).
     fn there_and_back(xml: &str, substeps: u32, action: [f64; 9]) -> (Peaks, Robot) {
         let mut robot = Robot::new(xml, substeps, HOME);
         let mut peaks = Peaks::default();
@@ -83,15 +84,16 @@ impl Robot {
 }
 
 #[test]
-fn a_joint_alone_keeps_its_limits_at_full_scale() {
+fn a_single_joint_keeps_its_limits_at_full_scale() {
     for substeps in [2, 4] {
         for (i, sign) in (0..9).flat_map(|i| [(i, 1.0), (i, -1.0)]) {
             let mut action = [0.0; 9];
             action[i] = sign;
             let (peaks, robot) = Robot::there_and_back(PANDA, substeps, action);
             let name = JOINTS[i];
-            // It reaches its limit speed and ends at the other end of its range. One step of 12 N m from the edge of
-            // the servo's unclamped band, 0.15 rad/s wide, may take a wrist joint a few percent past it.
+            // It reaches its velocity limit and ends at the other end of its range. One step of 12 N m from the edge
+            // of the servo's unclamped band, 0.15 rad/s wide, may accelerate a wrist joint a few percent beyond the
+            // limit.
             assert!(peaks.velocity[i] > 0.98 && peaks.velocity[i] < 1.02, "{name}: {peaks:?}");
             let end = if sign > 0.0 { robot.joints[i].low } else { robot.joints[i].high };
             let off = (robot.world.qpos()[i] - end).abs();
@@ -104,7 +106,7 @@ fn a_joint_alone_keeps_its_limits_at_full_scale() {
     }
 }
 
-/// Drives all joints at full scale, in `every`-th of the 128 combinations of directions.
+/// Drives all joints at full scale, in every `every`-th of the 128 combinations of directions.
 #[track_caller]
 fn check_together(xml: &str, every: usize, velocity: [f64; 9], beyond: f64) {
     for signs in (0..128_u32).step_by(every) {
@@ -119,22 +121,22 @@ fn check_together(xml: &str, every: usize, velocity: [f64; 9], beyond: f64) {
 }
 
 #[test]
-fn all_joints_together_keep_bounds_at_full_scale() {
-    // A servo holds its speed against a torque only by giving way, by the torque over 80 N m s: the moving arm's own
-    // 30 N m make that 0.4 rad/s in joints 1 to 4.
+fn all_joints_together_keep_relaxed_limits_at_full_scale() {
+    // Under an external torque the velocity of a servo changes by the torque divided by 80 N m s: 0.4 rad/s in joints 1
+    // to 4 for the 30 N m of the moving arm.
     let free = PANDA.replace("conaffinity=\"16\"", "conaffinity=\"0\"");
     assert_ne!(free, PANDA);
     check_together(&free, 1, [1.2, 1.2, 1.2, 1.2, 1.06, 1.06, 1.06, 1.04, 1.04], 0.005);
 }
 
 #[test]
-fn a_blow_against_itself_breaks_no_effort_limit() {
-    // The hand thrown against the robot's own base spins the wrist faster than 12 N m can hold it; it stops at once.
+fn self_collisions_keep_the_effort_limits() {
+    // A collision of the hand with the base accelerates the wrist faster than 12 N m can prevent; it stops at once.
     check_together(PANDA, 3, [1.5, 1.5, 1.5, 1.5, 3.0, 3.0, 3.5, 5.0, 5.0], 0.05);
 }
 
 #[test]
-fn a_start_is_held_without_sag() {
+fn an_initial_configuration_is_held_without_sag() {
     let starts = [
         [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.01, 0.01],
         [0.0, 0.0, 0.0, -0.0698, 0.0, 0.0, 0.0, 0.015, 0.015],
@@ -147,7 +149,7 @@ fn a_start_is_held_without_sag() {
             robot.control_step(2, &[0.0; 9], &mut Peaks::default());
         }
         for (q, start) in robot.world.qpos().iter().zip(start) {
-            // Gravity is compensated, so that nothing is left to sag.
+            // Gravity is compensated.
             assert!((q - start).abs() < 1e-12, "{q} instead of {start}");
         }
         assert_eq!(robot.world.penetration(), 0.0, "the robot touches itself at {start:?}");
@@ -155,7 +157,7 @@ fn a_start_is_held_without_sag() {
 }
 
 #[test]
-fn visual_shapes_change_no_bit() {
+fn visual_shapes_do_not_change_the_simulation() {
     let bare = PANDA.replace("<compiler ", "<compiler discardvisual=\"true\" ");
     assert_ne!(bare, PANDA);
     let mut worlds = [PANDA, &bare].map(|xml| Model::from_xml(xml).unwrap().world());
@@ -174,7 +176,7 @@ fn visual_shapes_change_no_bit() {
 
 #[test]
 fn the_hand_does_not_pass_through_the_base() {
-    // Folded down over its own shoulder, the hand would end inside link 0 and the ones above it.
+    // Without contacts, the folded arm would end with the hand inside link 0 and the links above it.
     let mut robot = Robot::new(PANDA, 2, HOME);
     let folded = [0.0, 1.7, 0.0, -3.05, 0.0, 0.0, 0.785, 0.0, 0.0];
     let mut deepest: f64 = 0.0;
@@ -190,7 +192,7 @@ fn the_hand_does_not_pass_through_the_base() {
 }
 
 #[test]
-fn numbers_that_run_wild_are_told_once_and_leave_no_file_behind() {
+fn divergence_is_reported_once_and_leaves_no_log_file() {
     let mut world = Model::from_xml(PANDA).unwrap().world();
     assert!(!world.take_divergence());
     world.qvel_mut()[0] = 1e12;

@@ -1,6 +1,6 @@
-//! MuJoCo's own Python, given the same model, state and controls, comes to the same states.
+//! MuJoCo's Python package computes the same states from the same model, initial state and controls.
 //!
-//! The packages go into a virtual environment in the target folder the first time and are reused afterwards.
+//! The packages are installed into a virtual environment in the target folder and reused.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -13,10 +13,10 @@ use mishandle_world::{Model, PANDA};
 const VERSION: &str = "3.17.0";
 const STEPS: usize = 1000;
 
-/// The replay: reads model, first state and controls, writes the state after every step.
+/// The replay script: reads model, initial state and controls, and writes the state after every step.
 const REPLAY: &str = include_str!("replay.py");
 
-/// What the ball is pushed on, and a fixture that is in the way.
+/// A ball on the ground and an obstacle.
 const SCENE: &str = r#"
   <worldbody>
     <geom name="ground" type="plane" size="2 2 0.1" contype="8" conaffinity="7" friction="0.75 0.005 0.0001"/>
@@ -46,7 +46,7 @@ fn run(program: &Path, arguments: &[&str], purpose: &str) -> Output {
     output
 }
 
-/// A Python that has MuJoCo of the right version; installs it if it is not there.
+/// Returns a Python interpreter with the required version of MuJoCo. Installs MuJoCo if it is missing.
 fn python() -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).with_file_name("venv-mujoco");
     let python = folder.join("bin/python");
@@ -56,11 +56,11 @@ fn python() -> PathBuf {
         .is_ok_and(|output| output.status.success());
     if !has_mujoco {
         let path = folder.to_str().unwrap();
-        run(Path::new("python3"), &["-m", "venv", "--clear", path], "making a virtual environment");
+        run(Path::new("python3"), &["-m", "venv", "--clear", path], "creating a virtual environment");
         run(
             &python,
             &["-m", "pip", "install", "--quiet", &format!("mujoco=={VERSION}")],
-            "installing MuJoCo's Python package, for which PyPI has to be reachable",
+            "installing MuJoCo's Python package, which requires access to PyPI",
         );
     }
     python
@@ -70,8 +70,8 @@ fn bytes(values: &[f64]) -> Vec<u8> {
     values.iter().flat_map(|value| value.to_le_bytes()).collect()
 }
 
-/// Steps `xml` under `controls`, here and in Python, and compares every number of every state row. Gives back the
-/// positions after each step.
+/// Simulates `xml` with `controls`, here and in Python, and compares all numbers of all states. Returns the positions
+/// after each step.
 fn check(name: &str, xml: &str, qpos: &[f64], controls: &[[f64; 9]]) -> Vec<Vec<f64>> {
     let model = Model::from_xml(xml).unwrap();
     let mut world = model.world();
@@ -111,10 +111,10 @@ fn noise(state: &mut u64) -> f64 {
     (*state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
 }
 
-// One test, so that two threads do not fill the same virtual environment.
+// One test only, so that two threads do not install into the same virtual environment.
 #[test]
-fn python_comes_to_the_same_states() {
-    // Alone, thrown about its range by controls that jump ten times a second.
+fn python_computes_the_same_states() {
+    // The robot alone, with controls that jump ten times per second.
     let start = [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.02, 0.02];
     let mut state = 1;
     let mut control = start;
@@ -127,7 +127,7 @@ fn python_comes_to_the_same_states() {
     }
     check("alone", PANDA, &start, &controls);
 
-    // The hand, low over the ground and pointing down, sweeps the ball against the post, with some jitter.
+    // The hand, pointing down close to the ground, pushes the ball against the post, with noise.
     let scene = PANDA.replace("</mujoco>", &format!("{SCENE}</mujoco>"));
     let start = [-0.6, 0.57, 0.0, -2.29, 0.0, 2.86, 0.785, 0.0, 0.0];
     let mut controls = Vec::new();
@@ -139,9 +139,9 @@ fn python_comes_to_the_same_states() {
         controls.push(control);
     }
     let positions = check("pushing", &scene, &start, &controls);
-    // The ball comes after the nine joints. It must have been pushed far, or nothing was shown about contacts.
+    // The ball's position follows the nine joints. The ball must have moved, or contacts were not tested.
     let path: f64 =
         positions.windows(2).map(|pair| (pair[1][9] - pair[0][9]).hypot(pair[1][10] - pair[0][10])).sum();
-    assert!(path > 0.1, "the ball moved {path} m only");
+    assert!(path > 0.1, "the ball moved only {path} m");
     assert!(positions.iter().all(|q| (0.05..0.1).contains(&q[11])), "the ball left the ground");
 }

@@ -1,4 +1,4 @@
-"""Steps a model under recorded controls; called as `replay.py FOLDER`, see python.rs."""
+"""Simulates a model with recorded controls; usage: `replay.py FOLDER`, see python.rs."""
 
 import pathlib
 import sys

@@ -50,10 +50,10 @@ fn page(file: &ControllerFile) -> String {
     let sizes: Vec<String> = file.policy.network().sizes().iter().map(ToString::to_string).collect();
     let validation = training.validation.map_or("none".to_string(), |found| {
         let (success, strict) = (100.0 * found.success_rate, 100.0 * found.strict_success_rate);
-        format!("success {success:.1} %, strict {strict:.1} %, of {} episodes", found.episodes)
+        format!("success {success:.1} %, strict {strict:.1} %, over {} episodes", found.episodes)
     });
     let trained = format!(
-        "{:.0} s; this policy after {} environment steps",
+        "{:.0} s; best policy after {} environment steps",
         training.wall_clock_secs, training.environment_steps
     );
     let rows = [
@@ -71,7 +71,7 @@ fn page(file: &ControllerFile) -> String {
         ("task hash", or_unknown(&header.task_hash)),
     ];
     let rows: Vec<Vec<String>> = rows.map(|(name, value)| vec![name.to_string(), value]).to_vec();
-    // As a comment, so that the page is a settings file.
+    // Written as comments, so that the page is a valid settings file.
     let facts: String = table(&rows).lines().map(|line| format!("# {line}\n")).collect();
     format!("{facts}\n{}", training.settings.trim_end())
 }

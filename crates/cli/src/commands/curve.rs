@@ -11,7 +11,7 @@ pub fn run(command: &args::Curve) -> Result<ExitStatus> {
     let curve = Curve::load(&command.file)?;
     if curve.is_cut {
         let file = command.file.display();
-        output::say(&format!("warning: the last line of {file} is cut off; it is left out"));
+        output::message(&format!("warning: the last line of {file} is incomplete and was ignored"));
     }
     let environments = command.environments.map(NonZeroUsize::get);
     let time = curve.training_time();
@@ -23,7 +23,7 @@ pub fn run(command: &args::Curve) -> Result<ExitStatus> {
             "training_time": training_time::document(time, environments),
         }))?;
         if time.is_err() {
-            output::say(&training_time::line(time, environments));
+            output::message(&training_time::line(time, environments));
         }
         return Ok(ExitStatus::Done);
     }

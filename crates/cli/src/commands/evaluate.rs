@@ -1,5 +1,5 @@
 use anyhow::Result;
-use mishandle::evaluation::{Estimate, Report};
+use mishandle::evaluation::{Estimate, EvaluationReport};
 use mishandle::{EvaluatePlan, Plan, ResolvedPlan, StartRegion};
 use serde_json::{Value, json};
 
@@ -10,7 +10,7 @@ use crate::{ExitStatus, args, run};
 pub fn run(command: &args::Evaluate) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations");
-    run::end_on_signals(&bar)?;
+    run::stop_on_signals(&bar)?;
     let moved = command.subject.controller.as_deref();
     let (resolved, file) =
         run::open(command.resume.as_deref(), moved, command.out.as_deref(), || plan(command))?;
@@ -20,11 +20,11 @@ pub fn run(command: &args::Evaluate) -> Result<ExitStatus> {
     bar.set_length(episodes);
     let report = mishandle::evaluate(&resolved, file, |done| {
         bar.set_position(done);
-        run::flow()
+        run::control_flow()
     })?;
     bar.clear();
     if report.simulations < episodes {
-        run::say_interrupted("evaluate", report.simulations, &name);
+        run::report_interruption("evaluate", report.simulations, &name);
         return Ok(ExitStatus::Interrupted);
     }
     if command.run.json {
@@ -32,10 +32,12 @@ pub fn run(command: &args::Evaluate) -> Result<ExitStatus> {
     } else {
         output::line(&text(&resolved, &report))?;
     }
-    if starts(&resolved.plan) == StartRegion::Reachable && !mishandle::leaves_out_starts(&resolved) {
-        output::say("no part of the box is proven out of reach: these are starts of the whole box");
+    if starts(&resolved.plan) == StartRegion::Reachable && !mishandle::rejects_scenarios(&resolved) {
+        output::message(
+            "note: no initial state was rejected as unreachable: --box whole gives the same result",
+        );
     }
-    output::say(&format!("The run is in {name}"));
+    output::message(&format!("Run file: {name}"));
     Ok(ExitStatus::Done)
 }
 
@@ -48,7 +50,7 @@ fn plan(command: &args::Evaluate) -> Result<Plan> {
         evaluate.starts = match starts.as_str() {
             "whole" => StartRegion::Whole,
             "reachable" => StartRegion::Reachable,
-            other => anyhow::bail!("--box is `{other}`; it has to be whole or reachable"),
+            other => anyhow::bail!("--box is `{other}`; it must be whole or reachable"),
         };
     }
     plan.falsify = None;
@@ -60,10 +62,10 @@ fn starts(plan: &Plan) -> StartRegion {
     plan.evaluate.as_ref().map_or(StartRegion::Whole, |evaluate| evaluate.starts)
 }
 
-fn document(resolved: &ResolvedPlan, report: &Report, path: &str) -> Value {
+fn document(resolved: &ResolvedPlan, report: &EvaluationReport, path: &str) -> Value {
     let mut own = json!({
         "box": starts(&resolved.plan),
-        "leaves_out_starts": mishandle::leaves_out_starts(resolved),
+        "leaves_out_starts": mishandle::rejects_scenarios(resolved),
         "simulations": report.simulations,
         "diverged": report.diverged,
         "undecided": report.undecided,
@@ -82,16 +84,16 @@ fn document(resolved: &ResolvedPlan, report: &Report, path: &str) -> Value {
     output::joined(run::document(resolved, path), own)
 }
 
-fn text(resolved: &ResolvedPlan, report: &Report) -> String {
-    // A single number has a mean, but says nothing of its spread.
+fn text(resolved: &ResolvedPlan, report: &EvaluationReport) -> String {
+    // A single value has a mean, but no confidence interval.
     let cells = |estimate: &Estimate, value: &dyn Fn(f64) -> String, end: &dyn Fn(f64) -> String| {
         let interval =
             estimate.low.zip(estimate.high).map(|(low, high)| format!("[{}, {}]", end(low), end(high)));
         [estimate.value.map_or("-".to_string(), value), interval.unwrap_or("-".to_string())]
     };
-    let hundredth = |share: f64| format!("{:.2}", 100.0 * share);
+    let percentage = |rate: f64| format!("{:.2}", 100.0 * rate);
     let percent =
-        |estimate: &Estimate| cells(estimate, &|share| format!("{} %", hundredth(share)), &hundredth);
+        |estimate: &Estimate| cells(estimate, &|rate| format!("{} %", percentage(rate)), &percentage);
     let steps = |estimate: &Estimate| {
         let value =
             |steps: f64| format!("{steps:.1} control steps ({:.2} s)", steps * resolved.target.control_dt);
@@ -110,12 +112,12 @@ fn text(resolved: &ResolvedPlan, report: &Report) -> String {
     rows.extend(report.task_completion_time.iter().map(|time| row("task completion time", time, &steps)));
     let part = match starts(&resolved.plan) {
         StartRegion::Whole => "",
-        StartRegion::Reachable => ", starts from the reachable part of the box",
+        StartRegion::Reachable => ", initial states from the reachable part of the box",
     };
     let mut text = format!("{}{part}\n\n{}", run::heading(resolved), output::table(&rows));
     if report.diverged + report.undecided > 0 {
         text.push_str(&format!(
-            "\n\n{} simulations diverged, {} were undecided; neither counts as a success.",
+            "\n\n{} simulations diverged and {} were undecided; they do not count as successes",
             report.diverged, report.undecided
         ));
     }

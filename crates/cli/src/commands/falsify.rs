@@ -10,26 +10,26 @@ use crate::{ExitStatus, args, run};
 
 pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let bar = Bar::new(0, "simulations at most");
-    run::end_on_signals(&bar)?;
+    let bar = Bar::new(0, "simulations");
+    run::stop_on_signals(&bar)?;
     let moved = command.subject.controller.as_deref();
     let (resolved, file) =
         run::open(command.resume.as_deref(), moved, command.out.as_deref(), || plan(command))?;
-    output::warn_of_chains(&resolved.specification.requirement);
+    output::warn_of_chained_comparisons(&resolved.specification.requirement);
     let name = run::name(file.file());
     let path = file.file().path().to_path_buf();
     let found = mishandle::falsify(&resolved, file, |progress| {
-        bar.set_length(progress.most);
+        bar.set_length(progress.max_simulations);
         bar.set_position(progress.simulations);
-        bar.set_note(format!("{} trials ended, {} falsified", progress.ended, progress.falsified));
-        run::flow()
+        bar.set_note(format!("{} trials finished, {} falsified", progress.ended, progress.falsified));
+        run::control_flow()
     })?;
     bar.clear();
-    say_undefined(&resolved, &found);
+    report_undefined(&resolved, &found);
     let trials = resolved.plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
     let ended = found.trials.iter().filter(|trial| trial.end.is_some()).count();
     if ended < trials as usize {
-        run::say_interrupted("falsify", found.simulations, &name);
+        run::report_interruption("falsify", found.simulations, &name);
         return Ok(ExitStatus::Interrupted);
     }
     if command.run.json {
@@ -38,16 +38,16 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
         output::line(&text(&resolved, &found))?;
     }
     if found.surplus > 0 {
-        output::say(&format!(
-            "dropped, neither counted nor stored: {} (run at once with a violation that came before)",
+        output::message(&format!(
+            "discarded {} that ran in the same batch after a counterexample",
             run::simulations(found.surplus)
         ));
     }
-    output::say(&format!("The run is in {name}"));
+    output::message(&format!("Run file: {name}"));
     if found.falsified_trials == 0 {
         return Ok(ExitStatus::Done);
     }
-    output::say(&format!("See the first counterexample again: mishandle replay {name}"));
+    output::message(&format!("Replay the first counterexample: mishandle replay {name}"));
     Ok(ExitStatus::Violated)
 }
 
@@ -59,7 +59,7 @@ fn plan(command: &args::Falsify) -> Result<Plan> {
         let earlier = &command.search_options[..index];
         anyhow::ensure!(
             earlier.iter().all(|(other, _)| other != name),
-            "--search-option {name} is given twice"
+            "--search-option {name} is given twice; give it once"
         );
         let value = mishandle::search_option_value(&falsify.search, name, value);
         falsify.options.set(name, value);
@@ -109,7 +109,7 @@ fn trial_document(resolved: &ResolvedPlan, trial: &TrialOutcome) -> Value {
     })
 }
 
-/// The options that the plan sets.
+/// Returns the options that the plan sets, as JSON.
 fn search_options(falsify: &FalsifyPlan) -> Value {
     let value = |value: &OptionValue| match value {
         OptionValue::Float(value) => number(*value),
@@ -122,35 +122,35 @@ fn search_options(falsify: &FalsifyPlan) -> Value {
     falsify.options.iter().map(|(name, option)| (name.to_string(), value(option))).collect()
 }
 
-/// The options that the plan sets, in parentheses.
-fn listed_options(falsify: &FalsifyPlan) -> String {
+/// Returns the options that the plan sets, in parentheses.
+fn options_text(falsify: &FalsifyPlan) -> String {
     let options: Vec<String> =
         falsify.options.iter().map(|(name, value)| format!("{name} = {value}")).collect();
     if options.is_empty() { String::new() } else { format!(" ({})", options.join(", ")) }
 }
 
-/// Says in which simulations the formula has no finite value: the first of the first few trials.
-fn say_undefined(resolved: &ResolvedPlan, found: &CampaignOutcome) {
+/// Warns about simulations in which the formula has no finite value: the first one of up to `SHOWN` trials.
+fn report_undefined(resolved: &ResolvedPlan, found: &CampaignOutcome) {
     const SHOWN: usize = 3;
     let first = found.trials.iter().filter_map(|trial| Some((trial.trial, trial.first_undefined.as_ref()?)));
     let mut shown = 0;
     for (trial, undefined) in first.take(SHOWN) {
         shown += 1;
-        output::say(&format!(
-            "warning: simulation {} of trial {trial}, with {}, seed {}: the formula has no finite value at step {}; it \
-             counts as undecided",
+        output::message(&format!(
+            "warning: simulation {} of trial {trial} ({}, seed {}): the formula has no finite value at step {}, so the \
+             simulation is undecided",
             undefined.number,
-            run::at(resolved.space.axes(), undefined.scenario.values()),
+            run::scenario_summary(resolved.space.axes(), undefined.scenario.values()),
             undefined.seed.0,
             undefined.step,
         ));
     }
     if found.undefined > shown {
-        output::say(&format!("warning: {} more simulations are affected", found.undefined - shown));
+        output::message(&format!("warning: {} more simulations are affected", found.undefined - shown));
     }
 }
 
-/// How a trial ended, in a word.
+/// Returns the name of a trial's end.
 fn end(end: TrialEnd) -> &'static str {
     match end {
         TrialEnd::Falsified => "falsified",
@@ -161,23 +161,24 @@ fn end(end: TrialEnd) -> &'static str {
 
 fn text(resolved: &ResolvedPlan, found: &CampaignOutcome) -> String {
     let falsify = resolved.plan.falsify.clone().unwrap_or_default();
-    let at = |minimum: &Minimum| run::at(resolved.space.axes(), minimum.scenario.values());
-    let mut rows = vec![["trial", "", "simulations", "least robustness", "at"].map(String::from).to_vec()];
+    let at = |minimum: &Minimum| run::scenario_summary(resolved.space.axes(), minimum.scenario.values());
+    let header = ["trial", "result", "simulations", "min robustness", "scenario"];
+    let mut rows = vec![header.map(String::from).to_vec()];
     for trial in &found.trials {
         let minimum = trial.minimum.as_ref();
         rows.push(vec![
             trial.trial.to_string(),
-            trial.end.map_or("cut short", end).to_string(),
+            trial.end.map_or("interrupted", end).to_string(),
             trial.simulations.to_string(),
             minimum.map_or("-".to_string(), |minimum| format!("{:.4}", minimum.robustness)),
             minimum.map_or(String::new(), at),
         ]);
     }
     let mut text = format!(
-        "{}\nsearch {}{}, at most {} simulations a trial, seed {}\nformula {}\n\n{}\n\n{}",
+        "{}\nsearch {}{}, at most {} simulations per trial, seed {}\nformula {}\n\n{}\n\n{}",
         run::heading(resolved),
         falsify.search,
-        listed_options(&falsify),
+        options_text(&falsify),
         falsify.budget,
         resolved.plan.seed,
         resolved.specification.requirement,
@@ -190,7 +191,7 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome) -> String {
     {
         text.push_str(&format!(
             "\ncounterexample: {}, seed {} (trial {trial}, simulation {}): robustness {:.4}",
-            run::whole(resolved.space.axes(), first.scenario.values()),
+            run::scenario_text(resolved.space.axes(), first.scenario.values()),
             first.seed.0,
             first.number,
             first.robustness
@@ -198,24 +199,24 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome) -> String {
     }
     if found.diverged + found.undecided > 0 {
         text.push_str(&format!(
-            "\n{} simulations diverged, {} were undecided; neither counts as a counterexample",
+            "\n{} simulations diverged and {} were undecided; they do not count as counterexamples",
             found.diverged, found.undecided
         ));
     }
     text
 }
 
-/// How many trials found a violation, and after how many simulations.
+/// Returns the number of falsified trials, and the simulations up to the counterexample.
 fn summary(found: &CampaignOutcome) -> String {
     let ended = found.falsification_rate.n;
     let mut text = format!("falsified {} of {ended} trials", found.falsified_trials);
     if let Some(mean) = found.mean_simulations {
-        text.push_str(&format!("; mean {mean:.1} simulations over the falsified ones"));
+        text.push_str(&format!("; simulations to a counterexample: mean {mean:.1} over falsified trials"));
     }
     match found.median_simulations {
-        Some(median) => text.push_str(&format!("; median {median} over all trials")),
+        Some(median) => text.push_str(&format!(", median {median} over all trials")),
         None if found.falsified_trials > 0 && found.trials.iter().all(|trial| trial.end.is_some()) => {
-            text.push_str("; the median over all trials is beyond the budget");
+            text.push_str(", median over all trials above the budget");
         }
         None => {}
     }

@@ -18,7 +18,7 @@ pub fn run(command: &args::Man) -> Result<ExitStatus> {
     Ok(ExitStatus::Done)
 }
 
-/// Writes the page of the program and a page for each of its commands, as `mishandle-evaluate.1`.
+/// Writes `mishandle.1` and one page per command, such as `mishandle-evaluate.1`.
 fn write_all(program: clap::Command, folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     let commands: Vec<clap::Command> = program
@@ -32,7 +32,7 @@ fn write_all(program: clap::Command, folder: &Path) -> Result<()> {
         std::fs::write(&path, page(command)?).with_context(|| path.display().to_string())?;
         count += 1;
     }
-    output::say(&format!("wrote {count} pages to {}", folder.display()));
+    output::message(&format!("wrote {count} pages to {}", folder.display()));
     Ok(())
 }
 

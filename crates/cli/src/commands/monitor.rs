@@ -3,17 +3,17 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
-use mishandle::stl::{Clock, Formula, Monitor, Trace, Unit};
+use mishandle::stl::{Clock, Formula, Monitor, TimeUnit, Trace};
 use serde_json::{Value, json};
 
 use crate::ExitStatus;
 use crate::args;
 use crate::output::{self, number};
 
-/// Column that holds the time of each sample, s.
+/// Column with the time of each sample, in seconds.
 const TIME: &str = "time";
 
-/// Sampling times may differ from an even grid by this share of the period.
+/// Largest deviation of a sampling interval from the period, as a fraction of the period.
 const JITTER: f64 = 1e-3;
 
 pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
@@ -22,7 +22,7 @@ pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
         let marker = format!("\n  {}\n  {}^", command.formula, " ".repeat(column.saturating_sub(1)));
         anyhow::anyhow!("formula: {error}{marker}")
     })?;
-    output::warn_of_chains(&formula);
+    output::warn_of_chained_comparisons(&formula);
     let name = command.trace.display().to_string();
     let trace = read(&command.trace).with_context(|| format!("trace {name}"))?;
     let period = period(&trace, command.period).with_context(|| format!("trace {name}"))?;
@@ -34,7 +34,10 @@ pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
     let covered = monitor.horizon().is_none_or(|horizon| horizon < trace.len());
     let horizon = monitor.horizon().unwrap_or(0);
     if command.strict_horizon && !covered {
-        bail!("the formula reaches {horizon} samples past the first; the trace has {} in all", trace.len());
+        bail!(
+            "the formula reaches {horizon} samples past the first, but the trace has only {} samples",
+            trace.len()
+        );
     }
     let signal = monitor.robustness_signal(&trace)?;
     let robustness = signal[0];
@@ -49,9 +52,9 @@ pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
         };
         output::line(&format!("robustness {robustness} at time 0: {verdict}"))?;
         if !covered {
-            output::say(&format!(
-                "note: the formula reaches {horizon} samples past the first, the trace has {} in all; windows are \
-                 cut at its end (--strict-horizon refuses that)",
+            output::message(&format!(
+                "note: the formula reaches {horizon} samples past the first, but the trace has only {} samples; \
+                 intervals are truncated at its end (with --strict-horizon this is an error)",
                 trace.len()
             ));
         }
@@ -59,15 +62,15 @@ pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
     Ok(if robustness < 0.0 { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
-fn unit(text: &str) -> Result<Unit> {
-    let known = Unit::ALL.map(Unit::symbol);
-    Unit::ALL
+fn unit(text: &str) -> Result<TimeUnit> {
+    let known = TimeUnit::ALL.map(TimeUnit::symbol);
+    TimeUnit::ALL
         .into_iter()
         .find(|unit| unit.symbol() == text)
-        .with_context(|| format!("--unit is `{text}`; it has to be one of {}", known.join(", ")))
+        .with_context(|| format!("--unit is `{text}`; it must be one of {}", known.join(", ")))
 }
 
-/// Reads a trace: a header of signal names, then a row of finite numbers for each sample.
+/// Reads a trace: a header with the signal names, then one row of numbers per sample.
 fn read(path: &Path) -> Result<Trace> {
     let mut text = String::new();
     if path.as_os_str() == "-" {
@@ -77,7 +80,7 @@ fn read(path: &Path) -> Result<Trace> {
     }
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
     let names: Arc<[String]> = reader.headers()?.iter().map(str::to_string).collect();
-    ensure!(!names.is_empty(), "the file is empty; it has to begin with a header of signal names");
+    ensure!(!names.is_empty(), "the file is empty; the first line must contain the signal names");
     for (i, name) in names.iter().enumerate() {
         ensure!(!name.is_empty(), "column {} has no name in the header", i + 1);
         ensure!(!names[..i].contains(name), "two columns are named `{name}`");
@@ -94,35 +97,35 @@ fn read(path: &Path) -> Result<Trace> {
         }
         trace.push(&sample);
     }
-    ensure!(!trace.is_empty(), "there is no sample below the header");
+    ensure!(!trace.is_empty(), "the file has a header, but no samples");
     Ok(trace)
 }
 
-/// The sampling period, s: as asked for, else as the time column has it, else 1.
-fn period(trace: &Trace, asked: Option<f64>) -> Result<f64> {
+/// Returns the sampling period in seconds: `--period`, or else the mean step of the column `time`, or else 1.
+fn period(trace: &Trace, flag: Option<f64>) -> Result<f64> {
     let times = trace.signal(TIME).filter(|times| times.len() > 1);
-    let Some(times) = times else { return Ok(asked.unwrap_or(1.0)) };
+    let Some(times) = times else { return Ok(flag.unwrap_or(1.0)) };
     let found = (times[times.len() - 1] - times[0]) / (times.len() - 1) as f64;
     ensure!(found > 0.0, "column `{TIME}` does not increase");
-    let even = |(i, pair): (usize, &[f64])| (((pair[1] - pair[0]) / found - 1.0).abs() > JITTER).then_some(i);
-    if let Some(sample) = times.windows(2).enumerate().find_map(even) {
+    let uneven =
+        |(i, pair): (usize, &[f64])| (((pair[1] - pair[0]) / found - 1.0).abs() > JITTER).then_some(i);
+    if let Some(sample) = times.windows(2).enumerate().find_map(uneven) {
         bail!(
-            "samples have to be evenly spaced; column `{TIME}` goes from {} to {} after line {}, on average it \
-             moves by {found}",
+            "samples must be evenly spaced; column `{TIME}` steps from {} to {} after line {}, its mean step is \
+             {found}",
             times[sample],
             times[sample + 1],
             sample + 2
         );
     }
-    if let Some(asked) = asked {
+    if let Some(period) = flag {
         ensure!(
-            (asked / found - 1.0).abs() <= JITTER,
-            "--period is {asked} s, column `{TIME}` moves by {found} s"
+            (period / found - 1.0).abs() <= JITTER,
+            "--period is {period} s, but the mean step of column `{TIME}` is {found} s; leave out --period"
         );
-        return Ok(asked);
+        return Ok(period);
     }
-    // Times written with few digits give 0.03333 for 1/30: where a whole number of samples a second is that near, it
-    // is what was meant.
+    // Rounded times, such as 0.03333 for 1/30, give an inexact period. A nearly integer sampling rate is meant exactly.
     let rate = (1.0 / found).round();
     Ok(if (found * rate - 1.0).abs() < 1e-4 { 1.0 / rate } else { found })
 }

@@ -1,7 +1,7 @@
 use std::path::Path;
 
 use anyhow::{Result, bail, ensure};
-use mishandle::Film;
+use mishandle::StateTrajectory;
 use mishandle::store::RunFile;
 use mishandle::world::{Renderer, Size, png};
 
@@ -9,18 +9,26 @@ use crate::progress::Bar;
 use crate::video::{self, Video};
 use crate::{ExitStatus, args, interrupt, output};
 
-/// Pictures a second in a film, nearly: whole control steps lie between two.
-const FILM_RATE: f64 = 30.0;
+/// Approximate frame rate of a video, in frames per second. Consecutive frames are a whole number of control steps
+/// apart.
+const FRAME_RATE: f64 = 30.0;
 
-/// Pictures in a filmstrip, and how many stand side by side.
-const STRIP: usize = 6;
+/// Number of frames in a filmstrip.
+const STRIP_FRAMES: usize = 6;
+
+/// Frames per row of a filmstrip.
 const STRIP_COLUMNS: usize = 3;
 
+/// Default size of a picture, in pixels.
 const PICTURE_SIZE: (u32, u32) = (960, 720);
-const FILM_SIZE: (u32, u32) = (640, 480);
+
+/// Default size of a video, in pixels.
+const VIDEO_SIZE: (u32, u32) = (640, 480);
+
+/// Default size of a frame in a filmstrip, in pixels.
 const STRIP_SIZE: (u32, u32) = (480, 360);
 
-/// What the output's name asks for.
+/// Output format, from the extension of the output file.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Png,
@@ -32,49 +40,49 @@ pub fn run(command: &args::Render) -> Result<ExitStatus> {
     if command.run.is_none() && command.task.is_some() {
         ensure!(
             kind == Kind::Png,
-            "a start is one picture; --out has to end in .png, or give a --run to film"
+            "an initial state is a single picture: --out must end in .png; for a video give --run RUN"
         );
     }
     let default = match (kind, &command.run) {
         (Kind::Png, None) => PICTURE_SIZE,
         (Kind::Png, Some(_)) => STRIP_SIZE,
-        (Kind::Mp4, _) => FILM_SIZE,
+        (Kind::Mp4, _) => VIDEO_SIZE,
     };
     let size = size(command.size.as_deref(), default)?;
-    // Whether it can be made is known before a simulation has run for it.
+    // Fails before the simulation if the output cannot be written.
     drop(output::create(&command.out, command.force)?);
     if kind == Kind::Mp4 {
         video::check_encoder()?;
     }
-    let (mut renderer, film) = match (&command.run, &command.task) {
+    let (mut renderer, trajectory) = match (&command.run, &command.task) {
         (Some(path), _) => recorded(path, command, size)?,
         (None, Some(task)) => {
             let task = mishandle::task(task)?;
-            let film = mishandle::start(task, command.at.as_deref())?;
-            (Renderer::new(&mishandle::scene(task)?, size)?, film)
+            let trajectory = mishandle::initial_state(task, command.at.as_deref())?;
+            (Renderer::new(&mishandle::scene_mjcf(task)?, size)?, trajectory)
         }
-        (None, None) => bail!("give a TASK, or --run RUN"),
+        (None, None) => bail!("nothing to render: give a TASK or --run RUN"),
     };
-    let outcome = match kind {
-        Kind::Png => strip(&mut renderer, &film, size, command)?,
-        Kind::Mp4 => video(&mut renderer, &film, size, command)?,
+    let status = match kind {
+        Kind::Png => filmstrip(&mut renderer, &trajectory, size, command)?,
+        Kind::Mp4 => video(&mut renderer, &trajectory, size, command)?,
     };
-    match outcome {
-        ExitStatus::Interrupted => output::say("interrupted; nothing was written"),
-        _ => output::say(&format!("wrote {}", command.out.display())),
+    match status {
+        ExitStatus::Interrupted => output::message("interrupted; nothing was written"),
+        _ => output::message(&format!("wrote {}", command.out.display())),
     }
-    Ok(outcome)
+    Ok(status)
 }
 
 fn kind(out: &Path) -> Result<Kind> {
     match out.extension().and_then(|extension| extension.to_str()) {
         Some("png") => Ok(Kind::Png),
         Some("mp4") => Ok(Kind::Mp4),
-        _ => bail!("--out is {}; it has to end in .png (a picture) or .mp4 (a film)", out.display()),
+        _ => bail!("--out is {}; it must end in .png (picture) or .mp4 (video)", out.display()),
     }
 }
 
-/// The size that a text like `960x720` asks for.
+/// Parses a size such as `960x720`.
 fn size(text: Option<&str>, default: (u32, u32)) -> Result<Size> {
     let (width, height) = match text {
         None => default,
@@ -87,74 +95,91 @@ fn size(text: Option<&str>, default: (u32, u32)) -> Result<Size> {
     match Size::new(width, height) {
         Some(size) => Ok(size),
         None => bail!(
-            "--size is {}; it has to be WIDTHxHEIGHT in pixels, like 960x720, both even and from {low} to {high}",
+            "--size is {}; it must be WIDTHxHEIGHT in pixels, such as 960x720, both even and from {low} to {high}",
             text.unwrap_or_default()
         ),
     }
 }
 
-/// A recorded simulation, run again.
-fn recorded(path: &Path, command: &args::Render, size: Size) -> Result<(Renderer, Film)> {
+/// Replays a recorded simulation.
+fn recorded(path: &Path, command: &args::Render, size: Size) -> Result<(Renderer, StateTrajectory)> {
     let run = RunFile::open(path)?;
-    let Some((trial, simulation)) = mishandle::choose(&run, command.trial, command.simulation)? else {
-        bail!("{} has no decided simulation to draw", path.display());
+    let Some((trial, simulation)) = mishandle::select_simulation(&run, command.trial, command.simulation)?
+    else {
+        bail!("{} has no decided simulation; choose one with --trial and --simulation", path.display());
     };
-    let renderer = Renderer::new(&mishandle::scene(mishandle::task(&run.header().target.name)?)?, size)?;
-    let (replayed, film) = mishandle::film(&run, trial, simulation, command.controller.as_deref())?;
-    for difference in &replayed.other_build {
-        output::say(&format!("warning: the run was made by another build: {difference}"));
+    let renderer = Renderer::new(&mishandle::scene_mjcf(mishandle::task(&run.header().target.name)?)?, size)?;
+    let (replayed, trajectory) =
+        mishandle::replay_states(&run, trial, simulation, command.controller.as_deref())?;
+    for difference in &replayed.build_differences {
+        output::message(&format!("warning: another build made the run: {difference}"));
     }
     if !replayed.differences.is_empty() {
-        bail!("the replay is not the same as the record: {}", replayed.differences.join("; "));
+        bail!("the replay differs from the record: {}", replayed.differences.join("; "));
     }
-    output::say(&format!("trial {trial}, simulation {simulation}: {} control steps", replayed.episode.steps));
-    Ok((renderer, film))
+    output::message(&format!(
+        "trial {trial}, simulation {simulation}: {} control steps",
+        replayed.episode.steps
+    ));
+    Ok((renderer, trajectory))
 }
 
-/// One picture, or several moments of an episode beside and below each other.
-fn strip(renderer: &mut Renderer, film: &Film, size: Size, command: &args::Render) -> Result<ExitStatus> {
-    let last = film.states.len() - 1;
-    let count = film.states.len().min(STRIP);
-    let moments: Vec<usize> = (0..count).map(|i| last * i / (count - 1).max(1)).collect();
-    renderer.frame(moments.iter().map(|moment| film.states[*moment].as_slice()));
+/// Renders a picture with up to [`STRIP_FRAMES`] frames, evenly spaced in time.
+fn filmstrip(
+    renderer: &mut Renderer,
+    trajectory: &StateTrajectory,
+    size: Size,
+    command: &args::Render,
+) -> Result<ExitStatus> {
+    let states = &trajectory.states;
+    let last = states.len() - 1;
+    let count = states.len().min(STRIP_FRAMES);
+    let steps: Vec<usize> = (0..count).map(|i| last * i / (count - 1).max(1)).collect();
+    renderer.frame(steps.iter().map(|step| states[*step].as_slice()));
     let columns = count.min(STRIP_COLUMNS);
     let (width, height) = (size.width() as usize, size.height() as usize);
     let (whole_width, whole_height) = (columns * width, count.div_ceil(columns) * height);
     let mut whole = vec![255_u8; 3 * whole_width * whole_height];
-    for (i, moment) in moments.iter().enumerate() {
+    for (i, step) in steps.iter().enumerate() {
         let (left, top) = (i % columns * width, i / columns * height);
-        let picture = renderer.draw(&film.states[*moment])?;
+        let picture = renderer.draw(&states[*step])?;
         for (row, pixels) in picture.chunks(3 * width).enumerate() {
             whole[3 * ((top + row) * whole_width + left)..][..3 * width].copy_from_slice(pixels);
         }
     }
     if count > 1 {
         let times: Vec<String> =
-            moments.iter().map(|step| format!("{:.2} s", *step as f64 * film.control_dt)).collect();
-        output::say(&format!("at {}, row by row", times.join(", ")));
+            steps.iter().map(|step| format!("{:.2} s", *step as f64 * trajectory.control_dt)).collect();
+        output::message(&format!("frames at {}, row by row", times.join(", ")));
     }
     let bytes = png(whole_width as u32, whole_height as u32, &whole)?;
     output::write_atomically(&command.out, command.force, &bytes)?;
     Ok(ExitStatus::Done)
 }
 
-fn video(renderer: &mut Renderer, film: &Film, size: Size, command: &args::Render) -> Result<ExitStatus> {
-    let stride = (1.0 / (FILM_RATE * film.control_dt)).round().max(1.0) as usize;
-    let rate = 1.0 / (stride as f64 * film.control_dt);
-    renderer.frame(film.states.iter().step_by(stride).map(Vec::as_slice));
-    // From here on there is a file to take away, so a signal must not end the program by itself.
-    let bar = Bar::new(film.states.len().div_ceil(stride) as u64, "pictures");
+fn video(
+    renderer: &mut Renderer,
+    trajectory: &StateTrajectory,
+    size: Size,
+    command: &args::Render,
+) -> Result<ExitStatus> {
+    let StateTrajectory { states, control_dt } = trajectory;
+    let stride = (1.0 / (FRAME_RATE * control_dt)).round().max(1.0) as usize;
+    let rate = 1.0 / (stride as f64 * control_dt);
+    renderer.frame(states.iter().step_by(stride).map(Vec::as_slice));
+    // From here on a signal must not end the program directly, because an unfinished file must be removed.
+    let bar = Bar::new(states.len().div_ceil(stride) as u64, "frames");
     let cleared = bar.line();
     interrupt::listen(|| (), move || cleared.finish_and_clear())?;
-    let mut video = Video::begin(output::create(&command.out, command.force)?, size, rate)?;
-    for (done, state) in (1..).zip(film.states.iter().step_by(stride)) {
-        if interrupt::asked() {
+    let mut video = Video::start(output::create(&command.out, command.force)?, size, rate)?;
+    for (done, state) in (1..).zip(states.iter().step_by(stride)) {
+        if interrupt::requested() {
             return Ok(ExitStatus::Interrupted);
         }
-        video.push(renderer.draw(state)?)?;
+        video.push_frame(renderer.draw(state)?)?;
         bar.set_position(done);
     }
     bar.clear();
-    video.end()?;
+    video.finish()?;
     Ok(ExitStatus::Done)
 }

@@ -8,13 +8,14 @@ use crate::{ExitStatus, args, run};
 pub fn run(command: &args::Replay) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
     let file = RunFile::open(&command.file)?;
-    let Some((trial, simulation)) = mishandle::choose(&file, command.trial, command.simulation)? else {
-        let of = command.trial.map_or(String::new(), |trial| format!(" in trial {trial}"));
-        bail!("{} has no decided simulation{of}; choose one with --simulation", command.file.display());
+    let Some((trial, simulation)) = mishandle::select_simulation(&file, command.trial, command.simulation)?
+    else {
+        let in_trial = command.trial.map_or(String::new(), |trial| format!(" in trial {trial}"));
+        bail!("{} has no decided simulation{in_trial}; choose one with --simulation", command.file.display());
     };
     let replayed = mishandle::replay(&file, trial, simulation, command.controller.as_deref())?;
-    for difference in &replayed.other_build {
-        output::say(&format!("warning: the run was made by another build: {difference}"));
+    for difference in &replayed.build_differences {
+        output::message(&format!("warning: another build made the run: {difference}"));
     }
     if let Some(path) = &command.trace {
         let trace = &replayed.episode.trace;
@@ -22,7 +23,7 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
         output::write_new(path, |out| {
             Ok(store::export_trace_csv(&file, &store::StoredTrace { columns }, out)?)
         })?;
-        output::say(&format!("wrote the trace to {}", path.display()));
+        output::message(&format!("wrote the trace to {}", path.display()));
     }
     let robustness = replayed.episode.verdict.robustness;
     let header = file.header();
@@ -32,7 +33,7 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
     if command.json {
         let value = |value: Option<f64>| value.map_or(Value::Null, number);
         output::json(json!({
-                "run": command.file.to_string_lossy(),
+            "run": command.file.to_string_lossy(),
             "target": header.target.name,
             "space": header.space,
             "axes": header.axes.iter().map(|axis| &axis.name).collect::<Vec<_>>(),
@@ -48,13 +49,13 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
         }))?;
     } else {
         let value = |(axis, value): (&store::AxisRecord, &Option<f64>)| {
-            let value = value.map_or("drawn".to_string(), |value| value.to_string());
+            let value = value.map_or("random".to_string(), |value| value.to_string());
             format!("{} = {value} {}", axis.name, axis.unit).trim_end().to_string()
         };
-        let start: Vec<String> = named().map(value).collect();
+        let values: Vec<String> = named().map(value).collect();
         output::line(&format!(
-            "trial {trial}, simulation {simulation}, from {}, seed {}\nformula {}\nrobustness {} after {} control steps",
-            start.join(", "),
+            "trial {trial}, simulation {simulation}, {}, seed {}\nformula {}\nrobustness {} after {} control steps",
+            values.join(", "),
             replayed.recorded.seed,
             header.formula,
             robustness.map_or("undecided".to_string(), |rho| rho.to_string()),
@@ -62,8 +63,8 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
         ))?;
     }
     if !replayed.differences.is_empty() {
-        bail!("the replay is not the same: {}", replayed.differences.join("; "));
+        bail!("the replay differs from the record: {}", replayed.differences.join("; "));
     }
-    output::say("the replay is the same as the record, to the bit");
+    output::message("the replay is bit-identical to the record");
     Ok(ExitStatus::Done)
 }

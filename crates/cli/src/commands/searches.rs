@@ -5,21 +5,22 @@ use serde_json::{Value, json};
 use crate::output::{self, table, wrapped};
 use crate::{ExitStatus, args};
 
-/// What the options count in.
-const UNITS: &str = "d is the number of coordinates, one for each axis of the scenario space (`--space`). Each runs from 0 to \
-                     1, from the lower bound of its axis to the upper one; points and tolerances are in these units.";
+/// Units of the options.
+const UNITS: &str = "d is the number of coordinates, one per axis of the scenario space (`--space`). A coordinate of 0 is \
+                     the lower bound of its axis, a coordinate of 1 the upper bound. Points and tolerances are in \
+                     these units.";
 
 pub fn run(command: &args::Searches) -> Result<ExitStatus> {
-    let chosen = match &command.search {
+    let entries = match &command.search {
         Some(name) => std::slice::from_ref(mishandle::search_entry(name)?),
         None => SEARCHES,
     };
     if command.json {
-        output::json(chosen.iter().map(document).collect())?;
-    } else if let (Some(_), [entry]) = (&command.search, chosen) {
+        output::json(entries.iter().map(document).collect())?;
+    } else if let (Some(_), [entry]) = (&command.search, entries) {
         output::line(&page(entry))?;
     } else {
-        output::line(&list(chosen))?;
+        output::line(&list(entries))?;
     }
     Ok(ExitStatus::Done)
 }
@@ -46,7 +47,7 @@ fn list(entries: &[SearchEntry]) -> String {
     let head = ["search", "summary"].map(String::from).to_vec();
     let rows = entries.iter().map(|entry| vec![entry.name.to_string(), entry.summary.to_string()]);
     let all: Vec<Vec<String>> = std::iter::once(head).chain(rows).collect();
-    format!("{}\n\n`mishandle searches SEARCH` explains one with its options.", table(&all))
+    format!("{}\n\n`mishandle searches SEARCH` lists the options of a search.", table(&all))
 }
 
 fn page(entry: &SearchEntry) -> String {
@@ -55,7 +56,8 @@ fn page(entry: &SearchEntry) -> String {
         "Options: none".to_string()
     } else {
         format!(
-            "Options, set by `falsify --search-option NAME=VALUE` or the table [falsify.options] of a plan\n{}\n\n{}",
+            "Options (set with `falsify --search-option NAME=VALUE` or in the table [falsify.options] of a plan)\n\
+             {}\n\n{}",
             options.join("\n"),
             wrapped(UNITS, output::width())
         )
@@ -64,7 +66,7 @@ fn page(entry: &SearchEntry) -> String {
     format!("{}: {}\n\n{options}\n\nReference\n{reference}", entry.name, entry.summary)
 }
 
-/// Name, type, range and default in one line, and the meaning below.
+/// Formats an option: name, type, range and default in one line, the meaning below.
 fn paragraph(option: &OptionSpec) -> String {
     let range = if option.range.is_empty() { String::new() } else { format!(", {}", option.range) };
     format!(

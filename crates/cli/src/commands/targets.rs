@@ -22,8 +22,8 @@ pub fn run(command: &args::Targets) -> Result<ExitStatus> {
     Ok(ExitStatus::Done)
 }
 
-/// A plan of that target. A task needs some controller to be one, and its axes of explicit noise are there if there is
-/// noise.
+/// Returns a plan that resolves to the target. A task requires a controller, and it has axes for the action noise only
+/// if there is action noise.
 fn plan(name: &str, preset: Option<&str>) -> Plan {
     let is_task = mishandle::tasks::task(name).is_some();
     let mut plan = Plan::new(name, if is_task { "expert" } else { "" });
@@ -51,7 +51,7 @@ fn page(target: &Target, plan: &Plan) -> String {
     let mut sections = vec![format!("{} ({}){preset}", target.identity.name, target.identity.kind)];
     let formulas = target.formulas.iter().map(|formula| format!("  {:<12}{}", formula.name, formula.text));
     sections.push(format!(
-        "TaskFormulas, the default requirement first\n{}",
+        "Formulas (the first is the default requirement)\n{}",
         formulas.collect::<Vec<_>>().join("\n")
     ));
     let signals = target.signals.iter().map(|signal| match signal.unit.as_str() {
@@ -65,10 +65,12 @@ fn page(target: &Target, plan: &Plan) -> String {
     }
     if let [first, .., last] = target.spaces.as_slice() {
         let example = format!("{}+{}", first.name(), last.name());
-        sections.push(format!("Spaces may be joined: --space {example}; `all` has every axis."));
+        sections.push(format!(
+            "Spaces can be joined, such as --space {example}. The space `all` has every axis."
+        ));
     }
     if target.axes.iter().any(|axis| axis.name.starts_with("draw_")) {
-        sections.push("The axes `draw_*` are there if there is noise: --action-noise above 0.".to_string());
+        sections.push("The axes `draw_*` exist only with --action-noise above 0.".to_string());
     }
     sections.join("\n\n")
 }
@@ -81,7 +83,7 @@ fn axes(space: &Space) -> String {
             axis.kind.to_string(),
             short(axis.low),
             short(axis.high),
-            axis.nominal.map_or("drawn".to_string(), short),
+            axis.nominal.map_or("random".to_string(), short),
             sets(axis),
         ]
     }));
@@ -89,12 +91,12 @@ fn axes(space: &Space) -> String {
     table.lines().map(|line| format!("  {line}")).collect::<Vec<_>>().join("\n")
 }
 
-/// What an axis sets, its unit, and which values it has if not all of them evenly.
+/// Describes what an axis sets, with its unit and the kind of its values if they are not continuous.
 fn sets(axis: &Axis) -> String {
     let values = match &axis.values {
         AxisValues::Continuous => None,
         AxisValues::Logarithmic => Some("logarithmic".to_string()),
-        AxisValues::Integer => Some("whole numbers".to_string()),
+        AxisValues::Integer => Some("integers".to_string()),
         AxisValues::Categorical(names) => Some(names.join(", ")),
     };
     let unit = Some(axis.unit.clone()).filter(|unit| !unit.is_empty());
@@ -102,7 +104,7 @@ fn sets(axis: &Axis) -> String {
     if more.is_empty() { axis.meaning.clone() } else { format!("{} ({})", axis.meaning, more.join(", ")) }
 }
 
-/// A number without the rounding of its last digits.
+/// Formats a number with at most nine decimals, which hides rounding errors.
 fn short(value: f64) -> String {
     const SCALE: f64 = 1e9;
     ((value * SCALE).round() / SCALE).to_string()

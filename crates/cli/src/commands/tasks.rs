@@ -12,19 +12,19 @@ use crate::output::{self, indented, table_in};
 
 pub fn run(command: &args::Tasks) -> Result<ExitStatus> {
     let preset = mishandle::preset(&command.preset)?;
-    let chosen: Vec<&'static dyn Task> = match &command.task {
+    let selected: Vec<&'static dyn Task> = match &command.task {
         Some(name) => vec![mishandle::task(name)?],
         None => tasks(),
     };
-    if let (Some(path), [task]) = (&command.mjcf, chosen.as_slice()) {
+    if let (Some(path), [task]) = (&command.mjcf, selected.as_slice()) {
         let scene = compose_with_start(*task)?;
         output::write_new(path, |file| Ok(file.write_all(scene.as_bytes())?))?;
-        output::say(&format!("wrote {}", path.display()));
+        output::message(&format!("wrote {}", path.display()));
         if !command.json {
             return Ok(ExitStatus::Done);
         }
     }
-    let definitions: Vec<&Definition> = chosen.iter().map(|task| task.definition()).collect();
+    let definitions: Vec<&Definition> = selected.iter().map(|task| task.definition()).collect();
     if command.json {
         let all = definitions.iter().map(|definition| document(definition, preset)).collect();
         output::json(Value::Array(all))?;
@@ -60,7 +60,7 @@ fn document(definition: &Definition, preset: Preset) -> Value {
     })
 }
 
-/// Every task with its success formula and controllers, a paragraph each; variants come last.
+/// Lists the tasks with success formula and controllers, one paragraph each; variants come last.
 fn list(definitions: &[&Definition], preset: Preset, width: usize) -> String {
     let variants = definitions.iter().filter(|definition| definition.variant_of.is_some());
     let tasks = definitions.iter().filter(|definition| definition.variant_of.is_none());
@@ -76,6 +76,6 @@ fn list(definitions: &[&Definition], preset: Preset, width: usize) -> String {
         format!("{head}\n  {}", indented(&table_in(&rows, width.saturating_sub(2)), 2))
     };
     let mut paragraphs: Vec<String> = tasks.chain(variants).map(paragraph).collect();
-    paragraphs.push("`mishandle tasks TASK` explains one in full.".to_string());
+    paragraphs.push("`mishandle tasks TASK` describes a task in full.".to_string());
     paragraphs.join("\n\n")
 }

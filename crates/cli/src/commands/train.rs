@@ -13,7 +13,7 @@ pub fn run(command: &args::Train) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let plan = plan(command);
     if mishandle::uses_default_settings(&plan)? {
-        output::say(&format!(
+        output::message(&format!(
             "note: no settings are shipped for {} with {}: taking the defaults of docs/algorithms/settings.md",
             plan.task, plan.algorithm
         ));
@@ -26,7 +26,7 @@ pub fn run(command: &args::Train) -> Result<ExitStatus> {
     watch.finish();
     let report = report?;
     let trained = &report.trained;
-    if interrupt::asked() && !report.has_ended() {
+    if interrupt::requested() && !report.has_ended() {
         return Ok(interrupted(&plan, &report));
     }
     if !report.unwritten.is_empty() {
@@ -35,15 +35,15 @@ pub fn run(command: &args::Train) -> Result<ExitStatus> {
     if let Some(asked) =
         plan.steps.filter(|asked| !report.stopped_early() && trained.environment_steps > *asked)
     {
-        output::say(&format!("--steps {asked} was rounded up to whole iterations"));
+        output::message(&format!("--steps {asked} was rounded up to whole iterations"));
     }
     if watch.iterations == 0 {
-        output::say("nothing was left to do: the training had come to its end before");
+        output::message("nothing was left to do: the training had come to its end before");
     }
     if command.run.json {
         output::json(document(&plan, &report))?;
         if report.training_time.is_err() {
-            output::say(&training_time_line(&report));
+            output::message(&training_time_line(&report));
         }
     } else {
         for line in lines(&report) {
@@ -57,15 +57,18 @@ pub fn run(command: &args::Train) -> Result<ExitStatus> {
 /// Says how far an interrupted training came, and how it goes on: its first checkpoint is there, if no later one.
 fn interrupted(plan: &TrainPlan, report: &TrainReport) -> ExitStatus {
     for failure in &report.unwritten {
-        output::say(&format!("error: {}", whole(failure)));
+        output::message(&format!("error: {}", whole(failure)));
     }
     let is_checkpoint = |failure: &MishandleError| matches!(failure, MishandleError::Training(_));
     let lost = match report.unwritten.iter().any(is_checkpoint) {
         true => "; what was learned since the last checkpoint is lost",
         false => "",
     };
-    output::say(&format!("interrupted after {} environment steps{lost}", report.trained.environment_steps));
-    output::say(&format!("Carry on: {}", plan.resuming_command()));
+    output::message(&format!(
+        "interrupted after {} environment steps{lost}",
+        report.trained.environment_steps
+    ));
+    output::message(&format!("Carry on: {}", plan.resuming_command()));
     ExitStatus::Interrupted
 }
 
@@ -189,21 +192,21 @@ fn document(plan: &TrainPlan, report: &TrainReport) -> Value {
 }
 
 fn say_places(plan: &TrainPlan) {
-    output::say(&format!(
+    output::message(&format!(
         "The best controller is in {}, the last in {}",
         plan.out.display(),
         plan.last().display()
     ));
     if let Some(csv) = &plan.csv {
-        output::say(&format!("The training's curve is in {}", csv.display()));
+        output::message(&format!("The training's curve is in {}", csv.display()));
     }
     if let Some(folder) = &plan.tensorboard {
-        let folder = mishandle::shell_word(&folder.to_string_lossy());
-        output::say(&format!("Look at it: tensorboard --logdir {folder}"));
+        let folder = mishandle::shell_quote(&folder.to_string_lossy());
+        output::message(&format!("Look at it: tensorboard --logdir {folder}"));
     }
     // A bare word would be taken for the name of a shipped controller.
     let is_bare = plan.out.components().count() == 1 && plan.out.extension().is_none();
     let out = if is_bare { Path::new(".").join(&plan.out) } else { plan.out.clone() };
-    let out = mishandle::shell_word(&out.to_string_lossy());
-    output::say(&format!("Measure it: mishandle evaluate {} --controller {out}", plan.task));
+    let out = mishandle::shell_quote(&out.to_string_lossy());
+    output::message(&format!("Measure it: mishandle evaluate {} --controller {out}", plan.task));
 }

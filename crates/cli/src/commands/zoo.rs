@@ -27,7 +27,7 @@ pub fn run(command: &args::Zoo) -> Result<ExitStatus> {
     )?;
     let laboratory = LocalLaboratory::new()?;
     let reporter = Reporter::new();
-    let zoo = Zoo::new(ZooFolder::new(&root), &laboratory, &reporter, &interrupt::asked);
+    let zoo = Zoo::new(ZooFolder::new(&root), &laboratory, &reporter, &interrupt::requested);
     match &command.command {
         ZooCommand::List { selection, json } => list(&selected(zoo, selection), *json),
         ZooCommand::Train { selection, jobs } => finish(with_jobs(selected(zoo, selection), jobs)?.train()),
@@ -59,7 +59,7 @@ fn with_jobs<'a>(zoo: Zoo<'a>, jobs: &ZooJobs) -> Result<Zoo<'a>> {
 }
 
 fn listen() -> Result<()> {
-    interrupt::listen(|| output::say("saving checkpoints; press Ctrl-C again to end at once"), || {})
+    interrupt::listen(|| output::message("saving checkpoints; press Ctrl-C again to end at once"), || {})
 }
 
 fn import(zoo: &Zoo<'_>, folder: &Path) -> Result<ExitStatus> {
@@ -72,7 +72,7 @@ fn finish(result: Result<(), ExperimentError>) -> Result<ExitStatus> {
     match result {
         Ok(()) => Ok(ExitStatus::Done),
         Err(error @ (ExperimentError::Interrupted | ExperimentError::InterruptedWith { .. })) => {
-            output::say(&error.to_string());
+            output::message(&error.to_string());
             Ok(ExitStatus::Interrupted)
         }
         // The hints of the program are for its own errors.
@@ -141,7 +141,7 @@ impl Reporter {
     }
 
     fn say(&self, name: &str, words: &str) {
-        output::say(&format!("{:>6.0} s  {name}: {words}", self.started.elapsed().as_secs_f64()));
+        output::message(&format!("{:>6.0} s  {name}: {words}", self.started.elapsed().as_secs_f64()));
     }
 
     fn is_due(&self, name: &str) -> bool {
@@ -157,7 +157,7 @@ impl Reporter {
 
 impl ZooObserver for Reporter {
     fn begins(&self, jobs: usize, workers: usize) {
-        output::say(&format!("{jobs} jobs, {workers} at a time"));
+        output::message(&format!("{jobs} jobs, {workers} at a time"));
     }
 
     fn started(&self, name: &str, reason: &str) {
@@ -175,7 +175,7 @@ impl ZooObserver for Reporter {
     }
 
     fn note(&self, name: &str, words: &str) {
-        output::say(&format!("{name}: {words}"));
+        output::message(&format!("{name}: {words}"));
     }
 
     fn ended(&self, name: &str, result: &Result<(), ExperimentError>) {

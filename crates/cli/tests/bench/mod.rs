@@ -1,11 +1,11 @@
-//! The program in a folder of its own.
+//! Runs the program in a temporary folder.
 
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
 use serde_json::Value;
 
-/// A fresh folder to run the program in.
+/// A temporary folder to run the program in.
 pub struct Bench {
     folder: tempfile::TempDir,
 }
@@ -33,7 +33,7 @@ impl Bench {
         self.command(arguments).output().unwrap()
     }
 
-    /// Runs the program, which has to end with `code`, and returns stdout.
+    /// Runs the program, which must exit with `code`, and returns stdout.
     #[track_caller]
     pub fn check(&self, arguments: &str, code: i32) -> String {
         let output = self.run(arguments);
@@ -42,8 +42,8 @@ impl Bench {
         out
     }
 
-    /// The JSON document on stdout but for the path of the run file, which differs from run to run.
-    #[allow(dead_code, reason = "not all tests that have a bench compare documents")]
+    /// Returns the JSON document on stdout without the path of the run file, which differs between runs.
+    #[allow(dead_code, reason = "not every test compares documents")]
     #[track_caller]
     pub fn document(&self, arguments: &str, code: i32) -> Value {
         without_run(self.json(arguments, code))
@@ -54,7 +54,7 @@ impl Bench {
         serde_json::from_str(&self.check(arguments, code)).unwrap()
     }
 
-    /// Runs the program, which has to fail and to say all of `parts` in one line or two.
+    /// Runs the program, which must fail with a message that contains all `parts`.
     #[track_caller]
     pub fn refuses(&self, arguments: &str, parts: &[&str]) {
         let output = self.run(arguments);
@@ -62,7 +62,7 @@ impl Bench {
         assert_eq!(output.status.code(), Some(2), "mishandle {arguments}\n{err}");
         assert!(output.stdout.is_empty(), "{}", text(&output.stdout));
         for part in parts {
-            assert!(err.contains(part), "mishandle {arguments} does not say `{part}`:\n{err}");
+            assert!(err.contains(part), "mishandle {arguments} does not print `{part}`:\n{err}");
         }
     }
 }
@@ -71,14 +71,14 @@ pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
 }
 
-/// A JSON document without the path of its run file.
-#[allow(dead_code, reason = "not all tests that have a bench compare documents")]
+/// Removes the path of the run file from a JSON document.
+#[allow(dead_code, reason = "not every test compares documents")]
 pub fn without_run(mut document: Value) -> Value {
     document.as_object_mut().unwrap().remove("run").unwrap();
     document
 }
 
-/// Splits at spaces, but not inside single quotes.
+/// Splits at spaces outside of single quotes.
 fn words(arguments: &str) -> Vec<String> {
     let parts = arguments.split('\'').enumerate();
     parts
@@ -89,13 +89,13 @@ fn words(arguments: &str) -> Vec<String> {
         .collect()
 }
 
-/// Sends a signal by its name.
-#[allow(dead_code, reason = "not all tests that have a bench send one")]
+/// Sends the signal with this name.
+#[allow(dead_code, reason = "not every test sends signals")]
 pub fn signal(child: &std::process::Child, name: &str) {
     let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status().unwrap();
     assert!(sent.success());
 }
 
-/// Training settings with which an iteration takes no time.
+/// Training settings with short iterations.
 pub const SMALL: &str = "rollout_steps = 16\nminibatch_rows = 128\nepisodes.environments = 16\nrun.total_steps = 2048\n\
                      run.validation_every = 4\nrun.validation_episodes = 4\n";

@@ -1,6 +1,6 @@
-//! Random numbers and networks for tests.
+//! Random numbers and random networks for tests.
 
-#![allow(dead_code)] // Each test file uses a part.
+#![allow(dead_code)] // Each test file uses only some of the functions.
 
 use mishandle_network::{Activation, Mlp, Scalar};
 
@@ -8,7 +8,7 @@ use mishandle_network::{Activation, Mlp, Scalar};
 pub struct Random(pub u64);
 
 impl Random {
-    /// A number from [0, 1).
+    /// Returns a number from [0, 1).
     pub fn uniform(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -17,7 +17,7 @@ impl Random {
         ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// A standard normal number.
+    /// Returns a standard normal number.
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.uniform()).cos()
@@ -29,10 +29,10 @@ impl Random {
     }
 }
 
-/// Sizes, activations of the hidden layers and of the last, whether there is layer normalisation.
+/// Sizes, activations of the hidden layers and of the last, whether there is layer normalization.
 type Case = (&'static [usize], Activation, Activation, bool);
 
-/// Every pair of activations that a network is likely to have, and sizes around the width of a panel (16).
+/// Common pairs of activations, and sizes around the width of a panel (16).
 pub const CASES: [Case; 10] = [
     (&[3, 5, 2], Activation::Elu, Activation::Identity, false),
     (&[3, 5, 2], Activation::Tanh, Activation::Identity, false),
@@ -46,7 +46,7 @@ pub const CASES: [Case; 10] = [
     (&[20, 32, 16, 1], Activation::Tanh, Activation::Tanh, true),
 ];
 
-/// A network with random weights and biases.
+/// Returns a network with random weights and biases.
 pub fn network<T: Scalar>(case: Case, random: &mut Random) -> Mlp<T> {
     let (sizes, hidden, output, layer_norm) = case;
     let mut network = Mlp::new(sizes, hidden, output).expect("a network");

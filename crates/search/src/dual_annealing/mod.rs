@@ -1,4 +1,4 @@
-//! Dual annealing: generalised simulated annealing with a local search, as SciPy's `dual_annealing`.
+//! Dual annealing: generalized simulated annealing with a local search, as in SciPy's `dual_annealing`.
 
 mod visiting;
 
@@ -15,10 +15,10 @@ pub use visiting::VisitingDistribution;
 
 const NAME: &str = "dual-annealing";
 
-/// Starts with values that are not finite, drawn anew so many times before the search gives up.
+/// The maximum number of redraws of an initial point whose value is not finite.
 const MAX_REDRAWS: usize = 1000;
-/// Chains without a better point before the first local search for want of improvement; d chains after that.
-const PATIENCE: usize = 1000;
+/// The number of chains without improvement before the first local search because of stagnation; d chains afterwards.
+const FIRST_PATIENCE: usize = 1000;
 
 pub(crate) const ENTRY: SearchEntry = SearchEntry {
     name: NAME,
@@ -34,7 +34,7 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
 };
 
 const TEMPERATURE: Range = Range { words: "in (0.01, 50000]", holds: |x| x > 0.01 && x <= 5e4 };
-const OPEN_SHARE: Range = Range { words: "in (0, 1)", holds: |x| x > 0.0 && x < 1.0 };
+const OPEN_UNIT_INTERVAL: Range = Range { words: "in (0, 1)", holds: |x| x > 0.0 && x < 1.0 };
 const VISIT: Range = Range { words: "in (1, 3)", holds: |x| x > 1.0 && x < 3.0 };
 const ACCEPT: Range = Range { words: "in (-10000, -5]", holds: |x| x > -1e4 && x <= -5.0 };
 
@@ -48,7 +48,7 @@ options! {
         /// Temperature of the first chain.
         pub initial_temperature: f64 = 5230.0, in TEMPERATURE;
         /// Restarts from a random point when the temperature falls below this fraction of the initial one.
-        pub restart_ratio: f64 = 2e-5, in OPEN_SHARE;
+        pub restart_ratio: f64 = 2e-5, in OPEN_UNIT_INTERVAL;
         /// Parameter q of the visiting distribution: larger values give heavier tails, so longer jumps.
         pub visit: f64 = 2.62, in VISIT;
         /// Parameter of the acceptance probability: lower values accept worse points less often.
@@ -58,22 +58,24 @@ options! {
     }
 }
 
-/// Dual annealing in `[0,1]^d`: chains of visits at falling temperature, each followed by a local search if it paid.
+/// Dual annealing on `[0,1]^d`: Markov chains at decreasing temperature, followed by a local search after an
+/// improvement.
 ///
-/// Chain t = 0, 1, ... makes 2d visits from the current point at
+/// Chain t = 0, 1, ... consists of 2d visits from the current point at the temperature
 ///
 /// ```text
 /// T(t) = T₀ (2^(q-1) - 1) / ((t + 2)^(q-1) - 1)
 /// ```
 ///
-/// A visited point replaces the current one if its value is lower, else with probability
-/// [1 - (1 - a) Δ (t + 1) / T]^(1 / (1 - a)), or 0 where the bracket is not positive; a is the acceptance parameter and Δ
-/// the rise of the value. After the chain a local search runs from the best point if the chain has improved it (or
-/// was the first of an annealing), and another from the chain's own best point after long want of improvement. Below
-/// the restart temperature the annealing begins anew at a random point; the best point and the patience stay.
+/// A visited point replaces the current point if its value is lower, otherwise with probability
+/// [1 - (1 - a) Δ (t + 1) / T]^(1 / (1 - a)), or 0 if the bracket is not positive. Here a is the acceptance parameter
+/// and Δ the increase of the value. After the chain, a local search starts from the best point if the chain improved it
+/// or is the first since a restart. After a long stagnation, another local search starts from the best point of the
+/// chain. Below the restart temperature the annealing restarts from a random point; the best point and the number of
+/// chains without improvement are kept.
 ///
-/// Draws differ from SciPy's, since the generator does; the laws of all draws and every decision are the same. A start
-/// whose value is not finite is drawn again. Every coordinate is treated as continuous.
+/// The random numbers differ from SciPy's, which has another generator. The distributions and decisions are the same.
+/// An initial point is redrawn until its value is finite. Every coordinate is treated as continuous.
 ///
 /// # Reference
 /// Xiang, Sun, Fan and Gong, "Generalized simulated annealing algorithm and its application to the Thomson model",
@@ -85,47 +87,47 @@ pub struct DualAnnealing {
     visiting: VisitingDistribution,
     stream: Sequence,
     local_iterations: usize,
-    /// Chains made, and chains made since the annealing began.
+    /// Completed chains, in total and since the last restart.
     n_chains: usize,
     chain: usize,
-    current: Valued,
-    best: Valued,
-    /// The point and the value a local search for want of improvement starts from. As in SciPy, the point follows
-    /// every acceptance and the value does not.
-    chain_best: Valued,
+    current: EvaluatedPoint,
+    best: EvaluatedPoint,
+    /// The initial point and value of a local search because of stagnation. As in SciPy, the point is updated on every
+    /// acceptance, but the value is not.
+    chain_best: EvaluatedPoint,
     improved: bool,
-    /// Chains since the best point was last improved, and how many bring about a local search.
-    idle_chains: usize,
+    /// Chains since the last improvement of the best point, and the number of them that triggers a local search.
+    chains_without_improvement: usize,
     patience: usize,
     phase: Phase,
     round: Vec<Vec<f64>>,
-    finish: Option<SearchEnd>,
+    end: Option<SearchEnd>,
 }
 
 #[derive(Debug, Clone)]
-struct Valued {
+struct EvaluatedPoint {
     u: Vec<f64>,
     value: f64,
 }
 
 #[derive(Debug, Clone)]
 enum Phase {
-    /// A start is valued; so many have been drawn again.
+    /// Evaluates an initial point, after `redraws` redraws.
     Start { redraws: usize },
-    /// Visit `j` of a chain is valued.
+    /// Evaluates visit `j` of a chain.
     Visit { j: usize },
-    /// A local search from the best point runs.
-    Improve(Box<Lbfgsb>),
-    /// A local search for want of improvement runs.
-    Rescue(Box<Lbfgsb>),
+    /// Runs a local search from the best point.
+    LocalSearch(Box<Lbfgsb>),
+    /// Runs a local search because of stagnation.
+    StagnationSearch(Box<Lbfgsb>),
 }
 
 impl DualAnnealing {
-    /// A dual annealing of `dimension` coordinates.
+    /// Creates a dual annealing on `[0,1]^dimension`.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] for dimension 0; [`SearchError::Option`] for a start outside the box or of another
-    /// length, and for a number outside the range its option documents.
+    /// [`SearchError::Dimension`] for dimension 0; [`SearchError::Option`] for a start outside `[0,1]^d` or of the
+    /// wrong length, or a number outside the documented range of its option.
     pub fn new(dimension: usize, seed: u64, options: &DualAnnealingOptions) -> Result<Self, SearchError> {
         check(dimension, options)?;
         let mut stream = Sequence::new(seed, 0);
@@ -133,7 +135,7 @@ impl DualAnnealing {
             Some(start) => start.clone(),
             None => uniform_point(dimension, &mut stream),
         };
-        let unknown = Valued { u: start.clone(), value: f64::INFINITY };
+        let unknown = EvaluatedPoint { u: start.clone(), value: f64::INFINITY };
         Ok(Self {
             options: options.clone(),
             visiting: VisitingDistribution::new(options.visit),
@@ -145,11 +147,11 @@ impl DualAnnealing {
             best: unknown.clone(),
             chain_best: unknown,
             improved: false,
-            idle_chains: 0,
-            patience: PATIENCE,
+            chains_without_improvement: 0,
+            patience: FIRST_PATIENCE,
             phase: Phase::Start { redraws: 0 },
             round: vec![start],
-            finish: None,
+            end: None,
         })
     }
 
@@ -164,19 +166,19 @@ impl DualAnnealing {
         self.options.initial_temperature * first / now
     }
 
-    fn end(&mut self, finish: SearchEnd) {
-        self.finish = Some(finish);
+    fn stop(&mut self, end: SearchEnd) {
+        self.end = Some(end);
         self.round.clear();
     }
 
-    fn start_anew(&mut self, redraws: usize) {
+    fn propose_start(&mut self, redraws: usize) {
         self.round = vec![uniform_point(self.dimension(), &mut self.stream)];
         self.phase = Phase::Start { redraws };
     }
 
-    fn after_start(&mut self, start: Valued, redraws: usize) {
+    fn after_start(&mut self, start: EvaluatedPoint, redraws: usize) {
         let is_first = self.n_chains == 0;
-        // The very first start is the best point so far even if its value is not finite.
+        // The first initial point is the best point so far even if its value is not finite.
         if is_first && redraws == 0 {
             self.best = start.clone();
         }
@@ -186,21 +188,21 @@ impl DualAnnealing {
             }
             self.current = start;
             self.chain = 0;
-            self.begin_chain();
+            self.start_chain();
         } else if redraws < MAX_REDRAWS {
-            self.start_anew(redraws + 1);
+            self.propose_start(redraws + 1);
         } else {
-            self.end(SearchEnd::NoFiniteStart);
+            self.stop(SearchEnd::NoFiniteStart);
         }
     }
 
-    fn begin_chain(&mut self) {
+    fn start_chain(&mut self) {
         if self.n_chains >= self.options.max_iterations {
-            self.end(SearchEnd::IterationLimit);
+            self.stop(SearchEnd::IterationLimit);
         } else if self.temperature() < self.options.initial_temperature * self.options.restart_ratio {
-            self.start_anew(0);
+            self.propose_start(0);
         } else {
-            self.idle_chains += 1;
+            self.chains_without_improvement += 1;
             self.improved = self.chain == 0;
             self.propose_visit(0);
         }
@@ -209,7 +211,7 @@ impl DualAnnealing {
     fn end_chain(&mut self) {
         self.n_chains += 1;
         self.chain += 1;
-        self.begin_chain();
+        self.start_chain();
     }
 
     fn propose_visit(&mut self, j: usize) {
@@ -218,12 +220,12 @@ impl DualAnnealing {
         self.phase = Phase::Visit { j };
     }
 
-    fn after_visit(&mut self, visited: Valued, j: usize) {
+    fn after_visit(&mut self, visited: EvaluatedPoint, j: usize) {
         if visited.value < self.current.value {
             if visited.value < self.best.value {
                 self.best = visited.clone();
                 self.improved = true;
-                self.idle_chains = 0;
+                self.chains_without_improvement = 0;
             }
             self.current = visited;
         } else {
@@ -232,13 +234,13 @@ impl DualAnnealing {
         if j + 1 < 2 * self.dimension() {
             self.propose_visit(j + 1);
         } else if self.options.local_search && self.improved {
-            self.phase = Phase::Improve(self.local_search(&self.best));
+            self.phase = Phase::LocalSearch(self.local_search(&self.best));
         } else {
-            self.rescue_or_end_chain();
+            self.search_or_end_chain();
         }
     }
 
-    fn accept_or_reject(&mut self, visited: Valued, j: usize) {
+    fn accept_or_reject(&mut self, visited: EvaluatedPoint, j: usize) {
         let scale = 1.0 - self.options.accept;
         let temperature = self.temperature() / (self.chain as f64 + 1.0);
         let bracket = 1.0 - scale * (visited.value - self.current.value) / temperature;
@@ -248,38 +250,38 @@ impl DualAnnealing {
             self.current = visited;
         }
         let is_better = j == 0 || self.current.value < self.chain_best.value;
-        if self.idle_chains >= self.patience && is_better {
+        if self.chains_without_improvement >= self.patience && is_better {
             self.chain_best = self.current.clone();
         }
     }
 
-    fn rescue_or_end_chain(&mut self) {
-        if self.options.local_search && self.idle_chains >= self.patience {
-            self.phase = Phase::Rescue(self.local_search(&self.chain_best));
+    fn search_or_end_chain(&mut self) {
+        if self.options.local_search && self.chains_without_improvement >= self.patience {
+            self.phase = Phase::StagnationSearch(self.local_search(&self.chain_best));
         } else {
             self.end_chain();
         }
     }
 
-    fn local_search(&self, from: &Valued) -> Box<Lbfgsb> {
+    fn local_search(&self, from: &EvaluatedPoint) -> Box<Lbfgsb> {
         let options = LbfgsbOptions { max_iterations: self.local_iterations, ..LbfgsbOptions::default() };
         Box::new(Lbfgsb::from_inside(&from.u, options))
     }
 
-    fn after_improve(&mut self, search: &Lbfgsb) {
+    fn after_local_search(&mut self, search: &Lbfgsb) {
         if let Some(better) = result_below(search, self.best.value) {
-            self.idle_chains = 0;
+            self.chains_without_improvement = 0;
             self.best = better.clone();
             self.current = better;
         }
-        self.rescue_or_end_chain();
+        self.search_or_end_chain();
     }
 
-    fn after_rescue(&mut self, search: &Lbfgsb) {
+    fn after_stagnation_search(&mut self, search: &Lbfgsb) {
         if let Some(better) = result_below(search, self.chain_best.value) {
             self.chain_best = better;
         }
-        self.idle_chains = 0;
+        self.chains_without_improvement = 0;
         self.patience = self.dimension();
         if self.chain_best.value < self.best.value {
             self.best = self.chain_best.clone();
@@ -296,48 +298,51 @@ impl RoundBased for DualAnnealing {
 
     fn round(&self) -> &[Vec<f64>] {
         match &self.phase {
-            Phase::Improve(search) | Phase::Rescue(search) if self.finish.is_none() => search.round(),
+            Phase::LocalSearch(search) | Phase::StagnationSearch(search) if self.end.is_none() => {
+                search.round()
+            }
             _ => &self.round,
         }
     }
 
     fn receive(&mut self, values: &[f64]) {
-        let told = |round: &mut Vec<Vec<f64>>| Valued { u: round.swap_remove(0), value: values[0] };
+        let evaluated =
+            |round: &mut Vec<Vec<f64>>| EvaluatedPoint { u: round.swap_remove(0), value: values[0] };
         match mem::replace(&mut self.phase, Phase::Start { redraws: 0 }) {
             Phase::Start { redraws } => {
-                let start = told(&mut self.round);
+                let start = evaluated(&mut self.round);
                 self.after_start(start, redraws);
             }
             Phase::Visit { j } => {
-                let visited = told(&mut self.round);
+                let visited = evaluated(&mut self.round);
                 self.after_visit(visited, j);
             }
-            Phase::Improve(mut search) => {
+            Phase::LocalSearch(mut search) => {
                 search.receive(values);
-                match search.finish() {
-                    None => self.phase = Phase::Improve(search),
-                    Some(_) => self.after_improve(&search),
+                match search.finished() {
+                    None => self.phase = Phase::LocalSearch(search),
+                    Some(_) => self.after_local_search(&search),
                 }
             }
-            Phase::Rescue(mut search) => {
+            Phase::StagnationSearch(mut search) => {
                 search.receive(values);
-                match search.finish() {
-                    None => self.phase = Phase::Rescue(search),
-                    Some(_) => self.after_rescue(&search),
+                match search.finished() {
+                    None => self.phase = Phase::StagnationSearch(search),
+                    Some(_) => self.after_stagnation_search(&search),
                 }
             }
         }
     }
 
-    fn finish(&self) -> Option<SearchEnd> {
-        self.finish
+    fn finished(&self) -> Option<SearchEnd> {
+        self.end
     }
 }
 
-/// The result of a local search if its value is finite and below `value`.
-fn result_below(search: &Lbfgsb, value: f64) -> Option<Valued> {
+/// Returns the result of a local search if its value is finite and less than `value`.
+fn result_below(search: &Lbfgsb, value: f64) -> Option<EvaluatedPoint> {
     let (u, found) = search.result();
-    (found.is_finite() && found < value).then(|| Valued { u: u.to_vec(), value: found })
+    (found.is_finite() && found < value).then(|| EvaluatedPoint { u: u.to_vec(), value: found })
 }
 
 fn uniform_point(dimension: usize, stream: &mut Sequence) -> Vec<f64> {

@@ -1,15 +1,15 @@
-//! The visiting distribution: jumps with tails as heavy as the temperature allows.
+//! The visiting distribution of generalized simulated annealing: heavy-tailed jumps.
 
 use mishandle_random::Sequence;
 
-/// Jumps longer than this are replaced by a uniform share of it.
+/// Longer jumps are replaced by a uniformly distributed fraction of this length.
 const TAIL_LIMIT: f64 = 1e8;
-/// Coordinates closer to 0 than this are moved up by it.
-const LEAST_COORDINATE: f64 = 1e-10;
+/// Coordinates below this value are increased by it.
+const MIN_COORDINATE: f64 = 1e-10;
 
-/// The distorted Cauchy-Lorentz distribution of generalised simulated annealing, wrapped into `[0,1]^d`.
+/// The distorted Cauchy-Lorentz distribution of generalized simulated annealing, wrapped into `[0,1]^d`.
 ///
-/// A jump at temperature T is, with x and y standard normal and q the visiting parameter in (1, 3),
+/// With x and y standard normal and q in (1, 3) the visiting parameter, a jump at temperature T is
 ///
 /// ```text
 /// Δ = σ x / |y|^((q-1)/(3-q)),   σ = (F₄ / Γ(F₅))^((q-1)/(3-q))
@@ -28,7 +28,7 @@ pub struct VisitingDistribution {
 }
 
 impl VisitingDistribution {
-    /// The distribution with parameter `visit`, q above, in (1, 3).
+    /// Creates the distribution with the visiting parameter q = `visit`, which must be in (1, 3).
     pub fn new(visit: f64) -> Self {
         let numerator = std::f64::consts::PI.sqrt() * ((4.0 - visit) * (visit - 1.0).ln()).exp();
         let denominator = ((2.0 - visit) * std::f64::consts::LN_2 / (visit - 1.0)).exp() * (3.0 - visit);
@@ -36,7 +36,7 @@ impl VisitingDistribution {
         Self { visit, factor: numerator / denominator, gamma }
     }
 
-    /// One jump at `temperature`, before the tails are cut.
+    /// Samples one jump at `temperature`, before the tails are limited.
     pub fn jump(&self, temperature: f64, stream: &mut Sequence) -> f64 {
         let power = (self.visit - 1.0) / (3.0 - self.visit);
         let factor = self.factor * (temperature.ln() / (self.visit - 1.0)).exp();
@@ -45,26 +45,26 @@ impl VisitingDistribution {
         sigma * x / (power * y.abs().ln()).exp()
     }
 
-    /// The point visited from `u` at `temperature` in step `j` of a chain of 2d: all coordinates jump in the first d
-    /// steps, coordinate j - d alone in the others.
+    /// Samples the point visited from `u` at `temperature` in step `j` of a Markov chain of length 2d. All
+    /// coordinates jump in the first d steps; only coordinate j - d jumps in the others.
     pub fn visit(&self, u: &[f64], j: usize, temperature: f64, stream: &mut Sequence) -> Vec<f64> {
         let mut visited = u.to_vec();
         if j < u.len() {
             let jumps: Vec<f64> = u.iter().map(|_| self.jump(temperature, stream)).collect();
-            // One share for all long jumps upwards and one for all downwards.
+            // One fraction for all long upward jumps and one for all long downward jumps.
             let (up, down) = (stream.uniform(), stream.uniform());
-            visited.iter_mut().zip(jumps).for_each(|(x, jump)| *x = wrapped(*x + cut(jump, up, down)));
+            visited.iter_mut().zip(jumps).for_each(|(x, jump)| *x = wrapped(*x + limited(jump, up, down)));
         } else {
             let jump = self.jump(temperature, stream);
-            let share = stream.uniform();
+            let fraction = stream.uniform();
             let x = &mut visited[j - u.len()];
-            *x = wrapped(*x + cut(jump, share, share));
+            *x = wrapped(*x + limited(jump, fraction, fraction));
         }
         visited
     }
 }
 
-fn cut(jump: f64, up: f64, down: f64) -> f64 {
+fn limited(jump: f64, up: f64, down: f64) -> f64 {
     if jump > TAIL_LIMIT {
         TAIL_LIMIT * up
     } else if jump < -TAIL_LIMIT {
@@ -74,13 +74,14 @@ fn cut(jump: f64, up: f64, down: f64) -> f64 {
     }
 }
 
-/// The coordinate modulo 1, kept off 0.
+/// Returns the coordinate modulo 1, at least [`MIN_COORDINATE`].
 fn wrapped(x: f64) -> f64 {
     let inside = (x % 1.0 + 1.0) % 1.0;
-    if inside < LEAST_COORDINATE { inside + LEAST_COORDINATE } else { inside }
+    if inside < MIN_COORDINATE { inside + MIN_COORDINATE } else { inside }
 }
 
-/// The gamma function of a positive number, by Lanczos' approximation (g = 7, nine terms; relative error below 1e-14).
+/// Returns the gamma function of a positive number by the Lanczos approximation (g = 7, nine terms; relative error
+/// below 1e-14).
 fn gamma(x: f64) -> f64 {
     const TERMS: [f64; 8] = [
         676.520_368_121_885_1,
@@ -108,7 +109,7 @@ mod tests {
 
     /// Γ(n + 1) = n!, Γ(1/2) = sqrt(π), Γ(1/10) = 9.513507698668731836... (DLMF 5.4, and published tables).
     #[test]
-    fn gamma_has_its_known_values() {
+    fn gamma_equals_published_values() {
         let known = [
             (1.0, 1.0),
             (5.0, 24.0),
@@ -122,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn wrapping_is_modulo_one_and_off_zero() {
+    fn wrapped_coordinates_are_in_the_open_unit_interval() {
         for (x, expected) in
             [(0.25, 0.25), (1.25, 0.25), (-0.25, 0.75), (-7.5, 0.5), (3.0, 1e-10), (0.0, 1e-10)]
         {

@@ -1,14 +1,14 @@
-//! The little dense algebra of small symmetric systems.
+//! Dense linear algebra for small symmetric systems.
 
-/// A square matrix of order `n`, row by row.
+/// A square matrix of order `n`, row-major.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Square {
+pub(super) struct SquareMatrix {
     n: usize,
     entries: Vec<f64>,
 }
 
-impl Square {
-    /// The zero matrix of order `n`.
+impl SquareMatrix {
+    /// Creates the zero matrix of order `n`.
     pub(super) fn zero(n: usize) -> Self {
         Self { n, entries: vec![0.0; n * n] }
     }
@@ -25,7 +25,8 @@ impl Square {
         self.entries[row * self.n + column] += value;
     }
 
-    /// Moves every entry up and left by one, over the first row and column; the last ones stay as they are.
+    /// Moves every entry up and left by one, overwriting the first row and column. The last row and column are
+    /// unchanged.
     pub(super) fn shift(&mut self) {
         for row in 1..self.n {
             for column in 1..self.n {
@@ -34,10 +35,10 @@ impl Square {
         }
     }
 
-    /// Replaces the upper triangle of the rows and columns in `block` by R with RᵀR = A.
+    /// Computes the Cholesky factor R with RᵀR = A of a diagonal block in its upper triangle.
     ///
-    /// `None` if A is not positive definite there.
-    pub(super) fn factorise(&mut self, block: std::ops::Range<usize>) -> Option<()> {
+    /// `None` if the block is not positive definite.
+    pub(super) fn factorize(&mut self, block: std::ops::Range<usize>) -> Option<()> {
         for j in block.clone() {
             for i in block.start..=j {
                 let sum: f64 = (block.start..i).map(|k| self.at(k, i) * self.at(k, j)).sum();
@@ -54,7 +55,7 @@ impl Square {
         Some(())
     }
 
-    /// Solves Rᵀx = b in place, with R the upper triangle of the first `b.len()` rows.
+    /// Solves Rᵀx = b in place, where R is the upper triangle of the first `b.len()` rows.
     pub(super) fn solve_transposed(&self, b: &mut [f64]) {
         for i in 0..b.len() {
             let sum: f64 = (0..i).map(|k| self.at(k, i) * b[k]).sum();
@@ -62,7 +63,7 @@ impl Square {
         }
     }
 
-    /// Solves Rx = b in place, with R the upper triangle of the first `b.len()` rows.
+    /// Solves Rx = b in place, where R is the upper triangle of the first `b.len()` rows.
     pub(super) fn solve(&self, b: &mut [f64]) {
         for i in (0..b.len()).rev() {
             let sum: f64 = (i + 1..b.len()).map(|k| self.at(i, k) * b[k]).sum();
@@ -81,12 +82,12 @@ mod tests {
 
     /// A = [4 2; 2 5] = RᵀR with R = [2 1; 0 2]; A x = (8, 14) has x = (3/4, 5/2).
     #[test]
-    fn a_factorised_system_is_solved() {
-        let mut a = Square::zero(2);
+    fn cholesky_solves_a_positive_definite_system() {
+        let mut a = SquareMatrix::zero(2);
         for (row, column, value) in [(0, 0, 4.0), (0, 1, 2.0), (1, 1, 5.0)] {
             a.set(row, column, value);
         }
-        assert!(a.factorise(0..2).is_some());
+        assert!(a.factorize(0..2).is_some());
         assert_eq!([a.at(0, 0), a.at(0, 1), a.at(1, 1)], [2.0, 1.0, 2.0]);
         let mut x = [8.0, 14.0];
         a.solve_transposed(&mut x);
@@ -95,11 +96,11 @@ mod tests {
     }
 
     #[test]
-    fn an_indefinite_matrix_has_no_factor() {
-        let mut a = Square::zero(1);
+    fn a_matrix_that_is_not_positive_definite_has_no_factor() {
+        let mut a = SquareMatrix::zero(1);
         for diagonal in [-1.0, 0.0, f64::NAN] {
             a.set(0, 0, diagonal);
-            assert!(a.factorise(0..1).is_none(), "{diagonal}");
+            assert!(a.factorize(0..1).is_none(), "{diagonal}");
         }
     }
 }

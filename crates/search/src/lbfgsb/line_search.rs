@@ -1,10 +1,10 @@
-//! The line search of Moré and Thuente: a step with sufficient decrease and a small slope.
+//! The line search of Moré and Thuente: a step that satisfies the strong Wolfe conditions.
 
-/// φ(α) ≤ φ(0) + `DECREASE` α φ'(0) is asked of a step α,
+/// Sufficient decrease of a step α: φ(α) ≤ φ(0) + `DECREASE` α φ'(0).
 const DECREASE: f64 = 1e-3;
-/// as is |φ'(α)| ≤ `CURVATURE` |φ'(0)|.
+/// Curvature condition of a step α: |φ'(α)| ≤ `CURVATURE` |φ'(0)|.
 const CURVATURE: f64 = 0.9;
-/// The search gives up on an interval narrower than this share of its upper end.
+/// The search ends if the width of the interval is at most this fraction of its upper end.
 const WIDTH: f64 = 0.1;
 
 /// A trial step with the value and the slope there.
@@ -16,29 +16,30 @@ struct Trial {
 }
 
 impl Trial {
-    /// The same trial of the function ψ(α) = φ(α) - φ(0) - DECREASE α φ'(0), up to the constant φ(0).
-    fn lowered(self, slope: f64) -> Self {
+    /// Converts the trial from φ to ψ(α) = φ(α) - φ(0) - DECREASE α φ'(0), up to the constant φ(0).
+    fn subtract_line(self, slope: f64) -> Self {
         Self { value: self.value - self.step * slope, slope: self.slope - slope, ..self }
     }
 
-    fn raised(self, slope: f64) -> Self {
+    /// Inverts [`subtract_line`](Self::subtract_line).
+    fn add_line(self, slope: f64) -> Self {
         Self { value: self.value + self.step * slope, slope: self.slope + slope, ..self }
     }
 }
 
-/// What the search wants after a trial.
+/// The result of a trial.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Verdict {
-    /// The step just tried is the result.
+pub(super) enum TrialResult {
+    /// The trial step is accepted.
     Accept,
-    /// The search has chosen another step to try.
-    Try,
+    /// The search continues with another trial step.
+    Continue,
 }
 
-/// One search along a ray, from step 0 with a negative slope.
+/// A line search along a ray, from step 0 with a negative slope.
 ///
-/// It holds an interval that contains an acceptable step, between the best trial and the other end, and shrinks it
-/// by cubic and quadratic interpolation. Until a step gives ψ ≤ 0 and φ' ≥ 0 it works on ψ instead of φ.
+/// It maintains an interval that contains an acceptable step, between the best trial and another trial, and shrinks it
+/// by cubic and quadratic interpolation. In the first stage, until ψ ≤ 0 and φ' ≥ 0 at a trial, it uses ψ instead of φ.
 ///
 /// # Reference
 /// Moré and Thuente, "Line search algorithms with guaranteed sufficient decrease", ACM TOMS 20, 1994.
@@ -50,7 +51,7 @@ pub(super) struct LineSearch {
     best: Trial,
     other: Trial,
     bracketed: bool,
-    /// Whether the search works on φ itself.
+    /// Whether the search is in the second stage and uses φ.
     second_stage: bool,
     low: f64,
     high: f64,
@@ -59,7 +60,7 @@ pub(super) struct LineSearch {
 }
 
 impl LineSearch {
-    /// A search from `value` with `slope` < 0, whose first trial is step 1 and whose steps stay within `max_step`.
+    /// Creates a line search from `value` with `slope` < 0. The first trial step is 1; no step exceeds `max_step`.
     pub(super) fn new(value: f64, slope: f64, max_step: f64) -> Self {
         let start = Trial { step: 0.0, value, slope };
         Self {
@@ -77,13 +78,13 @@ impl LineSearch {
         }
     }
 
-    /// The step under trial.
+    /// Returns the current trial step.
     pub(super) fn step(&self) -> f64 {
         self.step
     }
 
-    /// Takes value and slope at the step under trial.
-    pub(super) fn take(&mut self, value: f64, slope: f64) -> Verdict {
+    /// Takes value and slope at the current trial step.
+    pub(super) fn take(&mut self, value: f64, slope: f64) -> TrialResult {
         let trial = Trial { step: self.step, value, slope };
         let line = DECREASE * self.start.slope;
         let bound = self.start.value + self.step * line;
@@ -91,22 +92,22 @@ impl LineSearch {
             self.second_stage = true;
         }
         if self.is_over(trial, bound, line) {
-            return Verdict::Accept;
+            return TrialResult::Accept;
         }
         if !self.second_stage && value <= self.best.value && value > bound {
-            let (mut best, mut other) = (self.best.lowered(line), self.other.lowered(line));
-            self.interpolate(&mut best, &mut other, trial.lowered(line));
-            (self.best, self.other) = (best.raised(line), other.raised(line));
+            let (mut best, mut other) = (self.best.subtract_line(line), self.other.subtract_line(line));
+            self.interpolate(&mut best, &mut other, trial.subtract_line(line));
+            (self.best, self.other) = (best.add_line(line), other.add_line(line));
         } else {
             let (mut best, mut other) = (self.best, self.other);
             self.interpolate(&mut best, &mut other, trial);
             (self.best, self.other) = (best, other);
         }
         self.set_interval();
-        Verdict::Try
+        TrialResult::Continue
     }
 
-    /// Whether the trial is acceptable, or no better one can be had.
+    /// Returns whether the trial is acceptable or no better step is possible.
     fn is_over(&self, trial: Trial, bound: f64, line: f64) -> bool {
         let acceptable = trial.value <= bound && trial.slope.abs() <= CURVATURE * -self.start.slope;
         let at_max = trial.step == self.max_step && trial.value <= bound && trial.slope <= line;
@@ -114,19 +115,19 @@ impl LineSearch {
         acceptable || self.is_exhausted() || at_max || at_min
     }
 
-    /// Whether the interval leaves no room for a further step.
+    /// Returns whether the interval is too small for another step.
     fn is_exhausted(&self) -> bool {
         let outside = self.step <= self.low || self.step >= self.high;
         self.bracketed && (outside || self.high - self.low <= WIDTH * self.high)
     }
 
-    /// Chooses the next step from the interval's ends and the trial, and moves the ends.
+    /// Computes the next step from the ends of the interval and the trial, and updates the ends.
     fn interpolate(&mut self, best: &mut Trial, other: &mut Trial, trial: Trial) {
         let opposite = trial.slope * (best.slope / best.slope.abs()) < 0.0;
         let along = trial.step > best.step;
         let next = if trial.value > best.value {
-            // A higher value: a minimum is bracketed. The cubic step if it is nearer to the best step than the
-            // quadratic one, else their mean.
+            // A higher value brackets a minimum. Take the cubic step if it is closer to the best step than the
+            // quadratic step, otherwise their mean.
             self.bracketed = true;
             let cubic = cubic_step(*best, trial, trial.step < best.step);
             let secant = (best.value - trial.value) / (trial.step - best.step) + best.slope;
@@ -137,7 +138,8 @@ impl LineSearch {
                 cubic + (quadratic - cubic) / 2.0
             }
         } else if opposite {
-            // A lower value and a slope of the other sign: bracketed too. The farther of cubic and secant step.
+            // A lower value and a slope of the opposite sign also bracket a minimum. Take the cubic or the secant step,
+            // whichever is farther from the trial.
             self.bracketed = true;
             farther(cubic_step(trial, *best, along), secant_step(*best, trial), trial.step)
         } else if trial.slope.abs() < best.slope.abs() {
@@ -169,7 +171,7 @@ impl LineSearch {
         self.step = next;
     }
 
-    /// Bisects an interval that shrinks too slowly, keeps the step inside the limits.
+    /// Bisects an interval that shrinks too slowly, and clamps the step to the limits.
     fn set_interval(&mut self) {
         let (best, other) = (self.best.step, self.other.step);
         if self.bracketed {
@@ -191,8 +193,8 @@ impl LineSearch {
     }
 }
 
-/// The pieces of the cubic through two trials: θ, and γ ≥ 0 before its sign is chosen.
-fn cubic_pieces(a: Trial, b: Trial, floor_at_zero: bool) -> (f64, f64) {
+/// Returns the coefficients θ and |γ| of the cubic interpolant of two trials.
+fn cubic_coefficients(a: Trial, b: Trial, floor_at_zero: bool) -> (f64, f64) {
     let theta = 3.0 * (a.value - b.value) / (b.step - a.step) + a.slope + b.slope;
     let scale = theta.abs().max(a.slope.abs().max(b.slope.abs()));
     let ratio = theta / scale;
@@ -201,18 +203,18 @@ fn cubic_pieces(a: Trial, b: Trial, floor_at_zero: bool) -> (f64, f64) {
     (theta, scale * radicand.sqrt())
 }
 
-/// The minimiser of the cubic through `from` and `to`, reckoned from `from`.
+/// Returns the minimizer of the cubic interpolant of `from` and `to`, computed relative to `from`.
 fn cubic_step(from: Trial, to: Trial, negate: bool) -> f64 {
-    let (theta, gamma) = cubic_pieces(from, to, false);
+    let (theta, gamma) = cubic_coefficients(from, to, false);
     let gamma = if negate { -gamma } else { gamma };
     let p = (gamma - from.slope) + theta;
     let q = ((gamma - from.slope) + gamma) + to.slope;
     from.step + p / q * (to.step - from.step)
 }
 
-/// The minimiser of the cubic if it lies beyond the trial, else the end of the interval on that side.
+/// Returns the minimizer of the cubic interpolant if it is beyond the trial, otherwise the end of the interval there.
 fn cubic_step_ahead(best: Trial, trial: Trial, along: bool, (low, high): (f64, f64)) -> f64 {
-    let (theta, gamma) = cubic_pieces(best, trial, true);
+    let (theta, gamma) = cubic_coefficients(best, trial, true);
     let gamma = if along { -gamma } else { gamma };
     let p = (gamma - trial.slope) + theta;
     let q = (gamma + (best.slope - trial.slope)) + gamma;
@@ -226,12 +228,12 @@ fn cubic_step_ahead(best: Trial, trial: Trial, along: bool, (low, high): (f64, f
     }
 }
 
-/// Where the line through both slopes is zero.
+/// Returns the zero of the linear interpolant of the slopes.
 fn secant_step(best: Trial, trial: Trial) -> f64 {
     trial.step + (trial.slope / (trial.slope - best.slope)) * (best.step - trial.step)
 }
 
-/// The cubic step if it is farther from `step` than the secant step, else the latter.
+/// Returns the cubic or the secant step, whichever is farther from `step`.
 fn farther(cubic: f64, secant: f64, step: f64) -> f64 {
     if (cubic - step).abs() > (secant - step).abs() { cubic } else { secant }
 }

@@ -1,12 +1,12 @@
-//! The limited-memory model of curvature: B = θI - W M Wᵀ.
+//! The limited-memory approximation of the Hessian: B = θI - W M Wᵀ.
 
 use std::collections::VecDeque;
 
-use super::dense::{Square, dot};
+use super::dense::{SquareMatrix, dot};
 
-/// The last few pairs of steps s and changes of gradient y, and what is derived from them.
+/// The last correction pairs, steps s and gradient changes y, and quantities derived from them.
 ///
-/// With S and Y holding the pairs as columns, oldest first, D the diagonal and L the strictly lower triangle of SᵀY:
+/// S and Y have the pairs as columns, oldest first. D is the diagonal and L the strictly lower triangle of SᵀY.
 ///
 /// ```text
 /// B = θI - W M Wᵀ,   W = [Y  θS],   M = [-D  Lᵀ; L  θSᵀS]⁻¹,   θ = yᵀy / yᵀs of the newest pair
@@ -26,13 +26,13 @@ pub(super) struct Memory {
     ss: VecDeque<VecDeque<f64>>,
     pub(super) theta: f64,
     /// Jᵀ, in the upper triangle.
-    factor: Square,
+    factor: SquareMatrix,
     has_new_pair: bool,
     has_dropped_pair: bool,
 }
 
 impl Memory {
-    /// An empty memory, B = I, for `capacity` pairs.
+    /// Creates an empty memory for `capacity` pairs: B = I.
     pub(super) fn new(capacity: usize) -> Self {
         Self {
             capacity,
@@ -41,39 +41,38 @@ impl Memory {
             sy: VecDeque::new(),
             ss: VecDeque::new(),
             theta: 1.0,
-            factor: Square::default(),
+            factor: SquareMatrix::default(),
             has_new_pair: false,
             has_dropped_pair: false,
         }
     }
 
-    /// The number of pairs held.
+    /// Returns the number of pairs.
     pub(super) fn len(&self) -> usize {
         self.s.len()
     }
 
-    /// Forgets all pairs: B = I again.
+    /// Removes all pairs: B = I.
     pub(super) fn clear(&mut self) {
         *self = Self::new(self.capacity);
     }
 
-    /// Whether the last iteration added a pair.
+    /// Returns whether the last iteration added a pair.
     pub(super) fn has_new_pair(&self) -> bool {
         self.has_new_pair
     }
 
-    /// Whether a pair has had to make room since the memory was empty.
+    /// Returns whether a pair was dropped since the memory was empty.
     pub(super) fn has_dropped_pair(&self) -> bool {
         self.has_dropped_pair
     }
 
-    /// Notes that an iteration added no pair.
-    pub(super) fn keep(&mut self) {
+    /// Records that an iteration added no pair.
+    pub(super) fn skip_pair(&mut self) {
         self.has_new_pair = false;
     }
 
-    /// Adds a pair, with sᵀs and yᵀs as the caller has them; `None`, and an empty memory, if T is not positive
-    /// definite.
+    /// Adds a pair, given sᵀs and yᵀs. If T is not positive definite, clears the memory and returns `None`.
     pub(super) fn push(&mut self, s: Vec<f64>, y: Vec<f64>, ss: f64, ys: f64) -> Option<()> {
         self.has_new_pair = true;
         if self.len() == self.capacity {
@@ -92,37 +91,37 @@ impl Memory {
         self.ss.push_back(self.s.iter().map(|old| dot(old, &s)).chain([ss]).collect());
         self.s.push_back(s);
         self.y.push_back(y);
-        let done = self.factorise();
+        let done = self.factorize();
         if done.is_none() {
             self.clear();
         }
         done
     }
 
-    fn factorise(&mut self) -> Option<()> {
+    fn factorize(&mut self) -> Option<()> {
         let n = self.len();
-        self.factor = Square::zero(n);
+        self.factor = SquareMatrix::zero(n);
         for i in 0..n {
             for j in i..n {
                 let sum: f64 = (0..i).map(|k| self.sy[i][k] * self.sy[j][k] / self.sy[k][k]).sum();
                 self.factor.set(i, j, sum + self.theta * self.ss[j][i]);
             }
         }
-        self.factor.factorise(0..n)
+        self.factor.factorize(0..n)
     }
 
-    /// yᵀs of pair `i`: an entry of D.
+    /// Returns yᵀs of pair `i`, an entry of D.
     pub(super) fn curvature(&self, i: usize) -> f64 {
         self.sy[i][i]
     }
 
-    /// Row `i` of W: the coordinate `i` of every y, then of every θs.
+    /// Returns row `i` of W: coordinate `i` of every y, then of every θs.
     pub(super) fn row(&self, i: usize) -> Vec<f64> {
         let (y, s) = (self.y.iter(), self.s.iter());
         y.map(|y| y[i]).chain(s.map(|s| self.theta * s[i])).collect()
     }
 
-    /// M v, by the two triangular systems that hold M⁻¹ in factors.
+    /// Returns M v, by solving two triangular systems with the factors of M⁻¹.
     ///
     /// ```text
     /// [D^½  0; -L D^-½  J] p = v,   [-D^½  D^-½ Lᵀ; 0  Jᵀ] q = p

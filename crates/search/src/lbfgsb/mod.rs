@@ -1,4 +1,4 @@
-//! L-BFGS-B in `[0,1]^d` with finite differences: the local search inside dual annealing.
+//! L-BFGS-B on `[0,1]^d` with finite differences: the local search of dual annealing.
 
 mod cauchy;
 mod dense;
@@ -12,7 +12,7 @@ use std::mem;
 use crate::{RoundBased, SearchEnd, SearchError};
 use cauchy::cauchy_point;
 use dense::dot;
-use line_search::{LineSearch, Verdict};
+use line_search::{LineSearch, TrialResult};
 use memory::Memory;
 use reduced::ReducedMatrix;
 use subspace::subspace_minimum;
@@ -22,19 +22,20 @@ const NAME: &str = "l-bfgs-b";
 /// The options of [`Lbfgsb`], with the defaults of SciPy's `minimize(method="L-BFGS-B")`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LbfgsbOptions {
-    /// The number of pairs of steps and gradients kept (10).
+    /// The maximum number of correction pairs (10).
     pub memory: usize,
-    /// Ends when an iteration lowers the value by less than this share of max(|old|, |new|, 1) (2.2204460492503131e-9).
+    /// Ends if an iteration decreases the value by at most this fraction of max(|old|, |new|, 1)
+    /// (2.2204460492503131e-9).
     pub ftol: f64,
-    /// Ends when no component of the projected gradient exceeds this (1e-5).
+    /// Ends if no component of the projected gradient exceeds this value (1e-5).
     pub gtol: f64,
-    /// The step of the finite differences, forward or, at the upper bound, backward (1e-8).
+    /// The step of the finite differences, which are forward, or backward at the upper bound (1e-8).
     pub difference: f64,
-    /// Ends after this many iterations (15,000).
+    /// The maximum number of iterations (15,000).
     pub max_iterations: usize,
-    /// Ends after the iteration in which the evaluations exceed this (15,000).
+    /// Ends after the iteration in which the number of evaluations exceeds this value (15,000).
     pub max_evaluations: usize,
-    /// The evaluations of value and gradient that one line search may take (20).
+    /// The maximum number of evaluations of value and gradient per line search (20).
     pub max_line_search: usize,
 }
 
@@ -52,14 +53,14 @@ impl Default for LbfgsbOptions {
     }
 }
 
-/// The quasi-Newton search L-BFGS-B 3.0 in `[0,1]^d`, as SciPy runs it without a gradient.
+/// The quasi-Newton method L-BFGS-B 3.0 on `[0,1]^d`, as SciPy runs it without a gradient.
 ///
-/// Each round is one point u and its d neighbours u + h eᵢ (u - h eᵢ where that would leave the box), which give value
-/// and gradient. An iteration finds the generalised Cauchy point of the limited-memory model, minimises the model
-/// over the free coordinates from there, and searches the line to that point.
+/// Each round consists of one point u and its d neighbors u + h eᵢ (or u - h eᵢ at the upper bound), from which value
+/// and gradient are computed. An iteration computes the generalized Cauchy point of the limited-memory model,
+/// minimizes the model over the free coordinates from there, and runs a line search toward that point.
 ///
-/// From the same start and values its points are SciPy's up to rounding in the linear algebra. It ends, as abnormal,
-/// rather than propose a point that is not a number, which values of +∞ can lead to.
+/// Given the same start and values, the points equal SciPy's up to rounding in the linear algebra. Values of +∞ can
+/// lead to a NaN point; the search then ends as abnormal.
 ///
 /// # Reference
 /// Byrd, Lu, Nocedal and Zhu, "A limited memory algorithm for bound constrained optimization", SIAM J. Sci. Comput. 16,
@@ -69,30 +70,30 @@ pub struct Lbfgsb {
     options: LbfgsbOptions,
     memory: Memory,
     reduced: ReducedMatrix,
-    /// Where the search stands.
-    now: Valued,
-    /// What was told last; a trial at the same point needs no new round.
-    told: Valued,
+    /// The current point.
+    current: EvaluatedPoint,
+    /// The last evaluated point; a trial at the same point needs no new round.
+    last_evaluated: EvaluatedPoint,
     iteration: usize,
     n_evaluations: usize,
-    search: Option<Ray>,
+    line_search: Option<Ray>,
     round: Vec<Vec<f64>>,
-    finish: Option<SearchEnd>,
+    end: Option<SearchEnd>,
 }
 
 /// A point with its value and gradient.
 #[derive(Debug, Clone)]
-struct Valued {
+struct EvaluatedPoint {
     x: Vec<f64>,
     value: f64,
     gradient: Vec<f64>,
 }
 
-/// A line search under way, with the point it set out from.
+/// A line search in progress, with its initial point.
 #[derive(Debug, Clone)]
 struct Ray {
-    start: Valued,
-    /// Where step 1 leads.
+    start: EvaluatedPoint,
+    /// The point at step 1.
     target: Vec<f64>,
     direction: Vec<f64>,
     slope: f64,
@@ -111,19 +112,19 @@ impl Ray {
     }
 }
 
-/// Whether the machine goes on at once or waits for values.
+/// Whether the search can continue or needs values first.
 #[derive(PartialEq)]
 enum Flow {
-    GoOn,
+    Continue,
     Wait,
 }
 
 impl Lbfgsb {
-    /// A local search from `start`.
+    /// Creates a local search from `start`.
     ///
     /// # Errors
-    /// [`SearchError::Dimension`] for an empty start; [`SearchError::Option`] for one outside `[0,1]^d`, for a memory, a
-    /// line search or a limit of 0, a tolerance that is not at least 0 or a difference outside (0, 0.5].
+    /// [`SearchError::Dimension`] for an empty start; [`SearchError::Option`] for a start outside `[0,1]^d`, a memory
+    /// or a limit of 0, a negative or NaN tolerance, or a difference outside (0, 0.5].
     ///
     /// # Example
     /// ```
@@ -135,7 +136,7 @@ impl Lbfgsb {
     ///     search.tell(&u, &Observation::from(value))?;
     /// }
     /// let (u, _) = search.machine().result();
-    /// assert!((u[0] - 0.3).abs() < 1e-6 && u[1] == 0.0, "the second minimiser is beyond the bound");
+    /// assert!((u[0] - 0.3).abs() < 1e-6 && u[1] == 0.0, "the unconstrained minimizer is outside the bounds");
     /// # Ok::<(), mishandle_search::SearchError>(())
     /// ```
     pub fn new(start: &[f64], options: &LbfgsbOptions) -> Result<Self, SearchError> {
@@ -143,62 +144,62 @@ impl Lbfgsb {
         Ok(Self::from_inside(start, options.clone()))
     }
 
-    /// A local search from a point known to be in the box.
+    /// Creates a local search from a point in `[0,1]^d`, without checks.
     pub(crate) fn from_inside(start: &[f64], options: LbfgsbOptions) -> Self {
-        let now = Valued { x: start.to_vec(), value: f64::NAN, gradient: vec![0.0; start.len()] };
+        let current = EvaluatedPoint { x: start.to_vec(), value: f64::NAN, gradient: vec![0.0; start.len()] };
         Self {
             memory: Memory::new(options.memory),
             reduced: ReducedMatrix::new(start.len(), options.memory),
-            round: neighbourhood(start.to_vec(), options.difference),
+            round: difference_points(start.to_vec(), options.difference),
             options,
-            told: now.clone(),
-            now,
+            last_evaluated: current.clone(),
+            current,
             iteration: 0,
             n_evaluations: 0,
-            search: None,
-            finish: None,
+            line_search: None,
+            end: None,
         }
     }
 
-    /// Point and value of the result.
+    /// Returns point and value of the result.
     ///
-    /// The value is the last one told at the first point of a round, as in SciPy: after a line search that failed it
-    /// belongs to the last trial and not to the point, where the search set out.
+    /// As in SciPy, the value is that of the last trial. After a failed line search it does not belong to the
+    /// returned point, which is the line search's initial point.
     pub fn result(&self) -> (&[f64], f64) {
-        (&self.now.x, self.told.value)
+        (&self.current.x, self.last_evaluated.value)
     }
 
-    fn end(&mut self, finish: SearchEnd) -> Flow {
-        self.finish = Some(finish);
+    fn stop(&mut self, end: SearchEnd) -> Flow {
+        self.end = Some(end);
         self.round.clear();
         Flow::Wait
     }
 
-    /// The largest component of the gradient once projected on the box; NaN if the gradient has one.
+    /// Returns the largest absolute component of the projected gradient; NaN if the gradient contains NaN.
     fn projected_gradient(&self) -> f64 {
         let component = |(x, g): (&f64, &f64)| if *g < 0.0 { (x - 1.0).max(*g) } else { x.min(*g) };
-        if self.now.gradient.iter().any(|g| g.is_nan()) {
+        if self.current.gradient.iter().any(|g| g.is_nan()) {
             return f64::NAN;
         }
-        let components = self.now.x.iter().zip(&self.now.gradient).map(component);
+        let components = self.current.x.iter().zip(&self.current.gradient).map(component);
         components.fold(0.0, |largest, c| c.abs().max(largest))
     }
 
-    /// Chooses a direction and begins the line search along it.
-    fn begin_iteration(&mut self) -> Flow {
+    /// Computes a search direction and starts the line search along it.
+    fn start_iteration(&mut self) -> Flow {
         let target = self.target();
-        let Valued { x, value, gradient } = &self.now;
+        let EvaluatedPoint { x, value, gradient } = &self.current;
         let direction: Vec<f64> = target.iter().zip(x).map(|(z, x)| z - x).collect();
         let slope = dot(gradient, &direction);
         let max_step = if self.iteration == 0 { 1.0 } else { longest_step(x, &direction) };
         let line = LineSearch::new(*value, slope, max_step);
-        let ray = Ray { start: self.now.clone(), target, direction, slope, line, n_trials: 0 };
+        let ray = Ray { start: self.current.clone(), target, direction, slope, line, n_trials: 0 };
         if slope >= 0.0 { self.fail(ray) } else { self.try_point(ray) }
     }
 
-    /// The minimum of the model in the box; a model without one is forgotten.
+    /// Returns the minimizer of the model on `[0,1]^d`. Clears the memory if the model is not positive definite.
     fn target(&mut self) -> Vec<f64> {
-        let Valued { x, gradient, .. } = &self.now;
+        let EvaluatedPoint { x, gradient, .. } = &self.current;
         loop {
             let cauchy = cauchy_point(x, gradient, &self.memory);
             self.reduced.set_free(&cauchy.free, self.iteration == 0);
@@ -212,7 +213,7 @@ impl Lbfgsb {
         }
     }
 
-    /// Asks for value and gradient at the ray's step, unless they are those just told.
+    /// Requests value and gradient at the ray's step, unless they were evaluated last.
     fn try_point(&mut self, mut ray: Ray) -> Flow {
         ray.n_trials += 1;
         if ray.n_trials > self.options.max_line_search {
@@ -220,70 +221,70 @@ impl Lbfgsb {
         }
         let point = ray.point();
         if point.iter().any(|x| x.is_nan()) {
-            self.now = ray.start;
-            return self.end(SearchEnd::Abnormal);
+            self.current = ray.start;
+            return self.stop(SearchEnd::Abnormal);
         }
-        self.search = Some(ray);
-        if point == self.told.x {
-            self.now.clone_from(&self.told);
-            return Flow::GoOn;
+        self.line_search = Some(ray);
+        if point == self.last_evaluated.x {
+            self.current.clone_from(&self.last_evaluated);
+            return Flow::Continue;
         }
-        self.round = neighbourhood(point, self.options.difference);
+        self.round = difference_points(point, self.options.difference);
         Flow::Wait
     }
 
-    /// Goes back to where the line search set out, and tries again without memory if there was any.
+    /// Returns to the initial point of the line search, and retries with an empty memory if it was not empty.
     fn fail(&mut self, ray: Ray) -> Flow {
-        self.now = ray.start;
+        self.current = ray.start;
         if self.memory.len() == 0 {
-            return self.end(SearchEnd::Abnormal);
+            return self.stop(SearchEnd::Abnormal);
         }
         self.memory.clear();
-        Flow::GoOn
+        Flow::Continue
     }
 
     fn advance(&mut self) -> Flow {
-        let Some(mut ray) = self.search.take() else {
-            let converged = self.iteration == 0 && self.projected_gradient() <= self.options.gtol;
-            return if converged { self.end(SearchEnd::Converged) } else { self.begin_iteration() };
+        let Some(mut ray) = self.line_search.take() else {
+            let has_converged = self.iteration == 0 && self.projected_gradient() <= self.options.gtol;
+            return if has_converged { self.stop(SearchEnd::Converged) } else { self.start_iteration() };
         };
-        let slope = dot(&self.now.gradient, &ray.direction);
-        match ray.line.take(self.now.value, slope) {
-            Verdict::Try => self.try_point(ray),
-            Verdict::Accept => self.end_iteration(&ray, slope),
+        let slope = dot(&self.current.gradient, &ray.direction);
+        match ray.line.take(self.current.value, slope) {
+            TrialResult::Continue => self.try_point(ray),
+            TrialResult::Accept => self.end_iteration(&ray, slope),
         }
     }
 
     fn end_iteration(&mut self, ray: &Ray, slope: f64) -> Flow {
         self.iteration += 1;
         if self.iteration >= self.options.max_iterations {
-            return self.end(SearchEnd::IterationLimit);
+            return self.stop(SearchEnd::IterationLimit);
         }
         if self.n_evaluations > self.options.max_evaluations {
-            return self.end(SearchEnd::EvaluationLimit);
+            return self.stop(SearchEnd::EvaluationLimit);
         }
-        let (old, new) = (ray.start.value, self.now.value);
+        let (old, new) = (ray.start.value, self.current.value);
         let is_flat = old - new <= self.options.ftol * old.abs().max(new.abs()).max(1.0);
         if self.projected_gradient() <= self.options.gtol || is_flat {
-            return self.end(SearchEnd::Converged);
+            return self.stop(SearchEnd::Converged);
         }
-        self.remember(ray, slope);
-        Flow::GoOn
+        self.update_memory(ray, slope);
+        Flow::Continue
     }
 
-    /// Adds the step just made to the memory where it shows enough curvature.
-    fn remember(&mut self, ray: &Ray, slope: f64) {
+    /// Adds the last step to the memory if its curvature is large enough.
+    fn update_memory(&mut self, ray: &Ray, slope: f64) {
         let step = ray.line.step();
         let curvature = (slope - ray.slope) * step;
         if curvature <= f64::EPSILON * (-ray.slope * step) {
-            self.memory.keep();
+            self.memory.skip_pair();
             return;
         }
         let squared = step * step * dot(&ray.direction, &ray.direction);
-        let (new, old) = (self.now.gradient.iter(), &ray.start.gradient);
+        let (new, old) = (self.current.gradient.iter(), &ray.start.gradient);
         let change = new.zip(old).map(|(new, old)| new - old).collect();
         let moved = ray.direction.iter().map(|d| step * d).collect();
-        // A memory without a factor has emptied itself, which is all there is to do.
+        // If the factorization fails, the memory has cleared itself, and no further action is needed.
         let _ = self.memory.push(moved, change, squared, curvature);
     }
 }
@@ -303,13 +304,13 @@ impl RoundBased for Lbfgsb {
         let Some((x, &value)) = round.next() else { return };
         let differences = round.enumerate().map(|(i, (u, v))| (v - value) / (u[i] - x[i]));
         let gradient = differences.collect();
-        self.told = Valued { x, value, gradient };
-        self.now.clone_from(&self.told);
-        while self.advance() == Flow::GoOn {}
+        self.last_evaluated = EvaluatedPoint { x, value, gradient };
+        self.current.clone_from(&self.last_evaluated);
+        while self.advance() == Flow::Continue {}
     }
 
-    fn finish(&self) -> Option<SearchEnd> {
-        self.finish
+    fn finished(&self) -> Option<SearchEnd> {
+        self.end
     }
 }
 
@@ -324,7 +325,7 @@ fn check(start: &[f64], options: &LbfgsbOptions) -> Result<(), SearchError> {
     let tolerance = |option, found: f64| (option, found.to_string(), found >= 0.0, "at least 0");
     let is_step = difference > 0.0 && difference <= 0.5;
     let ranges = [
-        ("start", format!("{start:?}"), inside, "of numbers in [0, 1]"),
+        ("start", format!("{start:?}"), inside, "a list of numbers in [0, 1]"),
         ("difference", difference.to_string(), is_step, "in (0, 0.5]"),
         count("memory", memory),
         tolerance("ftol", ftol),
@@ -333,7 +334,7 @@ fn check(start: &[f64], options: &LbfgsbOptions) -> Result<(), SearchError> {
         count("max_evaluations", max_evaluations),
         count("max_line_search", max_line_search),
     ];
-    match ranges.into_iter().find(|(_, _, is_right, _)| !is_right) {
+    match ranges.into_iter().find(|(_, _, is_valid, _)| !is_valid) {
         Some((option, found, _, expected)) => Err(SearchError::Option {
             search: NAME,
             option: option.to_owned(),
@@ -344,23 +345,23 @@ fn check(start: &[f64], options: &LbfgsbOptions) -> Result<(), SearchError> {
     }
 }
 
-/// The point, then for each coordinate the point with it moved by `h`, downwards where upwards would leave the box.
-fn neighbourhood(point: Vec<f64>, h: f64) -> Vec<Vec<f64>> {
-    let neighbour = |i: usize| {
+/// Returns the point, and for each coordinate the point with it increased by `h`, or decreased at the upper bound.
+fn difference_points(point: Vec<f64>, h: f64) -> Vec<Vec<f64>> {
+    let neighbor = |i: usize| {
         let mut moved = point.clone();
         moved[i] = if point[i] + h > 1.0 { point[i] - h } else { point[i] + h };
         moved
     };
-    let neighbours: Vec<Vec<f64>> = (0..point.len()).map(neighbour).collect();
-    std::iter::once(point).chain(neighbours).collect()
+    let neighbors: Vec<Vec<f64>> = (0..point.len()).map(neighbor).collect();
+    std::iter::once(point).chain(neighbors).collect()
 }
 
-/// The nearest number in [0, 1]; 0 for NaN, as C's `fmin(fmax(x, 0), 1)` has it.
+/// Clips a number to [0, 1]; 0 for NaN, like C's `fmin(fmax(x, 0), 1)`.
 fn clipped(x: f64) -> f64 {
     if x > 0.0 { x.min(1.0) } else { 0.0 }
 }
 
-/// How far `direction` may be followed from `x` within the box.
+/// Returns the largest step from `x` along `direction` within `[0,1]^d`, at most 1e10.
 fn longest_step(x: &[f64], direction: &[f64]) -> f64 {
     let mut longest = 1e10;
     for (x, d) in x.iter().zip(direction) {

@@ -1,14 +1,15 @@
-//! The minimum of the model over the coordinates that are free at the Cauchy point, brought back into the box.
+//! Subspace minimization: the minimizer of the model over the coordinates that are free at the Cauchy point.
 
 use super::cauchy::CauchyPoint;
 use super::clipped;
-use super::dense::{Square, dot};
+use super::dense::{SquareMatrix, dot};
 use super::memory::Memory;
 
-/// The point the line search heads for: the model's minimum over the free coordinates, inside `[0,1]^d`.
+/// Returns the target of the line search: the model's minimizer over the free coordinates, inside `[0,1]^d`.
 ///
-/// The Newton step is projected on the box; where the projected step would not descend, it is cut at the first face
-/// instead. `factor` is that of the [`ReducedMatrix`](super::reduced::ReducedMatrix) for these free coordinates.
+/// The Newton step is projected on `[0,1]^d`. If the projected step is not a descent direction, the Newton step is
+/// truncated at the first bound instead. `factor` is the factor of the
+/// [`ReducedMatrix`](super::reduced::ReducedMatrix) for these free coordinates.
 ///
 /// # Reference
 /// Byrd, Lu, Nocedal and Zhu 1995, section 5.1; Morales and Nocedal, "Remark on Algorithm 778", ACM TOMS 38, 2011.
@@ -17,20 +18,26 @@ pub(super) fn subspace_minimum(
     g: &[f64],
     cauchy: &CauchyPoint,
     memory: &Memory,
-    factor: &Square,
+    factor: &SquareMatrix,
 ) -> Vec<f64> {
     let step = newton_step(x, g, cauchy, memory, factor);
     let mut projected = cauchy.x.clone();
     for (&i, d) in cauchy.free.iter().zip(&step) {
         projected[i] = clipped(cauchy.x[i] + d);
     }
-    let meets_face = cauchy.free.iter().any(|&i| projected[i] == 0.0 || projected[i] == 1.0);
+    let is_at_bound = cauchy.free.iter().any(|&i| projected[i] == 0.0 || projected[i] == 1.0);
     let slope: f64 = projected.iter().zip(x).zip(g).map(|((p, x), g)| (p - x) * g).sum();
-    if meets_face && slope > 0.0 { cut_at_first_face(cauchy, step) } else { projected }
+    if is_at_bound && slope > 0.0 { truncated_at_bound(cauchy, step) } else { projected }
 }
 
-/// d = r/θ + Zᵀ W K⁻¹ Wᵀ Z r / θ² with r = -Zᵀ(g + B(x_cauchy - x)) over the free coordinates Z.
-fn newton_step(x: &[f64], g: &[f64], cauchy: &CauchyPoint, memory: &Memory, factor: &Square) -> Vec<f64> {
+/// Returns d = r/θ + Zᵀ W K⁻¹ Wᵀ Z r / θ² with r = -Zᵀ(g + B(x_cauchy - x)) over the free coordinates Z.
+fn newton_step(
+    x: &[f64],
+    g: &[f64],
+    cauchy: &CauchyPoint,
+    memory: &Memory,
+    factor: &SquareMatrix,
+) -> Vec<f64> {
     let (n, theta) = (memory.len(), memory.theta);
     let middle = memory.middle(&cauchy.c);
     let rows: Vec<Vec<f64>> = cauchy.free.iter().map(|&i| memory.row(i)).collect();
@@ -49,10 +56,10 @@ fn newton_step(x: &[f64], g: &[f64], cauchy: &CauchyPoint, memory: &Memory, fact
     step
 }
 
-/// Goes from the Cauchy point along the step, no further than the first face met.
-fn cut_at_first_face(cauchy: &CauchyPoint, mut step: Vec<f64>) -> Vec<f64> {
+/// Returns the Cauchy point plus the step, truncated at the first bound.
+fn truncated_at_bound(cauchy: &CauchyPoint, mut step: Vec<f64>) -> Vec<f64> {
     let mut point = cauchy.x.clone();
-    let (mut share, mut first) = (1.0, None);
+    let (mut scale, mut first) = (1.0, None);
     for (k, (&i, &d)) in cauchy.free.iter().zip(&step).enumerate() {
         let room = if d < 0.0 { -point[i] } else { 1.0 - point[i] };
         let possible = if d == 0.0 {
@@ -62,8 +69,8 @@ fn cut_at_first_face(cauchy: &CauchyPoint, mut step: Vec<f64>) -> Vec<f64> {
         } else {
             room / d
         };
-        if possible < share {
-            (share, first) = (possible, Some(k));
+        if possible < scale {
+            (scale, first) = (possible, Some(k));
         }
     }
     if let Some(k) = first {
@@ -71,7 +78,7 @@ fn cut_at_first_face(cauchy: &CauchyPoint, mut step: Vec<f64>) -> Vec<f64> {
         step[k] = 0.0;
     }
     for (&i, d) in cauchy.free.iter().zip(&step) {
-        point[i] += share * d;
+        point[i] += scale * d;
     }
     point
 }

@@ -1,5 +1,5 @@
-//! An evaluator straight from the definitions, in quadratic time, and random formulas to try it on. It shares nothing
-//! with the crate: formulas are trees of its own that it writes as text in any of the allowed spellings.
+//! A reference evaluator by the definitions, in quadratic time, and random formulas for it. It shares no code with the
+//! crate: it has its own trees, which it writes as text in any of the allowed spellings.
 
 /// SplitMix64.
 pub struct Random(pub u64);
@@ -13,7 +13,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// A whole number below `n`.
+    /// Returns a whole number below `n`.
     pub fn below(&mut self, n: usize) -> usize {
         (self.next() % n as u64) as usize
     }
@@ -22,7 +22,7 @@ impl Random {
         from[self.below(from.len())]
     }
 
-    /// A multiple of 1/4 in [-5, 5], so that equal values are common.
+    /// Returns a multiple of 1/4 in [-5, 5], so that ties are common.
     pub fn value(&mut self) -> f64 {
         self.below(41) as f64 / 4.0 - 5.0
     }
@@ -32,7 +32,7 @@ impl Random {
     }
 }
 
-/// A window in samples; no end means to the end (or begin) of the trace.
+/// A window in samples; without an end it extends to the end (or start) of the trace.
 pub type Interval = Option<(usize, usize)>;
 
 #[derive(Clone, Debug)]
@@ -53,7 +53,7 @@ pub const TWO: [&str; 5] = ["and", "or", "implies", "iff", "xor"];
 pub const TIMED_ONE: [&str; 4] = ["always", "eventually", "historically", "once"];
 pub const TIMED_TWO: [&str; 4] = ["until", "release", "unless", "since"];
 
-/// Other spellings of an operator, its own name among them.
+/// Returns all spellings of an operator, including its name.
 fn spellings(name: &'static str) -> &'static [&'static str] {
     match name {
         "not" => &["not ", "!"],
@@ -93,7 +93,7 @@ fn spellings(name: &'static str) -> &'static [&'static str] {
 }
 
 impl Tree {
-    /// A random formula of about `size` operators for traces of about `n` samples.
+    /// Returns a random formula of about `size` operators for traces of about `n` samples.
     pub fn random(random: &mut Random, size: usize, n: usize) -> Tree {
         if size == 0 {
             return match random.below(8) {
@@ -134,7 +134,7 @@ impl Tree {
         }
     }
 
-    /// The formula as text, in random spellings, every operand in parentheses.
+    /// Returns the formula as text, in random spellings, every operand in parentheses.
     pub fn write(&self, random: &mut Random) -> String {
         match self {
             Tree::Number(f64::INFINITY) => "true".to_owned(),
@@ -156,7 +156,8 @@ impl Tree {
         }
     }
 
-    /// The sub-formulas in the documented order: the root first, then those of the left operand, then of the right.
+    /// Returns the sub-formulas in the documented order: the root first, then those of the left operand, then of the
+    /// right.
     pub fn subformulas(&self) -> Vec<&Tree> {
         self.listed(true)
     }
@@ -175,11 +176,11 @@ impl Tree {
         own.into_iter().chain(operands.into_iter().flat_map(|x| x.listed(has_formulas))).collect()
     }
 
-    /// Offsets from t of the earliest and the latest sample that the value at t looks at, of a window without an end
-    /// only the first sample. Zero lies between them, since each operator stands at a sample of the trace itself.
-    pub fn looks_at(&self) -> (i64, i64) {
+    /// Offsets from t of the earliest and the latest sample that the value at t depends on; an unbounded window counts
+    /// with its first sample only. The offsets enclose 0, since an operator at t is evaluated at a sample of the trace.
+    pub fn offsets(&self) -> (i64, i64) {
         let reached = |x: &Tree, from: i64, to: i64| {
-            let (low, high) = x.looks_at();
+            let (low, high) = x.offsets();
             (low.min(0) + from.min(to), high.max(0) + from.max(to))
         };
         let (low, high) = match self {
@@ -199,7 +200,7 @@ impl Tree {
                 let (begin, end) = ends(*window);
                 let both = |(a, b): (i64, i64), (c, d): (i64, i64)| (a.min(c), b.max(d));
                 match *name {
-                    // The right operand alone decides at the sample itself.
+                    // At t itself only the right operand matters.
                     "until" | "release" | "since" if *window == Some((0, 0)) => reached(y, 0, 0),
                     "until" | "release" => both(reached(x, 0, (end - 1).max(0)), reached(y, begin, end)),
                     "unless" => both(reached(x, 0, end), reached(y, begin, end)),
@@ -211,7 +212,7 @@ impl Tree {
         (low.min(0), high.max(0))
     }
 
-    /// Whether every window of the formula has an end.
+    /// Returns whether every window of the formula is bounded.
     pub fn is_bounded(&self) -> bool {
         let has_end = |name: &str, window: Interval| {
             let is_timed = TIMED_ONE.contains(&name) || TIMED_TWO.contains(&name);
@@ -224,7 +225,7 @@ impl Tree {
         }
     }
 
-    /// The robustness at every sample, from the definitions.
+    /// Returns the robustness at every sample, from the definitions.
     pub fn evaluate(&self, trace: &[Vec<f64>]) -> Vec<f64> {
         let n = trace[0].len();
         match self {
@@ -236,13 +237,13 @@ impl Tree {
     }
 }
 
-/// Begin and end of a window; one without an end ends where it begins.
+/// Begin and end of a window; the end of an unbounded window is its begin.
 fn ends(window: Interval) -> (i64, i64) {
     let (begin, end) = window.unwrap_or((0, usize::MAX));
     (begin as i64, if end == usize::MAX { begin } else { end } as i64)
 }
 
-/// A random interval: none, a point, one inside the trace, across its end, or beyond it.
+/// Returns a random interval: none, a point, one inside the trace, across its end, or beyond it.
 fn interval(random: &mut Random, n: usize) -> Interval {
     let begin = match random.below(4) {
         0 => 0,
@@ -273,18 +274,18 @@ fn greatest(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// `x - y`, with no difference between equal infinities.
+/// `x - y`, and 0 for equal infinities.
 fn minus(x: f64, y: f64) -> f64 {
     if x == y { 0.0 } else { x - y }
 }
 
-/// Samples in `[t + begin, t + end]`, cut at the end of a trace of `n`.
+/// Samples in `[t + begin, t + end]`, truncated at the end of a trace of `n` samples.
 fn ahead(t: usize, interval: Interval, n: usize) -> impl Iterator<Item = usize> {
     let (begin, end) = interval.unwrap_or((0, usize::MAX));
     (0..n).filter(move |s| *s >= t && s - t >= begin && s - t <= end)
 }
 
-/// Samples in `[t - end, t - begin]`, cut at the begin.
+/// Samples in `[t - end, t - begin]`, truncated at the start.
 fn behind(t: usize, interval: Interval) -> impl Iterator<Item = usize> {
     let (begin, end) = interval.unwrap_or((0, usize::MAX));
     (0..=t).filter(move |s| t - s >= begin && t - s <= end)

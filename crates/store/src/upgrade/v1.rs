@@ -1,8 +1,8 @@
-//! From format version 1 to 2.
+//! Upgrade from format version 1 to 2.
 //!
-//! Version 1 kept lists of numbers in blobs, seeds as signed integers, and knew one kind of target: a task with a
-//! controller. Each row is read as version 1 wrote it, compared with the hash that version 1 gave it, and written
-//! again, a page at a time.
+//! Version 1 stored lists of numbers in blobs and seeds as signed integers, and had one kind of target: a task with a
+//! controller. The upgrade reads each row in the format of version 1, checks its hash, and writes it in the format of
+//! version 2, one page of rows at a time.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ use crate::{
     SimulationEnd, TargetRecord, TrialRecord, TrialStatus, header_table, row, schema,
 };
 
-/// The tables of version 1. The traces stay as they are.
+/// The tables of version 1. The upgrade does not change the table `trace`.
 const TABLES: &[&str] = &[
     "CREATE TABLE header (
     key TEXT PRIMARY KEY,
@@ -67,7 +67,7 @@ const TABLES: &[&str] = &[
 ) STRICT",
 ];
 
-/// The texts of the header, in the order in which version 1 hashed them.
+/// Keys of the text values in the header, in the order in which version 1 hashed them.
 const TEXTS: [&str; 15] = [
     "kind",
     "program_version",
@@ -86,20 +86,20 @@ const TEXTS: [&str; 15] = [
     "search",
 ];
 
-/// Stood for `None` among the verdicts.
+/// Bit pattern of `None` in the verdicts.
 const ABSENT: u64 = 0x7ff8_0000_0000_0000;
 
-/// Rows that are read at once.
+/// Number of rows read at once.
 const PAGE: usize = 256;
 
-/// Control steps of every episode.
+/// Number of control steps of every episode in version 1.
 const EPISODE_STEPS: u32 = 300;
 
-/// Upgrades the file, in the transaction that is open. Foreign keys must be off.
+/// Upgrades the file in the open transaction. Foreign keys must be off.
 pub(super) fn step(connection: &Connection, path: &Path) -> Result<()> {
     schema::check(connection, path, TABLES)?;
     let header = header(connection, path)?;
-    // Renames the table alone, and not what other tables say of it: the traces are to refer to the new one.
+    // Renames the table without the references of other tables: the traces must refer to the new table.
     connection.pragma_update(None, "legacy_alter_table", true).in_file(path)?;
     let renamed = connection.execute_batch(
         "DROP TABLE header; DROP TABLE signal; DROP TABLE axis; DROP TABLE verdict;
@@ -276,7 +276,7 @@ fn copy_simulations(connection: &Connection, path: &Path, header: &RunHeader) ->
             page.push(simulation(row, path)?);
         }
         for simulation in &page {
-            // A list of another length would be written without its end.
+            // Without this check, a list with too many elements would be truncated.
             row::guard(simulation, header).map_err(|error| StoreError::damaged(path, error.to_string()))?;
             row::insert(connection, header, simulation, simulation.trace_digest).in_file(path)?;
         }
@@ -337,7 +337,7 @@ fn simulation(row: &Row<'_>, path: &Path) -> Result<Simulation> {
         ("undefined", Some(step)) => SimulationEnd::Undefined { step },
         _ => return Err(damaged("its end is unknown")),
     };
-    // Version 1 did not record what an episode that was cut short proves.
+    // Version 1 did not record bounds of the robustness for incomplete episodes.
     let proven = robustness.filter(|_| end == SimulationEnd::Completed);
     Ok(Simulation {
         trial,

@@ -1,5 +1,5 @@
-//! A run to test with.
-#![allow(dead_code)] // each test file uses its own part
+//! A run for tests.
+#![allow(dead_code)] // each test file uses another part
 
 pub mod version_1;
 
@@ -77,7 +77,7 @@ pub fn trace(samples: u32) -> StoredTrace {
     StoredTrace { columns: vec![column(0.0), column(1.0)] }
 }
 
-/// A simulation whose every value follows from its number.
+/// Returns a simulation whose values are functions of its number.
 pub fn record(trial: u32, number: u32) -> Simulation {
     let x = f64::from(number) / 7.0 + f64::from(trial);
     let robustness = match number % 5 {
@@ -119,7 +119,7 @@ pub fn record(trial: u32, number: u32) -> Simulation {
     }
 }
 
-/// The same with a trace, and with its digest.
+/// Returns the same simulation with a trace and its digest.
 pub fn traced_record(trial: u32, number: u32) -> Simulation {
     let trace = trace(50 + number);
     Simulation { trace_digest: Some(trace.digest()), trace: Some(trace), ..record(trial, number) }

@@ -1,5 +1,4 @@
-//! Files of format version 1, which no program writes any more: the fixture with rows added, each with the hash that
-//! version 1 gave it.
+//! Files of format version 1: the fixture with additional rows, each with the hash of version 1.
 
 use std::path::{Path, PathBuf};
 
@@ -22,7 +21,7 @@ pub struct Row {
     pub trace_digest: Option<u128>,
 }
 
-/// A copy of the fixture, in a folder of its own.
+/// Copies the fixture to a temporary folder.
 pub fn copy() -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
@@ -58,7 +57,8 @@ pub fn add(path: &Path, rows: impl Iterator<Item = Row>) {
     connection.execute_batch("COMMIT").unwrap();
 }
 
-/// The first 8 bytes of the SHA-256 of all values: 8 little-endian bytes each, texts and lists after their length.
+/// Returns the first 8 bytes of the SHA-256 of all values: numbers as 8 little-endian bytes, texts and lists preceded
+/// by their length.
 fn hash(row: &Row) -> i64 {
     let word = |value: u64| value.to_le_bytes().to_vec();
     let text = |text: &str| [word(text.len() as u64), text.into()].concat();

@@ -10,7 +10,8 @@ use mishandle_world::frame::{norm, norm_xy, rotate, sub};
 use mishandle_world::{Body, Joint, Model, Rows, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Grip, Held, Hold, Reward, Scene, Task, TaskFormulas, Variations, one, three,
+    Attachment, BoxAxis, Definition, GripperMode, HeldObject, Reward, Scene, Task, TaskFormulas, Variations,
+    scalar, vector3,
 };
 use crate::robot::Panda;
 
@@ -20,60 +21,76 @@ pub struct BallBalancing;
 /// Height of the tray's top above its reference point on the handle, m.
 const TOP: f64 = 0.11;
 
-/// Height from which the ball is dropped, m: 0.08 m above its place on the tray.
+/// Height from which the ball drops, m: 0.08 m above its position on the tray.
 const DROP_HEIGHT: f64 = 1.1;
 
 const DEFINITION: Definition = Definition {
     name: "ball-balancing",
-    summary: "Keep a ball that drops onto a flat tray, held by the robot, from rolling off.",
+    summary: "Keep a ball that drops onto a flat tray in the robot's hand from rolling off.",
     variant_of: None,
-    setting: "The hand holds a flat tray without a rim, 0.23 m in radius, 100 g, its top 1 m high, its axis at \
-              (0.342, 0) m; the tray's reference point is 0.11 m below its top. A ball of radius 2 cm and 150 g drops from a \
-              height of 1.1 m.",
-    held: Some(Held {
+    scene_description: "The hand holds a flat tray without a rim (radius 0.23 m, 100 g). Its top is 1 m high, its axis is at \
+              (0.342, 0) m, and its reference point is 0.11 m below its top. A ball (radius 2 cm, 150 g) drops from a height \
+              of 1.1 m.",
+    held: Some(HeldObject {
         name: "tray",
-        hold: Hold::Fixed,
+        attachment: Attachment::Fixed,
         mjcf: include_str!("tray.xml"),
         position: [0.342, 0.0, 0.89],
         quaternion: [1.0, 0.0, 0.0, 0.0],
     }),
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.004, 0.004],
     start_noise: 0.0,
-    grip: Grip::Fixed(0.004),
+    grip: GripperMode::Fixed(0.004),
     n_substeps: 2,
     velocity_scale: 0.1,
     signals: &[
-        one(
+        scalar(
             "ball_tray_horizontal_distance",
             "m",
-            "horizontal distance of the ball from the tray's axis point",
+            "horizontal distance between the ball and the tray's reference point",
         ),
-        one(
+        scalar(
             "ball_height_above_tray",
             "m",
-            "height of the ball's centre above the tray's top, along its normal",
+            "height of the ball's center above the tray's top, along the normal of the tray",
         ),
-        one("ball_speed", "m/s", "speed of the ball"),
+        scalar("ball_speed", "m/s", "speed of the ball"),
     ],
     observation: &[
-        three("ball", "m", "centre of the ball"),
-        three("tray_from_ball", "m", "the tray's reference point, 0.11 m below its top, minus the ball"),
-        three("ball_velocity", "m/s", "velocity of the ball"),
+        vector3("ball", "m", "center of the ball"),
+        vector3(
+            "tray_from_ball",
+            "m",
+            "tray's reference point, 0.11 m below its top, minus center of the ball",
+        ),
+        vector3("ball_velocity", "m/s", "velocity of the ball"),
     ],
     original_reward: &[
-        one("near", "", "10 / (1 + d), d the distance of the ball from the tray's reference point"),
-        one("slow", "", "5 / (1 + v), v the ball's speed"),
-        one("level", "", "1 / (1 + norm of the change of the tray's quaternion)"),
-        one("up", "", "1 where the ball is higher than 0.4 m, else 0"),
+        scalar("near", "", "10 / (1 + d), d the distance of the ball from the tray's reference point"),
+        scalar("slow", "", "5 / (1 + v), v the ball's speed"),
+        scalar("level", "", "1 / (1 + norm of the change of the tray's quaternion)"),
+        scalar("up", "", "1 where the ball is higher than 0.4 m, else 0"),
     ],
     shaped_reward: &[
-        one("centred", "", "(1 - tanh(6 r)) / (1 + v), r the ball's horizontal distance from the axis"),
-        one("on", "", "0.2 where r <= 0.1 and the ball is above the tray, else 0"),
-        one("calm", "", "-0.01 times the mean of the arm's squared actions"),
+        scalar("centred", "", "(1 - tanh(6 r)) / (1 + v), r the ball's horizontal distance from the axis"),
+        scalar("on", "", "0.2 where r <= 0.1 and the ball is above the tray, else 0"),
+        scalar("calm", "", "-0.01 times the mean of the arm's squared actions"),
     ],
     initial_box: &[
-        BoxAxis { name: "ball_x", unit: "m", paper: [0.2, 0.5], code: [0.192, 0.492], sets: "ball's x" },
-        BoxAxis { name: "ball_y", unit: "m", paper: [-0.15, 0.15], code: [-0.15, 0.15], sets: "ball's y" },
+        BoxAxis {
+            name: "ball_x",
+            unit: "m",
+            paper: [0.2, 0.5],
+            code: [0.192, 0.492],
+            meaning: "x position of the ball",
+        },
+        BoxAxis {
+            name: "ball_y",
+            unit: "m",
+            paper: [-0.15, 0.15],
+            code: [-0.15, 0.15],
+            meaning: "y position of the ball",
+        },
     ],
     variations: Variations {
         friction: true,
@@ -94,9 +111,9 @@ const DEFINITION: Definition = Definition {
         completion: COMPLETION,
     },
     termination: "the ball is farther than 0.54 m from the tray's reference point, or lower than 0.5 m",
-    differences: "The original's tray is held by friction alone; here it is part of the hand, since dropping the tray \
-                  is not the failure under study. The ball hits the ground with a \
-                  restitution of 0.4. The tray's handle touches nothing, and neither tray nor robot reaches the ground.",
+    differences: "The original holds the tray by friction alone. Here the tray is a part of the hand, because dropping it \
+                  is not the failure under study. The ball hits the ground with a restitution of 0.4. The tray's handle \
+                  collides with nothing, and neither tray nor robot collides with the ground.",
 };
 
 const STRICT: &str = "always[50:300](ball_tray_horizontal_distance <= 0.2 and ball_height_above_tray > 0) \
@@ -114,7 +131,7 @@ impl Task for BallBalancing {
     }
 
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
-        Ok(Box::new(Bound { ball: model.joint("ball")?, tray: model.body("tray")? }))
+        Ok(Box::new(BoundScene { ball: model.joint("ball")?, tray: model.body("tray")? }))
     }
 
     fn expert(&self) -> Result<Arc<dyn Controller>, WorldError> {
@@ -122,12 +139,12 @@ impl Task for BallBalancing {
     }
 }
 
-struct Bound {
+struct BoundScene {
     ball: Joint,
     tray: Body,
 }
 
-impl Scene for Bound {
+impl Scene for BoundScene {
     fn place(&self, x0: &[f64], world: &mut World) {
         world.place_free(self.ball, [x0[0], x0[1], DROP_HEIGHT], [1.0, 0.0, 0.0, 0.0]);
     }
@@ -153,7 +170,7 @@ impl Scene for Bound {
             Reward::Original => {
                 let ball = rows.free_position(self.ball);
                 let [w, x, y, z] = rows.quaternion(self.tray);
-                // The level tray's quaternion is the identity; q and -q are the same orientation.
+                // The quaternion of a level tray is the identity. q and -q are the same orientation.
                 let turned = ((w.abs() - 1.0).powi(2) + x * x + y * y + z * z).sqrt();
                 out[0] = 10.0 / (1.0 + norm(sub(ball, rows.position(self.tray))));
                 out[1] = 5.0 / (1.0 + v);
@@ -163,12 +180,12 @@ impl Scene for Bound {
             Reward::Shaped => {
                 out[0] = (1.0 - (6.0 * r).tanh()) / (1.0 + v);
                 out[1] = if r <= 0.1 && height > 0.0 { 0.2 } else { 0.0 };
-                out[2] = crate::reward::effort(action);
+                out[2] = crate::reward::action_penalty(action);
             }
         }
     }
 
-    fn lost(&self, rows: &Rows<'_>, _signals: &[f64]) -> bool {
+    fn is_terminal(&self, rows: &Rows<'_>, _signals: &[f64]) -> bool {
         let ball = rows.free_position(self.ball);
         norm(sub(ball, rows.position(self.tray))) > 0.54 || ball[2] < 0.5
     }

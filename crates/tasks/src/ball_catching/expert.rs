@@ -1,4 +1,5 @@
-//! Swings the box, turned towards the ball, to where the ball will come down to a fixed height, and carries it home.
+//! Expert of ball catching: moves the box, tilted towards the ball, to the predicted position of the ball at a fixed
+//! height, and then returns to the initial posture.
 
 use std::sync::Arc;
 
@@ -10,39 +11,40 @@ use super::{DEFINITION, DEPTH, FLOOR, INSIDE, ORIGIN, fall_time};
 use crate::expert::{Expert, ExpertInput, ExpertPolicy};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
-/// Height at which the ball is met, m: high enough for the arm's joints, low enough for the time they need.
+/// Height at which the box meets the ball, m. A larger height leaves the arm too little time, a smaller one is outside the
+/// joint limits.
 const HEIGHT: f64 = 0.507;
 
-/// How far the box's mouth is turned forward there, rad: towards the ball, which spares joint 6 most of its way.
+/// Forward tilt of the box when it meets the ball, rad. It shortens the motion of joint 6.
 const TILT: f64 = 0.5;
 
-/// How far above the tool point the ball is met, along the box's axis, m: a little below the mouth.
+/// Distance of the ball from the tool point along the box's axis when the box meets it, m: slightly below the mouth.
 const AIM: f64 = 0.085;
 
-/// Joint velocity for each radian that is left, 1/s: to meet the ball, and to carry it home.
+/// Gains of the joint position error, 1/s: to meet the ball, and to return to the initial posture.
 const MEET_RATE: f64 = 20.0;
 const HOME_RATE: f64 = 4.0;
 
-/// Largest joint velocity on the way home, rad/s.
+/// Maximum joint velocity of the return to the initial posture, rad/s.
 const HOME_SPEED: f64 = 0.8;
 
-/// Steps of Newton's method from the middle of all postures that meet a ball.
+/// Newton iterations of the inverse kinematics, starting from the middle of the postures that meet a ball.
 const ITERATIONS: usize = 8;
 
 struct Catch {
-    /// The grasp point from the tool point, m, and the hand's axes (as columns, row by row), while the box is level.
+    /// Grasp point minus tool point, m, and the hand's rotation matrix (row-major), while the box is level.
     grasp: [f64; 3],
     rotation: [f64; 9],
 }
 
 impl Catch {
-    /// A vector of the level box, m, as the hand's rotation has it now.
+    /// Returns a vector of the level box, m, in the world frame for the hand's rotation matrix `rotation`.
     fn turned(&self, rotation: &[f64; 9], v: [f64; 3]) -> [f64; 3] {
         let own: [f64; 3] = std::array::from_fn(|i| dot([0, 1, 2].map(|k| self.rotation[3 * k + i]), v));
         std::array::from_fn(|i| dot([0, 1, 2].map(|k| rotation[3 * i + k]), own))
     }
 
-    /// Whether the ball, given from the tool point, is in the box.
+    /// Returns whether the ball is in the box. `ball` is relative to the tool point.
     fn holds(&self, rotation: &[f64; 9], ball: [f64; 3]) -> bool {
         let axis = self.turned(rotation, [0.0, 0.0, 1.0]);
         let height = dot(ball, axis);
@@ -50,7 +52,7 @@ impl Catch {
         (0.0..FLOOR + DEPTH).contains(&height) && aside <= INSIDE
     }
 
-    /// The posture that holds the box under a ball at `ball`.
+    /// Returns the posture with the box under a ball at `ball`.
     fn posture(&self, arm: &mut ResolvedRate, ball: [f64; 3]) -> [f64; 7] {
         let rotation = facing(&self.rotation, ball[1].atan2(ball[0]));
         let offset = sub(self.grasp, [0.0, 0.0, AIM]);
@@ -70,8 +72,8 @@ impl ExpertPolicy for Catch {
     const SITE: &'static str = "grasp";
     const REST: [f64; 7] = [0.0, 0.05, 0.0, -2.0, 0.0, 3.0, 0.785];
 
-    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
-        let (ball, from_tool, velocity) = (seen.point(0), scale(seen.point(3), -1.0), seen.point(6));
+    fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
+        let (ball, from_tool, velocity) = (input.point(0), scale(input.point(3), -1.0), input.point(6));
         let (goal, rate, speed) = match fall_time(ball[2] - HEIGHT, velocity[2]) {
             _ if self.holds(&arm.rotation(), from_tool) => (home(), HOME_RATE, HOME_SPEED),
             Some(time) => {
@@ -80,7 +82,7 @@ impl ExpertPolicy for Catch {
             }
             None => return [0.0; 7],
         };
-        std::array::from_fn(|i| (rate * (goal[i] - seen.q[i])).clamp(-speed, speed))
+        std::array::from_fn(|i| (rate * (goal[i] - input.q[i])).clamp(-speed, speed))
     }
 }
 
@@ -88,7 +90,7 @@ fn home() -> [f64; 7] {
     std::array::from_fn(|i| DEFINITION.start[i])
 }
 
-/// `rotation` turned forward by [`TILT`], then to the left by `yaw`.
+/// Returns `rotation` tilted forward by [`TILT`] and then turned to the left by `yaw`.
 fn facing(rotation: &[f64; 9], yaw: f64) -> [f64; 9] {
     let ((st, ct), (sy, cy)) = (TILT.sin_cos(), yaw.sin_cos());
     let turn = [cy * ct, -sy, cy * st, sy * ct, cy, sy * st, -st, 0.0, ct];

@@ -1,4 +1,5 @@
-//! Goes over the table to behind the ball, down to it, and pushes it towards the hole.
+//! Expert of ball pushing: moves above the table to a point behind the ball, descends, and pushes the ball towards the
+//! hole.
 
 use std::sync::Arc;
 
@@ -6,27 +7,27 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, cross, norm, norm_xy, scale, sub};
 
-use crate::expert::{Expert, ExpertInput, ExpertPolicy, limited};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
-/// Distance kept behind the ball's centre before pushing, m.
+/// Distance from the ball's center before the push, m.
 const BEHIND: f64 = 0.075;
 
-/// Height of the grasp point on the way, and while pushing, m.
+/// Heights of the grasp point during the approach and during the push, m.
 const TRAVEL_HEIGHT: f64 = 0.56;
 const PUSH_HEIGHT: f64 = 0.425;
 
-/// Speed of pushing, m/s.
+/// Speed of the push, m/s.
 const PUSH_SPEED: f64 = 0.5;
 
-/// Forward speed of the ball at which it has been struck, m/s.
+/// Forward speed of the ball at which the push ends, m/s.
 const STRUCK: f64 = 0.3;
 
-/// How far the finger tips lead, rad from straight down. With a friction of 1 between all three, an upright finger
-/// and the table lock a ball between them; a leaning one touches it below its equator and lets it roll.
+/// Forward lean of the fingers from straight down, rad. With friction coefficients of 1 an upright finger and the table
+/// jam the ball. A leaning finger touches the ball below its equator and lets it roll.
 const LEAN: f64 = 0.5;
 
-/// What it does next; the value in its memory.
+/// Phases, stored in the memory.
 const TRAVEL: f64 = 0.0;
 const DESCEND: f64 = 1.0;
 const PUSH: f64 = 2.0;
@@ -39,8 +40,8 @@ impl ExpertPolicy for Push {
     const SITE: &'static str = "grasp";
     const REST: [f64; 7] = [0.0, 0.1, 0.0, -2.3, 0.0, 2.4, 0.785];
 
-    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
-        let (to_hole, ball) = (seen.point(6), seen.point(9));
+    fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
+        let (to_hole, ball) = (input.point(6), input.point(9));
         let along = scale([to_hole[0], to_hole[1], 0.0], 1.0 / norm_xy(to_hole).max(0.01));
         let grasp = arm.position();
         let behind = sub([ball[0], ball[1], PUSH_HEIGHT], scale(along, BEHIND));
@@ -48,26 +49,26 @@ impl ExpertPolicy for Push {
         memory[0] = match memory[0] {
             TRAVEL if norm_xy(sub(above, grasp)) < 0.02 => DESCEND,
             DESCEND if norm(sub(behind, grasp)) < 0.015 => PUSH,
-            PUSH if seen.point(0)[0] > STRUCK => DONE,
+            PUSH if input.point(0)[0] > STRUCK => DONE,
             phase => phase,
         };
         let linear = match memory[0] {
-            TRAVEL => limited(scale(sub(above, grasp), 5.0), 0.8),
-            DESCEND => limited(scale(sub(behind, grasp), 5.0), 0.5),
+            TRAVEL => clamp_norm(scale(sub(above, grasp), 5.0), 0.8),
+            DESCEND => clamp_norm(scale(sub(behind, grasp), 5.0), 0.5),
             PUSH => {
-                // Keeps to the line through ball and hole while it drives forward.
+                // Moves forward and corrects the offset from the line through ball and hole.
                 let error = sub(behind, grasp);
                 let ahead = error[0] * along[0] + error[1] * along[1];
                 add(scale(along, PUSH_SPEED), scale(sub(error, scale(along, ahead)), 8.0))
             }
             _ => scale(along, -0.2),
         };
-        let angular = limited(scale(rotation_between(&arm.rotation(), &leaning(along)), 4.0), 2.0);
-        arm.twist(&seen.q, linear, angular)
+        let angular = clamp_norm(scale(rotation_between(&arm.rotation(), &leaning(along)), 4.0), 2.0);
+        arm.twist(&input.q, linear, angular)
     }
 }
 
-/// The hand's axes as columns, row by row: it leans forward along a horizontal direction and opens across it.
+/// Returns the rotation matrix (row-major) of a hand that leans forward along a horizontal direction and opens across it.
 fn leaning(along: [f64; 3]) -> [f64; 9] {
     let (sin, cos) = LEAN.sin_cos();
     let y = [along[1], -along[0], 0.0];

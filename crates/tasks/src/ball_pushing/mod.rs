@@ -10,77 +10,94 @@ use mishandle_world::frame::{norm, norm_xy, sub};
 use mishandle_world::{Joint, Model, Rows, Site, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Grip, Reward, Scene, Task, TaskFormulas, Variations, one, three,
+    BoxAxis, Definition, GripperMode, Reward, Scene, Task, TaskFormulas, Variations, scalar, vector3,
 };
 use crate::robot::Panda;
 
 /// The task.
 pub struct BallPushing;
 
-/// Height at which the ball starts, m: 1 cm above its place on the table.
+/// Initial height of the ball, m: 1 cm above its position on the table.
 const START_HEIGHT: f64 = 0.45;
 
-/// Point behind the ball from which it can be pushed, m from its centre: its radius and the depth of a finger.
+/// Distance from the ball's center to the point from which a finger can push it, m: radius of the ball plus depth of a
+/// finger.
 const BEHIND: f64 = 0.055;
 
 const DEFINITION: Definition = Definition {
     name: "ball-pushing",
     summary: "Push a ball across a table into a pit.",
     variant_of: None,
-    setting: "A table 0.4 m high from x = 0.3 to 1.3 m and y = -0.4 to 0.4 m has a pit, x 0.9 to 1.15 m, y -0.15 to 0.15 m, \
-              0.1 m deep. A ball of radius 4 cm and 20 g drops onto it from 1 cm.",
+    scene_description: "A table 0.4 m high extends from x = 0.3 to 1.3 m and y = -0.4 to 0.4 m. It has a pit 0.1 m deep from x = 0.9 to \
+              1.15 m and y = -0.15 to 0.15 m. A ball (radius 4 cm, 20 g) drops onto the table from a height of 1 cm.",
     held: None,
     start: [1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035],
     start_noise: 0.125,
-    grip: Grip::Fixed(0.015),
+    grip: GripperMode::Fixed(0.015),
     n_substeps: 4,
     velocity_scale: 0.01,
     signals: &[
-        one(
+        scalar(
             "ball_hole_distance",
             "m",
-            "distance of the ball from a point 5 mm below the pit's floor, at its centre",
+            "distance between the ball and the hole, the point 5 mm below the center of the pit's floor",
         ),
-        one("ball_hole_horizontal_distance", "m", "the horizontal part of it"),
-        one("ball_height", "m", "height of the ball's centre above the ground"),
-        one("ball_speed", "m/s", "speed of the ball"),
-        one("finger_ball_distance", "m", "distance of the fingers' grasp point from the ball"),
+        scalar("ball_hole_horizontal_distance", "m", "horizontal distance between the ball and the hole"),
+        scalar("ball_height", "m", "height of the ball's center above the ground"),
+        scalar("ball_speed", "m/s", "speed of the ball"),
+        scalar("finger_ball_distance", "m", "distance between the fingers' grasp point and the ball"),
     ],
     observation: &[
-        three("ball_velocity", "m/s", "velocity of the ball"),
-        three("ball_angular_velocity", "rad/s", "angular velocity of the ball"),
-        three("hole_from_ball", "m", "hole minus ball"),
-        three("ball", "m", "centre of the ball"),
+        vector3("ball_velocity", "m/s", "velocity of the ball"),
+        vector3("ball_angular_velocity", "rad/s", "angular velocity of the ball"),
+        vector3("hole_from_ball", "m", "hole minus center of the ball"),
+        vector3("ball", "m", "center of the ball"),
     ],
     original_reward: &[
-        one(
+        scalar(
             "near",
             "",
             "10 (1 - tanh(3 d)), d the horizontal distance of ball and hole, until the ball is past it",
         ),
-        one("in", "", "100 where d < 0.1 and the ball is lower than 0.38 m, else 0"),
+        scalar("in", "", "100 where d < 0.1 and the ball is lower than 0.38 m, else 0"),
     ],
     shaped_reward: &[
-        one(
+        scalar(
             "behind",
             "",
             "0.1 (1 - tanh(3 b)), b the distance of the grasp point from the point behind the ball",
         ),
-        one("pushed", "", "0.3 v / 0.5 m/s within ±0.3, v the ball's horizontal velocity towards the hole"),
-        one("near", "", "0.3 (1 - tanh(3 d)), d the horizontal distance of ball and hole"),
-        one("in", "", "0.6 where d <= 0.13 and the ball is lower than 0.36 m, else 0"),
-        one("calm", "", "-0.01 times the mean of the arm's squared actions"),
+        scalar(
+            "pushed",
+            "",
+            "0.3 v / 0.5 m/s within ±0.3, v the ball's horizontal velocity towards the hole",
+        ),
+        scalar("near", "", "0.3 (1 - tanh(3 d)), d the horizontal distance of ball and hole"),
+        scalar("in", "", "0.6 where d <= 0.13 and the ball is lower than 0.36 m, else 0"),
+        scalar("calm", "", "-0.01 times the mean of the arm's squared actions"),
     ],
     initial_box: &[
-        BoxAxis { name: "ball_x", unit: "m", paper: [0.4, 0.6], code: [0.4, 0.6], sets: "ball's x" },
-        BoxAxis { name: "ball_y", unit: "m", paper: [-0.1, 0.1], code: [-0.1, 0.1], sets: "ball's y" },
+        BoxAxis {
+            name: "ball_x",
+            unit: "m",
+            paper: [0.4, 0.6],
+            code: [0.4, 0.6],
+            meaning: "x position of the ball",
+        },
+        BoxAxis {
+            name: "ball_y",
+            unit: "m",
+            paper: [-0.1, 0.1],
+            code: [-0.1, 0.1],
+            meaning: "y position of the ball",
+        },
     ],
     variations: Variations { friction: true, masses: &["ball"], push: Some(("ball", 0.1)), jump: None },
     paper: FORMULAS,
     code: FORMULAS,
     termination: "the ball is lower than 0.1 m",
-    differences: "The original also moves the fingers' start by up to 0.125 m, which on a stroke of 0.04 m means \
-                  nothing; here only the arm's joints start with noise. The walls of the pit are as deep as the table.",
+    differences: "The fingers of the original start with noise of up to 0.125 m, which is meaningless for a stroke of \
+                  0.04 m; here only the arm joints start with noise. The walls of the pit extend down to the ground.",
 };
 
 const FORMULAS: TaskFormulas = TaskFormulas {
@@ -100,7 +117,7 @@ impl Task for BallPushing {
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
-        Ok(Box::new(Bound { panda: *panda, ball: model.joint("ball")?, hole: model.site("hole")? }))
+        Ok(Box::new(BoundScene { panda: *panda, ball: model.joint("ball")?, hole: model.site("hole")? }))
     }
 
     fn expert(&self) -> Result<Arc<dyn Controller>, WorldError> {
@@ -108,13 +125,13 @@ impl Task for BallPushing {
     }
 }
 
-struct Bound {
+struct BoundScene {
     panda: Panda,
     ball: Joint,
     hole: Site,
 }
 
-impl Scene for Bound {
+impl Scene for BoundScene {
     fn place(&self, x0: &[f64], world: &mut World) {
         world.place_free(self.ball, [x0[0], x0[1], START_HEIGHT], [1.0, 0.0, 0.0, 0.0]);
     }
@@ -156,12 +173,12 @@ impl Scene for Bound {
                 out[1] = 0.3 * (towards / 0.5).clamp(-1.0, 1.0);
                 out[2] = 0.3 * (1.0 - (3.0 * d).tanh());
                 out[3] = if d <= 0.13 && height <= 0.36 { 0.6 } else { 0.0 };
-                out[4] = crate::reward::effort(action);
+                out[4] = crate::reward::action_penalty(action);
             }
         }
     }
 
-    fn lost(&self, _rows: &Rows<'_>, signals: &[f64]) -> bool {
+    fn is_terminal(&self, _rows: &Rows<'_>, signals: &[f64]) -> bool {
         signals[2] < 0.1
     }
 }

@@ -11,21 +11,22 @@ use mishandle_world::frame::{add, norm, norm_xy, scale, sub};
 use mishandle_world::{Body, Equality, Flex, Mocap, Model, Rows, Site, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Grip, Held, Hold, Reward, Scene, Task, TaskFormulas, Variations, one, three,
+    Attachment, BoxAxis, Definition, GripperMode, HeldObject, Reward, Scene, Task, TaskFormulas, Variations,
+    scalar, vector3,
 };
 use crate::robot::{ARM_JOINTS, Panda};
 use sheet::Sheet;
 
-/// The task, on a cloth of one size of grid.
+/// The task, with a cloth of one grid size.
 pub struct ClothPlacing {
     sheet: Sheet,
     definition: &'static LazyLock<Definition>,
 }
 
-/// The benchmark's grid.
+/// Grid of the benchmark.
 const FINE: Sheet = Sheet { vertices: 11 };
 
-/// A coarser grid, cheaper to step.
+/// Coarser grid with faster steps.
 const COARSE: Sheet = Sheet { vertices: 7 };
 
 const NAME: &str = "cloth-placing";
@@ -34,42 +35,42 @@ static FINE_DEFINITION: LazyLock<Definition> = LazyLock::new(|| definition(NAME,
 static COARSE_DEFINITION: LazyLock<Definition> =
     LazyLock::new(|| definition("cloth-placing-7x7", Some(NAME), COARSE));
 
-/// What the coarser grid is for.
-const COARSE_SUMMARY: &str = "Carry a cloth of 7 x 7 vertices, in place of 11 x 11, to a table and lay it down there: cheaper to \
-     step, to try things on; controllers are measured on the benchmark's grid.";
+/// Summary of the variant with the coarser grid.
+const COARSE_SUMMARY: &str = "Carry a cloth of 7 x 7 instead of 11 x 11 vertices to a table and lay it down there. Its steps are \
+     faster, for experiments; train and evaluate controllers on the grid of the benchmark.";
 
-/// The benchmark's task.
+/// The task of the benchmark.
 pub static CLOTH_PLACING: ClothPlacing = ClothPlacing { sheet: FINE, definition: &FINE_DEFINITION };
 
-/// The same cloth on the coarser grid.
+/// The same task with the coarser grid.
 pub static CLOTH_PLACING_7X7: ClothPlacing = ClothPlacing { sheet: COARSE, definition: &COARSE_DEFINITION };
 
 /// Half the side of the table, m.
 const HALF_TABLE: f64 = 0.15;
 
-/// The gripper opens by itself when the centroid is this close to the marker, horizontally (m), above it, and the mean
-/// velocity of the vertices is below this (m/s).
+/// The gripper opens automatically if the centroid is above the marker within this horizontal distance (m) and the mean
+/// velocity of the vertices is below this speed (m/s).
 const FORCED_DISTANCE: f64 = 0.07;
 const FORCED_SPEED: f64 = 0.1;
 
-/// Opening of a finger that lets go of the cloth, m.
+/// Finger position beyond which the gripper releases the cloth, m.
 const LET_GO: f64 = 0.005;
 
-/// What a finger is told when the gripper opens by itself, m: more than it can.
+/// Finger target when the gripper opens automatically, m. It exceeds the stroke.
 const FULLY_OPEN: f64 = 0.15;
 
-/// What both sizes of grid share: the benchmark's, with empty hands.
+/// Definition of both grid sizes without the held object.
 const DEFINITION: Definition = Definition {
     name: NAME,
     summary: "Carry a cloth to a table and lay it down there.",
     variant_of: None,
-    setting: "A square cloth of 0.3 m and 605 g, 11 x 11 vertices in the benchmark, hangs upright from the closed fingers, its middle at (0.5, 0, 0.65) m, in the plane \
-              of x and z. A table of 0.3 x 0.3 x 0.4 m has a rim 1 cm wide and 2 cm high around its top; the marker is the \
-              middle of the top, 0.4 m high.",
+    scene_description: "A square cloth (side 0.3 m, 605 g, 11 x 11 vertices in the benchmark) hangs from the closed fingers in the \
+              vertical plane y = 0, with its center at (0.5, 0, 0.65) m. A table of 0.3 x 0.3 x 0.4 m has a rim 1 cm wide and \
+              2 cm high around its top. The marker is the center of the top at a height of 0.4 m.",
     held: None,
     start: [0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.5, 0.0001, 0.0001],
     start_noise: 0.0,
-    grip: Grip::Scene(
+    grip: GripperMode::Scene(
         "the fingers' targets, moved by 0.0125 m at 1, within 0 and 0.04 m. They open by themselves while the cloth's \
          centroid is within 7 cm of the marker's axis, above the marker, and the mean velocity of its vertices is below \
          0.1 m/s. The cloth is let go for good then, or when a finger is open by more than 5 mm",
@@ -77,61 +78,84 @@ const DEFINITION: Definition = Definition {
     n_substeps: 4,
     velocity_scale: 0.1,
     signals: &[
-        one(
+        scalar(
             "cloth_target_distance",
             "m",
-            "distance of the cloth's centroid from the centre of the table's top",
+            "distance between the cloth's centroid and the center of the table's top",
         ),
-        one("cloth_target_horizontal_distance", "m", "the horizontal part of it"),
-        one("cloth_height_above_target", "m", "height of the centroid above the table's top"),
-        one(
+        scalar(
+            "cloth_target_horizontal_distance",
+            "m",
+            "horizontal distance between the cloth's centroid and the center of the table's top",
+        ),
+        scalar("cloth_height_above_target", "m", "height of the centroid above the table's top"),
+        scalar(
             "cloth_vertices_over_table",
             "",
-            "share of the cloth's vertices that are inside the table's outline, seen from above, and not below \
-             its top",
+            "fraction of the cloth's vertices that are inside the table's outline in the top view and not below its top",
         ),
-        one("cloth_speed", "m/s", "root mean square of the speeds of the cloth's vertices"),
-        one("cloth_spread", "m", "root mean square of the vertices' horizontal distances from the centroid"),
-        one("cloth_released", "", "1 once the gripper has let go, else 0"),
+        scalar("cloth_speed", "m/s", "root mean square of the speeds of the cloth's vertices"),
+        scalar(
+            "cloth_spread",
+            "m",
+            "root mean square of the vertices' horizontal distances from the centroid",
+        ),
+        scalar("cloth_released", "", "1 after the gripper has released the cloth, else 0"),
     ],
     observation: &[
-        three("cloth", "m", "centroid of the cloth"),
-        three("cloth_from_target", "m", "centroid minus the centre of the table's top"),
-        three("target", "m", "centre of the table's top"),
+        vector3("cloth", "m", "centroid of the cloth"),
+        vector3("cloth_from_target", "m", "centroid of the cloth minus center of the table's top"),
+        vector3("target", "m", "center of the table's top"),
     ],
     original_reward: &[
-        one("near", "", "7 / (1 + d), d the distance of the centroid from the centre of the table's top"),
-        one("placed", "", "10 where d < 0.05 and the mean velocity of the vertices is below 0.1 m/s, else 0"),
-        one(
+        scalar("near", "", "7 / (1 + d), d the distance of the centroid from the centre of the table's top"),
+        scalar(
+            "placed",
+            "",
+            "10 where d < 0.05 and the mean velocity of the vertices is below 0.1 m/s, else 0",
+        ),
+        scalar(
             "upright",
             "",
             "1 / (1 + r), r the norm of the left finger's quaternion minus that of pointing down",
         ),
-        one("high", "", "1 where the centroid is higher than 0.3 m, else 0"),
-        one("cloth_calm", "", "1 / (1 + v), v the norm of the vertices' mean velocity"),
-        one("fingers_calm", "", "1 / (1 + w), w the norm of the fingers' mean twist"),
+        scalar("high", "", "1 where the centroid is higher than 0.3 m, else 0"),
+        scalar("cloth_calm", "", "1 / (1 + v), v the norm of the vertices' mean velocity"),
+        scalar("fingers_calm", "", "1 / (1 + w), w the norm of the fingers' mean twist"),
     ],
     shaped_reward: &[
-        one("near", "", "0.3 (1 - tanh(3 d)), d the horizontal distance of the centroid from the marker"),
-        one("over", "", "0.2 times the share of vertices over the table"),
-        one(
+        scalar("near", "", "0.3 (1 - tanh(3 d)), d the horizontal distance of the centroid from the marker"),
+        scalar("over", "", "0.2 times the share of vertices over the table"),
+        scalar(
             "low",
             "",
             "0.1 times that share times (1 - tanh(5 |h|)), h the centroid's height above the marker",
         ),
-        one("let_go", "", "0.1 times that share once the gripper has let go"),
-        one(
+        scalar("let_go", "", "0.1 times that share once the gripper has let go"),
+        scalar(
             "placed",
             "",
             "1 where d <= 0.05, four fifths of the vertices are over the table, the cloth is let go and slower \
              than 0.05 m/s, else 0",
         ),
-        one("thrown", "", "-0.5 tanh(2 v) once the gripper has let go, v the speed of the cloth"),
-        one("calm", "", "-0.01 times the mean of the arm's squared actions"),
+        scalar("thrown", "", "-0.5 tanh(2 v) once the gripper has let go, v the speed of the cloth"),
+        scalar("calm", "", "-0.01 times the mean of the arm's squared actions"),
     ],
     initial_box: &[
-        BoxAxis { name: "table_x", unit: "m", paper: [0.45, 0.75], code: [0.35, 0.65], sets: "table's x" },
-        BoxAxis { name: "table_y", unit: "m", paper: [-0.35, 0.35], code: [-0.35, 0.35], sets: "table's y" },
+        BoxAxis {
+            name: "table_x",
+            unit: "m",
+            paper: [0.45, 0.75],
+            code: [0.35, 0.65],
+            meaning: "x position of the table",
+        },
+        BoxAxis {
+            name: "table_y",
+            unit: "m",
+            paper: [-0.35, 0.35],
+            code: [-0.35, 0.35],
+            meaning: "y position of the table",
+        },
     ],
     variations: Variations {
         friction: true,
@@ -146,12 +170,12 @@ const DEFINITION: Definition = Definition {
 };
 
 fn definition(name: &'static str, variant_of: Option<&'static str>, sheet: Sheet) -> Definition {
-    let held = Held {
+    let held = HeldObject {
         name: "pinch",
-        hold: Hold::Fixed,
-        // Made once and kept for as long as the program runs.
+        attachment: Attachment::Fixed,
+        // Each definition is made once per process.
         mjcf: sheet.pinch().leak(),
-        position: sheet::CENTRE,
+        position: sheet::CENTER,
         quaternion: [1.0, 0.0, 0.0, 0.0],
     };
     let summary = if variant_of.is_some() { COARSE_SUMMARY } else { DEFINITION.summary };
@@ -166,13 +190,13 @@ const FORMULAS: TaskFormulas = TaskFormulas {
     completion: "cloth_target_distance <= 0.25",
 };
 
-const DIFFERENCES: &str = "The strict formula counts the cloth that lies on the table, spread or in a heap: the share of its vertices over the \
-    table, not their spread; `cloth_spread` tells which. The original pinches the cloth by friction alone. Here the four vertices around the finger \
-    tips are tied to the hand until the gripper opens by itself or a finger is open by more than 5 mm, and never again \
-    after that; how well a finger grips is not what is tested. Vertices touch table, ground and fingers, edges between \
-    them do not, so a fold may cut a corner by less than half the grid's spacing; the cloth does not touch itself, nor \
-    the hand, nor, above the pinch, the fingers. It has no stiffness in bending and feels no air: the original's are \
-    small beside its stretching stiffness and its weight.";
+const DIFFERENCES: &str = "The strict formula requires a fraction of the vertices over the table, not a spread-out cloth; `cloth_spread` \
+    distinguishes a spread-out cloth from a heap. The original holds the cloth by friction alone. Here the four vertices \
+    around the fingertips are attached to the hand until the gripper opens automatically or a finger opens by more than \
+    5 mm. The release is permanent. The quality of the grasp is not under study. Vertices collide with table, ground and \
+    fingers, but the edges between them do not, so a fold may penetrate a corner by less than half the grid spacing. The \
+    cloth does not collide with itself, with the hand or, above the grasp, with the fingers. It has no bending stiffness \
+    and no air drag; those of the original are small compared with its stretching stiffness and its weight.";
 
 impl Task for ClothPlacing {
     fn definition(&self) -> &'static Definition {
@@ -184,7 +208,7 @@ impl Task for ClothPlacing {
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
-        Ok(Box::new(Bound {
+        Ok(Box::new(BoundScene {
             panda: *panda,
             fingers: [model.body("left_finger")?, model.body("right_finger")?],
             cloth: model.flex("cloth")?,
@@ -199,7 +223,7 @@ impl Task for ClothPlacing {
     }
 }
 
-struct Bound {
+struct BoundScene {
     panda: Panda,
     fingers: [Body; 2],
     cloth: Flex,
@@ -208,12 +232,12 @@ struct Bound {
     marker: Site,
 }
 
-impl Bound {
+impl BoundScene {
     fn centroid(&self, rows: &Rows<'_>) -> [f64; 3] {
         mean(rows.vertices(self.cloth))
     }
 
-    /// Speed of the centroid, m/s.
+    /// Returns the speed of the centroid, m/s.
     fn mean_speed(&self, rows: &Rows<'_>) -> f64 {
         norm(mean(rows.vertex_velocities(self.cloth)))
     }
@@ -227,7 +251,7 @@ fn mean_of(points: &[[f64; 3]], number: impl Fn([f64; 3]) -> f64) -> f64 {
     points.iter().map(|point| number(*point)).sum::<f64>() / points.len() as f64
 }
 
-impl Scene for Bound {
+impl Scene for BoundScene {
     fn place(&self, x0: &[f64], world: &mut World) {
         world.place(self.table, [x0[0], x0[1], 0.0], [1.0, 0.0, 0.0, 0.0]);
     }
@@ -292,19 +316,19 @@ impl Scene for Bound {
                 out[2] = 0.1 * over * (1.0 - (5.0 * height.abs()).tanh());
                 out[3] = 0.1 * over * released;
                 out[4] = if placed { 1.0 } else { 0.0 };
-                // A cloth that is thrown is soon over the table, but only by luck at its middle.
+                // A thrown cloth passes over the table quickly, but rarely comes to rest at its center.
                 out[5] = -0.5 * released * (2.0 * speed).tanh();
-                out[6] = crate::reward::effort(action);
+                out[6] = crate::reward::action_penalty(action);
             }
         }
     }
 
-    fn lost(&self, rows: &Rows<'_>, _signals: &[f64]) -> bool {
+    fn is_terminal(&self, rows: &Rows<'_>, _signals: &[f64]) -> bool {
         self.centroid(rows)[2] < 0.1
     }
 }
 
-/// Norm of a quaternion minus the half turn about x, of which both signs mean the same.
+/// Returns the norm of a quaternion minus the 180 degree rotation about x. Both signs are the same orientation.
 fn from_pointing_down([w, x, y, z]: [f64; 4]) -> f64 {
     (w * w + (x.abs() - 1.0).powi(2) + y * y + z * z).sqrt()
 }

@@ -1,18 +1,20 @@
 //! The cloth's part of the MJCF document: a square grid of point masses.
 //!
-//! The cloth is a square grid of point masses: bodies with three slides along the world's axes, each with a small sphere
-//! that touches table, ground and fingers. A flex joins them to a sheet; its edges (rows, columns and one diagonal in
-//! every cell) are equality constraints. Two sizes of grid share the task: 11 x 11 is the benchmark's, 7 x 7 is the
-//! same cloth for less than half of the time: the expert's episodes took 1.37 ms and 0.63 ms of processor time a control
-//! step, everything included, 728 and 1,594 control steps a second and core on a busy machine. From the same 1,000 starts
-//! (`evaluate TASK --controller expert --episodes 1000 --seed 1`) the expert meets the success formula from every one on
-//! both, the strict one from 98.0 % on 11 x 11 and 90.4 % on 7 x 7, whose coarse folds stand up and keep shifting, while
-//! a finger slips between its vertices. 100.0 % end with the same success, 90.8 % with the same strict outcome, near
-//! what independent failures would give. So 7 x 7 is for trying things; train and measure on 11 x 11.
+//! Each point mass is a body with three slide joints along the world axes and a small sphere that collides with table,
+//! ground and fingers. A flex connects the masses. Its edges (rows, columns and one diagonal per cell) are equality
+//! constraints.
 //!
-//! What each choice costs and gives, by `docs/cloth.py`: one scripted placing at 11 x 11, the arm included. `us` is
-//! processor time for a physics step with the cloth at rest on the table, measured while other programs kept both cores
-//! busy (the arm alone took 8 us then, 6 to 8 us on a quiet core); `steps/s` counts control steps at that cost.
+//! The benchmark has a grid of 11 x 11. A grid of 7 x 7 takes less than half the time: a control step of the expert's
+//! episodes took 1.37 ms and 0.63 ms of CPU time in total, which is 728 and 1,594 control steps per second and core on a
+//! loaded machine. From the same 1,000 initial states (`evaluate TASK --controller expert --episodes 1000 --seed 1`) the
+//! expert satisfies the success formula from all of them on both grids, and the strict formula from 98.0 % on 11 x 11 and
+//! 90.4 % on 7 x 7. The coarse folds of 7 x 7 stand up and keep moving, and a finger slips between its vertices. The
+//! success outcome is the same for 100.0 % of the initial states and the strict outcome for 90.8 %, close to the value for
+//! independent failures. So 7 x 7 is for experiments; train and evaluate on 11 x 11.
+//!
+//! The table compares alternatives (measured by `docs/cloth.py`): one scripted placement at 11 x 11, including the arm.
+//! `us` is the CPU time of a physics step with the cloth at rest on the table, on a machine with two loaded cores (the arm
+//! alone took 8 us there, and 6 to 8 us on an idle core). `steps/s` is the number of control steps per second at this cost.
 //!
 //! | model | us | steps/s | largest stretch | rest after |
 //! |---|--:|--:|--:|--:|
@@ -31,10 +33,10 @@
 //! | vertices touch each other | 277 | 903 | 11 % | 0.4 s |
 //! | the flex's triangles touch the table, not spheres | 709 | 353 | 17 % | 0.6 s |
 //!
-//! In all of them the whole cloth ends over the table, 1 to 4 cm from its centre. How a limp cloth folds is chaotic, so
-//! rest times and stretches of single runs scatter; the costs do not. Edges that answer in less than two physics steps
-//! diverge, so a stiffer cloth needs more substeps: 4 of them are the fewest that keep every edge of the expert's
-//! episodes within a fifth of its length.
+//! In all of them the whole cloth ends over the table, 1 to 4 cm from its center. The folding of a limp cloth is chaotic, so
+//! rest times and stretches of single runs vary; the costs do not. Edges with a time constant below two physics steps
+//! diverge, so a stiffer cloth requires more substeps. Four substeps are the smallest number for which every edge of the
+//! expert's episodes stretches by less than a fifth of its length.
 
 use std::fmt::Write;
 
@@ -44,20 +46,20 @@ const SIDE: f64 = 0.3;
 /// Mass of the cloth, kg.
 const MASS: f64 = 0.605;
 
-/// Centre of the cloth at the start, m: it stands in the plane y = 0.
-pub(super) const CENTRE: [f64; 3] = [0.5, 0.0, 0.65];
+/// Initial center of the cloth, m. The cloth is in the plane y = 0.
+pub(super) const CENTER: [f64; 3] = [0.5, 0.0, 0.65];
 
-/// Where the finger tips meet at the start, in the plane of the cloth: x and z, m.
+/// Initial position of the closed fingertips in the plane of the cloth: x and z, m.
 const TIPS: [f64; 2] = [0.449, 0.7155];
 
-/// How far the cloth is from flat at the start, m. A sheet that is flat to the last bit never folds: nothing pushes it
-/// out of its plane.
+/// Amplitude of the initial waves of the cloth, m. An exactly flat sheet never folds, because no force pushes it out of its
+/// plane.
 const WAVE: f64 = 2e-4;
 
-/// A square grid of vertices: rows from below, columns along x.
+/// A square grid of vertices, with rows from bottom to top and columns along x.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sheet {
-    /// Vertices along a side.
+    /// Number of vertices along a side.
     pub vertices: usize,
 }
 
@@ -66,25 +68,25 @@ impl Sheet {
         SIDE / (self.vertices - 1) as f64
     }
 
-    /// The column and the row at the lower left of the cell that the finger tips pinch.
+    /// Returns the column and row of the lower left corner of the cell between the fingertips.
     fn pinched_cell(self) -> [usize; 2] {
         [0, 1].map(|axis| {
-            let corner = [CENTRE[0], CENTRE[2]][axis] - 0.5 * SIDE;
+            let corner = [CENTER[0], CENTER[2]][axis] - 0.5 * SIDE;
             ((TIPS[axis] - corner) / self.spacing()) as usize
         })
     }
 
-    /// Column and row of the vertices that the fingers hold: the corners of the cell that they pinch.
+    /// Returns the columns and rows of the vertices that the fingers hold: the corners of the cell between the fingertips.
     fn pinched(self) -> [[usize; 2]; 4] {
         let [i, j] = self.pinched_cell();
         [[i, j], [i + 1, j], [i, j + 1], [i + 1, j + 1]]
     }
 
-    /// Where a vertex is from the cloth's centre, m.
+    /// Returns the position of a vertex relative to the cloth's center, m.
     fn offset(self, [i, j]: [usize; 2]) -> [f64; 3] {
         let along = |k: usize| k as f64 * self.spacing() - 0.5 * SIDE;
         let (x, z) = (along(i), along(j));
-        // Waves that lie askew, so that no fold is the mirror image of another.
+        // The waves are oblique, so that the folds are not symmetric.
         let phase = std::f64::consts::TAU * (x + 0.6 * z) / SIDE;
         [x, WAVE * phase.sin(), z]
     }
@@ -93,12 +95,12 @@ impl Sheet {
         format!("cloth_{i}_{j}")
     }
 
-    /// Places, columns first.
+    /// Iterates over columns and rows, columns first.
     fn places(self) -> impl Iterator<Item = [usize; 2]> {
         (0..self.vertices).flat_map(move |j| (0..self.vertices).map(move |i| [i, j]))
     }
 
-    /// The scene's document with the cloth in it.
+    /// Inserts the cloth into the document of the scene.
     pub fn fill(self, scene: &str) -> String {
         let (mut pinch, mut vertices) = (String::new(), String::new());
         let pinched = self.pinched();
@@ -123,10 +125,11 @@ impl Sheet {
     fn vertex(self, place: [usize; 2], pinched: bool) -> String {
         let name = Sheet::name(place);
         let offset = self.offset(place);
-        let [x, y, z] = [0, 1, 2].map(|axis| CENTRE[axis] + offset[axis]);
+        let [x, y, z] = [0, 1, 2].map(|axis| CENTER[axis] + offset[axis]);
         let mass = MASS / (self.vertices * self.vertices) as f64;
-        // Table and ground (8); the fingers (1) only from where they pinch downwards: a flap that falls over from
-        // above the fingers would have to pass through the hand, which it does not touch, and hang on a finger.
+        // All vertices collide with table and ground (8). Only vertices below the fingertips collide with the fingers (1): a
+        // part of the cloth that folds over from above passes through the hand, which it does not collide with, and would
+        // get caught on a finger.
         let conaffinity = if place[1] < self.pinched_cell()[1] { 9 } else { 8 };
         let site = if pinched { format!("<site name=\"{name}\"/>") } else { String::new() };
         format!(
@@ -136,8 +139,8 @@ impl Sheet {
         )
     }
 
-    /// Vertex numbers of two triangles in every cell, their diagonals turned from cell to cell, so that no direction
-    /// is preferred.
+    /// Returns the vertex indices of two triangles per cell. The direction of the diagonals alternates, so that the cloth is
+    /// isotropic.
     fn triangles(self) -> String {
         let mut out = String::new();
         let last = self.vertices - 1;
@@ -152,7 +155,7 @@ impl Sheet {
         out
     }
 
-    /// MJCF of the points of the hand that hold the cloth, in a frame at the cloth's centre.
+    /// Returns the MJCF of the hand's sites that hold the cloth, in a frame at the cloth's center.
     pub fn pinch(self) -> String {
         let sites = self.pinched().into_iter().enumerate().map(|(corner, place)| {
             let [x, y, z] = self.offset(place);

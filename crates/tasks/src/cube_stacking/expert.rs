@@ -1,4 +1,5 @@
-//! Carries the cube to above the target with the fingers pointing down, lowers it until the gripper opens, and leaves.
+//! Expert of cube stacking: carries the cube above the target with the fingers pointing down, lowers it until the gripper
+//! opens, and retreats.
 
 use std::sync::Arc;
 
@@ -6,41 +7,41 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, norm, norm_xy, scale, sub};
 
-use crate::expert::{Expert, ExpertInput, ExpertPolicy, limited};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
-/// Height above the target's centre at which the cube comes to rest before it is lowered, m: 4 cm above the release,
-/// since noise shakes the hand by more than 1 cm.
+/// Height above the target's center at which the cube waits before lowering, m: 4 cm above the release, because noise moves
+/// the hand by more than 1 cm.
 const HOVER: f64 = 0.12;
 
-/// How much higher the cube stays for each metre that it is away from above the target.
+/// Additional height of the cube per meter of horizontal distance from the target.
 const SLOPE: f64 = 1.0;
 
 /// Speed of lowering, m/s.
 const LOWERING: f64 = 0.15;
 
-/// Speed of leaving, m/s, and height of the grasp point above the ground at which it stops, m.
+/// Speed of the retreat, m/s, and height of the grasp point above the ground at which it ends, m.
 const LEAVING: f64 = 0.4;
 const CLEAR: f64 = 0.25;
 
-/// Opening of a finger beyond which it has let go of the cube, and at which it is out of the way, m.
+/// Finger position beyond which the cube is released, and finger position at which the finger clears the cube, m.
 const LET_GO: f64 = 0.027;
 const OPENED: f64 = 0.037;
 
-/// Distance from the base up to which a level cube can be set down, m, and how much a radian of lean adds.
+/// Maximum distance from the base at which the arm can set down a level cube, m, and additional distance per radian of lean.
 const LEVEL_REACH: f64 = 0.78;
 const REACH_OF_LEAN: f64 = 0.2;
 
-/// How fast position and orientation are approached, 1/s.
+/// Gain of the position and orientation errors, 1/s.
 const RATE: f64 = 8.0;
 
-/// What it does next; the value in its memory.
+/// Phases, stored in the memory.
 const TRAVEL: f64 = 0.0;
 const LOWER: f64 = 1.0;
 const OPEN: f64 = 2.0;
 const LEAVE: f64 = 3.0;
 
-/// How the hand stands while it holds the cube level in its first orientation (its axes as columns, row by row).
+/// Rotation matrix (row-major) of the hand while it holds the cube level in its initial orientation.
 struct Stack {
     rotation: [f64; 9],
 }
@@ -50,16 +51,16 @@ impl ExpertPolicy for Stack {
     const SITE: &'static str = "grasp";
     const REST: [f64; 7] = [0.0, 0.1, 0.0, -2.0, 0.0, 2.2, 0.785];
 
-    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
-        let from_target = seen.point(7);
-        let target = sub(seen.point(0), from_target);
+    fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
+        let from_target = input.point(7);
+        let target = sub(input.point(0), from_target);
         let along = scale([target[0], target[1], 0.0], 1.0 / norm_xy(target).max(0.01));
         let lean = ((norm_xy(target) - LEVEL_REACH) / REACH_OF_LEAN).max(0.0);
         let place = scale(along, -topple(lean));
         let off = sub(place, [from_target[0], from_target[1], 0.0]);
         let above = add(off, [0.0, 0.0, HOVER + SLOPE * (norm_xy(off) - 0.01).max(0.0) - from_target[2]]);
         let turn = rotation_between(&arm.rotation(), &self.standing(along, lean));
-        let narrowest = seen.fingers[0].min(seen.fingers[1]);
+        let narrowest = input.fingers[0].min(input.fingers[1]);
         memory[0] = match memory[0] {
             TRAVEL if norm(above) < 0.006 && norm(turn) < 0.03 => LOWER,
             TRAVEL | LOWER if narrowest > LET_GO => OPEN,
@@ -68,20 +69,20 @@ impl ExpertPolicy for Stack {
         };
         let grasp = arm.position();
         let linear = match memory[0] {
-            TRAVEL => limited(scale(above, RATE), 0.8),
+            TRAVEL => clamp_norm(scale(above, RATE), 0.8),
             LOWER => add(scale(off, RATE), [0.0, 0.0, -LOWERING]),
             LEAVE => [0.0, 0.0, LEAVING.min(RATE * (CLEAR - grasp[2]))],
             _ => [0.0; 3],
         };
-        let angular = limited(scale(turn, RATE), 2.0);
-        arm.twist(&seen.q, linear, angular)
+        let angular = clamp_norm(scale(turn, RATE), 2.0);
+        arm.twist(&input.q, linear, angular)
     }
 }
 
 impl Stack {
-    /// The hand's axes with the fingers pointing down, so that the cube is level but for a lean outwards.
+    /// Returns the rotation matrix of a hand whose fingers point down, with an outward lean of the cube.
     fn standing(&self, along: [f64; 3], lean: f64) -> [f64; 9] {
-        // The cube turns forward by a quarter less the lean about y, then to the target's side about z.
+        // The cube turns forward about y by 90 degrees minus the lean, and then about z towards the target.
         let (sin, cos) = (std::f64::consts::FRAC_PI_2 - lean).sin_cos();
         let [c, s, _] = along;
         let turn = [c * cos, -s, c * sin, s * cos, c, s * sin, -sin, 0.0, cos];
@@ -89,7 +90,7 @@ impl Stack {
     }
 }
 
-/// How far the centre of a leaning cube moves outwards while it topples flat over its lower edge, m.
+/// Returns how far the center of a leaning cube moves outwards while the cube topples over its lower edge, m.
 fn topple(lean: f64) -> f64 {
     0.5 * super::EDGE * (1.0 - lean.cos() + lean.sin())
 }

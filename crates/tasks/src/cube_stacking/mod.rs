@@ -1,4 +1,4 @@
-//! Cube stacking: set the cube in the hand down on another one, and let go of it.
+//! Cube stacking: set the cube in the hand down on another cube and release it.
 
 mod expert;
 
@@ -10,8 +10,8 @@ use mishandle_world::frame::{norm, norm_xy, rotate_back, sub};
 use mishandle_world::{Equality, Joint, Model, Rows, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Grip, Held, Hold, Quantity, Reward, Scene, Task, TaskFormulas, Variations, one,
-    three,
+    Attachment, BoxAxis, Definition, GripperMode, HeldObject, Quantity, Reward, Scene, Task, TaskFormulas,
+    Variations, scalar, vector3,
 };
 use crate::robot::Panda;
 
@@ -21,92 +21,108 @@ pub struct CubeStacking;
 /// Edge of both cubes, m.
 const EDGE: f64 = 0.05;
 
-/// The gripper opens where the cubes' centres are closer than this and the cube is higher than the target, m.
+/// The gripper opens if the distance between the cubes' centers is below `RELEASE_DISTANCE` and the cube is at least
+/// `RELEASE_HEIGHT` higher than the target, m.
 const RELEASE_DISTANCE: f64 = 0.08;
 const RELEASE_HEIGHT: f64 = 0.025;
 
-/// Targets of the fingers while the gripper is open and while it holds, m: wider than their stroke, and 2 cm inside
-/// the cube's faces.
+/// Targets of the fingers while the gripper is open and while it holds the cube, m: beyond the stroke, and 2 cm inside the
+/// cube's faces.
 const OPEN: f64 = 0.08;
 const CLOSED: f64 = 0.005;
 
 const DEFINITION: Definition = Definition {
     name: "cube-stacking",
-    summary: "Set the cube that the robot holds down on another cube, and let go of it.",
+    summary: "Set the cube in the robot's hand down on another cube and release it.",
     variant_of: None,
-    setting: "Two cubes with edges of 5 cm, 20 g each: one in the hand, at (0.34, 0, 0.91) m, one on the ground.",
-    held: Some(Held {
+    scene_description: "Two cubes (edges 5 cm, 20 g each): one is in the hand at (0.34, 0, 0.91) m, the target cube is on the ground.",
+    held: Some(HeldObject {
         name: "cube",
-        hold: Hold::Weld,
+        attachment: Attachment::Weld,
         mjcf: include_str!("cube.xml"),
         position: [0.34, 0.0, 0.91],
         quaternion: [1.0, 0.0, 0.0, 0.0],
     }),
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.025, 0.025],
     start_noise: 0.0,
-    grip: Grip::Scene(
+    grip: GripperMode::Scene(
         "no effect: the fingers press on the cube until, before a control step, the cubes' centres are less than 8 cm \
          apart and the held one is at least 2.5 cm higher; then they open, and the cube is let go for good",
     ),
     n_substeps: 4,
     velocity_scale: 0.1,
     signals: &[
-        one("cube_target_horizontal_distance", "m", "horizontal distance of the cubes' centres"),
-        one("cube_height_above_target", "m", "height of the cube's centre above the target cube's, signed"),
-        one("cube_speed", "m/s", "speed of the cube"),
-        one(
+        scalar("cube_target_horizontal_distance", "m", "horizontal distance between the cubes' centers"),
+        scalar(
+            "cube_height_above_target",
+            "m",
+            "height of the cube's center above the target cube's center, signed",
+        ),
+        scalar("cube_speed", "m/s", "speed of the cube"),
+        scalar(
             "finger_cube_distance",
             "m",
-            "distance of the fingers' grasp point, midway between their pads, from the cube's centre",
+            "distance between the fingers' grasp point, midway between their pads, and the cube's center",
         ),
-        one("cube_tilt", "rad", "angle between the vertical and the cube's axis that is closest to it"),
-        one("cube_held", "", "1 while the hand holds the cube, 0 after it let go"),
+        scalar("cube_tilt", "rad", "angle between the vertical and the closest axis of the cube"),
+        scalar("cube_held", "", "1 while the hand holds the cube, 0 after its release"),
     ],
     observation: &[
-        three("cube", "m", "centre of the cube"),
-        Quantity { name: "cube_quaternion", unit: "", size: 4, meaning: "orientation of the cube, w x y z" },
-        three("cube_from_target", "m", "cube minus target cube"),
+        vector3("cube", "m", "center of the cube"),
+        Quantity {
+            name: "cube_quaternion",
+            unit: "",
+            size: 4,
+            meaning: "orientation of the cube (w, x, y, z)",
+        },
+        vector3("cube_from_target", "m", "center of the cube minus center of the target cube"),
     ],
     original_reward: &[
-        one(
+        scalar(
             "near",
             "",
             "2 / (1 + d), d the distance of the cube from the point 2 cm above the target's centre",
         ),
-        one(
+        scalar(
             "complete",
             "",
             "10 where d < 0.05, the cube is 0.02 m or more above the target and slower than 0.05 m/s, and the midpoint \
              of the finger frames is farther than 0.05 m from it, else 0",
         ),
-        one("fallen", "", "-0.5 where the cube is lower than 0.05 m, else 0"),
-        one("over", "", "2 / (1 + d_xy²) where d < 0.2, d_xy the horizontal part of d, else 0"),
+        scalar("fallen", "", "-0.5 where the cube is lower than 0.05 m, else 0"),
+        scalar("over", "", "2 / (1 + d_xy²) where d < 0.2, d_xy the horizontal part of d, else 0"),
     ],
     shaped_reward: &[
-        one(
+        scalar(
             "near",
             "",
             "0.2 (1 - tanh(3 d)), d the distance of the cube from its place on top of the target",
         ),
-        one("over", "", "0.1 (1 - tanh(15 r)), r the horizontal part of d"),
-        one("down", "", "0.05 (1 + c), c the cosine between the fingers' direction and straight down"),
-        one("on", "", "0.2 where r <= 0.024 and the cube is 0.05 ± 0.005 m above the target, else 0"),
-        one(
+        scalar("over", "", "0.1 (1 - tanh(15 r)), r the horizontal part of d"),
+        scalar("down", "", "0.05 (1 + c), c the cosine between the fingers' direction and straight down"),
+        scalar("on", "", "0.2 where r <= 0.024 and the cube is 0.05 ± 0.005 m above the target, else 0"),
+        scalar(
             "away",
             "",
             "0.1 min(f / 0.05 m, 1) where it is on, f the distance of the grasp point from the cube",
         ),
-        one("stacked", "", "0.3 where it is on and away, and slower than 0.05 m/s, else 0"),
-        one("calm", "", "-0.01 times the mean of the arm's squared actions"),
+        scalar("stacked", "", "0.3 where it is on and away, and slower than 0.05 m/s, else 0"),
+        scalar("calm", "", "-0.01 times the mean of the arm's squared actions"),
     ],
     initial_box: &[
-        BoxAxis { name: "target_x", unit: "m", paper: [0.4, 0.8], code: [0.4, 0.8], sets: "target cube's x" },
+        BoxAxis {
+            name: "target_x",
+            unit: "m",
+            paper: [0.4, 0.8],
+            code: [0.4, 0.8],
+            meaning: "x position of the target cube",
+        },
         BoxAxis {
             name: "target_y",
             unit: "m",
             paper: [-0.1, 0.3],
             code: [-0.3, 0.1],
-            sets: "target cube's y",
+            meaning: "y position of the target cube",
         },
     ],
     variations: Variations {
@@ -118,11 +134,10 @@ const DEFINITION: Definition = Definition {
     paper: FORMULAS,
     code: FORMULAS,
     termination: "the cubes are farther than 0.8 m from each other horizontally",
-    differences: "In the original friction alone holds the cube. Here the fingers press on it in the same way, and a \
-                  weld to the hand keeps it in place until the gripper opens for the first time: dropping the cube on \
-                  the way is not the failure under study. A cube that was let go is as free as in the original. It twists \
-                  on what it lies on by the friction of its contact points alone, without PhysX's patch. \
-                  The ground stops hand and arm.",
+    differences: "In the original, friction alone holds the cube. Here the fingers press on it in the same way, and a weld \
+                  to the hand keeps it in place until the gripper first opens, because dropping the cube on the way is not the \
+                  failure under study. A released cube is as free as in the original. Its torsional friction comes from \
+                  its contact points alone, without the patch friction of PhysX. The ground stops hand and arm.",
 };
 
 const FORMULAS: TaskFormulas = TaskFormulas {
@@ -143,7 +158,7 @@ impl Task for CubeStacking {
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
-        Ok(Box::new(Bound {
+        Ok(Box::new(BoundScene {
             panda: *panda,
             cube: model.joint("cube")?,
             target: model.joint("target")?,
@@ -156,15 +171,15 @@ impl Task for CubeStacking {
     }
 }
 
-struct Bound {
+struct BoundScene {
     panda: Panda,
     cube: Joint,
     target: Joint,
     weld: Equality,
 }
 
-impl Bound {
-    /// The cube's centre, seen from the target's.
+impl BoundScene {
+    /// Returns the center of the cube minus the center of the target cube, m.
     fn cube_from_target(&self, rows: &Rows<'_>) -> [f64; 3] {
         sub(rows.free_position(self.cube), rows.free_position(self.target))
     }
@@ -182,7 +197,7 @@ impl Bound {
     fn shaped(&self, rows: &Rows<'_>, signals: &[f64], out: &mut [f64]) {
         let (r, height, speed, hand) = (signals[0], signals[1], signals[2], signals[3]);
         let on = r <= 0.024 && (height - EDGE).abs() <= 0.005;
-        // The last column of the hand's rotation is where the fingers point.
+        // The last column of the hand's rotation matrix is the direction of the fingers.
         let down = -rows.site_rotation(self.panda.grasp)[8];
         out[0] = 0.2 * (1.0 - (3.0 * r.hypot(height - EDGE)).tanh());
         out[1] = 0.1 * (1.0 - (15.0 * r).tanh());
@@ -193,7 +208,7 @@ impl Bound {
     }
 }
 
-impl Scene for Bound {
+impl Scene for BoundScene {
     fn place(&self, x0: &[f64], world: &mut World) {
         world.place_free(self.target, [x0[0], x0[1], 0.5 * EDGE], [1.0, 0.0, 0.0, 0.0]);
     }
@@ -226,12 +241,12 @@ impl Scene for Bound {
             Reward::Original => self.original(rows, signals, out),
             Reward::Shaped => {
                 self.shaped(rows, signals, out);
-                out[6] = crate::reward::effort(action);
+                out[6] = crate::reward::action_penalty(action);
             }
         }
     }
 
-    fn lost(&self, _rows: &Rows<'_>, signals: &[f64]) -> bool {
+    fn is_terminal(&self, _rows: &Rows<'_>, signals: &[f64]) -> bool {
         signals[0] > 0.8
     }
 }
@@ -240,9 +255,9 @@ fn quaternion(rows: &Rows<'_>, joint: Joint) -> [f64; 4] {
     [3, 4, 5, 6].map(|i| rows.qpos[joint.qpos + i])
 }
 
-/// Angle between the vertical and the closest of a cube's axes, rad.
+/// Returns the angle between the vertical and the closest axis of a cube, rad.
 fn tilt(quaternion: [f64; 4]) -> f64 {
     let vertical = rotate_back(quaternion, [0.0, 0.0, 1.0]);
-    // The cosine is a hair above 1 for a level cube.
+    // Rounding makes the cosine slightly larger than 1 for a level cube.
     vertical.iter().fold(0.0, |most: f64, c| most.max(c.abs())).min(1.0).acos()
 }

@@ -1,4 +1,5 @@
-//! Takes the lever between its fingers, one above and one below, and walks back along the arc that the door turns on.
+//! Expert of door opening: grasps the lever between the fingers, one above and one below, and pulls it along the arc of
+//! the door.
 
 use std::sync::Arc;
 
@@ -7,38 +8,40 @@ use mishandle_world::WorldError;
 use mishandle_world::frame::{add, cross, dot, norm, scale, sub};
 
 use super::{HANDLE, HINGE};
-use crate::expert::{Expert, ExpertInput, ExpertPolicy, limited};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
 use crate::kinematic::{ResolvedRate, rotation_between};
 use crate::robot::{ARM_JOINTS, JOINTS, VELOCITY_LIMIT};
 
-/// Where the lever is taken, from the handle point, in the panel's frame, m: at the front of its bar, half way up. The
-/// farthest door's is taken at its free end, which is nearest, and from above: the upper finger reaches further.
+/// Grasp point on the lever relative to the handle point, in the panel's frame, m: the front of its bar at half height.
+/// The lever of the farthest door is grasped at its free end, which is nearest, and from above, because the upper finger
+/// reaches farther.
 const FRONT: [f64; 3] = [-0.0137, 0.024, -0.0017];
 const FRONT_FAR: [f64; 3] = [-0.0137, 0.0018, -0.0227];
 
-/// Horizontal distances of a closed door's handle point from the robot's axis at which it begins to be far and is, m.
+/// Horizontal distances of the handle point of a closed door from the robot's axis between which the grasp point changes
+/// from [`FRONT`] to [`FRONT_FAR`], m.
 const FAR: [f64; 2] = [0.75, 0.83];
 
-/// How far over the lever's front the grasp point goes, m, and how far it stops before it at first.
+/// Distance by which the fingers enclose the lever, and distance from the lever at which they align with it, m.
 const DEPTH: f64 = 0.02;
 const BEFORE: f64 = 0.05;
 
-/// The shoulder, and how far from it the grasp point is sent at most, m: a little further than it gets (0.9475 m), so
-/// that the arm stretches as far as it goes.
+/// Position of the shoulder, and maximum distance of the grasp point from it, m. The arm reaches 0.9475 m; a slightly
+/// larger value makes it stretch fully.
 const SHOULDER: [f64; 3] = [0.0, 0.0, 0.333];
 const REACH: f64 = 0.96;
 
-/// Yaw rate of pulling, rad/s, and the yaw at which it ends, rad.
+/// Yaw rate of the door during the pull, rad/s, and final yaw, rad.
 const RATE: f64 = 0.8;
 const OPEN: f64 = 1.047;
 
-/// Up to this yaw a lever that slipped away is taken again, rad; later the closed fingers hook behind it.
+/// Yaw up to which the expert grasps a lever again after losing it, rad. Beyond it the closed fingers pull from behind.
 const RETAKE: f64 = 0.26;
 
-/// Sum of the fingers' positions below which nothing is between them, m. The lever is 33.5 mm high.
+/// Sum of the finger positions below which the fingers hold nothing, m. The lever is 33.5 mm high.
 const EMPTY: f64 = 0.02;
 
-/// What it does next; the first value in its memory. The second counts the control steps of that.
+/// Phases, stored in the first value of the memory. The second value counts the control steps of the phase.
 const RAISE: f64 = 0.0;
 const ENTER: f64 = 1.0;
 const CLOSE: f64 = 2.0;
@@ -49,18 +52,18 @@ struct Pull;
 impl ExpertPolicy for Pull {
     const MEMORY: usize = 2;
     const SITE: &'static str = "grasp";
-    /// Before the door, the hand level, the left finger above; far from the wrist's singularity (joint 6 at π).
+    /// In front of the door with a level hand and the left finger above, far from the wrist singularity (joint 6 at π).
     const REST: [f64; 7] = [0.6, -0.2, -0.35, -1.75, -1.0, 2.7, 0.2];
 
-    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
-        let lever = Lever::seen(seen);
+    fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
+        let lever = Lever::from_observation(input);
         let grasp = arm.position();
         let turn = rotation_between(&arm.rotation(), &level(lever.forward));
         let error = sub(lever.goal(), grasp);
-        let holds = seen.fingers.iter().sum::<f64>() >= EMPTY;
+        let holds = input.fingers.iter().sum::<f64>() >= EMPTY;
         memory[1] += 1.0;
         let next = match memory[0] {
-            RAISE if Self::REST.iter().zip(&seen.q).all(|(rest, q)| (rest - q).abs() < 0.3) => ENTER,
+            RAISE if Self::REST.iter().zip(&input.q).all(|(rest, q)| (rest - q).abs() < 0.3) => ENTER,
             ENTER if norm(error) < 0.015 || memory[1] > 60.0 => CLOSE,
             CLOSE if memory[1] >= 12.0 => PULL,
             PULL if !holds && lever.yaw < RETAKE => RAISE,
@@ -70,45 +73,46 @@ impl ExpertPolicy for Pull {
             memory.copy_from_slice(&[next, 0.0]);
         }
         let linear = match memory[0] {
-            RAISE => return std::array::from_fn(|i| 6.0 * (Self::REST[i] - seen.q[i])),
+            RAISE => return std::array::from_fn(|i| 6.0 * (Self::REST[i] - input.q[i])),
             ENTER => {
-                // Lined up with the lever first, then forward.
+                // First align with the lever, then move forward.
                 let ahead = dot(error, lever.forward);
                 let aside = sub(error, scale(lever.forward, ahead));
-                let lined_up = norm(aside) + 0.1 * norm(turn) < 0.02;
-                let forward = if lined_up { ahead } else { ahead - BEFORE };
+                let is_aligned = norm(aside) + 0.1 * norm(turn) < 0.02;
+                let forward = if is_aligned { ahead } else { ahead - BEFORE };
                 let speed = (10.0 * forward).clamp(-0.4, 0.4);
-                add(limited(scale(aside, 10.0), 0.6), scale(lever.forward, speed))
+                add(clamp_norm(scale(aside, 10.0), 0.6), scale(lever.forward, speed))
             }
-            CLOSE => limited(scale(error, 10.0), 0.4),
+            CLOSE => clamp_norm(scale(error, 10.0), 0.4),
             _ => {
                 let rate = RATE * (memory[1] / 20.0).min((OPEN - lever.yaw) / 0.15).clamp(0.0, 1.0);
                 let along = [-rate * lever.arm[1], rate * lever.arm[0], 0.0];
-                add(along, limited(scale(error, 5.0), 0.3))
+                add(along, clamp_norm(scale(error, 5.0), 0.3))
             }
         };
-        within_limits(arm.twist(&seen.q, linear, limited(scale(turn, 6.0), 2.5)))
+        within_limits(arm.twist(&input.q, linear, clamp_norm(scale(turn, 6.0), 2.5)))
     }
 
-    fn fingers(&self, _seen: &ExpertInput<'_>, memory: &[f64]) -> [f64; JOINTS - ARM_JOINTS] {
+    fn fingers(&self, _input: &ExpertInput<'_>, memory: &[f64]) -> [f64; JOINTS - ARM_JOINTS] {
         if memory[0] == RAISE || memory[0] == ENTER { [1.0; 2] } else { [-1.0; 2] }
     }
 }
 
-/// Where the lever is and how it is taken.
+/// Pose of the lever and direction of the grasp.
 struct Lever {
     yaw: f64,
-    /// From the hinge to the lever's front, horizontally.
+    /// Horizontal vector from the hinge to the grasp point, m.
     arm: [f64; 2],
+    /// Grasp point, m.
     front: [f64; 3],
-    /// Where the hand points.
+    /// Direction of the hand.
     forward: [f64; 3],
 }
 
 impl Lever {
-    /// The lever of the door that the handle's pose tells of.
-    fn seen(seen: &ExpertInput<'_>) -> Lever {
-        let (handle, [w, z]) = (seen.point(0), [3, 6].map(|i| f64::from(seen.task[i])));
+    /// Computes the lever from the observed pose of the handle.
+    fn from_observation(input: &ExpertInput<'_>) -> Lever {
+        let (handle, [w, z]) = (input.point(0), [3, 6].map(|i| f64::from(input.task[i])));
         let yaw = 2.0 * z.atan2(w);
         let (sin, cos) = yaw.sin_cos();
         let turned = |[x, y]: [f64; 2]| [cos * x - sin * y, sin * x + cos * y];
@@ -119,14 +123,14 @@ impl Lever {
         let [x, y, up] = add(scale(FRONT, 1.0 - far), scale(FRONT_FAR, far));
         let to_front = turned([x, y]);
         let front = [handle[0] + to_front[0], handle[1] + to_front[1], handle[2] + up];
-        // The arm reaches furthest when the hand points straight away from it.
+        // The reach is largest when the hand points straight away from the base.
         let away = front[1].atan2(front[0]);
         let (sin, cos) = (far * away * (1.0 - 2.0 * yaw).clamp(0.0, 1.0) - 0.35 * yaw).sin_cos();
         let arm = [to_handle[0] + to_front[0], to_handle[1] + to_front[1]];
         Lever { yaw, arm, front, forward: [cos, sin, 0.0] }
     }
 
-    /// Where the grasp point goes: over the lever's front as far as the arm reaches.
+    /// Returns the goal of the grasp point: beyond the lever's front as far as the arm reaches.
     fn goal(&self) -> [f64; 3] {
         let (sin, cos) = self.yaw.sin_cos();
         let inwards = [cos, sin, 0.0];
@@ -138,14 +142,14 @@ impl Lever {
     }
 }
 
-/// The hand's axes as columns, row by row: it points along a horizontal direction and opens upwards.
+/// Returns the rotation matrix (row-major) of a hand that points in a horizontal direction and opens vertically.
 fn level(forward: [f64; 3]) -> [f64; 9] {
     let up = [0.0, 0.0, 1.0];
     let x = cross(up, forward);
     [x[0], up[0], forward[0], x[1], up[1], forward[1], x[2], up[2], forward[2]]
 }
 
-/// Joint velocities slowed down together until the fastest keeps its limit, so that the hand stays on its path.
+/// Scales joint velocities down until all are within their limits, so that the hand stays on its path.
 fn within_limits(velocity: [f64; ARM_JOINTS]) -> [f64; ARM_JOINTS] {
     let excess = velocity.iter().zip(VELOCITY_LIMIT).map(|(v, limit)| v.abs() / limit).fold(1.0, f64::max);
     velocity.map(|v| v / excess)

@@ -1,7 +1,8 @@
 //! Door opening: pull a door open by its lever handle.
 //!
-//! No start is proven out of reach, so there is no map: the nearest corner of the farthest door's lever is 0.955 m from
-//! the shoulder, an open finger's tip comes 0.984 m from it, and on the lever a finger pulls by friction alone.
+//! Every initial state counts as reachable, because there is no proof of the contrary: the nearest corner of the farthest
+//! door's lever is 0.955 m from the shoulder, and the tip of an open finger reaches 0.984 m. A finger on the lever pulls by
+//! friction alone.
 
 mod expert;
 mod rewards;
@@ -14,17 +15,18 @@ use mishandle_world::frame::{add, norm, rotate, sub};
 use mishandle_world::{Body, Joint, Mocap, Model, Rows, Site, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Grip, Quantity, Reward, Scene, Task, TaskFormulas, Variations, one, three,
+    BoxAxis, Definition, GripperMode, Quantity, Reward, Scene, Task, TaskFormulas, Variations, scalar,
+    vector3,
 };
 use crate::robot::Panda;
 
 /// The task.
 pub struct DoorOpening;
 
-/// The original's palm point, in the frame of link 7, m: the midpoint of the two finger frames, and 4 cm along y.
+/// Palm point of the original benchmark in the frame of link 7, m: 4 cm along y from the midpoint of the finger frames.
 const GRASP_IN_LINK7: [f64; 3] = [0.0, 0.04, 0.1654];
 
-/// Where the hinge's axis and the handle point are in the scene, in the panel's frame, m: what the expert knows of doors.
+/// Horizontal positions of the hinge axis and the handle point in the panel's frame, m, which the expert uses.
 const HINGE: [f64; 2] = [0.005, -0.464];
 const HANDLE: [f64; 2] = [-0.0533, 0.1962];
 
@@ -32,101 +34,113 @@ const DEFINITION: Definition = Definition {
     name: "door-opening",
     summary: "Pull a door open by its lever handle.",
     variant_of: None,
-    setting: "A door of 1 kg, 0.762 x 1.519 m, in a frame 0.8 m before the robot in the middle of the box; the box moves the \
-              frame. The hinge is 0.464 m to the right of the frame's middle, upright, with 0.01 N m of friction, opens from \
-              0 to 120 degrees, towards the robot. There is no latch: the lever is fixed to the door, on the left, 0.81 m \
-              high, its bar 11 cm long, 3 cm deep and 3.35 cm high.",
+    scene_description: "A door of 0.762 x 1.519 m and 1 kg in a frame. The initial box moves the frame; at its center the frame is \
+              0.8 m in front of the robot. The vertical hinge is 0.464 m to the right of the frame's middle, has a friction of \
+              0.01 N m, and opens from 0 to 120 degrees towards the robot. There is no latch. The lever is fixed to the left \
+              side of the door at a height of 0.81 m; its bar is 11 cm long, 3 cm deep and 3.35 cm high.",
     held: None,
     start: [1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035],
     start_noise: 0.125,
-    grip: Grip::Scene("the fingers' targets, moved by 0.0125 m at 1, within 0 and 0.04 m"),
+    grip: GripperMode::Scene("the fingers' targets, moved by 0.0125 m at 1, within 0 and 0.04 m"),
     n_substeps: 4,
     velocity_scale: 0.1,
     signals: &[
-        one("door_yaw_deg", "deg", "how far the door is open, 0 closed"),
-        one("door_yaw_rate", "rad/s", "how fast it opens"),
-        one(
+        scalar("door_yaw_deg", "deg", "yaw angle of the door; 0 is closed"),
+        scalar("door_yaw_rate", "rad/s", "yaw rate of the door"),
+        scalar(
             "finger_handle_distance",
             "m",
-            "distance of the midpoint of the fingers' frames from the handle point",
+            "distance between the midpoint of the finger frames and the handle point",
         ),
     ],
     observation: &[
-        three("handle", "m", "handle point, at the free end of the lever"),
+        vector3("handle", "m", "position of the handle point, at the free end of the lever"),
         Quantity {
             name: "handle_quaternion",
             unit: "",
             size: 4,
-            meaning: "orientation of the handle, turned with the door",
+            meaning: "orientation of the handle (w, x, y, z), which turns with the door",
         },
-        three(
+        vector3(
             "handle_from_grasp",
             "m",
-            "handle point minus the original's palm point, which is 4 cm beside the midpoint of the fingers' frames",
+            "handle point minus palm point of the original, which is 4 cm beside the midpoint of the finger frames",
         ),
     ],
     original_reward: &[
-        one(
+        scalar(
             "distance",
             "",
             "2 G, G = 1 / (1 + d²)², doubled where d <= 0.02, d from the fingers' midpoint to the handle",
         ),
-        one(
+        scalar(
             "rotation",
             "",
             "0.25 (sgn(c) c² + sgn(c') c'²), c the cosine between the hand's z and the handle's x, c' between its y and the handle's z",
         ),
-        one(
+        scalar(
             "around",
             "",
             "10 A, A = 0.5 where the left finger is above and the right below the handle, else 0",
         ),
-        one("opened", "", "70 (A / (1 + e²) + yaw), e = |60° - yaw| in rad"),
-        one(
+        scalar("opened", "", "70 (A / (1 + e²) + yaw), e = |60° - yaw| in rad"),
+        scalar(
             "finger_distance",
             "",
             "100 times the sum of 0.04 m - |height of a finger above the handle|, where A > 0",
         ),
-        one("closed_fingers", "", "10 times the sum of 0.04 m - a finger's position, where d <= 0.03"),
-        one("action", "", "-0.01 times the sum of the squared actions"),
-        one("bonus", "", "0.5 where e < 0.7, A more where e < 0.5, 2 A more where e < 0.2"),
+        scalar("closed_fingers", "", "10 times the sum of 0.04 m - a finger's position, where d <= 0.03"),
+        scalar("action", "", "-0.01 times the sum of the squared actions"),
+        scalar("bonus", "", "0.5 where e < 0.7, A more where e < 0.5, 2 A more where e < 0.2"),
     ],
     shaped_reward: &[
-        one(
+        scalar(
             "near",
             "",
             "0.15 (1 - tanh(4 d)), d from the point between the finger pads to the lever; in full from 15° on",
         ),
-        one(
+        scalar(
             "around",
             "",
             "0.1 u l g, u and l how far a pad is above and below the lever's middle over half its height, g from 0 to 1 as \
              d falls from 0.1 to 0.05; in full from 15° on",
         ),
-        one(
+        scalar(
             "closed",
             "",
             "0.05 u l g times how far the fingers are closed on the lever; in full from 15° on",
         ),
-        one("opening", "", "0.15 times the yaw rate over 0.7 rad/s, within ±0.15; in full from 45° on"),
-        one("opened", "", "0.8 times the share of 45° that it is open, at most 0.8"),
-        one("open", "", "0.3 from 45° on"),
-        one("effort", "", "-0.01 times the mean of the arm's squared actions"),
+        scalar("opening", "", "0.15 times the yaw rate over 0.7 rad/s, within ±0.15; in full from 45° on"),
+        scalar("opened", "", "0.8 times the share of 45° that it is open, at most 0.8"),
+        scalar("open", "", "0.3 from 45° on"),
+        scalar("effort", "", "-0.01 times the mean of the arm's squared actions"),
     ],
     initial_box: &[
-        BoxAxis { name: "door_x", unit: "m", paper: [0.75, 0.85], code: [0.795, 0.805], sets: "door's x" },
-        BoxAxis { name: "door_y", unit: "m", paper: [-0.1, 0.1], code: [-0.025, 0.025], sets: "door's y" },
+        BoxAxis {
+            name: "door_x",
+            unit: "m",
+            paper: [0.75, 0.85],
+            code: [0.795, 0.805],
+            meaning: "x position of the door frame",
+        },
+        BoxAxis {
+            name: "door_y",
+            unit: "m",
+            paper: [-0.1, 0.1],
+            code: [-0.025, 0.025],
+            meaning: "y position of the door frame",
+        },
     ],
     variations: Variations { friction: true, masses: &["panel"], push: Some(("panel", 10.0)), jump: None },
     paper: FORMULAS,
     code: FORMULAS,
     termination: "never",
-    differences: "As in the original the frame is one solid slab that fills the doorway; here, too, it, the panel and \
-                  the levers touch all of the robot and nothing else. The original shows the controller a handle \
-                  that is 0.3 m beside the real one, and rewards with one finger in place of both; here both are \
-                  real. Its fingers start with up to 0.125 m of noise, which on a stroke of 0.04 m means nothing; \
-                  here only the arm's joints do. Its cap of 3.5 rad/s on the hinge is left \
-                  out: pulling does not come near it. Its small cube at the free end of the lever weighs nothing here.",
+    differences: "As in the original, the frame is a solid slab that fills the doorway. The frame, the panel and the levers \
+                  collide with the whole robot and with nothing else. The original observes a handle that is 0.3 m \
+                  beside the real one and computes the reward from one finger instead of two; here both are correct. \
+                  The fingers of the original start with noise of up to 0.125 m, which is meaningless for a stroke of \
+                  0.04 m; here only the arm joints start with noise. The original limits the hinge to 3.5 rad/s; pulling \
+                  does not reach this limit, so it is omitted. The small cube at the free end of the lever has no mass here.",
 };
 
 const FORMULAS: TaskFormulas = TaskFormulas {
@@ -146,7 +160,7 @@ impl Task for DoorOpening {
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
-        Ok(Box::new(Bound {
+        Ok(Box::new(BoundScene {
             panda: *panda,
             link7: model.body("link7")?,
             left_finger: model.body("left_finger")?,
@@ -163,7 +177,7 @@ impl Task for DoorOpening {
     }
 }
 
-struct Bound {
+struct BoundScene {
     panda: Panda,
     link7: Body,
     left_finger: Body,
@@ -174,7 +188,7 @@ struct Bound {
     handle: Site,
 }
 
-impl Scene for Bound {
+impl Scene for BoundScene {
     fn place(&self, x0: &[f64], world: &mut World) {
         world.place(self.frame, [x0[0], x0[1], 0.0], [1.0, 0.0, 0.0, 0.0]);
     }
@@ -205,7 +219,7 @@ impl Scene for Bound {
         }
     }
 
-    fn lost(&self, _rows: &Rows<'_>, _signals: &[f64]) -> bool {
+    fn is_terminal(&self, _rows: &Rows<'_>, _signals: &[f64]) -> bool {
         false
     }
 }
@@ -217,7 +231,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_the_expert_knows_of_doors_is_so_in_the_scene() {
+    fn hinge_and_handle_constants_match_the_scene() {
         let model = Model::from_xml(&crate::compose(&DoorOpening).unwrap()).unwrap();
         let (mut world, handle) = (model.world(), model.site("handle").unwrap());
         world.place(model.mocap("frame").unwrap(), [0.0; 3], [1.0, 0.0, 0.0, 0.0]);
@@ -228,12 +242,12 @@ mod tests {
             [x, y]
         };
         let (closed, quarter) = (at(0.0), at(std::f64::consts::FRAC_PI_2));
-        // A quarter turn takes the offset (a, b) from the hinge to (-b, a).
+        // A rotation by 90 degrees maps the offset (a, b) from the hinge to (-b, a).
         let (a, b) = (HANDLE[0] - HINGE[0], HANDLE[1] - HINGE[1]);
-        for (found, wanted) in
+        for (found, expected) in
             closed.iter().chain(&quarter).zip([HANDLE[0], HANDLE[1], HINGE[0] - b, HINGE[1] + a])
         {
-            assert!((found - wanted).abs() < 1e-12, "{found} instead of {wanted}");
+            assert!((found - expected).abs() < 1e-12, "{found} instead of {expected}");
         }
     }
 }

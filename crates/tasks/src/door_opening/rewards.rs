@@ -1,32 +1,32 @@
-//! The terms of the two rewards, in the order of the definition.
+//! Terms of both rewards of door opening, in the order of the definition.
 
 use std::f64::consts::{FRAC_PI_3, FRAC_PI_4};
 
 use mishandle_world::Rows;
 use mishandle_world::frame::{add, dot, norm, rotate, scale, sub};
 
-use super::Bound;
+use super::BoundScene;
 use crate::robot::ARM_JOINTS;
 
-/// Where the lever is best taken, in the panel's frame, m: the middle of its bar, towards the free end.
+/// Best grasp point of the lever in the panel's frame, m: the middle of its bar, towards the free end.
 const LEVER: [f64; 3] = [-0.052, 0.215, 0.81075];
 
 /// Half the height of the lever's bar, m.
 const LEVER_HALF_HEIGHT: f64 = 0.01675;
 
-/// From a finger's frame to the middle of its pad, along the hand's z, m.
+/// Distance from a finger's frame to the middle of its pad along the hand's z axis, m.
 const PAD: f64 = 0.045;
 
 /// Stroke of a finger, m.
 const STROKE: f64 = 0.04;
 
-/// Yaw from which on a door that is let go swings on by itself, rad: from here on the hand need not hold the lever.
+/// Yaw beyond which a released door keeps swinging, rad. Beyond it the hand need not hold the lever.
 const AJAR: f64 = 15.0_f64.to_radians();
 
-/// Yaw rate that the shaped reward asks for, rad/s.
+/// Yaw rate with the maximum shaped reward, rad/s.
 const RATE: f64 = 0.7;
 
-impl Bound {
+impl BoundScene {
     pub(super) fn original(&self, rows: &Rows<'_>, signals: &[f64], action: &[f64]) -> [f64; 8] {
         let (yaw, d) = (signals[0].to_radians(), signals[2]);
         let handle = rows.site_position(self.handle);
@@ -55,11 +55,11 @@ impl Bound {
 
     pub(super) fn shaped(&self, rows: &Rows<'_>, signals: &[f64], action: &[f64]) -> [f64; 7] {
         let yaw = signals[0].to_radians();
-        let effort = crate::reward::effort(action);
-        // Worth more than all the rest: else a hand that has found the lever is content to hold it.
+        let effort = crate::reward::action_penalty(action);
+        // This term is larger than the sum of the others. Otherwise the policy learns to hold the lever without pulling.
         let opened = 0.8 * (yaw / FRAC_PI_4).min(1.0);
-        // An open door asks for nothing more, one that is ajar for nothing of the hand: a hand that is paid for holding on
-        // stops where its own joints do, at about 30 degrees.
+        // An open door gives the full reward for any motion, and a door that is ajar gives the full reward for any motion
+        // of the hand. A reward for holding on would stop the policy at about 30 degrees, at the limits of the arm joints.
         if yaw >= FRAC_PI_4 {
             return [0.15, 0.1, 0.05, 0.15, opened, 0.3, effort];
         }
@@ -82,12 +82,12 @@ impl Bound {
         ]
     }
 
-    /// How far apart the fingers are, m.
+    /// Returns the distance between the fingers, m.
     fn opening(&self, rows: &Rows<'_>) -> f64 {
         self.panda.joints()[ARM_JOINTS..].iter().map(|joint| rows.qpos[joint.qpos]).sum()
     }
 
-    /// How far one pad is above the lever and the other below it, from 0 to 1.
+    /// Returns how far one pad is above the lever and the other one below it, from 0 to 1.
     fn around(&self, rows: &Rows<'_>, height: f64) -> f64 {
         let pad = |body| {
             let along = scale(rotate(rows.quaternion(body), [0.0, 0.0, 1.0]), PAD);

@@ -1,4 +1,4 @@
-//! Peg-in-hole: put a peg into a hole and let go of it.
+//! Peg-in-hole: insert a peg into a hole and release it.
 
 mod expert;
 mod reward;
@@ -11,84 +11,84 @@ use mishandle_world::frame::{add, norm, norm_xy, rotate, scale, sub};
 use mishandle_world::{Body, Equality, Joint, Mocap, Model, Rows, Site, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Grip, Held, Hold, Quantity, Reward, Scene, Task, TaskFormulas, Variations, one,
-    three,
+    Attachment, BoxAxis, Definition, GripperMode, HeldObject, Quantity, Reward, Scene, Task, TaskFormulas,
+    Variations, scalar, vector3,
 };
 use crate::robot::Panda;
 
 /// The task.
 pub struct PegInHole;
 
-/// The peg's axis in its own frame, towards the cap.
+/// Direction of the peg's axis in its own frame, towards the cap.
 const AXIS: [f64; 3] = [0.0, 1.0, 0.0];
 
-/// Length of the peg's shaft, whose centre is the peg's origin, m.
+/// Length of the peg's shaft, m. The peg's origin is the center of the shaft.
 const SHAFT: f64 = 0.06;
 
 /// Radius and depth of the hole, m.
 const RADIUS: f64 = 0.01;
 const DEPTH: f64 = 0.05;
 
-/// Height of the point above the hole's bottom around which the gripper lets go of the peg, and how far around it, m.
+/// The gripper releases the peg within `RELEASE_DISTANCE` of the point `RELEASE_HEIGHT` above the hole's bottom, m.
 const RELEASE_HEIGHT: f64 = 0.04;
 const RELEASE_DISTANCE: f64 = 0.024;
 
-/// Where the fingers' pads touch the peg's cap, m: it is held 6.3 mm beside the middle.
+/// Finger positions at which the pads touch the peg's cap, m. The peg is 6.3 mm beside the middle of the hand.
 const TOUCHING: [f64; 2] = [0.0267, 0.0141];
 
-/// Finger targets after the release, m: open near the hole, else closed on nothing.
+/// Finger targets after the release, m: open near the hole, otherwise closed.
 const OPEN: f64 = 0.04;
 const CLOSED: f64 = 0.015;
 
 const DEFINITION: Definition = Definition {
     name: "peg-in-hole",
-    summary: "Put a peg into a hole and let go of it.",
+    summary: "Insert a peg into a hole and release it.",
     variant_of: None,
-    setting: "A block of 0.3 x 0.3 x 0.4 m on the ground has an upright hole in the middle of its top: 1 cm in radius, 5 cm \
-              deep. The hand holds a peg of 50 g upright at (0.109, 0, 0.786) m: a shaft 6 mm in radius and 6 cm long, whose \
-              middle is the peg's point, and on it a cap 2 cm in radius and 1 cm thick. So there is a play of 4 mm all \
-              around; the inserted peg's cap stays 1 cm above the block.",
-    held: Some(Held {
+    scene_description: "A block of 0.3 x 0.3 x 0.4 m on the ground has a vertical hole in the middle of its top (radius 1 cm, depth \
+              5 cm). The hand holds a peg (50 g) upright at (0.109, 0, 0.786) m. The peg consists of a shaft (radius 6 mm, \
+              length 6 cm), whose center is the peg's origin, and a cap on top of it (radius 2 cm, thickness 1 cm). The \
+              clearance is 4 mm on all sides. The cap of the inserted peg stays 1 cm above the block.",
+    held: Some(HeldObject {
         name: "peg",
-        hold: Hold::Weld,
+        attachment: Attachment::Weld,
         mjcf: include_str!("peg.xml"),
         position: [0.109, 0.0, 0.786],
-        // The original's: a symmetric peg's own axes may be turned half about its axis, which takes out the half turn
-        // between its world's axes and ours.
+        // This is the orientation of the original. The world frames differ by a rotation of 180 degrees, and the peg is
+        // symmetric under the corresponding rotation about its axis.
         quaternion: [0.5, 0.5, 0.5, 0.5],
     }),
     start: [0.0, 0.0, 0.0, -0.0698, 0.0, 0.0, 0.0, TOUCHING[0], TOUCHING[1]],
     start_noise: 0.0,
-    grip: Grip::Scene(
+    grip: GripperMode::Scene(
         "no effect: the fingers hold the peg until, before a control step, it is within 2.4 cm of the point on the hole's \
          axis 4 cm above its floor; then they open and the peg is let go for good; away from there they close again",
     ),
     n_substeps: 4,
     velocity_scale: 0.02,
     signals: &[
-        one(
+        scalar(
             "peg_hole_horizontal_distance",
             "m",
-            "distance of the peg's origin, the centre of its shaft, from the hole's axis",
+            "distance between the peg's origin, the center of its shaft, and the hole's axis",
         ),
-        one(
+        scalar(
             "peg_insertion_depth",
             "m",
-            "how far the centre of the shaft's lower end is below the block's surface; beside the hole at most 0",
+            "depth of the center of the shaft's lower end below the block's surface; at most 0 beside the hole",
         ),
-        one("peg_tilt", "rad", "angle of the peg's axis from upright"),
-        one("peg_speed", "m/s", "speed of the peg"),
-        one("peg_held", "", "1 while the hand holds the peg, 0 after it let go"),
+        scalar("peg_tilt", "rad", "angle between the peg's axis and the vertical"),
+        scalar("peg_speed", "m/s", "speed of the peg"),
+        scalar("peg_held", "", "1 while the hand holds the peg, 0 after its release"),
     ],
     observation: &[
-        three("peg", "m", "the peg's origin"),
+        vector3("peg", "m", "origin of the peg"),
         Quantity {
             name: "peg_quaternion",
             unit: "",
             size: 4,
-            meaning: "orientation of the peg (w, x, y, z), whose own +y points to its cap; (0.5, 0.5, 0.5, 0.5) at the start",
+            meaning: "orientation of the peg (w, x, y, z), whose +y axis points to its cap; initially (0.5, 0.5, 0.5, 0.5)",
         },
-        three("peg_from_hole", "m", "peg minus centre of the hole's floor"),
+        vector3("peg_from_hole", "m", "origin of the peg minus center of the hole's floor"),
     ],
     original_reward: reward::ORIGINAL,
     shaped_reward: reward::SHAPED,
@@ -98,14 +98,14 @@ const DEFINITION: Definition = Definition {
             unit: "m",
             paper: [0.3, 0.7],
             code: [0.4, 0.6],
-            sets: "x of the block and its hole",
+            meaning: "x position of the block and its hole",
         },
         BoxAxis {
             name: "hole_y",
             unit: "m",
             paper: [-0.2, 0.2],
             code: [-0.1, 0.1],
-            sets: "y of the block and its hole",
+            meaning: "y position of the block and its hole",
         },
     ],
     variations: Variations {
@@ -127,12 +127,13 @@ const DEFINITION: Definition = Definition {
         completion: "peg_hole_horizontal_distance <= 0.1",
     },
     termination: "never",
-    differences: "The original's fingers hold the peg by friction; here a weld does until the gripper first lets go, since \
-                  dropping the peg on the way is not the failure under study. Until then the fingers stand where their \
-                  pads touch the peg's cap, 6.3 mm beside the middle of the hand, instead of being driven 5 mm into \
-                  it; after that they obey the original's rule. The hole is a polygon of 16 sides around its circle: \
-                  the peg's play is 4 mm, in places 4.08 mm. Nothing of the robot fits into the hole, so that it meets \
-                  the block as one box; the base and the first link, which cannot reach the block, are not tested against it.",
+    differences: "In the original the fingers hold the peg by friction. Here a weld holds it until the gripper first releases it, \
+                  because dropping the peg on the way is not the failure under study. Until then the pads just touch the \
+                  peg's cap, 6.3 mm beside the middle of the hand, instead of being pressed 5 mm into it. After that the \
+                  fingers follow the rule of the original. The hole is a polygon with 16 sides around its circle, so the \
+                  clearance of the peg is between 4 mm and 4.08 mm. No part of the robot fits into the hole, so the robot \
+                  collides with the block as a single box. The base and the first link cannot reach the block and do not \
+                  collide with it.",
 };
 
 const STRICT: &str = "eventually[0:270](always[0:30](peg_hole_horizontal_distance <= 0.005 and \
@@ -149,7 +150,7 @@ impl Task for PegInHole {
     }
 
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
-        Ok(Box::new(Bound {
+        Ok(Box::new(BoundScene {
             fingers: [model.body("left_finger")?, model.body("right_finger")?],
             elbow: model.body("link4")?,
             peg: model.joint("peg")?,
@@ -164,9 +165,9 @@ impl Task for PegInHole {
     }
 }
 
-struct Bound {
+struct BoundScene {
     fingers: [Body; 2],
-    /// Its origin is on the fourth joint's axis.
+    /// Body whose origin is on the axis of joint 4.
     elbow: Body,
     peg: Joint,
     weld: Equality,
@@ -174,18 +175,18 @@ struct Bound {
     hole: Site,
 }
 
-impl Bound {
+impl BoundScene {
     fn quaternion(&self, rows: &Rows<'_>) -> [f64; 4] {
         [3, 4, 5, 6].map(|i| rows.qpos[self.peg.qpos + i])
     }
 
-    /// From the centre of the hole's floor to the peg's origin.
+    /// Returns the peg's origin minus the center of the hole's floor, m.
     fn peg_from_hole(&self, rows: &Rows<'_>) -> [f64; 3] {
         sub(rows.free_position(self.peg), rows.site_position(self.hole))
     }
 }
 
-impl Scene for Bound {
+impl Scene for BoundScene {
     fn place(&self, x0: &[f64], world: &mut World) {
         world.place(self.block, [x0[0], x0[1], 0.0], [1.0, 0.0, 0.0, 0.0]);
     }
@@ -233,7 +234,7 @@ impl Scene for Bound {
         }
     }
 
-    fn lost(&self, _rows: &Rows<'_>, _signals: &[f64]) -> bool {
+    fn is_terminal(&self, _rows: &Rows<'_>, _signals: &[f64]) -> bool {
         false
     }
 }

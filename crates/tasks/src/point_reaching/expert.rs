@@ -1,4 +1,4 @@
-//! Moves the fingers straight to the target, at a speed in proportion to the distance.
+//! Expert of point reaching: moves the fingers straight to the target with a speed proportional to the distance.
 
 use std::sync::Arc;
 
@@ -6,13 +6,13 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::scale;
 
-use crate::expert::{Expert, ExpertInput, ExpertPolicy, limited};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
 use crate::kinematic::ResolvedRate;
 
-/// Approach rate, 1/s.
+/// Gain of the position error, 1/s.
 const RATE: f64 = 5.0;
 
-/// Top speed, m/s.
+/// Maximum speed, m/s.
 const SPEED: f64 = 1.2;
 
 struct Reach;
@@ -21,9 +21,9 @@ impl ExpertPolicy for Reach {
     const SITE: &'static str = "fingers";
     const REST: [f64; 7] = [0.0, -0.4, 0.0, -2.2, 0.0, 2.2, 0.785];
 
-    fn velocity(&self, seen: &ExpertInput<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
-        let finger_from_target = seen.point(6);
-        arm.linear(&seen.q, limited(scale(finger_from_target, -RATE), SPEED))
+    fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
+        let finger_from_target = input.point(6);
+        arm.linear(&input.q, clamp_norm(scale(finger_from_target, -RATE), SPEED))
     }
 }
 

@@ -10,7 +10,7 @@ use mishandle_world::frame::{norm, sub};
 use mishandle_world::{Body, Mocap, Model, Rows, World, WorldError};
 
 use crate::definition::{
-    BoxAxis, Definition, Grip, Reward, Scene, Task, TaskFormulas, Variations, one, three,
+    BoxAxis, Definition, GripperMode, Reward, Scene, Task, TaskFormulas, Variations, scalar, vector3,
 };
 use crate::robot::Panda;
 
@@ -21,44 +21,62 @@ const DEFINITION: Definition = Definition {
     name: "point-reaching",
     summary: "Bring the fingers to a point in space and keep them there.",
     variant_of: None,
-    setting: "A point in the air, drawn as a sphere of radius 2.5 cm; nothing can be touched. \
-              The hand starts at (0.24, 0, 0.92) m, pointing forward.",
+    scene_description: "The target is a point in the air, drawn as a sphere with a radius of 2.5 cm. There are no contacts. \
+              The hand starts at (0.24, 0, 0.92) m and points forward.",
     held: None,
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.01, 0.01],
     start_noise: 0.0,
-    grip: Grip::Fixed(0.01),
+    grip: GripperMode::Fixed(0.01),
     n_substeps: 2,
     velocity_scale: 0.1,
     signals: &[
-        one("finger_target_distance", "m", "distance of the fingers' midpoint from the target"),
-        one("finger_twist", "", "norm of the left finger's twist, m/s and rad/s together"),
+        scalar("finger_target_distance", "m", "distance between the midpoint of the fingers and the target"),
+        scalar("finger_twist", "", "norm of the left finger's twist, which mixes m/s and rad/s"),
     ],
     observation: &[
-        three("target", "m", "the target"),
-        three("finger", "m", "midpoint of the two finger frames"),
-        three("finger_from_target", "m", "finger minus target"),
+        vector3("target", "m", "position of the target"),
+        vector3("finger", "m", "midpoint of the two finger frames"),
+        vector3("finger_from_target", "m", "midpoint of the finger frames minus target"),
     ],
     original_reward: &[
-        one("near", "", "1 / (1 + d)"),
-        one("there", "", "10 where d < 0.03 and v < 0.02, else 0"),
-        one("slow", "", "0.1 / (1 + v)"),
+        scalar("near", "", "1 / (1 + d)"),
+        scalar("there", "", "10 where d < 0.03 and v < 0.02, else 0"),
+        scalar("slow", "", "0.1 / (1 + v)"),
     ],
     shaped_reward: &[
-        one("near", "", "0.5 (1 - tanh(4 d))"),
-        one("there", "", "0.5 (1 - tanh(25 d))"),
-        one("calm", "", "-0.01 times the mean of the arm's squared actions"),
+        scalar("near", "", "0.5 (1 - tanh(4 d))"),
+        scalar("there", "", "0.5 (1 - tanh(25 d))"),
+        scalar("calm", "", "-0.01 times the mean of the arm's squared actions"),
     ],
     initial_box: &[
-        BoxAxis { name: "target_x", unit: "m", paper: [0.3, 0.7], code: [0.3, 0.7], sets: "target's x" },
-        BoxAxis { name: "target_y", unit: "m", paper: [-0.4, 0.4], code: [-0.4, 0.4], sets: "target's y" },
-        BoxAxis { name: "target_z", unit: "m", paper: [0.4, 0.8], code: [0.4, 0.8], sets: "target's z" },
+        BoxAxis {
+            name: "target_x",
+            unit: "m",
+            paper: [0.3, 0.7],
+            code: [0.3, 0.7],
+            meaning: "x position of the target",
+        },
+        BoxAxis {
+            name: "target_y",
+            unit: "m",
+            paper: [-0.4, 0.4],
+            code: [-0.4, 0.4],
+            meaning: "y position of the target",
+        },
+        BoxAxis {
+            name: "target_z",
+            unit: "m",
+            paper: [0.4, 0.8],
+            code: [0.4, 0.8],
+            meaning: "z position of the target",
+        },
     ],
     variations: Variations { friction: false, masses: &[], push: Some(("hand", 50.0)), jump: Some("target") },
     paper: FORMULAS,
     code: FORMULAS,
     termination: "never",
-    differences: "The finger position is the midpoint of both fingers; the original took the left one, at most 1 cm off. \
-                  Nothing is touched.",
+    differences: "The finger position is the midpoint of both fingers; the original uses the left finger, which is at most 1 cm \
+                  away from it. There are no contacts.",
 };
 
 const FORMULAS: TaskFormulas = TaskFormulas {
@@ -78,7 +96,7 @@ impl Task for PointReaching {
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
-        Ok(Box::new(Bound {
+        Ok(Box::new(BoundScene {
             panda: *panda,
             target: model.body("target")?,
             target_mocap: model.mocap("target")?,
@@ -90,13 +108,13 @@ impl Task for PointReaching {
     }
 }
 
-struct Bound {
+struct BoundScene {
     panda: Panda,
     target: Body,
     target_mocap: Mocap,
 }
 
-impl Scene for Bound {
+impl Scene for BoundScene {
     fn place(&self, x0: &[f64], world: &mut World) {
         world.place(self.target_mocap, [x0[0], x0[1], x0[2]], [1.0, 0.0, 0.0, 0.0]);
     }
@@ -122,13 +140,13 @@ impl Scene for Bound {
             Reward::Shaped => [
                 0.5 * (1.0 - (4.0 * d).tanh()),
                 0.5 * (1.0 - (25.0 * d).tanh()),
-                crate::reward::effort(action),
+                crate::reward::action_penalty(action),
             ],
         };
         out.copy_from_slice(&terms);
     }
 
-    fn lost(&self, _rows: &Rows<'_>, _signals: &[f64]) -> bool {
+    fn is_terminal(&self, _rows: &Rows<'_>, _signals: &[f64]) -> bool {
         false
     }
 }

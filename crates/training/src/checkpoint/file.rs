@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use mishandle_controllers::{UNSEALED, is_sealed, seal};
+use mishandle_controllers::{EMPTY_CHECKSUM, has_valid_checksum, write_checksum};
 use mishandle_files::write_atomically;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
@@ -64,7 +64,7 @@ impl Checkpoint {
         });
         let metadata = std::iter::once((HEADER_KEY.to_string(), json)).collect();
         let mut bytes = safetensors::serialize(views, Some(metadata)).expect(right);
-        seal(&mut bytes);
+        write_checksum(&mut bytes);
         bytes
     }
 
@@ -76,7 +76,7 @@ impl Checkpoint {
         let value: serde_json::Value = serde_json::from_str(json).map_err(|error| error.to_string())?;
         match value.get("format_version").and_then(serde_json::Value::as_u64) {
             Some(1) if value.get("sha256").is_none() => {}
-            Some(0..=FORMAT_VERSION) if is_sealed(bytes) => {}
+            Some(0..=FORMAT_VERSION) if has_valid_checksum(bytes) => {}
             Some(0..=FORMAT_VERSION) => {
                 return Err("it is damaged, its bytes are not those that were written".to_string());
             }
@@ -89,7 +89,7 @@ impl Checkpoint {
         }
         let found: Header = serde_json::from_value(value).map_err(|error| error.to_string())?;
         // What is written again is written in the present format.
-        let header = Header { format_version: FORMAT_VERSION, sha256: UNSEALED.to_string(), ..found };
+        let header = Header { format_version: FORMAT_VERSION, sha256: EMPTY_CHECKSUM.to_string(), ..found };
         let mut numbers = BTreeMap::new();
         for (name, view) in file.tensors() {
             let numbers_of_tensor = match view.dtype() {

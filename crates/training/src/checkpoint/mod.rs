@@ -5,7 +5,7 @@ mod parts;
 
 use std::collections::BTreeMap;
 
-use mishandle_controllers::UNSEALED;
+use mishandle_controllers::EMPTY_CHECKSUM;
 use serde::{Deserialize, Serialize};
 
 use crate::TrainingError;
@@ -63,7 +63,7 @@ pub struct Checkpoint {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Header {
     format_version: u64,
-    /// Hash of the file, where it was read; see [`seal`].
+    /// Hash of the file, where it was read; see [`write_checksum`](mishandle_controllers::write_checksum).
     #[serde(default)]
     sha256: String,
     algorithm: String,
@@ -78,7 +78,7 @@ impl Checkpoint {
         Checkpoint {
             header: Header {
                 format_version: FORMAT_VERSION,
-                sha256: UNSEALED.to_string(),
+                sha256: EMPTY_CHECKSUM.to_string(),
                 algorithm: algorithm.to_string(),
                 environment: environment.to_string(),
                 seed,

@@ -1,39 +1,39 @@
-//! What stands in for the renderer in a build without it.
+//! Replacement for the renderer in builds without the feature `render`.
 
 use super::Size;
 use crate::WorldError;
 
-/// Draws states of one scene; in this build there can be none.
+/// Renders states of one scene. Never exists in this build.
 #[derive(Debug)]
 pub enum Renderer {}
 
 impl Renderer {
-    /// Fails.
+    /// Returns an error.
     ///
     /// # Errors
-    /// Always: this build cannot draw.
+    /// Always: this build cannot render.
     pub fn new(_document: &str, _size: Size) -> Result<Renderer, WorldError> {
         Err(WorldError::NoRenderer)
     }
 
-    /// Turns the camera to what the states show.
+    /// Never called, since there is no renderer.
     pub fn frame<'a>(&mut self, _states: impl IntoIterator<Item = &'a [f64]>) {
         match *self {}
     }
 
-    /// The picture of a state.
+    /// Never called, since there is no renderer.
     ///
     /// # Errors
-    /// None in this build.
+    /// None.
     pub fn draw(&mut self, _state: &[f64]) -> Result<&[u8], WorldError> {
         match *self {}
     }
 }
 
-/// Fails.
+/// Returns an error.
 ///
 /// # Errors
-/// Always: this build cannot draw.
+/// Always: this build cannot render.
 pub fn png(_width: u32, _height: u32, _pixels: &[u8]) -> Result<Vec<u8>, WorldError> {
     Err(WorldError::NoRenderer)
 }

@@ -8,17 +8,17 @@ use mujoco_rs::wrappers::mj_visualization::{MjvCamera, MjvOption};
 use super::{Size, view};
 use crate::{Model, World, WorldError};
 
-/// Name of a camera that a scene may have, to be looked at through that one.
+/// The name of a scene's own camera.
 const CAMERA: &str = "view";
 
-/// Collision shapes of the robot, and its sites: nothing to look at.
+/// Groups that are not rendered: the robot's collision shapes and its sites.
 const HIDDEN_GEOMS: usize = 3;
 const HIDDEN_SITES: usize = 4;
 
-/// Draws states of one scene.
+/// Renders states of one scene.
 ///
-/// A scene with a camera named `view` is seen through that; any other from a place that follows from its extent and
-/// from what would stand before the robot, by one rule for all scenes.
+/// If the scene has a camera named `view`, that camera is used. Otherwise the camera is placed automatically, so that
+/// the whole scene is in the image and few bodies are occluded.
 pub struct Renderer {
     world: World,
     inner: MjRenderer,
@@ -31,14 +31,14 @@ impl fmt::Debug for Renderer {
 }
 
 impl Renderer {
-    /// A renderer of the scene in an MJCF document, which is given light, a sky, and ground if it has none.
+    /// Creates a renderer of the scene in an MJCF document. Adds lights, a sky and, if missing, a ground plane.
     ///
     /// # Errors
-    /// If MuJoCo refuses the document, or there is no OpenGL to draw with.
+    /// If MuJoCo rejects the document, or OpenGL is not available.
     pub fn new(document: &str, size: Size) -> Result<Renderer, WorldError> {
         let bare = Model::from_xml(document)?;
         let has_ground = bare.inner.geom_type().contains(&MjtGeomBase::mjGEOM_PLANE);
-        let model = Model::from_xml(&view::furnished(document, size, has_ground))?;
+        let model = Model::from_xml(&view::with_lights(document, size, has_ground))?;
         let camera = match model.inner.name_to_id(MjtObjBase::mjOBJ_CAMERA, CAMERA) {
             Some(id) => MjvCamera::new_fixed(id),
             None => MjvCamera::new_free(&model.inner),
@@ -52,7 +52,7 @@ impl Renderer {
             .camera(camera)
             .opts(options)
             .build(&model.inner)
-            .map_err(|error| WorldError::Render(said(&error)))?;
+            .map_err(|error| WorldError::Render(error_chain(&error)))?;
         Ok(Renderer { world: model.world(), inner })
     }
 
@@ -60,10 +60,10 @@ impl Renderer {
         self.inner.camera().type_ == MjtCamera::mjCAMERA_FREE as i32
     }
 
-    /// Turns the camera so that everything is in the picture in all of these states; a scene's own camera stays.
+    /// Places the camera so that everything is in the image in all of these states. A scene's own camera is unchanged.
     ///
     /// # Panics
-    /// If a state is shorter than the scene's [`Model::state_size`].
+    /// If a state is shorter than [`Model::state_size`].
     pub fn frame<'a>(&mut self, states: impl IntoIterator<Item = &'a [f64]>) {
         if !self.is_free() {
             return;
@@ -87,37 +87,37 @@ impl Renderer {
         let view = view::best(&mut self.world, &corners, &groups, fovy, aspect);
         let camera = self.inner.camera_mut();
         (camera.azimuth, camera.elevation) = (view.azimuth_deg, view::ELEVATION_DEG);
-        (camera.lookat, camera.distance) = (view.centre, view.distance);
+        (camera.lookat, camera.distance) = (view.center, view.distance);
     }
 
-    /// The picture of a state: three bytes a pixel (red, green, blue), rows from the top.
+    /// Renders a state: three bytes per pixel (red, green, blue), rows from the top.
     ///
     /// # Errors
     /// If OpenGL fails.
     ///
     /// # Panics
-    /// If the state is shorter than the scene's [`Model::state_size`].
+    /// If the state is shorter than [`Model::state_size`].
     pub fn draw(&mut self, state: &[f64]) -> Result<&[u8], WorldError> {
         self.world.set_state(state);
         self.world.data.forward();
-        let drawn = self.inner.sync_data(&mut self.world.data).and_then(|()| self.inner.render());
-        drawn.map_err(|error| WorldError::Render(said(&error)))?;
+        let rendered = self.inner.sync_data(&mut self.world.data).and_then(|()| self.inner.render());
+        rendered.map_err(|error| WorldError::Render(error_chain(&error)))?;
         Ok(self.inner.rgb_flat().unwrap_or_default())
     }
 }
 
-/// An error with its causes, on one line.
-fn said(error: &dyn std::error::Error) -> String {
+/// Formats an error with its causes on one line.
+fn error_chain(error: &dyn std::error::Error) -> String {
     std::iter::successors(Some(error), |error| error.source())
         .map(ToString::to_string)
         .collect::<Vec<_>>()
         .join(": ")
 }
 
-/// A picture, three bytes a pixel and rows from the top, as a PNG file.
+/// Encodes an image as PNG. It has three bytes per pixel and rows from the top.
 ///
 /// # Errors
-/// If there are not as many bytes as the size wants.
+/// If the number of bytes does not match the size.
 pub fn png(width: u32, height: u32, pixels: &[u8]) -> Result<Vec<u8>, WorldError> {
     let mut file = Vec::new();
     let mut encoder = png::Encoder::new(&mut file, width, height);

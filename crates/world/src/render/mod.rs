@@ -1,6 +1,7 @@
-//! Pictures of a scene, drawn off screen by MuJoCo's own renderer, without a display.
+//! Off-screen rendering of a scene by MuJoCo's renderer, without a display.
 //!
-//! With the feature `render` it is `enabled`, without it `disabled`: the same functions, which say how to build with it.
+//! The module `enabled` is used with the feature `render`. Without it, the functions of `disabled` return an error with
+//! the command to build with the feature.
 
 #[cfg(feature = "render")]
 mod enabled;
@@ -14,7 +15,7 @@ mod disabled;
 #[cfg(not(feature = "render"))]
 pub use disabled::{Renderer, png};
 
-/// Width and height of a picture, pixels: even numbers, as video encoders want them.
+/// The width and height of an image in pixels. Both are even, as video encoders require.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {
     width: u32,
@@ -22,10 +23,10 @@ pub struct Size {
 }
 
 impl Size {
-    /// The smallest and the largest side: every OpenGL since version 4.1 can draw the largest.
+    /// The allowed widths and heights. OpenGL 4.1 and later support the maximum.
     pub const RANGE: std::ops::RangeInclusive<u32> = 16..=4096;
 
-    /// A size; `None` unless both sides are even and in [`RANGE`](Self::RANGE).
+    /// Creates a size; `None` unless both sides are even and in [`RANGE`](Self::RANGE).
     ///
     /// # Example
     /// ```
@@ -39,12 +40,12 @@ impl Size {
         (fits(width) && fits(height)).then_some(Size { width, height })
     }
 
-    /// Width.
+    /// Returns the width in pixels.
     pub fn width(&self) -> u32 {
         self.width
     }
 
-    /// Height.
+    /// Returns the height in pixels.
     pub fn height(&self) -> u32 {
         self.height
     }

@@ -1,4 +1,4 @@
-//! What a scene is lit by, and where it is seen from.
+//! Lights of a scene, and automatic placement of the camera.
 
 use mujoco_rs::wrappers::mj_model::MjtGeomBase;
 
@@ -6,25 +6,25 @@ use super::Size;
 use crate::World;
 use crate::frame::{add, dot, norm, scale, sub};
 
-/// The camera looks back at the robot from its front right, a little from above; from another corner where something
-/// would stand before the robot.
+/// The camera directions: at the robot from its front right, slightly from above, or from another corner if bodies are
+/// occluded.
 pub(super) const AZIMUTHS_DEG: [f64; 4] = [140.0, -140.0, 40.0, -40.0];
 pub(super) const ELEVATION_DEG: f64 = -22.0;
 
-/// Share of bodies that have to be seen from a corner, lest another one is tried.
-const SEEN: f64 = 0.7;
+/// The fraction of bodies that must be visible; otherwise the next direction is tried.
+const MIN_VISIBLE: f64 = 0.7;
 
-/// Space around what is seen, as a share of the distance.
+/// The margin around the scene, as a fraction of the distance.
 const MARGIN: f64 = 0.04;
 
-/// Rounds of stepping back and centring; the picture does not change visibly any more.
-const ROUNDS: usize = 20;
+/// The number of iterations of the camera placement. More do not change the image visibly.
+const ITERATIONS: usize = 20;
 
-/// What is farther from the robot's base than this is no part of the scene: a ball that rolls away, m.
+/// Anything farther from the robot's base is ignored, for example a ball that rolled away, m.
 const FAR: f64 = 2.0;
 
-/// The document with light, a sky, room for a picture of this size, and ground if it has none.
-pub(super) fn furnished(document: &str, size: Size, has_ground: bool) -> String {
+/// Adds lights, a sky, a frame buffer for this image size and, if missing, a ground plane to the document.
+pub(super) fn with_lights(document: &str, size: Size, has_ground: bool) -> String {
     let ground = if has_ground {
         ""
     } else {
@@ -54,7 +54,7 @@ pub(super) fn furnished(document: &str, size: Size, has_ground: bool) -> String 
     document.trim_end().strip_suffix("</mujoco>").unwrap_or(document).to_string() + &additions
 }
 
-/// Appends the corners of the boxes around all shapes but planes, and the vertices of cloths.
+/// Appends the corners of the bounding boxes of all shapes except planes, and the vertices of cloths.
 pub(super) fn corners(world: &World, out: &mut Vec<[f64; 3]>) {
     let (model, data) = (&world.model().inner, &world.data);
     let kept = |p: &[f64; 3]| norm(*p) < FAR;
@@ -74,36 +74,36 @@ pub(super) fn corners(world: &World, out: &mut Vec<[f64; 3]>) {
     out.extend(data.flexvert_xpos().iter().copied().filter(kept));
 }
 
-/// Where a camera stands and looks.
+/// The placement of a camera.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct View {
     pub azimuth_deg: f64,
-    pub centre: [f64; 3],
+    pub center: [f64; 3],
     pub distance: f64,
 }
 
-/// The first view of the points from which enough of the world's bodies are seen as they stand now, or that from which
-/// most are.
+/// Returns the first view of the points from which enough bodies are visible in the current state, or the view with the
+/// most visible bodies.
 pub(super) fn best(world: &mut World, points: &[[f64; 3]], groups: &[u8; 6], fovy: f64, aspect: f64) -> View {
     let mut best = (f64::NEG_INFINITY, None);
     for azimuth_deg in AZIMUTHS_DEG {
-        let (centre, distance) = fit(points, azimuth_deg, fovy, aspect);
-        let view = View { azimuth_deg, centre, distance };
-        let eye = sub(centre, scale(forward(azimuth_deg), distance));
-        let seen = seen(world, eye, groups);
-        if seen > best.0 {
-            best = (seen, Some(view));
+        let (center, distance) = fit(points, azimuth_deg, fovy, aspect);
+        let view = View { azimuth_deg, center, distance };
+        let eye = sub(center, scale(forward(azimuth_deg), distance));
+        let visible = visible_fraction(world, eye, groups);
+        if visible > best.0 {
+            best = (visible, Some(view));
         }
-        if seen >= SEEN {
+        if visible >= MIN_VISIBLE {
             break;
         }
     }
-    let straight = View { azimuth_deg: AZIMUTHS_DEG[0], centre: [0.0; 3], distance: 1.0 };
+    let straight = View { azimuth_deg: AZIMUTHS_DEG[0], center: [0.0; 3], distance: 1.0 };
     best.1.unwrap_or(straight)
 }
 
-/// Share of the bodies of which the middle of a shape is seen from a point.
-fn seen(world: &mut World, eye: [f64; 3], groups: &[u8; 6]) -> f64 {
+/// Returns the fraction of bodies with at least one shape whose center is visible from `eye`.
+fn visible_fraction(world: &mut World, eye: [f64; 3], groups: &[u8; 6]) -> f64 {
     let model = world.model().clone();
     let bodies = model.inner.geom_bodyid();
     let (mut there, mut found) = (vec![false; model.inner.nbody() as usize], Vec::new());
@@ -114,8 +114,8 @@ fn seen(world: &mut World, eye: [f64; 3], groups: &[u8; 6]) -> f64 {
             continue;
         }
         there[body] = true;
-        let towards = sub(world.data.geom_xpos()[geom], eye);
-        let (hit, _) = world.data.ray(&eye, &towards, Some(groups), true, None, None);
+        let direction = sub(world.data.geom_xpos()[geom], eye);
+        let (hit, _) = world.data.ray(&eye, &direction, Some(groups), true, None, None);
         if hit.is_some_and(|hit| bodies[hit] as usize == body) && !found.contains(&body) {
             found.push(body);
         }
@@ -123,14 +123,14 @@ fn seen(world: &mut World, eye: [f64; 3], groups: &[u8; 6]) -> f64 {
     found.len() as f64 / there.iter().filter(|there| **there).count().max(1) as f64
 }
 
-/// The direction in which a camera looks.
+/// Returns the viewing direction of a camera.
 fn forward(azimuth_deg: f64) -> [f64; 3] {
     let (azimuth, elevation) = (azimuth_deg.to_radians(), ELEVATION_DEG.to_radians());
     [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()]
 }
 
-/// Where a camera with that azimuth looks, and from what distance (m), so that all points are in the picture: in
-/// the middle of what it sees of them.
+/// Returns the look-at point and the distance (m) of a camera with this azimuth, so that all points are in the image
+/// and centered.
 fn fit(points: &[[f64; 3]], azimuth_deg: f64, fovy: f64, aspect: f64) -> ([f64; 3], f64) {
     let forward = forward(azimuth_deg);
     let (sin, cos) = azimuth_deg.to_radians().sin_cos();
@@ -142,28 +142,28 @@ fn fit(points: &[[f64; 3]], azimuth_deg: f64, fovy: f64, aspect: f64) -> ([f64; 
             (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
         if low <= high { 0.5 * (low + high) } else { 0.0 }
     };
-    let mut centre = [right, up, forward]
+    let mut center = [right, up, forward]
         .iter()
         .fold([0.0; 3], |sum, axis| add(sum, scale(*axis, middle(&|p| dot(p, *axis)))));
     let (vertical, horizontal) = ((0.5 * fovy).tan(), (0.5 * fovy).tan() * aspect);
     let mut distance = 1.0;
-    for _ in 0..ROUNDS {
+    for _ in 0..ITERATIONS {
         let needed = points.iter().map(|p| {
-            let seen = sub(*p, centre);
-            let beside = (dot(seen, right).abs() / horizontal).max(dot(seen, up).abs() / vertical);
-            beside - dot(seen, forward)
+            let offset = sub(*p, center);
+            let beside = (dot(offset, right).abs() / horizontal).max(dot(offset, up).abs() / vertical);
+            beside - dot(offset, forward)
         });
         distance = (1.0 + MARGIN) * needed.fold(0.5, f64::max);
-        // What is nearer looks larger, so the middle in the picture is another one than in space.
+        // Perspective: the center in the image differs from the center in space.
         for axis in [right, up] {
             let middle = middle(&|p| {
-                let seen = sub(p, centre);
-                dot(seen, axis) / (distance + dot(seen, forward))
+                let offset = sub(p, center);
+                dot(offset, axis) / (distance + dot(offset, forward))
             });
-            centre = add(centre, scale(axis, middle * distance));
+            center = add(center, scale(axis, middle * distance));
         }
     }
-    (centre, distance)
+    (center, distance)
 }
 
 #[cfg(test)]
@@ -171,15 +171,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_point_at_the_rim_is_as_far_off_the_middle_as_the_opening_says() {
-        // Two points 2 m apart across the view: each 1 m off the middle, seen under half of 90 degrees from 1 m.
+    fn the_field_of_view_determines_the_distance() {
+        // Two points 2 m apart across the view: each is 1 m from the center, at half of 90 degrees from a distance of
+        // 1 m.
         let azimuth = AZIMUTHS_DEG[0].to_radians();
         let right = [azimuth.sin(), -azimuth.cos(), 0.0];
         let fovy = std::f64::consts::FRAC_PI_2;
-        let (centre, distance) = fit(&[right, scale(right, -1.0)], AZIMUTHS_DEG[0], fovy, 1.0);
-        assert!(norm(centre) < 1e-12);
+        let (center, distance) = fit(&[right, scale(right, -1.0)], AZIMUTHS_DEG[0], fovy, 1.0);
+        assert!(norm(center) < 1e-12);
         assert!((distance - (1.0 + MARGIN)).abs() < 1e-12);
-        // A picture twice as wide as high needs half the distance.
+        // An image twice as wide as high needs half the distance.
         assert!(
             (fit(&[right, scale(right, -1.0)], AZIMUTHS_DEG[0], fovy, 2.0).1 - 0.5 * (1.0 + MARGIN)).abs()
                 < 1e-12

@@ -1,53 +1,49 @@
-//! One task, explained to a person. All of it is made from what the task states as data.
+//! Description of one task, generated from its definition.
 
 use anyhow::Result;
-use mishandle::stl::{Clock, Formula, Moment};
+use mishandle::stl::{Clock, EvaluationTime, Formula};
 use mishandle::tasks::{
-    CONTROL_DT, Definition, EPISODE_STEPS, Grip, JOINT_NAMES, Preset, Quantity, Reward, TARGET_STEP,
+    CONTROL_DT, Definition, EPISODE_STEPS, GripperMode, JOINT_NAMES, Preset, Quantity, Reward, TARGET_STEP,
 };
 
 use crate::output::{folded, table_in, wrapped};
 
-/// What holds for every task.
-const COMMON_DIFFERENCES: &str = "Of the robot's own parts only the hand and the fingers are tested against the four lowest \
-    links; where nothing else is said, no part of it meets the ground.";
+/// Differences from the original benchmark that all tasks share.
+const COMMON_DIFFERENCES: &str = "Self-collisions are checked only between hand or fingers and the four lowest links. \
+    Unless stated otherwise, the robot does not collide with the ground.";
 
-/// Columns before the lines of a section.
+/// Indentation of the lines of a section, in columns.
 const INDENT: usize = 2;
 
-/// The page, in lines of at most `columns` where its words allow it.
+/// Returns the description in lines of at most `columns` characters. Words longer than a line are not broken.
 pub fn page(definition: &Definition, preset: Preset, columns: usize) -> Result<String> {
     let mut sections = vec![wrapped(&format!("{}: {}", definition.name, definition.summary), columns)];
     if let Some(base) = definition.variant_of {
-        let text = format!(
-            "A variant of {base}, none of the benchmark's tasks; it takes the controllers of {base}."
-        );
+        let text = format!("A variant of {base} outside the benchmark. It uses the controllers of {base}.");
         sections.push(wrapped(&text, columns));
     }
     let width = columns.saturating_sub(INDENT);
     sections.extend([
         section("Picture", &picture(definition)),
         section("Scene", &scene(definition, width)),
-        section("TaskFormulas", &formulas(definition, preset, width)?),
-        section("Initial box (bounds under task presets paper and code)", &initial_box(definition, width)),
+        section("Formulas", &formulas(definition, preset, width)?),
+        section("Initial box (bounds in task presets paper and code)", &initial_box(definition, width)),
         section("Signals", &table_in(&quantities(definition.signals), width)),
         section(
             &format!("Observation ({} numbers, clipped to ±5)", definition.layout().observation_size()),
             &table_in(&numbered(&definition.whole_observation()), width),
         ),
-        section("Actions (9 numbers in [-1, 1], 60 times a second)", &actions(definition, width)),
+        section("Actions (9 numbers in [-1, 1], at 60 Hz)", &actions(definition, width)),
     ]);
     for (title, reward) in [("Original reward", Reward::Original), ("Shaped reward", Reward::Shaped)] {
-        sections.push(section(
-            &format!("{title}, the sum of"),
-            &table_in(&terms(definition.reward(reward)), width),
-        ));
+        sections
+            .push(section(&format!("{title} (sum of)"), &table_in(&terms(definition.reward(reward)), width)));
     }
     let text = |title, text: &str| section(title, &wrapped(text, width));
     sections.push(text("A training episode ends early when", definition.termination));
-    sections.push(text("Clock", &clock(definition)));
+    sections.push(text("Timing", &timing(definition)));
     if definition.start_noise > 0.0 {
-        sections.push(text("Start noise", &start_noise(definition)));
+        sections.push(text("Initial state noise", &start_noise(definition)));
     }
     sections.push(text(
         "Differences from the original",
@@ -74,25 +70,25 @@ fn picture(definition: &Definition) -> String {
 
 fn scene(definition: &Definition, width: usize) -> String {
     let joints = JOINT_NAMES.iter().zip(definition.start).map(|(name, q)| format!("{name} {q}"));
-    let start = format!("The robot starts at {} (rad, m).", joints.collect::<Vec<_>>().join(", "));
+    let start = format!("Initial joint positions (rad, m): {}.", joints.collect::<Vec<_>>().join(", "));
     format!(
         "{}\n{}\n{}",
         wrapped("The robot's base is the origin; x points forward, y to its left, z up.", width),
-        wrapped(definition.setting, width),
+        wrapped(definition.scene_description, width),
         wrapped(&start, width)
     )
 }
 
-/// What the four formulas of a task are for.
-const ROLES: [(&str, Moment, &str); 4] = [
-    ("success", Moment::Start, "the task was done"),
-    ("strict", Moment::Start, "the task was done well (ours, not the paper's)"),
+/// The formulas of a task: name, time at which they are evaluated, and meaning.
+const ROLES: [(&str, EvaluationTime, &str); 4] = [
+    ("success", EvaluationTime::Start, "the episode is successful"),
+    ("strict", EvaluationTime::Start, "the episode is successful under a stricter formula than the paper's"),
     (
         "safe",
-        Moment::Any,
-        "a control step is not dangerous; dangerous behavior rate: the share of those that are",
+        EvaluationTime::Any,
+        "the control step is safe; the dangerous behavior rate is the fraction of unsafe steps",
     ),
-    ("completion", Moment::Any, "the task is completed at the first control step where this holds"),
+    ("completion", EvaluationTime::Any, "the task is completed at the first control step where this holds"),
 ];
 
 fn formulas(definition: &Definition, preset: Preset, width: usize) -> Result<String> {
@@ -105,7 +101,8 @@ fn formulas(definition: &Definition, preset: Preset, width: usize) -> Result<Str
         Preset::Code => [Preset::Code, Preset::Paper],
     };
     let mut lines = vec![format!(
-        "Under task preset {}. Bounds without a unit count control steps of 1/60 s. What is met has a positive robustness.",
+        "Task preset {}. Bounds without a unit count control steps of 1/60 s. A satisfied formula has positive \
+         robustness.",
         name(shown)
     )];
     for (((role, moment, meaning), text), other_text) in ROLES.into_iter().zip(texts(shown)).zip(texts(other))
@@ -118,7 +115,7 @@ fn formulas(definition: &Definition, preset: Preset, width: usize) -> Result<Str
         lines.push(format!("  {text}"));
         lines.push(format!("  {}", formula.symbols()));
         lines.extend(
-            formula.words(&Clock::steps(CONTROL_DT), moment, unit)?.iter().map(|line| format!("  {line}")),
+            formula.explain(&Clock::steps(CONTROL_DT), moment, unit)?.iter().map(|line| format!("  {line}")),
         );
         if other_text != text {
             lines.push(format!("  task preset {}: {other_text}", name(other)));
@@ -140,7 +137,7 @@ fn initial_box(definition: &Definition, width: usize) -> String {
     for axis in definition.initial_box {
         let bounds = |[low, high]: [f64; 2]| format!("[{low}, {high}]");
         let text = [bounds(axis.paper), bounds(axis.code)];
-        rows.push([axis.name, &text[0], &text[1], axis.unit, axis.sets].map(String::from).to_vec());
+        rows.push([axis.name, &text[0], &text[1], axis.unit, axis.meaning].map(String::from).to_vec());
     }
     table_in(&rows, width)
 }
@@ -155,31 +152,31 @@ fn terms(list: &[Quantity]) -> Vec<Vec<String>> {
     list.iter().map(|term| [term.name, term.meaning].map(String::from).to_vec()).collect()
 }
 
-/// Quantities with their places in a row of numbers.
+/// Lists quantities with their indices in the vector.
 fn numbered(list: &[Quantity]) -> Vec<Vec<String>> {
     let mut next = 0;
-    let place = |size: usize| {
+    let index_range = |size: usize| {
         let first = next;
         next += size;
         if size == 1 { first.to_string() } else { format!("{first}-{}", next - 1) }
     };
-    let places: Vec<String> = list.iter().map(|quantity| quantity.size).map(place).collect();
-    places.into_iter().zip(quantities(list)).map(|(place, rest)| [vec![place], rest].concat()).collect()
+    let indices: Vec<String> = list.iter().map(|quantity| quantity.size).map(index_range).collect();
+    indices.into_iter().zip(quantities(list)).map(|(indices, rest)| [vec![indices], rest].concat()).collect()
 }
 
 fn actions(definition: &Definition, width: usize) -> String {
     let fingers = match definition.grip {
-        Grip::Fixed(opening) => format!("no effect: the fingers are held at {opening} m each"),
-        Grip::Scene(rule) => rule.to_string(),
+        GripperMode::Fixed(opening) => format!("no effect: each finger is held at {opening} m"),
+        GripperMode::Scene(rule) => rule.to_string(),
     };
-    let arm = format!("joint targets of the arm, moved by {TARGET_STEP} rad at 1");
+    let arm = format!("change of the arm's joint targets per control step; 1 is {TARGET_STEP} rad");
     table_in(&[vec!["0-6".to_string(), arm], vec!["7-8".to_string(), fingers]], width)
 }
 
-fn clock(definition: &Definition) -> String {
+fn timing(definition: &Definition) -> String {
     format!(
-        "{EPISODE_STEPS} control steps of 1/60 s, {} s in all; {} physics steps in each. Joint velocities are \
-         multiplied by {} in the observation.",
+        "An episode has {EPISODE_STEPS} control steps of 1/60 s, {} s in total, with {} physics steps per control \
+         step. The observation contains joint velocities multiplied by {}.",
         (EPISODE_STEPS as f64 * CONTROL_DT).round(),
         definition.n_substeps,
         definition.velocity_scale
@@ -188,7 +185,7 @@ fn clock(definition: &Definition) -> String {
 
 fn start_noise(definition: &Definition) -> String {
     format!(
-        "Each joint of the arm starts up to {} rad off, drawn with the simulation's seed.",
+        "Each arm joint starts with a random offset of up to {} rad, drawn from the simulation's random seed.",
         definition.start_noise
     )
 }

@@ -1,4 +1,4 @@
-"""Writes cases.json: what PyTorch computes for small networks, in double precision.
+"""Writes cases.json: PyTorch's results for small networks, in double precision.
 
     python3 -m venv venv && venv/bin/pip install -r requirements.txt && venv/bin/python make.py
 
@@ -31,7 +31,7 @@ def numbers(tensor):
 
 
 def random(generator, *shape):
-    """Numbers that f32 holds exactly, so that both precisions begin at the same point."""
+    """Numbers that f32 represents exactly, so that both precisions start from the same values."""
     return torch.randn(*shape, generator=generator, dtype=torch.float32).double()
 
 
@@ -87,7 +87,7 @@ def network_case(sizes, hidden, output, generator):
     )
     case["tangent"] = numbers(tangent)
 
-    # Steps on the mean of (y - target)^2, where the target is the output gradient, for want of another.
+    # Steps on the mean of (y - target)^2, with the output gradient as target.
     adam = torch.optim.Adam(network.parameters(), lr=LEARNING_RATE)
     norms = []
     for _ in range(ADAM_STEPS):

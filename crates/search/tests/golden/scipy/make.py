@@ -1,18 +1,18 @@
-"""Asks SciPy what its searches do on [0,1]^d and writes the answers beside this file.
+"""Runs SciPy's optimizers on [0,1]^d and writes the golden files to this folder.
 
-Run in this folder, in an environment that has requirements.txt: `python make.py`. On one machine the result is the same
-every time. The files of Nelder-Mead are so everywhere; the others rest on the C library's cosine and exponential, whose
-last digit may differ elsewhere, and with it a few of the counts.
+Run `python make.py` in this folder, in an environment with requirements.txt. The result is reproducible on one machine.
+nelder_mead.json is the same on every machine. The other files depend on the C library's cosine and exponential, whose
+last digit may differ elsewhere, which can change a few of the counts.
 
 nelder_mead.json     the points of many runs of `minimize(method="Nelder-Mead")`: a hash of all, some in full
 lbfgsb.json          the points and values of runs of `minimize(method="L-BFGS-B")` with finite differences
-dual_annealing.json  for 200 seeds and six functions, how many evaluations `dual_annealing` needs to a threshold
+dual_annealing.json  for 200 seeds and six functions, the number of evaluations of `dual_annealing` to a threshold
 visiting.json        samples of the visiting distribution
 """
 
 import os
 
-# NumPy's vectorised sort is not stable and differs between processors; without it ties keep their order.
+# NumPy's vectorized sort is not stable and differs between processors; without it ties keep their order.
 os.environ["NPY_DISABLE_CPU_FEATURES"] = "X86_V3 X86_V4 AVX512_ICL AVX512_SPR"
 
 # One kernel of OpenBLAS for every processor.
@@ -29,7 +29,7 @@ import scipy
 from scipy.optimize import dual_annealing, minimize
 from scipy.optimize._dual_annealing import VisitingDistribution
 
-# --- the test functions, operation for operation those of src/functions.rs ---
+# --- the test functions of src/functions.rs, operation for operation ---
 
 
 def sphere(u):
@@ -80,11 +80,11 @@ def hole(u):
     return decoy / (10.0 * float(len(u)))
 
 
-# --- functions of tests/golden.rs alone ---
+# --- functions in tests/golden.rs only ---
 
 
 def noisy(u):
-    """A sphere with a sawtooth so fine that it looks like noise."""
+    """A sphere with a fine sawtooth that looks like noise."""
     phase = 0.0
     for i, x in enumerate(u):
         phase += (i + 1.0) * 12345.0 * x
@@ -92,12 +92,12 @@ def noisy(u):
 
 
 def cliff(u):
-    """A sphere that fails where the first coordinate exceeds 0.55."""
+    """A sphere that is infinite where the first coordinate exceeds 0.55."""
     return math.inf if u[0] > 0.55 else sphere(u)
 
 
 def corner(u):
-    """Least in the corner (0, 1, 0, 1, ...), where the gradient does not vanish."""
+    """A function with its minimum in the corner (0, 1, 0, 1, ...), where the gradient is not zero."""
     total = 0.0
     for i, x in enumerate(u):
         y = x if i % 2 == 0 else 1.0 - x
@@ -106,7 +106,7 @@ def corner(u):
 
 
 def edge(u):
-    """A quartic bowl, coupled between neighbours, whose least point has its first coordinate at the bound 1."""
+    """A quartic bowl, coupled between neighbors, whose minimizer has its first coordinate at the bound 1."""
     total = 0.0
     for i, x in enumerate(u):
         y = x - (1.2 if i == 0 else 0.35)
@@ -205,9 +205,9 @@ def lbfgsb_run(name, start, **options):
     d = len(start)
     with np.errstate(invalid="ignore"):
         result = minimize(objective, start, method="L-BFGS-B", bounds=[(0.0, 1.0)] * d, options=options)
-    assert len(calls) % (d + 1) == 0, "every point comes with d neighbours"
+    assert len(calls) % (d + 1) == 0, "every point has d neighbors"
     rounds = [calls[i:i + d + 1] for i in range(0, len(calls), d + 1)]
-    # From infinite values SciPy may go on to points that are not numbers, which no search of ours proposes.
+    # After infinite values SciPy may continue with NaN points, which our search never proposes.
     lost = next((i for i, r in enumerate(rounds) if any(map(math.isnan, r[0][0]))), None)
     rounds = rounds[:lost]
     return {
@@ -240,8 +240,8 @@ def lbfgsb():
 
 # --- dual annealing ---
 
-# (function, d, threshold, largest number of evaluations counted)
-RACES = [
+# (function, d, threshold, maximum number of evaluations)
+BENCHMARKS = [
     ("sphere", 4, 1e-3, 2000),
     ("rosenbrock", 3, 1e-3, 4000),
     ("rastrigin", 3, 0.5, 4000),
@@ -257,7 +257,7 @@ class Over(Exception):
 
 
 def evaluations_to(name, d, threshold, most, seed):
-    """The number of the first evaluation at or below the threshold; most + 1 if it comes later."""
+    """The number of the first evaluation at or below the threshold; most + 1 if it is later."""
     function, count = FUNCTIONS[name], 0
 
     def objective(x):
@@ -271,14 +271,14 @@ def evaluations_to(name, d, threshold, most, seed):
         dual_annealing(objective, [(0.0, 1.0)] * d, rng=np.random.default_rng(seed), maxiter=100_000)
     except Over:
         return count
-    raise AssertionError("the cap comes first")
+    raise AssertionError("the limit is reached first")
 
 
-def races(n_seeds=N_SEEDS):
+def benchmarks(n_seeds=N_SEEDS):
     return [
         {"function": name, "d": d, "threshold": threshold, "most": most,
          "evaluations": [evaluations_to(name, d, threshold, most, seed) for seed in range(n_seeds)]}
-        for name, d, threshold, most in RACES
+        for name, d, threshold, most in BENCHMARKS
     ]
 
 
@@ -290,12 +290,12 @@ def visiting():
     for seed, (visit, temperature) in enumerate(
             [(2.62, 5230.0), (2.62, 100.0), (2.62, 1.0), (2.62, 0.1), (1.7, 50.0), (2.9, 50.0)]):
         rng = np.random.default_rng(seed)
-        law = VisitingDistribution(np.zeros(1), np.ones(1), visit, rng)
-        jumps = np.sort(law.visit_fn(temperature, 1000))
-        law = VisitingDistribution(np.zeros(3), np.ones(3), visit, rng)
-        centre = np.array([0.1, 0.5, 0.9])
-        all_move = np.sort([law.visiting(centre, 0, temperature)[0] for _ in range(1000)])
-        one_moves = np.sort([law.visiting(centre, 5, temperature)[2] for _ in range(1000)])
+        distribution = VisitingDistribution(np.zeros(1), np.ones(1), visit, rng)
+        jumps = np.sort(distribution.visit_fn(temperature, 1000))
+        distribution = VisitingDistribution(np.zeros(3), np.ones(3), visit, rng)
+        center = np.array([0.1, 0.5, 0.9])
+        all_move = np.sort([distribution.visiting(center, 0, temperature)[0] for _ in range(1000)])
+        one_moves = np.sort([distribution.visiting(center, 5, temperature)[2] for _ in range(1000)])
         short = lambda values: [float(f"{v:.7g}") for v in values]
         samples.append({"visit": visit, "temperature": temperature, "jumps": short(jumps),
                         "first_of_all": short(all_move), "last_alone": short(one_moves)})
@@ -314,4 +314,4 @@ if __name__ == "__main__":
     write("nelder_mead.json", nelder_mead())
     write("lbfgsb.json", lbfgsb())
     write("visiting.json", visiting())
-    write("dual_annealing.json", races())
+    write("dual_annealing.json", benchmarks())

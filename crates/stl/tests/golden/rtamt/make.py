@@ -1,14 +1,14 @@
-"""Runs RTAMT over seeded formulas and traces and writes what it gives to the .json files beside this one.
+"""Runs RTAMT on random formulas and traces with fixed seeds and writes its results to the .json files in this folder.
 
-values.json: formulas, traces and the robustness at every sample, for its discrete-time offline monitor.
-trees.json: formulas without redundant parentheses, and the tree that RTAMT reads each as, fully in parentheses.
-differences.json: formulas that RTAMT reads otherwise than arithmetic does, for it lets `+` bind tighter than `-` and `*`
-tighter than `/`. Each stands with the parentheses that make it read them right, and its robustness with and without.
-In the other two files all such formulas have the parentheses.
+values.json: formulas, traces and the robustness at every sample, by the discrete-time offline monitor.
+trees.json: formulas without redundant parentheses, and RTAMT's syntax tree of each, fully in parentheses.
+differences.json: formulas that RTAMT parses differently from arithmetic, since it gives `+` a higher precedence than `-`
+and `*` a higher one than `/`. Each is stored with the parentheses that correct it, and with its robustness with and
+without them. In the other two files all such formulas have the parentheses.
 
-None holds what RTAMT refuses or gets wrong: bounded operators on a bare variable (it appends to the caller's list),
-traces of one sample, `unless` without an interval, NaN from the difference of two infinities. Its parser refuses
-`a - 1` until it has read a few formulas and accepts it from then on, so the order of the formulas matters.
+The files contain nothing that RTAMT rejects or computes wrongly: bounded operators on a bare variable (it appends to the
+caller's list), traces of one sample, `unless` without an interval, NaN from the difference of two infinities. Its parser
+rejects `a - 1` until it has parsed a few formulas and accepts it afterwards, so the order of the formulas matters.
 """
 
 import copy
@@ -36,7 +36,7 @@ PREFIX = {
     "next": (["next", "X"], 15), "s_prev": (["s_prev", "sY"], 14), "s_next": (["s_next", "sX"], 13),
 }
 POWER = {name: power for name, (_, power) in (INFIX | PREFIX).items()}
-# RTAMT lets the first of each pair bind tighter than the second.
+# In RTAMT the first of each pair has a higher precedence than the second.
 UNEQUAL = {"+": "-", "*": "/"}
 TIMED = ["always", "eventually", "historically", "once", "until", "unless", "since"]
 COMPARISONS = ["<=", ">=", "<", ">", "==", "!=="]
@@ -69,7 +69,7 @@ def arithmetic(rng, depth):
 
 
 def interval(rng, clock, samples):
-    """An interval as text: inside the trace, a point, across its end or beyond; bare bounds or bounds with units."""
+    """An interval as text: inside the trace, a point, across its end or beyond; bounds with or without units."""
     shape = rng.randrange(6)
     begin = rng.randrange(samples)
     if shape == 0:
@@ -114,7 +114,7 @@ def formula(rng, depth, clock, samples, untimed=False):
 
 
 def write(rng, tree, parent=None, right=False):
-    """The tree as text, in parentheses where it needs them and sometimes where it does not."""
+    """The tree as text, with the necessary parentheses and random redundant ones."""
     if isinstance(tree, str):
         return tree if not tree.startswith("-") or rng.randrange(2) else tree.replace("-", "- ", 1)
     name, window, *operands = tree
@@ -147,7 +147,7 @@ def specification(text, clock):
 
 
 def evaluate(text, clock, columns):
-    """The robustness at every sample, or None where RTAMT refuses or computes a NaN on the way."""
+    """The robustness at every sample, or None if RTAMT fails or computes a NaN in a sub-formula."""
     try:
         spec = specification(text, clock)
         samples = len(columns[0])
@@ -158,14 +158,14 @@ def evaluate(text, clock, columns):
     results = (value for key, signal in spec.ast.offline_results.items() if key != "time" for value in signal)
     if any(math.isnan(value) for value in results):
         return None
-    # It must not have changed the lists it was given, or later operands were read from the wrong ones.
+    # RTAMT must not have modified its input, or later operands would have been read from modified lists.
     assert all(dataset[name] == column for name, column in zip(SIGNALS, columns)), text
     assert len(values) == samples, text
     return values
 
 
 def as_text(values):
-    """Numbers that read back exactly, infinities too, whatever the JSON parser."""
+    """Numbers as text that parses exactly with every JSON parser, including infinities."""
     return " ".join(str(value) for value in values)
 
 
@@ -178,7 +178,7 @@ for clock in CLOCKS:
     clock["period_ns"] = round(clock["period"] * FACTORS[clock["period_unit"]])
 
 
-# Windows that hold many samples of a longer trace, and the specifications that the paper falsifies with.
+# Windows with many samples of a longer trace, and specifications of the tasks.
 LONG = [
     f"{name}{window} (b > 0.5)" if name in PREFIX else f"(a > -4.5) {name}{window} (b > 4)"
     for name in TIMED for window in ["[0:30]", "[3:66]", "[10:110]", "[100:170]"]
@@ -224,13 +224,13 @@ def make_values():
         reached |= {word for name, (words, _) in (INFIX | PREFIX).items() for word in words if f"{word} " in text or f"{word}[" in text}
         reached |= {name for name in ["abs", "sqrt", "exp", "pow", "rise", "fall"] if f"{name}(" in text}
         cases.append(case(text, clock, columns, values))
-    wanted = {word for words, _ in (INFIX | PREFIX).values() for word in words} | {"abs", "sqrt", "exp", "pow", "rise", "fall"}
-    assert wanted <= reached, wanted - reached
+    expected = {word for words, _ in (INFIX | PREFIX).values() for word in words} | {"abs", "sqrt", "exp", "pow", "rise", "fall"}
+    assert expected <= reached, expected - reached
     return cases
 
 
 def is_read_unequally(word, before):
-    """Whether this operator follows one of its pair that it binds tighter than, with none between that parts them."""
+    """Whether this operator follows the other one of its pair and RTAMT would bind it tighter."""
     for earlier in reversed(before):
         if earlier == UNEQUAL.get(word):
             return True

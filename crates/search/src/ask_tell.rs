@@ -1,31 +1,31 @@
-//! Searches that need a whole round of values before they know their next points.
+//! The ask-and-tell interface for searches that evaluate points in rounds.
 
 use std::mem;
 
-use crate::ledger::Ledger;
+use crate::pending::PendingPoints;
 use crate::{Observation, Search, SearchEnd, SearchError};
 
-/// A search as a machine that wants points valued round by round.
+/// A search that evaluates points in rounds.
 ///
-/// It holds the points of the present round; once all their values are there it decides on the next one. No round
-/// is empty unless the machine has ended.
+/// The points of the next round depend on all values of the current one. A round is empty only after the search has
+/// ended.
 pub trait RoundBased: Send {
-    /// The name in [`SEARCHES`](crate::SEARCHES), or of the method where it is not listed.
+    /// Returns the name in [`SEARCHES`](crate::SEARCHES), or the name of the method if it is not listed.
     fn name(&self) -> &'static str;
 
-    /// The points to value next, in order; empty when the machine has ended.
+    /// Returns the points of the current round; empty after the search has ended.
     fn round(&self) -> &[Vec<f64>];
 
-    /// Takes the values of the round, in its order, and moves to the next one.
+    /// Takes the values of the current round and starts the next one.
     ///
-    /// `values` has one number, never NaN, for each point of [`round`](RoundBased::round).
+    /// `values` has one number, not NaN, for each point of [`round`](RoundBased::round), in the same order.
     fn receive(&mut self, values: &[f64]);
 
-    /// Why the machine has ended, if it has.
-    fn finish(&self) -> Option<SearchEnd>;
+    /// Returns why the search has ended; `None` if it has not.
+    fn finished(&self) -> Option<SearchEnd>;
 }
 
-/// Makes a [`Search`] of a round-based machine: hands its points out and gathers their values.
+/// Adapts a round-based search to the [`Search`] interface.
 ///
 /// # Example
 /// ```
@@ -44,17 +44,17 @@ pub struct AskTell<M> {
     dimension: usize,
     n_asked: usize,
     values: Vec<f64>,
-    ledger: Ledger,
+    pending: PendingPoints,
 }
 
 impl<M: RoundBased> AskTell<M> {
-    /// A search that runs `machine`, which has not ended yet.
+    /// Creates the adapter. `machine` must not have ended.
     pub fn new(machine: M) -> Self {
         let dimension = machine.round().first().map_or(0, Vec::len);
-        Self { machine, dimension, n_asked: 0, values: Vec::new(), ledger: Ledger::default() }
+        Self { machine, dimension, n_asked: 0, values: Vec::new(), pending: PendingPoints::default() }
     }
 
-    /// The machine inside.
+    /// Returns the round-based search.
     pub fn machine(&self) -> &M {
         &self.machine
     }
@@ -73,12 +73,12 @@ impl<M: RoundBased> Search for AskTell<M> {
         let open = &self.machine.round()[self.n_asked..];
         let points: Vec<Vec<f64>> = open.iter().take(n).cloned().collect();
         self.n_asked += points.len();
-        points.iter().for_each(|u| self.ledger.hand_out(u.clone()));
+        points.iter().for_each(|u| self.pending.push(u.clone()));
         points
     }
 
     fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError> {
-        self.ledger.take_back(u, observation.robustness)?;
+        self.pending.resolve(u, observation.robustness)?;
         self.values.push(observation.robustness);
         if self.values.len() == self.machine.round().len() {
             let mut values = mem::take(&mut self.values);
@@ -91,10 +91,10 @@ impl<M: RoundBased> Search for AskTell<M> {
     }
 
     fn finished(&self) -> Option<SearchEnd> {
-        self.machine.finish()
+        self.machine.finished()
     }
 
     fn best(&self) -> Option<(&[f64], f64)> {
-        self.ledger.best()
+        self.pending.best()
     }
 }

@@ -1,20 +1,22 @@
-//! Matrices in panels of sixteen columns, and the two products that networks need.
+//! Matrix multiplication: matrices in panels of sixteen columns, and the two products that networks need.
 //!
-//! A matrix of `rows` x `columns` is stored as ⌈columns / 16⌉ panels, a panel as one [`Lanes`] per row. Columns that
-//! do not exist hold zeros. A product then reads and writes memory in order and never has to repack an operand.
+//! A matrix of `rows` x `columns` is stored as ⌈columns / 16⌉ panels. A panel has one [`Lanes`] per row. Padding
+//! columns contain zeros. A product therefore accesses memory in order and never repacks an operand.
 //!
-//! Why not a library: `gemm` 0.19 (and `faer`, which stands on it) and `matrixmultiply` 0.3 choose their kernel by the machine that
-//! runs them; `gemm` also cuts its blocks by the sizes of the caches and takes another path where a matrix is a vector. Their bits depend
-//! on both. Here each number of a product is one chain of fused multiply-adds over the inner index, in order, whatever tile it
-//! falls into: a row's result cannot depend on its neighbours. Measured on one Zen 3 core with layers of 30 to 512: 72 to 101
-//! GFLOP/s at 16 rows and more (`gemm` 41 to 98, `matrixmultiply` 44 to 87), 39 to 77 at one row (15 to 34, and 4). The
-//! layer of 64 to 9 fills only half of its last panel: 53 (46, 28), and 17 at one row (19, 2).
+//! Why no library: `gemm` 0.19 (and `faer`, which uses it) and `matrixmultiply` 0.3 select their kernel by processor.
+//! `gemm` also selects block sizes by the sizes of the caches, and uses another path for vectors. Their bits depend on
+//! both. Here each element of a product is one chain of fused multiply-adds over the inner index, in order, in every
+//! tile, so the result of a row cannot depend on other rows.
+//!
+//! Measured on one Zen 3 core with layers of 30 to 512: 72 to 101 GFLOP/s at 16 rows and more (`gemm` 41 to 98,
+//! `matrixmultiply` 44 to 87), 39 to 77 at one row (15 to 34, and 4). The layer of 64 to 9 fills only half of its last
+//! panel: 53 (46, 28), and 17 at one row (19, 2).
 
 use crate::activation::Activation;
 use crate::layer_norm;
 use crate::scalar::Scalar;
 
-/// How many columns stand side by side in a panel: two vector registers of `f32`.
+/// The number of columns in a panel: two vector registers of `f32`.
 pub(crate) const WIDTH: usize = 16;
 
 /// One row of a panel.
@@ -34,17 +36,17 @@ impl<T: Scalar> Lanes<T> {
     }
 }
 
-/// How many panels `columns` columns take.
+/// Returns the number of panels for `columns` columns.
 pub(crate) fn panels(columns: usize) -> usize {
     columns.div_ceil(WIDTH)
 }
 
-/// Sets the size of `matrix`, keeping its memory. What it holds afterwards is not defined.
+/// Resizes `matrix` and reuses its memory. Its content is unspecified afterwards.
 pub(crate) fn resize<T: Scalar>(matrix: &mut Vec<Lanes<T>>, rows: usize, columns: usize) {
     matrix.resize(rows * panels(columns), Lanes::ZERO);
 }
 
-/// Fills `to`, whose panels hold `rows` rows, from the plain rows of `from`. Rows that `from` lacks stay as they are.
+/// Copies the row-major matrix `from` into the panels `to`, which have `rows` rows. Additional rows are unchanged.
 pub(crate) fn pack<T: Scalar>(from: &[T], columns: usize, rows: usize, to: &mut [Lanes<T>]) {
     for (p, panel) in to.chunks_exact_mut(rows).enumerate() {
         let first = p * WIDTH;
@@ -60,7 +62,7 @@ pub(crate) fn pack<T: Scalar>(from: &[T], columns: usize, rows: usize, to: &mut 
     }
 }
 
-/// Fills the plain rows of `to` from `from`, which is in panels.
+/// Copies the panels `from` into the row-major matrix `to`.
 pub(crate) fn unpack<T: Scalar>(from: &[Lanes<T>], columns: usize, to: &mut [T]) {
     let rows = to.len() / columns;
     for (p, panel) in from.chunks_exact(rows).enumerate() {
@@ -72,10 +74,10 @@ pub(crate) fn unpack<T: Scalar>(from: &[Lanes<T>], columns: usize, to: &mut [T])
     }
 }
 
-/// Fills `to`, which holds the transpose of `from` in panels, from the plain rows of `from`.
+/// Copies the transpose of the row-major matrix `from` into the panels `to`.
 ///
-/// The transpose has ⌈columns / 16⌉ · 16 rows, so that it can be the second operand of [`product`]; those that do
-/// not exist must be zero already.
+/// The transpose has ⌈columns / 16⌉ · 16 rows, so that it can be the second operand of [`product`]. Padding rows must
+/// already be zero.
 pub(crate) fn pack_transposed<T: Scalar>(from: &[T], columns: usize, to: &mut [Lanes<T>]) {
     let rows = from.len() / columns;
     for (r, row) in from.chunks_exact(columns).enumerate() {
@@ -87,38 +89,40 @@ pub(crate) fn pack_transposed<T: Scalar>(from: &[T], columns: usize, to: &mut [L
     debug_assert_eq!(to.len(), panels(rows) * panels(columns) * WIDTH);
 }
 
-/// What is done to each panel of a product while it is in the cache.
+/// The operation applied to each panel of a product while it is in the cache.
 #[derive(Debug, Clone, Copy)]
 pub enum Epilogue<'a, T> {
-    /// Nothing.
-    Keep,
-    /// The activation is applied.
+    /// No operation.
+    None,
+    /// Applies the activation.
     Activate(Activation),
-    /// Each number is multiplied by the activation's derivative where it gave the number in the same place.
+    /// Multiplies each element by the activation's derivative, given the activation's values.
     TimesDerivative(Activation, &'a [Lanes<T>]),
 }
 
-/// The inner loops, compiled in this crate and once for each kind of number.
+/// The kernels (inner loops), compiled in this crate once for each scalar type.
 ///
-/// Generic functions are compiled again in each crate that uses them, and whether the compiler then keeps the sums of a tile in registers
-/// has been seen to depend on what it inlines around them, at a factor of two in time. Hence these functions are never inlined.
+/// Generic functions are compiled again in each crate that uses them. Whether the compiler keeps the sums of a tile in
+/// registers then depends on the code inlined around them, which changed the time by a factor of two. Therefore these
+/// functions are never inlined.
 pub trait Kernels: Sized {
-    /// c = start + a b, then `finish`.
+    /// Computes c = start + a b, then applies `epilogue`.
     ///
-    /// `a` has `rows` rows and `b` as many as `a` has columns (counting those that pad the last panel). `start` is one row,
-    /// added to every row, with a panel for each of c's; without it, the product is added to what c holds.
+    /// `a` has `rows` rows. `b` has as many rows as `a` has columns, including padding. `start` is one row, added to
+    /// every row of the product, with as many panels as c. Without it, the product is added to c.
     fn product(
         rows: usize,
         a: &[Lanes<Self>],
         b: &[Lanes<Self>],
         start: Option<&[Lanes<Self>]>,
         c: &mut [Lanes<Self>],
-        finish: Epilogue<'_, Self>,
+        epilogue: Epilogue<'_, Self>,
     );
 
-    /// c += aᵀ b, where `c` is plain, of `a_columns` x `b_columns`, and `a` and `b` have `rows` rows in panels.
+    /// Computes c += aᵀ b, where `c` is row-major of `a_columns` x `b_columns`, and `a` and `b` have `rows` rows in
+    /// panels.
     ///
-    /// Each number's sum over the rows is one chain in order, begun at zero and added to `c` once.
+    /// The sum over the rows is one chain per element, in order, starting at zero and added to `c` once.
     fn add_transposed_product(
         rows: usize,
         a: (&[Lanes<Self>], usize),
@@ -129,19 +133,19 @@ pub trait Kernels: Sized {
     /// Replaces each x by the activation's y(x).
     fn activate(activation: Activation, values: &mut [Lanes<Self>]);
 
-    /// Multiplies each of `factors` by dy/dx at the place where the activation gave the value in `outputs`.
+    /// Multiplies each of `factors` by dy/dx, given the activation's value in `outputs`.
     fn times_derivative(activation: Activation, outputs: &[Lanes<Self>], factors: &mut [Lanes<Self>]);
 
-    /// Gives each row of a matrix of `columns` columns the mean 0 and the variance 1; `scales` gets what it was multiplied by.
+    /// Standardizes each row of a matrix of `columns` columns to mean 0 and variance 1. Writes the factors to `scales`.
     fn standardize(columns: usize, values: &mut [Lanes<Self>], scales: &mut [Self]);
 
-    /// Multiplies each row of `flow` by the derivative of [`standardize`](Kernels::standardize), a symmetric matrix, at the place
-    /// where it gave `values` and `scales`.
+    /// Multiplies each row of `gradient` by the derivative of [`standardize`](Kernels::standardize), a symmetric
+    /// matrix, given its results `values` and `scales`.
     fn times_standardize_derivative(
         columns: usize,
         values: &[Lanes<Self>],
         scales: &[Self],
-        flow: &mut [Lanes<Self>],
+        gradient: &mut [Lanes<Self>],
     );
 }
 
@@ -155,9 +159,9 @@ macro_rules! compile_kernels {
                 b: &[Lanes<Self>],
                 start: Option<&[Lanes<Self>]>,
                 c: &mut [Lanes<Self>],
-                finish: Epilogue<'_, Self>,
+                epilogue: Epilogue<'_, Self>,
             ) {
-                product(rows, a, b, start, c, finish);
+                product(rows, a, b, start, c, epilogue);
             }
 
             #[inline(never)]
@@ -190,17 +194,17 @@ macro_rules! compile_kernels {
                 columns: usize,
                 values: &[Lanes<Self>],
                 scales: &[Self],
-                flow: &mut [Lanes<Self>],
+                gradient: &mut [Lanes<Self>],
             ) {
-                layer_norm::times_derivative(columns, values, scales, flow);
+                layer_norm::times_derivative(columns, values, scales, gradient);
             }
         }
     )*};
 }
 compile_kernels!(f32, f64);
 
-/// How many rows a tile has where there are enough: with two registers each, twelve sums are under way at once, and three
-/// registers are left for the operands.
+/// The number of rows of a tile. With two registers per row, twelve sums are computed in parallel, and three registers
+/// are left for the operands.
 const TILE_ROWS: usize = 6;
 
 #[inline(always)]
@@ -210,11 +214,11 @@ fn product<T: Scalar>(
     b: &[Lanes<T>],
     start: Option<&[Lanes<T>]>,
     c: &mut [Lanes<T>],
-    finish: Epilogue<'_, T>,
+    epilogue: Epilogue<'_, T>,
 ) {
     let operands = Operands { rows, a, b, start, depth: a.len() / rows * WIDTH };
     let tiled = rows / TILE_ROWS * TILE_ROWS;
-    // Few rows keep the processor busy only if several panels are under way at once.
+    // With few rows, several panels are computed at once to use all registers.
     match rows - tiled {
         1 => operands.few_rows::<1, 4>(tiled, c),
         2 => operands.few_rows::<2, 2>(tiled, c),
@@ -225,8 +229,8 @@ fn product<T: Scalar>(
     }
     for (p, panel) in c.chunks_exact_mut(rows).enumerate() {
         operands.many_rows(tiled, p, panel);
-        match finish {
-            Epilogue::Keep => {}
+        match epilogue {
+            Epilogue::None => {}
             Epilogue::Activate(activation) => T::activate(activation, panel),
             Epilogue::TimesDerivative(activation, outputs) => {
                 T::times_derivative(activation, &outputs[p * rows..][..rows], panel);
@@ -244,7 +248,7 @@ struct Operands<'a, T> {
 }
 
 impl<T: Scalar> Operands<'_, T> {
-    /// The rows before `end`, a multiple of `TILE_ROWS`, of the panel `c`, which is the one numbered `p`.
+    /// Computes the rows before `end`, a multiple of `TILE_ROWS`, of the panel `c` with index `p`.
     #[inline(never)]
     fn many_rows(&self, end: usize, p: usize, c: &mut [Lanes<T>]) {
         for first in (0..end).step_by(TILE_ROWS) {
@@ -252,7 +256,7 @@ impl<T: Scalar> Operands<'_, T> {
         }
     }
 
-    /// The last `R` rows of all panels, `P` panels at a time.
+    /// Computes the last `R` rows of all panels, `P` panels at a time.
     #[inline(never)]
     fn few_rows<const R: usize, const P: usize>(&self, first: usize, c: &mut [Lanes<T>]) {
         let panels = c.len() / self.rows;
@@ -265,7 +269,7 @@ impl<T: Scalar> Operands<'_, T> {
         }
     }
 
-    /// The rows from `first` of the `P` panels from `panel`, where `c` begins with the first of them.
+    /// Computes `R` rows from `first` of the `P` panels from `panel`; `c` starts with the first of these panels.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)] // Indices keep the sums in registers; iterators do not.
     fn tile<const R: usize, const P: usize>(&self, first: usize, panel: usize, c: &mut [Lanes<T>]) {
@@ -322,10 +326,10 @@ fn add_transposed_product<T: Scalar>(
     }
 }
 
-/// How many rows of aᵀ b are made at a time: with two registers each, eight sums are under way at once.
+/// The number of rows of aᵀ b computed at once. With two registers per row, eight sums are computed in parallel.
 const TILE: usize = 4;
 
-/// The columns of `a` from `TILE · tile`, transposed, times `b`.
+/// Computes the product of the transposed columns of `a` from `TILE · tile` and `b`.
 #[inline(never)]
 #[allow(clippy::needless_range_loop)] // Indices keep the sums in registers; iterators do not.
 fn transposed_tile<T: Scalar>(a: &[Lanes<T>], b: &[Lanes<T>], tile: usize) -> [Lanes<T>; TILE] {
@@ -339,7 +343,7 @@ fn transposed_tile<T: Scalar>(a: &[Lanes<T>], b: &[Lanes<T>], tile: usize) -> [L
     sums
 }
 
-/// c += the sum of the rows of `a`, whose panels hold `rows` rows.
+/// Adds the sum of the rows of `a`, whose panels have `rows` rows, to c.
 pub(crate) fn add_row_sum<T: Scalar>(rows: usize, a: &[Lanes<T>], c: &mut [T]) {
     for (panel, c) in a.chunks_exact(rows).zip(c.chunks_mut(WIDTH)) {
         let mut sum = Lanes::ZERO;

@@ -1,4 +1,4 @@
-//! The states of a task's scene, one after the other, to be drawn.
+//! Sequences of simulation states, for rendering.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -10,34 +10,38 @@ use crate::replay::{recorded_plan, replay_in};
 use crate::target::task_target;
 use crate::{MishandleError, ReplayResult};
 
-/// States of a task's scene, a control step apart.
-pub struct Film {
-    /// State rows of it.
+/// The simulation states of an episode, one per control step.
+pub struct StateTrajectory {
+    /// MuJoCo states (`state_size` numbers each), from the initial state on.
     pub states: Vec<Vec<f64>>,
-    /// Time between two of them, s.
+    /// Time between two states, in seconds.
     pub control_dt: f64,
 }
 
-/// A task's scene at its start: from `x0`, or from the middle of the paper's box.
+/// Returns the initial state of a task, as a trajectory with one state.
+///
+/// `x0` has one value per axis of the initial box, in the unit of the axis. `None` selects the center of the box of
+/// task preset `paper`.
 ///
 /// # Errors
-/// If `x0` does not have a finite number for each axis, lies in no task preset's initial box, or the task cannot be built.
-pub fn start(task: &dyn Task, x0: Option<&[f64]>) -> Result<Film, MishandleError> {
+/// If `x0` does not have one finite number per axis or is outside the initial boxes of all task presets, or the task
+/// cannot be built.
+pub fn initial_state(task: &dyn Task, x0: Option<&[f64]>) -> Result<StateTrajectory, MishandleError> {
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original)?;
     let scenario = x0.map_or_else(|| environment.space().nominal(), Scenario::from);
     environment.space().check(&scenario)?;
-    check_start(task.definition(), x0.unwrap_or_default())?;
+    check_in_box(task.definition(), x0.unwrap_or_default())?;
     let mut state = vec![0.0; environment.state_size()];
     let mut observation = vec![0.0; environment.observation_size()];
     let mut signals = vec![0.0; environment.signals().len()];
     let mut rewards = vec![0.0; environment.reward_terms().len()];
     let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
     environment.worker().reset(&scenario, Seed(0), &mut state, sample);
-    Ok(Film { states: vec![state], control_dt: environment.control_dt() })
+    Ok(StateTrajectory { states: vec![state], control_dt: environment.control_dt() })
 }
 
-/// Refuses a start that lies in no task preset's box, by what the paper's box says of it.
-fn check_start(definition: &Definition, x0: &[f64]) -> Result<(), MishandleError> {
+/// Checks that an initial state is in the box of a task preset. The error names the bounds of task preset `paper`.
+fn check_in_box(definition: &Definition, x0: &[f64]) -> Result<(), MishandleError> {
     let outside = |preset| {
         definition.initial_box.iter().zip(x0).find(move |(axis, value)| {
             let [low, high] = axis.bounds(preset);
@@ -53,44 +57,44 @@ fn check_start(definition: &Definition, x0: &[f64]) -> Result<(), MishandleError
     }
 }
 
-/// Runs simulation `number` of trial `trial` of a run again, as [`replay`](crate::replay()) does, and keeps its states.
+/// Replays a simulation as [`replay`](crate::replay()) does, and returns its states as well.
 ///
 /// # Errors
-/// As [`replay`](crate::replay()), and if the run's target is not a task.
-pub fn film(
+/// The errors of [`replay`](crate::replay()), or if the run's target is not a task.
+pub fn replay_states(
     run: &RunFile,
     trial: u32,
     number: u32,
     controller: Option<&str>,
-) -> Result<(ReplayResult, Film), MishandleError> {
+) -> Result<(ReplayResult, StateTrajectory), MishandleError> {
     let resolved = recorded_plan(run.header(), controller)?;
     let target = task_target(&resolved.plan)?;
     let states = Arc::new(Mutex::new(Vec::new()));
     let environment = Arc::new(target.environment(&resolved.space)?);
-    let filmed = Arc::new(Filmed { environment, states: states.clone() });
-    let mut system = target.system_in(filmed, &resolved.space, &resolved.specification)?;
+    let recording = Arc::new(RecordingEnvironment { environment, states: states.clone() });
+    let mut system = target.system_in(recording, &resolved.space, &resolved.specification)?;
     let replayed = replay_in(run, trial, number, &resolved, &mut system)?;
     let states = std::mem::take(&mut *states.lock().unwrap_or_else(PoisonError::into_inner));
-    Ok((replayed, Film { states, control_dt: run.header().control_dt }))
+    Ok((replayed, StateTrajectory { states, control_dt: run.header().control_dt }))
 }
 
-/// A task's scene with all that is to be seen, an MJCF document.
+/// Returns the MJCF document of a task's scene, with all visual elements.
 ///
 /// # Errors
-/// If the scene cannot be put together.
-pub fn scene(task: &dyn Task) -> Result<String, MishandleError> {
+/// If the scene cannot be composed.
+pub fn scene_mjcf(task: &dyn Task) -> Result<String, MishandleError> {
     compose(task).map_err(|source| {
         MishandleError::Task(mishandle_tasks::TaskError::Scene { task: task.definition().name, source })
     })
 }
 
-/// An environment that keeps the states of the one simulation that runs in it.
-struct Filmed {
+/// An environment that records the states of its only simulation.
+struct RecordingEnvironment {
     environment: Arc<TaskEnvironment>,
     states: Arc<Mutex<Vec<Vec<f64>>>>,
 }
 
-impl Environment for Filmed {
+impl Environment for RecordingEnvironment {
     fn name(&self) -> &str {
         self.environment.name()
     }
@@ -128,31 +132,31 @@ impl Environment for Filmed {
     }
 
     fn worker(&self) -> Box<dyn EnvironmentWorker> {
-        Box::new(FilmedWorker { worker: self.environment.worker(), states: self.states.clone() })
+        Box::new(RecordingWorker { worker: self.environment.worker(), states: self.states.clone() })
     }
 }
 
-struct FilmedWorker {
+struct RecordingWorker {
     worker: Box<dyn EnvironmentWorker>,
     states: Arc<Mutex<Vec<Vec<f64>>>>,
 }
 
-impl FilmedWorker {
-    fn keep(&self, state: &[f64]) {
+impl RecordingWorker {
+    fn record(&self, state: &[f64]) {
         self.states.lock().unwrap_or_else(PoisonError::into_inner).push(state.to_vec());
     }
 }
 
-impl EnvironmentWorker for FilmedWorker {
+impl EnvironmentWorker for RecordingWorker {
     fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>) {
         self.worker.reset(scenario, seed, state, sample);
-        self.keep(state);
+        self.record(state);
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
         let status = self.worker.step(action, state, sample);
         if status != StepStatus::Diverged {
-            self.keep(state);
+            self.record(state);
         }
         status
     }

@@ -1,23 +1,23 @@
-//! The three passes: forward, backward and forward tangents.
+//! Forward pass, backward pass (reverse-mode differentiation) and Jacobian-vector products (forward mode).
 
-use crate::lanes::{self, Epilogue, Lanes};
+use crate::matmul::{self, Epilogue, Lanes};
 use crate::mlp::{Mlp, PackedLayer};
 use crate::scalar::Scalar;
 
-/// The memory of a pass, kept from call to call.
+/// The memory of passes, reused from call to call.
 ///
-/// It holds the values of every layer after [`Mlp::forward`], which [`Mlp::backward`] and [`Mlp::tangent`] read. Give each network a
-/// workspace of its own: then memory is taken only when there are more rows than ever before.
+/// It contains the values of every layer after [`Mlp::forward`], which [`Mlp::backward`] and [`Mlp::tangent`] read.
+/// Use one workspace per network: then memory is allocated only when the number of rows exceeds all previous ones.
 #[derive(Debug, Clone, Default)]
 pub struct Workspace<T> {
     rows: usize,
     /// The input, then the output of each layer.
     values: Vec<Vec<Lanes<T>>>,
-    /// Of each layer with layer normalisation: what it gave to the activation, and by what it multiplied each row.
+    /// For each layer with layer normalization: its standardized values and the scale of each row.
     standardized: Vec<Standardized<T>>,
-    /// The gradient or the tangent of the layer at hand, and of its neighbour.
-    flow: [Vec<Lanes<T>>; 2],
-    /// The parameter direction of a tangent, layer by layer.
+    /// The gradient or the tangent of the current layer and of the next one to be computed.
+    derivatives: [Vec<Lanes<T>>; 2],
+    /// The parameter direction of a Jacobian-vector product, layer by layer.
     direction: Vec<PackedLayer<T>>,
     /// One row of zeros, as wide as the widest layer.
     zeros: Vec<Lanes<T>>,
@@ -32,12 +32,12 @@ struct Standardized<T> {
 }
 
 impl<T: Scalar> Workspace<T> {
-    /// How many rows the last forward pass had.
+    /// Returns the number of rows of the last forward pass.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// The outputs of the last forward pass, row by row.
+    /// Returns the outputs of the last forward pass, `[rows, output_size]`.
     pub fn outputs(&self) -> &[T] {
         &self.outputs
     }
@@ -47,34 +47,34 @@ impl<T: Scalar> Workspace<T> {
         self.rows = rows;
         self.values.resize_with(sizes.len(), Vec::new);
         for (values, size) in self.values.iter_mut().zip(sizes) {
-            lanes::resize(values, rows, *size);
+            matmul::resize(values, rows, *size);
         }
         self.standardized.resize_with(network.layer_count(), Standardized::default);
         let widest = sizes.iter().copied().max().unwrap_or(0);
-        lanes::resize(&mut self.zeros, 1, widest);
+        matmul::resize(&mut self.zeros, 1, widest);
         self.outputs.resize(rows * network.output_size(), T::ZERO);
     }
 
-    /// Whether the last forward pass was one of `network`, as far as sizes tell.
+    /// Returns whether the sizes match a forward pass of `network`.
     fn fits(&self, network: &Mlp<T>) -> bool {
         let sizes = network.sizes();
         self.values.len() == sizes.len()
-            && self.values.iter().zip(sizes).all(|(v, size)| v.len() == self.rows * lanes::panels(*size))
+            && self.values.iter().zip(sizes).all(|(v, size)| v.len() == self.rows * matmul::panels(*size))
     }
 }
 
 impl<T: Scalar> Mlp<T> {
-    /// The outputs for `inputs`, both row by row: `[rows, input_size]` to `[rows, output_size]`.
+    /// Runs a forward pass: `inputs` is `[rows, input_size]`, the result `[rows, output_size]`, both row-major.
     ///
-    /// A row's outputs are the same bits whatever other rows are given with it.
+    /// The outputs of a row do not depend on the other rows, bit for bit.
     ///
     /// # Panics
-    /// If the length of `inputs` is not a whole number of rows.
+    /// If the length of `inputs` is not a multiple of the input size.
     pub fn forward<'w>(&self, inputs: &[T], workspace: &'w mut Workspace<T>) -> &'w [T] {
         let columns = self.input_size();
         assert!(
             inputs.len().is_multiple_of(columns),
-            "inputs: {} numbers, rows have {columns}",
+            "expected a multiple of {columns} inputs, found {}",
             inputs.len()
         );
         let rows = inputs.len() / columns;
@@ -82,13 +82,13 @@ impl<T: Scalar> Mlp<T> {
         if rows == 0 {
             return &workspace.outputs;
         }
-        lanes::pack(inputs, columns, rows, &mut workspace.values[0]);
+        matmul::pack(inputs, columns, rows, &mut workspace.values[0]);
         for (l, layer) in self.packed.iter().enumerate() {
             let (before, after) = workspace.values.split_at_mut(l + 1);
             let (activation, after) = (self.activation(l), &mut after[0]);
             let is_standardized = self.is_standardized(l);
-            let finish = if is_standardized { Epilogue::Keep } else { Epilogue::Activate(activation) };
-            T::product(rows, &before[l], &layer.weight, Some(&layer.bias), after, finish);
+            let epilogue = if is_standardized { Epilogue::None } else { Epilogue::Activate(activation) };
+            T::product(rows, &before[l], &layer.weight, Some(&layer.bias), after, epilogue);
             if is_standardized {
                 let Standardized { values, scales } = &mut workspace.standardized[l];
                 scales.resize(rows, T::ZERO);
@@ -97,22 +97,22 @@ impl<T: Scalar> Mlp<T> {
                 T::activate(activation, after);
             }
         }
-        lanes::unpack(&workspace.values[self.layer_count()], self.output_size(), &mut workspace.outputs);
+        matmul::unpack(&workspace.values[self.layer_count()], self.output_size(), &mut workspace.outputs);
         &workspace.outputs
     }
 
-    /// Reverse derivatives at the rows of the last forward pass, for a loss ℓ that is a function of the outputs.
+    /// Runs a backward pass at the rows of the last forward pass, for a loss ℓ that is a function of the outputs.
     ///
     /// ```text
     /// parameter_gradient += Σ_rows (∂output/∂parameters)ᵀ ∂ℓ/∂output
     /// input_gradient = (∂output/∂input)ᵀ ∂ℓ/∂output, for each row
     /// ```
     ///
-    /// `output_gradient` is ∂ℓ/∂output, `[rows, output_size]`; `parameter_gradient` has the layout of
-    /// [`parameters`](Mlp::parameters) and is added to; `input_gradient`, `[rows, input_size]`, is overwritten.
+    /// `output_gradient` is ∂ℓ/∂output, `[rows, output_size]`. The gradient is added to `parameter_gradient`, which
+    /// has the layout of [`parameters`](Mlp::parameters). `input_gradient`, `[rows, input_size]`, is overwritten.
     ///
     /// # Panics
-    /// If `workspace` does not hold a forward pass of this network, or a length is another.
+    /// If `workspace` does not contain a forward pass of this network, or a length is wrong.
     ///
     /// # Example
     /// ```
@@ -135,7 +135,7 @@ impl<T: Scalar> Mlp<T> {
         input_gradient: Option<&mut [T]>,
     ) {
         let rows = workspace.rows;
-        assert!(workspace.fits(self), "the workspace holds no forward pass of this network");
+        assert!(workspace.fits(self), "the workspace contains no forward pass of this network");
         check_length("output gradient", output_gradient.len(), rows * self.output_size());
         if let Some(gradient) = &parameter_gradient {
             check_length("parameter gradient", gradient.len(), self.parameter_count());
@@ -146,9 +146,9 @@ impl<T: Scalar> Mlp<T> {
         if rows == 0 {
             return;
         }
-        let Workspace { values, standardized, flow: [gradient, next], zeros, .. } = workspace;
-        lanes::resize(gradient, rows, self.output_size());
-        lanes::pack(output_gradient, self.output_size(), rows, gradient);
+        let Workspace { values, standardized, derivatives: [gradient, next], zeros, .. } = workspace;
+        matmul::resize(gradient, rows, self.output_size());
+        matmul::pack(output_gradient, self.output_size(), rows, gradient);
         T::times_derivative(self.output_activation(), &values[self.layer_count()], gradient);
         for (l, shape) in self.shapes.iter().enumerate().rev() {
             if let Some(flat) = parameter_gradient.as_deref_mut() {
@@ -159,19 +159,19 @@ impl<T: Scalar> Mlp<T> {
                     (&values[l], shape.inputs),
                     weight,
                 );
-                lanes::add_row_sum(rows, gradient, bias);
+                matmul::add_row_sum(rows, gradient, bias);
             }
             if l == 0 && input_gradient.is_none() {
                 return;
             }
-            let finish = if l == 0 {
-                Epilogue::Keep
+            let epilogue = if l == 0 {
+                Epilogue::None
             } else {
                 Epilogue::TimesDerivative(self.hidden_activation(), &values[l])
             };
-            lanes::resize(next, rows, shape.inputs);
-            let start = &zeros[..lanes::panels(shape.inputs)];
-            T::product(rows, gradient, &self.packed_for_inputs[l], Some(start), next, finish);
+            matmul::resize(next, rows, shape.inputs);
+            let start = &zeros[..matmul::panels(shape.inputs)];
+            T::product(rows, gradient, &self.packed_for_inputs[l], Some(start), next, epilogue);
             if l > 0 && self.is_standardized(l - 1) {
                 let Standardized { values, scales } = &standardized[l - 1];
                 T::times_standardize_derivative(shape.inputs, values, scales, next);
@@ -179,22 +179,23 @@ impl<T: Scalar> Mlp<T> {
             std::mem::swap(gradient, next);
         }
         if let Some(to) = input_gradient {
-            lanes::unpack(gradient, self.input_size(), to);
+            matmul::unpack(gradient, self.input_size(), to);
         }
     }
 
-    /// Forward derivatives at the rows of the last forward pass: how the outputs move along a direction.
+    /// Computes the Jacobian-vector product at the rows of the last forward pass: the directional derivative of the
+    /// outputs.
     ///
     /// ```text
     /// tangent = (∂output/∂parameters) parameter_direction + (∂output/∂input) input_direction
     /// ```
     ///
-    /// `parameter_direction` has the layout of [`parameters`](Mlp::parameters), `input_direction` is `[rows, input_size]`; one
-    /// that is absent is zero. The result is `[rows, output_size]`. It is exact, not a difference quotient. The forward pass stays in the
-    /// workspace, so `backward` may follow.
+    /// `parameter_direction` has the layout of [`parameters`](Mlp::parameters), `input_direction` is
+    /// `[rows, input_size]`. An absent direction is zero. The result is `[rows, output_size]`. It is exact, not a finite
+    /// difference. The workspace keeps the forward pass, so `backward` may follow.
     ///
     /// # Panics
-    /// If `workspace` does not hold a forward pass of this network, or a length is another.
+    /// If `workspace` does not contain a forward pass of this network, or a length is wrong.
     ///
     /// # Example
     /// ```
@@ -212,9 +213,15 @@ impl<T: Scalar> Mlp<T> {
         workspace: &'w mut Workspace<T>,
     ) -> &'w [T] {
         let rows = workspace.rows;
-        assert!(workspace.fits(self), "the workspace holds no forward pass of this network");
+        assert!(workspace.fits(self), "the workspace contains no forward pass of this network");
         let Workspace {
-            values, standardized, flow: [tangent, next], direction, zeros, output_tangents, ..
+            values,
+            standardized,
+            derivatives: [tangent, next],
+            direction,
+            zeros,
+            output_tangents,
+            ..
         } = workspace;
         output_tangents.clear();
         output_tangents.resize(rows * self.output_size(), T::ZERO);
@@ -227,30 +234,30 @@ impl<T: Scalar> Mlp<T> {
         }
         if let Some(rows_of_direction) = input_direction {
             check_length("input direction", rows_of_direction.len(), rows * self.input_size());
-            lanes::resize(tangent, rows, self.input_size());
-            lanes::pack(rows_of_direction, self.input_size(), rows.max(1), tangent);
+            matmul::resize(tangent, rows, self.input_size());
+            matmul::pack(rows_of_direction, self.input_size(), rows.max(1), tangent);
         }
         if rows == 0 || (parameter_direction.is_none() && input_direction.is_none()) {
             return output_tangents;
         }
         for (l, shape) in self.shapes.iter().enumerate() {
-            lanes::resize(next, rows, shape.outputs);
+            matmul::resize(next, rows, shape.outputs);
             let is_standardized = self.is_standardized(l);
-            let finish = if is_standardized {
-                Epilogue::Keep
+            let epilogue = if is_standardized {
+                Epilogue::None
             } else {
                 Epilogue::TimesDerivative(self.activation(l), &values[l + 1])
             };
             let inputs_move = l > 0 || input_direction.is_some();
-            let mut start = Some(&zeros[..lanes::panels(shape.outputs)]);
+            let mut start = Some(&zeros[..matmul::panels(shape.outputs)]);
             if parameter_direction.is_some() {
                 let PackedLayer { weight, bias } = &direction[l];
-                let finish = if inputs_move { Epilogue::Keep } else { finish };
-                T::product(rows, &values[l], weight, Some(bias), next, finish);
+                let epilogue = if inputs_move { Epilogue::None } else { epilogue };
+                T::product(rows, &values[l], weight, Some(bias), next, epilogue);
                 start = None;
             }
             if inputs_move {
-                T::product(rows, tangent, &self.packed[l].weight, start, next, finish);
+                T::product(rows, tangent, &self.packed[l].weight, start, next, epilogue);
             }
             if is_standardized {
                 let Standardized { values: at, scales } = &standardized[l];
@@ -259,12 +266,12 @@ impl<T: Scalar> Mlp<T> {
             }
             std::mem::swap(tangent, next);
         }
-        lanes::unpack(tangent, self.output_size(), output_tangents);
+        matmul::unpack(tangent, self.output_size(), output_tangents);
         output_tangents
     }
 }
 
 #[track_caller]
-fn check_length(what: &str, found: usize, wanted: usize) {
-    assert!(found == wanted, "{what}: {found} numbers, {wanted} wanted");
+fn check_length(what: &str, found: usize, expected: usize) {
+    assert!(found == expected, "expected a {what} of {expected} numbers, found {found}");
 }
