@@ -274,7 +274,7 @@ fn a_stopped_training_run_continues_from_its_checkpoint() {
     let other = FileLock::try_acquire(&lock).unwrap().unwrap();
     let (refused, reports) = repository.call(ppo(&[0]), |zoo| zoo.train());
     assert!(matches!(refused, Err(ExperimentError::Failed { failed: 1, total: 1 })), "{refused:?}");
-    assert!(reports[0].contains("another training is writing"), "{reports:?}");
+    assert!(reports[0].contains("another training run is writing"), "{reports:?}");
     drop(other);
     assert_eq!(repository.states(&[0]), [interrupted]);
     repository.train(&[0]);
