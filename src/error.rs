@@ -51,61 +51,50 @@ pub enum MishandleError {
         /// Name of the missing folder.
         folder: &'static str,
     },
-    /// Another process is writing to the same training output.
-    #[error("another training run is writing {}; wait until it ends, or give another {flag}", path.display())]
+    /// Another process writes to the same file.
+    #[error("another training run is writing {}; wait until it ends, or choose another {flag}", path.display())]
     Busy {
         /// Path of the file.
         path: PathBuf,
         /// Flag that sets the path.
         flag: &'static str,
     },
-    /// A new training run would overwrite a file.
-    #[error("{} exists already; give another {flag}, or --resume to continue the training run", path.display())]
+    /// An output file of a new training run exists.
+    #[error("{} exists already; choose another {flag}, or resume with --resume", path.display())]
     Exists {
-        /// Path of the existing file.
+        /// The existing file.
         path: PathBuf,
-        /// Flag that sets the path.
+        /// Flag of this output.
         flag: &'static str,
     },
-    /// The training run cannot be resumed without a checkpoint.
+    /// There is no checkpoint to resume from.
     #[error(
-        "there is no checkpoint {} to resume from; to start again, remove the other output files of the training run \
-         and leave out --resume",
+        "there is no checkpoint {} to resume from; to start again, delete the output files and omit --resume",
         path.display()
     )]
     NoCheckpoint {
-        /// Expected path of the checkpoint.
+        /// Path of the checkpoint.
         path: PathBuf,
     },
     /// Two outputs of a training run have the same path.
-    #[error("{} would hold both {first} and {second}; give another {flag}", path.display())]
-    SamePath {
-        /// The common path.
+    #[error("{} is the path of both {first} and {second}; choose another {flag}", path.display())]
+    SameOutput {
+        /// The path.
         path: PathBuf,
-        /// First output.
+        /// Name of the first output.
         first: &'static str,
-        /// Second output.
+        /// Name of the second output.
         second: &'static str,
-        /// Flag that sets the path of the second output.
+        /// Flag of the second output.
         flag: &'static str,
     },
-    /// The learning curve is damaged, is not a curve, or belongs to another training run.
+    /// The CSV file of a learning curve is damaged, or belongs to another training run.
     #[error("{}: {problem}", path.display())]
     Curve {
         /// Path of the file.
         path: PathBuf,
         /// Cause of the error.
         problem: crate::CurveProblem,
-    },
-    /// The training run needs more memory than is free.
-    #[error("the training run needs at least {needed} of memory, {free} are free: {}", parts.join(", "))]
-    Memory {
-        /// Required memory, with its unit.
-        needed: String,
-        /// Free memory, with its unit.
-        free: String,
-        /// The largest parts of the required memory, each with its size.
-        parts: Vec<String>,
     },
     /// A recorded simulation of an evaluation differs from the simulation of its plan.
     #[error(

@@ -26,7 +26,6 @@ mod evaluate;
 mod falsify;
 mod hint;
 mod home;
-mod memory;
 mod plan;
 mod record;
 mod replay;

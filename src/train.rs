@@ -1,9 +1,9 @@
-//! Training, and what it leaves behind.
+//! Training runs with their output files.
 
-mod places;
+mod output_check;
 mod plan;
-mod unwritten;
-mod watcher;
+mod recorder;
+mod write_failures;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,115 +13,115 @@ use mishandle_files::{FileLock, NewFolders};
 use mishandle_rollout::Seed;
 use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment, task_hash};
 use mishandle_training::{
-    ALGORITHMS, BEST, Checkpoint, Config, Flow, PRESETS, Progress, Trained, Validation,
+    ALGORITHMS, AlgorithmSettings, BEST, Checkpoint, PRESETS, TrainingControl, TrainingProgress,
+    TrainingResult, Validation,
 };
 
 use crate::curve::{Curve, CurveRow, NoTrainingTime};
 use crate::home::check_home;
-use crate::{MishandleError, build, memory, shipped_settings, task};
-pub(crate) use places::check as check_places;
-use plan::with_ending;
-use watcher::Watcher;
+use crate::{MishandleError, build, shipped_settings, task};
+pub(crate) use output_check::check as check_outputs;
+use plan::with_suffix;
+use recorder::TrainingRecorder;
 
 pub use plan::{TrainPlan, default_out};
 
-/// Who is told how a training goes.
+/// Receives the progress of a training run.
 pub trait TrainObserver {
-    /// Called before the first iteration, when all has been checked: how many environment steps are done and wanted.
-    fn begins(&mut self, _done: u64, _total: u64) {}
+    /// Called before the first iteration, after all checks, with the environment steps so far and in total.
+    fn training_started(&mut self, _done: u64, _total: u64) {}
 
-    /// Called after each iteration. [`Flow::Stop`] ends the training; what has been learned until then is written all
-    /// the same.
-    fn progress(&mut self, progress: &Progress) -> Flow;
+    /// Called after each iteration. After [`TrainingControl::Stop`] all output files are written.
+    fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl;
 
-    /// Called when a file cannot be written, once until it can be written again: that is tried after each iteration, of
-    /// a checkpoint after each minute.
-    fn unwritten(&mut self, failure: &MishandleError);
+    /// Called when a file cannot be written; once until a later attempt succeeds. The next attempt follows after the next
+    /// iteration, for a checkpoint after a minute.
+    fn write_failed(&mut self, error: &MishandleError);
 }
 
-/// What a training gave, and the settings it ran with.
+/// Report of a training run.
 #[derive(Debug)]
 pub struct TrainReport {
-    /// The best and the last policy.
-    pub trained: Trained,
-    /// The settings.
-    pub config: Config,
-    /// Where the return became flat; see [`Curve::training_time`].
+    /// The best and the last policy, with their validations.
+    pub result: TrainingResult,
+    /// All settings.
+    pub settings: AlgorithmSettings,
+    /// Row of the curve where the return converged; see [`Curve::training_time`].
     pub training_time: Result<CurveRow, NoTrainingTime>,
-    /// Why what is not written is not: controllers, the last checkpoint, the curve, the event file.
-    pub unwritten: Vec<MishandleError>,
+    /// Errors of the files that could not be written: controllers, last checkpoint, curve, event file.
+    pub write_failures: Vec<MishandleError>,
 }
 
 impl TrainReport {
-    /// Whether it came to its end; if not, it was stopped from outside.
-    pub fn has_ended(&self) -> bool {
-        self.trained.reached || self.trained.environment_steps >= self.config.run().total_steps
+    /// Returns whether training finished; `false` means that it was interrupted.
+    pub fn is_finished(&self) -> bool {
+        self.result.reached_target || self.result.environment_steps >= self.settings.run().total_steps
     }
 
-    /// Whether it ended before its last step, since its policy was as good as the settings ask for.
+    /// Returns whether training stopped before its last step because validations reached the target rates.
     pub fn stopped_early(&self) -> bool {
-        self.trained.reached && self.trained.environment_steps < self.config.run().total_steps
+        self.result.reached_target && self.result.environment_steps < self.settings.run().total_steps
     }
 }
 
-/// Trains a controller and writes it to the plan's file, the best one by validation, with the last one beside it.
-/// `watch` is told how it goes, and may stop it.
+/// Trains a controller and writes the best one by validation to the plan's file, and the last one beside it. `observer`
+/// receives the progress and can stop the run.
 ///
-/// A checkpoint is written after the first iteration. From then on the training goes on without what cannot be written,
-/// and tries again.
+/// The first checkpoint is written after the first iteration. After that, a file that cannot be written does not end the
+/// run; writing is tried again, and the report contains the errors that remain at the end.
 ///
 /// # Errors
-/// If a name is unknown, the settings are wrong or take more memory than is free, the checkpoint or the curve is another training's, something is in the
-/// way of what is to be written, or its first part or the first checkpoint cannot be written. What was not there before
-/// is then gone again. What cannot be written in the end, the report tells.
-pub fn train(plan: &TrainPlan, watch: &mut dyn TrainObserver) -> Result<TrainReport, MishandleError> {
+/// If a name is unknown, a setting has a value that is not allowed, the checkpoint or the curve belongs to another training
+/// run, an output file exists, or the first checkpoint or the start of an output file cannot be written. The files that
+/// this run created are then deleted.
+pub fn train(plan: &TrainPlan, observer: &mut dyn TrainObserver) -> Result<TrainReport, MishandleError> {
     let task = task(&plan.task)?;
-    let config = settings(plan)?;
-    plan.check_places()?;
+    let settings = settings(plan)?;
+    plan.check_distinct_outputs()?;
     let environment = Arc::new(environment(plan)?);
-    memory::check(&config, &*environment)?;
     let mut folders = NewFolders::default();
     let _locks = lock(plan, &mut folders)?;
-    plan.check_presence()?;
+    plan.check_existing_files()?;
     let hash = task_hash(task, reward(&plan.reward)?)?;
     let specification = task.definition().formulas(Preset::Paper).specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
-    let mut watcher = Watcher::new(plan, environment.clone(), specification, resumed.as_ref(), watch)?;
-    let trained = config.train(&environment, Seed(plan.seed), resumed.as_ref(), &mut watcher);
-    let trained = match watcher.failure().map_or(trained.map_err(MishandleError::from), Err) {
-        Ok(trained) => trained,
-        Err(failure) => {
-            watcher.abandon();
-            return Err(failure);
+    let mut recorder =
+        TrainingRecorder::new(plan, environment.clone(), specification, resumed.as_ref(), observer)?;
+    let trained = settings.train(&environment, Seed(plan.seed), resumed.as_ref(), &mut recorder);
+    let result = match recorder.take_error().map_or(trained.map_err(MishandleError::from), Err) {
+        Ok(result) => result,
+        Err(error) => {
+            recorder.abandon();
+            return Err(error);
         }
     };
-    let (best, last) = controllers(plan, (task, &hash), &config, &trained);
+    let (best, last) = controllers(plan, (task, &hash), &settings, &result);
     let saved = [best.save(&plan.out), last.save(&plan.last())];
-    let mut unwritten: Vec<MishandleError> =
+    let mut write_failures: Vec<MishandleError> =
         saved.into_iter().filter_map(Result::err).map(MishandleError::from).collect();
-    unwritten.extend(watcher.finish());
+    write_failures.extend(recorder.finish());
     let training_time = match plan.csv.as_deref().map(Curve::load) {
         Some(Ok(curve)) => curve.training_time().cloned(),
         None => Err(NoTrainingTime::NoCurve),
         Some(Err(error)) => {
-            unwritten.push(error);
+            write_failures.push(error);
             Err(NoTrainingTime::NoCurve)
         }
     };
-    Ok(TrainReport { trained, config, training_time, unwritten })
+    Ok(TrainReport { result, settings, training_time, write_failures })
 }
 
-/// Keeps other trainings away from this one's files, whose folders are made.
+/// Locks the output files against other training runs and creates their folders.
 fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<FileLock>, MishandleError> {
     let own = [("--out", plan.out.clone()), ("--out", plan.last())];
-    let places = own.into_iter().chain(plan.csv.clone().map(|csv| ("--csv", csv)));
-    places
+    let outputs = own.into_iter().chain(plan.csv.clone().map(|csv| ("--csv", csv)));
+    outputs
         .map(|(flag, path)| {
             let folder = path.parent().unwrap_or(Path::new(""));
             folders
                 .create(folder)
                 .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
-            let file = with_ending(&path, ".lock");
+            let file = with_suffix(&path, ".lock");
             let lock =
                 FileLock::try_acquire(&file).map_err(|source| MishandleError::File { path: file, source })?;
             lock.ok_or(MishandleError::Busy { path, flag })
@@ -129,29 +129,30 @@ fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<FileLock>, Mis
         .collect()
 }
 
-/// The environment that a plan asks for.
+/// Creates the environment of a plan.
 pub(crate) fn environment(plan: &TrainPlan) -> Result<TaskEnvironment, MishandleError> {
     let reward = reward(&plan.reward)?;
     Ok(TaskEnvironment::new(task(&plan.task)?, Preset::Paper, reward)?)
 }
 
-/// The settings that a plan asks for.
-pub(crate) fn settings(plan: &TrainPlan) -> Result<Config, MishandleError> {
+/// Reads the settings of a plan.
+pub(crate) fn settings(plan: &TrainPlan) -> Result<AlgorithmSettings, MishandleError> {
     known_algorithm(&plan.algorithm)?;
     let (path, text) = match plan.settings.as_deref().filter(|path| *path != Path::new(BEST)) {
         Some(path) => (path.to_path_buf(), given_settings(path)?),
         None => shipped(plan)?.unwrap_or_default(),
     };
-    let config = Config::from_toml(&plan.algorithm, &text).expect("the algorithm is known");
-    let mut config = config.map_err(|source| MishandleError::Settings { path, source: Box::new(source) })?;
-    config.run_mut().total_steps = plan.steps.unwrap_or(config.run().total_steps);
-    config.check()?;
-    Ok(config)
+    let settings = AlgorithmSettings::from_toml(&plan.algorithm, &text).expect("the algorithm is known");
+    let mut settings =
+        settings.map_err(|source| MishandleError::Settings { path, source: Box::new(source) })?;
+    settings.run_mut().total_steps = plan.steps.unwrap_or(settings.run().total_steps);
+    settings.check()?;
+    Ok(settings)
 }
 
-/// The settings in a file that the user named, or those of a settings preset.
+/// Returns the text of the settings file or settings preset that the user named.
 fn given_settings(path: &Path) -> Result<String, MishandleError> {
-    // What is neither a file nor looks like one was meant as a settings preset.
+    // An argument that is no file and does not look like one is the name of a settings preset.
     if !path.exists() && path.components().count() == 1 && path.extension().is_none_or(|end| end != "toml") {
         known("settings preset", &path.to_string_lossy(), &PRESETS)?;
     }
@@ -162,7 +163,7 @@ fn given_settings(path: &Path) -> Result<String, MishandleError> {
     }
 }
 
-/// The shipped settings of a plan's task and algorithm, with their path; `None` if none are shipped.
+/// Returns path and text of the shipped settings of task and algorithm; `None` if none are shipped.
 fn shipped(plan: &TrainPlan) -> Result<Option<(PathBuf, String)>, MishandleError> {
     let definition = task(&plan.task)?.definition();
     check_home("experiments/training")?;
@@ -171,8 +172,8 @@ fn shipped(plan: &TrainPlan) -> Result<Option<(PathBuf, String)>, MishandleError
     Ok(Some((file.path().to_path_buf(), text)))
 }
 
-/// Whether a training takes the default settings of its algorithm, because the plan names no settings and none are shipped
-/// for its task.
+/// Returns whether training uses the default settings of its algorithm, because the plan names no settings and none are
+/// shipped for its task.
 ///
 /// # Errors
 /// If a name is unknown, or shipped settings cannot be read.
@@ -182,10 +183,10 @@ pub fn uses_default_settings(plan: &TrainPlan) -> Result<bool, MishandleError> {
     Ok(!names_settings && shipped(plan)?.is_none())
 }
 
-/// The reward of that name: `shaped` or `original`.
+/// Returns the reward named `shaped` or `original`.
 ///
 /// # Errors
-/// If there is none.
+/// If the name is unknown.
 pub fn reward(name: &str) -> Result<Reward, MishandleError> {
     known("reward", name, &["shaped", "original"])?;
     Ok(if name == "original" { Reward::Original } else { Reward::Shaped })
@@ -204,12 +205,12 @@ fn known(kind: &'static str, name: &str, names: &[&str]) -> Result<(), Mishandle
     Err(MishandleError::UnknownName { kind, name: name.to_string(), known })
 }
 
-/// The files of the best controller and of the last.
+/// Returns the files of the best and of the last controller.
 fn controllers(
     plan: &TrainPlan,
     (task, task_hash): (&dyn Task, &str),
-    config: &Config,
-    trained: &Trained,
+    settings: &AlgorithmSettings,
+    result: &TrainingResult,
 ) -> (ControllerFile, ControllerFile) {
     let definition = task.definition();
     let file = |policy: &Policy, environment_steps: u64, validation: Option<Validation>| ControllerFile {
@@ -223,19 +224,19 @@ fn controllers(
             training: TrainingRecord {
                 seed: plan.seed,
                 environment_steps,
-                wall_clock_secs: trained.wall_clock_secs,
+                wall_clock_secs: result.wall_clock_secs,
                 git_commit: build().git_commit,
                 command: plan.command(),
-                settings: config.to_toml(),
-                validation: validation.map(|found| ValidationRecord {
-                    episodes: config.run().validation_episodes,
-                    success_rate: found.success_rate,
-                    strict_success_rate: found.strict_success_rate,
+                settings: settings.to_toml(),
+                validation: validation.map(|validation| ValidationRecord {
+                    episodes: settings.run().validation_episodes,
+                    success_rate: validation.success_rate,
+                    strict_success_rate: validation.strict_success_rate,
                 }),
             },
         },
         policy: policy.clone(),
     };
-    let best = file(&trained.best, trained.best_environment_steps, trained.best_validation);
-    (best, file(&trained.last, trained.environment_steps, trained.last_validation))
+    let best = file(&result.best, result.best_environment_steps, result.best_validation);
+    (best, file(&result.last, result.environment_steps, result.last_validation))
 }

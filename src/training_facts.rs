@@ -3,46 +3,44 @@ use std::sync::Arc;
 use mishandle_controllers::WRITTEN_VERSIONS;
 use mishandle_rollout::{Environment, Seed};
 use mishandle_tasks::task_hash;
-use mishandle_training::{Checkpoint, Config};
+use mishandle_training::{AlgorithmSettings, Checkpoint};
 
-use crate::train::{check_places, environment, reward, settings};
-use crate::{MishandleError, TrainPlan, memory, task};
+use crate::train::{check_outputs, environment, reward, settings};
+use crate::{MishandleError, TrainPlan, task};
 
-/// The inputs that determine the controller of a training run and the format of its file.
+/// Facts that determine the result of a training run and the format of its controller files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainingFacts {
-    /// All settings. Settings that the plan's file leaves out have their defaults.
-    pub config: Config,
-    /// Hash of the task as a learning controller experiences it; see [`task_hash`].
+    /// All settings, with the defaults of missing keys.
+    pub settings: AlgorithmSettings,
+    /// Hash of the parts of the task that training depends on; see [`task_hash`].
     pub task_hash: String,
     /// Hash of the layout of observations and actions.
     pub layout_hash: String,
-    /// Kinds of policy, each with the format version of its controller files.
+    /// Kinds of policies, each with the format version of its controller files.
     pub formats: &'static [(&'static str, u64)],
 }
 
-/// Makes all checks of a training run before its first step, and leaves no files.
-///
-/// It does not detect another training run that writes to the same files.
+/// Runs all checks that [`train`](crate::train()) runs before its first step, except for locks of other processes. Creates no
+/// files.
 ///
 /// # Errors
 /// The errors of [`train`](crate::train()) before its first step.
 pub fn training_facts(plan: &TrainPlan) -> Result<TrainingFacts, MishandleError> {
     let task = task(&plan.task)?;
-    let config = settings(plan)?;
+    let settings = settings(plan)?;
     let environment = Arc::new(environment(plan)?);
-    memory::check(&config, &*environment)?;
     let checkpoint = plan.checkpoint();
     let resumed = plan.resume && checkpoint.exists();
     let resumed = resumed.then(|| Checkpoint::load(&checkpoint)).transpose()?;
-    check_places(plan, environment.reward_terms(), resumed.as_ref())?;
+    check_outputs(plan, environment.reward_terms(), resumed.as_ref())?;
     if let Some(checkpoint) = &resumed {
-        config.check_resumption(&environment, Seed(plan.seed), checkpoint)?;
+        settings.check_resumption(&environment, Seed(plan.seed), checkpoint)?;
     }
     Ok(TrainingFacts {
         task_hash: task_hash(task, reward(&plan.reward)?)?,
         layout_hash: task.definition().layout().hash(),
         formats: &WRITTEN_VERSIONS,
-        config,
+        settings,
     })
 }

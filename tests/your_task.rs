@@ -9,7 +9,7 @@ use std::sync::Once;
 
 use mishandle::TrainPlan;
 use mishandle::store::RunFile;
-use mishandle::training::Config;
+use mishandle::training::AlgorithmSettings;
 
 #[path = "../examples/your_task/cube_flipping.rs"]
 mod cube_flipping;
@@ -57,7 +57,7 @@ fn every_command_accepts_a_user_s_task() {
                  --out HERE/early.sqlite";
     assert_eq!(run(early), ExitCode::from(1));
 
-    let settings = "rollout_steps = 16\nminibatch_rows = 128\nepisodes.environments = 16\nrun.total_steps = 512\n\
+    let settings = "rollout_steps = 16\nminibatch_size = 128\nepisodes.environments = 16\nrun.total_steps = 512\n\
                     run.validation_episodes = 2\n";
     std::fs::write(folder.path().join("ppo.toml"), settings).unwrap();
     assert_eq!(run("train cube-flipping --settings HERE/ppo.toml --out HERE/mine.safetensors"), success);
@@ -97,7 +97,7 @@ fn a_training_run_without_shipped_settings_uses_the_defaults() {
     assert!(uses_defaults("cube-flipping", None) && uses_defaults("cube-flipping", Some("best")));
     assert!(!uses_defaults("cube-flipping", Some("skrl-0.10")));
     assert!(!uses_defaults("ball-balancing", None) && !uses_defaults("cloth-placing-7x7", None));
-    let mut defaults = Config::from_toml("sac", "").unwrap().unwrap();
+    let mut defaults = AlgorithmSettings::from_toml("sac", "").unwrap().unwrap();
     defaults.run_mut().total_steps = 512;
-    assert_eq!(mishandle::training_facts(&plan("cube-flipping", None)).unwrap().config, defaults);
+    assert_eq!(mishandle::training_facts(&plan("cube-flipping", None)).unwrap().settings, defaults);
 }

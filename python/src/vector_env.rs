@@ -252,9 +252,9 @@ impl VectorEnv {
 /// Converts an error of a training setting: in Python the setting is a keyword argument without a table.
 fn keyword_error(error: TrainingError) -> PyErr {
     match error {
-        TrainingError::Setting { name, wanted, found, .. } => {
+        TrainingError::Setting { name, expected, found, .. } => {
             let keyword = name.rsplit('.').next().unwrap_or(&name);
-            MishandleError::new_err(format!("`{keyword}` must be {wanted}, found {found}"))
+            MishandleError::new_err(format!("`{keyword}` must be {expected}, found {found}"))
         }
         other => raised(other),
     }

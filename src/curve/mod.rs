@@ -1,4 +1,4 @@
-//! A training's curve: a CSV file with a row for each iteration.
+//! Learning curve: a CSV file with one row per iteration.
 
 mod row;
 mod training_time;
@@ -15,7 +15,7 @@ pub use row::CurveRow;
 pub use training_time::NoTrainingTime;
 pub(crate) use writer::CurveWriter;
 
-/// A training's curve, as `mishandle train --csv FILE` writes it.
+/// Learning curve of a training run, as written by `mishandle train --csv FILE`.
 ///
 /// # Example
 /// ```
@@ -33,95 +33,92 @@ pub(crate) use writer::CurveWriter;
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
-    /// Names of the reward's terms.
+    /// Names of the reward terms.
     pub reward_terms: Vec<String>,
-    /// One for each iteration, without gaps. The first has another number than 1 if the file was begun by a resumed
-    /// training.
+    /// One row per iteration, without gaps. The first iteration is not 1 if a resumed run created the file.
     pub rows: Vec<CurveRow>,
-    /// Whether the end of the file's last line is missing, as a killed training may leave it: it is no row then.
-    pub is_cut: bool,
+    /// Whether the last line of the file is incomplete, as after a killed run; `rows` does not contain it.
+    pub is_truncated: bool,
 }
 
-/// What is wrong with the file of a curve.
+/// Problem with the CSV file of a curve.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CurveProblem {
     /// It is a folder or a device.
-    #[error("it is no plain file")]
+    #[error("expected a regular file, found a folder or a device")]
     NoFile,
-    /// Other columns than a curve has.
-    #[error(
-        "column {number} of its first line is `{found}`; it has to be {wanted}, as in a curve that `train --csv` wrote"
-    )]
+    /// A column has the wrong name.
+    #[error("column {number} of the header is `{found}`, expected {expected}, as written by `train --csv`")]
     Columns {
-        /// Counted from 1.
+        /// Column, counted from 1.
         number: usize,
-        /// What would be right.
-        wanted: String,
-        /// Its name, empty if it is missing.
+        /// Expected name.
+        expected: String,
+        /// Name found; empty if the column is missing.
         found: String,
     },
-    /// A cell that cannot be read.
-    #[error("line {line}: {column} is `{found}`; it has to be {wanted}")]
+    /// A cell has the wrong type.
+    #[error("line {line}: {column} is `{found}`, expected {expected}")]
     Cell {
-        /// Counted from 1.
+        /// Line, counted from 1.
         line: u64,
-        /// The column's name.
+        /// Name of the column.
         column: String,
-        /// What stands there.
+        /// Content of the cell.
         found: String,
-        /// What would be right.
-        wanted: &'static str,
+        /// Expected content.
+        expected: &'static str,
     },
-    /// Iterations are not one after the other.
+    /// Iterations are not consecutive.
     #[error("line {line}: iteration {found} cannot follow iteration {before}")]
     Order {
-        /// Counted from 1.
+        /// Line, counted from 1.
         line: u64,
         /// The iteration of this line.
         found: u64,
         /// The iteration of the line before.
         before: u64,
     },
-    /// Environment steps do not grow with the iterations.
+    /// Environment steps do not increase.
     #[error("line {line}: {found} environment steps cannot follow {before}")]
     Steps {
-        /// Counted from 1.
+        /// Line, counted from 1.
         line: u64,
         /// Environment steps of this line.
         found: u64,
-        /// Those of the line before.
+        /// Environment steps of the line before.
         before: u64,
     },
-    /// Rows of another reward.
-    #[error("its reward terms are {}, those of this training {}", listed(found), listed(wanted))]
+    /// The curve has other reward terms.
+    #[error("its reward terms are {}, those of this training are {}", listed(found), listed(expected))]
     RewardTerms {
-        /// Those of the training.
-        wanted: Vec<String>,
-        /// Those of the file.
+        /// Reward terms of the training run.
+        expected: Vec<String>,
+        /// Reward terms of the file.
         found: Vec<String>,
     },
-    /// It cannot go on where the checkpoint was taken.
+    /// The curve ends before the checkpoint.
     #[error(
-        "it has no row of iteration {wanted}, where the checkpoint was taken; give another --csv for the rest"
+        "it has no row for iteration {iteration} of the checkpoint; choose another --csv for the remaining rows"
     )]
-    Behind {
+    MissingRow {
         /// Iteration of the checkpoint.
-        wanted: u64,
+        iteration: u64,
     },
-    /// It is another training's.
+    /// The curve belongs to another training run.
     #[error(
-        "it is another training's: its row of iteration {iteration} is from second {found}, the checkpoint from {wanted}"
+        "it belongs to another training: the wall-clock time of iteration {iteration} is {found} s, in the checkpoint {expected} s"
     )]
     OtherTraining {
         /// Iteration of the checkpoint.
         iteration: u64,
-        /// Wall clock of the checkpoint, s.
-        wanted: String,
-        /// Wall clock of the row, s.
+        /// Wall-clock time of the checkpoint, s.
+        expected: String,
+        /// Wall-clock time of the row, s.
         found: String,
     },
-    /// It is not CSV, or has lines of different lengths.
+    /// The file is not CSV, or its lines have different numbers of cells.
     #[error(transparent)]
     Csv(#[from] csv::Error),
 }
@@ -134,18 +131,18 @@ impl Curve {
     /// Reads a curve.
     ///
     /// # Errors
-    /// If the file cannot be read, or is no curve; the message names the line.
+    /// If the file cannot be read or is not a curve; the message names the line.
     pub fn load(path: &Path) -> Result<Curve, MishandleError> {
         let (curve, _) = read(path, None)?;
         Ok(curve)
     }
 }
 
-/// The curve in a file, and how many bytes it takes: up to the row of an iteration, or all of it.
+/// Reads a curve, or its part up to iteration `last`; returns the curve and its number of bytes.
 fn read(path: &Path, last: Option<u64>) -> Result<(Curve, u64), MishandleError> {
     let wrong = |problem| MishandleError::Curve { path: path.to_path_buf(), problem };
     let failed = |source| MishandleError::File { path: path.to_path_buf(), source };
-    // A device may have no end.
+    // Reading a device may not end.
     if !std::fs::metadata(path).map_err(failed)?.is_file() {
         return Err(wrong(CurveProblem::NoFile));
     }
@@ -156,8 +153,8 @@ fn parse(bytes: &[u8], last: Option<u64>) -> Result<(Curve, u64), CurveProblem> 
     let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
     let mut reader = ReaderBuilder::new().from_reader(&bytes[..whole]);
     let columns = reader.headers()?.clone();
-    let is_cut = whole < bytes.len();
-    let mut curve = Curve { reward_terms: reward_terms(&columns)?, rows: Vec::new(), is_cut };
+    let is_truncated = whole < bytes.len();
+    let mut curve = Curve { reward_terms: reward_terms(&columns)?, rows: Vec::new(), is_truncated };
     let mut record = StringRecord::new();
     while reader.read_record(&mut record)? {
         let row = CurveRow::read(&columns, &record)?;
@@ -173,11 +170,14 @@ fn parse(bytes: &[u8], last: Option<u64>) -> Result<(Curve, u64), CurveProblem> 
     Ok((curve, reader.position().byte()))
 }
 
-/// Names of the reward's terms, if the other columns are those of a curve.
+/// Returns the names of the reward terms.
+///
+/// # Errors
+/// If the other columns are not those of a curve.
 fn reward_terms(columns: &StringRecord) -> Result<Vec<String>, CurveProblem> {
-    let wrong = |at: usize, wanted: String| CurveProblem::Columns {
+    let wrong = |at: usize, expected: String| CurveProblem::Columns {
         number: at + 1,
-        wanted,
+        expected,
         found: columns.get(at).unwrap_or_default().to_string(),
     };
     for (at, name) in COLUMNS.iter().enumerate() {

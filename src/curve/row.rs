@@ -1,9 +1,9 @@
 use csv::StringRecord;
-use mishandle_training::{Progress, Shares, Validation};
+use mishandle_training::{TimeShares, TrainingProgress, Validation};
 
 use super::CurveProblem;
 
-/// Names of the columns that every curve has; behind them stands one for each term of the reward.
+/// Names of the columns of every curve; one column per reward term follows.
 pub(super) const COLUMNS: [&str; 15] = [
     "iteration",
     "environment_steps",
@@ -22,42 +22,42 @@ pub(super) const COLUMNS: [&str; 15] = [
     "learning_share",
 ];
 
-/// What comes before the name of a reward term in the name of its column.
+/// Prefix of the column of a reward term.
 pub(super) const REWARD: &str = "reward_";
 
-/// Where a training stood after an iteration: a row of its [`Curve`](super::Curve).
+/// Progress of a training run after an iteration: a row of its [`Curve`](super::Curve).
 ///
-/// Quantities are those of [`Progress`]; `None` where nothing was measured.
+/// The quantities are those of [`TrainingProgress`]; `None` if not measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CurveRow {
-    /// Iterations done.
+    /// Number of completed iterations.
     pub iteration: u64,
-    /// Environment steps done: control steps times environments.
+    /// Number of environment steps so far: control steps times environments.
     pub environment_steps: u64,
-    /// Duration of the training so far, of resumed runs together, s.
+    /// Wall-clock time so far, including the runs that this one resumes, s.
     pub wall_clock_secs: f64,
-    /// Mean sum of rewards over the episodes that ended in this iteration, if any did.
+    /// Mean undiscounted return of the episodes that ended in this iteration; `None` if no episode ended.
     pub mean_return: Option<f64>,
-    /// Mean control steps of these episodes.
+    /// Mean length of these episodes in control steps.
     pub mean_episode_steps: Option<f64>,
-    /// Share of these episodes that the task ended.
+    /// Fraction of these episodes that the task terminated.
     pub terminated_rate: Option<f64>,
-    /// What this iteration's validation found, if it had one.
+    /// Validation of this iteration, if there was one.
     pub validation: Option<Validation>,
     /// Mean Kullback-Leibler divergence of the new policy from the old one.
     pub kl: Option<f64>,
     /// Entropy of the policy.
     pub entropy: Option<f64>,
-    /// Step length of the policy's optimiser.
+    /// Learning rate of the policy.
     pub learning_rate: f64,
-    /// Where the time of this iteration went.
-    pub shares: Shares,
+    /// Time shares of this iteration.
+    pub time_shares: TimeShares,
     /// Mean of each reward term per control step in this iteration.
     pub reward_terms: Vec<f64>,
 }
 
-impl From<&Progress> for CurveRow {
-    fn from(progress: &Progress) -> CurveRow {
+impl From<&TrainingProgress> for CurveRow {
+    fn from(progress: &TrainingProgress) -> CurveRow {
         CurveRow {
             iteration: progress.iteration,
             environment_steps: progress.environment_steps,
@@ -69,23 +69,22 @@ impl From<&Progress> for CurveRow {
             kl: progress.kl,
             entropy: progress.entropy,
             learning_rate: progress.learning_rate,
-            shares: progress.shares,
+            time_shares: progress.time_shares,
             reward_terms: progress.reward_terms.clone(),
         }
     }
 }
 
 impl CurveRow {
-    /// Control steps that each of as many environments had made.
+    /// Returns the number of control steps per environment.
     pub fn control_steps(&self, environments: usize) -> u64 {
         self.environment_steps / environments as u64
     }
 
-    /// The cells, in the order of [`COLUMNS`]. Numbers come back to the bit, but for times: those are rounded, since
-    /// no other run has the same.
+    /// Returns the cells, in the order of [`COLUMNS`]. Numbers round-trip exactly, except for times, which are rounded.
     pub(super) fn cells(&self) -> Vec<String> {
         let optional = |number: Option<f64>| number.map_or(String::new(), |number| number.to_string());
-        let found = |rate: fn(&Validation) -> f64| optional(self.validation.as_ref().map(rate));
+        let validation = |rate: fn(&Validation) -> f64| optional(self.validation.as_ref().map(rate));
         let share = |share: f64| format!("{share:.4}");
         let mut cells = vec![
             self.iteration.to_string(),
@@ -94,21 +93,21 @@ impl CurveRow {
             optional(self.mean_return),
             optional(self.mean_episode_steps),
             optional(self.terminated_rate),
-            found(|found| found.success_rate),
-            found(|found| found.strict_success_rate),
-            found(|found| found.mean_return),
+            validation(|validation| validation.success_rate),
+            validation(|validation| validation.strict_success_rate),
+            validation(|validation| validation.mean_return),
             optional(self.kl),
             optional(self.entropy),
             self.learning_rate.to_string(),
-            share(self.shares.physics),
-            share(self.shares.inference),
-            share(self.shares.learning),
+            share(self.time_shares.physics),
+            share(self.time_shares.inference),
+            share(self.time_shares.learning),
         ];
         cells.extend(self.reward_terms.iter().map(f64::to_string));
         cells
     }
 
-    /// The row that a line of cells holds, in a file with these columns.
+    /// Reads a row from a line of a file with these columns.
     pub(super) fn read(columns: &StringRecord, record: &StringRecord) -> Result<CurveRow, CurveProblem> {
         let mut cells = Cells { columns, record, next: 0 };
         Ok(CurveRow {
@@ -122,7 +121,7 @@ impl CurveRow {
             kl: cells.optional()?,
             entropy: cells.optional()?,
             learning_rate: cells.number()?,
-            shares: Shares {
+            time_shares: TimeShares {
                 physics: cells.number()?,
                 inference: cells.number()?,
                 learning: cells.number()?,
@@ -132,12 +131,12 @@ impl CurveRow {
     }
 }
 
-/// Seconds as they are written: to the nanosecond of the clock, so that no two trainings agree, however short they are.
+/// Formats seconds with the nanosecond resolution of the clock, so that the times identify a training run.
 pub(super) fn secs_cell(secs: f64) -> String {
     format!("{secs:.9}")
 }
 
-/// The cells of a line, taken one after the other.
+/// Cells of a line, read one after the other.
 struct Cells<'a> {
     columns: &'a StringRecord,
     record: &'a StringRecord,
@@ -150,13 +149,13 @@ impl Cells<'_> {
         &self.record[self.next - 1]
     }
 
-    /// What is wrong with the cell taken last.
-    fn wrong(&self, wanted: &'static str) -> CurveProblem {
+    /// Returns the error for the cell read last.
+    fn wrong(&self, expected: &'static str) -> CurveProblem {
         CurveProblem::Cell {
             line: line_of(self.record),
             column: self.columns[self.next - 1].to_string(),
             found: self.record[self.next - 1].to_string(),
-            wanted,
+            expected,
         }
     }
 
@@ -169,11 +168,11 @@ impl Cells<'_> {
         number.ok_or_else(|| self.wrong("a finite number"))
     }
 
-    /// What was measured: NaN or infinite in a training that breaks down.
+    /// Reads a measured quantity; it is NaN or infinite in a run that diverges.
     fn optional(&mut self) -> Result<Option<f64>, CurveProblem> {
         match self.take() {
             "" => Ok(None),
-            cell => cell.parse().map(Some).map_err(|_| self.wrong("a number, or nothing")),
+            cell => cell.parse().map(Some).map_err(|_| self.wrong("a number or an empty cell")),
         }
     }
 
@@ -183,12 +182,12 @@ impl Cells<'_> {
                 Ok(Some(Validation { success_rate, strict_success_rate, mean_return }))
             }
             (None, None, None) => Ok(None),
-            _ => Err(self.wrong("there with both success rates, or missing with them")),
+            _ => Err(self.wrong("a number beside both success rates, or three empty cells")),
         }
     }
 }
 
-/// The line that a record begins in, from 1.
+/// Returns the line of a record, counted from 1.
 pub(super) fn line_of(record: &StringRecord) -> u64 {
     record.position().map_or(0, csv::Position::line)
 }

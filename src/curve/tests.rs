@@ -1,9 +1,9 @@
 use super::*;
-use mishandle_training::{Checkpoint, Progress, Shares, Validation};
+use mishandle_training::{Checkpoint, TimeShares, TrainingProgress, Validation};
 
-/// What a training of two terms tells after an iteration of 512 environment steps and half a second.
-fn progress(iteration: u64) -> Progress {
-    Progress {
+/// Returns the progress of a run with two reward terms; an iteration has 512 environment steps and takes 0.5 s.
+fn progress(iteration: u64) -> TrainingProgress {
+    TrainingProgress {
         iteration,
         environment_steps: 512 * iteration,
         total_steps: 1_000_000,
@@ -19,7 +19,7 @@ fn progress(iteration: u64) -> Progress {
         kl: Some(0.01),
         entropy: None,
         learning_rate: 1e-5,
-        shares: Shares { physics: 0.5, inference: 0.25, learning: 0.25 },
+        time_shares: TimeShares { physics: 0.5, inference: 0.25, learning: 0.25 },
     }
 }
 
@@ -39,7 +39,7 @@ struct Example {
 }
 
 impl Example {
-    /// A curve of three iterations.
+    /// Writes a curve of three iterations.
     fn new() -> Example {
         let example = Example { folder: tempfile::tempdir().unwrap() };
         let mut writer = CurveWriter::create(&example.path(), &terms()).unwrap();
@@ -63,7 +63,7 @@ impl Example {
 }
 
 #[test]
-fn the_file_is_as_the_manual_says() {
+fn the_file_has_the_documented_columns() {
     let text = Example::new().text();
     let lines: Vec<&str> = text.lines().collect();
     assert_eq!(
@@ -85,7 +85,7 @@ fn the_file_is_as_the_manual_says() {
 }
 
 #[test]
-fn a_curve_comes_back() {
+fn a_curve_round_trips() {
     let curve = Curve::load(&Example::new().path()).unwrap();
     assert_eq!(curve.reward_terms, terms());
     assert_eq!(curve.rows, [1, 2, 3].map(|iteration| CurveRow::from(&progress(iteration))));
@@ -93,121 +93,120 @@ fn a_curve_comes_back() {
 }
 
 #[test]
-fn a_resumed_training_writes_the_rows_behind_its_checkpoint_anew() {
+fn a_resumed_run_replaces_the_rows_after_its_checkpoint() {
     let example = Example::new();
     let whole = example.text();
     let mut writer = example.resume(&terms(), 2).unwrap();
-    // Nothing is lost as long as nothing was done.
+    // Opening the file does not change it.
     assert_eq!(example.text(), whole);
     writer.write(&progress(3)).unwrap();
     assert_eq!(example.text(), whole);
     writer.write(&progress(4)).unwrap();
     assert_eq!(Curve::load(&example.path()).unwrap().rows.len(), 4);
-    // One that has nothing left to do drops them in the end.
+    // A run without further iterations removes the later rows at its end.
     example.resume(&terms(), 2).unwrap().finish().unwrap();
     assert_eq!(Curve::load(&example.path()).unwrap().rows.len(), 2);
 }
 
 #[test]
-fn what_a_killed_training_left_of_a_line_is_no_harm_behind_the_checkpoint() {
+fn an_incomplete_line_after_the_checkpoint_is_replaced() {
     let example = Example::new();
     let whole = example.text();
     std::fs::write(example.path(), &whole[..whole.len() - 20]).unwrap();
     let cut = Curve::load(&example.path()).unwrap();
-    assert_eq!((cut.rows.len(), cut.is_cut), (2, true));
+    assert_eq!((cut.rows.len(), cut.is_truncated), (2, true));
     example.resume(&terms(), 2).unwrap().write(&progress(3)).unwrap();
     assert_eq!(example.text(), whole);
-    // Cut within the last number, it still has all its cells.
+    // The file ends within the last number, so the line has all its cells.
     std::fs::write(example.path(), &whole[..whole.len() - 3]).unwrap();
     assert_eq!(Curve::load(&example.path()).unwrap(), cut);
-    assert!(example.resume(&terms(), 3).unwrap_err().to_string().contains("no row of iteration 3"));
-    // A file that is cut within its first line has no columns.
+    assert!(example.resume(&terms(), 3).unwrap_err().to_string().contains("no row for iteration 3"));
+    // A file that ends within its header has no columns.
     std::fs::write(example.path(), &whole[..20]).unwrap();
-    assert!(
-        Curve::load(&example.path()).unwrap_err().to_string().contains("column 1 of its first line is ``")
-    );
+    assert!(Curve::load(&example.path()).unwrap_err().to_string().contains("column 1 of the header is ``"));
 }
 
 #[test]
-fn a_file_that_is_not_the_training_s_is_refused_and_left_alone() {
+fn a_curve_of_another_training_run_is_an_error_and_unchanged() {
     let example = Example::new();
     let whole = example.text();
-    let refusal = |terms: &[String], iteration| example.resume(terms, iteration).unwrap_err().to_string();
-    assert!(refusal(&terms(), 5).contains("no row of iteration 5"), "{}", refusal(&terms(), 5));
+    let error = |terms: &[String], iteration| example.resume(terms, iteration).unwrap_err().to_string();
+    assert!(error(&terms(), 5).contains("no row for iteration 5"), "{}", error(&terms(), 5));
     assert!(
-        refusal(&["a".to_string()], 2)
-            .ends_with("its reward terms are distance, a,b, those of this training a")
+        error(&["a".to_string()], 2)
+            .ends_with("its reward terms are distance, a,b, those of this training are a")
     );
     let mut other = checkpoint(2);
     other.put("wall_clock_secs", vec![1.000_000_002]);
-    let told = CurveWriter::resume(&example.path(), &terms(), &other).unwrap_err().to_string();
+    let message = CurveWriter::resume(&example.path(), &terms(), &other).unwrap_err().to_string();
     assert!(
-        told.ends_with("its row of iteration 2 is from second 1.000000000, the checkpoint from 1.000000002"),
-        "{told}"
+        message.ends_with("time of iteration 2 is 1.000000000 s, in the checkpoint 1.000000002 s"),
+        "{message}"
     );
     assert!(CurveWriter::create(&example.path(), &terms()).is_err());
     assert_eq!(example.text(), whole);
-    // One that is not there is begun.
+    // A missing file is created.
     std::fs::remove_file(example.path()).unwrap();
     example.resume(&terms(), 2).unwrap().write(&progress(3)).unwrap();
     assert_eq!(Curve::load(&example.path()).unwrap().rows[0].iteration, 3);
 }
 
-/// The example with `from` replaced by `to`, read.
+/// Checks the error of reading the example with `from` replaced by `to`.
 #[track_caller]
-fn check_refusal(from: &str, to: &str, told: &str) {
+fn check_error(from: &str, to: &str, expected: &str) {
     let example = Example::new();
     let text = example.text();
     assert!(text.contains(from), "{text}");
     std::fs::write(example.path(), text.replacen(from, to, 1)).unwrap();
-    let refusal = Curve::load(&example.path()).unwrap_err().to_string();
-    assert!(refusal.contains("curve.csv: ") && refusal.contains(told), "{refusal}");
-    assert!(!refusal.contains('\n'));
+    let error = Curve::load(&example.path()).unwrap_err().to_string();
+    assert!(error.contains("curve.csv: ") && error.contains(expected), "{error}");
+    assert!(!error.contains('\n'));
 }
 
 #[test]
-fn what_a_training_measures_as_it_breaks_down_comes_back() {
+fn infinite_values_of_a_diverging_run_round_trip() {
     let example = Example::new();
-    let broken = Progress { mean_return: Some(f64::NEG_INFINITY), kl: Some(f64::INFINITY), ..progress(1) };
+    let diverging =
+        TrainingProgress { mean_return: Some(f64::NEG_INFINITY), kl: Some(f64::INFINITY), ..progress(1) };
     std::fs::remove_file(example.path()).unwrap();
-    CurveWriter::create(&example.path(), &terms()).unwrap().write(&broken).unwrap();
-    assert_eq!(Curve::load(&example.path()).unwrap().rows, [CurveRow::from(&broken)]);
+    CurveWriter::create(&example.path(), &terms()).unwrap().write(&diverging).unwrap();
+    assert_eq!(Curve::load(&example.path()).unwrap().rows, [CurveRow::from(&diverging)]);
 }
 
 #[test]
-fn a_file_edited_by_hand_is_refused_with_its_line() {
-    check_refusal("kl,entropy", "entropy,kl", "column 10 of its first line is `entropy`; it has to be `kl`");
-    check_refusal(
+fn errors_of_an_edited_file_name_the_line() {
+    check_error("kl,entropy", "entropy,kl", "column 10 of the header is `entropy`, expected `kl`");
+    check_error(
         "reward_distance",
         "distance",
-        "column 16 of its first line is `distance`; it has to be `reward_` and",
+        "column 16 of the header is `distance`, expected `reward_` and",
     );
-    check_refusal("\n2,1024", "\n2,many", "line 3: environment_steps is `many`; it has to be a whole number");
-    check_refusal("\n2,1024", "\n4,1024", "line 3: iteration 4 cannot follow iteration 1");
-    check_refusal("\n2,1024", "\n2,512", "line 3: 512 environment steps cannot follow 512");
-    check_refusal("-0.2,", "low,", "line 3: mean_return is `low`; it has to be a number, or nothing");
-    check_refusal("0.00001", "NaN", "line 2: learning_rate is `NaN`; it has to be a finite number");
-    check_refusal("0.00001", "", "line 2: learning_rate is ``; it has to be a finite number");
-    check_refusal(
+    check_error("\n2,1024", "\n2,many", "line 3: environment_steps is `many`, expected a whole number");
+    check_error("\n2,1024", "\n4,1024", "line 3: iteration 4 cannot follow iteration 1");
+    check_error("\n2,1024", "\n2,512", "line 3: 512 environment steps cannot follow 512");
+    check_error("-0.2,", "low,", "line 3: mean_return is `low`, expected a number or an empty cell");
+    check_error("0.00001", "NaN", "line 2: learning_rate is `NaN`, expected a finite number");
+    check_error("0.00001", "", "line 2: learning_rate is ``, expected a finite number");
+    check_error(
         "0.75,0.5,-7",
         "0.75,,-7",
-        "line 3: validation_return is `-7`; it has to be there with both",
+        "line 3: validation_return is `-7`, expected a number beside both",
     );
-    check_refusal("-0.2,", "", "line: 3");
-    check_refusal("iteration,", "", "column 1 of its first line is `environment_steps`");
+    check_error("-0.2,", "", "line: 3");
+    check_error("iteration,", "", "column 1 of the header is `environment_steps`");
 }
 
 #[test]
-fn what_is_no_file_of_text_is_refused() {
+fn files_that_are_not_text_are_errors() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("curve.csv");
-    let told = || Curve::load(&path).unwrap_err().to_string();
+    let message = || Curve::load(&path).unwrap_err().to_string();
     let missing = Curve::load(&path).unwrap_err();
     assert!(std::error::Error::source(&missing).is_some(), "{missing}");
     std::fs::write(&path, "").unwrap();
-    assert!(told().contains("column 1 of its first line is ``; it has to be `iteration`"), "{}", told());
+    assert!(message().contains("column 1 of the header is ``, expected `iteration`"), "{}", message());
     std::fs::write(&path, b"\xff\xfe\x00\n").unwrap();
-    assert!(told().contains("UTF-8"), "{}", told());
+    assert!(message().contains("UTF-8"), "{}", message());
     let device = Curve::load(Path::new("/dev/zero")).unwrap_err().to_string();
-    assert_eq!(device, "/dev/zero: it is no plain file");
+    assert_eq!(device, "/dev/zero: expected a regular file, found a folder or a device");
 }

@@ -1,59 +1,58 @@
 use super::{Curve, CurveRow};
 
-/// The share of the curve's environment steps that a smoothed return is taken over.
-const SMOOTHED_SHARE: f64 = 0.05;
+/// Width of the smoothing window as a fraction of the curve's environment steps.
+const WINDOW_FRACTION: f64 = 0.05;
 
-/// The share of the way from the first smoothed return to the final one that still counts as flat.
-const FLAT_SHARE: f64 = 0.05;
+/// Tolerance around the final smoothed return, as a fraction of its change since the first one.
+const TOLERANCE_FRACTION: f64 = 0.05;
 
-/// A way from the first smoothed return to the last that is shorter than this share of the greatest return is none:
-/// sums in another order differ by as much.
-const ROUNDING_SHARE: f64 = 1e-12;
+/// Changes below this fraction of the largest return count as zero, because rounding causes such differences.
+const ROUNDING_FRACTION: f64 = 1e-12;
 
-/// Why a training has no training time.
+/// Reason why a curve has no training time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoTrainingTime {
-    /// The training wrote no curve.
-    #[error("it is told from the curve, which --csv writes")]
+    /// The training run wrote no curve.
+    #[error("it needs a curve; use --csv")]
     NoCurve,
-    /// The first row is not of iteration 1.
-    #[error("the curve does not begin with iteration 1")]
-    NoBeginning,
+    /// The first row is not iteration 1.
+    #[error("the curve does not start with iteration 1")]
+    MissingStart,
     /// No row has a return.
-    #[error("no episode has ended")]
+    #[error("no episode ended")]
     NoReturn,
-    /// One row has a return.
-    #[error("episodes have ended in one iteration only")]
+    /// Only one row has a return.
+    #[error("episodes ended in one iteration only")]
     OneReturn,
-    /// A return is NaN or infinite, or so great that their sums are.
+    /// A return or a sum of returns is NaN or infinite.
     #[error("the returns are not finite")]
     NotFinite,
-    /// The smoothed return ends where it began.
-    #[error("the return is in the end what it was in the beginning")]
+    /// First and last smoothed return are equal.
+    #[error("the return did not change")]
     Unchanged,
-    /// Flat is the last row alone, which is near itself in any curve.
-    #[error("the return was still changing in the end")]
+    /// Only the last row is within the tolerance.
+    #[error("the return was still changing at the end")]
     StillChanging,
 }
 
 impl Curve {
-    /// Where the training time ends: the first row from which on the return is flat.
+    /// Returns the row of the training time: from this row on, the smoothed return stays near its final value.
     ///
     /// ```text
     /// s_i = mean of mean_return over the rows whose environment steps differ from row i's by at most 2.5 % of the last's
-    /// |s_j - s_last| <= 0.05 |s_last - s_first|   for every row j from there on
+    /// |s_j - s_last| <= 0.05 |s_last - s_first|   for every row j from the returned row on
     /// ```
     ///
-    /// Rows without a return are left out. The row has the training time in environment steps and in seconds;
-    /// [`CurveRow::control_steps`] gives control steps of each environment. A row near the end says that the return
-    /// hardly became flat.
+    /// Rows without a return are ignored. The returned row contains the training time in environment steps and in seconds;
+    /// [`CurveRow::control_steps`] returns control steps per environment. A row near the end of the curve means that the
+    /// return hardly converged.
     ///
     /// # Errors
-    /// If the curve has none.
+    /// If the training time is undefined.
     pub fn training_time(&self) -> Result<&CurveRow, NoTrainingTime> {
         if self.rows.first().is_some_and(|row| row.iteration != 1) {
-            return Err(NoTrainingTime::NoBeginning);
+            return Err(NoTrainingTime::MissingStart);
         }
         let (rows, returns): (Vec<&CurveRow>, Vec<f64>) =
             self.rows.iter().filter_map(|row| Some((row, row.mean_return?))).unzip();
@@ -63,34 +62,34 @@ impl Curve {
             [_] => return Err(NoTrainingTime::OneReturn),
             [first, .., last] => (first, last),
         };
-        let greatest = smoothed.iter().map(|value| value.abs()).fold(0.0, f64::max);
-        let way: f64 = (last - first).abs();
-        if !way.is_finite() || smoothed.iter().any(|value| !value.is_finite()) {
+        let largest = smoothed.iter().map(|value| value.abs()).fold(0.0, f64::max);
+        let change: f64 = (last - first).abs();
+        if !change.is_finite() || smoothed.iter().any(|value| !value.is_finite()) {
             return Err(NoTrainingTime::NotFinite);
         }
-        if way <= ROUNDING_SHARE * greatest {
+        if change <= ROUNDING_FRACTION * largest {
             return Err(NoTrainingTime::Unchanged);
         }
-        let is_flat = |value: &&f64| (**value - last).abs() <= FLAT_SHARE * way;
-        let flat = smoothed.iter().rev().take_while(is_flat).count();
-        if flat < 2 {
+        let is_converged = |value: &&f64| (**value - last).abs() <= TOLERANCE_FRACTION * change;
+        let converged = smoothed.iter().rev().take_while(is_converged).count();
+        if converged < 2 {
             return Err(NoTrainingTime::StillChanging);
         }
-        Ok(rows[rows.len() - flat])
+        Ok(rows[rows.len() - converged])
     }
 }
 
-/// Mean returns over windows of environment steps around each row.
+/// Returns the mean return over a window of environment steps around each row.
 fn smoothed(rows: &[&CurveRow], returns: &[f64]) -> Vec<f64> {
     let steps = |i: usize| rows[i].environment_steps;
-    let reach = rows.last().map_or(0.0, |row| row.environment_steps as f64) * SMOOTHED_SHARE / 2.0;
+    let radius = rows.last().map_or(0.0, |row| row.environment_steps as f64) * WINDOW_FRACTION / 2.0;
     let (mut start, mut end) = (0, 0);
     (0..rows.len())
         .map(|i| {
-            while ((steps(i) - steps(start)) as f64) > reach {
+            while ((steps(i) - steps(start)) as f64) > radius {
                 start += 1;
             }
-            while end < rows.len() && (steps(end).saturating_sub(steps(i)) as f64) <= reach {
+            while end < rows.len() && (steps(end).saturating_sub(steps(i)) as f64) <= radius {
                 end += 1;
             }
             returns[start..end].iter().sum::<f64>() / (end - start) as f64
@@ -101,9 +100,9 @@ fn smoothed(rows: &[&CurveRow], returns: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mishandle_training::Shares;
+    use mishandle_training::TimeShares;
 
-    /// A curve of iterations of 100 environment steps, one a second, with these returns.
+    /// Returns a curve with iterations of 100 environment steps and 1 s.
     fn curve(returns: &[Option<f64>]) -> Curve {
         let row = |(mean_return, iteration): (&Option<f64>, u64)| CurveRow {
             iteration,
@@ -116,15 +115,15 @@ mod tests {
             kl: None,
             entropy: None,
             learning_rate: 0.0,
-            shares: Shares::default(),
+            time_shares: TimeShares::default(),
             reward_terms: vec![],
         };
         let rows = returns.iter().zip(1..).map(row).collect();
-        Curve { reward_terms: vec![], rows, is_cut: false }
+        Curve { reward_terms: vec![], rows, is_truncated: false }
     }
 
-    /// 40 rows, so that a window reaches 100 steps to both sides: three rows, two at the ends. From -100 the return
-    /// rises by 10 an iteration, to 0 in the eleventh.
+    /// Returns 40 returns that rise from -100 by 10 per iteration to 0 in row 11. The window has a radius of 100 steps: three
+    /// rows, two at the ends.
     fn rising() -> Vec<Option<f64>> {
         (1..=40).map(|i| Some((-100.0 + 10.0 * f64::from(i - 1)).min(0.0))).collect()
     }
@@ -136,8 +135,8 @@ mod tests {
     }
 
     #[test]
-    fn a_return_that_rises_to_zero_is_flat_where_the_last_twentieth_begins() {
-        // From (-100 - 90) / 2 = -95 to 0: flat within 4.75. Row 10 has (-20 - 10 + 0) / 3 = -10, row 11 -10 / 3.
+    fn training_time_is_where_the_return_comes_within_five_percent() {
+        // From (-100 - 90) / 2 = -95 to 0: tolerance 4.75. Row 10 has (-20 - 10 + 0) / 3 = -10, row 11 -10 / 3.
         check(&rising(), Ok(11));
         let curve = curve(&rising());
         let row = curve.training_time().unwrap();
@@ -145,18 +144,18 @@ mod tests {
     }
 
     #[test]
-    fn a_point_that_is_left_again_does_not_count() {
+    fn leaving_the_tolerance_again_resets_the_training_time() {
         let mut returns = rising();
         // Rows 29, 30 and 31 have -30 / 3 = -10.
         returns[29] = Some(-30.0);
         check(&returns, Ok(32));
-        // -12 / 3 = -4 is within.
+        // -12 / 3 = -4 is within the tolerance.
         returns[29] = Some(-12.0);
         check(&returns, Ok(11));
     }
 
     #[test]
-    fn the_size_and_the_sign_of_returns_do_not_matter() {
+    fn training_time_does_not_depend_on_scale_and_offset_of_returns() {
         let scaled = |by: f64, shift: f64| -> Vec<Option<f64>> {
             rising().iter().map(|value| value.map(|value| by * value + shift)).collect()
         };
@@ -166,10 +165,10 @@ mod tests {
     }
 
     #[test]
-    fn rows_without_a_return_are_left_out() {
+    fn rows_without_a_return_are_ignored() {
         let mut returns = rising();
         returns[..2].fill(None);
-        // From (-80 - 70) / 2 = -75: flat within 3.75.
+        // From (-80 - 70) / 2 = -75: tolerance 3.75.
         check(&returns, Ok(11));
         returns[10] = None;
         // Row 10 has (-20 - 10) / 2, row 12 only zeros.
@@ -177,11 +176,11 @@ mod tests {
     }
 
     #[test]
-    fn a_curve_that_comes_from_nowhere_or_goes_nowhere_has_no_training_time() {
+    fn a_curve_without_change_has_no_training_time() {
         check(&[], Err(NoTrainingTime::NoReturn));
         check(&[None, None], Err(NoTrainingTime::NoReturn));
         check(&[None, Some(3.0)], Err(NoTrainingTime::OneReturn));
-        // Sums of two and of three tenths are rounded differently.
+        // The means of two and of three tenths differ by rounding.
         check(&[Some(0.1); 40], Err(NoTrainingTime::Unchanged));
         check(&[Some(0.0); 40], Err(NoTrainingTime::Unchanged));
         let mut returns = rising();
@@ -192,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn a_return_that_is_not_finite_has_no_training_time() {
+    fn returns_that_are_not_finite_have_no_training_time() {
         for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX] {
             for at in [0, 20, 39] {
                 let mut returns = rising();
@@ -207,16 +206,16 @@ mod tests {
     }
 
     #[test]
-    fn a_straight_line_is_flat_at_its_end() {
+    fn a_straight_line_converges_near_its_end() {
         let line: Vec<_> = (1..=40).map(|i| Some(f64::from(i))).collect();
-        // From 1.5 to 39.5: flat within 1.9, and row 38 has 38.
+        // From 1.5 to 39.5: tolerance 1.9, and row 38 has 38.
         check(&line, Ok(38));
     }
 
     #[test]
-    fn a_curve_without_its_beginning_has_no_training_time() {
+    fn a_curve_without_its_first_row_has_no_training_time() {
         let mut curve = curve(&rising());
         curve.rows.remove(0);
-        assert_eq!(curve.training_time(), Err(NoTrainingTime::NoBeginning));
+        assert_eq!(curve.training_time(), Err(NoTrainingTime::MissingStart));
     }
 }

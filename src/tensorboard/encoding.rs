@@ -1,24 +1,24 @@
-//! Records of an event file, and the parts of a protocol buffer.
+//! Encoding of event file records and protocol buffers.
 
-/// A message as a record of the file, with both checksums.
+/// Encodes a message as a record with both checksums.
 pub(super) fn record(message: &[u8]) -> Vec<u8> {
     let length = (message.len() as u64).to_le_bytes();
     [&length[..], &masked_checksum(&length), message, &masked_checksum(message)].concat()
 }
 
-/// The checksum as it is stored: turned and shifted, so that a checksum of checksums is no trap.
+/// Returns the masked checksum of the TFRecord format: rotated, plus a constant.
 pub(super) fn masked_checksum(bytes: &[u8]) -> [u8; 4] {
     checksum(bytes).rotate_right(15).wrapping_add(0xa282_ead8).to_le_bytes()
 }
 
-/// CRC-32C (Castagnoli), bit by bit.
+/// Returns the CRC-32C (Castagnoli) checksum.
 pub(super) fn checksum(bytes: &[u8]) -> u32 {
     const POLYNOMIAL: u32 = 0x82f6_3b78;
     let shifted = |crc: u32| if crc & 1 == 1 { (crc >> 1) ^ POLYNOMIAL } else { crc >> 1 };
     !bytes.iter().fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), |crc, _| shifted(crc)))
 }
 
-/// How a field's value is written in a protocol buffer.
+/// Wire types of protocol buffers.
 mod wire {
     pub const VARINT: u8 = 0;
     pub const EIGHT_BYTES: u8 = 1;

@@ -1,7 +1,7 @@
-//! Event files, as TensorBoard reads them.
+//! TensorBoard event files.
 //!
-//! A file is a sequence of records: a length, its checksum, a message and its checksum. A message is a protocol buffer
-//! `Event`. Only scalars are written, so the few fields that they need are written here by hand.
+//! A file is a sequence of records: length, checksum of the length, message, checksum of the message. A message is a protocol
+//! buffer `Event`. Scalars need only a few fields, so this module encodes them without a protocol buffer library.
 
 mod encoding;
 
@@ -9,16 +9,16 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use mishandle_training::{Progress, Validation};
+use mishandle_training::{TrainingProgress, Validation};
 
 use crate::MishandleError;
 use encoding::{put_bytes, put_double, put_float, put_integer, record};
 use mishandle_files::{GrowingFile, NewFolders};
 
-/// What the name of every event file has in it: TensorBoard looks for it.
+/// TensorBoard recognizes event files by this part of the name.
 const MARK: &str = "tfevents";
 
-/// A training's event file, being written.
+/// Writes the event file of a training run.
 #[derive(Debug)]
 pub(crate) struct EventFile {
     file: GrowingFile,
@@ -29,10 +29,10 @@ pub(crate) struct EventFile {
 }
 
 impl EventFile {
-    /// Begins an event file in `folder`, which is made if it is not there: the next one, if a training is resumed.
+    /// Creates an event file in `folder`, and the folder if it does not exist. A resumed run creates one more file.
     ///
     /// # Errors
-    /// If the folder has event files of another training, or the file cannot be made.
+    /// If the folder contains event files of another training run, or the file cannot be created.
     pub(crate) fn create(
         folder: &Path,
         reward_terms: &[String],
@@ -45,15 +45,15 @@ impl EventFile {
         let mut event = Vec::new();
         put_double(&mut event, event::WALL_TIME, now_secs());
         put_bytes(&mut event, event::FILE_VERSION, b"brain.Event:2");
-        let file = begin(folder, &record(&event)).map_err(|source| unwritten(folder, source))?;
+        let file = create_file(folder, &record(&event)).map_err(|source| write_error(folder, source))?;
         let reward_terms = reward_terms.iter().map(|name| format!("reward/{name}")).collect();
         Ok(EventFile { file, reward_terms, resumes, _folders: folders })
     }
 
-    /// Checks that `folder`, if it is there, has no event files of another training.
+    /// Checks that `folder` contains no event files of another training run.
     ///
     /// # Errors
-    /// If it has.
+    /// If it contains one.
     pub(crate) fn check(folder: &Path, resumes: bool) -> Result<(), MishandleError> {
         if resumes || !folder.exists() {
             return Ok(());
@@ -63,37 +63,37 @@ impl EventFile {
         found.map_or(Ok(()), |path| Err(MishandleError::Exists { path, flag: "--tensorboard" }))
     }
 
-    /// Takes the file away again.
+    /// Deletes the file.
     pub(crate) fn discard(self) {
         self.file.discard();
     }
 
-    /// Writes what is known after an iteration. What cannot be written is tried again with the next.
-    pub(crate) fn write(&mut self, progress: &Progress) -> Result<(), MishandleError> {
+    /// Writes the scalars of an iteration. The next call repeats a failed write.
+    pub(crate) fn write(&mut self, progress: &TrainingProgress) -> Result<(), MishandleError> {
         let mut records = Vec::new();
         if std::mem::take(&mut self.resumes) {
-            records = record(&start_again(progress.environment_steps));
+            records = record(&session_start(progress.environment_steps));
         }
         records.extend(record(&scalars(progress, &self.reward_terms)));
-        self.file.append(&records).map_err(|source| unwritten(self.file.path(), source))
+        self.file.append(&records).map_err(|source| write_error(self.file.path(), source))
     }
 
-    /// Whether nothing was written behind a checkpoint: nothing was left to do.
-    pub(crate) fn is_idle(&self) -> bool {
+    /// Returns whether a resumed run wrote no scalars, because it had no iterations left.
+    pub(crate) fn is_empty(&self) -> bool {
         self.resumes
     }
 
-    /// Has all records reach the disk.
+    /// Flushes all records to disk.
     pub(crate) fn finish(&mut self) -> Result<(), MishandleError> {
-        self.file.finish().map_err(|source| unwritten(self.file.path(), source))
+        self.file.finish().map_err(|source| write_error(self.file.path(), source))
     }
 }
 
-fn unwritten(path: &Path, source: io::Error) -> MishandleError {
+fn write_error(path: &Path, source: io::Error) -> MishandleError {
     MishandleError::Write { what: "event file", path: path.to_path_buf(), source }
 }
 
-/// An event file that a folder has, if any.
+/// Returns an event file of a folder, if there is one.
 fn event_file(folder: &Path) -> io::Result<Option<PathBuf>> {
     for entry in std::fs::read_dir(folder)? {
         let entry = entry?;
@@ -104,20 +104,21 @@ fn event_file(folder: &Path) -> io::Result<Option<PathBuf>> {
     Ok(None)
 }
 
-/// A file with a name of its own. TensorBoard reads the files of a folder in the order of their names: the time is first.
-fn begin(folder: &Path, first: &[u8]) -> io::Result<GrowingFile> {
+/// Creates a file with a unique name. TensorBoard reads the files of a folder in the order of their names, so the time is
+/// first.
+fn create_file(folder: &Path, first: &[u8]) -> io::Result<GrowingFile> {
     let (time, host, process) = (now_secs() as u64, host(), std::process::id());
     let mut number = 0;
     loop {
         let name = format!("events.out.{MARK}.{time:010}.{host}.{process}.{number}");
         match GrowingFile::create(folder.join(name), first) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
-            begun => return begun,
+            created => return created,
         }
     }
 }
 
-/// Name of this machine, for people.
+/// Returns the host name.
 fn host() -> String {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name: String =
@@ -129,8 +130,8 @@ fn now_secs() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
 }
 
-/// An event at which TensorBoard forgets what the folder has from this step on: it is made again.
-fn start_again(environment_steps: u64) -> Vec<u8> {
+/// Returns an event after which TensorBoard discards earlier data from this step on, because the run repeats these steps.
+fn session_start(environment_steps: u64) -> Vec<u8> {
     let mut session = Vec::new();
     put_integer(&mut session, session_log::STATUS, session_log::START);
     let mut event = event_at(environment_steps);
@@ -138,14 +139,14 @@ fn start_again(environment_steps: u64) -> Vec<u8> {
     event
 }
 
-/// An event with all that is known after an iteration.
-fn scalars(progress: &Progress, reward_terms: &[String]) -> Vec<u8> {
+/// Returns an event with the scalars of an iteration.
+fn scalars(progress: &TrainingProgress, reward_terms: &[String]) -> Vec<u8> {
     let validation = progress.validation.filter(|_| progress.validation_is_fresh);
-    let found = |rate: fn(&Validation) -> f64| validation.as_ref().map(rate);
+    let validated = |rate: fn(&Validation) -> f64| validation.as_ref().map(rate);
     let named = [
-        ("validation/success_rate", found(|found| found.success_rate)),
-        ("validation/strict_success_rate", found(|found| found.strict_success_rate)),
-        ("validation/mean_return", found(|found| found.mean_return)),
+        ("validation/success_rate", validated(|validation| validation.success_rate)),
+        ("validation/strict_success_rate", validated(|validation| validation.strict_success_rate)),
+        ("validation/mean_return", validated(|validation| validation.mean_return)),
         ("train/mean_return", progress.mean_return),
         ("train/mean_episode_steps", progress.mean_episode_steps),
         ("train/terminated_rate", progress.terminated_rate),
@@ -154,9 +155,9 @@ fn scalars(progress: &Progress, reward_terms: &[String]) -> Vec<u8> {
         ("train/learning_rate", Some(progress.learning_rate)),
         ("time/steps_per_second", Some(progress.steps_per_second)),
         ("time/wall_clock_secs", Some(progress.wall_clock_secs)),
-        ("time/physics_share", Some(progress.shares.physics)),
-        ("time/inference_share", Some(progress.shares.inference)),
-        ("time/learning_share", Some(progress.shares.learning)),
+        ("time/physics_share", Some(progress.time_shares.physics)),
+        ("time/inference_share", Some(progress.time_shares.inference)),
+        ("time/learning_share", Some(progress.time_shares.learning)),
     ];
     let rewards =
         reward_terms.iter().map(String::as_str).zip(progress.reward_terms.iter().copied().map(Some));
@@ -181,7 +182,7 @@ fn event_at(environment_steps: u64) -> Vec<u8> {
     event
 }
 
-/// Numbers of the fields of TensorFlow's `Event`.
+/// Field numbers of TensorFlow's `Event`.
 mod event {
     pub const WALL_TIME: u8 = 1;
     pub const STEP: u8 = 2;
@@ -190,18 +191,18 @@ mod event {
     pub const SESSION_LOG: u8 = 7;
 }
 
-/// Numbers of the fields of `Summary`.
+/// Field numbers of `Summary`.
 mod summary {
     pub const VALUE: u8 = 1;
 }
 
-/// Numbers of the fields of `Summary.Value`.
+/// Field numbers of `Summary.Value`.
 mod value {
     pub const TAG: u8 = 1;
     pub const SIMPLE_VALUE: u8 = 2;
 }
 
-/// The number of the field of `SessionLog`, and its value at the start of a session.
+/// Field number of `SessionLog`, and its value at the start of a session.
 mod session_log {
     pub const STATUS: u8 = 1;
     pub const START: u64 = 1;

@@ -1,9 +1,9 @@
 use super::encoding::{checksum, masked_checksum};
 use super::*;
-use mishandle_training::Shares;
+use mishandle_training::TimeShares;
 
 #[test]
-fn checksums_are_the_published_ones() {
+fn checksums_match_published_values() {
     // RFC 3720, appendix B.4: 32 bytes of zeros, 32 of ones; and the check value of CRC catalogues.
     assert_eq!(checksum(&[0; 32]), 0x8a91_36aa);
     assert_eq!(checksum(&[0xff; 32]), 0x62a8_ab43);
@@ -11,9 +11,9 @@ fn checksums_are_the_published_ones() {
 }
 
 #[test]
-fn messages_are_protocol_buffers() {
+fn messages_match_the_protocol_buffer_encoding() {
     let mut message = Vec::new();
-    // The encoding guide's examples: field 1 with 150 is 08 96 01; field 2 with "testing" is 12 07 and its bytes.
+    // Examples of the encoding guide: field 1 = 150 is 08 96 01; field 2 = "testing" is 12 07 and the text.
     put_integer(&mut message, 1, 150);
     put_bytes(&mut message, 2, b"testing");
     assert_eq!(message, b"\x08\x96\x01\x12\x07testing");
@@ -46,7 +46,7 @@ fn take_varint(rest: &mut &[u8]) -> u64 {
     }
 }
 
-/// The fields of a message with their numbers, by the encoding guide.
+/// Decodes a message into field numbers and values.
 fn fields(mut message: &[u8]) -> Vec<(u64, Field<'_>)> {
     let mut fields = Vec::new();
     while !message.is_empty() {
@@ -59,14 +59,14 @@ fn fields(mut message: &[u8]) -> Vec<(u64, Field<'_>)> {
                 Field::Bytes(take(&mut message, length))
             }
             5 => Field::Float(f32::from_le_bytes(take(&mut message, 4).try_into().unwrap())),
-            other => panic!("no wire type {other} is used"),
+            other => panic!("unexpected wire type {other}"),
         };
         fields.push((key >> 3, field));
     }
     fields
 }
 
-/// The messages of an event file: length, its checksum, message, its checksum.
+/// Returns the messages of an event file and checks their checksums.
 fn messages(mut file: &[u8]) -> Vec<&[u8]> {
     let mut messages = Vec::new();
     while !file.is_empty() {
@@ -79,18 +79,18 @@ fn messages(mut file: &[u8]) -> Vec<&[u8]> {
     messages
 }
 
-/// Step and scalars of an event.
+/// Returns step and scalars of an event.
 fn scalars_of(message: &[u8]) -> (u64, Vec<(String, f32)>) {
     let [(1, Field::Double(time)), (2, Field::Integer(step)), (5, Field::Bytes(summary))] =
         fields(message)[..]
     else {
-        panic!("no event with a summary: {:?}", fields(message));
+        panic!("not an event with a summary: {:?}", fields(message));
     };
     assert!((time - now_secs()).abs() < 60.0, "{time}");
     let scalar = |(number, value): (u64, Field<'_>)| {
-        let Field::Bytes(value) = value else { panic!("no value: {value:?}") };
+        let Field::Bytes(value) = value else { panic!("not a value: {value:?}") };
         let [(1, Field::Bytes(tag)), (2, Field::Float(number_of_tag))] = fields(value)[..] else {
-            panic!("no scalar: {:?}", fields(value));
+            panic!("not a scalar: {:?}", fields(value));
         };
         assert_eq!(number, 1);
         (String::from_utf8(tag.to_vec()).unwrap(), number_of_tag)
@@ -98,8 +98,8 @@ fn scalars_of(message: &[u8]) -> (u64, Vec<(String, f32)>) {
     (step, fields(summary).into_iter().map(scalar).collect())
 }
 
-fn progress(environment_steps: u64) -> Progress {
-    Progress {
+fn progress(environment_steps: u64) -> TrainingProgress {
+    TrainingProgress {
         iteration: 1,
         environment_steps,
         total_steps: 1_000_000,
@@ -115,21 +115,22 @@ fn progress(environment_steps: u64) -> Progress {
         kl: Some(0.0625),
         entropy: None,
         learning_rate: 0.125,
-        shares: Shares { physics: 0.5, inference: 0.25, learning: 0.25 },
+        time_shares: TimeShares { physics: 0.5, inference: 0.25, learning: 0.25 },
     }
 }
 
-fn bytes_of(folder: &Path, resumes: bool, told: &[Progress]) -> Vec<u8> {
+fn bytes_of(folder: &Path, resumes: bool, progress: &[TrainingProgress]) -> Vec<u8> {
     let terms = ["near".to_string(), "calm".to_string()];
     let mut file = EventFile::create(folder, &terms, resumes).unwrap();
-    told.iter().for_each(|progress| file.write(progress).unwrap());
+    progress.iter().for_each(|progress| file.write(progress).unwrap());
     std::fs::read(file.file.path()).unwrap()
 }
 
 #[test]
-fn an_event_file_holds_what_is_known_after_each_iteration() {
+fn an_event_file_contains_the_scalars_of_each_iteration() {
     let folder = tempfile::tempdir().unwrap();
-    let validated = Progress { validation_is_fresh: true, mean_return: Some(-8.0), ..progress(1 << 40) };
+    let validated =
+        TrainingProgress { validation_is_fresh: true, mean_return: Some(-8.0), ..progress(1 << 40) };
     let bytes = bytes_of(folder.path(), false, &[progress(300), validated]);
     let messages = messages(&bytes);
     assert_eq!(messages.len(), 3);
@@ -156,24 +157,24 @@ fn an_event_file_holds_what_is_known_after_each_iteration() {
 }
 
 #[test]
-fn a_resumed_training_says_from_which_step_on_it_makes_everything_again() {
+fn a_resumed_run_writes_a_session_start() {
     let folder = tempfile::tempdir().unwrap();
     let bytes = bytes_of(folder.path(), true, &[progress(300), progress(400)]);
     let messages = messages(&bytes);
     assert_eq!(messages.len(), 4);
-    // SessionLog, field 7: its status, field 1, is START, which is 1.
+    // Field 7, SessionLog: its field 1, status, is START = 1.
     assert_eq!(fields(messages[1])[1..], [(2, Field::Integer(300)), (7, Field::Bytes(&[8, 1]))]);
     assert_eq!((scalars_of(messages[2]).0, scalars_of(messages[3]).0), (300, 400));
 }
 
 #[test]
-fn a_folder_takes_the_files_of_one_training() {
+fn a_folder_contains_event_files_of_one_training_run() {
     let folder = tempfile::tempdir().unwrap();
     let inside = folder.path().join("a/b");
     let first = EventFile::create(&inside, &[], false).unwrap();
-    let refused = EventFile::create(&inside, &[], false).unwrap_err().to_string();
-    assert!(refused.contains("a/b") && refused.contains("--tensorboard"), "{refused}");
-    // In the same second, of the same process.
+    let error = EventFile::create(&inside, &[], false).unwrap_err().to_string();
+    assert!(error.contains("a/b") && error.contains("--tensorboard"), "{error}");
+    // Same second, same process.
     let second = EventFile::create(&inside, &[], true).unwrap();
     assert!(second.file.path() > first.file.path(), "{second:?}");
     let name = first.file.path().file_name().unwrap().to_string_lossy().into_owned();

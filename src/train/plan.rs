@@ -2,7 +2,7 @@ use std::path::{Path, PathBuf};
 
 use crate::{MishandleError, shell_quote};
 
-/// What to train.
+/// Plan of a training run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainPlan {
     /// Name of the task.
@@ -11,25 +11,25 @@ pub struct TrainPlan {
     pub algorithm: String,
     /// Name of the reward: `original` or `shaped`.
     pub reward: String,
-    /// The settings file, or the name of a settings preset; without one, and for `best`, the shipped settings of the task
-    /// and algorithm, or the algorithm's defaults if none are shipped.
+    /// Settings file, or name of a settings preset. `None` and `best` mean the shipped settings of task and algorithm, or the
+    /// algorithm's defaults if none are shipped.
     pub settings: Option<PathBuf>,
-    /// Environment steps, if others than the settings say.
+    /// Total number of environment steps; overrides the settings.
     pub steps: Option<u64>,
-    /// Seed of everything random.
+    /// Random seed.
     pub seed: u64,
-    /// Where the best controller goes; the last one and the checkpoint go beside it.
+    /// File of the best controller; the last controller and the checkpoint are written beside it.
     pub out: PathBuf,
-    /// Where the training's curve goes, if anywhere.
+    /// CSV file of the learning curve.
     pub csv: Option<PathBuf>,
-    /// The folder of the event files for TensorBoard, if any are wanted.
+    /// Folder of the TensorBoard event files.
     pub tensorboard: Option<PathBuf>,
-    /// Whether to carry on from the checkpoint.
+    /// Whether to resume from the checkpoint.
     pub resume: bool,
 }
 
 impl TrainPlan {
-    /// Where the last controller goes: the name of the best one's file, with `.last` before its extension.
+    /// Returns the file of the last controller: that of the best one, with `.last` before its extension.
     pub fn last(&self) -> PathBuf {
         let mut name = self.out.file_stem().unwrap_or_default().to_os_string();
         name.push(".last");
@@ -40,12 +40,12 @@ impl TrainPlan {
         self.out.with_file_name(name)
     }
 
-    /// Where the checkpoint is.
+    /// Returns the file of the checkpoint.
     pub fn checkpoint(&self) -> PathBuf {
-        with_ending(&self.out, ".checkpoint")
+        with_suffix(&self.out, ".checkpoint")
     }
 
-    /// The command line that does the same again, but for where things go.
+    /// Returns the command line of this training run, without output files.
     pub fn command(&self) -> String {
         let mut command = format!("mishandle train {} --algorithm {}", self.task, self.algorithm);
         if self.reward != "shaped" {
@@ -60,22 +60,22 @@ impl TrainPlan {
         command + &format!(" --seed {}", self.seed)
     }
 
-    /// The command line that does the same again, files and all.
-    pub fn whole_command(&self) -> String {
+    /// Returns the command line of this training run, with output files.
+    pub fn full_command(&self) -> String {
         let flags = [("--out", Some(&self.out)), ("--csv", self.csv.as_ref())];
         let flags = flags.into_iter().chain([("--tensorboard", self.tensorboard.as_ref())]);
         let flags = flags.filter_map(|(flag, path)| Some((flag, shell_quote(&path?.to_string_lossy()))));
-        let places: String = flags.map(|(flag, word)| format!(" {flag} {word}")).collect();
-        self.command() + &places + if self.resume { " --resume" } else { "" }
+        let outputs: String = flags.map(|(flag, word)| format!(" {flag} {word}")).collect();
+        self.command() + &outputs + if self.resume { " --resume" } else { "" }
     }
 
-    /// The command line that carries on.
-    pub fn resuming_command(&self) -> String {
-        TrainPlan { resume: true, ..self.clone() }.whole_command()
+    /// Returns the command line that resumes this training run.
+    pub fn resume_command(&self) -> String {
+        TrainPlan { resume: true, ..self.clone() }.full_command()
     }
 
-    /// What is written where: its name, the place, and the flag that says it.
-    fn places(&self) -> Vec<(&'static str, PathBuf, &'static str)> {
+    /// Returns the outputs: name, path and flag of each.
+    fn outputs(&self) -> Vec<(&'static str, PathBuf, &'static str)> {
         let own = [
             ("the best controller", self.out.clone(), "--out"),
             ("the last controller", self.last(), "--out"),
@@ -86,26 +86,26 @@ impl TrainPlan {
         own.into_iter().chain(csv).chain(events).collect()
     }
 
-    /// Checks that no two things go to one place.
-    pub(super) fn check_places(&self) -> Result<(), MishandleError> {
-        let places = self.places();
-        for (at, (second, path, flag)) in places.iter().enumerate() {
-            let same = places[..at].iter().find(|(_, other, _)| resolved(other) == resolved(path));
+    /// Checks that all outputs have different paths.
+    pub(super) fn check_distinct_outputs(&self) -> Result<(), MishandleError> {
+        let outputs = self.outputs();
+        for (index, (second, path, flag)) in outputs.iter().enumerate() {
+            let same = outputs[..index].iter().find(|(_, other, _)| resolved(other) == resolved(path));
             if let Some((first, ..)) = same {
-                return Err(MishandleError::SamePath { path: path.clone(), first, second, flag });
+                return Err(MishandleError::SameOutput { path: path.clone(), first, second, flag });
             }
         }
         Ok(())
     }
 
-    /// Checks that nothing is in the way of what is to be written, and that what is to be carried on is there. The
-    /// folder of event files may be there already; they look for themselves.
-    pub(super) fn check_presence(&self) -> Result<(), MishandleError> {
+    /// Checks that no output file exists, or that the checkpoint to resume from exists. The folder of event files may exist;
+    /// the event file has its own check.
+    pub(super) fn check_existing_files(&self) -> Result<(), MishandleError> {
         if self.resume {
             let path = self.checkpoint();
             return if path.exists() { Ok(()) } else { Err(MishandleError::NoCheckpoint { path }) };
         }
-        let files = self.places().into_iter().filter(|(.., flag)| *flag != "--tensorboard");
+        let files = self.outputs().into_iter().filter(|(.., flag)| *flag != "--tensorboard");
         match files.into_iter().find(|(_, path, _)| path.exists()) {
             Some((_, path, flag)) => Err(MishandleError::Exists { path, flag }),
             None => Ok(()),
@@ -113,19 +113,19 @@ impl TrainPlan {
     }
 }
 
-/// Where a training puts its controller if nothing else is said.
+/// Returns the default file of a trained controller.
 pub fn default_out(task: &str, algorithm: &str, seed: u64) -> PathBuf {
     Path::new("runs").join(format!("{task}-{algorithm}-s{seed}.safetensors"))
 }
 
-/// A path with this at its end.
-pub(super) fn with_ending(path: &Path, ending: &str) -> PathBuf {
+/// Appends a suffix to a path.
+pub(super) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.to_path_buf().into_os_string();
-    name.push(ending);
+    name.push(suffix);
     name.into()
 }
 
-/// A path without links and detours, as far as it is there.
+/// Resolves symbolic links and `..` in the existing part of a path.
 fn resolved(path: &Path) -> PathBuf {
     let path = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
     let mut found = path
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_controller_goes_beside_the_best() {
+    fn the_last_controller_is_written_beside_the_best() {
         for (out, last) in [
             ("runs/a.safetensors", "runs/a.last.safetensors"),
             ("a.v2.safetensors", "a.v2.last.safetensors"),
@@ -165,39 +165,42 @@ mod tests {
     }
 
     #[test]
-    fn a_stopped_training_carries_on_with_the_same_files() {
+    fn the_resume_command_names_the_same_files() {
         let mut plan = plan("my runs/a.safetensors");
         assert_eq!(
-            plan.resuming_command(),
+            plan.resume_command(),
             "mishandle train point-reaching --algorithm ppo --seed 3 --out 'my runs/a.safetensors' --resume"
         );
         plan.csv = Some("a.csv".into());
         plan.tensorboard = Some("board".into());
-        assert!(plan.resuming_command().ends_with(" --csv a.csv --tensorboard board --resume"));
+        assert!(plan.resume_command().ends_with(" --csv a.csv --tensorboard board --resume"));
     }
 
     #[test]
-    fn no_two_things_go_to_one_place() {
+    fn outputs_with_equal_paths_are_an_error() {
         let check = |csv: &str, board: &str| {
-            let places = (Some(csv.into()), Some(board.into()));
-            let plan = TrainPlan { csv: places.0, tensorboard: places.1, ..plan("a.safetensors") };
-            plan.check_places().map_err(|error| error.to_string())
+            let plan =
+                TrainPlan { csv: Some(csv.into()), tensorboard: Some(board.into()), ..plan("a.safetensors") };
+            plan.check_distinct_outputs().map_err(|error| error.to_string())
         };
         assert_eq!(check("a.csv", "board"), Ok(()));
-        for (csv, told) in [
-            ("a.safetensors", "a.safetensors would hold both the best controller and the curve"),
-            ("./a.last.safetensors", "the last controller and the curve; give another --csv"),
-            ("src/../a.safetensors.checkpoint", "the checkpoint and the curve; give another --csv"),
-            ("board/", "board would hold both the curve and the event files; give another --tensorboard"),
+        for (csv, expected) in [
+            ("a.safetensors", "a.safetensors is the path of both the best controller and the curve"),
+            ("./a.last.safetensors", "the last controller and the curve; choose another --csv"),
+            ("src/../a.safetensors.checkpoint", "the checkpoint and the curve; choose another --csv"),
+            (
+                "board/",
+                "board is the path of both the curve and the event files; choose another --tensorboard",
+            ),
         ] {
-            let refused = check(csv, "board").unwrap_err();
-            assert!(refused.contains(told), "{refused}");
+            let error = check(csv, "board").unwrap_err();
+            assert!(error.contains(expected), "{error}");
         }
     }
 
     #[cfg(unix)]
     #[test]
-    fn one_place_under_two_names_is_found_out() {
+    fn a_path_through_a_symbolic_link_is_resolved() {
         let folder = tempfile::tempdir().unwrap();
         std::os::unix::fs::symlink(folder.path(), folder.path().join("link")).unwrap();
         let inside = |name: &str| folder.path().join(name);

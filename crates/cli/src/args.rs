@@ -189,7 +189,7 @@ pub struct Subject {
     pub plan: Option<PathBuf>,
 }
 
-/// The help of `--algorithm`, from the list of algorithms.
+/// Help text of `--algorithm`, from the list of algorithms.
 static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
     let names: Vec<&str> = mishandle::training::ALGORITHMS.iter().map(|entry| entry.name).collect();
     format!("Training algorithm: {}", names.join(", "))
@@ -203,61 +203,60 @@ static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
   mishandle train point-reaching --algorithm ppo --settings skrl-0.10
   mishandle train ball-balancing --algorithm ppo --out my_controller.safetensors --resume
   mishandle train ball-balancing --algorithm sac --csv curve.csv --tensorboard board
-  mishandle train ball-balancing --algorithm sac --dry-run      all settings, checked
+  mishandle train ball-balancing --algorithm sac --dry-run      check and print all settings
 
-The best controller by validation goes to --out, the last one beside it: FILE.safetensors and
-FILE.last.safetensors. A checkpoint is written there, too: --resume carries on from it to the same
-bits, and the files of --csv and --tensorboard go on from there. What cannot be written (a full
-disk) is told at once and tried again; a training that cannot write its first checkpoint ends.
-Settings may end a training early, once validations are good enough (run.stop_success,
-run.stop_strict, run.stop_validations). What the columns of the CSV mean:
-docs/algorithms/README.md. All settings with their meaning, default and range:
-docs/algorithms/settings.md.")]
+The best controller by validation is written to --out, the last one beside it: FILE.safetensors and
+FILE.last.safetensors. Training also writes a checkpoint there. --resume continues from the
+checkpoint with the same results, bit for bit, and continues the files of --csv and --tensorboard.
+If a file cannot be written, as on a full disk, training warns, continues and tries again; it stops
+if it cannot write the first checkpoint. The settings run.stop_success, run.stop_strict and
+run.stop_validations enable early stopping.
+Columns of the CSV file: docs/algorithms/README.md. All settings: docs/algorithms/settings.md.")]
 pub struct Train {
     /// Name of a task
     pub task: String,
     #[arg(long, default_value = "ppo", help = ALGORITHM_HELP.as_str())]
     pub algorithm: String,
-    /// Control steps to train for, over all parallel environments, as 1e6 or 1_000_000, rounded up to whole iterations
-    /// [default: as the settings say]
+    /// Total number of environment steps (control steps of all parallel environments), as 1e6 or 1_000_000; rounded up to
+    /// whole iterations [default: run.total_steps of the settings]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u64>)]
     pub steps: Option<u64>,
-    /// Reward to learn from: shaped or original
+    /// Reward: shaped or original
     #[arg(long, default_value = "shaped")]
     pub reward: String,
-    /// Where the best controller goes [default: runs/TASK-ALGORITHM-sSEED.safetensors]
+    /// File of the best controller [default: runs/TASK-ALGORITHM-sSEED.safetensors]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Write the training's curve to this CSV file as it goes, a row for each iteration
+    /// Write the learning curve to this CSV file, one row per iteration
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
-    /// Write event files for TensorBoard to this folder as it goes
+    /// Write TensorBoard event files to this folder
     #[arg(long, value_name = "DIR")]
     pub tensorboard: Option<PathBuf>,
-    /// Settings (TOML), or the name of a settings preset: skrl-0.10, or best, which is the default
+    /// Settings file (TOML), or name of a settings preset: skrl-0.10 or best
     /// [default: the shipped settings of the task, or the algorithm's defaults if none are shipped]
     #[arg(long, value_name = "FILE")]
     pub settings: Option<PathBuf>,
-    /// Carry on from the checkpoint beside the output
+    /// Resume from the checkpoint beside --out
     #[arg(long)]
     pub resume: bool,
-    /// Check all that a training checks before it begins, its files too, and print all settings; leaves no trace
+    /// Check settings and output files, print all settings, and exit without creating files
     #[arg(long)]
     pub dry_run: bool,
     #[command(flatten)]
     pub run: Run,
 }
 
-/// Tells the training time of a curve that `train --csv` wrote: when the return became flat
+/// Shows the training time of a curve written by `train --csv`: when the return converged
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle curve curve.csv
-  mishandle curve curve.csv --environments 512     control steps of each environment too")]
+  mishandle curve curve.csv --environments 512     also control steps per environment")]
 pub struct Curve {
-    /// CSV file of a training's curve
+    /// CSV file of a learning curve
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// How many environments the training ran side by side
+    /// Number of parallel environments of the training run
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = environments)]
     pub environments: Option<NonZeroUsize>,
     /// One JSON document on stdout
@@ -265,9 +264,9 @@ pub struct Curve {
     pub json: bool,
 }
 
-/// At least one.
+/// Parses a number of environments, at least 1.
 fn environments(text: &str) -> Result<NonZeroUsize, String> {
-    NonZeroUsize::new(count(text)?).ok_or_else(|| "it has to be at least 1".to_string())
+    NonZeroUsize::new(count(text)?).ok_or_else(|| "expected at least 1".to_string())
 }
 
 /// Show how a controller was trained: command, settings, random seed, commit, validation

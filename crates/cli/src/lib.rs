@@ -10,7 +10,7 @@ mod live_curve;
 mod output;
 mod progress;
 mod run;
-mod train_watch;
+mod train_reporter;
 mod training_time;
 mod video;
 

@@ -1,15 +1,15 @@
-//! A training on the terminal: a line for each validation, and below them one that is written over.
+//! Live display of a training run: one line per validation, and a status line that is updated.
 
 use console::Term;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use mishandle::training::{Progress, clock};
+use mishandle::training::{TrainingProgress, format_duration};
 
 use crate::output::shows_progress;
 
-/// Cells of the widest bar.
-const WIDEST_BAR: usize = 40;
+/// Maximum width of the bar, cells.
+const MAX_BAR_WIDTH: usize = 40;
 
-/// The curve of a training, drawn as it goes; invisible unless stderr is a terminal.
+/// Live learning curve; hidden unless stderr is a terminal.
 #[derive(Clone)]
 pub struct LiveCurve {
     line: ProgressBar,
@@ -20,16 +20,16 @@ impl LiveCurve {
         let target =
             if shows_progress() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
         let line = ProgressBar::with_draw_target(None, target);
-        // The template is a constant; a mistake in it would show in every run.
+        // The template is constant, so it is either valid in every run or in none.
         if let Ok(style) = ProgressStyle::with_template("{spinner} {wide_msg}") {
             line.set_style(style);
         }
         LiveCurve { line }
     }
 
-    /// Shows where the training stands.
-    pub fn show(&self, progress: &Progress) {
-        // The last column stays free: some terminals begin a new line with it. The spinner takes two.
+    /// Shows the progress.
+    pub fn show(&self, progress: &TrainingProgress) {
+        // The last column stays free, because some terminals wrap after it. The spinner takes two columns.
         let columns = usize::from(Term::stderr().size().1).saturating_sub(1);
         if progress.validation_is_fresh {
             self.line.println(validation_line(progress, columns));
@@ -38,21 +38,21 @@ impl LiveCurve {
         self.line.tick();
     }
 
-    /// Runs what writes to the terminal itself.
+    /// Hides the status line while `write` writes to the terminal.
     pub fn suspend(&self, write: impl FnOnce()) {
         self.line.suspend(write);
     }
 
-    /// Takes the last line away.
+    /// Clears the status line.
     pub fn finish(&self) {
         self.line.finish_and_clear();
     }
 }
 
-/// A validation as a line of the curve: a bar for success, full of strict success.
-fn validation_line(progress: &Progress, columns: usize) -> String {
+/// Returns the line of a validation, with a bar of the success rates: `#` for strict success, `-` for success.
+fn validation_line(progress: &TrainingProgress, columns: usize) -> String {
     let (success, strict) =
-        progress.validation.map_or((0.0, 0.0), |found| (found.success_rate, found.strict_success_rate));
+        progress.validation.map_or((0.0, 0.0), |v| (v.success_rate, v.strict_success_rate));
     let steps = progress.steps_done();
     let (percent, strict_percent) = (100.0 * success, 100.0 * strict);
     let long =
@@ -60,7 +60,7 @@ fn validation_line(progress: &Progress, columns: usize) -> String {
     let short = (format!("{steps:>7} "), format!(" {percent:5.1} {strict_percent:5.1} %"));
     let room = |(head, tail): &(String, String)| columns.saturating_sub(head.len() + tail.len() + 2);
     let ((head, tail), cells) = if room(&long) >= 10 { (&long, room(&long)) } else { (&short, room(&short)) };
-    let cells = cells.min(WIDEST_BAR);
+    let cells = cells.min(MAX_BAR_WIDTH);
     let filled = |rate: f64| (cells as f64 * rate).round() as usize;
     let strict_cells = filled(strict);
     let success_cells = filled(success).max(strict_cells);
@@ -68,11 +68,11 @@ fn validation_line(progress: &Progress, columns: usize) -> String {
     format!("{head}|{bar:cells$}|{tail}")
 }
 
-/// The duration of the training, and its progress; where that is too long, without what matters least.
-fn status_line(progress: &Progress, columns: usize) -> String {
-    let text = format!("{}, {progress}", clock(progress.wall_clock_secs));
+/// Returns the status line: wall-clock time and progress, without the least important parts if it is too long.
+fn status_line(progress: &TrainingProgress, columns: usize) -> String {
+    let text = format!("{}, {progress}", format_duration(progress.wall_clock_secs));
     let mut parts: Vec<&str> = text.split(", ").collect();
-    // Duration, steps, then what goes first, and at the end the time left.
+    // The first two parts are time and steps, the last one is the remaining time; parts between them are optional.
     while parts.len() > 3 && parts.join(", ").len() > columns {
         parts.remove(2);
     }
@@ -82,10 +82,10 @@ fn status_line(progress: &Progress, columns: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mishandle::training::{Shares, Validation};
+    use mishandle::training::{TimeShares, Validation};
 
-    fn progress() -> Progress {
-        Progress {
+    fn progress() -> TrainingProgress {
+        TrainingProgress {
             iteration: 3,
             environment_steps: 1_500_000,
             total_steps: 20_000_000,
@@ -101,12 +101,12 @@ mod tests {
             kl: None,
             entropy: None,
             learning_rate: 1e-3,
-            shares: Shares::default(),
+            time_shares: TimeShares::default(),
         }
     }
 
     #[test]
-    fn a_validation_is_a_bar_as_wide_as_the_terminal_has_room_for() {
+    fn the_validation_bar_fits_the_terminal_width() {
         // At most 40 cells: 20 for strict success, 10 more for success.
         let bar = format!("|{}{}{}|", "#".repeat(20), "-".repeat(10), " ".repeat(10));
         let line = validation_line(&progress(), 119);
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_line_leaves_out_what_does_not_fit() {
+    fn the_status_line_omits_parts_that_do_not_fit() {
         let whole = status_line(&progress(), 200);
         assert_eq!(
             whole,

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use console::Term;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
-use mishandle::training::clock;
+use mishandle::training::format_duration;
 
 use crate::output::shows_progress;
 
@@ -102,10 +102,10 @@ impl Progress<'_> {
     /// the bar, and then truncates the rest.
     fn line(&self, columns: usize) -> String {
         let count = format!("{}/{} {}", self.done, self.total, self.unit);
-        let elapsed = clock(self.elapsed.as_secs_f64());
+        let elapsed = format_duration(self.elapsed.as_secs_f64());
         let left = match self.done {
             0 => String::new(),
-            _ => format!("{} left", clock(self.left.as_secs_f64())),
+            _ => format!("{} left", format_duration(self.left.as_secs_f64())),
         };
         for parts in [
             [&count, elapsed.as_str(), &left, self.note],

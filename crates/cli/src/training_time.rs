@@ -1,26 +1,26 @@
-//! A training time, or why there is none.
+//! Output of the training time.
 
 use mishandle::{CurveRow, NoTrainingTime};
 use serde_json::{Value, json};
 
 use crate::output::number;
 
-/// A line for people; control steps if it is known how many environments there were.
+/// Returns a line for the terminal; with control steps per environment if the number of environments is known.
 pub fn line(training_time: Result<&CurveRow, NoTrainingTime>, environments: Option<usize>) -> String {
     let row = match training_time {
         Ok(row) => row,
         Err(reason) => return format!("no training time: {reason}"),
     };
     let each = environments.map_or(String::new(), |environments| {
-        format!(", {} control steps of each environment", row.control_steps(environments))
+        format!(", {} control steps per environment", row.control_steps(environments))
     });
     format!(
-        "training time, until the return is flat: {} environment steps{each}, {:.0} s",
+        "training time until the return converged: {} environment steps{each}, {:.0} s",
         row.environment_steps, row.wall_clock_secs
     )
 }
 
-/// The same as JSON, null if there is none.
+/// Returns the training time as JSON; null if it is undefined.
 pub fn document(training_time: Result<&CurveRow, NoTrainingTime>, environments: Option<usize>) -> Value {
     training_time.map_or(Value::Null, |row| {
         json!({

@@ -1,4 +1,4 @@
-//! Training from outside: what it leaves behind, however it ends.
+//! `mishandle train`: output files, interruption, resumption, early stopping.
 
 #![allow(clippy::unwrap_used)]
 
@@ -9,52 +9,52 @@ use bench::{SMALL, signal, text};
 use mishandle::controllers::ControllerFile;
 use mishandle::{Curve, CurveRow};
 use serde_json::Value;
-use training::{ENDLESS, TRAIN, begin, bench, curve, lines_of, wait_until};
+use training::{ENDLESS, TRAIN, bench, count_lines, curve, start, wait_until};
 
-/// All of a curve but its times.
+/// Returns the rows of a curve without times.
 fn without_times(curve: Curve) -> Vec<CurveRow> {
-    let timeless = |row| CurveRow { wall_clock_secs: 0.0, shares: Default::default(), ..row };
+    let timeless = |row| CurveRow { wall_clock_secs: 0.0, time_shares: Default::default(), ..row };
     curve.rows.into_iter().map(timeless).collect()
 }
 
-/// What a document says of a training, but for times and places.
+/// Returns the results in the JSON document of a training run, without times and paths.
 fn results(document: &Value) -> Vec<&Value> {
     let keys = ["environment_steps", "best_environment_steps", "success_rate", "stopped_early"];
     keys.iter().chain(&["strict_success_rate", "controller_hash"]).map(|key| &document[key]).collect()
 }
 
 #[test]
-fn an_interrupted_training_goes_on_and_of_two_on_one_file_one_is_refused() {
+fn an_interrupted_training_can_be_resumed_and_its_files_are_locked() {
     let bench = bench();
-    let places = "--out a.safetensors --csv a.csv --tensorboard board";
-    let child = begin(&bench, &format!("{TRAIN} {ENDLESS} {places}"));
-    wait_until("two rows", || lines_of(&bench.path("a.csv")) > 2);
+    let outputs = "--out a.safetensors --csv a.csv --tensorboard board";
+    let child = start(&bench, &format!("{TRAIN} {ENDLESS} {outputs}"));
+    wait_until("two rows", || count_lines(&bench.path("a.csv")) > 2);
     bench
         .refuses(&format!("{TRAIN} --out a.safetensors"), &["another training run is writing a.safetensors"]);
     let other = format!("{TRAIN} --out b.safetensors --csv a.csv --resume");
-    bench.refuses(&other, &["another training run is writing a.csv", "give another --csv"]);
+    bench.refuses(&other, &["another training run is writing a.csv", "choose another --csv"]);
     signal(&child, "INT");
     let output = child.wait_with_output().unwrap();
     let err = text(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{err}");
-    let again = err.lines().find_map(|line| line.strip_prefix("Carry on: mishandle ")).unwrap();
-    assert!(again.ends_with(&format!("--seed 7 {places} --resume")), "{again}");
+    let resume = err.lines().find_map(|line| line.strip_prefix("Resume with: mishandle ")).unwrap();
+    assert!(resume.ends_with(&format!("--seed 7 {outputs} --resume")), "{resume}");
     assert!(bench.path("a.safetensors.checkpoint").exists() && !bench.path("a.safetensors.lock").exists());
     assert!(!bench.path("a.csv.lock").exists());
-    // It cannot end before where it is; where it is, counted in whole iterations of 256, it has come to its end.
-    let done = 256 * (lines_of(&bench.path("a.csv")) - 1);
-    let to = |steps: usize| bench.run(&again.replace(ENDLESS, &format!("--steps {steps}")));
-    let refused = text(&to(done - 256).stderr);
-    assert!(refused.contains(&format!("has {done} environment steps behind it")), "{refused}");
+    // Fewer steps than completed are an error; an iteration has 256 steps, and --steps is rounded up to whole iterations.
+    let done = 256 * (count_lines(&bench.path("a.csv")) - 1);
+    let to = |steps: usize| bench.run(&resume.replace(ENDLESS, &format!("--steps {steps}")));
+    let err = text(&to(done - 256).stderr);
+    assert!(err.contains(&format!("already ran {done} environment steps")), "{err}");
     let finished = to(done - 1);
     let err = text(&finished.stderr);
     assert_eq!(finished.status.code(), Some(0), "{err}");
     let rounded = format!("--steps {} was rounded up", done - 1);
-    assert!(err.contains(&rounded) && err.contains("nothing was left to do"), "{err}");
+    assert!(err.contains(&rounded) && err.contains("nothing left to do"), "{err}");
 }
 
 #[test]
-fn a_training_resumes_to_the_same_controllers_and_curve() {
+fn a_resumed_training_writes_the_same_controllers_and_curve() {
     let bench = bench();
     let train = |name: &str, flags: &str| {
         bench.json(&format!("{TRAIN} --json --out {name}.safetensors --csv {name}.csv {flags}"), 0)
@@ -75,7 +75,7 @@ fn a_training_resumes_to_the_same_controllers_and_curve() {
     assert_eq!(iterations, [1, 2, 3, 4, 5, 6, 7, 8]);
     let validated = rows.iter().filter(|row| row.validation.is_some()).map(|row| row.iteration);
     assert_eq!(validated.collect::<Vec<_>>(), [4, 8]);
-    // The wall clock goes on.
+    // The wall-clock time includes the first run.
     let clock: Vec<f64> = curve(&bench, "halved.csv").rows.iter().map(|row| row.wall_clock_secs).collect();
     assert!(clock.is_sorted(), "{clock:?}");
     for ending in ["safetensors", "last.safetensors"] {
@@ -86,14 +86,14 @@ fn a_training_resumes_to_the_same_controllers_and_curve() {
 }
 
 #[test]
-fn a_killed_training_goes_on_to_the_same_curve() {
+fn a_killed_training_resumes_to_the_same_curve() {
     let bench = bench();
-    bench.write("ppo.toml", &format!("{SMALL}run.checkpoint_every = 10\n"));
+    bench.write("ppo.toml", &format!("{SMALL}run.checkpoint_interval = 10\n"));
     let train = |name: &str| format!("{TRAIN} --steps 25600 --out {name}.safetensors --csv {name}.csv");
     bench.check(&train("whole"), 0);
-    let mut child = begin(&bench, &train("killed"));
-    // Somewhere behind its second checkpoint or a later one.
-    wait_until("25 rows", || lines_of(&bench.path("killed.csv")) > 25);
+    let mut child = start(&bench, &train("killed"));
+    // After its second checkpoint.
+    wait_until("25 rows", || count_lines(&bench.path("killed.csv")) > 25);
     child.kill().unwrap();
     child.wait().unwrap();
     let rows = curve(&bench, "killed.csv").rows.len();
@@ -104,9 +104,9 @@ fn a_killed_training_goes_on_to_the_same_curve() {
 }
 
 #[test]
-fn the_best_and_the_last_controller_can_be_measured() {
+fn the_best_and_the_last_controller_can_be_evaluated() {
     let bench = bench();
-    // The first validation is the best or as good; the last iteration is validated, too.
+    // The last iteration is always validated.
     bench.check(&format!("{TRAIN} --out a.safetensors"), 0);
     let load = |name: &str| ControllerFile::load(&bench.path(name)).unwrap().header.training;
     let (best, last) = (load("a.safetensors"), load("a.last.safetensors"));
@@ -120,10 +120,10 @@ fn the_best_and_the_last_controller_can_be_measured() {
         "evaluate ball-balancing --controller a.last.safetensors",
         &["point-reaching", "ball-balancing"],
     );
-    // One that was stopped before its first validation says nothing of its policies.
-    bench.write("ppo.toml", &SMALL.replace("validation_every = 4", "validation_every = 1000000"));
-    let child = begin(&bench, &format!("{TRAIN} {ENDLESS} --out b.safetensors --csv b.csv"));
-    wait_until("a row", || lines_of(&bench.path("b.csv")) > 1);
+    // Without a validation, the headers contain none.
+    bench.write("ppo.toml", &SMALL.replace("validation_interval = 4", "validation_interval = 1000000"));
+    let child = start(&bench, &format!("{TRAIN} {ENDLESS} --out b.safetensors --csv b.csv"));
+    wait_until("a row", || count_lines(&bench.path("b.csv")) > 1);
     signal(&child, "INT");
     assert_eq!(child.wait_with_output().unwrap().status.code(), Some(130));
     assert_eq!(load("b.last.safetensors"), load("b.safetensors"));
@@ -131,22 +131,22 @@ fn the_best_and_the_last_controller_can_be_measured() {
 }
 
 #[test]
-fn nothing_is_written_over_unasked() {
+fn existing_files_are_never_overwritten() {
     let bench = bench();
     let train = format!("{TRAIN} --steps 256");
     bench.check(&format!("{train} --out a.safetensors --csv a.csv --tensorboard board"), 0);
-    for (flags, told) in [
+    for (flags, expected) in [
         (
             "--out none.safetensors --resume",
             "there is no checkpoint none.safetensors.checkpoint to resume from",
         ),
-        ("--out a.safetensors", "a.safetensors exists already; give another --out, or --resume"),
-        ("--out b.safetensors --csv a.csv", "a.csv exists already; give another --csv, or --resume"),
+        ("--out a.safetensors", "a.safetensors exists already; choose another --out, or resume"),
+        ("--out b.safetensors --csv a.csv", "a.csv exists already; choose another --csv, or resume"),
         (
             "--out b.safetensors --tensorboard board",
-            "exists already; give another --tensorboard, or --resume",
+            "exists already; choose another --tensorboard, or resume",
         ),
-        ("--out b.safetensors --csv b.last.safetensors", "b.last.safetensors would hold both"),
+        ("--out b.safetensors --csv b.last.safetensors", "b.last.safetensors is the path of both"),
         (
             "--out b.safetensors --csv b.csv --steps 0",
             "`run.total_steps` must be a whole number from 1 to 10^12, found 0",
@@ -154,27 +154,32 @@ fn nothing_is_written_over_unasked() {
         ("--out b.safetensors --csv ppo.toml/b.csv --tensorboard other", "ppo.toml"),
         ("--out b.safetensors --csv b.csv --tensorboard ppo.toml", "ppo.toml"),
     ] {
-        bench.refuses(&format!("{TRAIN} {flags}"), &[told]);
+        bench.refuses(&format!("{TRAIN} {flags}"), &[expected]);
     }
     let files = std::fs::read_dir(bench.path(".")).unwrap().map(|entry| entry.unwrap().file_name());
     let of_b = |name: &std::ffi::OsString| name.to_string_lossy().starts_with('b') && name != "board";
     assert_eq!(files.filter(of_b).collect::<Vec<_>>(), [""; 0]);
     std::fs::remove_file(bench.path("a.safetensors")).unwrap();
     bench.refuses(&format!("{train} --out a.safetensors"), &["a.last.safetensors exists already"]);
-    // A curve of another training, and one that somebody edited, are left as they are.
+    // The curve of another training run and an edited curve are errors and stay unchanged.
     bench.check(&format!("{train} --out c.safetensors --csv c.csv").replace("--seed 7", "--seed 8"), 0);
     let text = std::fs::read_to_string(bench.path("c.csv")).unwrap();
     bench.write("edited.csv", &text.replace("\n1,", "\n2,"));
-    for (csv, told) in
-        [("c.csv", "another training's"), ("edited.csv", "no row of iteration 1"), ("/dev/full", "plain")]
-    {
-        bench.refuses(&format!("{TRAIN} --steps 512 --out a.safetensors --csv {csv} --resume"), &[csv, told]);
+    for (csv, expected) in [
+        ("c.csv", "belongs to another training"),
+        ("edited.csv", "no row for iteration 1"),
+        ("/dev/full", "regular file"),
+    ] {
+        bench.refuses(
+            &format!("{TRAIN} --steps 512 --out a.safetensors --csv {csv} --resume"),
+            &[csv, expected],
+        );
     }
     assert_eq!(std::fs::read_to_string(bench.path("c.csv")).unwrap(), text);
 }
 
 #[test]
-fn settings_and_names_are_checked_first() {
+fn settings_and_names_are_checked_before_training() {
     let bench = bench();
     bench.write("wrong.toml", "gama = 0.9\n");
     bench.refuses("train point-reaching --settings wrong.toml", &["wrong.toml", "gama"]);
@@ -191,33 +196,33 @@ fn settings_and_names_are_checked_first() {
 }
 
 #[test]
-fn a_training_that_is_good_enough_stops_early_and_says_so() {
+fn a_training_that_reaches_its_target_rates_stops_early() {
     let bench = bench();
-    // Every validation is good enough, each after four iterations of 256 steps.
+    // Every validation reaches the target rates; there is one after every four iterations of 256 steps.
     let settings =
         format!("{SMALL}run.stop_success = 0.0\nrun.stop_strict = 0.0\nrun.stop_validations = 3\n");
     bench.write("ppo.toml", &settings);
     let train = format!("{TRAIN} {ENDLESS} --out a.safetensors --csv a.csv");
-    let told =
-        "stopped early: success at least 0 % and strict success at least 0 % in 3 validations in a row";
+    let expected =
+        "stopped early: success at least 0 % and strict success at least 0 % in 3 consecutive validations";
     let out = bench.check(&train, 0);
-    assert!(out.lines().any(|line| line == told), "{out}");
+    assert!(out.lines().any(|line| line == expected), "{out}");
     assert!(out.starts_with("3072 environment steps in "), "{out}");
-    // One that has stopped has nothing left to do.
+    // Resuming a run that stopped early does nothing.
     let resumed = bench.run(&format!("{train} --resume"));
-    assert!(text(&resumed.stdout).contains(told), "{}", text(&resumed.stdout));
-    assert!(text(&resumed.stderr).contains("nothing was left to do"), "{}", text(&resumed.stderr));
+    assert!(text(&resumed.stdout).contains(expected), "{}", text(&resumed.stdout));
+    assert!(text(&resumed.stderr).contains("nothing left to do"), "{}", text(&resumed.stderr));
     bench.check(&format!("{train} --resume --tensorboard board"), 0);
     assert_eq!(
         std::fs::read_dir(bench.path("board")).map_or(0, Iterator::count),
         0,
-        "it has nothing to tell"
+        "a run without iterations writes no event file"
     );
     let document = bench.json(&format!("{train} --resume --json"), 0);
     assert_eq!((&document["stopped_early"], &document["environment_steps"]), (&true.into(), &3072.into()));
     assert_eq!(curve(&bench, "a.csv").rows.len(), 12);
-    // Killed after its second good validation, it stops after the third, and not a row later.
-    bench.write("ppo.toml", &format!("{settings}run.checkpoint_every = 1\n"));
+    // A run that is interrupted after its second validation stops after the third one.
+    bench.write("ppo.toml", &format!("{settings}run.checkpoint_interval = 1\n"));
     bench.check(&format!("{TRAIN} --steps 2048 --out b.safetensors --csv b.csv"), 0);
     let document =
         bench.json(&format!("{TRAIN} {ENDLESS} --out b.safetensors --csv b.csv --resume --json"), 0);
@@ -225,51 +230,48 @@ fn a_training_that_is_good_enough_stops_early_and_says_so() {
 }
 
 #[test]
-fn a_curve_tells_the_training_time_that_the_training_told() {
+fn curve_and_train_report_the_same_training_time() {
     let bench = bench();
     let train = |name: &str, flags: &str| {
         bench.json(&format!("{TRAIN} --json --out {name}.safetensors --csv {name}.csv {flags}"), 0)
     };
-    // Long enough for episodes to end, and too short for that.
+    // One run in which episodes end, and one that is too short.
     for (name, flags) in [("long", "--steps 10240"), ("short", "--steps 256")] {
-        let told = train(name, flags);
+        let trained = train(name, flags);
         let found = bench.json(&format!("curve {name}.csv --environments 16 --json"), 0);
-        assert_eq!(found["training_time"], told["training_time"]);
+        assert_eq!(found["training_time"], trained["training_time"]);
     }
     let short = bench.run("curve short.csv --json");
     assert!(text(&short.stdout).contains("\"training_time\": null"), "{}", text(&short.stdout));
-    assert_eq!(text(&short.stderr), "no training time: no episode has ended\n");
-    assert_eq!(
-        bench.check("curve short.csv", 0).lines().nth(1),
-        Some("no training time: no episode has ended")
-    );
+    assert_eq!(text(&short.stderr), "no training time: no episode ended\n");
+    assert_eq!(bench.check("curve short.csv", 0).lines().nth(1), Some("no training time: no episode ended"));
     let out = bench.check(&format!("{TRAIN} --out none.safetensors"), 0);
-    assert!(out.contains("no training time: it is told from the curve, which --csv writes"), "{out}");
+    assert!(out.contains("no training time: it needs a curve; use --csv"), "{out}");
 }
 
 #[test]
-fn a_curve_whose_last_line_was_cut_off_tells_of_the_whole_rows() {
+fn a_curve_with_an_incomplete_last_line_is_read_without_it() {
     let bench = bench();
     bench.check(&format!("{TRAIN} --steps 256 --out a.safetensors --csv a.csv"), 0);
     let text_of = std::fs::read_to_string(bench.path("a.csv")).unwrap();
-    // The return rises from 1 to 8. Smoothed over three rows, two at the ends, it comes from 1.5 and is flat within
-    // 0.325: row 8 has 23 / 3 = 7.67, row 9 has 8.
+    // The return rises from 1 to 8. Smoothed over three rows (two at the ends) it starts at 1.5, so the tolerance is 0.325:
+    // row 8 has 23 / 3 = 7.67, row 9 has 8.
     let row = |i: u64| format!("{i},{},{i},{},,,,,,,,0.001,0,0,1,0,0", 160 * i, i.min(8));
     let header = text_of.lines().next().unwrap();
     let empty_terms = header.split(',').count() - row(1).split(',').count();
     let rows: String = (1..=40).map(|i| format!("{}{}\n", row(i), ",0".repeat(empty_terms))).collect();
     bench.write("b.csv", &format!("{header}\n{rows}41,6560,41"));
-    let told = bench.run("curve b.csv --environments 16 --json");
-    assert_eq!(text(&told.stderr), "warning: the last line of b.csv is incomplete and was ignored\n");
-    let found: Value = serde_json::from_slice(&told.stdout).unwrap();
+    let output = bench.run("curve b.csv --environments 16 --json");
+    assert_eq!(text(&output.stderr), "warning: the last line of b.csv is cut off; it is left out\n");
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(found["iterations"], 40);
     assert_eq!(
         found["training_time"],
         serde_json::json!({ "environment_steps": 1440, "control_steps": 90, "secs": 9.0 })
     );
-    // How many environments there were, a curve does not know.
+    // The curve does not contain the number of environments.
     assert!(bench.json("curve b.csv --json", 0)["training_time"]["control_steps"].is_null());
     let out = bench.check("curve b.csv", 0);
-    assert!(out.contains("training time, until the return is flat: 1440 environment steps, 9 s"), "{out}");
+    assert!(out.contains("training time until the return converged: 1440 environment steps, 9 s"), "{out}");
     bench.refuses("curve ppo.toml", &["ppo.toml", "column 1"]);
 }

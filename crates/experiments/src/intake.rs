@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use mishandle::Curve;
-use mishandle::training::{Config, RunSettings, Validation};
+use mishandle::training::{AlgorithmSettings, RunSettings, Validation};
 
 use crate::folder::{read, remove, write};
 use crate::measure::Bench;
@@ -53,7 +53,7 @@ pub(crate) fn take_in(
     Ok(())
 }
 
-fn training_time(curve: &Curve, config: &Config) -> Option<TrainingTime> {
+fn training_time(curve: &Curve, config: &AlgorithmSettings) -> Option<TrainingTime> {
     let row = curve.training_time().ok()?;
     Some(TrainingTime {
         environment_steps: row.environment_steps,
@@ -168,7 +168,7 @@ fn check_ended(curve: &Curve, run: &RunSettings) -> Result<(), CurveFileProblem>
 #[cfg(test)]
 mod tests {
     use mishandle::CurveRow;
-    use mishandle::training::Shares;
+    use mishandle::training::TimeShares;
 
     use super::*;
 
@@ -189,12 +189,12 @@ mod tests {
             kl: None,
             entropy: None,
             learning_rate: 0.0,
-            shares: Shares::default(),
+            time_shares: TimeShares::default(),
             reward_terms: vec![],
         };
         let rows: Vec<CurveRow> = rows.iter().enumerate().map(row).collect();
-        let curve = Curve { reward_terms: vec![], rows, is_cut: false };
-        let config = Config::from_toml("ppo", settings).unwrap().unwrap();
+        let curve = Curve { reward_terms: vec![], rows, is_truncated: false };
+        let config = AlgorithmSettings::from_toml("ppo", settings).unwrap().unwrap();
         let found = check_ended(&curve, config.run());
         assert_eq!(found.is_ok(), ended, "{settings}: {found:?}");
     }

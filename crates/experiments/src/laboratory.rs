@@ -143,11 +143,11 @@ impl Laboratory for LocalLaboratory {
 
     fn train(&self, plan: &TrainPlan, observer: &mut dyn TrainObserver) -> Result<bool, ExperimentError> {
         let report = mishandle::train(plan, observer)?;
-        if !report.unwritten.is_empty() {
-            let failures = report.unwritten.iter().map(ToString::to_string).collect();
+        if !report.write_failures.is_empty() {
+            let failures = report.write_failures.iter().map(ToString::to_string).collect();
             return Err(ExperimentError::Unwritten { failures });
         }
-        Ok(report.has_ended())
+        Ok(report.is_finished())
     }
 
     fn evaluate(

@@ -4,7 +4,7 @@ use std::fmt;
 use std::fs;
 use std::path::Path;
 
-use mishandle::training::Config;
+use mishandle::training::AlgorithmSettings;
 use mishandle::{Curve, MishandleError};
 use serde_json::json;
 
@@ -131,7 +131,7 @@ fn full_settings(path: &Path, training: &Training) -> Result<String, ExperimentE
         name: training.algorithm.clone(),
         known: crate::algorithms().map(String::from).collect(),
     };
-    let config = Config::from_toml(&training.algorithm, &text).ok_or_else(unknown)?;
+    let config = AlgorithmSettings::from_toml(&training.algorithm, &text).ok_or_else(unknown)?;
     let config = config.and_then(|config| config.check().map(|()| config));
     let config = config
         .map_err(|source| MishandleError::Settings { path: path.to_path_buf(), source: Box::new(source) })?;

@@ -7,7 +7,7 @@ use std::path::Path;
 use mishandle::controllers::{
     ControllerError, ControllerFile, TrainingRecord, ValidationRecord, WRITTEN_VERSIONS,
 };
-use mishandle::training::Config;
+use mishandle::training::AlgorithmSettings;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -177,8 +177,8 @@ impl TrainingSummary {
     }
 
     /// Returns the settings; `None` if the present program cannot read them.
-    pub fn config(&self) -> Option<Config> {
-        Config::from_toml(&self.algorithm, &self.settings)?.ok()
+    pub fn config(&self) -> Option<AlgorithmSettings> {
+        AlgorithmSettings::from_toml(&self.algorithm, &self.settings)?.ok()
     }
 
     /// Returns whether the file says which task it was trained on; older files do not.
@@ -340,7 +340,7 @@ mod tests {
 
     #[test]
     fn settings_that_an_older_program_left_out_count_with_their_defaults() {
-        let full = Config::from_toml("ppo", SETTINGS).unwrap().unwrap().to_toml();
+        let full = AlgorithmSettings::from_toml("ppo", SETTINGS).unwrap().unwrap().to_toml();
         let expected = Expected { settings: Some(full.clone()), ..expected() };
         let mut old = summary();
         assert_eq!(old.reconcile(&training(), &expected, false), []);

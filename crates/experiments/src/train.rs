@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use mishandle::files::FileLock;
-use mishandle::training::{Flow, Progress};
+use mishandle::training::{TrainingControl, TrainingProgress};
 use mishandle::{MishandleError, TrainObserver, TrainPlan};
 
 use crate::folder::{create_parent, remove, write};
@@ -69,12 +69,12 @@ struct Watch<'a> {
 }
 
 impl TrainObserver for Watch<'_> {
-    fn progress(&mut self, progress: &Progress) -> Flow {
+    fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
         self.observer.progress(self.name, progress);
-        if (self.bench.stop)() { Flow::Stop } else { Flow::Continue }
+        if (self.bench.stop)() { TrainingControl::Stop } else { TrainingControl::Continue }
     }
 
-    fn unwritten(&mut self, failure: &MishandleError) {
+    fn write_failed(&mut self, failure: &MishandleError) {
         self.observer.warning(self.name, failure);
     }
 }

@@ -2,7 +2,7 @@ use std::path::Path;
 
 use mishandle::MishandleError;
 use mishandle::files::FileLock;
-use mishandle::training::Progress;
+use mishandle::training::TrainingProgress;
 
 use crate::folder::{ZooFolder, create_parent};
 use crate::jobs::run_side_by_side;
@@ -22,7 +22,7 @@ pub trait ZooObserver: Sync {
     fn started(&self, _name: &str, _reason: &str) {}
 
     /// Called after each iteration of a training run.
-    fn progress(&self, _name: &str, _progress: &Progress) {}
+    fn progress(&self, _name: &str, _progress: &TrainingProgress) {}
 
     /// Called when a training run cannot write a file; it tries again.
     fn warning(&self, _name: &str, _failure: &MishandleError) {}

@@ -1,17 +1,14 @@
-//! Writes the page of all settings, `docs/algorithms/settings.md`, to stdout; `cargo xtask settings` keeps it.
+//! Prints the reference of all settings; `cargo xtask settings` writes it to `docs/algorithms/settings.md`.
 
-#![allow(clippy::print_stdout, reason = "the page goes there")]
+#![allow(clippy::print_stdout, reason = "the page is the output")]
 
 use mishandle_training::{ALGORITHMS, Setting};
 
 const HEAD: &str = "\
 # All settings
 
-A settings file is TOML: the keys of an algorithm's first table stand at the top, those of the others under `[run]`,
-`[episodes]` and so on. What a file leaves out has the default below, unless it begins with `preset = \"skrl-0.10\"`
-([settings presets](../presets.md)). `mishandle train TASK --algorithm NAME --dry-run` tells the settings of a training with
-their values; those of the controllers here are in [experiments/training](../../experiments/training). What the
-algorithms do with them: [algorithms](README.md). Whole numbers are written out, as 20_000_000. For example:
+A settings file is TOML. The keys of an algorithm's first table are at the top of the file, those of the other tables under
+`[run]`, `[episodes]` and so on:
 
 ```toml
 gamma = 0.995
@@ -24,30 +21,37 @@ stop_success = 0.98
 action_noise = 0.5
 ```
 
-This page is made from the declarations in [crates/training](../../crates/training/src) by `cargo xtask settings`.";
+Whole numbers are written out, as 20_000_000. A missing key has the default below, or the value of the preset if the file
+contains `preset = \"skrl-0.10\"` ([settings presets](../presets.md)).
 
-/// What each table is about.
+`mishandle train TASK --algorithm NAME --dry-run` prints all settings of a training run. The settings of the shipped
+controllers are in [experiments/training](../../experiments/training). [Training algorithms](README.md) explains the
+formulas. A former name is still read, also in controller files and checkpoints.
+
+`cargo xtask settings` generates this page from the declarations in [crates/training](../../crates/training/src).";
+
+/// Returns the heading of a table.
 fn heading(algorithm: &str, table: &str) -> String {
     let algorithm = algorithm.to_uppercase();
     let about = match table {
         "" => return format!("## {algorithm}"),
-        "run" => ": how long to train, when to look how it goes, when to stop",
-        "episodes" => ": the simulations that are learned from",
-        "replay" => ": what is remembered, and how much is learned from it",
-        "policy" => ": the network that acts, and its normaliser",
-        "critic" => ": what learns values",
+        "run" => ": length, validation, early stopping, checkpoints",
+        "episodes" => ": the parallel environments",
+        "replay" => ": the replay buffer and the number of updates",
+        "policy" => ": the policy network and the observation normalizer",
+        "critic" => ": the value networks",
         _ => "",
     };
     format!("### {algorithm}, `[{table}]`{about}")
 }
 
-/// A text with a capital at its start.
+/// Capitalizes the first letter.
 fn sentence(text: &str) -> String {
     let (first, rest) = text.split_at(text.chars().next().map_or(0, char::len_utf8));
     first.to_uppercase() + rest
 }
 
-/// A text in one line, safe inside a cell.
+/// Joins a text to one line and escapes it for a table cell.
 fn cell(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ").replace('|', "\\|")
 }
@@ -57,9 +61,10 @@ fn row(setting: &Setting, default: Option<&str>) -> String {
     let default = default.map_or("not set".to_string(), |default| format!("`{default}`"));
     let choices = setting.choices.iter();
     let choices: Vec<String> =
-        choices.map(|choice| format!("`\"{}\"`: {}", choice.name, cell(choice.meaning))).collect();
-    let allowed = if choices.is_empty() { cell(&setting.wanted) } else { choices.join("<br>") };
-    format!("| `{key}` | {default} | {} | {allowed} |", cell(setting.meaning))
+        choices.map(|choice| format!("`\"{}\"`: {}", choice.name, cell(choice.description))).collect();
+    let allowed = if choices.is_empty() { cell(&setting.allowed) } else { choices.join("<br>") };
+    let former = setting.alias.map_or(String::new(), |alias| format!(" Former name: `{alias}`."));
+    format!("| `{key}` | {default} | {}{former} | {allowed} |", cell(setting.description))
 }
 
 fn main() {

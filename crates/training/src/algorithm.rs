@@ -1,46 +1,43 @@
-//! Settings of any algorithm, and what an algorithm makes of them.
+//! Settings of any algorithm, and the learner that they build.
 
 use std::any::Any;
 use std::fmt::Debug;
 
-use mishandle_rollout::{BatchFactory, EnvironmentSpec, Seed};
+use mishandle_rollout::{BatchFactory, Seed};
 
 use crate::learner::Learner;
 use crate::{
-    ALGORITHMS, Checkpoint, EpisodeSettings, MemoryNeed, Observer, RunSettings, Setting, Settings, Trained,
-    TrainingError, learner,
+    ALGORITHMS, Checkpoint, EpisodeSettings, Observer, RunSettings, Setting, TomlSettings, TrainingError,
+    TrainingResult, learner,
 };
 
-/// Settings from which an algorithm can be started. Each algorithm implements it in its own folder and has a line in the
-/// [list](ALGORITHMS).
-pub(crate) trait Algorithm: Settings + Clone + Debug + PartialEq + Send + Sync + 'static {
-    /// What the algorithm is, in one line.
+/// Settings of one algorithm. Each algorithm implements this trait in its own folder and has a line in
+/// [`ALGORITHMS`](crate::ALGORITHMS).
+pub(crate) trait Algorithm: TomlSettings + Clone + Debug + PartialEq + Send + Sync + 'static {
+    /// One-line summary of the algorithm.
     const SUMMARY: &'static str;
 
-    /// The algorithm at work.
-    type Learner: FromSettings<Settings = Self>;
+    /// The learner that these settings build.
+    type Learner: BuildLearner<Settings = Self>;
 
-    /// How long to train, and when to look, to be set.
+    /// Returns the `[run]` table for modification.
     fn run_mut(&mut self) -> &mut RunSettings;
 }
 
-/// A learner as a function of its settings. The on-policy and the off-policy learner implement it for all their
+/// A learner that can be built from settings. The on-policy and the off-policy learner implement it for all their
 /// algorithms.
-pub(crate) trait FromSettings: Learner + Sized + 'static {
-    /// The settings of the algorithm.
+pub(crate) trait BuildLearner: Learner + Sized + 'static {
+    /// Settings of the algorithm.
     type Settings;
 
-    /// The settings that every algorithm has.
-    fn common(settings: &Self::Settings) -> Common<'_>;
+    /// Returns the settings that every algorithm has.
+    fn common(settings: &Self::Settings) -> CommonSettings<'_>;
 
-    /// The memory that experience takes.
-    fn experience_memory(settings: &Self::Settings, environment: &EnvironmentSpec) -> Vec<MemoryNeed>;
-
-    /// The algorithm before its first iteration.
+    /// Builds the learner in its state before the first iteration.
     ///
     /// # Errors
-    /// If networks of these sizes or the environment batch cannot be made.
-    fn start(
+    /// If networks of these sizes or the environment batch cannot be created.
+    fn build(
         settings: &Self::Settings,
         environments: &dyn BatchFactory,
         seed: Seed,
@@ -48,61 +45,54 @@ pub(crate) trait FromSettings: Learner + Sized + 'static {
 }
 
 /// Settings that every algorithm has.
-pub(crate) struct Common<'a> {
+pub(crate) struct CommonSettings<'a> {
     pub run: &'a RunSettings,
     pub episodes: &'a EpisodeSettings,
-    /// Widths of the hidden layers of policy and critic.
-    pub hidden: [&'a [usize]; 2],
 }
 
-/// [`Algorithm`] without its types.
-trait AnySettings: Debug + Send + Sync {
+/// Object-safe form of [`Algorithm`].
+trait ErasedSettings: Debug + Send + Sync {
     fn algorithm(&self) -> &'static str;
     fn settings(&self) -> Vec<Setting>;
     fn to_toml(&self) -> String;
     fn check(&self) -> Result<(), TrainingError>;
-    fn hangs_on_total(&self) -> Option<&'static str>;
-    fn common(&self) -> Common<'_>;
+    fn depends_on_total_steps(&self) -> Option<&'static str>;
+    fn common(&self) -> CommonSettings<'_>;
     fn run_mut(&mut self) -> &mut RunSettings;
-    fn experience_memory(&self, environment: &EnvironmentSpec) -> Vec<MemoryNeed>;
     fn learner(&self, environments: &dyn BatchFactory, seed: Seed)
     -> Result<Box<dyn Learner>, TrainingError>;
-    fn boxed_clone(&self) -> Box<dyn AnySettings>;
-    fn equals(&self, other: &dyn AnySettings) -> bool;
+    fn boxed_clone(&self) -> Box<dyn ErasedSettings>;
+    fn equals(&self, other: &dyn ErasedSettings) -> bool;
     fn as_any(&self) -> &dyn Any;
 }
 
-impl<C: Algorithm> AnySettings for C {
+impl<S: Algorithm> ErasedSettings for S {
     fn algorithm(&self) -> &'static str {
-        C::ALGORITHM
+        S::ALGORITHM
     }
 
     fn settings(&self) -> Vec<Setting> {
-        C::settings()
+        S::settings()
     }
 
     fn to_toml(&self) -> String {
-        Settings::to_toml(self)
+        TomlSettings::to_toml(self)
     }
 
     fn check(&self) -> Result<(), TrainingError> {
-        Settings::check(self)
+        TomlSettings::check(self)
     }
 
-    fn hangs_on_total(&self) -> Option<&'static str> {
-        Settings::hangs_on_total(self)
+    fn depends_on_total_steps(&self) -> Option<&'static str> {
+        TomlSettings::depends_on_total_steps(self)
     }
 
-    fn common(&self) -> Common<'_> {
-        C::Learner::common(self)
+    fn common(&self) -> CommonSettings<'_> {
+        S::Learner::common(self)
     }
 
     fn run_mut(&mut self) -> &mut RunSettings {
         Algorithm::run_mut(self)
-    }
-
-    fn experience_memory(&self, environment: &EnvironmentSpec) -> Vec<MemoryNeed> {
-        C::Learner::experience_memory(self, environment)
     }
 
     fn learner(
@@ -110,15 +100,15 @@ impl<C: Algorithm> AnySettings for C {
         environments: &dyn BatchFactory,
         seed: Seed,
     ) -> Result<Box<dyn Learner>, TrainingError> {
-        Ok(Box::new(C::Learner::start(self, environments, seed)?))
+        Ok(Box::new(S::Learner::build(self, environments, seed)?))
     }
 
-    fn boxed_clone(&self) -> Box<dyn AnySettings> {
+    fn boxed_clone(&self) -> Box<dyn ErasedSettings> {
         Box::new(self.clone())
     }
 
-    fn equals(&self, other: &dyn AnySettings) -> bool {
-        other.as_any().downcast_ref::<C>() == Some(self)
+    fn equals(&self, other: &dyn ErasedSettings) -> bool {
+        other.as_any().downcast_ref::<S>() == Some(self)
     }
 
     fn as_any(&self) -> &dyn Any {
@@ -130,114 +120,104 @@ impl<C: Algorithm> AnySettings for C {
 ///
 /// # Example
 /// ```
-/// use mishandle_training::{Config, ppo::PpoConfig};
-/// let config = Config::from(PpoConfig { gamma: 0.9, ..PpoConfig::default() });
-/// assert_eq!(config, Config::from_toml("ppo", "gamma = 0.9").unwrap()?);
-/// assert_eq!(config.downcast_ref::<PpoConfig>().unwrap().gamma, 0.9);
+/// use mishandle_training::{AlgorithmSettings, ppo::PpoSettings};
+/// let settings = AlgorithmSettings::from(PpoSettings { gamma: 0.9, ..PpoSettings::default() });
+/// assert_eq!(settings, AlgorithmSettings::from_toml("ppo", "gamma = 0.9").unwrap()?);
+/// assert_eq!(settings.downcast_ref::<PpoSettings>().unwrap().gamma, 0.9);
 /// # Ok::<(), mishandle_training::TrainingError>(())
 /// ```
 #[derive(Debug)]
-pub struct Config(Box<dyn AnySettings>);
+pub struct AlgorithmSettings(Box<dyn ErasedSettings>);
 
-impl<C: Algorithm> From<C> for Config {
-    fn from(settings: C) -> Config {
-        Config(Box::new(settings))
+impl<S: Algorithm> From<S> for AlgorithmSettings {
+    fn from(settings: S) -> AlgorithmSettings {
+        AlgorithmSettings(Box::new(settings))
     }
 }
 
-impl Clone for Config {
-    fn clone(&self) -> Config {
-        Config(self.0.boxed_clone())
+impl Clone for AlgorithmSettings {
+    fn clone(&self) -> AlgorithmSettings {
+        AlgorithmSettings(self.0.boxed_clone())
     }
 }
 
-impl PartialEq for Config {
-    fn eq(&self, other: &Config) -> bool {
+impl PartialEq for AlgorithmSettings {
+    fn eq(&self, other: &AlgorithmSettings) -> bool {
         self.0.equals(&*other.0)
     }
 }
 
-impl Config {
-    /// The settings of `algorithm` that a TOML text states; `None` if there is no such algorithm.
+impl AlgorithmSettings {
+    /// Reads the settings of `algorithm` from TOML; returns `None` if the algorithm is unknown.
     ///
     /// # Errors
-    /// If it is not TOML, a key is not known, or a value is of another type or out of its range.
+    /// If the text is not TOML, contains an unknown key, or assigns a value that is not allowed.
     ///
     /// # Example
     /// ```
-    /// use mishandle_training::Config;
-    /// let config = Config::from_toml("ppo", "run.total_steps = 5_000").unwrap()?;
-    /// assert_eq!(config.run().total_steps, 5_000);
-    /// assert!(Config::from_toml("reinforce", "").is_none());
+    /// use mishandle_training::AlgorithmSettings;
+    /// let settings = AlgorithmSettings::from_toml("ppo", "run.total_steps = 5_000").unwrap()?;
+    /// assert_eq!(settings.run().total_steps, 5_000);
+    /// assert!(AlgorithmSettings::from_toml("reinforce", "").is_none());
     /// # Ok::<(), mishandle_training::TrainingError>(())
     /// ```
-    pub fn from_toml(algorithm: &str, text: &str) -> Option<Result<Config, TrainingError>> {
+    pub fn from_toml(algorithm: &str, text: &str) -> Option<Result<AlgorithmSettings, TrainingError>> {
         let entry = ALGORITHMS.iter().find(|entry| entry.name == algorithm)?;
         Some((entry.from_toml)(text))
     }
 
-    /// Name of the algorithm.
+    /// Returns the name of the algorithm.
     pub fn algorithm(&self) -> &'static str {
         self.0.algorithm()
     }
 
-    /// The settings as those of one algorithm; `None` if they are another's.
-    pub fn downcast_ref<C: Settings + 'static>(&self) -> Option<&C> {
+    /// Returns the settings as those of one algorithm; `None` if they belong to another one.
+    pub fn downcast_ref<S: TomlSettings + 'static>(&self) -> Option<&S> {
         self.0.as_any().downcast_ref()
     }
 
-    /// What is known of each of its settings, in order.
+    /// Returns the facts about each setting, in order of declaration.
     pub fn settings(&self) -> Vec<Setting> {
         self.0.settings()
     }
 
-    /// The settings as TOML, every key with its value; what has none is left out.
+    /// Returns the settings as TOML: every key with its value, without the settings that are not set.
     pub fn to_toml(&self) -> String {
         self.0.to_toml()
     }
 
-    /// How long to train, and when to look.
+    /// Returns the `[run]` table: length, validation, early stopping, checkpoints.
     pub fn run(&self) -> &RunSettings {
         self.0.common().run
     }
 
-    /// The simulations that are learned from.
+    /// Returns the `[episodes]` table: the parallel environments.
     pub fn episodes(&self) -> &EpisodeSettings {
         self.0.common().episodes
     }
 
-    /// How long to train, and when to look, to be set.
+    /// Returns the `[run]` table for modification.
     pub fn run_mut(&mut self) -> &mut RunSettings {
         self.0.run_mut()
     }
 
-    /// Checks that every setting is in its range.
+    /// Checks the constraints of all settings.
     ///
     /// # Errors
-    /// If one is not; the message says what it must be.
+    /// If a value is not allowed; the message states the allowed values.
     pub fn check(&self) -> Result<(), TrainingError> {
         self.0.check()
     }
 
-    /// Widths of the hidden layers of policy and critic.
-    pub(crate) fn hidden(&self) -> [&[usize]; 2] {
-        self.0.common().hidden
+    /// Returns the reason why the result after n steps depends on `run.total_steps`; `None` if it does not.
+    pub(crate) fn depends_on_total_steps(&self) -> Option<&'static str> {
+        self.0.depends_on_total_steps()
     }
 
-    /// The memory that experience takes.
-    pub(crate) fn experience_memory(&self, environment: &EnvironmentSpec) -> Vec<MemoryNeed> {
-        self.0.experience_memory(environment)
-    }
-
-    /// Why a training of some steps is not the beginning of a longer one; `None` if it is.
-    pub(crate) fn hangs_on_total(&self) -> Option<&'static str> {
-        self.0.hangs_on_total()
-    }
-
-    /// Checks that a training with the same arguments could go on from a checkpoint.
+    /// Checks that [`train`](Self::train) with the same arguments could resume from a checkpoint.
     ///
     /// # Errors
-    /// If a setting is out of its range, or the checkpoint is another training's.
+    /// If a setting has a value that is not allowed, or the checkpoint belongs to another training run.
     pub fn check_resumption(
         &self,
         environments: &dyn BatchFactory,
@@ -247,29 +227,29 @@ impl Config {
         learner::check_resumption(self, environments, seed, checkpoint)
     }
 
-    /// Trains a policy in batches of `environments`, on the threads of the current rayon pool. An [`Arc`](std::sync::Arc)
-    /// of an [`Environment`](mishandle_rollout::Environment) makes them on the CPU.
+    /// Trains a policy in batches from `environments`, on the threads of the current rayon pool. An
+    /// [`Arc`](std::sync::Arc) of an [`Environment`](mishandle_rollout::Environment) creates batches on the CPU.
     ///
-    /// With a checkpoint of the same settings it goes on from there, to the same bits as if it had not been
-    /// interrupted. Only `run.total_steps` may differ, and only if what is learned does not hang on it.
+    /// With a checkpoint of the same settings, training resumes there and produces the same bits as an uninterrupted run.
+    /// Only `run.total_steps` may differ, and only if the learning does not depend on it.
     ///
     /// # Errors
-    /// If a setting is out of its range, the checkpoint is another training's, the weights stop being finite, or the
-    /// environment batch fails as a whole.
+    /// If a setting has a value that is not allowed, the checkpoint belongs to another training run, a weight becomes
+    /// NaN or infinite, or the environment batch fails.
     pub fn train(
         &self,
         environments: &dyn BatchFactory,
         seed: Seed,
         resume: Option<&Checkpoint>,
         observer: &mut dyn Observer,
-    ) -> Result<Trained, TrainingError> {
+    ) -> Result<TrainingResult, TrainingError> {
         learner::train(self, environments, seed, resume, observer)
     }
 
-    /// The algorithm before its first iteration.
+    /// Builds the learner in its state before the first iteration.
     ///
     /// # Errors
-    /// If networks of these sizes or the environment batch cannot be made.
+    /// If networks of these sizes or the environment batch cannot be created.
     pub(crate) fn learner(
         &self,
         environments: &dyn BatchFactory,

@@ -4,118 +4,117 @@ use mishandle_controllers::ControllerError;
 use mishandle_network::NetworkError;
 use mishandle_rollout::RolloutError;
 
-/// Why a training cannot start, or cannot go on.
+/// Reason why training cannot start or continue.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TrainingError {
-    /// A setting has a value that it cannot have.
-    #[error("{}the setting `{name}` must be {wanted}, found {found}", at(*line))]
+    /// A setting has a value that is not allowed.
+    #[error("{}the setting `{name}` must be {expected}, found {found}", at(*line))]
     Setting {
-        /// Line of the text that states it, counted from 1, if one does.
+        /// Line of the settings file, counted from 1; `None` if the file does not state the setting.
         line: Option<usize>,
-        /// Its table, if it is in one, and its key.
+        /// Table and key.
         name: String,
-        /// What it has to be.
-        wanted: String,
-        /// What it is.
+        /// Allowed values.
+        expected: String,
+        /// Value found.
         found: String,
-        /// The names that it may be, if it is a choice of some.
+        /// Allowed names, if the setting is an enumeration.
         known: Vec<&'static str>,
     },
-    /// A setting that the algorithm does not have.
-    #[error("line {line}: {algorithm} has no setting `{name}`; {}", beside(name, known))]
+    /// The algorithm has no setting of this name.
+    #[error("line {line}: {algorithm} has no setting `{name}`; {}", settings_of_table(name, known))]
     UnknownSetting {
         /// Name of the algorithm.
         algorithm: &'static str,
-        /// Line of the text, counted from 1.
+        /// Line of the settings file, counted from 1.
         line: usize,
-        /// Its table, if it is in one, and its key.
+        /// Table and key.
         name: String,
-        /// The settings there are.
+        /// Names of all settings.
         known: Vec<&'static str>,
     },
-    /// The settings' text is not TOML.
-    #[error("line {line}: this is not TOML: {message}")]
+    /// The settings are not valid TOML.
+    #[error("line {line}: invalid TOML: {message}")]
     NotToml {
         /// Line of the text, counted from 1.
         line: usize,
-        /// What the reader says.
+        /// Message of the TOML parser.
         message: String,
     },
-    /// Weights or losses are no longer finite.
+    /// A weight or a loss is NaN or infinite.
     #[error(
-        "training broke down in iteration {iteration}: {what} is not finite; a smaller learning rate, or rewards \
-         of smaller size, may help"
+        "training diverged in iteration {iteration}: {what} is not finite; try a smaller learning rate or smaller rewards"
     )]
     NotFinite {
         /// Iteration, counted from 1.
         iteration: u64,
-        /// What is NaN or infinite.
+        /// The quantity that is NaN or infinite.
         what: &'static str,
     },
-    /// A checkpoint's file cannot be read or written.
+    /// A checkpoint file cannot be read or written.
     #[error("cannot {verb} the checkpoint {}", path.display())]
     File {
         /// `read` or `write`.
         verb: &'static str,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
-        /// The file.
+        /// Path of the checkpoint.
         path: PathBuf,
     },
-    /// A file that is no checkpoint, or a damaged one.
-    #[error("not a checkpoint that can be resumed: {reason}")]
+    /// The file is not a checkpoint, or it is damaged.
+    #[error("cannot resume from this checkpoint: {reason}")]
     Checkpoint {
-        /// What shows it.
+        /// Reason.
         reason: String,
     },
-    /// A checkpoint of another training.
-    #[error("the checkpoint's {what} is {found}, this training's is {wanted}")]
-    OtherTraining {
-        /// What differs.
+    /// The checkpoint belongs to another training run.
+    #[error("the checkpoint's {what} is {found}, this training's is {expected}")]
+    CheckpointMismatch {
+        /// The property that differs.
         what: &'static str,
-        /// What is wanted.
-        wanted: String,
-        /// What the checkpoint has.
+        /// Its value in this training run.
+        expected: String,
+        /// Its value in the checkpoint.
         found: String,
     },
-    /// A checkpoint of a training with other settings.
+    /// The checkpoint belongs to a training run with other settings.
     #[error(
-        "the training began with other settings: {}; go on with those, or begin again",
+        "the training started with other settings: {}; resume with those, or start again without --resume",
         listed(differing)
     )]
-    OtherSettings {
-        /// Of each setting that differs: its table and key, what the training began with, and what is wanted, as TOML.
+    SettingsMismatch {
+        /// For each setting that differs: its name, its value in the checkpoint, and the requested value, as TOML.
         differing: Vec<[String; 3]>,
     },
-    /// A checkpoint of a training of another length, where what is learned hangs on it.
+    /// The checkpoint belongs to a training run of another length, and the learning depends on the length.
     #[error(
-        "a training that began with `run.total_steps` = {began} cannot go on with {wanted}: {why}, so that from scratch \
-         {wanted} steps would give another controller; go on with {began}, or begin again"
+        "a training that started with `run.total_steps` = {original} cannot resume with {requested}: {reason}, so \
+         {requested} steps from scratch would give another controller; resume with {original}, or start again"
     )]
-    OtherTotal {
-        /// Environment steps that it began with.
-        began: u64,
-        /// Environment steps that are wanted.
-        wanted: u64,
-        /// What hangs on them.
-        why: &'static str,
+    TotalStepsMismatch {
+        /// Total environment steps of the checkpoint.
+        original: u64,
+        /// Total environment steps requested.
+        requested: u64,
+        /// Reason why the learning depends on the length.
+        reason: &'static str,
     },
-    /// A checkpoint of a training that has gone farther than is wanted.
-    #[error("the training has {done} environment steps behind it, and cannot end at {wanted}")]
-    Done {
-        /// Environment steps that it has done.
+    /// The checkpoint already ran more steps than requested.
+    #[error("the training already ran {done} environment steps; `run.total_steps` = {requested} is fewer")]
+    PastTotalSteps {
+        /// Environment steps of the checkpoint.
         done: u64,
-        /// Environment steps that are wanted.
-        wanted: u64,
+        /// Total environment steps requested.
+        requested: u64,
     },
-    /// A network, an optimiser or a normaliser cannot be made.
+    /// A network, an optimizer or a normalizer cannot be created.
     #[error(transparent)]
     Network(#[from] NetworkError),
-    /// A policy cannot be made.
+    /// A policy cannot be created.
     #[error(transparent)]
     Controller(#[from] ControllerError),
-    /// The environment batch cannot be made or stepped.
+    /// The environment batch cannot be created or stepped.
     #[error(transparent)]
     Environment(#[from] RolloutError),
 }
@@ -124,15 +123,15 @@ fn at(line: Option<usize>) -> String {
     line.map_or_else(String::new, |line| format!("line {line}: "))
 }
 
-/// `gamma` = 0.9, now 0.99, ...
+/// "`gamma` was 0.9, now 0.99; ..."
 fn listed(differing: &[[String; 3]]) -> String {
-    let told: Vec<String> =
-        differing.iter().map(|[name, began, wanted]| format!("`{name}` {began}, now {wanted}")).collect();
-    told.join("; ")
+    let parts: Vec<String> =
+        differing.iter().map(|[name, old, new]| format!("`{name}` was {old}, now {new}")).collect();
+    parts.join("; ")
 }
 
-/// The settings that there are in the table of one that there is not.
-fn beside(name: &str, known: &[&str]) -> String {
+/// Lists the settings in the table of an unknown setting.
+fn settings_of_table(name: &str, known: &[&str]) -> String {
     let table = |name: &str| name.rsplit_once('.').map_or(String::new(), |(table, _)| table.to_string());
     let own = table(name);
     let keys: Vec<&str> = known
@@ -142,7 +141,7 @@ fn beside(name: &str, known: &[&str]) -> String {
         .collect();
     match (keys.is_empty(), own.is_empty()) {
         (true, _) => format!("there is no table `{own}` either"),
-        (false, true) => format!("outside of tables there are: {}", keys.join(", ")),
-        (false, false) => format!("[{own}] has: {}", keys.join(", ")),
+        (false, true) => format!("settings outside of tables: {}", keys.join(", ")),
+        (false, false) => format!("settings of [{own}]: {}", keys.join(", ")),
     }
 }

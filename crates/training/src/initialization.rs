@@ -1,4 +1,4 @@
-//! The weights that a network begins with.
+//! Initialization of networks.
 
 use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::{Seed, Stream};
@@ -7,26 +7,26 @@ use toml::Spanned;
 use toml::de::DeValue;
 
 use crate::TrainingError;
-use crate::setting::{Kind, WEIGHTS, reads_as};
+use crate::settings::setting::{INITIALIZATION, SettingKind, reads_as};
 
-/// The weights that a network begins with.
+/// Initialization of a network.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Initialization {
-    /// Orthogonal weights and no biases, with the gain √2 in hidden layers; that of the last layer is what its outputs
-    /// need: small for a policy, so that the first actions are near the middle whatever is seen.
+    /// Orthogonal weights and zero biases. The gain is √2 in hidden layers. A policy has a small gain in the last layer,
+    /// so that the initial actions are near 0 for all observations.
     Orthogonal,
-    /// Weights and biases drawn evenly from ±1/√inputs, PyTorch's default.
+    /// Weights and biases uniform in ±1/√inputs, the PyTorch default.
     Uniform,
-    /// Weights and biases from N(0, σ²), as TOML `{ normal = σ }`.
+    /// Weights and biases from N(0, σ²); `{ normal = σ }` in TOML.
     Normal(f64),
 }
 
 impl Initialization {
-    /// Gives `network` its first weights; `last_gain` is that of the last layer, if it has one.
+    /// Initializes `network`; `last_gain` is the gain of the last layer for orthogonal weights.
     ///
     /// # Errors
-    /// Never: there is a gain for each layer.
+    /// Never; the number of gains is that of the layers.
     pub(crate) fn initialize(
         self,
         network: &mut Mlp<f32>,
@@ -52,14 +52,14 @@ impl Initialization {
                 network.initialize_uniform(|| seed.uniform(Stream::Weights, next(), 0));
             }
             Initialization::Normal(_) => {
-                network.update(|parameters| self.initialize_others(parameters, seed));
+                network.update(|parameters| self.initialize_vector(parameters, seed));
             }
         }
         Ok(())
     }
 
-    /// Gives parameters that are no weights their first values: 0, unless all are to be normal numbers.
-    pub(crate) fn initialize_others(self, parameters: &mut [f32], seed: Seed) {
+    /// Initializes parameters outside of networks: 0, or N(0, σ²) for [`Initialization::Normal`].
+    pub(crate) fn initialize_vector(self, parameters: &mut [f32], seed: Seed) {
         let std = if let Initialization::Normal(std) = self { std } else { 0.0 };
         let mut draws = vec![0.0; parameters.len()];
         seed.normals(Stream::Weights, 0, &mut draws);
@@ -67,9 +67,9 @@ impl Initialization {
     }
 }
 
-impl Kind for Initialization {
-    fn wanted() -> String {
-        WEIGHTS.wanted.to_string()
+impl SettingKind for Initialization {
+    fn allowed() -> String {
+        INITIALIZATION.allowed.to_string()
     }
 
     fn reads(value: Spanned<DeValue<'_>>) -> bool {
@@ -84,10 +84,10 @@ impl Kind for Initialization {
     }
 }
 
-/// A network with its first weights.
+/// Creates an initialized network with `sizes` = (inputs, hidden layers, outputs).
 ///
 /// # Errors
-/// If a layer has no outputs.
+/// If a layer has size 0.
 pub(crate) fn initial_network(
     sizes: (usize, &[usize], usize),
     activation: Activation,
@@ -107,12 +107,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn uniform_weights_and_biases_fill_their_range() {
+    fn uniform_parameters_fill_their_range() {
         let sizes = (4, &[100][..], 1);
         let network =
             initial_network(sizes, Activation::Elu, Initialization::Uniform, 0.01, Seed(2)).unwrap();
         let (first, last) = network.parameters().split_at(4 * 100 + 100);
-        // ±1/√4 and ±1/√100; a standard deviation of a third root of the bound.
+        // ±1/√4 and ±1/√100; a uniform distribution on ±b has variance b²/3.
         for (numbers, bound) in [(first, 0.5_f64), (last, 0.1)] {
             let squares: f64 = numbers.iter().map(|x| f64::from(*x).powi(2)).sum();
             let variance = squares / numbers.len() as f64;
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn normal_parameters_have_the_deviation_that_was_asked_for() {
+    fn normal_parameters_have_the_given_standard_deviation() {
         let sizes = (25, &[400][..], 3);
         let network =
             initial_network(sizes, Activation::Elu, Initialization::Normal(0.5), 0.01, Seed(4)).unwrap();
@@ -136,15 +136,15 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_weight_is_zero_unless_all_is_normal() {
+    fn vectors_are_zero_except_with_normal_initialization() {
         for (initialization, zero) in [
             (Initialization::Orthogonal, true),
             (Initialization::Uniform, true),
             (Initialization::Normal(0.1), false),
         ] {
-            let mut others = [1.0; 4];
-            initialization.initialize_others(&mut others, Seed(1));
-            assert_eq!(others.iter().all(|x| *x == 0.0), zero, "{initialization:?}");
+            let mut vector = [1.0; 4];
+            initialization.initialize_vector(&mut vector, Seed(1));
+            assert_eq!(vector.iter().all(|x| *x == 0.0), zero, "{initialization:?}");
         }
     }
 }

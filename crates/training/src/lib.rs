@@ -1,78 +1,54 @@
 //! Training algorithms: environments in, controllers out.
 //!
-//! An algorithm is a folder and a line in the list [`ALGORITHMS`]: its settings, its loss, what it does in an iteration. What algorithms share stands beside them: rows of
-//! never-ending [`Episodes`], the choice of the best policy, checkpoints, and what an [`Observer`] is told; for [`ppo`]
-//! and [`trpo`] a rollout's [`Buffer`], [`gae`], a [`gaussian`] policy and a [`Critic`]; for [`sac`], [`td3`] and
-//! [`ddpg`] a [`replay`], critics of actions, and a [`drawn`] or [`deterministic`] action.
+//! An algorithm is a folder and a line in the list [`ALGORITHMS`]. The modules:
 //!
-//! Everything runs on the threads of the current rayon pool. The same environment, settings and seed give the same
-//! controller to the bit for any number of threads, resumed or not.
+//! - `on_policy`: [`ppo`] and [`trpo`], and what both use: [`RolloutBuffer`], [`gae`], [`Critic`], minibatches;
+//! - `off_policy`: [`sac`], [`td3`] and [`ddpg`], and what they use: [`replay_buffer`], action-value critics with target
+//!   networks, the [`deterministic`] policy;
+//! - `settings`: declaration, reading and presets of settings;
+//! - `episodes`: parallel environments that restart their [`Episodes`] automatically;
+//! - `learner`: the training loop, progress reports to an [`Observer`], validation, and selection of the best policy;
+//! - `checkpoint`: the state of a training run as a file;
+//! - `parity`: tests that compare single updates with those of skrl.
+//!
+//! Training runs on the threads of the current rayon pool. The same environment, settings and seed give the same
+//! controller, bit for bit, for any number of threads, resumed or not.
 
-mod acting;
-mod action_value;
-mod actor_critic;
-mod agent;
 mod algorithm;
-mod batch;
-mod batch_gradient;
-mod buffer;
 mod checkpoint;
-mod conjugate_gradient;
-mod critic;
-pub mod ddpg;
-mod declare;
-pub mod deterministic;
-mod distribution;
-pub mod drawn;
 mod episodes;
 mod error;
-pub mod gae;
 pub mod gaussian;
+mod inference;
 mod initialization;
 mod learner;
-mod listing;
-mod memory;
-mod minibatches;
 mod off_policy;
-mod off_policy_config;
-mod off_policy_settings;
 mod on_policy;
-mod on_policy_settings;
-pub mod ppo;
-mod presets;
-mod progress;
-mod reading;
+#[cfg(test)]
+mod parity;
 mod registry;
-pub mod replay;
-pub mod sac;
-mod selection;
-mod setting;
 mod settings;
-#[cfg(test)]
-mod skrl_on_policy;
-#[cfg(test)]
-mod skrl_updates;
-pub mod td3;
-pub mod trpo;
-mod twin_critics;
 
-pub use algorithm::Config;
-pub use buffer::{Buffer, shuffle};
-pub use checkpoint::{Checkpoint, Numbers};
-pub use conjugate_gradient::conjugate_gradient;
-pub use critic::{Critic, value_loss};
+pub use algorithm::AlgorithmSettings;
+pub use checkpoint::{Checkpoint, CheckpointArray};
 pub use episodes::{Boundary, EpisodeStatistics, Episodes};
 pub use error::TrainingError;
 pub use initialization::Initialization;
-pub use memory::MemoryNeed;
-pub use minibatches::Division;
-pub use off_policy_settings::{
-    ActionValueSettings, ActorSettings, ExplorationDecay, ReplaySettings, UpdateCount,
+pub use learner::progress::{
+    Observer, TimeShares, TrainingControl, TrainingProgress, TrainingResult, Validation, format_duration,
 };
-pub use on_policy_settings::{CriticSettings, ObservationMoments, PolicySettings, ValueMoments};
-pub use presets::{BEST, PRESETS};
-pub use progress::{Flow, Observer, Progress, Shares, Trained, Validation, clock};
+pub use learner::selection::{BestPolicy, PolicySelection};
+pub use off_policy::settings::{
+    ActorSettings, ExplorationDecay, QCriticSettings, ReplayBufferSettings, UpdateUnit,
+};
+pub use off_policy::{ddpg, deterministic, replay_buffer, sac, td3};
+pub use on_policy::critic::{Critic, value_loss};
+pub use on_policy::minibatches::{MinibatchScheme, shuffle};
+pub use on_policy::rollout_buffer::RolloutBuffer;
+pub use on_policy::settings::{CriticSettings, ObservationMoments, PolicySettings, ValueMoments};
+pub use on_policy::trpo::conjugate_gradient::conjugate_gradient;
+pub use on_policy::{gae, ppo, trpo};
 pub use registry::{ALGORITHMS, AlgorithmEntry};
-pub use selection::{Best, Selection};
-pub use setting::{Choice, Setting};
-pub use settings::{EpisodeSettings, RunSettings, Settings, TimeLimits};
+pub use settings::{
+    BEST, Choice, EpisodeSettings, PRESETS, RunSettings, Setting, TimeoutHandling, TomlSettings,
+};

@@ -1,47 +1,47 @@
-//! The list of algorithms, by name.
+//! The list of algorithms.
 
 use crate::algorithm::Algorithm;
-use crate::ddpg::DdpgConfig;
-use crate::ppo::PpoConfig;
-use crate::sac::SacConfig;
-use crate::td3::Td3Config;
-use crate::trpo::TrpoConfig;
-use crate::{Config, TrainingError};
+use crate::ddpg::DdpgSettings;
+use crate::ppo::PpoSettings;
+use crate::sac::SacSettings;
+use crate::td3::Td3Settings;
+use crate::trpo::TrpoSettings;
+use crate::{AlgorithmSettings, TrainingError};
 
-/// One line of the list of algorithms.
+/// Entry of the list of algorithms.
 #[derive(Clone, Copy, Debug)]
 pub struct AlgorithmEntry {
-    /// The name users type.
+    /// Name on the command line and in files.
     pub name: &'static str,
-    /// What it is, in one line.
+    /// One-line summary.
     pub summary: &'static str,
-    /// Settings presets besides the default: names, and as TOML how each differs from the default.
+    /// Settings presets besides `best`: name, and the differences from the defaults as TOML.
     pub presets: &'static [(&'static str, &'static str)],
-    /// Returns its default settings.
-    pub default: fn() -> Config,
-    /// Reads its settings from TOML.
-    pub from_toml: fn(&str) -> Result<Config, TrainingError>,
+    /// Returns the default settings.
+    pub default: fn() -> AlgorithmSettings,
+    /// Reads settings from TOML.
+    pub from_toml: fn(&str) -> Result<AlgorithmSettings, TrainingError>,
 }
 
 impl AlgorithmEntry {
-    const fn of<C: Algorithm>() -> AlgorithmEntry {
+    const fn of<S: Algorithm>() -> AlgorithmEntry {
         AlgorithmEntry {
-            name: C::ALGORITHM,
-            summary: C::SUMMARY,
-            presets: C::PRESETS,
-            default: || C::default().into(),
-            from_toml: |text| C::from_toml(text).map(Config::from),
+            name: S::ALGORITHM,
+            summary: S::SUMMARY,
+            presets: S::PRESETS,
+            default: || S::default().into(),
+            from_toml: |text| S::from_toml(text).map(AlgorithmSettings::from),
         }
     }
 }
 
-/// Every algorithm there is; a further one is one more line.
+/// All algorithms. A new algorithm adds one line.
 pub static ALGORITHMS: &[AlgorithmEntry] = &[
-    AlgorithmEntry::of::<PpoConfig>(),
-    AlgorithmEntry::of::<TrpoConfig>(),
-    AlgorithmEntry::of::<SacConfig>(),
-    AlgorithmEntry::of::<Td3Config>(),
-    AlgorithmEntry::of::<DdpgConfig>(),
+    AlgorithmEntry::of::<PpoSettings>(),
+    AlgorithmEntry::of::<TrpoSettings>(),
+    AlgorithmEntry::of::<SacSettings>(),
+    AlgorithmEntry::of::<Td3Settings>(),
+    AlgorithmEntry::of::<DdpgSettings>(),
 ];
 
 #[cfg(test)]
@@ -49,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_differ_and_defaults_name_their_algorithm() {
+    fn names_are_unique_and_defaults_return_their_algorithm() {
         for (index, entry) in ALGORITHMS.iter().enumerate() {
             assert_eq!((entry.default)().algorithm(), entry.name);
             assert!(ALGORITHMS[..index].iter().all(|other| other.name != entry.name), "{}", entry.name);

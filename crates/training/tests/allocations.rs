@@ -1,5 +1,5 @@
-//! Batches and the losses of SAC, which are those with the most parts, allocate nothing after the first time.
-#![allow(unsafe_code)] // a global allocator that counts cannot be written without
+//! Sampling a batch and computing the losses of SAC, the most complex ones, allocate memory only the first time.
+#![allow(unsafe_code)] // a counting global allocator needs it
 #![allow(clippy::unwrap_used)]
 
 mod line;
@@ -11,7 +11,7 @@ use std::cell::Cell;
 use line::Line;
 use mishandle_network::{Activation, Mlp, Normalizer};
 use mishandle_rollout::{Seed, Stream};
-use mishandle_training::replay::{Batch, Replay, Sampling};
+use mishandle_training::replay_buffer::{ReplayBuffer, Sampling, TransitionBatch};
 use mishandle_training::sac::{Actor, CriticLoss, CriticScratch, Distribution, PolicyLoss, PolicyScratch};
 use mishandle_training::{EpisodeSettings, Episodes};
 
@@ -21,7 +21,7 @@ thread_local! {
 
 struct Counting;
 
-// SAFETY: everything is passed on to the system's allocator.
+// SAFETY: every call is forwarded to the system allocator.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         let _ = ALLOCATIONS.try_with(|count| count.set(count.get() + 1));
@@ -41,36 +41,36 @@ fn network(inputs: usize, outputs: usize) -> Mlp<f32> {
 }
 
 #[test]
-fn an_update_allocates_nothing() {
-    let mut replay = Replay::new(1000, 2, 2, 1);
+fn later_updates_allocate_no_memory() {
+    let mut replay = ReplayBuffer::new(1000, 2, 2, 1);
     let settings = EpisodeSettings { environments: 2, staggered: false, ..EpisodeSettings::default() };
     let mut episodes = Episodes::new(&Line::new(0.0), &settings, Seed(0)).unwrap();
     for _ in 0..20 {
-        let seen = episodes.observations().to_vec();
+        let observations = episodes.observations().to_vec();
         episodes.step(&[0.5, 0.25]).unwrap();
-        replay.push(&seen, &[0.5, 0.25], &episodes);
+        replay.push(&observations, &[0.5, 0.25], &episodes);
     }
     let (actor, critics, targets) =
         (network(2, 2), [network(3, 1), network(3, 1)], [network(3, 1), network(3, 1)]);
     let normalizer = Normalizer::new(&[0.0; 2], &[1.0; 2]).unwrap();
     let sampling = Sampling { n_steps: 3, gamma: 0.9, reward_scale: 1.0, replacement: true };
-    let (mut batch, mut draws) = (Batch::default(), vec![0.0; 64]);
+    let (mut batch, mut noise) = (TransitionBatch::default(), vec![0.0; 64]);
     let (mut critic_scratch, mut policy_scratch) = (CriticScratch::default(), PolicyScratch::default());
-    let mut by_critics = vec![0.0; 2 * critics[0].parameter_count()];
-    let mut by_actor = vec![0.0; actor.parameter_count()];
+    let mut critics_gradient = vec![0.0; 2 * critics[0].parameter_count()];
+    let mut actor_gradient = vec![0.0; actor.parameter_count()];
     let mut update = |index: u64| {
         let before = ALLOCATIONS.with(Cell::get);
         replay.sample(&sampling, (Seed(1), index), 64, &normalizer, &mut batch);
-        Seed(2).normals(Stream::Policy, index, &mut draws);
+        Seed(2).normals(Stream::Policy, index, &mut noise);
         let (temperature, critics) = (0.1, [&critics[0], &critics[1]]);
         let target_critics = [&targets[0], &targets[1]];
         let actor = Actor { distribution: Distribution::Squashed, network: &actor, log_std: &[] };
-        let loss = CriticLoss { batch: &batch, draws: &draws, temperature, actor, critics, target_critics };
-        loss.add_gradient(0..64, &mut critic_scratch, &mut by_critics);
-        let loss = PolicyLoss { batch: &batch, draws: &draws, temperature, actor, critics };
-        loss.add_gradient(0..64, &mut policy_scratch, &mut by_actor);
+        let loss = CriticLoss { batch: &batch, noise: &noise, temperature, actor, critics, target_critics };
+        loss.add_gradient(0..64, &mut critic_scratch, &mut critics_gradient);
+        let loss = PolicyLoss { batch: &batch, noise: &noise, temperature, actor, critics };
+        loss.add_gradient(0..64, &mut policy_scratch, &mut actor_gradient);
         ALLOCATIONS.with(Cell::get) - before
     };
-    assert!(update(0) > 0, "the counter counts");
+    assert!(update(0) > 0, "the first update allocates memory");
     assert_eq!(update(1) + update(2), 0);
 }

@@ -1,4 +1,4 @@
-//! Training takes any environment batch, and the CPU batch gives the bits of its workers.
+//! Training works with any environment batch, and the CPU batch produces the same bits as single workers.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -11,23 +11,26 @@ use mishandle_rollout::{
     BatchFactory, Controller, Environment, EnvironmentBatch, EnvironmentSpec, RolloutError, Sample, Seed,
     StepStatus, Stream,
 };
-use mishandle_training::{Checkpoint, Config, Flow, Observer, Progress, Trained, TrainingError, Validation};
+use mishandle_training::{
+    AlgorithmSettings, Checkpoint, Observer, TrainingControl, TrainingError, TrainingProgress,
+    TrainingResult, Validation,
+};
 
-/// A point on a line, in closed form: x' = x + 0.2 clip(a), reward 1 - |x'|, an episode of 20 control steps from x
-/// uniform in [-1, 1]. It has no `Environment`, no workers and no initial box.
+/// Batch of points on a line in closed form: x' = x + 0.2 clip(a), reward 1 - |x'|, episodes of 20 control steps, initial x
+/// uniform in [-1, 1]. It implements no `Environment` and has no workers.
 struct Homing {
     x: Vec<f32>,
     rewards: Vec<f64>,
     statuses: Vec<StepStatus>,
-    /// Steps after which the batch fails, as a process that is killed would.
+    /// Number of steps after which the batch fails, like a killed process.
     steps_left: u64,
 }
 
-struct Homes {
+struct HomingFactory {
     steps: u64,
 }
 
-impl BatchFactory for Homes {
+impl BatchFactory for HomingFactory {
     fn spec(&self) -> EnvironmentSpec {
         EnvironmentSpec {
             name: "homing".to_string(),
@@ -95,7 +98,7 @@ impl EnvironmentBatch for Homing {
     }
 }
 
-/// Keeps the last checkpoint, and stops after an iteration if it is told to.
+/// Keeps the last checkpoint and stops after iteration `stop_after`.
 #[derive(Default)]
 struct Keeper {
     stop_after: Option<u64>,
@@ -107,32 +110,36 @@ impl Observer for Keeper {
         None
     }
 
-    fn progress(&mut self, progress: &Progress) -> Flow {
-        if Some(progress.iteration) == self.stop_after { Flow::Stop } else { Flow::Continue }
+    fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
+        if Some(progress.iteration) == self.stop_after {
+            TrainingControl::Stop
+        } else {
+            TrainingControl::Continue
+        }
     }
 
-    fn checkpoint(&mut self, checkpoint: &Checkpoint) {
+    fn save_checkpoint(&mut self, checkpoint: &Checkpoint) {
         self.checkpoint = Some(checkpoint.clone());
     }
 }
 
-fn config(algorithm: &str) -> Config {
+fn settings(algorithm: &str) -> AlgorithmSettings {
     let own = match algorithm {
-        "ppo" => "rollout_steps = 20\nminibatch_rows = 160\nrun.total_steps = 32_000",
+        "ppo" => "rollout_steps = 20\nminibatch_size = 160\nrun.total_steps = 32_000",
         _ => {
-            "steps_per_iteration = 20\ntau = 0.01\nreplay = { warmup_steps = 500, batch_rows = 64, n_steps = 1, \
+            "steps_per_iteration = 20\ntau = 0.01\nreplay = { warmup_steps = 500, batch_size = 64, n_steps = 1, \
              updates_per_step = 0.5, reward_scale = 1.0 }\npolicy.learning_rate = 0.003\nrun.total_steps = 6_400"
         }
     };
     let common = "gamma = 0.9\nepisodes.environments = 32\npolicy.hidden = [16]\ncritic.hidden = [16]\n";
-    Config::from_toml(algorithm, &format!("{common}{own}")).unwrap().unwrap()
+    AlgorithmSettings::from_toml(algorithm, &format!("{common}{own}")).unwrap().unwrap()
 }
 
-fn train(algorithm: &str, resume: Option<&Checkpoint>, keeper: &mut Keeper) -> Trained {
-    config(algorithm).train(&Homes { steps: u64::MAX }, Seed(2), resume, keeper).unwrap()
+fn train(algorithm: &str, resume: Option<&Checkpoint>, keeper: &mut Keeper) -> TrainingResult {
+    settings(algorithm).train(&HomingFactory { steps: u64::MAX }, Seed(2), resume, keeper).unwrap()
 }
 
-/// The mean return of 20 control steps from starts on a grid.
+/// Returns the mean return of 20 control steps from a grid of initial states.
 fn mean_return(policy: &Policy) -> f64 {
     let mut actor = policy.worker();
     let starts = (-10..=10).map(|start| f64::from(start) / 10.0);
@@ -149,11 +156,11 @@ fn mean_return(policy: &Policy) -> f64 {
 }
 
 #[test]
-fn a_batch_without_an_environment_is_learned_and_resumed_to_the_same_bits() {
+fn training_on_a_custom_batch_learns_and_resumes_to_the_same_bits() {
     for algorithm in ["ppo", "sac"] {
         let trained = train(algorithm, None, &mut Keeper::default());
-        // At full speed, |x| = 0, 0.1, .. 1.0 loses 0, 0, 0, 0.1, 0.2, 0.4, 0.6, 0.9, 1.2, 1.6 and 2.0 of the 20: on the
-        // grid 14/21 on average. Standing still loses 20 |x|, 220/21 on average.
+        // The optimal policy from |x| = 0, 0.1, .. 1.0 loses 0, 0, 0, 0.1, 0.2, 0.4, 0.6, 0.9, 1.2, 1.6 and 2.0 of 20: 14/21
+        // on average over the grid. A policy that does not move loses 20 |x|: 220/21 on average.
         let found = mean_return(&trained.last);
         assert!((18.5..=20.0 - 14.0 / 21.0 + 1e-6).contains(&found), "{algorithm}: {found}");
 
@@ -165,37 +172,38 @@ fn a_batch_without_an_environment_is_learned_and_resumed_to_the_same_bits() {
 }
 
 #[test]
-fn a_batch_that_fails_ends_the_training_with_its_reason() {
+fn a_failing_batch_ends_the_training_with_its_error() {
     for algorithm in ["ppo", "sac"] {
-        let failed = config(algorithm).train(&Homes { steps: 30 }, Seed(2), None, &mut Keeper::default());
+        let failed =
+            settings(algorithm).train(&HomingFactory { steps: 30 }, Seed(2), None, &mut Keeper::default());
         let error = failed.unwrap_err();
         assert!(matches!(error, TrainingError::Environment(_)), "{algorithm}: {error}");
         assert_eq!(error.to_string(), "the environment batch failed: the process was killed");
     }
 }
 
-/// A sample of the line.
+/// Buffers of a sample of the line environment.
 #[derive(Default)]
-struct Shown {
+struct SampleBuffers {
     observation: [f32; 2],
     signals: [f64; 1],
     rewards: [f64; 2],
 }
 
-impl Shown {
+impl SampleBuffers {
     fn sample(&mut self) -> Sample<'_> {
-        let Shown { observation, signals, rewards } = self;
+        let SampleBuffers { observation, signals, rewards } = self;
         Sample { observation, signals, rewards }
     }
 }
 
 #[test]
-fn the_cpu_batch_gives_the_bits_of_workers_at_starts_drawn_from_the_seeds() {
+fn the_cpu_batch_gives_the_same_bits_as_single_workers() {
     let line = Line::new(0.3);
     let mut batch = line.batch(7).unwrap();
     let seeds: Vec<(usize, Seed)> = (0..7).map(|row| (row, Seed(4).child(row as u64))).collect();
     batch.reset(&seeds).unwrap();
-    // Rows that are reset later start anew, whatever their order; the others go on.
+    // Two rows are reset after the first step, in arbitrary order; the other rows continue.
     let later = [(5, Seed(8)), (1, Seed(9))];
     let (before, after): (Vec<f64>, Vec<f64>) = (0..7).map(|row| (0.1 * row as f64, -0.2)).unzip();
     batch.step(&before).unwrap();
@@ -206,17 +214,17 @@ fn the_cpu_batch_gives_the_bits_of_workers_at_starts_drawn_from_the_seeds() {
     for row in 0..7 {
         let mut worker = line.worker();
         let mut state = vec![0.0; line.state_size()];
-        let mut shown = Shown::default();
+        let mut buffers = SampleBuffers::default();
         let again = later.iter().find(|(other, _)| *other == row);
         let seed = again.map_or(seeds[row].1, |(_, seed)| *seed);
-        worker.reset(&line.space().sample(seed, 0), seed, &mut state, shown.sample());
+        worker.reset(&line.space().sample(seed, 0), seed, &mut state, buffers.sample());
         if again.is_none() {
-            worker.step(&before[row..=row], &mut state, shown.sample());
+            worker.step(&before[row..=row], &mut state, buffers.sample());
         }
-        let status = worker.step(&after[row..=row], &mut state, shown.sample());
+        let status = worker.step(&after[row..=row], &mut state, buffers.sample());
         assert_eq!(batch.statuses()[row], status);
         assert_eq!(states[row * state.len()..][..state.len()], state);
-        assert_eq!(batch.observations()[2 * row..][..2], shown.observation);
-        assert_eq!(batch.rewards()[2 * row..][..2], shown.rewards);
+        assert_eq!(batch.observations()[2 * row..][..2], buffers.observation);
+        assert_eq!(batch.rewards()[2 * row..][..2], buffers.rewards);
     }
 }

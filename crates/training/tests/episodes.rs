@@ -1,4 +1,4 @@
-//! Rows of never-ending episodes: where they end, what is seen there, what reaches the environment.
+//! Episodes: boundaries, final observations, statistics, action noise.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -7,11 +7,11 @@ mod toy;
 use std::sync::Arc;
 
 use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
-use mishandle_training::{Boundary, Buffer, EpisodeSettings, Episodes, TimeLimits};
+use mishandle_training::{Boundary, EpisodeSettings, Episodes, RolloutBuffer, TimeoutHandling};
 use toy::{Toy, names, space};
 
-/// Shows its control step, then 100; the reward is the action. What ends it is said by the first value of x₀:
-/// below 1 nothing, below 2 the task at control step 5, else divergence at step 3.
+/// Environment whose observation is (control step, 100) and whose reward is the action. The axis `fate` determines the end:
+/// below 1 none, below 2 termination at control step 5, otherwise divergence at step 3.
 #[derive(Clone)]
 struct Counter;
 
@@ -60,9 +60,9 @@ fn episodes(low: f64, rows: usize, time_limit: usize, action_noise: f64, stagger
     Episodes::new(&counter(low), &settings, Seed(3)).unwrap()
 }
 
-/// Steps one row with the action 0.5 until its episode ends: the control step, how, what was seen there and after it.
+/// Steps one row with the action 0.5 until its episode ends; checks the step, the boundary and the observations.
 #[track_caller]
-fn check_end(low: f64, step: usize, boundary: Boundary, last_seen: f32, reward: f64) {
+fn check_end(low: f64, step: usize, boundary: Boundary, final_step: f32, reward: f64) {
     let mut episodes = episodes(low, 1, 7, 0.0, false);
     for i in 1.. {
         episodes.step(&[0.5]).unwrap();
@@ -72,18 +72,18 @@ fn check_end(low: f64, step: usize, boundary: Boundary, last_seen: f32, reward: 
         }
         assert_eq!(episodes.observations(), [i as f32, 100.0]);
     }
-    assert_eq!(episodes.final_observations(), [last_seen, 100.0]);
+    assert_eq!(episodes.final_observations(), [final_step, 100.0]);
     assert_eq!(episodes.observations(), [0.0, 100.0]);
     assert_eq!(episodes.rewards(), [reward]);
 }
 
 #[test]
-fn the_clock_truncates_and_shows_the_true_last_observation() {
+fn a_time_limit_truncates_and_keeps_the_final_observation() {
     check_end(0.0, 7, Boundary::Truncated, 7.0, 0.5);
 }
 
 #[test]
-fn the_task_terminates() {
+fn the_task_terminates_an_episode() {
     check_end(1.0, 5, Boundary::Terminated, 5.0, 0.5);
 }
 
@@ -93,8 +93,8 @@ fn a_diverged_row_terminates_with_its_last_finite_observation() {
 }
 
 #[test]
-fn a_terminal_time_limit_ends_an_episode_as_the_task_would_and_is_told_apart_in_the_statistics() {
-    let settings = EpisodeSettings { time_limits: TimeLimits::Terminal, ..settings(1, 7) };
+fn a_terminal_timeout_terminates_but_does_not_count_as_terminated_in_the_statistics() {
+    let settings = EpisodeSettings { timeouts: TimeoutHandling::Terminal, ..settings(1, 7) };
     let mut episodes = Episodes::new(&counter(0.0), &settings, Seed(3)).unwrap();
     (0..7).for_each(|_| episodes.step(&[0.5]).unwrap());
     assert_eq!(episodes.boundaries(), [Boundary::Terminated]);
@@ -116,7 +116,7 @@ fn statistics_count_whole_episodes() {
 }
 
 #[test]
-fn staggered_rows_end_at_different_times_and_their_first_episodes_do_not_count() {
+fn staggered_rows_end_at_different_times_and_statistics_skip_their_first_episodes() {
     let mut episodes = episodes(0.0, 100, 50, 0.0, true);
     let mut ends = vec![0; 51];
     for end in &mut ends[1..] {
@@ -126,7 +126,7 @@ fn staggered_rows_end_at_different_times_and_their_first_episodes_do_not_count()
     assert!(ends.iter().all(|count| *count < 15), "{ends:?}");
     let statistics = episodes.take_statistics();
     assert!(ends.iter().sum::<usize>() >= 100);
-    // Only a row that had its whole time from the start can have been counted by now.
+    // Only rows whose first episode has full length can count so far.
     assert!(statistics.episodes <= 5, "{}", statistics.episodes);
     (0..50).for_each(|_| episodes.step(&[0.0; 100]).unwrap());
     let statistics = episodes.take_statistics();
@@ -135,19 +135,19 @@ fn staggered_rows_end_at_different_times_and_their_first_episodes_do_not_count()
 }
 
 #[test]
-fn noise_is_added_to_the_clipped_action_and_not_clipped() {
+fn noise_is_added_after_clipping() {
     let mut episodes = episodes(0.0, 4000, 300, 0.5, false);
     episodes.step(&[9.0; 4000]).unwrap();
-    let deviations: Vec<f64> = episodes.rewards().iter().map(|reward| reward - 1.0).collect();
-    let n = deviations.len() as f64;
-    let variance = deviations.iter().map(|x| x * x).sum::<f64>() / n;
+    let noise: Vec<f64> = episodes.rewards().iter().map(|reward| reward - 1.0).collect();
+    let n = noise.len() as f64;
+    let variance = noise.iter().map(|x| x * x).sum::<f64>() / n;
     // Five standard errors.
-    assert!((deviations.iter().sum::<f64>() / n).abs() < 5.0 * 0.5 / n.sqrt());
+    assert!((noise.iter().sum::<f64>() / n).abs() < 5.0 * 0.5 / n.sqrt());
     assert!((variance / 0.25 - 1.0).abs() < 5.0 * (2.0 / n).sqrt());
 }
 
 #[test]
-fn a_row_does_not_depend_on_the_others() {
+fn rows_are_independent() {
     let (mut few, mut many) = (episodes(0.0, 2, 4, 0.5, true), episodes(0.0, 30, 4, 0.5, true));
     for _ in 0..20 {
         few.step(&[0.1; 2]).unwrap();
@@ -158,26 +158,26 @@ fn a_row_does_not_depend_on_the_others() {
 }
 
 #[test]
-fn a_buffer_knows_what_followed_each_step() {
+fn the_rollout_buffer_stores_the_value_after_each_step() {
     let mut episodes = episodes(0.0, 2, 3, 0.0, false);
-    let mut buffer = Buffer::new(4, 2, 2, 1);
+    let mut buffer = RolloutBuffer::new(4, 2, 2, 1);
     for step in 0..4 {
-        let (seen, actions, log_probs) = buffer.begin_step(&episodes);
-        assert_eq!(seen, [step as f32 % 3.0, 100.0].repeat(2));
+        let (observations, actions, log_probs) = buffer.begin_step(&episodes);
+        assert_eq!(observations, [step as f32 % 3.0, 100.0].repeat(2));
         actions.fill(0.25);
         log_probs.fill(-1.0);
         episodes.step(buffer.step_actions()).unwrap();
         buffer.end_step(&episodes);
     }
-    // Both rows are truncated by their third step, which is seen as 3.
+    // Both rows are truncated after their third step, with the observation 3.
     assert_eq!(buffer.truncated, [4, 5]);
     assert_eq!(buffer.truncated_observations, [3.0, 100.0, 3.0, 100.0]);
-    for (value, place) in buffer.values.iter_mut().zip(0..) {
-        *value = f64::from(place);
+    for (value, index) in buffer.values.iter_mut().zip(0..) {
+        *value = f64::from(index);
     }
     buffer.set_next_values(&[20.0, 21.0], &[30.0, 31.0]);
     assert_eq!(buffer.next_values, [2.0, 3.0, 4.0, 5.0, 30.0, 31.0, 20.0, 21.0]);
-    // Steps seen: 0 1 2 0 in both rows: mean 3/4, variance 5/4 - 9/16.
+    // Observations 0 1 2 0 in both rows: mean 3/4, variance 5/4 - 9/16.
     let moments = buffer.observation_moments();
     assert_eq!(moments.mean(), [0.75, 100.0]);
     assert_eq!(moments.variance().collect::<Vec<_>>(), [0.6875, 0.0]);

@@ -1,13 +1,13 @@
-//! Gradients of the losses of SAC, TD3 and DDPG against differences of the losses, and the losses against loops over their
-//! definitions. All in f64.
+//! Compares the gradients of the SAC, TD3 and DDPG losses with finite differences, and the losses with loops over their
+//! definitions, in f64.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
 use mishandle_network::{Activation, Mlp, Workspace};
 use mishandle_rollout::{Seed, Stream};
 use mishandle_training::deterministic::{PolicyLoss, PolicyScratch};
-use mishandle_training::replay::Batch;
-use mishandle_training::td3::Smoothing;
+use mishandle_training::replay_buffer::TransitionBatch;
+use mishandle_training::td3::TargetSmoothing;
 use mishandle_training::{ddpg, sac, td3};
 
 const OBSERVATION: usize = 3;
@@ -34,16 +34,16 @@ fn critic(seed: u64) -> Mlp<f64> {
     network(OBSERVATION + ACTION, 1, Activation::Identity, true, seed)
 }
 
-fn batch() -> Batch<f64> {
+fn batch() -> TransitionBatch<f64> {
     let mut discounts = vec![0.9; ROWS];
     discounts[2] = 0.0;
-    Batch {
+    TransitionBatch {
         observations: numbers(1, ROWS * OBSERVATION),
         actions: numbers(2, ROWS * ACTION).into_iter().map(f64::tanh).collect(),
         returns: numbers(3, ROWS),
         discounts,
         next_observations: numbers(4, ROWS * OBSERVATION),
-        starts: vec![],
+        indices: vec![],
     }
 }
 
@@ -56,7 +56,7 @@ fn outputs(actor: &Mlp<f64>, observations: &[f64], row: usize) -> Vec<f64> {
     actor.forward(&observations[row * OBSERVATION..][..OBSERVATION], &mut Workspace::default()).to_vec()
 }
 
-/// Checks that `gradient` is the slope of `loss` by the parameters of `network`.
+/// Compares `gradient` with finite differences of `loss` with respect to the parameters of `network`.
 #[track_caller]
 fn check_slopes(network: &Mlp<f64>, gradient: &[f64], loss: impl Fn(&Mlp<f64>) -> f64) {
     const H: f64 = 1e-6;
@@ -72,13 +72,13 @@ fn check_slopes(network: &Mlp<f64>, gradient: &[f64], loss: impl Fn(&Mlp<f64>) -
     }
 }
 
-/// The sum of what two chunks give, as threads would work.
+/// Returns the sum over two chunks, as on two threads.
 fn in_two_chunks(add: &mut dyn FnMut(std::ops::Range<usize>) -> f64) -> f64 {
     add(0..4) + add(4..ROWS)
 }
 
 #[test]
-fn critic_of_ddpg() {
+fn critic_loss_of_ddpg() {
     let (batch, target_actor, target_critic) =
         (batch(), network(OBSERVATION, ACTION, Activation::Tanh, false, 10), critic(11));
     let whole = |critic: &Mlp<f64>, gradient: &mut [f64]| {
@@ -94,27 +94,27 @@ fn critic_of_ddpg() {
     let own = critic(12);
     let mut gradient = vec![0.0; own.parameter_count()];
     let found = whole(&own, &mut gradient);
-    let wanted: f64 = (0..ROWS)
+    let expected: f64 = (0..ROWS)
         .map(|row| {
             let action = outputs(&target_actor, &batch.next_observations, row);
-            let behind = value(&target_critic, &batch.next_observations, row, &action);
-            let y = batch.returns[row] + batch.discounts[row] * behind;
+            let next_value = value(&target_critic, &batch.next_observations, row, &action);
+            let y = batch.returns[row] + batch.discounts[row] * next_value;
             (value(&own, &batch.observations, row, &batch.actions[row * ACTION..][..ACTION]) - y).powi(2)
         })
         .sum();
-    assert!((found - wanted / ROWS as f64).abs() < 1e-12);
+    assert!((found - expected / ROWS as f64).abs() < 1e-12);
     check_slopes(&own, &gradient, |critic| whole(critic, &mut vec![0.0; critic.parameter_count()]));
 }
 
 #[test]
-fn critics_of_td3() {
+fn critic_loss_of_td3() {
     let (batch, target_actor) = (batch(), network(OBSERVATION, ACTION, Activation::Tanh, false, 20));
-    let (draws, smoothing) = (numbers(21, ROWS * ACTION), Smoothing { std: 0.6, clip: 0.5 });
+    let (noise, smoothing) = (numbers(21, ROWS * ACTION), TargetSmoothing { std: 0.6, clip: 0.5 });
     let targets = [critic(22), critic(23)];
     let whole = |first: &Mlp<f64>, second: &Mlp<f64>, gradient: &mut [f64]| {
         let loss = td3::CriticLoss {
             batch: &batch,
-            draws: &draws,
+            noise: &noise,
             smoothing,
             target_actor: &target_actor,
             critics: [first, second],
@@ -127,25 +127,27 @@ fn critics_of_td3() {
     let count = first.parameter_count();
     let mut gradient = vec![0.0; 2 * count];
     let found = whole(&first, &second, &mut gradient);
-    let wanted: f64 = (0..ROWS)
+    let expected: f64 = (0..ROWS)
         .map(|row| {
-            let noise = draws[row * ACTION..][..ACTION].iter().map(|z| (0.6 * z).clamp(-0.5, 0.5));
+            let smoothing_noise = noise[row * ACTION..][..ACTION].iter().map(|z| (0.6 * z).clamp(-0.5, 0.5));
             let action = outputs(&target_actor, &batch.next_observations, row);
-            let action: Vec<f64> = action.iter().zip(noise).map(|(a, n)| (a + n).clamp(-1.0, 1.0)).collect();
-            let behind = |target: &Mlp<f64>| value(target, &batch.next_observations, row, &action);
-            let y = batch.returns[row] + batch.discounts[row] * behind(&targets[0]).min(behind(&targets[1]));
-            let done = &batch.actions[row * ACTION..][..ACTION];
-            let error = |critic: &Mlp<f64>| (value(critic, &batch.observations, row, done) - y).powi(2);
+            let action: Vec<f64> =
+                action.iter().zip(smoothing_noise).map(|(a, n)| (a + n).clamp(-1.0, 1.0)).collect();
+            let next_value = |target: &Mlp<f64>| value(target, &batch.next_observations, row, &action);
+            let y = batch.returns[row]
+                + batch.discounts[row] * next_value(&targets[0]).min(next_value(&targets[1]));
+            let action = &batch.actions[row * ACTION..][..ACTION];
+            let error = |critic: &Mlp<f64>| (value(critic, &batch.observations, row, action) - y).powi(2);
             error(&first) + error(&second)
         })
         .sum();
-    assert!((found - wanted / ROWS as f64).abs() < 1e-12);
+    assert!((found - expected / ROWS as f64).abs() < 1e-12);
     check_slopes(&first, &gradient[..count], |first| whole(first, &second, &mut vec![0.0; 2 * count]));
     check_slopes(&second, &gradient[count..], |second| whole(&first, second, &mut vec![0.0; 2 * count]));
 }
 
 #[test]
-fn deterministic_policy() {
+fn policy_loss_of_deterministic_policies() {
     let (batch, critic) = (batch(), critic(30));
     let whole = |actor: &Mlp<f64>, gradient: &mut [f64]| {
         let loss = PolicyLoss { batch: &batch, actor, critic: &critic };
@@ -155,20 +157,20 @@ fn deterministic_policy() {
     let actor = network(OBSERVATION, ACTION, Activation::Tanh, false, 31);
     let mut gradient = vec![0.0; actor.parameter_count()];
     let found = whole(&actor, &mut gradient);
-    let wanted: f64 = (0..ROWS)
+    let expected: f64 = (0..ROWS)
         .map(|row| -value(&critic, &batch.observations, row, &outputs(&actor, &batch.observations, row)))
         .sum();
-    assert!((found - wanted / ROWS as f64).abs() < 1e-12);
+    assert!((found - expected / ROWS as f64).abs() < 1e-12);
     check_slopes(&actor, &gradient, |actor| whole(actor, &mut vec![0.0; actor.parameter_count()]));
 }
 
-/// A row's squashed action and the logarithm of its density, from the definition.
-fn squashed(outputs: &[f64], draws: &[f64]) -> (Vec<f64>, f64) {
+/// Returns the squashed action of a row and its log-probability, from the definition.
+fn squashed(outputs: &[f64], noise: &[f64]) -> (Vec<f64>, f64) {
     let (mut action, mut log_prob) = (vec![], 0.0);
-    for (i, z) in draws.iter().enumerate() {
+    for (i, z) in noise.iter().enumerate() {
         let std = (-5.0 + 3.5 * (1.0 + outputs[ACTION + i].tanh())).exp();
         let u = outputs[i] + std * z;
-        // 1 - tanh² u = 1 / cosh² u, which does not cancel.
+        // 1 - tanh² u = 1 / cosh² u avoids cancellation.
         log_prob += -0.5 * z * z - (std * std::f64::consts::TAU.sqrt()).ln() + 2.0 * u.cosh().ln();
         action.push(u.tanh());
     }
@@ -182,13 +184,13 @@ fn squashed_policy(network: &Mlp<f64>) -> sac::Actor<'_, f64> {
 const TEMPERATURE: f64 = 0.3;
 
 #[test]
-fn critics_of_sac() {
+fn critic_loss_of_sac() {
     let (batch, actor) = (batch(), network(OBSERVATION, 2 * ACTION, Activation::Identity, false, 40));
-    let (draws, targets) = (numbers(41, ROWS * ACTION), [critic(42), critic(43)]);
+    let (noise, targets) = (numbers(41, ROWS * ACTION), [critic(42), critic(43)]);
     let whole = |first: &Mlp<f64>, second: &Mlp<f64>, gradient: &mut [f64]| {
         let loss = sac::CriticLoss {
             batch: &batch,
-            draws: &draws,
+            noise: &noise,
             temperature: TEMPERATURE,
             actor: squashed_policy(&actor),
             critics: [first, second],
@@ -201,31 +203,32 @@ fn critics_of_sac() {
     let count = first.parameter_count();
     let mut gradient = vec![0.0; 2 * count];
     let found = whole(&first, &second, &mut gradient);
-    let wanted: f64 = (0..ROWS)
+    let expected: f64 = (0..ROWS)
         .map(|row| {
             let outputs = outputs(&actor, &batch.next_observations, row);
-            let (action, log_prob) = squashed(&outputs, &draws[row * ACTION..][..ACTION]);
-            let behind = |target: &Mlp<f64>| value(target, &batch.next_observations, row, &action);
-            let soft = behind(&targets[0]).min(behind(&targets[1])) - TEMPERATURE * log_prob;
+            let (action, log_prob) = squashed(&outputs, &noise[row * ACTION..][..ACTION]);
+            let next_value = |target: &Mlp<f64>| value(target, &batch.next_observations, row, &action);
+            let soft = next_value(&targets[0]).min(next_value(&targets[1])) - TEMPERATURE * log_prob;
             let y = batch.returns[row] + batch.discounts[row] * soft;
-            let done = &batch.actions[row * ACTION..][..ACTION];
-            let error = |critic: &Mlp<f64>| 0.5 * (value(critic, &batch.observations, row, done) - y).powi(2);
+            let action = &batch.actions[row * ACTION..][..ACTION];
+            let error =
+                |critic: &Mlp<f64>| 0.5 * (value(critic, &batch.observations, row, action) - y).powi(2);
             error(&first) + error(&second)
         })
         .sum();
-    assert!((found - wanted / ROWS as f64).abs() < 1e-11, "{found} {}", wanted / ROWS as f64);
+    assert!((found - expected / ROWS as f64).abs() < 1e-11, "{found} {}", expected / ROWS as f64);
     check_slopes(&first, &gradient[..count], |first| whole(first, &second, &mut vec![0.0; 2 * count]));
     check_slopes(&second, &gradient[count..], |second| whole(&first, second, &mut vec![0.0; 2 * count]));
 }
 
 #[test]
-fn policy_of_sac() {
+fn policy_loss_of_sac() {
     let (batch, critics) = (batch(), [critic(50), critic(51)]);
-    let draws = numbers(52, ROWS * ACTION);
+    let noise = numbers(52, ROWS * ACTION);
     let whole = |actor: &Mlp<f64>, gradient: &mut [f64]| {
         let loss = sac::PolicyLoss {
             batch: &batch,
-            draws: &draws,
+            noise: &noise,
             temperature: TEMPERATURE,
             actor: squashed_policy(actor),
             critics: [&critics[0], &critics[1]],
@@ -241,18 +244,21 @@ fn policy_of_sac() {
     let actor = network(OBSERVATION, 2 * ACTION, Activation::Identity, false, 53);
     let mut gradient = vec![0.0; actor.parameter_count()];
     let (found, mean_log_prob) = whole(&actor, &mut gradient);
-    let (mut wanted, mut log_probs) = (0.0, 0.0);
+    let (mut expected, mut log_probs) = (0.0, 0.0);
     let mut chosen = [0, 0];
     for row in 0..ROWS {
         let (action, log_prob) =
-            squashed(&outputs(&actor, &batch.observations, row), &draws[row * ACTION..][..ACTION]);
+            squashed(&outputs(&actor, &batch.observations, row), &noise[row * ACTION..][..ACTION]);
         let values = [0, 1].map(|i| value(&critics[i], &batch.observations, row, &action));
-        wanted += TEMPERATURE * log_prob - values[0].min(values[1]);
+        expected += TEMPERATURE * log_prob - values[0].min(values[1]);
         log_probs += log_prob;
         chosen[usize::from(values[1] < values[0])] += 1;
     }
-    assert!(chosen.iter().all(|count| *count > 0), "each critic is the smaller one somewhere: {chosen:?}");
-    assert!((found - wanted / ROWS as f64).abs() < 1e-11);
+    assert!(
+        chosen.iter().all(|count| *count > 0),
+        "each critic has the smaller value in some row: {chosen:?}"
+    );
+    assert!((found - expected / ROWS as f64).abs() < 1e-11);
     assert!((mean_log_prob - log_probs / ROWS as f64).abs() < 1e-11);
     check_slopes(&actor, &gradient, |actor| whole(actor, &mut vec![0.0; actor.parameter_count()]).0);
 }

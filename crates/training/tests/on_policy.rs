@@ -1,22 +1,22 @@
-//! PPO and TRPO learn, and their results do not depend on threads or interruptions.
+//! PPO and TRPO learn, and their results do not depend on the number of threads or on interruptions.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
+mod harness;
 mod line;
 mod toy;
-mod watch;
 
+use harness::{RecordingObserver, best_return, check_resumption, check_threads, mean_return, run};
 use line::Line;
 use mishandle_rollout::Seed;
-use mishandle_training::{Config, TrainingError};
-use watch::{Watch, best_return, check_resumption, check_threads, mean_return, run};
+use mishandle_training::{AlgorithmSettings, TrainingError};
 
 const ALGORITHMS: [&str; 2] = ["ppo", "trpo"];
 
-/// What else an algorithm may do: a step length that falls, a part of the Fisher information, and all that skrl does.
-const OTHER_WAYS: [(&str, &str); 4] = [
+/// Variants: linear learning rate schedule, subsampled Fisher matrix, and the skrl presets.
+const VARIANTS: [(&str, &str); 4] = [
     ("ppo", "learning_rate_schedule = \"linear\"\n"),
-    ("trpo", "fisher_every = 3\n"),
+    ("trpo", "fisher_subsampling = 3\n"),
     (
         "ppo",
         "preset = \"skrl-0.10\"\npolicy.normalize_observations = true\ncritic.normalize_values = true\n\
@@ -28,120 +28,123 @@ const OTHER_WAYS: [(&str, &str); 4] = [
     ),
 ];
 
-fn settings(algorithm: &str, text: &str) -> Config {
-    let common = "episodes.environments = 48\nrollout_steps = 16\nminibatch_rows = 300\npolicy.hidden = [16]\n\
-                  critic.hidden = [16]\nrun.validation_episodes = 10\nrun.validation_every = 2\n";
-    Config::from_toml(algorithm, &format!("{common}{text}")).unwrap().unwrap()
+fn settings_of(algorithm: &str, text: &str) -> AlgorithmSettings {
+    let common = "episodes.environments = 48\nrollout_steps = 16\nminibatch_size = 300\npolicy.hidden = [16]\n\
+                  critic.hidden = [16]\nrun.validation_episodes = 10\nrun.validation_interval = 2\n";
+    AlgorithmSettings::from_toml(algorithm, &format!("{common}{text}")).unwrap().unwrap()
 }
 
-fn all_ways() -> impl Iterator<Item = (&'static str, &'static str)> {
-    ALGORITHMS.iter().map(|algorithm| (*algorithm, "")).chain(OTHER_WAYS)
+fn all_variants() -> impl Iterator<Item = (&'static str, &'static str)> {
+    ALGORITHMS.iter().map(|algorithm| (*algorithm, "")).chain(VARIANTS)
 }
 
-/// Checks that the line is learned nearly as well as it can be.
+/// Checks that training on the line environment reaches at least 98 % of the optimal return.
 #[track_caller]
-fn check_learned(config: &Config, watch: &mut Watch) {
-    let trained = run(2, config, None, watch);
+fn check_learned(settings: &AlgorithmSettings, observer: &mut RecordingObserver) {
+    let trained = run(2, settings, None, observer);
     let (found, best) = (mean_return(&trained.last, 500), best_return(500));
-    assert!(found > 0.98 * best, "mean return {found}, the best there is {best}");
-    // Standing still gets two thirds: the mean of |x - goal| over the box is 2/3.
+    assert!(found > 0.98 * best, "mean return {found}, optimal {best}");
+    // A policy that does not move reaches a third: the mean of |x - goal| over the space is 2/3.
     assert!(best > 35.0, "{best}");
 }
 
 #[test]
-fn the_line_is_learned_by_ppo() {
-    let config = settings("ppo", "run.total_steps = 120_000\ngamma = 0.9\nepisodes.time_limit = 20");
-    check_learned(&config, &mut Watch::default());
+fn ppo_learns_the_line() {
+    let settings = settings_of("ppo", "run.total_steps = 120_000\ngamma = 0.9\nepisodes.time_limit = 20");
+    check_learned(&settings, &mut RecordingObserver::default());
 }
 
 #[test]
-fn the_line_is_learned_by_trpo_within_the_trust_region() {
+fn trpo_learns_the_line_within_the_trust_region() {
     let text = "run.total_steps = 120_000\ngamma = 0.9\nepisodes.time_limit = 20\nmax_kl = 0.02";
-    let mut watch = Watch::default();
-    check_learned(&settings("trpo", text), &mut watch);
-    assert!(watch.told.iter().all(|progress| progress.kl.is_some_and(|kl| (0.0..=0.02).contains(&kl))));
-    let taken = watch.told.iter().filter(|progress| progress.kl > Some(0.0)).count();
-    assert!(2 * taken > watch.told.len(), "{taken} steps of {} were taken", watch.told.len());
+    let mut observer = RecordingObserver::default();
+    check_learned(&settings_of("trpo", text), &mut observer);
+    assert!(
+        observer.progress.iter().all(|progress| progress.kl.is_some_and(|kl| (0.0..=0.02).contains(&kl)))
+    );
+    let taken = observer.progress.iter().filter(|progress| progress.kl > Some(0.0)).count();
+    assert!(2 * taken > observer.progress.len(), "{taken} steps of {} were taken", observer.progress.len());
 }
 
 #[test]
-fn deviations_stay_within_their_range() {
+fn log_std_stays_within_its_bounds() {
     for (algorithm, text) in
         [("ppo", "learning_rate = 0.03\nlearning_rate_schedule = \"constant\"\n"), ("trpo", "max_kl = 0.1\n")]
     {
         let text =
             format!("{text}policy.min_log_std = -0.55\npolicy.max_log_std = -0.5\nrun.total_steps = 20_000");
-        let mut watch = Watch::default();
-        run(2, &settings(algorithm, &text), None, &mut watch);
-        // Of one action, the entropy is log σ + ½ log 2πe.
+        let mut observer = RecordingObserver::default();
+        run(2, &settings_of(algorithm, &text), None, &mut observer);
+        // The entropy of one action dimension is log σ + ½ log 2πe.
         let constant = 0.5 * (std::f64::consts::TAU.ln() + 1.0);
-        let log_stds: Vec<f64> = watch.told.iter().map(|told| told.entropy.unwrap() - constant).collect();
+        let log_stds: Vec<f64> =
+            observer.progress.iter().map(|progress| progress.entropy.unwrap() - constant).collect();
         assert!(
             log_stds.iter().all(|x| (-0.55 - 1e-6..=-0.5 + 1e-6).contains(x)),
             "{algorithm}: {log_stds:?}"
         );
-        // The line is learned with ever smaller deviations, so that the least one is reached.
+        // σ decreases while the line is learned, so that it reaches its lower bound.
         assert!(log_stds.last().unwrap() - -0.55 < 1e-6, "{algorithm}: {log_stds:?}");
     }
 }
 
 #[test]
-fn threads_change_no_bit() {
-    for (algorithm, way) in all_ways() {
-        let text = format!("{way}run.total_steps = 4_000\nepisodes.action_noise = 0.2");
-        assert_eq!(check_threads(&settings(algorithm, &text)), 6);
+fn results_do_not_depend_on_the_number_of_threads() {
+    for (algorithm, variant) in all_variants() {
+        let text = format!("{variant}run.total_steps = 4_000\nepisodes.action_noise = 0.2");
+        assert_eq!(check_threads(&settings_of(algorithm, &text)), 6);
     }
 }
 
 #[test]
-fn a_resumed_training_goes_on_to_the_same_bits() {
-    for (algorithm, way) in all_ways() {
-        let config = settings(algorithm, &format!("{way}run.total_steps = 4_600"));
-        assert_eq!(check_resumption(&config, &[3]), 6);
+fn a_resumed_training_gives_the_same_bits() {
+    for (algorithm, variant) in all_variants() {
+        let settings = settings_of(algorithm, &format!("{variant}run.total_steps = 4_600"));
+        assert_eq!(check_resumption(&settings, &[3]), 6);
     }
 }
 
 #[test]
-fn every_way_is_another() {
-    let hash = |(algorithm, way): (&str, &str)| {
-        let config = settings(algorithm, &format!("{way}run.total_steps = 4_600"));
-        run(2, &config, None, &mut Watch::default()).last.hash().to_string()
+fn every_variant_gives_other_weights() {
+    let hash = |(algorithm, variant): (&str, &str)| {
+        let settings = settings_of(algorithm, &format!("{variant}run.total_steps = 4_600"));
+        run(2, &settings, None, &mut RecordingObserver::default()).last.hash().to_string()
     };
-    let mut hashes: Vec<String> = all_ways().map(hash).collect();
+    let mut hashes: Vec<String> = all_variants().map(hash).collect();
     hashes.sort();
     hashes.dedup();
-    assert_eq!(hashes.len(), ALGORITHMS.len() + OTHER_WAYS.len());
+    assert_eq!(hashes.len(), ALGORITHMS.len() + VARIANTS.len());
 }
 
 #[test]
-fn a_checkpoint_asked_for_between_the_regular_ones_changes_nothing_and_can_be_resumed() {
-    let config = settings("ppo", "run.total_steps = 4_600");
-    assert!(config.run().checkpoint_every > 6, "the settings ask for none before the end");
-    let trained = run(2, &config, None, &mut Watch::default());
-    let mut saving = Watch { save_after: Some(2), ..Watch::default() };
-    assert_eq!(run(2, &config, None, &mut saving).last.hash(), trained.last.hash());
-    let mut rest = Watch::default();
-    let resumed = run(2, &config, saving.first_checkpoint.as_ref(), &mut rest);
-    assert_eq!(rest.told[0].iteration, 3);
+fn an_additional_checkpoint_changes_nothing_and_can_be_resumed() {
+    let settings = settings_of("ppo", "run.total_steps = 4_600");
+    assert!(settings.run().checkpoint_interval > 6, "the settings request no checkpoint before the end");
+    let trained = run(2, &settings, None, &mut RecordingObserver::default());
+    let mut saving = RecordingObserver { save_after: Some(2), ..RecordingObserver::default() };
+    assert_eq!(run(2, &settings, None, &mut saving).last.hash(), trained.last.hash());
+    let mut rest = RecordingObserver::default();
+    let resumed = run(2, &settings, saving.first_checkpoint.as_ref(), &mut rest);
+    assert_eq!(rest.progress[0].iteration, 3);
     assert_eq!(resumed.last.hash(), trained.last.hash());
 }
 
 #[test]
-fn a_finished_training_resumed_gives_its_controller() {
-    let config = settings("ppo", "run.total_steps = 1_000");
-    let mut watch = Watch::default();
-    let trained = run(1, &config, None, &mut watch);
-    let mut nothing = Watch::default();
-    let resumed = run(1, &config, watch.checkpoint.as_ref(), &mut nothing);
+fn resuming_a_finished_training_returns_its_controller() {
+    let settings = settings_of("ppo", "run.total_steps = 1_000");
+    let mut observer = RecordingObserver::default();
+    let trained = run(1, &settings, None, &mut observer);
+    let mut nothing = RecordingObserver::default();
+    let resumed = run(1, &settings, observer.checkpoint.as_ref(), &mut nothing);
     assert_eq!(resumed.last.hash(), trained.last.hash());
-    assert!(nothing.told.is_empty());
+    assert!(nothing.progress.is_empty());
 }
 
 #[test]
-fn seeds_differ() {
-    let config = settings("ppo", "run.total_steps = 1_000");
+fn different_seeds_give_different_weights() {
+    let settings = settings_of("ppo", "run.total_steps = 1_000");
     let hash = |seed| {
-        let trained = config.train(&Line::new(0.0), Seed(seed), None, &mut Watch::default());
+        let trained = settings.train(&Line::new(0.0), Seed(seed), None, &mut RecordingObserver::default());
         trained.unwrap().last.hash()
     };
     assert_ne!(hash(1), hash(2));
@@ -149,72 +152,80 @@ fn seeds_differ() {
 }
 
 #[test]
-fn training_ends_when_it_is_good_enough() {
-    let config =
-        settings("ppo", "run.total_steps = 1_000_000\nrun.stop_success = 0.1\nrun.stop_validations = 2");
-    let mut watch = Watch::default();
-    let trained = run(2, &config, None, &mut watch);
-    assert!(trained.reached);
-    assert_eq!(watch.told.len(), 4);
+fn training_stops_early_when_it_reaches_the_target_rates() {
+    let settings =
+        settings_of("ppo", "run.total_steps = 1_000_000\nrun.stop_success = 0.1\nrun.stop_validations = 2");
+    let mut observer = RecordingObserver::default();
+    let trained = run(2, &settings, None, &mut observer);
+    assert!(trained.reached_target);
+    assert_eq!(observer.progress.len(), 4);
 }
 
 #[test]
-fn a_checkpoint_of_another_training_is_refused() {
+fn resuming_with_another_seed_or_other_settings_is_an_error() {
     let text = "run.total_steps = 1_000\n";
-    let config = settings("ppo", text);
-    let mut watch = Watch::default();
-    run(1, &config, None, &mut watch);
-    let checkpoint = watch.checkpoint.unwrap();
-    let refusal = |config: &Config, seed| {
-        config
-            .train(&Line::new(0.0), Seed(seed), Some(&checkpoint), &mut Watch::default())
+    let settings = settings_of("ppo", text);
+    let mut observer = RecordingObserver::default();
+    run(1, &settings, None, &mut observer);
+    let checkpoint = observer.checkpoint.unwrap();
+    let resume_error = |settings: &AlgorithmSettings, seed| {
+        settings
+            .train(&Line::new(0.0), Seed(seed), Some(&checkpoint), &mut RecordingObserver::default())
             .unwrap_err()
             .to_string()
     };
-    assert_eq!(refusal(&config, 6), "the checkpoint's seed is 5, this training's is 6");
-    let told = refusal(&settings("ppo", &format!("{text}epochs = 9")), 5);
-    // Only what differs is told.
+    assert_eq!(resume_error(&settings, 6), "the checkpoint's seed is 5, this training's is 6");
+    let error = resume_error(&settings_of("ppo", &format!("{text}epochs = 9")), 5);
+    // The message names only the settings that differ.
     assert_eq!(
-        told,
-        "the training began with other settings: `epochs` 5, now 9; go on with those, or begin again"
+        error,
+        "the training started with other settings: `epochs` was 5, now 9; resume with those, or start again without \
+         --resume"
     );
-    let mut longer = config.clone();
+    let mut longer = settings.clone();
     longer.run_mut().total_steps = 2_000;
-    let resumed = longer.train(&Line::new(0.0), Seed(5), Some(&checkpoint), &mut Watch::default());
+    let resumed =
+        longer.train(&Line::new(0.0), Seed(5), Some(&checkpoint), &mut RecordingObserver::default());
     assert!(resumed.is_ok(), "only the number of steps may differ");
-    let told = refusal(&settings("ppo", "run.total_steps = 1"), 5);
-    assert!(told.ends_with(" environment steps behind it, and cannot end at 1"), "{told}");
+    let error = resume_error(&settings_of("ppo", "run.total_steps = 1"), 5);
+    assert!(error.ends_with(" environment steps; `run.total_steps` = 1 is fewer"), "{error}");
 }
 
 #[test]
-fn a_training_whose_steps_hang_on_its_length_is_not_made_longer() {
-    let of = |steps: u64, more: &str| settings("ppo", &format!("run.total_steps = {steps}\n{more}"));
+fn a_training_that_depends_on_its_length_cannot_resume_with_another_length() {
+    let of = |steps: u64, more: &str| settings_of("ppo", &format!("run.total_steps = {steps}\n{more}"));
     let linear = "learning_rate_schedule = \"linear\"";
-    let mut watch = Watch::default();
-    run(1, &of(1_000, linear), None, &mut watch);
-    let checkpoint = watch.checkpoint.unwrap();
-    let checked = |config: &Config| config.check_resumption(&Line::new(0.0), Seed(5), &checkpoint);
+    let mut observer = RecordingObserver::default();
+    run(1, &of(1_000, linear), None, &mut observer);
+    let checkpoint = observer.checkpoint.unwrap();
+    let checked =
+        |settings: &AlgorithmSettings| settings.check_resumption(&Line::new(0.0), Seed(5), &checkpoint);
     for steps in [100, 5_000] {
-        let told = checked(&of(steps, linear)).unwrap_err().to_string();
-        let refused = format!(
-            "`run.total_steps` = 1000 cannot go on with {steps}: `learning_rate_schedule = \"linear\"`"
+        let error = checked(&of(steps, linear)).unwrap_err().to_string();
+        let expected = format!(
+            "`run.total_steps` = 1000 cannot resume with {steps}: `learning_rate_schedule = \"linear\"`"
         );
-        assert!(told.contains(&refused), "{told}");
-        let trained =
-            of(steps, linear).train(&Line::new(0.0), Seed(5), Some(&checkpoint), &mut Watch::default());
+        assert!(error.contains(&expected), "{error}");
+        let trained = of(steps, linear).train(
+            &Line::new(0.0),
+            Seed(5),
+            Some(&checkpoint),
+            &mut RecordingObserver::default(),
+        );
         assert!(trained.is_err());
     }
-    // As many iterations, though not as many steps, and other settings are other things.
+    // An equal number of iterations is allowed, even if the number of steps differs.
     assert!(checked(&of(999, linear)).is_ok() && checked(&of(1_000, linear)).is_ok());
-    assert!(checked(&of(5_000, "")).unwrap_err().to_string().contains("began with other settings"));
+    assert!(checked(&of(5_000, "")).unwrap_err().to_string().contains("started with other settings"));
 }
 
 #[test]
-fn weights_that_run_wild_end_the_training_with_an_error() {
-    let config = settings(
+fn diverging_weights_are_an_error() {
+    let settings = settings_of(
         "ppo",
         "learning_rate = 1e30\nlearning_rate_schedule = \"constant\"\nrun.total_steps = 100_000",
     );
-    let error = config.train(&Line::new(0.0), Seed(1), None, &mut Watch::default()).unwrap_err();
+    let error =
+        settings.train(&Line::new(0.0), Seed(1), None, &mut RecordingObserver::default()).unwrap_err();
     assert!(matches!(error, TrainingError::NotFinite { .. } | TrainingError::Network(_)), "{error}");
 }

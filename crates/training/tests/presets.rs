@@ -1,18 +1,19 @@
-//! The page on presets says what they are.
+//! docs/presets.md lists the presets.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
 use std::collections::BTreeMap;
 
-use mishandle_training::{ALGORITHMS, BEST, Config, PRESETS};
+use mishandle_training::{ALGORITHMS, AlgorithmSettings, BEST, PRESETS};
 
 const PAGE: &str = include_str!("../../../docs/presets.md");
 
-/// The settings of a preset by their full names; `None` if the algorithm does not have it.
+/// Returns the settings of a preset by their full names; `None` if the algorithm does not have it.
 fn settings(algorithm: &str, preset: &str) -> Option<BTreeMap<String, String>> {
-    let config = Config::from_toml(algorithm, &format!("preset = \"{preset}\"")).unwrap().ok()?;
+    let of_preset =
+        AlgorithmSettings::from_toml(algorithm, &format!("preset = \"{preset}\"")).unwrap().ok()?;
     let mut settings = BTreeMap::new();
-    flatten("", &config.to_toml().parse().unwrap(), &mut settings);
+    flatten("", &of_preset.to_toml().parse().unwrap(), &mut settings);
     Some(settings)
 }
 
@@ -28,7 +29,7 @@ fn flatten(within: &str, table: &toml::Table, settings: &mut BTreeMap<String, St
 }
 
 #[test]
-fn the_page_lists_what_each_preset_has_other_than_best() {
+fn the_page_lists_the_differences_of_each_preset_from_best() {
     for preset in PRESETS.into_iter().filter(|preset| *preset != BEST) {
         for algorithm in ALGORITHMS.iter().map(|entry| entry.name) {
             let Some(own) = settings(algorithm, preset) else { continue };

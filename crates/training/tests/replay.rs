@@ -1,4 +1,4 @@
-//! What a replay remembers: returns of some steps, where they end, the ring, batches.
+//! Replay buffer: n-step returns, episode ends, overwriting, sampling.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -8,12 +8,12 @@ use std::sync::Arc;
 
 use mishandle_network::Normalizer;
 use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
-use mishandle_training::replay::{Batch, Replay, Sampling};
+use mishandle_training::replay_buffer::{ReplayBuffer, Sampling, TransitionBatch};
 use mishandle_training::{Checkpoint, EpisodeSettings, Episodes};
 use toy::{Toy, names, space};
 
-/// Shows how many control steps it has made, and its fate, the value of x₀; the reward of the k-th step is 10^k, counted
-/// from 0. A fate of at least 1 is to be ended by the task at step 4.
+/// Environment whose observation is the control step and whose reward in step k, counted from 0, is 10^k. With a `fate` of at
+/// least 1 the task terminates the episode at step 4.
 #[derive(Clone)]
 struct Powers;
 
@@ -46,9 +46,10 @@ impl EnvironmentWorker for Powers {
     }
 }
 
-/// Rows that have made `steps` control steps, in episodes of 5 unless their fate ends them at 4; the action tells the step.
-fn remembered(fate: f64, rows: usize, steps: usize, capacity: usize) -> (Replay, Episodes) {
-    let mut replay = Replay::new(capacity, rows, 1, 1);
+/// Returns a replay buffer after `steps` control steps in episodes of 5 steps, or 4 with termination; the action encodes the
+/// step.
+fn filled(fate: f64, rows: usize, steps: usize, capacity: usize) -> (ReplayBuffer, Episodes) {
+    let mut replay = ReplayBuffer::new(capacity, rows, 1, 1);
     let settings = EpisodeSettings { environments: rows, time_limit: Some(5), ..EpisodeSettings::default() };
     let settings = EpisodeSettings { staggered: false, ..settings };
     let mut episodes = Episodes::new(&powers(fate), &settings, Seed(3)).unwrap();
@@ -58,33 +59,33 @@ fn remembered(fate: f64, rows: usize, steps: usize, capacity: usize) -> (Replay,
     (replay, episodes)
 }
 
-fn step_once(replay: &mut Replay, episodes: &mut Episodes, step: usize) {
-    let seen = episodes.observations().to_vec();
+fn step_once(replay: &mut ReplayBuffer, episodes: &mut Episodes, step: usize) {
+    let observations = episodes.observations().to_vec();
     let actions = vec![step as f32 / 100.0; episodes.rows()];
     episodes.step(&actions).unwrap();
-    replay.push(&seen, &actions, episodes);
+    replay.push(&observations, &actions, episodes);
 }
 
-/// γ = ½
+/// Sampling with γ = ½ and doubled rewards.
 fn sampling(n_steps: usize) -> Sampling {
     Sampling { n_steps, gamma: 0.5, reward_scale: 2.0, replacement: true }
 }
 
-/// The `index`-th batch of 400 rows.
-fn batch(replay: &Replay, n_steps: usize, index: u64) -> Batch<f32> {
+/// Returns batch `index` of 400 rows.
+fn batch(replay: &ReplayBuffer, n_steps: usize, index: u64) -> TransitionBatch<f32> {
     let plain = Normalizer::new(&[0.0], &[1.0]).unwrap();
-    let mut batch = Batch::default();
+    let mut batch = TransitionBatch::default();
     replay.sample(&sampling(n_steps), (Seed(7), index), 400, &plain, &mut batch);
     batch
 }
 
-/// Checks what follows a start with the observation `seen`: half of the returns (rewards are doubled), discount, and
-/// what is seen then. Numbers up to 5 pass the scaling, which clips at 5, unchanged.
+/// Checks the transitions from `observation`: half of the return (rewards are doubled), discount, next observation. The
+/// normalizer does not change numbers up to 5, its clip range.
 #[track_caller]
-fn check(fate: f64, n_steps: usize, seen: f32, half_returns: f32, discount: f32, next: Option<f32>) {
-    let (replay, _) = remembered(fate, 3, 40, 10_000);
+fn check(fate: f64, n_steps: usize, observation: f32, half_returns: f32, discount: f32, next: Option<f32>) {
+    let (replay, _) = filled(fate, 3, 40, 10_000);
     let batch = batch(&replay, n_steps, 0);
-    let rows: Vec<usize> = (0..batch.rows()).filter(|row| batch.observations[*row] == seen).collect();
+    let rows: Vec<usize> = (0..batch.rows()).filter(|row| batch.observations[*row] == observation).collect();
     assert!(rows.len() > 20, "{} rows", rows.len());
     for row in rows {
         assert_eq!((batch.returns[row], batch.discounts[row]), (2.0 * half_returns, discount));
@@ -95,28 +96,28 @@ fn check(fate: f64, n_steps: usize, seen: f32, half_returns: f32, discount: f32,
 }
 
 #[test]
-fn one_step() {
+fn one_step_return() {
     check(0.0, 1, 2.0, 100.0, 0.5, Some(3.0));
 }
 
 #[test]
-fn three_steps_within_an_episode() {
+fn three_step_return_within_an_episode() {
     // 10 + 100 / 2 + 1000 / 4
     check(0.0, 3, 1.0, 310.0, 0.125, Some(4.0));
 }
 
 #[test]
-fn the_clock_cuts_the_sum_and_shows_the_true_last_observation() {
-    // The last step of 5: 10^4, then the observation 5, not 0 of the next episode.
+fn a_truncation_ends_the_sum_and_keeps_the_final_observation() {
+    // The last of 5 steps: 10^4, then the final observation 5, not the observation 0 of the next episode.
     check(0.0, 1, 4.0, 10_000.0, 0.5, Some(5.0));
     // 1000 + 10,000 / 2 and no third step.
     check(0.0, 3, 3.0, 6_000.0, 0.25, Some(5.0));
-    // Three whole steps that end with the clock.
+    // Three full steps up to the time limit.
     check(0.0, 3, 2.0, 100.0 + 500.0 + 2_500.0, 0.125, Some(5.0));
 }
 
 #[test]
-fn the_task_cuts_the_sum_and_nothing_follows() {
+fn a_termination_ends_the_sum_with_discount_zero() {
     check(1.0, 1, 3.0, 1_000.0, 0.0, None);
     check(1.0, 3, 2.0, 600.0, 0.0, None);
     check(1.0, 3, 1.0, 310.0, 0.0, None);
@@ -124,46 +125,46 @@ fn the_task_cuts_the_sum_and_nothing_follows() {
 }
 
 #[test]
-fn a_last_observation_starts_nothing() {
-    let (replay, _) = remembered(0.0, 3, 40, 10_000);
+fn a_final_observation_is_never_sampled_as_a_transition() {
+    let (replay, _) = filled(0.0, 3, 40, 10_000);
     for index in 0..5 {
         let batch = batch(&replay, 2, index);
-        assert!(batch.observations.iter().all(|seen| *seen < 5.0));
+        assert!(batch.observations.iter().all(|step| *step < 5.0));
         assert_eq!(batch.rows(), 400);
     }
 }
 
 #[test]
-fn a_full_ring_holds_the_newest_steps_alone() {
-    // Two rows of 30 entries, of which every sixth is a last observation: 25 steps are held.
-    let (replay, _) = remembered(0.0, 2, 90, 60);
-    let mut drawn: Vec<i32> = (0..20)
+fn a_full_buffer_contains_only_the_newest_steps() {
+    // Two rows of 30 entries; every sixth entry is a final observation, so there are 25 steps.
+    let (replay, _) = filled(0.0, 2, 90, 60);
+    let mut sampled: Vec<i32> = (0..20)
         .flat_map(|index| batch(&replay, 3, index).actions)
         .map(|a| (100.0 * a).round() as i32)
         .collect();
-    drawn.sort_unstable();
-    drawn.dedup();
-    // The newest 3 entries are the last observation and steps 89 and 88: not yet followed by enough.
-    assert_eq!(drawn, (65..=87).collect::<Vec<i32>>());
-    // What follows is right also where the ring's end lies between.
+    sampled.sort_unstable();
+    sampled.dedup();
+    // Too few entries follow the newest 3: the final observation and steps 89 and 88.
+    assert_eq!(sampled, (65..=87).collect::<Vec<i32>>());
+    // Returns are correct across the end of the ring.
     let batch = batch(&replay, 3, 0);
     for row in 0..batch.rows() {
-        let seen = batch.observations[row];
-        let wanted = if seen < 3.0 { seen + 3.0 } else { 5.0 };
-        assert!((batch.next_observations[row] - wanted).abs() < 1e-6, "{seen}");
+        let step = batch.observations[row];
+        let expected = if step < 3.0 { step + 3.0 } else { 5.0 };
+        assert!((batch.next_observations[row] - expected).abs() < 1e-6, "{step}");
     }
 }
 
 #[test]
-fn starts_are_drawn_evenly() {
-    let (replay, _) = remembered(0.0, 4, 52, 10_000);
+fn transitions_are_sampled_uniformly() {
+    let (replay, _) = filled(0.0, 4, 52, 10_000);
     let mut counts = std::collections::BTreeMap::new();
     for index in 0..50 {
         for action in batch(&replay, 1, index).actions {
             *counts.entry((100.0 * action).round() as i32).or_insert(0) += 1;
         }
     }
-    // 52 steps, the last without what follows: 20,000 draws, 392 for each; five deviations of a Poisson number.
+    // 51 of 52 steps have a next step: 20,000 samples, 392 per step; tolerance five Poisson standard deviations.
     assert_eq!(counts.len(), 51);
     for (step, count) in counts {
         assert!((f64::from(count) - 392.0).abs() < 5.0 * 392.0_f64.sqrt(), "step {step}: {count}");
@@ -171,28 +172,28 @@ fn starts_are_drawn_evenly() {
 }
 
 #[test]
-fn without_replacement_no_start_comes_twice() {
-    let (replay, _) = remembered(0.0, 3, 10, 10_000);
+fn without_replacement_no_transition_repeats() {
+    let (replay, _) = filled(0.0, 3, 10, 10_000);
     let plain = Normalizer::new(&[0.0], &[1.0]).unwrap();
-    let mut seen = std::collections::BTreeSet::new();
+    let mut sampled = std::collections::BTreeSet::new();
     for index in 0..50 {
-        let mut batch = Batch::default();
+        let mut batch = TransitionBatch::default();
         let sampling = Sampling { replacement: false, ..sampling(1) };
         replay.sample(&sampling, (Seed(7), index), 20, &plain, &mut batch);
-        let distinct: std::collections::BTreeSet<usize> = batch.starts.iter().copied().collect();
+        let distinct: std::collections::BTreeSet<usize> = batch.indices.iter().copied().collect();
         assert_eq!((batch.rows(), distinct.len()), (20, 20));
-        seen.extend(distinct);
+        sampled.extend(distinct);
     }
-    // Ten steps of each row; the clock ended the last one's episode, so that its last observation is there too.
-    assert_eq!(seen.len(), 3 * 10);
+    // Ten steps per row; the last one ends its episode, so its final observation is there too.
+    assert_eq!(sampled.len(), 3 * 10);
 }
 
 #[test]
-fn batches_differ_and_observations_are_scaled() {
-    let (replay, _) = remembered(0.0, 3, 40, 10_000);
+fn batches_differ_and_observations_are_normalized() {
+    let (replay, _) = filled(0.0, 3, 40, 10_000);
     assert_ne!(batch(&replay, 1, 0), batch(&replay, 1, 1));
     assert_eq!(batch(&replay, 1, 1), batch(&replay, 1, 1));
-    let mut scaled = Batch::default();
+    let mut scaled = TransitionBatch::default();
     let normalizer = Normalizer::new(&[2.0], &[4.0]).unwrap();
     replay.sample(&sampling(1), (Seed(7), 0), 400, &normalizer, &mut scaled);
     for (scaled, plain) in scaled.observations.iter().zip(batch(&replay, 1, 0).observations) {
@@ -201,20 +202,20 @@ fn batches_differ_and_observations_are_scaled() {
 }
 
 #[test]
-fn a_replay_goes_on_after_a_checkpoint() {
-    // Before the ring is full, and after.
+fn a_replay_buffer_is_restored_from_a_checkpoint() {
+    // Before and after the buffer is full.
     for steps in [13, 90] {
-        let (mut replay, mut episodes) = remembered(0.0, 2, steps, 60);
+        let (mut replay, mut episodes) = filled(0.0, 2, steps, 60);
         let mut checkpoint = Checkpoint::new("td3", "powers", 0, "");
         replay.save(&mut checkpoint);
-        let mut resumed = Replay::new(60, 2, 1, 1);
+        let mut resumed = ReplayBuffer::new(60, 2, 1, 1);
         resumed.load(&checkpoint).unwrap();
         assert_eq!(resumed, replay);
         for step in 0..7 {
-            let seen = episodes.observations().to_vec();
+            let observations = episodes.observations().to_vec();
             episodes.step(&[0.0, 0.0]).unwrap();
-            replay.push(&seen, &[step as f32, 0.0], &episodes);
-            resumed.push(&seen, &[step as f32, 0.0], &episodes);
+            replay.push(&observations, &[step as f32, 0.0], &episodes);
+            resumed.push(&observations, &[step as f32, 0.0], &episodes);
         }
         assert_eq!(resumed, replay);
     }

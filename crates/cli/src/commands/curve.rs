@@ -9,7 +9,7 @@ use crate::{ExitStatus, args, training_time};
 
 pub fn run(command: &args::Curve) -> Result<ExitStatus> {
     let curve = Curve::load(&command.file)?;
-    if curve.is_cut {
+    if curve.is_truncated {
         let file = command.file.display();
         output::message(&format!("warning: the last line of {file} is incomplete and was ignored"));
     }

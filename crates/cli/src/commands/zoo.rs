@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use mishandle::MishandleError;
-use mishandle::training::Progress;
+use mishandle::training::TrainingProgress;
 use mishandle_experiments::{
     ExperimentError, LocalLaboratory, PlanEntry, Selection, TrainingState, Zoo, ZooFolder, ZooObserver,
 };
@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 
 use crate::args::{ZooCommand, ZooJobs, ZooSelection};
 use crate::output::{self, number};
-use crate::train_watch::whole;
+use crate::train_reporter::with_causes;
 use crate::{ExitStatus, args, interrupt};
 
 /// A training run reports its progress this often.
@@ -164,14 +164,14 @@ impl ZooObserver for Reporter {
         self.say(name, reason);
     }
 
-    fn progress(&self, name: &str, progress: &Progress) {
+    fn progress(&self, name: &str, progress: &TrainingProgress) {
         if self.is_due(name) {
             self.say(name, &progress.to_string());
         }
     }
 
     fn warning(&self, name: &str, failure: &MishandleError) {
-        self.say(name, &format!("warning: {}; training continues and tries again", whole(failure)));
+        self.say(name, &format!("warning: {}; training continues and tries again", with_causes(failure)));
     }
 
     fn note(&self, name: &str, words: &str) {

@@ -96,6 +96,6 @@ pub fn signal(child: &std::process::Child, name: &str) {
     assert!(sent.success());
 }
 
-/// Training settings with short iterations.
-pub const SMALL: &str = "rollout_steps = 16\nminibatch_rows = 128\nepisodes.environments = 16\nrun.total_steps = 2048\n\
-                     run.validation_every = 4\nrun.validation_episodes = 4\n";
+/// Training settings with which an iteration takes no time.
+pub const SMALL: &str = "rollout_steps = 16\nminibatch_size = 128\nepisodes.environments = 16\nrun.total_steps = 2048\n\
+                     run.validation_interval = 4\nrun.validation_episodes = 4\n";

@@ -1,4 +1,4 @@
-//! A small training, begun and watched.
+//! Helpers that run small training runs.
 
 use std::path::Path;
 use std::process::{Child, Stdio};
@@ -8,7 +8,7 @@ use mishandle::Curve;
 
 use crate::bench::{Bench, SMALL};
 
-/// A training whose settings stand in `ppo.toml`, so long that it is stopped.
+/// Training with the settings in `ppo.toml`; with `ENDLESS`, tests stop the run.
 pub const TRAIN: &str = "train point-reaching --settings ppo.toml --seed 7 --threads 1";
 pub const ENDLESS: &str = "--steps 100000000";
 
@@ -18,15 +18,15 @@ pub fn bench() -> Bench {
     bench
 }
 
-pub fn begin(bench: &Bench, arguments: &str) -> Child {
+pub fn start(bench: &Bench, arguments: &str) -> Child {
     bench.command(arguments).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap()
 }
 
 #[track_caller]
-pub fn wait_until(what: &str, is_so: impl Fn() -> bool) {
+pub fn wait_until(what: &str, condition: impl Fn() -> bool) {
     let start = Instant::now();
-    while !is_so() {
-        assert!(start.elapsed() < Duration::from_secs(60), "not within a minute: {what}");
+    while !condition() {
+        assert!(start.elapsed() < Duration::from_secs(60), "timeout after 60 s: {what}");
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -35,6 +35,6 @@ pub fn curve(bench: &Bench, name: &str) -> Curve {
     Curve::load(&bench.path(name)).unwrap()
 }
 
-pub fn lines_of(path: &Path) -> usize {
+pub fn count_lines(path: &Path) -> usize {
     std::fs::read_to_string(path).map_or(0, |text| text.lines().count())
 }

@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use mishandle::controllers::{ControllerFile, Header};
-use mishandle::training::{Config, Flow, Progress, Shares};
+use mishandle::training::{AlgorithmSettings, TimeShares, TrainingControl, TrainingProgress};
 use mishandle::{StartRegion, TrainObserver, TrainPlan};
 use mishandle_experiments::{
     BenchmarkTask, EstimateRecord, EvaluationRecord, ExperimentError, FalsificationRecord, Laboratory,
@@ -105,7 +105,7 @@ impl FakeLaboratory {
         header.algorithm = algorithm.to_string();
         let training = &mut header.training;
         training.seed = seed;
-        training.settings = Config::from_toml(algorithm, SETTINGS).unwrap().unwrap().to_toml();
+        training.settings = AlgorithmSettings::from_toml(algorithm, SETTINGS).unwrap().unwrap().to_toml();
         training.environment_steps = 1024;
         training.wall_clock_secs = 1.5;
         training.command = "mishandle train".to_string();
@@ -118,8 +118,8 @@ impl FakeLaboratory {
 }
 
 /// The progress of a training run that has just started.
-fn progress() -> Progress {
-    Progress {
+fn progress() -> TrainingProgress {
+    TrainingProgress {
         iteration: 1,
         environment_steps: 512,
         total_steps: 2048,
@@ -135,7 +135,7 @@ fn progress() -> Progress {
         kl: None,
         entropy: None,
         learning_rate: 0.001,
-        shares: Shares::default(),
+        time_shares: TimeShares::default(),
     }
 }
 
@@ -155,7 +155,7 @@ impl Laboratory for FakeLaboratory {
         }
         let csv = plan.csv.as_ref().unwrap();
         let stops = self.stops_training.load(Ordering::Relaxed);
-        let is_stopped = observer.progress(&progress()) == Flow::Stop || stops;
+        let is_stopped = observer.iteration_finished(&progress()) == TrainingControl::Stop || stops;
         fs::write(plan.checkpoint(), "").unwrap();
         let steps: &[u64] = if is_stopped { &[512] } else { &[512, 1024, 2048] };
         fs::write(csv, format!("{CURVE_COLUMNS}\n{}", curve_rows(steps))).unwrap();

@@ -1,7 +1,7 @@
-//! All that a training's future depends on, in one file.
+//! Checkpoint: the state of a training run in one file.
 
 mod file;
-mod parts;
+mod state;
 
 use std::collections::BTreeMap;
 
@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 use crate::TrainingError;
 use file::FORMAT_VERSION;
 
-/// Numbers of one kind.
+/// Array of a checkpoint.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Numbers {
+pub enum CheckpointArray {
     /// Weights and observations.
     F32(Vec<f32>),
     /// States, moments, rewards.
@@ -22,28 +22,28 @@ pub enum Numbers {
     U64(Vec<u64>),
 }
 
-impl From<Vec<f32>> for Numbers {
-    fn from(numbers: Vec<f32>) -> Numbers {
-        Numbers::F32(numbers)
+impl From<Vec<f32>> for CheckpointArray {
+    fn from(numbers: Vec<f32>) -> CheckpointArray {
+        CheckpointArray::F32(numbers)
     }
 }
 
-impl From<Vec<f64>> for Numbers {
-    fn from(numbers: Vec<f64>) -> Numbers {
-        Numbers::F64(numbers)
+impl From<Vec<f64>> for CheckpointArray {
+    fn from(numbers: Vec<f64>) -> CheckpointArray {
+        CheckpointArray::F64(numbers)
     }
 }
 
-impl From<Vec<u64>> for Numbers {
-    fn from(numbers: Vec<u64>) -> Numbers {
-        Numbers::U64(numbers)
+impl From<Vec<u64>> for CheckpointArray {
+    fn from(numbers: Vec<u64>) -> CheckpointArray {
+        CheckpointArray::U64(numbers)
     }
 }
 
-/// All that a training's future depends on: named vectors of numbers, and which training it is.
+/// State of a training run: named arrays, and the identity of the run.
 ///
-/// Resumed, a training goes on to the same bits as if it had not been interrupted. The file is a safetensors file with
-/// a JSON header under the key `mishandle-checkpoint`.
+/// A resumed run produces the same bits as an uninterrupted one. The file is a safetensors file with a JSON header under the
+/// key `mishandle-checkpoint`.
 ///
 /// # Example
 /// ```
@@ -57,13 +57,13 @@ impl From<Vec<u64>> for Numbers {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Checkpoint {
     header: Header,
-    numbers: BTreeMap<String, Numbers>,
+    arrays: BTreeMap<String, CheckpointArray>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Header {
     format_version: u64,
-    /// Hash of the file, where it was read; see [`write_checksum`](mishandle_controllers::write_checksum).
+    /// Hash of the file; see [`write_checksum`](mishandle_controllers::write_checksum).
     #[serde(default)]
     sha256: String,
     algorithm: String,
@@ -73,7 +73,7 @@ struct Header {
 }
 
 impl Checkpoint {
-    /// A checkpoint that holds no numbers yet; `settings` are TOML.
+    /// Creates a checkpoint without arrays; `settings` is TOML.
     pub fn new(algorithm: &str, environment: &str, seed: u64, settings: &str) -> Checkpoint {
         Checkpoint {
             header: Header {
@@ -84,35 +84,35 @@ impl Checkpoint {
                 seed,
                 settings: settings.to_string(),
             },
-            numbers: BTreeMap::new(),
+            arrays: BTreeMap::new(),
         }
     }
 
-    /// The settings of the training, as TOML.
+    /// Returns the settings of the training run, as TOML.
     pub fn settings(&self) -> &str {
         &self.header.settings
     }
 
-    /// The seed of the training.
+    /// Returns the seed of the training run.
     pub fn seed(&self) -> u64 {
         self.header.seed
     }
 
-    /// Checks that this is a checkpoint of the same training.
+    /// Checks that this checkpoint belongs to the same training run.
     ///
     /// # Errors
-    /// If algorithm, environment or seed are others.
+    /// If algorithm, environment or seed differ.
     pub fn check(&self, algorithm: &str, environment: &str, seed: u64) -> Result<(), TrainingError> {
         let Header { algorithm: found, environment: found_environment, seed: found_seed, .. } = &self.header;
-        for (what, wanted, found) in [
+        for (what, expected, found) in [
             ("algorithm", algorithm, found.as_str()),
             ("environment", environment, found_environment),
             ("seed", &seed.to_string(), &found_seed.to_string()),
         ] {
-            if wanted != found {
-                return Err(TrainingError::OtherTraining {
+            if expected != found {
+                return Err(TrainingError::CheckpointMismatch {
                     what,
-                    wanted: wanted.to_string(),
+                    expected: expected.to_string(),
                     found: found.to_string(),
                 });
             }
@@ -120,59 +120,59 @@ impl Checkpoint {
         Ok(())
     }
 
-    /// Puts in a vector of numbers.
-    pub fn put(&mut self, name: &str, numbers: impl Into<Numbers>) {
-        self.numbers.insert(name.to_string(), numbers.into());
+    /// Adds an array.
+    pub fn put(&mut self, name: &str, array: impl Into<CheckpointArray>) {
+        self.arrays.insert(name.to_string(), array.into());
     }
 
-    /// The `f32` vector of that name.
+    /// Returns the `f32` array `name` of length `length`.
     ///
     /// # Errors
-    /// If there is none of that name and length.
-    pub fn f32s(&self, name: &str, wanted: usize) -> Result<&[f32], TrainingError> {
-        match self.numbers.get(name) {
-            Some(Numbers::F32(numbers)) if numbers.len() == wanted => Ok(numbers),
-            other => Err(unfit(name, "f32", wanted, other)),
+    /// If the checkpoint has no such array.
+    pub fn f32s(&self, name: &str, length: usize) -> Result<&[f32], TrainingError> {
+        match self.arrays.get(name) {
+            Some(CheckpointArray::F32(numbers)) if numbers.len() == length => Ok(numbers),
+            other => Err(wrong_array(name, "f32", length, other)),
         }
     }
 
-    /// The `f64` vector of that name.
+    /// Returns the `f64` array `name` of length `length`.
     ///
     /// # Errors
-    /// If there is none of that name and length.
-    pub fn f64s(&self, name: &str, wanted: usize) -> Result<&[f64], TrainingError> {
-        match self.numbers.get(name) {
-            Some(Numbers::F64(numbers)) if numbers.len() == wanted => Ok(numbers),
-            other => Err(unfit(name, "f64", wanted, other)),
+    /// If the checkpoint has no such array.
+    pub fn f64s(&self, name: &str, length: usize) -> Result<&[f64], TrainingError> {
+        match self.arrays.get(name) {
+            Some(CheckpointArray::F64(numbers)) if numbers.len() == length => Ok(numbers),
+            other => Err(wrong_array(name, "f64", length, other)),
         }
     }
 
-    /// The `u64` vector of that name.
+    /// Returns the `u64` array `name` of length `length`.
     ///
     /// # Errors
-    /// If there is none of that name and length.
-    pub fn u64s(&self, name: &str, wanted: usize) -> Result<&[u64], TrainingError> {
-        match self.numbers.get(name) {
-            Some(Numbers::U64(numbers)) if numbers.len() == wanted => Ok(numbers),
-            other => Err(unfit(name, "u64", wanted, other)),
+    /// If the checkpoint has no such array.
+    pub fn u64s(&self, name: &str, length: usize) -> Result<&[u64], TrainingError> {
+        match self.arrays.get(name) {
+            Some(CheckpointArray::U64(numbers)) if numbers.len() == length => Ok(numbers),
+            other => Err(wrong_array(name, "u64", length, other)),
         }
     }
 
-    /// Whether there is a vector of that name.
-    pub fn holds(&self, name: &str) -> bool {
-        self.numbers.contains_key(name)
+    /// Returns whether the checkpoint has an array of this name.
+    pub fn contains(&self, name: &str) -> bool {
+        self.arrays.contains_key(name)
     }
 }
 
-fn unfit(name: &str, kind: &str, wanted: usize, found: Option<&Numbers>) -> TrainingError {
+fn wrong_array(name: &str, kind: &str, length: usize, found: Option<&CheckpointArray>) -> TrainingError {
     let found = match found {
-        None => "there are none".to_string(),
-        Some(Numbers::F32(x)) => format!("it holds {} f32", x.len()),
-        Some(Numbers::F64(x)) => format!("it holds {} f64", x.len()),
-        Some(Numbers::U64(x)) => format!("it holds {} u64", x.len()),
+        None => "no such array".to_string(),
+        Some(CheckpointArray::F32(x)) => format!("{} f32 numbers", x.len()),
+        Some(CheckpointArray::F64(x)) => format!("{} f64 numbers", x.len()),
+        Some(CheckpointArray::U64(x)) => format!("{} u64 numbers", x.len()),
     };
     TrainingError::Checkpoint {
-        reason: format!("`{name}` has to be {wanted} numbers of the kind {kind}, {found}"),
+        reason: format!("`{name}` must contain {length} {kind} numbers, found {found}"),
     }
 }
 
@@ -181,10 +181,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn another_training_is_refused() {
+    fn a_checkpoint_of_another_training_run_is_an_error() {
         let checkpoint = Checkpoint::new("ppo", "toy", 3, "gamma = 0.9");
         assert!(checkpoint.check("ppo", "toy", 3).is_ok());
-        let told = checkpoint.check("ppo", "toy", 4).unwrap_err().to_string();
-        assert_eq!(told, "the checkpoint's seed is 3, this training's is 4");
+        let error = checkpoint.check("ppo", "toy", 4).unwrap_err().to_string();
+        assert_eq!(error, "the checkpoint's seed is 3, this training's is 4");
     }
 }

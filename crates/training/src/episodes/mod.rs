@@ -1,4 +1,4 @@
-//! Rows of never-ending episodes: what on-policy and off-policy learners act in.
+//! Parallel environments that restart automatically.
 
 mod saved;
 
@@ -7,82 +7,82 @@ use mishandle_rollout::{
 };
 use rayon::prelude::*;
 
-use crate::{EpisodeSettings, TimeLimits};
+use crate::{EpisodeSettings, TimeoutHandling};
 
-/// How a control step left an episode.
+/// State of an episode after a control step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Boundary {
-    /// It goes on.
+    /// The episode continues.
     Running,
-    /// Nothing of value follows: the task ended it, or the clock did and is taken for the task.
+    /// Termination: the value after this step is 0. The task ended the episode, or the time limit counts as termination.
     Terminated,
-    /// The clock ended it: what would have followed has its value.
+    /// Truncation by the time limit: the return bootstraps with the value of the final observation.
     Truncated,
 }
 
-/// The child of a training's seed that its episodes are drawn from.
+/// Index of the child seed of the episodes.
 const EPISODES: u64 = 0;
 
-/// A batch of simulations that start anew, at random initial configurations, when they end.
+/// A batch of parallel environments. An environment resets to a random initial state when its episode ends.
 ///
-/// Episode k of row r is that of seed `seed.child(r).child(k)`, whatever happens in other rows. An episode ends where
-/// the task is lost, where it diverges (its last observation is then the one before), or at the time limit. First
-/// episodes may begin with part of their time gone by, so that the rows are not in step.
+/// Episode k of row r has the seed `seed.child(r).child(k)`, independent of the other rows. An episode ends when the task
+/// terminates it, when it diverges (the final observation is then that of the previous step), or at the time limit. With
+/// staggered starts, part of the time limit of each first episode has already elapsed, so that the rows are not in phase.
 pub struct Episodes {
     spec: EnvironmentSpec,
     batch: Box<dyn EnvironmentBatch>,
     seed: Seed,
     time_limit: usize,
-    /// How the clock ends an episode.
+    /// Boundary of an episode at the time limit.
     at_time_limit: Boundary,
     action_noise: f64,
-    clocks: Vec<Clock>,
+    row_states: Vec<RowState>,
     actions: Vec<f64>,
     rewards: Vec<f64>,
     boundaries: Vec<Boundary>,
     final_observations: Vec<f32>,
-    /// The rows that are about to start a new episode, with its seed.
+    /// Rows to reset, with the seeds of their new episodes.
     resets: Vec<(usize, Seed)>,
     statistics: EpisodeStatistics,
 }
 
-/// Where a row stands.
+/// Progress of a row.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Clock {
-    /// Number of the row's episode.
+struct RowState {
+    /// Index of the episode.
     episode: u64,
-    /// Control steps since its reset: the step of its random streams.
+    /// Control steps since the reset; index into the random streams.
     step: u64,
     /// Control steps that count against the time limit.
     elapsed: usize,
-    /// Rewards so far.
+    /// Sum of the rewards so far.
     total_reward: f64,
 }
 
-/// What happened since the statistics were last taken.
+/// Statistics of all rows since the last call of [`Episodes::take_statistics`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EpisodeStatistics {
-    /// Control steps, over all rows.
+    /// Control steps of all rows.
     pub steps: u64,
-    /// Sums of the reward terms over these steps.
+    /// Sum of each reward term over these steps.
     pub reward_terms: Vec<f64>,
-    /// Episodes that ended, of those that had their whole time.
+    /// Number of episodes that ended, without staggered first episodes.
     pub episodes: u64,
-    /// Sum of their rewards.
+    /// Sum of the undiscounted returns of these episodes.
     pub total_reward: f64,
-    /// Sum of their control steps.
+    /// Sum of the lengths of these episodes, control steps.
     pub total_steps: u64,
-    /// Episodes that the task ended.
+    /// Number of these episodes that the task terminated.
     pub terminated: u64,
-    /// Episodes whose numbers stopped being finite.
+    /// Number of episodes that diverged (a state became NaN or infinite).
     pub diverged: u64,
 }
 
 impl Episodes {
-    /// Fresh episodes. A staggered first one, which has only a random part of its time, is not counted.
+    /// Creates the environments and resets them. Statistics do not include staggered first episodes.
     ///
     /// # Errors
-    /// If the batch cannot be made or reset.
+    /// If the batch cannot be created or reset.
     pub fn new(
         environments: &dyn BatchFactory,
         settings: &EpisodeSettings,
@@ -105,27 +105,27 @@ impl Episodes {
             spec,
             seed,
             time_limit,
-            at_time_limit: match settings.time_limits {
-                TimeLimits::Bootstrap => Boundary::Truncated,
-                TimeLimits::Terminal => Boundary::Terminated,
+            at_time_limit: match settings.timeouts {
+                TimeoutHandling::Bootstrap => Boundary::Truncated,
+                TimeoutHandling::Terminal => Boundary::Terminated,
             },
             action_noise: settings.action_noise,
-            clocks: vec![Clock::default(); rows],
+            row_states: vec![RowState::default(); rows],
         };
-        for (row, clock) in episodes.clocks.iter_mut().enumerate() {
+        for (row, row_state) in episodes.row_states.iter_mut().enumerate() {
             if settings.staggered {
-                let part = seed.child(row as u64).uniform(Stream::Shuffle, 0, 0);
-                clock.elapsed = (part * time_limit as f64) as usize;
+                let fraction = seed.child(row as u64).uniform(Stream::Shuffle, 0, 0);
+                row_state.elapsed = (fraction * time_limit as f64) as usize;
             }
         }
         episodes.reset_rows(|_| true)?;
         Ok(episodes)
     }
 
-    /// The episodes that a training with the seed `seed` acts in under `settings`.
+    /// Creates the environments of a training run with the seed `seed`.
     ///
     /// # Errors
-    /// If the batch cannot be made or reset.
+    /// If the batch cannot be created or reset.
     pub fn of_training(
         environments: &dyn BatchFactory,
         settings: &EpisodeSettings,
@@ -134,91 +134,91 @@ impl Episodes {
         Episodes::new(environments, settings, seed.child(EPISODES))
     }
 
-    /// Number of rows.
+    /// Returns the number of rows (parallel environments).
     pub fn rows(&self) -> usize {
         self.batch.rows()
     }
 
-    /// The facts about the environment.
+    /// Returns the specification of the environment.
     pub fn spec(&self) -> &EnvironmentSpec {
         &self.spec
     }
 
-    /// What each row shows now, `[rows, observation_size]`; of a fresh episode where one has just ended.
+    /// Returns the current observations, `[rows, observation_size]`; after a reset, those of the new episode.
     pub fn observations(&self) -> &[f32] {
         self.batch.observations()
     }
 
-    /// Rewards of the last step.
+    /// Returns the rewards of the last step, `[rows]`.
     pub fn rewards(&self) -> &[f64] {
         &self.rewards
     }
 
-    /// How the last step left each row's episode.
+    /// Returns the boundary of each row after the last step.
     pub fn boundaries(&self) -> &[Boundary] {
         &self.boundaries
     }
 
-    /// What each row showed after the last step, before any reset, `[rows, observation_size]`.
+    /// Returns the observations after the last step and before any reset, `[rows, observation_size]`.
     pub fn final_observations(&self) -> &[f32] {
         &self.final_observations
     }
 
-    /// Fills `draws`, as many for each row, with standard normal numbers for a policy's choice of the next action.
-    pub fn policy_draws(&self, draws: &mut [f64]) {
-        self.held_policy_draws(1, draws);
+    /// Fills `noise`, `[rows, ..]`, with standard normal numbers for sampling the next actions.
+    pub fn policy_noise(&self, noise: &mut [f64]) {
+        self.held_policy_noise(1, noise);
     }
 
-    /// The same, but each row keeps its numbers for `hold` control steps of its episode.
-    pub fn held_policy_draws(&self, hold: u64, draws: &mut [f64]) {
-        let (columns, seed, clocks) = (draws.len() / self.rows(), self.seed, &self.clocks);
-        draws.par_chunks_mut(columns).with_min_len(ROWS_PER_TASK).enumerate().for_each(|(row, draws)| {
-            let clock = &clocks[row];
-            episode_seed(seed, row, clock).normals(Stream::Policy, clock.step / hold, draws);
+    /// Fills `noise` like [`policy_noise`](Self::policy_noise), but each row repeats its numbers for `hold` control steps.
+    pub fn held_policy_noise(&self, hold: u64, noise: &mut [f64]) {
+        let (columns, seed, row_states) = (noise.len() / self.rows(), self.seed, &self.row_states);
+        noise.par_chunks_mut(columns).with_min_len(ROWS_PER_TASK).enumerate().for_each(|(row, noise)| {
+            let row_state = &row_states[row];
+            episode_seed(seed, row, row_state).normals(Stream::Policy, row_state.step / hold, noise);
         });
     }
 
-    /// Carries every row on under `actions`, `[rows, action_size]`: clipped to [-1, 1], with noise, not clipped again.
+    /// Steps all rows with `actions`, `[rows, action_size]`. Actions are clipped to [-1, 1] before action noise is added.
     ///
     /// # Errors
-    /// If the batch fails as a whole.
+    /// If the batch fails.
     pub fn step(&mut self, actions: &[f32]) -> Result<(), RolloutError> {
         self.set_actions(actions);
-        // What a diverged row showed before is all that is left of it.
+        // A diverged row keeps its observation from before the step.
         self.final_observations.copy_from_slice(self.batch.observations());
         self.batch.step(&self.actions)?;
-        self.judge();
+        self.record_step();
         self.reset_rows(|boundary| boundary != Boundary::Running)
     }
 
-    /// Starts a new episode in each row whose last step left it so.
-    fn reset_rows(&mut self, starts_anew: impl Fn(Boundary) -> bool) -> Result<(), RolloutError> {
-        let Episodes { batch, clocks, boundaries, resets, seed, .. } = self;
+    /// Resets the rows whose boundary satisfies the condition.
+    fn reset_rows(&mut self, resets_at: impl Fn(Boundary) -> bool) -> Result<(), RolloutError> {
+        let Episodes { batch, row_states, boundaries, resets, seed, .. } = self;
         resets.clear();
-        let ended = boundaries.iter().enumerate().filter(|(_, boundary)| starts_anew(**boundary));
-        resets.extend(ended.map(|(row, _)| (row, episode_seed(*seed, row, &clocks[row]))));
+        let ended = boundaries.iter().enumerate().filter(|(_, boundary)| resets_at(**boundary));
+        resets.extend(ended.map(|(row, _)| (row, episode_seed(*seed, row, &row_states[row]))));
         if resets.is_empty() { Ok(()) } else { batch.reset(resets) }
     }
 
-    /// What happened since this was last asked.
+    /// Returns the statistics and sets them to 0.
     pub fn take_statistics(&mut self) -> EpisodeStatistics {
-        let fresh = EpisodeStatistics {
+        let empty = EpisodeStatistics {
             reward_terms: vec![0.0; self.statistics.reward_terms.len()],
             ..EpisodeStatistics::default()
         };
-        std::mem::replace(&mut self.statistics, fresh)
+        std::mem::replace(&mut self.statistics, empty)
     }
 
     fn set_actions(&mut self, actions: &[f32]) {
-        let Episodes { seed, action_noise, clocks, actions: noisy_actions, .. } = self;
-        let (seed, action_noise, clocks) = (*seed, *action_noise, &*clocks);
-        let size = actions.len() / clocks.len();
+        let Episodes { seed, action_noise, row_states, actions: noisy_actions, .. } = self;
+        let (seed, action_noise, row_states) = (*seed, *action_noise, &*row_states);
+        let size = actions.len() / row_states.len();
         let rows =
             noisy_actions.par_chunks_mut(size).zip(actions.par_chunks(size)).with_min_len(ROWS_PER_TASK);
         rows.enumerate().for_each(|(row, (noisy, actions))| {
             if action_noise > 0.0 {
-                let clock = &clocks[row];
-                episode_seed(seed, row, clock).normals(Stream::ActionNoise, clock.step, noisy);
+                let row_state = &row_states[row];
+                episode_seed(seed, row, row_state).normals(Stream::ActionNoise, row_state.step, noisy);
             }
             for (noisy, action) in noisy.iter_mut().zip(actions) {
                 let noise = if action_noise > 0.0 { action_noise * *noisy } else { 0.0 };
@@ -227,19 +227,19 @@ impl Episodes {
         });
     }
 
-    /// What tells this environment from another: its name and the terms of its reward.
+    /// Returns the identity of the environment: its name and reward terms.
     pub(crate) fn identity(&self) -> String {
         format!("{} ({})", self.spec.name, self.spec.reward_terms.join(", "))
     }
 
-    /// Rewards, boundaries and statistics of the step just made; moves the clocks.
-    fn judge(&mut self) {
+    /// Computes rewards, boundaries and statistics of the last step and advances the state of each row.
+    fn record_step(&mut self) {
         let terms = self.statistics.reward_terms.len();
         let observation_size = self.spec.observation_size;
-        for (row, clock) in self.clocks.iter_mut().enumerate() {
+        for (row, row_state) in self.row_states.iter_mut().enumerate() {
             let status = self.batch.statuses()[row];
-            clock.step += 1;
-            clock.elapsed += 1;
+            row_state.step += 1;
+            row_state.elapsed += 1;
             self.statistics.steps += 1;
             self.rewards[row] = 0.0;
             if status == StepStatus::Diverged {
@@ -254,30 +254,30 @@ impl Episodes {
                 }
                 self.rewards[row] = rewards.iter().sum();
             }
-            clock.total_reward += self.rewards[row];
+            row_state.total_reward += self.rewards[row];
             self.boundaries[row] = match status {
                 StepStatus::Terminated | StepStatus::Diverged => Boundary::Terminated,
-                StepStatus::Running if clock.elapsed >= self.time_limit => self.at_time_limit,
+                StepStatus::Running if row_state.elapsed >= self.time_limit => self.at_time_limit,
                 StepStatus::Running => Boundary::Running,
             };
             if self.boundaries[row] == Boundary::Running {
                 continue;
             }
-            let had_its_whole_time = clock.elapsed as u64 == clock.step;
-            if had_its_whole_time {
+            let is_whole_episode = row_state.elapsed as u64 == row_state.step;
+            if is_whole_episode {
                 self.statistics.episodes += 1;
-                self.statistics.total_reward += clock.total_reward;
-                self.statistics.total_steps += clock.step;
+                self.statistics.total_reward += row_state.total_reward;
+                self.statistics.total_steps += row_state.step;
                 self.statistics.terminated += u64::from(status != StepStatus::Running);
             }
-            *clock = Clock { episode: clock.episode + 1, ..Clock::default() };
+            *row_state = RowState { episode: row_state.episode + 1, ..RowState::default() };
         }
     }
 }
 
-/// Rows whose random numbers one task draws: about 50 us of work.
+/// Rows per task that draws random numbers: about 50 µs of work.
 const ROWS_PER_TASK: usize = 64;
 
-fn episode_seed(seed: Seed, row: usize, clock: &Clock) -> Seed {
-    seed.child(row as u64).child(clock.episode)
+fn episode_seed(seed: Seed, row: usize, row_state: &RowState) -> Seed {
+    seed.child(row as u64).child(row_state.episode)
 }

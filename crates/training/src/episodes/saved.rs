@@ -1,32 +1,32 @@
-//! Episodes in a checkpoint.
+//! Saves episodes to a checkpoint and restores them.
 
 use mishandle_rollout::{EnvironmentSpec, RolloutError};
 
-use super::{Clock, Episodes};
+use super::{Episodes, RowState};
 use crate::{Checkpoint, TrainingError};
 
 impl Episodes {
-    /// Puts all that the future depends on into a checkpoint.
+    /// Saves all environments to a checkpoint.
     ///
     /// # Errors
-    /// If the batch fails as a whole.
+    /// If the batch fails.
     pub fn save(&mut self, checkpoint: &mut Checkpoint) -> Result<(), RolloutError> {
         let mut states = vec![0.0; self.rows() * self.spec.state_size];
         self.batch.read_states(&mut states)?;
         checkpoint.put("episodes.states", states);
         checkpoint.put("episodes.observations", self.observations().to_vec());
-        let clocks = || self.clocks.iter();
-        checkpoint.put("episodes.episode", clocks().map(|c| c.episode).collect::<Vec<_>>());
-        checkpoint.put("episodes.step", clocks().map(|c| c.step).collect::<Vec<_>>());
-        checkpoint.put("episodes.elapsed", clocks().map(|c| c.elapsed as u64).collect::<Vec<_>>());
-        checkpoint.put("episodes.total_reward", clocks().map(|c| c.total_reward).collect::<Vec<_>>());
+        let row_states = || self.row_states.iter();
+        checkpoint.put("episodes.episode", row_states().map(|c| c.episode).collect::<Vec<_>>());
+        checkpoint.put("episodes.step", row_states().map(|c| c.step).collect::<Vec<_>>());
+        checkpoint.put("episodes.elapsed", row_states().map(|c| c.elapsed as u64).collect::<Vec<_>>());
+        checkpoint.put("episodes.total_reward", row_states().map(|c| c.total_reward).collect::<Vec<_>>());
         Ok(())
     }
 
-    /// Goes on where a checkpoint was taken. Statistics begin anew.
+    /// Restores all environments from a checkpoint. Statistics start at 0.
     ///
     /// # Errors
-    /// If the checkpoint holds other rows than these, or the batch fails as a whole.
+    /// If the checkpoint contains arrays of other sizes, or the batch fails.
     pub fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
         let rows = self.rows();
         let EnvironmentSpec { state_size, observation_size, .. } = self.spec;
@@ -38,7 +38,7 @@ impl Episodes {
         let total_reward = checkpoint.f64s("episodes.total_reward", rows)?;
         self.batch.write_states(states, observations)?;
         for row in 0..rows {
-            self.clocks[row] = Clock {
+            self.row_states[row] = RowState {
                 episode: episode[row],
                 step: step[row],
                 elapsed: elapsed[row] as usize,

@@ -1,4 +1,4 @@
-//! A toy that every algorithm has to learn.
+//! Toy environment that every algorithm must learn.
 
 use std::sync::Arc;
 
@@ -6,10 +6,10 @@ use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus, S
 
 use crate::toy::{Toy, names, space};
 
-/// A point on a line that has to go to a goal: x moves by a tenth of the action, which is clipped to [-1, 1].
+/// A point on a line must reach a goal: x changes by a tenth of the action, which is clipped to [-1, 1].
 ///
-/// The reward is 1 - |x - goal|; the point is lost beyond ±1.5. Every start has a random push at each step of up to
-/// `wind`, drawn from the simulation's seed.
+/// The reward is 1 - |x - goal|. The episode terminates beyond ±1.5. Each step adds a random disturbance of at most `wind`,
+/// drawn from the simulation's seed.
 #[derive(Clone)]
 pub struct Line {
     wind: f64,
@@ -51,7 +51,7 @@ impl EnvironmentWorker for Line {
         state[0] += 0.1 * action[0].clamp(-1.0, 1.0) + wind;
         Self::show(state, &mut sample);
         sample.rewards.copy_from_slice(&[1.0, -sample.signals[0]]);
-        // Now and then numbers run wild, as they do in physics.
+        // Rare divergence, as in a physics simulation.
         if seed.uniform(Stream::Push, state[2] as u64, 1) < 0.001 {
             state[0] = f64::NAN;
             sample.observation.fill(f32::NAN);

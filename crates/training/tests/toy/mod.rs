@@ -1,4 +1,4 @@
-//! Environments for tests: facts, and a worker.
+//! Toy environments for tests.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use mishandle_rollout::{Axis, Environment, EnvironmentWorker, Space};
 
-/// An environment with these facts, whose episodes run in copies of a worker.
+/// An environment with these properties; its episodes run in copies of `worker`.
 pub struct Toy<W> {
     pub name: &'static str,
     pub space: Space,
@@ -19,7 +19,7 @@ pub struct Toy<W> {
     pub worker: W,
 }
 
-/// The box with these axes: name, low, high.
+/// Returns a scenario space with these axes: name, low, high.
 pub fn space(axes: &[(&str, f64, f64)]) -> Space {
     let axis = |(name, low, high): &(&str, f64, f64)| Axis::start(name, "m", *low, *high);
     Space::new("starts", axes.iter().map(axis).collect()).unwrap()

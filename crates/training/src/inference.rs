@@ -1,0 +1,41 @@
+//! Policy inference for all rows of a control step.
+
+use mishandle_network::{ChunkPool, Mlp, Normalizer, Workspace};
+
+/// Rows per inference task: few, so that all threads get some.
+pub(crate) const INFERENCE_ROWS: usize = 64;
+
+/// Network outputs and random numbers from which the actions of a control step are sampled.
+pub(crate) struct BatchInference {
+    pool: ChunkPool<f32, (Vec<f32>, Workspace<f32>)>,
+    /// Network outputs, `[rows, outputs]`.
+    pub outputs: Vec<f32>,
+    /// Standard normal exploration noise, `[rows, action_size]`.
+    pub noise: Vec<f64>,
+}
+
+impl BatchInference {
+    /// Allocates memory for `rows` rows and a network with `outputs` outputs.
+    pub fn new(rows: usize, outputs: usize, action_size: usize) -> BatchInference {
+        BatchInference {
+            pool: ChunkPool::new(INFERENCE_ROWS),
+            outputs: vec![0.0; rows * outputs],
+            noise: vec![0.0; rows * action_size],
+        }
+    }
+
+    /// Computes the network outputs for the observations of all rows, which `normalizer` normalizes.
+    pub fn infer(&mut self, network: &Mlp<f32>, normalizer: &Normalizer<f32>, observations: &[f32]) {
+        let columns = network.input_size();
+        self.pool.map(
+            observations.len() / columns,
+            &mut self.outputs,
+            |rows, (inputs, workspace), outputs| {
+                inputs.clear();
+                inputs.extend_from_slice(&observations[rows.start * columns..rows.end * columns]);
+                normalizer.normalize(inputs);
+                outputs.copy_from_slice(network.forward(inputs, workspace));
+            },
+        );
+    }
+}

@@ -1,0 +1,187 @@
+//! Selection of the best policy, and early stopping.
+
+use mishandle_controllers::Policy;
+use mishandle_network::Mlp;
+
+use crate::{Checkpoint, TrainingError, Validation};
+
+/// Keeps the best policy and the last validation, and counts consecutive validations that reached the target rates.
+#[derive(Clone, Debug)]
+pub struct PolicySelection {
+    stop_success: Option<f64>,
+    stop_strict: Option<f64>,
+    stop_validations: u64,
+    best: Option<BestPolicy>,
+    /// The last validation and its environment steps.
+    last: Option<(Validation, u64)>,
+    streak: u64,
+}
+
+/// The best policy so far, with its validation.
+#[derive(Clone, Debug)]
+pub struct BestPolicy {
+    /// The policy.
+    pub policy: Policy,
+    /// Its validation.
+    pub validation: Validation,
+    /// Environment steps at its validation.
+    pub environment_steps: u64,
+}
+
+impl PolicySelection {
+    /// Creates a selection whose target is `stop_validations` consecutive validations with at least these rates; without
+    /// a target if both are `None`.
+    pub fn new(
+        stop_success: Option<f64>,
+        stop_strict: Option<f64>,
+        stop_validations: u64,
+    ) -> PolicySelection {
+        PolicySelection { stop_success, stop_strict, stop_validations, best: None, last: None, streak: 0 }
+    }
+
+    /// Records a validated policy.
+    pub fn record(&mut self, policy: &Policy, validation: Validation, environment_steps: u64) {
+        let reached = |target: Option<f64>, rate: f64| target.is_none_or(|target| rate >= target);
+        let both_reached = reached(self.stop_success, validation.success_rate)
+            && reached(self.stop_strict, validation.strict_success_rate);
+        self.streak = if both_reached { self.streak + 1 } else { 0 };
+        self.last = Some((validation, environment_steps));
+        if self.best.as_ref().is_none_or(|best| better(&validation, &best.validation)) {
+            self.best = Some(BestPolicy { policy: policy.clone(), validation, environment_steps });
+        }
+    }
+
+    /// Returns whether enough consecutive validations reached the target rates.
+    pub fn target_reached(&self) -> bool {
+        let has_target = self.stop_success.is_some() || self.stop_strict.is_some();
+        has_target && self.streak >= self.stop_validations
+    }
+
+    /// Returns the best policy so far.
+    pub fn best(&self) -> Option<&BestPolicy> {
+        self.best.as_ref()
+    }
+
+    /// Returns the last validation, if there was one.
+    pub fn last_validation(&self) -> Option<Validation> {
+        self.last.map(|(validation, _)| validation)
+    }
+
+    /// Returns the last validation if it happened after `environment_steps`.
+    pub fn validation_at(&self, environment_steps: u64) -> Option<Validation> {
+        self.last.filter(|(_, steps)| *steps == environment_steps).map(|(validation, _)| validation)
+    }
+
+    /// Saves the best policy, the last validation and the streak to a checkpoint.
+    pub fn save(&self, checkpoint: &mut Checkpoint) {
+        checkpoint.put("selection.streak", vec![self.streak]);
+        if let Some(BestPolicy { policy, validation, environment_steps }) = &self.best {
+            checkpoint.put_policy("selection.best", policy);
+            checkpoint.put("selection.validation", rates(validation));
+            checkpoint.put("selection.environment_steps", vec![*environment_steps]);
+        }
+        if let Some((validation, environment_steps)) = &self.last {
+            checkpoint.put("selection.last_validation", rates(validation));
+            checkpoint.put("selection.last_environment_steps", vec![*environment_steps]);
+        }
+    }
+
+    /// Restores the selection from a checkpoint; policies have the sizes of `like`.
+    ///
+    /// # Errors
+    /// If the checkpoint contains policies of other sizes.
+    pub fn load(&mut self, checkpoint: &Checkpoint, like: &Mlp<f32>) -> Result<(), TrainingError> {
+        self.streak = checkpoint.u64s("selection.streak", 1)?[0];
+        if checkpoint.contains("selection.validation") {
+            self.best = Some(BestPolicy {
+                policy: checkpoint.policy("selection.best", like)?,
+                validation: validation(checkpoint, "selection.validation")?,
+                environment_steps: checkpoint.u64s("selection.environment_steps", 1)?[0],
+            });
+            self.last = self.best.as_ref().map(|best| (best.validation, best.environment_steps));
+        }
+        // Early checkpoints do not contain the last validation.
+        if checkpoint.contains("selection.last_validation") {
+            let environment_steps = checkpoint.u64s("selection.last_environment_steps", 1)?[0];
+            self.last = Some((validation(checkpoint, "selection.last_validation")?, environment_steps));
+        }
+        Ok(())
+    }
+}
+
+/// Returns a validation as a checkpoint stores it.
+fn rates(validation: &Validation) -> Vec<f64> {
+    let Validation { success_rate, strict_success_rate, mean_return } = *validation;
+    vec![success_rate, strict_success_rate, mean_return]
+}
+
+fn validation(checkpoint: &Checkpoint, name: &str) -> Result<Validation, TrainingError> {
+    let rates = checkpoint.f64s(name, 3)?;
+    Ok(Validation { success_rate: rates[0], strict_success_rate: rates[1], mean_return: rates[2] })
+}
+
+/// Compares by strict success, then success, then return. A later policy does not replace an equal one.
+fn better(new: &Validation, old: &Validation) -> bool {
+    let key = |v: &Validation| (v.strict_success_rate, v.success_rate, v.mean_return);
+    key(new) > key(old)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mishandle_network::Activation;
+
+    fn policy(bias: f32) -> Policy {
+        let mut network = Mlp::new(&[1, 1], Activation::Elu, Activation::Identity).unwrap();
+        network.update(|parameters| parameters[1] = bias);
+        Policy::new(vec![0.0], vec![1.0], network, vec![0.0]).unwrap()
+    }
+
+    fn validation_of(success_rate: f64, strict_success_rate: f64, mean_return: f64) -> Validation {
+        Validation { success_rate, strict_success_rate, mean_return }
+    }
+
+    #[test]
+    fn policies_are_ranked_by_strict_success_then_success_then_return() {
+        let mut selection = PolicySelection::new(None, None, 1);
+        let validations = [
+            validation_of(0.5, 0.5, 9.0),
+            validation_of(0.9, 0.4, 9.0),
+            validation_of(0.6, 0.5, 1.0),
+            validation_of(0.6, 0.5, 1.0),
+        ];
+        for (validation, number) in validations.into_iter().zip(0..) {
+            selection.record(&policy(number as f32), validation, number);
+        }
+        assert_eq!(selection.best().unwrap().environment_steps, 2);
+        assert!(!selection.target_reached());
+    }
+
+    #[test]
+    fn target_is_reached_after_enough_consecutive_validations() {
+        let mut selection = PolicySelection::new(Some(0.9), Some(0.5), 2);
+        let mut reached = vec![];
+        for (success, strict) in [(0.95, 0.6), (0.95, 0.4), (0.95, 0.5), (0.9, 0.5)] {
+            selection.record(&policy(0.0), validation_of(success, strict, 0.0), 0);
+            reached.push(selection.target_reached());
+        }
+        assert_eq!(reached, [false, false, false, true]);
+    }
+
+    #[test]
+    fn a_selection_is_restored_from_a_checkpoint() {
+        let mut selection = PolicySelection::new(Some(0.9), None, 3);
+        selection.record(&policy(0.25), validation_of(0.95, 0.1, 3.0), 77);
+        selection.record(&policy(0.5), validation_of(0.92, 0.1, 4.0), 90);
+        let mut checkpoint = Checkpoint::new("ppo", "toy", 0, "");
+        selection.save(&mut checkpoint);
+        let mut resumed = PolicySelection::new(Some(0.9), None, 3);
+        resumed.load(&checkpoint, policy(0.0).network()).unwrap();
+        assert_eq!(resumed.best().unwrap().policy.hash(), policy(0.25).hash());
+        assert_eq!(resumed.best().unwrap().environment_steps, 77);
+        assert_eq!(resumed.last_validation(), Some(validation_of(0.92, 0.1, 4.0)));
+        assert_eq!((resumed.validation_at(90), resumed.validation_at(77)), (resumed.last_validation(), None));
+        resumed.record(&policy(0.0), validation_of(0.9, 0.0, 0.0), 91);
+        assert!(resumed.target_reached());
+    }
+}

@@ -1,0 +1,149 @@
+//! On-policy algorithms: each iteration collects a rollout and updates policy and critic from it.
+
+mod actor_critic;
+pub(crate) mod critic;
+pub mod gae;
+pub(crate) mod minibatches;
+pub mod ppo;
+pub(crate) mod rollout_buffer;
+pub(crate) mod settings;
+pub mod trpo;
+
+use std::time::Instant;
+
+use mishandle_controllers::Policy;
+use mishandle_network::Mlp;
+use mishandle_rollout::{BatchFactory, Seed};
+
+use crate::algorithm::{BuildLearner, CommonSettings};
+use crate::gaussian::DiagonalGaussian;
+use crate::learner::{Learner, progress_of};
+use crate::{Checkpoint, TimeShares, TrainingError, TrainingProgress};
+pub(crate) use actor_critic::{ActorCritic, mean_and_inverse_std};
+use minibatches::Minibatches;
+use settings::OnPolicySettings;
+
+/// The update rule of an algorithm.
+pub(crate) trait PolicyOptimizer: Sized + 'static {
+    /// Settings of the algorithm.
+    type Settings;
+
+    /// Returns the settings that all on-policy algorithms share.
+    fn shared(settings: &Self::Settings) -> OnPolicySettings<'_>;
+
+    /// Creates the optimizer in its state before the first update.
+    fn new(settings: &Self::Settings, actor_critic: &mut ActorCritic, minibatches: Minibatches) -> Self;
+
+    /// Updates policy and critic from the collected rollout; `iteration` counts from 0.
+    ///
+    /// # Errors
+    /// If a loss or gradient is NaN or infinite; returns its name.
+    fn update(
+        &mut self,
+        actor_critic: &mut ActorCritic,
+        iteration: u64,
+    ) -> Result<UpdateStatistics, &'static str>;
+
+    /// Saves the state besides policy and critic to a checkpoint; by default there is none.
+    fn save(&self, _checkpoint: &mut Checkpoint) {}
+
+    /// Restores the state from a checkpoint.
+    ///
+    /// # Errors
+    /// If the checkpoint contains arrays of other sizes.
+    fn load(&mut self, _checkpoint: &Checkpoint) -> Result<(), TrainingError> {
+        Ok(())
+    }
+}
+
+/// Statistics of one policy update.
+pub(crate) struct UpdateStatistics {
+    /// Mean KL divergence of the new policy from the old one.
+    pub kl: f64,
+    /// Learning rate of the policy, or the fraction of the full TRPO step that was accepted.
+    pub learning_rate: f64,
+}
+
+/// An on-policy algorithm with the state of a training run.
+pub(crate) struct OnPolicy<A> {
+    pub actor_critic: ActorCritic,
+    pub optimizer: A,
+    iteration: u64,
+}
+
+impl<A: PolicyOptimizer> BuildLearner for OnPolicy<A> {
+    type Settings = A::Settings;
+
+    fn common(settings: &A::Settings) -> CommonSettings<'_> {
+        let OnPolicySettings { run, episodes, .. } = A::shared(settings);
+        CommonSettings { run, episodes }
+    }
+
+    fn build(
+        settings: &A::Settings,
+        environments: &dyn BatchFactory,
+        seed: Seed,
+    ) -> Result<OnPolicy<A>, TrainingError> {
+        let shared = A::shared(settings);
+        let mut actor_critic = ActorCritic::new(environments, &shared, seed)?;
+        let optimizer = A::new(settings, &mut actor_critic, shared.minibatches(seed));
+        Ok(OnPolicy { actor_critic, optimizer, iteration: 0 })
+    }
+}
+
+impl<A: PolicyOptimizer> Learner for OnPolicy<A> {
+    fn iteration(&self) -> u64 {
+        self.iteration
+    }
+
+    fn iteration_steps(&self) -> u64 {
+        self.actor_critic.rollout_size()
+    }
+
+    fn iterate(&mut self) -> Result<TrainingProgress, TrainingError> {
+        let start = Instant::now();
+        let OnPolicy { actor_critic, optimizer, iteration } = self;
+        let normalizer = actor_critic.normalizer();
+        let rollout_secs = actor_critic.collect_rollout(&normalizer)?;
+        actor_critic.compute_advantages(&normalizer);
+        let updated = optimizer.update(actor_critic, *iteration);
+        *iteration += 1;
+        let statistics = updated.map_err(|what| TrainingError::NotFinite { iteration: *iteration, what })?;
+        actor_critic.update_normalizer_from_rollout();
+        Ok(TrainingProgress {
+            kl: Some(statistics.kl),
+            entropy: Some(DiagonalGaussian::new(&actor_critic.log_std).entropy()),
+            learning_rate: statistics.learning_rate,
+            time_shares: TimeShares::new(
+                rollout_secs.physics,
+                rollout_secs.total,
+                start.elapsed().as_secs_f64(),
+            ),
+            ..progress_of(&actor_critic.episodes.take_statistics())
+        })
+    }
+
+    fn policy(&self) -> Result<Policy, TrainingError> {
+        self.actor_critic.policy()
+    }
+
+    fn network(&self) -> &Mlp<f32> {
+        &self.actor_critic.network
+    }
+
+    fn identity(&self) -> String {
+        self.actor_critic.episodes.identity()
+    }
+
+    fn save(&mut self, checkpoint: &mut Checkpoint) -> Result<(), TrainingError> {
+        checkpoint.put("iteration", vec![self.iteration]);
+        self.optimizer.save(checkpoint);
+        Ok(self.actor_critic.save(checkpoint)?)
+    }
+
+    fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
+        self.iteration = checkpoint.u64s("iteration", 1)?[0];
+        self.optimizer.load(checkpoint)?;
+        self.actor_critic.load(checkpoint)
+    }
+}

@@ -1,0 +1,155 @@
+//! The rollout buffer.
+
+use mishandle_network::{CHUNK_ROWS, Moments};
+use rayon::prelude::*;
+
+use crate::{Boundary, Episodes};
+
+/// A rollout of `steps` control steps in `rows` environments. All arrays have the shape `[steps, rows, ..]`.
+#[derive(Clone, Debug)]
+pub struct RolloutBuffer {
+    rows: usize,
+    observation_size: usize,
+    action_size: usize,
+    filled: usize,
+    /// Observation before each step, not normalized.
+    pub observations: Vec<f32>,
+    /// Actions, not clipped.
+    pub actions: Vec<f32>,
+    /// Log-probabilities of the actions under the policy that sampled them.
+    pub log_probs: Vec<f64>,
+    /// Rewards.
+    pub rewards: Vec<f64>,
+    /// Whether the episode continued after each step, terminated, or was truncated.
+    pub boundaries: Vec<Boundary>,
+    /// Values V(s_t).
+    pub values: Vec<f64>,
+    /// Values V(s_t+1) of the following observations; see [`gae`](crate::gae).
+    pub next_values: Vec<f64>,
+    /// Advantages.
+    pub advantages: Vec<f64>,
+    /// Observation after the last step, `[rows, ..]`; after a reset, the first observation of the next episode.
+    pub last_observations: Vec<f32>,
+    /// Indices of the truncated steps, ascending.
+    pub truncated: Vec<usize>,
+    /// Final observation of each truncated episode, from before the reset.
+    pub truncated_observations: Vec<f32>,
+}
+
+impl RolloutBuffer {
+    /// Creates an empty buffer for `steps` control steps in `rows` environments.
+    pub fn new(steps: usize, rows: usize, observation_size: usize, action_size: usize) -> RolloutBuffer {
+        let count = steps * rows;
+        RolloutBuffer {
+            rows,
+            observation_size,
+            action_size,
+            filled: 0,
+            observations: vec![0.0; count * observation_size],
+            actions: vec![0.0; count * action_size],
+            log_probs: vec![0.0; count],
+            rewards: vec![0.0; count],
+            boundaries: vec![Boundary::Running; count],
+            values: vec![0.0; count],
+            next_values: vec![0.0; count],
+            advantages: vec![0.0; count],
+            last_observations: vec![0.0; rows * observation_size],
+            truncated: Vec::new(),
+            truncated_observations: Vec::new(),
+        }
+    }
+
+    /// Returns the number of environments.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Returns the number of transitions: control steps times environments.
+    pub fn count(&self) -> usize {
+        self.rewards.len()
+    }
+
+    /// Removes all transitions.
+    pub fn clear(&mut self) {
+        self.filled = 0;
+        self.truncated.clear();
+        self.truncated_observations.clear();
+    }
+
+    /// Stores the current observations; returns them and the slices for the actions and their log-probabilities.
+    ///
+    /// # Panics
+    /// If the buffer is full.
+    pub fn begin_step(&mut self, episodes: &Episodes) -> (&[f32], &mut [f32], &mut [f64]) {
+        let first = self.filled;
+        let observations =
+            &mut self.observations[first * self.observation_size..][..self.rows * self.observation_size];
+        observations.copy_from_slice(episodes.observations());
+        let actions = &mut self.actions[first * self.action_size..][..self.rows * self.action_size];
+        (observations, actions, &mut self.log_probs[first..][..self.rows])
+    }
+
+    /// Returns the actions of the current step.
+    pub fn step_actions(&self) -> &[f32] {
+        &self.actions[self.filled * self.action_size..][..self.rows * self.action_size]
+    }
+
+    /// Stores rewards, episode boundaries and final observations of the current step.
+    pub fn end_step(&mut self, episodes: &Episodes) {
+        let step = self.filled..self.filled + self.rows;
+        self.rewards[step.clone()].copy_from_slice(episodes.rewards());
+        self.boundaries[step].copy_from_slice(episodes.boundaries());
+        for (row, boundary) in episodes.boundaries().iter().enumerate() {
+            if *boundary == Boundary::Truncated {
+                self.truncated.push(self.filled + row);
+                let observation =
+                    &episodes.final_observations()[row * self.observation_size..][..self.observation_size];
+                self.truncated_observations.extend_from_slice(observation);
+            }
+        }
+        self.filled += self.rows;
+        if self.filled == self.count() {
+            self.last_observations.copy_from_slice(episodes.observations());
+        }
+    }
+
+    /// Fills `next_values` from `values`, the values `last` of the observations after the rollout, and the values
+    /// `truncated` of the final observations of truncated episodes.
+    pub fn set_next_values(&mut self, last: &[f64], truncated: &[f64]) {
+        let kept = self.count() - self.rows;
+        self.next_values[..kept].copy_from_slice(&self.values[self.rows..]);
+        self.next_values[kept..].copy_from_slice(last);
+        for (index, value) in self.truncated.iter().zip(truncated) {
+            self.next_values[*index] = *value;
+        }
+    }
+
+    /// Returns the moments of all observations; the bits do not depend on the number of threads.
+    pub fn observation_moments(&self) -> Moments {
+        let parts: Vec<Moments> = self
+            .observations
+            .par_chunks(CHUNK_ROWS * self.observation_size)
+            .map(|rows| Moments::of_rows(rows, self.observation_size))
+            .collect();
+        self.merged(&parts)
+    }
+
+    /// Returns the moments of the observations with these indices; the bits do not depend on the number of threads.
+    pub fn observation_moments_at(&self, indices: &[u32]) -> Moments {
+        let columns = self.observation_size;
+        let at = |index: &u32| &self.observations[*index as usize * columns..][..columns];
+        let parts: Vec<Moments> = indices
+            .par_chunks(CHUNK_ROWS)
+            .map(|indices| {
+                Moments::of_rows(&indices.iter().flat_map(at).copied().collect::<Vec<_>>(), columns)
+            })
+            .collect();
+        self.merged(&parts)
+    }
+
+    fn merged(&self, parts: &[Moments]) -> Moments {
+        let mut moments = Moments::new(self.observation_size);
+        parts.iter().for_each(|part| moments.merge(part));
+        moments
+    }
+}

@@ -1,0 +1,204 @@
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use mishandle_controllers::Policy;
+use mishandle_rollout::{Environment, Episode, Noise, Request, Rollout, Seed, Specification, System};
+use mishandle_tasks::TaskEnvironment;
+use mishandle_training::{Checkpoint, Observer, TrainingControl, TrainingProgress, Validation};
+
+use super::write_failures::WriteFailures;
+use super::{TrainObserver, TrainPlan};
+use crate::MishandleError;
+use crate::curve::CurveWriter;
+use crate::tensorboard::EventFile;
+
+/// Seed of the initial states of validations; no evaluation has it by default.
+const VALIDATION_SEED: Seed = Seed(0x7661_6c69_6461_7465);
+
+/// Maximum time between checkpoints, so that a crash loses at most this much work.
+const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(60);
+
+/// Observer of a training run: validates on the task's formulas, writes curve, event file and checkpoint, and forwards the
+/// progress to the user's observer.
+pub(super) struct TrainingRecorder<'a> {
+    environment: Arc<TaskEnvironment>,
+    specification: Specification,
+    checkpoint: PathBuf,
+    records: Records,
+    observer: &'a mut dyn TrainObserver,
+    /// Error that ends the training run: a failed validation, or the first checkpoint cannot be written.
+    error: Option<MishandleError>,
+    write_failures: WriteFailures,
+    /// Time of the last attempt to write a checkpoint after the first success; `None` before. A failure to write the first
+    /// checkpoint ends the run, later failures do not.
+    checkpoint_time: Option<Instant>,
+}
+
+/// Curve and event file, written after each iteration. A failed write is repeated after the next iteration.
+struct Records {
+    curve: Option<CurveWriter>,
+    events: Option<EventFile>,
+}
+
+impl Records {
+    fn open(
+        plan: &TrainPlan,
+        reward_terms: &[String],
+        resumed: Option<&Checkpoint>,
+    ) -> Result<Records, MishandleError> {
+        let events = plan.tensorboard.as_ref();
+        let events = events.map(|folder| EventFile::create(folder, reward_terms, resumed.is_some()));
+        let events = events.transpose()?;
+        let curve = match (&plan.csv, resumed) {
+            (Some(path), Some(checkpoint)) => Some(CurveWriter::resume(path, reward_terms, checkpoint)),
+            (Some(path), None) => Some(CurveWriter::create(path, reward_terms)),
+            (None, _) => None,
+        };
+        match curve.transpose() {
+            Ok(curve) => Ok(Records { curve, events }),
+            Err(error) => {
+                // A training run that fails to start leaves no files behind.
+                events.into_iter().for_each(EventFile::discard);
+                Err(error)
+            }
+        }
+    }
+
+    /// Deletes the files that this run created.
+    fn discard(self) {
+        self.curve.into_iter().for_each(CurveWriter::discard);
+        self.events.into_iter().for_each(EventFile::discard);
+    }
+}
+
+impl<'a> TrainingRecorder<'a> {
+    /// Opens the curve and the event file of the plan.
+    ///
+    /// # Errors
+    /// If a file cannot be opened.
+    pub(super) fn new(
+        plan: &TrainPlan,
+        environment: Arc<TaskEnvironment>,
+        specification: Specification,
+        resumed: Option<&Checkpoint>,
+        observer: &'a mut dyn TrainObserver,
+    ) -> Result<TrainingRecorder<'a>, MishandleError> {
+        Ok(TrainingRecorder {
+            records: Records::open(plan, environment.reward_terms(), resumed)?,
+            environment,
+            specification,
+            checkpoint: plan.checkpoint(),
+            observer,
+            error: None,
+            write_failures: WriteFailures::default(),
+            checkpoint_time: None,
+        })
+    }
+
+    /// Returns the error that ended the training run, if any.
+    pub(super) fn take_error(&mut self) -> Option<MishandleError> {
+        self.error.take()
+    }
+
+    /// Cleans up after a failed run: without a checkpoint that belongs to them, curve and event file are deleted, because
+    /// they would block the next run.
+    pub(super) fn abandon(self) {
+        if self.checkpoint_time.is_none() {
+            self.records.discard();
+        }
+    }
+
+    /// Finishes curve and event file; returns the errors of all files that are not written.
+    pub(super) fn finish(mut self) -> Vec<MishandleError> {
+        if let Some(events) = self.records.events.take_if(|events| events.is_empty()) {
+            events.discard();
+        }
+        self.finish_records();
+        self.write_failures.into_errors()
+    }
+
+    fn finish_records(&mut self) {
+        let curve = self.records.curve.as_mut().map_or(Ok(()), CurveWriter::finish);
+        self.record_write("curve", curve);
+        let events = self.records.events.as_mut().map_or(Ok(()), EventFile::finish);
+        self.record_write("events", events);
+    }
+
+    fn record_write(&mut self, file: &'static str, written: Result<(), MishandleError>) {
+        if let Some(error) = self.write_failures.record(file, written) {
+            self.observer.write_failed(error);
+        }
+    }
+
+    fn measure(&self, policy: &Policy, episodes: usize) -> Result<Validation, MishandleError> {
+        let mut rollout = Rollout::new(
+            self.environment.clone(),
+            Arc::new(policy.clone()),
+            self.specification.clone(),
+            Noise::default(),
+        )?;
+        let space = self.environment.space();
+        let requests: Vec<Request> = (0..episodes as u64)
+            .map(|i| Request::new(space.sample(VALIDATION_SEED, i), VALIDATION_SEED.child(i)))
+            .collect();
+        let episodes_run = rollout.rollout(&requests)?;
+        let rate = |holds: &dyn Fn(&Episode) -> bool| {
+            episodes_run.iter().filter(|episode| holds(episode)).count() as f64 / episodes as f64
+        };
+        Ok(Validation {
+            success_rate: rate(&|episode| episode.verdict.success > Some(0.0)),
+            strict_success_rate: rate(&|episode| episode.verdict.strict > Some(0.0)),
+            mean_return: episodes_run.iter().map(|episode| episode.total_reward).sum::<f64>()
+                / episodes as f64,
+        })
+    }
+}
+
+impl Observer for TrainingRecorder<'_> {
+    fn training_started(&mut self, done: u64, total: u64) {
+        self.observer.training_started(done, total);
+    }
+
+    fn validate(&mut self, policy: &Policy, episodes: usize) -> Option<Validation> {
+        match self.measure(policy, episodes) {
+            Ok(validation) => Some(validation),
+            Err(error) => {
+                self.error = Some(error);
+                None
+            }
+        }
+    }
+
+    fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
+        let curve = self.records.curve.as_mut().map_or(Ok(()), |curve| curve.write(progress));
+        self.record_write("curve", curve);
+        let events = self.records.events.as_mut().map_or(Ok(()), |events| events.write(progress));
+        self.record_write("events", events);
+        match self.observer.iteration_finished(progress) {
+            _ if self.error.is_some() => TrainingControl::Stop,
+            TrainingControl::Continue
+                if self.checkpoint_time.is_none_or(|time| time.elapsed() > CHECKPOINT_INTERVAL) =>
+            {
+                TrainingControl::SaveCheckpoint
+            }
+            control => control,
+        }
+    }
+
+    fn save_checkpoint(&mut self, checkpoint: &Checkpoint) {
+        if self.error.is_some() {
+            return;
+        }
+        // A resumed run expects curve and event file to contain the iteration of the checkpoint.
+        self.finish_records();
+        let written = checkpoint.save(&self.checkpoint).map_err(MishandleError::from);
+        match written {
+            Err(error) if self.checkpoint_time.is_none() => self.error = Some(error),
+            written => {
+                self.record_write("checkpoint", written);
+                self.checkpoint_time = Some(Instant::now());
+            }
+        }
+    }
+}
