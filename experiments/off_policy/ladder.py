@@ -1,17 +1,18 @@
-"""Trains with the paper's off-policy settings, with ours, and with what lies between, and makes the table of it.
+"""Trains with the paper's off-policy settings, with ours, and with settings between them, and writes the tables.
 
     python3 experiments/off_policy/ladder.py run ball-balancing --seeds 1 --directions up --minutes 30
     python3 experiments/off_policy/ladder.py table
 
 Run it in the root of the repository, after `cargo build --release`. changes.toml lists the changes from paper/*.toml to the
-preset `best`. A direction is a way through them: `up` makes one after the other, `without` makes all but one, `alone` makes a
-single one and the first, which is there to save time, and `long` makes none, or all but that of the updates, and trains for
-four times as long. Each training is appended to records.jsonl when it is done; one that is there is not done again, so that a
-run goes on where it was stopped. `table` makes the tables and the picture
-of docs/why_off_policy_failed.md of those records.
+preset `best`. A direction is an order of changes: `up` adds one after the other, `without` makes all but one, `alone` makes a
+single one and the first (the first saves time), and `long` makes none, or all except the updates, and trains four times as
+long. Each training run is appended to records.jsonl when it ends. A run in that file is not repeated, so an interrupted call
+can be continued. `table` writes the tables of docs/why_off_policy_failed.md and rates.csv;
+`cargo run -p mishandle-experiments --example comparison_charts` draws the chart.
 """
 
 import argparse
+import csv
 import json
 import os
 import pathlib
@@ -24,7 +25,8 @@ import tomllib
 HERE = pathlib.Path(__file__).parent
 RECORDS = HERE / "records.jsonl"
 PAGE = HERE.parent.parent / "docs" / "why_off_policy_failed.md"
-PICTURE = PAGE.with_suffix(".svg")
+RATES = HERE / "rates.csv"
+RATE_KEYS = ["success_rate", "strict_success_rate"]
 ALGORITHMS = ["sac", "td3", "ddpg"]
 DIRECTIONS = ["up", "without", "alone", "long"]
 TOTAL_STEPS = {"ball-balancing": 196_608, "point-reaching": 327_680}
@@ -37,7 +39,7 @@ def changes_for(algorithm):
 
 
 def ways(direction, algorithm):
-    """Which changes are made in each training of a direction, by their names."""
+    """Returns the names of the changes in each training run of a direction."""
     names = [change["name"] for change in changes_for(algorithm)]
     if direction == "long":
         return [[], [name for name in names if name != "updates"]]
@@ -57,7 +59,7 @@ def overlay(own, other):
 
 
 def training(task, algorithm, direction, names):
-    """All that a training is made with, but for its seed."""
+    """Returns everything that defines a training run, except its seed."""
     settings = tomllib.loads((HERE / "paper" / f"{algorithm}.toml").read_text())
     reward = "original"
     for change in changes_for(algorithm):
@@ -90,8 +92,8 @@ def as_toml(settings, prefix=""):
     return lines
 
 
-def train(program, made_with, seed):
-    record = {**made_with, "seed": seed}
+def train(program, definition, seed):
+    record = {**definition, "seed": seed}
     task, algorithm, reward = record["task"], record["algorithm"], record["reward"]
     with tempfile.TemporaryDirectory() as folder:
         file = pathlib.Path(folder) / "settings.toml"
@@ -119,8 +121,8 @@ def records():
     return [json.loads(line) for line in RECORDS.read_text().splitlines()]
 
 
-def is_of(record, made_with):
-    return all(record[key] == value for key, value in made_with.items())
+def is_of(record, definition):
+    return all(record[key] == value for key, value in definition.items())
 
 
 def run(arguments):
@@ -132,12 +134,12 @@ def run(arguments):
                 for names in [chosen[0], chosen[-1]] if arguments.ends else chosen:
                     if arguments.small and direction != "long" and names and "networks" not in names:
                         continue
-                    made_with = training(arguments.task, algorithm, direction, names)
-                    if any(is_of(record, made_with) and record["seed"] == seed for record in records()):
+                    definition = training(arguments.task, algorithm, direction, names)
+                    if any(is_of(record, definition) and record["seed"] == seed for record in records()):
                         continue
                     if time.monotonic() - started > 60 * arguments.minutes:
                         return
-                    record = train(arguments.program, made_with, seed)
+                    record = train(arguments.program, definition, seed)
                     with RECORDS.open("a") as file:
                         file.write(json.dumps(record) + "\n")
                     rates = record.get("success_rate"), record.get("strict_success_rate")
@@ -145,7 +147,7 @@ def run(arguments):
 
 
 def cell(found, task, algorithm, direction, names):
-    """Success and strict success of all seeds, in percent; how many seeds, if not one."""
+    """Returns success and strict success of all seeds, in percent, and the number of seeds if it is not one."""
     own = [record for record in found if is_of(record, training(task, algorithm, direction, names))]
     if not own:
         return "–"
@@ -157,7 +159,7 @@ def cell(found, task, algorithm, direction, names):
 
 
 def row(found, task, label, name):
-    """A row of a table: the change `name`, or none at all."""
+    """Returns the row of the change `name`; None stands for no change."""
     cells = []
     for direction in ["up", "without", "alone"]:
         for algorithm in ALGORITHMS:
@@ -181,7 +183,7 @@ def table(found, task):
 
 
 def small_table(found, task, head, rows):
-    """A table of some trainings: `rows` has their labels, directions and numbers in the direction."""
+    """Returns a table of some training runs: `rows` has their labels, directions and indices in the direction."""
     heads = [algorithm.upper() for algorithm in ALGORITHMS]
     lines = [f"| {head} | " + " | ".join(heads) + " |", "|---|" + "--:|" * len(heads)]
     for label, direction, index in rows:
@@ -191,43 +193,31 @@ def small_table(found, task, head, rows):
 
 
 def between(text, mark, inside):
-    """The text with `inside` between the comments of `mark`."""
+    """Returns the text with `inside` between the comments of `mark`."""
     begin, end = f"<!-- {mark} -->\n", f"<!-- end of {mark} -->"
     before, rest = text.split(begin)
     return before + begin + inside + "\n" + end + rest.split(end)[1]
 
 
-def picture(found, task):
-    """Success on the way up, a row of bars for each algorithm, as SVG."""
-    width, height, left, top = 46, 70, 60, 20
-    shapes = []
-    for row_index, algorithm in enumerate(ALGORITHMS):
-        base = top + (row_index + 1) * (height + 16)
-        shapes.append(f'<text x="4" y="{base - height / 2:.0f}">{algorithm.upper()}</text>')
-        shapes.append(f'<path d="M{left} {base}h{width * (len(CHANGES) + 1)}" stroke="#888"/>')
-        names = [change["name"] for change in changes_for(algorithm)]
-        for column, name in enumerate([None] + [change["name"] for change in CHANGES]):
-            if name is not None and name not in names:
-                continue
-            way = names[: names.index(name) + 1] if name else []
-            own = [record for record in found if is_of(record, training(task, algorithm, "up", way))]
-            x = left + column * width + 4
-            for key, color in [("success_rate", "#9ecae1"), ("strict_success_rate", "#3182bd")]:
-                share = sum(record.get(key, 0.0) for record in own) / max(len(own), 1)
-                bar = height * share
-                shapes.append(f'<rect x="{x}" y="{base - bar:.1f}" width="{width - 8}" height="{bar:.1f}" fill="{color}"/>')
-    base = top + len(ALGORITHMS) * (height + 16)
-    for column, name in enumerate(["paper"] + [change["name"] for change in CHANGES]):
-        x = left + column * width + width / 2
-        shapes.append(f'<text transform="translate({x:.0f} {base + 12}) rotate(40)">{name}</text>')
-    size = f'width="{left + width * (len(CHANGES) + 1) + 60}" height="{base + 80}"'
-    style = '<style>text { font: 12px sans-serif; fill: #555 }</style>'
-    return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{style}\n' + "\n".join(shapes) + "\n</svg>\n"
+def write_rates(found, task):
+    """Writes the rates of the direction `up` as a tidy CSV: a row for each algorithm and change, mean over the seeds."""
+    with RATES.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["algorithm", "change", "success_rate", "strict_success_rate"])
+        for label in ["paper", *(change["name"] for change in CHANGES)]:
+            for algorithm in ALGORITHMS:
+                names = ["paper", *(change["name"] for change in changes_for(algorithm))]
+                if label not in names:
+                    continue
+                way = names[1 : names.index(label) + 1]
+                own = [record for record in found if is_of(record, training(task, algorithm, "up", way))]
+                rates = [sum(record.get(key, 0.0) for record in own) / max(len(own), 1) for key in RATE_KEYS]
+                writer.writerow([algorithm, label, *rates])
 
 
 def write_tables(_):
     found, text = records(), PAGE.read_text()
-    PICTURE.write_text(picture(found, "ball-balancing"))
+    write_rates(found, "ball-balancing")
     ends = [("the paper's settings", "up", 0), ("`best`", "up", -1)]
     longer = [("the paper's settings", "long", 0), ("all changes but updates", "long", 1)]
     text = between(text, "all", table(found, "ball-balancing"))
@@ -245,9 +235,9 @@ def main():
     runs.add_argument("--seeds", type=int, nargs="+", default=[1])
     runs.add_argument("--directions", nargs="+", choices=DIRECTIONS, default=["up"])
     runs.add_argument("--algorithms", nargs="+", choices=ALGORITHMS, default=ALGORITHMS)
-    runs.add_argument("--ends", action="store_true", help="the first and the last of each direction alone")
-    runs.add_argument("--small", action="store_true", help="no change without that of the networks: the large ones are slow")
-    runs.add_argument("--minutes", type=float, default=45.0, help="no training begins after these")
+    runs.add_argument("--ends", action="store_true", help="only the first and the last of each direction")
+    runs.add_argument("--small", action="store_true", help="skip changes with large networks, which are slow")
+    runs.add_argument("--minutes", type=float, default=45.0, help="start no training run after this time")
     runs.add_argument("--program", default="target/release/mishandle")
     commands.add_parser("table").set_defaults(what=write_tables)
     arguments = parser.parse_args()

@@ -3,13 +3,13 @@
     python experiments/skrl/curves.py run --tasks ball-balancing --algorithms ppo --seeds 1-3
     python experiments/skrl/curves.py report
 
-`run` trains what has no file yet in curves/: a CSV for each task, algorithm, side and seed, with the environment steps and
-the mean return of the episodes that ended since the row before. It needs requirements.txt, the Python module
-(`pip install ./python`) and the program. `report` needs NumPy alone, and writes curves/summary.json, the picture and the
-table of docs/skrl.md.
+`run` trains every pair without a file in curves/: a CSV for each task, algorithm, side and seed, with the environment steps
+and the mean return of the episodes that ended since the previous row. It needs requirements.txt, the Python module
+(`pip install ./python`) and the program. `report` needs only NumPy. It writes curves/summary.json, bands.csv, and the table
+of docs/skrl.md; `cargo run -p mishandle-experiments --example comparison_charts` draws the chart.
 
-skrl's agents act in the task through the module, and are told the end of the time as a termination; the preset `skrl-0.10`
-does the same. Both sides read settings/ALGORITHM.toml.
+skrl's agents act in the task through the module. Both sides treat timeouts as terminations: skrl by itself, Mishandle by the
+preset `skrl-0.10`. Both sides read settings/ALGORITHM.toml.
 """
 
 import argparse
@@ -27,7 +27,7 @@ CURVES = HERE / "curves"
 TASKS = ["point-reaching", "ball-balancing"]
 ALGORITHMS = ["ppo", "trpo", "sac", "td3", "ddpg"]
 SIDES = ["mishandle", "skrl"]
-# What `mishandle train` tells the return after, in control steps: a rollout, or `steps_per_iteration`.
+# Control steps per iteration of `mishandle train`: a rollout, or `steps_per_iteration`.
 ITERATION_STEPS = {"ppo": 16, "trpo": 16, "sac": 64, "td3": 64, "ddpg": 64}
 
 

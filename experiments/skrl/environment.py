@@ -1,4 +1,4 @@
-"""A task of Mishandle as skrl's agents want an environment: tensors, and every reset told as a termination."""
+"""A task of Mishandle as an environment for skrl's agents: tensors, and every reset is a termination."""
 
 import gymnasium
 import mishandle
@@ -8,10 +8,10 @@ from skrl.envs.torch.wrappers import Wrapper
 
 
 class Environment(Wrapper):
-    """Rows of `VectorEnv`. The end of the time is told as a termination, as skrl 0.10's wrappers of Isaac's gyms do.
+    """Rows of `VectorEnv`. Timeouts are terminations, as in skrl 0.10's wrappers of Isaac's gyms.
 
-    `points` gathers what `mishandle train --csv` writes: after each `iteration_steps` control steps, the environment
-    steps so far and the mean return of the episodes that ended in them.
+    `points` has the data that `mishandle train --csv` writes: after each `iteration_steps` control steps, the environment
+    steps so far and the mean return of the episodes that ended in this iteration.
     """
 
     def __init__(self, task, settings, seed, threads, iteration_steps):
@@ -53,7 +53,7 @@ class Environment(Wrapper):
         return self.spaces["action_space"]
 
     def reset(self):
-        """The first observations; later those of now, since a row starts its next episode by itself."""
+        """Returns the first observations; later the present ones, because a row starts its next episode by itself."""
         if self.observations is None:
             self.observations = torch.from_numpy(self._env.reset())
         return self.observations, {}

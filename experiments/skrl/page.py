@@ -6,7 +6,7 @@ PAGE = pathlib.Path(__file__).parents[2] / "docs" / "skrl.md"
 
 
 def insert(name, text):
-    """Puts `text` between the marks of that name."""
+    """Replaces the text between the comments of that name."""
     start, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
     before, rest = PAGE.read_text(encoding="utf-8").split(start)
     after = rest.split(end)[1]

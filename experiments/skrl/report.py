@@ -1,20 +1,20 @@
-"""What the curves of curves.py show: interquartile means with bootstrap bands, where they overlap, a picture, a table."""
+"""Summarizes the curves of curves.py: interquartile means with bootstrap bands, their overlap, a table for docs/skrl.md."""
 
 import csv
 import json
 
 import numpy as np
 
-from curves import ALGORITHMS, CURVES, ROOT, SIDES, TASKS, curve_path
+from bands import write_bands
+from curves import ALGORITHMS, CURVES, SIDES, TASKS, curve_path
 from page import insert
-from picture import draw
 
 POINTS = 20
 RESAMPLES = 10_000
 SEEDS = range(1, 11)
-# Of fewer seeds a bootstrap says nothing.
+# Fewest seeds with a bootstrap interval.
 FEWEST_SEEDS = 5
-PICTURE = ROOT / "docs" / "skrl.svg"
+BANDS = CURVES.parent / "bands.csv"
 
 
 def read(path):
@@ -24,7 +24,7 @@ def read(path):
 
 
 def binned(curve, edges):
-    """The mean return between two edges each; that before where no episode ended, NaN before the first."""
+    """Returns the mean return between adjacent edges: the one before where no episode ended, NaN before the first."""
     places = np.searchsorted(edges, curve[:, 0], side="left") - 1
     means = np.full(POINTS, np.nan)
     for point in range(POINTS):
@@ -37,14 +37,14 @@ def binned(curve, edges):
 
 
 def interquartile_mean(values):
-    """Of the last axis: the mean of what is left without the lowest and the highest quarter, rounded down."""
+    """Returns the mean over the last axis without the lowest and the highest quarter, rounded down."""
     count = values.shape[-1]
     cut = count // 4
     return np.sort(values, axis=-1)[..., cut : count - cut].mean(axis=-1)
 
 
 def band(values, random):
-    """Interquartile mean over the seeds (the last axis) and its 95 % interval, by bootstrap over the seeds."""
+    """Returns the interquartile mean over the seeds (the last axis) and its 95 % bootstrap interval."""
     count = values.shape[-1]
     drawn = random.integers(0, count, (RESAMPLES, count))
     resampled = interquartile_mean(values[..., drawn])
@@ -53,7 +53,7 @@ def band(values, random):
 
 
 def compare(task, algorithm):
-    """Both sides of a task and algorithm, over the seeds that both have; nothing if there are none."""
+    """Compares both sides on a task and algorithm over the seeds that both have; returns None if there are none."""
     have = [seed for seed in SEEDS if all(curve_path(task, algorithm, side, seed).exists() for side in SIDES)]
     if not have:
         return None
@@ -61,17 +61,17 @@ def compare(task, algorithm):
     end = max(curve[-1, 0] for side in SIDES for curve in curves[side])
     edges = np.linspace(0.0, end, POINTS + 1)
     values = {side: np.array([binned(curve, edges) for curve in curves[side]]).T for side in SIDES}
-    seen = ~np.isnan(values["skrl"]).any(axis=1) & ~np.isnan(values["mishandle"]).any(axis=1)
+    measured = ~np.isnan(values["skrl"]).any(axis=1) & ~np.isnan(values["mishandle"]).any(axis=1)
     random = np.random.default_rng(0)
-    bands = {side: band(values[side][seen], random) for side in SIDES}
+    bands = {side: band(values[side][measured], random) for side in SIDES}
     ours, theirs = (bands[side] for side in SIDES)
     overlap = (ours["low"] <= theirs["high"]) & (theirs["low"] <= ours["high"])
-    whole = {side: band(values[side][seen].mean(axis=0), random) for side in SIDES}
+    whole = {side: band(values[side][measured].mean(axis=0), random) for side in SIDES}
     return {
         "task": task,
         "algorithm": algorithm,
         "seeds": have,
-        "environment_steps": edges[1:][seen].tolist(),
+        "environment_steps": edges[1:][measured].tolist(),
         "overlap": float(overlap.mean()),
         "whole_curve": {side: {key: float(value) for key, value in whole[side].items()} for side in SIDES},
         "bands": {side: {key: value.tolist() for key, value in bands[side].items()} for side in SIDES},
@@ -85,9 +85,9 @@ def row(found):
 
     points = len(found["environment_steps"])
     apart = round(points * (1 - found["overlap"]))
-    told = f"{points - apart} of {points}" if len(found["seeds"]) >= FEWEST_SEEDS else "too few seeds"
+    overlap = f"{points - apart} of {points}" if len(found["seeds"]) >= FEWEST_SEEDS else "too few seeds"
     cells = [f"`{found['task']}`", found["algorithm"].upper(), len(found["seeds"]), side("mishandle"), side("skrl")]
-    return "| " + " | ".join(map(str, [*cells, told])) + " |"
+    return "| " + " | ".join(map(str, [*cells, overlap])) + " |"
 
 
 def table(all_found):
@@ -99,6 +99,6 @@ def write():
     pairs = [(task, algorithm) for task in TASKS for algorithm in ALGORITHMS]
     all_found = [found for pair in pairs if (found := compare(*pair))]
     (CURVES / "summary.json").write_text(json.dumps(all_found, indent=1) + "\n", encoding="utf-8")
-    PICTURE.write_text(draw(all_found, TASKS, ALGORITHMS), encoding="utf-8")
+    write_bands(BANDS, all_found)
     insert("curves", table(all_found))
     print(table(all_found))

@@ -1,4 +1,4 @@
-//! `cargo xtask test`: everything CI runs, one step after the other, up to the first that fails.
+//! `cargo xtask test`: runs the steps of CI in order and stops at the first failure.
 
 use std::path::Path;
 use std::process::Command;
@@ -21,7 +21,7 @@ enum Action {
     Chore(fn(&Path) -> Result<()>),
 }
 
-/// Quick checks first. Benches are compiled by clippy but not run: they are no tests, and take minutes.
+/// Fast checks first. Clippy compiles the benchmarks; they are not run, because they take minutes.
 const STEPS: &[Step] = &[
     Step { name: "mujoco", action: Action::Chore(mujoco::fetch) },
     Step { name: "fmt", action: Action::Cargo(&["fmt", "--all", "--check"]) },
@@ -40,13 +40,13 @@ const STEPS: &[Step] = &[
 /// Runs every step.
 ///
 /// # Errors
-/// The first step that fails, with its name and its command.
+/// If a step fails, with its name and its command.
 pub fn check(root: &Path) -> Result<()> {
     let started = Instant::now();
     for (number, step) in (1..).zip(STEPS) {
         let label = format!("[{number}/{}] {}", STEPS.len(), step.name);
-        let began = Instant::now();
-        let done = match step.action {
+        let step_started = Instant::now();
+        let result = match step.action {
             Action::Cargo(arguments) => {
                 let mut command = cargo(root, arguments);
                 eprintln!("{label}: {}", as_typed(&command));
@@ -57,14 +57,14 @@ pub fn check(root: &Path) -> Result<()> {
                 chore(root)
             }
         };
-        done.with_context(|| format!("step `{}` failed", step.name))?;
-        eprintln!("{label}: passed in {:.1} s\n", began.elapsed().as_secs_f64());
+        result.with_context(|| format!("step `{}` failed", step.name))?;
+        eprintln!("{label}: passed in {:.1} s\n", step_started.elapsed().as_secs_f64());
     }
     eprintln!("all {} steps passed in {:.1} s", STEPS.len(), started.elapsed().as_secs_f64());
     Ok(())
 }
 
-/// The tests, by nextest where it is installed (a process each, a summary line) and by cargo's own runner elsewhere.
+/// Runs the tests with nextest if it is installed, otherwise with cargo's own runner.
 fn tests(root: &Path) -> Result<()> {
     let has_nextest =
         cargo(root, &["nextest", "--version"]).output().is_ok_and(|output| output.status.success());

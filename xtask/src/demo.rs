@@ -10,7 +10,7 @@ use crate::mujoco;
 use crate::process::{cargo, run};
 
 const PROGRAM: &str = "target/release/mishandle";
-/// Breaks a shipped controller, within a minute.
+/// Falsifies a shipped controller within a minute.
 const FALSIFY: &[&str] = &[
     "falsify",
     "ball-balancing",
@@ -25,24 +25,24 @@ const FALSIFY: &[&str] = &[
     "--seed",
     "1",
 ];
-/// Why it is broken in this way.
-const WHY: &str = "The shipped controller met the paper's formula from all of 1,000 random starts (controllers/README.md). \
-                   So it is put to a harder test: the strict formula, by which the ball stays on the tray and comes to \
-                   its middle, with the paper's noise on its actions.";
-/// Falsified: a demo without a counterexample would be none.
+/// Reason for this test.
+const WHY: &str = "The shipped controller satisfies the paper's formula from all of 1,000 random starts (controllers/README.md). \
+                   We therefore test it against the strict formula: the ball must stay on the tray and reach its center. \
+                   The actions have the paper's noise.";
+/// The demo must find a counterexample: exit code 1.
 const EXPECTED: &[i32] = &[1];
-/// What to type next, and why.
+/// Commands to try next, with their purpose.
 const NEXT: &[(&str, &str)] = &[
-    ("tasks", "the tasks, their formulas and the controllers that come with them"),
-    ("evaluate ball-balancing --controller ppo", "how good and how safe that controller is"),
-    ("replay RUN", "a recorded simulation again, the same to the bit"),
-    ("help", "everything else"),
+    ("tasks", "lists the tasks with their formulas and controllers"),
+    ("evaluate ball-balancing --controller ppo", "measures success rate and dangerous behavior rate"),
+    ("replay RUN", "repeats a recorded simulation, bit for bit"),
+    ("help", "lists all commands"),
 ];
 
-/// Fetches MuJoCo, builds, falsifies a shipped controller, and says what to do next.
+/// Fetches MuJoCo, builds, falsifies a shipped controller, and suggests commands to try next.
 ///
 /// # Errors
-/// What the steps say.
+/// If a step fails.
 pub fn demo(root: &Path) -> Result<()> {
     let started = Instant::now();
     mujoco::fetch(root)?;
@@ -51,15 +51,15 @@ pub fn demo(root: &Path) -> Result<()> {
     eprintln!("\n{WHY}\n\n$ {PROGRAM} {}", FALSIFY.join(" "));
     run(Command::new(root.join(PROGRAM)).args(FALSIFY).current_dir(root), EXPECTED)?;
 
-    eprintln!("\nDone in {:.0} s. What is where:", started.elapsed().as_secs_f64());
+    eprintln!("\nDone in {:.0} s. Files:", started.elapsed().as_secs_f64());
     for (place, what) in [
         ("target/mujoco/lib", "MuJoCo's library"),
         (PROGRAM, "the program"),
-        ("runs/", "the run, with every simulation; the program named its file above"),
+        ("runs/", "the run files with every simulation"),
     ] {
         eprintln!("  {place:<26} {what}");
     }
-    eprintln!("What to type next, in this folder:");
+    eprintln!("Commands to try next, in this folder:");
     for (arguments, what) in NEXT {
         eprintln!("  {PROGRAM} {arguments:<42} {what}");
     }

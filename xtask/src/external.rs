@@ -10,11 +10,11 @@ use crate::process::{cargo, output};
 
 const PAGE: &str = "docs/library.md";
 
-/// Follows the page in a temporary folder, checks that the program prints what the page shows, and that it starts without
-/// cargo. The first run compiles Mishandle anew, which takes minutes.
+/// Follows the page in a temporary folder, and checks that the program prints the output on the page and starts without
+/// cargo. The first run compiles Mishandle, which takes minutes.
 ///
 /// # Errors
-/// If the page has no program, or the program does something else than the page shows.
+/// If the page has no program, or the program prints something else.
 pub fn check(root: &Path) -> Result<()> {
     let page = fs::read_to_string(root.join(PAGE)).context(PAGE)?;
     let (program, shown) = (block(&page, "```rust\n")?, block(&page, "```console\n")?);
@@ -23,9 +23,13 @@ pub fn check(root: &Path) -> Result<()> {
     let run = follow(root, &folder, program);
     fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))?;
     for (how, found) in run? {
-        ensure!(found.trim() == expected, "{how} prints `{}`, but {PAGE} shows `{expected}`", found.trim());
+        ensure!(
+            found.trim() == expected,
+            "{how} printed `{}`, expected `{expected}` from {PAGE}",
+            found.trim()
+        );
     }
-    eprintln!("a crate outside the repository prints what {PAGE} shows");
+    eprintln!("a crate outside the repository prints the output in {PAGE}");
     Ok(())
 }
 
@@ -35,7 +39,7 @@ fn block<'a>(page: &'a str, fence: &str) -> Result<&'a str> {
     text.with_context(|| format!("{PAGE} has no block {}", fence.trim()))
 }
 
-/// Writes the crate and returns what it prints, run by cargo and by itself.
+/// Writes the crate and returns its output, run by cargo and on its own.
 fn follow(root: &Path, folder: &Path, program: &str) -> Result<[(&'static str, String); 2]> {
     let write = |name: &str, text: String| {
         let path = folder.join(name);
@@ -51,11 +55,11 @@ fn follow(root: &Path, folder: &Path, program: &str) -> Result<[(&'static str, S
     )?;
     write(".cargo/config.toml", format!("include = [{:?}]\n", root.join(".cargo/config.toml")))?;
     write("src/main.rs", program.to_string())?;
-    // The same versions as ours, so that nothing is downloaded.
+    // The same versions as in this repository, so that nothing is downloaded.
     fs::copy(root.join("Cargo.lock"), folder.join("Cargo.lock"))?;
     let by_cargo = output(cargo(root, &["run", "--quiet", "--release"]).current_dir(folder))?;
     let by_itself = output(
         Command::new(folder.join("target/release/my_crate")).env_remove("LD_LIBRARY_PATH").current_dir("/"),
     )?;
-    Ok([("`cargo run`", by_cargo), ("the program", by_itself)])
+    Ok([("`cargo run`", by_cargo), ("the program on its own", by_itself)])
 }

@@ -1,7 +1,7 @@
-//! `cargo xtask golden`: makes the golden files again, which hold what other programs (RTAMT, SciPy, PyTorch) answer.
+//! `cargo xtask golden`: regenerates the golden files, which hold results of reference programs (RTAMT, SciPy, PyTorch).
 //!
-//! A folder `crates/<crate>/tests/golden/<name>` holds a `make.py`, the `requirements.txt` it needs and the files that
-//! it writes beside itself, the same bytes each time. It runs in a virtual environment of its own under `target`.
+//! A folder `crates/<crate>/tests/golden/<name>` contains a `make.py`, its `requirements.txt`, and the files that it writes:
+//! the same bytes each time. It runs in its own virtual environment under `target`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -19,10 +19,10 @@ struct Golden {
     folder: PathBuf,
 }
 
-/// Runs `make.py` of the folders with one of the given names (all folders if none is given), and shows what changed.
+/// Runs `make.py` in the folders with one of the given names (in all folders if there is no name), and shows the changes.
 ///
 /// # Errors
-/// A name that no folder has, or a command that fails.
+/// If no folder has one of the names, or a command fails.
 pub fn remake(root: &Path, names: &[String]) -> Result<()> {
     let found = find(root)?;
     let known = || found.iter().map(|golden| golden.id.as_str()).collect::<Vec<_>>().join(", ");
@@ -30,7 +30,7 @@ pub fn remake(root: &Path, names: &[String]) -> Result<()> {
     for name in names {
         ensure!(
             found.iter().any(|golden| is_called(golden, name)),
-            "no golden files `{name}`; there are: {}",
+            "unknown golden files `{name}`; expected one of {}",
             known()
         );
     }
@@ -41,12 +41,12 @@ pub fn remake(root: &Path, names: &[String]) -> Result<()> {
     for golden in &chosen {
         eprintln!("{}: running {}", golden.id, golden.folder.join("make.py").display());
         let python = environment(root, golden)?;
-        // No .pyc files beside the golden ones, and no order that depends on random hashes.
+        // No .pyc files beside the golden files, and no order that depends on random hashes.
         let fixed = [("PYTHONDONTWRITEBYTECODE", "1"), ("PYTHONHASHSEED", "0")];
         run(Command::new(python).arg("make.py").current_dir(&golden.folder).envs(fixed), &[0])?;
     }
     let folders = || chosen.iter().map(|golden| &golden.folder);
-    eprintln!("{} made again; what git sees:", chosen.len());
+    eprintln!("regenerated {}; changes in git:", chosen.len());
     run(Command::new("git").args(["status", "--short", "--"]).args(folders()).current_dir(root), &[0])?;
     run(
         Command::new("git").args(["--no-pager", "diff", "--stat", "--"]).args(folders()).current_dir(root),
@@ -54,7 +54,7 @@ pub fn remake(root: &Path, names: &[String]) -> Result<()> {
     )
 }
 
-/// Every golden folder, sorted by its id.
+/// Returns every golden folder, sorted by its id.
 fn find(root: &Path) -> Result<Vec<Golden>> {
     let mut found = Vec::new();
     for package in folders_in(&root.join("crates"))? {
@@ -69,7 +69,7 @@ fn find(root: &Path) -> Result<Vec<Golden>> {
     Ok(found)
 }
 
-/// The folders in a folder; none if there is no such folder.
+/// Returns the folders in a folder; none if it does not exist.
 fn folders_in(folder: &Path) -> Result<Vec<PathBuf>> {
     if !folder.is_dir() {
         return Ok(Vec::new());
@@ -83,15 +83,15 @@ fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The Python of the folder's virtual environment, made or brought up to date if its requirements changed.
+/// Returns the Python of the folder's virtual environment, and creates the environment if its requirements changed.
 fn environment(root: &Path, golden: &Golden) -> Result<PathBuf> {
     let venv = root.join("target/golden-venv").join(&golden.id);
     let python = venv.join("bin/python");
     let requirements = golden.folder.join("requirements.txt");
-    let wanted =
+    let required =
         fs::read(&requirements).with_context(|| format!("cannot read {}", requirements.display()))?;
     let installed = venv.join("installed.txt");
-    if fs::read(&installed).is_ok_and(|bytes| bytes == wanted) {
+    if fs::read(&installed).is_ok_and(|bytes| bytes == required) {
         return Ok(python);
     }
     eprintln!("{}: installing its requirements into {}", golden.id, venv.display());
@@ -99,6 +99,6 @@ fn environment(root: &Path, golden: &Golden) -> Result<PathBuf> {
         .context("cannot make a virtual environment (Debian: `apt install python3-venv`)")?;
     let install = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--requirement"];
     run(Command::new(&python).args(install).arg(&requirements), &[0])?;
-    fs::write(&installed, wanted).with_context(|| format!("cannot write {}", installed.display()))?;
+    fs::write(&installed, required).with_context(|| format!("cannot write {}", installed.display()))?;
     Ok(python)
 }

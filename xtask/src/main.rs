@@ -1,13 +1,11 @@
-//! Chores around the build, in Rust so that they need nothing but the toolchain: `cargo xtask` lists them.
+//! Chores around the build, in Rust so that they need only the toolchain. `cargo xtask` lists them.
 //!
-//! Depends on no crate of ours and not on MuJoCo, since fetching MuJoCo is one of the chores.
+//! Uses no other crate of this repository and not MuJoCo, because fetching MuJoCo is one of the chores.
 
 mod check;
-mod controllers;
 mod demo;
 mod external;
 mod golden;
-mod marks;
 mod mujoco;
 mod pictures;
 mod process;
@@ -20,10 +18,10 @@ use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 
-/// One thing that `cargo xtask` can do.
+/// A command of `cargo xtask`.
 struct Chore {
     name: &'static str,
-    /// What may follow the name, as shown to the user; empty if nothing may.
+    /// Arguments as the list shows them; empty if the chore takes none.
     arguments: &'static str,
     about: &'static str,
     run: fn(root: &Path, arguments: &[String]) -> Result<()>,
@@ -33,31 +31,31 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "demo",
         arguments: "",
-        about: "fetch MuJoCo, build, break a shipped controller, say what to do next",
+        about: "fetch MuJoCo, build, falsify a shipped controller, suggest what to try next",
         run: |root, _| demo::demo(root),
     },
     Chore {
         name: "test",
         arguments: "",
-        about: "everything CI runs: fmt, tidy, clippy, tests, doc tests, python, readme",
+        about: "run everything that CI runs: fmt, tidy, clippy, tests, doc tests, python, readme",
         run: |root, _| check::check(root),
     },
     Chore {
         name: "mujoco",
         arguments: "",
-        about: "put MuJoCo's library into target/mujoco/lib (from PyPI, its SHA-256 checked)",
+        about: "download MuJoCo's library to target/mujoco/lib (from PyPI, with a SHA-256 check)",
         run: |root, _| mujoco::fetch(root),
     },
     Chore {
         name: "tidy",
         arguments: "",
-        about: "compare ARCHITECTURE.md and the page of settings with the crates; check rules and links",
+        about: "compare ARCHITECTURE.md and the settings page with the crates; check rules and links",
         run: |root, _| tidy::check(root),
     },
     Chore {
         name: "readme",
         arguments: "",
-        about: "run the commands that README.md shows",
+        about: "run the commands in README.md and compare their output",
         run: |root, _| readme::check(root),
     },
     Chore {
@@ -69,25 +67,19 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "golden",
         arguments: "[NAME...]",
-        about: "make the golden files of the tests again, from the programs we agree with",
+        about: "regenerate the golden files of the tests with the reference programs",
         run: golden::remake,
-    },
-    Chore {
-        name: "controllers",
-        arguments: "[OPTIONS]",
-        about: "train and measure what is missing or out of date; make tables and curves again",
-        run: controllers::make,
     },
     Chore {
         name: "settings",
         arguments: "",
-        about: "write docs/algorithms/settings.md, the page of all training settings",
+        about: "write docs/algorithms/settings.md, the reference of all training settings",
         run: |root, _| settings::write(root),
     },
     Chore {
         name: "pictures",
         arguments: "",
-        about: "draw every task into docs/tasks, and show the pictures in README.md",
+        about: "draw every task to docs/tasks",
         run: |root, _| pictures::draw(root),
     },
 ];
@@ -110,15 +102,18 @@ fn dispatch(arguments: &[String]) -> Result<()> {
     }
     let Some(chore) = CHORES.iter().find(|chore| chore.name == name) else {
         let names: Vec<_> = CHORES.iter().map(|chore| chore.name).collect();
-        bail!("there is no chore `{name}`; there are {}", names.join(", "));
+        bail!("unknown chore `{name}`; expected one of {}", names.join(", "));
     };
     if let ([first, ..], "") = (rest, chore.arguments) {
-        bail!("`cargo xtask {name}` takes no arguments, but was given `{first}`");
+        bail!("`cargo xtask {name}` takes no arguments, found `{first}`");
     }
     (chore.run)(&root(), rest)
 }
 
-#[expect(clippy::print_stdout, reason = "the list is what was asked for; everything else goes to stderr")]
+#[expect(
+    clippy::print_stdout,
+    reason = "the list is the output of this command; everything else goes to stderr"
+)]
 fn list() -> Result<()> {
     println!("cargo xtask CHORE\n");
     for chore in CHORES {
@@ -127,7 +122,7 @@ fn list() -> Result<()> {
     Ok(())
 }
 
-/// The repository's root: cargo says where this package lies now, even if the tree was moved since it was compiled.
+/// Returns the repository's root. Cargo knows where this package is now, even if the tree was moved after the build.
 fn root() -> PathBuf {
     let package = std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into());
     PathBuf::from(package).join("..").canonicalize().unwrap_or_else(|_| PathBuf::from("."))

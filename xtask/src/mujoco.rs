@@ -14,18 +14,18 @@ use sha2::{Digest, Sha256};
 const VERSION: &str = "3.17.0";
 const LIBRARY: &str = "libmujoco.so.3.17.0";
 const LINK: &str = "libmujoco.so";
-/// Of `LIBRARY`; every wheel of this version for this platform holds the same bytes.
+/// SHA-256 of `LIBRARY`; every wheel of this version for this platform contains the same bytes.
 const SHA256: &str = "23496b023ee80fb61ab71167e94bc649f9941710fde96b18bb8204fb332523ad";
-const LICENCES: [&str; 2] = ["LICENSE", "LICENSES_THIRD_PARTY.md"];
-/// Names the folder that `mujoco-rs` links from; a user may set it to a MuJoCo of their own.
+const LICENSES: [&str; 2] = ["LICENSE", "LICENSES_THIRD_PARTY.md"];
+/// Environment variable with the folder that `mujoco-rs` links from; users may set it to their own MuJoCo.
 const LINK_DIR: &str = "MUJOCO_DYNAMIC_LINK_DIR";
-/// What `.cargo/config.toml` sets it to otherwise: a folder that leads the linker to `target/mujoco/lib`.
+/// Its value in `.cargo/config.toml`: a folder that leads the linker to `target/mujoco/lib`.
 const LINK_DIR_DEFAULT: &str = "crates/world/link";
 
-/// Where a copy is kept for installed programs, from the user's data folder; crates/cli/build.rs names it too.
+/// Folder of the copy for installed programs, in the user's data folder; crates/cli/build.rs has the same path.
 const KEPT: &str = "mishandle/mujoco-3.17.0";
 
-/// Which wheel to take, whatever Python asks for it: the library inside is the same in all of them.
+/// Selects one wheel, whichever Python runs pip: the library inside is the same in all of them.
 const WHEEL: &[&str] = &[
     "--no-deps",
     "--only-binary=:all:",
@@ -33,7 +33,7 @@ const WHEEL: &[&str] = &[
     "--implementation=cp",
     "--platform=manylinux_2_28_x86_64",
 ];
-/// Keeps pip short: no questions, no news, and a machine without network hears of it within seconds.
+/// Keeps pip quiet, and makes it fail within seconds on a machine without network.
 const PIP: &[&str] = &[
     "--quiet",
     "--no-input",
@@ -43,7 +43,7 @@ const PIP: &[&str] = &[
     "--progress-bar=off",
 ];
 
-/// Unpacks the library and the licences of the one wheel in a folder into that folder, without their paths.
+/// Unpacks the library and the licenses of the only wheel in a folder into that folder, without their paths.
 const UNPACK: &str = "
 import glob, os, sys, zipfile
 folder, names = sys.argv[1], sys.argv[2:]
@@ -55,12 +55,12 @@ with zipfile.ZipFile(glob.glob(os.path.join(folder, '*.whl'))[0]) as wheel:
                 out.write(wheel.read(member))
 ";
 
-/// Puts MuJoCo's library into `target/mujoco/lib`, unless it is there already or the user brought one. Keeps a copy in
-/// the user's data folder, where a program that `cargo install` installed finds it without this clone.
+/// Puts MuJoCo's library into `target/mujoco/lib`, unless it exists or the user has their own. Keeps a copy in the user's
+/// data folder, where a program from `cargo install` finds it without this clone.
 pub fn fetch(root: &Path) -> Result<()> {
     ensure!(
         cfg!(all(target_os = "linux", target_arch = "x86_64")),
-        "only x86-64 Linux is supported, this is {} on {}",
+        "only x86-64 Linux is supported, found {} on {}",
         std::env::consts::ARCH,
         std::env::consts::OS
     );
@@ -68,20 +68,21 @@ pub fn fetch(root: &Path) -> Result<()> {
     if let Some(own) = users_own(root) {
         ensure!(
             own.join(LINK).is_file(),
-            "{LINK_DIR} names {}, which holds no {LINK}; unset it, or set it to the `lib` folder of MuJoCo {VERSION}",
+            "{LINK_DIR} is {}, which does not contain {LINK}; unset it, or set it to the `lib` folder of MuJoCo {VERSION}",
             own.display()
         );
-        eprintln!("MuJoCo: {}, since {LINK_DIR} names it", own.display());
+        eprintln!("MuJoCo: {}, from {LINK_DIR}", own.display());
         return Ok(());
     }
     if is_in_place(&folder) {
-        eprintln!("MuJoCo {VERSION}: {}, already there", folder.display());
+        eprintln!("MuJoCo {VERSION}: {} exists", folder.display());
         keep(&folder);
         return Ok(());
     }
     let started = Instant::now();
     let scratch = folder.with_file_name(format!("fetch-{}", std::process::id()));
-    fs::create_dir_all(&scratch).with_context(|| format!("cannot make the folder {}", scratch.display()))?;
+    fs::create_dir_all(&scratch)
+        .with_context(|| format!("cannot create the folder {}", scratch.display()))?;
     let placed = download(&scratch).and_then(|()| place(&scratch, &folder));
     fs::remove_dir_all(&scratch).with_context(|| format!("cannot remove {}", scratch.display()))?;
     placed?;
@@ -93,7 +94,7 @@ pub fn fetch(root: &Path) -> Result<()> {
 /// Copies the library into the user's data folder. Only installed programs need it, so a failure is a note.
 fn keep(folder: &Path) {
     let Some(kept) = data_folder().map(|data| data.join(KEPT)) else {
-        eprintln!("note: neither XDG_DATA_HOME nor HOME is set, so no copy is kept for installed programs");
+        eprintln!("note: no copy for installed programs, because neither XDG_DATA_HOME nor HOME is set");
         return;
     };
     if is_in_place(&kept) {
@@ -101,15 +102,16 @@ fn keep(folder: &Path) {
     }
     match copy(folder, &kept) {
         Ok(()) => eprintln!("MuJoCo {VERSION}: a copy for installed programs is in {}", kept.display()),
-        Err(error) => eprintln!("note: no copy is kept for installed programs: {error:#}"),
+        Err(error) => eprintln!("note: no copy for installed programs: {error:#}"),
     }
 }
 
-/// Copies library and licences, by renames, so that a program that starts meanwhile sees a whole library.
+/// Copies library and licenses, with renames, so that a program that starts meanwhile finds a complete library.
 fn copy(from: &Path, to: &Path) -> Result<()> {
     let scratch = to.with_file_name(format!("fetch-{}", std::process::id()));
-    fs::create_dir_all(&scratch).with_context(|| format!("cannot make the folder {}", scratch.display()))?;
-    let copied = LICENCES.into_iter().chain([LIBRARY]).try_for_each(|name| {
+    fs::create_dir_all(&scratch)
+        .with_context(|| format!("cannot create the folder {}", scratch.display()))?;
+    let copied = LICENSES.into_iter().chain([LIBRARY]).try_for_each(|name| {
         fs::copy(from.join(name), scratch.join(name)).map(drop).with_context(|| format!("cannot copy {name}"))
     });
     let placed = copied.and_then(|()| place(&scratch, to));
@@ -117,13 +119,13 @@ fn copy(from: &Path, to: &Path) -> Result<()> {
     placed
 }
 
-/// The user's data folder, as the XDG Base Directory Specification defines it.
+/// Returns the user's data folder, as the XDG Base Directory Specification defines it.
 fn data_folder() -> Option<PathBuf> {
     let absolute = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     absolute("XDG_DATA_HOME").or_else(|| Some(absolute("HOME")?.join(".local/share")))
 }
 
-/// The folder that the user chose, if one.
+/// Returns the folder of the user's own MuJoCo.
 fn users_own(root: &Path) -> Option<PathBuf> {
     let chosen = PathBuf::from(std::env::var_os(LINK_DIR)?);
     (chosen != root.join(LINK_DIR_DEFAULT)).then_some(chosen)
@@ -149,7 +151,7 @@ fn download(scratch: &Path) -> Result<()> {
     let unpacked = python(
         [OsStr::new("-c"), OsStr::new(UNPACK), scratch.as_os_str(), OsStr::new(LIBRARY)]
             .into_iter()
-            .chain(LICENCES.map(OsStr::new)),
+            .chain(LICENSES.map(OsStr::new)),
     )?;
     ensure!(
         unpacked.status.success(),
@@ -160,28 +162,28 @@ fn download(scratch: &Path) -> Result<()> {
 }
 
 fn python<'a>(arguments: impl Iterator<Item = &'a OsStr>) -> Result<Output> {
-    // A user's habit of installing into virtual environments only is about installing, which this is not.
+    // The setting is about installations; this is only a download.
     Command::new("python3").args(arguments).env("PIP_REQUIRE_VIRTUALENV", "0").output().map_err(|error| {
         match error.kind() {
             ErrorKind::NotFound => {
-                anyhow!("MuJoCo comes from PyPI, but there is no `python3`; install Python 3 with pip")
+                anyhow!("downloading MuJoCo from PyPI needs `python3`; install Python 3 with pip")
             }
             _ => anyhow!(error).context("cannot run `python3`"),
         }
     })
 }
 
-/// One line for the user out of what pip wrote.
+/// Returns pip's error in one line.
 fn why_pip_failed(stderr: &str) -> String {
     if stderr.contains("No module named pip") {
-        return "MuJoCo comes from PyPI, but `python3` has no pip; install it (Debian: `apt install python3-pip`)"
+        return "downloading MuJoCo from PyPI needs pip, which `python3` lacks; install it (Debian: `apt install python3-pip`)"
             .into();
     }
     let unreachable =
         ["NewConnectionError", "ConnectTimeoutError", "ProxyError", "NameResolutionError", "SSLError"];
     if unreachable.iter().any(|name| stderr.contains(name)) {
         return format!(
-            "cannot download MuJoCo {VERSION}: pip does not reach PyPI; check the network, or pip's mirror and proxy"
+            "cannot download MuJoCo {VERSION}: pip cannot reach PyPI; check the network, or pip's mirror and proxy"
         );
     }
     format!("cannot download MuJoCo {VERSION}: pip says: {}", last_line(stderr))
@@ -191,18 +193,18 @@ fn last_line(text: &str) -> &str {
     text.lines().map(str::trim).rfind(|line| !line.is_empty()).unwrap_or("(nothing)")
 }
 
-/// Moves what was unpacked into `folder`, by renames, so that a build beside us sees all of the library or none of it.
+/// Moves the unpacked files into `folder`, with renames, so that another build finds a complete library or no library.
 fn place(scratch: &Path, folder: &Path) -> Result<()> {
     let library = scratch.join(LIBRARY);
-    let bytes =
-        fs::read(&library).with_context(|| format!("the wheel of MuJoCo {VERSION} holds no {LIBRARY}"))?;
+    let bytes = fs::read(&library)
+        .with_context(|| format!("the wheel of MuJoCo {VERSION} does not contain {LIBRARY}"))?;
     let found = sha256(&bytes);
     if found != SHA256 {
-        bail!("the {LIBRARY} that was downloaded has SHA-256 {found}, not {SHA256}; it was thrown away");
+        bail!("the downloaded {LIBRARY} has SHA-256 {found}, expected {SHA256}; it was deleted");
     }
-    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    symlink(LIBRARY, scratch.join(LINK)).context("cannot make a symbolic link in target/mujoco")?;
-    for name in LICENCES.into_iter().chain([LIBRARY, LINK]) {
+    fs::create_dir_all(folder).with_context(|| format!("cannot create the folder {}", folder.display()))?;
+    symlink(LIBRARY, scratch.join(LINK)).context("cannot create a symbolic link in target/mujoco")?;
+    for name in LICENSES.into_iter().chain([LIBRARY, LINK]) {
         let place = folder.join(name);
         fs::rename(scratch.join(name), &place)
             .with_context(|| format!("cannot write {}", place.display()))?;
@@ -219,12 +221,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pips_complaints_become_one_line() {
+    fn pip_errors_become_one_line() {
         for (stderr, expected) in [
-            ("/usr/bin/python3: No module named pip\n", "has no pip"),
+            ("/usr/bin/python3: No module named pip\n", "needs pip"),
             (
                 "WARNING: Retrying ... NewConnectionError('...')\nERROR: No matching distribution\n",
-                "does not reach PyPI",
+                "cannot reach PyPI",
             ),
             (
                 "WARNING: a\nERROR: No matching distribution found\n\n",
@@ -238,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn other_bytes_than_the_library_are_refused_and_not_placed() {
+    fn a_library_with_another_hash_is_refused() {
         let scratch = std::env::temp_dir().join(format!("mishandle-xtask-{}", std::process::id()));
         let folder = scratch.join("lib");
         fs::create_dir_all(&scratch).unwrap();
@@ -246,7 +248,7 @@ mod tests {
         let error = place(&scratch, &folder).unwrap_err().to_string();
         let placed = folder.exists();
         fs::remove_dir_all(&scratch).unwrap();
-        // The SHA-256 of "abc" as FIPS 180-2 gives it.
+        // The SHA-256 of "abc" from FIPS 180-2.
         assert!(
             error.contains("ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"),
             "{error}"

@@ -1,4 +1,4 @@
-//! Runs other programs, and says what was run when one fails.
+//! Runs other programs. An error message contains the command.
 
 use std::ffi::OsStr;
 use std::path::Path;
@@ -6,11 +6,11 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 
-/// Settings that would replace ours: the flags of `.cargo/config.toml` pin the instruction set and let programs find
-/// MuJoCo's library from where they lie in `target`.
+/// Environment variables that would override `.cargo/config.toml`, which pins the instruction set and the path of MuJoCo's
+/// library.
 const OVERRIDES: [&str; 4] = ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "RUSTDOCFLAGS", "CARGO_TARGET_DIR"];
 
-/// `cargo` with these arguments, the same cargo that started us, in the repository's root.
+/// Returns `cargo` with these arguments in the repository's root: the same cargo that started xtask.
 pub fn cargo(root: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     command.args(arguments).current_dir(root);
@@ -20,10 +20,10 @@ pub fn cargo(root: &Path, arguments: &[&str]) -> Command {
     command
 }
 
-/// Runs a program, its output let through; any exit code but those in `accepted` is an error.
+/// Runs a program with its output passed through. Exit codes that are not in `accepted` are errors.
 ///
 /// # Errors
-/// The program cannot be started, or ends otherwise than it should; the message holds the command.
+/// If the program cannot be started or returns another exit code.
 pub fn run(command: &mut Command, accepted: &[i32]) -> Result<()> {
     let typed = as_typed(command);
     let status = command.status().with_context(|| format!("cannot run `{typed}`"))?;
@@ -31,19 +31,19 @@ pub fn run(command: &mut Command, accepted: &[i32]) -> Result<()> {
     Ok(())
 }
 
-/// What a program wrote to its standard output.
+/// Returns the standard output of a program.
 ///
 /// # Errors
-/// As for [`run`], with exit code 0 alone accepted.
+/// As [`run`], with exit code 0 alone accepted.
 pub fn output(command: &mut Command) -> Result<String> {
     let typed = as_typed(command);
     let output = command.output().with_context(|| format!("cannot run `{typed}`"))?;
-    let said = String::from_utf8_lossy(&output.stderr);
-    ensure!(output.status.success(), "`{typed}` ended with {}: {}", output.status, said.trim());
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    ensure!(output.status.success(), "`{typed}` ended with {}: {}", output.status, stderr.trim());
     Ok(String::from_utf8(output.stdout)?)
 }
 
-/// A command as one would type it: the program without its folder, then the arguments.
+/// Returns a command as a user would type it: the program without its folder, then the arguments.
 pub fn as_typed(command: &Command) -> String {
     let program = Path::new(command.get_program()).file_name().unwrap_or(command.get_program());
     let words: Vec<_> =

@@ -1,4 +1,4 @@
-//! `cargo xtask settings`: writes the page of all training settings, which the program that declares them tells.
+//! `cargo xtask settings`: writes the page of all training settings, which an example of the training crate prints.
 
 use std::fs;
 use std::path::Path;
@@ -8,28 +8,28 @@ use anyhow::{Context, Result, ensure};
 use crate::process::{cargo, output};
 
 const PAGE: &str = "docs/algorithms/settings.md";
-const TELL: &[&str] = &["run", "--quiet", "-p", "mishandle-training", "--example", "settings_page"];
+const PRINT: &[&str] = &["run", "--quiet", "-p", "mishandle-training", "--example", "settings_page"];
 
 /// Writes the page.
 ///
 /// # Errors
-/// If the program cannot be built, or the page not written.
+/// If the example cannot be built, or the page cannot be written.
 pub fn write(root: &Path) -> Result<()> {
-    fs::write(root.join(PAGE), output(&mut cargo(root, TELL))?).context(PAGE)
+    fs::write(root.join(PAGE), output(&mut cargo(root, PRINT))?).context(PAGE)
 }
 
-/// Checks that the page is what the program tells.
+/// Checks that the page is up to date.
 ///
 /// # Errors
-/// If the program cannot be built, or the page is another.
+/// If the example cannot be built, or the page is out of date.
 pub fn check(root: &Path) -> Result<()> {
-    compare(&fs::read_to_string(root.join(PAGE)).context(PAGE)?, &output(&mut cargo(root, TELL))?)
+    compare(&fs::read_to_string(root.join(PAGE)).context(PAGE)?, &output(&mut cargo(root, PRINT))?)
 }
 
-fn compare(page: &str, told: &str) -> Result<()> {
-    let differing = (1..).zip(page.lines().zip(told.lines())).find(|(_, (page, told))| page != told);
-    let line = differing.map_or(1 + page.lines().count().min(told.lines().count()), |(line, _)| line);
-    ensure!(page == told, "{PAGE}:{line}: it is out of date; make it again with `cargo xtask settings`");
+fn compare(page: &str, printed: &str) -> Result<()> {
+    let differing = (1..).zip(page.lines().zip(printed.lines())).find(|(_, (page, printed))| page != printed);
+    let line = differing.map_or(1 + page.lines().count().min(printed.lines().count()), |(line, _)| line);
+    ensure!(page == printed, "{PAGE}:{line}: the page is out of date; run `cargo xtask settings`");
     Ok(())
 }
 
@@ -38,11 +38,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_page_is_out_of_date_from_the_first_line_that_differs() {
+    fn the_first_line_that_differs_is_reported() {
         assert!(compare("a\nb\n", "a\nb\n").is_ok());
         for (page, line) in [("a\nc\n", 2), ("a\n", 2), ("a\nb\nc\n", 3), ("", 1)] {
-            let told = compare(page, "a\nb\n").unwrap_err().to_string();
-            assert!(told.starts_with(&format!("{PAGE}:{line}: it is out of date")), "{page:?}: {told}");
+            let error = compare(page, "a\nb\n").unwrap_err().to_string();
+            assert!(
+                error.starts_with(&format!("{PAGE}:{line}: the page is out of date")),
+                "{page:?}: {error}"
+            );
         }
     }
 }

@@ -13,3 +13,4 @@ pub mod searches;
 pub mod targets;
 pub mod tasks;
 pub mod train;
+pub mod zoo;

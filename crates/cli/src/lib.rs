@@ -65,6 +65,7 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Falsify(command) => commands::falsify::run(command),
         Command::Replay(command) => commands::replay::run(command),
         Command::Render(command) => commands::render::run(command),
+        Command::Zoo(command) => commands::zoo::run(command),
         Command::Completions(command) => commands::completions::run(command),
         Command::Man(command) => commands::man::run(command),
     };

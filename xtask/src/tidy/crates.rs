@@ -124,7 +124,7 @@ fn problem(line: usize, what: String) -> Problem {
     Problem { path: PAGE.into(), line, what }
 }
 
-/// The line of the table's head, and its rows.
+/// Returns the line of the table's header, and its rows.
 fn table(text: &str) -> Result<(usize, Vec<Row>), Problem> {
     let mut lines = (1..).zip(text.lines()).skip_while(|(_, line)| cells(line) != COLUMNS);
     let Some((head, _)) = lines.next() else {

@@ -1,4 +1,4 @@
-//! Relative links in Markdown lead to files of the repository.
+//! Checks that relative links in Markdown lead to files of the repository.
 
 use super::{File, Problem, Tree};
 
@@ -7,7 +7,7 @@ pub fn check(tree: &Tree) -> Vec<Problem> {
     pages.flat_map(|page| links(page).filter_map(|(line, target)| broken(tree, page, line, target))).collect()
 }
 
-/// Every link of a page with its line, code left out.
+/// Returns every link of a page outside code, with its line.
 fn links(page: &File) -> impl Iterator<Item = (usize, &str)> {
     let mut in_code = false;
     (1..)
@@ -20,7 +20,7 @@ fn links(page: &File) -> impl Iterator<Item = (usize, &str)> {
         .flat_map(|(number, line)| targets(line).map(move |target| (number, target)))
 }
 
-/// What a line links to, inline (`[a](b)`), by definition (`[a]: b`) or in HTML (`src="b"`, `href="b"`).
+/// Returns the link targets of a line: inline (`[a](b)`), definitions (`[a]: b`) and HTML (`src="b"`, `href="b"`).
 fn targets(line: &str) -> impl Iterator<Item = &str> {
     // Odd pieces between backticks are code.
     let prose = line.split('`').step_by(2);
@@ -56,7 +56,7 @@ fn broken(tree: &Tree, page: &File, line: usize, target: &str) -> Option<Problem
     (!exists).then(|| Problem { path: page.path.clone(), line, what: what() })
 }
 
-/// A link of a page as a path from the root, which a `/` at its start means too; nothing if it leaves the repository.
+/// Returns the path of a link from the root, where a leading `/` also starts; `None` if it leaves the repository.
 fn resolve(page: &str, link: &str) -> Option<String> {
     let folder = page.rsplit_once('/').filter(|_| !link.starts_with('/')).map_or("", |(folder, _)| folder);
     let mut parts: Vec<&str> = Vec::new();
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn links_to_files_folders_anchors_and_pages_elsewhere_are_fine() {
+    fn links_to_files_folders_anchors_and_other_sites_are_accepted() {
         check_page(
             "[b](../b.md#part) ![x](../../book) [y](https://a.b/c) [z](#here) [l](../../LICENSE \"text\")",
             &[],
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_broken_link_is_named_with_its_line() {
+    fn a_broken_link_is_reported_with_its_line() {
         let no = |line, link, path| {
             format!("book/guide/a.md:{line}: links to `{link}`, but the repository has no {path}")
         };

@@ -1,4 +1,4 @@
-//! `cargo xtask tidy`: what the compiler does not check. Each check reads a [`Tree`] and returns what is wrong.
+//! `cargo xtask tidy`: checks that the compiler does not make. Each reads a [`Tree`] and returns problems.
 
 mod crates;
 mod links;
@@ -46,7 +46,7 @@ impl Tree {
         let names = output(Command::new("git").args(list).current_dir(root))?;
         let mut files: Vec<File> = names
             .split_terminator('\0')
-            .filter(|name| root.join(name).is_file()) // git lists a file that was deleted until it is told so
+            .filter(|name| root.join(name).is_file()) // git lists a deleted file until the deletion is staged
             .map(|name| {
                 let text = String::from_utf8(std::fs::read(root.join(name))?).unwrap_or_default();
                 Ok(File { path: name.to_owned(), text })

@@ -1,15 +1,15 @@
-//! Rules of the house about the text and the names of files.
+//! Rules about the text and the names of files.
 
 use std::path::Path;
 
 use super::{File, Problem, Tree};
 
-/// Text that must not stand in certain files.
+/// Text that certain files must not contain.
 struct Rule {
     applies: fn(path: &str) -> bool,
-    /// Split in two, so that this file keeps its own rules.
+    /// Split in two, so that this file passes its own rules.
     forbidden: &'static [(&'static str, &'static str)],
-    /// Whether a letter, digit, point or slash before the text makes it something else.
+    /// Whether the text must not follow a letter, digit, point or slash.
     is_whole_word: bool,
     why: &'static str,
 }
@@ -21,34 +21,34 @@ const RULES: &[Rule] = &[
         },
         forbidden: &[("/wo", "rk/"), ("/ro", "ot/"), ("/ho", "me/")],
         is_whole_word: true,
-        why: "is a path of one machine; name it from the repository's root",
+        why: "is a path of one machine; write it from the repository's root",
     },
     Rule {
         applies: |path| path.ends_with(".rs"),
         forbidden: &[("to", "do!("), ("unimple", "mented!(")],
         is_whole_word: true,
-        why: "is unfinished work; finish it or leave it out",
+        why: "is unfinished work; finish it or remove it",
     },
     Rule {
         applies: |path| path.ends_with(".rs"),
         forbidden: &[("#[ig", "nore")],
         is_whole_word: false,
-        why: "switches a test off; mend it, or assert what happens today and say why",
+        why: "disables a test; fix it, or assert the present result and say why",
     },
     Rule {
         applies: |path| path.ends_with(".rs") && !may_be_unsafe(path),
         forbidden: &[("allow(uns", "afe_code"), ("expect(uns", "afe_code")],
         is_whole_word: false,
-        why: "lets unsafe code in, which only crates/world may have",
+        why: "allows unsafe code, which only crates/world may contain",
     },
 ];
 
-/// The one crate that talks to C, and tests that count allocations, which takes an allocator of one's own.
+/// Returns whether unsafe code is allowed: in the crate that calls C, and in tests that count allocations.
 fn may_be_unsafe(path: &str) -> bool {
     path.starts_with("crates/world/") || (path.contains("/tests/") && path.ends_with("/allocations.rs"))
 }
 
-/// Names that say nothing about what is inside.
+/// Names that do not describe the content.
 const EMPTY_NAMES: [&str; 6] = ["utils", "util", "common", "helpers", "helper", "misc"];
 
 pub fn check(tree: &Tree) -> Vec<Problem> {
@@ -81,14 +81,14 @@ fn name(file: &File) -> Option<Problem> {
         .components()
         .filter_map(|part| Path::new(part.as_os_str()).file_stem()?.to_str())
         .find(|name| EMPTY_NAMES.contains(name))?;
-    let what = format!("the name `{empty}` says nothing; name what is inside");
+    let what = format!("the name `{empty}` does not describe the content");
     is_source.then(|| Problem { path: file.path.clone(), line: 1, what })
 }
 
-/// A package that does not take the workspace's lints escapes them all.
+/// Checks that a package inherits the workspace's lints.
 fn lints(file: &File) -> Option<Problem> {
     let is_package = file.path.ends_with("Cargo.toml") && file.text.contains("[package]");
-    let what = "takes no lints from the workspace; add `[lints]` with `workspace = true`".to_owned();
+    let what = "inherits no lints from the workspace; add `[lints]` with `workspace = true`".to_owned();
     (is_package && !file.text.contains("[lints]\nworkspace = true")).then(|| Problem {
         path: file.path.clone(),
         line: 1,
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn paths_of_a_machine_are_found_where_they_matter() {
+    fn absolute_paths_are_found_outside_golden_files() {
         let path = format!("a\nsee {}x/y", concat!("/wo", "rk/"));
         check_file("README.md", &path, &[2]);
         check_file("crates/stl/tests/golden/rtamt/a.json", &path, &[]);
@@ -120,13 +120,13 @@ mod tests {
     }
 
     #[test]
-    fn unfinished_and_switched_off_code_is_found() {
+    fn unfinished_code_and_disabled_tests_are_found() {
         check_file("src/a.rs", concat!("fn a() {\n    to", "do!()\n}\n#[ig", "nore = \"slow\"]\n"), &[2, 4]);
         check_file("src/a.rs", "// a list of things to do! (really)\n", &[]);
     }
 
     #[test]
-    fn unsafe_code_stays_in_its_places() {
+    fn unsafe_code_is_found_outside_its_crate() {
         let text = concat!("#![allow(uns", "afe_code)]");
         check_file("crates/stl/src/lib.rs", text, &[1]);
         check_file("crates/world/src/ffi.rs", text, &[]);
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_say_nothing_are_found() {
+    fn names_without_meaning_are_found() {
         check_file("crates/stl/src/utils.rs", "", &[1]);
         check_file("crates/stl/tests/common/mod.rs", "", &[1]);
         check_file("crates/stl/src/common_subformula.rs", "", &[]);
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn packages_take_the_lints_of_the_workspace() {
+    fn packages_inherit_the_lints_of_the_workspace() {
         check_file("crates/stl/Cargo.toml", "[package]\nname = \"a\"\n", &[1]);
         check_file("crates/stl/Cargo.toml", "[package]\n\n[lints]\nworkspace = true\n", &[]);
         check_file("Cargo.toml", "[workspace]\n", &[]);

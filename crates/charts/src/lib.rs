@@ -1,0 +1,114 @@
+//! Charts as SVG text: lines with bands, or bars, in panels that share a title and a legend.
+//!
+//! `plotters` draws them with its SVG backend alone, which loads no fonts, so the same chart gives the same bytes on every
+//! machine. The background is opaque: a chart looks the same on a light and on a dark page.
+//!
+//! # Example
+//! ```
+//! use mishandle_charts::{Axis, Chart, LegendEntry, Panel, Point, Series};
+//! let point = |x, y| Point { x, y, band: Some([y - 0.1, y + 0.1]) };
+//! let panel = Panel {
+//!     title: String::new(),
+//!     x: Axis::logarithmic("environment steps", [1e3, 1e5], vec![(1e3, "1 k".into()), (1e5, "100 k".into())]),
+//!     y: Axis::percent("success rate, %"),
+//!     series: vec![Series::line("#0072b2", vec![point(1e3, 0.2), point(1e5, 0.9)])],
+//! };
+//! let legend = vec![LegendEntry { label: "PPO".into(), color: "#0072b2" }];
+//! let chart = Chart {
+//!     title: "point-reaching".into(),
+//!     caption: "band: 95 % interval".into(),
+//!     legend,
+//!     columns: 1,
+//!     panel_size: [480, 270],
+//!     panels: vec![panel],
+//! };
+//! assert!(chart.svg().contains("success rate, %"));
+//! assert_eq!(chart.svg(), chart.svg());
+//! ```
+
+mod axis;
+mod draw;
+
+pub use axis::{Axis, Scale};
+
+/// Panels in rows, below a title, a legend and a caption.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chart {
+    /// Heading.
+    pub title: String,
+    /// Says what a line and its band are; empty for none.
+    pub caption: String,
+    /// What the colors mean.
+    pub legend: Vec<LegendEntry>,
+    /// Panels in a row, at least 1.
+    pub columns: usize,
+    /// Width and height of a panel with its labels, pixels.
+    pub panel_size: [u32; 2],
+    /// The panels, row by row.
+    pub panels: Vec<Panel>,
+}
+
+/// A color and its meaning.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LegendEntry {
+    /// The meaning.
+    pub label: String,
+    /// The color, as `#rrggbb`.
+    pub color: &'static str,
+}
+
+/// Axes and what is drawn between them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Panel {
+    /// Heading; empty for none.
+    pub title: String,
+    /// The horizontal axis.
+    pub x: Axis,
+    /// The vertical axis.
+    pub y: Axis,
+    /// Drawn in this order, later ones on top.
+    pub series: Vec<Series>,
+}
+
+/// Points of one color.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Series {
+    /// The color, as `#rrggbb`.
+    pub color: &'static str,
+    /// How the points are drawn.
+    pub mark: Mark,
+    /// The points, in ascending order of x.
+    pub points: Vec<Point>,
+}
+
+impl Series {
+    /// Returns a line through `points`, with a band where points have one.
+    pub fn line(color: &'static str, points: Vec<Point>) -> Series {
+        Series { color, mark: Mark::Line, points }
+    }
+
+    /// Returns a bar from 0 to each point.
+    pub fn bars(color: &'static str, points: Vec<Point>) -> Series {
+        Series { color, mark: Mark::Bar, points }
+    }
+}
+
+/// How the points of a series are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mark {
+    /// A line, with a band where points have one; a single point is a dot.
+    Line,
+    /// Bars, 0.8 wide in units of x.
+    Bar,
+}
+
+/// A point, in the units of the axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Horizontal position.
+    pub x: f64,
+    /// Vertical position.
+    pub y: f64,
+    /// Lower and upper end of the band.
+    pub band: Option<[f64; 2]>,
+}

@@ -1,0 +1,193 @@
+//! The controllers that come with the repository.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use mishandle::MishandleError;
+use mishandle::training::TrainingProgress;
+use mishandle_experiments::{
+    ExperimentError, LocalLaboratory, PlanEntry, Selection, TrainingState, Zoo, ZooFolder, ZooObserver,
+};
+use serde_json::{Value, json};
+
+use crate::args::{ZooCommand, ZooJobs, ZooSelection};
+use crate::output::{self, number};
+use crate::train_reporter::with_causes;
+use crate::{ExitStatus, args, interrupt};
+
+/// A training run reports its progress this often.
+const PROGRESS_PERIOD: Duration = Duration::from_secs(60);
+
+pub fn run(command: &args::Zoo) -> Result<ExitStatus> {
+    let root = mishandle::home().context(
+        "expected a clone of the repository around the program; name one in the environment variable MISHANDLE_HOME",
+    )?;
+    let laboratory = LocalLaboratory::new()?;
+    let reporter = Reporter::new();
+    let zoo = Zoo::new(ZooFolder::new(&root), &laboratory, &reporter, &interrupt::requested);
+    match &command.command {
+        ZooCommand::List { selection, json } => list(&selected(zoo, selection), *json),
+        ZooCommand::Train { selection, jobs } => finish(with_jobs(selected(zoo, selection), jobs)?.train()),
+        ZooCommand::Measure { selection, jobs, again, json } => {
+            let zoo = with_jobs(selected(zoo, selection), jobs)?;
+            let status = finish(zoo.measure(*again))?;
+            if *json && status == ExitStatus::Done {
+                output::json(Value::Array(
+                    zoo.entries()?.iter().map(|entry| document(&zoo, entry)).collect(),
+                ))?;
+            }
+            Ok(status)
+        }
+        ZooCommand::Import { folder, selection } => import(&selected(zoo, selection), folder),
+        ZooCommand::Tables => finish(zoo.write_pages()),
+    }
+}
+
+fn selected<'a>(zoo: Zoo<'a>, selection: &ZooSelection) -> Zoo<'a> {
+    let ZooSelection { only, seeds, adopt } = selection;
+    zoo.with_selection(Selection { only: only.clone(), seeds: seeds.clone() }).with_adoption(*adopt)
+}
+
+/// Sets the number of jobs, and makes signals end them after an iteration or a batch.
+fn with_jobs<'a>(zoo: Zoo<'a>, jobs: &ZooJobs) -> Result<Zoo<'a>> {
+    listen()?;
+    let all_cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    Ok(zoo.with_workers(jobs.jobs.map_or_else(all_cores, usize::from)))
+}
+
+fn listen() -> Result<()> {
+    interrupt::listen(|| output::message("saving checkpoints; press Ctrl-C again to end at once"), || {})
+}
+
+fn import(zoo: &Zoo<'_>, folder: &Path) -> Result<ExitStatus> {
+    listen()?;
+    finish(zoo.import(folder))
+}
+
+/// Turns an interruption into an exit status.
+fn finish(result: Result<(), ExperimentError>) -> Result<ExitStatus> {
+    match result {
+        Ok(()) => Ok(ExitStatus::Done),
+        Err(error @ (ExperimentError::Interrupted | ExperimentError::InterruptedWith { .. })) => {
+            output::message(&error.to_string());
+            Ok(ExitStatus::Interrupted)
+        }
+        // The hints of the program are for its own errors.
+        Err(ExperimentError::Mishandle(error)) => Err((*error).into()),
+        Err(error) => Err(error.into()),
+    }
+}
+
+fn list(zoo: &Zoo<'_>, as_json: bool) -> Result<ExitStatus> {
+    let entries = zoo.entries()?;
+    if as_json {
+        output::json(Value::Array(entries.iter().map(|entry| document(zoo, entry)).collect()))?;
+        return Ok(ExitStatus::Done);
+    }
+    for entry in &entries {
+        output::line(&line(zoo, entry))?;
+    }
+    let done = entries.iter().filter(|entry| entry.state == TrainingState::Done).count();
+    output::line(&format!("{done} of {} done", entries.len()))?;
+    Ok(ExitStatus::Done)
+}
+
+fn line(zoo: &Zoo<'_>, entry: &PlanEntry) -> String {
+    let is_trained = entry.state.reason().is_none() && entry.state != TrainingState::NoSettings;
+    let is_adopted = entry.summary.as_ref().is_some_and(|summary| summary.adopted);
+    let adopted = if is_trained && is_adopted { ", adopted" } else { "" };
+    let curve = if is_trained && !zoo.has_curve(entry) { ", no learning curve" } else { "" };
+    format!("{:<28} {}{adopted}{curve}", entry.training.name(), entry.state)
+}
+
+fn document(zoo: &Zoo<'_>, entry: &PlanEntry) -> Value {
+    let training = &entry.training;
+    let rate = |noise: usize| {
+        let evaluation = entry.record.as_ref()?.evaluation(noise)?;
+        evaluation.success_rate.value.map(number)
+    };
+    let steps = match entry.state {
+        TrainingState::Interrupted { steps, .. } => steps,
+        _ => None,
+    };
+    json!({
+        "task": training.task,
+        "algorithm": training.algorithm,
+        "seed": training.seed.to_string(),
+        "controller": training.controller(),
+        "state": entry.state.name(),
+        "reason": entry.state.reason(),
+        "checkpoint_environment_steps": steps,
+        "adopted": entry.summary.as_ref().is_some_and(|summary| summary.adopted),
+        "has_curve": zoo.has_curve(entry),
+        "success_rate": rate(0),
+        "success_rate_with_noise": rate(1),
+    })
+}
+
+/// Reports jobs on stderr, a line each with the seconds since the start.
+struct Reporter {
+    started: Instant,
+    /// When each training run last reported its progress.
+    reported: Mutex<BTreeMap<String, Instant>>,
+}
+
+impl Reporter {
+    fn new() -> Reporter {
+        Reporter { started: Instant::now(), reported: Mutex::default() }
+    }
+
+    fn say(&self, name: &str, words: &str) {
+        output::message(&format!("{:>6.0} s  {name}: {words}", self.started.elapsed().as_secs_f64()));
+    }
+
+    fn is_due(&self, name: &str) -> bool {
+        let now = Instant::now();
+        let mut reported = self.reported.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let is_due = reported.get(name).is_none_or(|last| now - *last >= PROGRESS_PERIOD);
+        if is_due {
+            reported.insert(name.to_string(), now);
+        }
+        is_due
+    }
+}
+
+impl ZooObserver for Reporter {
+    fn begins(&self, jobs: usize, workers: usize) {
+        output::message(&format!("{jobs} jobs, {workers} at a time"));
+    }
+
+    fn started(&self, name: &str, reason: &str) {
+        self.say(name, reason);
+    }
+
+    fn progress(&self, name: &str, progress: &TrainingProgress) {
+        if self.is_due(name) {
+            self.say(name, &progress.to_string());
+        }
+    }
+
+    fn warning(&self, name: &str, failure: &MishandleError) {
+        self.say(name, &format!("warning: {}; training continues and tries again", with_causes(failure)));
+    }
+
+    fn note(&self, name: &str, words: &str) {
+        output::message(&format!("{name}: {words}"));
+    }
+
+    fn ended(&self, name: &str, result: &Result<(), ExperimentError>) {
+        match result {
+            Ok(()) => self.say(name, "done"),
+            Err(error) => self.say(name, &format!("failed: {}", chain(error))),
+        }
+    }
+}
+
+/// An error with its causes, from the outside in.
+fn chain(error: &ExperimentError) -> String {
+    let causes: Vec<String> = anyhow::Chain::new(error).map(ToString::to_string).collect();
+    causes.join(": ")
+}

@@ -1,0 +1,47 @@
+//! The controller zoo: the trained controllers that come with the repository, and how they are kept up to date.
+//!
+//! - [`plan`](plan()) lists the training runs: a task, an algorithm, a seed.
+//! - A [`PlanEntry`] says whether a training run is done, and why not, from its settings, its record and its file.
+//! - A [`Zoo`] trains, measures, imports and writes the Markdown tables and the learning curves.
+//! - A [`Record`] holds everything known about one controller: `controllers/figures/TASK/CONTROLLER.json`.
+//!
+//! The command `mishandle zoo` is a thin layer above.
+
+mod bars;
+mod curve_charts;
+mod error;
+mod folder;
+mod intake;
+mod jobs;
+mod kept_curve;
+mod laboratory;
+mod measure;
+mod pages;
+mod paper;
+mod plan;
+mod plan_entry;
+mod provenance;
+mod record;
+mod selection;
+mod statistics;
+mod tables;
+mod train;
+mod zoo;
+
+pub use bars::{Rates, missed_bars, success_bar};
+pub use error::{CurveFileProblem, ExperimentError, PageProblem};
+pub use folder::ZooFolder;
+pub use jobs::JobOutcome;
+pub use kept_curve::{KeptCurve, KeptRow};
+pub use laboratory::{BenchmarkTask, Laboratory, LocalLaboratory, Subject};
+pub use measure::{CAMPAIGN_TRIALS, EVALUATION_EPISODES, EVALUATION_SEED, NOISE_LEVELS};
+pub use paper::{PaperPerformance, paper_performance, paper_training_time};
+pub use plan::{SHIPPED_SEED, Training, algorithms, plan, seeds};
+pub use plan_entry::{PlanEntry, TrainingState};
+pub use provenance::{Difference, Expected, TrainingSummary, TrainingTime};
+pub use record::{
+    Conditions, EstimateRecord, EvaluationRecord, FalsificationRecord, Measurement, Record, TrialRecord,
+};
+pub use selection::Selection;
+pub use statistics::{interquartile_mean, interquartile_mean_interval};
+pub use zoo::{Zoo, ZooObserver};

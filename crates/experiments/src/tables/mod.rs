@@ -1,0 +1,240 @@
+//! The tables of README.md, docs/tasks.md and controllers/README.md, from the records.
+
+mod seeds;
+mod summary;
+mod training;
+
+use crate::folder::ZooFolder;
+use crate::pages::replace;
+use crate::{
+    BenchmarkTask, EVALUATION_EPISODES, EstimateRecord, EvaluationRecord, ExperimentError, NOISE_LEVELS,
+    PaperPerformance, PlanEntry, Rates, Record, SHIPPED_SEED, TrainingState, algorithms, missed_bars,
+    paper_performance,
+};
+
+/// An empty cell.
+const NOTHING: &str = "-";
+
+/// A cell for something that the plan has and nobody has run.
+const NOT_RUN: &str = "not run";
+
+/// The page of the shipped controllers.
+const PAGE: &str = "controllers/README.md";
+
+/// Width of a task's picture in README.md: four fit into a row.
+const PICTURE_WIDTH: &str = "24%";
+
+/// Everything that the tables show.
+pub(crate) struct Shown<'a> {
+    pub folder: &'a ZooFolder,
+    /// The tasks of the benchmark, in their order.
+    pub tasks: &'a [BenchmarkTask],
+    /// All training runs of the plan.
+    pub entries: &'a [PlanEntry],
+    /// The records of the experts.
+    pub experts: &'a [Record],
+}
+
+impl Shown<'_> {
+    fn names(&self) -> impl Iterator<Item = &str> {
+        self.tasks.iter().map(|task| task.name.as_str())
+    }
+
+    /// Returns a training run of the plan with its record, if it has one.
+    fn recorded(&self, task: &str, algorithm: &str, seed: u64) -> Option<(&PlanEntry, &Record)> {
+        let is_it = |entry: &&PlanEntry| {
+            let training = &entry.training;
+            (training.task.as_str(), training.algorithm.as_str(), training.seed) == (task, algorithm, seed)
+        };
+        let entry = self.entries.iter().find(is_it)?;
+        Some((entry, entry.record.as_ref()?))
+    }
+
+    fn expert(&self, task: &str) -> Option<&Record> {
+        self.experts.iter().find(|record| record.task == task)
+    }
+}
+
+/// Writes all tables, and shows the charts of the tasks in `drawn`.
+///
+/// # Errors
+/// If a page cannot be read or written, or has no place for a table.
+pub(crate) fn write(shown: &Shown<'_>, drawn: &[String]) -> Result<(), ExperimentError> {
+    replace(&shown.folder.path("README.md"), "pictures", &pictures(shown))?;
+    replace(&shown.folder.path("docs/tasks.md"), "tasks", &tasks(shown))?;
+    for (name, text) in [
+        ("summary", summary::table(shown)),
+        ("controllers", performance(shown, 0)),
+        ("noise", performance(shown, 1)),
+        ("training", training::table(shown)?),
+        ("seeds", seeds::table(shown)),
+        ("further-seeds", training::further_seeds(shown)),
+        ("curves", curves(drawn)),
+    ] {
+        replace(&shown.folder.path(PAGE), name, &text)?;
+    }
+    Ok(())
+}
+
+/// The pictures of the tasks, which `cargo xtask pictures` draws.
+fn pictures(shown: &Shown<'_>) -> String {
+    let picture = |name: &str| {
+        format!("<img src=\"docs/tasks/{name}.png\" width=\"{PICTURE_WIDTH}\" alt=\"{name}\">\n")
+    };
+    shown.names().map(picture).collect()
+}
+
+/// One row per task: its formula, the expert's success rates and those of the shipped PPO.
+fn tasks(shown: &Shown<'_>) -> String {
+    let mut table = String::from(
+        "| task | success | expert: SR | strict | PPO: SR | SR, noise 0.5 | strict | broken, noise 0.5 |\n\
+         |---|---|--:|--:|--:|--:|--:|--:|\n",
+    );
+    for BenchmarkTask { name, formulas, .. } in shown.tasks {
+        let ppo = shown.recorded(name, "ppo", SHIPPED_SEED);
+        let rate = |record: Option<&Record>, noise: usize, rate: Rate| {
+            record.map_or(NOTHING.to_string(), |record| percent(value(record, noise, rate), 1))
+        };
+        let of_ppo = |noise: usize, of: Rate| rate(ppo.map(|(_, record)| record), noise, of);
+        table += &format!(
+            "| `{name}` | `{}` | {} | {} | {} | {} | {} | {} |\n",
+            formulas[0],
+            rate(shown.expert(name), 0, success),
+            rate(shown.expert(name), 0, strict),
+            of_ppo(0, success),
+            of_ppo(1, success),
+            of_ppo(0, strict),
+            ppo.map_or(NOTHING.to_string(), |(entry, record)| broken(entry, record)),
+        );
+    }
+    table
+}
+
+/// The measurements of the shipped controllers and the experts at one noise level.
+fn performance(shown: &Shown<'_>, noise: usize) -> String {
+    let mut table = format!(
+        "{EVALUATION_EPISODES} starts, action noise of standard deviation {}.\n\n\
+         | task | controller | SR | strict SR | DBR | TCT | paper: SR | paper: DBR | paper: TCT | {} | commit |\n\
+         |---|---|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
+        NOISE_LEVELS[noise],
+        if noise == 0 { "misses" } else { "broken" },
+    );
+    for task in shown.names() {
+        for algorithm in algorithms() {
+            match shown.recorded(task, algorithm, SHIPPED_SEED) {
+                Some((entry, record)) => {
+                    let last = if noise == 0 { remarks(entry, record) } else { broken(entry, record) };
+                    table += &rows(record, algorithm, noise, &last);
+                }
+                None => table += &format!("| `{task}` | `{algorithm}` | {NOT_RUN} | | | | | | | | |\n"),
+            }
+        }
+        if let Some(expert) = shown.expert(task) {
+            table += &rows(expert, "expert", noise, if noise == 0 { "" } else { NOTHING });
+        }
+    }
+    table
+}
+
+/// Returns in how many trials random search found a violation of the success formula under noise.
+fn broken(entry: &PlanEntry, record: &Record) -> String {
+    match &record.falsification {
+        _ if !entry.training.is_falsified() => NOTHING.to_string(),
+        Some(found) => format!("{} of {}", found.falsified_trials, found.trials.len()),
+        None => NOT_RUN.to_string(),
+    }
+}
+
+/// A controller's row, and one for the whole box if that has other starts.
+fn rows(record: &Record, algorithm: &str, noise: usize, last: &str) -> String {
+    let paper = paper_performance(&record.task, algorithm).map(|found| found[noise]);
+    let of_paper = |number: fn(PaperPerformance) -> f64, decimals: usize| {
+        paper.map_or(NOTHING.to_string(), |paper| format!("{:.decimals$}", number(paper)))
+    };
+    let mut rows = format!(
+        "| `{}` | `{algorithm}` | {} | {} | {} | {} | {last} | {} |\n",
+        record.task,
+        figures(record.evaluation(noise)),
+        of_paper(|paper| paper.success, 0),
+        of_paper(|paper| paper.danger, 2),
+        of_paper(|paper| paper.completion, 1),
+        record.commit,
+    );
+    if let Some(whole) = record.whole_box_evaluation(noise) {
+        let figures = figures(Some(whole));
+        rows += &format!("| `{}` | `{algorithm}`, whole box | {figures} | | | | | |\n", record.task);
+    }
+    rows
+}
+
+/// One of the averages of an evaluation.
+type Rate = fn(&EvaluationRecord) -> &EstimateRecord;
+
+fn success(evaluation: &EvaluationRecord) -> &EstimateRecord {
+    &evaluation.success_rate
+}
+
+fn strict(evaluation: &EvaluationRecord) -> &EstimateRecord {
+    &evaluation.strict_success_rate
+}
+
+fn value(record: &Record, noise: usize, rate: Rate) -> Option<f64> {
+    rate(record.evaluation(noise)?).value
+}
+
+/// The four averages of an evaluation with their intervals, as cells.
+fn figures(evaluation: Option<&EvaluationRecord>) -> String {
+    let cell = |of: Rate, show: &dyn Fn(Option<f64>) -> String| {
+        let estimate = evaluation.map(|evaluation| *of(evaluation)).unwrap_or_default();
+        match (estimate.low, estimate.high) {
+            (Some(low), Some(high)) => {
+                format!("{} [{}, {}]", show(estimate.value), show(Some(low)), show(Some(high)))
+            }
+            _ => show(estimate.value),
+        }
+    };
+    [
+        cell(success, &|value| percent(value, 1)),
+        cell(strict, &|value| percent(value, 1)),
+        cell(|evaluation| &evaluation.dangerous_behavior_rate, &|value| percent(value, 2)),
+        cell(|evaluation| &evaluation.task_completion_time, &|value| decimal(value, 1)),
+    ]
+    .join(" | ")
+}
+
+/// Returns the bars that a controller misses, and what is out of date.
+fn remarks(entry: &PlanEntry, record: &Record) -> String {
+    let mut remarks = missed(entry, record);
+    match &entry.state {
+        TrainingState::NeedsTraining { reason } | TrainingState::Interrupted { reason, .. } => {
+            remarks.push(format!("out of date ({reason})"));
+        }
+        TrainingState::NeedsMeasurement => remarks.push("measurement out of date".to_string()),
+        TrainingState::NoSettings => remarks.push("no settings file".to_string()),
+        TrainingState::Done | TrainingState::NeedsFalsification => {}
+    }
+    remarks.join("; ")
+}
+
+/// Returns the bars that a controller misses.
+fn missed(entry: &PlanEntry, record: &Record) -> Vec<String> {
+    let rate = |noise: usize, rate: Rate| value(record, noise, rate).map_or(0.0, |rate| 100.0 * rate);
+    let rates = Rates { success: [rate(0, success), rate(1, success)], strict: rate(0, strict) };
+    missed_bars(&record.task, &entry.training.algorithm, rates)
+}
+
+fn curves(drawn: &[String]) -> String {
+    if drawn.is_empty() {
+        return "No training run has a curve yet.".to_string();
+    }
+    drawn.iter().map(|task| format!("![learning curves of {task}](curves/{task}.svg)\n")).collect()
+}
+
+/// A share in percent.
+fn percent(value: Option<f64>, decimals: usize) -> String {
+    decimal(value.map(|value| 100.0 * value), decimals)
+}
+
+fn decimal(value: Option<f64>, decimals: usize) -> String {
+    value.map_or(NOTHING.to_string(), |value| format!("{value:.decimals$}"))
+}
