@@ -37,8 +37,8 @@ impl MishandleError {
                 }
                 _ => None,
             },
-            MishandleError::Search(SearchError::UnknownOption { name: wanted, known, .. }) => {
-                suggest(wanted, known.iter().map(String::as_str))
+            MishandleError::Search(SearchError::UnknownOption { name, known, .. }) => {
+                suggest(name, known.iter().map(String::as_str))
             }
             MishandleError::Rollout(RolloutError::Monitor { source, .. }) => source.hint(),
             _ => None,

@@ -62,10 +62,10 @@ class Value(DeterministicMixin, Model):
         self.network = layers(inputs, hidden, 1)
 
     def compute(self, inputs, role=""):
-        seen = inputs["states"]
+        observation = inputs["states"]
         if self.of_actions:
-            seen = torch.cat([seen, inputs["taken_actions"]], dim=1)
-        return self.network(seen), {}
+            observation = torch.cat([observation, inputs["taken_actions"]], dim=1)
+        return self.network(observation), {}
 
 
 def models(algorithm, settings, spaces):
@@ -88,20 +88,20 @@ def models(algorithm, settings, spaces):
 
 def config(algorithm, settings):
     """What differs from skrl's defaults, in skrl's terms."""
-    told = {"experiment": {"write_interval": 0, "checkpoint_interval": 0}}
+    options = {"experiment": {"write_interval": 0, "checkpoint_interval": 0}}
     names = {"gamma": "discount_factor", "initial_temperature": "initial_entropy_value"}
-    told |= {theirs: settings[ours] for ours, theirs in names.items() if ours in settings}
+    options |= {theirs: settings[ours] for ours, theirs in names.items() if ours in settings}
     if "exploration_std" in settings:
         std, decay = settings["exploration_std"][0], settings["exploration_decay"]
-        told["exploration"] = {
+        options["exploration"] = {
             "noise": GaussianNoise(0.0, std, "cpu"),
             "initial_scale": 1.0,
             "final_scale": decay["share"],
             "timesteps": decay["steps"] // settings["episodes"]["environments"],
         }
     if "smoothing_std" in settings:
-        told["smooth_regularization_noise"] = GaussianNoise(0.0, settings["smoothing_std"], "cpu")
-    return told
+        options["smooth_regularization_noise"] = GaussianNoise(0.0, settings["smoothing_std"], "cpu")
+    return options
 
 
 def train(algorithm, env, settings, total_steps):

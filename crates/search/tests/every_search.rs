@@ -339,7 +339,7 @@ fn known_optima_are_approached_within_the_budget() {
         for seed in 0..10 {
             let mut search = make(name, 2, seed);
             trace(&mut *search, function.at, 300, 1);
-            let (_, found) = search.best().expect("values were told");
+            let (_, found) = search.best().expect("values were reported");
             let gap = found - function.minimum;
             assert!((0.0..=tolerance).contains(&gap), "{name} on {}, seed {seed}: gap {gap}", function.name);
         }
@@ -352,7 +352,7 @@ fn dual_annealing_finds_global_minima() {
     for function in FUNCTIONS {
         let mut search = make("dual-annealing", 2, 1);
         trace(&mut *search, function.at, 12_000, 1);
-        let (_, found) = search.best().expect("values were told");
+        let (_, found) = search.best().expect("values were reported");
         let gap = found - function.minimum;
         assert!((-1e-12..=1e-3).contains(&gap), "{}: gap {gap}", function.name);
     }

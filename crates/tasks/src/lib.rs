@@ -83,7 +83,7 @@ pub fn tasks() -> Vec<&'static dyn Task> {
     TASKS.iter().chain(added.iter()).copied().collect()
 }
 
-/// Returns the task with this name; `None` if there is none.
+/// Returns the task with this name, if it exists.
 ///
 /// # Example
 /// ```

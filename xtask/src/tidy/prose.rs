@@ -3,12 +3,23 @@
 use super::{File, Problem, Tree};
 
 /// A phrase that must not occur in sources and Markdown, and a plain replacement. Words are compared whole and without
-/// case. The spaces are written as `_`, so that this file passes its own check.
+/// case. This file itself is not checked.
 const PHRASES: &[(&str, &str)] = &[
+    ("begun", "started"),
+    ("tells", "reports, or shows"),
+    ("told", "reported, or received"),
+    ("wanted", "expected, or required"),
+    ("goes_on", "continues"),
+    ("carry_on", "resume"),
+    ("asked_for", "requested"),
+    ("as_yet", "so far"),
+    ("in_the_end", "finally"),
+    ("gives_back", "returns"),
+    ("anew", "again"),
+    ("with_profit", "usefully"),
     ("hangs_on", "depends on"),
     ("hang_on", "depend on"),
     ("becomes_of", "happens to"),
-    ("is_none", "does not exist"),
     ("there_is_none", "it does not exist"),
     ("that_which", "what"),
     ("for_ever", "permanently"),
@@ -17,65 +28,60 @@ const PHRASES: &[(&str, &str)] = &[
     ("is_otherwise", "differs"),
     ("is_to_be", "must be, or will be"),
     ("are_to_be", "must be, or will be"),
-    ("was_begun", "was started"),
-    ("is_begun", "is started"),
-    ("not_begun", "not started"),
-    ("is_told", "receives, or is reported"),
-    ("are_told", "receive, or are reported"),
-    ("was_told", "received, or was reported"),
-    ("told_by", "reported by"),
-    ("told_to", "reported to"),
-    ("tells_the", "reports, or shows, the"),
-    ("tells_how", "reports how"),
-    ("tells_what", "reports what"),
-    ("tells_whether", "reports whether"),
     ("has_to_be", "must be"),
     ("have_to_be", "must be"),
     ("step_length", "learning rate, or step size"),
-    ("never-ending", "auto-resetting"),
     ("the_field_of", "the column of"),
 ];
 
-/// The begin of a spelling that is not American, and the American one, split so that this file passes its own check. The
-/// first is found inside identifiers too.
-const SPELLINGS: &[([&str; 2], &str)] = &[
-    (["behavi", "our"], "behavior"),
-    (["col", "our"], "color"),
-    (["neighb", "our"], "neighbor"),
-    (["fav", "our"], "favor"),
-    (["cen", "tre"], "center"),
-    (["millime", "tre"], "millimeter"),
-    (["centime", "tre"], "centimeter"),
-    (["normal", "is"], "normaliz-"),
-    (["initial", "is"], "initializ-"),
-    (["optim", "is"], "optimiz-"),
-    (["minim", "is"], "minimiz-"),
-    (["maxim", "is"], "maximiz-"),
-    (["standard", "is"], "standardiz-"),
-    (["general", "is"], "generaliz-"),
-    (["vector", "is"], "vectoriz-"),
-    (["factor", "is"], "factoriz-"),
-    (["serial", "is"], "serializ-"),
-    (["parameter", "is"], "parameteriz-"),
-    (["random", "is"], "randomiz-"),
-    (["discret", "is"], "discretiz-"),
-    (["material", "is"], "materializ-"),
-    (["misspe", "lt"], "misspelled"),
-    (["lear", "nt"], "learned"),
-    (["label", "led"], "labeled"),
-    (["travel", "led"], "traveled"),
-    (["cancel", "led"], "canceled"),
-    (["licen", "ce"], "license"),
+/// The begin of a spelling that is not American, and the American one, found inside identifiers too.
+const SPELLINGS: &[(&str, &str)] = &[
+    ("behaviour", "behavior"),
+    ("colour", "color"),
+    ("neighbour", "neighbor"),
+    ("favour", "favor"),
+    ("centre", "center"),
+    ("millimetre", "millimeter"),
+    ("centimetre", "centimeter"),
+    ("normalis", "normaliz-"),
+    ("initialis", "initializ-"),
+    ("optimis", "optimiz-"),
+    ("minimis", "minimiz-"),
+    ("maximis", "maximiz-"),
+    ("standardis", "standardiz-"),
+    ("generalis", "generaliz-"),
+    ("vectoris", "vectoriz-"),
+    ("factoris", "factoriz-"),
+    ("serialis", "serializ-"),
+    ("parameteris", "parameteriz-"),
+    ("randomis", "randomiz-"),
+    ("discretis", "discretiz-"),
+    ("materialis", "materializ-"),
+    ("misspelt", "misspelled"),
+    ("learnt", "learned"),
+    ("labelled", "labeled"),
+    ("travelled", "traveled"),
+    ("cancelled", "canceled"),
+    ("licence", "license"),
+];
+
+/// Files with reward terms in an older spelling. The terms enter the task hash, which controllers and runs record.
+const HASHED_TEXTS: [&str; 4] = [
+    "crates/tasks/src/ball_balancing/mod.rs",
+    "crates/tasks/src/cloth_placing/mod.rs",
+    "crates/tasks/src/cube_stacking/mod.rs",
+    "crates/tasks/src/peg_in_hole/reward.rs",
 ];
 
 pub fn check(tree: &Tree) -> Vec<Problem> {
     tree.files.iter().filter(|file| is_prose(&file.path)).flat_map(check_file).collect()
 }
 
-/// Sources and Markdown. Golden files hold the output of other programs.
+/// Sources and Markdown, except golden files, which hold the output of other programs, and this file.
 fn is_prose(path: &str) -> bool {
     [".rs", ".md", ".py", ".toml", ".sh"].iter().any(|ending| path.ends_with(ending))
         && !path.contains("/golden/")
+        && path != "xtask/src/tidy/prose.rs"
 }
 
 fn check_file(file: &File) -> impl Iterator<Item = Problem> {
@@ -86,8 +92,9 @@ fn check_file(file: &File) -> impl Iterator<Item = Problem> {
             has_words(&text, &phrase).then(|| format!("`{phrase}`: write `{replacement}`"))
         });
         let spellings = SPELLINGS.iter().filter_map(|(spelling, american)| {
-            let spelling = spelling.concat();
-            text.contains(&spelling).then(|| format!("`{spelling}`: write `{american}` (American spelling)"))
+            let is_hashed = HASHED_TEXTS.contains(&file.path.as_str());
+            (text.contains(spelling) && !is_hashed)
+                .then(|| format!("`{spelling}`: write `{american}` (American spelling)"))
         });
         let found: Vec<String> = phrases.chain(spellings).collect();
         found.into_iter().map(move |what| Problem { path: file.path.clone(), line, what })
@@ -114,23 +121,21 @@ mod tests {
 
     #[test]
     fn a_phrase_is_found_as_whole_words_in_any_case() {
-        let text = concat!("It Hangs", " on the seed.");
+        let text = "It Hangs on the seed.";
         check_text("docs/a.md", text, &["docs/a.md:1: `hangs on`: write `depends on`"]);
-        check_text("docs/a.md", concat!("It overhangs", " one side."), &[]);
+        check_text("docs/a.md", "It overhangs one side.", &[]);
     }
 
     #[test]
     fn a_spelling_is_found_inside_identifiers() {
-        let text = concat!("// fine\nfn run_normal", "iser() {}");
-        let problem =
-            format!("src/a.rs:2: `{0}`: write `normaliz-` (American spelling)", concat!("normal", "is"));
-        check_text("src/a.rs", text, &[&problem]);
+        let text = "// fine\nfn run_normaliser() {}";
+        check_text("src/a.rs", text, &["src/a.rs:2: `normalis`: write `normaliz-` (American spelling)"]);
         check_text("src/a.rs", "let center = normalize(color);", &[]);
     }
 
     #[test]
     fn data_of_other_programs_is_not_checked() {
-        check_text("crates/stl/tests/golden/a.md", concat!("cen", "tre"), &[]);
-        check_text("controllers/a.json", concat!("cen", "tre"), &[]);
+        check_text("crates/stl/tests/golden/a.md", "centre", &[]);
+        check_text("controllers/a.json", "centre", &[]);
     }
 }

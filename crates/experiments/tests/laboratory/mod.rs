@@ -86,7 +86,7 @@ impl FakeLaboratory {
         self.leaves_out_starts = true;
     }
 
-    /// What was done so far, a line each.
+    /// Actions so far, one line each.
     pub fn calls(&self) -> Vec<String> {
         self.calls.lock().unwrap().clone()
     }

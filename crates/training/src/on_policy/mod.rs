@@ -44,7 +44,7 @@ pub(crate) trait PolicyOptimizer: Sized + 'static {
         iteration: u64,
     ) -> Result<UpdateStatistics, &'static str>;
 
-    /// Saves the state besides policy and critic to a checkpoint; by default there is none.
+    /// Saves the state besides policy and critic to a checkpoint; by default no state.
     fn save(&self, _checkpoint: &mut Checkpoint) {}
 
     /// Restores the state from a checkpoint.

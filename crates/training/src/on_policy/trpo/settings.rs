@@ -89,7 +89,7 @@ choice! {
 choice! {
     /// Expected improvement of a shortened step.
     pub enum ExpectedImprovement {
-        /// Proportional to the step length.
+        /// Proportional to the step size.
         Proportional = "proportional",
         /// The formula of skrl 0.10.2: the improvement of the full step times the product of all fractions tried so far (½,
         /// ⅛, 1/64 …), so that the condition becomes weaker with each step.
