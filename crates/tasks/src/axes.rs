@@ -328,7 +328,7 @@ impl Push {
     pub(crate) fn new(components: &[f64]) -> Option<Push> {
         let [start, duration, x, y, z] = *components else { return None };
         let force = [x, y, z];
-        (force != [0.0; 3]).then(|| Push { start, end: start + duration, force })
+        (force != [0.0; 3]).then_some(Push { start, end: start + duration, force })
     }
 
     /// Returns the mean force over the physics step from `time` to `time + step`, s. The push may cover a part of the

@@ -68,7 +68,7 @@ mod tests {
                     check_differs(key, stated, default);
                 }
                 (value, default) => {
-                    assert!(Some(value) != default, "{within}: {value} is the default of `{key}`")
+                    assert!(Some(value) != default, "{within}: {value} is the default of `{key}`");
                 }
             }
         }
