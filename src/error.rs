@@ -106,7 +106,7 @@ pub enum MishandleError {
         number: u32,
     },
     /// The plan lacks the table of the command.
-    #[error("cannot {table}: the plan has no table [{table}]; was the run made by another command?")]
+    #[error("cannot {table}: the plan has no table [{table}]; resume a run with the command that made it")]
     MissingPlanTable {
         /// Name of the missing table.
         table: &'static str,

@@ -195,7 +195,7 @@ static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
     format!("Training algorithm: {}", names.join(", "))
 });
 
-/// Trains a controller
+/// Train a controller
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle train point-reaching --algorithm ppo --out my_controller.safetensors
@@ -217,7 +217,7 @@ pub struct Train {
     pub task: String,
     #[arg(long, default_value = "ppo", help = ALGORITHM_HELP.as_str())]
     pub algorithm: String,
-    /// Total number of environment steps (control steps of all parallel environments), as 1e6 or 1_000_000; rounded up to
+    /// Total number of environment steps (control steps of all parallel environments), such as 1e6; rounded up to
     /// whole iterations [default: run.total_steps of the settings]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u64>)]
     pub steps: Option<u64>,
@@ -247,7 +247,7 @@ pub struct Train {
     pub run: Run,
 }
 
-/// Shows the training time of a curve written by `train --csv`: when the return converged
+/// Show the training time of a curve written by `train --csv`: when the return converged
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle curve curve.csv
@@ -259,7 +259,7 @@ pub struct Curve {
     /// Number of parallel environments of the training run
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = environments)]
     pub environments: Option<NonZeroUsize>,
-    /// One JSON document on stdout
+    /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
 }

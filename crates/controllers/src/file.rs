@@ -5,6 +5,7 @@
 //! text under the key `mishandle` of the file's metadata. Squashed policies are written as format version 3, others
 //! as version 2.
 
+use std::io;
 use std::path::Path;
 
 use mishandle_files::write_atomically;
@@ -131,8 +132,14 @@ impl ControllerFile {
     /// # Errors
     /// If the file cannot be read, is not a controller, is damaged, contains NaN, or was written by a newer program.
     pub fn load(path: &Path) -> Result<ControllerFile, ControllerError> {
-        let bytes = std::fs::read(path)
-            .map_err(|source| ControllerError::Read { source, path: path.to_path_buf() })?;
+        let read = || match path.is_dir() {
+            true => Err(io::Error::new(
+                io::ErrorKind::IsADirectory,
+                "expected a .safetensors file, found a directory",
+            )),
+            false => std::fs::read(path),
+        };
+        let bytes = read().map_err(|source| ControllerError::Read { source, path: path.to_path_buf() })?;
         Self::from_bytes(&bytes)
             .map_err(|problem| ControllerError::File { problem, path: path.to_path_buf() })
     }

@@ -7,7 +7,6 @@
 //!
 //! The command `mishandle zoo` is a thin layer above.
 
-mod bars;
 mod curve_charts;
 mod error;
 mod folder;
@@ -25,10 +24,10 @@ mod record;
 mod selection;
 mod statistics;
 mod tables;
+mod thresholds;
 mod train;
 mod zoo;
 
-pub use bars::{Rates, missed_bars, success_bar};
 pub use error::{CurveFileProblem, ExperimentError, PageProblem};
 pub use folder::ZooFolder;
 pub use jobs::JobOutcome;
@@ -44,4 +43,5 @@ pub use record::{
 };
 pub use selection::Selection;
 pub use statistics::{interquartile_mean, interquartile_mean_interval};
+pub use thresholds::{Rates, missed_thresholds, success_threshold};
 pub use zoo::{Zoo, ZooObserver};

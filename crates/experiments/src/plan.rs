@@ -23,8 +23,8 @@ const GROUPS: [Group; 4] = [
     Group { algorithms: Some(&["sac", "td3", "ddpg"]), seeds: 1..=2 },
 ];
 
-/// What controllers must reach without noise, percent: [`bars`](super::bars) combines it with the paper's results.
-pub(crate) struct Bars {
+/// What controllers must reach without noise, percent: [`thresholds`](super::thresholds) combines it with the paper's results.
+pub(crate) struct Thresholds {
     /// Least success rate of PPO and TRPO, which the paper reports; at least the paper's.
     pub on_policy: f64,
     /// Least success rate of the other algorithms.
@@ -34,9 +34,9 @@ pub(crate) struct Bars {
     pub strict_algorithm: &'static str,
 }
 
-/// The bars of all tasks.
-pub(crate) const BARS: Bars =
-    Bars { on_policy: 95.0, off_policy: 90.0, strict: 90.0, strict_algorithm: "ppo" };
+/// The thresholds of all tasks.
+pub(crate) const THRESHOLDS: Thresholds =
+    Thresholds { on_policy: 95.0, off_policy: 90.0, strict: 90.0, strict_algorithm: "ppo" };
 
 impl Group {
     fn algorithms(&self) -> Vec<&'static str> {

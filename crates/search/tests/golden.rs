@@ -232,7 +232,8 @@ fn the_local_search_proposes_the_points_of_scipy() {
                 search.tell(u, &value.value().into()).expect("a pending point");
             }
         }
-        let finish = search.finished().unwrap_or_else(|| panic!("{name} continues after {}", run.points.len()));
+        let finish =
+            search.finished().unwrap_or_else(|| panic!("{name} continues after {}", run.points.len()));
         let Some(result) = run.result else {
             assert_eq!(finish, SearchEnd::Abnormal, "{name}");
             continue;

@@ -1,5 +1,6 @@
 use anyhow::Result;
 use mishandle::controllers::ControllerFile;
+use mishandle::training::AlgorithmSettings;
 use serde_json::{Value, json};
 
 use crate::output::{self, number, table};
@@ -73,5 +74,14 @@ fn page(file: &ControllerFile) -> String {
     let rows: Vec<Vec<String>> = rows.map(|(name, value)| vec![name.to_string(), value]).to_vec();
     // Written as comments, so that the page is a valid settings file.
     let facts: String = table(&rows).lines().map(|line| format!("# {line}\n")).collect();
-    format!("{facts}\n{}", training.settings.trim_end())
+    format!("{facts}\n{}", settings(file).trim_end())
+}
+
+/// Returns the settings under their present keys; as the file has them if this program cannot read them.
+fn settings(file: &ControllerFile) -> String {
+    let text = &file.header.training.settings;
+    match AlgorithmSettings::from_toml(&file.header.algorithm, text) {
+        Some(Ok(settings)) => settings.to_toml(),
+        _ => text.clone(),
+    }
 }

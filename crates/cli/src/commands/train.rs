@@ -35,7 +35,10 @@ pub fn run(command: &args::Train) -> Result<ExitStatus> {
     if let Some(steps) =
         plan.steps.filter(|steps| !report.stopped_early() && result.environment_steps > *steps)
     {
-        output::message(&format!("--steps {steps} was rounded up to whole iterations"));
+        output::message(&format!(
+            "--steps {steps} was rounded up to {} (whole iterations)",
+            result.environment_steps
+        ));
     }
     if reporter.iterations == 0 {
         output::message("nothing left to do: the training was already finished");

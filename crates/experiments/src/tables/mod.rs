@@ -8,7 +8,7 @@ use crate::folder::ZooFolder;
 use crate::pages::replace;
 use crate::{
     BenchmarkTask, EVALUATION_EPISODES, EstimateRecord, EvaluationRecord, ExperimentError, NOISE_LEVELS,
-    PaperPerformance, PlanEntry, Rates, Record, SHIPPED_SEED, TrainingState, algorithms, missed_bars,
+    PaperPerformance, PlanEntry, Rates, Record, SHIPPED_SEED, TrainingState, algorithms, missed_thresholds,
     paper_performance,
 };
 
@@ -87,7 +87,7 @@ fn pictures(shown: &Shown<'_>) -> String {
 /// One row per task: its formula, the expert's success rates and those of the shipped PPO.
 fn tasks(shown: &Shown<'_>) -> String {
     let mut table = String::from(
-        "| task | success | expert: SR | strict | PPO: SR | SR, noise 0.5 | strict | broken, noise 0.5 |\n\
+        "| task | success | expert: SR | strict | PPO: SR | SR, noise 0.5 | strict | falsified trials, noise 0.5 |\n\
          |---|---|--:|--:|--:|--:|--:|--:|\n",
     );
     for BenchmarkTask { name, formulas, .. } in shown.tasks {
@@ -104,7 +104,7 @@ fn tasks(shown: &Shown<'_>) -> String {
             of_ppo(0, success),
             of_ppo(1, success),
             of_ppo(0, strict),
-            ppo.map_or(NOTHING.to_string(), |(entry, record)| broken(entry, record)),
+            ppo.map_or(NOTHING.to_string(), |(entry, record)| falsified_trials(entry, record)),
         );
     }
     table
@@ -113,17 +113,22 @@ fn tasks(shown: &Shown<'_>) -> String {
 /// The measurements of the shipped controllers and the experts at one noise level.
 fn performance(shown: &Shown<'_>, noise: usize) -> String {
     let mut table = format!(
-        "{EVALUATION_EPISODES} starts, action noise of standard deviation {}.\n\n\
+        "{EVALUATION_EPISODES} initial states, {}.\n\n\
          | task | controller | SR | strict SR | DBR | TCT | paper: SR | paper: DBR | paper: TCT | {} | commit |\n\
          |---|---|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
-        NOISE_LEVELS[noise],
-        if noise == 0 { "misses" } else { "broken" },
+        if noise == 0 {
+            "without action noise".to_string()
+        } else {
+            format!("action noise {}", NOISE_LEVELS[noise])
+        },
+        if noise == 0 { "below threshold" } else { "falsified trials" },
     );
     for task in shown.names() {
         for algorithm in algorithms() {
             match shown.recorded(task, algorithm, SHIPPED_SEED) {
                 Some((entry, record)) => {
-                    let last = if noise == 0 { remarks(entry, record) } else { broken(entry, record) };
+                    let last =
+                        if noise == 0 { remarks(entry, record) } else { falsified_trials(entry, record) };
                     table += &rows(record, algorithm, noise, &last);
                 }
                 None => table += &format!("| `{task}` | `{algorithm}` | {NOT_RUN} | | | | | | | | |\n"),
@@ -137,7 +142,7 @@ fn performance(shown: &Shown<'_>, noise: usize) -> String {
 }
 
 /// Returns in how many trials random search found a violation of the success formula under noise.
-fn broken(entry: &PlanEntry, record: &Record) -> String {
+fn falsified_trials(entry: &PlanEntry, record: &Record) -> String {
     match &record.falsification {
         _ if !entry.training.is_falsified() => NOTHING.to_string(),
         Some(found) => format!("{} of {}", found.falsified_trials, found.trials.len()),
@@ -202,7 +207,7 @@ fn figures(evaluation: Option<&EvaluationRecord>) -> String {
     .join(" | ")
 }
 
-/// Returns the bars that a controller misses, and what is out of date.
+/// Returns the thresholds that a controller misses, and what is out of date.
 fn remarks(entry: &PlanEntry, record: &Record) -> String {
     let mut remarks = missed(entry, record);
     match &entry.state {
@@ -216,11 +221,11 @@ fn remarks(entry: &PlanEntry, record: &Record) -> String {
     remarks.join("; ")
 }
 
-/// Returns the bars that a controller misses.
+/// Returns the thresholds that a controller misses.
 fn missed(entry: &PlanEntry, record: &Record) -> Vec<String> {
     let rate = |noise: usize, rate: Rate| value(record, noise, rate).map_or(0.0, |rate| 100.0 * rate);
     let rates = Rates { success: [rate(0, success), rate(1, success)], strict: rate(0, strict) };
-    missed_bars(&record.task, &entry.training.algorithm, rates)
+    missed_thresholds(&record.task, &entry.training.algorithm, rates)
 }
 
 fn curves(drawn: &[String]) -> String {

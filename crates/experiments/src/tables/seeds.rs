@@ -3,11 +3,11 @@
 use crate::tables::{NOTHING, Rate, Shown, missed, percent, strict, success, value};
 use crate::{PlanEntry, Record, algorithms, interquartile_mean, seeds};
 
-/// Interquartile mean, least and greatest rate over the seeds of each algorithm, and the seeds that miss a bar.
+/// Interquartile mean, least and greatest rate over the seeds of each algorithm, and the seeds below a threshold.
 pub(super) fn table(shown: &Shown<'_>) -> String {
     let mut table = String::from(
         "| task | algorithm | seeds | SR: IQM | min | max | SR with noise: IQM | min | max | strict SR: IQM | min | max | \
-         seeds that miss a bar | seeds not run |\n|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
+         seeds below a threshold | seeds not run |\n|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
     );
     for task in shown.names() {
         for algorithm in algorithms() {

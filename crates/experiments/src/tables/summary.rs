@@ -3,13 +3,13 @@
 use crate::tables::{Shown, missed};
 use crate::{SHIPPED_SEED, algorithms, seeds};
 
-/// How many controllers reach all their bars, which do not, and how many seeds were run.
+/// How many controllers reach all their thresholds, which do not, and how many seeds were run.
 pub(super) fn table(shown: &Shown<'_>) -> String {
     let shipped = Tally::of(shown, |seed| seed == SHIPPED_SEED);
     let further = Tally::of(shown, |seed| seed != SHIPPED_SEED);
     format!(
-        "Of {} shipped controllers {} reach every bar{}.\n\nOf {} further seeds of the plan {} were run, and {} of these reach \
-         every bar{}.\n",
+        "Of {} shipped controllers {} meet every threshold{}.\n\nOf {} further seeds of the plan {} were run, and {} of these reach \
+         every threshold{}.\n",
         shipped.planned,
         shipped.reaching(),
         shipped.others(),
@@ -25,7 +25,7 @@ pub(super) fn table(shown: &Shown<'_>) -> String {
 struct Tally {
     planned: usize,
     run: usize,
-    /// Each controller that misses a bar, with the bars.
+    /// Each controller that misses a threshold, with the thresholds.
     missing: Vec<String>,
 }
 
@@ -56,7 +56,7 @@ impl Tally {
     fn others(&self) -> String {
         match self.missing.is_empty() {
             true => String::new(),
-            false => format!("; the others miss: {}", self.missing.join(", ")),
+            false => format!("; the others are below: {}", self.missing.join(", ")),
         }
     }
 }

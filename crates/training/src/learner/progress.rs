@@ -65,7 +65,9 @@ impl TrainingProgress {
 impl fmt::Display for TrainingProgress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (unit, letter) = self.unit();
-        let total = (self.total_steps as f64 / unit * 100.0).round() / 100.0;
+        // The last iteration may exceed the requested total.
+        let total = self.total_steps.max(self.environment_steps);
+        let total = (total as f64 / unit * 100.0).round() / 100.0;
         write!(f, "{} of {total}{letter} steps, ", self.steps_done())?;
         match self.steps_per_second {
             fast if fast >= 1e3 => write!(f, "{:.1}k steps/s", fast / 1e3)?,
