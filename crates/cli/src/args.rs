@@ -544,10 +544,10 @@ pub struct ZooSelection {
     pub adopt: bool,
 }
 
-/// Number of jobs at a time.
+/// Number of parallel jobs.
 #[derive(Debug, Args)]
 pub struct ZooJobs {
-    /// Jobs at a time, one thread each [default: all cores]
+    /// Number of parallel jobs, one thread each [default: all cores]
     #[arg(long, value_name = "N", value_parser = jobs)]
     pub jobs: Option<NonZeroUsize>,
 }

@@ -85,7 +85,7 @@ pub enum ExperimentError {
         total: usize,
     },
     /// Some jobs failed; the observer reported each.
-    #[error("{failed} of {total} jobs failed; the others are done")]
+    #[error("{failed} of {total} jobs failed")]
     Failed {
         /// Jobs that failed.
         failed: usize,
@@ -142,6 +142,15 @@ pub enum CurveFileProblem {
         /// Environment steps that the settings ask for.
         total: u64,
     },
+    /// The first iterations of the training run are missing.
+    #[error("the learning curve starts at iteration {iteration}, not at 1")]
+    MissingStart {
+        /// Iteration of the first row.
+        iteration: u64,
+    },
+    /// The file has no rows.
+    #[error("the learning curve has no rows")]
+    Empty,
     /// The settings of the training run cannot be read any more.
     #[error("the settings of its controller are not settings of {algorithm}")]
     Settings {

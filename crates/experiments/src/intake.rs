@@ -148,6 +148,9 @@ fn unknown_controllers(source: &Path, entries: &[PlanEntry]) -> Result<Vec<Strin
 
 /// Checks that a training run reached its end: all its steps, or enough good validations in a row.
 fn check_ended(curve: &Curve, run: &RunSettings) -> Result<(), CurveFileProblem> {
+    if let Some(first) = curve.rows.first().filter(|row| row.iteration != 1) {
+        return Err(CurveFileProblem::MissingStart { iteration: first.iteration });
+    }
     let done = curve.rows.last().map_or(0, |row| row.environment_steps);
     if done >= run.total_steps {
         return Ok(());

@@ -74,7 +74,11 @@ impl KeptCurve {
     }
 
     fn parse(bytes: &[u8]) -> Result<KeptCurve, CurveFileProblem> {
-        let rows = csv::Reader::from_reader(bytes).into_deserialize().collect::<Result<_, _>>()?;
+        let rows: Vec<KeptRow> =
+            csv::Reader::from_reader(bytes).into_deserialize().collect::<Result<_, _>>()?;
+        if rows.is_empty() {
+            return Err(CurveFileProblem::Empty);
+        }
         Ok(KeptCurve { rows })
     }
 
@@ -118,6 +122,8 @@ mod tests {
     fn a_file_without_the_columns_or_with_text_in_a_cell_is_an_error() {
         for (text, expected) in [
             ("a,b\n1,2\n", "missing field `environment_steps`"),
+            ("a,b\n", "the learning curve has no rows"),
+            ("", "the learning curve has no rows"),
             (&TEXT.replace("0.25,-2", "0.25"), "found record with 5 fields"),
             (&TEXT.replace("-3.5", "low"), "field 2"),
         ] {

@@ -69,7 +69,10 @@ impl fmt::Display for TrainingState {
             TrainingState::NeedsMeasurement => write!(f, "needs measurement"),
             TrainingState::NeedsTraining { reason } => write!(f, "needs training: {reason}"),
             TrainingState::Interrupted { reason, steps: Some(steps) } => {
-                write!(f, "needs training: {reason}; checkpoint at {steps} environment steps")
+                write!(
+                    f,
+                    "needs training: {reason}; checkpoint exists, curve up to {steps} environment steps"
+                )
             }
             TrainingState::Interrupted { reason, steps: None } => {
                 write!(f, "needs training: {reason}; checkpoint exists")
@@ -119,8 +122,15 @@ pub(crate) fn expected(
 ) -> Result<Expected, ExperimentError> {
     let path = folder.settings(training);
     let settings = if path.is_file() { Some(full_settings(&path, training)?) } else { None };
-    let (task_hash, layout_hash) = (task.task_hash.clone(), task.layout_hash.clone());
-    Ok(Expected { settings, task_hash, layout_hash })
+    Ok(Expected { settings, ..Expected::without_settings(task) })
+}
+
+impl Expected {
+    /// Returns what a training run on `task` depends on besides its settings.
+    pub(crate) fn without_settings(task: &BenchmarkTask) -> Expected {
+        let (task_hash, layout_hash) = (task.task_hash.clone(), task.layout_hash.clone());
+        Expected { settings: None, task_hash, layout_hash }
+    }
 }
 
 /// Reads a settings file and adds the defaults.
@@ -157,10 +167,14 @@ pub(crate) fn entry(
         Some(record) if is_recorded || !training.is_shipped() => record.training.clone(),
         _ => None,
     };
-    if summary.is_none() && training.is_shipped() && hash.is_some() {
-        summary = Some(TrainingSummary::load(&path)?);
-    }
     let mut reasons = vec![NO_CONTROLLER.to_string()];
+    if summary.is_none() && training.is_shipped() && hash.is_some() {
+        match TrainingSummary::load(&path) {
+            Ok(found) => summary = Some(found),
+            // A damaged controller is replaced by a new training run.
+            Err(error) => reasons = vec![error.to_string()],
+        }
+    }
     if let (Some(summary), Some(_)) = (&mut summary, &expected.settings) {
         let found = summary.reconcile(training, &expected, adopt);
         reasons = found.iter().map(ToString::to_string).collect();

@@ -7,10 +7,11 @@ use mishandle::StartRegion;
 use mishandle::evaluation::{Estimate, EvaluationReport};
 use mishandle::falsification::{CampaignOutcome, TrialEnd, TrialOutcome};
 use mishandle::{ResolvedPlan, rejects_scenarios};
+use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::folder::{ZooFolder, read, write};
-use crate::{ExperimentError, TrainingSummary};
+use crate::{ExperimentError, NOISE_LEVELS, TrainingSummary};
 
 /// One controller's record.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -394,8 +395,24 @@ impl Record {
             return Ok(None);
         }
         let record: Record = serde_json::from_slice(&read(&path)?)
+            .and_then(|record: Record| record.check().map(|()| record))
             .map_err(|source| ExperimentError::Record { path: path.clone(), source })?;
         Ok(Some(Record { task: task.to_string(), controller: controller.to_string(), ..record }))
+    }
+
+    /// Checks that there is one evaluation per noise level, and that rates are between 0 and 1.
+    fn check(&self) -> Result<(), serde_json::Error> {
+        let error = |text: String| Err(serde_json::Error::custom(text));
+        let found = self.evaluations.len();
+        if found != NOISE_LEVELS.len() {
+            return error(format!("expected {} evaluations, found {found}", NOISE_LEVELS.len()));
+        }
+        let rates =
+            self.evaluations.iter().flat_map(|found| [&found.success_rate, &found.strict_success_rate]);
+        match rates.filter_map(|rate| rate.value).find(|rate| !(0.0..=1.0).contains(rate)) {
+            Some(rate) => error(format!("expected success rates from 0 to 1, found {rate}")),
+            None => Ok(()),
+        }
     }
 
     /// Writes the record.

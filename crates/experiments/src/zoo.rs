@@ -9,8 +9,8 @@ use crate::jobs::run_side_by_side;
 use crate::measure::Bench;
 use crate::plan_entry::{entry, expected};
 use crate::{
-    BenchmarkTask, Conditions, ExperimentError, Laboratory, PlanEntry, Record, Selection, TrainingState,
-    curve_charts, intake, plan, tables, train,
+    BenchmarkTask, Conditions, Expected, ExperimentError, Laboratory, PlanEntry, Record, Selection,
+    TrainingState, curve_charts, intake, plan, tables, train,
 };
 
 /// Receives the events of a [`Zoo`], from several threads.
@@ -124,8 +124,13 @@ impl<'a> Zoo<'a> {
         for (group, trainings) in plan(&names).into_iter().enumerate() {
             for training in trainings {
                 let Some(task) = tasks.iter().find(|task| task.name == training.task) else { continue };
-                let expected = expected(&self.folder, task, &training)?;
-                let adopts = self.adopts && self.selection.includes(&training);
+                let is_selected = self.selection.includes(&training);
+                let expected = match expected(&self.folder, task, &training) {
+                    // A settings file that is not selected must not keep others from being trained.
+                    Err(_) if !is_selected => Expected::without_settings(task),
+                    found => found?,
+                };
+                let adopts = self.adopts && is_selected;
                 found.push(PlanEntry { group, ..entry(&self.folder, (task, &training), expected, adopts)? });
             }
         }
@@ -176,11 +181,11 @@ impl<'a> Zoo<'a> {
         &self,
         work: impl FnOnce(&[PlanEntry]) -> Result<(), ExperimentError>,
     ) -> Result<(), ExperimentError> {
-        let entries = self.entries()?;
         let path = self.folder.work_file("lock");
         create_parent(&path)?;
         let lock = FileLock::try_acquire(&path).map_err(ExperimentError::file(&path))?;
         let _lock = lock.ok_or(ExperimentError::Busy)?;
+        let entries = self.entries()?;
         let result = work(&entries);
         let entries = self.all_entries()?;
         for entry in entries.iter().filter(|entry| entry.record_is_stale) {

@@ -262,7 +262,7 @@ fn a_stopped_training_run_continues_from_its_checkpoint() {
     let stopped = stopped.unwrap_err().to_string();
     assert!(stopped.contains("interrupted after 0 of 1 jobs"), "{stopped}");
     assert_eq!(reports, Vec::<String>::new());
-    let interrupted = "needs training: no controller; checkpoint at 512 environment steps";
+    let interrupted = "needs training: no controller; checkpoint exists, curve up to 512 environment steps";
     assert_eq!(repository.states(&[0]), [interrupted]);
     // A checkpoint of other settings is of no use.
     repository.write(PPO_SETTINGS, &SETTINGS.replace("2048", "4096"));

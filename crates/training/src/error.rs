@@ -63,7 +63,7 @@ pub enum TrainingError {
         path: PathBuf,
     },
     /// The file is not a checkpoint, or it is damaged.
-    #[error("cannot resume from this checkpoint: {reason}")]
+    #[error("cannot resume from this checkpoint: {reason}; delete the checkpoint to start again")]
     Checkpoint {
         /// Reason.
         reason: String,

@@ -216,7 +216,7 @@ fn summary(found: &CampaignOutcome) -> String {
     match found.median_simulations {
         Some(median) => text.push_str(&format!(", median {median} over all trials")),
         None if found.falsified_trials > 0 && found.trials.iter().all(|trial| trial.end.is_some()) => {
-            text.push_str(", median over all trials above the budget");
+            text.push_str(", median over all trials not reached within the budget");
         }
         None => {}
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use mishandle::MishandleError;
 use mishandle::training::TrainingProgress;
 use mishandle_experiments::{
@@ -25,6 +25,9 @@ pub fn run(command: &args::Zoo) -> Result<ExitStatus> {
     let root = mishandle::home().context(
         "expected a clone of the repository around the program; name one in the environment variable MISHANDLE_HOME",
     )?;
+    if !root.join("experiments/training").is_dir() || !root.join("controllers/README.md").is_file() {
+        bail!("expected a clone of the repository at {}; set MISHANDLE_HOME to one", root.display());
+    }
     let laboratory = LocalLaboratory::new()?;
     let reporter = Reporter::new();
     let zoo = Zoo::new(ZooFolder::new(&root), &laboratory, &reporter, &interrupt::requested);
@@ -157,7 +160,7 @@ impl Reporter {
 
 impl ZooObserver for Reporter {
     fn begins(&self, jobs: usize, workers: usize) {
-        output::message(&format!("{jobs} jobs, {workers} at a time"));
+        output::message(&format!("jobs: {jobs}, in parallel: {workers}"));
     }
 
     fn started(&self, name: &str, reason: &str) {

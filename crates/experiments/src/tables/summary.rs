@@ -8,7 +8,7 @@ pub(super) fn table(shown: &Shown<'_>) -> String {
     let shipped = Tally::of(shown, |seed| seed == SHIPPED_SEED);
     let further = Tally::of(shown, |seed| seed != SHIPPED_SEED);
     format!(
-        "Of {} shipped controllers {} meet every threshold{}.\n\nOf {} further seeds of the plan {} were run, and {} of these reach \
+        "Of {} shipped controllers {} meet every threshold{}.\n\nOf {} further seeds of the plan {} were run, and {} of these meet \
          every threshold{}.\n",
         shipped.planned,
         shipped.reaching(),

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::settings::activation_name;
 use crate::settings::declare::{choice, settings};
 use crate::settings::setting::{
-    AT_LEAST_1, INITIALIZATION, LAYER_SIZES, NOT_NEGATIVE, POSITIVE, kind, require,
+    ARRAY_SIZE, AT_LEAST_1, CAPACITY, INITIALIZATION, LAYER_SIZES, NOT_NEGATIVE, POSITIVE, kind, require,
 };
 use crate::{EpisodeSettings, Initialization, RunSettings, TrainingError};
 
@@ -24,12 +24,12 @@ settings! {
     /// `[replay]`: the replay buffer and the number of updates.
     pub struct ReplayBufferSettings in "replay." {
         /// Capacity in control steps of all environments together; at least `n_steps` + 3 per environment.
-        pub capacity: usize = 1_000_000;
+        pub capacity: usize = 1_000_000, CAPACITY;
         /// Number n of steps in the n-step return of the critic's target.
         pub n_steps: usize = 3, AT_LEAST_1;
         /// Batch size; without `replacement` at most the number of environments.
         #[alias = "batch_rows"]
-        pub batch_size: usize = 256, AT_LEAST_1;
+        pub batch_size: usize = 256, ARRAY_SIZE;
         /// Whether batches are sampled with replacement.
         pub replacement: bool = true;
         /// Number of environment steps with uniformly random actions before the first update.

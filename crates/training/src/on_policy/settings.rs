@@ -9,6 +9,9 @@ use crate::settings::declare::{choice, settings};
 use crate::settings::setting::{FINITE, INITIALIZATION, LAYER_SIZES, POSITIVE, require};
 use crate::{EpisodeSettings, Initialization, RunSettings, TrainingError};
 
+/// Maximum number of rows of a rollout; see [`ARRAY_SIZE`](crate::settings::setting::ARRAY_SIZE).
+const MAX_ROLLOUT_ROWS: usize = 100_000_000;
+
 /// Index of the child seed that shuffles minibatches.
 const MINIBATCHES: u64 = 3;
 
@@ -52,8 +55,10 @@ impl OnPolicySettings<'_> {
     /// # Errors
     /// If a setting does not fit the others.
     pub fn check(&self) -> Result<(), TrainingError> {
+        let rows = self.rollout_steps.saturating_mul(self.episodes.environments);
+        let expected = "at most 10^8 divided by `episodes.environments`";
+        require("rollout_steps", expected, self.rollout_steps as f64, rows <= MAX_ROLLOUT_ROWS)?;
         if self.minibatches == MinibatchScheme::Slices {
-            let rows = self.rollout_steps.saturating_mul(self.episodes.environments);
             check_minibatch_count(rows, self.minibatch_count)?;
         }
         self.policy.check_bounds()

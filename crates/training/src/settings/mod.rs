@@ -11,7 +11,7 @@ use serde::de::DeserializeOwned;
 
 use crate::TrainingError;
 use declare::{choice, settings};
-use setting::{AT_LEAST_1, FRACTION, NOT_NEGATIVE};
+use setting::{ARRAY_SIZE, AT_LEAST_1, FRACTION, NOT_NEGATIVE};
 
 pub use presets::{BEST, PRESETS};
 pub use setting::{Choice, Setting};
@@ -64,7 +64,7 @@ settings! {
         #[alias = "validation_every"]
         pub validation_interval: u64 = 20, AT_LEAST_1;
         /// Number of episodes of a validation.
-        pub validation_episodes: usize = 200, AT_LEAST_1;
+        pub validation_episodes: usize = 200, ARRAY_SIZE;
         /// Success rate on validation that allows early stopping; no early stopping by this rate if not set.
         pub stop_success: Option<f64> = None, FRACTION;
         /// Strict success rate on validation that allows early stopping; no early stopping by this rate if not set.
@@ -81,7 +81,7 @@ settings! {
     /// `[episodes]`: the parallel environments and their episodes.
     pub struct EpisodeSettings in "episodes." {
         /// Number of parallel environments.
-        pub environments: usize = 512, AT_LEAST_1;
+        pub environments: usize = 512, ARRAY_SIZE;
         /// Time limit of a training episode in control steps; the task's episode length if not set.
         pub time_limit: Option<usize> = None, AT_LEAST_1;
         /// Treatment of an episode that reaches the time limit.

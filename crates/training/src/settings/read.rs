@@ -60,7 +60,7 @@ impl Reader<'_> {
             };
             let Some((former, value)) = table.remove_entry(alias) else { continue };
             if table.contains_key(key) {
-                let expected = format!("left out beside `{key}`, its present name");
+                let expected = format!("left out: it is the former name of `{key}`, which is set too");
                 let name = setting.name.replace(key, alias);
                 return Err(self.wrong(&name, self.line(&former), &expected, &value, Vec::new()));
             }
@@ -199,7 +199,7 @@ mod tests {
             SacSettings::from_toml("[replay]\nbatch_size = 9\nbatch_rows = 8").unwrap_err().to_string();
         assert_eq!(
             error,
-            "line 3: the setting `replay.batch_rows` must be left out beside `batch_size`, its present name, found 8"
+            "line 3: the setting `replay.batch_rows` must be left out: it is the former name of `batch_size`, which is set too, found 8"
         );
     }
 

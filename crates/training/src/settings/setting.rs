@@ -68,6 +68,11 @@ pub(crate) const AT_LEAST_1: Constraint =
     constraint("a whole number from 1 to 10^12", |x| x.iter().all(|x| (1.0..=MAX_COUNT).contains(x)));
 pub(crate) const AT_LEAST_2: Constraint =
     constraint("a whole number from 2 to 10^12", |x| x.iter().all(|x| (2.0..=MAX_COUNT).contains(x)));
+/// Sizes of arrays are bounded, so that a typing error is reported instead of exhausting the memory.
+pub(crate) const ARRAY_SIZE: Constraint =
+    constraint("a whole number from 1 to 10^6", |x| x.iter().all(|x| (1.0..=1e6).contains(x)));
+pub(crate) const CAPACITY: Constraint =
+    constraint("a whole number from 1 to 10^9", |x| x.iter().all(|x| (1.0..=1e9).contains(x)));
 pub(crate) const FRACTION: Constraint =
     constraint("a number from 0 to 1", |x| x.iter().all(|x| (0.0..=1.0).contains(x)));
 pub(crate) const POSITIVE: Constraint =
@@ -76,7 +81,9 @@ pub(crate) const NOT_NEGATIVE: Constraint =
     constraint("a number of at least 0", |x| x.iter().all(|x| *x >= 0.0 && x.is_finite()));
 pub(crate) const FINITE: Constraint = constraint("a finite number", |x| x.iter().all(|x| x.is_finite()));
 pub(crate) const LAYER_SIZES: Constraint =
-    constraint("a list of whole numbers from 1 to 10^12, as [64, 64]", AT_LEAST_1.holds);
+    constraint("a list of whole numbers from 1 to 10^4, as [64, 64]", |x| {
+        x.iter().all(|x| (1.0..=1e4).contains(x))
+    });
 pub(crate) const INITIALIZATION: Constraint =
     constraint("\"orthogonal\", \"uniform\" or { normal = σ } with σ above 0", POSITIVE.holds);
 pub(crate) const POSITIVE_RANGE: Constraint =

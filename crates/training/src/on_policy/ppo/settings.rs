@@ -4,7 +4,9 @@ use crate::on_policy::OnPolicy;
 use crate::on_policy::settings::on_policy_settings;
 use crate::settings::declare::{choice, settings};
 use crate::settings::presets::SKRL_0_10;
-use crate::settings::setting::{AT_LEAST_1, AT_LEAST_2, FINITE, FRACTION, POSITIVE, POSITIVE_RANGE, require};
+use crate::settings::setting::{
+    ARRAY_SIZE, AT_LEAST_1, AT_LEAST_2, FINITE, FRACTION, POSITIVE, POSITIVE_RANGE, require,
+};
 use crate::{
     CriticSettings, EpisodeSettings, MinibatchScheme, PolicySettings, RunSettings, Setting, TomlSettings,
     TrainingError,
@@ -23,7 +25,7 @@ settings! {
     /// ```
     pub struct PpoSettings in "" {
         /// Control steps per environment in a rollout.
-        pub rollout_steps: usize = 32, AT_LEAST_1;
+        pub rollout_steps: usize = 32, ARRAY_SIZE;
         /// Number of epochs over each rollout.
         pub epochs: usize = 5, AT_LEAST_1;
         /// Division of a rollout into minibatches.

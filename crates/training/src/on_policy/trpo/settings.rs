@@ -4,7 +4,7 @@ use crate::on_policy::OnPolicy;
 use crate::on_policy::settings::on_policy_settings;
 use crate::settings::declare::{choice, settings};
 use crate::settings::presets::SKRL_0_10;
-use crate::settings::setting::{AT_LEAST_1, AT_LEAST_2, FRACTION, NOT_NEGATIVE, POSITIVE};
+use crate::settings::setting::{ARRAY_SIZE, AT_LEAST_1, AT_LEAST_2, FRACTION, NOT_NEGATIVE, POSITIVE};
 use crate::{
     CriticSettings, EpisodeSettings, MinibatchScheme, PolicySettings, RunSettings, Setting, TomlSettings,
     TrainingError,
@@ -23,7 +23,7 @@ settings! {
     /// ```
     pub struct TrpoSettings in "" {
         /// Control steps per environment in a rollout.
-        pub rollout_steps: usize = 32, AT_LEAST_1;
+        pub rollout_steps: usize = 32, ARRAY_SIZE;
         /// Discount factor γ per control step.
         pub gamma: f64 = 0.99, FRACTION;
         /// λ of generalized advantage estimation.
