@@ -30,9 +30,13 @@ pub fn json(value: Value) -> Result<()> {
 /// Creates a file that appears under its name when it is complete. An existing file is replaced only with `force`.
 pub fn create(path: &Path, force: bool) -> Result<AtomicFile> {
     let created = if force { AtomicFile::replace(path) } else { AtomicFile::create_new(path) };
+    with_path(path, created, "choose another --out, or overwrite it with --force")
+}
+
+fn with_path(path: &Path, created: std::io::Result<AtomicFile>, advice: &str) -> Result<AtomicFile> {
     match created {
         Err(error) if error.kind() == ErrorKind::AlreadyExists => {
-            bail!("{} exists already; give another --out, or overwrite it with --force", path.display())
+            bail!("{} exists already; {advice}", path.display())
         }
         Err(error) if error.kind() == ErrorKind::NotFound => {
             let folder = path.parent().unwrap_or(path);
@@ -52,12 +56,7 @@ pub fn write_atomically(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
 
 /// Creates a file and fills it with `write`. An existing file is an error.
 pub fn write_new(path: &Path, write: impl FnOnce(&mut AtomicFile) -> Result<()>) -> Result<()> {
-    let mut file = match AtomicFile::create_new(path) {
-        Err(error) if error.kind() == ErrorKind::AlreadyExists => {
-            bail!("{} exists already; give another path", path.display());
-        }
-        created => created.with_context(|| format!("cannot write {}", path.display()))?,
-    };
+    let mut file = with_path(path, AtomicFile::create_new(path), "choose another path")?;
     write(&mut file)
         .and_then(|()| Ok(file.persist()?))
         .with_context(|| format!("cannot write {}", path.display()))

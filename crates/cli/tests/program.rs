@@ -273,7 +273,7 @@ fn a_counterexample_is_found_stored_and_replayed() {
         // A trace overwrites no file, in particular not the run.
         bench.refuses(
             &format!("replay {run} --trace {run}"),
-            &[&format!("{run} exists already; give another path")],
+            &[&format!("{run} exists already; choose another path")],
         );
     }
 }

@@ -10,7 +10,7 @@ use rusqlite::ErrorCode;
 #[non_exhaustive]
 pub enum StoreError {
     /// The new run would overwrite a file.
-    #[error("cannot create a run: the file exists already; give another path: {}", path.display())]
+    #[error("cannot create a run: the file exists already; choose another path: {}", path.display())]
     Exists {
         /// Path of the existing file.
         path: PathBuf,

@@ -26,7 +26,7 @@ const DROP_HEIGHT: f64 = 1.1;
 
 const DEFINITION: Definition = Definition {
     name: "ball-balancing",
-    summary: "Keep a ball that drops onto a flat tray in the robot's hand from rolling off.",
+    summary: "Balance a falling ball on a flat tray in the robot's hand.",
     variant_of: None,
     scene_description: "The hand holds a flat tray without a rim (radius 0.23 m, 100 g). Its top is 1 m high, its axis is at \
               (0.342, 0) m, and its reference point is 0.11 m below its top. A ball (radius 2 cm, 150 g) drops from a height \

@@ -1,4 +1,4 @@
-//! Ball pushing: push a ball across a table into a pit.
+//! Ball pushing: push a ball across a table into a hole.
 
 mod expert;
 
@@ -26,7 +26,7 @@ const BEHIND: f64 = 0.055;
 
 const DEFINITION: Definition = Definition {
     name: "ball-pushing",
-    summary: "Push a ball across a table into a pit.",
+    summary: "Push a ball across a table into a hole.",
     variant_of: None,
     scene_description: "A table 0.4 m high extends from x = 0.3 to 1.3 m and y = -0.4 to 0.4 m. It has a pit 0.1 m deep from x = 0.9 to \
               1.15 m and y = -0.15 to 0.15 m. A ball (radius 4 cm, 20 g) drops onto the table from a height of 1 cm.",

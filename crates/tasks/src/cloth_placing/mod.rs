@@ -36,8 +36,8 @@ static COARSE_DEFINITION: LazyLock<Definition> =
     LazyLock::new(|| definition("cloth-placing-7x7", Some(NAME), COARSE));
 
 /// Summary of the variant with the coarser grid.
-const COARSE_SUMMARY: &str = "Carry a cloth of 7 x 7 instead of 11 x 11 vertices to a table and lay it down there. Its steps are \
-     faster, for experiments; train and evaluate controllers on the grid of the benchmark.";
+const COARSE_SUMMARY: &str = "Place a cloth with 7 x 7 instead of 11 x 11 vertices on a table. It simulates faster, for \
+     experiments; train and evaluate controllers on the grid of the benchmark.";
 
 /// The task of the benchmark.
 pub static CLOTH_PLACING: ClothPlacing = ClothPlacing { sheet: FINE, definition: &FINE_DEFINITION };
@@ -62,7 +62,7 @@ const FULLY_OPEN: f64 = 0.15;
 /// Definition of both grid sizes without the held object.
 const DEFINITION: Definition = Definition {
     name: NAME,
-    summary: "Carry a cloth to a table and lay it down there.",
+    summary: "Place a cloth on a table.",
     variant_of: None,
     scene_description: "A square cloth (side 0.3 m, 605 g, 11 x 11 vertices in the benchmark) hangs from the closed fingers in the \
               vertical plane y = 0, with its center at (0.5, 0, 0.65) m. A table of 0.3 x 0.3 x 0.4 m has a rim 1 cm wide and \

@@ -1,4 +1,4 @@
-//! Cube stacking: set the cube in the hand down on another cube and release it.
+//! Cube stacking: stack the held cube on another cube and release it.
 
 mod expert;
 
@@ -33,7 +33,7 @@ const CLOSED: f64 = 0.005;
 
 const DEFINITION: Definition = Definition {
     name: "cube-stacking",
-    summary: "Set the cube in the robot's hand down on another cube and release it.",
+    summary: "Stack the held cube on another cube and release it.",
     variant_of: None,
     scene_description: "Two cubes (edges 5 cm, 20 g each): one is in the hand at (0.34, 0, 0.91) m, the target cube is on the ground.",
     held: Some(HeldObject {
