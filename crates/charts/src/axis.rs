@@ -1,6 +1,6 @@
 /// Quantity, range and ticks of an axis.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Axis {
+pub struct ChartAxis {
     /// Quantity and unit.
     pub label: String,
     /// Ends of the axis; above 0 on a logarithmic scale.
@@ -25,14 +25,14 @@ pub enum Scale {
 /// Most ticks that an axis chooses by itself.
 const MOST_TICKS: f64 = 6.0;
 
-impl Axis {
+impl ChartAxis {
     /// Returns a logarithmic axis.
-    pub fn logarithmic(label: &str, range: [f64; 2], ticks: Vec<(f64, String)>) -> Axis {
-        Axis { label: label.to_string(), range, scale: Scale::Logarithmic, ticks }
+    pub fn logarithmic(label: &str, range: [f64; 2], ticks: Vec<(f64, String)>) -> ChartAxis {
+        ChartAxis { label: label.to_string(), range, scale: Scale::Logarithmic, ticks }
     }
 
     /// Returns a linear axis with ticks at multiples of 1, 2 or 5 times a power of ten.
-    pub fn linear(label: &str, range: [f64; 2]) -> Axis {
+    pub fn linear(label: &str, range: [f64; 2]) -> ChartAxis {
         let [low, high] = range;
         let least = (high - low) / MOST_TICKS;
         let power = 10.0_f64.powf(least.log10().floor());
@@ -42,20 +42,20 @@ impl Axis {
         let ticks = ((low / step).ceil() as i64..=(high / step).floor() as i64)
             .map(|i| (i as f64 * step, format!("{:.decimals$}", i as f64 * step)))
             .collect();
-        Axis { label: label.to_string(), range, scale: Scale::Linear, ticks }
+        ChartAxis { label: label.to_string(), range, scale: Scale::Linear, ticks }
     }
 
     /// Returns an axis of shares from 0 to 1, whose ticks are in percent.
-    pub fn percent(label: &str) -> Axis {
+    pub fn percent(label: &str) -> ChartAxis {
         let ticks = [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| (share, format!("{:.0}", 100.0 * share)));
-        Axis { label: label.to_string(), range: [0.0, 1.0], scale: Scale::Linear, ticks: ticks.to_vec() }
+        ChartAxis { label: label.to_string(), range: [0.0, 1.0], scale: Scale::Linear, ticks: ticks.to_vec() }
     }
 
     /// Returns an axis with one name at each of x = 0, 1, 2, ….
-    pub fn categories(label: &str, names: &[String]) -> Axis {
+    pub fn categories(label: &str, names: &[String]) -> ChartAxis {
         let ticks = names.iter().enumerate().map(|(i, name)| (i as f64, name.clone())).collect();
         let range = [-0.5, names.len() as f64 - 0.5];
-        Axis { label: label.to_string(), range, scale: Scale::Category, ticks }
+        ChartAxis { label: label.to_string(), range, scale: Scale::Category, ticks }
     }
 
     /// Returns the position on a linear scale.
@@ -77,7 +77,8 @@ mod tests {
 
     #[track_caller]
     fn check(range: [f64; 2], expected: &[&str]) {
-        let labels: Vec<String> = Axis::linear("", range).ticks.into_iter().map(|(_, label)| label).collect();
+        let labels: Vec<String> =
+            ChartAxis::linear("", range).ticks.into_iter().map(|(_, label)| label).collect();
         assert_eq!(labels, expected, "{range:?}");
     }
 
@@ -91,7 +92,7 @@ mod tests {
     #[test]
     fn the_label_of_a_logarithmic_tick_is_found_by_its_place() {
         let ticks = vec![(10.0, "10".to_string()), (100.0, "100".to_string())];
-        let axis = Axis::logarithmic("", [1.0, 1000.0], ticks);
+        let axis = ChartAxis::logarithmic("", [1.0, 1000.0], ticks);
         assert_eq!(axis.tick_label(axis.place(100.0)), "100");
     }
 }

@@ -5,7 +5,7 @@ use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use crate::{Axis, Chart, Mark, Panel, Scale, Series};
+use crate::{Chart, ChartAxis, Mark, Panel, Scale, Series};
 
 /// Opaque, so that neither a light nor a dark page shines through.
 const BACKGROUND: RGBColor = RGBColor(0xfb, 0xfb, 0xfa);
@@ -169,7 +169,7 @@ struct Places {
 }
 
 impl Places {
-    fn of(axis: &Axis) -> Places {
+    fn of(axis: &ChartAxis) -> Places {
         let ends = axis.range.map(|end| axis.place(end));
         Places { ends, ticks: axis.ticks.iter().map(|(value, _)| axis.place(*value)).collect() }
     }

@@ -5,12 +5,12 @@
 //!
 //! # Example
 //! ```
-//! use mishandle_charts::{Axis, Chart, LegendEntry, Panel, Point, Series};
+//! use mishandle_charts::{ChartAxis, Chart, LegendEntry, Panel, Point, Series};
 //! let point = |x, y| Point { x, y, band: Some([y - 0.1, y + 0.1]) };
 //! let panel = Panel {
 //!     title: String::new(),
-//!     x: Axis::logarithmic("environment steps", [1e3, 1e5], vec![(1e3, "1 k".into()), (1e5, "100 k".into())]),
-//!     y: Axis::percent("success rate, %"),
+//!     x: ChartAxis::logarithmic("environment steps", [1e3, 1e5], vec![(1e3, "1 k".into()), (1e5, "100 k".into())]),
+//!     y: ChartAxis::percent("success rate, %"),
 //!     series: vec![Series::line("#0072b2", vec![point(1e3, 0.2), point(1e5, 0.9)])],
 //! };
 //! let legend = vec![LegendEntry { label: "PPO".into(), color: "#0072b2" }];
@@ -29,7 +29,7 @@
 mod axis;
 mod draw;
 
-pub use axis::{Axis, Scale};
+pub use axis::{ChartAxis, Scale};
 
 /// Panels in rows, below a title, a legend and a caption.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,9 +63,9 @@ pub struct Panel {
     /// Heading; empty for none.
     pub title: String,
     /// The horizontal axis.
-    pub x: Axis,
+    pub x: ChartAxis,
     /// The vertical axis.
-    pub y: Axis,
+    pub y: ChartAxis,
     /// Drawn in this order, later ones on top.
     pub series: Vec<Series>,
 }

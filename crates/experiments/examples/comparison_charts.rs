@@ -6,7 +6,7 @@
 use std::error::Error;
 use std::path::Path;
 
-use mishandle_charts::{Axis, Chart, LegendEntry, Panel, Point, Series};
+use mishandle_charts::{Chart, ChartAxis, LegendEntry, Panel, Point, Series};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
@@ -73,7 +73,7 @@ fn skrl(bands: &[Band]) -> Chart {
         let high = own.iter().map(|band| band.high).fold(f64::NEG_INFINITY, f64::max);
         let margin = 0.05 * (high - low) + 0.01;
         let last = own.iter().map(|band| band.environment_steps).fold(0.0, f64::max);
-        let mut x = Axis::linear("environment steps", [0.0, last]);
+        let mut x = ChartAxis::linear("environment steps", [0.0, last]);
         x.ticks =
             x.ticks.into_iter().step_by(2).map(|(steps, _)| (steps, format!("{} k", steps / 1e3))).collect();
         let series = SIDES.map(|(side, color)| {
@@ -89,7 +89,7 @@ fn skrl(bands: &[Band]) -> Chart {
         panels.push(Panel {
             title: format!("{}, {} ({} seeds)", first.algorithm.to_uppercase(), first.task, first.seeds),
             x,
-            y: Axis::linear("mean return", [low - margin, high + margin]),
+            y: ChartAxis::linear("mean return", [low - margin, high + margin]),
             series: series.to_vec(),
         });
     }
@@ -113,8 +113,8 @@ fn off_policy(rates: &[Rates]) -> Chart {
         };
         Panel {
             title: algorithm.to_uppercase(),
-            x: Axis::categories("change", &changes),
-            y: Axis::percent("validation, %"),
+            x: ChartAxis::categories("change", &changes),
+            y: ChartAxis::percent("validation, %"),
             series: vec![
                 Series::bars(SUCCESS, points(|row| row.success_rate)),
                 Series::bars(STRICT, points(|row| row.strict_success_rate)),

@@ -1,10 +1,10 @@
 //! Charts of the kept learning curves, one for each task.
 
-use mishandle_charts::{Axis, Chart, LegendEntry, Panel, Point, Series};
+use mishandle_charts::{Chart, ChartAxis, LegendEntry, Panel, Point, Series};
 
 use crate::folder::{ZooFolder, remove, write as write_bytes};
 use crate::{
-    BenchmarkTask, ExperimentError, KeptCurve, KeptRow, Training, algorithms, interquartile_mean,
+    BenchmarkTask, ExperimentError, StoredCurve, StoredCurveRow, Training, algorithms, interquartile_mean,
     interquartile_mean_interval, seeds,
 };
 
@@ -29,7 +29,7 @@ const CAPTION: &str =
     "Line: interquartile mean over the seeds. Band: its 95 % bootstrap interval, for 3 seeds or more.";
 
 /// A quantity of a row, if the row has it.
-type Quantity = fn(&KeptRow) -> Option<f64>;
+type Quantity = fn(&StoredCurveRow) -> Option<f64>;
 
 const HEIGHTS: [(&str, Quantity); 2] =
     [("success rate, %", |row| row.success_rate), ("strict success rate, %", |row| row.strict_success_rate)];
@@ -38,7 +38,7 @@ const HEIGHTS: [(&str, Quantity); 2] =
 struct Seeds {
     algorithm: &'static str,
     color: &'static str,
-    curves: Vec<KeptCurve>,
+    curves: Vec<StoredCurve>,
 }
 
 /// Draws every task that has a curve into `controllers/curves/TASK.svg`, and returns the names of these tasks.
@@ -72,7 +72,7 @@ fn load(
     let path =
         |seed| folder.curve(&Training { task: task.to_string(), algorithm: algorithm.to_string(), seed });
     let paths = seeds(algorithm).into_iter().map(path).filter(|path| path.is_file());
-    let curves = paths.map(|path| KeptCurve::load(&path)).collect::<Result<_, _>>()?;
+    let curves = paths.map(|path| StoredCurve::load(&path)).collect::<Result<_, _>>()?;
     Ok(Seeds { algorithm, color, curves })
 }
 
@@ -112,7 +112,7 @@ fn panel(
         .iter()
         .map(|seeds| {
             let points =
-                |curve: &KeptCurve| curve.rows.iter().filter_map(|row| Some((x(row)?, y(row)?))).collect();
+                |curve: &StoredCurve| curve.rows.iter().filter_map(|row| Some((x(row)?, y(row)?))).collect();
             Series::line(seeds.color, mean_line(&seeds.curves.iter().map(points).collect::<Vec<_>>()))
         })
         .collect();
@@ -126,8 +126,8 @@ fn panel(
     };
     Panel {
         title: String::new(),
-        x: Axis::logarithmic(x_label, range, few_ticks(ticks, range)),
-        y: Axis::percent(y_label),
+        x: ChartAxis::logarithmic(x_label, range, few_ticks(ticks, range)),
+        y: ChartAxis::percent(y_label),
         series,
     }
 }
@@ -227,7 +227,7 @@ mod tests {
 
     #[test]
     fn a_chart_has_units_a_caption_and_the_same_bytes_each_time() {
-        let row = |environment_steps, rate| KeptRow {
+        let row = |environment_steps, rate| StoredCurveRow {
             environment_steps,
             wall_clock_secs: environment_steps as f64 / 1e3,
             mean_return: None,
@@ -235,7 +235,7 @@ mod tests {
             strict_success_rate: Some(rate),
             validation_return: None,
         };
-        let curve = KeptCurve { rows: vec![row(1_000, 0.1), row(100_000, 0.9)] };
+        let curve = StoredCurve { rows: vec![row(1_000, 0.1), row(100_000, 0.9)] };
         let found = Seeds { algorithm: "ppo", color: COLORS[0], curves: vec![curve.clone(), curve] };
         let svg = chart("a-task", &[found]).svg();
         for words in ["a-task: validation during training", "PPO, 2 seeds", CAPTION, "success rate, %"] {

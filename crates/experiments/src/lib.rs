@@ -10,10 +10,8 @@
 mod curve_charts;
 mod error;
 mod folder;
-mod intake;
+mod import;
 mod jobs;
-mod kept_curve;
-mod laboratory;
 mod measure;
 mod pages;
 mod paper;
@@ -21,8 +19,10 @@ mod plan;
 mod plan_entry;
 mod provenance;
 mod record;
+mod runner;
 mod selection;
 mod statistics;
+mod stored_curve;
 mod tables;
 mod thresholds;
 mod train;
@@ -31,17 +31,17 @@ mod zoo;
 pub use error::{CurveFileProblem, ExperimentError, PageProblem};
 pub use folder::ZooFolder;
 pub use jobs::JobOutcome;
-pub use kept_curve::{KeptCurve, KeptRow};
-pub use laboratory::{BenchmarkTask, Laboratory, LocalLaboratory, Subject};
 pub use measure::{CAMPAIGN_TRIALS, EVALUATION_EPISODES, EVALUATION_SEED, NOISE_LEVELS};
 pub use paper::{PaperPerformance, paper_performance, paper_training_time};
 pub use plan::{SHIPPED_SEED, Training, algorithms, plan, seeds};
 pub use plan_entry::{PlanEntry, TrainingState};
-pub use provenance::{Difference, Expected, TrainingSummary, TrainingTime};
+pub use provenance::{Difference, TrainingInputs, TrainingSummary, TrainingTime};
 pub use record::{
-    Conditions, EstimateRecord, EvaluationRecord, FalsificationRecord, Measurement, Record, TrialRecord,
+    Conditions, EstimateRecord, EvaluationRecord, FalsificationRecord, Measurement, Record, TrialMeasurement,
 };
+pub use runner::{BenchmarkTask, ControllerUnderTest, LocalRunner, Runner};
 pub use selection::Selection;
 pub use statistics::{interquartile_mean, interquartile_mean_interval};
+pub use stored_curve::{StoredCurve, StoredCurveRow};
 pub use thresholds::{Rates, missed_thresholds, success_threshold};
 pub use zoo::{Zoo, ZooObserver};

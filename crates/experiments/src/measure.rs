@@ -7,7 +7,7 @@ use mishandle::StartRegion;
 use crate::folder::ZooFolder;
 use crate::provenance::file_hash;
 use crate::{
-    BenchmarkTask, Conditions, ExperimentError, Laboratory, Measurement, Record, Subject, Training,
+    BenchmarkTask, Conditions, ControllerUnderTest, ExperimentError, Measurement, Record, Runner, Training,
     TrainingSummary,
 };
 
@@ -40,7 +40,7 @@ impl Conditions {
 #[derive(Clone, Copy)]
 pub(crate) struct Bench<'a> {
     pub folder: &'a ZooFolder,
-    pub laboratory: &'a dyn Laboratory,
+    pub runner: &'a dyn Runner,
     pub stop: &'a (dyn Fn() -> bool + Sync),
 }
 
@@ -62,7 +62,7 @@ impl Bench<'_> {
 
     /// Measures the expert of a task.
     pub fn expert_record(&self, task: &BenchmarkTask) -> Result<Record, ExperimentError> {
-        let subject = Subject {
+        let subject = ControllerUnderTest {
             task: task.name.clone(),
             controller: "expert".to_string(),
             run: self.folder.work_file(&format!("{}-expert.measure.sqlite", task.name)),
@@ -74,13 +74,13 @@ impl Bench<'_> {
     /// Adds a falsification to a record whose evaluations are up to date.
     pub fn falsified(&self, training: &Training, record: &Record) -> Result<Record, ExperimentError> {
         let subject = self.subject(training, &self.folder.controller(training));
-        let found = self.laboratory.falsify(&subject, NOISE_LEVELS[1], self.stop)?;
-        let commit = Some(self.laboratory.commit()).filter(|commit| *commit != record.commit);
+        let found = self.runner.falsify(&subject, NOISE_LEVELS[1], self.stop)?;
+        let commit = Some(self.runner.commit()).filter(|commit| *commit != record.commit);
         Ok(Record { falsification: Some(found), falsification_commit: commit, ..record.clone() })
     }
 
-    fn subject(&self, training: &Training, file: &Path) -> Subject {
-        Subject {
+    fn subject(&self, training: &Training, file: &Path) -> ControllerUnderTest {
+        ControllerUnderTest {
             task: training.task.clone(),
             controller: file.to_string_lossy().into_owned(),
             run: self.folder.work(training, ".measure.sqlite"),
@@ -91,11 +91,11 @@ impl Bench<'_> {
         &self,
         task: &BenchmarkTask,
         task_hash: &str,
-        subject: &Subject,
+        subject: &ControllerUnderTest,
         falsifies: bool,
     ) -> Result<Measurement, ExperimentError> {
         let evaluate = |starts| {
-            let at = |noise| self.laboratory.evaluate(subject, starts, noise, self.stop);
+            let at = |noise| self.runner.evaluate(subject, starts, noise, self.stop);
             NOISE_LEVELS.into_iter().map(at).collect::<Result<Vec<_>, _>>()
         };
         let evaluations = evaluate(StartRegion::Reachable)?;
@@ -103,11 +103,11 @@ impl Bench<'_> {
             evaluations.first().is_some_and(|evaluation| evaluation.leaves_out_starts == Some(true));
         let whole_box = if leaves_out_starts { Some(evaluate(StartRegion::Whole)?) } else { None };
         let falsification = match falsifies {
-            true => Some(self.laboratory.falsify(subject, NOISE_LEVELS[1], self.stop)?),
+            true => Some(self.runner.falsify(subject, NOISE_LEVELS[1], self.stop)?),
             false => None,
         };
         Ok(Measurement {
-            commit: self.laboratory.commit(),
+            commit: self.runner.commit(),
             conditions: Conditions::new(task, task_hash),
             evaluations,
             whole_box,

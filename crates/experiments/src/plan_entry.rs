@@ -10,7 +10,7 @@ use serde_json::json;
 
 use crate::folder::{ZooFolder, read};
 use crate::provenance::file_hash;
-use crate::{BenchmarkTask, Conditions, Expected, ExperimentError, Record, Training, TrainingSummary};
+use crate::{BenchmarkTask, Conditions, ExperimentError, Record, Training, TrainingInputs, TrainingSummary};
 
 /// The state of a training run.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -90,7 +90,7 @@ pub struct PlanEntry {
     /// Number of its group in the plan, from 0.
     pub group: usize,
     /// What it depends on now.
-    pub expected: Expected,
+    pub expected: TrainingInputs,
     /// Its state.
     pub state: TrainingState,
     /// How its controller was trained, if it exists.
@@ -119,17 +119,17 @@ pub(crate) fn expected(
     folder: &ZooFolder,
     task: &BenchmarkTask,
     training: &Training,
-) -> Result<Expected, ExperimentError> {
+) -> Result<TrainingInputs, ExperimentError> {
     let path = folder.settings(training);
     let settings = if path.is_file() { Some(full_settings(&path, training)?) } else { None };
-    Ok(Expected { settings, ..Expected::without_settings(task) })
+    Ok(TrainingInputs { settings, ..TrainingInputs::without_settings(task) })
 }
 
-impl Expected {
+impl TrainingInputs {
     /// Returns what a training run on `task` depends on besides its settings.
-    pub(crate) fn without_settings(task: &BenchmarkTask) -> Expected {
+    pub(crate) fn without_settings(task: &BenchmarkTask) -> TrainingInputs {
         let (task_hash, layout_hash) = (task.task_hash.clone(), task.layout_hash.clone());
-        Expected { settings: None, task_hash, layout_hash }
+        TrainingInputs { settings: None, task_hash, layout_hash }
     }
 }
 
@@ -155,7 +155,7 @@ fn full_settings(path: &Path, training: &Training) -> Result<String, ExperimentE
 pub(crate) fn entry(
     folder: &ZooFolder,
     (task, training): (&BenchmarkTask, &Training),
-    expected: Expected,
+    expected: TrainingInputs,
     adopt: bool,
 ) -> Result<PlanEntry, ExperimentError> {
     let mut record = Record::load(folder, &training.task, &training.controller())?;
@@ -208,7 +208,12 @@ pub(crate) fn entry(
 }
 
 /// Returns the state of a training run that is needed: it continues if it was started with the same dependencies.
-fn unfinished(folder: &ZooFolder, training: &Training, expected: &Expected, reason: String) -> TrainingState {
+fn unfinished(
+    folder: &ZooFolder,
+    training: &Training,
+    expected: &TrainingInputs,
+    reason: String,
+) -> TrainingState {
     let started = fs::read_to_string(folder.work(training, STARTED));
     let has_started = started.is_ok_and(|text| text == started_mark(expected));
     if !(has_started && folder.work(training, CHECKPOINT).is_file()) {
@@ -227,7 +232,7 @@ pub(crate) const CURVE: &str = ".csv";
 
 /// Returns what a training run depends on, as the file beside its checkpoint has it. A checkpoint of anything else is of no
 /// use.
-pub(crate) fn started_mark(expected: &Expected) -> String {
-    let Expected { settings, task_hash, layout_hash } = expected;
+pub(crate) fn started_mark(expected: &TrainingInputs) -> String {
+    let TrainingInputs { settings, task_hash, layout_hash } = expected;
     json!({ "settings": settings, "task_hash": task_hash, "layout_hash": layout_hash }).to_string()
 }

@@ -85,7 +85,7 @@ pub struct TrainingTime {
 
 /// What a training run depends on now.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Expected {
+pub struct TrainingInputs {
     /// All settings, as TOML; `None` if the repository has no settings file for this task and algorithm.
     pub settings: Option<String>,
     /// Hash of the task.
@@ -189,7 +189,12 @@ impl TrainingSummary {
     /// Compares the summary with what the training run would give now, adds the defaults of settings that its program did not
     /// know, and adopts a controller whose file names no task if nothing else differs. With `adopt`, a controller that
     /// differs in its task alone is adopted too.
-    pub fn reconcile(&mut self, training: &Training, expected: &Expected, adopt: bool) -> Vec<Difference> {
+    pub fn reconcile(
+        &mut self,
+        training: &Training,
+        expected: &TrainingInputs,
+        adopt: bool,
+    ) -> Vec<Difference> {
         if expected.settings.as_deref() != Some(&self.settings)
             && let Some(config) = self.config()
         {
@@ -209,7 +214,7 @@ impl TrainingSummary {
     }
 
     /// Returns everything that differs from what the training run would give now.
-    fn differences(&self, training: &Training, expected: &Expected) -> Vec<Difference> {
+    fn differences(&self, training: &Training, expected: &TrainingInputs) -> Vec<Difference> {
         let mut differences = Vec::new();
         for (what, expected, found) in [
             ("task", training.task.as_str(), self.task.as_str()),
@@ -281,8 +286,8 @@ mod tests {
         Training { task: "point-reaching".to_string(), algorithm: "ppo".to_string(), seed: 0 }
     }
 
-    fn expected() -> Expected {
-        Expected {
+    fn expected() -> TrainingInputs {
+        TrainingInputs {
             settings: Some(SETTINGS.to_string()),
             task_hash: "aa".to_string(),
             layout_hash: "bb".to_string(),
@@ -341,7 +346,7 @@ mod tests {
     #[test]
     fn settings_that_an_older_program_left_out_count_with_their_defaults() {
         let full = AlgorithmSettings::from_toml("ppo", SETTINGS).unwrap().unwrap().to_toml();
-        let expected = Expected { settings: Some(full.clone()), ..expected() };
+        let expected = TrainingInputs { settings: Some(full.clone()), ..expected() };
         let mut old = summary();
         assert_eq!(old.reconcile(&training(), &expected, false), []);
         assert_eq!(old.settings, full);
@@ -349,7 +354,8 @@ mod tests {
 
     #[test]
     fn a_controller_is_adopted_only_if_its_task_alone_differs() {
-        let expected = Expected { settings: summary().config().map(|config| config.to_toml()), ..expected() };
+        let expected =
+            TrainingInputs { settings: summary().config().map(|config| config.to_toml()), ..expected() };
         let adopted = |change: &dyn Fn(&mut TrainingSummary), adopt| {
             let mut changed = summary();
             change(&mut changed);

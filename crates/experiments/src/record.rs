@@ -215,7 +215,7 @@ pub struct FalsificationRecord {
     /// Mean number of simulations to the first violation; trials without one count their budget.
     pub restricted_mean_simulations: Option<f64>,
     /// The trials.
-    pub trials: Vec<TrialRecord>,
+    pub trials: Vec<TrialMeasurement>,
 }
 
 impl FalsificationRecord {
@@ -241,7 +241,7 @@ impl FalsificationRecord {
             mean_simulations: outcome.mean_simulations,
             median_simulations: outcome.median_simulations,
             restricted_mean_simulations: outcome.restricted_mean_simulations,
-            trials: outcome.trials.iter().map(TrialRecord::from).collect(),
+            trials: outcome.trials.iter().map(TrialMeasurement::from).collect(),
         }
     }
 }
@@ -249,7 +249,7 @@ impl FalsificationRecord {
 /// One trial of a falsification. The simulation is the one with the least robustness.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct TrialRecord {
+pub struct TrialMeasurement {
     /// Number of the trial, from 1.
     pub trial: u32,
     /// Whether it found a violation.
@@ -274,15 +274,15 @@ pub struct TrialRecord {
     pub undecided: u32,
 }
 
-impl From<&TrialOutcome> for TrialRecord {
-    fn from(outcome: &TrialOutcome) -> TrialRecord {
+impl From<&TrialOutcome> for TrialMeasurement {
+    fn from(outcome: &TrialOutcome) -> TrialMeasurement {
         let minimum = outcome.minimum.as_ref();
         let end = |end| match end {
             TrialEnd::Falsified => "falsified",
             TrialEnd::BudgetSpent => "budget spent",
             TrialEnd::SearchEnded(_) => "search ended",
         };
-        TrialRecord {
+        TrialMeasurement {
             trial: outcome.trial,
             falsified: outcome.falsified(),
             simulations: outcome.simulations,
@@ -472,7 +472,7 @@ mod tests {
     #[test]
     fn infinite_robustness_and_large_seeds_survive_json() {
         let text = r#"{"trial":1,"falsified":false,"simulations":2,"minimum_robustness":"-inf","initial_configuration":[0.5,null],"simulation":1,"seed":"18446744073709551615","end":null,"diverged":0,"undecided":0}"#;
-        let trial: TrialRecord = serde_json::from_str(text).unwrap();
+        let trial: TrialMeasurement = serde_json::from_str(text).unwrap();
         assert_eq!((trial.minimum_robustness, trial.seed), (Some(f64::NEG_INFINITY), Some(u64::MAX)));
         assert_eq!(serde_json::to_string(&trial).unwrap(), text);
     }

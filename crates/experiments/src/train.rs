@@ -8,7 +8,7 @@ use mishandle::training::{TrainingControl, TrainingProgress};
 use mishandle::{MishandleError, TrainObserver, TrainPlan};
 
 use crate::folder::{create_parent, remove, write};
-use crate::intake::take_in;
+use crate::import::take_in;
 use crate::measure::Bench;
 use crate::plan_entry::{CHECKPOINT, CONTROLLER, CURVE, STARTED, started_mark};
 use crate::provenance::REWARD;
@@ -51,7 +51,7 @@ pub(crate) fn train(
         resume: file(CHECKPOINT).is_file(),
     };
     let name = training.name();
-    let has_ended = bench.laboratory.train(&plan, &mut Watch { bench, name: &name, observer })?;
+    let has_ended = bench.runner.train(&plan, &mut Watch { bench, name: &name, observer })?;
     if !has_ended {
         return Err(ExperimentError::Interrupted);
     }

@@ -9,8 +9,8 @@ use crate::jobs::run_side_by_side;
 use crate::measure::Bench;
 use crate::plan_entry::{entry, expected};
 use crate::{
-    BenchmarkTask, Conditions, Expected, ExperimentError, Laboratory, PlanEntry, Record, Selection,
-    TrainingState, curve_charts, intake, plan, tables, train,
+    BenchmarkTask, Conditions, ExperimentError, PlanEntry, Record, Runner, Selection, TrainingInputs,
+    TrainingState, curve_charts, import, plan, tables, train,
 };
 
 /// Receives the events of a [`Zoo`], from several threads.
@@ -37,7 +37,7 @@ pub trait ZooObserver: Sync {
 /// The controllers of a repository, their training runs and measurements.
 pub struct Zoo<'a> {
     folder: ZooFolder,
-    laboratory: &'a dyn Laboratory,
+    runner: &'a dyn Runner,
     observer: &'a dyn ZooObserver,
     stop: &'a (dyn Fn() -> bool + Sync),
     selection: Selection,
@@ -74,12 +74,12 @@ impl<'a> Zoo<'a> {
     /// Returns the zoo of a repository. `stop` is asked often; once it returns true, work in progress is saved and ends.
     pub fn new(
         folder: ZooFolder,
-        laboratory: &'a dyn Laboratory,
+        runner: &'a dyn Runner,
         observer: &'a dyn ZooObserver,
         stop: &'a (dyn Fn() -> bool + Sync),
     ) -> Zoo<'a> {
         let selection = Selection::default();
-        Zoo { folder, laboratory, observer, stop, selection, adopts: false, workers: 1 }
+        Zoo { folder, runner, observer, stop, selection, adopts: false, workers: 1 }
     }
 
     /// Returns the zoo restricted to a part of the plan.
@@ -104,7 +104,7 @@ impl<'a> Zoo<'a> {
     pub fn entries(&self) -> Result<Vec<PlanEntry>, ExperimentError> {
         let mut entries = self.all_entries()?;
         entries.retain(|entry| self.selection.includes(&entry.training));
-        let tasks = self.laboratory.tasks();
+        let tasks = self.runner.tasks();
         let has_expert = tasks.iter().any(|task| self.selection.includes_expert(&task.name));
         if entries.is_empty() && !has_expert {
             return Err(ExperimentError::NothingSelected);
@@ -118,7 +118,7 @@ impl<'a> Zoo<'a> {
     }
 
     fn all_entries(&self) -> Result<Vec<PlanEntry>, ExperimentError> {
-        let tasks = self.laboratory.tasks();
+        let tasks = self.runner.tasks();
         let names: Vec<String> = tasks.iter().map(|task| task.name.clone()).collect();
         let mut found = Vec::new();
         for (group, trainings) in plan(&names).into_iter().enumerate() {
@@ -127,7 +127,7 @@ impl<'a> Zoo<'a> {
                 let is_selected = self.selection.includes(&training);
                 let expected = match expected(&self.folder, task, &training) {
                     // A settings file that is not selected must not keep others from being trained.
-                    Err(_) if !is_selected => Expected::without_settings(task),
+                    Err(_) if !is_selected => TrainingInputs::without_settings(task),
                     found => found?,
                 };
                 let adopts = self.adopts && is_selected;
@@ -160,8 +160,8 @@ impl<'a> Zoo<'a> {
     /// # Errors
     /// If a training run is refused, or a file cannot be read or written.
     pub fn import(&self, source: &Path) -> Result<(), ExperimentError> {
-        let tasks = self.laboratory.tasks();
-        self.with_pages(|entries| intake::import(&self.bench(), source, tasks, entries, self.observer))
+        let tasks = self.runner.tasks();
+        self.with_pages(|entries| import::import(&self.bench(), source, tasks, entries, self.observer))
     }
 
     /// Writes the tables and the charts from the records and the curves alone.
@@ -173,7 +173,7 @@ impl<'a> Zoo<'a> {
     }
 
     fn bench(&self) -> Bench<'_> {
-        Bench { folder: &self.folder, laboratory: self.laboratory, stop: self.stop }
+        Bench { folder: &self.folder, runner: self.runner, stop: self.stop }
     }
 
     /// Does `work` on the selected entries while no other process does, then writes the pages, whatever `work` returned.
@@ -191,7 +191,7 @@ impl<'a> Zoo<'a> {
         for entry in entries.iter().filter(|entry| entry.record_is_stale) {
             entry.record.as_ref().map_or(Ok(()), |record| record.save(&self.folder))?;
         }
-        let tasks = self.laboratory.tasks();
+        let tasks = self.runner.tasks();
         let experts = tasks.iter().map(|task| Record::load(&self.folder, &task.name, "expert"));
         let experts: Vec<Record> = experts.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
         let drawn = curve_charts::write(&self.folder, tasks)?;
@@ -227,7 +227,7 @@ impl<'a> Zoo<'a> {
         again: bool,
     ) -> Result<Vec<Job<'b>>, ExperimentError> {
         let mut jobs = Vec::new();
-        let experts = self.laboratory.tasks().iter();
+        let experts = self.runner.tasks().iter();
         for task in experts.filter(|task| self.selection.includes_expert(&task.name)) {
             let record = Record::load(&self.folder, &task.name, "expert")?;
             let is_done = record.is_some_and(|record| record.is_of(&Conditions::new(task, &task.task_hash)));
@@ -261,13 +261,13 @@ impl<'a> Zoo<'a> {
     fn run(&self, job: &Job<'_>) -> Result<(), ExperimentError> {
         let bench = self.bench();
         let task_of = |entry: &PlanEntry| {
-            let tasks = self.laboratory.tasks();
+            let tasks = self.runner.tasks();
             // An entry's task is one of these: the plan is made of them.
             tasks.iter().find(|task| task.name == entry.training.task).ok_or(ExperimentError::NothingSelected)
         };
         match job {
             Job::Train(entry) => train::train(&bench, task_of(entry)?, entry, self.observer),
-            Job::Measure(entry) => intake::measure_again(&bench, task_of(entry)?, entry),
+            Job::Measure(entry) => import::measure_again(&bench, task_of(entry)?, entry),
             Job::Falsify(entry, record) => bench.falsified(&entry.training, record)?.save(&self.folder),
             Job::MeasureExpert(task) => bench.expert_record(task)?.save(&self.folder),
         }

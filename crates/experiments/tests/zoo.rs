@@ -1,4 +1,4 @@
-//! From a plan to tables, with a laboratory that trains in no time.
+//! From a plan to tables, with a runner that trains in no time.
 
 #![allow(clippy::unwrap_used)]
 #![allow(
@@ -6,22 +6,22 @@
     reason = "a path has no lifetime that is general enough"
 )]
 
-mod laboratory;
+mod runner;
 
 use std::fs;
 use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use laboratory::{CURVE_COLUMNS, FakeLaboratory, SETTINGS, curve_rows, write_controller};
 use mishandle::controllers::Header;
 use mishandle::files::FileLock;
 use mishandle_experiments::{ExperimentError, NOISE_LEVELS, Selection, Zoo, ZooFolder, ZooObserver};
+use runner::{CURVE_COLUMNS, FakeRunner, SETTINGS, curve_rows, write_controller};
 
 /// A repository with one task and one settings file.
 struct Repository {
     folder: tempfile::TempDir,
-    laboratory: FakeLaboratory,
+    runner: FakeRunner,
     stop: AtomicBool,
 }
 
@@ -52,8 +52,7 @@ fn ppo(seeds: &[u64]) -> Selection {
 impl Repository {
     fn new() -> Repository {
         let folder = tempfile::tempdir().unwrap();
-        let repository =
-            Repository { folder, laboratory: FakeLaboratory::new(), stop: AtomicBool::new(false) };
+        let repository = Repository { folder, runner: FakeRunner::new(), stop: AtomicBool::new(false) };
         repository.write(PPO_SETTINGS, SETTINGS);
         let page = |names: &[&str]| -> String {
             names.iter().map(|name| format!("<!-- figures: {name} -->\n<!-- end of figures -->\n")).collect()
@@ -81,7 +80,7 @@ impl Repository {
 
     fn write_controller(&self, name: &str, change: impl Fn(&mut Header)) {
         write_controller(&self.path(name), |header| {
-            self.laboratory.describe(header, "ppo", 0);
+            self.runner.describe(header, "ppo", 0);
             change(header);
         });
     }
@@ -103,7 +102,7 @@ impl Repository {
     ) -> (Result<(), ExperimentError>, Vec<String>) {
         let reports = Reports::default();
         let stop = || self.stop.load(Ordering::Relaxed);
-        let zoo = Zoo::new(ZooFolder::new(self.folder.path()), &self.laboratory, &reports, &stop);
+        let zoo = Zoo::new(ZooFolder::new(self.folder.path()), &self.runner, &reports, &stop);
         let zoo = zoo.with_selection(selection).with_adoption(adopts);
         let result = act(&zoo);
         (result, reports.0.into_inner().unwrap())
@@ -163,9 +162,9 @@ fn a_missing_controller_is_trained_measured_and_shown_once() {
     let tasks = repository.read("docs/tasks.md");
     assert!(tasks.contains("| `point-reaching` | `a` | - | - | 97.0 | 97.0 | 97.0 | 1 of 2 |"), "{tasks}");
     // A second call finds nothing to do.
-    let calls = repository.laboratory.calls();
+    let calls = repository.runner.calls();
     repository.train(&[0]);
-    assert_eq!(repository.laboratory.calls(), calls);
+    assert_eq!(repository.runner.calls(), calls);
     assert_eq!(repository.page(), page);
 }
 
@@ -180,17 +179,17 @@ fn a_change_of_settings_or_task_is_named_and_the_controller_is_trained_again() {
     assert!(repository.page().contains("out of date (settings changed: run.total_steps)"));
     repository.write(PPO_SETTINGS, SETTINGS);
     assert_eq!(repository.states(&[0]), ["done"]);
-    repository.laboratory.task_mut().task_hash = "cc".to_string();
+    repository.runner.task_mut().task_hash = "cc".to_string();
     assert_eq!(repository.states(&[0]), ["needs training: task changed"]);
     repository.train(&[0]);
     assert_eq!(repository.states(&[0]), ["done"]);
     // Another formula needs another measurement, but no training.
-    repository.laboratory.task_mut().formulas[0] = "c".to_string();
+    repository.runner.task_mut().formulas[0] = "c".to_string();
     assert_eq!(repository.states(&[0]), ["needs measurement"]);
-    let trained = repository.laboratory.count("train");
+    let trained = repository.runner.count("train");
     repository.train(&[0]);
     assert_eq!(repository.states(&[0]), ["done"]);
-    assert_eq!(repository.laboratory.count("train"), trained);
+    assert_eq!(repository.runner.count("train"), trained);
 }
 
 #[test]
@@ -207,11 +206,11 @@ fn only_a_missing_falsification_is_run() {
     let rows = lines_of(&repository.page(), "| `point-reaching` | `ppo` |");
     assert!(rows[1].contains("| not run | c0ffee |"), "{}", rows[1]);
     assert!(repository.read("docs/tasks.md").contains("| not run |"));
-    let evaluated = repository.laboratory.count("evaluate");
+    let evaluated = repository.runner.count("evaluate");
     repository.call(ppo(&[0]), |zoo| zoo.measure(false)).0.unwrap();
     assert_eq!(repository.states(&[0]), ["done"]);
-    assert_eq!(repository.laboratory.count("evaluate"), evaluated);
-    assert_eq!(repository.laboratory.count("falsify"), 2);
+    assert_eq!(repository.runner.count("evaluate"), evaluated);
+    assert_eq!(repository.runner.count("falsify"), 2);
     assert_eq!(fs::read_to_string(&record).unwrap(), text);
 }
 
@@ -219,12 +218,12 @@ fn only_a_missing_falsification_is_run() {
 fn measurements_are_repeated_only_on_request() {
     let repository = Repository::new();
     repository.train(&[0]);
-    let evaluated = repository.laboratory.count("evaluate");
+    let evaluated = repository.runner.count("evaluate");
     repository.call(ppo(&[0]), |zoo| zoo.measure(false)).0.unwrap();
-    assert_eq!(repository.laboratory.count("evaluate"), evaluated);
+    assert_eq!(repository.runner.count("evaluate"), evaluated);
     repository.call(ppo(&[0]), |zoo| zoo.measure(true)).0.unwrap();
-    assert_eq!(repository.laboratory.count("evaluate"), evaluated + NOISE_LEVELS.len());
-    assert_eq!(repository.laboratory.count("train"), 1);
+    assert_eq!(repository.runner.count("evaluate"), evaluated + NOISE_LEVELS.len());
+    assert_eq!(repository.runner.count("train"), 1);
 }
 
 #[test]
@@ -233,10 +232,10 @@ fn a_controller_that_names_no_task_is_adopted_and_marked() {
     repository.write_controller(SHIPPED, |header| header.task_hash = String::new());
     assert_eq!(repository.states(&[0]), ["needs measurement"]);
     repository.train(&[0]);
-    assert_eq!(repository.laboratory.count("train"), 0);
+    assert_eq!(repository.runner.count("train"), 0);
     assert!(repository.page().contains("c0ffee, adopted |"));
     // It belongs to that task from then on.
-    repository.laboratory.task_mut().task_hash = "cc".to_string();
+    repository.runner.task_mut().task_hash = "cc".to_string();
     assert_eq!(repository.states(&[0]), ["needs training: task changed"]);
     repository.call_adopting(ppo(&[0]), true, |zoo| zoo.measure(false)).0.unwrap();
     assert_eq!(repository.states(&[0]), ["done"]);
@@ -257,7 +256,7 @@ fn a_controller_that_names_no_task_is_adopted_and_marked() {
 #[test]
 fn a_stopped_training_run_continues_from_its_checkpoint() {
     let repository = Repository::new();
-    repository.laboratory.stop_training(true);
+    repository.runner.stop_training(true);
     let (stopped, reports) = repository.call(ppo(&[0]), |zoo| zoo.train());
     let stopped = stopped.unwrap_err().to_string();
     assert!(stopped.contains("interrupted after 0 of 1 jobs"), "{stopped}");
@@ -268,7 +267,7 @@ fn a_stopped_training_run_continues_from_its_checkpoint() {
     repository.write(PPO_SETTINGS, &SETTINGS.replace("2048", "4096"));
     assert_eq!(repository.states(&[0]), ["needs training: no controller"]);
     repository.write(PPO_SETTINGS, SETTINGS);
-    repository.laboratory.stop_training(false);
+    repository.runner.stop_training(false);
     // While another process trains it, its files are left alone.
     let lock = repository.path("target/controllers/point-reaching-ppo-s0.safetensors.lock");
     let other = FileLock::try_acquire(&lock).unwrap().unwrap();
@@ -278,7 +277,7 @@ fn a_stopped_training_run_continues_from_its_checkpoint() {
     drop(other);
     assert_eq!(repository.states(&[0]), [interrupted]);
     repository.train(&[0]);
-    assert_eq!(repository.laboratory.count("resume"), 1);
+    assert_eq!(repository.runner.count("resume"), 1);
     assert_eq!(repository.states(&[0]), ["done"]);
 }
 
@@ -288,7 +287,7 @@ fn a_stop_before_the_first_job_starts_nothing() {
     repository.stop.store(true, Ordering::Relaxed);
     let (stopped, _) = repository.call(ppo(&[]), |zoo| zoo.train());
     assert!(matches!(stopped, Err(ExperimentError::InterruptedWith { done: 0, total: 5 })), "{stopped:?}");
-    assert_eq!(repository.laboratory.calls(), Vec::<String>::new());
+    assert_eq!(repository.runner.calls(), Vec::<String>::new());
 }
 
 #[test]
@@ -307,7 +306,7 @@ fn a_second_process_is_kept_out() {
 fn further_seeds_keep_their_records_without_a_controller() {
     let mut repository = Repository::new();
     for (seed, rate) in [(1, 0.97), (2, 0.9)] {
-        repository.laboratory.set_rate(rate);
+        repository.runner.set_rate(rate);
         repository.train(&[seed]);
     }
     assert_eq!(repository.states(&[1, 2, 3]), ["done", "done", "needs training: no controller"]);
@@ -323,11 +322,11 @@ fn further_seeds_keep_their_records_without_a_controller() {
                    `point-reaching` `ppo-s2` (SR 95).";
     assert!(page.contains(summary), "{page}");
     assert!(!repository.path("controllers/point-reaching").exists());
-    assert_eq!(repository.laboratory.count("falsify"), 0);
+    assert_eq!(repository.runner.count("falsify"), 0);
     fs::remove_file(repository.path("target/controllers/point-reaching-ppo-s1.safetensors")).unwrap();
     assert_eq!(repository.states(&[1]), ["done"]);
     // A controller that is gone cannot be measured by other formulas.
-    repository.laboratory.task_mut().formulas[0] = "c".to_string();
+    repository.runner.task_mut().formulas[0] = "c".to_string();
     let gone = "needs training: the measurement changed, and the controller was not kept";
     assert_eq!(repository.states(&[1, 2]), [gone, "needs measurement"]);
 }
@@ -364,11 +363,11 @@ fn imported_training_runs_are_checked_against_the_plan() {
     result.unwrap();
     assert_eq!(reports, ["another: not in the plan, or not selected", "point-reaching-ppo-s0: imported"]);
     assert_eq!(repository.states(&[0]), ["done"]);
-    assert_eq!(repository.laboratory.count("train"), 0);
+    assert_eq!(repository.runner.count("train"), 0);
     // A controller in the repository is imported again only if its curve is missing.
-    let evaluated = repository.laboratory.count("evaluate");
+    let evaluated = repository.runner.count("evaluate");
     repository.call(ppo(&[]), |zoo| zoo.import(&source)).0.unwrap();
-    assert_eq!(repository.laboratory.count("evaluate"), evaluated);
+    assert_eq!(repository.runner.count("evaluate"), evaluated);
     fs::remove_file(repository.path(KEPT_CURVE)).unwrap();
     repository.call(ppo(&[]), |zoo| zoo.import(&source)).0.unwrap();
     assert!(repository.path(KEPT_CURVE).is_file());
@@ -378,18 +377,18 @@ fn imported_training_runs_are_checked_against_the_plan() {
 #[test]
 fn the_whole_box_is_measured_where_starts_are_left_out() {
     let mut repository = Repository::new();
-    repository.laboratory.leave_out_starts();
+    repository.runner.leave_out_starts();
     repository.train(&[0]);
     let page = repository.page();
     assert_eq!(lines_of(&page, "| `point-reaching` | `ppo`, whole box | 97.0 [85.0, 98.0] |").len(), 2);
-    assert_eq!(repository.laboratory.count("evaluate"), 2 * NOISE_LEVELS.len());
+    assert_eq!(repository.runner.count("evaluate"), 2 * NOISE_LEVELS.len());
 }
 
 #[test]
 fn a_failed_training_run_is_named_and_ends_no_other() {
     let repository = Repository::new();
     repository.write("experiments/training/point-reaching/trpo.toml", SETTINGS);
-    // The laboratory trains by PPO, whatever the plan says.
+    // The runner trains by PPO, whatever the plan says.
     let selection = Selection { only: None, seeds: vec![0] };
     let (result, reports) = repository.call(selection, |zoo| zoo.train());
     assert!(matches!(result, Err(ExperimentError::Failed { failed: 1, total: 2 })), "{result:?}");
@@ -403,7 +402,7 @@ fn an_expert_is_measured_once_and_never_trained() {
     let expert = || Selection { only: Some("point-reaching/expert".to_string()), seeds: vec![] };
     repository.call(expert(), |zoo| zoo.train()).0.unwrap();
     repository.call(expert(), |zoo| zoo.train()).0.unwrap();
-    assert_eq!(repository.laboratory.calls().len(), NOISE_LEVELS.len());
+    assert_eq!(repository.runner.calls().len(), NOISE_LEVELS.len());
     let rows = lines_of(&repository.page(), "| `point-reaching` | `expert` | 97.0");
     assert_eq!(rows.len(), NOISE_LEVELS.len());
     let unknown = Selection { only: Some("point-reaching/expret".to_string()), seeds: vec![] };

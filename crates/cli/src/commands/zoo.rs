@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail};
 use mishandle::MishandleError;
 use mishandle::training::TrainingProgress;
 use mishandle_experiments::{
-    ExperimentError, LocalLaboratory, PlanEntry, Selection, TrainingState, Zoo, ZooFolder, ZooObserver,
+    ExperimentError, LocalRunner, PlanEntry, Selection, TrainingState, Zoo, ZooFolder, ZooObserver,
 };
 use serde_json::{Value, json};
 
@@ -28,9 +28,9 @@ pub fn run(command: &args::Zoo) -> Result<ExitStatus> {
     if !root.join("experiments/training").is_dir() || !root.join("controllers/README.md").is_file() {
         bail!("expected a clone of the repository at {}; set MISHANDLE_HOME to one", root.display());
     }
-    let laboratory = LocalLaboratory::new()?;
+    let runner = LocalRunner::new()?;
     let reporter = Reporter::new();
-    let zoo = Zoo::new(ZooFolder::new(&root), &laboratory, &reporter, &interrupt::requested);
+    let zoo = Zoo::new(ZooFolder::new(&root), &runner, &reporter, &interrupt::requested);
     match &command.command {
         ZooCommand::List { selection, json } => list(&selected(zoo, selection), *json),
         ZooCommand::Train { selection, jobs } => finish(with_jobs(selected(zoo, selection), jobs)?.train()),

@@ -2,7 +2,7 @@
 
 use crate::tables::{NOT_RUN, NOTHING, Shown, decimal, figures, remarks};
 use crate::{
-    ExperimentError, KeptCurve, SHIPPED_SEED, TrainingSummary, algorithms, paper_training_time, seeds,
+    ExperimentError, SHIPPED_SEED, StoredCurve, TrainingSummary, algorithms, paper_training_time, seeds,
     success_threshold,
 };
 
@@ -30,7 +30,7 @@ pub(super) fn table(shown: &Shown<'_>) -> Result<String, ExperimentError> {
                 continue;
             };
             let path = shown.folder.curve(&entry.training);
-            let curve = if path.is_file() { Some(KeptCurve::load(&path)?) } else { None };
+            let curve = if path.is_file() { Some(StoredCurve::load(&path)?) } else { None };
             let threshold = success_threshold(task, algorithm);
             let reached =
                 curve.zip(threshold).and_then(|(curve, threshold)| curve.secs_to(threshold / 100.0));

@@ -10,7 +10,7 @@ use crate::folder::{read, remove, write};
 use crate::measure::Bench;
 use crate::plan_entry::{CONTROLLER, CURVE};
 use crate::{
-    BenchmarkTask, CurveFileProblem, Expected, ExperimentError, KeptCurve, PlanEntry, Training,
+    BenchmarkTask, CurveFileProblem, ExperimentError, PlanEntry, StoredCurve, Training, TrainingInputs,
     TrainingState, TrainingSummary, TrainingTime, ZooObserver,
 };
 
@@ -26,7 +26,7 @@ pub(crate) fn take_in(
     bench: &Bench<'_>,
     task: &BenchmarkTask,
     training: &Training,
-    expected: &Expected,
+    expected: &TrainingInputs,
     controller: &Path,
     csv: &Path,
 ) -> Result<(), ExperimentError> {
@@ -44,7 +44,7 @@ pub(crate) fn take_in(
     summary.training_time = training_time(&curve, &config);
     summary.trained_steps = curve.rows.last().map(|row| row.environment_steps);
     let record = bench.record(task, training, &summary, controller)?;
-    write(&bench.folder.curve(training), KeptCurve::from(&curve).csv().as_bytes())?;
+    write(&bench.folder.curve(training), StoredCurve::from(&curve).csv().as_bytes())?;
     record.save(bench.folder)?;
     let place = bench.folder.controller(training);
     if place != controller {

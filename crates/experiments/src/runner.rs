@@ -1,4 +1,4 @@
-//! What trains and measures: this program, or a stand-in in tests.
+//! Runs trainings and measurements: in this process, or as a fake in tests.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -14,14 +14,14 @@ use crate::measure::{CAMPAIGN_TRIALS, EVALUATION_EPISODES, EVALUATION_SEED};
 use crate::provenance::REWARD;
 use crate::{EvaluationRecord, ExperimentError, FalsificationRecord};
 
-/// A task of the benchmark, as the zoo needs to know it.
+/// Facts about a task of the benchmark.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BenchmarkTask {
-    /// Its name.
+    /// Name of the task.
     pub name: String,
     /// Success, strict success, safe condition, completion.
     pub formulas: [String; 4],
-    /// Hash of physics, starts, observations and reward.
+    /// Hash of physics, initial states, observations and reward.
     pub task_hash: String,
     /// Hash of the layout of observations and actions.
     pub layout_hash: String,
@@ -29,7 +29,7 @@ pub struct BenchmarkTask {
 
 /// A controller to measure.
 #[derive(Clone, Debug)]
-pub struct Subject {
+pub struct ControllerUnderTest {
     /// Name of the task.
     pub task: String,
     /// Path of the controller's file, or `expert`.
@@ -39,7 +39,7 @@ pub struct Subject {
 }
 
 /// Trains and measures controllers.
-pub trait Laboratory: Sync {
+pub trait Runner: Sync {
     /// Returns the tasks of the benchmark, in their order.
     fn tasks(&self) -> &[BenchmarkTask];
 
@@ -58,7 +58,7 @@ pub trait Laboratory: Sync {
     /// If the evaluation fails or was stopped.
     fn evaluate(
         &self,
-        subject: &Subject,
+        subject: &ControllerUnderTest,
         starts: StartRegion,
         action_noise: f64,
         stop: &(dyn Fn() -> bool + Sync),
@@ -70,7 +70,7 @@ pub trait Laboratory: Sync {
     /// If the falsification fails or was stopped.
     fn falsify(
         &self,
-        subject: &Subject,
+        subject: &ControllerUnderTest,
         action_noise: f64,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<FalsificationRecord, ExperimentError>;
@@ -78,18 +78,18 @@ pub trait Laboratory: Sync {
 
 /// Trains and measures in this process, on the threads of the current rayon pool.
 #[derive(Clone, Debug)]
-pub struct LocalLaboratory {
+pub struct LocalRunner {
     tasks: Vec<BenchmarkTask>,
     episodes: u64,
     trials: u32,
 }
 
-impl LocalLaboratory {
+impl LocalRunner {
     /// Looks up the tasks and computes their hashes, which takes a few control steps of each.
     ///
     /// # Errors
     /// If a task cannot be built.
-    pub fn new() -> Result<LocalLaboratory, ExperimentError> {
+    pub fn new() -> Result<LocalRunner, ExperimentError> {
         let reward = reward(REWARD)?;
         let own = TASKS.iter().filter(|task| task.definition().variant_of.is_none());
         let tasks = own.map(|task| {
@@ -103,14 +103,14 @@ impl LocalLaboratory {
                 layout_hash: definition.layout().hash(),
             })
         });
-        Ok(LocalLaboratory {
+        Ok(LocalRunner {
             tasks: tasks.collect::<Result<_, ExperimentError>>()?,
             episodes: EVALUATION_EPISODES,
             trials: CAMPAIGN_TRIALS,
         })
     }
 
-    fn plan(subject: &Subject, action_noise: f64) -> Plan {
+    fn plan(subject: &ControllerUnderTest, action_noise: f64) -> Plan {
         let plan = Plan::new(&subject.task, &subject.controller);
         Plan { action_noise, seed: EVALUATION_SEED, ..plan }
     }
@@ -132,7 +132,7 @@ fn flow(stop: &(dyn Fn() -> bool + Sync)) -> ControlFlow<()> {
     if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
 }
 
-impl Laboratory for LocalLaboratory {
+impl Runner for LocalRunner {
     fn tasks(&self) -> &[BenchmarkTask] {
         &self.tasks
     }
@@ -152,13 +152,13 @@ impl Laboratory for LocalLaboratory {
 
     fn evaluate(
         &self,
-        subject: &Subject,
+        subject: &ControllerUnderTest,
         starts: StartRegion,
         action_noise: f64,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<EvaluationRecord, ExperimentError> {
         let evaluate = EvaluatePlan { episodes: self.episodes, starts, ..EvaluatePlan::default() };
-        let plan = Plan { evaluate: Some(evaluate), ..LocalLaboratory::plan(subject, action_noise) };
+        let plan = Plan { evaluate: Some(evaluate), ..LocalRunner::plan(subject, action_noise) };
         let resolved = ResolvedPlan::new(&plan)?;
         with_run_file(&subject.run, || {
             let run = create_run(&resolved, Some(&subject.run))?;
@@ -172,12 +172,12 @@ impl Laboratory for LocalLaboratory {
 
     fn falsify(
         &self,
-        subject: &Subject,
+        subject: &ControllerUnderTest,
         action_noise: f64,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<FalsificationRecord, ExperimentError> {
         let falsify = FalsifyPlan { trials: self.trials, ..FalsifyPlan::default() };
-        let plan = Plan { falsify: Some(falsify), ..LocalLaboratory::plan(subject, action_noise) };
+        let plan = Plan { falsify: Some(falsify), ..LocalRunner::plan(subject, action_noise) };
         let resolved = ResolvedPlan::new(&plan)?;
         with_run_file(&subject.run, || {
             let run = create_run(&resolved, Some(&subject.run))?;
@@ -195,20 +195,20 @@ impl Laboratory for LocalLaboratory {
 mod tests {
     use super::*;
 
-    fn laboratory() -> LocalLaboratory {
-        LocalLaboratory { episodes: 3, trials: 1, ..LocalLaboratory::new().unwrap() }
+    fn runner() -> LocalRunner {
+        LocalRunner { episodes: 3, trials: 1, ..LocalRunner::new().unwrap() }
     }
 
-    fn subject(folder: &Path, controller: &str) -> Subject {
+    fn subject(folder: &Path, controller: &str) -> ControllerUnderTest {
         let (task, controller) = ("ball-balancing".to_string(), controller.to_string());
-        Subject { task, controller, run: folder.join("new/run.sqlite") }
+        ControllerUnderTest { task, controller, run: folder.join("new/run.sqlite") }
     }
 
     #[test]
     fn an_expert_is_evaluated_and_its_run_file_is_removed() {
         let folder = tempfile::tempdir().unwrap();
         let subject = subject(folder.path(), "expert");
-        let found = laboratory().evaluate(&subject, StartRegion::Reachable, 0.0, &|| false).unwrap();
+        let found = runner().evaluate(&subject, StartRegion::Reachable, 0.0, &|| false).unwrap();
         assert_eq!((found.simulations, found.success_rate.value), (3, Some(1.0)));
         assert_eq!((found.controller.as_str(), found.starts), ("expert", Some(StartRegion::Reachable)));
         assert!(!subject.run.exists());
@@ -218,9 +218,9 @@ mod tests {
     fn a_stopped_measurement_is_an_error_and_leaves_no_run_file() {
         let folder = tempfile::tempdir().unwrap();
         let subject = subject(folder.path(), "ppo");
-        let laboratory = laboratory();
-        let evaluated = laboratory.evaluate(&subject, StartRegion::Whole, 0.0, &|| true);
-        let falsified = laboratory.falsify(&subject, 0.5, &|| true);
+        let runner = runner();
+        let evaluated = runner.evaluate(&subject, StartRegion::Whole, 0.0, &|| true);
+        let falsified = runner.falsify(&subject, 0.5, &|| true);
         assert!(matches!(evaluated, Err(ExperimentError::Interrupted)));
         assert!(matches!(falsified, Err(ExperimentError::Interrupted)), "{falsified:?}");
         assert!(!subject.run.exists());
@@ -228,8 +228,8 @@ mod tests {
 
     #[test]
     fn the_benchmark_has_eight_tasks_without_variants() {
-        let laboratory = laboratory();
-        let names: Vec<&str> = laboratory.tasks().iter().map(|task| task.name.as_str()).collect();
+        let runner = runner();
+        let names: Vec<&str> = runner.tasks().iter().map(|task| task.name.as_str()).collect();
         assert_eq!((names.len(), names[0]), (8, "point-reaching"));
     }
 }

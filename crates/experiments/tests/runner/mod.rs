@@ -1,4 +1,4 @@
-//! A laboratory that trains and measures in no time.
+//! A runner that trains and measures in no time.
 
 use std::fs;
 use std::path::Path;
@@ -9,8 +9,8 @@ use mishandle::controllers::{ControllerFile, Header};
 use mishandle::training::{AlgorithmSettings, TimeShares, TrainingControl, TrainingProgress};
 use mishandle::{StartRegion, TrainObserver, TrainPlan};
 use mishandle_experiments::{
-    BenchmarkTask, EstimateRecord, EvaluationRecord, ExperimentError, FalsificationRecord, Laboratory,
-    Subject, TrialRecord,
+    BenchmarkTask, ControllerUnderTest, EstimateRecord, EvaluationRecord, ExperimentError,
+    FalsificationRecord, Runner, TrialMeasurement,
 };
 
 /// Settings of PPO; TRPO has the same keys.
@@ -41,7 +41,7 @@ pub fn write_controller(path: &Path, change: impl Fn(&mut Header)) {
     file.save(path).unwrap();
 }
 
-pub struct FakeLaboratory {
+pub struct FakeRunner {
     tasks: Vec<BenchmarkTask>,
     calls: Mutex<Vec<String>>,
     stops_training: AtomicBool,
@@ -49,8 +49,8 @@ pub struct FakeLaboratory {
     leaves_out_starts: bool,
 }
 
-impl FakeLaboratory {
-    pub fn new() -> FakeLaboratory {
+impl FakeRunner {
+    pub fn new() -> FakeRunner {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
         let file = ControllerFile::load(&root.join("controllers/point-reaching/ppo.safetensors")).unwrap();
         let task = BenchmarkTask {
@@ -59,7 +59,7 @@ impl FakeLaboratory {
             task_hash: "aa".to_string(),
             layout_hash: file.header.layout.hash(),
         };
-        FakeLaboratory {
+        FakeRunner {
             tasks: vec![task],
             calls: Mutex::default(),
             stops_training: AtomicBool::new(false),
@@ -139,7 +139,7 @@ fn progress() -> TrainingProgress {
     }
 }
 
-impl Laboratory for FakeLaboratory {
+impl Runner for FakeRunner {
     fn tasks(&self) -> &[BenchmarkTask] {
         &self.tasks
     }
@@ -165,7 +165,7 @@ impl Laboratory for FakeLaboratory {
 
     fn evaluate(
         &self,
-        subject: &Subject,
+        subject: &ControllerUnderTest,
         starts: StartRegion,
         action_noise: f64,
         _: &(dyn Fn() -> bool + Sync),
@@ -195,12 +195,12 @@ impl Laboratory for FakeLaboratory {
 
     fn falsify(
         &self,
-        subject: &Subject,
+        subject: &ControllerUnderTest,
         action_noise: f64,
         _: &(dyn Fn() -> bool + Sync),
     ) -> Result<FalsificationRecord, ExperimentError> {
         self.note(format!("falsify {}", subject.controller));
-        let trial = |trial| TrialRecord {
+        let trial = |trial| TrialMeasurement {
             trial,
             falsified: trial == 1,
             simulations: 300,

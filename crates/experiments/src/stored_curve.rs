@@ -8,7 +8,7 @@ use serde::Deserialize;
 use crate::folder::read;
 use crate::{CurveFileProblem, ExperimentError};
 
-/// The columns of the CSV file: the fields of [`KeptRow`].
+/// The columns of the CSV file: the fields of [`StoredCurveRow`].
 const COLUMNS: [&str; 6] = [
     "environment_steps",
     "wall_clock_secs",
@@ -20,7 +20,7 @@ const COLUMNS: [&str; 6] = [
 
 /// One iteration of a training run.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-pub struct KeptRow {
+pub struct StoredCurveRow {
     /// Control steps of all environments together so far.
     pub environment_steps: u64,
     /// Wall-clock time so far, s; the file has one decimal.
@@ -35,10 +35,10 @@ pub struct KeptRow {
     pub validation_return: Option<f64>,
 }
 
-impl From<&CurveRow> for KeptRow {
-    fn from(row: &CurveRow) -> KeptRow {
+impl From<&CurveRow> for StoredCurveRow {
+    fn from(row: &CurveRow) -> StoredCurveRow {
         let validation = row.validation;
-        KeptRow {
+        StoredCurveRow {
             environment_steps: row.environment_steps,
             wall_clock_secs: row.wall_clock_secs,
             mean_return: row.mean_return,
@@ -51,40 +51,40 @@ impl From<&CurveRow> for KeptRow {
 
 /// A learning curve as the repository keeps it: one row per iteration.
 #[derive(Clone, Debug, PartialEq)]
-pub struct KeptCurve {
+pub struct StoredCurve {
     /// The rows, in order.
-    pub rows: Vec<KeptRow>,
+    pub rows: Vec<StoredCurveRow>,
 }
 
-impl From<&Curve> for KeptCurve {
-    fn from(curve: &Curve) -> KeptCurve {
-        KeptCurve { rows: curve.rows.iter().map(KeptRow::from).collect() }
+impl From<&Curve> for StoredCurve {
+    fn from(curve: &Curve) -> StoredCurve {
+        StoredCurve { rows: curve.rows.iter().map(StoredCurveRow::from).collect() }
     }
 }
 
-impl KeptCurve {
+impl StoredCurve {
     /// Reads a kept curve.
     ///
     /// # Errors
     /// If the file cannot be read, lacks a column, or has a cell that is not a number.
-    pub fn load(path: &Path) -> Result<KeptCurve, ExperimentError> {
+    pub fn load(path: &Path) -> Result<StoredCurve, ExperimentError> {
         let bytes = read(path)?;
-        KeptCurve::parse(&bytes)
+        StoredCurve::parse(&bytes)
             .map_err(|problem| ExperimentError::Curve { path: path.to_path_buf(), problem })
     }
 
-    fn parse(bytes: &[u8]) -> Result<KeptCurve, CurveFileProblem> {
-        let rows: Vec<KeptRow> =
+    fn parse(bytes: &[u8]) -> Result<StoredCurve, CurveFileProblem> {
+        let rows: Vec<StoredCurveRow> =
             csv::Reader::from_reader(bytes).into_deserialize().collect::<Result<_, _>>()?;
         if rows.is_empty() {
             return Err(CurveFileProblem::Empty);
         }
-        Ok(KeptCurve { rows })
+        Ok(StoredCurve { rows })
     }
 
     /// Returns the wall-clock time of the first validation with at least this success rate, s.
     pub fn secs_to(&self, success_rate: f64) -> Option<f64> {
-        let reached = |row: &&KeptRow| row.success_rate.is_some_and(|rate| rate >= success_rate);
+        let reached = |row: &&StoredCurveRow| row.success_rate.is_some_and(|rate| rate >= success_rate);
         self.rows.iter().find(reached).map(|row| row.wall_clock_secs)
     }
 
@@ -111,7 +111,7 @@ mod tests {
 
     #[test]
     fn empty_cells_are_missing_values_and_the_bytes_come_back() {
-        let curve = KeptCurve::parse(TEXT.as_bytes()).unwrap();
+        let curve = StoredCurve::parse(TEXT.as_bytes()).unwrap();
         assert_eq!((curve.rows[0].environment_steps, curve.rows[0].mean_return), (512, None));
         assert_eq!((curve.rows[1].success_rate, curve.rows[1].validation_return), (Some(0.5), Some(-2.0)));
         assert_eq!([0.5, 0.6].map(|rate| curve.secs_to(rate)), [Some(1.2), None]);
@@ -127,7 +127,7 @@ mod tests {
             (&TEXT.replace("0.25,-2", "0.25"), "found record with 5 fields"),
             (&TEXT.replace("-3.5", "low"), "field 2"),
         ] {
-            let error = KeptCurve::parse(text.as_bytes()).unwrap_err().to_string();
+            let error = StoredCurve::parse(text.as_bytes()).unwrap_err().to_string();
             assert!(error.contains(expected), "{error}");
         }
     }
