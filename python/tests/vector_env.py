@@ -124,7 +124,7 @@ class Errors(unittest.TestCase):
         self.check("did you mean `point-reaching`?", lambda: VectorEnv("point-reachin", 1))
         self.check("no task preset `x`; choose from: paper, code", lambda: VectorEnv("point-reaching", 1, preset="x"))
         self.check("no reward `x`; choose from: shaped", lambda: VectorEnv("point-reaching", 1, reward="x"))
-        self.check("`environments` must be a whole number from 1 to 10^12, found 0", lambda: VectorEnv("point-reaching", 0))
+        self.check("`environments` must be a whole number from 1 to 10^6, found 0", lambda: VectorEnv("point-reaching", 0))
         self.check("`time_limit` must be a whole number from 1 to 10^12", lambda: VectorEnv("point-reaching", 1, time_limit=0))
         self.check("`action_noise` must be", lambda: VectorEnv("point-reaching", 1, action_noise=float("nan")))
         self.check("`threads` must be at least 1", lambda: VectorEnv("point-reaching", 1, threads=0))
