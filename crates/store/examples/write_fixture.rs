@@ -1,5 +1,5 @@
 //! Writes the run file that later versions must be able to read:
-//! `cargo run -p mishandle-store --example write_fixture -- crates/store/tests/fixtures/v2.sqlite`.
+//! `cargo run -p mishandle-store --example write_fixture -- crates/store/tests/fixtures/v3.sqlite`.
 //!
 //! Run once per format version, when it is released. `tests/old_files.rs` states the values by hand.
 
@@ -27,7 +27,7 @@ fn main() -> Result<()> {
         Simulation { robustness_low: Some(f64::NEG_INFINITY), stop_threshold: Some(-0.0), ..part },
         simulation(1, 4, Some(f64::INFINITY), SimulationEnd::Terminated { step: 56 }),
         simulation(1, 5, None, SimulationEnd::Undefined { step: 0 }),
-        simulation(1, 6, None, SimulationEnd::InvalidAction { step: 7 }),
+        simulation(1, 6, None, SimulationEnd::InvalidAction { step: 7, index: 3 }),
         Simulation {
             unit_point: vec![],
             scenario: vec![None, None],
@@ -35,6 +35,9 @@ fn main() -> Result<()> {
         },
         simulation(1, 8, None, SimulationEnd::Crashed { step: 8 }),
         simulation(1, 9, None, SimulationEnd::TimedOut { step: 9 }),
+        simulation(1, 10, None, SimulationEnd::InvalidObservation { step: 0, index: 5 }),
+        simulation(1, 11, None, SimulationEnd::InvalidReward { step: 11, index: 1 }),
+        simulation(1, 12, None, SimulationEnd::InvalidSignal { step: 12, index: u32::MAX }),
         simulation(2, 1, Some(-0.0), SimulationEnd::Completed),
         Simulation {
             trace: Some(trace()),

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use crate::{AxisRecord, Result, RunFile, Simulation, StoreError, StoredTrace, row};
 
 /// Columns that every export has, before those of axes and verdicts.
-const FIXED: [&str; 10] = [
+const FIXED: [&str; 11] = [
     "trial",
     "simulation",
     "seed",
@@ -15,6 +15,7 @@ const FIXED: [&str; 10] = [
     "stop_threshold",
     "end",
     "end_step",
+    "end_index",
     "steps",
 ];
 
@@ -22,7 +23,7 @@ const FIXED: [&str; 10] = [
 /// number.
 ///
 /// The columns are `trial`, `simulation`, `seed`, `robustness`, `robustness_low`, `robustness_high`,
-/// `stop_threshold`, `end`, `end_step`, `steps`; then one column `u_NAME` per axis (the unit point); then one column
+/// `stop_threshold`, `end`, `end_step`, `end_index`, `steps`; then one column `u_NAME` per axis (the unit point); then one column
 /// `NAME_UNIT` per axis (the scenario; the unit `m/s` becomes `m_per_s`); then one column per verdict; then
 /// `trace_digest` in hexadecimal. Numbers have enough digits to be read back exactly, infinities are `inf` and `-inf`,
 /// and missing values are empty.
@@ -63,7 +64,8 @@ pub fn export_trace_csv(run: &RunFile, trace: &StoredTrace, writer: &mut impl Wr
 }
 
 fn fields(simulation: &Simulation, axes: usize) -> Vec<String> {
-    let (end, end_step) = row::end_text(simulation.end);
+    let (end, end_step, end_index) = row::end_columns(simulation.end);
+    let or_empty_integer = |value: Option<u32>| value.map(|value| value.to_string()).unwrap_or_default();
     let or_empty = |value: Option<f64>| value.map(number).unwrap_or_default();
     let mut fields = vec![
         simulation.trial.to_string(),
@@ -74,7 +76,8 @@ fn fields(simulation: &Simulation, axes: usize) -> Vec<String> {
         or_empty(simulation.robustness_high),
         or_empty(simulation.stop_threshold),
         end.to_owned(),
-        end_step.map(|step| step.to_string()).unwrap_or_default(),
+        or_empty_integer(end_step),
+        or_empty_integer(end_index),
         simulation.steps.to_string(),
     ];
     fields.extend((0..axes).map(|axis| or_empty(simulation.unit_point.get(axis).copied())));

@@ -51,10 +51,33 @@ pub enum SimulationEnd {
         /// The sample at which the formula is undefined.
         step: u32,
     },
-    /// The controller returned an action that the target cannot apply.
+    /// The controller returned an action that is not finite.
     InvalidAction {
         /// The control step of the action.
         step: u32,
+        /// Index of the first value of the action that is not finite.
+        index: u32,
+    },
+    /// The target returned an observation that is not finite.
+    InvalidObservation {
+        /// The control step after which it was observed; 0 is the initial state.
+        step: u32,
+        /// Index of the first value of the observation that is not finite.
+        index: u32,
+    },
+    /// The target returned a reward that is not finite.
+    InvalidReward {
+        /// The control step of the reward.
+        step: u32,
+        /// Index of the first reward term that is not finite.
+        index: u32,
+    },
+    /// The target returned a signal that is not finite.
+    InvalidSignal {
+        /// The sample of the trace.
+        step: u32,
+        /// Index of the first signal that is not finite.
+        index: u32,
     },
     /// The target cannot start from the scenario.
     InvalidScenario,
@@ -114,10 +137,13 @@ pub struct Counts {
     pub simulations: u64,
     /// Simulations with negative robustness.
     pub falsified: u64,
-    /// Simulations without a robustness.
+    /// Simulations without a robustness, for any reason.
     pub undecided: u64,
     /// Simulations whose physics diverged.
     pub diverged: u64,
+    /// Simulations that ended because controller or target returned a value that is not finite: an invalid action,
+    /// observation, reward or signal.
+    pub invalid: u64,
 }
 
 /// A trial with statistics of its simulations.

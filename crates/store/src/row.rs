@@ -10,13 +10,14 @@ use crate::{Result, RunHeader, Simulation, SimulationEnd, TrialRecord, TrialStat
 
 /// The columns of a simulation, in the order in which [`insert`] and [`read`] take them.
 pub(crate) const COLUMNS: &str = "trial, number, seed, scenario, unit_point, robustness, robustness_low, \
-     robustness_high, stop_threshold, ended, end_step, steps, verdicts, trace_digest, row_hash";
+     robustness_high, stop_threshold, ended, end_step, end_index, steps, verdicts, trace_digest, row_hash";
 
 /// [`Counts`](crate::Counts) as SQL, for a row of `simulation` or for none.
 pub(crate) const COUNTS: &str = "count(simulation.number) AS simulations,
     count(*) FILTER (WHERE robustness < 0) AS falsified,
     count(*) FILTER (WHERE simulation.number IS NOT NULL AND robustness IS NULL) AS undecided,
-    count(*) FILTER (WHERE ended = 'diverged') AS diverged";
+    count(*) FILTER (WHERE ended = 'diverged') AS diverged,
+    count(*) FILTER (WHERE end_index IS NOT NULL) AS invalid";
 
 const STATUSES: [(TrialStatus, &str); 4] = [
     (TrialStatus::Running, "running"),
@@ -33,35 +34,45 @@ fn status_from_text(text: &str) -> Option<TrialStatus> {
     STATUSES.iter().find(|(_, known)| *known == text).map(|(status, _)| *status)
 }
 
-/// Returns the stored name and step of an end.
-pub(crate) fn end_text(end: SimulationEnd) -> (&'static str, Option<u32>) {
+/// An end as it is stored: its name, its control step and the index of an invalid value.
+pub(crate) type EndColumns = (&'static str, Option<u32>, Option<u32>);
+
+pub(crate) fn end_columns(end: SimulationEnd) -> EndColumns {
+    use SimulationEnd as End;
     match end {
-        SimulationEnd::Completed => ("completed", None),
-        SimulationEnd::Terminated { step } => ("terminated", Some(step)),
-        SimulationEnd::Stopped { step } => ("stopped", Some(step)),
-        SimulationEnd::Diverged { step } => ("diverged", Some(step)),
-        SimulationEnd::Undefined { step } => ("undefined", Some(step)),
-        SimulationEnd::InvalidAction { step } => ("invalid action", Some(step)),
-        SimulationEnd::InvalidScenario => ("invalid scenario", None),
-        SimulationEnd::Crashed { step } => ("crashed", Some(step)),
-        SimulationEnd::TimedOut { step } => ("timed out", Some(step)),
+        End::Completed => ("completed", None, None),
+        End::Terminated { step } => ("terminated", Some(step), None),
+        End::Stopped { step } => ("stopped", Some(step), None),
+        End::Diverged { step } => ("diverged", Some(step), None),
+        End::Undefined { step } => ("undefined", Some(step), None),
+        End::InvalidAction { step, index } => ("invalid action", Some(step), Some(index)),
+        End::InvalidObservation { step, index } => ("invalid observation", Some(step), Some(index)),
+        End::InvalidReward { step, index } => ("invalid reward", Some(step), Some(index)),
+        End::InvalidSignal { step, index } => ("invalid signal", Some(step), Some(index)),
+        End::InvalidScenario => ("invalid scenario", None, None),
+        End::Crashed { step } => ("crashed", Some(step), None),
+        End::TimedOut { step } => ("timed out", Some(step), None),
     }
 }
 
-fn end_from_text(text: &str, step: Option<u32>) -> Option<SimulationEnd> {
-    let end = match (text, step) {
-        ("completed", _) => SimulationEnd::Completed,
-        ("terminated", Some(step)) => SimulationEnd::Terminated { step },
-        ("stopped", Some(step)) => SimulationEnd::Stopped { step },
-        ("diverged", Some(step)) => SimulationEnd::Diverged { step },
-        ("undefined", Some(step)) => SimulationEnd::Undefined { step },
-        ("invalid action", Some(step)) => SimulationEnd::InvalidAction { step },
-        ("invalid scenario", _) => SimulationEnd::InvalidScenario,
-        ("crashed", Some(step)) => SimulationEnd::Crashed { step },
-        ("timed out", Some(step)) => SimulationEnd::TimedOut { step },
+fn end_from_columns(text: &str, step: Option<u32>, index: Option<u32>) -> Option<SimulationEnd> {
+    use SimulationEnd as End;
+    let end = match (text, step, index) {
+        ("completed", None, None) => End::Completed,
+        ("terminated", Some(step), None) => End::Terminated { step },
+        ("stopped", Some(step), None) => End::Stopped { step },
+        ("diverged", Some(step), None) => End::Diverged { step },
+        ("undefined", Some(step), None) => End::Undefined { step },
+        ("invalid action", Some(step), Some(index)) => End::InvalidAction { step, index },
+        ("invalid observation", Some(step), Some(index)) => End::InvalidObservation { step, index },
+        ("invalid reward", Some(step), Some(index)) => End::InvalidReward { step, index },
+        ("invalid signal", Some(step), Some(index)) => End::InvalidSignal { step, index },
+        ("invalid scenario", None, None) => End::InvalidScenario,
+        ("crashed", Some(step), None) => End::Crashed { step },
+        ("timed out", Some(step), None) => End::TimedOut { step },
         _ => return None,
     };
-    (end_text(end).1 == step).then_some(end)
+    Some(end)
 }
 
 /// Feeds all fields of a simulation, so that a change of any field is detected. The digest represents the trace.
@@ -82,7 +93,7 @@ pub(crate) fn feed(digest: &mut Digest, simulation: &Simulation, trace_digest: O
         trace_digest: _,
         trace: _,
     } = simulation;
-    let (end, end_step) = end_text(*end);
+    let (end, end_step, end_index) = end_columns(*end);
     digest.integer(u64::from(*trial));
     digest.integer(u64::from(*number));
     digest.integer(*seed);
@@ -99,6 +110,10 @@ pub(crate) fn feed(digest: &mut Digest, simulation: &Simulation, trace_digest: O
     let trace_digest = trace_digest.unwrap_or(0);
     digest.integer(trace_digest as u64);
     digest.integer((trace_digest >> 64) as u64);
+    // An index of 0 is not fed, so that rows of format version 2, which has no index, keep their hashes.
+    if let Some(index) = end_index.filter(|&index| index > 0) {
+        digest.integer(u64::from(index));
+    }
 }
 
 fn hash(simulation: &Simulation, trace_digest: Option<u128>) -> i64 {
@@ -213,9 +228,9 @@ pub(crate) fn insert(
 ) -> rusqlite::Result<usize> {
     let sql = format!(
         "INSERT INTO simulation ({COLUMNS})
-         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15)"
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16)"
     );
-    let (ended, end_step) = end_text(simulation.end);
+    let (ended, end_step, end_index) = end_columns(simulation.end);
     let unwritable = |error: serde_json::Error| rusqlite::Error::ToSqlConversionFailure(error.into());
     let scenario = json::object(axis_names(header), &simulation.scenario).map_err(unwritable)?;
     let verdict_names = header.verdicts.iter().map(String::as_str);
@@ -236,6 +251,7 @@ pub(crate) fn insert(
         simulation.stop_threshold,
         ended,
         end_step,
+        end_index,
         simulation.steps,
         verdicts,
         trace_digest.map(|digest| format!("{digest:032x}")),
@@ -254,9 +270,11 @@ pub(crate) fn read(row: &Row<'_>, path: &Path, header: &RunHeader) -> Result<Sim
         Some(text) => json::parse_array(text).ok_or_else(|| damaged("its unit point is unreadable"))?,
     };
     let scenario = json::parse_object(text(3)?.unwrap_or_default(), axis_names(header));
-    let verdicts = text(12)?.unwrap_or_default();
+    let verdicts = text(13)?.unwrap_or_default();
     let verdicts = json::parse_object(verdicts, header.verdicts.iter().map(String::as_str));
-    let trace_digest = text(13)?.map(|text| u128::from_str_radix(text, 16)).transpose();
+    let trace_digest = text(14)?.map(|text| u128::from_str_radix(text, 16)).transpose();
+    let (end_step, end_index) = (row.get(10).in_file(path)?, row.get(11).in_file(path)?);
+    let end = end_from_columns(text(9)?.unwrap_or_default(), end_step, end_index);
     let simulation = Simulation {
         trial,
         number,
@@ -267,14 +285,13 @@ pub(crate) fn read(row: &Row<'_>, path: &Path, header: &RunHeader) -> Result<Sim
         robustness_low: row.get(6).in_file(path)?,
         robustness_high: row.get(7).in_file(path)?,
         stop_threshold: row.get(8).in_file(path)?,
-        end: end_from_text(text(9)?.unwrap_or_default(), row.get(10).in_file(path)?)
-            .ok_or_else(|| damaged("its end is unknown"))?,
-        steps: row.get(11).in_file(path)?,
+        end: end.ok_or_else(|| damaged("its end is unknown"))?,
+        steps: row.get(12).in_file(path)?,
         verdicts: verdicts.ok_or_else(|| damaged("its verdicts are unreadable"))?,
         trace_digest: trace_digest.map_err(|_| damaged("its trace digest is unreadable"))?,
         trace: None,
     };
-    if hash(&simulation, simulation.trace_digest) != row.get::<_, i64>(14).in_file(path)? {
+    if hash(&simulation, simulation.trace_digest) != row.get::<_, i64>(15).in_file(path)? {
         return Err(damaged("it does not match its hash"));
     }
     Ok(simulation)

@@ -219,11 +219,16 @@ impl RunFile {
         if verdict != "ok" {
             return Err(StoreError::damaged(&self.path, verdict));
         }
-        self.trials()?;
-        self.simulations().try_for_each(|simulation| simulation.map(drop))?;
+        self.check_rows()?;
         self.stored_traces()?
             .into_iter()
             .try_for_each(|(trial, number)| self.simulation(trial, number).map(drop))
+    }
+
+    /// Checks the hashes of all trials and simulations.
+    pub(crate) fn check_rows(&self) -> Result<()> {
+        self.trials()?;
+        self.simulations().try_for_each(|simulation| simulation.map(drop))
     }
 
     fn trace_of(&self, simulation: &Simulation) -> Result<Option<StoredTrace>> {
@@ -245,7 +250,13 @@ impl RunFile {
 
 fn counts(row: &Row<'_>, first: usize) -> rusqlite::Result<Counts> {
     let count = |column: usize| row.get::<_, i64>(first + column).map(i64::cast_unsigned);
-    Ok(Counts { simulations: count(0)?, falsified: count(1)?, undecided: count(2)?, diverged: count(3)? })
+    Ok(Counts {
+        simulations: count(0)?,
+        falsified: count(1)?,
+        undecided: count(2)?,
+        diverged: count(3)?,
+        invalid: count(4)?,
+    })
 }
 
 /// Iterator over simulations; see [`RunFile::simulations`]. It ends after the first error.

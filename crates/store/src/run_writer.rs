@@ -88,11 +88,15 @@ impl RunWriter {
         begin(&connection).in_file(path)?;
         // Checked again: now no other process can change it.
         let found = upgrade::version(&connection, path, steps)?;
-        upgrade::upgrade(&connection, path, found, steps)?;
-        connection.execute_batch("COMMIT").in_file(path)?;
-        prepare(&connection, path)?;
-        begin(&connection).in_file(path)?;
+        let is_upgraded = upgrade::upgrade(&connection, path, found, steps)?;
         let file = RunFile::of(connection, path)?;
+        if is_upgraded {
+            // Before the commit, so that a damaged file stays as it is.
+            file.check_rows()?;
+        }
+        file.connection.execute_batch("COMMIT").in_file(path)?;
+        prepare(&file.connection, path)?;
+        begin(&file.connection).in_file(path)?;
         check_references(&file)?;
         Ok(Self { file, _lock: writer_lock })
     }

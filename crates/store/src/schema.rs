@@ -85,6 +85,7 @@ pub(crate) const TABLES: &[&str] = &[
     stop_threshold ANY,
     ended TEXT NOT NULL,
     end_step INTEGER,
+    end_index INTEGER,
     steps INTEGER NOT NULL,
     verdicts TEXT NOT NULL,
     trace_digest TEXT,
@@ -101,7 +102,7 @@ pub(crate) const TABLES: &[&str] = &[
 ];
 
 /// Columns of the table that the view `simulations` contains unchanged.
-const SIMULATION_COLUMNS: [&str; 11] = [
+const SIMULATION_COLUMNS: [&str; 12] = [
     "trial",
     "number",
     "seed",
@@ -111,6 +112,7 @@ const SIMULATION_COLUMNS: [&str; 11] = [
     "stop_threshold",
     "ended",
     "end_step",
+    "end_index",
     "steps",
     "trace_digest",
 ];
@@ -119,10 +121,68 @@ const SIMULATION_COLUMNS: [&str; 11] = [
 /// JSON.
 const MAX_COLUMNS: usize = 1900;
 
+/// What differs between the tables and views of two format versions with the same header.
+pub(crate) struct Schema<'a> {
+    /// The statements that create the tables.
+    pub(crate) tables: &'a [&'a str],
+    /// Columns of the table `simulation` that the view `simulations` contains unchanged.
+    pub(crate) simulation_columns: &'a [&'a str],
+    /// [`COUNTS`] of the version.
+    pub(crate) counts: &'a str,
+}
+
+/// The tables and views of this version.
+const CURRENT: Schema<'_> =
+    Schema { tables: TABLES, simulation_columns: &SIMULATION_COLUMNS, counts: COUNTS };
+
+impl Schema<'_> {
+    /// Checks that the file contains these tables and views and nothing else, and returns its header.
+    ///
+    /// A malicious file can contain triggers, or views in place of the tables.
+    pub(crate) fn read_header(&self, connection: &Connection, path: &Path) -> Result<RunHeader> {
+        let found = statements(connection).in_file(path)?;
+        let others = without(found, path, self.tables.iter().copied())?;
+        let header = header_table::read(connection, path)?;
+        check_empty(&without(others, path, self.views(&header).iter().map(String::as_str))?, path)?;
+        Ok(header)
+    }
+
+    /// Returns the statements that create the views. They depend on the header: one column per axis and verdict. Their text
+    /// is part of the format.
+    fn views(&self, header: &RunHeader) -> [String; 2] {
+        let counts = self.counts;
+        let mut taken: BTreeSet<String> = self.simulation_columns.iter().map(ToString::to_string).collect();
+        let mut columns: Vec<String> = self.simulation_columns.iter().map(ToString::to_string).collect();
+        for axis in &header.axes {
+            let value = extract("scenario", &axis.name);
+            columns.push(format!("{value} AS {}", identifier(&free_name("axis", &axis.name, &mut taken))));
+        }
+        for name in &header.verdicts {
+            let value = extract("verdicts", name);
+            // As a string, an infinity would compare greater than every number.
+            let value =
+                format!("CASE {value} WHEN 'inf' THEN 9e999 WHEN '-inf' THEN -9e999 ELSE {value} END");
+            columns.push(format!("{value} AS {}", identifier(&free_name("verdict", name, &mut taken))));
+        }
+        // SQLite ends a statement at a NUL.
+        columns.retain(|column| !column.contains('\0'));
+        columns.truncate(MAX_COLUMNS);
+        [
+            format!("CREATE VIEW simulations AS SELECT\n    {}\nFROM simulation", columns.join(",\n    ")),
+            format!(
+                "CREATE VIEW trials AS SELECT trial.number AS number, trial.seed AS seed, trial.status AS status,
+    {counts}, min(robustness) AS minimum_robustness
+FROM trial LEFT JOIN simulation ON simulation.trial = trial.number
+GROUP BY trial.number"
+            ),
+        ]
+    }
+}
+
 /// Creates the tables and views of this version that the file lacks.
 pub(crate) fn create(connection: &Connection, header: &RunHeader) -> rusqlite::Result<()> {
     let found = statements(connection)?;
-    let views = views(header);
+    let views = CURRENT.views(header);
     let mut missing = TABLES
         .iter()
         .copied()
@@ -132,14 +192,8 @@ pub(crate) fn create(connection: &Connection, header: &RunHeader) -> rusqlite::R
 }
 
 /// Checks that the file contains the tables and views of this version and nothing else, and returns its header.
-///
-/// A malicious file can contain triggers, or views in place of the tables.
 pub(crate) fn read_header(connection: &Connection, path: &Path) -> Result<RunHeader> {
-    let found = statements(connection).in_file(path)?;
-    let others = without(found, path, TABLES.iter().copied())?;
-    let header = header_table::read(connection, path)?;
-    check_empty(&without(others, path, views(&header).iter().map(String::as_str))?, path)?;
-    Ok(header)
+    CURRENT.read_header(connection, path)
 }
 
 /// Checks that the file contains these tables and nothing else.
@@ -183,35 +237,6 @@ fn statements(connection: &Connection) -> rusqlite::Result<Statements> {
          WHERE sql IS NOT NULL AND NOT (type = 'table' AND name GLOB 'sqlite_*')",
     )?;
     select.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
-}
-
-/// Returns the statements that create the views. They depend on the header: one column per axis and verdict. Their text
-/// is part of the format.
-fn views(header: &RunHeader) -> [String; 2] {
-    let mut taken: BTreeSet<String> = SIMULATION_COLUMNS.iter().map(ToString::to_string).collect();
-    let mut columns: Vec<String> = SIMULATION_COLUMNS.iter().map(ToString::to_string).collect();
-    for axis in &header.axes {
-        let value = extract("scenario", &axis.name);
-        columns.push(format!("{value} AS {}", identifier(&free_name("axis", &axis.name, &mut taken))));
-    }
-    for name in &header.verdicts {
-        let value = extract("verdicts", name);
-        // As a string, an infinity would compare greater than every number.
-        let value = format!("CASE {value} WHEN 'inf' THEN 9e999 WHEN '-inf' THEN -9e999 ELSE {value} END");
-        columns.push(format!("{value} AS {}", identifier(&free_name("verdict", name, &mut taken))));
-    }
-    // SQLite ends a statement at a NUL.
-    columns.retain(|column| !column.contains('\0'));
-    columns.truncate(MAX_COLUMNS);
-    [
-        format!("CREATE VIEW simulations AS SELECT\n    {}\nFROM simulation", columns.join(",\n    ")),
-        format!(
-            "CREATE VIEW trials AS SELECT trial.number AS number, trial.seed AS seed, trial.status AS status,
-    {COUNTS}, min(robustness) AS minimum_robustness
-FROM trial LEFT JOIN simulation ON simulation.trial = trial.number
-GROUP BY trial.number"
-        ),
-    ]
 }
 
 /// Returns `name`, or a name derived from it if another column has it. SQLite ignores the case of names.

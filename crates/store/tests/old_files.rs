@@ -3,9 +3,10 @@
 #![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
 use mishandle_store::{
-    AxisRecord, ComponentRecord, Counts, FormulaRecord, RunFile, RunKind, SignalRecord, SimulationEnd,
-    TargetRecord, TrialStatus,
+    AxisRecord, ComponentRecord, Counts, FormulaRecord, RunFile, RunKind, SignalRecord, Simulation,
+    SimulationEnd, TargetRecord, TrialStatus,
 };
+use tempfile::TempDir;
 
 fn target(kind: &str, hash: &str, is_deterministic: bool) -> TargetRecord {
     TargetRecord { kind: kind.into(), name: "ball-catching".into(), hash: hash.into(), is_deterministic }
@@ -51,14 +52,19 @@ fn check_traces(run: &RunFile) {
     assert_eq!((columns[1][4], columns[1][5].to_bits()), (f64::NEG_INFINITY, 1 << 63));
 }
 
-#[test]
-fn version_1() {
-    // A copy, because opening an older file upgrades it.
+/// Opens a copy of a fixture, because opening an older file upgrades it.
+fn open_copy(version: u32) -> (TempDir, RunFile) {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("v1.sqlite");
-    std::fs::copy("tests/fixtures/v1.sqlite", &path).unwrap();
+    let path = folder.path().join("run.sqlite");
+    std::fs::copy(format!("tests/fixtures/v{version}.sqlite"), &path).unwrap();
     let run = RunFile::open(path).unwrap();
     run.check().unwrap();
+    (folder, run)
+}
+
+#[test]
+fn version_1() {
+    let (_folder, run) = open_copy(1);
 
     let header = run.header();
     assert_eq!(header.kind, RunKind::Evaluate);
@@ -96,7 +102,10 @@ fn version_1() {
     assert_eq!(header.verdicts, ["strict_robustness", "return"]);
 
     check_trials(&run);
-    assert_eq!(run.counts().unwrap(), Counts { simulations: 5, falsified: 1, undecided: 1, diverged: 1 });
+    assert_eq!(
+        run.counts().unwrap(),
+        Counts { simulations: 5, falsified: 1, undecided: 1, diverged: 1, invalid: 0 }
+    );
 
     let simulations: Vec<_> = run.simulations().map(Result::unwrap).collect();
     let outcomes: Vec<_> =
@@ -133,11 +142,9 @@ fn version_1() {
     check_traces(&run);
 }
 
-#[test]
-fn version_2() {
-    let run = RunFile::open("tests/fixtures/v2.sqlite").unwrap();
-    run.check().unwrap();
-
+/// The files of versions 2 and 3 have the same header.
+#[track_caller]
+fn check_header(run: &RunFile) {
     let header = run.header();
     assert_eq!(header.kind, RunKind::Evaluate);
     assert_eq!(header.build.program_version, "0.1.0");
@@ -169,21 +176,22 @@ fn version_2() {
     assert_eq!((second.low, second.high, second.nominal), (2.0, 3.0, None));
     assert_eq!((&second.values[..], &second.meaning[..]), ("integer", ""));
     assert_eq!(header.verdicts, ["strict_robustness", "return"]);
+}
 
-    check_trials(&run);
-    assert_eq!(run.counts().unwrap(), Counts { simulations: 11, falsified: 2, undecided: 6, diverged: 1 });
-
-    let simulations: Vec<_> = run.simulations().map(Result::unwrap).collect();
+/// The files of versions 2 and 3 have the same simulations 1 to 9 of trial 1, and the same trial 2.
+#[track_caller]
+fn check_simulations(simulations: &[Simulation]) {
+    let simulations: Vec<_> = simulations.iter().filter(|s| s.number <= 9).collect();
     let ends: Vec<_> = simulations.iter().map(|s| (s.trial, s.number, s.end)).collect();
+    // The sixth one has another end in each version.
     assert_eq!(
-        ends,
+        [&ends[..5], &ends[6..]].concat(),
         [
             (1, 1, SimulationEnd::Completed),
             (1, 2, SimulationEnd::Diverged { step: 12 }),
             (1, 3, SimulationEnd::Stopped { step: 34 }),
             (1, 4, SimulationEnd::Terminated { step: 56 }),
             (1, 5, SimulationEnd::Undefined { step: 0 }),
-            (1, 6, SimulationEnd::InvalidAction { step: 7 }),
             (1, 7, SimulationEnd::InvalidScenario),
             (1, 8, SimulationEnd::Crashed { step: 8 }),
             (1, 9, SimulationEnd::TimedOut { step: 9 }),
@@ -218,5 +226,41 @@ fn version_2() {
     assert_eq!(second.verdicts, [None, Some(0.2)]);
     assert_eq!((second.trace_digest, &second.trace), (None, &None));
     assert_eq!((&simulations[6].unit_point[..], &simulations[6].scenario[..]), (&[][..], &[None, None][..]));
+}
+
+#[test]
+fn version_2() {
+    let (_folder, run) = open_copy(2);
+    check_header(&run);
+    check_trials(&run);
+    let counts = Counts { simulations: 11, falsified: 2, undecided: 6, diverged: 1, invalid: 1 };
+    assert_eq!(run.counts().unwrap(), counts);
+    let simulations: Vec<_> = run.simulations().map(Result::unwrap).collect();
+    check_simulations(&simulations);
+    // Version 2 did not store the index.
+    assert_eq!(simulations[5].end, SimulationEnd::InvalidAction { step: 7, index: 0 });
+    check_traces(&run);
+}
+
+#[test]
+fn version_3() {
+    let run = RunFile::open("tests/fixtures/v3.sqlite").unwrap();
+    run.check().unwrap();
+    check_header(&run);
+    check_trials(&run);
+    let counts = Counts { simulations: 14, falsified: 2, undecided: 9, diverged: 1, invalid: 4 };
+    assert_eq!(run.counts().unwrap(), counts);
+    let simulations: Vec<_> = run.simulations().map(Result::unwrap).collect();
+    check_simulations(&simulations);
+    assert_eq!(simulations[5].end, SimulationEnd::InvalidAction { step: 7, index: 3 });
+    let ends: Vec<_> = simulations[9..12].iter().map(|s| (s.number, s.end)).collect();
+    assert_eq!(
+        ends,
+        [
+            (10, SimulationEnd::InvalidObservation { step: 0, index: 5 }),
+            (11, SimulationEnd::InvalidReward { step: 11, index: 1 }),
+            (12, SimulationEnd::InvalidSignal { step: 12, index: u32::MAX }),
+        ]
+    );
     check_traces(&run);
 }

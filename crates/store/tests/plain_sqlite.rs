@@ -142,7 +142,7 @@ fn a_column_has_the_value_of_its_axis_for_every_axis_name() {
 
     let columns = columns(&path, "simulations");
     assert_eq!(
-        columns[11..],
+        columns[12..],
         [
             "mass",
             "axis_MASS",
@@ -165,7 +165,7 @@ fn a_column_has_the_value_of_its_axis_for_every_axis_name() {
         ]
     );
     let row = query(&path, "SELECT * FROM simulations").remove(0);
-    let values: Vec<&str> = row.split('|').skip(11).collect();
+    let values: Vec<&str> = row.split('|').skip(12).collect();
     let expected: Vec<String> = (10..10 + names.len()).chain(1..=3).map(|value| value.to_string()).collect();
     assert_eq!(values, expected);
 
@@ -237,6 +237,8 @@ fn a_changed_value_does_not_match_its_hash() {
         "UPDATE simulation SET robustness_high = 0.25",
         "UPDATE simulation SET stop_threshold = 0.25",
         "UPDATE simulation SET ended = 'completed', end_step = NULL",
+        "UPDATE simulation SET ended = 'invalid signal', end_index = 0",
+        "UPDATE simulation SET ended = 'invalid signal', end_index = 1",
         "UPDATE simulation SET end_step = end_step + 1",
         "UPDATE simulation SET steps = 7",
         "UPDATE simulation SET verdicts = json_set(verdicts, '$.strict_robustness', NULL)",

@@ -157,11 +157,16 @@ fn counts_match_the_records() {
             with(3, Some(-0.0), SimulationEnd::Completed),
             with(4, None, SimulationEnd::Completed),
             with(5, Some(f64::INFINITY), SimulationEnd::Diverged { step: 7 }),
+            with(6, None, SimulationEnd::InvalidAction { step: 0, index: 0 }),
+            with(7, None, SimulationEnd::InvalidObservation { step: 0, index: 0 }),
+            with(8, None, SimulationEnd::InvalidReward { step: 1, index: 2 }),
+            with(9, None, SimulationEnd::InvalidSignal { step: 1, index: 2 }),
+            with(10, None, SimulationEnd::InvalidScenario),
         ])
         .unwrap();
     writer.end_trial(1, TrialStatus::Falsified).unwrap();
 
-    let expected = Counts { simulations: 5, falsified: 1, undecided: 1, diverged: 1 };
+    let expected = Counts { simulations: 10, falsified: 1, undecided: 6, diverged: 1, invalid: 4 };
     let run = writer.file();
     assert_eq!(run.counts().unwrap(), expected);
     let [first, second] = run.trials().unwrap()[..] else { panic!("two trials") };
@@ -170,7 +175,7 @@ fn counts_match_the_records() {
     assert_eq!(first.minimum_robustness, Some(-0.25));
     assert_eq!(second.counts, Counts::default());
     assert_eq!((second.trial.status, second.minimum_robustness), (TrialStatus::Running, None));
-    assert_eq!((run.last_simulation_number(1).unwrap(), run.last_simulation_number(2).unwrap()), (5, 0));
+    assert_eq!((run.last_simulation_number(1).unwrap(), run.last_simulation_number(2).unwrap()), (10, 0));
 }
 
 #[test]
@@ -218,7 +223,7 @@ fn the_content_digest_ignores_batches_and_detects_every_difference() {
 
     assert_ne!(digest(&[&records], converged), one);
     assert_ne!(digest(&[&records[..599]], budget_spent), one);
-    let changes: [fn(&mut Simulation); 13] = [
+    let changes: [fn(&mut Simulation); 14] = [
         |simulation| simulation.seed ^= 1,
         |simulation| simulation.steps += 1,
         |simulation| simulation.robustness = Some(0.0), // it was -0.0
@@ -230,6 +235,7 @@ fn the_content_digest_ignores_batches_and_detects_every_difference() {
         |simulation| simulation.stop_threshold = Some(0.0),  // it was None
         |simulation| simulation.verdicts[1] = Some(0.0),     // it was None
         |simulation| simulation.end = SimulationEnd::Stopped { step: 1 },
+        |simulation| simulation.end = SimulationEnd::InvalidObservation { step: 598, index: 1 }, // it was 597
         |simulation| simulation.trace_digest = None,
         |simulation| simulation.number += 1000,
     ];

@@ -1,4 +1,4 @@
-//! Runs of format version 1 are upgraded bit for bit; damaged ones are reported and left unchanged.
+//! Runs of older formats are upgraded bit for bit; damaged ones are reported and left unchanged.
 #![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
 mod sample;
@@ -26,7 +26,7 @@ fn row(number: u32) -> Row {
     }
 }
 
-/// Returns the simulation that version 2 stores for the row.
+/// Returns the simulation that the current version stores for the row.
 fn upgraded(row: &Row) -> Simulation {
     let end = match row.ended {
         ("horizon", _) => SimulationEnd::Completed,
@@ -133,6 +133,34 @@ fn a_damaged_file_is_an_error_and_left_unchanged() {
     ] {
         let (_folder, path) = copy();
         add(&path, (1..=800).map(row));
+        Connection::open(&path).unwrap().execute_batch(sql).unwrap();
+        let before = std::fs::read(&path).unwrap();
+        let error = RunFile::open(&path).unwrap_err();
+        let expected = matches!(error, StoreError::Damaged { .. }) && error.to_string().contains(what);
+        assert!(expected, "{sql}: {error}");
+        assert!(std::fs::read(&path).unwrap() == before, "{sql}");
+    }
+}
+
+#[test]
+fn a_damaged_file_of_version_2_is_an_error_and_left_unchanged() {
+    for (sql, what) in [
+        ("UPDATE simulation SET steps = 149 WHERE number = 6", "does not match its hash"),
+        ("UPDATE simulation SET ended = 'invalid action' WHERE number = 5", "does not match its hash"),
+        ("UPDATE trial SET seed = '5' WHERE number = 2", "trial 2: it does not match its hash"),
+        ("UPDATE header SET value = 'x' WHERE key = 'formula'", "the header does not match its hash"),
+        (
+            "CREATE TABLE simulation_2 (x)",
+            "it contains table simulation_2, which this program did not create",
+        ),
+        (
+            "ALTER TABLE simulation ADD COLUMN end_index INTEGER",
+            "its table simulation is missing or was changed",
+        ),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.sqlite");
+        std::fs::copy("tests/fixtures/v2.sqlite", &path).unwrap();
         Connection::open(&path).unwrap().execute_batch(sql).unwrap();
         let before = std::fs::read(&path).unwrap();
         let error = RunFile::open(&path).unwrap_err();

@@ -1,8 +1,8 @@
-//! Upgrade from format version 1 to 2.
+//! Upgrade from format version 1.
 //!
 //! Version 1 stored lists of numbers in blobs and seeds as signed integers, and had one kind of target: a task with a
-//! controller. The upgrade reads each row in the format of version 1, checks its hash, and writes it in the format of
-//! version 2, one page of rows at a time.
+//! controller. The upgrade reads each row in the format of version 1, checks its hash, and writes it in the current
+//! format, one page of rows at a time.
 
 use std::path::Path;
 
