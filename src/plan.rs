@@ -39,10 +39,10 @@ pub struct Plan {
     /// Sample the policy's actions instead of taking their mean.
     #[serde(default)]
     pub stochastic: bool,
-    /// Standard deviation of the Gaussian noise on each action. Actions range from -1 to 1.
+    /// Standard deviation of the Gaussian noise on each action, from 0 to 10. Actions range from -1 to 1.
     #[serde(default)]
     pub action_noise: f64,
-    /// Standard deviation of the Gaussian noise on each observation, in units of the observation.
+    /// Standard deviation of the Gaussian noise on each observation, from 0 to 10, in units of the observation.
     #[serde(default)]
     pub observation_noise: f64,
     /// Random seed of the run. Seeds above 2⁶³ - 1, the largest TOML integer, are written as strings.

@@ -143,17 +143,61 @@ pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
         robustness_low: verdict.robustness,
         robustness_high: verdict.robustness,
         stop_threshold: None,
-        end: match episode.end {
-            EpisodeEnd::Completed => store::SimulationEnd::Completed,
-            EpisodeEnd::Stopped { step } => store::SimulationEnd::Stopped { step: step as u32 },
-            EpisodeEnd::Diverged { step } => store::SimulationEnd::Diverged { step: step as u32 },
-            EpisodeEnd::Undefined { step } => store::SimulationEnd::Undefined { step: step as u32 },
-        },
+        end: stored_end(episode.end),
         steps: episode.steps as u32,
         verdicts: verdicts.into_iter().chain(minima).collect(),
         trace_digest: Some(trace.digest()),
         trace: is_falsified.then_some(trace),
     }
+}
+
+fn stored_end(end: EpisodeEnd) -> store::SimulationEnd {
+    use store::SimulationEnd as End;
+    match end {
+        EpisodeEnd::Completed => End::Completed,
+        EpisodeEnd::Stopped { step } => End::Stopped { step: step as u32 },
+        EpisodeEnd::Diverged { step } => End::Diverged { step: step as u32 },
+        EpisodeEnd::Undefined { step } => End::Undefined { step: step as u32 },
+        EpisodeEnd::InvalidAction { step, index } => {
+            End::InvalidAction { step: step as u32, index: index as u32 }
+        }
+        EpisodeEnd::InvalidObservation { step, index } => {
+            End::InvalidObservation { step: step as u32, index: index as u32 }
+        }
+        EpisodeEnd::InvalidReward { step, index } => {
+            End::InvalidReward { step: step as u32, index: index as u32 }
+        }
+        EpisodeEnd::InvalidSignal { step, index } => {
+            End::InvalidSignal { step: step as u32, index: index as u32 }
+        }
+    }
+}
+
+/// Returns `None` if this program produces no such end.
+fn episode_end(end: store::SimulationEnd) -> Option<EpisodeEnd> {
+    use store::SimulationEnd as End;
+    let end = match end {
+        End::Completed => EpisodeEnd::Completed,
+        End::Stopped { step } => EpisodeEnd::Stopped { step: step as usize },
+        End::Diverged { step } => EpisodeEnd::Diverged { step: step as usize },
+        End::Undefined { step } => EpisodeEnd::Undefined { step: step as usize },
+        End::InvalidAction { step, index } => {
+            EpisodeEnd::InvalidAction { step: step as usize, index: index as usize }
+        }
+        End::InvalidObservation { step, index } => {
+            EpisodeEnd::InvalidObservation { step: step as usize, index: index as usize }
+        }
+        End::InvalidReward { step, index } => {
+            EpisodeEnd::InvalidReward { step: step as usize, index: index as usize }
+        }
+        End::InvalidSignal { step, index } => {
+            EpisodeEnd::InvalidSignal { step: step as usize, index: index as usize }
+        }
+        End::Terminated { .. } | End::InvalidScenario | End::Crashed { .. } | End::TimedOut { .. } => {
+            return None;
+        }
+    };
+    Some(end)
 }
 
 /// Converts a stored simulation to an episode without a trace.
@@ -173,13 +217,8 @@ pub(crate) fn episode(simulation: &Simulation) -> Result<Episode, MishandleError
             _ => None,
         })
         .collect();
-    let end = match simulation.end {
-        store::SimulationEnd::Completed => EpisodeEnd::Completed,
-        store::SimulationEnd::Stopped { step } => EpisodeEnd::Stopped { step: step as usize },
-        store::SimulationEnd::Diverged { step } => EpisodeEnd::Diverged { step: step as usize },
-        store::SimulationEnd::Undefined { step } => EpisodeEnd::Undefined { step: step as usize },
-        other => return Err(MishandleError::UnknownEnd(format!("{other:?}"))),
-    };
+    let end = episode_end(simulation.end)
+        .ok_or_else(|| MishandleError::UnknownEnd(format!("{:?}", simulation.end)))?;
     Ok(Episode {
         request: request(simulation, minima.is_some()),
         end,

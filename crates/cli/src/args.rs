@@ -175,10 +175,10 @@ pub struct Subject {
     /// Task preset: initial box and formulas of the benchmark's `paper` or of its `code` [default: paper]
     #[arg(long)]
     pub preset: Option<String>,
-    /// Standard deviation of the Gaussian noise on each action, added after clipping to [-1, 1] [default: 0]
+    /// Standard deviation of the Gaussian noise on each action, added after clipping to [-1, 1]; from 0 to 10 [default: 0]
     #[arg(long, value_name = "STD", allow_negative_numbers = true)]
     pub action_noise: Option<f64>,
-    /// Standard deviation of the Gaussian noise on each observation [default: 0]
+    /// Standard deviation of the Gaussian noise on each observation, from 0 to 10 [default: 0]
     #[arg(long, value_name = "STD", allow_negative_numbers = true)]
     pub observation_noise: Option<f64>,
     /// Sample actions from the policy instead of taking the mean action

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
-use mishandle::rollout::Axis;
+use mishandle::rollout::{Axis, EpisodeEnd, Signal};
 use mishandle::store::{RunFile, RunWriter};
 use mishandle::{Plan, ResolvedPlan};
 use serde_json::{Value, json};
@@ -170,6 +170,48 @@ fn format_scenario(axes: &[Axis], values: &[Option<f64>], max_values: usize) -> 
     let values: Vec<String> = shown.iter().map(|entry| value(entry).trim_end().to_string()).collect();
     let rest = if omitted > 0 { format!(", and {omitted} more") } else { String::new() };
     values.join(", ") + &rest
+}
+
+/// Formats the numbers of simulations without a verdict, by reason. Returns `None` if there are none.
+pub fn without_verdict(diverged: u64, invalid: u64, undecided: u64) -> Option<String> {
+    let counts = [
+        (diverged, "diverged"),
+        (invalid, "ended in a value that is not finite"),
+        (undecided, "left the formula undecided"),
+    ];
+    let shown: Vec<String> = counts
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, reason)| format!("{} {reason}", simulations(*count)))
+        .collect();
+    (!shown.is_empty()).then(|| shown.join(", "))
+}
+
+/// Describes the end of an episode without a verdict. Signals have their names.
+pub fn end_text(end: EpisodeEnd, signals: &[Signal]) -> String {
+    match end {
+        EpisodeEnd::InvalidSignal { step, index } => {
+            let name = signals.get(index).map_or("unknown", |signal| signal.name.as_str());
+            format!("the signal `{name}` is not finite at sample {step}")
+        }
+        EpisodeEnd::InvalidAction { step, index } => {
+            format!(
+                "the controller returned an action that is not finite in control step {step} (index {index})"
+            )
+        }
+        EpisodeEnd::InvalidObservation { step, index } => {
+            format!("the observation is not finite at sample {step} (index {index})")
+        }
+        EpisodeEnd::InvalidReward { step, index } => {
+            format!("the reward is not finite in control step {step} (term {index})")
+        }
+        EpisodeEnd::Undefined { step } => {
+            format!("the formula has no finite value at sample {step}, so the simulation is undecided")
+        }
+        EpisodeEnd::Diverged { step } => format!("the physics diverged in control step {step}"),
+        EpisodeEnd::Stopped { step } => format!("the monitor stopped it after control step {step}"),
+        EpisodeEnd::Completed => "it completed".to_string(),
+    }
 }
 
 /// Returns the path of a run, quoted for a shell.

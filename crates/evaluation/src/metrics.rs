@@ -6,25 +6,27 @@ use crate::{Estimate, bootstrap_fraction, bootstrap_mean, wilson};
 
 /// Metrics of a controller over all simulations of an evaluation.
 ///
-/// Diverged and undecided simulations count as failures in both success rates, because excluding them would reward a
-/// controller that breaks the physics. They do not count as falsified. A diverged simulation is excluded from the
-/// dangerous behavior rate and the task completion time. `diverged` and `undecided` report the numbers of these
-/// simulations.
+/// Diverged, invalid and undecided simulations count as failures in both success rates, because excluding them would
+/// reward a controller that breaks the physics. They do not count as falsified. A diverged or invalid simulation is
+/// excluded from the dangerous behavior rate and the task completion time. `diverged`, `invalid` and `undecided` report
+/// the numbers of these simulations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EvaluationReport {
     /// Number of simulations.
     pub simulations: u64,
     /// Number of diverged simulations.
     pub diverged: u64,
-    /// Number of simulations that did not diverge but left success undecided.
+    /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
+    pub invalid: u64,
+    /// Number of simulations that neither diverged nor were invalid but left success undecided.
     pub undecided: u64,
-    /// Number of simulations that did not diverge but left strict success undecided.
+    /// Number of simulations that neither diverged nor were invalid but left strict success undecided.
     pub strict_undecided: u64,
     /// Success rate: fraction of simulations with a success robustness above 0, with its Wilson interval.
     pub success_rate: Estimate,
     /// Success rate of the strict formula; `None` without this formula.
     pub strict_success_rate: Option<Estimate>,
-    /// Dangerous behavior rate: mean over the simulations that did not diverge of the fraction of samples (except the
+    /// Dangerous behavior rate: mean over the simulations that neither diverged nor were invalid of the fraction of samples (except the
     /// first) at which the safe condition is violated. Bootstrap interval; `None` without this condition.
     pub dangerous_behavior_rate: Option<Estimate>,
     /// Task completion time: mean number of control steps until completion first holds with its whole window inside the
@@ -68,6 +70,7 @@ impl FormulaRoles {
 pub struct Metrics {
     simulations: u64,
     diverged: u64,
+    invalid: u64,
     undecided: u64,
     strict_undecided: u64,
     successes: u64,
@@ -103,6 +106,10 @@ impl Metrics {
             self.diverged += 1;
             return;
         }
+        if episode.end.is_invalid() {
+            self.invalid += 1;
+            return;
+        }
         if matches!(episode.end, EpisodeEnd::Undefined { .. }) {
             self.undecided += 1;
             self.strict_undecided += 1;
@@ -127,6 +134,7 @@ impl Metrics {
         EvaluationReport {
             simulations: self.simulations,
             diverged: self.diverged,
+            invalid: self.invalid,
             undecided: self.undecided,
             strict_undecided: self.strict_undecided,
             success_rate: wilson(self.successes, self.simulations),
@@ -228,6 +236,16 @@ mod tests {
             (Some(0.5), 1)
         );
         assert_eq!(report.task_completion_time.unwrap().n, 1);
+    }
+
+    #[test]
+    fn an_invalid_simulation_is_a_failure_without_a_dangerous_fraction() {
+        let end = EpisodeEnd::InvalidAction { step: 3, index: 0 };
+        let invalid = Episode { end, ..episode(None, None, 0, None) };
+        let report = report(&[episode(Some(1.0), Some(1.0), 2, Some(2)), invalid]);
+        assert_eq!((report.simulations, report.invalid, report.diverged, report.undecided), (2, 1, 0, 0));
+        assert_eq!(report.strict_undecided, 0);
+        assert_eq!((report.success_rate.value, report.dangerous_behavior_rate.unwrap().n), (Some(0.5), 1));
     }
 
     #[test]

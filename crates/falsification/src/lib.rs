@@ -40,5 +40,5 @@ mod trial;
 
 pub use campaign::{Campaign, CampaignBatch, CampaignSettings, SearchFactory};
 pub use error::FalsificationError;
-pub use outcome::{CampaignOutcome, Minimum, TrialOutcome, Undefined};
+pub use outcome::{CampaignOutcome, Minimum, TrialOutcome, Unevaluated};
 pub use trial::{Trial, TrialEnd};

@@ -19,17 +19,18 @@ pub struct Minimum {
     pub number: u32,
 }
 
-/// A simulation on whose trace the formula has no finite value.
+/// A simulation without a verdict, because the formula, the controller or the environment returned a value that is not
+/// finite.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Undefined {
+pub struct Unevaluated {
     /// Number of the simulation in the trial, from 1.
     pub number: u32,
     /// Scenario.
     pub scenario: Scenario,
     /// Random seed of the simulation.
     pub seed: Seed,
-    /// Sample of the trace at which the formula has no finite value.
-    pub step: usize,
+    /// End of the simulation: undefined, or one of the invalid ends.
+    pub end: EpisodeEnd,
 }
 
 /// Outcome of a trial so far.
@@ -45,12 +46,14 @@ pub struct TrialOutcome {
     pub simulations: u32,
     /// Number of diverged simulations.
     pub diverged: u32,
-    /// Number of simulations that did not diverge but left the formula undecided.
+    /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
+    pub invalid: u32,
+    /// Number of simulations that neither diverged nor were invalid but left the formula undecided.
     pub undecided: u32,
     /// Number of undecided simulations without a finite value of the formula.
     pub undefined: u32,
-    /// First simulation without a finite value of the formula.
-    pub first_undefined: Option<Undefined>,
+    /// First undefined or invalid simulation.
+    pub first_unevaluated: Option<Unevaluated>,
     /// Simulation with the minimum robustness; `None` if no simulation has a robustness.
     pub minimum: Option<Minimum>,
 }
@@ -64,9 +67,10 @@ impl TrialOutcome {
             end: None,
             simulations: 0,
             diverged: 0,
+            invalid: 0,
             undecided: 0,
             undefined: 0,
-            first_undefined: None,
+            first_unevaluated: None,
             minimum: None,
         }
     }
@@ -81,23 +85,27 @@ impl TrialOutcome {
         self.simulations += 1;
         let request = &episode.request;
         let (number, seed) = (request.number, request.seed);
-        match (episode.robustness(), episode.end) {
-            (Some(robustness), _) => {
+        match episode.robustness() {
+            Some(robustness) => {
                 if self.minimum.as_ref().is_none_or(|minimum| robustness < minimum.robustness) {
                     let scenario = request.scenario.clone();
                     self.minimum = Some(Minimum { robustness, scenario, seed, number });
                 }
             }
-            (None, EpisodeEnd::Diverged { .. }) => self.diverged += 1,
-            (None, EpisodeEnd::Undefined { step }) => {
-                self.undecided += 1;
-                self.undefined += 1;
-                self.first_undefined.get_or_insert_with(|| {
-                    let scenario = request.scenario.clone();
-                    Undefined { number, scenario, seed, step }
-                });
-            }
-            (None, _) => self.undecided += 1,
+            None => match episode.end {
+                EpisodeEnd::Diverged { .. } => self.diverged += 1,
+                end if end.is_invalid() => self.invalid += 1,
+                end => {
+                    self.undecided += 1;
+                    self.undefined += u32::from(matches!(end, EpisodeEnd::Undefined { .. }));
+                }
+            },
+        }
+        if matches!(episode.end, EpisodeEnd::Undefined { .. }) || episode.end.is_invalid() {
+            self.first_unevaluated.get_or_insert_with(|| {
+                let scenario = request.scenario.clone();
+                Unevaluated { number, scenario, seed, end: episode.end }
+            });
         }
     }
 }
@@ -124,7 +132,9 @@ pub struct CampaignOutcome {
     pub simulations: u64,
     /// Number of diverged simulations.
     pub diverged: u64,
-    /// Number of simulations that did not diverge but left the formula undecided.
+    /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
+    pub invalid: u64,
+    /// Number of simulations that neither diverged nor were invalid but left the formula undecided.
     pub undecided: u64,
     /// Number of undecided simulations without a finite value of the formula.
     pub undefined: u64,
@@ -154,6 +164,7 @@ impl CampaignOutcome {
             restricted_mean_simulations: is_complete.then(|| total_with_budget as f64 / trials.len() as f64),
             simulations: total(|trial| trial.simulations),
             diverged: total(|trial| trial.diverged),
+            invalid: total(|trial| trial.invalid),
             undecided: total(|trial| trial.undecided),
             undefined: total(|trial| trial.undefined),
             surplus: 0,

@@ -85,27 +85,15 @@ pub enum RolloutError {
         /// Action size of the controller.
         found_action: usize,
     },
-    /// A controller returned NaN or an infinity.
-    #[error(
-        "action {component} of the controller was {value} at step {step} of the simulation with scenario {scenario:?}"
-    )]
-    Action {
-        /// Index of the action.
-        component: usize,
-        /// The value that the controller returned.
-        value: f64,
-        /// Control step, from 1.
-        step: usize,
-        /// The simulation's scenario.
-        scenario: crate::Scenario,
-    },
-    /// A noise level is negative, NaN or infinite.
-    #[error("{what} is {value}; expected a standard deviation: a finite number of at least 0")]
+    /// A noise level is negative, NaN or too large.
+    #[error("{what} is {value}; expected a standard deviation from 0 to {max}")]
     Noise {
         /// Name of the noise.
         what: &'static str,
         /// The value.
         value: f64,
+        /// Maximum.
+        max: f64,
     },
     /// The safe condition contains a temporal operator.
     #[error("the safe condition `{formula}` has a temporal operator; expected a predicate on one sample")]

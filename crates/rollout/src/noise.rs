@@ -13,15 +13,19 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Checks that both standard deviations are finite and at least 0.
+    /// Maximum standard deviation of both noises: ten times the largest action. Far larger noise is finite but leaves
+    /// nothing of the controller, and a verdict on it would be meaningless.
+    pub const MAX_STD: f64 = 10.0;
+
+    /// Checks that both standard deviations are from 0 to [`MAX_STD`](Self::MAX_STD).
     ///
     /// # Errors
-    /// [`RolloutError::Noise`] if one is negative, NaN or infinite.
+    /// [`RolloutError::Noise`] if one is not.
     pub fn check(&self) -> Result<(), RolloutError> {
         for (what, value) in [("action noise", self.action_std), ("observation noise", self.observation_std)]
         {
-            if !(value >= 0.0 && value.is_finite()) {
-                return Err(RolloutError::Noise { what, value });
+            if !(0.0..=Noise::MAX_STD).contains(&value) {
+                return Err(RolloutError::Noise { what, value, max: Noise::MAX_STD });
             }
         }
         Ok(())

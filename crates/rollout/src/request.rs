@@ -42,7 +42,7 @@ pub struct Episode {
     pub end: EpisodeEnd,
     /// Number of control steps taken.
     pub steps: usize,
-    /// Values of the formulas on the trace. All are undecided if the simulation diverged.
+    /// Values of the formulas on the trace. All are undecided if the end of the episode yields no verdict.
     pub verdict: Verdict,
     /// Sum of the rewards.
     pub total_reward: f64,
@@ -52,12 +52,10 @@ pub struct Episode {
 }
 
 impl Episode {
-    /// Returns the robustness that a search minimizes; `None` if the simulation diverged or the formula is undecided.
+    /// Returns the robustness that a search minimizes; `None` if the formula is undecided or the simulation ended in a way
+    /// that yields no verdict.
     pub fn robustness(&self) -> Option<f64> {
-        match self.end {
-            EpisodeEnd::Diverged { .. } | EpisodeEnd::Undefined { .. } => None,
-            EpisodeEnd::Completed | EpisodeEnd::Stopped { .. } => self.verdict.robustness,
-        }
+        self.end.has_verdict().then_some(self.verdict.robustness).flatten()
     }
 }
 
@@ -82,4 +80,50 @@ pub enum EpisodeEnd {
         /// Sample of the trace at which the formula has no finite value.
         step: usize,
     },
+    /// The controller returned NaN or an infinity. The simulation is neither a success nor a falsification.
+    InvalidAction {
+        /// Control step of the action, from 1.
+        step: usize,
+        /// Index of the first such action.
+        index: usize,
+    },
+    /// An input of the controller is NaN or infinite. The simulation is neither a success nor a falsification.
+    InvalidObservation {
+        /// Sample of the observation; sample 0 follows the reset.
+        step: usize,
+        /// Index of the first such observation.
+        index: usize,
+    },
+    /// A reward term is NaN or infinite. The simulation is neither a success nor a falsification.
+    InvalidReward {
+        /// Control step of the reward, from 1.
+        step: usize,
+        /// Index of the first such reward term.
+        index: usize,
+    },
+    /// A signal is NaN or infinite. The simulation is neither a success nor a falsification.
+    InvalidSignal {
+        /// Sample of the signal; sample 0 follows the reset.
+        step: usize,
+        /// Index of the first such signal.
+        index: usize,
+    },
+}
+
+impl EpisodeEnd {
+    /// Returns whether an episode with this end can have a verdict.
+    pub fn has_verdict(self) -> bool {
+        matches!(self, EpisodeEnd::Completed | EpisodeEnd::Stopped { .. })
+    }
+
+    /// Returns whether the controller or the environment returned a value that is not finite.
+    pub fn is_invalid(self) -> bool {
+        matches!(
+            self,
+            EpisodeEnd::InvalidAction { .. }
+                | EpisodeEnd::InvalidObservation { .. }
+                | EpisodeEnd::InvalidReward { .. }
+                | EpisodeEnd::InvalidSignal { .. }
+        )
+    }
 }

@@ -36,7 +36,7 @@ impl Rollout {
     ///
     /// # Errors
     /// If the controller's sizes differ from the environment's, a formula does not fit the signals, or a noise level is
-    /// not a finite number of at least 0.
+    /// not from 0 to [`Noise::MAX_STD`].
     pub fn new(
         environment: Arc<dyn Environment>,
         controller: Arc<dyn Controller>,
@@ -177,10 +177,10 @@ impl RolloutWorker {
         let steps = rollout.environment.episode_steps();
         let mut episodes = self.reset(rollout, requests);
         for step in 0..steps {
-            self.act(rollout, &mut episodes, step)?;
+            self.act(rollout, &mut episodes, step);
             for (row, episode) in episodes.iter_mut().enumerate() {
                 if episode.end == EpisodeEnd::Completed {
-                    self.step(rollout, row, step, episode)?;
+                    self.step(rollout, row, step, episode);
                 }
             }
             if episodes.iter().all(|episode| episode.end != EpisodeEnd::Completed) {
@@ -188,7 +188,7 @@ impl RolloutWorker {
             }
         }
         for episode in &mut episodes {
-            if !matches!(episode.end, EpisodeEnd::Diverged { .. }) {
+            if episode.end.has_verdict() {
                 let is_complete = episode.end == EpisodeEnd::Completed;
                 match self.monitor.verdict(&episode.trace, is_complete) {
                     Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
@@ -233,30 +233,39 @@ impl RolloutWorker {
                 *seed,
             );
             let mut trace = Trace::with_capacity(rollout.environment.signals().clone(), samples);
-            trace.push(&self.signals);
+            let mut end = EpisodeEnd::Completed;
+            match first_not_finite(&self.signals) {
+                Some(index) => end = EpisodeEnd::InvalidSignal { step: 0, index },
+                None => trace.push(&self.signals),
+            }
             episodes.push(Episode {
                 request: request.clone(),
                 trace,
                 verdict: Verdict::default(),
                 total_reward: 0.0,
                 steps: 0,
-                end: EpisodeEnd::Completed,
+                end,
             });
         }
         episodes
     }
 
-    fn act(&mut self, rollout: &Rollout, episodes: &mut [Episode], step: usize) -> Result<(), RolloutError> {
+    /// Computes the actions of control step `step`, counted from 0. Ends the episodes with an invalid input or action.
+    fn act(&mut self, rollout: &Rollout, episodes: &mut [Episode], step: usize) {
         let (observation_size, action_size) =
             (rollout.environment.observation_size(), rollout.environment.action_size());
         let rows = episodes.len();
         let observations = self.observations.chunks_mut(observation_size);
-        for (row, (observation, episode)) in observations.zip(&*episodes).enumerate() {
+        for (row, (observation, episode)) in observations.zip(&mut *episodes).enumerate() {
             if let Some(disturbed) = self.disturbances.get_mut(row) {
                 disturbed.observe(step, observation);
             }
             let draws = &mut self.draws[..observation_size];
             rollout.noise.on_observation(episode.request.seed, step as u64, observation, draws);
+            let invalid = observation.iter().position(|value| !value.is_finite());
+            if let (Some(index), EpisodeEnd::Completed) = (invalid, episode.end) {
+                episode.end = EpisodeEnd::InvalidObservation { step, index };
+            }
         }
         self.controller.act(
             rows,
@@ -265,29 +274,15 @@ impl RolloutWorker {
             &mut self.actions[..rows * action_size],
         );
         for (actions, episode) in self.actions.chunks(action_size).zip(episodes) {
-            if episode.end != EpisodeEnd::Completed {
-                continue;
-            }
-            if let Some(component) = actions.iter().position(|a| !a.is_finite()) {
-                let value = f64::from(actions[component]);
-                return Err(RolloutError::Action {
-                    component,
-                    value,
-                    step: step + 1,
-                    scenario: episode.request.scenario.clone(),
-                });
+            let invalid = actions.iter().position(|action| !action.is_finite());
+            if let (Some(index), EpisodeEnd::Completed) = (invalid, episode.end) {
+                episode.end = EpisodeEnd::InvalidAction { step: step + 1, index };
             }
         }
-        Ok(())
     }
 
-    fn step(
-        &mut self,
-        rollout: &Rollout,
-        row: usize,
-        step: usize,
-        episode: &mut Episode,
-    ) -> Result<(), RolloutError> {
+    /// Runs control step `step`, counted from 0, of one episode.
+    fn step(&mut self, rollout: &Rollout, row: usize, step: usize, episode: &mut Episode) {
         let (state_size, observation_size) =
             (rollout.environment.state_size(), rollout.environment.observation_size());
         let action_size = self.action.len();
@@ -313,7 +308,15 @@ impl RolloutWorker {
             self.environment.step(&self.action, &mut self.states[row * state_size..][..state_size], sample);
         if status == StepStatus::Diverged {
             episode.end = EpisodeEnd::Diverged { step: step + 1 };
-            return Ok(());
+            return;
+        }
+        if let Some(index) = first_not_finite(&self.signals) {
+            episode.end = EpisodeEnd::InvalidSignal { step: step + 1, index };
+            return;
+        }
+        if let Some(index) = first_not_finite(&self.rewards) {
+            episode.end = EpisodeEnd::InvalidReward { step: step + 1, index };
+            return;
         }
         episode.trace.push(&self.signals);
         episode.steps = step + 1;
@@ -321,6 +324,10 @@ impl RolloutWorker {
         if rollout.stop.as_ref().is_some_and(|stop| stop(step + 1, &self.signals)) {
             episode.end = EpisodeEnd::Stopped { step: step + 1 };
         }
-        Ok(())
     }
+}
+
+/// Returns the index of the first NaN or infinity.
+fn first_not_finite(values: &[f64]) -> Option<usize> {
+    values.iter().position(|value| !value.is_finite())
 }

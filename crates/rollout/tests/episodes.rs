@@ -17,9 +17,13 @@ struct Line {
     terms: [String; 1],
     /// Position beyond which the simulation diverges.
     divergence_limit: f64,
+    /// Replaces values of the sample at a position.
+    corrupt: Corrupt,
     /// Actions that the environment received.
     received: Arc<Mutex<Vec<f64>>>,
 }
+
+type Corrupt = fn(f64, &mut Sample<'_>);
 
 impl Line {
     fn new(divergence_limit: f64) -> Line {
@@ -28,6 +32,7 @@ impl Line {
             signals: Arc::from(["x".to_string()]),
             terms: ["near".to_string()],
             divergence_limit,
+            corrupt: |_, _| {},
             received: Arc::default(),
         }
     }
@@ -62,33 +67,39 @@ impl Environment for Line {
         20
     }
     fn worker(&self) -> Box<dyn EnvironmentWorker> {
-        Box::new(LineWorker { divergence_limit: self.divergence_limit, received: self.received.clone() })
+        Box::new(LineWorker {
+            divergence_limit: self.divergence_limit,
+            corrupt: self.corrupt,
+            received: self.received.clone(),
+        })
     }
 }
 
 struct LineWorker {
     divergence_limit: f64,
+    corrupt: Corrupt,
     received: Arc<Mutex<Vec<f64>>>,
 }
 
 impl LineWorker {
-    fn write_sample(x: f64, sample: &mut Sample<'_>) {
+    fn write_sample(&self, x: f64, sample: &mut Sample<'_>) {
         sample.observation[0] = x as f32;
         sample.signals[0] = x;
         sample.rewards[0] = -x.abs();
+        (self.corrupt)(x, sample);
     }
 }
 
 impl EnvironmentWorker for LineWorker {
     fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) {
         state[0] = scenario.get(0).unwrap() + 0.01 * seed.uniform(Stream::Reset, 0, 0);
-        Self::write_sample(state[0], &mut sample);
+        self.write_sample(state[0], &mut sample);
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {
         self.received.lock().unwrap().push(action[0]);
         state[0] += 0.1 * action[0];
-        Self::write_sample(state[0], &mut sample);
+        self.write_sample(state[0], &mut sample);
         if state[0] > self.divergence_limit { StepStatus::Diverged } else { StepStatus::Running }
     }
 }
@@ -250,9 +261,129 @@ fn mismatched_parts_are_errors() {
         Err(RolloutError::Dimension { expected: 1, found: 0, .. })
     ));
     assert!(matches!(system.rollout(&request(vec![f64::NAN])), Err(RolloutError::NotFinite { .. })));
+}
 
-    let mut broken = rollout(Line::new(9.0), f32::NAN, Noise::default());
-    assert!(matches!(broken.rollout(&requests(1)), Err(RolloutError::Action { step: 1, .. })));
+/// Runs simulations of a line, with the starts -1, -0.9, ... 1, on which some values are not finite beyond x = 1.
+fn rollout_with(corrupt: Corrupt) -> Vec<Episode> {
+    let line = Line { corrupt, ..Line::new(9.0) };
+    rollout(line, 1.0, Noise::default()).rollout(&requests(21)).unwrap()
+}
+
+/// Checks that each episode with an invalid end has the trace of the undisturbed episode up to that end and no verdict,
+/// and that all others are undisturbed. `samples` returns the length of the trace for an invalid end.
+fn check_invalid_rows(episodes: &[Episode], samples: fn(EpisodeEnd) -> Option<usize>) {
+    let undisturbed = rollout_with(|_, _| {});
+    let mut invalid = 0;
+    for (episode, undisturbed) in episodes.iter().zip(&undisturbed) {
+        match samples(episode.end) {
+            Some(samples) => {
+                invalid += 1;
+                assert!(episode.end.is_invalid());
+                assert_eq!(episode.trace.column(0), &undisturbed.trace.column(0)[..samples]);
+                assert_eq!(episode.steps, samples.saturating_sub(1));
+                assert_eq!(episode.verdict, mishandle_rollout::Verdict::default());
+                assert_eq!(episode.robustness(), None);
+                assert!(episode.total_reward.is_finite());
+            }
+            None => assert_eq!(episode, undisturbed),
+        }
+    }
+    assert!(invalid > 0 && invalid < episodes.len());
+}
+
+#[test]
+fn a_nan_action_ends_its_simulation_and_does_not_affect_others() {
+    // A NaN observation is an invalid observation, so this controller fails by itself.
+    struct NanBeyond(f32);
+    impl Controller for NanBeyond {
+        fn observation_size(&self) -> usize {
+            1
+        }
+        fn action_size(&self) -> usize {
+            1
+        }
+        fn state_size(&self) -> usize {
+            1
+        }
+        fn worker(&self) -> Box<dyn ControllerWorker> {
+            Box::new(NanBeyond(self.0))
+        }
+    }
+    impl ControllerWorker for NanBeyond {
+        fn reset(&mut self, state: &mut [f64], _seed: Seed) {
+            state[0] = 0.0;
+        }
+        fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
+            GainWorker(1.0).act(rows, observations, states, actions);
+            for (action, x) in actions.iter_mut().zip(observations) {
+                *action = if *x > self.0 { f32::NAN } else { *action };
+            }
+        }
+    }
+    let mut system =
+        Rollout::new(Arc::new(Line::new(9.0)), Arc::new(NanBeyond(1.0)), specification(), Noise::default())
+            .unwrap();
+    let episodes = system.rollout(&requests(21)).unwrap();
+    // The action of control step k is computed from sample k - 1.
+    check_invalid_rows(&episodes, |end| match end {
+        EpisodeEnd::InvalidAction { step, index: 0 } => Some(step),
+        _ => None,
+    });
+    // The last start is about 1.0, so its first action can be invalid.
+    assert!(episodes.iter().any(|episode| matches!(episode.end, EpisodeEnd::InvalidAction { step: 1, .. })));
+}
+
+#[test]
+fn an_infinite_observation_ends_its_simulation_and_does_not_affect_others() {
+    let corrupt: Corrupt = |x, sample| {
+        if x > 1.0 {
+            sample.observation[0] = f32::INFINITY;
+        }
+    };
+    check_invalid_rows(&rollout_with(corrupt), |end| match end {
+        EpisodeEnd::InvalidObservation { step, index: 0 } => Some(step + 1),
+        _ => None,
+    });
+}
+
+#[test]
+fn a_nan_reward_ends_its_simulation_and_does_not_affect_others() {
+    let corrupt: Corrupt = |x, sample| {
+        if x > 1.0 {
+            sample.rewards[0] = f64::NAN;
+        }
+    };
+    check_invalid_rows(&rollout_with(corrupt), |end| match end {
+        EpisodeEnd::InvalidReward { step, index: 0 } => Some(step),
+        _ => None,
+    });
+}
+
+#[test]
+fn a_nan_signal_ends_its_simulation_and_does_not_affect_others() {
+    let corrupt: Corrupt = |x, sample| {
+        if x > 1.0 {
+            sample.signals[0] = f64::NAN;
+        }
+    };
+    let episodes = rollout_with(corrupt);
+    check_invalid_rows(&episodes, |end| match end {
+        EpisodeEnd::InvalidSignal { step, index: 0 } => Some(step),
+        _ => None,
+    });
+}
+
+#[test]
+fn noise_beyond_the_maximum_is_an_error() {
+    let check = |action_std, observation_std| Noise { action_std, observation_std }.check();
+    assert!(check(Noise::MAX_STD, Noise::MAX_STD).is_ok());
+    for std in [10.1, 1e308, f64::INFINITY, f64::NAN, -0.1] {
+        assert!(matches!(check(std, 0.0), Err(RolloutError::Noise { what: "action noise", .. })), "{std}");
+        assert!(
+            matches!(check(0.0, std), Err(RolloutError::Noise { what: "observation noise", .. })),
+            "{std}"
+        );
+    }
 }
 
 #[test]

@@ -68,6 +68,7 @@ fn document(resolved: &ResolvedPlan, report: &EvaluationReport, path: &str) -> V
         "leaves_out_starts": mishandle::rejects_scenarios(resolved),
         "simulations": report.simulations,
         "diverged": report.diverged,
+        "invalid": report.invalid,
         "undecided": report.undecided,
         "success_rate": output::estimate(&report.success_rate),
     });
@@ -115,11 +116,8 @@ fn text(resolved: &ResolvedPlan, report: &EvaluationReport) -> String {
         StartRegion::Reachable => ", initial states from the reachable part of the box",
     };
     let mut text = format!("{}{part}\n\n{}", run::heading(resolved), output::table(&rows));
-    if report.diverged + report.undecided > 0 {
-        text.push_str(&format!(
-            "\n\n{} simulations diverged and {} were undecided; they do not count as successes",
-            report.diverged, report.undecided
-        ));
+    if let Some(counts) = run::without_verdict(report.diverged, report.invalid, report.undecided) {
+        text.push_str(&format!("\n\n{counts}; they do not count as successes"));
     }
     text
 }

@@ -25,7 +25,7 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
         run::control_flow()
     })?;
     bar.clear();
-    report_undefined(&resolved, &found);
+    report_unevaluated(&resolved, &found);
     let trials = resolved.plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
     let ended = found.trials.iter().filter(|trial| trial.end.is_some()).count();
     if ended < trials as usize {
@@ -44,6 +44,11 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
         ));
     }
     output::message(&format!("Run file: {name}"));
+    // Exit status 0 would say that the search found no violation.
+    anyhow::ensure!(
+        found.trials.iter().any(|trial| trial.minimum.is_some()),
+        "no simulation has a verdict, so the controller was not tested; the run file contains the end of each simulation"
+    );
     if found.falsified_trials == 0 {
         return Ok(ExitStatus::Done);
     }
@@ -105,6 +110,7 @@ fn trial_document(resolved: &ResolvedPlan, trial: &TrialOutcome) -> Value {
         "seed": minimum.map(|minimum| minimum.seed.0.to_string()),
         "end": trial.end.map(end),
         "diverged": trial.diverged,
+        "invalid": trial.invalid,
         "undecided": trial.undecided,
     })
 }
@@ -129,24 +135,25 @@ fn options_text(falsify: &FalsifyPlan) -> String {
     if options.is_empty() { String::new() } else { format!(" ({})", options.join(", ")) }
 }
 
-/// Warns about simulations in which the formula has no finite value: the first one of up to `SHOWN` trials.
-fn report_undefined(resolved: &ResolvedPlan, found: &CampaignOutcome) {
+/// Warns about simulations that have no verdict because a value is not finite: the first one of up to `SHOWN` trials.
+fn report_unevaluated(resolved: &ResolvedPlan, found: &CampaignOutcome) {
     const SHOWN: usize = 3;
-    let first = found.trials.iter().filter_map(|trial| Some((trial.trial, trial.first_undefined.as_ref()?)));
+    let first =
+        found.trials.iter().filter_map(|trial| Some((trial.trial, trial.first_unevaluated.as_ref()?)));
     let mut shown = 0;
-    for (trial, undefined) in first.take(SHOWN) {
+    for (trial, first) in first.take(SHOWN) {
         shown += 1;
         output::message(&format!(
-            "warning: simulation {} of trial {trial} ({}, seed {}): the formula has no finite value at step {}, so the \
-             simulation is undecided",
-            undefined.number,
-            run::scenario_summary(resolved.space.axes(), undefined.scenario.values()),
-            undefined.seed.0,
-            undefined.step,
+            "warning: simulation {} of trial {trial} ({}, seed {}) has no verdict: {}",
+            first.number,
+            run::scenario_summary(resolved.space.axes(), first.scenario.values()),
+            first.seed.0,
+            run::end_text(first.end, &resolved.target.signals),
         ));
     }
-    if found.undefined > shown {
-        output::message(&format!("warning: {} more simulations are affected", found.undefined - shown));
+    let affected = found.undefined + found.invalid;
+    if affected > shown {
+        output::message(&format!("warning: {} more simulations are affected", affected - shown));
     }
 }
 
@@ -197,11 +204,8 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome) -> String {
             first.robustness
         ));
     }
-    if found.diverged + found.undecided > 0 {
-        text.push_str(&format!(
-            "\n{} simulations diverged and {} were undecided; they do not count as counterexamples",
-            found.diverged, found.undecided
-        ));
+    if let Some(counts) = run::without_verdict(found.diverged, found.invalid, found.undecided) {
+        text.push_str(&format!("\n{counts}; they do not count as counterexamples"));
     }
     text
 }

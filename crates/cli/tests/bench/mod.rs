@@ -19,6 +19,7 @@ impl Bench {
         self.folder.path().join(name)
     }
 
+    #[allow(dead_code, reason = "not every test writes files")]
     pub fn write(&self, name: &str, text: &str) {
         std::fs::write(self.path(name), text).unwrap();
     }
@@ -55,6 +56,7 @@ impl Bench {
     }
 
     /// Runs the program, which must fail with a message that contains all `parts`.
+    #[allow(dead_code, reason = "not every test expects an error")]
     #[track_caller]
     pub fn refuses(&self, arguments: &str, parts: &[&str]) {
         let output = self.run(arguments);
@@ -97,5 +99,6 @@ pub fn signal(child: &std::process::Child, name: &str) {
 }
 
 /// Training settings with which an iteration takes no time.
+#[allow(dead_code, reason = "not every test trains")]
 pub const SMALL: &str = "rollout_steps = 16\nminibatch_size = 128\nepisodes.environments = 16\nrun.total_steps = 2048\n\
                      run.validation_interval = 4\nrun.validation_episodes = 4\n";

@@ -11,7 +11,7 @@ use serde::de::DeserializeOwned;
 
 use crate::TrainingError;
 use declare::{choice, settings};
-use setting::{ARRAY_SIZE, AT_LEAST_1, FRACTION, NOT_NEGATIVE};
+use setting::{ARRAY_SIZE, AT_LEAST_1, FRACTION, NOISE};
 
 pub use presets::{BEST, PRESETS};
 pub use setting::{Choice, Setting};
@@ -90,7 +90,7 @@ settings! {
         /// Whether each environment's first episode has a random length, so that the environments are not in phase.
         pub staggered: bool = true;
         /// Standard deviation of the noise added to each clipped action during training.
-        pub action_noise: f64 = 0.0, NOT_NEGATIVE;
+        pub action_noise: f64 = 0.0, NOISE;
     }
 }
 

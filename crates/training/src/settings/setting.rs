@@ -1,6 +1,7 @@
 //! Facts about a setting besides its value: its description and its allowed values.
 
 use mishandle_network::Activation;
+use mishandle_rollout::Noise;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use toml::Spanned;
@@ -79,6 +80,9 @@ pub(crate) const POSITIVE: Constraint =
     constraint("a number above 0", |x| x.iter().all(|x| *x > 0.0 && x.is_finite()));
 pub(crate) const NOT_NEGATIVE: Constraint =
     constraint("a number of at least 0", |x| x.iter().all(|x| *x >= 0.0 && x.is_finite()));
+/// The bound of [`Noise::MAX_STD`](mishandle_rollout::Noise::MAX_STD).
+pub(crate) const NOISE: Constraint =
+    constraint("a number from 0 to 10", |x| x.iter().all(|x| (0.0..=Noise::MAX_STD).contains(x)));
 pub(crate) const FINITE: Constraint = constraint("a finite number", |x| x.iter().all(|x| x.is_finite()));
 pub(crate) const LAYER_SIZES: Constraint =
     constraint("a list of whole numbers from 1 to 10^4, as [64, 64]", |x| {
