@@ -2,7 +2,10 @@
 
 #![allow(clippy::unwrap_used)]
 
-use mishandle_tasks::{JOINT_NAMES, compose, task};
+use std::sync::Arc;
+
+use mishandle_stl::{Clock, Monitor, Trace};
+use mishandle_tasks::{JOINT_NAMES, Preset, compose, task};
 use mishandle_world::frame::rotate;
 use mishandle_world::{Joint, Model, World};
 
@@ -130,6 +133,43 @@ fn a_rolling_ball_keeps_its_speed_on_the_table_and_stays_in_the_pit() {
     let [x, y, z] = bench.position();
     assert!((0.9..1.15).contains(&x) && y.abs() < 0.15, "it is at {x}, {y}");
     assert!((z - 0.34).abs() < 1e-3, "it rests at {z}, the pit's floor is at 0.3 and its radius 0.04");
+}
+
+/// Returns the robustness of the strict formula of ball pushing for a ball that stays at `position`.
+fn strict_at([x, y, z]: [f64; 3]) -> f64 {
+    let definition = task("ball-pushing").unwrap().definition();
+    let strict = definition.formulas(Preset::Paper).specification().unwrap().strict.unwrap();
+    let names: Arc<[String]> = ["ball_hole_horizontal_distance", "ball_height"].map(str::to_owned).into();
+    let mut trace = Trace::new(Arc::clone(&names));
+    (0..=300).for_each(|_| trace.push(&[(x - 1.025).hypot(y), z]));
+    Monitor::new(&strict, &names, Clock::steps(1.0 / 60.0)).unwrap().robustness(&trace).unwrap()
+}
+
+#[test]
+fn a_ball_at_rest_in_a_corner_of_the_pit_satisfies_the_strict_formula() {
+    for (towards_x, towards_y) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+        // Gravity tilted by 0.5 rad holds the ball in the corner, deeper in the soft walls than its weight alone would.
+        let (sin, cos) = 0.5_f64.sin_cos();
+        let (gx, gy, gz) = (9.81 * sin * towards_x, 9.81 * sin * towards_y, -9.81 * cos);
+        let mut bench = Bench::new("ball-pushing", &format!("<option gravity=\"{gx} {gy} {gz}\"/>"));
+        bench.place([1.025, 0.0, 0.34]);
+        bench.run(2.0);
+        let [x, y, z] = bench.position();
+        // Half the pit (0.125 m, 0.15 m) minus the ball's radius of 0.04 m.
+        let corner = [1.025 + 0.085 * towards_x, 0.11 * towards_y];
+        assert!((x - corner[0]).hypot(y - corner[1]) < 1e-3, "it rests at {x}, {y}");
+        assert!(strict_at([x, y, z]) > 0.005, "{}", strict_at([x, y, z]));
+    }
+}
+
+#[test]
+fn a_ball_outside_the_pit_violates_the_strict_formula() {
+    // On the pit's edge, at rest on the table, and beside the table where its center is 4 cm below the top.
+    for position in
+        [[1.15, 0.15, 0.44], [0.9, 0.0, 0.44], [0.5, 0.0, 0.44], [1.34, 0.0, 0.36], [1.34, 0.0, 0.04]]
+    {
+        assert!(strict_at(position) < -0.05, "{position:?}: {}", strict_at(position));
+    }
 }
 
 #[test]

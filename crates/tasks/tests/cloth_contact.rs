@@ -5,6 +5,7 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{ControllerWorker, Environment, EnvironmentWorker, Sample, Seed};
+use mishandle_stl::{Clock, Monitor, Trace};
 use mishandle_tasks::{JOINT_NAMES, Preset, Reward, TaskEnvironment, compose, task};
 use mishandle_world::frame::{add, cross, norm, norm_xy, scale, sub};
 use mishandle_world::{Flex, Model, World};
@@ -419,6 +420,31 @@ fn the_fraction_over_the_table_counts_vertices() {
     let over = |x0: &[f64]| ExpertEpisode::new("cloth-placing", x0).signal("cloth_vertices_over_table");
     assert!((over(&[0.45, 0.0]) - 9.0 / 11.0).abs() < 1e-12);
     assert_eq!(over(&[0.45, 0.2]), 0.0);
+}
+
+/// Returns the robustness of the strict formula for a released cloth at rest above the middle of the table, with its centroid
+/// at this height above the table (m).
+fn strict_at(height: f64) -> f64 {
+    let strict = task("cloth-placing").unwrap().definition().paper.specification().unwrap().strict.unwrap();
+    let signals = [
+        ("cloth_target_horizontal_distance", 0.0),
+        ("cloth_vertices_over_table", 1.0),
+        ("cloth_height_above_target", height),
+        ("cloth_speed", 0.0),
+        ("cloth_released", 1.0),
+    ];
+    let names: Arc<[String]> = signals.iter().map(|(name, _)| (*name).to_owned()).collect();
+    let mut trace = Trace::new(Arc::clone(&names));
+    (0..=300).for_each(|_| trace.push(&signals.map(|(_, value)| value)));
+    Monitor::new(&strict, &names, Clock::steps(1.0 / 60.0)).unwrap().robustness(&trace).unwrap()
+}
+
+#[test]
+fn a_released_cloth_that_hangs_above_the_table_violates_the_strict_formula() {
+    // A flat cloth on top of the rim, which is 0.02 m high, is on the table.
+    assert!(strict_at(0.02 + RADIUS) > 0.02);
+    // The lowest cloth that hangs from the fingertips without a fold, half its side above the table.
+    assert!(strict_at(0.5 * SIDE) < -0.05);
 }
 
 #[test]

@@ -97,12 +97,15 @@ const DEFINITION: Definition = Definition {
     code: FORMULAS,
     termination: "the ball is lower than 0.1 m",
     differences: "The fingers of the original start with noise of up to 0.125 m, which is meaningless for a stroke of \
-                  0.04 m; here only the arm joints start with noise. The walls of the pit extend down to the ground.",
+                  0.04 m; here only the arm joints start with noise. The walls of the pit extend down to the ground. The \
+                  bounds of the strict formula hold exactly for a ball in the pit: a ball at rest in a corner of the pit is \
+                  0.139 m from its center and 0.34 m high; a ball on the table is 0.44 m high, and a ball beside the table \
+                  at least 0.315 m away.",
 };
 
 const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](ball_hole_distance <= 0.3)",
-    strict: "eventually[0:270](always[0:30](ball_hole_horizontal_distance <= 0.13 and ball_height <= 0.36))",
+    strict: "eventually[0:270](always[0:30](ball_hole_horizontal_distance <= 0.15 and ball_height <= 0.36))",
     safe: "ball_hole_distance <= 0.5",
     completion: "always[0:4](ball_hole_distance <= 0.3)",
 };
