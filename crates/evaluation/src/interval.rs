@@ -32,7 +32,8 @@ pub struct Estimate {
 /// ```
 ///
 /// The interval is a part of [0, 1] and has a positive width even for 0 or `n` successes. For `n` = 0 every value is
-/// `None`. `successes` must be at most `n`.
+/// `None`. `successes` must be at most `n`. Its coverage is 95 % on average over p and at least 83 %, close to
+/// p = 0.18 / n and 1 - 0.18 / n (exact, in `tests/coverage.rs`).
 ///
 /// # Example
 /// ```
@@ -66,6 +67,11 @@ pub fn wilson(successes: u64, n: u64) -> Estimate {
 /// the means, with linear interpolation. The resamples depend on `seed` only, so the order of the values does not change
 /// the interval. The time is 2000 draws per value: about 0.3 s for 10,000 values, and about
 /// 3 minutes for a million, which do not fit into the cache.
+///
+/// The coverage depends on the distribution (simulated, in `tests/coverage.rs`): for n = 100 it is 94 % for uniform and
+/// exponential values, for n = 10 it is 90 % and 86 %. The interval knows nothing of values that it did not see: if one
+/// of 100 simulations takes much longer than the others, it covers the mean in 63 % of all samples with n = 100. For
+/// numbers in [0, 1], [`betting_mean`](crate::betting_mean) has no such gap.
 ///
 /// A degenerate sample has no interval, because the bootstrap would overstate its precision:
 ///
@@ -109,37 +115,6 @@ pub fn bootstrap_mean(values: &[f64], seed: Seed) -> Estimate {
         .collect();
     means.sort_by(f64::total_cmp);
     Estimate { value, low: Some(quantile(&means, 0.025)), high: Some(quantile(&means, 0.975)), n }
-}
-
-/// Returns the mean of `fractions`, numbers in [0, 1], with its interval.
-///
-/// This is [`bootstrap_mean`], except that at least 10 equal fractions have an interval too, because the range of a
-/// fraction is known. If all n fractions are c, the fraction of another simulation differs from c with a probability of
-/// at most w, the upper bound of the [`wilson`] interval of 0 in n, and may then be any number in [0, 1]. So the mean
-/// is in
-///
-/// ```text
-/// [c (1 - w), c + w (1 - c)],   w = z² / (n + z²)
-/// ```
-///
-/// A controller without any dangerous step in 1000 simulations has a dangerous behavior rate of 0 with the interval
-/// [0, 0.0038], not [0, 0].
-///
-/// # Example
-/// ```
-/// use mishandle_evaluation::bootstrap_fraction;
-/// use mishandle_rollout::Seed;
-/// let estimate = bootstrap_fraction(&[0.0; 1000], Seed(0));
-/// assert_eq!((estimate.value, estimate.low), (Some(0.0), Some(0.0)));
-/// assert!((estimate.high.unwrap() - 0.0038).abs() < 0.0001);
-/// ```
-pub fn bootstrap_fraction(fractions: &[f64], seed: Seed) -> Estimate {
-    if fractions.len() < SMALLEST_SAMPLE || !are_equal(fractions) {
-        return bootstrap_mean(fractions, seed);
-    }
-    let (c, n) = (fractions[0], fractions.len() as u64);
-    let w = wilson(0, n).high;
-    Estimate { value: Some(c), low: w.map(|w| c * (1.0 - w)), high: w.map(|w| c + w * (1.0 - c)), n }
 }
 
 fn are_equal(values: &[f64]) -> bool {
@@ -241,25 +216,6 @@ mod tests {
         assert!(bootstrap_mean(&rising, Seed(0)).low.is_some());
     }
 
-    #[test]
-    fn every_interval_of_a_mean_has_a_positive_width() {
-        for n in 1..40 {
-            for different in 0..n {
-                let values: Vec<f64> = (0..n).map(|i| f64::from(u8::from(i < different)) * 0.5).collect();
-                for estimate in [bootstrap_mean(&values, Seed(n)), bootstrap_fraction(&values, Seed(n))] {
-                    let value = estimate.value.unwrap();
-                    if let (Some(low), Some(high)) = (estimate.low, estimate.high) {
-                        assert!(
-                            low < high && low <= value && value <= high,
-                            "{different} of {n}: {estimate:?}"
-                        );
-                    }
-                    assert_eq!(estimate.low.is_some(), estimate.high.is_some());
-                }
-            }
-        }
-    }
-
     /// Five standard errors of a rate of 0.9 in 2000 samples are 0.034.
     #[test]
     fn the_bootstrap_interval_of_10_normal_values_has_a_coverage_of_90_percent() {
@@ -272,24 +228,6 @@ mod tests {
         };
         let coverage = (0..SAMPLES).filter(covers).count() as f64 / SAMPLES as f64;
         assert!((coverage - 0.9).abs() < 0.034, "{coverage}");
-    }
-
-    #[test]
-    fn equal_fractions_have_an_interval_from_the_wilson_bound() {
-        // w = 3.8415 / (n + 3.8415)
-        let check = |fraction: f64, n: usize, low: f64, high: f64| {
-            let found = bootstrap_fraction(&vec![fraction; n], Seed(0));
-            assert_eq!((found.value, found.n), (Some(fraction), n as u64));
-            let close = |found: Option<f64>, expected: f64| (found.unwrap() - expected).abs() < 5e-5;
-            assert!(close(found.low, low) && close(found.high, high), "{fraction}, {n}: {found:?}");
-        };
-        check(0.0, 10, 0.0, 0.2775);
-        check(1.0, 10, 0.7225, 1.0);
-        check(0.25, 1000, 0.2490, 0.2529);
-        assert_eq!(bootstrap_fraction(&[0.0; 9], Seed(0)).high, None);
-        let mixed: Vec<f64> = (0..30).map(|i| f64::from(i) / 30.0).collect();
-        assert_eq!(bootstrap_fraction(&mixed, Seed(3)), bootstrap_mean(&mixed, Seed(3)));
-        assert_eq!(bootstrap_fraction(&[], Seed(0)), Estimate::default());
     }
 
     #[test]

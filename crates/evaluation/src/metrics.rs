@@ -2,7 +2,7 @@
 
 use mishandle_rollout::{Episode, EpisodeEnd, Seed, Specification};
 
-use crate::{Estimate, bootstrap_fraction, bootstrap_mean, wilson};
+use crate::{Estimate, betting_mean, bootstrap_mean, wilson};
 
 /// Metrics of a controller over all simulations of an evaluation.
 ///
@@ -24,11 +24,16 @@ pub struct EvaluationReport {
     pub strict_undecided: u64,
     /// Success rate: fraction of simulations with a success robustness above 0, with its Wilson interval.
     pub success_rate: Estimate,
-    /// Success rate of the strict formula; `None` without this formula.
+    /// Strict success rate: fraction of simulations with a strict robustness above 0 among all simulations, with its
+    /// Wilson interval. A simulation that satisfies the strict formula but not the success formula is no strict success.
+    /// `None` without this formula.
     pub strict_success_rate: Option<Estimate>,
-    /// Dangerous behavior rate: mean over the simulations that neither diverged nor were invalid of the fraction of samples (except the
-    /// first) at which the safe condition is violated. Bootstrap interval; `None` without this condition.
+    /// Dangerous behavior rate: mean over the simulations that neither diverged nor were invalid of the fraction of
+    /// samples (except the first) at which the safe condition is violated. Betting interval; `None` without this
+    /// condition.
     pub dangerous_behavior_rate: Option<Estimate>,
+    /// Fraction of the same simulations with any such sample, with its Wilson interval.
+    pub dangerous_episode_rate: Option<Estimate>,
     /// Task completion time: mean number of control steps until completion first holds with its whole window inside the
     /// episode, over the successful simulations that complete. Bootstrap interval; `None` without this formula.
     pub task_completion_time: Option<Estimate>,
@@ -119,7 +124,7 @@ impl Metrics {
         self.undecided += u64::from(verdict.success.is_none());
         self.strict_undecided += u64::from(verdict.strict.is_none());
         self.successes += u64::from(holds(verdict.success));
-        self.strict_successes += u64::from(holds(verdict.strict));
+        self.strict_successes += u64::from(holds(verdict.success) && holds(verdict.strict));
         if let (Some(dangerous), true) = (verdict.dangerous_steps, episode.steps > 0) {
             self.dangerous_fractions.push(dangerous as f64 / episode.steps as f64);
         }
@@ -139,12 +144,15 @@ impl Metrics {
             strict_undecided: self.strict_undecided,
             success_rate: wilson(self.successes, self.simulations),
             strict_success_rate: self.roles.strict.then(|| wilson(self.strict_successes, self.simulations)),
-            dangerous_behavior_rate: self
-                .roles
-                .safe
-                .then(|| bootstrap_fraction(&self.dangerous_fractions, seed)),
+            dangerous_behavior_rate: self.roles.safe.then(|| betting_mean(&self.dangerous_fractions)),
+            dangerous_episode_rate: self.roles.safe.then(|| self.dangerous_episode_rate()),
             task_completion_time: self.roles.completion.then(|| bootstrap_mean(&self.completion_steps, seed)),
         }
+    }
+
+    fn dangerous_episode_rate(&self) -> Estimate {
+        let dangerous = self.dangerous_fractions.iter().filter(|fraction| **fraction > 0.0).count();
+        wilson(dangerous as u64, self.dangerous_fractions.len() as u64)
     }
 }
 
@@ -214,11 +222,23 @@ mod tests {
             (report.dangerous_behavior_rate.unwrap().value, report.dangerous_behavior_rate.unwrap().n),
             (Some(0.3125), 4)
         );
+        assert_eq!(report.dangerous_episode_rate, Some(wilson(2, 4)));
         // (1 + 4) / 2
         assert_eq!(
             (report.task_completion_time.unwrap().value, report.task_completion_time.unwrap().n),
             (Some(2.5), 2)
         );
+    }
+
+    #[test]
+    fn a_strict_success_without_success_does_not_count() {
+        let report = report(&[
+            episode(Some(-0.1), Some(0.2), 0, None),
+            episode(None, Some(0.2), 0, None),
+            episode(Some(0.1), Some(0.2), 0, None),
+        ]);
+        assert_eq!(report.success_rate, wilson(1, 3));
+        assert_eq!(report.strict_success_rate, Some(wilson(1, 3)));
     }
 
     #[test]
@@ -253,7 +273,7 @@ mod tests {
         let report = report(&[episode(None, Some(1.0), 4, Some(0)), episode(Some(1.0), None, 0, Some(0))]);
         assert_eq!((report.undecided, report.strict_undecided), (1, 1));
         assert_eq!(report.success_rate.value, Some(0.5));
-        assert_eq!(report.strict_success_rate.unwrap().value, Some(0.5));
+        assert_eq!(report.strict_success_rate.unwrap().value, Some(0.0));
         assert_eq!(report.dangerous_behavior_rate.unwrap().value, Some(0.5));
         assert_eq!(report.task_completion_time.unwrap().n, 1);
     }
@@ -282,7 +302,8 @@ mod tests {
         let report = metrics.report(Seed(0));
         assert_eq!(report.success_rate.value, Some(1.0));
         assert_eq!(report.strict_success_rate, None);
-        assert_eq!((report.dangerous_behavior_rate, report.task_completion_time), (None, None));
+        assert_eq!((report.dangerous_behavior_rate, report.dangerous_episode_rate), (None, None));
+        assert_eq!(report.task_completion_time, None);
     }
 
     #[test]

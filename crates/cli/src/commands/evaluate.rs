@@ -75,6 +75,7 @@ fn document(resolved: &ResolvedPlan, report: &EvaluationReport, path: &str) -> V
     let optional = [
         ("strict_success_rate", &report.strict_success_rate),
         ("dangerous_behavior_rate", &report.dangerous_behavior_rate),
+        ("dangerous_episode_rate", &report.dangerous_episode_rate),
         ("task_completion_time", &report.task_completion_time),
     ];
     for (key, estimate) in optional {
@@ -109,6 +110,9 @@ fn text(resolved: &ResolvedPlan, report: &EvaluationReport) -> String {
     rows.extend(report.strict_success_rate.iter().map(|rate| row("strict success rate", rate, &percent)));
     rows.extend(
         report.dangerous_behavior_rate.iter().map(|rate| row("dangerous behavior rate", rate, &percent)),
+    );
+    rows.extend(
+        report.dangerous_episode_rate.iter().map(|rate| row("episodes with any danger", rate, &percent)),
     );
     rows.extend(report.task_completion_time.iter().map(|time| row("task completion time", time, &steps)));
     let part = match starts(&resolved.plan) {
