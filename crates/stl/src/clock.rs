@@ -86,6 +86,10 @@ pub(crate) struct Window {
 impl Window {
     /// The window of an operator without an interval.
     pub(crate) const UNBOUNDED: Window = Window { begin: 0, end: usize::MAX };
+
+    pub(crate) fn is_unbounded(self) -> bool {
+        self.end == usize::MAX
+    }
 }
 
 /// The largest bound, in samples. The bounds of the longest formula add up to less than 2^63. A trace with 60 samples

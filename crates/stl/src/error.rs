@@ -80,15 +80,26 @@ pub enum ParseError {
         /// The limit.
         limit: usize,
     },
-    /// The formula has too many operators and operands, counted after named sub-formulas are expanded.
+    /// The formula has too many operators and operands: those of all statements together, after the names in them are
+    /// expanded.
     #[error(
-        "{at}: the formula is too long; at most {limit} operators and operands are allowed after named sub-formulas are \
-         expanded"
+        "{at}: the formula is too long: all statements together may have at most {limit} operators and operands after \
+         named sub-formulas are expanded; name fewer sub-formulas, or use them less often"
     )]
     TooLong {
         /// The position where the limit is exceeded.
         at: Position,
         /// The limit.
+        limit: usize,
+    },
+    /// The text of the formula is too long.
+    #[error("the formula has {bytes} bytes; at most {limit} are allowed")]
+    TextTooLong {
+        /// The first character.
+        at: Position,
+        /// The length of the text, bytes.
+        bytes: usize,
+        /// The limit, bytes.
         limit: usize,
     },
 }
@@ -103,7 +114,8 @@ impl ParseError {
             | ParseError::DefinedTwice { at, .. }
             | ParseError::NamesNumber { at, .. }
             | ParseError::TooDeep { at, .. }
-            | ParseError::TooLong { at, .. } => *at,
+            | ParseError::TooLong { at, .. }
+            | ParseError::TextTooLong { at, .. } => *at,
         }
     }
 
@@ -222,6 +234,13 @@ fn hint(nearest: &Option<&'static str>) -> String {
     nearest.map(|word| format!("; did you mean `{word}`?")).unwrap_or_default()
 }
 
+/// The number of names that a message lists.
+const LISTED: usize = 50;
+
 fn list(names: &[String]) -> String {
-    if names.is_empty() { "no signals".to_owned() } else { names.join(", ") }
+    match names.get(LISTED..) {
+        _ if names.is_empty() => "no signals".to_owned(),
+        Some(more) if !more.is_empty() => format!("{} and {} more", names[..LISTED].join(", "), more.len()),
+        _ => names.join(", "),
+    }
 }

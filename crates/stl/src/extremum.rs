@@ -47,8 +47,15 @@ const SHORT: usize = 16;
 /// Outputs per tile of the doubling, so that its passes stay in the L1 cache.
 const TILE: usize = 1024;
 
-/// Returns the number of scratch values that the functions of this module need for signals of `n` samples.
-pub(crate) fn scratch_len(n: usize) -> usize {
+/// Returns the number of scratch values that the functions of this module need for this window and signals of `n` samples.
+pub(crate) fn scratch_len(window: Window, n: usize) -> usize {
+    // A window that is at least as long as the signal needs none.
+    let length = (window.end - window.begin).saturating_add(1);
+    2 * if length < n { length.max(TILE + SHORT) } else { TILE + SHORT }
+}
+
+/// Returns the largest [`scratch_len`] of all windows.
+pub(crate) fn longest_scratch_len(n: usize) -> usize {
     2 * n.max(TILE + SHORT)
 }
 

@@ -59,6 +59,12 @@ pub(crate) enum Node {
 /// semicolons, constants as bounds. Two things are rejected here only: annotations (`@topic`) and imports, which belong
 /// to ROS, and an interval whose begin has a unit and whose end has none.
 ///
+/// # Limits
+/// A text has at most 256 KiB. All its statements together have at most 131,072 operators and operands, after the names in
+/// them are expanded: `p1 = p0 and p0; p2 = p1 and p1; …` doubles with every name. At most 64 operands wait for another
+/// one, as in `a and (b and (c and …))`; a monitor needs a number per sample for each. A bound is at most 2^43 samples.
+/// The length of a window does not matter: it takes no memory beyond that of the trace.
+///
 /// # Example
 /// ```
 /// use mishandle_stl::Formula;

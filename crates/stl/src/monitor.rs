@@ -35,10 +35,14 @@ use std::sync::Arc;
 /// ρ(rise(φ), t)        = min(-ρ(φ, t-1), ρ(φ, t)), with −∞ for φ before the start; fall(φ) = rise(not φ)
 /// ```
 ///
-/// Windows are truncated at the end of the trace. The minimum over an empty window is +∞, the maximum −∞. Without an
-/// interval, windows extend to the end (or start) of the trace. A number or a signal is its own robustness. The values
-/// equal those of RTAMT 0.4.10's discrete-time offline monitor for every formula that both parse alike; see
-/// [`Formula`](Formula#differences-from-rtamt) for the exceptions.
+/// Without an interval, windows extend to the end (or start) of the trace. A number or a signal is its own robustness.
+///
+/// # Windows beyond the end of the trace
+/// [`Monitor::robustness`] and [`Monitor::robustness_signal`] follow RTAMT 0.4.10's discrete-time offline monitor: they cut
+/// windows at the end of the trace. The minimum over an empty window is +∞, the maximum −∞. A cut window can satisfy a
+/// formula that the whole window would violate, and vice versa. [`Monitor::decided_robustness_signal`] never uses a cut
+/// window; verdicts about episodes are based on it. The values of the former equal those of RTAMT for every formula that
+/// both parse alike; see [`Formula`](Formula#differences-from-rtamt) for the exceptions.
 ///
 /// # Differences from RTAMT
 /// Truncated windows can produce two infinities of the same sign. Their difference in `-`, comparisons, `iff` and
@@ -49,7 +53,9 @@ use std::sync::Arc;
 ///
 /// # Cost
 /// Time is linear in the length of the trace for all intervals. Allocation happens only when a trace is longer than all
-/// traces before it.
+/// traces before it. Memory per sample: one number (8 bytes) per operand that waits for another one, at most 64 (see
+/// [`Formula`](Formula#limits)), two more numbers for windows of more than 16 samples, and five more for `until`,
+/// `release`, `unless` and `since`.
 ///
 /// # Example
 /// A fingertip that must stay within 0.12 m of its target from control step 1 on:
@@ -97,24 +103,78 @@ impl Monitor {
         Ok(Monitor { program, clock, checked_names: None, buffers, scratch: Vec::new(), minima: Vec::new() })
     }
 
-    /// Returns the robustness at every sample of the trace.
+    /// Returns the robustness at every sample of the trace. Windows are cut at the end of the trace.
     ///
     /// # Errors
     /// If the trace is empty or has other signals, a signal of the formula is NaN or infinite, or arithmetic has no
-    /// finite value.
+    /// finite value at a sample.
     pub fn robustness_signal(&mut self, trace: &Trace) -> Result<&[f64], MonitorError> {
-        self.evaluate(trace, trace.len())
+        self.evaluate(trace, Windows::Cut)
     }
 
-    /// Returns the robustness at time 0. Evaluates only the samples within the horizon.
+    /// Returns the robustness at time 0: the first value of [`Monitor::robustness_signal`].
     ///
     /// # Errors
-    /// As for [`Monitor::robustness_signal`]. Arithmetic at samples beyond the horizon is not evaluated.
+    /// As for [`Monitor::robustness_signal`].
     pub fn robustness(&mut self, trace: &Trace) -> Result<f64, MonitorError> {
-        let needed = self.horizon().map_or(usize::MAX, |horizon| horizon.saturating_add(1));
-        let values = self.evaluate(trace, trace.len().min(needed))?;
         // `evaluate` rejects an empty trace.
-        values.first().copied().ok_or(MonitorError::EmptyTrace)
+        self.robustness_signal(trace)?.first().copied().ok_or(MonitorError::EmptyTrace)
+    }
+
+    /// Returns the robustness at the samples at which the trace decides the formula, without a cut window. These are the
+    /// first [`decided_samples`](Monitor::decided_samples); the result is empty if there are none.
+    ///
+    /// The trace decides the formula at t if it contains every sample that the value at t depends on:
+    ///
+    /// - every bounded window ahead, `next` and `s_next` lies inside the trace, at every sample at which it is evaluated;
+    /// - a window without an end contains at least one sample. It ends at the last sample at which its operands are
+    ///   decided, instead of at the end of the trace. So `eventually(always[0:30] p)` requires 31 samples with p in a row
+    ///   inside the trace, and `always(p implies eventually[0:30] q)` requires nothing of the last 30 samples.
+    ///
+    /// Without unbounded windows ahead, no continuation of the trace changes a decided value, and the value equals that of
+    /// [`Monitor::robustness_signal`]. A formula with an unbounded window assumes that the trace is complete.
+    ///
+    /// Windows of past operators are cut at the start of the trace, because nothing precedes it. Where such a window is
+    /// empty, a decided value can be infinite.
+    ///
+    /// # Errors
+    /// As for [`Monitor::robustness_signal`], but arithmetic is evaluated only where it is decided.
+    ///
+    /// # Example
+    /// ```
+    /// use std::sync::Arc;
+    /// use mishandle_stl::{Clock, Formula, Monitor, Trace};
+    ///
+    /// let names: Arc<[String]> = Arc::from(["x".to_owned()]);
+    /// let formula = Formula::parse("eventually(always[0:2](x >= 4))").unwrap();
+    /// let mut monitor = Monitor::new(&formula, &names, Clock::steps(1.0)).unwrap();
+    /// let mut trace = Trace::new(names);
+    /// for x in [0.0, 1.0, 0.0, 5.0] {
+    ///     trace.push(&[x]);
+    /// }
+    /// assert_eq!(monitor.robustness(&trace).unwrap(), 1.0); // the window of the last sample is cut to that sample
+    /// assert_eq!(monitor.decided_robustness_signal(&trace).unwrap(), [-4.0, -4.0]); // samples 0 to 2, and 1 to 3
+    /// ```
+    pub fn decided_robustness_signal(&mut self, trace: &Trace) -> Result<&[f64], MonitorError> {
+        let decided = self.decided_samples(trace.len());
+        Ok(&self.evaluate(trace, Windows::Whole)?[..decided])
+    }
+
+    /// Returns the number of samples, from the first, at which a trace of `samples` samples decides the formula; see
+    /// [`Monitor::decided_robustness_signal`].
+    pub fn decided_samples(&self, samples: usize) -> usize {
+        self.program.reach.decided(samples)
+    }
+
+    /// Returns the number of samples that a trace must have to decide the formula at time 0.
+    pub fn needed_samples(&self) -> usize {
+        self.program.reach.ahead.saturating_add(1)
+    }
+
+    /// Returns whether [`Monitor::robustness`] of a trace of `samples` samples contains a window that is cut at the end of
+    /// the trace.
+    pub fn cuts_windows(&self, samples: usize) -> bool {
+        self.decided_samples(samples) == 0 || self.program.cuts_operands()
     }
 
     /// Returns the least robustness of every sub-formula over the trace, with the first sample at which it is attained.
@@ -122,15 +182,15 @@ impl Monitor {
     /// The order is that of [`Formula::subformulas`]: root first, depth first, left operand before right. The values
     /// of a sub-formula equal those of a separate monitor for it.
     ///
-    /// The minimum is over the samples at which the trace covers the sub-formula: the trace contains all samples that
-    /// its bounded windows, `next`, `prev`, `rise` and `fall` read, and the first sample of each unbounded window. At
-    /// other samples a window is truncated or empty, and the value says little about the system. On samples 0 to 300,
-    /// `always[50:300] p` is covered at sample 0 only, and `p` at all samples.
+    /// The values are those of [`Monitor::decided_robustness_signal`]. The minimum is over the samples at which the trace
+    /// covers the sub-formula: the sub-formula is decided, and the trace contains all samples that its bounded past
+    /// windows, `prev`, `rise` and `fall` read. At other samples a window is cut or empty, and the value says little about
+    /// the system. On samples 0 to 300, `always[50:300] p` is covered at sample 0 only, and `p` at all samples.
     ///
     /// The cost is that of [`Monitor::robustness_signal`] plus one pass over the samples per sub-formula.
     ///
     /// # Errors
-    /// As for [`Monitor::robustness_signal`].
+    /// As for [`Monitor::decided_robustness_signal`].
     ///
     /// # Example
     /// ```
@@ -154,11 +214,10 @@ impl Monitor {
     /// assert_eq!(monitor.subformula_minima(&trace).unwrap(), expected);
     /// ```
     pub fn subformula_minima(&mut self, trace: &Trace) -> Result<&[SubformulaMinimum], MonitorError> {
-        let samples = trace.len();
         let mut minima = std::mem::take(&mut self.minima);
         minima.clear();
         minima.resize(self.program.subformulas.len(), SubformulaMinimum::NONE);
-        let result = self.run(trace, samples, |subformula, operands| {
+        let result = self.run(trace, Windows::Whole, |subformula, operands| {
             minima[subformula.index] = operands.minimum(subformula);
         });
         self.minima = minima;
@@ -167,53 +226,64 @@ impl Monitor {
     }
 
     /// Returns the number of samples after t that the value at t depends on. If `t + horizon` is a sample of the
-    /// trace, no window of the value at t is truncated at the end. `None` if the value depends on all samples up to
-    /// the end of the trace.
+    /// trace, the trace decides the formula at t. `None` if the value depends on all samples up to the end of the trace.
     pub fn horizon(&self) -> Option<usize> {
-        self.program.horizon
+        let reach = self.program.reach;
+        (!reach.is_unbounded).then_some(reach.ahead)
     }
 
-    /// Computes the robustness at the first `samples` samples, as if the trace ended there.
-    fn evaluate(&mut self, trace: &Trace, samples: usize) -> Result<&[f64], MonitorError> {
+    /// Computes the robustness at every sample. With [`Windows::Whole`], only the values at decided samples have a meaning.
+    fn evaluate(&mut self, trace: &Trace, windows: Windows) -> Result<&[f64], MonitorError> {
         self.check(trace)?;
-        self.reserve(samples);
+        self.reserve(trace.len());
         for instruction in 0..self.program.instructions.len() {
-            self.execute(instruction, trace, samples)?;
+            self.execute(instruction, trace, windows)?;
         }
-        Ok(&self.buffers[self.program.result()][..samples])
+        Ok(&self.buffers[self.program.result()][..trace.len()])
     }
 
     /// Like `evaluate`, and calls `visit` for every sub-formula while its values are in the buffers.
     fn run(
         &mut self,
         trace: &Trace,
-        samples: usize,
+        windows: Windows,
         mut visit: impl FnMut(&Subformula, &Operands<'_>),
     ) -> Result<(), MonitorError> {
         self.check(trace)?;
-        self.reserve(samples);
+        self.reserve(trace.len());
         let mut visited = 0;
         for done in 0..=self.program.instructions.len() {
-            let operands = Operands { trace, buffers: &self.buffers, samples };
+            let operands = Operands { trace, buffers: &self.buffers, samples: trace.len() };
             let ready = self.program.subformulas[visited..].iter();
             for subformula in ready.take_while(|subformula| subformula.instructions == done) {
                 visit(subformula, &operands);
                 visited += 1;
             }
             if done < self.program.instructions.len() {
-                self.execute(done, trace, samples)?;
+                self.execute(done, trace, windows)?;
             }
         }
         Ok(())
     }
 
     /// Executes one instruction.
-    fn execute(&mut self, instruction: usize, trace: &Trace, samples: usize) -> Result<(), MonitorError> {
-        let Instruction { action, out } = self.program.instructions[instruction];
+    fn execute(&mut self, instruction: usize, trace: &Trace, windows: Windows) -> Result<(), MonitorError> {
+        let Instruction { action, out, reach, undecided } = self.program.instructions[instruction];
+        let all = trace.len();
+        let (samples, decided) = match windows {
+            Windows::Cut => (all, all),
+            Windows::Whole => (all.saturating_sub(undecided), reach.decided(all)),
+        };
         // Moved out, so that the other buffers can be read while this one is written.
         let mut values = std::mem::take(&mut self.buffers[out]);
         let operands = Operands { trace, buffers: &self.buffers, samples };
-        let result = operands.apply(action, &mut values[..samples], &mut self.scratch, &self.clock);
+        let result = if samples == 0 {
+            Ok(())
+        } else {
+            operands.apply(action, &mut values[..samples], &mut self.scratch, &self.clock)
+        };
+        // An operator may read undecided values without using them. They must not be NaN.
+        values[decided..all].fill(0.0);
         self.buffers[out] = values;
         result
     }
@@ -258,11 +328,20 @@ impl Monitor {
                 buffer.resize(samples, 0.0);
             }
         }
-        let scratch = until::scratch_len(samples);
+        let scratch = self.program.scratch_len(samples);
         if self.scratch.len() < scratch {
             self.scratch.resize(scratch, 0.0);
         }
     }
+}
+
+/// The treatment of windows that extend beyond the end of the trace.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Windows {
+    /// They are cut, as in RTAMT.
+    Cut,
+    /// Values that depend on them are not computed.
+    Whole,
 }
 
 /// The data that an instruction may read.
@@ -287,6 +366,7 @@ impl<'a> Operands<'a> {
         }
     }
 
+    /// Returns the minimum of a sub-formula over the samples of the whole trace that cover it.
     fn minimum(&self, subformula: &Subformula) -> SubformulaMinimum {
         let covered = subformula.reach.covered(self.samples);
         let first = covered.start;

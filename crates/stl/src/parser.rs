@@ -8,11 +8,14 @@ use crate::operator::{Operator, Shape};
 use crate::spelling::nearest_within;
 use std::collections::HashMap;
 
-/// The maximum depth of the operand stack. A monitor has a buffer of the trace's length for each entry.
-const MAX_STACK_DEPTH: usize = 1000;
+/// The maximum length of a text, bytes.
+const MAX_TEXT: usize = 1 << 18;
 
-/// The maximum number of operators and operands of a formula, after named sub-formulas are expanded.
-const MAX_NODES: usize = 1 << 20;
+/// The maximum depth of the operand stack. A monitor has a buffer of the trace's length for each entry.
+const MAX_STACK_DEPTH: usize = 64;
+
+/// The maximum number of operators and operands of all statements together, after named sub-formulas are expanded.
+const MAX_NODES: usize = 1 << 17;
 
 /// Words that start a declaration of a signal.
 const TYPES: [&str; 3] = ["float", "int", "long"];
@@ -24,9 +27,17 @@ const NO_INTERVAL: &str = "an operand; only always, eventually, historically, on
 
 /// Parses declarations, definitions and the final formula.
 pub(crate) fn parse(text: &str) -> Result<Formula, ParseError> {
+    if text.len() > MAX_TEXT {
+        return Err(ParseError::TextTooLong {
+            at: Position { line: 1, column: 1 },
+            bytes: text.len(),
+            limit: MAX_TEXT,
+        });
+    }
     let tokens = tokens(text)?;
     let mut parser = Parser {
         tokens: &tokens,
+        expanded: 0,
         next: 0,
         signals: Vec::new(),
         indices: HashMap::new(),
@@ -65,6 +76,8 @@ struct Parser<'t> {
     named: HashMap<&'t str, Postfix>,
     /// All defined names, in order.
     defined: Vec<&'t str>,
+    /// The number of nodes of all named constants and sub-formulas.
+    expanded: usize,
 }
 
 /// A formula under construction: nodes in postfix order, the current depth of the operand stack, and its maximum.
@@ -73,6 +86,8 @@ struct Postfix {
     nodes: Vec<Node>,
     depth: usize,
     max_depth: usize,
+    /// The number of nodes of the statements before.
+    before: usize,
 }
 
 /// An operator or open bracket whose last operand is not complete.
@@ -207,10 +222,13 @@ impl<'t> Parser<'t> {
         };
         self.next += 1;
         self.defined.push(name.text);
-        self.define(name, Postfix { nodes: vec![Node::Constant(sign * value)], depth: 1, max_depth: 1 })
+        let mut formula = Postfix { before: self.expanded, ..Postfix::default() };
+        formula.push(&[Node::Constant(sign * value)], 1, name.at)?;
+        self.define(name, formula)
     }
 
     fn define(&mut self, name: Token<'t>, formula: Postfix) -> Result<(), ParseError> {
+        self.expanded += formula.nodes.len();
         match self.named.insert(name.text, formula) {
             None => Ok(()),
             Some(_) => Err(ParseError::DefinedTwice { at: name.at, name: name.text.to_owned() }),
@@ -219,7 +237,7 @@ impl<'t> Parser<'t> {
 
     /// Parses a formula, up to the first token that cannot belong to it.
     fn formula(&mut self) -> Result<Postfix, ParseError> {
-        let mut operands = Postfix::default();
+        let mut operands = Postfix { before: self.expanded, ..Postfix::default() };
         let mut pending = Vec::new();
         loop {
             self.operand(&mut operands, &mut pending)?;
@@ -458,7 +476,7 @@ impl Postfix {
         if self.max_depth > MAX_STACK_DEPTH {
             return Err(ParseError::TooDeep { at, limit: MAX_STACK_DEPTH });
         }
-        if self.nodes.len() + nodes.len() > MAX_NODES {
+        if self.before + self.nodes.len() + nodes.len() > MAX_NODES {
             return Err(ParseError::TooLong { at, limit: MAX_NODES });
         }
         self.nodes.extend_from_slice(nodes);

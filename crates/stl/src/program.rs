@@ -2,10 +2,12 @@
 
 use crate::clock::{Clock, Window};
 use crate::error::MonitorError;
+use crate::extremum;
 use crate::formula::{Formula, Node};
 use crate::operator::Operator;
 use crate::spelling::nearest;
 use crate::subformula::Reach;
+use crate::until;
 
 /// The location of an operand's values.
 #[derive(Clone, Copy, Debug)]
@@ -41,6 +43,11 @@ pub(crate) enum Action {
 pub(crate) struct Instruction {
     pub action: Action,
     pub out: usize,
+    /// The samples that a trace must have around t to decide the result at t.
+    pub reach: Reach,
+    /// The number of samples at the end of a trace at which the operands are not decided, or not needed for a decided
+    /// result. Without these samples, no window of an operand is cut.
+    pub undecided: usize,
 }
 
 /// A compiled formula; the last instruction computes its robustness.
@@ -51,8 +58,8 @@ pub(crate) struct Program {
     pub buffers: usize,
     /// The columns and names of the signals that the formula reads.
     pub columns: Vec<(usize, String)>,
-    /// The number of samples after t that the value at t depends on; `None` if unbounded.
-    pub horizon: Option<usize>,
+    /// The samples around t that the value at t depends on.
+    pub reach: Reach,
     /// The sub-formulas in the order in which their values are computed.
     pub subformulas: Vec<Subformula>,
 }
@@ -103,12 +110,39 @@ impl Program {
                 subformulas.push(Subformula { values: top.source, instructions, reach: top.reach, index });
             }
         }
-        let Operand { source: result, horizon, .. } = compiler.pop();
+        let Operand { source: result, reach } = compiler.pop();
         if !matches!(result, Source::Location(Location::Buffer(_))) {
-            compiler.emit(Action::Load(result));
+            compiler.emit(Action::Load(result), reach, 0);
         }
         let Compiler { instructions, buffers, .. } = compiler;
-        Ok(Program { instructions, buffers, columns, horizon, subformulas })
+        Ok(Program { instructions, buffers, columns, reach, subformulas })
+    }
+
+    /// Returns whether an unbounded window contains operands that read later samples. Their windows are cut at the end of
+    /// every trace.
+    pub(crate) fn cuts_operands(&self) -> bool {
+        self.instructions.iter().any(|instruction| {
+            let window = match instruction.action {
+                Action::TemporalUnary(Operator::Always | Operator::Eventually, window, _)
+                | Action::TemporalBinary(
+                    Operator::Until | Operator::Release | Operator::Unless,
+                    window,
+                    ..,
+                ) => window,
+                _ => return false,
+            };
+            window.is_unbounded() && instruction.undecided > 0
+        })
+    }
+
+    /// Returns the number of scratch values that the instructions need for traces of `samples` samples.
+    pub(crate) fn scratch_len(&self, samples: usize) -> usize {
+        let needed = |instruction: &Instruction| match instruction.action {
+            Action::TemporalUnary(_, window, _) => extremum::scratch_len(window, samples),
+            Action::TemporalBinary(..) => until::scratch_len(samples),
+            _ => 0,
+        };
+        self.instructions.iter().map(needed).max().unwrap_or(0)
     }
 
     /// Returns the buffer that contains the robustness after the last instruction.
@@ -133,7 +167,6 @@ fn column(signal: &str, names: &[String]) -> Result<(usize, String), MonitorErro
 #[derive(Clone, Copy)]
 struct Operand {
     source: Source,
-    horizon: Option<usize>,
     reach: Reach,
 }
 
@@ -148,99 +181,73 @@ struct Compiler {
 
 impl Compiler {
     fn push_leaf(&mut self, source: Source) {
-        self.stack.push(Operand { source, horizon: Some(0), reach: Reach::default() });
+        self.stack.push(Operand { source, reach: Reach::default() });
     }
 
     fn pop(&mut self) -> Operand {
         // The parser guarantees the operands of every operator, so the stack is never empty here.
-        let missing = Operand { source: Source::Constant(f64::NAN), horizon: None, reach: Reach::default() };
+        let missing = Operand { source: Source::Constant(f64::NAN), reach: Reach::default() };
         self.stack.pop().unwrap_or(missing)
     }
 
     fn apply(&mut self, operator: Operator, window: Window) {
         let last = self.pop();
-        if operator.arity() == 1 {
-            let result = |source| Operand {
-                source,
-                horizon: horizon(operator, window, last.horizon, Some(0)),
-                reach: Reach::of(operator, window, last.reach, last.reach),
-            };
-            if operator.is_temporal() {
+        let first = if operator.arity() == 1 { last } else { self.pop() };
+        let reach = Reach::of(operator, window, first.reach, last.reach);
+        let undecided = undecided(operator, window, first.reach, last.reach, reach);
+        let (action, used) = match (operator.is_temporal(), operator.arity()) {
+            (true, 1) => {
                 let x = self.materialize(last.source);
-                self.finish(Action::TemporalUnary(operator, window, x), &[Source::Location(x)], result);
-            } else {
-                self.finish(Action::Map(operator, last.source), &[last.source], result);
+                (Action::TemporalUnary(operator, window, x), [Source::Location(x), Source::Location(x)])
             }
-            return;
-        }
-        let first = self.pop();
-        let result = |source| Operand {
-            source,
-            horizon: horizon(operator, window, first.horizon, last.horizon),
-            reach: Reach::of(operator, window, first.reach, last.reach),
+            (true, _) => {
+                let (x, y) = (self.materialize(first.source), self.materialize(last.source));
+                (Action::TemporalBinary(operator, window, x, y), [Source::Location(x), Source::Location(y)])
+            }
+            (false, 1) => (Action::Map(operator, last.source), [last.source; 2]),
+            (false, _) => (Action::Zip(operator, first.source, last.source), [first.source, last.source]),
         };
-        if operator.is_temporal() {
-            let (x, y) = (self.materialize(first.source), self.materialize(last.source));
-            let used = [Source::Location(x), Source::Location(y)];
-            self.finish(Action::TemporalBinary(operator, window, x, y), &used, result);
-        } else {
-            let used = [first.source, last.source];
-            self.finish(Action::Zip(operator, first.source, last.source), &used, result);
+        let out = self.emit(action, reach, undecided);
+        for source in &used[..operator.arity()] {
+            if let Source::Location(Location::Buffer(buffer)) = source {
+                self.free.push(*buffer);
+            }
         }
+        self.stack.push(Operand { source: Source::Location(Location::Buffer(out)), reach });
     }
 
     /// Returns the location of an operand; a constant is loaded into a buffer.
     fn materialize(&mut self, source: Source) -> Location {
         match source {
             Source::Location(place) => place,
-            Source::Constant(_) => Location::Buffer(self.emit(Action::Load(source))),
+            Source::Constant(_) => Location::Buffer(self.emit(Action::Load(source), Reach::default(), 0)),
         }
-    }
-
-    /// Emits an action, frees the buffers of its operands and pushes its result.
-    fn finish(&mut self, action: Action, used: &[Source], result: impl FnOnce(Source) -> Operand) {
-        let out = self.emit(action);
-        for source in used {
-            if let Source::Location(Location::Buffer(buffer)) = source {
-                self.free.push(*buffer);
-            }
-        }
-        self.stack.push(result(Source::Location(Location::Buffer(out))));
     }
 
     /// Emits an action into a free buffer: the one freed last, if any, since it is likely to be in the cache.
-    fn emit(&mut self, action: Action) -> usize {
+    fn emit(&mut self, action: Action, reach: Reach, undecided: usize) -> usize {
         let out = self.free.pop().unwrap_or_else(|| {
             self.buffers += 1;
             self.buffers - 1
         });
-        self.instructions.push(Instruction { action, out });
+        self.instructions.push(Instruction { action, out, reach, undecided });
         out
     }
 }
 
-/// Returns the horizon of an operator given the horizons of its operands; `None` is unbounded.
-fn horizon(operator: Operator, window: Window, first: Option<usize>, last: Option<usize>) -> Option<usize> {
-    let later = |horizon: Option<usize>, by: usize| match (horizon, by) {
-        (None, _) | (_, usize::MAX) => None,
-        (Some(horizon), by) => Some(horizon.saturating_add(by)),
-    };
-    let earlier = |horizon: Option<usize>, by: usize| horizon.map(|horizon| horizon.saturating_sub(by));
-    let max_horizon = |a: Option<usize>, b: Option<usize>| Some(a?.max(b?));
+/// Returns [`Instruction::undecided`] of an operator with an operand of reach `first` and one of reach `last` (the same for
+/// a unary operator), whose result has the reach `result`.
+fn undecided(operator: Operator, window: Window, first: Reach, last: Reach, result: Reach) -> usize {
     match operator {
-        Operator::Always | Operator::Eventually => later(first, window.end),
-        Operator::Historically | Operator::Once => earlier(first, window.begin),
-        Operator::Next | Operator::StrongNext => later(first, 1),
-        Operator::Previous | Operator::StrongPrevious => earlier(first, 1),
-        // The left operand is not evaluated at the last sample of the window.
-        Operator::Until | Operator::Release if window.end == 0 => last,
-        Operator::Until | Operator::Release if window.end == usize::MAX => None,
-        Operator::Until | Operator::Release => {
-            max_horizon(later(first, window.end - 1), later(last, window.end))
-        }
-        Operator::Unless => max_horizon(later(first, window.end), later(last, window.end)),
-        Operator::Since if window.end == 0 => last,
-        Operator::Since => max_horizon(first, earlier(last, window.begin)),
-        _ => max_horizon(first, last),
+        Operator::Until | Operator::Release if window.end == 0 => last.ahead,
+        // The left operand is not evaluated at the last sample.
+        Operator::Until | Operator::Release => last.ahead.max(first.ahead.saturating_sub(1)),
+        Operator::Always
+        | Operator::Eventually
+        | Operator::Unless
+        | Operator::Next
+        | Operator::StrongNext => first.ahead.max(last.ahead),
+        // These operators read no later samples of their operands.
+        _ => result.ahead,
     }
 }

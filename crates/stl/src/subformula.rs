@@ -24,17 +24,27 @@ impl SubformulaMinimum {
     }
 }
 
-/// The number of samples before and after t that a trace must have so that no window of the value at t is truncated.
+/// The samples around t that a formula's value at t depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Reach {
+    /// The number of samples before t that a trace must have so that no bounded window is cut at its start.
     pub behind: usize,
+    /// The number of samples after t that a trace must have so that no bounded window is cut at its end and no unbounded
+    /// window is empty.
     pub ahead: usize,
+    /// Whether the value depends on all samples up to the end of the trace.
+    pub is_unbounded: bool,
 }
 
 impl Reach {
-    /// Returns the covered samples of a trace with `samples` samples.
+    /// Returns the number of samples at which a trace with `samples` samples decides the formula.
+    pub(crate) fn decided(self, samples: usize) -> usize {
+        samples.saturating_sub(self.ahead)
+    }
+
+    /// Returns the samples of a trace with `samples` samples at which no bounded window is cut at either end.
     pub(crate) fn covered(self, samples: usize) -> std::ops::Range<usize> {
-        let end = samples.saturating_sub(self.ahead);
+        let end = self.decided(samples);
         self.behind.min(end)..end
     }
 
@@ -43,35 +53,43 @@ impl Reach {
     /// Only the first sample of an unbounded window counts, since the window extends to the end of every trace.
     pub(crate) fn of(operator: Operator, window: Window, first: Reach, last: Reach) -> Reach {
         let begin = window.begin;
-        let end = if window.end == usize::MAX { begin } else { window.end };
-        let after = |reach: Reach, begin: usize, end: usize| Reach {
-            behind: reach.behind.saturating_sub(begin),
-            ahead: reach.ahead.saturating_add(end),
-        };
-        let before = |reach: Reach, begin: usize, end: usize| Reach {
-            behind: reach.behind.saturating_add(end),
-            ahead: reach.ahead.saturating_sub(begin),
-        };
+        let end = if window.is_unbounded() { begin } else { window.end };
         match operator {
-            Operator::Always | Operator::Eventually => after(last, begin, end),
-            Operator::Historically | Operator::Once => before(last, begin, end),
-            Operator::Next | Operator::StrongNext => after(last, 1, 1),
-            Operator::Previous | Operator::StrongPrevious => before(last, 1, 1),
-            Operator::Rise | Operator::Fall => before(last, 0, 1),
+            Operator::Always | Operator::Eventually => last.later(begin, end).over(window),
+            Operator::Historically | Operator::Once => last.earlier(begin, end),
+            Operator::Next | Operator::StrongNext => last.later(1, 1),
+            Operator::Previous | Operator::StrongPrevious => last.earlier(1, 1),
+            Operator::Rise | Operator::Fall => last.earlier(0, 1),
             // The left operand is not evaluated at the far end of the window.
-            Operator::Until | Operator::Release if window.end == 0 => last,
-            Operator::Since if window.end == 0 => last,
+            Operator::Until | Operator::Release | Operator::Since if window.end == 0 => last,
             Operator::Until | Operator::Release => {
-                after(first, 0, end.saturating_sub(1)).and(after(last, begin, end))
+                first.later(0, end.saturating_sub(1)).and(last.later(begin, end)).over(window)
             }
-            Operator::Since => before(first, 0, end.saturating_sub(1)).and(before(last, begin, end)),
-            Operator::Unless => after(first, 0, end).and(after(last, begin, end)),
+            Operator::Since => first.earlier(0, end.saturating_sub(1)).and(last.earlier(begin, end)),
+            Operator::Unless => first.later(0, end).and(last.later(begin, end)).over(window),
             _ => first.and(last),
         }
     }
 
+    /// Marks the reach of an operator with a window after t.
+    fn over(self, window: Window) -> Reach {
+        Reach { is_unbounded: self.is_unbounded || window.is_unbounded(), ..self }
+    }
+
+    fn later(self, begin: usize, end: usize) -> Reach {
+        Reach { behind: self.behind.saturating_sub(begin), ahead: self.ahead.saturating_add(end), ..self }
+    }
+
+    fn earlier(self, begin: usize, end: usize) -> Reach {
+        Reach { behind: self.behind.saturating_add(end), ahead: self.ahead.saturating_sub(begin), ..self }
+    }
+
     fn and(self, other: Reach) -> Reach {
-        Reach { behind: self.behind.max(other.behind), ahead: self.ahead.max(other.ahead) }
+        Reach {
+            behind: self.behind.max(other.behind),
+            ahead: self.ahead.max(other.ahead),
+            is_unbounded: self.is_unbounded || other.is_unbounded,
+        }
     }
 }
 

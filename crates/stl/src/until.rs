@@ -33,7 +33,7 @@ use crate::extremum::{self, Extremum};
 
 /// Returns the number of scratch values that the functions of this module need for signals of `n` samples.
 pub(crate) fn scratch_len(n: usize) -> usize {
-    3 * n + extremum::scratch_len(n)
+    3 * n + extremum::longest_scratch_len(n)
 }
 
 /// Computes `until` (E is the maximum) or `release` (E is the minimum). Windows are truncated at the end of the

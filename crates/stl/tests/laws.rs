@@ -221,31 +221,123 @@ fn a_future_formula_does_not_depend_on_past_samples() {
     }
 }
 
+// --- decided values ---
+
+/// The decided values of the trace with these columns.
+fn decided(text: &str, columns: &[Vec<f64>]) -> Vec<f64> {
+    monitor(text).decided_robustness_signal(&trace_of(columns)).unwrap().to_vec()
+}
+
+/// The trace and a random continuation.
+fn continued(random: &mut Random, columns: &[Vec<f64>], samples: usize) -> Vec<Vec<f64>> {
+    columns.iter().map(|column| [column.clone(), random.column(samples)].concat()).collect()
+}
+
 #[test]
-fn samples_beyond_the_horizon_do_not_change_the_value() {
+fn a_decided_value_follows_the_definitions_and_reads_no_sample_beyond_the_trace() {
     let mut random = Random(8);
-    let mut bounded = 0;
-    for _ in 0..5000 {
-        let n = 1 + random.below(12);
-        let tree = Tree::random(&mut random, 3, 4);
+    let (mut unbounded, mut values) = (0, 0);
+    for case in 0..5000 {
+        let n = 1 + random.below(if case % 10 == 0 { 30 } else { 12 });
+        let size = random.below(5);
+        let tree = Tree::random(&mut random, size, 1 + n / 3);
+        let text = tree.write(&mut random);
+        let columns = random_columns(&mut random, n);
+        let longer = continued(&mut random, &columns, 12);
+        let expected: Vec<f64> =
+            (0..n).take_while(|t| tree.is_decided(*t, n)).map(|t| tree.decide(&longer, t, n)).collect();
+        assert_eq!(decided(&text, &columns), expected, "{text} on {columns:?}");
+        assert_eq!(monitor(&text).decided_samples(n), expected.len(), "{text} on {n} samples");
+        values += expected.len();
+        unbounded += usize::from(!tree.is_bounded() && !expected.is_empty());
+    }
+    assert!(unbounded > 500 && values > 10_000, "{unbounded} {values}");
+}
+
+#[test]
+fn no_continuation_of_the_trace_changes_a_decided_value_of_bounded_windows() {
+    let mut random = Random(16);
+    let (mut formulas, mut values) = (0, 0);
+    while formulas < 1500 {
+        let n = 1 + random.below(20);
+        let size = random.below(5);
+        let tree = Tree::random(&mut random, size, 5);
         let text = tree.write(&mut random);
         let mut monitor = monitor(&text);
         let columns = random_columns(&mut random, n);
         let trace = trace_of(&columns);
         let signal = monitor.robustness_signal(&trace).unwrap().to_vec();
         assert_eq!(monitor.robustness(&trace), Ok(signal[0]), "{text}");
-
         let Some(horizon) = monitor.horizon() else { continue };
-        bounded += 1;
-        let mut longer = columns.clone();
-        for column in &mut longer {
-            column.extend(random.column(1 + horizon.min(20)));
+        formulas += 1;
+        let decided = monitor.decided_robustness_signal(&trace).unwrap().to_vec();
+        assert_eq!(decided, signal[..n.saturating_sub(horizon)], "{text} with horizon {horizon}");
+        values += decided.len();
+        for _ in 0..5 {
+            let samples = 1 + random.below(horizon.min(20) + 2);
+            let longer = trace_of(&continued(&mut random, &columns, samples));
+            let cut = monitor.robustness_signal(&longer).unwrap()[..decided.len()].to_vec();
+            assert_eq!(cut, decided, "{text} with horizon {horizon}");
+            let whole = &monitor.decided_robustness_signal(&longer).unwrap()[..decided.len()];
+            assert_eq!(whole, decided, "{text} with horizon {horizon}");
         }
-        let more = monitor.robustness_signal(&trace_of(&longer)).unwrap();
-        let settled = n.saturating_sub(horizon);
-        assert_eq!(signal[..settled], more[..settled], "{text} with horizon {horizon} on {longer:?}");
     }
-    assert!(bounded > 1000);
+    assert!(values > 3000, "{values}");
+}
+
+#[test]
+fn windows_inside_an_unbounded_operator_are_not_cut_at_the_end_of_the_trace() {
+    let columns = |a: &[f64]| [a.to_vec(), vec![0.0; a.len()], vec![0.0; a.len()]];
+    // One last sample is enough for a cut window, not for a whole one.
+    let late = columns(&[0.0, 1.0, 0.0, 5.0]);
+    assert_eq!(robustness("eventually(always[0:2](a >= 4))", &late)[0], 1.0);
+    // min(0, 1, 0) - 4 and min(1, 0, 5) - 4.
+    assert_eq!(decided("eventually(always[0:2](a >= 4))", &late), [-4.0, -4.0]);
+    // The cut windows of the last samples lack the time in which the requirement can be met.
+    let dip = columns(&[5.0, 5.0, 7.0, 0.0]);
+    assert_eq!(robustness("always(eventually[0:2](a >= 4))", &dip)[0], -4.0);
+    assert_eq!(decided("always(eventually[0:2](a >= 4))", &dip), [3.0, 3.0]);
+    // A requirement on the last samples is decided only if they are followed by its window.
+    assert_eq!(decided("always(a <= 2 implies eventually[1:2](a >= 4))", &dip), [3.0, 3.0]);
+    assert_eq!(decided("(next(a > 0)) until (a >= 7)", &dip), [0.0, 0.0, 0.0]);
+    // The trace has three samples: one less than a window of 0 to 3.
+    let short = columns(&[5.0; 3]);
+    assert_eq!(decided("eventually(always[0:3](a >= 4))", &short), []);
+    assert_eq!(decided("eventually(always[0:2](a >= 4))", &short), [1.0]);
+    assert_eq!(decided("eventually[0:1](eventually(always[0:2](a >= 4)))", &short), []);
+    for (text, samples, cuts) in [
+        ("always[0:2] a", 3, false),
+        ("always[0:2] a", 2, true),
+        ("always a", 1, false),
+        ("eventually(always[0:2] a)", 300, true),
+        ("eventually[0:100](always[0:2] a)", 300, false),
+        ("(next a) until b", 300, false), // the left operand is not evaluated at the last sample
+        ("(next next a) until b", 300, true),
+        ("a release (next b)", 300, true),
+        ("(next a) unless b", 300, true),
+        ("once(next a)", 2, false),
+    ] {
+        assert_eq!(monitor(text).cuts_windows(samples), cuts, "{text}");
+    }
+}
+
+#[test]
+fn robustness_at_time_0_agrees_with_the_signal_in_value_and_error() {
+    let columns = [vec![1.0, 2.0, 1.0], vec![1.0, 0.0, 1.0], vec![4.0, -1.0, 1.0]];
+    // On samples 0 and 1 alone, the last value of `next a` is infinite and the product NaN.
+    let text = "(next a) * b >= 0";
+    assert_eq!(monitor(text).robustness(&trace_of(&columns)), Ok(2.0));
+    assert_eq!(robustness(text, &columns), [2.0, 0.0, f64::INFINITY]);
+    for text in ["sqrt(c_1) >= 1", "a / b > 0"] {
+        let trace = trace_of(&columns);
+        let expected = monitor(text).robustness_signal(&trace).map(|signal| signal[0]);
+        assert!(matches!(expected, Err(MonitorError::Undefined { step: 1, .. })), "{expected:?}");
+        assert_eq!(monitor(text).robustness(&trace), expected, "{text}");
+    }
+    // Arithmetic on a cut window is not a decided value, so it is not an error there.
+    let text = "(always[1:2] a) * (b - 1) >= -9";
+    assert!(monitor(text).robustness(&trace_of(&columns)).is_err());
+    assert_eq!(decided(text, &columns), [9.0]);
 }
 
 #[test]
@@ -419,9 +511,9 @@ fn least_of(values: &[f64], covered: std::ops::Range<usize>) -> SubformulaMinimu
 #[test]
 fn minima_of_sub_formulas_equal_those_of_separate_monitors() {
     let mut random = Random(14);
-    for case in 0..10_000 {
-        let n = 1 + random.below(if case % 10 == 0 { 90 } else { 14 });
-        let size = random.below(6);
+    for case in 0..3000 {
+        let n = 1 + random.below(if case % 10 == 0 { 40 } else { 14 });
+        let size = random.below(5);
         let tree = Tree::random(&mut random, size, n.min(5));
         let text = tree.write(&mut random);
         let columns = random_columns(&mut random, n);
@@ -434,8 +526,9 @@ fn minima_of_sub_formulas_equal_those_of_separate_monitors() {
         let minima = monitor.subformula_minima(&trace).unwrap().to_vec();
         assert_eq!(minima.len(), parts.len());
         for ((part, text), minimum) in parts.iter().zip(&texts).zip(&minima) {
-            let values = robustness(text, &columns);
-            assert_eq!(values, part.evaluate(&columns), "{text} on {columns:?}");
+            let values = decided(text, &columns);
+            let expected: Vec<f64> = (0..values.len()).map(|t| part.decide(&columns, t, n)).collect();
+            assert_eq!(values, expected, "{text} on {columns:?}");
             let expected = least_of(&values, covered(part.offsets(), n));
             assert_eq!(*minimum, expected, "{text} on {columns:?}");
         }
@@ -524,7 +617,6 @@ fn minima_of_sub_formulas_equal_values_computed_by_hand() {
 fn minima_evaluate_arithmetic_at_every_sample() {
     let columns = [vec![1.0, 4.0, -1.0], vec![0.0; 3], vec![0.0; 3]];
     let mut monitor = monitor("sqrt(a) >= 1");
-    assert_eq!(monitor.robustness(&trace_of(&columns)), Ok(0.0));
     let found = monitor.subformula_minima(&trace_of(&columns));
     assert!(matches!(found, Err(MonitorError::Undefined { step: 2, .. })), "{found:?}");
     // An error does not affect the next trace.

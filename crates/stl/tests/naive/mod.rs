@@ -212,6 +212,62 @@ impl Tree {
         (low.min(0), high.max(0))
     }
 
+    /// Returns whether the first `end` samples decide the formula at t: no window ahead with an end is cut, and every window
+    /// without an end has a first sample.
+    pub fn is_decided(&self, t: usize, end: usize) -> bool {
+        t + (self.offsets().1 as usize) < end
+    }
+
+    /// Returns the value at t that the first `end` samples of the trace decide, from the definitions. A window without an end
+    /// contains the samples at which the operands that it reads are decided. The trace may be longer.
+    pub fn decide(&self, trace: &[Vec<f64>], t: usize, end: usize) -> f64 {
+        assert!(self.is_decided(t, end), "{self:?} reads beyond sample {end} at {t}");
+        // The values of an operand at these samples; the others are NaN.
+        let values = |x: &Tree, steps: &mut dyn Iterator<Item = usize>| {
+            let mut values = vec![f64::NAN; end];
+            steps.for_each(|s| values[s] = x.decide(trace, s, end));
+            values
+        };
+        match self {
+            Tree::Number(value) => *value,
+            Tree::Signal(signal) => trace[*signal][t],
+            Tree::One(name, window, x) => match *name {
+                "always" | "eventually" => {
+                    let steps: Vec<usize> = ahead(t, *window, end)
+                        .take_while(|s| !is_open(*window) || x.is_decided(*s, end))
+                        .collect();
+                    let values = steps.into_iter().map(|s| x.decide(trace, s, end));
+                    if *name == "always" { least(values) } else { greatest(values) }
+                }
+                "historically" => least(behind(t, *window).map(|s| x.decide(trace, s, end))),
+                "once" => greatest(behind(t, *window).map(|s| x.decide(trace, s, end))),
+                "next" | "s_next" => x.decide(trace, t + 1, end),
+                "prev" | "s_prev" => one(name, None, &values(x, &mut (t.saturating_sub(1)..t)))[t],
+                "rise" | "fall" => one(name, None, &values(x, &mut (t.saturating_sub(1)..=t)))[t],
+                _ => one(name, None, &[x.decide(trace, t, end)])[0],
+            },
+            Tree::Two(name, window, x, y) => match *name {
+                "until" | "release" | "unless" => {
+                    // Up to which sample `until` and `release` read the left operand, and `unless`.
+                    let left = |s: usize| t..s + usize::from(*name == "unless");
+                    let is_whole = |s: &usize| {
+                        !is_open(*window) || (y.is_decided(*s, end) && left(*s).all(|r| x.is_decided(r, end)))
+                    };
+                    let steps: Vec<usize> = ahead(t, *window, end).take_while(is_whole).collect();
+                    let last = steps[steps.len() - 1];
+                    let (p, q) = (values(x, &mut left(last)), values(y, &mut steps.into_iter()));
+                    two(name, *window, &p[..=last], &q[..=last])[t]
+                }
+                "since" => {
+                    let first = behind(t, *window).next().unwrap_or(t);
+                    let (p, q) = (values(x, &mut (first + 1..=t)), values(y, &mut behind(t, *window)));
+                    two(name, *window, &p, &q)[t]
+                }
+                _ => two(name, None, &[x.decide(trace, t, end)], &[y.decide(trace, t, end)])[0],
+            },
+        }
+    }
+
     /// Returns whether every window of the formula is bounded.
     pub fn is_bounded(&self) -> bool {
         let has_end = |name: &str, window: Interval| {
@@ -241,6 +297,10 @@ impl Tree {
 fn ends(window: Interval) -> (i64, i64) {
     let (begin, end) = window.unwrap_or((0, usize::MAX));
     (begin as i64, if end == usize::MAX { begin } else { end } as i64)
+}
+
+fn is_open(window: Interval) -> bool {
+    window.is_none_or(|(_, end)| end == usize::MAX)
 }
 
 /// Returns a random interval: none, a point, one inside the trace, across its end, or beyond it.
