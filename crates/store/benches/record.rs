@@ -48,7 +48,9 @@ fn rows(simulations: u32, path: &Path) -> Result<(), Box<dyn Error>> {
     println!("  record and close                      {closed:8.2} s");
     println!("  file                                  {size:8.1} bytes each");
 
-    let run = RunFile::open(path)?;
+    time("open, with its check", || Ok(RunFile::open(path).map(drop)?))?;
+    time("open without the check", || Ok(RunFile::open_unchecked(path).map(drop)?))?;
+    let run = RunFile::open_unchecked(path)?;
     time("read all in order", || Ok(run.simulations().try_for_each(|simulation| simulation.map(drop))?))?;
     time("count the trials' simulations", || Ok(run.trials().map(drop)?))?;
     time("content digest", || Ok(run.content_digest().map(drop)?))?;
@@ -88,7 +90,9 @@ fn traces(path: &Path) -> Result<(), Box<dyn Error>> {
     println!("{count} simulations with a trace of 301 samples of 6 signals ({raw} bytes), one by one");
     println!("  record                                {each:8.1} us each");
     println!("  file                                  {size:8.1} bytes each");
-    let run = RunFile::open(path)?;
+    time("open, with its check", || Ok(RunFile::open(path).map(drop)?))?;
+    time("open without the check", || Ok(RunFile::open_unchecked(path).map(drop)?))?;
+    let run = RunFile::open_unchecked(path)?;
     time("read all", || Ok((1..=count).try_for_each(|number| run.simulation(0, number).map(drop))?))
 }
 

@@ -76,6 +76,24 @@ pub enum StoreError {
         /// Path of the file.
         path: PathBuf,
     },
+    /// The file is empty or a database without tables, which a program leaves that is killed while it creates a run.
+    #[error(
+        "the run file is empty: the program that created it was stopped before the first simulation, or it was copied \
+         without the file ending in `-wal` beside it; start the run again, which replaces the file: {}", path.display()
+    )]
+    Unfinished {
+        /// Path of the file.
+        path: PathBuf,
+    },
+    /// Reading the file took too long for its size.
+    #[error(
+        "reading the run file took longer than 30 s plus 1 s per MiB: it is damaged, or the disk is very slow: {}",
+        path.display()
+    )]
+    TooSlow {
+        /// Path of the file.
+        path: PathBuf,
+    },
     /// The content of the run file was changed or damaged.
     #[error("the run file is damaged, restore it from a copy: {what}: {}", path.display())]
     Damaged {
@@ -126,6 +144,19 @@ pub enum StoreError {
         found: usize,
         /// Required length.
         expected: usize,
+    },
+    /// A trace is larger than a run file may contain.
+    #[error(
+        "cannot record simulation {number} of trial {trial}: its trace has {samples} samples; a trace can have up to \
+         256 MiB, 8 bytes for each sample of a signal"
+    )]
+    TraceTooLarge {
+        /// Number of the trial.
+        trial: u32,
+        /// Number of the simulation.
+        number: u32,
+        /// Number of samples.
+        samples: usize,
     },
     /// The signals of a trace have different lengths.
     #[error(
@@ -230,7 +261,7 @@ impl StoreError {
 
     /// The file is a database without the application ID of a run file.
     pub(crate) fn of_another_program(path: &Path) -> Self {
-        let found = "a SQLite database of another program, or a run file whose creation was interrupted";
+        let found = "a SQLite database of another program";
         Self::NotARun { found: found.to_string() + if_without_log(path), path: path.into() }
     }
 
@@ -257,6 +288,8 @@ impl StoreError {
             _ => return Self::damaged(&path, message),
         };
         match (code.code, code.extended_code) {
+            (ErrorCode::OperationInterrupted, _) => Self::TooSlow { path },
+            (ErrorCode::TooBig, _) => Self::damaged(&path, "a value is too large"),
             (ErrorCode::DiskFull, _) | (_, rusqlite::ffi::SQLITE_IOERR_SHMSIZE) => Self::DiskFull { path },
             (ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked, _) => Self::Locked { path },
             (ErrorCode::ReadOnly | ErrorCode::PermissionDenied, _) => Self::ReadOnly { path },

@@ -30,9 +30,35 @@ const LISTS: [(&str, &str); 6] = [
     ("verdict", "name"),
 ];
 
+/// Largest text of the table `header`, such as the plan, in bytes.
+const MAX_TEXT_BYTES: usize = 1 << 20;
+
+/// Largest number of rows of a list.
+const MAX_ROWS: usize = 100_000;
+
+/// Largest size of all texts of a list, in bytes.
+const MAX_LIST_BYTES: usize = 16 << 20;
+
 /// Checks a header before it is written.
 pub(crate) fn guard(header: &RunHeader) -> Result<()> {
     let bad = |what| Err(StoreError::BadHeader { what });
+    let length = |value: &Value| match value {
+        Value::Text(text) => text.len(),
+        _ => 0,
+    };
+    if let Some((key, value)) = values(header).iter().find(|(_, value)| length(value) > MAX_TEXT_BYTES) {
+        return bad(format!("`{key}` has {} bytes; it must have at most {MAX_TEXT_BYTES}", length(value)));
+    }
+    for ((list, _), rows) in LISTS.iter().zip(rows(header)) {
+        let bytes = rows.iter().flatten().map(length).sum::<usize>();
+        if rows.len() > MAX_ROWS || bytes > MAX_LIST_BYTES {
+            return bad(format!(
+                "its table `{list}` would have {} rows and {bytes} bytes; it must have at most {MAX_ROWS} rows and \
+                 {MAX_LIST_BYTES} bytes",
+                rows.len()
+            ));
+        }
+    }
     if !(header.control_dt > 0.0 && header.control_dt.is_finite()) {
         return bad(format!("its control period is {} s; it must be positive and finite", header.control_dt));
     }
@@ -226,10 +252,17 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
 
 /// Returns the value of a key. All versions of the format have the table `header`.
 pub(crate) fn value<T: FromSql>(connection: &Connection, path: &Path, key: &str) -> Result<T> {
-    let value = connection.query_row("SELECT value FROM header WHERE key = ?1", [key], |row| row.get(0));
+    // A larger value becomes NULL, which has no type.
+    let sql = format!(
+        "SELECT CASE WHEN octet_length(value) <= {MAX_TEXT_BYTES} THEN value END FROM header WHERE key = ?1"
+    );
+    let value = connection.query_row(&sql, [key], |row| row.get(0));
     value.map_err(|error| match error {
         rusqlite::Error::QueryReturnedNoRows => {
             StoreError::damaged(path, format!("its header lacks `{key}`"))
+        }
+        rusqlite::Error::InvalidColumnType(..) => {
+            StoreError::damaged(path, format!("`{key}` of its header has a wrong type or is too large"))
         }
         error => StoreError::from_sqlite(path, &error),
     })
@@ -243,6 +276,15 @@ fn list<T>(
     read: impl FnMut(&Row<'_>) -> rusqlite::Result<T>,
 ) -> Result<Vec<T>> {
     let columns = LISTS.iter().find(|(known, _)| *known == table).map_or("", |(_, columns)| columns);
+    let lengths: Vec<String> =
+        columns.split(", ").map(|column| format!("ifnull(octet_length({column}), 0)")).collect();
+    let sql = format!("SELECT count(*), ifnull(sum({}), 0) FROM {table}", lengths.join(" + "));
+    let (count, bytes): (i64, i64) =
+        connection.query_row(&sql, [], |row| Ok((row.get(0)?, row.get(1)?))).in_file(path)?;
+    // Numbers have a few bytes, too.
+    if count > MAX_ROWS as i64 || bytes > (MAX_LIST_BYTES + MAX_ROWS * 100) as i64 {
+        return Err(StoreError::damaged(path, format!("its table {table} is too large")));
+    }
     let sql = format!("SELECT {columns} FROM {table} ORDER BY position");
     let mut select = connection.prepare(&sql).in_file(path)?;
     let rows = select.query_map([], read).in_file(path)?;

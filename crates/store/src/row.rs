@@ -181,6 +181,9 @@ pub(crate) fn guard(simulation: &Simulation, header: &RunHeader) -> Result<()> {
     }
     length("list of verdicts", simulation.verdicts.len(), header.verdicts.len())?;
     if let Some(trace) = &simulation.trace {
+        if trace.is_too_large() {
+            return Err(StoreError::TraceTooLarge { trial, number, samples: trace.samples() });
+        }
         length("trace", trace.columns.len(), header.signals.len())?;
         for (signal, column) in header.signals.iter().zip(&trace.columns) {
             let (found, expected) = (column.len(), trace.samples());
@@ -294,6 +297,8 @@ pub(crate) fn read(row: &Row<'_>, path: &Path, header: &RunHeader) -> Result<Sim
     if hash(&simulation, simulation.trace_digest) != row.get::<_, i64>(15).in_file(path)? {
         return Err(damaged("it does not match its hash"));
     }
+    // The hash is no secret, so the values of a forged row can be out of their ranges.
+    guard(&simulation, header).map_err(|error| damaged(&error.to_string()))?;
     Ok(simulation)
 }
 

@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use mishandle_files::FileLock;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, ffi, params};
 
+use crate::database::Database;
 use crate::error::{InFile, StoreError};
-use crate::run_file::{RunFile, connect, open};
+use crate::run_file::RunFile;
 use crate::schema::{APPLICATION_ID, FORMAT_VERSION};
 use crate::upgrade::{STEPS, Step};
 use crate::{
@@ -34,31 +35,36 @@ pub struct RunWriter {
     file: RunFile,
     /// Needed in addition to SQLite's lock, which is released for a moment between two transactions. Dropped last,
     /// after the file is closed.
-    _lock: Option<FileLock>,
+    _lock: FileLock,
 }
 
 impl RunWriter {
-    /// Creates a run that contains only the header.
+    /// Creates a run that contains only the header. Always replaces a file without content, which a program leaves that
+    /// is killed while it creates a run.
     ///
     /// # Errors
     /// - [`Exists`](StoreError::Exists) if the file exists and `existing` is [`IfExists::Refuse`];
-    /// - [`NotARun`](StoreError::NotARun) if the file to replace is not a run file, [`Locked`](StoreError::Locked) if
-    ///   it is being written;
+    /// - [`NotARun`](StoreError::NotARun) if the file to replace is not a run file;
+    /// - [`Locked`](StoreError::Locked) if another process is writing the run;
     /// - [`BadHeader`](StoreError::BadHeader) if names are not unique or numbers are not finite;
     /// - [`Missing`](StoreError::Missing), [`ReadOnly`](StoreError::ReadOnly) or [`NoRoom`](StoreError::NoRoom) for the
     ///   folder.
     pub fn create(path: impl AsRef<Path>, header: &RunHeader, existing: IfExists) -> Result<Self> {
         let path = path.as_ref();
         header_table::guard(header)?;
-        let mut writer_lock = None;
-        if existing == IfExists::Replace && path.exists() {
-            writer_lock = lock(path)?;
+        if existing == IfExists::Refuse && path.exists() && !is_unfinished(path) {
+            return Err(StoreError::Exists { path: path.into() });
+        }
+        // Before the file: a process that has no lock never removes or creates the file.
+        let writer_lock = lock(path)?;
+        if path.exists() {
+            // Another process may have finished it in the meantime.
+            if existing == IfExists::Refuse && !is_unfinished(path) {
+                return Err(StoreError::Exists { path: path.into() });
+            }
             remove(path)?;
         }
         create_file(path).map_err(creation_error)?;
-        if writer_lock.is_none() {
-            writer_lock = lock(path)?;
-        }
         initialize(path, header, writer_lock).map_err(|error| {
             // Removes the incomplete run. The first error is the one to report.
             let _ = remove_files(path);
@@ -66,37 +72,46 @@ impl RunWriter {
         })
     }
 
-    /// Opens a run to add records. A file of an older format is first upgraded in place.
+    /// Opens a run to add records, and checks it as [`RunFile::open`] does. A file of an older format is first upgraded in
+    /// place.
     ///
     /// # Errors
     /// [`Locked`](StoreError::Locked) if another process is writing the run, [`ReadOnly`](StoreError::ReadOnly), or an
     /// error of [`RunFile::open`].
     pub fn resume(path: impl AsRef<Path>) -> Result<Self> {
-        Self::resume_with(path.as_ref(), STEPS)
+        Self::resume_with(path.as_ref(), STEPS, true)
     }
 
-    /// Resumes a run as a program with these upgrade steps would.
-    pub(crate) fn resume_with(path: &Path, steps: &[Step]) -> Result<Self> {
-        let connection = connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
-        upgrade::version(&connection, path, steps)?;
+    /// Opens a run as [`resume`](Self::resume) does, without the check.
+    ///
+    /// # Errors
+    /// The errors of [`resume`](Self::resume).
+    pub fn resume_unchecked(path: impl AsRef<Path>) -> Result<Self> {
+        Self::resume_with(path.as_ref(), STEPS, false)
+    }
+
+    /// Resumes a run as a program with these upgrade steps would, and checks it if `check` is true.
+    pub(crate) fn resume_with(path: &Path, steps: &[Step], check: bool) -> Result<Self> {
+        let database = Database::connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
+        upgrade::version(database.sql(), path, steps)?;
         let writer_lock = lock(path)?;
-        if connection.is_readonly("main").in_file(path)? {
+        if database.sql().is_readonly("main").in_file(path)? {
             return Err(StoreError::ReadOnly { path: path.into() });
         }
         // An upgrade replaces tables that other tables refer to.
-        connection.pragma_update(None, "foreign_keys", false).in_file(path)?;
-        begin(&connection).in_file(path)?;
+        database.sql().pragma_update(None, "foreign_keys", false).in_file(path)?;
+        begin(database.sql()).in_file(path)?;
         // Checked again: now no other process can change it.
-        let found = upgrade::version(&connection, path, steps)?;
-        let is_upgraded = upgrade::upgrade(&connection, path, found, steps)?;
-        let file = RunFile::of(connection, path)?;
-        if is_upgraded {
-            // Before the commit, so that a damaged file stays as it is.
-            file.check_rows()?;
+        let found = upgrade::version(database.sql(), path, steps)?;
+        let is_upgraded = upgrade::upgrade(database.sql(), path, found, steps)?;
+        let file = RunFile::of(database, path)?;
+        // Before the commit, so that a damaged file stays as it is.
+        if is_upgraded || check {
+            file.check_opened()?;
         }
-        file.connection.execute_batch("COMMIT").in_file(path)?;
-        prepare(&file.connection, path)?;
-        begin(&file.connection).in_file(path)?;
+        file.database.sql().execute_batch("COMMIT").in_file(path)?;
+        prepare(file.database.sql(), path)?;
+        begin(file.database.sql()).in_file(path)?;
         check_references(&file)?;
         Ok(Self { file, _lock: writer_lock })
     }
@@ -113,7 +128,7 @@ impl RunWriter {
     pub fn start_trial(&mut self, trial: u32, seed: u64) -> Result<()> {
         self.transact(|file| {
             let row = TrialRecord { number: trial, seed, status: TrialStatus::Running };
-            let inserted = row::insert_trial(&file.connection, &row);
+            let inserted = row::insert_trial(file.database.sql(), &row);
             inserted.map(drop).map_err(|error| match constraint(&error) {
                 Some(_) => StoreError::AlreadyRecorded { what: format!("trial {trial}") },
                 None => StoreError::from_sqlite(&file.path, &error),
@@ -130,7 +145,7 @@ impl RunWriter {
             let row = TrialRecord { status, ..file.trial(trial)? };
             let sql = "UPDATE trial SET status = ?2, row_hash = ?3 WHERE number = ?1";
             let values = params![trial, row::status_text(status), row::trial_hash(&row)];
-            file.connection.execute(sql, values).map(drop).in_file(&file.path)
+            file.database.sql().execute(sql, values).map(drop).in_file(&file.path)
         })
     }
 
@@ -162,12 +177,12 @@ impl RunWriter {
     /// # Errors
     /// An error of the file. The records are safe in the file and its log.
     pub fn close(self) -> Result<()> {
-        merge_log(&self.file.connection).in_file(&self.file.path)
+        merge_log(self.file.database.sql()).in_file(&self.file.path)
     }
 
     /// Runs `work` in the open transaction, commits it and begins the next one.
     fn transact(&mut self, work: impl FnOnce(&RunFile) -> Result<()>) -> Result<()> {
-        let (connection, path) = (&self.file.connection, &self.file.path);
+        let (connection, path) = (self.file.database.sql(), &self.file.path);
         if connection.is_autocommit() {
             begin(connection).in_file(path)?;
         }
@@ -185,7 +200,7 @@ impl RunWriter {
 impl Drop for RunWriter {
     fn drop(&mut self) {
         // An error cannot be reported here. The records are safe in the log.
-        let _ = merge_log(&self.file.connection);
+        let _ = merge_log(self.file.database.sql());
     }
 }
 
@@ -207,26 +222,29 @@ fn create_file(path: &Path) -> Result<File> {
 }
 
 /// Writes tables and header to an empty file.
-fn initialize(path: &Path, header: &RunHeader, writer_lock: Option<FileLock>) -> Result<RunWriter> {
-    let connection = open(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
-    prepare(&connection, path)?;
-    begin(&connection).in_file(path)?;
-    schema::create(&connection, header).in_file(path)?;
+fn initialize(path: &Path, header: &RunHeader, writer_lock: FileLock) -> Result<RunWriter> {
+    let database = Database::open(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
+    let connection = database.sql();
+    prepare(connection, path)?;
+    begin(connection).in_file(path)?;
+    schema::create(connection, header).in_file(path)?;
     connection.pragma_update(None, "application_id", APPLICATION_ID).in_file(path)?;
     connection.pragma_update(None, "user_version", FORMAT_VERSION).in_file(path)?;
-    header_table::write(&connection, header).in_file(path)?;
+    header_table::write(connection, header).in_file(path)?;
     connection.execute_batch("COMMIT").in_file(path)?;
-    begin(&connection).in_file(path)?;
-    Ok(RunWriter { file: RunFile::of(connection, path)?, _lock: writer_lock })
+    begin(connection).in_file(path)?;
+    Ok(RunWriter { file: RunFile::of(database, path)?, _lock: writer_lock })
 }
 
-/// Locks a run against other writers. If the lock file cannot be created, only SQLite's own lock protects the run, and
-/// writing the run reports the problem with the folder.
-fn lock(path: &Path) -> Result<Option<FileLock>> {
+/// Locks a run against other writers.
+fn lock(path: &Path) -> Result<FileLock> {
     match FileLock::try_acquire(&lock_file(path)) {
+        Ok(Some(lock)) => Ok(lock),
         Ok(None) => Err(StoreError::Locked { path: path.into() }),
-        Ok(lock) => Ok(lock),
-        Err(_) => Ok(None),
+        Err(source) if source.kind() == ErrorKind::NotFound => {
+            Err(StoreError::Missing { what: "the folder", path: path.into() })
+        }
+        Err(source) => Err(StoreError::from_io(path, "lock", source)),
     }
 }
 
@@ -238,7 +256,7 @@ fn lock_file(path: &Path) -> PathBuf {
 
 /// Checks that all rows that other rows refer to exist.
 fn check_references(file: &RunFile) -> Result<()> {
-    let (connection, path) = (&file.connection, &file.path);
+    let (connection, path) = (file.database.sql(), &file.path);
     let missing: Option<(String, String)> = connection
         .query_row("SELECT \"table\", \"parent\" FROM pragma_foreign_key_check", [], |row| {
             Ok((row.get(0)?, row.get(1)?))
@@ -292,16 +310,19 @@ fn insert(file: &RunFile, simulation: &Simulation) -> Result<()> {
         }
         trace_digest = Some(computed);
     }
-    let inserted = row::insert(&file.connection, file.header(), simulation, trace_digest);
+    let inserted = row::insert(file.database.sql(), file.header(), simulation, trace_digest);
     inserted.map_err(|error| match constraint(&error) {
         Some(ffi::SQLITE_CONSTRAINT_FOREIGNKEY) => StoreError::UnknownTrial { trial },
         Some(_) => StoreError::AlreadyRecorded { what: format!("simulation {number} of trial {trial}") },
         None => StoreError::from_sqlite(&file.path, &error),
     })?;
     if let Some(trace) = &simulation.trace {
+        let blob = trace_blob::encode(trace);
         let sql = "INSERT INTO trace (trial, number, blob) VALUES (?1, ?2, ?3)";
-        let mut statement = file.connection.prepare_cached(sql).in_file(&file.path)?;
-        statement.execute(params![trial, number, trace_blob::encode(trace)]).in_file(&file.path)?;
+        let inserted = file
+            .database
+            .with_traces(|connection| connection.prepare_cached(sql)?.execute(params![trial, number, blob]));
+        inserted.in_file(&file.path)?;
     }
     Ok(())
 }
@@ -312,24 +333,26 @@ fn constraint(error: &rusqlite::Error) -> Option<i32> {
     (failure.code == rusqlite::ErrorCode::ConstraintViolation).then_some(failure.extended_code)
 }
 
-/// Removes a run, complete or not, that no process is writing.
+/// Removes a run, complete or not. The caller has locked it.
 fn remove(path: &Path) -> Result<()> {
-    if std::fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() > 0) {
-        let connection = connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
-        // Runs of newer and older formats can be removed, and runs whose creation was interrupted.
-        match upgrade::version(&connection, path, STEPS) {
+    if !is_unfinished(path) {
+        let database = Database::connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
+        // Runs of newer and older formats can be removed, too.
+        match upgrade::version(database.sql(), path, STEPS) {
             Ok(_) | Err(StoreError::NewerVersion { .. }) => {}
-            Err(StoreError::NotARun { .. }) if is_blank(&connection) => {}
             Err(error) => return Err(error),
         }
-        begin(&connection).in_file(path)?;
+        begin(database.sql()).in_file(path)?;
     }
     remove_files(path)
 }
 
-/// Returns whether the database has no tables.
-fn is_blank(connection: &Connection) -> bool {
-    connection.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0)) == Ok(0)
+/// Returns whether the file is empty or a database without tables: the creation of a run was interrupted.
+fn is_unfinished(path: &Path) -> bool {
+    let is_file = std::fs::symlink_metadata(path).is_ok_and(|found| found.is_file());
+    let database = Database::connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY);
+    let version = database.and_then(|database| upgrade::version(database.sql(), path, STEPS));
+    is_file && matches!(version, Err(StoreError::Unfinished { .. }))
 }
 
 fn remove_files(path: &Path) -> Result<()> {
@@ -408,7 +431,7 @@ mod tests {
         let path = folder.path().join("run.sqlite");
         let mut writer = RunWriter::create(&path, &header, IfExists::Refuse).unwrap();
         writer.start_trial(1, 0).unwrap();
-        writer.file.connection.pragma_update(None, "max_page_count", 100).unwrap();
+        writer.file.database.sql().pragma_update(None, "max_page_count", 100).unwrap();
 
         let mut recorded = 0;
         let error = loop {
@@ -422,7 +445,7 @@ mod tests {
         assert_eq!(writer.file().last_simulation_number(1).unwrap(), recorded);
 
         // With free space, the same writer continues.
-        writer.file.connection.pragma_update(None, "max_page_count", 10_000).unwrap();
+        writer.file.database.sql().pragma_update(None, "max_page_count", 10_000).unwrap();
         writer.record(&[traced(recorded + 1)]).unwrap();
         writer.close().unwrap();
         let run = RunFile::open(&path).unwrap();

@@ -231,10 +231,14 @@ fn check_empty(others: &Statements, path: &Path) -> Result<()> {
 }
 
 fn statements(connection: &Connection) -> rusqlite::Result<Statements> {
-    // Indices of primary keys have no statement. Tables that begin with `sqlite_` are SQLite's own statistics.
+    // Indexes of primary keys have no statement. `ANALYZE` of a SQLite tool adds the tables of its statistics.
     let mut select = connection.prepare(
-        "SELECT sql, type || ' ' || name FROM sqlite_schema
-         WHERE sql IS NOT NULL AND NOT (type = 'table' AND name GLOB 'sqlite_*')",
+        "SELECT ifnull(sql, ''), type || ' ' || name FROM sqlite_schema
+         WHERE NOT (type = 'index' AND name GLOB 'sqlite_autoindex_*' AND sql IS NULL)
+             AND ifnull(sql, '') NOT IN (
+                 'CREATE TABLE sqlite_stat1(tbl,idx,stat)',
+                 'CREATE TABLE sqlite_stat4(tbl,idx,neq,nlt,ndlt,sample)'
+             )",
     )?;
     select.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
 }

@@ -31,6 +31,11 @@ const FIXED_BYTES: usize = 9;
 /// memory is allocated for it.
 const LARGEST_RATIO: usize = 256;
 
+/// Largest size of a trace, in bytes before compression.
+const MAX_TRACE_BYTES: usize = 256 << 20;
+/// Largest size of a blob: LZ4 adds at most one byte to 255.
+pub(crate) const MAX_BLOB_BYTES: usize = MAX_TRACE_BYTES + MAX_TRACE_BYTES / 128;
+
 /// The trace of an episode: one column per signal of the header, one sample per control step, from step 0.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct StoredTrace {
@@ -48,6 +53,11 @@ impl StoredTrace {
     /// Returns the number of samples per column.
     pub(crate) fn samples(&self) -> usize {
         self.columns.first().map_or(0, Vec::len)
+    }
+
+    /// Returns whether the trace is larger than a file may contain.
+    pub(crate) fn is_too_large(&self) -> bool {
+        residuals(self.samples(), self.columns.len()).is_none()
     }
 }
 
@@ -72,6 +82,11 @@ pub fn trace_digest<'a>(columns: impl IntoIterator<Item = &'a [f64]>) -> u128 {
         digest.floats(column);
     }
     digest.finish()
+}
+
+/// Returns the number of residuals of a trace; `None` if the trace is larger than a file may contain.
+fn residuals(samples: usize, columns: usize) -> Option<usize> {
+    samples.checked_mul(columns).filter(|&residuals| residuals <= MAX_TRACE_BYTES / 8)
 }
 
 /// Encodes a trace as a blob. Its columns have the same length.
@@ -100,8 +115,8 @@ pub(crate) fn encode(trace: &StoredTrace) -> Vec<u8> {
     blob
 }
 
-/// Decodes a blob. The error describes the damage.
-pub(crate) fn decode(blob: &[u8]) -> Result<StoredTrace, String> {
+/// Decodes a blob of a trace with this number of columns. The error describes the damage.
+pub(crate) fn decode(blob: &[u8], expected_columns: usize) -> Result<StoredTrace, String> {
     let (fixed, rest) = blob.split_at_checked(FIXED_BYTES).ok_or("it ends within its header")?;
     let [encoding, s0, s1, s2, s3, c0, c1, c2, c3] = *fixed else { return Err("it ends early".into()) };
     if encoding != ENCODING {
@@ -110,8 +125,10 @@ pub(crate) fn decode(blob: &[u8]) -> Result<StoredTrace, String> {
     let samples = u32::from_le_bytes([s0, s1, s2, s3]) as usize;
     let columns = u32::from_le_bytes([c0, c1, c2, c3]) as usize;
     let (orders, block) = rest.split_at_checked(columns).ok_or("it ends within its orders")?;
-    let residuals = samples
-        .checked_mul(columns)
+    if columns != expected_columns {
+        return Err(format!("it has {columns} columns, the header has {expected_columns} signals"));
+    }
+    let residuals = residuals(samples, columns)
         .filter(|&residuals| residuals <= block.len().saturating_mul(LARGEST_RATIO))
         .ok_or_else(|| {
             format!("{} bytes cannot contain {columns} columns of {samples} samples", block.len())
@@ -181,7 +198,7 @@ mod tests {
     #[track_caller]
     fn check(columns: Vec<Vec<f64>>) {
         let trace = StoredTrace { columns };
-        assert_eq!(bits(&decode(&encode(&trace)).unwrap()), bits(&trace));
+        assert_eq!(bits(&decode(&encode(&trace), trace.columns.len()).unwrap()), bits(&trace));
     }
 
     #[test]
@@ -229,16 +246,34 @@ mod tests {
         let trace = StoredTrace { columns: vec![(0..50).map(f64::from).collect(); 3] };
         let blob = encode(&trace);
         for length in 0..blob.len() {
-            assert!(decode(&blob[..length]).is_err(), "cut to {length} bytes");
+            assert!(decode(&blob[..length], 3).is_err(), "cut to {length} bytes");
         }
         for place in 0..blob.len() {
             for change in 1..=255 {
                 let mut damaged = blob.clone();
                 damaged[place] ^= change;
-                if let Ok(read) = decode(&damaged) {
-                    assert!(read.columns.len() <= blob.len());
+                if let Ok(read) = decode(&damaged, 3) {
+                    assert_eq!(read.columns.len(), 3);
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_blob_that_claims_a_huge_trace_is_rejected_before_memory_is_allocated() {
+        // 1 KiB of zeros decompresses to 256 KiB at most.
+        let claims = |samples: u32, columns: u32, bytes: usize| {
+            let mut blob = vec![ENCODING];
+            blob.extend(samples.to_le_bytes());
+            blob.extend(columns.to_le_bytes());
+            blob.resize(blob.len() + columns as usize + bytes, 0);
+            decode(&blob, columns as usize).unwrap_err()
+        };
+        for (samples, columns) in [(u32::MAX, 1), (32_769, 1024), (1 << 25, 2), (300_000, 1)] {
+            let error = claims(samples, columns, 1024);
+            assert!(error.contains("cannot contain"), "{error}");
+        }
+        let blob = encode(&StoredTrace { columns: vec![vec![1.0; 4]; 2] });
+        assert_eq!(decode(&blob, 3).unwrap_err(), "it has 2 columns, the header has 3 signals");
     }
 }

@@ -27,7 +27,15 @@ pub(crate) fn version(connection: &Connection, path: &Path, steps: &[Step]) -> R
     let found = integer("user_version")?;
     let supported = steps.len() as i64 + 1;
     if application_id != APPLICATION_ID {
-        return Err(StoreError::of_another_program(path));
+        let objects: i64 =
+            connection.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0)).in_file(path)?;
+        // A run gets its ID and its tables in one transaction. SQLite takes a file of one byte for an empty database.
+        let is_page = std::fs::metadata(path).is_ok_and(|found| found.len() > 1);
+        return Err(if is_page && (application_id, found, objects) == (0, 0, 0) {
+            StoreError::Unfinished { path: path.into() }
+        } else {
+            StoreError::of_another_program(path)
+        });
     }
     if found > supported {
         return Err(StoreError::NewerVersion { found, supported, path: path.into() });
@@ -89,7 +97,7 @@ mod tests {
             assert_eq!(note(&path).unwrap(), format!("from version {version}"));
             // Opening it again applies no step: a second insertion would fail.
             RunFile::open_with(&path, FUTURE).unwrap();
-            RunWriter::resume_with(&path, FUTURE).unwrap();
+            RunWriter::resume_with(&path, FUTURE, false).unwrap();
         }
     }
 
@@ -119,7 +127,7 @@ mod tests {
     #[test]
     fn an_older_program_rejects_an_upgraded_file() {
         let (_folder, path) = copy_of_version(2);
-        RunWriter::resume_with(&path, FUTURE).unwrap().close().unwrap();
+        RunWriter::resume_with(&path, FUTURE, false).unwrap().close().unwrap();
         let error = RunFile::open(&path).unwrap_err();
         assert!(matches!(error, StoreError::NewerVersion { found: 4, supported: 3, .. }), "{error}");
     }

@@ -108,12 +108,14 @@ fn a_file_that_is_not_a_run_is_reported_and_left_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("file");
     let not_a_run = "not a run file: expected a SQLite database made by mishandle, found";
-    let other = "a SQLite database of another program, or a run file whose creation was interrupted";
+    let other = "a SQLite database of another program";
+    let empty = "the run file is empty: the program that created it was stopped before the first simulation, or it was \
+                 copied without the file ending in `-wal` beside it; start the run again, which replaces the file";
 
     check_message(RunFile::open(folder.path()), &format!("{not_a_run} a folder or a device"), folder.path());
     std::fs::write(&path, "").unwrap();
-    check_message(RunFile::open(&path), &format!("{not_a_run} an empty file"), &path);
-    check_message(RunWriter::resume(&path), &format!("{not_a_run} an empty file"), &path);
+    check_message(RunFile::open(&path), empty, &path);
+    check_message(RunWriter::resume(&path), empty, &path);
 
     std::fs::write(&path, "trial,simulation\n1,1\n".repeat(400)).unwrap();
     check_message(RunFile::open(&path), &format!("{not_a_run} a file of another kind"), &path);
@@ -137,9 +139,19 @@ fn a_file_that_is_not_a_run_is_reported_and_left_unchanged() {
 fn an_empty_file_can_be_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run");
-    std::fs::write(&path, "").unwrap();
-    assert!(matches!(RunWriter::create(&path, &header(), IfExists::Refuse), Err(StoreError::Exists { .. })));
-    RunWriter::create(&path, &header(), IfExists::Replace).unwrap();
+    for content in ["x", "my notes"] {
+        std::fs::write(&path, content).unwrap();
+        let error = RunWriter::create(&path, &header(), IfExists::Refuse).unwrap_err();
+        assert!(matches!(error, StoreError::Exists { .. }), "{error}");
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), content);
+    }
+    for existing in [IfExists::Refuse, IfExists::Replace] {
+        std::fs::write(&path, "").unwrap();
+        let mut writer = RunWriter::create(&path, &header(), existing).unwrap();
+        writer.start_trial(1, 1).unwrap();
+        writer.close().unwrap();
+        assert_eq!(RunFile::open(&path).unwrap().trials().unwrap().len(), 1);
+    }
 }
 
 #[test]
@@ -148,8 +160,9 @@ fn a_run_whose_creation_was_interrupted_is_reported_and_can_be_replaced() {
     let path = folder.path().join("run");
     // The first step of creating a run. The tables are created afterwards, in one transaction.
     rusqlite::Connection::open(&path).unwrap().pragma_update(None, "journal_mode", "WAL").unwrap();
-    assert!(matches!(RunFile::open(&path), Err(StoreError::NotARun { .. })));
-    RunWriter::create(&path, &header(), IfExists::Replace).unwrap();
+    assert!(matches!(RunFile::open(&path), Err(StoreError::Unfinished { .. })));
+    assert!(matches!(RunWriter::resume(&path), Err(StoreError::Unfinished { .. })));
+    RunWriter::create(&path, &header(), IfExists::Refuse).unwrap();
 }
 
 #[test]
@@ -161,7 +174,7 @@ fn a_copy_without_its_log_is_an_error_and_a_closed_run_is_a_single_file() {
     writer.record(&[record(1, 1)]).unwrap();
     std::fs::copy(&path, &copy).unwrap();
     let error = RunFile::open(&copy).err().unwrap().to_string();
-    assert!(error.contains("a run that was copied") && error.contains("`-wal`"), "{error}");
+    assert!(error.contains("copied without the file ending in `-wal`"), "{error}");
     writer.close().unwrap();
     std::fs::copy(&path, &copy).unwrap();
     assert_eq!(RunFile::open(&copy).unwrap().counts().unwrap().simulations, 1);

@@ -220,6 +220,13 @@ fn other_tables_views_indexes_and_triggers_are_reported_as_damage() {
         "its table signal is missing or was changed",
     );
     check_damaged("ALTER TABLE trace ADD COLUMN note TEXT", "its table trace is missing or was changed");
+    check_damaged(
+        "CREATE TABLE mine (x);
+         PRAGMA writable_schema = on;
+         UPDATE sqlite_schema SET name = 'sqlite_mine', tbl_name = 'sqlite_mine', sql = 'CREATE TABLE sqlite_mine (x)'
+         WHERE name = 'mine'",
+        "it contains table sqlite_mine, which this program did not create",
+    );
     // SQLite's own statistics are allowed.
     let (_folder, path) = run_of(&header(), &[record(1, 1)]);
     Connection::open(&path).unwrap().execute_batch("ANALYZE").unwrap();
@@ -251,8 +258,12 @@ fn a_changed_value_does_not_match_its_hash() {
         let (_folder, path) = run_of(&header(), &[record(1, 2)]);
         let connection = Connection::open(&path).unwrap();
         assert_ne!(connection.execute(sql, []).unwrap(), 0);
-        let error = RunFile::open(&path).unwrap().check().unwrap_err();
+        let error = RunFile::open(&path).unwrap_err();
         assert!(error.to_string().contains("does not match its hash"), "{sql}: {error}");
+        let error = RunWriter::resume(&path).unwrap_err();
+        assert!(error.to_string().contains("does not match its hash"), "{sql}: {error}");
+        // The check can be skipped; reading the row still fails.
+        assert!(RunFile::open_unchecked(&path).unwrap().check().is_err());
     }
     for (table, column) in [
         ("header", "value"),
@@ -295,11 +306,37 @@ fn an_index_that_does_not_match_its_table_is_detected() {
     page[place + 4] = 3;
     std::fs::write(&path, bytes).unwrap();
 
-    let run = RunFile::open(&path).unwrap();
+    assert!(matches!(RunFile::open(&path), Err(StoreError::Damaged { .. })));
+    let run = RunFile::open_unchecked(&path).unwrap();
     assert!(matches!(run.check(), Err(StoreError::Damaged { .. })));
     for number in [2, 3] {
         let read = run.simulation(1, number);
         let expected = matches!(read, Err(StoreError::Damaged { .. } | StoreError::UnknownSimulation { .. }));
         assert!(expected, "{number}: {read:?}");
+    }
+}
+
+#[test]
+fn values_that_are_too_large_are_damage_and_are_not_read() {
+    let mebibytes = |count: usize| format!("CAST(zeroblob({}) AS TEXT)", count << 20);
+    for (sql, what) in [
+        (format!("UPDATE simulation SET scenario = {}", mebibytes(9)), "a value is too large"),
+        (format!("UPDATE simulation SET trace_digest = {}", mebibytes(9)), "a value is too large"),
+        (
+            format!("UPDATE header SET value = {} WHERE key = 'plan'", mebibytes(2)),
+            "`plan` of its header has a wrong type or is too large",
+        ),
+        (format!("UPDATE axis SET meaning = {}", mebibytes(20)), "its table axis is too large"),
+        (
+            "WITH RECURSIVE n(x) AS (SELECT 10 UNION ALL SELECT x + 1 FROM n WHERE x < 200000)
+             INSERT INTO verdict SELECT x, 'v' || x FROM n"
+                .to_owned(),
+            "its table verdict is too large",
+        ),
+    ] {
+        let (_folder, path) = run_of(&header(), &[record(1, 1)]);
+        Connection::open(&path).unwrap().execute_batch(&sql).unwrap();
+        let error = RunFile::open(&path).unwrap_err().to_string();
+        assert!(error.contains(what), "{what}: {error}");
     }
 }

@@ -482,3 +482,57 @@ fn a_run_with_references_to_missing_rows_is_not_resumed() {
         assert!(matches!(error, StoreError::Damaged { .. }), "{deleted}: {error}");
     }
 }
+
+#[test]
+fn a_run_whose_lock_file_cannot_be_locked_is_not_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    RunWriter::create(&path, &header(), IfExists::Refuse).unwrap().close().unwrap();
+    let before = std::fs::read(&path).unwrap();
+    // Something that is no file has the name of the lock.
+    std::fs::create_dir(folder.path().join("run.sqlite.lock")).unwrap();
+    for existing in [IfExists::Refuse, IfExists::Replace] {
+        assert!(RunWriter::create(&path, &header(), existing).is_err());
+    }
+    let error = RunWriter::resume(&path).unwrap_err().to_string();
+    assert!(error.starts_with("cannot lock "), "{error}");
+    assert!(std::fs::read(&path).unwrap() == before);
+}
+
+#[test]
+fn a_second_creator_never_evicts_the_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    let mut writer = RunWriter::create(&path, &header(), IfExists::Refuse).unwrap();
+    for trial in 1..=20 {
+        for existing in [IfExists::Refuse, IfExists::Replace] {
+            assert!(RunWriter::create(&path, &header(), existing).is_err());
+        }
+        writer.start_trial(trial, 0).unwrap();
+    }
+    writer.close().unwrap();
+    assert_eq!(RunFile::open(&path).unwrap().trials().unwrap().len(), 20);
+    // Of several processes that create the same run, one succeeds.
+    std::fs::remove_file(&path).unwrap();
+    let created = std::thread::scope(|scope| {
+        let create = || RunWriter::create(&path, &header(), IfExists::Refuse);
+        let threads: Vec<_> = (0..8).map(|_| scope.spawn(create)).collect();
+        threads.into_iter().map(|thread| thread.join().unwrap()).collect::<Vec<_>>()
+    });
+    assert_eq!(created.iter().filter(|run| run.is_ok()).count(), 1, "{created:?}");
+}
+
+#[test]
+fn a_header_that_is_too_large_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    let plan = RunHeader { plan: "#".repeat((1 << 20) + 1), ..header() };
+    let error = RunWriter::create(&path, &plan, IfExists::Refuse).unwrap_err().to_string();
+    assert_eq!(error, "cannot create a run: `plan` has 1048577 bytes; it must have at most 1048576");
+    let verdicts = RunHeader { verdicts: (0..100_001).map(|i| i.to_string()).collect(), ..header() };
+    let error = RunWriter::create(&path, &verdicts, IfExists::Refuse).unwrap_err().to_string();
+    assert!(error.contains("its table `verdict` would have 100001 rows"), "{error}");
+    let whole = RunHeader { plan: "#".repeat(1 << 20), ..header() };
+    RunWriter::create(&path, &whole, IfExists::Refuse).unwrap().close().unwrap();
+    assert_eq!(RunFile::open(&path).unwrap().header(), &whole);
+}
