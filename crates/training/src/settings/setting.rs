@@ -80,10 +80,14 @@ pub(crate) const POSITIVE: Constraint =
 pub(crate) const NOT_NEGATIVE: Constraint =
     constraint("a number of at least 0", |x| x.iter().all(|x| *x >= 0.0 && x.is_finite()));
 pub(crate) const FINITE: Constraint = constraint("a finite number", |x| x.iter().all(|x| x.is_finite()));
-pub(crate) const LAYER_SIZES: Constraint =
-    constraint("a list of whole numbers from 1 to 10^4, as [64, 64]", |x| {
-        x.iter().all(|x| (1.0..=1e4).contains(x))
-    });
+/// The sizes and the weights between hidden layers are bounded, so that a controller is smaller than the limit for reading it.
+pub(crate) const LAYER_SIZES: Constraint = constraint(
+    "a list of up to 100 whole numbers from 1 to 10^4, as [64, 64], with at most 5·10^7 weights between them",
+    |x| {
+        let weights: f64 = x.windows(2).map(|sizes| sizes[0] * sizes[1]).sum();
+        x.len() <= 100 && x.iter().all(|x| (1.0..=1e4).contains(x)) && weights <= 5e7
+    },
+);
 pub(crate) const INITIALIZATION: Constraint =
     constraint("\"orthogonal\", \"uniform\" or { normal = σ } with σ above 0", POSITIVE.holds);
 pub(crate) const POSITIVE_RANGE: Constraint =
