@@ -5,6 +5,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use mishandle_controllers::{ControllerError, ControllerFile};
+use mishandle_files::{limits, read_bounded};
 use mishandle_tasks::Definition;
 
 use crate::target::{EXPERT, is_path};
@@ -18,16 +19,23 @@ const HOME: &str = "MISHANDLE_HOME";
 
 /// Returns the folder of the shipped controllers and training settings.
 ///
-/// It is `MISHANDLE_HOME` if that is set, otherwise the clone of the repository that contains the program. `None` means
-/// that the program uses the files that it was built with.
+/// It is `MISHANDLE_HOME` if that is set, otherwise the clone of the repository whose folder `target` contains the program.
+/// `None` means that the program uses the files that it was built with.
 ///
-/// The folder does not depend on the working directory, so a command gives the same result in every folder.
+/// The folder does not depend on the working directory, so a command gives the same result in every folder. Folders beside
+/// or above an installed program do not count: anyone may have put them there.
 pub fn home() -> Option<PathBuf> {
     if let Some(home) = home_from_environment() {
         return Some(home);
     }
     let program = std::env::current_exe().unwrap_or_default();
-    program.ancestors().find(|folder| is_home(folder)).map(PathBuf::from)
+    clone_of(&program)
+}
+
+/// Returns the clone of the repository in which a program was built.
+fn clone_of(program: &Path) -> Option<PathBuf> {
+    let is_clone = |folder: &&Path| program.starts_with(folder.join("target")) && is_home(folder);
+    program.ancestors().find(is_clone).map(PathBuf::from)
 }
 
 fn home_from_environment() -> Option<PathBuf> {
@@ -73,13 +81,13 @@ impl ShippedFile {
         }
     }
 
-    /// Reads the content of the file.
+    /// Reads the content of the file, which must be a regular file of at most [`limits::CONTROLLER`] bytes.
     ///
     /// # Errors
     /// If the file cannot be read.
     pub fn bytes(&self) -> Result<Cow<'static, [u8]>, MishandleError> {
         match self {
-            ShippedFile::Path(path) => std::fs::read(path)
+            ShippedFile::Path(path) => read_bounded(path, limits::CONTROLLER)
                 .map(Cow::Owned)
                 .map_err(|source| MishandleError::File { path: path.clone(), source }),
             ShippedFile::Embedded { bytes, .. } => Ok(Cow::Borrowed(bytes)),
@@ -151,20 +159,25 @@ pub(crate) fn controller_of(definition: &Definition, name: &str) -> Result<Shipp
     })
 }
 
-/// Returns the file of a controller. `name` is a path, or `TASK/NAME` for a shipped controller.
+/// Returns the file of a controller. `name` is a path, or `TASK/NAME` for a shipped controller. A shipped controller comes
+/// before a file at that path in the working directory, which is named `./TASK/NAME`.
 ///
 /// # Errors
 /// If `name` is neither a path nor a shipped controller.
 pub fn find_controller(name: &str) -> Result<ShippedFile, MishandleError> {
     let path = Path::new(name);
-    let shipped = name.split_once('/').filter(|_| path.extension().is_none() && !path.exists());
-    let Some((task_name, name)) = shipped else {
+    let is_shipped = |(_, rest): &(&str, &str)| path.extension().is_none() && !rest.contains('/');
+    let Some((task_name, name)) = name.split_once('/').filter(is_shipped) else {
         return if is_path(name) { Ok(ShippedFile::Path(path.into())) } else { Err(no_controller(name)) };
     };
-    let definition = task(task_name)?.definition();
-    if let Some(file) = shipped_controller(definition, name) {
+    let found = mishandle_tasks::task(task_name).and_then(|task| shipped_controller(task.definition(), name));
+    if let Some(file) = found {
         return Ok(file);
     }
+    if path.exists() {
+        return Ok(ShippedFile::Path(path.into()));
+    }
+    let definition = task(task_name)?.definition();
     check_home("controllers")?;
     if name == EXPERT {
         return Err(MishandleError::InvalidValue {
@@ -236,6 +249,22 @@ mod tests {
             ] {
                 assert!(EMBEDDED.iter().any(|(known, _)| *known == file), "{file}");
             }
+        }
+    }
+
+    #[test]
+    fn only_a_program_in_the_folder_target_of_a_clone_uses_the_files_of_the_clone() {
+        let folder = tempfile::tempdir().unwrap();
+        let home = folder.path();
+        for name in ["controllers", "experiments/training"] {
+            std::fs::create_dir_all(home.join(name)).unwrap();
+        }
+        assert_eq!(clone_of(&home.join("target/release/mishandle")).as_deref(), Some(home));
+        // Installed into a folder in which someone has put folders with these names.
+        for program in
+            ["mishandle", "bin/mishandle", ".cargo/bin/mishandle", "other/target/release/mishandle"]
+        {
+            assert_eq!(clone_of(&home.join(program)), None, "{program}");
         }
     }
 

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
-use mishandle_files::{FileLock, NewFolders};
+use mishandle_files::{FileLock, NewFolders, limits, read_text_bounded};
 use mishandle_rollout::Seed;
 use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment, task_hash};
 use mishandle_training::{
@@ -77,6 +77,7 @@ impl TrainReport {
 pub fn train(plan: &TrainPlan, observer: &mut dyn TrainObserver) -> Result<TrainReport, MishandleError> {
     let task = task(&plan.task)?;
     let settings = settings(plan)?;
+    plan.check_extension()?;
     plan.check_distinct_outputs()?;
     let environment = Arc::new(environment(plan)?);
     let mut folders = NewFolders::default();
@@ -158,7 +159,7 @@ fn given_settings(path: &Path) -> Result<String, MishandleError> {
     }
     match PRESETS.iter().find(|preset| path == Path::new(preset)) {
         Some(preset) => Ok(format!("preset = \"{preset}\"")),
-        None => std::fs::read_to_string(path)
+        None => read_text_bounded(path, limits::SETTINGS)
             .map_err(|source| MishandleError::File { path: path.to_path_buf(), source }),
     }
 }

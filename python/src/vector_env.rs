@@ -4,6 +4,7 @@ use mishandle::rollout::{Environment, RolloutError, Seed};
 use mishandle::tasks::TaskEnvironment;
 use mishandle::training::{Boundary, EpisodeSettings, Episodes, TrainingError};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -25,19 +26,41 @@ use crate::{MishandleError, raised};
 ///     time_limit: control steps until truncation; by default the task's episode length.
 ///     action_noise: standard deviation of the noise on each clipped action.
 ///     staggered: whether the first episode of each environment has a random length, so that resets are spread out.
-///     threads: number of threads; by default the number of cores. It does not affect the results.
+///     threads: number of threads, from 1 to 1024; by default the number of cores. It does not affect the results.
 ///
 /// Raises MishandleError if a name is unknown or a value is out of its range.
 ///
 /// Other Python threads can run during a step. Concurrent calls are executed one after the other.
+///
+/// A process made by fork cannot use the environments of its parent, because it has none of its threads: reset and step
+/// raise RuntimeError. It can create its own.
 #[pyclass(frozen, module = "mishandle")]
 pub struct VectorEnv {
     environment: Arc<TaskEnvironment>,
     settings: EpisodeSettings,
     seed: Seed,
+    simulator: Arc<Simulator>,
+    /// The process that created the threads of the pool.
+    process: u32,
+}
+
+/// Largest number of threads, more than any machine has cores.
+const MAX_THREADS: usize = 1024;
+
+/// What a process made by fork must not touch: threads that it does not have, and state in the middle of a step.
+struct Simulator {
     pool: ThreadPool,
     /// `None` until the first reset. Only threads that have released the interpreter lock it, which prevents deadlocks.
     episodes: Mutex<Option<Episodes>>,
+}
+
+impl Drop for VectorEnv {
+    fn drop(&mut self) {
+        if self.is_forked() {
+            // The copy is never dropped, so dropping the pool does not wait for its threads.
+            std::mem::forget(self.simulator.clone());
+        }
+    }
 }
 
 /// Results of a control step, row by row.
@@ -86,28 +109,36 @@ impl VectorEnv {
         let preset = mishandle::preset(preset).map_err(raised)?;
         let reward = mishandle::reward(reward).map_err(raised)?;
         let environment = TaskEnvironment::new(task, preset, reward).map_err(raised)?;
-        if threads == Some(0) {
-            return Err(MishandleError::new_err("`threads` must be at least 1, found 0"));
+        if let Some(threads) = threads.filter(|threads| !(1..=MAX_THREADS).contains(threads)) {
+            let message =
+                format!("`threads` must be a whole number from 1 to {MAX_THREADS}, found {threads}");
+            return Err(MishandleError::new_err(message));
         }
         let pool = ThreadPoolBuilder::new().num_threads(threads.unwrap_or_default()).build();
         Ok(VectorEnv {
             environment: Arc::new(environment),
             settings,
             seed: Seed(seed),
-            pool: pool.map_err(|error| MishandleError::new_err(error.to_string()))?,
-            episodes: Mutex::new(None),
+            simulator: Arc::new(Simulator {
+                pool: pool.map_err(|error| MishandleError::new_err(error.to_string()))?,
+                episodes: Mutex::new(None),
+            }),
+            process: std::process::id(),
         })
     }
 
     /// Starts the first episode of every environment. Every call starts the same episodes.
     ///
-    /// Returns the observations, float32 of shape (environments, observation_size).
+    /// Returns the observations, float32 of shape (environments, observation_size). Raises RuntimeError in a process made by
+    /// fork after the environments were created.
     fn reset<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        self.check_process()?;
+        let Simulator { pool, episodes: current } = &*self.simulator;
         let observations = py.detach(|| -> Result<_, RolloutError> {
             let episodes =
-                self.pool.install(|| Episodes::of_training(&self.environment, &self.settings, self.seed))?;
+                pool.install(|| Episodes::of_training(&self.environment, &self.settings, self.seed))?;
             let observations = episodes.observations().to_vec();
-            *self.episodes.lock().unwrap_or_else(PoisonError::into_inner) = Some(episodes);
+            *current.lock().unwrap_or_else(PoisonError::into_inner) = Some(episodes);
             Ok(observations)
         });
         self.rows(py, observations.map_err(raised)?)
@@ -129,8 +160,10 @@ impl VectorEnv {
     ///         step and before any reset, for bootstrapping the value at the time limit. If the simulation diverged, it
     ///         is the observation before the step, and the reward is 0.
     ///
-    /// Raises MishandleError before the first reset, or if the actions have another type or shape or are not finite.
+    /// Raises MishandleError before the first reset, or if the actions have another type or shape, are not finite or are not
+    /// aligned in memory. Raises RuntimeError in a process made by fork after the environments were created.
     fn step<'py>(&self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
+        self.check_process()?;
         let actions = self.actions(actions)?;
         let result = py.detach(|| self.step_all(&actions));
         let StepResult { observations, rewards, boundaries, final_observations } =
@@ -198,11 +231,28 @@ impl VectorEnv {
 }
 
 impl VectorEnv {
+    fn is_forked(&self) -> bool {
+        self.process != std::process::id()
+    }
+
+    fn check_process(&self) -> PyResult<()> {
+        if !self.is_forked() {
+            return Ok(());
+        }
+        Err(PyRuntimeError::new_err(format!(
+            "these environments belong to process {}, and fork copied no threads to process {}; create a VectorEnv in this \
+             process, or start processes by multiprocessing.get_context(\"spawn\")",
+            self.process,
+            std::process::id()
+        )))
+    }
+
     /// Executes one control step. Returns `None` before the first reset.
     fn step_all(&self, actions: &[f32]) -> PyResult<Option<StepResult>> {
-        let mut episodes = self.episodes.lock().unwrap_or_else(PoisonError::into_inner);
+        let Simulator { pool, episodes } = &*self.simulator;
+        let mut episodes = episodes.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(episodes) = episodes.as_mut() else { return Ok(None) };
-        self.pool.install(|| episodes.step(actions)).map_err(raised)?;
+        pool.install(|| episodes.step(actions)).map_err(raised)?;
         Ok(Some(StepResult {
             observations: episodes.observations().to_vec(),
             rewards: episodes.rewards().to_vec(),
@@ -231,6 +281,13 @@ impl VectorEnv {
                 actions.shape()
             )));
         }
+        // A view of numbers at odd addresses would be undefined behavior, and the library checks it in debug builds only.
+        if !actions.is_aligned() {
+            return Err(MishandleError::new_err(
+                "`actions` is not aligned in memory, as a field of a packed array; pass `actions.copy()`",
+            ));
+        }
+        // Other strides are allowed: the array is copied.
         let actions: Vec<f32> = actions.as_array().iter().copied().collect();
         match actions.iter().position(|action| !action.is_finite()) {
             None => Ok(actions),

@@ -1,8 +1,12 @@
 """Tests of the Python module. `python/dev.sh` builds the module and runs them with unittest."""
 
 import ast
+import gc
+import os
 import pathlib
+import signal
 import subprocess
+import sys
 import threading
 import time
 import unittest
@@ -127,7 +131,11 @@ class Errors(unittest.TestCase):
         self.check("`environments` must be a whole number from 1 to 10^6, found 0", lambda: VectorEnv("point-reaching", 0))
         self.check("`time_limit` must be a whole number from 1 to 10^12", lambda: VectorEnv("point-reaching", 1, time_limit=0))
         self.check("`action_noise` must be", lambda: VectorEnv("point-reaching", 1, action_noise=float("nan")))
-        self.check("`threads` must be at least 1", lambda: VectorEnv("point-reaching", 1, threads=0))
+        for threads in [0, 1025, 2**40]:
+            message = f"`threads` must be a whole number from 1 to 1024, found {threads}"
+            self.check(message, lambda: VectorEnv("point-reaching", 1, threads=threads))
+        with self.assertRaises(OverflowError):
+            VectorEnv("point-reaching", -1)
 
     def test_actions(self):
         env = VectorEnv("point-reaching", 2)
@@ -145,11 +153,117 @@ class Errors(unittest.TestCase):
         # The invalid calls did not step the environments, and an array in column order is accepted.
         self.assertTrue(np.array_equal(env.step(np.asfortranarray(good))[0], self.after_one_step(first)))
 
+    def test_actions_anywhere_in_memory(self):
+        env = VectorEnv("point-reaching", 2)
+        good = np.linspace(-1, 1, 18, dtype=np.float32).reshape(2, 9)
+
+        def step(actions):
+            env.reset()
+            return env.step(actions)[0]
+
+        expected = step(good)
+        packed = np.zeros((2, 9), np.dtype([("pad", "u1"), ("action", "f4")]))
+        packed["action"] = good
+        self.assertFalse(packed["action"].flags.aligned)
+        odd = np.frombuffer(b"\0" + good.tobytes(), np.float32, offset=1, count=18).reshape(2, 9)
+        self.assertFalse(odd.flags.aligned)
+        for unaligned in [packed["action"], odd]:
+            self.check("not aligned in memory", lambda: step(unaligned))
+            self.assertTrue(np.array_equal(step(unaligned.copy()), expected))
+        wide = np.zeros((4, 27), np.float32)
+        wide[::2, ::3] = good
+        backward = np.ascontiguousarray(good[::-1, ::-1])
+        for strided in [wide[::2, ::3], np.asfortranarray(good), backward[::-1, ::-1]]:
+            self.assertTrue(np.array_equal(step(strided), expected))
+        one = np.ones(1, np.float32)
+        self.assertTrue(np.array_equal(step(np.broadcast_to(one, (2, 9))), step(np.ones((2, 9), np.float32))))
+        self.check("float32", lambda: step(good.astype(">f4")))
+
     @staticmethod
     def after_one_step(first):
         env = VectorEnv("point-reaching", 2)
         assert np.array_equal(env.reset(), first)
         return env.step(np.zeros((2, 9), np.float32))[0]
+
+
+class Fork(unittest.TestCase):
+    def in_child(self, action):
+        """Run `action` in a process made by fork, which must return True within a minute."""
+        child = os.fork()
+        if child == 0:
+            status = 1
+            try:
+                status = 0 if action() else 2
+            finally:
+                # Not os._exit alone: the child must also be able to drop what it inherited.
+                gc.collect()
+                os._exit(status)
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            done, status = os.waitpid(child, os.WNOHANG)
+            if done:
+                self.assertEqual(os.waitstatus_to_exitcode(status), 0)
+                return
+            time.sleep(0.01)
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        self.fail("the child hangs")
+
+    def test_a_child_cannot_use_the_environments_of_its_parent(self):
+        env = VectorEnv("point-reaching", 4, threads=2)
+        first = env.reset()
+        still = np.zeros((4, env.action_size), np.float32)
+
+        def raises():
+            messages = []
+            for action in [env.reset, lambda: env.step(still)]:
+                try:
+                    action()
+                except RuntimeError as error:
+                    messages.append(str(error))
+            return len(messages) == 2 and all('get_context("spawn")' in text for text in messages)
+
+        self.in_child(raises)
+        # The parent is unaffected.
+        self.assertTrue(np.array_equal(env.reset(), first))
+        env.step(still)
+
+    def test_a_child_creates_its_own_environments(self):
+        make = lambda: walk(VectorEnv("ball-balancing", 4, seed=3, threads=2), 5)
+        expected = make()
+        self.in_child(lambda: make() == expected)
+
+    def test_a_child_drops_the_environments_of_its_parent(self):
+        held = [VectorEnv("point-reaching", 4, threads=4)]
+        held[0].reset()
+        self.in_child(lambda: held.pop() is not None)
+
+    def test_a_fork_during_a_step_of_another_thread(self):
+        env = VectorEnv("point-reaching", 2000, threads=2)
+        env.reset()
+        still = np.zeros((2000, 9), np.float32)
+        running = threading.Event()
+
+        def work():
+            while not running.is_set():
+                env.step(still)
+
+        stepping = threading.Thread(target=work)
+        stepping.start()
+        try:
+            for _ in range(5):
+                self.in_child(lambda: walk(VectorEnv("point-reaching", 2, threads=1), 2) != b"")
+        finally:
+            running.set()
+            stepping.join()
+
+    def test_the_first_use_after_an_import_can_be_in_a_child(self):
+        program = "import os, mishandle\n" \
+            "if os.fork() == 0:\n" \
+            "    env = mishandle.VectorEnv('point-reaching', 2)\n" \
+            "    os._exit(0 if env.reset().shape[0] == 2 else 1)\n" \
+            "assert os.wait()[1] == 0"
+        subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
 
 
 class Types(unittest.TestCase):

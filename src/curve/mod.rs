@@ -7,6 +7,7 @@ mod writer;
 use std::path::Path;
 
 use csv::{ReaderBuilder, StringRecord};
+use mishandle_files::{limits, read_bounded};
 
 use crate::MishandleError;
 use row::{COLUMNS, REWARD, line_of};
@@ -45,9 +46,6 @@ pub struct Curve {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CurveProblem {
-    /// It is a folder or a device.
-    #[error("expected a regular file, found a folder or a device")]
-    NoFile,
     /// A column has the wrong name.
     #[error("column {number} of the header is `{found}`, expected {expected}, as written by `train --csv`")]
     Columns {
@@ -128,10 +126,10 @@ fn listed(names: &[String]) -> String {
 }
 
 impl Curve {
-    /// Reads a curve.
+    /// Reads a curve, a regular file of at most [`limits::CURVE`] bytes.
     ///
     /// # Errors
-    /// If the file cannot be read or is not a curve; the message names the line.
+    /// If the file cannot be read, is larger or is not a curve; the message names the line.
     pub fn load(path: &Path) -> Result<Curve, MishandleError> {
         let (curve, _) = read(path, None)?;
         Ok(curve)
@@ -142,11 +140,7 @@ impl Curve {
 fn read(path: &Path, last: Option<u64>) -> Result<(Curve, u64), MishandleError> {
     let wrong = |problem| MishandleError::Curve { path: path.to_path_buf(), problem };
     let failed = |source| MishandleError::File { path: path.to_path_buf(), source };
-    // Reading a device may not end.
-    if !std::fs::metadata(path).map_err(failed)?.is_file() {
-        return Err(wrong(CurveProblem::NoFile));
-    }
-    parse(&std::fs::read(path).map_err(failed)?, last).map_err(wrong)
+    parse(&read_bounded(path, limits::CURVE).map_err(failed)?, last).map_err(wrong)
 }
 
 fn parse(bytes: &[u8], last: Option<u64>) -> Result<(Curve, u64), CurveProblem> {

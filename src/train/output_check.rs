@@ -18,6 +18,7 @@ pub(crate) fn check(
     reward_terms: &[String],
     resumed: Option<&Checkpoint>,
 ) -> Result<(), MishandleError> {
+    plan.check_extension()?;
     plan.check_distinct_outputs()?;
     plan.check_existing_files()?;
     let here = Path::new(".");

@@ -2,6 +2,9 @@ use std::path::{Path, PathBuf};
 
 use crate::{MishandleError, shell_quote};
 
+/// Extension of controller files.
+const EXTENSION: &str = "safetensors";
+
 /// Plan of a training run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainPlan {
@@ -86,6 +89,18 @@ impl TrainPlan {
         own.into_iter().chain(csv).chain(events).collect()
     }
 
+    /// Checks that the controller gets the extension by which other commands and tools recognize it.
+    pub(super) fn check_extension(&self) -> Result<(), MishandleError> {
+        match self.out.extension().is_some_and(|extension| extension == EXTENSION) {
+            true => Ok(()),
+            false => Err(MishandleError::InvalidValue {
+                what: "--out",
+                value: self.out.display().to_string(),
+                expected: "a path that ends in .safetensors",
+            }),
+        }
+    }
+
     /// Checks that all outputs have different paths.
     pub(super) fn check_distinct_outputs(&self) -> Result<(), MishandleError> {
         let outputs = self.outputs();
@@ -161,6 +176,15 @@ mod tests {
             ("folder.d/a", "folder.d/a.last"),
         ] {
             assert_eq!(plan(out).last(), Path::new(last));
+        }
+    }
+
+    #[test]
+    fn an_output_with_another_extension_is_an_error() {
+        assert!(plan("a.safetensors").check_extension().is_ok());
+        for out in ["x.txt", "a", "a.safetensors.old", ".safetensors", "a.SafeTensors"] {
+            let error = plan(out).check_extension().unwrap_err().to_string();
+            assert_eq!(error, format!("--out is {out}; it must be a path that ends in .safetensors"));
         }
     }
 

@@ -5,6 +5,7 @@
 mod args;
 mod commands;
 mod count;
+mod escape;
 mod interrupt;
 mod live_curve;
 mod output;
@@ -45,11 +46,11 @@ pub fn main_with_tasks(tasks: &[&'static dyn Task]) -> ExitCode {
 
 /// Runs the program with the given arguments. The first one is the name of the program.
 pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let arguments = match Arguments::try_parse_from(arguments) {
+    let words: Vec<OsString> = arguments.into_iter().collect();
+    let arguments = match Arguments::try_parse_from(&words) {
         Ok(arguments) => arguments,
         Err(error) => {
-            // Help goes to stdout, which can be a closed pipe.
-            let _ = error.print();
+            output::usage(&error, &words);
             return ExitCode::from(error.exit_code() as u8);
         }
     };

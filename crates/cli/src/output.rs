@@ -1,9 +1,11 @@
-//! Output: results on stdout, messages on stderr.
+//! Output: results on stdout, messages on stderr. Everything printed is escaped: see [`escape`].
 
+use std::ffi::OsString;
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::path::Path;
 
-use anyhow::{Context, Error, Result, bail};
+use anyhow::{Context, Error, Result, anyhow, bail};
+use clap::Parser;
 use console::Term;
 use mishandle::MishandleError;
 use mishandle::evaluation::Estimate;
@@ -11,9 +13,16 @@ use mishandle::files::AtomicFile;
 use mishandle::stl::{Formula, MonitorError};
 use serde_json::{Number, Value, json};
 
+use crate::args::Arguments;
+use crate::escape;
+
 /// Prints a line to stdout.
 pub fn line(text: &str) -> Result<()> {
-    writeln!(std::io::stdout().lock(), "{text}")?;
+    print(&escape::text(text))
+}
+
+fn print(escaped: &str) -> Result<()> {
+    writeln!(std::io::stdout().lock(), "{escaped}")?;
     Ok(())
 }
 
@@ -24,7 +33,7 @@ pub fn json(value: Value) -> Result<()> {
         Value::Array(values) => Value::Array(values.into_iter().map(with_schema).collect()),
         value => with_schema(value),
     };
-    line(&serde_json::to_string_pretty(&document)?)
+    print(&escape::json(&serde_json::to_string_pretty(&document)?))
 }
 
 /// Creates a file that appears under its name when it is complete. An existing file is replaced only with `force`.
@@ -57,9 +66,12 @@ pub fn write_atomically(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
 /// Creates a file and fills it with `write`. An existing file is an error.
 pub fn write_new(path: &Path, write: impl FnOnce(&mut AtomicFile) -> Result<()>) -> Result<()> {
     let mut file = with_path(path, AtomicFile::create_new(path), "choose another path")?;
-    write(&mut file)
-        .and_then(|()| Ok(file.persist()?))
-        .with_context(|| format!("cannot write {}", path.display()))
+    write(&mut file).and_then(|()| Ok(file.persist()?)).map_err(|error| {
+        // The functions that write name neither the file nor its flag, and some say again that they cannot write.
+        let system = error.chain().find_map(|cause| cause.downcast_ref::<std::io::Error>());
+        let cause = system.map_or_else(|| format!("{error:#}"), ToString::to_string);
+        anyhow!("cannot write {}: {cause}", path.display())
+    })
 }
 
 /// Version of the JSON documents. Within a version, keys are only added.
@@ -94,8 +106,10 @@ pub fn number(value: f64) -> Value {
     }
 }
 
-/// Prints a message to stderr.
+/// Prints a message to stderr. Lines after the first are indented, so that a name with a line break cannot pose as another
+/// message.
 pub fn message(text: &str) {
+    let text = escape::text(text).replace('\n', "\n  ").replace("\n  \n", "\n\n");
     // If stderr is closed, the error cannot be reported.
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
@@ -117,7 +131,7 @@ pub fn shows_progress() -> bool {
 
 /// Prints an error with its causes, the outermost first, and a hint if there is one.
 pub fn report_error(error: &Error) {
-    message(&format!("error: {}", printable(&format!("{error:#}"))));
+    message(&format!("error: {error:#}"));
     let hint = error.chain().find_map(|cause| {
         let hint = cause.downcast_ref::<MishandleError>().and_then(MishandleError::hint);
         hint.or_else(|| cause.downcast_ref::<MonitorError>().and_then(MonitorError::hint))
@@ -127,11 +141,16 @@ pub fn report_error(error: &Error) {
     }
 }
 
-/// Escapes the control characters of a text, except line breaks and tabs, so that names in a plan cannot send escape
-/// sequences to the terminal.
-fn printable(text: &str) -> String {
-    let escape = |c: char| c.is_control() && c != '\n' && c != '\t';
-    text.chars().flat_map(|c| if escape(c) { c.escape_default().collect() } else { vec![c] }).collect()
+/// Prints help, or an error in the arguments of the program.
+pub fn usage(error: &clap::Error, arguments: &[OsString]) {
+    // The parser colors its errors, which quote arguments, so the arguments are escaped instead of the error.
+    let escaped = arguments.iter().map(|argument| escape::name(&argument.to_string_lossy()));
+    match Arguments::try_parse_from(escaped) {
+        // Help goes to stdout, which can be a closed pipe.
+        Err(escaped) => drop(escaped.print()),
+        // An argument was not UTF-8.
+        Ok(_) => message(error.render().to_string().trim_end()),
+    }
 }
 
 /// Returns whether the reader of stdout has closed the pipe, as `head` does.
@@ -169,8 +188,11 @@ pub fn table_in(rows: &[Vec<String>], width: usize) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// Aligns the cells of each row, with two spaces after each cell.
+/// Aligns the cells of each row, with two spaces after each cell. Escapes them first, so that a cell has one line and the
+/// width that is printed.
 fn table_cells(rows: &[Vec<String>]) -> Vec<String> {
+    let escaped = |row: &Vec<String>| row.iter().map(|cell| escape::name(cell)).collect();
+    let rows: Vec<Vec<String>> = rows.iter().map(escaped).collect();
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |column: usize| {
         rows.iter().filter_map(|row| row.get(column)).map(|c| c.chars().count()).max().unwrap_or(0)
@@ -223,8 +245,9 @@ mod tests {
     }
 
     #[test]
-    fn control_characters_are_escaped_and_line_breaks_are_kept() {
-        assert_eq!(printable("no `\u{1b}[31mä\u{7}`\nhere"), "no `\\u{1b}[31mä\\u{7}`\nhere");
+    fn a_cell_has_one_line_and_its_printed_width() {
+        let rows = [["a\nb", "x"], ["\u{1b}", "x"]].map(|row| row.map(String::from).to_vec());
+        assert_eq!(table(&rows), "a\\nb    x\n\\u{1b}  x");
     }
 
     #[test]

@@ -4,13 +4,14 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
+use mishandle::files::{limits, read_text_bounded};
 use mishandle::rollout::{Axis, EpisodeEnd, Signal};
 use mishandle::store::{RunFile, RunWriter};
 use mishandle::{Plan, ResolvedPlan};
 use serde_json::{Value, json};
 
 use crate::progress::Bar;
-use crate::{args, interrupt, output};
+use crate::{args, escape, interrupt, output};
 
 /// Largest number of threads, more than any machine has cores.
 const MAX_THREADS: usize = 1024;
@@ -31,7 +32,7 @@ pub fn set_threads(threads: Option<usize>) -> Result<()> {
 pub fn plan(subject: &args::Subject, run: &args::Run) -> Result<Plan> {
     let mut plan = match (&subject.plan, &subject.target) {
         (Some(path), _) => {
-            let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+            let text = read_text_bounded(path, limits::PLAN).with_context(|| path.display().to_string())?;
             Plan::from_toml(&text).with_context(|| path.display().to_string())?
         }
         (None, Some(target)) => Plan::new(target, ""),
@@ -80,7 +81,11 @@ pub fn heading(resolved: &ResolvedPlan) -> String {
     let ResolvedPlan { plan, space, .. } = resolved;
     let mut text = plan.target.clone();
     if !plan.controller.is_empty() {
-        text.push_str(&format!(", controller {}, task preset {}", plan.controller, plan.preset));
+        text.push_str(&format!(
+            ", controller {}, task preset {}",
+            escape::name(&plan.controller),
+            plan.preset
+        ));
     }
     if plan.space != "starts" {
         text.push_str(&format!(", space {} ({})", plan.space, axes(space.dimension())));

@@ -8,8 +8,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// A fake encoder that stores its input.
-const STORES: &str = "#!/bin/sh\n[ \"$1\" = -version ] && exit\nfor last; do :; done\ncat > \"$last\"\n";
+/// A fake encoder that stores 151 frames of 32 x 24 pixels as the data of an MP4 file. Their box has 347,912 bytes.
+const STORES: &str = "#!/bin/sh
+[ \"$1\" = -version ] && exit
+for last; do :; done
+{ printf '\\0\\0\\0\\010ftyp\\0\\0\\0\\010moov\\0\\005\\117\\010mdat'; cat; } > \"$last\"
+";
 /// A slow fake encoder for frames of 32 x 24 pixels. It creates the file `started` when it starts.
 const SLOW: &str = "#!/bin/sh
 [ \"$1\" = -version ] && exit
@@ -154,8 +158,8 @@ fn an_episode_is_rendered_as_a_video_or_a_filmstrip() {
     let stores = bench.encoder("stores", STORES);
     let output = render().env("PATH", format!("{}:/usr/bin:/bin", stores.display())).output().unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
-    // Samples 0, 2, 4 ... 300: 151 frames with three bytes per pixel.
-    assert_eq!(std::fs::metadata(bench.path("video.mp4")).unwrap().len(), 151 * 32 * 24 * 3);
+    // Samples 0, 2, 4 ... 300: 151 frames with three bytes per pixel, after the headers of three boxes.
+    assert_eq!(std::fs::metadata(bench.path("video.mp4")).unwrap().len(), 24 + 151 * 32 * 24 * 3);
 }
 
 #[test]

@@ -35,7 +35,10 @@ fn errors_name_file_line_and_table_and_suggest_a_fix() {
             "entropy_reduction = \"summ\"",
             &["`entropy_reduction` must be \"sum\" or \"mean\"", "hint: did you mean `sum`?"],
         ),
-        ("[policy]\nhidden = 64", &["line 2: the setting `policy.hidden` must be a list of whole numbers"]),
+        (
+            "[policy]\nhidden = 64",
+            &["line 2: the setting `policy.hidden` must be a list of up to 100 whole numbers"],
+        ),
         ("preset = \"skrl\"", &["settings preset of ppo", "hint: did you mean `skrl-0.10`?"]),
     ] {
         bench.write("a.toml", settings);

@@ -7,7 +7,7 @@ mod bench;
 
 use std::process::{Command, Output};
 
-use bench::Bench;
+use bench::{Bench, text};
 
 const TERMINAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/in_terminal.py");
 
@@ -141,5 +141,17 @@ fn tasks_fits_the_terminal_and_80_columns_in_a_pipe() {
         let text: String =
             text.lines().filter(|line| !line.ends_with(".png")).map(|line| format!("{line}\n")).collect();
         assert!(widest(&text) <= 70, "{arguments}: {text}");
+    }
+}
+
+#[test]
+fn escape_sequences_in_arguments_do_not_reach_the_terminal() {
+    let bench = Bench::new();
+    for arguments in ["\u{1b}]0;owned\u{7}", "evaluate --\u{1b}]0;owned\u{7}", "evaluate \u{1b}]0;owned\u{7}"]
+    {
+        let output = in_terminal(&bench, 80, "", arguments);
+        let shown = text(&output.stdout);
+        assert!(shown.contains("\\u{1b}]0;owned\\u{7}"), "{shown}");
+        assert!(!shown.contains("\u{1b}]") && !shown.contains('\u{7}'), "{shown:?}");
     }
 }

@@ -5,10 +5,9 @@
 //! text under the key `mishandle` of the file's metadata. Squashed policies are written as format version 3, others
 //! as version 2.
 
-use std::io;
 use std::path::Path;
 
-use mishandle_files::write_atomically;
+use mishandle_files::{limits, read_bounded, write_atomically};
 use mishandle_network::{Activation, Mlp, Tensor};
 use mishandle_rollout::Controller;
 use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors, TensorView};
@@ -18,7 +17,7 @@ use sha2::{Digest, Sha256};
 use crate::checksum::{EMPTY_CHECKSUM, has_valid_checksum, write_checksum};
 use crate::layout::hexadecimal;
 use crate::policy::{GAUSSIAN, SQUASHED};
-use crate::{ControllerError, FileProblem, Layout, Policy};
+use crate::{ControllerError, FileProblem, Layout, Policy, parse_tensors};
 
 /// The newest supported format version. Version 1 had no checksum, version 2 no squashed policies.
 pub const FORMAT_VERSION: u64 = 3;
@@ -117,7 +116,23 @@ fn version_of(kind: &str) -> Option<u64> {
     WRITTEN_VERSIONS.iter().find(|(known, _)| *known == kind).map(|(_, version)| *version)
 }
 
+/// Largest number of layers. Training settings allow 100 hidden layers.
+const MAX_LAYERS: usize = 101;
+
+/// Largest number of inputs of a network. Layers are padded to whole vectors in memory, which multiplies the size of layers
+/// that are long and thin.
+const MAX_INPUTS: usize = 1_000_000;
+
+/// Largest number of outputs of a layer, as in training settings.
+const MAX_OUTPUTS: usize = 10_000;
+
 impl StoredPolicy {
+    /// Checks the bounds of the network's sizes.
+    fn has_allowed_sizes(&self) -> bool {
+        let is_allowed = |(i, size): (usize, &usize)| *size <= if i == 0 { MAX_INPUTS } else { MAX_OUTPUTS };
+        self.sizes.len() <= MAX_LAYERS + 1 && self.sizes.iter().enumerate().all(is_allowed)
+    }
+
     /// Returns the number of parameters; `None` on overflow. Checked before memory is allocated for them.
     fn parameter_count(&self) -> Option<usize> {
         self.sizes.windows(2).try_fold(0_usize, |count, layer| {
@@ -127,19 +142,13 @@ impl StoredPolicy {
 }
 
 impl ControllerFile {
-    /// Reads a controller file.
+    /// Reads a controller file, a regular file of at most [`limits::CONTROLLER`] bytes.
     ///
     /// # Errors
-    /// If the file cannot be read, is not a controller, is damaged, contains NaN, or was written by a newer program.
+    /// If the file cannot be read or is larger, is not a controller, is damaged, contains NaN, or was written by a newer program.
     pub fn load(path: &Path) -> Result<ControllerFile, ControllerError> {
-        let read = || match path.is_dir() {
-            true => Err(io::Error::new(
-                io::ErrorKind::IsADirectory,
-                "expected a .safetensors file, found a directory",
-            )),
-            false => std::fs::read(path),
-        };
-        let bytes = read().map_err(|source| ControllerError::Read { source, path: path.to_path_buf() })?;
+        let bytes = read_bounded(path, limits::CONTROLLER)
+            .map_err(|source| ControllerError::Read { source, path: path.to_path_buf() })?;
         Self::from_bytes(&bytes)
             .map_err(|problem| ControllerError::File { problem, path: path.to_path_buf() })
     }
@@ -216,13 +225,19 @@ impl ControllerFile {
     /// # Errors
     /// If they are not a controller, are damaged, contain NaN, or were written by a newer program.
     pub fn from_bytes(bytes: &[u8]) -> Result<ControllerFile, FileProblem> {
-        let tensors = SafeTensors::deserialize(bytes).map_err(|error| file_problem(&error, bytes))?;
-        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| file_problem(&error, bytes))?;
-        let json = metadata.metadata().as_ref().and_then(|metadata| metadata.get(HEADER_KEY));
+        let (tensors, json) =
+            parse_tensors(bytes, HEADER_KEY).map_err(|error| file_problem(&error, bytes))?;
         let Some(json) = json else {
             return Err(FileProblem::NotAController { reason: format!("it has no header `{HEADER_KEY}`") });
         };
-        let stored = read_header(json, bytes)?;
+        let stored = read_header(&json, bytes)?;
+        if !stored.policy.has_allowed_sizes() {
+            return Err(FileProblem::Header {
+                reason: format!(
+                    "its network has more than {MAX_LAYERS} layers, {MAX_INPUTS} inputs or {MAX_OUTPUTS} outputs of a layer"
+                ),
+            });
+        }
         if stored.policy.parameter_count().is_none_or(|count| count > bytes.len() / size_of::<f32>()) {
             return Err(FileProblem::Header {
                 reason: "its network has more parameters than the file has numbers".to_string(),
@@ -494,12 +509,62 @@ mod tests {
             ("[2,3,1]", "[9e9,3]", "invalid type: floating point"),
             ("[2,3,1]", "[2,4,1]", "tensor `layers.0.weight` must have the shape [4, 2]"),
             ("[2,3,1]", "[999,9]", "its network has more parameters than the file has numbers"),
+            ("[2,3,1]", "[2,0,1]", "sizes"),
             ("\\\"elu\\\"", "\\\"elv\\\"", "activation `elv` is not known"),
         ] {
             let message = error_message(&with_header(from, to));
             assert!(message.contains(expected), "{from} -> {to}: {message}");
             assert!(!message.contains('\n'));
         }
+    }
+
+    #[test]
+    fn sizes_that_overflow_are_an_error() {
+        let half = usize::MAX / 2 + 1;
+        let mut file = example();
+        file.header.layout.observation = ["a", "b", "c", "d"]
+            .map(|name| Entry { name: name.into(), unit: "m".into(), size: half })
+            .to_vec();
+        // The sum of the sizes is 0 modulo 2^64.
+        assert!(error_message(&file.to_bytes()).contains("its layout does not match its network"));
+        for (sizes, expected) in [
+            (
+                format!("[2,{half},{half},1]"),
+                "its network has more than 101 layers, 1000000 inputs or 10000 outputs",
+            ),
+            (format!("[{half},1]"), "1000000 inputs"),
+            (format!("[{}1]", "1,".repeat(102)), "more than 101 layers"),
+            (format!("[2,{}1]", "10000,".repeat(100)), "more parameters than the file has numbers"),
+            (format!("[{}1]", "1,".repeat(100)), "tensor"),
+        ] {
+            let message = error_message(&with_sizes(&sizes));
+            assert!(message.contains(expected), "{sizes}: {message}");
+        }
+    }
+
+    /// Returns the example's bytes with other sizes in the header, and a new checksum.
+    fn with_sizes(sizes: &str) -> Vec<u8> {
+        let bytes = example().to_bytes();
+        let at = bytes.windows(7).position(|window| window == b"[2,3,1]").unwrap();
+        let mut changed = [&bytes[..at], sizes.as_bytes(), &bytes[at + 7..]].concat();
+        let header = u64::from_le_bytes(bytes[..8].try_into().unwrap()) + sizes.len() as u64 - 7;
+        changed[..8].copy_from_slice(&header.to_le_bytes());
+        write_checksum(&mut changed);
+        changed
+    }
+
+    #[test]
+    fn only_regular_files_of_bounded_size_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let message = |path: &Path| {
+            let error = ControllerFile::load(path).unwrap_err();
+            std::error::Error::source(&error).unwrap().to_string()
+        };
+        assert_eq!(message(Path::new("/dev/zero")), "expected a regular file, found a device");
+        assert_eq!(message(folder.path()), "expected a regular file, found a directory");
+        let sparse = folder.path().join("a.safetensors");
+        std::fs::File::create(&sparse).unwrap().set_len(1 << 40).unwrap();
+        assert_eq!(message(&sparse), "the file has 1099511627776 bytes; the limit is 268435456");
     }
 
     #[test]

@@ -41,12 +41,12 @@ pub struct Layout {
 impl Layout {
     /// Returns the number of components of an observation.
     pub fn observation_size(&self) -> usize {
-        self.observation.iter().map(|entry| entry.size).sum()
+        total_size(&self.observation)
     }
 
     /// Returns the number of components of an action.
     pub fn action_size(&self) -> usize {
-        self.action.iter().map(|entry| entry.size).sum()
+        total_size(&self.action)
     }
 
     /// Returns the first 16 bytes of the SHA-256 of all names, units and sizes, in hexadecimal.
@@ -82,6 +82,11 @@ impl Layout {
         }
         differences
     }
+}
+
+/// Returns the sum of the sizes. Sizes of a damaged file that overflow match no network.
+fn total_size(entries: &[Entry]) -> usize {
+    entries.iter().fold(0, |sum, entry| sum.saturating_add(entry.size))
 }
 
 fn describe(entry: Option<&Entry>) -> String {

@@ -11,6 +11,7 @@ mod file;
 mod layout;
 mod policy;
 pub mod squashed;
+mod tensor_file;
 
 pub use checksum::{EMPTY_CHECKSUM, has_valid_checksum, write_checksum};
 pub use error::{ControllerError, FileProblem};
@@ -19,3 +20,4 @@ pub use file::{
 };
 pub use layout::{Entry, Layout};
 pub use policy::Policy;
+pub use tensor_file::parse_tensors;

@@ -2,7 +2,7 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use mishandle::files::write_atomically;
+use mishandle::files::{limits, read_bounded, write_atomically};
 
 use crate::{ExperimentError, Training};
 
@@ -74,7 +74,7 @@ pub(crate) fn create_parent(path: &Path) -> Result<(), ExperimentError> {
 }
 
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>, ExperimentError> {
-    fs::read(path).map_err(ExperimentError::file(path))
+    read_bounded(path, limits::CONTROLLER).map_err(ExperimentError::file(path))
 }
 
 /// Removes a file; a missing file is not an error.

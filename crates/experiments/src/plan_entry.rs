@@ -1,9 +1,9 @@
 //! The state of each training run of the plan, and why it is not done.
 
 use std::fmt;
-use std::fs;
 use std::path::Path;
 
+use mishandle::files::{limits, read_text_bounded};
 use mishandle::training::AlgorithmSettings;
 use mishandle::{Curve, MishandleError};
 use serde_json::json;
@@ -214,7 +214,7 @@ fn unfinished(
     expected: &TrainingInputs,
     reason: String,
 ) -> TrainingState {
-    let started = fs::read_to_string(folder.work(training, STARTED));
+    let started = read_text_bounded(&folder.work(training, STARTED), limits::CONTROLLER);
     let has_started = started.is_ok_and(|text| text == started_mark(expected));
     if !(has_started && folder.work(training, CHECKPOINT).is_file()) {
         return TrainingState::NeedsTraining { reason };

@@ -1,7 +1,10 @@
+use std::fs::{File, Metadata, Permissions};
 use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use tempfile::{Builder, NamedTempFile};
+
+use crate::regular_file::not_regular;
 
 /// A file that appears at its path only when it is complete.
 ///
@@ -28,7 +31,10 @@ use tempfile::{Builder, NamedTempFile};
 pub struct AtomicFile {
     temporary: NamedTempFile,
     path: PathBuf,
+    /// Whether an existing file is replaced.
     replaces: bool,
+    /// The permissions of the replaced file.
+    permissions: Option<Permissions>,
 }
 
 impl AtomicFile {
@@ -40,35 +46,50 @@ impl AtomicFile {
         if path.symlink_metadata().is_ok() {
             return Err(ErrorKind::AlreadyExists.into());
         }
-        AtomicFile::create(path, false)
+        AtomicFile::create(path, None)
     }
 
     /// Creates a file for `path`, which replaces an existing file.
     ///
+    /// The new file has the permissions of the old one, and belongs to the user of the process. A symbolic link is replaced
+    /// by the file; its target is unchanged.
+    ///
     /// # Errors
-    /// `NotFound` if its folder does not exist, or any other error of the system.
+    /// `NotFound` if its folder does not exist, `IsADirectory` or `InvalidInput` if there is a directory, a FIFO, a socket
+    /// or a device, or any other error of the system.
     pub fn replace(path: &Path) -> io::Result<AtomicFile> {
-        AtomicFile::create(path, true)
+        let old = match path.symlink_metadata() {
+            Ok(old) if !old.is_file() && !old.is_symlink() => return Err(not_regular(&old)),
+            found => found.ok().filter(Metadata::is_file),
+        };
+        AtomicFile::create(path, Some(old))
     }
 
-    fn create(path: &Path, replaces: bool) -> io::Result<AtomicFile> {
+    /// `replaced` is `None` for a file that must not exist, otherwise the metadata of the file at the path, if there is one.
+    fn create(path: &Path, replaced: Option<Option<Metadata>>) -> io::Result<AtomicFile> {
+        let replaces = replaced.is_some();
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let mut builder = Builder::new();
         builder.prefix(".mishandle-").suffix(".part");
+        let mut permissions = replaced.flatten().map(|old| old.permissions());
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt;
-            // The usual permissions of a new file; the process's umask is subtracted.
-            builder.permissions(std::fs::Permissions::from_mode(0o666));
+            // Without the bits that run a program as its owner.
+            permissions = permissions.map(|old| Permissions::from_mode(old.mode() & 0o777));
+            // The usual permissions of a new file; the process's umask is subtracted. A replaced private file is private from
+            // the start, but this process can write it.
+            let mode = permissions.as_ref().map_or(0o666, |old| old.mode() | 0o600);
+            builder.permissions(Permissions::from_mode(mode));
         }
         // Keeps only the kind of the error: the temporary name would confuse the user.
         let temporary = builder.tempfile_in(folder).map_err(|error| io::Error::from(error.kind()))?;
-        Ok(AtomicFile { temporary, path: path.to_path_buf(), replaces })
+        Ok(AtomicFile { temporary, path: path.to_path_buf(), replaces, permissions })
     }
 
-    /// Returns the path of the temporary file, for a program that writes it by its name.
-    pub fn temporary_path(&self) -> &Path {
-        self.temporary.path()
+    /// Returns the temporary file, for a program that writes it as its standard output.
+    pub fn file(&self) -> &File {
+        self.temporary.as_file()
     }
 
     /// Syncs the file to the disk and renames it to its path.
@@ -76,6 +97,9 @@ impl AtomicFile {
     /// # Errors
     /// Any error of the system. The temporary file is then removed, and an old file at the path is unchanged.
     pub fn persist(self) -> io::Result<()> {
+        if let Some(permissions) = self.permissions {
+            self.temporary.as_file().set_permissions(permissions)?;
+        }
         self.temporary.as_file().sync_all()?;
         let persisted = match self.replaces {
             true => self.temporary.persist(&self.path),
@@ -154,6 +178,33 @@ mod tests {
         assert_eq!(entries(folder.path()), 1);
         let missing = write_atomically(&folder.path().join("b/a"), b"").unwrap_err();
         assert_eq!(missing.kind(), ErrorKind::NotFound);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_replaced_file_keeps_its_permissions_and_a_link_is_replaced_instead_of_its_target() {
+        use std::os::unix::fs::{PermissionsExt, symlink};
+        let folder = tempfile::tempdir().unwrap();
+        let [private, target, link] = ["private", "target", "link"].map(|name| folder.path().join(name));
+        fs::write(&private, "old").unwrap();
+        fs::set_permissions(&private, PermissionsExt::from_mode(0o4600)).unwrap();
+        write_atomically(&private, b"new").unwrap();
+        assert_eq!(private.metadata().unwrap().permissions().mode() & 0o7777, 0o600);
+        fs::write(&target, "precious").unwrap();
+        symlink(&target, &link).unwrap();
+        write_atomically(&link, b"new").unwrap();
+        assert!(link.symlink_metadata().unwrap().is_file());
+        assert_eq!(
+            (fs::read(&link).unwrap(), fs::read(&target).unwrap()),
+            (b"new".into(), b"precious".into())
+        );
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_device_is_not_replaced() {
+        let error = AtomicFile::replace(Path::new("/dev/null")).unwrap_err();
+        assert_eq!(error.to_string(), "expected a regular file, found a device");
     }
 
     #[cfg(unix)]

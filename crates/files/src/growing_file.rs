@@ -2,6 +2,8 @@ use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use crate::regular_file::{flags, open_regular};
+
 /// A file to which complete records are appended.
 ///
 /// A full disk never leaves a partial record: a record that could not be written is kept in memory and written before
@@ -36,12 +38,12 @@ impl GrowingFile {
         }
     }
 
-    /// Opens an existing file and continues after its first `length` bytes.
+    /// Opens an existing file and continues after its first `length` bytes. A symbolic link is not followed.
     ///
     /// # Errors
-    /// Any error of the operating system.
+    /// `InvalidInput` if the file is not a regular file, or any other error of the operating system.
     pub fn open(path: PathBuf, length: u64) -> io::Result<GrowingFile> {
-        let file = File::options().write(true).open(&path)?;
+        let file = open_regular(File::options().write(true), &path, flags::NOFOLLOW)?;
         Ok(GrowingFile { path, file, length, pending: Vec::new(), is_new: false })
     }
 
@@ -108,6 +110,21 @@ mod tests {
         drop(file);
         GrowingFile::open(path.clone(), 4).unwrap().finish().unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"one ");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn nothing_is_written_through_a_symbolic_link() {
+        let folder = tempfile::tempdir().unwrap();
+        let [target, link, dangling] = ["target", "link", "dangling"].map(|name| folder.path().join(name));
+        std::fs::write(&target, "precious").unwrap();
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+        std::os::unix::fs::symlink(folder.path().join("new"), &dangling).unwrap();
+        let error = GrowingFile::open(link, 0).unwrap_err();
+        assert_eq!(error.to_string(), "expected a regular file, found a symbolic link");
+        assert_eq!(GrowingFile::create(dangling, b"a").unwrap_err().kind(), io::ErrorKind::AlreadyExists);
+        assert_eq!(std::fs::read(&target).unwrap(), b"precious");
+        assert!(!folder.path().join("new").exists());
     }
 
     #[test]

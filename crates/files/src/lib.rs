@@ -1,16 +1,24 @@
-//! Files that survive a crash: complete or absent, locked by one process, or growing by whole records.
+//! Files that survive a crash: complete or absent, locked by one process, or growing by whole records. Files of strangers:
+//! regular and of bounded size.
 //!
+//! - [`read_bounded`] and [`read_text_bounded`]: read a regular file up to one of the [`limits`].
 //! - [`AtomicFile`] and [`write_atomically`]: a reader finds the old bytes or the new bytes, never a part of them.
 //! - [`FileLock`]: one process at a time.
 //! - [`GrowingFile`]: appends whole records, also after a full disk.
 //! - [`NewFolders`]: removes the folders it created if nothing was written into them.
+//!
+//! No file is written through a symbolic link: new files are created exclusively, replaced ones are renamed over, locked and
+//! growing ones are opened without following links.
 
 mod atomic_file;
 mod file_lock;
 mod growing_file;
+pub mod limits;
 mod new_folders;
+mod regular_file;
 
 pub use atomic_file::{AtomicFile, write_atomically};
 pub use file_lock::FileLock;
 pub use growing_file::GrowingFile;
 pub use new_folders::NewFolders;
+pub use regular_file::{read_bounded, read_text_bounded};

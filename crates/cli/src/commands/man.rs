@@ -4,6 +4,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use clap::CommandFactory;
 use clap_mangen::Man;
+use mishandle::files::write_atomically;
 
 use crate::args::{self, Arguments};
 use crate::{ExitStatus, PROGRAM, output};
@@ -29,7 +30,7 @@ fn write_all(program: clap::Command, folder: &Path) -> Result<()> {
     let mut count = 0;
     for command in std::iter::once(program).chain(commands) {
         let path = folder.join(format!("{}.1", command.get_name()));
-        std::fs::write(&path, page(command)?).with_context(|| path.display().to_string())?;
+        write_atomically(&path, &page(command)?).with_context(|| path.display().to_string())?;
         count += 1;
     }
     output::message(&format!("wrote {count} pages to {}", folder.display()));

@@ -176,10 +176,12 @@ fn video(
         if interrupt::requested() {
             return Ok(ExitStatus::Interrupted);
         }
-        video.push_frame(renderer.draw(state)?)?;
+        if video.push_frame(renderer.draw(state)?)?.is_break() {
+            return Ok(ExitStatus::Interrupted);
+        }
         bar.set_position(done);
     }
+    let finished = video.finish()?;
     bar.clear();
-    video.finish()?;
-    Ok(ExitStatus::Done)
+    Ok(if finished.is_break() { ExitStatus::Interrupted } else { ExitStatus::Done })
 }

@@ -207,9 +207,6 @@ fn say_outputs(plan: &TrainPlan) {
         let folder = mishandle::shell_quote(&folder.to_string_lossy());
         output::message(&format!("View it with: tensorboard --logdir {folder}"));
     }
-    // The command line reads a bare word as the name of a shipped controller.
-    let is_bare = plan.out.components().count() == 1 && plan.out.extension().is_none();
-    let out = if is_bare { Path::new(".").join(&plan.out) } else { plan.out.clone() };
-    let out = mishandle::shell_quote(&out.to_string_lossy());
+    let out = mishandle::shell_quote(&plan.out.to_string_lossy());
     output::message(&format!("Evaluate it with: mishandle evaluate {} --controller {out}", plan.task));
 }

@@ -1,11 +1,12 @@
 //! Checkpoint files.
 
 use std::collections::BTreeMap;
+use std::io;
 use std::path::Path;
 
-use mishandle_controllers::{EMPTY_CHECKSUM, has_valid_checksum, write_checksum};
-use mishandle_files::write_atomically;
-use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use mishandle_controllers::{EMPTY_CHECKSUM, has_valid_checksum, parse_tensors, write_checksum};
+use mishandle_files::{limits, read_bounded, write_atomically};
+use safetensors::tensor::{Dtype, TensorView};
 
 use super::{Checkpoint, CheckpointArray, Header};
 use crate::TrainingError;
@@ -14,25 +15,28 @@ use crate::TrainingError;
 pub(super) const FORMAT_VERSION: u64 = 2;
 const HEADER_KEY: &str = "mishandle-checkpoint";
 
+const TOO_LARGE: &str = "it would have more than 64 GiB; choose a smaller `replay.capacity`";
+
 impl Checkpoint {
     /// Writes the checkpoint atomically.
     ///
     /// # Errors
-    /// If the file cannot be written; an existing file is then unchanged.
+    /// If the file cannot be written, or would be larger than [`limits::CHECKPOINT`]; an existing file is then unchanged.
     pub fn save(&self, path: &Path) -> Result<(), TrainingError> {
-        write_atomically(path, &self.to_bytes()).map_err(|source| TrainingError::File {
-            verb: "write",
-            source,
-            path: path.to_path_buf(),
-        })
+        let bytes = self.to_bytes();
+        let written = match bytes.len() as u64 > limits::CHECKPOINT {
+            true => Err(io::Error::new(io::ErrorKind::FileTooLarge, TOO_LARGE)),
+            false => write_atomically(path, &bytes),
+        };
+        written.map_err(|source| TrainingError::File { verb: "write", source, path: path.to_path_buf() })
     }
 
-    /// Reads a checkpoint.
+    /// Reads a checkpoint, a regular file of at most [`limits::CHECKPOINT`] bytes.
     ///
     /// # Errors
-    /// If the file cannot be read, is not a checkpoint, is damaged, or was written by a newer program.
+    /// If the file cannot be read or is larger, is not a checkpoint, is damaged, or was written by a newer program.
     pub fn load(path: &Path) -> Result<Checkpoint, TrainingError> {
-        let bytes = std::fs::read(path).map_err(|source| TrainingError::File {
+        let bytes = read_bounded(path, limits::CHECKPOINT).map_err(|source| TrainingError::File {
             verb: "read",
             source,
             path: path.to_path_buf(),
@@ -69,11 +73,9 @@ impl Checkpoint {
     }
 
     fn from_bytes(bytes: &[u8]) -> Result<Checkpoint, String> {
-        let file = SafeTensors::deserialize(bytes).map_err(|error| error.to_string())?;
-        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| error.to_string())?;
-        let json = metadata.metadata().as_ref().and_then(|metadata| metadata.get(HEADER_KEY));
+        let (file, json) = parse_tensors(bytes, HEADER_KEY).map_err(|error| error.to_string())?;
         let json = json.ok_or_else(|| format!("the header `{HEADER_KEY}` is missing"))?;
-        let value: serde_json::Value = serde_json::from_str(json).map_err(|error| error.to_string())?;
+        let value: serde_json::Value = serde_json::from_str(&json).map_err(|error| error.to_string())?;
         match value.get("format_version").and_then(serde_json::Value::as_u64) {
             Some(1) if value.get("sha256").is_none() => {}
             Some(0..=FORMAT_VERSION) if has_valid_checksum(bytes) => {}
@@ -145,6 +147,20 @@ mod tests {
             }
         }
         assert!(Checkpoint::from_bytes(&bytes).is_ok());
+    }
+
+    #[test]
+    fn only_regular_files_of_bounded_size_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let message = |path: &Path| match Checkpoint::load(path).unwrap_err() {
+            TrainingError::File { source, .. } => source.to_string(),
+            other => other.to_string(),
+        };
+        assert_eq!(message(Path::new("/dev/zero")), "expected a regular file, found a device");
+        let sparse = folder.path().join("a.checkpoint");
+        let file = std::fs::File::create(&sparse).unwrap();
+        file.set_len(1 << 40).unwrap();
+        assert_eq!(message(&sparse), "the file has 1099511627776 bytes; the limit is 68719476736");
     }
 
     #[test]

@@ -84,10 +84,14 @@ pub(crate) const NOT_NEGATIVE: Constraint =
 pub(crate) const NOISE: Constraint =
     constraint("a number from 0 to 10", |x| x.iter().all(|x| (0.0..=Noise::MAX_STD).contains(x)));
 pub(crate) const FINITE: Constraint = constraint("a finite number", |x| x.iter().all(|x| x.is_finite()));
-pub(crate) const LAYER_SIZES: Constraint =
-    constraint("a list of whole numbers from 1 to 10^4, as [64, 64]", |x| {
-        x.iter().all(|x| (1.0..=1e4).contains(x))
-    });
+/// The sizes and the weights between hidden layers are bounded, so that a controller is smaller than the limit for reading it.
+pub(crate) const LAYER_SIZES: Constraint = constraint(
+    "a list of up to 100 whole numbers from 1 to 10^4, as [64, 64], with at most 5·10^7 weights between them",
+    |x| {
+        let weights: f64 = x.windows(2).map(|sizes| sizes[0] * sizes[1]).sum();
+        x.len() <= 100 && x.iter().all(|x| (1.0..=1e4).contains(x)) && weights <= 5e7
+    },
+);
 pub(crate) const INITIALIZATION: Constraint =
     constraint("\"orthogonal\", \"uniform\" or { normal = σ } with σ above 0", POSITIVE.holds);
 pub(crate) const POSITIVE_RANGE: Constraint =

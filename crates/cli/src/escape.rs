@@ -1,0 +1,95 @@
+//! Makes text safe to print. Names and texts from files can contain escape sequences that move the cursor, retitle the
+//! window or fill the clipboard, and invisible characters that reorder or hide what a reader sees.
+//!
+//! All output of the program passes through this module: [`output`](crate::output) calls it.
+
+/// Escapes a text of several lines, such as a table or an error of a parser: line breaks and tabs remain.
+pub fn text(text: &str) -> String {
+    escaped(text, |c| c == '\n' || c == '\t', rust)
+}
+
+/// Escapes a text that is printed within a line, such as a name.
+pub fn name(name: &str) -> String {
+    escaped(name, |_| false, rust)
+}
+
+/// Escapes a JSON document with JSON's own escapes, so that a parser returns the same strings.
+pub fn json(document: &str) -> String {
+    escaped(
+        document,
+        |c| c == '\n',
+        |c, out| {
+            let mut units = [0; 2];
+            for unit in c.encode_utf16(&mut units) {
+                out.push_str(&format!("\\u{unit:04x}"));
+            }
+        },
+    )
+}
+
+fn rust(c: char, out: &mut String) {
+    out.extend(c.escape_default());
+}
+
+fn escaped(text: &str, keeps: fn(char) -> bool, escape: fn(char, &mut String)) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        if keeps(c) || !(c.is_control() || is_invisible(c)) {
+            out.push(c);
+        } else {
+            escape(c, &mut out);
+        }
+    }
+    out
+}
+
+/// Returns whether a character is invisible: it reorders text, breaks lines, joins characters or has no width. These are
+/// Unicode's format characters, the two separators of lines and paragraphs, and variation selectors.
+fn is_invisible(c: char) -> bool {
+    matches!(c,
+        '\u{ad}' | '\u{34f}' | '\u{600}'..='\u{605}' | '\u{61c}' | '\u{6dd}' | '\u{70f}' | '\u{890}'..='\u{891}'
+        | '\u{8e2}' | '\u{115f}'..='\u{1160}' | '\u{17b4}'..='\u{17b5}' | '\u{180b}'..='\u{180f}'
+        | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{3164}'
+        | '\u{fe00}'..='\u{fe0f}' | '\u{feff}' | '\u{ffa0}' | '\u{fff0}'..='\u{fffb}' | '\u{110bd}' | '\u{110cd}'
+        | '\u{13430}'..='\u{1343f}' | '\u{1bca0}'..='\u{1bca3}' | '\u{1d173}'..='\u{1d17a}'
+        | '\u{e0000}'..='\u{e0fff}'
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_are_escaped_and_line_breaks_of_texts_are_kept() {
+        assert_eq!(text("no `\u{1b}[31mä\u{7}`\nhere\t1"), "no `\\u{1b}[31mä\\u{7}`\nhere\t1");
+        assert_eq!(name("a\nerror: b\tc"), "a\\nerror: b\\tc");
+    }
+
+    #[test]
+    fn no_escape_sequence_or_invisible_character_remains() {
+        // OSC 52 fills the clipboard; CSI as one C1 character; carriage return and backspace overwrite text; overrides of
+        // the direction; a tag; separators; a zero-width joiner.
+        let hostile = "\u{1b}]52;c;cm0=\u{7}\u{9b}2J\u{9d}0;x\u{9c}\r\u{8}\u{7f}\u{202e}\u{2066}\u{e0041}\u{2028}\u{85}\u{200d}";
+        for printed in [text(hostile), name(hostile), json(hostile)] {
+            assert!(printed.chars().all(|c| c.is_ascii_graphic()), "{printed}");
+        }
+    }
+
+    #[test]
+    fn escaped_json_has_the_same_values() {
+        let value = serde_json::json!({ "a\u{9b}\u{7f}": "\u{202e}x\u{1b}\u{e0041}\n", "ä": [1] });
+        let printed = json(&serde_json::to_string_pretty(&value).unwrap());
+        assert!(
+            printed.chars().all(|c| c == '\n' || c == 'ä' || c.is_ascii_graphic() || c == ' '),
+            "{printed}"
+        );
+        assert_eq!(serde_json::from_str::<serde_json::Value>(&printed).unwrap(), value);
+    }
+
+    #[test]
+    fn ordinary_text_is_unchanged() {
+        let ordinary = "größe 10⁻³ m/s², φ ≥ 0, 日本語, 🤖, \\u{1b}";
+        assert_eq!([text(ordinary), name(ordinary), json(ordinary)], [ordinary; 3]);
+    }
+}

@@ -1,0 +1,205 @@
+//! The attacks of docs/security.md on the command line: files that are not files, names with escape sequences, planted links
+//! and planted folders.
+
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use std::os::unix::fs::symlink;
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use bench::{Bench, SMALL, text};
+use mishandle::controllers::ControllerFile;
+
+/// Sets the title of the window, clears the screen, and reverses the order of the characters that follow.
+const HOSTILE: &str = "\u{1b}]0;owned\u{7}\u{9b}2J\u{202e}";
+
+/// Runs the program for at most two minutes, since the machine may be busy, and returns stdout and stderr together.
+#[track_caller]
+fn run(command: &mut Command, code: i32) -> String {
+    let start = Instant::now();
+    let output = command.output().unwrap();
+    let all = text(&output.stdout) + &text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{command:?}: {all}");
+    assert!(start.elapsed() < Duration::from_secs(120), "{command:?} took {:?}", start.elapsed());
+    all
+}
+
+/// Checks that a terminal shows the text as it is.
+#[track_caller]
+fn check_printable(text: &str) {
+    let hostile = |c: char| (c.is_control() && c != '\n') || c == '\u{202e}';
+    assert!(!text.contains(hostile), "{text:?}");
+}
+
+/// Creates what an attacker may put in place of a file: path and message of each.
+fn not_files(bench: &Bench) -> [(String, &'static str); 5] {
+    let fifo = bench.path("fifo.toml");
+    assert!(Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+    std::fs::create_dir(bench.path("folder.toml")).unwrap();
+    symlink("/dev/zero", bench.path("link.toml")).unwrap();
+    std::fs::File::create(bench.path("sparse.toml")).unwrap().set_len(1 << 40).unwrap();
+    [
+        ("/dev/zero", "expected a regular file, found a device"),
+        ("./link.toml", "expected a regular file, found a device"),
+        ("./fifo.toml", "expected a regular file, found a FIFO"),
+        ("./folder.toml", "expected a regular file, found a directory"),
+        ("./sparse.toml", "the file has 1099511627776 bytes; the limit is "),
+    ]
+    .map(|(path, message)| (path.to_string(), message))
+}
+
+#[test]
+fn devices_pipes_folders_and_sparse_files_are_refused_at_once() {
+    let bench = Bench::new();
+    let train = "train point-reaching --out a.safetensors --steps 256";
+    for (path, message) in not_files(&bench) {
+        for arguments in [
+            format!("evaluate --plan {path}"),
+            format!("controller {path}"),
+            format!("evaluate point-reaching --controller {path}"),
+            format!("{train} --settings {path}"),
+            format!("curve {path}"),
+        ] {
+            let printed = run(&mut bench.command(&arguments), 2);
+            assert!(printed.contains(message), "{arguments}: {printed}");
+        }
+        // A checkpoint is found by its name.
+        let checkpoint = bench.path("a.safetensors.checkpoint");
+        symlink(bench.path(&path), &checkpoint).unwrap();
+        let printed = run(&mut bench.command(&format!("{train} --resume")), 2);
+        assert!(printed.contains(message), "checkpoint {path}: {printed}");
+        std::fs::remove_file(&checkpoint).unwrap();
+    }
+}
+
+#[test]
+fn escape_sequences_in_files_names_and_arguments_do_not_reach_the_terminal() {
+    let bench = Bench::new();
+    let mut file = mishandle::find_controller("point-reaching/ppo").unwrap().controller().unwrap();
+    let header = &mut file.header;
+    header.algorithm = format!("ppo{HOSTILE}");
+    header.training.command = format!("first{HOSTILE}\nsecond");
+    header.training.settings = format!("# {HOSTILE}\n");
+    header.training.git_commit = HOSTILE.to_string();
+    let save = |file: &ControllerFile, name: &str| file.save(&bench.path(name)).unwrap();
+    save(&file, "a.safetensors");
+    let page = run(&mut bench.command("controller ./a.safetensors"), 0);
+    check_printable(&page);
+    assert!(page.contains(r"\u{1b}]0;owned\u{7}\u{9b}2J\u{202e}\nsecond"), "{page}");
+    let json = run(&mut bench.command("controller ./a.safetensors --json"), 0);
+    check_printable(&json);
+    let document: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(document["command"], format!("first{HOSTILE}\nsecond"));
+    file.header.task = format!("cube{HOSTILE}");
+    save(&file, "b.safetensors");
+    let printed = run(&mut bench.command("evaluate point-reaching --controller ./b.safetensors"), 2);
+    check_printable(&printed);
+    assert!(printed.contains(r"trained for cube\u{1b}]0;owned"), "{printed}");
+
+    bench.write("name.toml", "target = \"\\u001b]0;owned\\u0007\\u202e\\nerror: the disk is empty\"\n");
+    bench.write("quoted.toml", &format!("target = \"a\"\nsecret {HOSTILE} = 1\n"));
+    bench.write("settings.toml", &format!("\"{}\" = 1\n", r"\u001b]0;owned\u0007"));
+    for arguments in [
+        vec!["evaluate", "--plan", "name.toml"],
+        vec!["evaluate", "--plan", "quoted.toml"],
+        vec!["evaluate", "--plan", &format!("{HOSTILE}.toml")],
+        vec!["train", "point-reaching", "--settings", "settings.toml"],
+        vec!["replay", &format!("{HOSTILE}.sqlite")],
+        vec!["curve", &format!("{HOSTILE}\nerror: the disk is empty")],
+        vec!["monitor", "--formula", "x > 0", &format!("{HOSTILE}.csv")],
+        vec!["monitor", "--formula", HOSTILE, "a.csv"],
+        vec!["evaluate", HOSTILE, "--controller", "expert"],
+        vec![HOSTILE],
+        vec!["evaluate", &format!("--{HOSTILE}")],
+    ] {
+        let printed = run(bench.command("").args(&arguments), 2);
+        check_printable(&printed);
+        assert!(printed.contains("owned"), "{arguments:?}: {printed}");
+        // A line break in a name cannot pose as a message of its own.
+        assert!(!printed.lines().any(|line| line.starts_with("error: the disk")), "{printed}");
+    }
+}
+
+#[test]
+fn a_planted_lock_file_does_not_harm_the_file_that_it_points_to() {
+    let bench = Bench::new();
+    bench.write("small.toml", SMALL);
+    bench.write("precious", "precious");
+    for (link, target) in [("a.safetensors.lock", "precious"), ("b.last.safetensors.lock", "new")] {
+        symlink(bench.path(target), bench.path(link)).unwrap();
+    }
+    for out in ["a.safetensors", "b.safetensors"] {
+        let arguments = format!("train point-reaching --settings small.toml --out {out}");
+        let printed = run(&mut bench.command(&arguments), 2);
+        assert!(printed.contains("expected a regular file, found a symbolic link"), "{printed}");
+    }
+    assert_eq!(std::fs::read(bench.path("precious")).unwrap(), b"precious");
+    assert!(!bench.path("new").exists() && !bench.path("a.safetensors").exists());
+}
+
+#[test]
+fn folders_in_the_working_directory_do_not_replace_the_shipped_files() {
+    let bench = Bench::new();
+    let other = mishandle::find_controller("cube-stacking/ppo").unwrap().controller().unwrap();
+    let plant = |path: &str| {
+        std::fs::create_dir_all(bench.path(path).parent().unwrap()).unwrap();
+        other.save(&bench.path(path)).unwrap();
+    };
+    let hash = |arguments: &str| bench.json(arguments, 0)["controller_hash"].clone();
+    let page = || hash("controller point-reaching/ppo --json");
+    let evaluate = |out: &str| {
+        hash(&format!("evaluate point-reaching --controller ppo --episodes 1 --json --out {out}"))
+    };
+    let (shipped, used) = (page(), evaluate("before.sqlite"));
+    assert_eq!(shipped, used);
+    plant("controllers/point-reaching/ppo.safetensors");
+    plant("point-reaching/ppo");
+    plant("ppo");
+    plant("ppo.safetensors");
+    std::fs::create_dir_all(bench.path("experiments/training/point-reaching")).unwrap();
+    bench.write("experiments/training/point-reaching/ppo.toml", "no setting = 1");
+    assert_eq!((page(), evaluate("after.sqlite")), (shipped, used));
+    bench.check("train point-reaching --dry-run", 0);
+    // Its path selects the file, which is for another task.
+    bench
+        .refuses("evaluate point-reaching --controller ./point-reaching/ppo", &["trained for cube-stacking"]);
+}
+
+#[test]
+fn a_controller_is_not_written_to_a_file_with_another_extension() {
+    let bench = Bench::new();
+    bench.refuses(
+        "train point-reaching --out x.txt",
+        &["--out is x.txt; it must be a path that ends in .safetensors"],
+    );
+    bench.refuses("train point-reaching --out x --dry-run", &["--out is x; it must be"]);
+    assert!(Path::new(&bench.path("x.txt")).symlink_metadata().is_err());
+}
+
+#[test]
+fn deeply_nested_and_long_plans_are_errors_within_seconds() {
+    let bench = Bench::new();
+    let many = |text: &str, count: usize| text.repeat(count);
+    for (name, plan) in [
+        ("arrays", format!("a = {}{}", many("[", 500_000), many("]", 500_000))),
+        ("tables", format!("a = {}1{}", many("{a=", 200_000), many("}", 200_000))),
+        ("keys", format!("{}a = 1", many("a.", 500_000))),
+        ("headers", many("[a.a]\n", 150_000)),
+        ("strings", format!("target = \"{}\"", many("x", 1_000_000))),
+        (
+            "options",
+            format!(
+                "target = \"toy/sphere-2d\"\n[falsify.options]\n{}",
+                (0..60_000).map(|i| format!("a{i}=1\n")).collect::<String>()
+            ),
+        ),
+        ("quotes", many("\"", 1_000_000)),
+    ] {
+        bench.write(&format!("{name}.toml"), &plan);
+        let printed = run(&mut bench.command(&format!("evaluate --plan {name}.toml")), 2);
+        assert!(printed.starts_with("error: "), "{name}: {}", &printed[..200.min(printed.len())]);
+    }
+}
