@@ -111,7 +111,14 @@ pub struct Searches {
 /// Compute the robustness of a temporal logic formula on a recorded trace
 #[derive(Debug, Args)]
 #[command(after_help = "The trace is a CSV file: a header with the signal names, then one row of numbers per
-sample. The optional column `time` (seconds) determines the sampling period.
+sample. The optional column `time` (seconds) determines the sampling period. Columns that
+the formula does not read may hold any text.
+
+Windows that extend past the end of the trace are cut there, as in RTAMT. A cut window can
+satisfy a formula that the whole window would violate. --strict-horizon uses whole windows
+only, as verdicts about episodes do: a window without an end (`eventually p`) then ends at
+the last sample at which p's own windows are inside the trace, and a formula whose windows
+do not fit into the trace is an error.
 
 Examples:
   mishandle monitor --formula 'always[0:2](d <= 0.3)' trace.csv             bounds count samples
@@ -131,7 +138,7 @@ pub struct Monitor {
     /// Unit of interval bounds without a unit: s, ms, us or ns [default: such bounds count samples]
     #[arg(long)]
     pub unit: Option<String>,
-    /// Fail if the formula reaches past the end of the trace, instead of truncating its intervals
+    /// Use only windows inside the trace, instead of cutting them at its end as RTAMT does
     #[arg(long)]
     pub strict_horizon: bool,
     /// Print one JSON document to stdout

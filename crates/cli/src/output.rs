@@ -1,7 +1,7 @@
 //! Output: results on stdout, messages on stderr. Everything printed is escaped: see [`escape`].
 
 use std::ffi::OsString;
-use std::io::{ErrorKind, IsTerminal, Write};
+use std::io::{BufWriter, ErrorKind, IsTerminal, Write};
 use std::path::Path;
 
 use anyhow::{Context, Error, Result, anyhow, bail};
@@ -34,6 +34,21 @@ pub fn json(value: Value) -> Result<()> {
         value => with_schema(value),
     };
     print(&escape::json(&serde_json::to_string_pretty(&document)?))
+}
+
+/// Prints an object like [`json`], and as its last key an array of numbers, one at a time. A document with millions of numbers
+/// takes no memory for their text.
+pub fn json_with_numbers(head: Value, key: &str, values: &[f64]) -> Result<()> {
+    let head = escape::json(&serde_json::to_string_pretty(&joined(json!({ "schema": SCHEMA }), head))?);
+    let mut out = BufWriter::new(std::io::stdout().lock());
+    let open = head.strip_suffix("\n}").unwrap_or(&head);
+    write!(out, "{open},\n  {}: [", Value::from(key))?;
+    for (index, value) in values.iter().enumerate() {
+        write!(out, "{}\n    {}", if index == 0 { "" } else { "," }, number(*value))?;
+    }
+    writeln!(out, "\n  ]\n}}")?;
+    out.flush()?;
+    Ok(())
 }
 
 /// Creates a file that appears under its name when it is complete. An existing file is replaced only with `force`.

@@ -199,6 +199,30 @@ fn monitor_prints_the_robustness_and_returns_1_for_a_violation() {
 }
 
 #[test]
+fn strict_horizon_accepts_no_window_that_is_cut_under_an_unbounded_operator() {
+    let bench = Bench::new();
+    bench.write("late.csv", "x\n0\n1\n0\n5\n");
+    bench.write("dip.csv", "x\n5\n5\n7\n0\n");
+    let late = "monitor --formula 'eventually(always[0:2](x >= 4))' late.csv";
+    let dip = "monitor --formula 'always(eventually[0:2](x >= 4))' dip.csv";
+    for (command, cut, whole) in [(late, (1.0, 0), (-4.0, 1)), (dip, (-4.0, 1), (3.0, 0))] {
+        let document = bench.json(&format!("{command} --json"), cut.1);
+        assert_eq!((document["robustness"].as_f64(), &document["windows"]), (Some(cut.0), &"cut".into()));
+        assert_eq!(document["cuts_windows"], true);
+        let document = bench.json(&format!("{command} --strict-horizon --json"), whole.1);
+        assert_eq!((document["robustness"].as_f64(), &document["windows"]), (Some(whole.0), &"whole".into()));
+        assert_eq!(document["robustness_signal"].as_array().unwrap().len(), 2);
+        assert_eq!(document["cuts_windows"], false);
+    }
+    let note = text(&bench.run(late).stderr);
+    assert!(note.contains("cut there, as in RTAMT"), "{note}");
+    bench.refuses(
+        "monitor --formula 'eventually(always[0:4](x >= 4))' late.csv --strict-horizon",
+        &["needs 5 samples", "only 4"],
+    );
+}
+
+#[test]
 fn errors_of_monitor_name_cause_and_position() {
     let bench = Bench::new();
     bench.write("d.csv", "d,e\n0.2,1\n0.3,nan\n0.1,2\n");
@@ -209,10 +233,11 @@ fn errors_of_monitor_name_cause_and_position() {
     bench.refuses("monitor --formula 'x > 1' d.csv", &["signal `x` is not in the trace", "d, e"]);
     bench.refuses("monitor --formula 'e > 0' d.csv", &["`e` is NaN at step 1"]);
     bench.refuses("monitor --formula 'd > 0' text.csv", &["line 3", "`d` is `abc`"]);
-    bench.refuses("monitor --formula 'd > 0' twice.csv", &["two columns are named `d`"]);
+    bench.refuses("monitor --formula 'd > 0' twice.csv", &["two columns are named `d`: 1 and 2"]);
     bench.refuses("monitor --formula 'd > 0' uneven.csv", &["evenly spaced", "0.15"]);
     bench.refuses("monitor --formula 'd > 0' missing.csv", &["missing.csv", "No such file"]);
-    bench.refuses("monitor --formula 'always[0:9](d > 0)' d.csv --strict-horizon", &["reaches 9 samples"]);
+    bench.refuses("monitor --formula 'always[0:9](d > 0)' d.csv --strict-horizon", &["needs 10 samples"]);
+    bench.refuses("monitor --formula 'once[1:2](d > 0)' d.csv --strict-horizon", &["depends on no sample"]);
     // 2^64 and just below: the horizon neither overflows nor counts as unbounded.
     for bound in ["18446744073709551616", "18446744073709549568", "1e300"] {
         let formula = format!("always[0:{bound}](d > 0)");

@@ -66,8 +66,8 @@ fn parse(text: &str) -> Result<Formula, RolloutError> {
     Formula::parse(text).map_err(|source| RolloutError::Parse { formula: text.to_string(), source })
 }
 
-/// Values of the formulas on one episode. A value is `None` if the formula does not exist or the trace is too short for
-/// it.
+/// Values of the formulas on one episode. A value is `None` if the formula does not exist or the trace does not decide it:
+/// a window is cut at the end of the trace or contains no sample. [`Monitor::decided_robustness_signal`] states the rule.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Verdict {
     /// Robustness of the requirement at time 0.
@@ -111,29 +111,21 @@ impl FormulaMonitor {
         }
     }
 
-    fn robustness(&mut self, trace: &Trace) -> Result<&[f64], RolloutError> {
+    /// Returns the robustness at the samples at which the trace decides the formula, without a cut window.
+    ///
+    /// A formula with an unbounded window is undecided before the end of the episode.
+    fn decided(&mut self, trace: &Trace, is_complete: bool) -> Result<&[f64], RolloutError> {
+        if self.monitor.horizon().is_none() && !is_complete {
+            return Ok(&[]);
+        }
         self.monitor
-            .robustness_signal(trace)
+            .decided_robustness_signal(trace)
             .map_err(|source| RolloutError::Monitor { formula: self.text.clone(), source })
     }
 
-    /// Returns the number of samples at which a trace of `len` samples decides the formula.
-    ///
-    /// A formula with an unbounded interval needs a complete episode.
-    fn decided_samples(&self, len: usize, is_complete: bool) -> usize {
-        match self.monitor.horizon() {
-            Some(horizon) => len.saturating_sub(horizon),
-            None if is_complete => len,
-            None => 0,
-        }
-    }
-
     fn at_start(&mut self, trace: &Trace, is_complete: bool) -> Result<Option<f64>, RolloutError> {
-        if self.decided_samples(trace.len(), is_complete) == 0 {
-            return Ok(None);
-        }
         // An empty window has an infinite value: the formula depends on no sample of the trace.
-        Ok(self.robustness(trace)?.first().copied().filter(|rho| rho.is_finite()))
+        Ok(self.decided(trace, is_complete)?.first().copied().filter(|rho| rho.is_finite()))
     }
 }
 
@@ -184,14 +176,13 @@ impl SpecificationMonitor {
         };
         let (success, strict) = (at_start(&mut self.success)?, at_start(&mut self.strict)?);
         let dangerous_steps = match &mut self.safe {
-            Some(safe) => Some(safe.robustness(trace)?.iter().skip(1).filter(|rho| **rho < 0.0).count()),
+            Some(safe) => {
+                Some(safe.decided(trace, is_complete)?.iter().skip(1).filter(|rho| **rho < 0.0).count())
+            }
             None => None,
         };
         let completion_step = match &mut self.completion {
-            Some(completion) => {
-                let decided = completion.decided_samples(trace.len(), is_complete);
-                completion.robustness(trace)?[..decided].iter().position(|rho| *rho > 0.0)
-            }
+            Some(completion) => completion.decided(trace, is_complete)?.iter().position(|rho| *rho > 0.0),
             None => None,
         };
         let robustness = self.requirement.at_start(trace, is_complete)?;
@@ -263,6 +254,20 @@ mod tests {
         let mut monitor = monitor("always(d <= 2.5)", "d < 0");
         assert_eq!(monitor.verdict(&trace(&[1.0, 1.0]), true).unwrap().success, Some(1.5));
         assert_eq!(monitor.verdict(&trace(&[1.0, 1.0]), false).unwrap().success, None);
+    }
+
+    #[test]
+    fn a_window_cut_under_an_unbounded_operator_neither_satisfies_nor_violates_a_formula() {
+        let robustness = |formula: &str, values: &[f64]| {
+            monitor(formula, "d < 0").verdict(&trace(values), true).unwrap().robustness
+        };
+        // d >= 4 holds at the last sample only: never for three samples. The best three are 0 1 0.
+        assert_eq!(robustness("eventually(always[0:2](d >= 4))", &[0.0, 1.0, 0.0, 5.0]), Some(-4.0));
+        // Every whole window of three samples contains a 5 or a 7; the cut window of the last sample only 0.
+        assert_eq!(robustness("always(eventually[0:2](d >= 4))", &[5.0, 5.0, 7.0, 0.0]), Some(3.0));
+        // No window of three samples is inside a trace of two.
+        assert_eq!(robustness("eventually(always[0:2](d >= 4))", &[5.0, 5.0]), None);
+        assert_eq!(robustness("always(eventually[0:2](d >= 4))", &[0.0, 0.0]), None);
     }
 
     #[test]

@@ -71,6 +71,11 @@ options! {
 /// as here if NumPy runs without that sort and d < 16. If all values are +∞, the simplex shrinks until a limit is
 /// reached, as in SciPy. There are no restarts. Every coordinate is treated as continuous.
 ///
+/// # Units
+/// All lengths are fractions of the box: the `xatol` of 1e-4 and the first simplex, which raises a coordinate u by 5 % of its
+/// distance from the lower bound. SciPy 1.17.1 has the same numbers in the units of its bounds, where the first simplex
+/// raises a coordinate x by 5 % of x. So both agree for the bounds 0 and 1. `docs/plans.md` compares all parameters.
+///
 /// # Reference
 /// Nelder and Mead, "A simplex method for function minimization", The Computer Journal 7, 1965. Gao and Han,
 /// "Implementing the Nelder-Mead simplex algorithm with adaptive parameters", Comput. Optim. Appl. 51, 2012.

@@ -1,20 +1,17 @@
+mod log;
+
+use std::fs::File;
 use std::io::Read;
 use std::path::Path;
-use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
-use mishandle::stl::{Clock, Formula, Monitor, TimeUnit, Trace};
-use serde_json::{Value, json};
+use mishandle::stl::{Clock, Formula, Monitor, MonitorError, TimeUnit};
+use serde_json::json;
 
 use crate::ExitStatus;
 use crate::args;
 use crate::output::{self, number};
-
-/// Column with the time of each sample, in seconds.
-const TIME: &str = "time";
-
-/// Largest deviation of a sampling interval from the period, as a fraction of the period.
-const JITTER: f64 = 1e-3;
+use log::{Log, Samples};
 
 pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
     let formula = Formula::parse(&command.formula).map_err(|error| {
@@ -23,27 +20,26 @@ pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
         anyhow::anyhow!("formula: {error}{marker}")
     })?;
     output::warn_of_chained_comparisons(&formula);
-    let name = command.trace.display().to_string();
-    let trace = read(&command.trace).with_context(|| format!("trace {name}"))?;
-    let period = period(&trace, command.period).with_context(|| format!("trace {name}"))?;
+    let trace_name = || format!("trace {}", command.trace.display());
+    let log = Log::open(source(&command.trace).with_context(trace_name)?).with_context(trace_name)?;
+    check_signals(&formula, log.names())?;
+    let samples = log.samples(&formula.signals()).with_context(trace_name)?;
+    let period = samples.period(command.period).with_context(trace_name)?;
     let clock = match &command.unit {
         Some(unit) => Clock::rtamt(period, self::unit(unit)?),
         None => Clock::steps(period),
     };
-    let mut monitor = Monitor::new(&formula, trace.names(), clock)?;
-    let covered = monitor.horizon().is_none_or(|horizon| horizon < trace.len());
-    let horizon = monitor.horizon().unwrap_or(0);
-    if command.strict_horizon && !covered {
-        bail!(
-            "the formula reaches {horizon} samples past the first, but the trace has only {} samples",
-            trace.len()
-        );
-    }
-    let signal = monitor.robustness_signal(&trace)?;
+    let mut monitor = Monitor::new(&formula, samples.trace.names(), clock)?;
+    let cuts_windows = !command.strict_horizon && monitor.cuts_windows(samples.trace.len());
+    let signal = signal(&mut monitor, &samples, command.strict_horizon)?;
     let robustness = signal[0];
     if command.json {
-        let values: Vec<Value> = signal.iter().map(|value| number(*value)).collect();
-        output::json(json!({ "robustness": number(robustness), "robustness_signal": values }))?;
+        let head = json!({
+            "robustness": number(robustness),
+            "windows": if command.strict_horizon { "whole" } else { "cut" },
+            "cuts_windows": cuts_windows,
+        });
+        output::json_with_numbers(head, "robustness_signal", signal)?;
     } else {
         let verdict = match robustness {
             r if r > 0.0 => "satisfied",
@@ -51,15 +47,38 @@ pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
             _ => "neither satisfied nor violated",
         };
         output::line(&format!("robustness {robustness} at time 0: {verdict}"))?;
-        if !covered {
+        if cuts_windows {
             output::message(&format!(
-                "note: the formula reaches {horizon} samples past the first, but the trace has only {} samples; \
-                 intervals are truncated at its end (with --strict-horizon this is an error)",
-                trace.len()
+                "note: a window extends past the end of the trace, which has {} samples; it is cut there, as in RTAMT, \
+                 and whole windows may give another verdict (--strict-horizon uses whole windows only)",
+                samples.trace.len()
             ));
         }
     }
     Ok(if robustness < 0.0 { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
+/// Returns the robustness signal: all samples with cut windows, or the decided ones, of which there is at least one.
+fn signal<'m>(monitor: &'m mut Monitor, samples: &Samples, strict_horizon: bool) -> Result<&'m [f64]> {
+    let trace = &samples.trace;
+    if !strict_horizon {
+        return Ok(monitor.robustness_signal(trace)?);
+    }
+    let needed = monitor.needed_samples();
+    ensure!(
+        needed <= trace.len(),
+        "the formula needs {needed} samples, but the trace has only {}; without --strict-horizon, windows are cut at its \
+         end",
+        trace.len()
+    );
+    let signal = monitor.decided_robustness_signal(trace)?;
+    ensure!(
+        signal[0].is_finite(),
+        "the robustness at time 0 is {}: it depends on no sample of the trace; without --strict-horizon, empty windows \
+         are allowed",
+        signal[0]
+    );
+    Ok(signal)
 }
 
 fn unit(text: &str) -> Result<TimeUnit> {
@@ -70,62 +89,22 @@ fn unit(text: &str) -> Result<TimeUnit> {
         .with_context(|| format!("--unit is `{text}`; it must be one of {}", known.join(", ")))
 }
 
-/// Reads a trace: a header with the signal names, then one row of numbers per sample.
-fn read(path: &Path) -> Result<Trace> {
-    let mut text = String::new();
+/// Opens a file, or stdin for `-`.
+fn source(path: &Path) -> Result<Box<dyn Read>> {
     if path.as_os_str() == "-" {
-        std::io::stdin().read_to_string(&mut text)?;
-    } else {
-        text = std::fs::read_to_string(path)?;
+        return Ok(Box::new(std::io::stdin()));
     }
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-    let names: Arc<[String]> = reader.headers()?.iter().map(str::to_string).collect();
-    ensure!(!names.is_empty(), "the file is empty; the first line must contain the signal names");
-    for (i, name) in names.iter().enumerate() {
-        ensure!(!name.is_empty(), "column {} has no name in the header", i + 1);
-        ensure!(!names[..i].contains(name), "two columns are named `{name}`");
-    }
-    let mut trace = Trace::new(names.clone());
-    let mut sample = vec![0.0; names.len()];
-    for (row, record) in reader.records().enumerate() {
-        let record = record?;
-        for ((value, cell), name) in sample.iter_mut().zip(&record).zip(names.iter()) {
-            *value = cell
-                .parse()
-                .ok()
-                .with_context(|| format!("line {}: `{name}` is `{cell}`, which is not a number", row + 2))?;
-        }
-        trace.push(&sample);
-    }
-    ensure!(!trace.is_empty(), "the file has a header, but no samples");
-    Ok(trace)
+    Ok(Box::new(File::open(path)?))
 }
 
-/// Returns the sampling period in seconds: `--period`, or else the mean step of the column `time`, or else 1.
-fn period(trace: &Trace, flag: Option<f64>) -> Result<f64> {
-    let times = trace.signal(TIME).filter(|times| times.len() > 1);
-    let Some(times) = times else { return Ok(flag.unwrap_or(1.0)) };
-    let found = (times[times.len() - 1] - times[0]) / (times.len() - 1) as f64;
-    ensure!(found > 0.0, "column `{TIME}` does not increase");
-    let uneven =
-        |(i, pair): (usize, &[f64])| (((pair[1] - pair[0]) / found - 1.0).abs() > JITTER).then_some(i);
-    if let Some(sample) = times.windows(2).enumerate().find_map(uneven) {
-        bail!(
-            "samples must be evenly spaced; column `{TIME}` steps from {} to {} after line {}, its mean step is \
-             {found}",
-            times[sample],
-            times[sample + 1],
-            sample + 2
-        );
+/// Checks the names in the formula against all columns. Only the columns of the formula are read later, so that errors
+/// about them could not name the others.
+fn check_signals(formula: &Formula, columns: &[String]) -> Result<()> {
+    match Monitor::new(formula, columns, Clock::steps(1.0)) {
+        Err(error @ (MonitorError::UnknownSignal { .. } | MonitorError::ShadowsSignal { .. })) => {
+            bail!(error)
+        }
+        // The period is not known yet, so that other errors have no meaning.
+        _ => Ok(()),
     }
-    if let Some(period) = flag {
-        ensure!(
-            (period / found - 1.0).abs() <= JITTER,
-            "--period is {period} s, but the mean step of column `{TIME}` is {found} s; leave out --period"
-        );
-        return Ok(period);
-    }
-    // Rounded times, such as 0.03333 for 1/30, give an inexact period. A nearly integer sampling rate is meant exactly.
-    let rate = (1.0 / found).round();
-    Ok(if (found * rate - 1.0).abs() < 1e-4 { 1.0 / rate } else { found })
 }

@@ -77,6 +77,11 @@ options! {
 /// The random numbers differ from SciPy's, which has another generator. The distributions and decisions are the same.
 /// An initial point is redrawn until its value is finite. Every coordinate is treated as continuous.
 ///
+/// # Units
+/// Jumps, the step of the finite differences (1e-8) and the gradient of the local search (`gtol` 1e-5) are in fractions of the
+/// box. SciPy 1.17.1 has the same numbers in the units of its bounds, so both agree for the bounds 0 and 1. Temperatures and
+/// the acceptance parameter have no unit of length. `docs/plans.md` compares all parameters.
+///
 /// # Reference
 /// Xiang, Sun, Fan and Gong, "Generalized simulated annealing algorithm and its application to the Thomson model",
 /// Physics Letters A 233, 1997. Xiang, Gubian, Suomela and Hoeng, "Generalized simulated annealing for global
