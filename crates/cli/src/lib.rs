@@ -4,6 +4,7 @@
 
 mod args;
 mod commands;
+mod corners;
 mod count;
 mod interrupt;
 mod live_curve;
