@@ -230,7 +230,9 @@ fn a_record_without_corners_is_measured_again_and_does_not_pass() {
         }
         fs::write(&path, serde_json::to_string_pretty(&record).unwrap() + "\n").unwrap();
     }
-    // The controller of a further seed is not kept, so it cannot be measured again.
+    assert_eq!(repository.states(&[1]), ["needs measurement"]);
+    // Without its controller, a further seed cannot be measured again.
+    fs::remove_file(repository.path("target/controllers/point-reaching-ppo-s1.safetensors")).unwrap();
     assert_eq!(repository.states(&[0, 1]), ["needs measurement", "done"]);
     repository.call(Selection::default(), |zoo| zoo.write_pages()).0.unwrap();
     let row = lines_of(&repository.page(), "| `point-reaching` | `ppo` |").remove(0);
