@@ -40,7 +40,9 @@ mod trajectory;
 pub use build::{VERSION, VERSION_AND_COMMIT, build};
 pub use curve::{Curve, CurveProblem, CurveRow, NoTrainingTime};
 pub use error::MishandleError;
-pub use evaluate::{evaluate, rejects_scenarios};
+pub use evaluate::{
+    EvaluationOutcome, evaluate, evaluation_request, evaluation_simulations, rejects_scenarios,
+};
 pub use falsify::{FalsifyProgress, falsify, search_entry};
 pub use home::{
     ShippedFile, controller_name, find_controller, home, home_description, picture_path, shipped_controller,

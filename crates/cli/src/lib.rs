@@ -4,6 +4,7 @@
 
 mod args;
 mod commands;
+mod corners;
 mod count;
 mod escape;
 mod interrupt;

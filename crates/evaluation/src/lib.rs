@@ -5,6 +5,9 @@
 //! [`Metrics`] reduces the verdicts to an [`EvaluationReport`]. [`wilson`], [`betting_mean`] and [`bootstrap_mean`]
 //! compute the confidence intervals; `tests/coverage.rs` measures how often they contain the true value.
 //!
+//! Random initial states hardly ever meet a corner of the initial box. [`Corners`] are its corners and its center, which
+//! [`evaluate_corners`] simulates separately.
+//!
 //! # Example
 //! ```
 //! use mishandle_evaluation::wilson;
@@ -14,12 +17,14 @@
 //! ```
 
 mod betting;
+mod corners;
 mod error;
 mod interval;
 mod metrics;
 mod run;
 
 pub use betting::betting_mean;
+pub use corners::{CornerReport, CornerResult, Corners, evaluate_corners};
 pub use error::EvaluationError;
 pub use interval::{Estimate, bootstrap_mean, wilson};
 pub use metrics::{EvaluationReport, FormulaRoles, Metrics};

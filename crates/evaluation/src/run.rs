@@ -91,15 +91,24 @@ pub fn evaluate<E: From<EvaluationError>>(
         let requests = (first..=last)
             .map(|number| evaluation.request(system.space(), number as u32))
             .collect::<Result<Vec<Request>, EvaluationError>>()?;
-        let episodes = system.rollout(&requests).map_err(EvaluationError::from)?;
-        if episodes.len() != requests.len() {
-            let (requested, returned) = (requests.len(), episodes.len());
-            return Err(EvaluationError::EpisodeCount { requested, returned }.into());
-        }
+        let episodes = simulate(system, &requests)?;
         episodes.iter().for_each(|episode| metrics.add(episode));
         if on_batch(&episodes)?.is_break() {
             break;
         }
     }
     Ok(metrics.report(evaluation.seed))
+}
+
+/// Runs a batch of simulations.
+pub(crate) fn simulate(
+    system: &mut dyn System,
+    requests: &[Request],
+) -> Result<Vec<Episode>, EvaluationError> {
+    let episodes = system.rollout(requests)?;
+    if episodes.len() != requests.len() {
+        let (requested, returned) = (requests.len(), episodes.len());
+        return Err(EvaluationError::EpisodeCount { requested, returned });
+    }
+    Ok(episodes)
 }

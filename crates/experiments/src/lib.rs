@@ -37,11 +37,12 @@ pub use plan::{SHIPPED_SEED, Training, algorithms, plan, seeds};
 pub use plan_entry::{PlanEntry, TrainingState};
 pub use provenance::{Difference, TrainingInputs, TrainingSummary, TrainingTime};
 pub use record::{
-    Conditions, EstimateRecord, EvaluationRecord, FalsificationRecord, Measurement, Record, TrialMeasurement,
+    Conditions, CornersRecord, EstimateRecord, EvaluationRecord, FailingPoint, FalsificationRecord,
+    Measurement, Record, TrialMeasurement,
 };
 pub use runner::{BenchmarkTask, ControllerUnderTest, LocalRunner, Runner};
 pub use selection::Selection;
 pub use statistics::{interquartile_mean, interquartile_mean_interval};
 pub use stored_curve::{StoredCurve, StoredCurveRow};
-pub use thresholds::{Rates, missed_thresholds, success_threshold};
+pub use thresholds::{CornerThreshold, Rates, missed_thresholds, success_threshold};
 pub use zoo::{Zoo, ZooObserver};

@@ -32,6 +32,7 @@ impl Conditions {
             episodes: EVALUATION_EPISODES,
             seed: EVALUATION_SEED,
             noise: NOISE_LEVELS,
+            corners: true,
         }
     }
 }

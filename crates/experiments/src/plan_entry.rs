@@ -183,7 +183,10 @@ pub(crate) fn entry(
     let state = match &record {
         _ if expected.settings.is_none() => TrainingState::NoSettings,
         _ if !reasons.is_empty() => unfinished(folder, training, &expected, reasons.join("; ")),
-        Some(record) if record.is_of(&conditions) && (is_recorded || !training.is_shipped()) => {
+        Some(record)
+            if (is_recorded && record.is_of(&conditions))
+                || (!training.is_shipped() && !is_recorded && record.is_of_except_corners(&conditions)) =>
+        {
             match record.falsification.is_none() && training.is_falsified() {
                 true => TrainingState::NeedsFalsification,
                 false => TrainingState::Done,

@@ -4,9 +4,9 @@
 //! the same bytes.
 
 use mishandle::StartRegion;
-use mishandle::evaluation::{Estimate, EvaluationReport};
+use mishandle::evaluation::{CornerReport, CornerResult, Estimate};
 use mishandle::falsification::{CampaignOutcome, TrialEnd, TrialOutcome};
-use mishandle::{ResolvedPlan, rejects_scenarios};
+use mishandle::{EvaluationOutcome, ResolvedPlan, rejects_scenarios};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -67,6 +67,9 @@ pub struct Conditions {
     pub seed: u64,
     /// Standard deviations of the action noise.
     pub noise: [f64; 2],
+    /// Whether corners of the initial box were evaluated; `false` in records that are older than this field.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub corners: bool,
 }
 
 /// What was measured of one controller.
@@ -123,13 +126,20 @@ pub struct EvaluationRecord {
     pub strict_success_rate: EstimateRecord,
     /// Dangerous behavior rate.
     pub dangerous_behavior_rate: EstimateRecord,
+    /// Fraction of simulations with any dangerous control step; `None` in records that are older than this field.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dangerous_episode_rate: Option<EstimateRecord>,
     /// Task completion time, control steps.
     pub task_completion_time: EstimateRecord,
+    /// Results at the corners and the center of the initial box; `None` in records that are older than this field.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corners: Option<CornersRecord>,
 }
 
 impl EvaluationRecord {
     /// Returns the record of an evaluation.
-    pub fn new(resolved: &ResolvedPlan, report: &EvaluationReport) -> EvaluationRecord {
+    pub fn new(resolved: &ResolvedPlan, outcome: &EvaluationOutcome) -> EvaluationRecord {
+        let report = &outcome.report;
         let ResolvedPlan { plan, target, .. } = resolved;
         let controller = target.components.first();
         let estimate =
@@ -151,7 +161,72 @@ impl EvaluationRecord {
             success_rate: EstimateRecord::from(&report.success_rate),
             strict_success_rate: estimate(&report.strict_success_rate),
             dangerous_behavior_rate: estimate(&report.dangerous_behavior_rate),
+            dangerous_episode_rate: report.dangerous_episode_rate.as_ref().map(EstimateRecord::from),
             task_completion_time: estimate(&report.task_completion_time),
+            corners: outcome.corners.as_ref().map(CornersRecord::from),
+        }
+    }
+}
+
+/// Results at the corners and the center of the initial box. Points that do not count are left out.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CornersRecord {
+    /// Number of simulations per point.
+    pub seeds: u32,
+    /// Number of corners.
+    pub n: u32,
+    /// Number of corners at which all simulations succeed.
+    pub succeeding: u32,
+    /// Number of corners at which all simulations succeed strictly; `None` without a strict formula.
+    pub strictly_succeeding: Option<u32>,
+    /// Whether all simulations at the center succeed; `None` if the center does not count.
+    pub center_succeeds: Option<bool>,
+    /// Whether all simulations at the center succeed strictly.
+    pub center_strictly_succeeds: Option<bool>,
+    /// The points at which a simulation fails or does not succeed strictly.
+    pub failing: Vec<FailingPoint>,
+}
+
+/// A point of the initial box at which a simulation fails or does not succeed strictly.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FailingPoint {
+    /// Values of the scenario's axes, in the task's units.
+    pub values: Vec<Option<f64>>,
+    /// Number of simulations with success.
+    pub successes: u32,
+    /// Number of simulations with strict success; `None` without a strict formula.
+    pub strict_successes: Option<u32>,
+}
+
+impl CornersRecord {
+    /// Returns whether all simulations at the corners and the center succeed.
+    pub fn all_succeed(&self) -> bool {
+        self.succeeding == self.n && self.center_succeeds != Some(false)
+    }
+}
+
+impl From<&CornerReport> for CornersRecord {
+    fn from(report: &CornerReport) -> CornersRecord {
+        let count = |holds: &dyn Fn(&CornerResult) -> bool| {
+            report.corners().filter(|point| holds(point)).count() as u32
+        };
+        let has_strict = report.points.iter().any(|point| point.strict_successes.is_some());
+        let fails = |point: &&CornerResult| !point.succeeds() || point.succeeds_strictly() == Some(false);
+        let failing = |point: &CornerResult| FailingPoint {
+            values: point.scenario.values().to_vec(),
+            successes: point.successes,
+            strict_successes: point.strict_successes,
+        };
+        CornersRecord {
+            seeds: report.seeds,
+            n: report.corners().count() as u32,
+            succeeding: count(&CornerResult::succeeds),
+            strictly_succeeding: has_strict.then(|| count(&|point| point.succeeds_strictly() == Some(true))),
+            center_succeeds: report.center().map(CornerResult::succeeds),
+            center_strictly_succeeds: report.center().and_then(CornerResult::succeeds_strictly),
+            failing: report.corners().chain(report.center()).filter(fails).map(failing).collect(),
         }
     }
 }
@@ -429,6 +504,13 @@ impl Record {
     /// Returns whether the controller was measured under these conditions.
     pub fn is_of(&self, conditions: &Conditions) -> bool {
         self.conditions.as_ref() == Some(conditions)
+    }
+
+    /// Returns whether the controller was measured under these conditions, with or without corners. A controller that was
+    /// not kept cannot be measured again.
+    pub fn is_of_except_corners(&self, conditions: &Conditions) -> bool {
+        let own = self.conditions.as_ref();
+        own.is_some_and(|own| Conditions { corners: conditions.corners, ..own.clone() } == *conditions)
     }
 
     /// Returns the evaluation at a noise level, counted from 0.

@@ -162,10 +162,10 @@ impl Runner for LocalRunner {
         let resolved = ResolvedPlan::new(&plan)?;
         with_run_file(&subject.run, || {
             let run = create_run(&resolved, Some(&subject.run))?;
-            let report = mishandle::evaluate(&resolved, run, |_| flow(stop))?;
-            match report.simulations < self.episodes {
-                true => Err(ExperimentError::Interrupted),
-                false => Ok(EvaluationRecord::new(&resolved, &report)),
+            let outcome = mishandle::evaluate(&resolved, run, |_| flow(stop))?;
+            match outcome.is_complete {
+                true => Ok(EvaluationRecord::new(&resolved, &outcome)),
+                false => Err(ExperimentError::Interrupted),
             }
         })
     }

@@ -1,13 +1,28 @@
 use crate::paper::{PaperPerformance, paper_performance};
 use crate::plan::{THRESHOLDS, algorithms};
 
-/// Measured success rates, percent.
+/// Measured success rates, percent, and results at the corners.
 #[derive(Clone, Copy, Debug)]
 pub struct Rates {
     /// Without noise and with noise.
     pub success: [f64; 2],
     /// Strict success without noise.
     pub strict: f64,
+    /// Corners without noise.
+    pub corners: CornerThreshold,
+}
+
+/// Whether a controller succeeds at all corners and the center of the initial box.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CornerThreshold {
+    /// It does, or the box has no corners.
+    Met,
+    /// It fails at a corner or the center.
+    Missed,
+    /// The corners were not evaluated, which counts as missed.
+    NotMeasured,
+    /// The corners were not evaluated, and the controller was not kept.
+    NotMeasurable,
 }
 
 /// Returns the least success rate without noise that a controller must reach, percent; `None` for an expert.
@@ -26,7 +41,8 @@ pub fn success_threshold(task: &str, algorithm: &str) -> Option<f64> {
     }
 }
 
-/// Returns the thresholds that `rates` miss, as a table shows them: `SR 95`. An expert has no thresholds.
+/// Returns the thresholds that `rates` miss, as a table shows them: `SR 95`. All controllers must succeed at the corners; an
+/// expert has no other thresholds.
 pub fn missed_thresholds(task: &str, algorithm: &str, rates: Rates) -> Vec<String> {
     let mut thresholds: Vec<(&str, f64, f64)> = Vec::new();
     thresholds
@@ -38,7 +54,15 @@ pub fn missed_thresholds(task: &str, algorithm: &str, rates: Rates) -> Vec<Strin
         thresholds.push(("strict SR", rates.strict, THRESHOLDS.strict));
     }
     let missed = thresholds.into_iter().filter(|(_, found, threshold)| found < threshold);
-    missed.map(|(name, _, threshold)| format!("{name} {threshold}")).collect()
+    let corners = match rates.corners {
+        CornerThreshold::Missed => Some("corners"),
+        CornerThreshold::NotMeasured => Some("corners not measured"),
+        CornerThreshold::Met | CornerThreshold::NotMeasurable => None,
+    };
+    missed
+        .map(|(name, _, threshold)| format!("{name} {threshold}"))
+        .chain(corners.map(String::from))
+        .collect()
 }
 
 #[cfg(test)]
@@ -47,11 +71,20 @@ mod tests {
 
     #[track_caller]
     fn check(task: &str, algorithm: &str, success: [f64; 2], strict: f64, expected: &[&str]) {
-        assert_eq!(
-            missed_thresholds(task, algorithm, Rates { success, strict }),
-            expected,
-            "{task} {algorithm}"
-        );
+        let rates = Rates { success, strict, corners: CornerThreshold::Met };
+        assert_eq!(missed_thresholds(task, algorithm, rates), expected, "{task} {algorithm}");
+    }
+
+    #[test]
+    fn a_failing_corner_and_corners_that_were_not_measured_miss_a_threshold() {
+        let missed = |algorithm, corners| {
+            let rates = Rates { success: [100.0; 2], strict: 100.0, corners };
+            missed_thresholds("ball-pushing", algorithm, rates)
+        };
+        assert_eq!(missed("ppo", CornerThreshold::Missed), ["corners"]);
+        assert_eq!(missed("expert", CornerThreshold::Missed), ["corners"]);
+        assert_eq!(missed("sac", CornerThreshold::NotMeasured), ["corners not measured"]);
+        assert!(missed("sac", CornerThreshold::NotMeasurable).is_empty());
     }
 
     #[test]

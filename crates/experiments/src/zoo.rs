@@ -112,6 +112,12 @@ impl<'a> Zoo<'a> {
         Ok(entries)
     }
 
+    /// Returns the thresholds that a controller misses, as the tables show them: `SR 95`, `corners`. A training run without
+    /// a record misses none.
+    pub fn missed_thresholds(&self, entry: &PlanEntry) -> Vec<String> {
+        entry.record.as_ref().map(|record| tables::missed(entry, record)).unwrap_or_default()
+    }
+
     /// Returns whether the repository keeps the learning curve of a training run.
     pub fn has_curve(&self, entry: &PlanEntry) -> bool {
         self.folder.curve(&entry.training).is_file()

@@ -15,8 +15,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use mishandle::controllers::Header;
 use mishandle::files::FileLock;
-use mishandle_experiments::{ExperimentError, NOISE_LEVELS, Selection, Zoo, ZooFolder, ZooObserver};
-use runner::{CURVE_COLUMNS, FakeRunner, SETTINGS, curve_rows, write_controller};
+use mishandle_experiments::{
+    CornersRecord, ExperimentError, NOISE_LEVELS, Selection, Zoo, ZooFolder, ZooObserver,
+};
+use runner::{CURVE_COLUMNS, FakeRunner, SETTINGS, corners, curve_rows, write_controller};
 
 /// A repository with one task and one settings file.
 struct Repository {
@@ -147,7 +149,7 @@ fn a_missing_controller_is_trained_measured_and_shown_once() {
     let page = repository.page();
     let rows = lines_of(&page, "| `point-reaching` | `ppo` |");
     // The paper's PPO: SR 93, DBR 0.26, TCT 29.3; TT 10500.
-    let figures = "97.0 [85.0, 98.0] | 97.0 [85.0, 98.0] | 97.00 [85.00, 98.00] | 14.0";
+    let figures = "97.0 [85.0, 98.0] | 97.0 [85.0, 98.0] | 4/4; strict 4/4 | 97.00 [85.00, 98.00] | 97.0 [85.0, 98.0] | 14.0";
     assert_eq!(rows[0], format!("| `point-reaching` | `ppo` | {figures} | 93 | 0.26 | 29.3 |  | c0ffee |"));
     assert!(rows[1].contains("| 87 | 0.27 | 29.8 | 1 of 2 |"), "{}", rows[1]);
     // 16 environments: the return of the fake curve is flat after 1024 environment steps.
@@ -160,7 +162,11 @@ fn a_missing_controller_is_trained_measured_and_shown_once() {
     let readme = repository.read("README.md");
     assert!(readme.contains("<img src=\"docs/tasks/point-reaching.png\""), "{readme}");
     let tasks = repository.read("docs/tasks.md");
-    assert!(tasks.contains("| `point-reaching` | `a` | - | - | 97.0 | 97.0 | 97.0 | 1 of 2 |"), "{tasks}");
+    let corners = "4/4; strict 4/4";
+    let row = format!(
+        "| `point-reaching` | `a` | - | - | - | 97.0 | 97.0 | 97.0 | {corners} | {corners} | 1 of 2 |"
+    );
+    assert!(tasks.contains(&row), "{tasks}");
     // A second call finds nothing to do.
     let calls = repository.runner.calls();
     repository.train(&[0]);
@@ -190,6 +196,54 @@ fn a_change_of_settings_or_task_is_named_and_the_controller_is_trained_again() {
     repository.train(&[0]);
     assert_eq!(repository.states(&[0]), ["done"]);
     assert_eq!(repository.runner.count("train"), trained);
+}
+
+#[test]
+fn a_controller_that_fails_at_a_corner_misses_a_threshold_beside_its_success_rate() {
+    let mut repository = Repository::new();
+    repository.runner.set_corners(Some(corners(3)));
+    repository.train(&[0]);
+    let page = repository.page();
+    assert!(page.contains("the others are below: `point-reaching` `ppo` (corners)"), "{page}");
+    let row = lines_of(&page, "| `point-reaching` | `ppo` |").remove(0);
+    assert!(row.contains("| **3/4**; strict **3/4** |") && row.contains("| corners | c0ffee |"), "{row}");
+    assert!(repository.read("docs/tasks.md").contains("| **3/4**; strict **3/4** |"));
+    // A failing center counts too.
+    repository.runner.set_corners(Some(CornersRecord { center_succeeds: Some(false), ..corners(4) }));
+    repository.call(ppo(&[0]), |zoo| zoo.measure(true)).0.unwrap();
+    let row = lines_of(&repository.page(), "| `point-reaching` | `ppo` |").remove(0);
+    assert!(row.contains("| **4/4, center fails**; strict 4/4 |") && row.contains("| corners |"), "{row}");
+}
+
+#[test]
+fn a_record_without_corners_is_measured_again_and_does_not_pass() {
+    let repository = Repository::new();
+    repository.train(&[0, 1]);
+    for name in ["ppo", "ppo-s1"] {
+        let path = repository.path(&format!("controllers/figures/point-reaching/{name}.json"));
+        let mut record: serde_json::Value =
+            serde_json::from_str(&fs::read_to_string(&path).unwrap()).unwrap();
+        record["conditions"].as_object_mut().unwrap().remove("corners");
+        for evaluation in record["evaluations"].as_array_mut().unwrap() {
+            evaluation.as_object_mut().unwrap().remove("corners");
+            evaluation.as_object_mut().unwrap().remove("dangerous_episode_rate");
+        }
+        fs::write(&path, serde_json::to_string_pretty(&record).unwrap() + "\n").unwrap();
+    }
+    assert_eq!(repository.states(&[1]), ["needs measurement"]);
+    // Without its controller, a further seed cannot be measured again.
+    fs::remove_file(repository.path("target/controllers/point-reaching-ppo-s1.safetensors")).unwrap();
+    assert_eq!(repository.states(&[0, 1]), ["needs measurement", "done"]);
+    repository.call(Selection::default(), |zoo| zoo.write_pages()).0.unwrap();
+    let row = lines_of(&repository.page(), "| `point-reaching` | `ppo` |").remove(0);
+    assert!(
+        row.contains("| not measured |") && row.contains("corners not measured; measurement out of date"),
+        "{row}"
+    );
+    assert!(repository.page().contains("`point-reaching` `ppo` (corners not measured)"));
+    repository.call(ppo(&[0]), |zoo| zoo.measure(false)).0.unwrap();
+    assert_eq!(repository.states(&[0, 1]), ["done"; 2]);
+    assert!(lines_of(&repository.page(), "| `point-reaching` | `ppo` |")[0].contains("| 4/4; strict 4/4 |"));
 }
 
 #[test]

@@ -89,6 +89,9 @@ pub struct Target {
     pub episode_steps: usize,
     /// Whether equal requests give bit-identical episodes.
     pub is_deterministic: bool,
+    /// Whether an episode depends on the seed of its request when every axis is nominal: the initial state, the
+    /// observations or the actions contain random numbers.
+    pub depends_on_seed: bool,
     /// Names and versions of the software that its episodes depend on, except this program.
     pub versions: Vec<(String, String)>,
     /// Check whether the requirement can be satisfied under a scenario. `None` means that it always can.

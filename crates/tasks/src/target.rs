@@ -66,6 +66,9 @@ impl TaskTarget {
             control_dt: CONTROL_DT,
             episode_steps: EPISODE_STEPS,
             is_deterministic: true,
+            depends_on_seed: definition.start_noise > 0.0
+                || self.noise.action_std > 0.0
+                || self.noise.observation_std > 0.0,
             versions: vec![("MuJoCo".to_string(), mishandle_world::mujoco_version())],
             reachable: Some(self.reachability_check()),
             factory: self.clone().factory(),

@@ -75,6 +75,8 @@ fn target_of(toy: &'static dyn Toy) -> Result<Target, RolloutError> {
         control_dt: toy.control_dt(),
         episode_steps: toy.episode_steps(),
         is_deterministic: true,
+        // Toys have no random numbers except those that their noise axes make explicit.
+        depends_on_seed: axes.iter().any(|axis| axis.nominal.is_none()),
         versions: Vec::new(),
         reachable: None,
         factory: Arc::new(move |space: &Space, specification: &Specification| {
@@ -176,6 +178,20 @@ mod tests {
                 let drawn = Request::new(space.sample(Seed(1), 0), Seed(3));
                 assert!(system.rollout(&[drawn]).is_ok());
             }
+        }
+    }
+
+    #[test]
+    fn a_toy_declares_whether_its_episodes_depend_on_the_seed() {
+        for toy in TOYS {
+            let target = target(&format!("toy/{}", toy.name())).unwrap().unwrap();
+            let requirement = Formula::parse(&target.formulas[0].text).unwrap();
+            let starts = target.space("starts").unwrap();
+            let mut system = target.system(&starts, &Specification::new(requirement)).unwrap();
+            let requests = [1, 2].map(|seed| Request::new(starts.nominal(), Seed(seed)));
+            let episodes = system.rollout(&requests).unwrap();
+            let differ = episodes[0].trace != episodes[1].trace;
+            assert_eq!(target.depends_on_seed, differ, "{}", toy.name());
         }
     }
 

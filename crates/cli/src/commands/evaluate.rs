@@ -1,8 +1,9 @@
 use anyhow::Result;
-use mishandle::evaluation::{Estimate, EvaluationReport};
-use mishandle::{EvaluatePlan, Plan, ResolvedPlan, StartRegion};
+use mishandle::evaluation::Estimate;
+use mishandle::{EvaluatePlan, EvaluationOutcome, Plan, ResolvedPlan, StartRegion};
 use serde_json::{Value, json};
 
+use crate::corners;
 use crate::output;
 use crate::progress::Bar;
 use crate::{ExitStatus, args, run};
@@ -16,21 +17,22 @@ pub fn run(command: &args::Evaluate) -> Result<ExitStatus> {
         run::open(command.resume.as_deref(), moved, command.out.as_deref(), || plan(command))?;
     let name = run::name(file.file());
     let path = file.file().path().to_path_buf();
-    let episodes = resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
-    bar.set_length(episodes);
-    let report = mishandle::evaluate(&resolved, file, |done| {
+    bar.set_length(mishandle::evaluation_simulations(&resolved));
+    let mut simulations = 0;
+    let outcome = mishandle::evaluate(&resolved, file, |done| {
+        simulations = done;
         bar.set_position(done);
         run::control_flow()
     })?;
     bar.clear();
-    if report.simulations < episodes {
-        run::report_interruption("evaluate", report.simulations, &name);
+    if !outcome.is_complete {
+        run::report_interruption("evaluate", simulations, &name);
         return Ok(ExitStatus::Interrupted);
     }
     if command.run.json {
-        output::json(document(&resolved, &report, &path.to_string_lossy()))?;
+        output::json(document(&resolved, &outcome, &path.to_string_lossy()))?;
     } else {
-        output::line(&text(&resolved, &report))?;
+        output::line(&text(&resolved, &outcome))?;
     }
     if starts(&resolved.plan) == StartRegion::Reachable && !mishandle::rejects_scenarios(&resolved) {
         output::message(
@@ -62,7 +64,8 @@ fn starts(plan: &Plan) -> StartRegion {
     plan.evaluate.as_ref().map_or(StartRegion::Whole, |evaluate| evaluate.starts)
 }
 
-fn document(resolved: &ResolvedPlan, report: &EvaluationReport, path: &str) -> Value {
+fn document(resolved: &ResolvedPlan, outcome: &EvaluationOutcome, path: &str) -> Value {
+    let report = &outcome.report;
     let mut own = json!({
         "box": starts(&resolved.plan),
         "leaves_out_starts": mishandle::rejects_scenarios(resolved),
@@ -83,10 +86,15 @@ fn document(resolved: &ResolvedPlan, report: &EvaluationReport, path: &str) -> V
             own[key] = output::estimate(estimate);
         }
     }
+    own["corners"] = outcome
+        .corners
+        .as_ref()
+        .map_or(Value::Null, |report| corners::document(resolved.space.axes(), report));
     output::joined(run::document(resolved, path), own)
 }
 
-fn text(resolved: &ResolvedPlan, report: &EvaluationReport) -> String {
+fn text(resolved: &ResolvedPlan, outcome: &EvaluationOutcome) -> String {
+    let report = &outcome.report;
     // A single value has a mean, but no confidence interval.
     let cells = |estimate: &Estimate, value: &dyn Fn(f64) -> String, end: &dyn Fn(f64) -> String| {
         let interval =
@@ -120,6 +128,9 @@ fn text(resolved: &ResolvedPlan, report: &EvaluationReport) -> String {
         StartRegion::Reachable => ", initial states from the reachable part of the box",
     };
     let mut text = format!("{}{part}\n\n{}", run::heading(resolved), output::table(&rows));
+    if let Some(report) = &outcome.corners {
+        text.push_str(&format!("\n\n{}", corners::text(resolved.space.axes(), report)));
+    }
     if let Some(counts) = run::without_verdict(report.diverged, report.invalid, report.undecided) {
         text.push_str(&format!("\n\n{counts}; they do not count as successes"));
     }

@@ -103,7 +103,10 @@ fn line(zoo: &Zoo<'_>, entry: &PlanEntry) -> String {
     let is_adopted = entry.summary.as_ref().is_some_and(|summary| summary.adopted);
     let adopted = if is_trained && is_adopted { ", adopted" } else { "" };
     let curve = if is_trained && !zoo.has_curve(entry) { ", no learning curve" } else { "" };
-    format!("{:<28} {}{adopted}{curve}", entry.training.name(), entry.state)
+    let missed = zoo.missed_thresholds(entry);
+    let below =
+        if missed.is_empty() { String::new() } else { format!(", below threshold: {}", missed.join(", ")) };
+    format!("{:<28} {}{adopted}{curve}{below}", entry.training.name(), entry.state)
 }
 
 fn document(zoo: &Zoo<'_>, entry: &PlanEntry) -> Value {
@@ -128,6 +131,7 @@ fn document(zoo: &Zoo<'_>, entry: &PlanEntry) -> Value {
         "has_curve": zoo.has_curve(entry),
         "success_rate": rate(0),
         "success_rate_with_noise": rate(1),
+        "missed_thresholds": zoo.missed_thresholds(entry),
     })
 }
 

@@ -7,9 +7,9 @@ mod training;
 use crate::folder::ZooFolder;
 use crate::pages::replace;
 use crate::{
-    BenchmarkTask, EVALUATION_EPISODES, EstimateRecord, EvaluationRecord, ExperimentError, NOISE_LEVELS,
-    PaperPerformance, PlanEntry, Rates, Record, SHIPPED_SEED, TrainingState, algorithms, missed_thresholds,
-    paper_performance,
+    BenchmarkTask, CornerThreshold, CornersRecord, EVALUATION_EPISODES, EstimateRecord, EvaluationRecord,
+    ExperimentError, NOISE_LEVELS, PaperPerformance, PlanEntry, Rates, Record, SHIPPED_SEED, TrainingState,
+    algorithms, missed_thresholds, paper_performance,
 };
 
 /// An empty cell.
@@ -17,6 +17,9 @@ const NOTHING: &str = "-";
 
 /// A cell for something that the plan has and nobody has run.
 const NOT_RUN: &str = "not run";
+
+/// A cell of the corners in a record from before they were evaluated.
+const NOT_MEASURED: &str = "not measured";
 
 /// The page of the shipped controllers.
 const PAGE: &str = "controllers/README.md";
@@ -87,8 +90,8 @@ fn pictures(shown: &Shown<'_>) -> String {
 /// One row per task: its formula, the expert's success rates and those of the shipped PPO.
 fn tasks(shown: &Shown<'_>) -> String {
     let mut table = String::from(
-        "| task | success | expert: SR | strict | PPO: SR | SR, noise 0.5 | strict | falsified trials, noise 0.5 |\n\
-         |---|---|--:|--:|--:|--:|--:|--:|\n",
+        "| task | success | expert: SR | strict | corners | PPO: SR | SR, noise 0.5 | strict | corners | corners, noise 0.5 | \
+         falsified trials, noise 0.5 |\n|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n",
     );
     for BenchmarkTask { name, formulas, .. } in shown.tasks {
         let ppo = shown.recorded(name, "ppo", SHIPPED_SEED);
@@ -97,13 +100,16 @@ fn tasks(shown: &Shown<'_>) -> String {
         };
         let of_ppo = |noise: usize, of: Rate| rate(ppo.map(|(_, record)| record), noise, of);
         table += &format!(
-            "| `{name}` | `{}` | {} | {} | {} | {} | {} | {} |\n",
+            "| `{name}` | `{}` | {} | {} | {} | {} | {} | {} | {} | {} | {} |\n",
             formulas[0],
             rate(shown.expert(name), 0, success),
             rate(shown.expert(name), 0, strict),
+            corners(shown.expert(name).and_then(|record| record.evaluation(0))),
             of_ppo(0, success),
             of_ppo(1, success),
             of_ppo(0, strict),
+            corners(ppo.and_then(|(_, record)| record.evaluation(0))),
+            corners(ppo.and_then(|(_, record)| record.evaluation(1))),
             ppo.map_or(NOTHING.to_string(), |(entry, record)| falsified_trials(entry, record)),
         );
     }
@@ -114,8 +120,8 @@ fn tasks(shown: &Shown<'_>) -> String {
 fn performance(shown: &Shown<'_>, noise: usize) -> String {
     let mut table = format!(
         "{EVALUATION_EPISODES} initial states, {}.\n\n\
-         | task | controller | SR | strict SR | DBR | TCT | paper: SR | paper: DBR | paper: TCT | {} | commit |\n\
-         |---|---|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
+         | task | controller | SR | strict SR | corners | DBR | episodes with danger | TCT | paper: SR | paper: DBR | paper: TCT | {} | commit |\n\
+         |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|---|\n",
         if noise == 0 {
             "without action noise".to_string()
         } else {
@@ -131,11 +137,16 @@ fn performance(shown: &Shown<'_>, noise: usize) -> String {
                         if noise == 0 { remarks(entry, record) } else { falsified_trials(entry, record) };
                     table += &rows(record, algorithm, noise, &last);
                 }
-                None => table += &format!("| `{task}` | `{algorithm}` | {NOT_RUN} | | | | | | | | |\n"),
+                None => table += &format!("| `{task}` | `{algorithm}` | {NOT_RUN} | | | | | | | | | | |\n"),
             }
         }
         if let Some(expert) = shown.expert(task) {
-            table += &rows(expert, "expert", noise, if noise == 0 { "" } else { NOTHING });
+            let last = match noise {
+                0 => missed_thresholds(task, "expert", rates(expert, corner_threshold(expert, true)))
+                    .join("; "),
+                _ => NOTHING.to_string(),
+            };
+            table += &rows(expert, "expert", noise, &last);
         }
     }
     table
@@ -187,21 +198,42 @@ fn value(record: &Record, noise: usize, rate: Rate) -> Option<f64> {
     rate(record.evaluation(noise)?).value
 }
 
-/// The four averages of an evaluation with their intervals, as cells.
+/// An average with its interval.
+fn shown_estimate(estimate: EstimateRecord, show: &dyn Fn(Option<f64>) -> String) -> String {
+    match (estimate.low, estimate.high) {
+        (Some(low), Some(high)) => {
+            format!("{} [{}, {}]", show(estimate.value), show(Some(low)), show(Some(high)))
+        }
+        _ => show(estimate.value),
+    }
+}
+
+/// Returns at how many corners a controller succeeds, and succeeds strictly: `4/4, strict 3/4`. A failure is in bold.
+fn corners(evaluation: Option<&EvaluationRecord>) -> String {
+    let Some(evaluation) = evaluation else { return NOTHING.to_string() };
+    let Some(found) = &evaluation.corners else { return NOT_MEASURED.to_string() };
+    let cell = |count: u32, center: Option<bool>| {
+        let center = if center == Some(false) { ", center fails" } else { "" };
+        let text = format!("{count}/{}{center}", found.n);
+        if count == found.n && center.is_empty() { text } else { format!("**{text}**") }
+    };
+    let strict = found.strictly_succeeding.map(|count| cell(count, found.center_strictly_succeeds));
+    let success = cell(found.succeeding, found.center_succeeds);
+    strict.map_or(success.clone(), |strict| format!("{success}; strict {strict}"))
+}
+
+/// The averages of an evaluation with their intervals and the corners, as cells.
 fn figures(evaluation: Option<&EvaluationRecord>) -> String {
     let cell = |of: Rate, show: &dyn Fn(Option<f64>) -> String| {
-        let estimate = evaluation.map(|evaluation| *of(evaluation)).unwrap_or_default();
-        match (estimate.low, estimate.high) {
-            (Some(low), Some(high)) => {
-                format!("{} [{}, {}]", show(estimate.value), show(Some(low)), show(Some(high)))
-            }
-            _ => show(estimate.value),
-        }
+        shown_estimate(evaluation.map(|evaluation| *of(evaluation)).unwrap_or_default(), show)
     };
+    let dangerous = evaluation.and_then(|evaluation| evaluation.dangerous_episode_rate.as_ref());
     [
         cell(success, &|value| percent(value, 1)),
         cell(strict, &|value| percent(value, 1)),
+        corners(evaluation),
         cell(|evaluation| &evaluation.dangerous_behavior_rate, &|value| percent(value, 2)),
+        shown_estimate(dangerous.copied().unwrap_or_default(), &|value| percent(value, 1)),
         cell(|evaluation| &evaluation.task_completion_time, &|value| decimal(value, 1)),
     ]
     .join(" | ")
@@ -222,10 +254,29 @@ fn remarks(entry: &PlanEntry, record: &Record) -> String {
 }
 
 /// Returns the thresholds that a controller misses.
-fn missed(entry: &PlanEntry, record: &Record) -> Vec<String> {
+pub(crate) fn missed(entry: &PlanEntry, record: &Record) -> Vec<String> {
+    let corners = corner_threshold(record, entry.training.is_shipped());
+    missed_thresholds(&record.task, &entry.training.algorithm, rates(record, corners))
+}
+
+fn rates(record: &Record, corners: CornerThreshold) -> Rates {
     let rate = |noise: usize, rate: Rate| value(record, noise, rate).map_or(0.0, |rate| 100.0 * rate);
-    let rates = Rates { success: [rate(0, success), rate(1, success)], strict: rate(0, strict) };
-    missed_thresholds(&record.task, &entry.training.algorithm, rates)
+    Rates { success: [rate(0, success), rate(1, success)], strict: rate(0, strict), corners }
+}
+
+/// Returns whether a controller succeeds at the corners without noise. Those of further seeds are not kept.
+fn corner_threshold(record: &Record, is_kept: bool) -> CornerThreshold {
+    let measured = record.evaluation(0).and_then(|evaluation| evaluation.corners.as_ref());
+    match measured.map(CornersRecord::all_succeed) {
+        Some(true) => CornerThreshold::Met,
+        Some(false) => CornerThreshold::Missed,
+        // An evaluation of a space without corners has none to measure.
+        None if record.conditions.as_ref().is_some_and(|conditions| conditions.corners) => {
+            CornerThreshold::Met
+        }
+        None if is_kept => CornerThreshold::NotMeasured,
+        None => CornerThreshold::NotMeasurable,
+    }
 }
 
 fn curves(drawn: &[String]) -> String {

@@ -9,7 +9,7 @@ use mishandle::controllers::{ControllerFile, Header};
 use mishandle::training::{AlgorithmSettings, TimeShares, TrainingControl, TrainingProgress};
 use mishandle::{StartRegion, TrainObserver, TrainPlan};
 use mishandle_experiments::{
-    BenchmarkTask, ControllerUnderTest, EstimateRecord, EvaluationRecord, ExperimentError,
+    BenchmarkTask, ControllerUnderTest, CornersRecord, EstimateRecord, EvaluationRecord, ExperimentError,
     FalsificationRecord, Runner, TrialMeasurement,
 };
 
@@ -41,12 +41,26 @@ pub fn write_controller(path: &Path, change: impl Fn(&mut Header)) {
     file.save(path).unwrap();
 }
 
+/// Results at the four corners of a box, of which this number succeeds.
+pub fn corners(succeeding: u32) -> CornersRecord {
+    CornersRecord {
+        seeds: 1,
+        n: 4,
+        succeeding,
+        strictly_succeeding: Some(succeeding),
+        center_succeeds: Some(true),
+        center_strictly_succeeds: Some(true),
+        failing: Vec::new(),
+    }
+}
+
 pub struct FakeRunner {
     tasks: Vec<BenchmarkTask>,
     calls: Mutex<Vec<String>>,
     stops_training: AtomicBool,
     rate: f64,
     leaves_out_starts: bool,
+    corners: Option<CornersRecord>,
 }
 
 impl FakeRunner {
@@ -65,6 +79,7 @@ impl FakeRunner {
             stops_training: AtomicBool::new(false),
             rate: 0.97,
             leaves_out_starts: false,
+            corners: Some(corners(4)),
         }
     }
 
@@ -80,6 +95,11 @@ impl FakeRunner {
     /// Every later evaluation finds this rate.
     pub fn set_rate(&mut self, rate: f64) {
         self.rate = rate;
+    }
+
+    /// Every later evaluation finds these results at the corners.
+    pub fn set_corners(&mut self, corners: Option<CornersRecord>) {
+        self.corners = corners;
     }
 
     pub fn leave_out_starts(&mut self) {
@@ -189,7 +209,9 @@ impl Runner for FakeRunner {
             success_rate: estimate,
             strict_success_rate: estimate,
             dangerous_behavior_rate: estimate,
+            dangerous_episode_rate: Some(estimate),
             task_completion_time: EstimateRecord { value: Some(14.0), ..EstimateRecord::default() },
+            corners: self.corners.clone(),
         })
     }
 

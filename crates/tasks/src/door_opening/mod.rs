@@ -1,6 +1,6 @@
 //! Door opening: pull a door open by its lever handle.
 //!
-//! Every initial state counts as reachable, because there is no proof of the contrary: the nearest corner of the farthest
+//! Every initial state is reachable: the expert opens the doors of all four corners. The nearest corner of the farthest
 //! door's lever is 0.955 m from the shoulder, and the tip of an open finger reaches 0.984 m. A finger on the lever pulls by
 //! friction alone.
 
