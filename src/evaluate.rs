@@ -2,9 +2,10 @@ use std::ops::ControlFlow;
 
 use mishandle_evaluation::{Evaluation, EvaluationReport, FormulaRoles, Metrics};
 use mishandle_rollout::{AxisKind, Request, Scenario, Seed, Space, Target};
-use mishandle_store::{RunWriter, TrialStatus};
+use mishandle_store::{RunFile, RunWriter, TrialRecord, TrialStatus, TrialSummary};
 
 use crate::record;
+use crate::replay::header;
 use crate::{EvaluatePlan, MishandleError, ResolvedPlan, StartRegion};
 
 /// Number of the only trial of an evaluation.
@@ -32,6 +33,8 @@ pub fn evaluate(
 ) -> Result<EvaluationReport, MishandleError> {
     let plan = &resolved.plan;
     let evaluate = plan.evaluate.as_ref().ok_or(MishandleError::MissingPlanTable { table: "evaluate" })?;
+    header::check(run.file().header(), resolved)?;
+    check_trials(resolved, run.file())?;
     let accepts = |scenario: &Scenario| is_reachable(resolved, scenario);
     let evaluation = Evaluation {
         filter: (evaluate.starts == StartRegion::Reachable).then_some(&accepts as &dyn Fn(&Scenario) -> bool),
@@ -46,8 +49,12 @@ pub fn evaluate(
     for simulation in run.file().simulations() {
         let episode = record::episode(&simulation?)?;
         let expected = evaluation.request(&resolved.space, metrics.simulations() as u32 + 1)?;
-        let Request { number, seed, scenario, .. } = &episode.request;
-        if (*number, *seed) != (expected.number, expected.seed) || !scenario.is_same(&expected.scenario) {
+        let Request { trial, number, seed, scenario, unit_point, .. } = &episode.request;
+        let is_same = (*trial, *number, *seed) == (TRIAL, expected.number, expected.seed)
+            && scenario.is_same(&expected.scenario)
+            && unit_point.is_empty()
+            && u64::from(*number) <= evaluate.episodes;
+        if !is_same {
             return Err(MishandleError::SimulationMismatch { number: expected.number });
         }
         metrics.add(&episode);
@@ -67,6 +74,46 @@ pub fn evaluate(
     }
     run.close()?;
     Ok(report)
+}
+
+/// Checks that a run has no trial but that of an evaluation.
+fn check_trials(resolved: &ResolvedPlan, run: &RunFile) -> Result<(), MishandleError> {
+    let episodes = resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
+    let mut differences = Vec::new();
+    for TrialSummary { trial, counts, .. } in run.trials()? {
+        differences.extend(trial_difference(resolved, &trial));
+        if trial.status == TrialStatus::BudgetSpent && counts.simulations < episodes {
+            differences.push(format!(
+                "status of trial {}: recorded as complete, but it has {} of {episodes} simulations",
+                trial.number, counts.simulations
+            ));
+        }
+    }
+    if differences.is_empty() { Ok(()) } else { Err(MishandleError::RunMismatch { differences }) }
+}
+
+/// Describes the difference between a recorded trial and the only trial of an evaluation.
+pub(crate) fn trial_difference(resolved: &ResolvedPlan, trial: &TrialRecord) -> Option<String> {
+    let TrialRecord { number, seed, status } = *trial;
+    let planned = resolved.plan.seed;
+    if number != TRIAL {
+        Some(format!("trial {number}: an evaluation has only trial {TRIAL}"))
+    } else if seed != planned {
+        Some(format!("seed of trial {TRIAL}: recorded {seed}, expected {planned}"))
+    } else if !matches!(status, TrialStatus::Running | TrialStatus::BudgetSpent) {
+        Some(format!("status of trial {TRIAL}: recorded {status:?}, expected Running or BudgetSpent"))
+    } else {
+        None
+    }
+}
+
+/// Returns the request of simulation `number` of an evaluation.
+pub(crate) fn request(resolved: &ResolvedPlan, number: u32) -> Result<Request, MishandleError> {
+    let ResolvedPlan { plan, space, .. } = resolved;
+    let starts = plan.evaluate.as_ref().map(|evaluate| evaluate.starts);
+    let accepts = |scenario: &Scenario| is_reachable(resolved, scenario);
+    let filter = (starts == Some(StartRegion::Reachable)).then_some(&accepts as &dyn Fn(&Scenario) -> bool);
+    Ok(Evaluation { filter, ..Evaluation::new(0, Seed(plan.seed)) }.request(space, number)?)
 }
 
 fn is_reachable(resolved: &ResolvedPlan, scenario: &Scenario) -> bool {
