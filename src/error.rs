@@ -105,6 +105,14 @@ pub enum MishandleError {
         /// Number of the simulation.
         number: u32,
     },
+    /// A run file contradicts its plan.
+    #[error(
+        "the run file was changed, or another build made it: it differs from its plan: {}", differences.join("; ")
+    )]
+    RunMismatch {
+        /// Each difference, with the recorded and the expected value.
+        differences: Vec<String>,
+    },
     /// The plan lacks the table of the command.
     #[error("cannot {table}: the plan has no table [{table}]; resume a run with the command that made it")]
     MissingPlanTable {

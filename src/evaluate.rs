@@ -5,9 +5,10 @@ use mishandle_evaluation::{
     CornerReport, Corners, Evaluation, EvaluationReport, FormulaRoles, Metrics, evaluate_corners,
 };
 use mishandle_rollout::{AxisKind, Episode, Request, Scenario, Seed, Space, Target};
-use mishandle_store::{RunWriter, TrialStatus};
+use mishandle_store::{RunFile, RunWriter, TrialRecord, TrialStatus, TrialSummary};
 
 use crate::record;
+use crate::replay::header;
 use crate::{EvaluatePlan, MishandleError, ResolvedPlan, StartRegion};
 
 /// Number of the trial of the random simulations. [`Corners::TRIAL`] is the other one.
@@ -72,8 +73,16 @@ fn corners(resolved: &ResolvedPlan) -> Option<Corners> {
 
 /// Returns the number of simulations of an evaluation: the random ones, and those of the corners and the center.
 pub fn evaluation_simulations(resolved: &ResolvedPlan) -> u64 {
-    let episodes = resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
-    episodes + corners(resolved).map_or(0, |corners| u64::from(corners.simulations()))
+    [TRIAL, Corners::TRIAL].into_iter().filter_map(|trial| planned_simulations(resolved, trial)).sum()
+}
+
+/// Returns the number of simulations of a trial of an evaluation; `None` if its plan has no such trial.
+fn planned_simulations(resolved: &ResolvedPlan, trial: u32) -> Option<u64> {
+    match trial {
+        TRIAL => Some(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes)),
+        Corners::TRIAL => corners(resolved).map(|corners| corners.simulations().into()),
+        _ => None,
+    }
 }
 
 /// Returns the request that the plan of an evaluation derives for a simulation; `None` if it has no such simulation.
@@ -113,6 +122,8 @@ fn run_requests(
     mut run: RunWriter,
     mut watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<EvaluationOutcome, MishandleError> {
+    header::check(run.file().header(), resolved)?;
+    check_trials(resolved, run.file())?;
     let (plan, roles) = (&resolved.plan, FormulaRoles::of(&resolved.specification));
     let mut metrics = Metrics::new(roles).with_completion_times_of_failures(plan.preset == COUNTS_FAILURES);
     let excludes_unreachable =
@@ -140,14 +151,14 @@ fn run_requests(
     let mut done = 0;
     for simulation in run.file().simulations() {
         let episode = record::episode(&simulation?)?;
-        let Request { trial, number, seed, scenario, .. } = &episode.request;
+        let Request { trial, number, seed, scenario, unit_point, .. } = &episode.request;
         let next = match (&corners, *trial) {
             (Some((_, report)), Corners::TRIAL) => u64::from(report.simulations()) + 1,
             _ => metrics.simulations() + 1,
         };
-        let is_expected = requests
-            .request(*trial, *number)?
-            .is_some_and(|expected| expected.seed == *seed && expected.scenario.is_same(scenario));
+        let is_expected = requests.request(*trial, *number)?.is_some_and(|expected| {
+            expected.seed == *seed && expected.scenario.is_same(scenario) && unit_point.is_empty()
+        });
         if u64::from(*number) != next || !is_expected {
             return Err(MishandleError::SimulationMismatch { number: next as u32 });
         }
@@ -184,6 +195,40 @@ fn run_requests(
     }
     run.close()?;
     Ok(outcome)
+}
+
+/// Checks that a run has no trials but those of an evaluation.
+fn check_trials(resolved: &ResolvedPlan, run: &RunFile) -> Result<(), MishandleError> {
+    let mut differences = Vec::new();
+    for TrialSummary { trial, counts, .. } in run.trials()? {
+        differences.extend(trial_difference(resolved, &trial, counts.simulations));
+    }
+    if differences.is_empty() { Ok(()) } else { Err(MishandleError::RunMismatch { differences }) }
+}
+
+/// Describes the difference between a recorded trial with this number of simulations and the trial that the plan of an
+/// evaluation implies.
+pub(crate) fn trial_difference(
+    resolved: &ResolvedPlan,
+    trial: &TrialRecord,
+    simulations: u64,
+) -> Option<String> {
+    let TrialRecord { number, seed, status } = *trial;
+    let Some(planned) = planned_simulations(resolved, number) else {
+        return Some(format!("trial {number}: the plan has no such trial"));
+    };
+    let expected = resolved.plan.seed;
+    if seed != expected {
+        Some(format!("seed of trial {number}: recorded {seed}, expected {expected}"))
+    } else if !matches!(status, TrialStatus::Running | TrialStatus::BudgetSpent) {
+        Some(format!("status of trial {number}: recorded {status:?}, expected Running or BudgetSpent"))
+    } else if status == TrialStatus::BudgetSpent && simulations < planned {
+        Some(format!(
+            "status of trial {number}: recorded as complete, but it has {simulations} of {planned} simulations"
+        ))
+    } else {
+        None
+    }
 }
 
 fn is_reachable(resolved: &ResolvedPlan, scenario: &Scenario) -> bool {
@@ -277,7 +322,7 @@ mod tests {
         }
         assert_eq!(evaluate(&resolved, stopped, |_| ControlFlow::Continue(())).unwrap(), whole);
 
-        let file = mishandle_store::RunFile::open(&path).unwrap();
+        let file = RunFile::open(&path).unwrap();
         let counts: Vec<usize> = [1, 2]
             .map(|trial| file.simulations().filter(|found| found.as_ref().unwrap().trial == trial).count())
             .to_vec();

@@ -1,11 +1,12 @@
 use std::ops::ControlFlow;
 
-use mishandle_falsification::{Campaign, CampaignOutcome, CampaignSettings, TrialEnd};
+use mishandle_falsification::{Campaign, CampaignOutcome, CampaignSettings, Trial, TrialEnd};
 use mishandle_rollout::{Axis, AxisValues, Seed, Space};
 use mishandle_search::{Coordinate, SEARCHES, SearchEntry, SearchOptions, by_name, find_search};
-use mishandle_store::{RunWriter, TrialStatus};
+use mishandle_store::{RunWriter, TrialRecord, TrialStatus};
 
 use crate::record;
+use crate::replay::header;
 use crate::{FalsifyPlan, MishandleError, ResolvedPlan};
 
 /// Largest number of trials in a campaign, and of simulations in a trial. The campaign allocates memory for every trial
@@ -30,6 +31,7 @@ pub fn falsify(
 ) -> Result<CampaignOutcome, MishandleError> {
     let ResolvedPlan { plan, space, .. } = resolved;
     let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
+    header::check(run.file().header(), resolved)?;
     let FalsifyPlan { trials, budget, batch, .. } = *falsify;
     let settings = CampaignSettings { trials, budget, seed: Seed(plan.seed), batch: batch as usize };
     let (coordinates, options) = (coordinates(space), search_options(falsify));
@@ -44,7 +46,9 @@ pub fn falsify(
         progress.simulations += 1;
     }
     let mut started = vec![false; trials as usize];
+    let recorded = campaign.outcome();
     for trial in run.file().trials()? {
+        check_trial(resolved, &trial.trial, &recorded)?;
         // `replay` has already rejected simulations of trials that the plan does not have.
         if let Some(started) = started.get_mut((trial.trial.number as usize).wrapping_sub(1)) {
             *started = true;
@@ -100,7 +104,55 @@ pub struct FalsifyProgress {
     pub falsified: u32,
 }
 
-fn status(end: TrialEnd) -> TrialStatus {
+/// Checks seed and status of a recorded trial against the recorded simulations.
+fn check_trial(
+    resolved: &ResolvedPlan,
+    trial: &TrialRecord,
+    recorded: &CampaignOutcome,
+) -> Result<(), MishandleError> {
+    let mut differences: Vec<String> = seed_difference(resolved, trial).into_iter().collect();
+    let end =
+        recorded.trials.iter().find(|outcome| outcome.trial == trial.number).and_then(|outcome| outcome.end);
+    let is_consistent = match trial.status {
+        // The process can have been killed before it recorded the end, and a search can end without another simulation.
+        TrialStatus::Running | TrialStatus::Converged => true,
+        recorded => end.map(status) == Some(recorded),
+    };
+    if !is_consistent {
+        let expected = end.map_or(TrialStatus::Running, status);
+        differences.push(format!(
+            "status of trial {}: recorded {:?}, expected {expected:?}",
+            trial.number, trial.status
+        ));
+    }
+    if differences.is_empty() { Ok(()) } else { Err(MishandleError::RunMismatch { differences }) }
+}
+
+/// Describes the difference between the recorded seed of a trial and the seed that the plan gives it.
+pub(crate) fn seed_difference(resolved: &ResolvedPlan, trial: &TrialRecord) -> Option<String> {
+    let TrialRecord { number, seed, .. } = *trial;
+    let settings = CampaignSettings { seed: Seed(resolved.plan.seed), ..CampaignSettings::default() };
+    let Some(expected) = (number > 0).then(|| settings.trial_seed(number).0) else {
+        return Some("trial 0: trials are numbered from 1".to_string());
+    };
+    (seed != expected).then(|| format!("seed of trial {number}: recorded {seed}, expected {expected}"))
+}
+
+/// Returns trial `number` of the plan before its first simulation; `None` if the plan has no such trial.
+pub(crate) fn new_trial(resolved: &ResolvedPlan, number: u32) -> Result<Option<Trial>, MishandleError> {
+    let ResolvedPlan { plan, space, .. } = resolved;
+    let Some(falsify) = plan.falsify.as_ref().filter(|falsify| (1..=falsify.trials).contains(&number)) else {
+        return Ok(None);
+    };
+    let settings = CampaignSettings { seed: Seed(plan.seed), ..CampaignSettings::default() };
+    let seed = settings.trial_seed(number);
+    let search_seed = Trial::search_seed(seed);
+    let search = by_name(&falsify.search, &coordinates(space), search_seed, &search_options(falsify))?;
+    Ok(Some(Trial::new(number, seed, falsify.budget, search, space.clone())))
+}
+
+/// Returns the recorded status of a trial with this end.
+pub(crate) fn status(end: TrialEnd) -> TrialStatus {
     match end {
         TrialEnd::Falsified => TrialStatus::Falsified,
         TrialEnd::BudgetSpent => TrialStatus::BudgetSpent,

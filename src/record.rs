@@ -15,13 +15,13 @@ use crate::{MishandleError, Plan, ResolvedPlan, build, controller_name};
 const VERDICTS: [&str; 5] = ["success", "strict", "dangerous_steps", "completion_step", "total_reward"];
 
 /// Returns the names of all verdicts of a run that stores the minima of `subformulas` sub-formulas.
-fn verdict_names(subformulas: usize) -> Vec<String> {
+pub(crate) fn verdict_names(subformulas: usize) -> Vec<String> {
     let of = |i| [format!("subformula_{i}_minimum"), format!("subformula_{i}_step")];
     VERDICTS.map(String::from).into_iter().chain((1..=subformulas).flat_map(of)).collect()
 }
 
 /// Returns the header of a run.
-fn header(resolved: &ResolvedPlan) -> RunHeader {
+pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
     let ResolvedPlan { plan, target, space, specification, stored_subformulas } = resolved;
     // Absolute, so that the run can be resumed and replayed from every folder.
     let mut stored = plan.clone();

@@ -1,4 +1,10 @@
-use mishandle_rollout::{Episode, System};
+//! Replays recorded simulations and compares them with their records.
+
+pub(crate) mod header;
+mod simulation;
+mod trial;
+
+use mishandle_rollout::{Episode, Scenario, System};
 use mishandle_store::{RunFile, RunHeader, Simulation};
 
 use crate::record;
@@ -10,18 +16,24 @@ pub struct ReplayResult {
     pub recorded: Simulation,
     /// The replayed episode.
     pub episode: Episode,
-    /// Differences between record and replay. Empty if they are bit-identical.
+    /// Differences between the run file and what its plan and the replay give. Empty if everything recorded of the
+    /// simulation has the same bits.
     pub differences: Vec<String>,
     /// Differences between the recorded build and target and the present ones. Results can differ between builds.
     pub build_differences: Vec<String>,
 }
 
-/// Replays simulation `number` of trial `trial` and compares it with its record, bit for bit.
+/// Replays simulation `number` of trial `trial` and compares everything recorded of it, bit for bit.
+///
+/// A hash in the run file detects accidental damage, but anybody can compute it. So the replay derives what it compares:
+/// the header from the plan, seed and scenario from the seed of the run, and the results from the simulation. For a
+/// falsification it also derives the other points of the trial, from the recorded results of the earlier simulations.
 ///
 /// `controller` is the present path of the run's controller, if the file was moved.
 ///
 /// # Errors
-/// If the run has no such simulation, its plan cannot be resolved any more, or the controller differs from the run's.
+/// If the run has no such simulation, its plan cannot be resolved any more, the controller differs from the run's, or the
+/// target cannot run the recorded scenario.
 pub fn replay(
     run: &RunFile,
     trial: u32,
@@ -42,11 +54,21 @@ pub(crate) fn replay_in(
     system: &mut dyn System,
 ) -> Result<ReplayResult, MishandleError> {
     let recorded = run.simulation(trial, number)?;
+    let mut differences = header::differences(run.header(), resolved);
+    differences.extend(header::target_differences(run.header(), resolved)?);
+    differences.extend(trial::differences(run, &recorded, resolved)?);
+    let scenario = Scenario::new(recorded.scenario.clone());
+    if let Err(error) = resolved.space.check(&scenario) {
+        differences.push(format!("scenario of simulation {number} of trial {trial}: {error}"));
+        return Err(MishandleError::RunMismatch { differences });
+    }
     let mut episodes = system.rollout(&[record::request(&recorded, resolved.stored_subformulas > 0)])?;
     let episode = episodes.pop().ok_or(MishandleError::NoEpisode)?;
     let again = record::record(&episode, resolved.stored_subformulas);
+    let names = record::verdict_names(resolved.stored_subformulas);
+    differences.extend(simulation::differences(&recorded, &run.header().verdicts, &again, &names));
     Ok(ReplayResult {
-        differences: differences(&recorded, &again),
+        differences,
         build_differences: build_differences(run.header(), resolved),
         recorded,
         episode,
@@ -85,27 +107,6 @@ pub fn select_simulation(
         }
     }
     Ok(least.map(|simulation| (simulation.trial, simulation.number)))
-}
-
-fn differences(recorded: &Simulation, again: &Simulation) -> Vec<String> {
-    let bits = |value: Option<f64>| value.map(f64::to_bits);
-    let mut differences = Vec::new();
-    if recorded.end != again.end || recorded.steps != again.steps {
-        differences.push(format!(
-            "the recorded episode ended {:?} after {} control steps, the replay {:?} after {}",
-            recorded.end, recorded.steps, again.end, again.steps
-        ));
-    }
-    if bits(recorded.robustness) != bits(again.robustness) {
-        differences.push(format!(
-            "the recorded robustness is {:?}, the replayed robustness {:?}",
-            recorded.robustness, again.robustness
-        ));
-    }
-    if recorded.trace_digest != again.trace_digest {
-        differences.push("the traces differ".to_string());
-    }
-    differences
 }
 
 /// Resolves the plan of a run and checks that the controller is the same as in the run.
@@ -168,10 +169,8 @@ pub fn build_differences(header: &RunHeader, resolved: &ResolvedPlan) -> Vec<Str
             header.versions.iter().find(|(known, _)| known == name).map_or("unknown", |(_, version)| version);
         parts.push((name.as_str(), then, now.as_str()));
     }
-    // Runs upgraded from format 1 have no hash of their target.
-    if !header.target.hash.is_empty() {
-        parts.push(("hash of the target", &header.target.hash, &resolved.target.identity.hash));
-    }
+    let then = if header::is_from_version_1(header) { "unknown" } else { &header.target.hash };
+    parts.push(("hash of the target", then, &resolved.target.identity.hash));
     parts
         .iter()
         .filter(|(_, then, now)| then != now)

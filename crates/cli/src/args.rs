@@ -318,6 +318,9 @@ pub struct Evaluate {
     #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
     #[arg(conflicts_with_all = ["episodes", "starts", "out", "seed"])]
     pub resume: Option<PathBuf>,
+    /// Do not check the whole run file before reading it; a record is still checked when it is read
+    #[arg(long, requires = "resume")]
+    pub skip_check: bool,
     #[command(flatten)]
     pub run: Run,
 }
@@ -360,6 +363,9 @@ pub struct Falsify {
     #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
     #[arg(conflicts_with_all = ["search", "search_options", "formula", "trials", "budget", "out", "seed"])]
     pub resume: Option<PathBuf>,
+    /// Do not check the whole run file before reading it; a record is still checked when it is read
+    #[arg(long, requires = "resume")]
+    pub skip_check: bool,
     #[command(flatten)]
     pub run: Run,
 }
@@ -380,7 +386,8 @@ fn name_and_value(text: &str) -> Result<(String, String), String> {
   mishandle replay runs/RUN.sqlite                      the first counterexample
   mishandle replay runs/RUN.sqlite --trial 2 --simulation 17 --trace trace.csv
 
-Exit code 0 means that the replay is bit-identical to the record, 2 that it differs.")]
+Exit code 0 means that everything recorded of the simulation agrees with the plan of the run and with
+the replay, bit for bit; 2 that something differs.")]
 pub struct Replay {
     /// Run file of `mishandle evaluate` or `mishandle falsify`
     #[arg(value_name = "RUN")]
@@ -395,6 +402,9 @@ pub struct Replay {
     /// New path of the run's controller, if the file was moved
     #[arg(long, value_name = "C")]
     pub controller: Option<String>,
+    /// Do not check the whole run file before reading it; a record is still checked when it is read
+    #[arg(long)]
+    pub skip_check: bool,
     /// Write the trace to this CSV file
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
@@ -436,6 +446,9 @@ pub struct Render {
     /// New path of the run's controller, if the file was moved
     #[arg(long, value_name = "C", requires = "run")]
     pub controller: Option<String>,
+    /// Do not check the whole run file before reading it; a record is still checked when it is read
+    #[arg(long, requires = "run")]
+    pub skip_check: bool,
     /// Output file: .png for a picture or a filmstrip, .mp4 for a video
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,

@@ -59,6 +59,7 @@ pub fn plan(subject: &args::Subject, run: &args::Run) -> Result<Plan> {
 /// `new_plan`. `controller` is the new path of the controller of a resumed run.
 pub fn open(
     resume: Option<&Path>,
+    skip_check: bool,
     controller: Option<&str>,
     out: Option<&Path>,
     new_plan: impl FnOnce() -> Result<Plan>,
@@ -68,12 +69,22 @@ pub fn open(
         let run = mishandle::create_run(&resolved, out)?;
         return Ok((resolved, run));
     };
-    let run = RunWriter::resume(path)?;
+    let run = if skip_check { RunWriter::resume_unchecked(path) } else { RunWriter::resume(path) }?;
     let resolved = mishandle::recorded_plan(run.file().header(), controller)?;
     for difference in mishandle::build_differences(run.file().header(), &resolved) {
         output::message(&format!("warning: another build started the run: {difference}"));
     }
     Ok((resolved, run))
+}
+
+/// Opens a run file for reading.
+pub fn read(path: &Path, skip_check: bool) -> Result<RunFile> {
+    Ok(if skip_check { RunFile::open_unchecked(path) } else { RunFile::open(path) }?)
+}
+
+/// Describes the differences between a run file and the replay of a simulation, one per line.
+pub fn differences_text(differences: &[String]) -> String {
+    format!("the run file differs from its plan or from the replay:\n  {}", differences.join("\n  "))
 }
 
 /// Returns a one-line description of target and settings.

@@ -32,7 +32,7 @@ impl RunFile {
     /// Opens a run for reading, and checks the structure of the file and the hashes of all trials and simulations. A file
     /// of an older format is first upgraded in place.
     ///
-    /// The check reads the whole file except for the traces: about 1 s for 100,000 simulations with four axes.
+    /// The check reads the whole file except for the traces: about 1 s for 100,000 simulations of two axes.
     ///
     /// # Errors
     /// - [`Missing`](StoreError::Missing), [`NotARun`](StoreError::NotARun),

@@ -2,12 +2,11 @@ use std::path::Path;
 
 use anyhow::{Result, bail, ensure};
 use mishandle::StateTrajectory;
-use mishandle::store::RunFile;
 use mishandle::world::{Renderer, Size, png};
 
 use crate::progress::Bar;
 use crate::video::{self, Video};
-use crate::{ExitStatus, args, interrupt, output};
+use crate::{ExitStatus, args, interrupt, output, run};
 
 /// Approximate frame rate of a video, in frames per second. Consecutive frames are a whole number of control steps
 /// apart.
@@ -103,7 +102,7 @@ fn size(text: Option<&str>, default: (u32, u32)) -> Result<Size> {
 
 /// Replays a recorded simulation.
 fn recorded(path: &Path, command: &args::Render, size: Size) -> Result<(Renderer, StateTrajectory)> {
-    let run = RunFile::open(path)?;
+    let run = run::read(path, command.skip_check)?;
     let Some((trial, simulation)) = mishandle::select_simulation(&run, command.trial, command.simulation)?
     else {
         bail!("{} has no decided simulation; choose one with --trial and --simulation", path.display());
@@ -115,8 +114,12 @@ fn recorded(path: &Path, command: &args::Render, size: Size) -> Result<(Renderer
         output::message(&format!("warning: another build made the run: {difference}"));
     }
     if !replayed.differences.is_empty() {
-        bail!("the replay differs from the record: {}", replayed.differences.join("; "));
+        bail!("{}", run::differences_text(&replayed.differences));
     }
+    ensure!(
+        !trajectory.states.is_empty(),
+        "simulation {simulation} of trial {trial} has no states to render"
+    );
     output::message(&format!(
         "trial {trial}, simulation {simulation}: {} control steps",
         replayed.episode.steps

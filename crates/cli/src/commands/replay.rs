@@ -1,5 +1,5 @@
 use anyhow::{Result, bail};
-use mishandle::store::{self, RunFile};
+use mishandle::store;
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
@@ -7,7 +7,7 @@ use crate::{ExitStatus, args, run};
 
 pub fn run(command: &args::Replay) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
-    let file = RunFile::open(&command.file)?;
+    let file = run::read(&command.file, command.skip_check)?;
     let Some((trial, simulation)) = mishandle::select_simulation(&file, command.trial, command.simulation)?
     else {
         let in_trial = command.trial.map_or(String::new(), |trial| format!(" in trial {trial}"));
@@ -63,8 +63,8 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
         ))?;
     }
     if !replayed.differences.is_empty() {
-        bail!("the replay differs from the record: {}", replayed.differences.join("; "));
+        bail!("{}", run::differences_text(&replayed.differences));
     }
-    output::message("the replay is bit-identical to the record");
+    output::message("the replay is bit-identical to the record, which agrees with the plan of the run");
     Ok(ExitStatus::Done)
 }

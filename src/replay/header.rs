@@ -1,0 +1,108 @@
+//! Compares the header of a run with the header that its plan gives now.
+
+use std::fmt::Debug;
+
+use mishandle_store::{AxisRecord, RunHeader};
+
+use crate::record;
+use crate::{MishandleError, Plan, ResolvedPlan};
+
+/// Checks that a run to resume has the header of its plan.
+///
+/// # Errors
+/// [`RunMismatch`](MishandleError::RunMismatch) with all differences.
+pub(crate) fn check(recorded: &RunHeader, resolved: &ResolvedPlan) -> Result<(), MishandleError> {
+    match differences(recorded, resolved) {
+        differences if differences.is_empty() => Ok(()),
+        differences => Err(MishandleError::RunMismatch { differences }),
+    }
+}
+
+/// Lists the facts of the header that differ from the plan's, except for the build, the hash of the target and the
+/// components.
+pub(crate) fn differences(recorded: &RunHeader, resolved: &ResolvedPlan) -> Vec<String> {
+    let planned = &record::header(resolved);
+    let mut found = Found::default();
+    found.compare("kind of run", &recorded.kind, &planned.kind);
+    found.compare("kind of target", &recorded.target.kind, &planned.target.kind);
+    found.compare("target", &recorded.target.name, &planned.target.name);
+    found.compare("space", &recorded.space, &planned.space);
+    found.compare("formula", &recorded.formula, &planned.formula);
+    found.compare("search", &recorded.search, &planned.search);
+    found.compare("seed", &recorded.seed, &planned.seed);
+    found.compare("control period in seconds", &recorded.control_dt, &planned.control_dt);
+    found.compare("number of control steps", &recorded.episode_steps, &planned.episode_steps);
+    let names = |header: &RunHeader| -> Vec<String> {
+        header.signals.iter().map(|signal| signal.name.clone()).collect()
+    };
+    found.list("signal", &names(recorded), &names(planned));
+    found.list("axis", &axes(recorded), &axes(planned));
+    if !is_from_version_1(recorded) {
+        let is_deterministic = |header: &RunHeader| header.target.is_deterministic;
+        found.compare("determinism", &is_deterministic(recorded), &is_deterministic(planned));
+        let units = |header: &RunHeader| -> Vec<String> {
+            header.signals.iter().map(|signal| signal.unit.clone()).collect()
+        };
+        found.list("unit of signal", &units(recorded), &units(planned));
+        let formulas = |header: &RunHeader| -> Vec<String> {
+            header.formulas.iter().map(|formula| format!("{}: {}", formula.name, formula.text)).collect()
+        };
+        found.list("named formula", &formulas(recorded), &formulas(planned));
+        found.list("verdict", &recorded.verdicts, &planned.verdicts);
+    }
+    found.0
+}
+
+/// Lists the differences of the target and its components. Resuming a run reports them otherwise.
+pub(super) fn target_differences(
+    recorded: &RunHeader,
+    resolved: &ResolvedPlan,
+) -> Result<Vec<String>, MishandleError> {
+    let mut found = Found::default();
+    if !is_from_version_1(recorded) {
+        found.compare("hash of the target", &recorded.target.hash, &resolved.target.identity.hash);
+    }
+    // A controller that was moved can have another name.
+    let is_moved = Plan::from_toml(&recorded.plan)?.controller != resolved.plan.controller;
+    for (then, now) in recorded.components.iter().zip(&resolved.target.components) {
+        found.compare(&format!("hash of the file of the {}", now.role), &then.file_hash, &now.file_hash);
+        found.compare("role of a component", &then.role, &now.role);
+        if !is_moved {
+            found.compare(&format!("name of the {}", now.role), &then.name, &now.name);
+        }
+    }
+    Ok(found.0)
+}
+
+/// Returns whether the run was upgraded from format version 1, whose header contains less.
+pub(super) fn is_from_version_1(header: &RunHeader) -> bool {
+    header.target.hash.is_empty()
+}
+
+/// Returns what determines the values of each axis. Floats have all their digits.
+fn axes(header: &RunHeader) -> Vec<String> {
+    let axis = |AxisRecord { name, unit, kind, low, high, nominal, values, .. }: &AxisRecord| {
+        format!("{name} in {unit:?}, {kind}, {values}, from {low:?} to {high:?}, nominal {nominal:?}")
+    };
+    header.axes.iter().map(axis).collect()
+}
+
+#[derive(Default)]
+struct Found(Vec<String>);
+
+impl Found {
+    fn compare<T: Debug>(&mut self, what: &str, recorded: &T, planned: &T) {
+        // The text has all digits and the sign of a zero.
+        let (recorded, planned) = (format!("{recorded:?}"), format!("{planned:?}"));
+        if recorded != planned {
+            self.0.push(format!("{what}: recorded {recorded}, expected {planned}"));
+        }
+    }
+
+    fn list(&mut self, what: &str, recorded: &[String], planned: &[String]) {
+        self.compare(&format!("number of entries of the list `{what}`"), &recorded.len(), &planned.len());
+        for (index, (recorded, planned)) in recorded.iter().zip(planned).enumerate() {
+            self.compare(&format!("{what} {}", index + 1), recorded, planned);
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! Derives seed and scenario of a recorded simulation from the seed of its run, and the status of its trial from its rows.
+
+use mishandle_falsification::{FalsificationError, Trial};
+use mishandle_rollout::Request;
+use mishandle_store::{RunFile, Simulation, TrialRecord, TrialStatus};
+
+use crate::{MishandleError, ResolvedPlan, evaluate, falsify, record};
+
+/// Lists the differences between the rows of the simulation's trial and those that the plan implies.
+///
+/// For a falsification, the search proposes the points of the trial again and observes the recorded results.
+pub(super) fn differences(
+    run: &RunFile,
+    recorded: &Simulation,
+    resolved: &ResolvedPlan,
+) -> Result<Vec<String>, MishandleError> {
+    let trial = run.trial(recorded.trial)?;
+    if resolved.plan.falsify.is_some() {
+        of_falsification(run, &trial, resolved)
+    } else {
+        of_evaluation(run, &trial, recorded, resolved)
+    }
+}
+
+fn of_evaluation(
+    run: &RunFile,
+    trial: &TrialRecord,
+    recorded: &Simulation,
+    resolved: &ResolvedPlan,
+) -> Result<Vec<String>, MishandleError> {
+    let simulations = run.last_simulation_number(trial.number)?.into();
+    let mut found = Vec::new();
+    found.extend(evaluate::trial_difference(resolved, trial, simulations));
+    let Simulation { trial, number, .. } = *recorded;
+    match evaluate::evaluation_request(resolved, trial, number)? {
+        Some(expected) => found.extend(request_differences(recorded, &expected)),
+        None => found.push(format!("simulation {number} of trial {trial}: the plan has no such simulation")),
+    }
+    Ok(found)
+}
+
+fn of_falsification(
+    run: &RunFile,
+    recorded: &TrialRecord,
+    resolved: &ResolvedPlan,
+) -> Result<Vec<String>, MishandleError> {
+    let number = recorded.number;
+    let Some(mut trial) = falsify::new_trial(resolved, number)? else {
+        return Ok(vec![format!("trial {number}: the plan has no trial of this number")]);
+    };
+    let mut found = Vec::new();
+    found.extend(falsify::seed_difference(resolved, recorded));
+    for simulation in run.trial_simulations(number) {
+        let simulation = simulation?;
+        let Some(expected) = trial.ask(1)?.pop() else {
+            found.push(format!(
+                "simulation {} of trial {number}: the trial ended before it",
+                simulation.number
+            ));
+            return Ok(found);
+        };
+        let differences = request_differences(&simulation, &expected);
+        if !differences.is_empty() {
+            // The search would now propose other points.
+            found.extend(differences);
+            return Ok(found);
+        }
+        if let Err(error) = trial.tell(&record::episode(&simulation)?) {
+            found.push(format!("simulation {} of trial {number}: {error}", simulation.number));
+            return Ok(found);
+        }
+    }
+    found.extend(status_difference(&mut trial, recorded)?);
+    Ok(found)
+}
+
+/// Compares the status of a trial with its rows. A trial can have been killed before its end was recorded.
+fn status_difference(
+    trial: &mut Trial,
+    recorded: &TrialRecord,
+) -> Result<Option<String>, FalsificationError> {
+    if trial.outcome().end.is_none() {
+        // A search that has ended proposes no point.
+        trial.ask(1)?;
+    }
+    let expected = trial.outcome().end.map_or(TrialStatus::Running, falsify::status);
+    let is_same = recorded.status == expected || recorded.status == TrialStatus::Running;
+    Ok((!is_same).then(|| {
+        format!("status of trial {}: recorded {:?}, expected {expected:?}", recorded.number, recorded.status)
+    }))
+}
+
+/// Compares the numbers that identify a simulation with those of the expected request.
+fn request_differences(recorded: &Simulation, expected: &Request) -> Vec<String> {
+    let Simulation { trial, number, .. } = *recorded;
+    let recorded = record::request(recorded, expected.needs_subformulas);
+    if (trial, number) != (expected.trial, expected.number) {
+        let Request { trial: expected_trial, number: expected_number, .. } = expected;
+        return vec![format!(
+            "simulation {number} of trial {trial}: expected simulation {expected_number} of trial {expected_trial}; rows \
+             are missing"
+        )];
+    }
+    // The text of a float has all digits and the sign of a zero.
+    let parts = [
+        ("seed", recorded.seed.0.to_string(), expected.seed.0.to_string()),
+        ("unit point", format!("{:?}", recorded.unit_point), format!("{:?}", expected.unit_point)),
+        (
+            "scenario",
+            format!("{:?}", recorded.scenario.values()),
+            format!("{:?}", expected.scenario.values()),
+        ),
+    ];
+    parts
+        .into_iter()
+        .filter(|(_, recorded, expected)| recorded != expected)
+        .map(|(part, recorded, expected)| {
+            format!(
+                "{part} of simulation {number} of trial {trial}: recorded {recorded}, expected {expected}"
+            )
+        })
+        .collect()
+}
