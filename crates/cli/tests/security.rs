@@ -199,7 +199,7 @@ fn deeply_nested_and_long_plans_are_errors_within_seconds() {
         ("quotes", many("\"", 1_000_000)),
     ] {
         bench.write(&format!("{name}.toml"), &plan);
-        let printed = run(&mut bench.command(&format!("evaluate --plan {name}.toml")), 2);
+        let printed = run(&mut bench.command(&format!("falsify --plan {name}.toml")), 2);
         assert!(printed.starts_with("error: "), "{name}: {}", &printed[..200.min(printed.len())]);
     }
 }

@@ -228,7 +228,7 @@ mod tests {
             ("policy.initialization = { normal = 0 }", "{ normal = σ } with σ above 0, found 0"),
             (
                 "[critic]\nhidden = [8, 0]",
-                "line 2: the setting `critic.hidden` must be a list of whole numbers",
+                "line 2: the setting `critic.hidden` must be a list of up to 100 whole numbers",
             ),
             (
                 "episodes.environments = 0",
