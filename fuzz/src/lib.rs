@@ -7,6 +7,7 @@
 mod bytes;
 pub mod checkpoint;
 pub mod controller;
+pub mod csv;
 pub mod curve;
 pub mod formula;
 pub mod monitor;
@@ -21,9 +22,10 @@ pub mod trace_blob;
 type Seeds = fn() -> Vec<Vec<u8>>;
 
 /// The seeds of every target, by its name.
-pub const SEEDS: [(&str, Seeds); 9] = [
+pub const SEEDS: [(&str, Seeds); 10] = [
     ("checkpoint", checkpoint::seeds),
     ("controller", controller::seeds),
+    ("csv", csv::seeds),
     ("curve", curve::seeds),
     ("formula", formula::seeds),
     ("monitor", monitor::seeds),
