@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 
 use crate::process::{as_typed, cargo, run};
-use crate::{mujoco, readme, tidy};
+use crate::{deny, mujoco, readme, tidy};
 
 struct Step {
     name: &'static str,
@@ -33,6 +33,7 @@ const STEPS: &[Step] = &[
     Step { name: "tests", action: Action::Chore(tests) },
     Step { name: "docs", action: Action::Cargo(&["doc", "--workspace", "--no-deps", "--quiet"]) },
     Step { name: "doc tests", action: Action::Cargo(&["test", "--workspace", "--doc"]) },
+    Step { name: "dependencies", action: Action::Chore(deny::check_if_installed) },
     Step { name: "python", action: Action::Chore(python) },
     Step { name: "readme", action: Action::Chore(readme::check) },
 ];

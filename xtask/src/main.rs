@@ -4,7 +4,9 @@
 
 mod check;
 mod demo;
+mod deny;
 mod external;
+mod fuzz;
 mod golden;
 mod mujoco;
 mod pictures;
@@ -37,7 +39,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "test",
         arguments: "",
-        about: "run everything that CI runs: fmt, tidy, clippy, tests, doc tests, python, readme",
+        about: "run everything that CI runs: fmt, tidy, clippy, tests, docs, dependencies, python, readme",
         run: |root, _| check::check(root),
     },
     Chore {
@@ -63,6 +65,18 @@ const CHORES: &[Chore] = &[
         arguments: "",
         about: "build and run the crate of docs/library.md outside the repository",
         run: |root, _| external::check(root),
+    },
+    Chore {
+        name: "fuzz",
+        arguments: "[--minutes N] [--keep] [TARGET...]",
+        about: "run the fuzz targets on the corpus and on new inputs; --keep adds these to the corpus",
+        run: fuzz::fuzz,
+    },
+    Chore {
+        name: "deny",
+        arguments: "[--fetch]",
+        about: "check advisories, licenses, duplicates and sources of all dependencies (cargo-deny)",
+        run: deny::deny,
     },
     Chore {
         name: "golden",
@@ -117,7 +131,7 @@ fn dispatch(arguments: &[String]) -> Result<()> {
 fn list() -> Result<()> {
     println!("cargo xtask CHORE\n");
     for chore in CHORES {
-        println!("  {:<46} {}", format!("{} {}", chore.name, chore.arguments), chore.about);
+        println!("  {:<48} {}", format!("{} {}", chore.name, chore.arguments), chore.about);
     }
     Ok(())
 }
