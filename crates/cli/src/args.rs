@@ -311,6 +311,10 @@ pub struct Evaluate {
     #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
     #[arg(conflicts_with_all = ["episodes", "starts", "out", "seed"])]
     pub resume: Option<PathBuf>,
+    /// Wait after each batch until its records are on the disk. Without it, a power failure can lose the last
+    /// simulations; a kill loses none. Not stored: a resumed run needs the flag again
+    #[arg(long)]
+    pub durable: bool,
     #[command(flatten)]
     pub run: Run,
 }
@@ -353,6 +357,10 @@ pub struct Falsify {
     #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
     #[arg(conflicts_with_all = ["search", "search_options", "formula", "trials", "budget", "out", "seed"])]
     pub resume: Option<PathBuf>,
+    /// Wait after each batch until its records are on the disk. Without it, a power failure can lose the last
+    /// simulations; a kill loses none. Not stored: a resumed run needs the flag again
+    #[arg(long)]
+    pub durable: bool,
     #[command(flatten)]
     pub run: Run,
 }

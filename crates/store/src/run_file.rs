@@ -46,12 +46,8 @@ impl RunFile {
 
     /// Opens a run as a program with these upgrade steps would.
     pub(crate) fn open_with(path: &Path, steps: &[Step]) -> Result<Self> {
-        let connection = connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
-        let version = upgrade::version(&connection, path, steps).map_err(|error| match error {
-            // The file is open. SQLite could not create the index of the log beside it.
-            StoreError::ReadOnly { path } | StoreError::CannotOpen { path } => StoreError::NotClosed { path },
-            error => error,
-        })?;
+        let connection = connect_for_reading(path)?;
+        let version = upgrade::version(&connection, path, steps).map_err(not_closed)?;
         if version > steps.len() as i64 {
             return Self::of(connection, path);
         }
@@ -63,7 +59,7 @@ impl RunFile {
             error => error,
         })?;
         writer.close()?;
-        Self::of(connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?, path)
+        Self::of(connect_for_reading(path)?, path)
     }
 
     /// Returns the run of a connection. The caller has checked the format version.
@@ -217,7 +213,7 @@ impl RunFile {
             .query_row("PRAGMA integrity_check(1)", [], |row| row.get(0))
             .in_file(&self.path)?;
         if verdict != "ok" {
-            return Err(StoreError::damaged(&self.path, verdict));
+            return Err(integrity_error(&self.path, verdict));
         }
         self.trials()?;
         self.simulations().try_for_each(|simulation| simulation.map(drop))?;
@@ -320,6 +316,40 @@ pub(crate) fn connect(path: &Path, access: OpenFlags) -> Result<Connection> {
         return Err(StoreError::NotARun { found: "an empty file".into(), path: path.into() });
     }
     open(path, access)
+}
+
+/// Returns the error of an integrity check. SQLite also lists pages that it could not read, which may not be damaged.
+fn integrity_error(path: &Path, verdict: String) -> StoreError {
+    if verdict.contains("unable to get the page") || verdict.contains("failed to get page") {
+        let what = format!("cannot check {}", path.display());
+        return StoreError::Io { what, source: std::io::Error::other(verdict) };
+    }
+    StoreError::damaged(path, verdict)
+}
+
+/// Connects to an existing file for reading.
+fn connect_for_reading(path: &Path) -> Result<Connection> {
+    let connection = connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+    let read = |connection: &Connection| connection.pragma_query_value(None, "application_id", |_| Ok(()));
+    match read(&connection).map_err(|error| error.sqlite_error().map(|failure| failure.extended_code)) {
+        // A process was killed while it closed or upgraded the run, and left a rollback journal. Only a connection with
+        // write access can apply it.
+        Err(Some(rusqlite::ffi::SQLITE_READONLY_ROLLBACK)) => {
+            let writer = connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
+            read(&writer).in_file(path).map_err(not_closed)?;
+            connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY)
+        }
+        _ => Ok(connection),
+    }
+}
+
+/// Converts the error of the first read: the file is open, but SQLite could not create the index of the log beside it,
+/// or roll back the journal.
+fn not_closed(error: StoreError) -> StoreError {
+    match error {
+        StoreError::ReadOnly { path } | StoreError::CannotOpen { path } => StoreError::NotClosed { path },
+        error => error,
+    }
 }
 
 /// Connects to an existing file, which can be empty.

@@ -12,8 +12,8 @@ pub fn run(command: &args::Evaluate) -> Result<ExitStatus> {
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
     let moved = command.subject.controller.as_deref();
-    let (resolved, file) =
-        run::open(command.resume.as_deref(), moved, command.out.as_deref(), || plan(command))?;
+    let (resume, out) = (command.resume.as_deref(), command.out.as_deref());
+    let (resolved, file) = run::open(resume, moved, out, command.durable, || plan(command))?;
     let name = run::name(file.file());
     let path = file.file().path().to_path_buf();
     let episodes = resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
