@@ -269,8 +269,8 @@ fn a_forged_evaluation_is_not_resumed() {
         ("seed of trial 1", |run| run.trials[0].seed += 1),
         ("status of trial 1", |run| run.trials[0].status = TrialStatus::Converged),
         ("recorded as complete, but it has 4 of 5", |run| drop(run.simulations.pop())),
-        ("trial 2: an evaluation has only trial 1", |run| {
-            run.trials.push(TrialRecord { number: 2, seed: 0, status: TrialStatus::Running });
+        ("trial 3: the plan has no such trial", |run| {
+            run.trials.push(TrialRecord { number: 3, seed: 0, status: TrialStatus::Running });
         }),
     ]);
 }

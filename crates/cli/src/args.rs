@@ -321,6 +321,10 @@ pub struct Evaluate {
     /// Do not check the whole run file before reading it; a record is still checked when it is read
     #[arg(long, requires = "resume")]
     pub skip_check: bool,
+    /// Wait after each batch until its records are on the disk. Without it, a power failure can lose the last
+    /// simulations; a kill loses none. Not stored: a resumed run needs the flag again
+    #[arg(long)]
+    pub durable: bool,
     #[command(flatten)]
     pub run: Run,
 }
@@ -366,6 +370,10 @@ pub struct Falsify {
     /// Do not check the whole run file before reading it; a record is still checked when it is read
     #[arg(long, requires = "resume")]
     pub skip_check: bool,
+    /// Wait after each batch until its records are on the disk. Without it, a power failure can lose the last
+    /// simulations; a kill loses none. Not stored: a resumed run needs the flag again
+    #[arg(long)]
+    pub durable: bool,
     #[command(flatten)]
     pub run: Run,
 }

@@ -56,20 +56,24 @@ pub fn plan(subject: &args::Subject, run: &args::Run) -> Result<Plan> {
 }
 
 /// Opens a run file and returns it with its resolved plan: the run `resume`, or else a new run with the plan
-/// `new_plan`. `controller` is the new path of the controller of a resumed run.
+/// `new_plan`. `controller` is the new path of the controller of a resumed run. A `durable` run syncs each batch.
 pub fn open(
     resume: Option<&Path>,
     skip_check: bool,
     controller: Option<&str>,
     out: Option<&Path>,
+    durable: bool,
     new_plan: impl FnOnce() -> Result<Plan>,
 ) -> Result<(ResolvedPlan, RunWriter)> {
+    let sync = |run: &mut RunWriter| if durable { run.set_durable() } else { Ok(()) };
     let Some(path) = resume else {
         let resolved = ResolvedPlan::new(&new_plan()?)?;
-        let run = mishandle::create_run(&resolved, out)?;
+        let mut run = mishandle::create_run(&resolved, out)?;
+        sync(&mut run)?;
         return Ok((resolved, run));
     };
-    let run = if skip_check { RunWriter::resume_unchecked(path) } else { RunWriter::resume(path) }?;
+    let mut run = if skip_check { RunWriter::resume_unchecked(path) } else { RunWriter::resume(path) }?;
+    sync(&mut run)?;
     let resolved = mishandle::recorded_plan(run.file().header(), controller)?;
     for difference in mishandle::build_differences(run.file().header(), &resolved) {
         output::message(&format!("warning: another build started the run: {difference}"));

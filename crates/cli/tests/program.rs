@@ -333,6 +333,25 @@ fn a_killed_falsification_resumes_to_the_same_result() {
     assert_eq!(bench.document("falsify --resume killed.sqlite --json", 0), whole);
 }
 
+#[test]
+fn a_durable_run_stores_the_same_records() {
+    let bench = Bench::new();
+    let digest =
+        |name: &str| mishandle::store::RunFile::open(bench.path(name)).unwrap().content_digest().unwrap();
+    for (command, code) in [("falsify toy/sphere-2d --trials 2", 1), ("evaluate toy/sphere-2d", 0)] {
+        let plain = bench.document(&format!("{command} --json --out plain.sqlite"), code);
+        let durable = bench.document(&format!("{command} --json --out durable.sqlite --durable"), code);
+        assert_eq!(durable, plain);
+        assert_eq!(digest("durable.sqlite"), digest("plain.sqlite"));
+        let verb = command.split(' ').next().unwrap();
+        let resumed = bench.document(&format!("{verb} --resume durable.sqlite --durable --json"), code);
+        assert_eq!(resumed, plain);
+        for name in ["plain.sqlite", "durable.sqlite"] {
+            std::fs::remove_file(bench.path(name)).unwrap();
+        }
+    }
+}
+
 fn simulations(path: &Path) -> u64 {
     mishandle::store::RunFile::open(path).and_then(|run| run.counts()).map_or(0, |counts| counts.simulations)
 }

@@ -10,6 +10,7 @@ use rusqlite::{Connection, OpenFlags};
 
 use crate::Result;
 use crate::error::{InFile, StoreError};
+use crate::run_file::not_closed;
 use crate::trace_blob::MAX_BLOB_BYTES;
 
 /// Longest wait for a lock of another process. Such locks are short.
@@ -45,6 +46,22 @@ impl Database {
             return Err(StoreError::Unfinished { path: path.into() });
         }
         Self::open(path, access)
+    }
+
+    /// Connects to an existing file for reading, and checks that it is a non-empty regular file.
+    pub(crate) fn connect_for_reading(path: &Path) -> Result<Self> {
+        let database = Self::connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+        let read = |database: &Self| database.sql().pragma_query_value(None, "application_id", |_| Ok(()));
+        match read(&database).map_err(|error| error.sqlite_error().map(|failure| failure.extended_code)) {
+            // A process was killed while it closed or upgraded the run, and left a rollback journal. Only a connection
+            // with write access can apply it.
+            Err(Some(rusqlite::ffi::SQLITE_READONLY_ROLLBACK)) => {
+                let writer = Self::connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
+                read(&writer).in_file(path).map_err(not_closed)?;
+                Self::connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY)
+            }
+            _ => Ok(database),
+        }
     }
 
     /// Connects to an existing file, which can be empty.

@@ -297,8 +297,30 @@ impl StoreError {
             (ErrorCode::NotADatabase, _) => Self::NotARun { found: "a file of another kind".into(), path },
             (ErrorCode::DatabaseCorrupt | ErrorCode::Unknown, _)
             | (_, rusqlite::ffi::SQLITE_IOERR_SHORT_READ) => Self::damaged(&path, message),
+            // When a connection cannot be opened, the message of SQLite is the path.
+            (ErrorCode::OutOfMemory, _) => Self::Sqlite { message: "out of memory".into(), path },
+            (ErrorCode::SystemIoFailure, extended) => Self::Io {
+                what: format!("cannot {} {}", failed_operation(extended), path.display()),
+                source: std::io::Error::other(message),
+            },
             _ => Self::Sqlite { message, path },
         }
+    }
+}
+
+/// Returns the operation that failed with SQLite's extended error code of an I/O error.
+fn failed_operation(extended_code: i32) -> &'static str {
+    use rusqlite::ffi::{
+        SQLITE_IOERR_FSYNC, SQLITE_IOERR_LOCK, SQLITE_IOERR_READ, SQLITE_IOERR_SHMLOCK,
+        SQLITE_IOERR_TRUNCATE, SQLITE_IOERR_WRITE,
+    };
+    match extended_code {
+        SQLITE_IOERR_READ => "read",
+        SQLITE_IOERR_WRITE => "write",
+        SQLITE_IOERR_TRUNCATE => "truncate",
+        SQLITE_IOERR_FSYNC => "sync",
+        SQLITE_IOERR_LOCK | SQLITE_IOERR_SHMLOCK => "lock",
+        _ => "access",
     }
 }
 

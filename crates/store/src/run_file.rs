@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use rusqlite::{OpenFlags, OptionalExtension, Row, params};
+use rusqlite::{OptionalExtension, Row, params};
 
 use crate::database::Database;
 use crate::digest::Digest;
@@ -56,12 +56,8 @@ impl RunFile {
 
     /// Opens a run as a program with these upgrade steps would.
     pub(crate) fn open_with(path: &Path, steps: &[Step]) -> Result<Self> {
-        let database = Database::connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
-        let version = upgrade::version(database.sql(), path, steps).map_err(|error| match error {
-            // The file is open. SQLite could not create the index of the log beside it.
-            StoreError::ReadOnly { path } | StoreError::CannotOpen { path } => StoreError::NotClosed { path },
-            error => error,
-        })?;
+        let database = Database::connect_for_reading(path)?;
+        let version = upgrade::version(database.sql(), path, steps).map_err(not_closed)?;
         if version > steps.len() as i64 {
             return Self::of(database, path);
         }
@@ -73,7 +69,7 @@ impl RunFile {
             error => error,
         })?;
         writer.close()?;
-        Self::of(Database::connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?, path)
+        Self::of(Database::connect_for_reading(path)?, path)
     }
 
     /// Returns the run of a connection. The caller has checked the format version.
@@ -239,7 +235,7 @@ impl RunFile {
         let verdict = self.database.sql().query_row(pragma, [], |row| row.get::<_, String>(0));
         match verdict.in_file(&self.path)?.as_str() {
             "ok" => Ok(()),
-            damage => Err(StoreError::damaged(&self.path, damage)),
+            damage => Err(integrity_error(&self.path, damage)),
         }
     }
 
@@ -338,4 +334,22 @@ impl Iterator for Simulations<'_> {
         }
         self.page.next().map(Ok)
     }
+}
+
+/// Converts the error of the first read: the file is open, but SQLite could not create the index of the log beside it,
+/// or roll back the journal.
+pub(crate) fn not_closed(error: StoreError) -> StoreError {
+    match error {
+        StoreError::ReadOnly { path } | StoreError::CannotOpen { path } => StoreError::NotClosed { path },
+        error => error,
+    }
+}
+
+/// Returns the error of an integrity check. SQLite also lists pages that it could not read, which may not be damaged.
+fn integrity_error(path: &Path, verdict: &str) -> StoreError {
+    if verdict.contains("unable to get the page") || verdict.contains("failed to get page") {
+        let what = format!("cannot check {}", path.display());
+        return StoreError::Io { what, source: std::io::Error::other(verdict.to_string()) };
+    }
+    StoreError::damaged(path, verdict)
 }

@@ -29,10 +29,14 @@ pub enum IfExists {
 ///
 /// The writer holds a lock file beside the run and SQLite's write lock. A second writer gets [`StoreError::Locked`];
 /// readers are not blocked. Each call is one transaction: a process that is killed after the call has returned loses
-/// nothing of it. After a power failure the last few transactions can be missing; the earlier ones are complete.
+/// nothing of it. After a power failure, the transactions since the last sync can be missing, the last ones first; the
+/// earlier ones are complete. [`create`](Self::create) and [`close`](Self::close) sync, and SQLite does so each time it
+/// moves the log into the file, about every 4 MB. After [`set_durable`](Self::set_durable), each call syncs.
 #[derive(Debug)]
 pub struct RunWriter {
     file: RunFile,
+    /// Whether the open transaction contains rows of a call that failed.
+    needs_rollback: bool,
     /// Needed in addition to SQLite's lock, which is released for a moment between two transactions. Dropped last,
     /// after the file is closed.
     _lock: FileLock,
@@ -113,7 +117,21 @@ impl RunWriter {
         prepare(file.database.sql(), path)?;
         begin(file.database.sql()).in_file(path)?;
         check_references(&file)?;
-        Ok(Self { file, _lock: writer_lock })
+        Ok(Self { file, needs_rollback: false, _lock: writer_lock })
+    }
+
+    /// Makes each later call wait until its records are on the disk, so that a power failure loses none of them.
+    ///
+    /// # Errors
+    /// An error of the file.
+    pub fn set_durable(&mut self) -> Result<()> {
+        let (connection, path) = (self.file.database.sql(), &self.file.path);
+        // SQLite changes the setting only between transactions. The open one is empty.
+        if !connection.is_autocommit() {
+            connection.execute_batch("ROLLBACK").in_file(path)?;
+        }
+        synchronous(connection, "FULL").in_file(path)?;
+        begin(connection).in_file(path)
     }
 
     /// Returns the run for reading, with all records up to now.
@@ -158,7 +176,8 @@ impl RunWriter {
     /// [`WrongLength`](StoreError::WrongLength), [`NotANumber`](StoreError::NotANumber),
     /// [`SimulationZero`](StoreError::SimulationZero) and [`WrongDigest`](StoreError::WrongDigest) for a
     /// simulation that does not fit the run; [`DiskFull`](StoreError::DiskFull) or another error of the file. The
-    /// writer remains usable after an error.
+    /// writer remains usable after an error. If memory is exhausted at the end of the transaction, the simulations can
+    /// be recorded in spite of the error.
     pub fn record(&mut self, simulations: &[Simulation]) -> Result<()> {
         for simulation in simulations {
             row::guard(simulation, self.file.header())?;
@@ -183,13 +202,17 @@ impl RunWriter {
     /// Runs `work` in the open transaction, commits it and begins the next one.
     fn transact(&mut self, work: impl FnOnce(&RunFile) -> Result<()>) -> Result<()> {
         let (connection, path) = (self.file.database.sql(), &self.file.path);
+        if self.needs_rollback && !connection.is_autocommit() {
+            connection.execute_batch("ROLLBACK").in_file(path)?;
+        }
+        self.needs_rollback = false;
         if connection.is_autocommit() {
             begin(connection).in_file(path)?;
         }
         let done = work(&self.file).and_then(|()| connection.execute_batch("COMMIT").in_file(path));
         if done.is_err() && !connection.is_autocommit() {
-            // If this fails, SQLite rolls back when the connection closes.
-            let _ = connection.execute_batch("ROLLBACK");
+            // If this fails, the next call tries again.
+            self.needs_rollback = connection.execute_batch("ROLLBACK").is_err();
         }
         // If this fails, the next call tries again and reports the error.
         let _ = begin(connection);
@@ -226,14 +249,17 @@ fn initialize(path: &Path, header: &RunHeader, writer_lock: FileLock) -> Result<
     let database = Database::open(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
     let connection = database.sql();
     prepare(connection, path)?;
+    // A run without a header could not be resumed.
+    synchronous(connection, "FULL").in_file(path)?;
     begin(connection).in_file(path)?;
     schema::create(connection, header).in_file(path)?;
     connection.pragma_update(None, "application_id", APPLICATION_ID).in_file(path)?;
     connection.pragma_update(None, "user_version", FORMAT_VERSION).in_file(path)?;
     header_table::write(connection, header).in_file(path)?;
     connection.execute_batch("COMMIT").in_file(path)?;
+    synchronous(connection, "NORMAL").in_file(path)?;
     begin(connection).in_file(path)?;
-    Ok(RunWriter { file: RunFile::of(database, path)?, _lock: writer_lock })
+    Ok(RunWriter { file: RunFile::of(database, path)?, needs_rollback: false, _lock: writer_lock })
 }
 
 /// Locks a run against other writers.
@@ -278,8 +304,13 @@ fn prepare(connection: &Connection, path: &Path) -> Result<()> {
         return Err(StoreError::ReadOnly { path: path.into() });
     }
     connection.pragma_update(None, "journal_mode", "WAL").in_file(path)?;
-    connection.pragma_update(None, "synchronous", "NORMAL").in_file(path)?;
+    synchronous(connection, "NORMAL").in_file(path)?;
     connection.pragma_update(None, "foreign_keys", true).in_file(path)
+}
+
+/// Sets when SQLite syncs: `FULL` at each commit, `NORMAL` before it moves the log into the file.
+fn synchronous(connection: &Connection, level: &str) -> rusqlite::Result<()> {
+    connection.pragma_update(None, "synchronous", level)
 }
 
 /// Begins a transaction with the write lock, which the writer holds until the next transaction.

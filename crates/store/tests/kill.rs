@@ -1,19 +1,24 @@
-//! A process that is killed while it writes loses at most its current transaction.
+//! A process that is killed loses at most its current transaction.
 //!
 //! The test starts its own binary again and kills that process.
 #![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
+#[path = "faults/random.rs"]
+mod random;
 mod sample;
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
-use mishandle_store::{IfExists, RunFile, RunWriter, StoreError};
+use mishandle_store::{IfExists, RunFile, RunWriter, Simulation, StoreError, TrialStatus};
+use random::Random;
 use sample::{header, record, traced_record};
 
 const BATCH: u32 = 8;
 const RUN: &str = "MISHANDLE_STORE_TEST_RUN";
+const LIFE: &str = "MISHANDLE_STORE_TEST_LIFE";
 
 /// The process to be killed. It prints the number of recorded simulations after each batch. Without the environment
 /// variable, as an ordinary test, it does nothing.
@@ -81,4 +86,112 @@ fn a_kill_loses_at_most_the_current_transaction() {
     RunWriter::resume(&path).unwrap().close().unwrap();
     assert!(!folder.path().join("run.sqlite-wal").exists());
     RunFile::open(&path).unwrap().check().unwrap();
+}
+
+/// Number of calls of a trial: its start, six batches of four simulations, and its end.
+const CALLS: u32 = 8;
+
+/// The process to be killed at any moment. It creates or resumes the run, closes and resumes it after each trial, and
+/// prints the number of calls that have returned. Without the environment variable, as an ordinary test, it does nothing.
+#[test]
+fn lives_until_killed() {
+    let Some(path) = std::env::var_os(LIFE) else { return };
+    println!("\nstarted");
+    let mut writer = match RunWriter::resume(&path) {
+        // The process was killed before the run was complete.
+        Err(StoreError::Missing { .. } | StoreError::NotARun { .. }) => {
+            RunWriter::create(&path, &header(), IfExists::Replace).unwrap()
+        }
+        resumed => resumed.unwrap(),
+    };
+    for call in calls(writer.file()).. {
+        println!("\nreturned {call}");
+        let (trial, call) = (call / CALLS + 1, call % CALLS);
+        match call {
+            0 => writer.start_trial(trial, u64::from(trial)).unwrap(),
+            7 => {
+                writer.end_trial(trial, TrialStatus::BudgetSpent).unwrap();
+                writer.close().unwrap();
+                writer = RunWriter::resume(&path).unwrap();
+            }
+            batch => {
+                let first = 4 * (batch - 1) + 1;
+                let records: Vec<_> = (first..first + 4).map(|number| simulation(trial, number)).collect();
+                writer.record(&records).unwrap();
+            }
+        }
+    }
+}
+
+fn simulation(trial: u32, number: u32) -> Simulation {
+    if number.is_multiple_of(4) { traced_record(trial, number) } else { record(trial, number) }
+}
+
+/// Returns the number of calls whose records a run contains, and checks all records.
+fn calls(run: &RunFile) -> u32 {
+    run.check().unwrap();
+    let trials = run.trials().unwrap();
+    let Some(last) = trials.last() else { return 0 };
+    for (expected, trial) in (1..).zip(&trials) {
+        let number = trial.trial.number;
+        assert_eq!((number, trial.trial.seed), (expected, u64::from(expected)));
+        let is_last = number == last.trial.number;
+        assert!(is_last || trial.trial.status == TrialStatus::BudgetSpent);
+        let recorded: Vec<_> = run.trial_simulations(number).map(Result::unwrap).collect();
+        let expected = (1..=recorded.len() as u32)
+            .map(|simulation_number| Simulation { trace: None, ..simulation(number, simulation_number) });
+        assert!(recorded.iter().cloned().eq(expected), "trial {number} has other rows");
+        assert!(is_last || recorded.len() == 24);
+    }
+    let batches = last.counts.simulations as u32 / 4;
+    CALLS * (last.trial.number - 1) + 1 + batches + u32::from(last.trial.status != TrialStatus::Running)
+}
+
+#[test]
+fn a_kill_at_a_random_moment_loses_no_committed_row() {
+    let end = Instant::now() + Duration::from_secs(4);
+    let mut random = Random(1);
+    let mut kills = 0;
+    while Instant::now() < end && kills < 200 {
+        // A new run: its creation can be killed, too.
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.sqlite");
+        for longest in [1_000, 3_000, 10_000, 30_000] {
+            let moment = Duration::from_micros(random.below(longest) as u64);
+            let returned = kill_after(&path, moment);
+            kills += 1;
+            match RunFile::open(&path) {
+                Ok(run) => {
+                    let (found, returned) = (calls(&run), returned.unwrap_or(0));
+                    assert!(found == returned || found == returned + 1, "{returned} calls, found {found}");
+                }
+                Err(StoreError::Missing { .. } | StoreError::NotARun { .. }) if returned.is_none() => {}
+                Err(error) => {
+                    panic!("killed {moment:?} after its start, {returned:?} calls returned: {error}")
+                }
+            }
+        }
+        if let Ok(writer) = RunWriter::resume(&path) {
+            writer.close().unwrap();
+        }
+    }
+    println!("{kills} kills");
+}
+
+/// Starts the process, kills it some time after it has started, and returns the number of calls that it printed.
+fn kill_after(path: &Path, moment: Duration) -> Option<u32> {
+    let mut child = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "lives_until_killed", "--nocapture"])
+        .env(LIFE, path)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
+    assert!(lines.by_ref().any(|line| line == "started"));
+    std::thread::sleep(moment);
+    child.kill().unwrap();
+    let returned = lines.filter_map(|line| line.strip_prefix("returned ")?.parse().ok()).last();
+    let status = child.wait().unwrap();
+    assert_eq!(status.code(), None, "the process ended before it was killed");
+    returned
 }

@@ -14,7 +14,8 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
     run::stop_on_signals(&bar)?;
     let moved = command.subject.controller.as_deref();
     let (resume, out) = (command.resume.as_deref(), command.out.as_deref());
-    let (resolved, file) = run::open(resume, command.skip_check, moved, out, || plan(command))?;
+    let (resolved, file) =
+        run::open(resume, command.skip_check, moved, out, command.durable, || plan(command))?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
     let name = run::name(file.file());
     let path = file.file().path().to_path_buf();
