@@ -21,7 +21,7 @@ combination of directions, there and back; and 100 episodes in random directions
 
     python docs/tasks/physics.py drop cube-stacking.xml
 
-opens the hand in its initial pose, if it holds a loose object, waits for 3 s and prints the depths.
+opens the hand in its initial pose, if it holds a loose object, waits for 3 s and prints the maximum depths and those at rest.
 """
 
 import itertools
@@ -137,6 +137,10 @@ def drop(model):
         mujoco.mj_step(model, data)
         contact_forces(model, data, bodies, depth)
     print_depth(depth)
+    rest = {}
+    contact_forces(model, data, bodies, rest)
+    print("at rest, ", end="")
+    print_depth(rest)
 
 
 def drive(model, actions):
