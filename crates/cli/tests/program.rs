@@ -683,3 +683,33 @@ fn tasks_describes_a_task_from_its_definition() {
         "{page}"
     );
 }
+
+#[test]
+fn notes_on_a_task_are_in_its_page_in_json_and_in_the_documentation() {
+    let bench = Bench::new();
+    let documentation = include_str!("../../../docs/tasks/ball-balancing.md");
+    let page = bench.check("tasks ball-balancing", 0).split_whitespace().collect::<Vec<_>>().join(" ");
+    let tasks = bench.json("tasks ball-balancing --json", 0);
+    let notes = tasks[0]["notes"].as_array().unwrap();
+    for topic in ["paper", "physics", "success", "weaknesses"] {
+        let own = |note: &&Value| note["topic"] == topic && note["every_task"] == false;
+        let note = notes.iter().find(own).unwrap_or_else(|| panic!("no note on {topic}"));
+        let text = note[if topic == "paper" { "here" } else { "fact" }].as_str().unwrap();
+        assert!(page.contains(text) && documentation.contains(text), "{text}");
+    }
+    // The notes on every task follow those on the task.
+    assert!(page.contains("time unit (every task)"), "{page}");
+    // A variant has the notes of its base task.
+    let of = |task: &str| bench.json(&format!("tasks {task} --json"), 0)[0]["notes"].clone();
+    assert_eq!(of("cloth-placing-7x7"), of("cloth-placing"));
+}
+
+#[test]
+fn a_shipped_controller_shows_its_known_weaknesses() {
+    let bench = Bench::new();
+    let page = bench.check("controller ball-balancing/ppo", 0);
+    assert!(page.contains("known; `mishandle tasks ball-balancing` describes them"), "{page}");
+    let weaknesses = bench.json("controller ball-balancing/ppo --json", 0)["weaknesses"].clone();
+    let texts: Vec<&str> = weaknesses.as_array().unwrap().iter().filter_map(Value::as_str).collect();
+    assert!(texts.iter().any(|text| text.contains("observation noise of 0.01")), "{texts:?}");
+}

@@ -280,6 +280,11 @@ pub trait Task: Send + Sync {
         "scene.xml"
     }
 
+    /// Returns the page with notes on the task, which [`notes`](crate::notes) reads. The default is an empty page.
+    fn notes(&self) -> &'static str {
+        ""
+    }
+
     /// Finds the elements of the scene in the compiled model.
     ///
     /// # Errors

@@ -21,6 +21,7 @@ mod environment;
 mod expert;
 mod identity;
 pub mod kinematic;
+mod notes;
 mod peg_in_hole;
 mod point_reaching;
 mod reward;
@@ -35,6 +36,7 @@ pub use document::{compose, compose_with_start};
 pub use environment::{TaskEnvironment, TaskError};
 pub use expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
 pub use identity::task_hash;
+pub use notes::{Note, Topic, notes};
 pub use reward::action_penalty;
 pub use robot::{
     CONTROL_DT, EPISODE_STEPS, FINGER_STEP, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT,

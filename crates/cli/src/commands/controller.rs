@@ -1,5 +1,6 @@
 use anyhow::Result;
 use mishandle::controllers::ControllerFile;
+use mishandle::tasks::{Topic, notes};
 use mishandle::training::AlgorithmSettings;
 use serde_json::{Value, json};
 
@@ -8,12 +9,24 @@ use crate::{ExitStatus, args};
 
 pub fn run(command: &args::Controller) -> Result<ExitStatus> {
     let file = mishandle::find_controller(&command.controller)?.controller()?;
+    let weaknesses = weaknesses(&command.controller)?;
     if command.json {
-        output::json(document(&file))?;
+        output::json(output::joined(document(&file), json!({ "weaknesses": weaknesses })))?;
     } else {
-        output::line(&page(&file))?;
+        output::line(&page(&file, &weaknesses))?;
     }
     Ok(ExitStatus::Done)
+}
+
+/// Returns the known weaknesses of the shipped controller `TASK/NAME`; none for the path of a file.
+fn weaknesses(controller: &str) -> Result<Vec<&'static str>> {
+    let Some((task, name)) = controller.split_once('/') else { return Ok(Vec::new()) };
+    let Ok(task) = mishandle::task(task) else { return Ok(Vec::new()) };
+    let mut notes = notes(task)?;
+    notes.retain(|note| {
+        note.topic == Topic::Weaknesses && note.subject.split(", ").any(|known| known == name)
+    });
+    Ok(notes.iter().flat_map(|note| note.cells.first()).map(|(_, text)| *text).collect())
 }
 
 fn document(file: &ControllerFile) -> Value {
@@ -45,7 +58,7 @@ fn document(file: &ControllerFile) -> Value {
     })
 }
 
-fn page(file: &ControllerFile) -> String {
+fn page(file: &ControllerFile, weaknesses: &[&str]) -> String {
     let (header, training) = (&file.header, &file.header.training);
     let or_unknown = |text: &str| if text.is_empty() { "unknown" } else { text }.to_string();
     let sizes: Vec<String> = file.policy.network().sizes().iter().map(ToString::to_string).collect();
@@ -57,6 +70,7 @@ fn page(file: &ControllerFile) -> String {
         "{:.0} s; best policy after {} environment steps",
         training.wall_clock_secs, training.environment_steps
     );
+    let known = format!("{} known; `mishandle tasks {}` describes them", weaknesses.len(), header.task);
     let rows = [
         ("task", header.task.clone()),
         ("task preset", header.preset.clone()),
@@ -68,10 +82,16 @@ fn page(file: &ControllerFile) -> String {
         ("command", or_unknown(&training.command)),
         ("git commit", or_unknown(&training.git_commit)),
         ("policy", format!("{}, layers {}", file.policy.kind(), sizes.join(", "))),
+        ("weaknesses", known),
         ("controller hash", file.policy.hash()),
         ("task hash", or_unknown(&header.task_hash)),
     ];
-    let rows: Vec<Vec<String>> = rows.map(|(name, value)| vec![name.to_string(), value]).to_vec();
+    let is_shown = |name| name != "weaknesses" || !weaknesses.is_empty();
+    let rows: Vec<Vec<String>> = rows
+        .into_iter()
+        .filter(|(name, _)| is_shown(*name))
+        .map(|(name, value)| vec![name.to_string(), value])
+        .collect();
     // Written as comments, so that the page is a valid settings file.
     let facts: String = table(&rows).lines().map(|line| format!("# {line}\n")).collect();
     format!("{facts}\n{}", settings(file).trim_end())

@@ -3,7 +3,7 @@ mod page;
 use std::io::Write;
 
 use anyhow::Result;
-use mishandle::tasks::{Definition, Preset, Task, compose_with_start, tasks};
+use mishandle::tasks::{Definition, Note, Preset, Task, compose_with_start, notes, tasks};
 use serde_json::{Value, json};
 
 use crate::ExitStatus;
@@ -24,19 +24,20 @@ pub fn run(command: &args::Tasks) -> Result<ExitStatus> {
             return Ok(ExitStatus::Done);
         }
     }
-    let definitions: Vec<&Definition> = selected.iter().map(|task| task.definition()).collect();
     if command.json {
-        let all = definitions.iter().map(|definition| document(definition, preset)).collect();
+        let all = selected.iter().map(|task| document(*task, preset)).collect::<Result<_>>()?;
         output::json(Value::Array(all))?;
-    } else if let (Some(_), [definition]) = (&command.task, definitions.as_slice()) {
-        output::line(&page::page(definition, preset, output::width())?)?;
+    } else if let (Some(_), [task]) = (&command.task, selected.as_slice()) {
+        output::line(&page::page(task.definition(), &notes(*task)?, preset, output::width())?)?;
     } else {
+        let definitions: Vec<&Definition> = selected.iter().map(|task| task.definition()).collect();
         output::line(&list(&definitions, preset, output::width()))?;
     }
     Ok(ExitStatus::Done)
 }
 
-fn document(definition: &Definition, preset: Preset) -> Value {
+fn document(task: &dyn Task, preset: Preset) -> Result<Value> {
+    let definition = task.definition();
     let formulas = definition.formulas(preset);
     let axes: Vec<Value> = definition
         .initial_box
@@ -47,7 +48,8 @@ fn document(definition: &Definition, preset: Preset) -> Value {
         })
         .collect();
     let signals: Vec<&str> = definition.signals.iter().map(|signal| signal.name).collect();
-    json!({
+    let notes: Vec<Value> = notes(task)?.iter().map(note_document).collect();
+    Ok(json!({
         "name": definition.name,
         "variant_of": definition.variant_of,
         "success": formulas.success,
@@ -57,7 +59,14 @@ fn document(definition: &Definition, preset: Preset) -> Value {
         "signals": signals,
         "initial_box": axes,
         "controllers": mishandle::shipped_controllers(definition),
-    })
+        "notes": notes,
+    }))
+}
+
+fn note_document(note: &Note) -> Value {
+    let facts = json!({ "topic": note.topic.name(), "every_task": note.is_shared, "subject": note.subject });
+    let cells = note.cells.iter().map(|(name, text)| (name.to_string(), Value::from(*text)));
+    output::joined(facts, Value::Object(cells.collect()))
 }
 
 /// Lists the tasks with success formula and controllers, one paragraph each; variants come last.

@@ -130,6 +130,10 @@ impl Task for BallBalancing {
         include_str!("scene.xml").into()
     }
 
+    fn notes(&self) -> &'static str {
+        include_str!("../../../../docs/tasks/ball-balancing.md")
+    }
+
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
         Ok(Box::new(BoundScene { ball: model.joint("ball")?, tray: model.body("tray")? }))
     }

@@ -146,6 +146,10 @@ impl Task for BallCatching {
         include_str!("scene.xml").into()
     }
 
+    fn notes(&self) -> &'static str {
+        include_str!("../../../../docs/tasks/ball-catching.md")
+    }
+
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
         Ok(Box::new(BoundScene { ball: model.joint("ball")?, tool: model.site("tool")? }))
     }

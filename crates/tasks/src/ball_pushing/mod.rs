@@ -119,6 +119,10 @@ impl Task for BallPushing {
         include_str!("scene.xml").into()
     }
 
+    fn notes(&self) -> &'static str {
+        include_str!("../../../../docs/tasks/ball-pushing.md")
+    }
+
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
         Ok(Box::new(BoundScene { panda: *panda, ball: model.joint("ball")?, hole: model.site("hole")? }))
     }

@@ -209,6 +209,10 @@ impl Task for ClothPlacing {
         self.sheet.fill(include_str!("scene.xml")).into()
     }
 
+    fn notes(&self) -> &'static str {
+        include_str!("../../../../docs/tasks/cloth-placing.md")
+    }
+
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
         Ok(Box::new(BoundScene {
             panda: *panda,

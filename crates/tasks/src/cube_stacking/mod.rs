@@ -157,6 +157,10 @@ impl Task for CubeStacking {
         include_str!("scene.xml").into()
     }
 
+    fn notes(&self) -> &'static str {
+        include_str!("../../../../docs/tasks/cube-stacking.md")
+    }
+
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
         Ok(Box::new(BoundScene {
             panda: *panda,

@@ -159,6 +159,10 @@ impl Task for DoorOpening {
         include_str!("scene.xml").into()
     }
 
+    fn notes(&self) -> &'static str {
+        include_str!("../../../../docs/tasks/door-opening.md")
+    }
+
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
         Ok(Box::new(BoundScene {
             panda: *panda,

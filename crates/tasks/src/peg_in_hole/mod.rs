@@ -149,6 +149,10 @@ impl Task for PegInHole {
         include_str!("scene.xml").into()
     }
 
+    fn notes(&self) -> &'static str {
+        include_str!("../../../../docs/tasks/peg-in-hole.md")
+    }
+
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
         Ok(Box::new(BoundScene {
             fingers: [model.body("left_finger")?, model.body("right_finger")?],

@@ -95,6 +95,10 @@ impl Task for PointReaching {
         include_str!("scene.xml").into()
     }
 
+    fn notes(&self) -> &'static str {
+        include_str!("../../../../docs/tasks/point-reaching.md")
+    }
+
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
         Ok(Box::new(BoundScene {
             panda: *panda,

@@ -1,22 +1,19 @@
-//! Description of one task, generated from its definition.
+//! Description of one task, generated from its definition and its notes.
 
 use anyhow::Result;
 use mishandle::stl::{Clock, EvaluationTime, Formula};
 use mishandle::tasks::{
-    CONTROL_DT, Definition, EPISODE_STEPS, GripperMode, JOINT_NAMES, Preset, Quantity, Reward, TARGET_STEP,
+    CONTROL_DT, Definition, EPISODE_STEPS, GripperMode, JOINT_NAMES, Note, Preset, Quantity, Reward,
+    TARGET_STEP, Topic,
 };
 
-use crate::output::{folded, table_in, wrapped};
-
-/// Differences from the original benchmark that all tasks share.
-const COMMON_DIFFERENCES: &str = "Self-collisions are checked only between hand or fingers and the four lowest links. \
-    Unless stated otherwise, the robot does not collide with the ground.";
+use crate::output::{folded, indented, table_in, wrapped};
 
 /// Indentation of the lines of a section, in columns.
 const INDENT: usize = 2;
 
 /// Returns the description in lines of at most `columns` characters. Words longer than a line are not broken.
-pub fn page(definition: &Definition, preset: Preset, columns: usize) -> Result<String> {
+pub fn page(definition: &Definition, notes: &[Note], preset: Preset, columns: usize) -> Result<String> {
     let mut sections = vec![wrapped(&format!("{}: {}", definition.name, definition.summary), columns)];
     if let Some(base) = definition.variant_of {
         let text = format!("A variant of {base} outside the benchmark. It uses the controllers of {base}.");
@@ -45,12 +42,25 @@ pub fn page(definition: &Definition, preset: Preset, columns: usize) -> Result<S
     if definition.start_noise > 0.0 {
         sections.push(text("Initial state noise", &start_noise(definition)));
     }
-    sections.push(text(
-        "Differences from the original",
-        &format!("{} {COMMON_DIFFERENCES}", definition.differences),
-    ));
+    sections.push(text("Scene: differences from the original", definition.differences));
+    sections.extend(Topic::ALL.into_iter().filter_map(|topic| about(topic, notes, width)));
     sections.push(text("Controllers", &mishandle::shipped_controllers(definition).join(", ")));
     Ok(sections.join("\n\n"))
+}
+
+/// Returns the section with the notes on a topic; `None` without notes.
+fn about(topic: Topic, notes: &[Note], width: usize) -> Option<String> {
+    let lines: Vec<String> =
+        notes.iter().filter(|note| note.topic == topic).map(|note| entry(note, width)).collect();
+    (!lines.is_empty()).then(|| section(topic.title(), &lines.join("\n")))
+}
+
+fn entry(note: &Note, width: usize) -> String {
+    let rows: Vec<Vec<String>> =
+        note.cells.iter().map(|(name, text)| [*name, *text].map(String::from).to_vec()).collect();
+    let scope = if note.is_shared { " (every task)" } else { "" };
+    let cells = table_in(&rows, width.saturating_sub(INDENT));
+    format!("{}{scope}\n  {}", note.subject, indented(&cells, INDENT))
 }
 
 fn section(title: &str, lines: &str) -> String {
