@@ -338,7 +338,7 @@ fn the_expert_satisfies_both_formulas() {
 /// The upper finger hit the front of the lever instead of passing above it.
 #[test]
 fn the_expert_opens_the_door_of_the_farthest_corner() {
-    let task = task("door-opening").unwrap();
+    let task = mishandle_tasks::task("door-opening").unwrap();
     let starts = vec![Scenario::from([0.85, 0.1]); 6];
     let episodes = expert_episodes_from(task, environment(task, Preset::Paper, Reward::Shaped), starts);
     assert!(episodes.iter().all(|episode| succeeds(episode) && is_strict(episode)));
