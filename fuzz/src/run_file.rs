@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::LazyLock;
 
-use mishandle::store::{RunFile, RunHeader, Simulation, TrialRecord, export_csv};
+use mishandle::store::{RunFile, RunHeader, Simulation, StoredTrace, TrialRecord, export_csv};
 
 use crate::bytes::Bytes;
 use crate::run;
@@ -117,7 +117,7 @@ fn check_records(run: &RunFile, original: &Original, can_lose_last: bool) {
     for known in &original.simulations {
         if let Ok(row) = run.simulation(known.trial, known.number) {
             let is_same =
-                row.trace.is_none() || row.trace.as_ref().map(|trace| trace.digest()) == known.trace_digest;
+                row.trace.is_none() || row.trace.as_ref().map(StoredTrace::digest) == known.trace_digest;
             assert!(is_same, "the trace of {row:?}");
             assert_eq!(
                 text(&Simulation { trace: None, ..row }),

@@ -106,12 +106,10 @@ fn decompress(block: &[u8], length: usize) -> Option<Vec<u8>> {
     // A length of 15 is continued by bytes up to the first that is not 255.
     let extend = |bytes: &mut dyn Iterator<Item = u8>, nibble: u8| {
         let mut length = usize::from(nibble);
-        while nibble == 15 {
-            let more = bytes.next()?;
-            length += usize::from(more);
-            if more != 255 {
-                break;
-            }
+        let mut last = if nibble == 15 { 255 } else { 0 };
+        while last == 255 {
+            last = bytes.next()?;
+            length += usize::from(last);
         }
         Some(length)
     };
