@@ -523,7 +523,7 @@ fn simulations_without_a_finite_robustness_do_not_stop_a_campaign() {
         found["trials"].as_array().unwrap().iter().map(|t| t["undecided"].as_u64().unwrap()).sum();
     assert!((1..60).contains(&undecided), "{undecided}");
     assert_eq!(simulations(&bench.path("a.sqlite")), 60);
-    assert!(err.contains("no finite value at step 0") && err.contains("(target_x = "), "{err}");
+    assert!(err.contains("no finite value at sample 0") && err.contains("(target_x = "), "{err}");
     assert_eq!(bench.json("falsify --resume a.sqlite --json", 0), found);
     // An undecided simulation can be replayed.
     let file = mishandle::store::RunFile::open(bench.path("a.sqlite")).unwrap();

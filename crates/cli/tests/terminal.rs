@@ -111,7 +111,8 @@ fn signals_clear_the_bar() {
         let output = in_terminal(&bench, 100, &options, &format!("{EVALUATE} 100000 --out a.sqlite"));
         assert_eq!(output.status.code(), Some(130), "{signal} {count}");
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
-        assert!(text.contains("/100000 simulations"), "{text}");
+        // 100,000 random starts, and the corners and the center of the initial box.
+        assert!(text.contains("/100009 simulations"), "{text}");
         let (lines, _) = shown(&output.stdout, 200);
         assert!(lines.iter().any(|line| line.starts_with("finishing the running simulations")), "{lines:?}");
         assert!(!lines.iter().any(|line| has_bar(line)), "{signal} {count}: {lines:?}");

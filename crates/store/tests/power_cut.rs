@@ -69,7 +69,9 @@ impl Life {
                     )
                 })
             }
-            Err(StoreError::Missing { .. } | StoreError::NotARun { .. }) if self.is_new() && durable == 0 => {
+            Err(StoreError::Missing { .. } | StoreError::Unfinished { .. } | StoreError::NotARun { .. })
+                if self.is_new() && durable == 0 =>
+            {
                 RunWriter::create(path, &header(), IfExists::Replace).map_err(|error| error.to_string())?;
                 Ok(1)
             }

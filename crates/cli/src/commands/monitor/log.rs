@@ -1,7 +1,9 @@
 //! Reads recorded traces from CSV files.
 
+use std::cell::Cell;
 use std::collections::HashMap;
-use std::io::Read;
+use std::io::{self, Read};
+use std::rc::Rc;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -14,10 +16,33 @@ const TIME: &str = "time";
 /// Largest deviation of a sampling interval from the period, as a fraction of the period.
 const JITTER: f64 = 1e-3;
 
+/// Largest size of a row in bytes. A row of 80,000 numbers with all their digits has 2 MB.
+const MAX_ROW: usize = 16 << 20;
+
 /// A CSV file whose header was read.
 pub struct Log<R> {
-    reader: Reader<R>,
+    reader: Reader<RowLimit<R>>,
+    row_bytes: Rc<Cell<usize>>,
     names: Vec<String>,
+}
+
+/// Fails after [`MAX_ROW`] bytes of one row. The reader of CSV collects a whole row, and a hostile file can consist of one.
+struct RowLimit<R> {
+    source: R,
+    /// Number of bytes since the last complete row.
+    row_bytes: Rc<Cell<usize>>,
+}
+
+impl<R: Read> Read for RowLimit<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.source.read(buffer)?;
+        self.row_bytes.set(self.row_bytes.get() + count);
+        if self.row_bytes.get() > MAX_ROW {
+            let message = format!("a row has more than {} MiB; is this a CSV file?", MAX_ROW >> 20);
+            return Err(io::Error::new(io::ErrorKind::InvalidData, message));
+        }
+        Ok(count)
+    }
 }
 
 /// The columns of a log that a formula reads, and the times of its samples.
@@ -29,6 +54,8 @@ pub struct Samples {
 impl<R: Read> Log<R> {
     /// Reads the header: the names of the columns. Spaces around a name and a byte order mark are ignored.
     pub fn open(source: R) -> Result<Log<R>> {
+        let row_bytes = Rc::new(Cell::new(0));
+        let source = RowLimit { source, row_bytes: row_bytes.clone() };
         let mut reader = csv::ReaderBuilder::new().trim(Trim::Headers).from_reader(source);
         let names: Vec<String> = reader.headers()?.iter().map(str::to_string).collect();
         ensure!(!names.is_empty(), "the file is empty; the first line must contain the signal names");
@@ -43,7 +70,7 @@ impl<R: Read> Log<R> {
                 );
             }
         }
-        Ok(Log { reader, names })
+        Ok(Log { reader, row_bytes, names })
     }
 
     /// Returns the names of all columns.
@@ -62,6 +89,7 @@ impl<R: Read> Log<R> {
         let mut sample = vec![0.0; columns.len()];
         let mut record = ByteRecord::new();
         while self.reader.read_byte_record(&mut record)? {
+            self.row_bytes.set(0);
             // The line after the previous record, before any blank lines.
             let line = record.position().map_or(0, csv::Position::line);
             for (value, column) in sample.iter_mut().zip(&columns) {
@@ -213,6 +241,20 @@ mod tests {
         assert_eq!(samples.period(None).unwrap(), 0.5);
         let samples = read("time,d\n0,2\n0.5,6\n", &["time", "d"]).unwrap();
         assert_eq!(samples.trace.signal("time"), Some(&[0.0, 0.5][..]));
+    }
+
+    #[test]
+    fn a_row_without_end_is_an_error() {
+        let open =
+            |source: &mut dyn Read| Log::open(source).and_then(|log| log.samples(&["d"])).err().unwrap();
+        let zeros = open(&mut io::repeat(0)).to_string();
+        assert!(zeros.contains("more than 16 MiB"), "{zeros}");
+        // A quoted cell contains any number of lines.
+        let quoted = open(&mut "d\n1\n\"".as_bytes().chain(io::repeat(b'\n'))).to_string();
+        assert!(quoted.contains("more than 16 MiB"), "{quoted}");
+        // Many rows together may be longer.
+        let long = format!("d\n{}", "1234567890.5\n".repeat(2_000_000));
+        assert_eq!(values(&long).len(), 2_000_000);
     }
 
     #[test]
