@@ -147,8 +147,8 @@ impl<'a> TrainingRecorder<'a> {
             episodes_run.iter().filter(|episode| holds(episode)).count() as f64 / episodes as f64
         };
         Ok(Validation {
-            success_rate: rate(&|episode| episode.verdict.success > Some(0.0)),
-            strict_success_rate: rate(&|episode| episode.verdict.strict > Some(0.0)),
+            success_rate: rate(&Episode::is_success),
+            strict_success_rate: rate(&Episode::is_strict_success),
             mean_return: episodes_run.iter().map(|episode| episode.total_reward).sum::<f64>()
                 / episodes as f64,
         })

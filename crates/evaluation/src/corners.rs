@@ -5,7 +5,6 @@ use std::ops::ControlFlow;
 use mishandle_rollout::{Axis, AxisKind, AxisValues, Episode, Request, Scenario, Seed, Space, System};
 
 use crate::EvaluationError;
-use crate::metrics::succeeds;
 use crate::run::simulate;
 
 /// Largest number of axes of which all corners are evaluated.
@@ -209,7 +208,7 @@ impl CornerReport {
     pub fn add(&mut self, episode: &Episode) {
         let index = self.simulations() / self.seeds.max(1);
         let Some(point) = self.points.get_mut(index as usize) else { return };
-        let (success, strict) = succeeds(episode);
+        let (success, strict) = (episode.is_success(), episode.is_strict_success());
         point.n += 1;
         point.successes += u32::from(success);
         point.strict_successes = point.strict_successes.map(|successes| successes + u32::from(strict));

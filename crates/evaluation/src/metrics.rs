@@ -120,15 +120,14 @@ impl Metrics {
             self.strict_undecided += 1;
             return;
         }
-        let (success, strict) = succeeds(episode);
         self.undecided += u64::from(verdict.success.is_none());
         self.strict_undecided += u64::from(verdict.strict.is_none());
-        self.successes += u64::from(success);
-        self.strict_successes += u64::from(strict);
+        self.successes += u64::from(episode.is_success());
+        self.strict_successes += u64::from(episode.is_strict_success());
         if let (Some(dangerous), true) = (verdict.dangerous_steps, episode.steps > 0) {
             self.dangerous_fractions.push(dangerous as f64 / episode.steps as f64);
         }
-        if let (true, Some(step)) = (self.counts_failures || success, verdict.completion_step) {
+        if let (true, Some(step)) = (self.counts_failures || episode.is_success(), verdict.completion_step) {
             self.completion_steps.push(step as f64);
         }
     }
@@ -153,13 +152,6 @@ impl Metrics {
         let dangerous = self.dangerous_fractions.iter().filter(|fraction| **fraction > 0.0).count();
         wilson(dangerous as u64, self.dangerous_fractions.len() as u64)
     }
-}
-
-/// Returns whether an episode is a success, and whether it is a strict success, which includes success.
-pub(crate) fn succeeds(episode: &Episode) -> (bool, bool) {
-    let holds = |robustness: Option<f64>| robustness.is_some_and(|rho| rho > 0.0);
-    let success = holds(episode.verdict.success);
-    (success, success && holds(episode.verdict.strict))
 }
 
 #[cfg(test)]

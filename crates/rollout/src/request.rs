@@ -57,6 +57,16 @@ impl Episode {
     pub fn robustness(&self) -> Option<f64> {
         self.end.has_verdict().then_some(self.verdict.robustness).flatten()
     }
+
+    /// Returns whether the episode satisfies the success formula with positive robustness.
+    pub fn is_success(&self) -> bool {
+        self.end.has_verdict() && self.verdict.success > Some(0.0)
+    }
+
+    /// Returns whether the episode is a success that also satisfies the strict formula with positive robustness.
+    pub fn is_strict_success(&self) -> bool {
+        self.is_success() && self.verdict.strict > Some(0.0)
+    }
 }
 
 /// How a simulation ended.
