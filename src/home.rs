@@ -8,8 +8,8 @@ use mishandle_controllers::{ControllerError, ControllerFile};
 use mishandle_files::{limits, read_bounded};
 use mishandle_tasks::Definition;
 
-use crate::target::{EXPERT, is_path};
-use crate::{MishandleError, task};
+use crate::MishandleError;
+use crate::target::{EXPERT, is_path, split_task};
 
 /// The files in `controllers/` and `experiments/training/` at build time: path and content, sorted by path.
 static EMBEDDED: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
@@ -159,27 +159,20 @@ pub(crate) fn controller_of(definition: &Definition, name: &str) -> Result<Shipp
     })
 }
 
-/// Returns the file of a controller. `name` is a path, or `TASK/NAME` for a shipped controller. A shipped controller comes
-/// before a file at that path in the working directory, which is named `./TASK/NAME`.
+/// Returns the file of a controller. `name` is a path, or `TASK/NAME` for a shipped controller, whether or not the working
+/// directory has a file at that path. `./TASK/NAME` names that file.
 ///
 /// # Errors
 /// If `name` is neither a path nor a shipped controller.
 pub fn find_controller(name: &str) -> Result<ShippedFile, MishandleError> {
-    let path = Path::new(name);
-    let is_shipped = |(_, rest): &(&str, &str)| path.extension().is_none() && !rest.contains('/');
-    let Some((task_name, name)) = name.split_once('/').filter(is_shipped) else {
-        return if is_path(name) { Ok(ShippedFile::Path(path.into())) } else { Err(no_controller(name)) };
+    let Some((definition, own_name)) = split_task(name) else {
+        return if is_path(name) { Ok(ShippedFile::Path(name.into())) } else { Err(no_controller(name)) };
     };
-    let found = mishandle_tasks::task(task_name).and_then(|task| shipped_controller(task.definition(), name));
-    if let Some(file) = found {
+    if let Some(file) = shipped_controller(definition, own_name) {
         return Ok(file);
     }
-    if path.exists() {
-        return Ok(ShippedFile::Path(path.into()));
-    }
-    let definition = task(task_name)?.definition();
     check_home("controllers")?;
-    if name == EXPERT {
+    if own_name == EXPERT {
         return Err(MishandleError::InvalidValue {
             what: "the controller",
             value: name.to_string(),
@@ -187,7 +180,7 @@ pub fn find_controller(name: &str) -> Result<ShippedFile, MishandleError> {
         });
     }
     let known = shipped_controllers(definition).into_iter().filter(|known| known != EXPERT).collect();
-    Err(MishandleError::UnknownName { kind: "controller file", name: name.to_string(), known })
+    Err(MishandleError::UnknownName { kind: "controller file", name: own_name.to_string(), known })
 }
 
 fn no_controller(name: &str) -> MishandleError {

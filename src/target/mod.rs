@@ -8,7 +8,7 @@ use mishandle_toys::TOYS;
 
 use crate::{MishandleError, Plan};
 
-pub(crate) use task::{EXPERT, is_path};
+pub(crate) use task::{EXPERT, is_path, split_task};
 pub use task::{preset, task, task_target};
 
 /// Returns the target of a plan.

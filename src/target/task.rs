@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use mishandle_controllers::bytes_hash;
 use mishandle_rollout::{Component, Controller, Noise};
-use mishandle_tasks::{Preset, Task, TaskTarget};
+use mishandle_tasks::{Definition, Preset, Task, TaskTarget};
 
 use crate::home::controller_of;
 use crate::{MishandleError, Plan, controller_name, shipped_controllers};
@@ -65,9 +65,20 @@ pub fn task_target(plan: &Plan) -> Result<TaskTarget, MishandleError> {
     Ok(TaskTarget::new(task, preset, controller, noise)?)
 }
 
-/// Returns whether `controller` is a path rather than the name of a shipped controller.
+/// Returns whether `controller` is a path rather than the name of a shipped controller, `NAME` or `TASK/NAME`.
 pub(crate) fn is_path(controller: &str) -> bool {
-    controller.contains(std::path::MAIN_SEPARATOR) || Path::new(controller).extension().is_some()
+    let looks_like_path =
+        controller.contains(std::path::MAIN_SEPARATOR) || Path::new(controller).extension().is_some();
+    looks_like_path && split_task(controller).is_none()
+}
+
+/// Splits `TASK/NAME`, the name of a shipped controller with its task. Whether a file has this path does not matter, so
+/// that the working directory cannot replace a shipped controller.
+pub(crate) fn split_task(controller: &str) -> Option<(&'static Definition, &str)> {
+    let (task, name) = controller.split_once('/')?;
+    let is_name = !name.contains('/') && Path::new(name).extension().is_none();
+    let task = mishandle_tasks::task(task).filter(|_| is_name)?;
+    Some((task.definition(), name))
 }
 
 /// Loads a controller: the expert, a shipped controller by name, or a file by path.
@@ -83,7 +94,15 @@ fn load_controller(
         hash,
         file_hash,
     };
+    let (owner, name) = split_task(name).unwrap_or((definition, name));
     if name == EXPERT {
+        if owner.name != definition.name {
+            return Err(MishandleError::InvalidValue {
+                what: "the controller",
+                value: format!("{}/{EXPERT}", owner.name),
+                expected: "a controller of the task",
+            });
+        }
         if stochastic {
             return Err(MishandleError::InvalidValue {
                 what: "controller",
@@ -96,7 +115,7 @@ fn load_controller(
             .map_err(|source| MishandleError::Expert { task: definition.name.to_string(), source })?;
         return Ok((controller, component(EXPERT.to_string(), String::new())));
     }
-    let shipped = controller_of(definition, name)?;
+    let shipped = controller_of(owner, name)?;
     let file = shipped.controller()?;
     // A variant accepts controllers of its own and of its base task.
     let task_name = definition.variant_of.filter(|base| file.header.task == *base).unwrap_or(definition.name);

@@ -39,11 +39,9 @@ pub fn document(axes: &[Axis], report: &CornerReport) -> Value {
 
 /// Returns the results as lines of text: success, strict success, and the points that do not count.
 pub fn text(axes: &[Axis], report: &CornerReport) -> String {
-    let with_seeds =
-        if report.seeds > 1 { format!("with all of {} seeds", report.seeds) } else { String::new() };
-    let mut rows = vec![row("corners", &with_seeds, axes, report, &|point| Some(point.successes))];
+    let mut rows = vec![row("corners", axes, report, &|point| Some(point.successes))];
     if report.points.iter().any(|point| point.strict_successes.is_some()) {
-        rows.push(row("strict", "", axes, report, &|point| point.strict_successes));
+        rows.push(row("strict", axes, report, &|point| point.strict_successes));
     }
     let left_out: Vec<String> = report
         .points
@@ -55,37 +53,49 @@ pub fn text(axes: &[Axis], report: &CornerReport) -> String {
         let cells = [String::new(), format!("unreachable, not counted: {}", listed(&left_out))];
         rows.push(cells.to_vec());
     }
+    rows.push(vec![String::new(), legend(axes)]);
     output::table(&rows)
+}
+
+/// Names the coordinates of the points.
+fn legend(axes: &[Axis]) -> String {
+    let name = |axis: &Axis| format!("{} ({})", axis.name, axis.unit).replace(" ()", "");
+    let starts: Vec<String> = axes.iter().filter(|axis| axis.kind == AxisKind::Start).map(name).collect();
+    let others = if starts.len() < axes.len() { "; other axes have their nominal values" } else { "" };
+    format!("coordinates: {}{others}; --json lists all points", starts.join(", "))
 }
 
 /// Returns the cells of a line: how many corners succeed, whether the center does, and where simulations fail.
 fn row(
     name: &str,
-    with_seeds: &str,
     axes: &[Axis],
     report: &CornerReport,
     successes: &dyn Fn(&CornerResult) -> Option<u32>,
 ) -> Vec<String> {
-    let succeeds = |point: &&CornerResult| successes(point) == Some(point.n);
-    let (done, total) = (report.corners().filter(succeeds).count(), report.corners().count());
+    let failures = |point: &CornerResult| point.n - successes(point).unwrap_or_default();
+    let with_seeds = |point: &CornerResult| match point.n {
+        0 | 1 => String::new(),
+        n => format!(" with {} of {n} seeds", failures(point)),
+    };
+    let (done, total) =
+        (report.corners().filter(|point| failures(point) == 0).count(), report.corners().count());
     let verb = if done == 1 { "succeeds" } else { "succeed" };
-    let mut text = format!("{done} of {total} {verb} {with_seeds}").trim_end().to_string();
-    if let Some(center) = report.center() {
-        text += if succeeds(&center) { ", the center succeeds" } else { ", the center fails" };
+    let mut text = format!("{done} of {total} {verb}");
+    if report.seeds > 1 {
+        text += &format!(" with all of {} seeds", report.seeds);
     }
-    let counted = report.corners().chain(report.center());
-    let failing: Vec<String> = counted
-        .filter(|point| !succeeds(point))
-        .map(|point| {
-            let place = coordinates(axes, point);
-            match point.n {
-                0 | 1 => place,
-                n => format!("{place} with {} of {n} seeds", n - successes(point).unwrap_or_default()),
-            }
-        })
-        .collect();
+    if let Some(center) = report.center() {
+        text += &match failures(center) {
+            0 => ", the center succeeds".to_string(),
+            _ => format!(", the center fails{}", with_seeds(center)),
+        };
+    }
+    let mut failing: Vec<&CornerResult> = report.corners().filter(|point| failures(point) > 0).collect();
+    failing.sort_by_key(|point| std::cmp::Reverse(failures(point)));
     if !failing.is_empty() {
-        text += &format!("; fails at {}", listed(&failing));
+        let places: Vec<String> =
+            failing.iter().map(|point| coordinates(axes, point) + &with_seeds(point)).collect();
+        text += &format!("; corners that fail: {}", listed(&places));
     }
     vec![name.to_string(), text]
 }
@@ -137,16 +147,26 @@ mod tests {
     fn failing_corners_are_listed_with_the_number_of_failing_seeds() {
         assert_eq!(
             text(&axes(), &report(&[(3, 2)], None)),
-            "corners  3 of 4 succeed with all of 2 seeds, the center succeeds; fails at (0.85, 0.1) with 2 of 2 seeds\n\
-             strict   3 of 4 succeed, the center succeeds; fails at (0.85, 0.1) with 2 of 2 seeds"
+            "corners  3 of 4 succeed with all of 2 seeds, the center succeeds; corners that fail: (0.85, 0.1) with 2 of 2 \
+             seeds\n\
+             strict   3 of 4 succeed with all of 2 seeds, the center succeeds; corners that fail: (0.85, 0.1) with 2 of 2 \
+             seeds\n         coordinates: x (m), y (m); --json lists all points"
         );
-        let all = report(&[(0, 1), (1, 1), (2, 1), (3, 1), (4, 1)], None);
+        // The corner with the most failures is first.
+        let all = report(&[(0, 1), (1, 1), (2, 2), (3, 1), (4, 1)], None);
         let line = text(&axes(), &all).lines().next().unwrap().to_string();
         assert!(
-            line.contains("0 of 4 succeed with all of 2 seeds, the center fails; fails at (0.75, -0.1)"),
+            line.contains(
+                "0 of 4 succeed with all of 2 seeds, the center fails with 1 of 2 seeds; corners that fail"
+            ),
             "{line}"
         );
-        assert!(line.ends_with("(0.75, 0.1) with 1 of 2 seeds, and 3 more"), "{line}");
+        assert!(
+            line.ends_with(
+                "fail: (0.85, -0.1) with 2 of 2 seeds, (0.75, -0.1) with 1 of 2 seeds, and 2 more"
+            ),
+            "{line}"
+        );
     }
 
     #[test]
@@ -157,7 +177,7 @@ mod tests {
             lines.starts_with("corners  3 of 3 succeed with all of 2 seeds, the center succeeds\n"),
             "{lines}"
         );
-        assert!(lines.ends_with("unreachable, not counted: (0.85, 0.1)"), "{lines}");
+        assert!(lines.contains("unreachable, not counted: (0.85, 0.1)\n"), "{lines}");
         let document = document(&axes(), &report);
         assert_eq!((&document["n"], &document["succeeding"]), (&json!(3), &json!(3)));
         assert_eq!(

@@ -150,18 +150,22 @@ fn folders_in_the_working_directory_do_not_replace_the_shipped_files() {
     };
     let hash = |arguments: &str| bench.json(arguments, 0)["controller_hash"].clone();
     let page = || hash("controller point-reaching/ppo --json");
-    let evaluate = |out: &str| {
-        hash(&format!("evaluate point-reaching --controller ppo --episodes 1 --json --out {out}"))
+    let evaluate = |name: &str, out: &str| {
+        hash(&format!("evaluate point-reaching --controller {name} --episodes 1 --json --out {out}"))
     };
-    let (shipped, used) = (page(), evaluate("before.sqlite"));
+    let (shipped, used) = (page(), evaluate("ppo", "before.sqlite"));
     assert_eq!(shipped, used);
+    assert_eq!(evaluate("point-reaching/ppo", "before-2.sqlite"), used);
     plant("controllers/point-reaching/ppo.safetensors");
     plant("point-reaching/ppo");
     plant("ppo");
     plant("ppo.safetensors");
     std::fs::create_dir_all(bench.path("experiments/training/point-reaching")).unwrap();
     bench.write("experiments/training/point-reaching/ppo.toml", "no setting = 1");
-    assert_eq!((page(), evaluate("after.sqlite")), (shipped, used));
+    assert_eq!((page(), evaluate("ppo", "after.sqlite")), (shipped, used.clone()));
+    assert_eq!(evaluate("point-reaching/ppo", "after-2.sqlite"), used);
+    bench.refuses("evaluate point-reaching --controller cube-stacking/ppo", &["trained for cube-stacking"]);
+    bench.refuses("evaluate point-reaching --controller cube-stacking/expert", &["a controller of the task"]);
     bench.check("train point-reaching --dry-run", 0);
     // Its path selects the file, which is for another task.
     bench

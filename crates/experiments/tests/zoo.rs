@@ -204,7 +204,7 @@ fn a_controller_that_fails_at_a_corner_misses_a_threshold_beside_its_success_rat
     repository.runner.set_corners(Some(corners(3)));
     repository.train(&[0]);
     let page = repository.page();
-    assert!(page.contains("the others are below: `point-reaching` `ppo` (corners)"), "{page}");
+    assert!(page.contains("Below a threshold:\n\n- `point-reaching`: `ppo` (corners)\n"), "{page}");
     let row = lines_of(&page, "| `point-reaching` | `ppo` |").remove(0);
     assert!(row.contains("| **3/4**; strict **3/4** |") && row.contains("| corners | c0ffee |"), "{row}");
     assert!(repository.read("docs/tasks.md").contains("| **3/4**; strict **3/4** |"));
@@ -372,8 +372,8 @@ fn further_seeds_keep_their_records_without_a_controller() {
     assert!(page.contains(&row), "{page}");
     assert!(page.contains("| `point-reaching` | `ppo` | 2 | 2048 | 1024 |"), "{page}");
     // The plan has four further seeds of PPO, four of TRPO, two of each of the others.
-    let summary = "Of 14 further seeds of the plan 2 were run, and 1 of these meet every threshold; the others are below: \
-                   `point-reaching` `ppo-s2` (SR 95).";
+    let summary = "Of 14 further seeds of the plan 2 were run, and 1 of these meet every threshold. Below a \
+                   threshold:\n\n- `point-reaching`: `ppo-s2` (SR 95)\n";
     assert!(page.contains(summary), "{page}");
     assert!(!repository.path("controllers/point-reaching").exists());
     assert_eq!(repository.runner.count("falsify"), 0);

@@ -1,4 +1,4 @@
-//! The tables in two sentences.
+//! The tables in two sentences, and the controllers below a threshold.
 
 use crate::tables::{Shown, missed};
 use crate::{SHIPPED_SEED, algorithms, seeds};
@@ -8,8 +8,8 @@ pub(super) fn table(shown: &Shown<'_>) -> String {
     let shipped = Tally::of(shown, |seed| seed == SHIPPED_SEED);
     let further = Tally::of(shown, |seed| seed != SHIPPED_SEED);
     format!(
-        "Of {} shipped controllers {} meet every threshold{}.\n\nOf {} further seeds of the plan {} were run, and {} of these meet \
-         every threshold{}.\n",
+        "Of {} shipped controllers {} meet every threshold{}\nOf {} further seeds of the plan {} were run, and {} of these meet \
+         every threshold{}",
         shipped.planned,
         shipped.reaching(),
         shipped.others(),
@@ -25,14 +25,15 @@ pub(super) fn table(shown: &Shown<'_>) -> String {
 struct Tally {
     planned: usize,
     run: usize,
-    /// Each controller that misses a threshold, with the thresholds.
-    missing: Vec<String>,
+    /// Each task with its controllers that miss a threshold, with the thresholds.
+    missing: Vec<(String, Vec<String>)>,
 }
 
 impl Tally {
     fn of(shown: &Shown<'_>, counts: impl Fn(u64) -> bool) -> Tally {
         let mut tally = Tally::default();
         for task in shown.names() {
+            let mut missing = Vec::new();
             for algorithm in algorithms() {
                 for seed in seeds(algorithm).into_iter().filter(|seed| counts(*seed)) {
                     tally.planned += 1;
@@ -41,22 +42,30 @@ impl Tally {
                     let missed = missed(entry, record);
                     if !missed.is_empty() {
                         let name = entry.training.controller();
-                        tally.missing.push(format!("`{task}` `{name}` ({})", missed.join(", ")));
+                        missing.push(format!("`{name}` ({})", missed.join(", ")));
                     }
                 }
+            }
+            if !missing.is_empty() {
+                tally.missing.push((task.to_string(), missing));
             }
         }
         tally
     }
 
     fn reaching(&self) -> usize {
-        self.run - self.missing.len()
+        self.run - self.missing.iter().map(|(_, controllers)| controllers.len()).sum::<usize>()
     }
 
+    /// Returns the end of the sentence and a list of the other controllers, a line per task.
     fn others(&self) -> String {
-        match self.missing.is_empty() {
-            true => String::new(),
-            false => format!("; the others are below: {}", self.missing.join(", ")),
+        if self.missing.is_empty() {
+            return ".\n".to_string();
         }
+        let lines = self
+            .missing
+            .iter()
+            .map(|(task, controllers)| format!("- `{task}`: {}\n", controllers.join(", ")));
+        format!(". Below a threshold:\n\n{}", lines.collect::<String>())
     }
 }
