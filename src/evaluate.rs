@@ -201,17 +201,19 @@ fn run_requests(
 fn check_trials(resolved: &ResolvedPlan, run: &RunFile) -> Result<(), MishandleError> {
     let mut differences = Vec::new();
     for TrialSummary { trial, counts, .. } in run.trials()? {
-        differences.extend(trial_difference(resolved, &trial, counts.simulations));
+        let last = run.last_simulation_number(trial.number)?;
+        differences.extend(trial_difference(resolved, &trial, counts.simulations, last));
     }
     if differences.is_empty() { Ok(()) } else { Err(MishandleError::RunMismatch { differences }) }
 }
 
-/// Describes the difference between a recorded trial with this number of simulations and the trial that the plan of an
-/// evaluation implies.
+/// Describes the difference between a recorded trial with this number of simulations, the last of which has the number
+/// `last`, and the trial that the plan of an evaluation implies.
 pub(crate) fn trial_difference(
     resolved: &ResolvedPlan,
     trial: &TrialRecord,
     simulations: u64,
+    last: u32,
 ) -> Option<String> {
     let TrialRecord { number, seed, status } = *trial;
     let Some(planned) = planned_simulations(resolved, number) else {
@@ -222,6 +224,10 @@ pub(crate) fn trial_difference(
         Some(format!("seed of trial {number}: recorded {seed}, expected {expected}"))
     } else if !matches!(status, TrialStatus::Running | TrialStatus::BudgetSpent) {
         Some(format!("status of trial {number}: recorded {status:?}, expected Running or BudgetSpent"))
+    } else if simulations != u64::from(last) {
+        Some(format!(
+            "trial {number}: its last simulation has the number {last}, but it has {simulations} simulations"
+        ))
     } else if status == TrialStatus::BudgetSpent && simulations < planned {
         Some(format!(
             "status of trial {number}: recorded as complete, but it has {simulations} of {planned} simulations"

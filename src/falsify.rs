@@ -115,7 +115,8 @@ fn check_trial(
         recorded.trials.iter().find(|outcome| outcome.trial == trial.number).and_then(|outcome| outcome.end);
     let is_consistent = match trial.status {
         // The process can have been killed before it recorded the end, and a search can end without another simulation.
-        TrialStatus::Running | TrialStatus::Converged => true,
+        TrialStatus::Running => true,
+        TrialStatus::Converged => end.is_none_or(|end| status(end) == TrialStatus::Converged),
         recorded => end.map(status) == Some(recorded),
     };
     if !is_consistent {

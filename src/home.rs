@@ -8,8 +8,8 @@ use mishandle_controllers::{ControllerError, ControllerFile};
 use mishandle_files::{limits, read_bounded};
 use mishandle_tasks::Definition;
 
-use crate::MishandleError;
 use crate::target::{EXPERT, is_path, split_task};
+use crate::{MishandleError, task};
 
 /// The files in `controllers/` and `experiments/training/` at build time: path and content, sorted by path.
 static EMBEDDED: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
@@ -166,7 +166,16 @@ pub(crate) fn controller_of(definition: &Definition, name: &str) -> Result<Shipp
 /// If `name` is neither a path nor a shipped controller.
 pub fn find_controller(name: &str) -> Result<ShippedFile, MishandleError> {
     let Some((definition, own_name)) = split_task(name) else {
-        return if is_path(name) { Ok(ShippedFile::Path(name.into())) } else { Err(no_controller(name)) };
+        let path = Path::new(name);
+        return match name.split_once('/') {
+            // A misspelled task, more likely than a missing file.
+            Some((task_name, _)) if path.extension().is_none() && !path.exists() => {
+                task(task_name)?;
+                Ok(ShippedFile::Path(path.into()))
+            }
+            _ if is_path(name) => Ok(ShippedFile::Path(path.into())),
+            _ => Err(no_controller(name)),
+        };
     };
     if let Some(file) = shipped_controller(definition, own_name) {
         return Ok(file);

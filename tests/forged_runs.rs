@@ -244,6 +244,12 @@ fn a_replay_names_every_forged_value_of_an_evaluation() {
         ("recorded as complete, but it has 4 of 5", |run| {
             run.simulations.retain(|simulation| (simulation.trial, simulation.number) != (1, 5));
         }),
+        ("trial 1: its last simulation has the number 5, but it has 4 simulations", |run| {
+            run.simulations.retain(|simulation| (simulation.trial, simulation.number) != (1, 4));
+        }),
+        ("trial 3: the plan has no such trial", |run| {
+            run.trials.push(TrialRecord { number: 3, seed: 0, status: TrialStatus::Running });
+        }),
     ]);
 }
 
@@ -257,6 +263,9 @@ fn a_forged_falsification_is_not_resumed() {
         ("simulation", |run| run.simulations.remove(0).seed += 1),
         ("seed of trial 1", |run| run.trials[0].seed += 1),
         ("status of trial", |run| run.chosen().robustness = Some(1.0)),
+        ("status of trial 1: recorded Converged, expected BudgetSpent", |run| {
+            run.trials[0].status = TrialStatus::Converged;
+        }),
     ]);
 }
 

@@ -2,7 +2,7 @@
 
 use mishandle_falsification::{FalsificationError, Trial};
 use mishandle_rollout::Request;
-use mishandle_store::{RunFile, Simulation, TrialRecord, TrialStatus};
+use mishandle_store::{RunFile, Simulation, TrialRecord, TrialStatus, TrialSummary};
 
 use crate::{MishandleError, ResolvedPlan, evaluate, falsify, record};
 
@@ -18,19 +18,21 @@ pub(super) fn differences(
     if resolved.plan.falsify.is_some() {
         of_falsification(run, &trial, resolved)
     } else {
-        of_evaluation(run, &trial, recorded, resolved)
+        of_evaluation(run, recorded, resolved)
     }
 }
 
 fn of_evaluation(
     run: &RunFile,
-    trial: &TrialRecord,
     recorded: &Simulation,
     resolved: &ResolvedPlan,
 ) -> Result<Vec<String>, MishandleError> {
-    let simulations = run.last_simulation_number(trial.number)?.into();
     let mut found = Vec::new();
-    found.extend(evaluate::trial_difference(resolved, trial, simulations));
+    // All trials, because a forged run can have one that the plan does not have.
+    for TrialSummary { trial, counts, .. } in run.trials()? {
+        let last = run.last_simulation_number(trial.number)?;
+        found.extend(evaluate::trial_difference(resolved, &trial, counts.simulations, last));
+    }
     let Simulation { trial, number, .. } = *recorded;
     match evaluate::evaluation_request(resolved, trial, number)? {
         Some(expected) => found.extend(request_differences(recorded, &expected)),

@@ -304,7 +304,7 @@ pub struct Controller {
 pub struct Evaluate {
     #[command(flatten)]
     pub subject: Subject,
-    /// Number of simulations [default: 100]
+    /// Number of random initial states; the corners and the center of the initial box are simulated as well [default: 100]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u64>)]
     pub episodes: Option<u64>,
     /// Region of the initial states: whole, or reachable (the part of the box from which the task is feasible)

@@ -240,7 +240,7 @@ fn a_record_without_corners_is_measured_again_and_does_not_pass() {
         row.contains("| not measured |") && row.contains("corners not measured; measurement out of date"),
         "{row}"
     );
-    assert!(repository.page().contains("`point-reaching` `ppo` (corners not measured)"));
+    assert!(repository.page().contains("- `point-reaching`: `ppo` (corners not measured)"));
     repository.call(ppo(&[0]), |zoo| zoo.measure(false)).0.unwrap();
     assert_eq!(repository.states(&[0, 1]), ["done"; 2]);
     assert!(lines_of(&repository.page(), "| `point-reaching` | `ppo` |")[0].contains("| 4/4; strict 4/4 |"));

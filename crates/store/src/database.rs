@@ -70,6 +70,7 @@ impl Database {
         // is neither.
         let absolute = std::path::absolute(path)
             .map_err(|source| StoreError::from_io(path, "find the folder of", source))?;
+        check_side_files(&absolute)?;
         let mut connection =
             Connection::open_with_flags(&absolute, access | OpenFlags::SQLITE_OPEN_NO_MUTEX).in_file(path)?;
         connection.busy_timeout(BUSY_TIMEOUT).in_file(path)?;
@@ -96,6 +97,21 @@ impl Database {
         set_limit(connection, Limit::SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)?;
         done
     }
+}
+
+/// Checks that the files that SQLite keeps beside a run are regular files. SQLite would wait for the writer of a FIFO.
+fn check_side_files(path: &Path) -> Result<()> {
+    for suffix in ["-journal", "-wal", "-shm"] {
+        let mut name = path.as_os_str().to_owned();
+        name.push(suffix);
+        let side_file = PathBuf::from(name);
+        if std::fs::symlink_metadata(&side_file).is_ok_and(|found| !found.is_file()) {
+            let what = format!("cannot open the run {}", path.display());
+            let problem = format!("{} is not a regular file; remove it", side_file.display());
+            return Err(StoreError::Io { what, source: std::io::Error::other(problem) });
+        }
+    }
+    Ok(())
 }
 
 fn set_limit(connection: &Connection, limit: Limit, bytes: usize) -> rusqlite::Result<()> {
@@ -167,6 +183,26 @@ mod tests {
         assert!(matches!(error, StoreError::TooSlow { .. }), "{error}");
         // The next statement has its own limit.
         assert_eq!(database.sql().query_row("SELECT 1", [], |row| row.get(0)), Ok(1));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_planted_socket_or_link_beside_a_run_is_an_error() {
+        for suffix in ["-journal", "-wal", "-shm"] {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("run");
+            std::fs::write(&path, "").unwrap();
+            let planted = folder.path().join(format!("run{suffix}"));
+            let message = || {
+                Database::open(&path, OpenFlags::SQLITE_OPEN_READ_WRITE).map(drop).unwrap_err().to_string()
+            };
+            let socket = std::os::unix::net::UnixListener::bind(&planted).unwrap();
+            assert!(message().contains("is not a regular file"), "{}", message());
+            drop(socket);
+            std::fs::remove_file(&planted).unwrap();
+            std::os::unix::fs::symlink("/dev/null", &planted).unwrap();
+            assert!(message().contains("is not a regular file"), "{}", message());
+        }
     }
 
     #[test]

@@ -1,7 +1,10 @@
 //! Lists of numbers as JSON text. Finite numbers are read back with the same bits, infinities are the strings `"inf"`
 //! and `"-inf"`, and a missing value is `null`.
 
-use serde_json::{Map, Result, Value};
+use std::fmt;
+
+use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
+use serde_json::{Result, Value};
 
 const INFINITY: &str = "inf";
 const MINUS_INFINITY: &str = "-inf";
@@ -31,22 +34,49 @@ pub(crate) fn array(values: &[f64]) -> Result<String> {
     serde_json::to_string(values)
 }
 
-/// Parses an [`object`] with exactly these names. Returns `None` for other text.
+/// The entries of an object in their order. A map would drop an entry with a repeated key: it keeps the last value, but
+/// SQLite reads the first.
+struct Entries(Vec<(String, Value)>);
+
+impl<'de> Deserialize<'de> for Entries {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        struct EntriesVisitor;
+        impl<'de> Visitor<'de> for EntriesVisitor {
+            type Value = Entries;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an object")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> std::result::Result<Entries, A::Error> {
+                let mut entries = Vec::new();
+                while let Some(entry) = map.next_entry()? {
+                    entries.push(entry);
+                }
+                Ok(Entries(entries))
+            }
+        }
+        deserializer.deserialize_map(EntriesVisitor)
+    }
+}
+
+/// Parses an [`object`] with exactly these names in this order. Returns `None` for other text.
 pub(crate) fn parse_object<'a>(
     text: &str,
     names: impl ExactSizeIterator<Item = &'a str>,
 ) -> Option<Vec<Option<f64>>> {
-    let object: Map<String, Value> = serde_json::from_str(text).ok()?;
-    if object.len() != names.len() {
+    let Entries(entries) = serde_json::from_str(text).ok()?;
+    if entries.len() != names.len() {
         return None;
     }
-    let value = |name| match object.get(name)? {
+    let value = |(name, (key, value)): (&str, (String, Value))| match value {
+        _ if key != name => None,
         Value::Null => Some(None),
         Value::String(text) if text == INFINITY => Some(Some(f64::INFINITY)),
         Value::String(text) if text == MINUS_INFINITY => Some(Some(f64::NEG_INFINITY)),
         value => value.as_f64().map(Some),
     };
-    names.map(value).collect()
+    names.zip(entries).map(value).collect()
 }
 
 /// Parses an [`array`]. Returns `None` for other text.
@@ -93,7 +123,7 @@ mod tests {
     #[test]
     fn other_text_is_rejected() {
         let read = |text| parse_object(text, ["a", "b"].into_iter());
-        assert_eq!(read(r#"{"b":1, "a":2.5}"#).unwrap(), [Some(2.5), Some(1.0)]);
+        assert_eq!(read(r#"{"a":2.5, "b":1}"#).unwrap(), [Some(2.5), Some(1.0)]);
         for text in [
             "",
             "{}",
@@ -101,6 +131,10 @@ mod tests {
             "[1,2]",
             r#"{"a":1}"#,
             r#"{"a":1,"c":2}"#,
+            // SQLite would read the first value of a repeated key.
+            r#"{"a":1,"a":2,"b":3}"#,
+            r#"{"a":1,"a":2}"#,
+            r#"{"b":1,"a":2}"#,
             r#"{"a":1,"b":2,"c":3}"#,
             r#"{"a":1,"b":"nan"}"#,
             r#"{"a":1,"b":true}"#,

@@ -228,7 +228,38 @@ impl RunFile {
     /// Does the check of [`open`](Self::open).
     pub(crate) fn check_opened(&self) -> Result<()> {
         self.check_structure("PRAGMA quick_check(1)")?;
+        self.check_numbers()?;
+        self.check_references()?;
         self.check_rows()
+    }
+
+    /// Checks that all rows have numbers that can be read. Rows with other numbers would be skipped.
+    fn check_numbers(&self) -> Result<()> {
+        let sql = "SELECT EXISTS (SELECT 1 FROM simulation
+                WHERE trial NOT BETWEEN 0 AND ?1 OR number NOT BETWEEN 1 AND ?1)
+            OR EXISTS (SELECT 1 FROM trial WHERE number NOT BETWEEN 0 AND ?1)";
+        match self.database.sql().query_row(sql, [u32::MAX], |row| row.get(0)).in_file(&self.path)? {
+            false => Ok(()),
+            true => Err(StoreError::damaged(&self.path, "a simulation or a trial has an impossible number")),
+        }
+    }
+
+    /// Checks that all rows that other rows refer to exist.
+    pub(crate) fn check_references(&self) -> Result<()> {
+        let sql = "SELECT \"table\", \"parent\" FROM pragma_foreign_key_check";
+        let missing: Option<(String, String)> = self
+            .database
+            .sql()
+            .query_row(sql, [], |row| Ok((row.get(0)?, row.get(1)?)))
+            .optional()
+            .in_file(&self.path)?;
+        match missing {
+            Some((table, parent)) => Err(StoreError::damaged(
+                &self.path,
+                format!("a row of table `{table}` refers to a missing row of table `{parent}`"),
+            )),
+            None => Ok(()),
+        }
     }
 
     fn check_structure(&self, pragma: &str) -> Result<()> {

@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use mishandle_files::FileLock;
-use rusqlite::{Connection, OpenFlags, OptionalExtension, ffi, params};
+use rusqlite::{Connection, OpenFlags, ffi, params};
 
 use crate::database::Database;
 use crate::error::{InFile, StoreError};
@@ -116,7 +116,7 @@ impl RunWriter {
         file.database.sql().execute_batch("COMMIT").in_file(path)?;
         prepare(file.database.sql(), path)?;
         begin(file.database.sql()).in_file(path)?;
-        check_references(&file)?;
+        file.check_references()?;
         Ok(Self { file, needs_rollback: false, _lock: writer_lock })
     }
 
@@ -278,24 +278,6 @@ fn lock_file(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".lock");
     name.into()
-}
-
-/// Checks that all rows that other rows refer to exist.
-fn check_references(file: &RunFile) -> Result<()> {
-    let (connection, path) = (file.database.sql(), &file.path);
-    let missing: Option<(String, String)> = connection
-        .query_row("SELECT \"table\", \"parent\" FROM pragma_foreign_key_check", [], |row| {
-            Ok((row.get(0)?, row.get(1)?))
-        })
-        .optional()
-        .in_file(path)?;
-    match missing {
-        Some((table, parent)) => Err(StoreError::damaged(
-            path,
-            format!("a row of table `{table}` refers to a missing row of table `{parent}`"),
-        )),
-        None => Ok(()),
-    }
 }
 
 /// Sets the journal mode and other options of a writer.

@@ -234,6 +234,25 @@ fn other_tables_views_indexes_and_triggers_are_reported_as_damage() {
 }
 
 #[test]
+fn rows_that_no_reader_would_see_are_damage() {
+    let copy = |number: i64| {
+        format!(
+            "CREATE TEMP TABLE copy AS SELECT * FROM simulation; UPDATE copy SET number = {number};
+             INSERT INTO simulation SELECT * FROM copy"
+        )
+    };
+    let impossible = "a simulation or a trial has an impossible number";
+    for number in [0, -1, 1 << 32] {
+        check_damaged(&copy(number), impossible);
+    }
+    check_damaged("INSERT INTO trial VALUES (-1, '1', 'running', 0)", impossible);
+    check_damaged(
+        "PRAGMA foreign_keys = off; UPDATE simulation SET trial = 7",
+        "a row of table `simulation` refers to a missing row of table `trial`",
+    );
+}
+
+#[test]
 fn a_changed_value_does_not_match_its_hash() {
     let changes = [
         "UPDATE simulation SET seed = '3'",

@@ -49,8 +49,8 @@ pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
         output::line(&format!("robustness {robustness} at time 0: {verdict}"))?;
         if cuts_windows {
             output::message(&format!(
-                "note: a window extends past the end of the trace, which has {} samples; it is cut there, as in RTAMT, \
-                 and whole windows may give another verdict (--strict-horizon uses whole windows only)",
+                "note: a window extends past the end of the trace, which has {} samples; it is cut there, as in RTAMT; \
+                 samples after the end could change the value (--strict-horizon uses whole windows only)",
                 samples.trace.len()
             ));
         }

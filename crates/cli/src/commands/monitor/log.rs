@@ -58,6 +58,7 @@ impl<R: Read> Log<R> {
         let source = RowLimit { source, row_bytes: row_bytes.clone() };
         let mut reader = csv::ReaderBuilder::new().trim(Trim::Headers).from_reader(source);
         let names: Vec<String> = reader.headers()?.iter().map(str::to_string).collect();
+        row_bytes.set(0);
         ensure!(!names.is_empty(), "the file is empty; the first line must contain the signal names");
         let mut columns = HashMap::with_capacity(names.len());
         for (column, name) in names.iter().enumerate() {
