@@ -253,7 +253,9 @@ mod tests {
         // A quoted cell contains any number of lines.
         let quoted = open(&mut "d\n1\n\"".as_bytes().chain(io::repeat(b'\n'))).to_string();
         assert!(quoted.contains("more than 16 MiB"), "{quoted}");
-        // Many rows together may be longer.
+        // The header and the first row together may be longer, and so may many rows.
+        let wide = "a".repeat(9 << 20);
+        assert_eq!(values(&format!("d,{wide}\n1,{wide}\n")), [1.0]);
         let long = format!("d\n{}", "1234567890.5\n".repeat(2_000_000));
         assert_eq!(values(&long).len(), 2_000_000);
     }
