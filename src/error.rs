@@ -229,6 +229,23 @@ pub enum MishandleError {
     /// A recorded simulation has an end that this program does not know.
     #[error("a simulation of the run has the unknown end {0}; use a newer Mishandle")]
     UnknownEnd(String),
+    /// A recorded number of control steps or samples is impossible.
+    #[error(
+        "the run file was changed: `{name}` of simulation {number} of trial {trial} is {value}; it must be a whole \
+         number from 0 to {limit}"
+    )]
+    InvalidCount {
+        /// Name of the value.
+        name: &'static str,
+        /// Number of the trial.
+        trial: u32,
+        /// Number of the simulation.
+        number: u32,
+        /// The impossible value.
+        value: f64,
+        /// Largest possible value.
+        limit: f64,
+    },
     /// A system returned no episode for a request.
     #[error("the system returned no episode")]
     NoEpisode,

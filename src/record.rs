@@ -200,15 +200,31 @@ fn episode_end(end: store::SimulationEnd) -> Option<EpisodeEnd> {
     Some(end)
 }
 
-/// Converts a stored simulation to an episode without a trace.
+/// Converts a stored simulation of a target with episodes of `episode_steps` control steps to an episode without a trace.
 ///
 /// # Errors
-/// If this program does not know the simulation's end.
-pub(crate) fn episode(simulation: &Simulation) -> Result<Episode, MishandleError> {
+/// If this program does not know the simulation's end, or the episode has too many steps.
+pub(crate) fn episode(simulation: &Simulation, episode_steps: usize) -> Result<Episode, MishandleError> {
     let stored = |name: &str| {
         let index = VERDICTS.iter().position(|verdict| *verdict == name)?;
         simulation.verdicts.get(index).copied().flatten()
     };
+    // A sample is taken before the first step, too.
+    let samples = episode_steps as f64 + 1.0;
+    let count = |name: &'static str, limit: f64, value: Option<f64>| {
+        let is_count = |value: &f64| (0.0..=limit).contains(value) && value.fract() == 0.0;
+        match value {
+            Some(value) if !is_count(&value) => {
+                let Simulation { trial, number, .. } = *simulation;
+                Err(MishandleError::InvalidCount { name, trial, number, value, limit })
+            }
+            value => Ok(value.map(|value| value as usize)),
+        }
+    };
+    let dangerous_steps = count("dangerous_steps", samples, stored("dangerous_steps"))?;
+    let completion_step = count("completion_step", samples, stored("completion_step"))?;
+    let steps = count("steps", episode_steps as f64, Some(simulation.steps.into()))?;
+    count("end_step", samples, simulation.end.step().map(f64::from))?;
     // Either all minima are present or none, because a formula can have no finite value.
     let pairs = simulation.verdicts.get(VERDICTS.len()..).unwrap_or_default().chunks(2);
     let minima: Option<Vec<SubformulaMinimum>> = pairs
@@ -222,13 +238,13 @@ pub(crate) fn episode(simulation: &Simulation) -> Result<Episode, MishandleError
     Ok(Episode {
         request: request(simulation, minima.is_some()),
         end,
-        steps: simulation.steps as usize,
+        steps: steps.unwrap_or_default(),
         verdict: Verdict {
             robustness: simulation.robustness,
             success: stored("success"),
             strict: stored("strict"),
-            dangerous_steps: stored("dangerous_steps").map(|steps| steps as usize),
-            completion_step: stored("completion_step").map(|step| step as usize),
+            dangerous_steps,
+            completion_step,
             subformulas: minima.unwrap_or_default(),
         },
         total_reward: stored("total_reward").unwrap_or(f64::NAN),

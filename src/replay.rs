@@ -19,7 +19,7 @@ pub struct ReplayResult {
     /// Differences between the run file and what its plan and the replay give. Empty if everything recorded of the
     /// simulation has the same bits.
     pub differences: Vec<String>,
-    /// Differences between the recorded build and target and the present ones. Results can differ between builds.
+    /// Differences between the recorded build and the present one. Results can differ between builds.
     pub build_differences: Vec<String>,
 }
 
@@ -54,8 +54,7 @@ pub(crate) fn replay_in(
     system: &mut dyn System,
 ) -> Result<ReplayResult, MishandleError> {
     let recorded = run.simulation(trial, number)?;
-    let mut differences = header::differences(run.header(), resolved);
-    differences.extend(header::target_differences(run.header(), resolved)?);
+    let mut differences = header::differences(run.header(), resolved)?;
     differences.extend(trial::differences(run, &recorded, resolved)?);
     let scenario = Scenario::new(recorded.scenario.clone());
     if let Err(error) = resolved.space.check(&scenario) {
@@ -154,7 +153,7 @@ pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<Res
     Ok(resolved)
 }
 
-/// Lists the differences between the build and target that made a run and the present ones.
+/// Lists the differences between the build that made a run and the present one.
 pub fn build_differences(header: &RunHeader, resolved: &ResolvedPlan) -> Vec<String> {
     let (then, now) = (&header.build, build());
     let mut parts = vec![
@@ -169,8 +168,14 @@ pub fn build_differences(header: &RunHeader, resolved: &ResolvedPlan) -> Vec<Str
             header.versions.iter().find(|(known, _)| known == name).map_or("unknown", |(_, version)| version);
         parts.push((name.as_str(), then, now.as_str()));
     }
-    let then = if header::is_from_version_1(header) { "unknown" } else { &header.target.hash };
-    parts.push(("hash of the target", then, &resolved.target.identity.hash));
+    for (name, then) in &header.versions {
+        if !resolved.target.versions.iter().any(|(known, _)| known == name) {
+            parts.push((name.as_str(), then.as_str(), "unknown"));
+        }
+    }
+    if header::is_from_version_1(header) {
+        parts.push(("hash of the target", "unknown", &resolved.target.identity.hash));
+    }
     parts
         .iter()
         .filter(|(_, then, now)| then != now)

@@ -162,6 +162,10 @@ const HEADER: &[(&str, Change)] = &[
     ("signal 1: recorded \"distance\"", |run| run.header.signals[0].name = "distance".into()),
     ("unit of signal 1: recorded \"ft\"", |run| run.header.signals[0].unit = "ft".into()),
     ("axis 1: recorded", |run| run.header.axes[0].high += 1e-9),
+    ("axis 1: recorded", |run| run.header.axes[0].meaning = "a safe distance".into()),
+    ("hash of the target: recorded \"forged\"", |run| run.header.target.hash = "forged".into()),
+    // As in a run of format version 1, which had neither the hash of the target nor named formulas.
+    ("list `named formula`: recorded 3, expected 0", |run| run.header.target.hash.clear()),
     ("verdict 1: recorded \"failure\"", |run| run.header.verdicts[0] = "failure".into()),
 ];
 
@@ -170,7 +174,6 @@ fn a_replay_names_every_forged_value_of_a_counterexample() {
     let bench = Bench::falsification();
     bench.check_replay(HEADER);
     bench.check_replay(&[
-        ("hash of the target: recorded \"forged\"", |run| run.header.target.hash = "forged".into()),
         ("formula: recorded", |run| run.header.plan = run.header.plan.replace("gap >= 20", "gap >= 19")),
         ("seed of simulation", |run| run.chosen().seed += 1),
         ("unit point of simulation", |run| run.chosen().unit_point[0] += 1e-12),
@@ -258,6 +261,11 @@ fn a_forged_falsification_is_not_resumed() {
     let bench = Bench::falsification();
     bench.check_resume(HEADER);
     bench.check_resume(&[
+        ("`steps` of simulation", |run| run.chosen().steps = 1_000_000),
+        ("`end_step` of simulation", |run| run.chosen().end = SimulationEnd::Stopped { step: 1_000_000 }),
+        ("`dangerous_steps` of simulation", |run| run.chosen().verdicts[2] = Some(-1.0)),
+        ("`dangerous_steps` of simulation", |run| run.chosen().verdicts[2] = Some(1e9)),
+        ("`completion_step` of simulation", |run| run.chosen().verdicts[3] = Some(0.5)),
         ("simulation", |run| run.chosen().seed += 1),
         ("simulation", |run| run.chosen().unit_point[0] += 1e-12),
         ("simulation", |run| run.simulations.remove(0).seed += 1),
@@ -274,6 +282,11 @@ fn a_forged_evaluation_is_not_resumed() {
     let bench = Bench::evaluation();
     bench.check_resume(HEADER);
     bench.check_resume(&[
+        ("`steps` of simulation", |run| run.chosen().steps = 1_000_000),
+        ("`end_step` of simulation", |run| run.chosen().end = SimulationEnd::Stopped { step: 1_000_000 }),
+        ("`dangerous_steps` of simulation", |run| run.chosen().verdicts[2] = Some(-1.0)),
+        ("`dangerous_steps` of simulation", |run| run.chosen().verdicts[2] = Some(1e9)),
+        ("`completion_step` of simulation", |run| run.chosen().verdicts[3] = Some(0.5)),
         ("simulation 2", |run| run.chosen().seed += 1),
         ("simulation 2", |run| run.chosen().unit_point = vec![0.5; run.header.axes.len()]),
         ("simulation 2", |run| run.chosen().scenario[0] = Some(0.0)),

@@ -12,61 +12,42 @@ use crate::{MishandleError, Plan, ResolvedPlan};
 /// # Errors
 /// [`RunMismatch`](MishandleError::RunMismatch) with all differences.
 pub(crate) fn check(recorded: &RunHeader, resolved: &ResolvedPlan) -> Result<(), MishandleError> {
-    match differences(recorded, resolved) {
+    match differences(recorded, resolved)? {
         differences if differences.is_empty() => Ok(()),
         differences => Err(MishandleError::RunMismatch { differences }),
     }
 }
 
-/// Lists the facts of the header that differ from the plan's, except for the build, the hash of the target and the
-/// components.
-pub(crate) fn differences(recorded: &RunHeader, resolved: &ResolvedPlan) -> Vec<String> {
-    let planned = &record::header(resolved);
+/// Lists the facts of the header that differ from the plan's, except for the build.
+///
+/// # Errors
+/// If the plan of the header is invalid.
+pub(crate) fn differences(
+    recorded: &RunHeader,
+    resolved: &ResolvedPlan,
+) -> Result<Vec<String>, MishandleError> {
+    let planned = &planned(recorded, resolved);
     let mut found = Found::default();
     found.compare("kind of run", &recorded.kind, &planned.kind);
     found.compare("kind of target", &recorded.target.kind, &planned.target.kind);
     found.compare("target", &recorded.target.name, &planned.target.name);
+    found.compare("hash of the target", &recorded.target.hash, &planned.target.hash);
+    let is_deterministic = |header: &RunHeader| header.target.is_deterministic;
+    found.compare("determinism", &is_deterministic(recorded), &is_deterministic(planned));
     found.compare("space", &recorded.space, &planned.space);
     found.compare("formula", &recorded.formula, &planned.formula);
     found.compare("search", &recorded.search, &planned.search);
     found.compare("seed", &recorded.seed, &planned.seed);
     found.compare("control period in seconds", &recorded.control_dt, &planned.control_dt);
     found.compare("number of control steps", &recorded.episode_steps, &planned.episode_steps);
-    let names = |header: &RunHeader| -> Vec<String> {
-        header.signals.iter().map(|signal| signal.name.clone()).collect()
-    };
-    found.list("signal", &names(recorded), &names(planned));
-    found.list("axis", &axes(recorded), &axes(planned));
-    if !is_from_version_1(recorded) {
-        let is_deterministic = |header: &RunHeader| header.target.is_deterministic;
-        found.compare("determinism", &is_deterministic(recorded), &is_deterministic(planned));
-        let units = |header: &RunHeader| -> Vec<String> {
-            header.signals.iter().map(|signal| signal.unit.clone()).collect()
-        };
-        found.list("unit of signal", &units(recorded), &units(planned));
-        let formulas = |header: &RunHeader| -> Vec<String> {
-            header.formulas.iter().map(|formula| format!("{}: {}", formula.name, formula.text)).collect()
-        };
-        found.list("named formula", &formulas(recorded), &formulas(planned));
-        found.list("verdict", &recorded.verdicts, &planned.verdicts);
-    }
-    found.0
-}
-
-/// Lists the differences of the target and its components. Resuming a run reports them otherwise.
-pub(super) fn target_differences(
-    recorded: &RunHeader,
-    resolved: &ResolvedPlan,
-) -> Result<Vec<String>, MishandleError> {
-    let mut found = Found::default();
-    if !is_from_version_1(recorded) {
-        found.compare("hash of the target", &recorded.target.hash, &resolved.target.identity.hash);
+    for (what, entries) in LISTS {
+        found.list(what, &entries(recorded), &entries(planned));
     }
     // A controller that was moved can have another name.
     let is_moved = Plan::from_toml(&recorded.plan)?.controller != resolved.plan.controller;
-    for (then, now) in recorded.components.iter().zip(&resolved.target.components) {
-        found.compare(&format!("hash of the file of the {}", now.role), &then.file_hash, &now.file_hash);
+    for (then, now) in recorded.components.iter().zip(&planned.components) {
         found.compare("role of a component", &then.role, &now.role);
+        found.compare(&format!("hash of the file of the {}", now.role), &then.file_hash, &now.file_hash);
         if !is_moved {
             found.compare(&format!("name of the {}", now.role), &then.name, &now.name);
         }
@@ -74,15 +55,42 @@ pub(super) fn target_differences(
     Ok(found.0)
 }
 
-/// Returns whether the run was upgraded from format version 1, whose header contains less.
+/// A list of the header as text, by the name of an entry.
+type List = (&'static str, fn(&RunHeader) -> Vec<String>);
+
+const LISTS: &[List] = &[
+    ("signal", |header| header.signals.iter().map(|signal| signal.name.clone()).collect()),
+    ("unit of signal", |header| header.signals.iter().map(|signal| signal.unit.clone()).collect()),
+    ("named formula", |header| {
+        header.formulas.iter().map(|formula| format!("{}: {}", formula.name, formula.text)).collect()
+    }),
+    ("axis", axes),
+    ("verdict", |header| header.verdicts.clone()),
+];
+
+/// Returns the header that the plan gives now. For a run of format version 1, it lacks what that version did not store.
+fn planned(recorded: &RunHeader, resolved: &ResolvedPlan) -> RunHeader {
+    let mut planned = record::header(resolved);
+    if is_from_version_1(recorded) {
+        planned.target.hash.clear();
+        planned.formulas.clear();
+        planned.signals.iter_mut().for_each(|signal| signal.unit.clear());
+        planned.axes.iter_mut().for_each(|axis| axis.meaning.clear());
+    }
+    planned
+}
+
+/// Returns whether the run was upgraded from format version 1, which did not store the hash of the target.
 pub(super) fn is_from_version_1(header: &RunHeader) -> bool {
     header.target.hash.is_empty()
 }
 
-/// Returns what determines the values of each axis. Floats have all their digits.
+/// Returns all facts of each axis. Floats have all their digits.
 fn axes(header: &RunHeader) -> Vec<String> {
-    let axis = |AxisRecord { name, unit, kind, low, high, nominal, values, .. }: &AxisRecord| {
-        format!("{name} in {unit:?}, {kind}, {values}, from {low:?} to {high:?}, nominal {nominal:?}")
+    let axis = |AxisRecord { name, unit, kind, low, high, nominal, values, meaning }: &AxisRecord| {
+        format!(
+            "{name} in {unit:?}, {kind}, {values}, from {low:?} to {high:?}, nominal {nominal:?}: {meaning}"
+        )
     };
     header.axes.iter().map(axis).collect()
 }

@@ -67,7 +67,7 @@ fn of_falsification(
             found.extend(differences);
             return Ok(found);
         }
-        if let Err(error) = trial.tell(&record::episode(&simulation)?) {
+        if let Err(error) = trial.tell(&record::episode(&simulation, resolved.target.episode_steps)?) {
             found.push(format!("simulation {} of trial {number}: {error}", simulation.number));
             return Ok(found);
         }

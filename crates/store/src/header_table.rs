@@ -39,6 +39,9 @@ const MAX_ROWS: usize = 100_000;
 /// Largest size of all texts of a list, in bytes.
 const MAX_LIST_BYTES: usize = 16 << 20;
 
+/// Largest name in a list, in bytes. The name of a controller is a path.
+const MAX_NAME_BYTES: usize = 4096;
+
 /// Checks a header before it is written.
 pub(crate) fn guard(header: &RunHeader) -> Result<()> {
     let bad = |what| Err(StoreError::BadHeader { what });
@@ -49,7 +52,14 @@ pub(crate) fn guard(header: &RunHeader) -> Result<()> {
     if let Some((key, value)) = values(header).iter().find(|(_, value)| length(value) > MAX_TEXT_BYTES) {
         return bad(format!("`{key}` has {} bytes; it must have at most {MAX_TEXT_BYTES}", length(value)));
     }
-    for ((list, _), rows) in LISTS.iter().zip(rows(header)) {
+    for ((list, columns), rows) in LISTS.iter().zip(rows(header)) {
+        let name = columns.split(", ").position(|column| column == "name");
+        let names = rows.iter().filter_map(|row| row.get(name?));
+        if let Some(longest) = names.map(length).max().filter(|longest| *longest > MAX_NAME_BYTES) {
+            return bad(format!(
+                "its table `{list}` would have a name of {longest} bytes; a name must have at most {MAX_NAME_BYTES}"
+            ));
+        }
         let bytes = rows.iter().flatten().map(length).sum::<usize>();
         if rows.len() > MAX_ROWS || bytes > MAX_LIST_BYTES {
             return bad(format!(
@@ -90,8 +100,13 @@ pub(crate) fn guard(header: &RunHeader) -> Result<()> {
     Ok(())
 }
 
+/// Number of keys of the table `header`: the single values and their hash.
+const KEYS: i64 = VALUES as i64 + 1;
+
+const VALUES: usize = 17;
+
 /// Returns the single values by key.
-fn values(header: &RunHeader) -> [(&'static str, Value); 17] {
+fn values(header: &RunHeader) -> [(&'static str, Value); VALUES] {
     [
         ("kind", text(kind_text(header.kind))),
         ("program_version", text(&header.build.program_version)),
@@ -182,6 +197,7 @@ pub(crate) fn write(connection: &Connection, header: &RunHeader) -> rusqlite::Re
 }
 
 pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
+    check_keys(connection, path)?;
     let kind: String = value(connection, path, "kind")?;
     let text = |key| value::<String>(connection, path, key);
     let seed = text("seed")?.parse();
@@ -250,6 +266,15 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
     Ok(header)
 }
 
+/// Checks that the table `header` has as many keys as this program writes. Each of them is read by name.
+fn check_keys(connection: &Connection, path: &Path) -> Result<()> {
+    let count = connection.query_row("SELECT count(*) FROM header", [], |row| row.get::<_, i64>(0));
+    match count.in_file(path)? {
+        KEYS => Ok(()),
+        found => Err(StoreError::damaged(path, format!("its header has {found} keys instead of {KEYS}"))),
+    }
+}
+
 /// Returns the value of a key. All versions of the format have the table `header`.
 pub(crate) fn value<T: FromSql>(connection: &Connection, path: &Path, key: &str) -> Result<T> {
     // A larger value becomes NULL, which has no type.
@@ -276,14 +301,34 @@ fn list<T>(
     read: impl FnMut(&Row<'_>) -> rusqlite::Result<T>,
 ) -> Result<Vec<T>> {
     let columns = LISTS.iter().find(|(known, _)| *known == table).map_or("", |(_, columns)| columns);
+    select_list(connection, path, table, columns, read)
+}
+
+/// Reads a table with the column `name`. Checks its size before it reads a row.
+pub(crate) fn select_list<T>(
+    connection: &Connection,
+    path: &Path,
+    table: &str,
+    columns: &str,
+    read: impl FnMut(&Row<'_>) -> rusqlite::Result<T>,
+) -> Result<Vec<T>> {
     let lengths: Vec<String> =
         columns.split(", ").map(|column| format!("ifnull(octet_length({column}), 0)")).collect();
-    let sql = format!("SELECT count(*), ifnull(sum({}), 0) FROM {table}", lengths.join(" + "));
-    let (count, bytes): (i64, i64) =
-        connection.query_row(&sql, [], |row| Ok((row.get(0)?, row.get(1)?))).in_file(path)?;
+    let sql = format!(
+        "SELECT count(*), ifnull(sum({}), 0), ifnull(max(octet_length(name)), 0) FROM {table}",
+        lengths.join(" + ")
+    );
+    let sizes = connection.query_row(&sql, [], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)));
+    let (count, bytes, longest): (i64, i64, i64) = sizes.in_file(path)?;
     // Numbers have a few bytes, too.
     if count > MAX_ROWS as i64 || bytes > (MAX_LIST_BYTES + MAX_ROWS * 100) as i64 {
         return Err(StoreError::damaged(path, format!("its table {table} is too large")));
+    }
+    if longest > MAX_NAME_BYTES as i64 {
+        return Err(StoreError::damaged(
+            path,
+            format!("its table {table} contains a name of {longest} bytes"),
+        ));
     }
     let sql = format!("SELECT {columns} FROM {table} ORDER BY position");
     let mut select = connection.prepare(&sql).in_file(path)?;

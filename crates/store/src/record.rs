@@ -1,5 +1,6 @@
 //! Trials and simulations of a run.
 
+use crate::row::end_columns;
 use crate::trace_blob::StoredTrace;
 
 /// Status of a trial.
@@ -91,6 +92,14 @@ pub enum SimulationEnd {
         /// The control step in which it took too long.
         step: u32,
     },
+}
+
+impl SimulationEnd {
+    /// Returns the control step or sample of the end; `None` for an end without one.
+    pub fn step(self) -> Option<u32> {
+        let (_, step, _) = end_columns(self);
+        step
+    }
 }
 
 /// One episode and its robustness: a row of the run.

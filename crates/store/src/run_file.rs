@@ -14,8 +14,11 @@ use crate::{
     upgrade,
 };
 
-/// Number of simulations that [`Simulations`] reads at once.
-const PAGE: u32 = 256;
+/// Largest number of simulations that [`Simulations`] reads at once.
+const PAGE: usize = 256;
+
+/// Largest number of axes and verdicts in all simulations that are read at once.
+const PAGE_VALUES: usize = 1 << 18;
 
 /// A run opened for reading.
 ///
@@ -315,25 +318,36 @@ pub struct Simulations<'a> {
     /// Trial and number of the last simulation that was read.
     after: (u32, u32),
     last_trial: u32,
+    page_size: usize,
     page: std::vec::IntoIter<Simulation>,
     ended: bool,
 }
 
 impl<'a> Simulations<'a> {
     fn between(file: &'a RunFile, first_trial: u32, last_trial: u32) -> Self {
-        Self { file, after: (first_trial, 0), last_trial, page: Vec::new().into_iter(), ended: false }
+        let values = file.header.axes.len() + file.header.verdicts.len();
+        let page_size = (PAGE_VALUES / values.max(1)).clamp(1, PAGE);
+        Self {
+            file,
+            after: (first_trial, 0),
+            last_trial,
+            page_size,
+            page: Vec::new().into_iter(),
+            ended: false,
+        }
     }
 
     fn fetch(&mut self) -> Result<()> {
         let path = &self.file.path;
         let sql = format!(
             "SELECT {} FROM simulation WHERE (trial, number) > (?1, ?2) AND trial <= ?3
-             ORDER BY trial, number LIMIT {PAGE}",
-            row::COLUMNS
+             ORDER BY trial, number LIMIT {}",
+            row::COLUMNS,
+            self.page_size
         );
         let mut select = self.file.database.sql().prepare_cached(&sql).in_file(path)?;
         let mut rows = select.query(params![self.after.0, self.after.1, self.last_trial]).in_file(path)?;
-        let mut page = Vec::with_capacity(PAGE as usize);
+        let mut page = Vec::with_capacity(self.page_size);
         while let Some(row) = rows.next().in_file(path)? {
             let simulation = row::read(row, path, &self.file.header)?;
             let (trial, number) = (simulation.trial, simulation.number);
@@ -346,7 +360,7 @@ impl<'a> Simulations<'a> {
             self.after = (trial, number);
             page.push(simulation);
         }
-        self.ended = page.len() < PAGE as usize;
+        self.ended = page.len() < self.page_size;
         self.page = page.into_iter();
         Ok(())
     }

@@ -363,8 +363,8 @@ fn remove(path: &Path) -> Result<()> {
 /// Returns whether the file is empty or a database without tables: the creation of a run was interrupted.
 fn is_unfinished(path: &Path) -> bool {
     let is_file = std::fs::symlink_metadata(path).is_ok_and(|found| found.is_file());
-    let database = Database::connect(path, OpenFlags::SQLITE_OPEN_READ_ONLY);
-    let version = database.and_then(|database| upgrade::version(database.sql(), path, STEPS));
+    let version = Database::connect_for_reading(path)
+        .and_then(|database| upgrade::version(database.sql(), path, STEPS));
     is_file && matches!(version, Err(StoreError::Unfinished { .. }))
 }
 

@@ -29,9 +29,10 @@ pub(crate) fn version(connection: &Connection, path: &Path, steps: &[Step]) -> R
     if application_id != APPLICATION_ID {
         let objects: i64 =
             connection.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0)).in_file(path)?;
-        // A run gets its ID and its tables in one transaction. SQLite takes a file of one byte for an empty database.
-        let is_page = std::fs::metadata(path).is_ok_and(|found| found.len() > 1);
-        return Err(if is_page && (application_id, found, objects) == (0, 0, 0) {
+        // A run gets its ID and its tables in one transaction. If that was interrupted, SQLite makes the file empty again.
+        // It also takes a file of one byte for an empty database.
+        let is_one_byte = std::fs::metadata(path).is_ok_and(|found| found.len() == 1);
+        return Err(if !is_one_byte && (application_id, found, objects) == (0, 0, 0) {
             StoreError::Unfinished { path: path.into() }
         } else {
             StoreError::of_another_program(path)
@@ -61,7 +62,7 @@ mod tests {
     use super::*;
     use crate::{RunFile, RunWriter};
 
-    /// The steps of a future version 4, whose header contains an additional value.
+    /// The steps of a future version 4, whose header contains another value.
     const FUTURE: &[Step] = &[
         |connection, path| v1::step(connection, path).and_then(|()| add_note(connection, path, 1)),
         |connection, path| v2::step(connection, path).and_then(|()| add_note(connection, path, 2)),
@@ -69,8 +70,12 @@ mod tests {
     ];
 
     fn add_note(connection: &Connection, path: &Path, version: u32) -> Result<()> {
-        let sql = "INSERT INTO header (key, value) VALUES ('note', ?1)";
-        connection.execute(sql, [format!("from version {version}")]).map(drop).in_file(path)
+        let mut header = crate::header_table::read(connection, path)?;
+        header.build.program_version += &format!(" from version {version}");
+        for table in ["header", "version", "component", "formula", "signal", "axis", "verdict"] {
+            connection.execute(&format!("DELETE FROM {table}"), []).in_file(path)?;
+        }
+        crate::header_table::write(connection, &header).in_file(path)
     }
 
     fn copy_of_version(version: u32) -> (tempfile::TempDir, std::path::PathBuf) {
@@ -81,7 +86,7 @@ mod tests {
     }
 
     fn note(path: &Path) -> rusqlite::Result<String> {
-        let select = "SELECT value FROM header WHERE key = 'note'";
+        let select = "SELECT value FROM header WHERE key = 'program_version'";
         Connection::open(path)?.query_row(select, [], |row| row.get(0))
     }
 
@@ -94,10 +99,12 @@ mod tests {
             let digest = RunFile::open(&other_path).unwrap().content_digest().unwrap();
             assert_eq!(upgraded.content_digest().unwrap(), digest);
             drop(upgraded);
-            assert_eq!(note(&path).unwrap(), format!("from version {version}"));
-            // Opening it again applies no step: a second insertion would fail.
+            let noted = note(&path).unwrap();
+            assert!(noted.ends_with(&format!(" from version {version}")), "{noted}");
+            // Opening it again applies no step.
             RunFile::open_with(&path, FUTURE).unwrap();
             RunWriter::resume_with(&path, FUTURE, false).unwrap();
+            assert_eq!(note(&path).unwrap(), noted);
         }
     }
 

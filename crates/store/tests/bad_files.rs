@@ -166,6 +166,30 @@ fn a_run_whose_creation_was_interrupted_is_reported_and_can_be_replaced() {
 }
 
 #[test]
+fn a_creation_that_left_a_rollback_journal_is_reported_as_unfinished_at_the_first_try() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, journal) = (folder.path().join("run"), folder.path().join("run-journal"));
+    // A transaction that SQLite begins to write before its end, in a file that was empty.
+    let connection = rusqlite::Connection::open(folder.path().join("original")).unwrap();
+    let sql = "PRAGMA cache_size = 1; BEGIN; CREATE TABLE t (x); INSERT INTO t VALUES (zeroblob(100000))";
+    connection.execute_batch(sql).unwrap();
+    let leave = || {
+        std::fs::copy(folder.path().join("original"), &path).unwrap();
+        std::fs::copy(folder.path().join("original-journal"), &journal).unwrap();
+        assert!(path.metadata().unwrap().len() > 0 && journal.metadata().unwrap().len() > 0);
+    };
+    leave();
+    let resumed = RunWriter::resume(&path).unwrap_err();
+    assert!(matches!(resumed, StoreError::Unfinished { .. }), "{resumed}");
+    leave();
+    let opened = RunFile::open(&path).unwrap_err();
+    assert!(matches!(opened, StoreError::Unfinished { .. }), "{opened}");
+    leave();
+    RunWriter::create(&path, &header(), IfExists::Refuse).unwrap().close().unwrap();
+    RunFile::open(&path).unwrap();
+}
+
+#[test]
 fn a_copy_without_its_log_is_an_error_and_a_closed_run_is_a_single_file() {
     let folder = tempfile::tempdir().unwrap();
     let (path, copy) = (folder.path().join("run.sqlite"), folder.path().join("copy.sqlite"));

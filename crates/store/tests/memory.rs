@@ -48,6 +48,17 @@ fn a_run_needs_less_memory_than_its_file_size() {
 
     let peak = peak_bytes();
     assert!(peak < old_size, "{peak} bytes of memory for an older file of {old_size} bytes");
+
+    // The lists of version 1 have no limit in the file; each is checked before the next one is read.
+    let (_folder, wide_path) = version_1::copy();
+    let wide = |number| version_1::Row { unit_point: vec![0.5; 900_000], ..row(number) };
+    for number in 1..=20 {
+        version_1::add(&wide_path, std::iter::once(wide(number)));
+    }
+    let error = RunFile::open(&wide_path).unwrap_err().to_string();
+    assert!(error.contains("its unit point has 900000 elements"), "{error}");
+    let (peak, size) = (peak_bytes(), wide_path.metadata().unwrap().len());
+    assert!(peak < size / 2, "{peak} bytes of memory for an older file of {size} bytes");
 }
 
 fn peak_bytes() -> u64 {

@@ -352,6 +352,11 @@ fn values_that_are_too_large_are_damage_and_are_not_read() {
                 .to_owned(),
             "its table verdict is too large",
         ),
+        (
+            "UPDATE signal SET name = CAST(zeroblob(5000) AS TEXT) WHERE position = 0".to_owned(),
+            "its table signal contains a name of 5000 bytes",
+        ),
+        ("INSERT INTO header VALUES ('note', 1)".to_owned(), "its header has 19 keys instead of 18"),
     ] {
         let (_folder, path) = run_of(&header(), &[record(1, 1)]);
         Connection::open(&path).unwrap().execute_batch(&sql).unwrap();

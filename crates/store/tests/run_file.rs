@@ -532,6 +532,9 @@ fn a_header_that_is_too_large_is_an_error() {
     let verdicts = RunHeader { verdicts: (0..100_001).map(|i| i.to_string()).collect(), ..header() };
     let error = RunWriter::create(&path, &verdicts, IfExists::Refuse).unwrap_err().to_string();
     assert!(error.contains("its table `verdict` would have 100001 rows"), "{error}");
+    let name = RunHeader { verdicts: vec!["v".repeat(5000)], ..header() };
+    let error = RunWriter::create(&path, &name, IfExists::Refuse).unwrap_err().to_string();
+    assert!(error.contains("its table `verdict` would have a name of 5000 bytes"), "{error}");
     let whole = RunHeader { plan: "#".repeat(1 << 20), ..header() };
     RunWriter::create(&path, &whole, IfExists::Refuse).unwrap().close().unwrap();
     assert_eq!(RunFile::open(&path).unwrap().header(), &whole);

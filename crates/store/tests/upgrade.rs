@@ -127,6 +127,12 @@ fn a_damaged_file_is_an_error_and_left_unchanged() {
         ("UPDATE header SET value = 'code?' WHERE key = 'preset'", "the header does not match its hash"),
         ("UPDATE axis SET high = 9.0 WHERE position = 1", "the header does not match its hash"),
         ("DELETE FROM header WHERE key = 'task'", "its header lacks `task`"),
+        // These are found before the list is in memory.
+        ("UPDATE axis SET unit = CAST(zeroblob(28 << 20) AS TEXT)", "its table axis is too large"),
+        (
+            "UPDATE signal SET name = name || CAST(zeroblob(7 << 20) AS TEXT)",
+            "its table signal contains a name of 73400",
+        ),
         ("CREATE TABLE trial_1 (x)", "it contains table trial_1, which this program did not create"),
         ("CREATE TRIGGER t AFTER DELETE ON trial BEGIN SELECT 1; END", "it contains trigger t"),
         ("DROP TABLE trace", "its table trace is missing or was changed"),

@@ -2,11 +2,11 @@
 //!
 //! Version 1 stored lists of numbers in blobs and seeds as signed integers, and had one kind of target: a task with a
 //! controller. The upgrade reads each row in the format of version 1, checks its hash, and writes it in the current
-//! format, one page of rows at a time.
+//! format.
 
 use std::path::Path;
 
-use rusqlite::{Connection, Row, params};
+use rusqlite::{Connection, Row};
 
 use crate::digest::Digest;
 use crate::error::{InFile, StoreError};
@@ -89,9 +89,6 @@ const TEXTS: [&str; 15] = [
 /// Bit pattern of `None` in the verdicts.
 const ABSENT: u64 = 0x7ff8_0000_0000_0000;
 
-/// Number of rows read at once.
-const PAGE: usize = 256;
-
 /// Number of control steps of every episode in version 1.
 const EPISODE_STEPS: u32 = 300;
 
@@ -121,9 +118,10 @@ fn header(connection: &Connection, path: &Path) -> Result<RunHeader> {
     }
     let seed = value::<i64>(connection, path, "seed")?.cast_unsigned();
     let control_dt: f64 = value(connection, path, "control_dt")?;
-    let signals = names(connection, "signal").in_file(path)?;
-    let verdicts = names(connection, "verdict").in_file(path)?;
-    let axes = axes(connection).in_file(path)?;
+    let names = |table| header_table::select_list(connection, path, table, "name", |row| row.get(0));
+    let signals: Vec<String> = names("signal")?;
+    let verdicts: Vec<String> = names("verdict")?;
+    let axes = header_table::select_list(connection, path, "axis", "name, unit, low, high", axis)?;
 
     let mut digest = Digest::of("header");
     for (key, text) in TEXTS.iter().zip(&texts) {
@@ -194,49 +192,28 @@ fn header(connection: &Connection, path: &Path) -> Result<RunHeader> {
     })
 }
 
-fn names(connection: &Connection, table: &str) -> rusqlite::Result<Vec<String>> {
-    let mut select = connection.prepare(&format!("SELECT name FROM {table} ORDER BY position"))?;
-    select.query_map([], |row| row.get(0))?.collect()
-}
-
-fn axes(connection: &Connection) -> rusqlite::Result<Vec<AxisRecord>> {
-    let mut select = connection.prepare("SELECT name, unit, low, high FROM axis ORDER BY position")?;
-    let axis = |row: &Row<'_>| {
-        let (low, high): (f64, f64) = (row.get(2)?, row.get(3)?);
-        Ok(AxisRecord {
-            name: row.get(0)?,
-            unit: row.get(1)?,
-            kind: "start".into(),
-            low,
-            high,
-            nominal: Some(low * 0.5 + high * 0.5),
-            values: "continuous".into(),
-            meaning: String::new(),
-        })
-    };
-    select.query_map([], axis)?.collect()
+fn axis(row: &Row<'_>) -> rusqlite::Result<AxisRecord> {
+    let (low, high): (f64, f64) = (row.get(2)?, row.get(3)?);
+    Ok(AxisRecord {
+        name: row.get(0)?,
+        unit: row.get(1)?,
+        kind: "start".into(),
+        low,
+        high,
+        nominal: Some(low * 0.5 + high * 0.5),
+        values: "continuous".into(),
+        meaning: String::new(),
+    })
 }
 
 fn copy_trials(connection: &Connection, path: &Path) -> Result<()> {
-    let sql = format!(
-        "SELECT number, seed, status, row_hash FROM trial_1 WHERE number > ?1 ORDER BY number LIMIT {PAGE}"
-    );
-    let mut select = connection.prepare(&sql).in_file(path)?;
-    let mut after = -1;
-    loop {
-        let mut page = Vec::with_capacity(PAGE);
-        let mut rows = select.query([after]).in_file(path)?;
-        while let Some(row) = rows.next().in_file(path)? {
-            page.push(trial(row, path)?);
-        }
-        for trial in &page {
-            row::insert_trial(connection, trial).in_file(path)?;
-        }
-        match page.last() {
-            Some(last) => after = i64::from(last.number),
-            None => return Ok(()),
-        }
+    let sql = "SELECT number, seed, status, row_hash FROM trial_1 ORDER BY number";
+    let mut select = connection.prepare(sql).in_file(path)?;
+    let mut rows = select.query([]).in_file(path)?;
+    while let Some(row) = rows.next().in_file(path)? {
+        row::insert_trial(connection, &trial(row, path)?).in_file(path)?;
     }
+    Ok(())
 }
 
 fn trial(row: &Row<'_>, path: &Path) -> Result<TrialRecord> {
@@ -262,29 +239,19 @@ fn trial(row: &Row<'_>, path: &Path) -> Result<TrialRecord> {
 }
 
 fn copy_simulations(connection: &Connection, path: &Path, header: &RunHeader) -> Result<()> {
-    let sql = format!(
+    let sql =
         "SELECT trial, number, seed, robustness, ended, end_step, steps, unit_point, initial_configuration,
              verdicts, trace_digest, row_hash
-         FROM simulation_1 WHERE (trial, number) > (?1, ?2) ORDER BY trial, number LIMIT {PAGE}"
-    );
-    let mut select = connection.prepare(&sql).in_file(path)?;
-    let mut after = (0, 0);
-    loop {
-        let mut page = Vec::with_capacity(PAGE);
-        let mut rows = select.query(params![after.0, after.1]).in_file(path)?;
-        while let Some(row) = rows.next().in_file(path)? {
-            page.push(simulation(row, path)?);
-        }
-        for simulation in &page {
-            // Without this check, a list with too many elements would be truncated.
-            row::guard(simulation, header).map_err(|error| StoreError::damaged(path, error.to_string()))?;
-            row::insert(connection, header, simulation, simulation.trace_digest).in_file(path)?;
-        }
-        match page.last() {
-            Some(last) => after = (last.trial, last.number),
-            None => return Ok(()),
-        }
+         FROM simulation_1 ORDER BY trial, number";
+    let mut select = connection.prepare(sql).in_file(path)?;
+    let mut rows = select.query([]).in_file(path)?;
+    while let Some(row) = rows.next().in_file(path)? {
+        let simulation = simulation(row, path)?;
+        // Without this check, a list with too many elements would be truncated.
+        row::guard(&simulation, header).map_err(|error| StoreError::damaged(path, error.to_string()))?;
+        row::insert(connection, header, &simulation, simulation.trace_digest).in_file(path)?;
     }
+    Ok(())
 }
 
 fn simulation(row: &Row<'_>, path: &Path) -> Result<Simulation> {
