@@ -392,9 +392,27 @@ pub(crate) fn not_closed(error: StoreError) -> StoreError {
 
 /// Returns the error of an integrity check. SQLite also lists pages that it could not read, which may not be damaged.
 fn integrity_error(path: &Path, verdict: &str) -> StoreError {
+    let out_of_memory = format!("error code={}", rusqlite::ffi::SQLITE_NOMEM);
+    if verdict.lines().any(|line| line.ends_with(&out_of_memory)) {
+        return StoreError::Sqlite { message: "out of memory".into(), path: path.into() };
+    }
     if verdict.contains("unable to get the page") || verdict.contains("failed to get page") {
         let what = format!("cannot check {}", path.display());
         return StoreError::Io { what, source: std::io::Error::other(verdict.to_string()) };
     }
     StoreError::damaged(path, verdict)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_check_without_enough_memory_is_not_reported_as_damage_or_a_disk_error() {
+        let error = |verdict: &str| integrity_error(Path::new("run"), verdict).to_string();
+        let text = "*** in database main ***\nTree 5 page 5: unable to get the page. error code=";
+        assert_eq!(error(&format!("{text}7")), "SQLite failed: out of memory: run");
+        assert!(error(&format!("{text}266")).starts_with("cannot check run"), "an I/O error");
+        assert!(error("row 1 missing from index").starts_with("the run file is damaged"));
+    }
 }
