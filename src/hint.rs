@@ -5,7 +5,8 @@ use mishandle_search::SearchError;
 use mishandle_stl::nearest;
 use mishandle_training::TrainingError;
 
-use crate::{MishandleError, home_description};
+use crate::MishandleError;
+use crate::home::controllers_description;
 
 impl MishandleError {
     /// Returns a suggestion for correcting the error, if there is one.
@@ -15,7 +16,7 @@ impl MishandleError {
                 let path_hint = || {
                     format!(
                         "shipped controllers are {}; for another controller give its path, such as ./FILE",
-                        home_description()
+                        controllers_description()
                     )
                 };
                 if *kind == "task" && name.starts_with("toy/") {
@@ -30,6 +31,7 @@ impl MishandleError {
                 let suggestion = suggest(name, known.iter().map(String::as_str));
                 suggestion.or_else(|| kind.starts_with("controller").then(path_hint))
             }
+            MishandleError::UnknownPlanKey { key, known, .. } => suggest_setting(key, known),
             MishandleError::Settings { source, .. } => match &**source {
                 TrainingError::UnknownSetting { name, known, .. } => suggest_setting(name, known),
                 TrainingError::Setting { found, known, .. } => {

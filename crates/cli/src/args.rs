@@ -1,12 +1,46 @@
 //! Command-line arguments and their help.
 
-use std::num::NonZeroUsize;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use clap::{Args, Parser, Subcommand};
+use mishandle::Plan;
+use mishandle::rollout::Noise;
 
-use crate::count::count;
+use crate::numbers::{integer, number};
+
+/// Random seeds.
+const SEEDS: RangeInclusive<u64> = 0..=u64::MAX;
+
+/// Numbers of threads: more than any machine has cores.
+const THREADS: RangeInclusive<u64> = 1..=1024;
+
+/// Numbers of trials and simulations in a run file.
+const NUMBERS: RangeInclusive<u64> = 1..=u32::MAX as u64;
+
+/// Numbers of environment steps of a training run: those of the setting `run.total_steps`.
+const STEPS: RangeInclusive<u64> = 1..=1_000_000_000_000;
+
+/// Numbers of parallel environments: those of the setting `episodes.environments`.
+const ENVIRONMENTS: RangeInclusive<u64> = 1..=1_000_000;
+
+/// Standard deviations of noise.
+const NOISE: &str = "a number from 0 to 10, such as 0.5";
+
+fn is_noise(std: f64) -> bool {
+    (0.0..=Noise::MAX_STD).contains(&std)
+}
+
+/// Sampling periods.
+const PERIOD: &str = "a number of seconds above 0, such as 0.1";
+
+fn is_period(secs: f64) -> bool {
+    secs > 0.0 && secs.is_finite()
+}
+
+/// Coordinates of an initial state.
+const COORDINATE: &str = "a finite number in the unit of the axis, such as 0.45";
 
 /// Version, and the paths of MuJoCo's library and of the shipped files, for questions about an installation.
 static LONG_VERSION: LazyLock<String> = LazyLock::new(|| {
@@ -133,7 +167,7 @@ pub struct Monitor {
     /// CSV file with the trace; - reads stdin
     pub trace: PathBuf,
     /// Sampling period in seconds [default: mean step of the column `time`, or 1 without that column]
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = number(PERIOD, is_period))]
     pub period: Option<f64>,
     /// Unit of interval bounds without a unit: s, ms, us or ns [default: such bounds count samples]
     #[arg(long)]
@@ -149,11 +183,11 @@ pub struct Monitor {
 /// Flags of all commands that run simulations.
 #[derive(Debug, Args)]
 pub struct Run {
-    /// Random seed [default: 0, or the seed of the plan]
-    #[arg(long, allow_negative_numbers = true, value_parser = count::<u64>)]
+    /// Random seed, from 0 to 2^64 - 1 [default: 0, or the seed of the plan]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u64>(SEEDS))]
     pub seed: Option<u64>,
     /// Number of threads; does not affect the results [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
     pub threads: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
@@ -177,16 +211,16 @@ pub struct Subject {
     #[arg(long, value_name = "NAME")]
     pub space: Option<String>,
     /// Batch size: number of simulations run at once [default: 64]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u32>)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(Plan::BATCH))]
     pub batch: Option<u32>,
     /// Task preset: initial box and formulas of the benchmark's `paper` or of its `code` [default: paper]
     #[arg(long)]
     pub preset: Option<String>,
     /// Standard deviation of the Gaussian noise on each action, added after clipping to [-1, 1]; from 0 to 10 [default: 0]
-    #[arg(long, value_name = "STD", allow_negative_numbers = true)]
+    #[arg(long, value_name = "STD", allow_negative_numbers = true, value_parser = number(NOISE, is_noise))]
     pub action_noise: Option<f64>,
     /// Standard deviation of the Gaussian noise on each observation, from 0 to 10 [default: 0]
-    #[arg(long, value_name = "STD", allow_negative_numbers = true)]
+    #[arg(long, value_name = "STD", allow_negative_numbers = true, value_parser = number(NOISE, is_noise))]
     pub observation_noise: Option<f64>,
     /// Sample actions from the policy instead of taking the mean action
     #[arg(long)]
@@ -226,7 +260,7 @@ pub struct Train {
     pub algorithm: String,
     /// Total number of environment steps (control steps of all parallel environments), such as 1e6; rounded up to
     /// whole iterations [default: run.total_steps of the settings]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u64>)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u64>(STEPS))]
     pub steps: Option<u64>,
     /// Reward: shaped or original
     #[arg(long, default_value = "shaped")]
@@ -264,16 +298,11 @@ pub struct Curve {
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// Number of parallel environments of the training run
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = environments)]
-    pub environments: Option<NonZeroUsize>,
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(ENVIRONMENTS))]
+    pub environments: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
-}
-
-/// Parses a number of environments, at least 1.
-fn environments(text: &str) -> Result<NonZeroUsize, String> {
-    NonZeroUsize::new(count(text)?).ok_or_else(|| "expected at least 1".to_string())
 }
 
 /// Show how a controller was trained: command, settings, random seed, commit, validation
@@ -305,7 +334,7 @@ pub struct Evaluate {
     #[command(flatten)]
     pub subject: Subject,
     /// Number of random initial states; the corners and the center of the initial box are simulated as well [default: 100]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u64>)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u64>(Plan::EPISODES))]
     pub episodes: Option<u64>,
     /// Region of the initial states: whole, or reachable (the part of the box from which the task is feasible)
     /// [default: whole]
@@ -355,10 +384,10 @@ pub struct Falsify {
     #[arg(long, allow_hyphen_values = true)]
     pub formula: Option<String>,
     /// Number of trials: independent searches, each with its own random seed [default: 30]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u32>)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(Plan::TRIALS))]
     pub trials: Option<u32>,
     /// Largest number of simulations per trial [default: 300]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u32>)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(Plan::BUDGET))]
     pub budget: Option<u32>,
     /// Run file to create (SQLite) [default: a new file in runs/]
     #[arg(long, value_name = "FILE")]
@@ -401,11 +430,11 @@ pub struct Replay {
     #[arg(value_name = "RUN")]
     pub file: PathBuf,
     /// Number of the trial, from 1 [default: 1 if --simulation is given, otherwise any]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub trial: Option<u32>,
     /// Number of the simulation within its trial, from 1 [default: the first counterexample, otherwise the simulation
     /// with the minimum robustness]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub simulation: Option<u32>,
     /// New path of the run's controller, if the file was moved
     #[arg(long, value_name = "C")]
@@ -417,7 +446,7 @@ pub struct Replay {
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
     /// Number of threads; does not affect the result [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
     pub threads: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
@@ -439,17 +468,17 @@ pub struct Render {
     pub task: Option<String>,
     /// Initial state: one value per axis of the initial box, in the axis' unit [default: the center of the box]
     #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
-    #[arg(conflicts_with = "run")]
+    #[arg(conflicts_with = "run", value_parser = number(COORDINATE, f64::is_finite))]
     pub at: Option<Vec<f64>>,
     /// Run file, to render one of its simulations
     #[arg(long, value_name = "RUN")]
     pub run: Option<PathBuf>,
     /// Number of the trial, from 1 [default: 1 if --simulation is given, otherwise any]
-    #[arg(long, value_name = "N", requires = "run")]
+    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub trial: Option<u32>,
     /// Number of the simulation within its trial, from 1 [default: the first counterexample, otherwise the simulation
     /// with the minimum robustness]
-    #[arg(long, value_name = "N", requires = "run")]
+    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub simulation: Option<u32>,
     /// New path of the run's controller, if the file was moved
     #[arg(long, value_name = "C", requires = "run")]
@@ -565,7 +594,7 @@ pub struct ZooSelection {
     #[arg(long, value_name = "TASK[/CONTROLLER]")]
     pub only: Option<String>,
     /// Only these random seeds; seed 0 is shipped
-    #[arg(long, value_name = "N", num_args = 1.., value_parser = count::<u64>)]
+    #[arg(long, value_name = "N", num_args = 1.., allow_negative_numbers = true, value_parser = integer::<u64>(SEEDS))]
     pub seeds: Vec<u64>,
     /// Treat controllers as trained on the present task if nothing but their task differs
     #[arg(long)]
@@ -576,12 +605,8 @@ pub struct ZooSelection {
 #[derive(Debug, Args)]
 pub struct ZooJobs {
     /// Number of parallel jobs, one thread each [default: all cores]
-    #[arg(long, value_name = "N", value_parser = jobs)]
-    pub jobs: Option<NonZeroUsize>,
-}
-
-fn jobs(text: &str) -> Result<NonZeroUsize, String> {
-    NonZeroUsize::new(count(text)?).ok_or_else(|| "expected at least 1".to_string())
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
+    pub jobs: Option<usize>,
 }
 
 /// Print a shell script that completes commands and flags

@@ -5,10 +5,10 @@
 mod args;
 mod commands;
 mod corners;
-mod count;
 mod escape;
 mod interrupt;
 mod live_curve;
+mod numbers;
 mod output;
 mod progress;
 mod run;

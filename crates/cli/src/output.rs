@@ -1,6 +1,7 @@
 //! Output: results on stdout, messages on stderr. Everything printed is escaped: see [`escape`].
 
 use std::ffi::OsString;
+use std::fmt::Display;
 use std::io::{BufWriter, ErrorKind, IsTerminal, Write};
 use std::path::Path;
 
@@ -174,6 +175,11 @@ pub fn is_broken_pipe(error: &Error) -> bool {
         .chain()
         .filter_map(|cause| cause.downcast_ref::<std::io::Error>())
         .any(|error| error.kind() == ErrorKind::BrokenPipe)
+}
+
+/// Formats a number of things: `1 trial`, `2 trials`.
+pub fn plural<N: Copy + Display + PartialEq + From<u8>>(count: N, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == N::from(1) { "" } else { "s" })
 }
 
 /// Formats a table with aligned columns. The first row is the header.

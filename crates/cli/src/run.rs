@@ -13,16 +13,9 @@ use serde_json::{Value, json};
 use crate::progress::Bar;
 use crate::{args, escape, interrupt, output};
 
-/// Largest number of threads, more than any machine has cores.
-const MAX_THREADS: usize = 1024;
-
 /// Sets the size of rayon's global thread pool.
 pub fn set_threads(threads: Option<usize>) -> Result<()> {
     if let Some(threads) = threads {
-        ensure!(
-            (1..=MAX_THREADS).contains(&threads),
-            "--threads is {threads}; it must be from 1 to {MAX_THREADS}"
-        );
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
     }
     Ok(())

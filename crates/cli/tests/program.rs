@@ -390,7 +390,10 @@ fn a_plan_and_the_equivalent_flags_give_the_same_result() {
     let edited = bench.json("evaluate --plan plan.toml --seed 4 --json", 0);
     assert_eq!(edited["seed"], "4");
     bench.write("wrong.toml", "task = \"point-reaching\"\ncontroler = \"expert\"\n");
-    bench.refuses("evaluate --plan wrong.toml", &["wrong.toml", "controler"]);
+    bench.refuses(
+        "evaluate --plan wrong.toml",
+        &["wrong.toml: line 2 of the plan: there is no key `controler`", "hint: did you mean `controller`?"],
+    );
     bench.write("newer.toml", "format = 9\ntask = \"point-reaching\"\ncontroller = \"expert\"\n");
     bench.refuses("evaluate --plan newer.toml", &["format 9", "newer Mishandle"]);
 }
@@ -590,10 +593,19 @@ fn invalid_arguments_are_errors_before_any_simulation() {
         &["finger_twst", "did you mean `finger_twist`?"],
     );
     bench.refuses(&format!("{falsify} --formula strikt"), &["`strikt`", "did you mean `strict`?"]);
-    bench.refuses(&format!("{falsify} --action-noise -1"), &["action noise is -1"]);
-    bench.refuses(&format!("{falsify} --action-noise nan"), &["action noise is NaN"]);
+    bench.refuses(
+        &format!("{falsify} --action-noise -1"),
+        &["'-1' for '--action-noise <STD>'", "from 0 to 10"],
+    );
+    bench.refuses(
+        &format!("{falsify} --action-noise nan"),
+        &["'nan' for '--action-noise <STD>'", "from 0 to 10"],
+    );
     bench.refuses(&format!("{falsify} --trials 0"), &["0"]);
-    bench.refuses(&format!("{falsify} --trials 1000000000"), &["trials is 1000000000", "from 1 to 1000000"]);
+    bench.refuses(
+        &format!("{falsify} --trials 1000000000"),
+        &["'1000000000'", "the value is too large", "from 1 to 1000000,"],
+    );
     bench.refuses(
         "evaluate point-reaching --controller expert --episodes 9999999999",
         &["9999999999", "from 1 to"],
@@ -609,7 +621,7 @@ fn invalid_arguments_are_errors_before_any_simulation() {
         let err = elsewhere(arguments);
         assert!(err.contains("MISHANDLE_HOME is `/nowhere`"), "{err}");
     }
-    bench.refuses(&format!("{falsify} --threads 0"), &["--threads is 0"]);
+    bench.refuses(&format!("{falsify} --threads 0"), &["'0' for '--threads <N>'", "from 1 to 1024"]);
     bench.refuses(
         &format!("{falsify} --preset papper"),
         &["no task preset `papper`", "did you mean `paper`?"],

@@ -62,7 +62,7 @@ fn an_empty_selection_and_an_unknown_subcommand_are_errors() {
     let bench = Bench::new();
     bench.refuses("zoo list --only ball-puhsing", &["no entry of the plan matches --only"]);
     bench.refuses("zoo lst", &["unrecognized subcommand 'lst'", "list"]);
-    bench.refuses("zoo train --jobs 0", &["expected at least 1"]);
+    bench.refuses("zoo train --jobs 0", &["the value is too small; expected an integer from 1 to 1024"]);
 }
 
 #[test]

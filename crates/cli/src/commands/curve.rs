@@ -1,5 +1,3 @@
-use std::num::NonZeroUsize;
-
 use anyhow::Result;
 use mishandle::Curve;
 use serde_json::json;
@@ -13,7 +11,7 @@ pub fn run(command: &args::Curve) -> Result<ExitStatus> {
         let file = command.file.display();
         output::message(&format!("warning: the last line of {file} is incomplete and was ignored"));
     }
-    let environments = command.environments.map(NonZeroUsize::get);
+    let environments = command.environments;
     let time = curve.training_time();
     if command.json {
         output::json(json!({

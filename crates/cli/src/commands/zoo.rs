@@ -58,7 +58,7 @@ fn selected<'a>(zoo: Zoo<'a>, selection: &ZooSelection) -> Zoo<'a> {
 fn with_jobs<'a>(zoo: Zoo<'a>, jobs: &ZooJobs) -> Result<Zoo<'a>> {
     listen()?;
     let all_cores = || std::thread::available_parallelism().map_or(1, usize::from);
-    Ok(zoo.with_workers(jobs.jobs.map_or_else(all_cores, usize::from)))
+    Ok(zoo.with_workers(jobs.jobs.unwrap_or_else(all_cores)))
 }
 
 fn listen() -> Result<()> {

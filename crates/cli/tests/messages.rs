@@ -1,0 +1,154 @@
+//! Error messages speak of the user's values and files, not of the libraries that read them.
+
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use bench::{Bench, text};
+
+/// Returns the message of a command that must fail.
+#[track_caller]
+fn message(bench: &Bench, arguments: &str) -> String {
+    let output = bench.run(arguments);
+    let err = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{arguments}: {err}");
+    err
+}
+
+/// Checks a message, which must not contain the words of a library.
+#[track_caller]
+fn check(bench: &Bench, arguments: &str, parts: &[&str]) {
+    let err = message(bench, arguments);
+    for part in parts {
+        assert!(err.contains(part), "{arguments} does not print `{part}`:\n{err}");
+    }
+    for word in
+        ["u64", "u32", "usize", "f64", "float literal", "digit found", "CSV error", "struct ", "invalid type"]
+    {
+        assert!(!err.contains(word), "{arguments} prints `{word}`:\n{err}");
+    }
+}
+
+#[test]
+fn a_wrong_number_on_the_command_line_is_repeated_with_the_allowed_numbers() {
+    let bench = Bench::new();
+    let integer =
+        |low: u64, high: u64| format!("expected an integer from {low} to {high}, such as 10, 1_000 or 1e3");
+    let toy = "falsify toy/sphere-2d";
+    for (command, flag, allowed) in [
+        (toy, "--seed", integer(0, u64::MAX)),
+        (toy, "--threads", integer(1, 1024)),
+        (toy, "--batch", integer(1, 65_536)),
+        (toy, "--trials", integer(1, 1_000_000)),
+        (toy, "--budget", integer(1, 1_000_000)),
+        (toy, "--action-noise", "expected a number from 0 to 10, such as 0.5".to_string()),
+        (toy, "--observation-noise", "expected a number from 0 to 10, such as 0.5".to_string()),
+        ("evaluate toy/sphere-2d", "--episodes", integer(1, 1_000_000_000)),
+        ("replay a.sqlite", "--trial", integer(1, u32::MAX.into())),
+        ("replay a.sqlite", "--simulation", integer(1, u32::MAX.into())),
+        ("render --out a.png --run a.sqlite", "--trial", integer(1, u32::MAX.into())),
+        ("render --out a.png --run a.sqlite", "--simulation", integer(1, u32::MAX.into())),
+        (
+            "render --out a.png point-reaching",
+            "--at",
+            "expected a finite number in the unit of the axis".to_string(),
+        ),
+        ("monitor --formula d>0 a.csv", "--period", "expected a number of seconds above 0".to_string()),
+        ("train point-reaching", "--steps", integer(1, 1_000_000_000_000)),
+        ("curve a.csv", "--environments", integer(1, 1_000_000)),
+        ("zoo measure", "--jobs", integer(1, 1024)),
+        ("zoo list", "--seeds", integer(0, u64::MAX)),
+    ] {
+        check(
+            &bench,
+            &format!("{command} {flag} many"),
+            &["'many'", flag, "the value is not a number", &allowed],
+        );
+        if allowed.contains("integer") {
+            check(
+                &bench,
+                &format!("{command} {flag} -1"),
+                &["'-1'", flag, "the value is negative", &allowed],
+            );
+            check(
+                &bench,
+                &format!("{command} {flag} 1e20"),
+                &["'1e20'", flag, "the value is too large", &allowed],
+            );
+        }
+        if allowed.contains("integer from 1") {
+            check(&bench, &format!("{command} {flag} 0"), &["'0'", flag, "the value is too small", &allowed]);
+        }
+    }
+    for (flag, value) in
+        [("--action-noise", "-1"), ("--action-noise", "nan"), ("--observation-noise", "10.5")]
+    {
+        check(
+            &bench,
+            &format!("{toy} {flag} {value}"),
+            &[flag, value, "out of range", "a number from 0 to 10"],
+        );
+    }
+    for period in ["0", "-1", "inf", "nan"] {
+        check(
+            &bench,
+            &format!("monitor --formula d>0 a.csv --period {period}"),
+            &[period, "out of range", "above 0"],
+        );
+    }
+}
+
+#[test]
+fn a_wrong_value_or_key_in_a_plan_is_named_with_its_line_and_what_is_allowed() {
+    let bench = Bench::new();
+    for (plan, parts) in [
+        ("seed = \"abc\"", ["`seed` is \"abc\"; it must be an integer from 0 to 18446744073709551615", ""]),
+        (
+            "[evaluate]\nepisodes = \"x\"",
+            ["line 2 of the plan: the key `evaluate.episodes` is \"x\"", "from 1 to 1000000000"],
+        ),
+        (
+            "[evaluate]\nepisods = 1",
+            [
+                "line 2 of the plan: there is no key `evaluate.episods`",
+                "hint: did you mean `evaluate.episodes`?",
+            ],
+        ),
+        ("action_noise = 1", ["there is no key `action_noise`", "hint: did you mean `action-noise`?"]),
+        ("action-noise = -1", ["action noise is -1", "from 0 to 10"]),
+        (
+            "target = \"toy/sphere-2d\"\n[evaluate]\nepisodes = 0",
+            ["the number of episodes is 0", "from 1 to 1000000000"],
+        ),
+        ("target = \"a", ["line 1 of the plan, `target = \"a`, is not valid TOML: ", ""]),
+    ] {
+        bench.write("plan.toml", &format!("{plan}\n"));
+        let target = if plan.contains("target") { "" } else { "point-reaching --controller expert" };
+        check(&bench, &format!("evaluate {target} --plan plan.toml"), &parts);
+    }
+}
+
+#[test]
+fn a_wrong_line_of_a_csv_file_is_named_by_its_number_in_the_file() {
+    let bench = Bench::new();
+    for (csv, part) in [
+        ("d,e\n1,2\n\n\n3\n", "line 5 has 1 cell, but the header has 2 names"),
+        ("d,e\n1,2\n\n\nx,1\n", "line 5: `d` is `x`; it must be a number such as 0.25"),
+        ("d,e\r\n1,2\r\n\r\nx,1\r\n", "line 4: `d` is `x`"),
+        ("d;e\n0,5;1\n", "the columns are separated by semicolons"),
+        ("d\te\n0,5\t1\n", "the columns are separated by tabs"),
+    ] {
+        bench.write("d.csv", csv);
+        check(&bench, "monitor --formula d>0 d.csv", &["trace d.csv: ", part]);
+    }
+}
+
+#[test]
+fn the_hint_on_an_unknown_controller_names_the_folder_of_the_controllers() {
+    let bench = Bench::new();
+    let err = message(&bench, "evaluate point-reaching --controller xyzzy");
+    let (_, rest) = err.split_once("hint: shipped controllers are in ").expect(&err);
+    let folder = rest.split_once(';').unwrap().0;
+    assert!(folder.ends_with("/controllers"), "{err}");
+    assert!(std::path::Path::new(folder).join("point-reaching/ppo.safetensors").is_file(), "{err}");
+}
