@@ -64,8 +64,26 @@ pub enum ExperimentError {
         /// One failure per file.
         failures: Vec<String>,
     },
+    /// The selection names an unknown task or controller.
+    #[error(
+        "--only is `{only}`; it must be TASK or TASK/CONTROLLER, with a task of {} and a controller of {}{}",
+        tasks.join(", "), controllers.join(", "),
+        nearest.as_ref().map_or(String::new(), |near| format!("; did you mean `{near}`?"))
+    )]
+    UnknownSelection {
+        /// The selection.
+        only: String,
+        /// The selection with the most similar spelling, if one is similar.
+        nearest: Option<String>,
+        /// Names of the tasks.
+        tasks: Vec<String>,
+        /// Names of the controllers of each task.
+        controllers: Vec<String>,
+    },
     /// No training run matches the selection.
-    #[error("no entry of the plan matches --only and --seeds; `mishandle zoo list` shows the plan")]
+    #[error(
+        "no training run of the plan has these --seeds; `mishandle zoo list` without --seeds shows the plan"
+    )]
     NothingSelected,
     /// Another process works on the same zoo.
     #[error("another `mishandle zoo` is running in this repository; wait until it ends")]
