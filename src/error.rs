@@ -175,7 +175,8 @@ pub enum MishandleError {
         high: f64,
     },
     /// The formula reaches past the end of an episode, so that no episode can decide it.
-    #[error("`{formula}` needs {needed} control steps, an episode has {steps}: no episode can decide it")]
+    #[error("`{formula}` needs {needed} control step{}, an episode has {steps}: no episode can decide it",
+        if needed == "1" { "" } else { "s" })]
     Undecidable {
         /// Text of the formula.
         formula: String,

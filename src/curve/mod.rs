@@ -69,7 +69,9 @@ pub enum CurveProblem {
         line: u64,
     },
     /// A line has too few or too many cells.
-    #[error("line {line} has {found} cells; expected {expected}, one for each name in the header")]
+    #[error(
+        "line {line}: the number of cells is {found}; it must be {expected}, one for each name in the header"
+    )]
     Cells {
         /// Line, counted from 1.
         line: u64,

@@ -192,8 +192,12 @@ fn errors_of_an_edited_file_name_the_line() {
         "0.75,,-7",
         "line 3: validation_return is `-7`, expected a number beside both",
     );
-    check_error("-0.2,", "", "line 3 has 16 cells; expected 17, one for each name in the header");
-    check_error("\n2,1024", "\n2,1024,1", "line 3 has 18 cells; expected 17");
+    check_error(
+        "-0.2,",
+        "",
+        "line 3: the number of cells is 16; it must be 17, one for each name in the header",
+    );
+    check_error("\n2,1024", "\n2,1024,1", "line 3: the number of cells is 18; it must be 17");
     check_error("iteration,", "", "column 1 of the header is `environment_steps`");
 }
 
@@ -202,7 +206,7 @@ fn lines_are_those_of_the_file_also_after_blank_lines() {
     check_error("\n2,1024", "\n\n\n2,many", "line 5: environment_steps is `many`");
     check_error("\n2,1024", "\r\n\r\n\r\n2,many", "line 5: environment_steps is `many`");
     check_error("\n2,1024", "\n\n\n4,1024", "line 5: iteration 4 cannot follow iteration 1");
-    check_error("\n2,1024", "\n\n2,1024,1", "line 4 has 18 cells");
+    check_error("\n2,1024", "\n\n2,1024,1", "line 4: the number of cells is 18");
 }
 
 #[test]

@@ -312,9 +312,9 @@ pub struct Curve {
   mishandle controller point-reaching/ppo                     a shipped controller
   mishandle controller point-reaching/ppo --json
 
-The output is a valid settings file: `mishandle train --settings FILE` trains with the same settings.
-Success rates are from validation during training. `mishandle evaluate` measures the controller on
-other initial states.")]
+The output is a valid settings file: `mishandle train --settings FILE` trains with the same
+settings. Success rates are from validation during training. `mishandle evaluate` measures the
+controller on other initial states.")]
 pub struct Controller {
     /// Path of a controller, or TASK/NAME for a shipped controller
     #[arg(value_name = "FILE|TASK/NAME")]
@@ -423,13 +423,13 @@ fn name_and_value(text: &str) -> Result<(String, String), String> {
   mishandle replay runs/RUN.sqlite                      the first counterexample
   mishandle replay runs/RUN.sqlite --trial 2 --simulation 17 --trace trace.csv
 
-Exit code 0 means that everything recorded of the simulation agrees with the plan of the run and with
-the replay, bit for bit; 2 that something differs.")]
+Exit code 0 means that everything recorded of the simulation agrees with the plan of the run and
+with the replay, bit for bit; 2 that something differs.")]
 pub struct Replay {
     /// Run file of `mishandle evaluate` or `mishandle falsify`
     #[arg(value_name = "RUN")]
     pub file: PathBuf,
-    /// Number of the trial, from 1 [default: 1 if --simulation is given, otherwise any]
+    /// Number of the trial, from 1 [default: 1 with --simulation, otherwise any]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub trial: Option<u32>,
     /// Number of the simulation within its trial, from 1 [default: the first counterexample, otherwise the simulation
@@ -473,7 +473,7 @@ pub struct Render {
     /// Run file, to render one of its simulations
     #[arg(long, value_name = "RUN")]
     pub run: Option<PathBuf>,
-    /// Number of the trial, from 1 [default: 1 if --simulation is given, otherwise any]
+    /// Number of the trial, from 1 [default: 1 with --simulation, otherwise any]
     #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub trial: Option<u32>,
     /// Number of the simulation within its trial, from 1 [default: the first counterexample, otherwise the simulation
@@ -629,4 +629,27 @@ pub struct Man {
     /// Folder for mishandle.1 and one page per command; existing pages are replaced
     #[arg(value_name = "DIR")]
     pub folder: Option<PathBuf>,
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    /// Width at which clap wraps help.
+    const WIDTH: usize = 100;
+
+    fn check(command: &clap::Command) {
+        let text = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+        for line in text.lines() {
+            assert!(line.chars().count() <= WIDTH, "help of {} wraps the line: {line}", command.get_name());
+        }
+        command.get_subcommands().for_each(check);
+    }
+
+    #[test]
+    fn no_help_text_with_line_breaks_of_its_own_is_wrapped_again() {
+        check(&Arguments::command());
+    }
 }

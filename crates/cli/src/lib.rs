@@ -6,6 +6,7 @@ mod args;
 mod commands;
 mod corners;
 mod escape;
+mod formula_error;
 mod interrupt;
 mod live_curve;
 mod numbers;

@@ -1,7 +1,6 @@
 //! Output: results on stdout, messages on stderr. Everything printed is escaped: see [`escape`].
 
 use std::ffi::OsString;
-use std::fmt::Display;
 use std::io::{BufWriter, ErrorKind, IsTerminal, Write};
 use std::path::Path;
 
@@ -11,11 +10,12 @@ use console::Term;
 use mishandle::MishandleError;
 use mishandle::evaluation::Estimate;
 use mishandle::files::AtomicFile;
+use mishandle::rollout::RolloutError;
 use mishandle::stl::{Formula, MonitorError};
 use serde_json::{Number, Value, json};
 
 use crate::args::Arguments;
-use crate::escape;
+use crate::{escape, formula_error};
 
 /// Prints a line to stdout.
 pub fn line(text: &str) -> Result<()> {
@@ -147,7 +147,12 @@ pub fn shows_progress() -> bool {
 
 /// Prints an error with its causes, the outermost first, and a hint if there is one.
 pub fn report_error(error: &Error) {
-    message(&format!("error: {error:#}"));
+    match error.chain().find_map(|cause| cause.downcast_ref::<MishandleError>()) {
+        Some(MishandleError::Rollout(RolloutError::Parse { formula, source })) => {
+            message(&format!("error: {}", formula_error::message(formula, source)));
+        }
+        _ => message(&format!("error: {error:#}")),
+    }
     let hint = error.chain().find_map(|cause| {
         let hint = cause.downcast_ref::<MishandleError>().and_then(MishandleError::hint);
         hint.or_else(|| cause.downcast_ref::<MonitorError>().and_then(MonitorError::hint))
@@ -175,11 +180,6 @@ pub fn is_broken_pipe(error: &Error) -> bool {
         .chain()
         .filter_map(|cause| cause.downcast_ref::<std::io::Error>())
         .any(|error| error.kind() == ErrorKind::BrokenPipe)
-}
-
-/// Formats a number of things: `1 trial`, `2 trials`.
-pub fn plural<N: Copy + Display + PartialEq + From<u8>>(count: N, noun: &str) -> String {
-    format!("{count} {noun}{}", if count == N::from(1) { "" } else { "s" })
 }
 
 /// Formats a table with aligned columns. The first row is the header.

@@ -4,10 +4,11 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
+use mishandle::evaluation::Corners;
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::rollout::{Axis, EpisodeEnd, Signal};
-use mishandle::store::{RunFile, RunWriter};
-use mishandle::{Plan, ResolvedPlan};
+use mishandle::rollout::{Axis, AxisKind, EpisodeEnd, Signal};
+use mishandle::store::{AxisRecord, RunFile, RunHeader, RunKind, RunWriter, Simulation};
+use mishandle::{Plan, ResolvedPlan, plural};
 use serde_json::{Value, json};
 
 use crate::progress::Bar;
@@ -115,11 +116,6 @@ pub fn axes(count: usize) -> String {
     if count == 1 { "1 axis".to_string() } else { format!("{count} axes") }
 }
 
-/// Formats a number of simulations.
-pub fn simulations(count: u64) -> String {
-    if count == 1 { "1 simulation".to_string() } else { format!("{count} simulations") }
-}
-
 /// Returns the keys that the JSON documents of `evaluate` and `falsify` share.
 pub fn document(resolved: &ResolvedPlan, path: &str) -> Value {
     let ResolvedPlan { plan, target, space, .. } = resolved;
@@ -185,19 +181,43 @@ fn format_scenario(axes: &[Axis], values: &[Option<f64>], max_values: usize) -> 
     values.join(", ") + &rest
 }
 
+/// Reasons why a simulation has no verdict.
+pub const DIVERGED: &str = "diverged";
+pub const INVALID: &str = "ended in a value that is not finite";
+pub const UNDECIDED: &str = "left the formula undecided";
+
 /// Formats the numbers of simulations without a verdict, by reason. Returns `None` if there are none.
 pub fn without_verdict(diverged: u64, invalid: u64, undecided: u64) -> Option<String> {
-    let counts = [
-        (diverged, "diverged"),
-        (invalid, "ended in a value that is not finite"),
-        (undecided, "left the formula undecided"),
-    ];
+    let counts = [(diverged, DIVERGED), (invalid, INVALID), (undecided, UNDECIDED)];
     let shown: Vec<String> = counts
         .iter()
         .filter(|(count, _)| *count > 0)
-        .map(|(count, reason)| format!("{} {reason}", simulations(*count)))
+        .map(|(count, reason)| format!("{} {reason}", plural(*count, "simulation")))
         .collect();
     (!shown.is_empty()).then(|| shown.join(", "))
+}
+
+/// Returns `corner` or `center` for a simulation at the corners of the initial box, which an evaluation runs in a trial of its
+/// own.
+pub fn box_point(header: &RunHeader, trial: u32, scenario: &[Option<f64>]) -> Option<&'static str> {
+    if header.kind != RunKind::Evaluate || trial != Corners::TRIAL {
+        return None;
+    }
+    let is_between = |(axis, value): (&AxisRecord, &Option<f64>)| {
+        let is_numeric = !axis.values.starts_with("categorical");
+        let margin = 1e-6 * (axis.high - axis.low);
+        let inner = axis.low + margin..axis.high - margin;
+        axis.kind == AxisKind::Start.name() && is_numeric && value.is_some_and(|value| inner.contains(&value))
+    };
+    let is_center = header.axes.iter().zip(scenario).any(is_between);
+    Some(if is_center { "center" } else { "corner" })
+}
+
+/// Describes a recorded simulation by its numbers: `trial 2 (corner), simulation 5`.
+pub fn simulation_text(header: &RunHeader, recorded: &Simulation) -> String {
+    let Simulation { trial, number, scenario, .. } = recorded;
+    let point = box_point(header, *trial, scenario).map_or(String::new(), |point| format!(" ({point})"));
+    format!("trial {trial}{point}, simulation {number}")
 }
 
 /// Describes the end of an episode without a verdict. Signals have their names.
@@ -234,7 +254,7 @@ pub fn name(run: &RunFile) -> String {
 
 /// Reports the progress of an interrupted run and the command that resumes it.
 pub fn report_interruption(command: &str, simulations: u64, name: &str) {
-    output::message(&format!("interrupted after {}, stored in {name}", self::simulations(simulations)));
+    output::message(&format!("interrupted after {}, stored in {name}", plural(simulations, "simulation")));
     output::message(&format!("Resume with: mishandle {command} --resume {name}"));
 }
 

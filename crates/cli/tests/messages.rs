@@ -144,6 +144,21 @@ fn a_wrong_line_of_a_csv_file_is_named_by_its_number_in_the_file() {
 }
 
 #[test]
+fn an_error_in_a_long_formula_shows_the_place_of_the_error() {
+    let bench = Bench::new();
+    bench.write("d.csv", "d\n1\n");
+    let terms = "(d > 0) and ".repeat(400);
+    for command in ["monitor d.csv", "falsify toy/sphere-2d"] {
+        let err = message(&bench, &format!("{command} --formula '{terms}(d > ) and {terms} d > 0'"));
+        let lines: Vec<&str> = err.lines().collect();
+        assert!(lines[0].starts_with("error: formula: column 4806: expected a signal"), "{err}");
+        assert!(err.lines().count() == 3 && lines.iter().all(|line| line.len() <= 100), "{err}");
+        let mark = lines[2].find('^').unwrap();
+        assert_eq!(&lines[1][mark - 5..=mark], "(d > )", "{err}");
+    }
+}
+
+#[test]
 fn the_hint_on_an_unknown_controller_names_the_folder_of_the_controllers() {
     let bench = Bench::new();
     let err = message(&bench, "evaluate point-reaching --controller xyzzy");

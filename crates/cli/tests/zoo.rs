@@ -48,7 +48,7 @@ fn an_interrupted_training_run_leaves_a_checkpoint_and_exits_with_130() {
     let output = child.wait_with_output().unwrap();
     let words = text(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{words}");
-    assert!(words.contains("interrupted after 0 of 1 jobs"), "{words}");
+    assert!(words.contains("interrupted after 0 of 1 job;"), "{words}");
     let listed = command("zoo list --only point-reaching/ppo --seeds 1 --json").output().unwrap();
     let document: serde_json::Value = serde_json::from_slice(&listed.stdout).unwrap();
     let entry = &document[0];

@@ -1,9 +1,9 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use mishandle::MishandleError;
 use mishandle::controllers::ControllerError;
 use mishandle::tasks::TaskError;
+use mishandle::{MishandleError, plural};
 
 /// An error of the controller zoo.
 #[derive(Debug, thiserror::Error)]
@@ -95,7 +95,7 @@ pub enum ExperimentError {
     #[error("interrupted")]
     Interrupted,
     /// A stop was requested while jobs were left.
-    #[error("interrupted after {done} of {total} jobs; run the same command again to continue")]
+    #[error("interrupted after {done} of {}; run the same command again to continue", plural(*total, "job"))]
     InterruptedWith {
         /// Jobs that ended.
         done: usize,
@@ -103,7 +103,7 @@ pub enum ExperimentError {
         total: usize,
     },
     /// Some jobs failed; the observer reported each.
-    #[error("{failed} of {total} jobs failed")]
+    #[error("{failed} of {} failed", plural(*total, "job"))]
     Failed {
         /// Jobs that failed.
         failed: usize,

@@ -316,7 +316,7 @@ fn a_stopped_training_run_continues_from_its_checkpoint() {
     repository.runner.stop_training(true);
     let (stopped, reports) = repository.call(ppo(&[0]), |zoo| zoo.train());
     let stopped = stopped.unwrap_err().to_string();
-    assert!(stopped.contains("interrupted after 0 of 1 jobs"), "{stopped}");
+    assert!(stopped.contains("interrupted after 0 of 1 job;"), "{stopped}");
     assert_eq!(reports, Vec::<String>::new());
     let interrupted = "needs training: no controller; checkpoint exists, curve up to 512 environment steps";
     assert_eq!(repository.states(&[0]), [interrupted]);

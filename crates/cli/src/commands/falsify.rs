@@ -1,7 +1,7 @@
 use anyhow::Result;
 use mishandle::falsification::{CampaignOutcome, Minimum, TrialEnd, TrialOutcome};
 use mishandle::search::OptionValue;
-use mishandle::{FalsifyPlan, Plan, ResolvedPlan};
+use mishandle::{FalsifyPlan, Plan, ResolvedPlan, plural};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
@@ -22,7 +22,11 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
     let found = mishandle::falsify(&resolved, file, |progress| {
         bar.set_length(progress.max_simulations);
         bar.set_position(progress.simulations);
-        bar.set_note(format!("{} trials finished, {} falsified", progress.ended, progress.falsified));
+        bar.set_note(format!(
+            "{} finished, {} falsified",
+            plural(progress.ended, "trial"),
+            progress.falsified
+        ));
         run::control_flow()
     })?;
     bar.clear();
@@ -41,7 +45,7 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
     if found.surplus > 0 {
         output::message(&format!(
             "discarded {} that ran in the same batch after a counterexample",
-            run::simulations(found.surplus)
+            plural(found.surplus, "simulation")
         ));
     }
     output::message(&format!("Run file: {name}"));
@@ -154,7 +158,8 @@ fn report_unevaluated(resolved: &ResolvedPlan, found: &CampaignOutcome) {
     }
     let affected = found.undefined + found.invalid;
     if affected > shown {
-        output::message(&format!("warning: {} more simulations are affected", affected - shown));
+        let more = plural(affected - shown, "more simulation");
+        output::message(&format!("warning: no verdict either: {more}"));
     }
 }
 
@@ -183,11 +188,11 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome) -> String {
         ]);
     }
     let mut text = format!(
-        "{}\nsearch {}{}, at most {} simulations per trial, seed {}\nformula {}\n\n{}\n\n{}",
+        "{}\nsearch {}{}, at most {} per trial, seed {}\nformula {}\n\n{}\n\n{}",
         run::heading(resolved),
         falsify.search,
         options_text(&falsify),
-        falsify.budget,
+        plural(falsify.budget, "simulation"),
         resolved.plan.seed,
         resolved.specification.requirement,
         output::table(&rows),
@@ -214,7 +219,7 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome) -> String {
 /// Returns the number of falsified trials, and the simulations up to the counterexample.
 fn summary(found: &CampaignOutcome) -> String {
     let ended = found.falsification_rate.n;
-    let mut text = format!("falsified {} of {ended} trials", found.falsified_trials);
+    let mut text = format!("falsified {} of {}", found.falsified_trials, plural(ended, "trial"));
     if let Some(mean) = found.mean_simulations {
         text.push_str(&format!("; simulations to a counterexample: mean {mean:.1} over falsified trials"));
     }

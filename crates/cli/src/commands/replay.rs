@@ -1,5 +1,5 @@
 use anyhow::{Result, bail};
-use mishandle::store;
+use mishandle::{plural, store};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
@@ -39,6 +39,7 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
             "axes": header.axes.iter().map(|axis| &axis.name).collect::<Vec<_>>(),
             "trial": trial,
             "simulation": simulation,
+            "point": run::box_point(header, trial, scenario),
             "initial_configuration": scenario,
             "scenario": by_name,
             "seed": replayed.recorded.seed.to_string(),
@@ -54,12 +55,13 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
         };
         let values: Vec<String> = named().map(value).collect();
         output::line(&format!(
-            "trial {trial}, simulation {simulation}, {}, seed {}\nformula {}\nrobustness {} after {} control steps",
+            "{}, {}, seed {}\nformula {}\nrobustness {} after {}",
+            run::simulation_text(header, &replayed.recorded),
             values.join(", "),
             replayed.recorded.seed,
             header.formula,
             robustness.map_or("undecided".to_string(), |rho| rho.to_string()),
-            replayed.episode.steps,
+            plural(replayed.episode.steps, "control step"),
         ))?;
     }
     if !replayed.differences.is_empty() {

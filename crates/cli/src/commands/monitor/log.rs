@@ -8,9 +8,8 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 use csv::{ByteRecord, Reader, Terminator, Trim};
+use mishandle::plural;
 use mishandle::stl::Trace;
-
-use crate::output::plural;
 
 /// Column with the time of each sample, in seconds.
 const TIME: &str = "time";
