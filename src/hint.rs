@@ -3,6 +3,7 @@
 use mishandle_rollout::RolloutError;
 use mishandle_search::SearchError;
 use mishandle_stl::nearest;
+use mishandle_store::StoreError;
 use mishandle_training::TrainingError;
 
 use crate::MishandleError;
@@ -41,6 +42,10 @@ impl MishandleError {
             },
             MishandleError::Search(SearchError::UnknownOption { name, known, .. }) => {
                 suggest(name, known.iter().map(String::as_str))
+            }
+            // SQLite reports a file that is too large as an I/O error.
+            MishandleError::Store(StoreError::Io { what, .. }) if what.starts_with("cannot write") => {
+                Some("is a quota or the limit on file sizes (`ulimit -f`) reached?".to_string())
             }
             MishandleError::Rollout(RolloutError::Monitor { source, .. }) => source.hint(),
             _ => None,

@@ -194,9 +194,37 @@ pub struct Run {
     pub json: bool,
 }
 
-/// Arguments that a resumed run takes from its own plan. The path of the controller is not among them.
-const PLANNED: [&str; 8] =
-    ["target", "space", "preset", "action_noise", "observation_noise", "stochastic", "batch", "plan"];
+/// Flags that create or open the run file of a command that runs simulations.
+#[derive(Debug, Args)]
+pub struct OpenRun {
+    /// Run file to create (SQLite) [default: a new file in runs/]
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Resume a stopped run with its own plan; if its controller was moved, --controller is the new path
+    #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
+    pub resume: Option<PathBuf>,
+    /// Do not check the whole run file before reading it; a record is still checked when it is read
+    #[arg(long, requires = "resume")]
+    pub skip_check: bool,
+    /// Wait after each batch until its records are on the disk. Without it, a power failure can lose the last
+    /// simulations; a kill loses none. Not stored: a resumed run needs the flag again
+    #[arg(long)]
+    pub durable: bool,
+}
+
+/// Arguments of all commands that a resumed run takes from its own plan. The path of the controller is not among them.
+const PLANNED: [&str; 10] = [
+    "target",
+    "space",
+    "preset",
+    "action_noise",
+    "observation_noise",
+    "stochastic",
+    "batch",
+    "plan",
+    "out",
+    "seed",
+];
 
 /// Flags that define the target and its scenarios.
 #[derive(Debug, Args)]
@@ -335,25 +363,14 @@ pub struct Evaluate {
     pub subject: Subject,
     /// Number of random initial states; the corners and the center of the initial box are simulated as well [default: 100]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u64>(Plan::EPISODES))]
+    #[arg(conflicts_with = "resume")]
     pub episodes: Option<u64>,
     /// Region of the initial states: whole, or reachable (the part of the box from which the task is feasible)
     /// [default: whole]
-    #[arg(long = "box", value_name = "PART")]
+    #[arg(long = "box", value_name = "PART", conflicts_with = "resume")]
     pub starts: Option<String>,
-    /// Run file to create (SQLite) [default: a new file in runs/]
-    #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-    /// Resume a stopped run with its own plan; if its controller was moved, --controller is the new path
-    #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
-    #[arg(conflicts_with_all = ["episodes", "starts", "out", "seed"])]
-    pub resume: Option<PathBuf>,
-    /// Do not check the whole run file before reading it; a record is still checked when it is read
-    #[arg(long, requires = "resume")]
-    pub skip_check: bool,
-    /// Wait after each batch until its records are on the disk. Without it, a power failure can lose the last
-    /// simulations; a kill loses none. Not stored: a resumed run needs the flag again
-    #[arg(long)]
-    pub durable: bool,
+    #[command(flatten)]
+    pub file: OpenRun,
     #[command(flatten)]
     pub run: Run,
 }
@@ -374,35 +391,25 @@ pub struct Falsify {
     #[command(flatten)]
     pub subject: Subject,
     /// Search algorithm: random, nelder-mead or dual-annealing [default: random]
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", conflicts_with = "resume")]
     pub search: Option<String>,
     /// Option of the search algorithm (repeatable); `mishandle searches SEARCH` lists them
-    #[arg(long = "search-option", value_name = "NAME=VALUE", value_parser = name_and_value)]
+    #[arg(long = "search-option", value_name = "NAME=VALUE", value_parser = name_and_value, conflicts_with = "resume")]
     pub search_options: Vec<(String, String)>,
     /// Requirement to violate: the name of a formula of the target (such as success or strict), or the text of a
     /// formula [default: the target's first formula, which is success for a task]
-    #[arg(long, allow_hyphen_values = true)]
+    #[arg(long, allow_hyphen_values = true, conflicts_with = "resume")]
     pub formula: Option<String>,
     /// Number of trials: independent searches, each with its own random seed [default: 30]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(Plan::TRIALS))]
+    #[arg(conflicts_with = "resume")]
     pub trials: Option<u32>,
     /// Largest number of simulations per trial [default: 300]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(Plan::BUDGET))]
+    #[arg(conflicts_with = "resume")]
     pub budget: Option<u32>,
-    /// Run file to create (SQLite) [default: a new file in runs/]
-    #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-    /// Resume a stopped run with its own plan; if its controller was moved, --controller is the new path
-    #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
-    #[arg(conflicts_with_all = ["search", "search_options", "formula", "trials", "budget", "out", "seed"])]
-    pub resume: Option<PathBuf>,
-    /// Do not check the whole run file before reading it; a record is still checked when it is read
-    #[arg(long, requires = "resume")]
-    pub skip_check: bool,
-    /// Wait after each batch until its records are on the disk. Without it, a power failure can lose the last
-    /// simulations; a kill loses none. Not stored: a resumed run needs the flag again
-    #[arg(long)]
-    pub durable: bool,
+    #[command(flatten)]
+    pub file: OpenRun,
     #[command(flatten)]
     pub run: Run,
 }

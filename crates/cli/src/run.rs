@@ -49,30 +49,46 @@ pub fn plan(subject: &args::Subject, run: &args::Run) -> Result<Plan> {
     Ok(plan)
 }
 
-/// Opens a run file and returns it with its resolved plan: the run `resume`, or else a new run with the plan
-/// `new_plan`. `controller` is the new path of the controller of a resumed run. A `durable` run syncs each batch.
+/// Opens a run file of this kind and returns it with its resolved plan: the run to resume, or else a new run with the plan
+/// `new_plan`. `controller` is the new path of the controller of a resumed run.
 pub fn open(
-    resume: Option<&Path>,
-    skip_check: bool,
+    flags: &args::OpenRun,
+    kind: RunKind,
     controller: Option<&str>,
-    out: Option<&Path>,
-    durable: bool,
     new_plan: impl FnOnce() -> Result<Plan>,
 ) -> Result<(ResolvedPlan, RunWriter)> {
-    let sync = |run: &mut RunWriter| if durable { run.set_durable() } else { Ok(()) };
-    let Some(path) = resume else {
+    let sync = |run: &mut RunWriter| if flags.durable { run.set_durable() } else { Ok(()) };
+    let Some(path) = &flags.resume else {
         let resolved = ResolvedPlan::new(&new_plan()?)?;
-        let mut run = mishandle::create_run(&resolved, out)?;
+        let mut run = mishandle::create_run(&resolved, flags.out.as_deref())?;
         sync(&mut run)?;
         return Ok((resolved, run));
     };
-    let mut run = if skip_check { RunWriter::resume_unchecked(path) } else { RunWriter::resume(path) }?;
+    let mut run = if flags.skip_check { RunWriter::resume_unchecked(path) } else { RunWriter::resume(path) }?;
+    let found = run.file().header().kind;
+    ensure!(
+        found == kind,
+        "{} is a run of `{}`, not of `{}`; resume it with: mishandle {} --resume {}",
+        path.display(),
+        command_of(found),
+        command_of(kind),
+        command_of(found),
+        name(run.file())
+    );
     sync(&mut run)?;
     let resolved = mishandle::recorded_plan(run.file().header(), controller)?;
     for difference in mishandle::build_differences(run.file().header(), &resolved) {
         output::message(&format!("warning: another build started the run: {difference}"));
     }
     Ok((resolved, run))
+}
+
+/// Returns the command that makes runs of this kind.
+fn command_of(kind: RunKind) -> &'static str {
+    match kind {
+        RunKind::Evaluate => "evaluate",
+        RunKind::Falsify => "falsify",
+    }
 }
 
 /// Opens a run file for reading.
@@ -253,9 +269,9 @@ pub fn name(run: &RunFile) -> String {
 }
 
 /// Reports the progress of an interrupted run and the command that resumes it.
-pub fn report_interruption(command: &str, simulations: u64, name: &str) {
+pub fn report_interruption(kind: RunKind, simulations: u64, name: &str) {
     output::message(&format!("interrupted after {}, stored in {name}", plural(simulations, "simulation")));
-    output::message(&format!("Resume with: mishandle {command} --resume {name}"));
+    output::message(&format!("Resume with: mishandle {} --resume {name}", command_of(kind)));
 }
 
 /// Makes signals end the run after the current batch. The first signal prints a message immediately.

@@ -159,6 +159,40 @@ fn an_error_in_a_long_formula_shows_the_place_of_the_error() {
 }
 
 #[test]
+fn a_socket_in_place_of_a_file_is_named() {
+    let bench = Bench::new();
+    let names = ["s.toml", "s.csv", "s.safetensors"];
+    let _sockets = names.map(|name| std::os::unix::net::UnixListener::bind(bench.path(name)).unwrap());
+    for command in [
+        "evaluate --plan s.toml",
+        "train point-reaching --dry-run --settings s.toml",
+        "curve s.csv",
+        "controller ./s.safetensors",
+        "evaluate point-reaching --controller ./s.safetensors",
+    ] {
+        check(&bench, command, &["expected a regular file, found a socket"]);
+    }
+    check(
+        &bench,
+        "monitor --formula d>0 s.csv",
+        &["s.csv: expected a file or a pipe, found a socket or a device"],
+    );
+}
+
+#[test]
+fn a_planted_file_beside_a_run_is_named_once() {
+    let bench = Bench::new();
+    for suffix in ["wal", "journal", "shm"] {
+        let name = format!("{suffix}.sqlite");
+        let planted = format!("{name}-{suffix}");
+        std::fs::create_dir(bench.path(&planted)).unwrap();
+        let err = message(&bench, &format!("evaluate toy/sphere-2d --episodes 3 --out {name}"));
+        assert_eq!(err.matches(&format!("{planted} is not a regular file")).count(), 1, "{err}");
+        assert!(!bench.path(&name).exists());
+    }
+}
+
+#[test]
 fn the_hint_on_an_unknown_controller_names_the_folder_of_the_controllers() {
     let bench = Bench::new();
     let err = message(&bench, "evaluate point-reaching --controller xyzzy");

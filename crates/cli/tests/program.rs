@@ -447,6 +447,62 @@ fn an_interrupted_run_prints_the_command_that_resumes_it_to_the_same_result() {
 }
 
 #[test]
+fn an_interrupted_run_prints_the_document_of_its_finished_simulations() {
+    let bench = Bench::new();
+    for (command, count) in [
+        (format!("falsify point-reaching {FAST} --trials 4 --budget 150 --json"), 600),
+        (format!("evaluate point-reaching {FAST} --episodes 600 --json"), 600),
+    ] {
+        let verb = command.split(' ').next().unwrap();
+        let run = format!("{verb}.sqlite");
+        let mut child = bench.command(&command);
+        let child = child.args(["--out", &run]).stderr(Stdio::null()).stdout(Stdio::piped()).spawn().unwrap();
+        wait_for_rows(&bench.path(&run), 32);
+        signal(&child, "INT");
+        let output = child.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(130), "{verb}");
+        let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(found["is_complete"], false, "{found}");
+        let recorded = simulations(&bench.path(&run));
+        let reported = match verb {
+            "evaluate" => found["simulations"].as_u64().unwrap(),
+            _ => {
+                let trials = found["trials"].as_array().unwrap();
+                assert!(trials.iter().any(|trial| trial["end"].is_null()), "{found}");
+                trials.iter().map(|trial| trial["simulations"].as_u64().unwrap()).sum()
+            }
+        };
+        assert!((32..count).contains(&reported) && reported == recorded, "{reported} of {recorded}");
+        assert_eq!(bench.json(&format!("{verb} --resume {run} --json"), 0)["is_complete"], true);
+    }
+}
+
+#[test]
+fn resuming_a_run_with_the_other_command_names_the_right_one() {
+    let bench = Bench::new();
+    bench.check("evaluate toy/sphere-2d --episodes 3 --out e.sqlite", 0);
+    bench.check("falsify toy/sphere-2d --trials 1 --out f.sqlite", 0);
+    bench.refuses(
+        "evaluate --resume f.sqlite",
+        &["f.sqlite is a run of `falsify`, not of `evaluate`; resume it with: mishandle falsify --resume f.sqlite"],
+    );
+    bench.refuses(
+        "falsify --resume e.sqlite",
+        &["e.sqlite is a run of `evaluate`, not of `falsify`; resume it with: mishandle evaluate --resume e.sqlite"],
+    );
+    bench.check("falsify --resume f.sqlite", 0);
+    // A resumed run takes everything else from its plan.
+    for flag in ["--episodes 5", "--box whole", "--seed 1", "--out g.sqlite", "--batch 3", "--space starts"] {
+        bench.refuses(&format!("evaluate --resume e.sqlite {flag}"), &["cannot be used with"]);
+    }
+    for flag in
+        ["--trials 5", "--budget 5", "--search random", "--search-option a=1", "--formula x", "--plan p.toml"]
+    {
+        bench.refuses(&format!("falsify --resume f.sqlite {flag}"), &["cannot be used with"]);
+    }
+}
+
+#[test]
 fn a_second_signal_stops_a_long_batch_immediately() {
     let bench = Bench::new();
     // A batch of cloth-placing takes much longer than this test.
@@ -566,6 +622,27 @@ fn an_output_that_cannot_be_written_is_an_error_and_leaves_no_file() {
     let tasks = bench.json("tasks ball-balancing --mjcf scene.xml --json", 0);
     assert_eq!(tasks[0]["name"], "ball-balancing");
     bench.refuses("replay a.sqlite --trial 3", &["has no trial 3"]);
+}
+
+#[test]
+fn a_run_that_exceeds_the_limit_on_file_sizes_is_one_error_and_can_be_resumed() {
+    let bench = Bench::new();
+    let evaluate = "evaluate toy/noisy --episodes 2000 --batch 16";
+    let whole = bench.document(&format!("{evaluate} --json --out whole.sqlite"), 0);
+    // Ignoring SIGXFSZ turns the limit, in blocks of 512 bytes, into a write error.
+    for (blocks, out) in [(0, "none.sqlite"), (800, "part.sqlite")] {
+        let program = env!("CARGO_BIN_EXE_mishandle");
+        let limited = format!("trap '' XFSZ; ulimit -f {blocks}; exec {program} {evaluate} --out {out}");
+        let output = Command::new("sh").args(["-c", &limited]).current_dir(bench.path(".")).output().unwrap();
+        let err = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{err}");
+        assert!(err.starts_with(&format!("error: cannot write {out}: ")), "{err}");
+        assert_eq!(err.matches("I/O error").count(), 1, "{err}");
+        assert!(err.contains("hint: is a quota or the limit on file sizes (`ulimit -f`) reached?"), "{err}");
+    }
+    assert!(!bench.path("none.sqlite").exists());
+    assert!((1..2000).contains(&simulations(&bench.path("part.sqlite"))));
+    assert_eq!(bench.document("evaluate --resume part.sqlite --json", 0), whole);
 }
 
 #[test]

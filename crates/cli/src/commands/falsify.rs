@@ -1,6 +1,7 @@
 use anyhow::Result;
 use mishandle::falsification::{CampaignOutcome, Minimum, TrialEnd, TrialOutcome};
 use mishandle::search::OptionValue;
+use mishandle::store::RunKind;
 use mishandle::{FalsifyPlan, Plan, ResolvedPlan, plural};
 use serde_json::{Value, json};
 
@@ -13,9 +14,7 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
     let moved = command.subject.controller.as_deref();
-    let (resume, out) = (command.resume.as_deref(), command.out.as_deref());
-    let (resolved, file) =
-        run::open(resume, command.skip_check, moved, out, command.durable, || plan(command))?;
+    let (resolved, file) = run::open(&command.file, RunKind::Falsify, moved, || plan(command))?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
     let name = run::name(file.file());
     let path = file.file().path().to_path_buf();
@@ -31,10 +30,11 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
     })?;
     bar.clear();
     report_unevaluated(&resolved, &found);
-    let trials = resolved.plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
-    let ended = found.trials.iter().filter(|trial| trial.end.is_some()).count();
-    if ended < trials as usize {
-        run::report_interruption("falsify", found.simulations, &name);
+    if !is_complete(&resolved, &found) {
+        run::report_interruption(RunKind::Falsify, found.simulations, &name);
+        if command.run.json {
+            output::json(document(&resolved, &found, &path.to_string_lossy()))?;
+        }
         return Ok(ExitStatus::Interrupted);
     }
     if command.run.json {
@@ -59,6 +59,12 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
     }
     output::message(&format!("Replay the first counterexample: mishandle replay {name}"));
     Ok(ExitStatus::Violated)
+}
+
+/// Returns whether all trials of the plan have ended.
+fn is_complete(resolved: &ResolvedPlan, found: &CampaignOutcome) -> bool {
+    let trials = resolved.plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
+    found.trials.iter().filter(|trial| trial.end.is_some()).count() == trials as usize
 }
 
 fn plan(command: &args::Falsify) -> Result<Plan> {
@@ -87,6 +93,7 @@ fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, path: &str) -> Val
     let falsify = resolved.plan.falsify.clone().unwrap_or_default();
     let trials: Vec<Value> = found.trials.iter().map(|trial| trial_document(resolved, trial)).collect();
     let own = json!({
+        "is_complete": is_complete(resolved, found),
         "search": falsify.search,
         "search_options": search_options(&falsify),
         "formula": resolved.specification.requirement.to_string(),

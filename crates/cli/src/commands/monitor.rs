@@ -93,7 +93,13 @@ fn source(path: &Path) -> Result<Box<dyn Read>> {
     if path.as_os_str() == "-" {
         return Ok(Box::new(std::io::stdin()));
     }
-    Ok(Box::new(File::open(path)?))
+    let file = File::open(path).map_err(|error| match path.metadata() {
+        Ok(found) if !found.is_file() => {
+            std::io::Error::other("expected a file or a pipe, found a socket or a device")
+        }
+        _ => error,
+    });
+    Ok(Box::new(file?))
 }
 
 /// Checks the names in the formula against all columns. Only the columns of the formula are read later, so that errors

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Chain, Context, Result, bail};
 use mishandle::MishandleError;
 use mishandle::training::TrainingProgress;
 use mishandle_experiments::{
@@ -194,13 +194,7 @@ impl ZooObserver for Reporter {
     fn ended(&self, name: &str, result: &Result<(), ExperimentError>) {
         match result {
             Ok(()) => self.say(name, "done"),
-            Err(error) => self.say(name, &format!("failed: {}", chain(error))),
+            Err(error) => self.say(name, &format!("failed: {}", output::with_causes(Chain::new(error)))),
         }
     }
-}
-
-/// An error with its causes, from the outside in.
-fn chain(error: &ExperimentError) -> String {
-    let causes: Vec<String> = anyhow::Chain::new(error).map(ToString::to_string).collect();
-    causes.join(": ")
 }
