@@ -39,8 +39,8 @@ fn is_period(secs: f64) -> bool {
     secs > 0.0 && secs.is_finite()
 }
 
-/// Coordinates of an initial state.
-const COORDINATE: &str = "a finite number in the unit of the axis, such as 0.45";
+/// Coordinates of an initial state. Its box is checked later, by an error that names the axis.
+const COORDINATE: &str = "a number in the unit of the axis, such as 0.45";
 
 /// Version, and the paths of MuJoCo's library and of the shipped files, for questions about an installation.
 static LONG_VERSION: LazyLock<String> = LazyLock::new(|| {
@@ -475,7 +475,7 @@ pub struct Render {
     pub task: Option<String>,
     /// Initial state: one value per axis of the initial box, in the axis' unit [default: the center of the box]
     #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
-    #[arg(conflicts_with = "run", value_parser = number(COORDINATE, f64::is_finite))]
+    #[arg(conflicts_with = "run", value_parser = number(COORDINATE, |_| true))]
     pub at: Option<Vec<f64>>,
     /// Run file, to render one of its simulations
     #[arg(long, value_name = "RUN")]

@@ -189,12 +189,19 @@ fn format_scenario(axes: &[Axis], values: &[Option<f64>], max_values: usize) -> 
         shown.sort_by_key(|(index, ..)| *index);
     }
     let value = |(_, axis, value): &(usize, &Axis, f64)| match axis.levels() {
-        Some(_) => format!("{} = {value} {}", axis.name, axis.unit),
-        None => format!("{} = {value:.4} {}", axis.name, axis.unit),
+        Some(_) => axis_value(&axis.name, &value.to_string(), &axis.unit),
+        None => axis_value(&axis.name, &format!("{value:.4}"), &axis.unit),
     };
-    let values: Vec<String> = shown.iter().map(|entry| value(entry).trim_end().to_string()).collect();
+    let values: Vec<String> = shown.iter().map(value).collect();
     let rest = if omitted > 0 { format!(", and {omitted} more") } else { String::new() };
     values.join(", ") + &rest
+}
+
+/// Formats the value of an axis with its unit: `gap = 1.5 m`, `delay = 1 control step`.
+pub fn axis_value(name: &str, value: &str, unit: &str) -> String {
+    // Other units are symbols: `s` is seconds.
+    let unit = if value == "1" && unit.ends_with("steps") { unit.trim_end_matches('s') } else { unit };
+    format!("{name} = {value} {unit}").trim_end().to_string()
 }
 
 /// Reasons why a simulation has no verdict.
@@ -288,4 +295,17 @@ pub fn stop_on_signals(bar: &Bar) -> Result<()> {
 /// Returns whether to continue after a batch.
 pub fn control_flow() -> ControlFlow<()> {
     if interrupt::requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_unit_of_counted_things_is_singular_after_1() {
+        assert_eq!(axis_value("delay", "1", "control steps"), "delay = 1 control step");
+        assert_eq!(axis_value("delay", "2", "control steps"), "delay = 2 control steps");
+        assert_eq!(axis_value("time", "1", "s"), "time = 1 s");
+        assert_eq!(axis_value("scale", "1", ""), "scale = 1");
+    }
 }

@@ -51,7 +51,7 @@ fn a_wrong_number_on_the_command_line_is_repeated_with_the_allowed_numbers() {
         (
             "render --out a.png point-reaching",
             "--at",
-            "expected a finite number in the unit of the axis".to_string(),
+            "expected a number in the unit of the axis".to_string(),
         ),
         ("monitor --formula d>0 a.csv", "--period", "expected a number of seconds above 0".to_string()),
         ("train point-reaching", "--steps", integer(1, 1_000_000_000_000)),

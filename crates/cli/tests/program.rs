@@ -478,6 +478,24 @@ fn an_interrupted_run_prints_the_document_of_its_finished_simulations() {
 }
 
 #[test]
+fn a_replay_says_that_a_simulation_is_at_a_corner_or_the_center() {
+    let bench = Bench::new();
+    bench.check("evaluate toy/car-following --episodes 1 --out e.sqlite", 0);
+    // Two axes have four corners and the center, with 20 seeds each.
+    for (simulation, point) in [(1, "corner"), (80, "corner"), (81, "center"), (100, "center")] {
+        let replay = format!("replay e.sqlite --trial 2 --simulation {simulation}");
+        let text = bench.check(&replay, 0);
+        assert!(text.starts_with(&format!("trial 2 ({point}), simulation {simulation}, gap = ")), "{text}");
+        assert_eq!(bench.json(&format!("{replay} --json"), 0)["point"], point);
+    }
+    assert!(bench.json("replay e.sqlite --trial 1 --json", 0)["point"].is_null());
+    bench.check("falsify toy/car-following --trials 2 --budget 2 --out f.sqlite", 0);
+    assert!(bench.json("replay f.sqlite --trial 2 --json", 0)["point"].is_null());
+    let text = bench.check("replay f.sqlite --trial 2", 0);
+    assert!(text.starts_with("trial 2, simulation "), "{text}");
+}
+
+#[test]
 fn resuming_a_run_with_the_other_command_names_the_right_one() {
     let bench = Bench::new();
     bench.check("evaluate toy/sphere-2d --episodes 3 --out e.sqlite", 0);

@@ -51,7 +51,7 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
     } else {
         let value = |(axis, value): (&store::AxisRecord, &Option<f64>)| {
             let value = value.map_or("random".to_string(), |value| value.to_string());
-            format!("{} = {value} {}", axis.name, axis.unit).trim_end().to_string()
+            run::axis_value(&axis.name, &value, &axis.unit)
         };
         let values: Vec<String> = named().map(value).collect();
         output::line(&format!(

@@ -111,7 +111,8 @@ impl<R: Read> Log<R> {
         let mut record = ByteRecord::new();
         while self.reader.read_byte_record(&mut record)? {
             self.row_bytes.set(0);
-            if record.len() == 1 && record.as_slice().trim_ascii().is_empty() {
+            // A blank line of a file whose lines end with `\r\n`; the reader skips the others.
+            if record.as_slice() == b"\r" {
                 continue;
             }
             let line = self.line(&record);
@@ -343,10 +344,11 @@ mod tests {
             "\nd\n\n1\n\nx\n",
             "d\r\n\r\n\r\n1\r\n\r\nx\r\n",
             "d\n1\n2\n3\n4\nx",
-            "d\n1\n2\n3\n \nx\n",
         ] {
             check(text, "line 6: `d` is `x`; it must be a number");
         }
+        check("d\n1\n \n2\n", "line 3: `d` is ``");
+        check("d\n1\n\"\"\n2\n", "line 3: `d` is ``");
         check("time,d\n0,1\n\n\n\nnan,1\n", "line 6: `time` is NaN");
         check("time,d\r\n0,1\r\n\r\n\r\n\r\n1\r\n", "line 6 has 1 cell, but the header has 2 names");
     }
