@@ -180,6 +180,25 @@ fn a_socket_in_place_of_a_file_is_named() {
 }
 
 #[test]
+fn an_output_of_a_training_run_that_cannot_be_created_is_named() {
+    let bench = Bench::new();
+    bench.write("file", "");
+    std::fs::create_dir(bench.path("a.safetensors.lock")).unwrap();
+    let train = "train point-reaching --steps 256";
+    check(&bench, &format!("{train} --out file/a.safetensors"), &["error: cannot write the folder file: "]);
+    check(
+        &bench,
+        &format!("{train} --out a.safetensors"),
+        &["error: cannot write the lock file a.safetensors.lock: "],
+    );
+    check(
+        &bench,
+        &format!("{train} --out b.safetensors --tensorboard file/b"),
+        &["error: cannot write the folder file/b: "],
+    );
+}
+
+#[test]
 fn a_planted_file_beside_a_run_is_named_once() {
     let bench = Bench::new();
     for suffix in ["wal", "journal", "shm"] {

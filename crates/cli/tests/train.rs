@@ -151,7 +151,10 @@ fn existing_files_are_never_overwritten() {
             "--out b.safetensors --csv b.csv --steps 0",
             "'0' for '--steps <N>': the value is too small; expected an integer from 1 to",
         ),
-        ("--out b.safetensors --csv ppo.toml/b.csv --tensorboard other", "ppo.toml"),
+        (
+            "--out b.safetensors --csv ppo.toml/b.csv --tensorboard other",
+            "cannot write the folder ppo.toml: ",
+        ),
         ("--out b.safetensors --csv b.csv --tensorboard ppo.toml", "ppo.toml"),
     ] {
         bench.refuses(&format!("{TRAIN} {flags}"), &[expected]);
