@@ -32,9 +32,38 @@ pub enum MishandleError {
         /// Name of the option.
         option: &'static str,
     },
-    /// The plan is not valid TOML, or a key or value is invalid.
-    #[error("cannot read the plan: {0}")]
-    Plan(String),
+    /// The plan is not valid TOML.
+    #[error("line {line} of the plan, `{found}`, is not valid TOML: {message}")]
+    PlanSyntax {
+        /// Line of the plan, counted from 1.
+        line: usize,
+        /// The line, or the start of a long one.
+        found: String,
+        /// Message of the TOML parser.
+        message: String,
+    },
+    /// The plan has an unknown key.
+    #[error("line {line} of the plan: there is no key `{key}`; known keys are: {}", keys_beside(key, known))]
+    UnknownPlanKey {
+        /// Line of the plan, counted from 1.
+        line: usize,
+        /// Table and key.
+        key: String,
+        /// All keys of plans.
+        known: Vec<&'static str>,
+    },
+    /// A key of the plan has a value of the wrong type.
+    #[error("line {line} of the plan: the key `{key}` is {found}; it must be {expected}")]
+    PlanValue {
+        /// Line of the plan, counted from 1.
+        line: usize,
+        /// Table and key.
+        key: String,
+        /// The value as written.
+        found: String,
+        /// Allowed values.
+        expected: String,
+    },
     /// The plan has a newer format.
     #[error("the plan has format {found}, this program reads formats up to {known}: use a newer Mishandle")]
     NewerPlan {
@@ -146,7 +175,8 @@ pub enum MishandleError {
         high: f64,
     },
     /// The formula reaches past the end of an episode, so that no episode can decide it.
-    #[error("`{formula}` needs {needed} control steps, an episode has {steps}: no episode can decide it")]
+    #[error("`{formula}` needs {needed} control step{}, an episode has {steps}: no episode can decide it",
+        if needed == "1" { "" } else { "s" })]
     Undecidable {
         /// Text of the formula.
         formula: String,
@@ -272,4 +302,13 @@ pub enum MishandleError {
     /// A run file cannot be read or written.
     #[error(transparent)]
     Store(#[from] mishandle_store::StoreError),
+}
+
+/// Lists the known keys in the table of an unknown key. The keys outside of tables include the names of the tables.
+fn keys_beside(key: &str, known: &[&'static str]) -> String {
+    let table = key.rsplit_once('.').map_or(String::new(), |(table, _)| format!("{table}."));
+    let beside = known.iter().filter_map(|known| known.strip_prefix(table.as_str()));
+    let mut names: Vec<&str> = beside.map(|key| key.split('.').next().unwrap_or(key)).collect();
+    names.dedup();
+    names.join(", ")
 }

@@ -1,4 +1,4 @@
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, RangeInclusive};
 
 use mishandle_falsification::{Campaign, CampaignOutcome, CampaignSettings, Trial, TrialEnd};
 use mishandle_rollout::{Axis, AxisValues, Seed, Space};
@@ -7,14 +7,7 @@ use mishandle_store::{RunWriter, TrialRecord, TrialStatus};
 
 use crate::record;
 use crate::replay::header;
-use crate::{FalsifyPlan, MishandleError, ResolvedPlan};
-
-/// Largest number of trials in a campaign, and of simulations in a trial. The campaign allocates memory for every trial
-/// when it starts.
-const MAX_COUNT: u32 = 1_000_000;
-
-/// Largest batch size. The traces of a batch are in memory together.
-const MAX_BATCH_SIZE: u32 = 65_536;
+use crate::{FalsifyPlan, MishandleError, Plan, ResolvedPlan};
 
 /// Searches for counterexamples and stores every simulation in `run`.
 ///
@@ -163,7 +156,7 @@ pub(crate) fn status(end: TrialEnd) -> TrialStatus {
 
 /// Checks a batch size.
 pub(crate) fn check_batch(batch: u32) -> Result<(), MishandleError> {
-    if (1..=MAX_BATCH_SIZE).contains(&batch) {
+    if Plan::BATCH.contains(&batch.into()) {
         return Ok(());
     }
     let (what, expected) = ("the batch size", "from 1 to 65536");
@@ -174,8 +167,12 @@ pub(crate) fn check_batch(batch: u32) -> Result<(), MishandleError> {
 /// sub-formulas.
 pub(crate) fn check(falsify: &FalsifyPlan, space: &Space) -> Result<bool, MishandleError> {
     check_batch(falsify.batch)?;
-    let numbers = [("the number of trials", falsify.trials), ("the budget", falsify.budget)];
-    if let Some((what, value)) = numbers.into_iter().find(|(_, value)| !(1..=MAX_COUNT).contains(value)) {
+    let numbers = [
+        ("the number of trials", falsify.trials, Plan::TRIALS),
+        ("the budget", falsify.budget, Plan::BUDGET),
+    ];
+    let is_outside = |(_, value, range): &(_, u32, RangeInclusive<u64>)| !range.contains(&(*value).into());
+    if let Some((what, value, _)) = numbers.into_iter().find(is_outside) {
         let expected = "from 1 to 1000000";
         return Err(MishandleError::InvalidValue { what, value: value.to_string(), expected });
     }

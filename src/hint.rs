@@ -3,9 +3,11 @@
 use mishandle_rollout::RolloutError;
 use mishandle_search::SearchError;
 use mishandle_stl::nearest;
+use mishandle_store::StoreError;
 use mishandle_training::TrainingError;
 
-use crate::{MishandleError, home_description};
+use crate::MishandleError;
+use crate::home::controllers_description;
 
 impl MishandleError {
     /// Returns a suggestion for correcting the error, if there is one.
@@ -15,7 +17,7 @@ impl MishandleError {
                 let path_hint = || {
                     format!(
                         "shipped controllers are {}; for another controller give its path, such as ./FILE",
-                        home_description()
+                        controllers_description()
                     )
                 };
                 if *kind == "task" && name.starts_with("toy/") {
@@ -30,6 +32,7 @@ impl MishandleError {
                 let suggestion = suggest(name, known.iter().map(String::as_str));
                 suggestion.or_else(|| kind.starts_with("controller").then(path_hint))
             }
+            MishandleError::UnknownPlanKey { key, known, .. } => suggest_setting(key, known),
             MishandleError::Settings { source, .. } => match &**source {
                 TrainingError::UnknownSetting { name, known, .. } => suggest_setting(name, known),
                 TrainingError::Setting { found, known, .. } => {
@@ -39,6 +42,10 @@ impl MishandleError {
             },
             MishandleError::Search(SearchError::UnknownOption { name, known, .. }) => {
                 suggest(name, known.iter().map(String::as_str))
+            }
+            // SQLite reports a file that is too large as an I/O error.
+            MishandleError::Store(StoreError::Io { what, .. }) if what.starts_with("cannot write") => {
+                Some("is a quota or the limit on file sizes (`ulimit -f`) reached?".to_string())
             }
             MishandleError::Rollout(RolloutError::Monitor { source, .. }) => source.hint(),
             _ => None,

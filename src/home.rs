@@ -14,6 +14,9 @@ use crate::{MishandleError, task};
 /// The files in `controllers/` and `experiments/training/` at build time: path and content, sorted by path.
 static EMBEDDED: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
 
+/// Folder of the shipped controllers.
+const CONTROLLERS: &str = "controllers";
+
 /// Environment variable that names the folder of the shipped files.
 const HOME: &str = "MISHANDLE_HOME";
 
@@ -43,12 +46,18 @@ fn home_from_environment() -> Option<PathBuf> {
 }
 
 fn is_home(folder: &Path) -> bool {
-    folder.join("controllers").is_dir() && folder.join("experiments/training").is_dir()
+    folder.join(CONTROLLERS).is_dir() && folder.join("experiments/training").is_dir()
 }
 
 /// Describes the source of the shipped files, for messages: `in FOLDER` or `built into the program`.
 pub fn home_description() -> String {
     home().map_or("built into the program".to_string(), |home| format!("in {}", home.display()))
+}
+
+/// Describes the source of the shipped controllers: `in FOLDER/controllers` or `built into the program`.
+pub(crate) fn controllers_description() -> String {
+    let folder = home().map(|home| home.join(CONTROLLERS));
+    folder.map_or("built into the program".to_string(), |folder| format!("in {}", folder.display()))
 }
 
 /// A shipped file.
@@ -140,7 +149,7 @@ pub(crate) fn check_home(folder: &'static str) -> Result<(), MishandleError> {
 
 /// Returns the shipped controller with the name `name` for a task, if it exists.
 pub fn shipped_controller(definition: &Definition, name: &str) -> Option<ShippedFile> {
-    ShippedFile::find(&format!("controllers/{}/{name}.safetensors", base(definition)))
+    ShippedFile::find(&format!("{CONTROLLERS}/{}/{name}.safetensors", base(definition)))
 }
 
 /// Returns the file of a task's controller. `name` is a path or the name of a shipped controller.
@@ -151,7 +160,7 @@ pub(crate) fn controller_of(definition: &Definition, name: &str) -> Result<Shipp
     if let Some(file) = shipped_controller(definition, name) {
         return Ok(file);
     }
-    check_home("controllers")?;
+    check_home(CONTROLLERS)?;
     Err(MishandleError::UnknownName {
         kind: "controller",
         name: name.to_string(),
@@ -180,7 +189,7 @@ pub fn find_controller(name: &str) -> Result<ShippedFile, MishandleError> {
     if let Some(file) = shipped_controller(definition, own_name) {
         return Ok(file);
     }
-    check_home("controllers")?;
+    check_home(CONTROLLERS)?;
     if own_name == EXPERT {
         return Err(MishandleError::InvalidValue {
             what: "the controller",
@@ -209,7 +218,7 @@ pub fn shipped_settings(definition: &Definition, algorithm: &str) -> Option<Ship
 
 /// Returns the names of a task's shipped controllers in alphabetical order, then `expert`.
 pub fn shipped_controllers(definition: &Definition) -> Vec<String> {
-    let folder = format!("controllers/{}", base(definition));
+    let folder = format!("{CONTROLLERS}/{}", base(definition));
     let paths: Vec<PathBuf> = match home() {
         Some(home) => {
             let entries = std::fs::read_dir(home.join(folder)).into_iter().flatten();

@@ -27,6 +27,7 @@ mod falsify;
 mod hint;
 mod home;
 mod plan;
+mod plural;
 mod record;
 mod replay;
 mod search_options;
@@ -49,6 +50,7 @@ pub use home::{
     shipped_controllers, shipped_settings,
 };
 pub use plan::{EvaluatePlan, FalsifyPlan, Plan, StartRegion};
+pub use plural::plural;
 pub use record::create_run;
 pub use replay::{ReplayResult, build_differences, recorded_plan, replay, select_simulation};
 pub use search_options::search_option_value;

@@ -6,11 +6,8 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// An [`OptionValue`] in TOML.
 #[derive(Serialize, Deserialize)]
-#[serde(
-    untagged,
-    expecting = "expected a number, true or false, a string, a list of numbers, or a list of lists of numbers"
-)]
-enum TomlValue {
+#[serde(untagged)]
+pub(crate) enum TomlValue {
     Boolean(bool),
     Integer(i64),
     Float(f64),

@@ -119,12 +119,17 @@ fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<FileLock>, Mis
     outputs
         .map(|(flag, path)| {
             let folder = path.parent().unwrap_or(Path::new(""));
-            folders
-                .create(folder)
-                .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
+            folders.create(folder).map_err(|source| MishandleError::Write {
+                what: "folder",
+                path: folder.to_path_buf(),
+                source,
+            })?;
             let file = with_suffix(&path, ".lock");
-            let lock =
-                FileLock::try_acquire(&file).map_err(|source| MishandleError::File { path: file, source })?;
+            let lock = FileLock::try_acquire(&file).map_err(|source| MishandleError::Write {
+                what: "lock file",
+                path: file,
+                source,
+            })?;
             lock.ok_or(MishandleError::Busy { path, flag })
         })
         .collect()

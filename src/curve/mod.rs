@@ -10,7 +10,7 @@ use csv::{ReaderBuilder, StringRecord};
 use mishandle_files::{limits, read_bounded};
 
 use crate::MishandleError;
-use row::{COLUMNS, REWARD, line_of};
+use row::{COLUMNS, REWARD};
 
 pub use row::CurveRow;
 pub use training_time::NoTrainingTime;
@@ -55,6 +55,30 @@ pub enum CurveProblem {
         expected: String,
         /// Name found; empty if the column is missing.
         found: String,
+    },
+    /// The cells are separated by another character than a comma.
+    #[error("the header is separated by {separator}; expected commas, and points in numbers")]
+    Separator {
+        /// The character that separates the names, in words.
+        separator: &'static str,
+    },
+    /// A line is not UTF-8 text.
+    #[error("line {line} is not UTF-8 text; save the file as UTF-8")]
+    NotUtf8 {
+        /// Line, counted from 1.
+        line: u64,
+    },
+    /// A line has too few or too many cells.
+    #[error(
+        "line {line}: the number of cells is {found}; it must be {expected}, one for each name in the header"
+    )]
+    Cells {
+        /// Line, counted from 1.
+        line: u64,
+        /// Number of cells.
+        found: usize,
+        /// Number of names in the header.
+        expected: usize,
     },
     /// A cell has the wrong type.
     #[error("line {line}: {column} is `{found}`, expected {expected}")]
@@ -116,7 +140,7 @@ pub enum CurveProblem {
         /// Wall-clock time of the row, s.
         found: String,
     },
-    /// The file is not CSV, or its lines have different numbers of cells.
+    /// The file cannot be read as CSV.
     #[error(transparent)]
     Csv(#[from] csv::Error),
 }
@@ -145,15 +169,25 @@ fn read(path: &Path, last: Option<u64>) -> Result<(Curve, u64), MishandleError> 
 
 fn parse(bytes: &[u8], last: Option<u64>) -> Result<(Curve, u64), CurveProblem> {
     let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
-    let mut reader = ReaderBuilder::new().from_reader(&bytes[..whole]);
+    let text = &bytes[..whole];
+    if let Err(error) = std::str::from_utf8(text) {
+        return Err(CurveProblem::NotUtf8 { line: line_at(text, error.valid_up_to()) });
+    }
+    // The reader's own error for a line with another number of cells counts records instead of lines.
+    let mut reader = ReaderBuilder::new().flexible(true).from_reader(text);
     let columns = reader.headers()?.clone();
     let is_truncated = whole < bytes.len();
     let mut curve = Curve { reward_terms: reward_terms(&columns)?, rows: Vec::new(), is_truncated };
     let mut record = StringRecord::new();
     while reader.read_record(&mut record)? {
-        let row = CurveRow::read(&columns, &record)?;
+        let line = || line_of(text, &record);
+        let (found, expected) = (record.len(), columns.len());
+        if found != expected {
+            return Err(CurveProblem::Cells { line: line(), found, expected });
+        }
+        let row = CurveRow::read(&columns, &record, &line)?;
         if let Some(before) = curve.rows.last() {
-            check_order(before, &row, line_of(&record))?;
+            check_order(before, &row, line)?;
         }
         let is_last = last == Some(row.iteration);
         curve.rows.push(row);
@@ -162,6 +196,18 @@ fn parse(bytes: &[u8], last: Option<u64>) -> Result<(Curve, u64), CurveProblem> 
         }
     }
     Ok((curve, reader.position().byte()))
+}
+
+/// Returns the line of a record, counted from 1. Its position is before the blank lines that precede it.
+fn line_of(text: &[u8], record: &StringRecord) -> u64 {
+    let start = record.position().map_or(0, csv::Position::byte) as usize;
+    let blank = text.iter().skip(start).take_while(|byte| matches!(byte, b'\r' | b'\n')).count();
+    line_at(text, start + blank)
+}
+
+/// Returns the line of a byte offset, counted from 1.
+fn line_at(text: &[u8], offset: usize) -> u64 {
+    1 + text.iter().take(offset).filter(|byte| **byte == b'\n').count() as u64
 }
 
 /// Returns the names of the reward terms.
@@ -174,6 +220,12 @@ fn reward_terms(columns: &StringRecord) -> Result<Vec<String>, CurveProblem> {
         expected,
         found: columns.get(at).unwrap_or_default().to_string(),
     };
+    if let (1, Some(header)) = (columns.len(), columns.get(0))
+        && let Some((_, separator)) =
+            [(';', "semicolons"), ('\t', "tabs")].iter().find(|(c, _)| header.contains(*c))
+    {
+        return Err(CurveProblem::Separator { separator });
+    }
     for (at, name) in COLUMNS.iter().enumerate() {
         if columns.get(at) != Some(name) {
             return Err(wrong(at, format!("`{name}`")));
@@ -187,13 +239,13 @@ fn reward_terms(columns: &StringRecord) -> Result<Vec<String>, CurveProblem> {
     .collect()
 }
 
-fn check_order(before: &CurveRow, row: &CurveRow, line: u64) -> Result<(), CurveProblem> {
+fn check_order(before: &CurveRow, row: &CurveRow, line: impl Fn() -> u64) -> Result<(), CurveProblem> {
     if row.iteration != before.iteration + 1 {
-        return Err(CurveProblem::Order { line, found: row.iteration, before: before.iteration });
+        return Err(CurveProblem::Order { line: line(), found: row.iteration, before: before.iteration });
     }
     if row.environment_steps <= before.environment_steps {
         let (found, before) = (row.environment_steps, before.environment_steps);
-        return Err(CurveProblem::Steps { line, found, before });
+        return Err(CurveProblem::Steps { line: line(), found, before });
     }
     Ok(())
 }

@@ -107,9 +107,13 @@ impl CurveRow {
         cells
     }
 
-    /// Reads a row from a line of a file with these columns.
-    pub(super) fn read(columns: &StringRecord, record: &StringRecord) -> Result<CurveRow, CurveProblem> {
-        let mut cells = Cells { columns, record, next: 0 };
+    /// Reads a row from a line of a file with these columns. The record has one cell per column.
+    pub(super) fn read(
+        columns: &StringRecord,
+        record: &StringRecord,
+        line: &dyn Fn() -> u64,
+    ) -> Result<CurveRow, CurveProblem> {
+        let mut cells = Cells { columns, record, line, next: 0 };
         Ok(CurveRow {
             iteration: cells.count()?,
             environment_steps: cells.count()?,
@@ -140,6 +144,7 @@ pub(super) fn secs_cell(secs: f64) -> String {
 struct Cells<'a> {
     columns: &'a StringRecord,
     record: &'a StringRecord,
+    line: &'a dyn Fn() -> u64,
     next: usize,
 }
 
@@ -152,7 +157,7 @@ impl Cells<'_> {
     /// Returns the error for the cell read last.
     fn wrong(&self, expected: &'static str) -> CurveProblem {
         CurveProblem::Cell {
-            line: line_of(self.record),
+            line: (self.line)(),
             column: self.columns[self.next - 1].to_string(),
             found: self.record[self.next - 1].to_string(),
             expected,
@@ -185,9 +190,4 @@ impl Cells<'_> {
             _ => Err(self.wrong("a number beside both success rates, or three empty cells")),
         }
     }
-}
-
-/// Returns the line of a record, counted from 1.
-pub(super) fn line_of(record: &StringRecord) -> u64 {
-    record.position().map_or(0, csv::Position::line)
 }

@@ -192,8 +192,32 @@ fn errors_of_an_edited_file_name_the_line() {
         "0.75,,-7",
         "line 3: validation_return is `-7`, expected a number beside both",
     );
-    check_error("-0.2,", "", "line: 3");
+    check_error(
+        "-0.2,",
+        "",
+        "line 3: the number of cells is 16; it must be 17, one for each name in the header",
+    );
+    check_error("\n2,1024", "\n2,1024,1", "line 3: the number of cells is 18; it must be 17");
     check_error("iteration,", "", "column 1 of the header is `environment_steps`");
+}
+
+#[test]
+fn lines_are_those_of_the_file_also_after_blank_lines() {
+    check_error("\n2,1024", "\n\n\n2,many", "line 5: environment_steps is `many`");
+    check_error("\n2,1024", "\r\n\r\n\r\n2,many", "line 5: environment_steps is `many`");
+    check_error("\n2,1024", "\n\n\n4,1024", "line 5: iteration 4 cannot follow iteration 1");
+    check_error("\n2,1024", "\n\n2,1024,1", "line 4: the number of cells is 18");
+}
+
+#[test]
+fn a_header_with_another_separator_is_an_error_that_names_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("curve.csv");
+    for (separator, name) in [(";", "semicolons"), ("\t", "tabs")] {
+        std::fs::write(&path, COLUMNS.join(separator) + "\n").unwrap();
+        let error = Curve::load(&path).unwrap_err().to_string();
+        assert!(error.contains(&format!("the header is separated by {name}; expected commas")), "{error}");
+    }
 }
 
 #[test]
@@ -205,8 +229,8 @@ fn files_that_are_not_text_are_errors() {
     assert!(std::error::Error::source(&missing).is_some(), "{missing}");
     std::fs::write(&path, "").unwrap();
     assert!(message().contains("column 1 of the header is ``, expected `iteration`"), "{}", message());
-    std::fs::write(&path, b"\xff\xfe\x00\n").unwrap();
-    assert!(message().contains("UTF-8"), "{}", message());
+    std::fs::write(&path, b"a\n\n\xff\xfe\x00\n").unwrap();
+    assert!(message().contains("line 3 is not UTF-8 text"), "{}", message());
     let device = Curve::load(Path::new("/dev/zero")).unwrap_err();
     let cause = std::error::Error::source(&device).unwrap().to_string();
     assert_eq!(cause, "expected a regular file, found a device");

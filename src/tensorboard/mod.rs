@@ -38,7 +38,7 @@ impl EventFile {
         reward_terms: &[String],
         resumes: bool,
     ) -> Result<EventFile, MishandleError> {
-        let failed = |source| MishandleError::File { path: folder.to_path_buf(), source };
+        let failed = |source| MishandleError::Write { what: "folder", path: folder.to_path_buf(), source };
         let mut folders = NewFolders::default();
         folders.create(folder).map_err(failed)?;
         EventFile::check(folder, resumes)?;
@@ -58,8 +58,11 @@ impl EventFile {
         if resumes || !folder.exists() {
             return Ok(());
         }
-        let found = event_file(folder)
-            .map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })?;
+        let found = event_file(folder).map_err(|source| MishandleError::Write {
+            what: "folder",
+            path: folder.to_path_buf(),
+            source,
+        })?;
         found.map_or(Ok(()), |path| Err(MishandleError::Exists { path, flag: "--tensorboard" }))
     }
 

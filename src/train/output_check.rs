@@ -42,7 +42,11 @@ fn check_folder(folder: &Path) -> Result<(), MishandleError> {
     let present = folder.ancestors().find(|folder| folder.exists()).unwrap_or(Path::new("."));
     // A temporary file without a name; the system deletes it when it is closed.
     let file = tempfile::tempfile_in(present);
-    file.map(drop).map_err(|source| MishandleError::File { path: folder.to_path_buf(), source })
+    file.map(drop).map_err(|source| MishandleError::Write {
+        what: "folder",
+        path: folder.to_path_buf(),
+        source,
+    })
 }
 
 #[cfg(test)]
@@ -57,7 +61,7 @@ mod tests {
         assert_eq!(std::fs::read_dir(folder).unwrap().count(), 0);
         std::fs::write(folder.join("file"), "").unwrap();
         let error = check_folder(&folder.join("file/a")).unwrap_err();
-        assert!(matches!(&error, MishandleError::File { path, .. } if path.ends_with("file/a")), "{error}");
+        assert!(matches!(&error, MishandleError::Write { path, .. } if path.ends_with("file/a")), "{error}");
         assert!(check_folder(Path::new("/proc/none")).is_err());
     }
 }

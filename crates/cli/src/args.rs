@@ -1,12 +1,46 @@
 //! Command-line arguments and their help.
 
-use std::num::NonZeroUsize;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use clap::{Args, Parser, Subcommand};
+use mishandle::Plan;
+use mishandle::rollout::Noise;
 
-use crate::count::count;
+use crate::numbers::{integer, number};
+
+/// Random seeds.
+const SEEDS: RangeInclusive<u64> = 0..=u64::MAX;
+
+/// Numbers of threads: more than any machine has cores.
+const THREADS: RangeInclusive<u64> = 1..=1024;
+
+/// Numbers of trials and simulations in a run file.
+const NUMBERS: RangeInclusive<u64> = 1..=u32::MAX as u64;
+
+/// Numbers of environment steps of a training run: those of the setting `run.total_steps`.
+const STEPS: RangeInclusive<u64> = 1..=1_000_000_000_000;
+
+/// Numbers of parallel environments: those of the setting `episodes.environments`.
+const ENVIRONMENTS: RangeInclusive<u64> = 1..=1_000_000;
+
+/// Standard deviations of noise.
+const NOISE: &str = "a number from 0 to 10, such as 0.5";
+
+fn is_noise(std: f64) -> bool {
+    (0.0..=Noise::MAX_STD).contains(&std)
+}
+
+/// Sampling periods.
+const PERIOD: &str = "a number of seconds above 0, such as 0.1";
+
+fn is_period(secs: f64) -> bool {
+    secs > 0.0 && secs.is_finite()
+}
+
+/// Coordinates of an initial state. Its box is checked later, by an error that names the axis.
+const COORDINATE: &str = "a number in the unit of the axis, such as 0.45";
 
 /// Version, and the paths of MuJoCo's library and of the shipped files, for questions about an installation.
 static LONG_VERSION: LazyLock<String> = LazyLock::new(|| {
@@ -133,7 +167,7 @@ pub struct Monitor {
     /// CSV file with the trace; - reads stdin
     pub trace: PathBuf,
     /// Sampling period in seconds [default: mean step of the column `time`, or 1 without that column]
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = number(PERIOD, is_period))]
     pub period: Option<f64>,
     /// Unit of interval bounds without a unit: s, ms, us or ns [default: such bounds count samples]
     #[arg(long)]
@@ -149,20 +183,48 @@ pub struct Monitor {
 /// Flags of all commands that run simulations.
 #[derive(Debug, Args)]
 pub struct Run {
-    /// Random seed [default: 0, or the seed of the plan]
-    #[arg(long, allow_negative_numbers = true, value_parser = count::<u64>)]
+    /// Random seed, from 0 to 2^64 - 1 [default: 0, or the seed of the plan]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u64>(SEEDS))]
     pub seed: Option<u64>,
     /// Number of threads; does not affect the results [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
     pub threads: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
 }
 
-/// Arguments that a resumed run takes from its own plan. The path of the controller is not among them.
-const PLANNED: [&str; 8] =
-    ["target", "space", "preset", "action_noise", "observation_noise", "stochastic", "batch", "plan"];
+/// Flags that create or open the run file of a command that runs simulations.
+#[derive(Debug, Args)]
+pub struct OpenRun {
+    /// Run file to create (SQLite) [default: a new file in runs/]
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Resume a stopped run with its own plan; if its controller was moved, --controller is the new path
+    #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
+    pub resume: Option<PathBuf>,
+    /// Do not check the whole run file before reading it; a record is still checked when it is read
+    #[arg(long, requires = "resume")]
+    pub skip_check: bool,
+    /// Wait after each batch until its records are on the disk. Without it, a power failure can lose the last
+    /// simulations; a kill loses none. Not stored: a resumed run needs the flag again
+    #[arg(long)]
+    pub durable: bool,
+}
+
+/// Arguments of all commands that a resumed run takes from its own plan. The path of the controller is not among them.
+const PLANNED: [&str; 10] = [
+    "target",
+    "space",
+    "preset",
+    "action_noise",
+    "observation_noise",
+    "stochastic",
+    "batch",
+    "plan",
+    "out",
+    "seed",
+];
 
 /// Flags that define the target and its scenarios.
 #[derive(Debug, Args)]
@@ -177,16 +239,16 @@ pub struct Subject {
     #[arg(long, value_name = "NAME")]
     pub space: Option<String>,
     /// Batch size: number of simulations run at once [default: 64]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u32>)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(Plan::BATCH))]
     pub batch: Option<u32>,
     /// Task preset: initial box and formulas of the benchmark's `paper` or of its `code` [default: paper]
     #[arg(long)]
     pub preset: Option<String>,
     /// Standard deviation of the Gaussian noise on each action, added after clipping to [-1, 1]; from 0 to 10 [default: 0]
-    #[arg(long, value_name = "STD", allow_negative_numbers = true)]
+    #[arg(long, value_name = "STD", allow_negative_numbers = true, value_parser = number(NOISE, is_noise))]
     pub action_noise: Option<f64>,
     /// Standard deviation of the Gaussian noise on each observation, from 0 to 10 [default: 0]
-    #[arg(long, value_name = "STD", allow_negative_numbers = true)]
+    #[arg(long, value_name = "STD", allow_negative_numbers = true, value_parser = number(NOISE, is_noise))]
     pub observation_noise: Option<f64>,
     /// Sample actions from the policy instead of taking the mean action
     #[arg(long)]
@@ -226,7 +288,7 @@ pub struct Train {
     pub algorithm: String,
     /// Total number of environment steps (control steps of all parallel environments), such as 1e6; rounded up to
     /// whole iterations [default: run.total_steps of the settings]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u64>)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u64>(STEPS))]
     pub steps: Option<u64>,
     /// Reward: shaped or original
     #[arg(long, default_value = "shaped")]
@@ -264,16 +326,11 @@ pub struct Curve {
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// Number of parallel environments of the training run
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = environments)]
-    pub environments: Option<NonZeroUsize>,
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(ENVIRONMENTS))]
+    pub environments: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
-}
-
-/// Parses a number of environments, at least 1.
-fn environments(text: &str) -> Result<NonZeroUsize, String> {
-    NonZeroUsize::new(count(text)?).ok_or_else(|| "expected at least 1".to_string())
 }
 
 /// Show how a controller was trained: command, settings, random seed, commit, validation
@@ -283,9 +340,9 @@ fn environments(text: &str) -> Result<NonZeroUsize, String> {
   mishandle controller point-reaching/ppo                     a shipped controller
   mishandle controller point-reaching/ppo --json
 
-The output is a valid settings file: `mishandle train --settings FILE` trains with the same settings.
-Success rates are from validation during training. `mishandle evaluate` measures the controller on
-other initial states.")]
+The output is a valid settings file: `mishandle train --settings FILE` trains with the same
+settings. Success rates are from validation during training. `mishandle evaluate` measures the
+controller on other initial states.")]
 pub struct Controller {
     /// Path of a controller, or TASK/NAME for a shipped controller
     #[arg(value_name = "FILE|TASK/NAME")]
@@ -305,26 +362,15 @@ pub struct Evaluate {
     #[command(flatten)]
     pub subject: Subject,
     /// Number of random initial states; the corners and the center of the initial box are simulated as well [default: 100]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u64>)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u64>(Plan::EPISODES))]
+    #[arg(conflicts_with = "resume")]
     pub episodes: Option<u64>,
     /// Region of the initial states: whole, or reachable (the part of the box from which the task is feasible)
     /// [default: whole]
-    #[arg(long = "box", value_name = "PART")]
+    #[arg(long = "box", value_name = "PART", conflicts_with = "resume")]
     pub starts: Option<String>,
-    /// Run file to create (SQLite) [default: a new file in runs/]
-    #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-    /// Resume a stopped run with its own plan; if its controller was moved, --controller is the new path
-    #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
-    #[arg(conflicts_with_all = ["episodes", "starts", "out", "seed"])]
-    pub resume: Option<PathBuf>,
-    /// Do not check the whole run file before reading it; a record is still checked when it is read
-    #[arg(long, requires = "resume")]
-    pub skip_check: bool,
-    /// Wait after each batch until its records are on the disk. Without it, a power failure can lose the last
-    /// simulations; a kill loses none. Not stored: a resumed run needs the flag again
-    #[arg(long)]
-    pub durable: bool,
+    #[command(flatten)]
+    pub file: OpenRun,
     #[command(flatten)]
     pub run: Run,
 }
@@ -345,35 +391,25 @@ pub struct Falsify {
     #[command(flatten)]
     pub subject: Subject,
     /// Search algorithm: random, nelder-mead or dual-annealing [default: random]
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", conflicts_with = "resume")]
     pub search: Option<String>,
     /// Option of the search algorithm (repeatable); `mishandle searches SEARCH` lists them
-    #[arg(long = "search-option", value_name = "NAME=VALUE", value_parser = name_and_value)]
+    #[arg(long = "search-option", value_name = "NAME=VALUE", value_parser = name_and_value, conflicts_with = "resume")]
     pub search_options: Vec<(String, String)>,
     /// Requirement to violate: the name of a formula of the target (such as success or strict), or the text of a
     /// formula [default: the target's first formula, which is success for a task]
-    #[arg(long, allow_hyphen_values = true)]
+    #[arg(long, allow_hyphen_values = true, conflicts_with = "resume")]
     pub formula: Option<String>,
     /// Number of trials: independent searches, each with its own random seed [default: 30]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u32>)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(Plan::TRIALS))]
+    #[arg(conflicts_with = "resume")]
     pub trials: Option<u32>,
     /// Largest number of simulations per trial [default: 300]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count::<u32>)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(Plan::BUDGET))]
+    #[arg(conflicts_with = "resume")]
     pub budget: Option<u32>,
-    /// Run file to create (SQLite) [default: a new file in runs/]
-    #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-    /// Resume a stopped run with its own plan; if its controller was moved, --controller is the new path
-    #[arg(long, value_name = "RUN", conflicts_with_all = PLANNED)]
-    #[arg(conflicts_with_all = ["search", "search_options", "formula", "trials", "budget", "out", "seed"])]
-    pub resume: Option<PathBuf>,
-    /// Do not check the whole run file before reading it; a record is still checked when it is read
-    #[arg(long, requires = "resume")]
-    pub skip_check: bool,
-    /// Wait after each batch until its records are on the disk. Without it, a power failure can lose the last
-    /// simulations; a kill loses none. Not stored: a resumed run needs the flag again
-    #[arg(long)]
-    pub durable: bool,
+    #[command(flatten)]
+    pub file: OpenRun,
     #[command(flatten)]
     pub run: Run,
 }
@@ -394,18 +430,18 @@ fn name_and_value(text: &str) -> Result<(String, String), String> {
   mishandle replay runs/RUN.sqlite                      the first counterexample
   mishandle replay runs/RUN.sqlite --trial 2 --simulation 17 --trace trace.csv
 
-Exit code 0 means that everything recorded of the simulation agrees with the plan of the run and with
-the replay, bit for bit; 2 that something differs.")]
+Exit code 0 means that everything recorded of the simulation agrees with the plan of the run and
+with the replay, bit for bit; 2 that something differs.")]
 pub struct Replay {
     /// Run file of `mishandle evaluate` or `mishandle falsify`
     #[arg(value_name = "RUN")]
     pub file: PathBuf,
-    /// Number of the trial, from 1 [default: 1 if --simulation is given, otherwise any]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    /// Number of the trial, from 1 [default: 1 with --simulation, otherwise any]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub trial: Option<u32>,
     /// Number of the simulation within its trial, from 1 [default: the first counterexample, otherwise the simulation
     /// with the minimum robustness]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub simulation: Option<u32>,
     /// New path of the run's controller, if the file was moved
     #[arg(long, value_name = "C")]
@@ -417,7 +453,7 @@ pub struct Replay {
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
     /// Number of threads; does not affect the result [default: number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
     pub threads: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
@@ -439,17 +475,17 @@ pub struct Render {
     pub task: Option<String>,
     /// Initial state: one value per axis of the initial box, in the axis' unit [default: the center of the box]
     #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
-    #[arg(conflicts_with = "run")]
+    #[arg(conflicts_with = "run", value_parser = number(COORDINATE, |_| true))]
     pub at: Option<Vec<f64>>,
     /// Run file, to render one of its simulations
     #[arg(long, value_name = "RUN")]
     pub run: Option<PathBuf>,
-    /// Number of the trial, from 1 [default: 1 if --simulation is given, otherwise any]
-    #[arg(long, value_name = "N", requires = "run")]
+    /// Number of the trial, from 1 [default: 1 with --simulation, otherwise any]
+    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub trial: Option<u32>,
     /// Number of the simulation within its trial, from 1 [default: the first counterexample, otherwise the simulation
     /// with the minimum robustness]
-    #[arg(long, value_name = "N", requires = "run")]
+    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub simulation: Option<u32>,
     /// New path of the run's controller, if the file was moved
     #[arg(long, value_name = "C", requires = "run")]
@@ -565,7 +601,7 @@ pub struct ZooSelection {
     #[arg(long, value_name = "TASK[/CONTROLLER]")]
     pub only: Option<String>,
     /// Only these random seeds; seed 0 is shipped
-    #[arg(long, value_name = "N", num_args = 1.., value_parser = count::<u64>)]
+    #[arg(long, value_name = "N", num_args = 1.., allow_negative_numbers = true, value_parser = integer::<u64>(SEEDS))]
     pub seeds: Vec<u64>,
     /// Treat controllers as trained on the present task if nothing but their task differs
     #[arg(long)]
@@ -576,12 +612,8 @@ pub struct ZooSelection {
 #[derive(Debug, Args)]
 pub struct ZooJobs {
     /// Number of parallel jobs, one thread each [default: all cores]
-    #[arg(long, value_name = "N", value_parser = jobs)]
-    pub jobs: Option<NonZeroUsize>,
-}
-
-fn jobs(text: &str) -> Result<NonZeroUsize, String> {
-    NonZeroUsize::new(count(text)?).ok_or_else(|| "expected at least 1".to_string())
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
+    pub jobs: Option<usize>,
 }
 
 /// Print a shell script that completes commands and flags
@@ -604,4 +636,27 @@ pub struct Man {
     /// Folder for mishandle.1 and one page per command; existing pages are replaced
     #[arg(value_name = "DIR")]
     pub folder: Option<PathBuf>,
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    /// Width at which clap wraps help.
+    const WIDTH: usize = 100;
+
+    fn check(command: &clap::Command) {
+        let text = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+        for line in text.lines() {
+            assert!(line.chars().count() <= WIDTH, "help of {} wraps the line: {line}", command.get_name());
+        }
+        command.get_subcommands().for_each(check);
+    }
+
+    #[test]
+    fn no_help_text_with_line_breaks_of_its_own_is_wrapped_again() {
+        check(&Arguments::command());
+    }
 }

@@ -1,6 +1,7 @@
 //! Output of the results at the corners of the initial box.
 
 use mishandle::evaluation::{CornerReport, CornerResult};
+use mishandle::plural;
 use mishandle::rollout::{Axis, AxisKind};
 use serde_json::{Value, json};
 
@@ -21,6 +22,9 @@ pub fn document(axes: &[Axis], report: &CornerReport) -> Value {
             "n": point.n,
             "successes": point.successes,
             "strict_successes": point.strict_successes,
+            "diverged": point.diverged,
+            "invalid": point.invalid,
+            "undecided": point.undecided,
         })
     };
     let count = |holds: &dyn Fn(&CornerResult) -> bool| report.corners().filter(|point| holds(point)).count();
@@ -43,6 +47,7 @@ pub fn text(axes: &[Axis], report: &CornerReport) -> String {
     if report.points.iter().any(|point| point.strict_successes.is_some()) {
         rows.push(row("strict", axes, report, &|point| point.strict_successes));
     }
+    rows.extend(without_verdict(axes, report).into_iter().map(|text| vec![String::new(), text]));
     let left_out: Vec<String> = report
         .points
         .iter()
@@ -55,6 +60,24 @@ pub fn text(axes: &[Axis], report: &CornerReport) -> String {
     }
     rows.push(vec![String::new(), legend(axes)]);
     output::table(&rows)
+}
+
+/// Describes the failed simulations at points that count whose failure is no violation of the formula.
+fn without_verdict(axes: &[Axis], report: &CornerReport) -> Vec<String> {
+    type Count = fn(&CornerResult) -> u32;
+    let reasons: [(Count, &str); 3] = [
+        (|point| point.diverged, run::DIVERGED),
+        (|point| point.invalid, run::INVALID),
+        (|point| point.undecided, run::UNDECIDED),
+    ];
+    let describe = |(count, reason): (Count, &str)| {
+        let points: Vec<&CornerResult> =
+            report.corners().chain(report.center()).filter(|point| count(point) > 0).collect();
+        let places: Vec<String> = points.iter().map(|point| coordinates(axes, point)).collect();
+        let total: u32 = points.into_iter().map(count).sum();
+        (total > 0).then(|| format!("{} {reason} at {}", plural(total, "simulation"), listed(&places)))
+    };
+    reasons.into_iter().filter_map(describe).collect()
 }
 
 /// Names the coordinates of the points.
@@ -166,6 +189,31 @@ mod tests {
                 "fail: (0.85, -0.1) with 2 of 2 seeds, (0.75, -0.1) with 1 of 2 seeds, and 2 more"
             ),
             "{line}"
+        );
+    }
+
+    #[test]
+    fn simulations_without_a_verdict_are_named_apart_from_failures() {
+        let mut report = report(&[(0, 1), (3, 2), (4, 1)], None);
+        report.points[0].diverged = 1;
+        report.points[3].diverged = 1;
+        report.points[3].invalid = 1;
+        report.points[4].undecided = 1;
+        let lines = text(&axes(), &report);
+        for line in [
+            "\n         2 simulations diverged at (0.75, -0.1), (0.85, 0.1)\n",
+            "\n         1 simulation ended in a value that is not finite at (0.85, 0.1)\n",
+            "\n         1 simulation left the formula undecided at (0.8, 0)\n",
+        ] {
+            assert!(lines.contains(line), "{lines}");
+        }
+        let document = document(&axes(), &report);
+        let counts = |index: usize| {
+            ["diverged", "invalid", "undecided"].map(|key| document["points"][index][key].as_u64().unwrap())
+        };
+        assert_eq!(
+            [counts(0), counts(1), counts(3), counts(4)],
+            [[1, 0, 0], [0, 0, 0], [1, 1, 0], [0, 0, 1]]
         );
     }
 

@@ -5,10 +5,11 @@
 mod args;
 mod commands;
 mod corners;
-mod count;
 mod escape;
+mod formula_error;
 mod interrupt;
 mod live_curve;
+mod numbers;
 mod output;
 mod progress;
 mod run;

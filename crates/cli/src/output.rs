@@ -4,17 +4,18 @@ use std::ffi::OsString;
 use std::io::{BufWriter, ErrorKind, IsTerminal, Write};
 use std::path::Path;
 
-use anyhow::{Context, Error, Result, anyhow, bail};
+use anyhow::{Chain, Context, Error, Result, anyhow, bail};
 use clap::Parser;
 use console::Term;
 use mishandle::MishandleError;
 use mishandle::evaluation::Estimate;
 use mishandle::files::AtomicFile;
+use mishandle::rollout::RolloutError;
 use mishandle::stl::{Formula, MonitorError};
 use serde_json::{Number, Value, json};
 
 use crate::args::Arguments;
-use crate::escape;
+use crate::{escape, formula_error};
 
 /// Prints a line to stdout.
 pub fn line(text: &str) -> Result<()> {
@@ -84,7 +85,7 @@ pub fn write_new(path: &Path, write: impl FnOnce(&mut AtomicFile) -> Result<()>)
     write(&mut file).and_then(|()| Ok(file.persist()?)).map_err(|error| {
         // The functions that write name neither the file nor its flag, and some say again that they cannot write.
         let system = error.chain().find_map(|cause| cause.downcast_ref::<std::io::Error>());
-        let cause = system.map_or_else(|| format!("{error:#}"), ToString::to_string);
+        let cause = system.map_or_else(|| with_causes(error.chain()), ToString::to_string);
         anyhow!("cannot write {}: {cause}", path.display())
     })
 }
@@ -144,9 +145,24 @@ pub fn shows_progress() -> bool {
     std::io::stderr().is_terminal()
 }
 
-/// Prints an error with its causes, the outermost first, and a hint if there is one.
+/// Formats the causes of an error, the outermost first. A cause that the text contains already is left out: some errors of
+/// libraries end with their cause.
+pub fn with_causes(causes: Chain<'_>) -> String {
+    causes.map(ToString::to_string).fold(String::new(), |text, cause| match text.as_str() {
+        "" => cause,
+        known if known.ends_with(&cause) => text,
+        known => format!("{known}: {cause}"),
+    })
+}
+
+/// Prints an error with its causes, and a hint if there is one.
 pub fn report_error(error: &Error) {
-    message(&format!("error: {error:#}"));
+    match error.chain().find_map(|cause| cause.downcast_ref::<MishandleError>()) {
+        Some(MishandleError::Rollout(RolloutError::Parse { formula, source })) => {
+            message(&format!("error: {}", formula_error::message(formula, source)));
+        }
+        _ => message(&format!("error: {}", with_causes(error.chain()))),
+    }
     let hint = error.chain().find_map(|cause| {
         let hint = cause.downcast_ref::<MishandleError>().and_then(MishandleError::hint);
         hint.or_else(|| cause.downcast_ref::<MonitorError>().and_then(MonitorError::hint))
@@ -257,6 +273,14 @@ mod tests {
         let rows = rows.map(|row| row.map(String::from).to_vec());
         assert_eq!(table_in(&rows, 24), "a    x  one two three\n        four\nbcd     one");
         assert_eq!(table(&rows), "a    x  one two three four\nbcd     one");
+    }
+
+    #[test]
+    fn a_cause_that_an_error_contains_is_printed_once() {
+        let error =
+            Error::msg("disk I/O error").context("cannot write a.sqlite: disk I/O error").context("run");
+        assert_eq!(with_causes(error.chain()), "run: cannot write a.sqlite: disk I/O error");
+        assert_eq!(with_causes(Error::msg("b").context("a").chain()), "a: b");
     }
 
     #[test]

@@ -141,7 +141,7 @@ mod tests {
             unit: "simulations",
             elapsed: Duration::from_secs(61),
             left: Duration::from_secs(183),
-            note: "1 trials finished, 1 falsified",
+            note: "1 trial finished, 1 falsified",
         }
     }
 
@@ -150,7 +150,7 @@ mod tests {
         // A quarter of the cells is filled: of 40, of 38, then of 44 - 29 - 3 = 12 without the elapsed time.
         let rest = "45/180 simulations, 1:01, 3:03 left";
         let bar = |filled, empty| format!("[{}{}]", "#".repeat(filled), "-".repeat(empty));
-        assert_eq!(progress().line(120), format!("{} {rest}, 1 trials finished, 1 falsified", bar(10, 30)));
+        assert_eq!(progress().line(120), format!("{} {rest}, 1 trial finished, 1 falsified", bar(10, 30)));
         assert_eq!(progress().line(76), format!("{} {rest}", bar(9, 29)));
         assert_eq!(progress().line(44), format!("{} 45/180 simulations, 3:03 left", bar(3, 9)));
         assert_eq!(progress().line(35), "45/180 simulations, 3:03 left");

@@ -4,25 +4,19 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
+use mishandle::evaluation::Corners;
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::rollout::{Axis, EpisodeEnd, Signal};
-use mishandle::store::{RunFile, RunWriter};
-use mishandle::{Plan, ResolvedPlan};
+use mishandle::rollout::{Axis, AxisKind, EpisodeEnd, Signal};
+use mishandle::store::{AxisRecord, RunFile, RunHeader, RunKind, RunWriter, Simulation};
+use mishandle::{Plan, ResolvedPlan, plural};
 use serde_json::{Value, json};
 
 use crate::progress::Bar;
 use crate::{args, escape, interrupt, output};
 
-/// Largest number of threads, more than any machine has cores.
-const MAX_THREADS: usize = 1024;
-
 /// Sets the size of rayon's global thread pool.
 pub fn set_threads(threads: Option<usize>) -> Result<()> {
     if let Some(threads) = threads {
-        ensure!(
-            (1..=MAX_THREADS).contains(&threads),
-            "--threads is {threads}; it must be from 1 to {MAX_THREADS}"
-        );
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
     }
     Ok(())
@@ -55,30 +49,46 @@ pub fn plan(subject: &args::Subject, run: &args::Run) -> Result<Plan> {
     Ok(plan)
 }
 
-/// Opens a run file and returns it with its resolved plan: the run `resume`, or else a new run with the plan
-/// `new_plan`. `controller` is the new path of the controller of a resumed run. A `durable` run syncs each batch.
+/// Opens a run file of this kind and returns it with its resolved plan: the run to resume, or else a new run with the plan
+/// `new_plan`. `controller` is the new path of the controller of a resumed run.
 pub fn open(
-    resume: Option<&Path>,
-    skip_check: bool,
+    flags: &args::OpenRun,
+    kind: RunKind,
     controller: Option<&str>,
-    out: Option<&Path>,
-    durable: bool,
     new_plan: impl FnOnce() -> Result<Plan>,
 ) -> Result<(ResolvedPlan, RunWriter)> {
-    let sync = |run: &mut RunWriter| if durable { run.set_durable() } else { Ok(()) };
-    let Some(path) = resume else {
+    let sync = |run: &mut RunWriter| if flags.durable { run.set_durable() } else { Ok(()) };
+    let Some(path) = &flags.resume else {
         let resolved = ResolvedPlan::new(&new_plan()?)?;
-        let mut run = mishandle::create_run(&resolved, out)?;
+        let mut run = mishandle::create_run(&resolved, flags.out.as_deref())?;
         sync(&mut run)?;
         return Ok((resolved, run));
     };
-    let mut run = if skip_check { RunWriter::resume_unchecked(path) } else { RunWriter::resume(path) }?;
+    let mut run = if flags.skip_check { RunWriter::resume_unchecked(path) } else { RunWriter::resume(path) }?;
+    let found = run.file().header().kind;
+    ensure!(
+        found == kind,
+        "{} is a run of `{}`, not of `{}`; resume it with: mishandle {} --resume {}",
+        path.display(),
+        command_of(found),
+        command_of(kind),
+        command_of(found),
+        name(run.file())
+    );
     sync(&mut run)?;
     let resolved = mishandle::recorded_plan(run.file().header(), controller)?;
     for difference in mishandle::build_differences(run.file().header(), &resolved) {
         output::message(&format!("warning: another build started the run: {difference}"));
     }
     Ok((resolved, run))
+}
+
+/// Returns the command that makes runs of this kind.
+fn command_of(kind: RunKind) -> &'static str {
+    match kind {
+        RunKind::Evaluate => "evaluate",
+        RunKind::Falsify => "falsify",
+    }
 }
 
 /// Opens a run file for reading.
@@ -120,11 +130,6 @@ pub fn heading(resolved: &ResolvedPlan) -> String {
 /// Formats a number of axes.
 pub fn axes(count: usize) -> String {
     if count == 1 { "1 axis".to_string() } else { format!("{count} axes") }
-}
-
-/// Formats a number of simulations.
-pub fn simulations(count: u64) -> String {
-    if count == 1 { "1 simulation".to_string() } else { format!("{count} simulations") }
 }
 
 /// Returns the keys that the JSON documents of `evaluate` and `falsify` share.
@@ -184,27 +189,58 @@ fn format_scenario(axes: &[Axis], values: &[Option<f64>], max_values: usize) -> 
         shown.sort_by_key(|(index, ..)| *index);
     }
     let value = |(_, axis, value): &(usize, &Axis, f64)| match axis.levels() {
-        Some(_) => format!("{} = {value} {}", axis.name, axis.unit),
-        None => format!("{} = {value:.4} {}", axis.name, axis.unit),
+        Some(_) => axis_value(&axis.name, &value.to_string(), &axis.unit),
+        None => axis_value(&axis.name, &format!("{value:.4}"), &axis.unit),
     };
-    let values: Vec<String> = shown.iter().map(|entry| value(entry).trim_end().to_string()).collect();
+    let values: Vec<String> = shown.iter().map(value).collect();
     let rest = if omitted > 0 { format!(", and {omitted} more") } else { String::new() };
     values.join(", ") + &rest
 }
 
+/// Formats the value of an axis with its unit: `gap = 1.5 m`, `delay = 1 control step`.
+pub fn axis_value(name: &str, value: &str, unit: &str) -> String {
+    // Other units are symbols: `s` is seconds.
+    let unit = if value == "1" && unit.ends_with("steps") { unit.trim_end_matches('s') } else { unit };
+    format!("{name} = {value} {unit}").trim_end().to_string()
+}
+
+/// Reasons why a simulation has no verdict.
+pub const DIVERGED: &str = "diverged";
+pub const INVALID: &str = "ended in a value that is not finite";
+pub const UNDECIDED: &str = "left the formula undecided";
+
 /// Formats the numbers of simulations without a verdict, by reason. Returns `None` if there are none.
 pub fn without_verdict(diverged: u64, invalid: u64, undecided: u64) -> Option<String> {
-    let counts = [
-        (diverged, "diverged"),
-        (invalid, "ended in a value that is not finite"),
-        (undecided, "left the formula undecided"),
-    ];
+    let counts = [(diverged, DIVERGED), (invalid, INVALID), (undecided, UNDECIDED)];
     let shown: Vec<String> = counts
         .iter()
         .filter(|(count, _)| *count > 0)
-        .map(|(count, reason)| format!("{} {reason}", simulations(*count)))
+        .map(|(count, reason)| format!("{} {reason}", plural(*count, "simulation")))
         .collect();
     (!shown.is_empty()).then(|| shown.join(", "))
+}
+
+/// Returns `corner` or `center` for a simulation at the corners of the initial box, which an evaluation runs in a trial of its
+/// own.
+pub fn box_point(header: &RunHeader, trial: u32, scenario: &[Option<f64>]) -> Option<&'static str> {
+    if header.kind != RunKind::Evaluate || trial != Corners::TRIAL {
+        return None;
+    }
+    let is_between = |(axis, value): (&AxisRecord, &Option<f64>)| {
+        let is_numeric = !axis.values.starts_with("categorical");
+        let margin = 1e-6 * (axis.high - axis.low);
+        let inner = axis.low + margin..axis.high - margin;
+        axis.kind == AxisKind::Start.name() && is_numeric && value.is_some_and(|value| inner.contains(&value))
+    };
+    let is_center = header.axes.iter().zip(scenario).any(is_between);
+    Some(if is_center { "center" } else { "corner" })
+}
+
+/// Describes a recorded simulation by its numbers: `trial 2 (corner), simulation 5`.
+pub fn simulation_text(header: &RunHeader, recorded: &Simulation) -> String {
+    let Simulation { trial, number, scenario, .. } = recorded;
+    let point = box_point(header, *trial, scenario).map_or(String::new(), |point| format!(" ({point})"));
+    format!("trial {trial}{point}, simulation {number}")
 }
 
 /// Describes the end of an episode without a verdict. Signals have their names.
@@ -240,9 +276,9 @@ pub fn name(run: &RunFile) -> String {
 }
 
 /// Reports the progress of an interrupted run and the command that resumes it.
-pub fn report_interruption(command: &str, simulations: u64, name: &str) {
-    output::message(&format!("interrupted after {}, stored in {name}", self::simulations(simulations)));
-    output::message(&format!("Resume with: mishandle {command} --resume {name}"));
+pub fn report_interruption(kind: RunKind, simulations: u64, name: &str) {
+    output::message(&format!("interrupted after {}, stored in {name}", plural(simulations, "simulation")));
+    output::message(&format!("Resume with: mishandle {} --resume {name}", command_of(kind)));
 }
 
 /// Makes signals end the run after the current batch. The first signal prints a message immediately.
@@ -259,4 +295,17 @@ pub fn stop_on_signals(bar: &Bar) -> Result<()> {
 /// Returns whether to continue after a batch.
 pub fn control_flow() -> ControlFlow<()> {
     if interrupt::requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_unit_of_counted_things_is_singular_after_1() {
+        assert_eq!(axis_value("delay", "1", "control steps"), "delay = 1 control step");
+        assert_eq!(axis_value("delay", "2", "control steps"), "delay = 2 control steps");
+        assert_eq!(axis_value("time", "1", "s"), "time = 1 s");
+        assert_eq!(axis_value("scale", "1", ""), "scale = 1");
+    }
 }

@@ -75,8 +75,7 @@ impl TrainObserver for TrainReporter {
 
 /// Formats an error with its causes.
 pub fn with_causes(error: &MishandleError) -> String {
-    let causes: Vec<String> = Chain::new(error).map(ToString::to_string).collect();
-    causes.join(": ")
+    output::with_causes(Chain::new(error))
 }
 
 /// Decides when the next log line is due; the first one is due immediately.

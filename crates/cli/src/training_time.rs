@@ -1,6 +1,6 @@
 //! Output of the training time.
 
-use mishandle::{CurveRow, NoTrainingTime};
+use mishandle::{CurveRow, NoTrainingTime, plural};
 use serde_json::{Value, json};
 
 use crate::output::number;
@@ -12,11 +12,12 @@ pub fn line(training_time: Result<&CurveRow, NoTrainingTime>, environments: Opti
         Err(reason) => return format!("no training time: {reason}"),
     };
     let each = environments.map_or(String::new(), |environments| {
-        format!(", {} control steps per environment", row.control_steps(environments))
+        format!(", {} per environment", plural(row.control_steps(environments), "control step"))
     });
     format!(
-        "training time until the return converged: {} environment steps{each}, {:.0} s",
-        row.environment_steps, row.wall_clock_secs
+        "training time until the return converged: {}{each}, {:.0} s",
+        plural(row.environment_steps, "environment step"),
+        row.wall_clock_secs
     )
 }
 

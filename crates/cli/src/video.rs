@@ -18,6 +18,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Error, Result, bail};
 use mishandle::files::AtomicFile;
+use mishandle::plural;
 use mishandle::world::Size;
 use rustix::process::{Pid, Signal, kill_process_group};
 
@@ -208,7 +209,7 @@ impl Video {
         let Some(status) = self.wait()? else { return Ok(ControlFlow::Break(())) };
         let (count, messages) = (self.count, self.encoder.messages());
         if status.success() {
-            bail!("ffmpeg ended after {count} frames, before the last{messages}");
+            bail!("ffmpeg ended after {}, before the last{messages}", plural(count, "frame"));
         }
         bail!("ffmpeg failed with {status}{messages}");
     }

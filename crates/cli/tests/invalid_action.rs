@@ -56,6 +56,15 @@ fn an_infinite_action_ends_its_simulation_and_not_the_run() {
     assert_eq!(whole["success_rate"]["n"], 40);
     assert_eq!(whole["dangerous_behavior_rate"]["n"].as_u64().unwrap(), 40 - invalid);
 
+    // So do the four corners with the larger y.
+    for point in whole["corners"]["points"].as_array().unwrap() {
+        let ends_early = point["scenario"]["target_y"].as_f64().unwrap() > 0.15;
+        assert_eq!((count(point, "n"), count(point, "invalid")), (1, u64::from(ends_early)), "{point}");
+        assert_eq!((count(point, "diverged"), count(point, "undecided")), (0, 0));
+    }
+    let text = bench.check("evaluate --resume a.sqlite", 0);
+    assert!(text.contains("\n         4 simulations ended in a value that is not finite at ("), "{text}");
+
     // Resuming reads the rows of the invalid simulations, and replaying one gives the same end.
     let resumed = bench.json("evaluate --resume a.sqlite --json", 0);
     assert_eq!(bench::without_run(resumed), bench::without_run(whole));

@@ -80,6 +80,7 @@ fn the_page_documents_the_keys_that_every_command_prints() {
         ("falsify", "falsify point-reaching --controller expert --trials 1 --budget 3 --out f.sqlite", 0),
         ("falsify", "falsify toy/noisy --trials 2 --budget 200 --seed 1 --out g.sqlite", 1),
         ("replay", "replay g.sqlite", 0),
+        ("replay", "replay e.sqlite --trial 2", 0),
         ("train --dry-run", "train point-reaching --settings small.toml --out b.safetensors --dry-run", 0),
         ("train", "train point-reaching --settings small.toml --out a.safetensors --csv c.csv", 0),
         ("curve", "curve c.csv", 0),

@@ -390,7 +390,10 @@ fn a_plan_and_the_equivalent_flags_give_the_same_result() {
     let edited = bench.json("evaluate --plan plan.toml --seed 4 --json", 0);
     assert_eq!(edited["seed"], "4");
     bench.write("wrong.toml", "task = \"point-reaching\"\ncontroler = \"expert\"\n");
-    bench.refuses("evaluate --plan wrong.toml", &["wrong.toml", "controler"]);
+    bench.refuses(
+        "evaluate --plan wrong.toml",
+        &["wrong.toml: line 2 of the plan: there is no key `controler`", "hint: did you mean `controller`?"],
+    );
     bench.write("newer.toml", "format = 9\ntask = \"point-reaching\"\ncontroller = \"expert\"\n");
     bench.refuses("evaluate --plan newer.toml", &["format 9", "newer Mishandle"]);
 }
@@ -440,6 +443,80 @@ fn an_interrupted_run_prints_the_command_that_resumes_it_to_the_same_result() {
         assert!(simulations(&bench.path(&run)) < 400);
         let resumed = bench.command(&format!("{verb} --json")).arg("--resume").arg(&run).output().unwrap();
         assert_eq!(without_run(serde_json::from_slice(&resumed.stdout).unwrap()), whole);
+    }
+}
+
+#[test]
+fn an_interrupted_run_prints_the_document_of_its_finished_simulations() {
+    let bench = Bench::new();
+    for (command, count) in [
+        (format!("falsify point-reaching {FAST} --trials 4 --budget 150 --json"), 600),
+        (format!("evaluate point-reaching {FAST} --episodes 600 --json"), 600),
+    ] {
+        let verb = command.split(' ').next().unwrap();
+        let run = format!("{verb}.sqlite");
+        let mut child = bench.command(&command);
+        let child = child.args(["--out", &run]).stderr(Stdio::null()).stdout(Stdio::piped()).spawn().unwrap();
+        wait_for_rows(&bench.path(&run), 32);
+        signal(&child, "INT");
+        let output = child.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(130), "{verb}");
+        let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(found["is_complete"], false, "{found}");
+        let recorded = simulations(&bench.path(&run));
+        let reported = match verb {
+            "evaluate" => found["simulations"].as_u64().unwrap(),
+            _ => {
+                let trials = found["trials"].as_array().unwrap();
+                assert!(trials.iter().any(|trial| trial["end"].is_null()), "{found}");
+                trials.iter().map(|trial| trial["simulations"].as_u64().unwrap()).sum()
+            }
+        };
+        assert!((32..count).contains(&reported) && reported == recorded, "{reported} of {recorded}");
+        assert_eq!(bench.json(&format!("{verb} --resume {run} --json"), 0)["is_complete"], true);
+    }
+}
+
+#[test]
+fn a_replay_says_that_a_simulation_is_at_a_corner_or_the_center() {
+    let bench = Bench::new();
+    bench.check("evaluate toy/car-following --episodes 1 --out e.sqlite", 0);
+    // Two axes have four corners and the center, with 20 seeds each.
+    for (simulation, point) in [(1, "corner"), (80, "corner"), (81, "center"), (100, "center")] {
+        let replay = format!("replay e.sqlite --trial 2 --simulation {simulation}");
+        let text = bench.check(&replay, 0);
+        assert!(text.starts_with(&format!("trial 2 ({point}), simulation {simulation}, gap = ")), "{text}");
+        assert_eq!(bench.json(&format!("{replay} --json"), 0)["point"], point);
+    }
+    assert!(bench.json("replay e.sqlite --trial 1 --json", 0)["point"].is_null());
+    bench.check("falsify toy/car-following --trials 2 --budget 2 --out f.sqlite", 0);
+    assert!(bench.json("replay f.sqlite --trial 2 --json", 0)["point"].is_null());
+    let text = bench.check("replay f.sqlite --trial 2", 0);
+    assert!(text.starts_with("trial 2, simulation "), "{text}");
+}
+
+#[test]
+fn resuming_a_run_with_the_other_command_names_the_right_one() {
+    let bench = Bench::new();
+    bench.check("evaluate toy/sphere-2d --episodes 3 --out e.sqlite", 0);
+    bench.check("falsify toy/sphere-2d --trials 1 --out f.sqlite", 0);
+    bench.refuses(
+        "evaluate --resume f.sqlite",
+        &["f.sqlite is a run of `falsify`, not of `evaluate`; resume it with: mishandle falsify --resume f.sqlite"],
+    );
+    bench.refuses(
+        "falsify --resume e.sqlite",
+        &["e.sqlite is a run of `evaluate`, not of `falsify`; resume it with: mishandle evaluate --resume e.sqlite"],
+    );
+    bench.check("falsify --resume f.sqlite", 0);
+    // A resumed run takes everything else from its plan.
+    for flag in ["--episodes 5", "--box whole", "--seed 1", "--out g.sqlite", "--batch 3", "--space starts"] {
+        bench.refuses(&format!("evaluate --resume e.sqlite {flag}"), &["cannot be used with"]);
+    }
+    for flag in
+        ["--trials 5", "--budget 5", "--search random", "--search-option a=1", "--formula x", "--plan p.toml"]
+    {
+        bench.refuses(&format!("falsify --resume f.sqlite {flag}"), &["cannot be used with"]);
     }
 }
 
@@ -566,6 +643,27 @@ fn an_output_that_cannot_be_written_is_an_error_and_leaves_no_file() {
 }
 
 #[test]
+fn a_run_that_exceeds_the_limit_on_file_sizes_is_one_error_and_can_be_resumed() {
+    let bench = Bench::new();
+    let evaluate = "evaluate toy/noisy --episodes 2000 --batch 16";
+    let whole = bench.document(&format!("{evaluate} --json --out whole.sqlite"), 0);
+    // Ignoring SIGXFSZ turns the limit, in blocks of 512 bytes, into a write error.
+    for (blocks, out) in [(0, "none.sqlite"), (800, "part.sqlite")] {
+        let program = env!("CARGO_BIN_EXE_mishandle");
+        let limited = format!("trap '' XFSZ; ulimit -f {blocks}; exec {program} {evaluate} --out {out}");
+        let output = Command::new("sh").args(["-c", &limited]).current_dir(bench.path(".")).output().unwrap();
+        let err = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{err}");
+        assert!(err.starts_with(&format!("error: cannot write {out}: ")), "{err}");
+        assert_eq!(err.matches("I/O error").count(), 1, "{err}");
+        assert!(err.contains("hint: is a quota or the limit on file sizes (`ulimit -f`) reached?"), "{err}");
+    }
+    assert!(!bench.path("none.sqlite").exists());
+    assert!((1..2000).contains(&simulations(&bench.path("part.sqlite"))));
+    assert_eq!(bench.document("evaluate --resume part.sqlite --json", 0), whole);
+}
+
+#[test]
 fn invalid_arguments_are_errors_before_any_simulation() {
     let bench = Bench::new();
     bench.write("junk.safetensors", "this is not a controller");
@@ -590,10 +688,19 @@ fn invalid_arguments_are_errors_before_any_simulation() {
         &["finger_twst", "did you mean `finger_twist`?"],
     );
     bench.refuses(&format!("{falsify} --formula strikt"), &["`strikt`", "did you mean `strict`?"]);
-    bench.refuses(&format!("{falsify} --action-noise -1"), &["action noise is -1"]);
-    bench.refuses(&format!("{falsify} --action-noise nan"), &["action noise is NaN"]);
+    bench.refuses(
+        &format!("{falsify} --action-noise -1"),
+        &["'-1' for '--action-noise <STD>'", "from 0 to 10"],
+    );
+    bench.refuses(
+        &format!("{falsify} --action-noise nan"),
+        &["'nan' for '--action-noise <STD>'", "from 0 to 10"],
+    );
     bench.refuses(&format!("{falsify} --trials 0"), &["0"]);
-    bench.refuses(&format!("{falsify} --trials 1000000000"), &["trials is 1000000000", "from 1 to 1000000"]);
+    bench.refuses(
+        &format!("{falsify} --trials 1000000000"),
+        &["'1000000000'", "the value is too large", "from 1 to 1000000,"],
+    );
     bench.refuses(
         "evaluate point-reaching --controller expert --episodes 9999999999",
         &["9999999999", "from 1 to"],
@@ -609,7 +716,7 @@ fn invalid_arguments_are_errors_before_any_simulation() {
         let err = elsewhere(arguments);
         assert!(err.contains("MISHANDLE_HOME is `/nowhere`"), "{err}");
     }
-    bench.refuses(&format!("{falsify} --threads 0"), &["--threads is 0"]);
+    bench.refuses(&format!("{falsify} --threads 0"), &["'0' for '--threads <N>'", "from 1 to 1024"]);
     bench.refuses(
         &format!("{falsify} --preset papper"),
         &["no task preset `papper`", "did you mean `paper`?"],

@@ -194,7 +194,7 @@ fn invalid_arguments_of_render_are_errors() {
         ("point-reaching --out a.jpg", ["a.jpg", ".png"]),
         ("point-reaching --out a.mp4", ["a single picture", "--run"]),
         ("point-reaching --out no/a.png", ["cannot write no/a.png", "there is no folder no\n"]),
-        ("point-reaching --at 0.5,0 --out a.png", ["2 values", "target_z"]),
+        ("point-reaching --at 0.5,0 --out a.png", ["number of values in the scenario is 2", "target_z"]),
         (
             "point-reaching --at -0.5,0,0.5 --out a.png",
             ["target_x is -0.5 m, outside the initial box", "from 0.3 to 0.7 m"],

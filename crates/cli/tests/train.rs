@@ -149,9 +149,12 @@ fn existing_files_are_never_overwritten() {
         ("--out b.safetensors --csv b.last.safetensors", "b.last.safetensors is the path of both"),
         (
             "--out b.safetensors --csv b.csv --steps 0",
-            "`run.total_steps` must be a whole number from 1 to 10^12, found 0",
+            "'0' for '--steps <N>': the value is too small; expected an integer from 1 to",
         ),
-        ("--out b.safetensors --csv ppo.toml/b.csv --tensorboard other", "ppo.toml"),
+        (
+            "--out b.safetensors --csv ppo.toml/b.csv --tensorboard other",
+            "cannot write the folder ppo.toml: ",
+        ),
         ("--out b.safetensors --csv b.csv --tensorboard ppo.toml", "ppo.toml"),
     ] {
         bench.refuses(&format!("{TRAIN} {flags}"), &[expected]);

@@ -48,7 +48,7 @@ fn an_interrupted_training_run_leaves_a_checkpoint_and_exits_with_130() {
     let output = child.wait_with_output().unwrap();
     let words = text(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{words}");
-    assert!(words.contains("interrupted after 0 of 1 jobs"), "{words}");
+    assert!(words.contains("interrupted after 0 of 1 job;"), "{words}");
     let listed = command("zoo list --only point-reaching/ppo --seeds 1 --json").output().unwrap();
     let document: serde_json::Value = serde_json::from_slice(&listed.stdout).unwrap();
     let entry = &document[0];
@@ -60,9 +60,19 @@ fn an_interrupted_training_run_leaves_a_checkpoint_and_exits_with_130() {
 #[test]
 fn an_empty_selection_and_an_unknown_subcommand_are_errors() {
     let bench = Bench::new();
-    bench.refuses("zoo list --only ball-puhsing", &["no entry of the plan matches --only"]);
+    bench.refuses(
+        "zoo list --only ball-puhsing",
+        &["--only is `ball-puhsing`; it must be TASK or TASK/CONTROLLER", "did you mean `ball-pushing`?"],
+    );
+    bench.refuses("zoo list --seeds 9", &["no training run of the plan has these --seeds"]);
+    for flags in ["", "--json"] {
+        bench.refuses(
+            &format!("zoo list --only ball-pushing/expert {flags}"),
+            &["an expert is not trained", "`mishandle zoo measure --only ball-pushing/expert` measures it"],
+        );
+    }
     bench.refuses("zoo lst", &["unrecognized subcommand 'lst'", "list"]);
-    bench.refuses("zoo train --jobs 0", &["expected at least 1"]);
+    bench.refuses("zoo train --jobs 0", &["the value is too small; expected an integer from 1 to 1024"]);
 }
 
 #[test]
@@ -74,5 +84,7 @@ fn every_shipped_controller_of_the_repository_is_listed_with_its_success_rate() 
     for entry in entries {
         assert_eq!((&entry["schema"], &entry["has_curve"]), (&1.into(), &true.into()), "{entry}");
         assert!(entry["success_rate"].as_f64().unwrap() > 0.8, "{entry}");
+        // Everything that is not done says why.
+        assert_eq!(entry["reason"].is_null(), entry["state"] == "done", "{entry}");
     }
 }

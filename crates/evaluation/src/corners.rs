@@ -2,7 +2,9 @@
 
 use std::ops::ControlFlow;
 
-use mishandle_rollout::{Axis, AxisKind, AxisValues, Episode, Request, Scenario, Seed, Space, System};
+use mishandle_rollout::{
+    Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Space, System,
+};
 
 use crate::EvaluationError;
 use crate::run::simulate;
@@ -104,6 +106,9 @@ impl Corners {
             n: 0,
             successes: 0,
             strict_successes: has_strict.then_some(0),
+            diverged: 0,
+            invalid: 0,
+            undecided: 0,
         };
         let points = self.points.iter().map(result).collect();
         CornerReport { points, seeds: self.seeds, excludes_unreachable }
@@ -157,6 +162,12 @@ pub struct CornerResult {
     pub successes: u32,
     /// Number of simulations with success and strict success; `None` without a strict formula.
     pub strict_successes: Option<u32>,
+    /// Number of simulations that diverged. Like the next two, they are no successes.
+    pub diverged: u32,
+    /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
+    pub invalid: u32,
+    /// Number of simulations that neither diverged nor were invalid but left success undecided.
+    pub undecided: u32,
 }
 
 impl CornerResult {
@@ -210,6 +221,11 @@ impl CornerReport {
         let Some(point) = self.points.get_mut(index as usize) else { return };
         let (success, strict) = (episode.is_success(), episode.is_strict_success());
         point.n += 1;
+        match episode.end {
+            EpisodeEnd::Diverged { .. } => point.diverged += 1,
+            end if end.is_invalid() => point.invalid += 1,
+            _ => point.undecided += u32::from(episode.verdict.success.is_none()),
+        }
         point.successes += u32::from(success);
         point.strict_successes = point.strict_successes.map(|successes| successes + u32::from(strict));
     }
@@ -217,6 +233,11 @@ impl CornerReport {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use mishandle_rollout::Verdict;
+    use mishandle_stl::Trace;
+
     use super::*;
 
     fn space(axes: usize) -> Space {
@@ -268,6 +289,35 @@ mod tests {
             points.dedup();
             assert_eq!(points.len(), 17, "{axes} axes: the corners differ");
         }
+    }
+
+    #[test]
+    fn simulations_without_a_verdict_are_counted_by_reason() {
+        let corners = Corners::new(&space(2), true, Seed(0)).unwrap();
+        let mut report = corners.report(true, false, |_| None);
+        let episode = |end, success: Option<f64>| Episode {
+            request: corners.request(1).unwrap(),
+            trace: Trace::new(Arc::from([])),
+            steps: 1,
+            verdict: Verdict { robustness: success, success, strict: success, ..Verdict::default() },
+            total_reward: 0.0,
+            end,
+        };
+        for (end, success) in [
+            (EpisodeEnd::Completed, Some(0.5)),
+            (EpisodeEnd::Completed, Some(-0.5)),
+            (EpisodeEnd::Completed, None),
+            (EpisodeEnd::Undefined { step: 1 }, None),
+            (EpisodeEnd::Diverged { step: 1 }, None),
+            (EpisodeEnd::InvalidAction { step: 1, index: 0 }, None),
+            (EpisodeEnd::InvalidSignal { step: 1, index: 0 }, None),
+            (EpisodeEnd::InvalidReward { step: 1, index: 0 }, None),
+        ] {
+            report.add(&episode(end, success));
+        }
+        let point = &report.points[0];
+        assert_eq!((point.n, point.successes, point.strict_successes), (8, 1, Some(1)));
+        assert_eq!((point.diverged, point.invalid, point.undecided), (1, 3, 2));
     }
 
     #[test]

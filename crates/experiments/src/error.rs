@@ -1,9 +1,9 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use mishandle::MishandleError;
 use mishandle::controllers::ControllerError;
 use mishandle::tasks::TaskError;
+use mishandle::{MishandleError, plural};
 
 /// An error of the controller zoo.
 #[derive(Debug, thiserror::Error)]
@@ -64,8 +64,26 @@ pub enum ExperimentError {
         /// One failure per file.
         failures: Vec<String>,
     },
+    /// The selection names an unknown task or controller.
+    #[error(
+        "--only is `{only}`; it must be TASK or TASK/CONTROLLER, with a task of {} and a controller of {}{}",
+        tasks.join(", "), controllers.join(", "),
+        nearest.as_ref().map_or(String::new(), |near| format!("; did you mean `{near}`?"))
+    )]
+    UnknownSelection {
+        /// The selection.
+        only: String,
+        /// The selection with the most similar spelling, if one is similar.
+        nearest: Option<String>,
+        /// Names of the tasks.
+        tasks: Vec<String>,
+        /// Names of the controllers of each task.
+        controllers: Vec<String>,
+    },
     /// No training run matches the selection.
-    #[error("no entry of the plan matches --only and --seeds; `mishandle zoo list` shows the plan")]
+    #[error(
+        "no training run of the plan has these --seeds; `mishandle zoo list` without --seeds shows the plan"
+    )]
     NothingSelected,
     /// Another process works on the same zoo.
     #[error("another `mishandle zoo` is running in this repository; wait until it ends")]
@@ -77,7 +95,7 @@ pub enum ExperimentError {
     #[error("interrupted")]
     Interrupted,
     /// A stop was requested while jobs were left.
-    #[error("interrupted after {done} of {total} jobs; run the same command again to continue")]
+    #[error("interrupted after {done} of {}; run the same command again to continue", plural(*total, "job"))]
     InterruptedWith {
         /// Jobs that ended.
         done: usize,
@@ -85,7 +103,7 @@ pub enum ExperimentError {
         total: usize,
     },
     /// Some jobs failed; the observer reported each.
-    #[error("{failed} of {total} jobs failed")]
+    #[error("{failed} of {} failed", plural(*total, "job"))]
     Failed {
         /// Jobs that failed.
         failed: usize,

@@ -11,7 +11,7 @@ use crate::measure::Bench;
 use crate::plan_entry::{CONTROLLER, CURVE};
 use crate::{
     BenchmarkTask, CurveFileProblem, ExperimentError, PlanEntry, StoredCurve, Training, TrainingInputs,
-    TrainingState, TrainingSummary, TrainingTime, ZooObserver,
+    TrainingSummary, TrainingTime, ZooObserver,
 };
 
 /// Takes in a controller and the curve of its training run.
@@ -108,8 +108,7 @@ pub(crate) fn import(
             continue;
         }
         // A controller that was put in place by hand has no curve; the import can add it.
-        let is_trained = matches!(entry.state, TrainingState::Done | TrainingState::NeedsFalsification);
-        if is_trained && bench.folder.curve(training).is_file() {
+        if entry.state.is_measured() && bench.folder.curve(training).is_file() {
             observer.note(&name, "already in the repository");
             continue;
         }

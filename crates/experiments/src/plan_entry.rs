@@ -20,7 +20,10 @@ pub enum TrainingState {
     /// Trained and evaluated; the falsification is missing.
     NeedsFalsification,
     /// Trained, but not measured under the present conditions.
-    NeedsMeasurement,
+    NeedsMeasurement {
+        /// Why.
+        reason: String,
+    },
     /// Not trained as it would be now.
     NeedsTraining {
         /// Why.
@@ -43,21 +46,33 @@ impl TrainingState {
         match self {
             TrainingState::Done => "done",
             TrainingState::NeedsFalsification => "needs-falsification",
-            TrainingState::NeedsMeasurement => "needs-measurement",
+            TrainingState::NeedsMeasurement { .. } => "needs-measurement",
             TrainingState::NeedsTraining { .. } => "needs-training",
             TrainingState::Interrupted { .. } => "interrupted",
             TrainingState::NoSettings => "no-settings",
         }
     }
 
-    /// Returns why the controller must be trained, if it must.
+    /// Returns why the training run is not done; `None` if it is.
     pub fn reason(&self) -> Option<&str> {
         match self {
-            TrainingState::NeedsTraining { reason } | TrainingState::Interrupted { reason, .. } => {
-                Some(reason)
-            }
-            _ => None,
+            TrainingState::Done => None,
+            TrainingState::NeedsFalsification => Some("no falsification"),
+            TrainingState::NoSettings => Some("no settings file"),
+            TrainingState::NeedsMeasurement { reason }
+            | TrainingState::NeedsTraining { reason }
+            | TrainingState::Interrupted { reason, .. } => Some(reason),
         }
+    }
+
+    /// Returns whether a controller exists that was trained as it would be now.
+    pub fn is_trained(&self) -> bool {
+        self.is_measured() || matches!(self, TrainingState::NeedsMeasurement { .. })
+    }
+
+    /// Returns whether the controller is also evaluated under the present conditions.
+    pub(crate) fn is_measured(&self) -> bool {
+        matches!(self, TrainingState::Done | TrainingState::NeedsFalsification)
     }
 }
 
@@ -66,7 +81,7 @@ impl fmt::Display for TrainingState {
         match self {
             TrainingState::Done => write!(f, "done"),
             TrainingState::NeedsFalsification => write!(f, "needs falsification"),
-            TrainingState::NeedsMeasurement => write!(f, "needs measurement"),
+            TrainingState::NeedsMeasurement { reason } => write!(f, "needs measurement: {reason}"),
             TrainingState::NeedsTraining { reason } => write!(f, "needs training: {reason}"),
             TrainingState::Interrupted { reason, steps: Some(steps) } => {
                 write!(
@@ -192,15 +207,21 @@ pub(crate) fn entry(
                 false => TrainingState::Done,
             }
         }
-        _ if is_recorded || training.is_shipped() => TrainingState::NeedsMeasurement,
+        Some(record) if is_recorded => {
+            let reason = record.differences(&conditions).join("; ");
+            TrainingState::NeedsMeasurement { reason }
+        }
+        found if training.is_shipped() => {
+            let reason = if found.is_some() { "controller changed" } else { "not measured" };
+            TrainingState::NeedsMeasurement { reason: reason.to_string() }
+        }
         _ => {
             let reason = "the measurement changed, and the controller was not kept";
             unfinished(folder, training, &expected, reason.to_string())
         }
     };
-    let is_measured = matches!(state, TrainingState::Done | TrainingState::NeedsFalsification);
     let mut record_is_stale = false;
-    if let (true, Some(record)) = (is_measured, &mut record)
+    if let (true, Some(record)) = (state.is_measured(), &mut record)
         && record.training != summary
     {
         record.training.clone_from(&summary);

@@ -72,6 +72,11 @@ pub struct Conditions {
     pub corners: bool,
 }
 
+impl Conditions {
+    /// Names of the formulas.
+    const FORMULAS: [&str; 4] = ["success", "strict", "safe", "completion"];
+}
+
 /// What was measured of one controller.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measurement {
@@ -504,6 +509,34 @@ impl Record {
     /// Returns whether the controller was measured under these conditions.
     pub fn is_of(&self, conditions: &Conditions) -> bool {
         self.conditions.as_ref() == Some(conditions)
+    }
+
+    /// Describes how the conditions of the measurement differ from these.
+    pub(crate) fn differences(&self, conditions: &Conditions) -> Vec<String> {
+        let Some(own) = &self.conditions else {
+            return vec![
+                "the record does not state the formulas and the task of its measurement".to_string(),
+            ];
+        };
+        let changed: Vec<&str> =
+            (Conditions::FORMULAS.into_iter().zip(&own.formulas).zip(&conditions.formulas))
+                .filter(|((_, own), now)| own != now)
+                .map(|((name, _), _)| name)
+                .collect();
+        let mut differences = Vec::new();
+        if own.task_hash != conditions.task_hash {
+            differences.push("task changed".to_string());
+        }
+        if !changed.is_empty() {
+            differences.push(format!("formulas changed: {}", changed.join(", ")));
+        }
+        if (own.episodes, own.seed, own.noise) != (conditions.episodes, conditions.seed, conditions.noise) {
+            differences.push("number of episodes, seed or noise changed".to_string());
+        }
+        if own.corners != conditions.corners {
+            differences.push("corners not measured".to_string());
+        }
+        differences
     }
 
     /// Returns whether the controller was measured under these conditions, with or without corners. A controller that was

@@ -1,4 +1,9 @@
-use crate::Training;
+use mishandle::stl::nearest;
+
+use crate::{ExperimentError, Training, algorithms};
+
+/// The controller of a task that is a program.
+const EXPERT: &str = "expert";
 
 /// A part of the plan.
 ///
@@ -18,6 +23,29 @@ pub struct Selection {
 }
 
 impl Selection {
+    /// Checks that the task and the controller of the selection exist.
+    ///
+    /// # Errors
+    /// If one does not.
+    pub(crate) fn check<'a>(&self, tasks: impl Iterator<Item = &'a str>) -> Result<(), ExperimentError> {
+        let Some(only) = &self.only else { return Ok(()) };
+        let (tasks, controllers): (Vec<&str>, Vec<&str>) =
+            (tasks.collect(), algorithms().chain([EXPERT]).collect());
+        let with_controllers = tasks
+            .iter()
+            .flat_map(|task| controllers.iter().map(move |controller| format!("{task}/{controller}")));
+        let known: Vec<String> = tasks.iter().map(ToString::to_string).chain(with_controllers).collect();
+        if known.contains(only) {
+            return Ok(());
+        }
+        Err(ExperimentError::UnknownSelection {
+            only: only.clone(),
+            nearest: nearest(only, known.iter().map(String::as_str)).map(String::from),
+            tasks: tasks.into_iter().map(String::from).collect(),
+            controllers: controllers.into_iter().map(String::from).collect(),
+        })
+    }
+
     /// Returns whether a training run is selected.
     pub fn includes(&self, training: &Training) -> bool {
         (self.seeds.is_empty() || self.seeds.contains(&training.seed))
@@ -26,7 +54,7 @@ impl Selection {
 
     /// Returns whether the expert of a task is selected. A selection of seeds has no experts.
     pub fn includes_expert(&self, task: &str) -> bool {
-        self.seeds.is_empty() && self.names(task, "expert")
+        self.seeds.is_empty() && self.names(task, EXPERT)
     }
 
     fn names(&self, task: &str, controller: &str) -> bool {
@@ -56,6 +84,23 @@ mod tests {
             assert!(!one.includes(&training(task, algorithm, seed)), "{task} {algorithm} {seed}");
         }
         assert!(selection("", &[]).includes(&training("ball-pushing", "ppo", 4)));
+    }
+
+    #[test]
+    fn a_selection_that_does_not_exist_is_an_error_that_says_what_does() {
+        let check = |only| selection(only, &[]).check(["ball-pushing", "ball-catching"].into_iter());
+        for only in ["", "ball-pushing", "ball-catching/sac", "ball-pushing/expert"] {
+            assert!(check(only).is_ok(), "{only}");
+        }
+        let error = check("ball-puhsing/sac").unwrap_err().to_string();
+        assert_eq!(
+            error,
+            "--only is `ball-puhsing/sac`; it must be TASK or TASK/CONTROLLER, with a task of ball-pushing, ball-catching \
+             and a controller of ppo, trpo, sac, td3, ddpg, expert; did you mean `ball-pushing/sac`?"
+        );
+        for only in ["ppo", "ball-pushing/ppo-s1", "ball-pushing/", "/ppo"] {
+            assert!(check(only).is_err(), "{only}");
+        }
     }
 
     #[test]

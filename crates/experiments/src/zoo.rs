@@ -63,9 +63,9 @@ impl Job<'_> {
 
     fn reason(&self) -> String {
         match self {
-            Job::Train(entry) => entry.state.to_string(),
-            Job::Falsify(..) => TrainingState::NeedsFalsification.to_string(),
-            Job::Measure(_) | Job::MeasureExpert(_) => TrainingState::NeedsMeasurement.to_string(),
+            Job::Measure(entry) if entry.state.is_measured() => "measured again".to_string(),
+            Job::Train(entry) | Job::Measure(entry) | Job::Falsify(entry, _) => entry.state.to_string(),
+            Job::MeasureExpert(_) => "needs measurement".to_string(),
         }
     }
 }
@@ -102,9 +102,10 @@ impl<'a> Zoo<'a> {
     /// # Errors
     /// If a file cannot be read, or nothing is selected.
     pub fn entries(&self) -> Result<Vec<PlanEntry>, ExperimentError> {
+        let tasks = self.runner.tasks();
+        self.selection.check(tasks.iter().map(|task| task.name.as_str()))?;
         let mut entries = self.all_entries()?;
         entries.retain(|entry| self.selection.includes(&entry.training));
-        let tasks = self.runner.tasks();
         let has_expert = tasks.iter().any(|task| self.selection.includes_expert(&task.name));
         if entries.is_empty() && !has_expert {
             return Err(ExperimentError::NothingSelected);
@@ -248,7 +249,7 @@ impl<'a> Zoo<'a> {
         for entry in in_order {
             let has_controller = || self.folder.controller(&entry.training).is_file();
             match (&entry.state, &entry.record) {
-                (TrainingState::NeedsMeasurement, _) => jobs.push(Job::Measure(entry)),
+                (TrainingState::NeedsMeasurement { .. }, _) => jobs.push(Job::Measure(entry)),
                 (TrainingState::NeedsFalsification, Some(record)) if !again => {
                     jobs.push(Job::Falsify(entry, record));
                 }

@@ -191,7 +191,10 @@ fn a_change_of_settings_or_task_is_named_and_the_controller_is_trained_again() {
     assert_eq!(repository.states(&[0]), ["done"]);
     // Another formula needs another measurement, but no training.
     repository.runner.task_mut().formulas[0] = "c".to_string();
-    assert_eq!(repository.states(&[0]), ["needs measurement"]);
+    assert_eq!(repository.states(&[0]), ["needs measurement: formulas changed: success"]);
+    repository.runner.task_mut().formulas[3] = "e".to_string();
+    let reason = "needs measurement: formulas changed: success, completion";
+    assert_eq!(repository.states(&[0]), [reason]);
     let trained = repository.runner.count("train");
     repository.train(&[0]);
     assert_eq!(repository.states(&[0]), ["done"]);
@@ -230,10 +233,10 @@ fn a_record_without_corners_is_measured_again_and_does_not_pass() {
         }
         fs::write(&path, serde_json::to_string_pretty(&record).unwrap() + "\n").unwrap();
     }
-    assert_eq!(repository.states(&[1]), ["needs measurement"]);
+    assert_eq!(repository.states(&[1]), ["needs measurement: corners not measured"]);
     // Without its controller, a further seed cannot be measured again.
     fs::remove_file(repository.path("target/controllers/point-reaching-ppo-s1.safetensors")).unwrap();
-    assert_eq!(repository.states(&[0, 1]), ["needs measurement", "done"]);
+    assert_eq!(repository.states(&[0, 1]), ["needs measurement: corners not measured", "done"]);
     repository.call(Selection::default(), |zoo| zoo.write_pages()).0.unwrap();
     let row = lines_of(&repository.page(), "| `point-reaching` | `ppo` |").remove(0);
     assert!(
@@ -284,7 +287,7 @@ fn measurements_are_repeated_only_on_request() {
 fn a_controller_that_names_no_task_is_adopted_and_marked() {
     let mut repository = Repository::new();
     repository.write_controller(SHIPPED, |header| header.task_hash = String::new());
-    assert_eq!(repository.states(&[0]), ["needs measurement"]);
+    assert_eq!(repository.states(&[0]), ["needs measurement: not measured"]);
     repository.train(&[0]);
     assert_eq!(repository.runner.count("train"), 0);
     assert!(repository.page().contains("c0ffee, adopted |"));
@@ -313,7 +316,7 @@ fn a_stopped_training_run_continues_from_its_checkpoint() {
     repository.runner.stop_training(true);
     let (stopped, reports) = repository.call(ppo(&[0]), |zoo| zoo.train());
     let stopped = stopped.unwrap_err().to_string();
-    assert!(stopped.contains("interrupted after 0 of 1 jobs"), "{stopped}");
+    assert!(stopped.contains("interrupted after 0 of 1 job;"), "{stopped}");
     assert_eq!(reports, Vec::<String>::new());
     let interrupted = "needs training: no controller; checkpoint exists, curve up to 512 environment steps";
     assert_eq!(repository.states(&[0]), [interrupted]);
@@ -382,7 +385,7 @@ fn further_seeds_keep_their_records_without_a_controller() {
     // A controller that is gone cannot be measured by other formulas.
     repository.runner.task_mut().formulas[0] = "c".to_string();
     let gone = "needs training: the measurement changed, and the controller was not kept";
-    assert_eq!(repository.states(&[1, 2]), [gone, "needs measurement"]);
+    assert_eq!(repository.states(&[1, 2]), [gone, "needs measurement: formulas changed: success"]);
 }
 
 #[test]
@@ -461,5 +464,8 @@ fn an_expert_is_measured_once_and_never_trained() {
     assert_eq!(rows.len(), NOISE_LEVELS.len());
     let unknown = Selection { only: Some("point-reaching/expret".to_string()), seeds: vec![] };
     let (refused, _) = repository.call(unknown, |zoo| zoo.train());
+    assert!(matches!(refused, Err(ExperimentError::UnknownSelection { .. })), "{refused:?}");
+    let no_seed = Selection { only: None, seeds: vec![9] };
+    let (refused, _) = repository.call(no_seed, |zoo| zoo.train());
     assert!(matches!(refused, Err(ExperimentError::NothingSelected)), "{refused:?}");
 }

@@ -71,7 +71,9 @@ pub enum FalsificationError {
         scenario: Vec<Option<f64>>,
     },
     /// A record belongs to a trial that the campaign does not have.
-    #[error("simulation {number} of trial {trial} is recorded, but the campaign has only {trials} trials")]
+    #[error(
+        "simulation {number} of trial {trial} is recorded, but the trials of the campaign are 1 to {trials}"
+    )]
     UnknownTrial {
         /// Number of the trial.
         trial: u32,

@@ -68,10 +68,13 @@ pub(crate) fn open_regular(options: &mut OpenOptions, path: &Path, flags: i32) -
         options.custom_flags(flags | flags::NONBLOCK | flags::NOCTTY);
     }
     let file = options.open(path).map_err(|error| match path.symlink_metadata() {
-        // Only these two tell more than the error of the system, such as `Too many levels of symbolic links`.
+        // More specific than the error of the system, such as `Too many levels of symbolic links`.
         Ok(found) if flags & flags::NOFOLLOW != 0 && found.is_symlink() => not_regular(&found),
-        Ok(found) if found.is_dir() => not_regular(&found),
-        _ => error,
+        // The error of the system for a socket is `No such device or address`.
+        Ok(_) => {
+            path.metadata().ok().filter(|found| !found.is_file()).map_or(error, |found| not_regular(&found))
+        }
+        Err(_) => error,
     })?;
     let found = file.metadata()?;
     if found.is_file() { Ok(file) } else { Err(not_regular(&found)) }
@@ -173,7 +176,7 @@ mod tests {
         assert_eq!(message(&path("link")), "expected a regular file, found a device");
         assert_eq!(message(&path("fifo")), "expected a regular file, found a FIFO");
         assert_eq!(message(folder.path()), "expected a regular file, found a directory");
-        assert!(read_bounded(&path("socket"), 9).is_err());
+        assert_eq!(message(&path("socket")), "expected a regular file, found a socket");
         assert_eq!(read_bounded(&path("none"), 9).unwrap_err().kind(), ErrorKind::NotFound);
     }
 }

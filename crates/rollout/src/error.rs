@@ -3,7 +3,9 @@
 #[non_exhaustive]
 pub enum RolloutError {
     /// A scenario has the wrong number of values.
-    #[error("the scenario has {found} values; expected {expected}, one for each axis of the space ({axes})")]
+    #[error(
+        "the number of values in the scenario is {found}; expected {expected}, one for each axis of the space ({axes})"
+    )]
     Dimension {
         /// Number of axes of the space.
         expected: usize,

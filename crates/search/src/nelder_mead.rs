@@ -304,7 +304,11 @@ fn check(dimension: usize, options: &NelderMeadOptions) -> Result<(), SearchErro
             search: NAME,
             option: "initial-simplex".to_owned(),
             found: format!("{simplex:?}"),
-            expected: format!("{} points of {dimension} finite numbers", dimension + 1),
+            expected: format!(
+                "{} points of {dimension} finite number{}",
+                dimension + 1,
+                if dimension == 1 { "" } else { "s" }
+            ),
         });
     }
     options.check_ranges()

@@ -381,7 +381,7 @@ pub(crate) fn check_start(
                 search,
                 option: "start".to_owned(),
                 found: format!("{start:?}"),
-                expected: format!("{dimension} numbers in [0, 1]"),
+                expected: format!("{dimension} number{} in [0, 1]", if dimension == 1 { "" } else { "s" }),
             })
         }
         _ => Ok(()),

@@ -1,5 +1,6 @@
 use anyhow::Result;
 use mishandle::controllers::ControllerFile;
+use mishandle::plural;
 use mishandle::tasks::{Topic, notes};
 use mishandle::training::AlgorithmSettings;
 use serde_json::{Value, json};
@@ -64,11 +65,12 @@ fn page(file: &ControllerFile, weaknesses: &[&str]) -> String {
     let sizes: Vec<String> = file.policy.network().sizes().iter().map(ToString::to_string).collect();
     let validation = training.validation.map_or("none".to_string(), |found| {
         let (success, strict) = (100.0 * found.success_rate, 100.0 * found.strict_success_rate);
-        format!("success {success:.1} %, strict {strict:.1} %, over {} episodes", found.episodes)
+        format!("success {success:.1} %, strict {strict:.1} %, over {}", plural(found.episodes, "episode"))
     });
     let trained = format!(
-        "{:.0} s; best policy after {} environment steps",
-        training.wall_clock_secs, training.environment_steps
+        "{:.0} s; best policy after {}",
+        training.wall_clock_secs,
+        plural(training.environment_steps, "environment step")
     );
     let known = format!("{} known; `mishandle tasks {}` describes them", weaknesses.len(), header.task);
     let rows = [

@@ -1,7 +1,5 @@
-use std::num::NonZeroUsize;
-
 use anyhow::Result;
-use mishandle::Curve;
+use mishandle::{Curve, plural};
 use serde_json::json;
 
 use crate::output::{self, number};
@@ -13,7 +11,7 @@ pub fn run(command: &args::Curve) -> Result<ExitStatus> {
         let file = command.file.display();
         output::message(&format!("warning: the last line of {file} is incomplete and was ignored"));
     }
-    let environments = command.environments.map(NonZeroUsize::get);
+    let environments = command.environments;
     let time = curve.training_time();
     if command.json {
         output::json(json!({
@@ -28,8 +26,9 @@ pub fn run(command: &args::Curve) -> Result<ExitStatus> {
         return Ok(ExitStatus::Done);
     }
     if let Some(last) = curve.rows.last() {
-        let (count, steps, secs) = (curve.rows.len(), last.environment_steps, last.wall_clock_secs);
-        output::line(&format!("{count} iterations, {steps} environment steps in {secs:.0} s"))?;
+        let (count, secs) = (plural(curve.rows.len(), "iteration"), last.wall_clock_secs);
+        let steps = plural(last.environment_steps, "environment step");
+        output::line(&format!("{count}, {steps} in {secs:.0} s"))?;
     }
     output::line(&training_time::line(time, environments))?;
     Ok(ExitStatus::Done)

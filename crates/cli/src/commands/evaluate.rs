@@ -1,5 +1,6 @@
 use anyhow::Result;
 use mishandle::evaluation::Estimate;
+use mishandle::store::RunKind;
 use mishandle::{EvaluatePlan, EvaluationOutcome, Plan, ResolvedPlan, StartRegion};
 use serde_json::{Value, json};
 
@@ -13,9 +14,7 @@ pub fn run(command: &args::Evaluate) -> Result<ExitStatus> {
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
     let moved = command.subject.controller.as_deref();
-    let (resume, out) = (command.resume.as_deref(), command.out.as_deref());
-    let (resolved, file) =
-        run::open(resume, command.skip_check, moved, out, command.durable, || plan(command))?;
+    let (resolved, file) = run::open(&command.file, RunKind::Evaluate, moved, || plan(command))?;
     let name = run::name(file.file());
     let path = file.file().path().to_path_buf();
     bar.set_length(mishandle::evaluation_simulations(&resolved));
@@ -27,7 +26,10 @@ pub fn run(command: &args::Evaluate) -> Result<ExitStatus> {
     })?;
     bar.clear();
     if !outcome.is_complete {
-        run::report_interruption("evaluate", simulations, &name);
+        run::report_interruption(RunKind::Evaluate, simulations, &name);
+        if command.run.json {
+            output::json(document(&resolved, &outcome, &path.to_string_lossy()))?;
+        }
         return Ok(ExitStatus::Interrupted);
     }
     if command.run.json {
@@ -68,6 +70,7 @@ fn starts(plan: &Plan) -> StartRegion {
 fn document(resolved: &ResolvedPlan, outcome: &EvaluationOutcome, path: &str) -> Value {
     let report = &outcome.report;
     let mut own = json!({
+        "is_complete": outcome.is_complete,
         "box": starts(&resolved.plan),
         "leaves_out_starts": mishandle::rejects_scenarios(resolved),
         "simulations": report.simulations,

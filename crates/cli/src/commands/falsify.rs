@@ -1,7 +1,8 @@
 use anyhow::Result;
 use mishandle::falsification::{CampaignOutcome, Minimum, TrialEnd, TrialOutcome};
 use mishandle::search::OptionValue;
-use mishandle::{FalsifyPlan, Plan, ResolvedPlan};
+use mishandle::store::RunKind;
+use mishandle::{FalsifyPlan, Plan, ResolvedPlan, plural};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
@@ -13,24 +14,27 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
     let moved = command.subject.controller.as_deref();
-    let (resume, out) = (command.resume.as_deref(), command.out.as_deref());
-    let (resolved, file) =
-        run::open(resume, command.skip_check, moved, out, command.durable, || plan(command))?;
+    let (resolved, file) = run::open(&command.file, RunKind::Falsify, moved, || plan(command))?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
     let name = run::name(file.file());
     let path = file.file().path().to_path_buf();
     let found = mishandle::falsify(&resolved, file, |progress| {
         bar.set_length(progress.max_simulations);
         bar.set_position(progress.simulations);
-        bar.set_note(format!("{} trials finished, {} falsified", progress.ended, progress.falsified));
+        bar.set_note(format!(
+            "{} finished, {} falsified",
+            plural(progress.ended, "trial"),
+            progress.falsified
+        ));
         run::control_flow()
     })?;
     bar.clear();
     report_unevaluated(&resolved, &found);
-    let trials = resolved.plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
-    let ended = found.trials.iter().filter(|trial| trial.end.is_some()).count();
-    if ended < trials as usize {
-        run::report_interruption("falsify", found.simulations, &name);
+    if !is_complete(&resolved, &found) {
+        run::report_interruption(RunKind::Falsify, found.simulations, &name);
+        if command.run.json {
+            output::json(document(&resolved, &found, &path.to_string_lossy()))?;
+        }
         return Ok(ExitStatus::Interrupted);
     }
     if command.run.json {
@@ -41,7 +45,7 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
     if found.surplus > 0 {
         output::message(&format!(
             "discarded {} that ran in the same batch after a counterexample",
-            run::simulations(found.surplus)
+            plural(found.surplus, "simulation")
         ));
     }
     output::message(&format!("Run file: {name}"));
@@ -55,6 +59,12 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
     }
     output::message(&format!("Replay the first counterexample: mishandle replay {name}"));
     Ok(ExitStatus::Violated)
+}
+
+/// Returns whether all trials of the plan have ended.
+fn is_complete(resolved: &ResolvedPlan, found: &CampaignOutcome) -> bool {
+    let trials = resolved.plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
+    found.trials.iter().filter(|trial| trial.end.is_some()).count() == trials as usize
 }
 
 fn plan(command: &args::Falsify) -> Result<Plan> {
@@ -83,6 +93,7 @@ fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, path: &str) -> Val
     let falsify = resolved.plan.falsify.clone().unwrap_or_default();
     let trials: Vec<Value> = found.trials.iter().map(|trial| trial_document(resolved, trial)).collect();
     let own = json!({
+        "is_complete": is_complete(resolved, found),
         "search": falsify.search,
         "search_options": search_options(&falsify),
         "formula": resolved.specification.requirement.to_string(),
@@ -154,7 +165,8 @@ fn report_unevaluated(resolved: &ResolvedPlan, found: &CampaignOutcome) {
     }
     let affected = found.undefined + found.invalid;
     if affected > shown {
-        output::message(&format!("warning: {} more simulations are affected", affected - shown));
+        let more = plural(affected - shown, "more simulation");
+        output::message(&format!("warning: no verdict either: {more}"));
     }
 }
 
@@ -183,11 +195,11 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome) -> String {
         ]);
     }
     let mut text = format!(
-        "{}\nsearch {}{}, at most {} simulations per trial, seed {}\nformula {}\n\n{}\n\n{}",
+        "{}\nsearch {}{}, at most {} per trial, seed {}\nformula {}\n\n{}\n\n{}",
         run::heading(resolved),
         falsify.search,
         options_text(&falsify),
-        falsify.budget,
+        plural(falsify.budget, "simulation"),
         resolved.plan.seed,
         resolved.specification.requirement,
         output::table(&rows),
@@ -214,7 +226,7 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome) -> String {
 /// Returns the number of falsified trials, and the simulations up to the counterexample.
 fn summary(found: &CampaignOutcome) -> String {
     let ended = found.falsification_rate.n;
-    let mut text = format!("falsified {} of {ended} trials", found.falsified_trials);
+    let mut text = format!("falsified {} of {}", found.falsified_trials, plural(ended, "trial"));
     if let Some(mean) = found.mean_simulations {
         text.push_str(&format!("; simulations to a counterexample: mean {mean:.1} over falsified trials"));
     }

@@ -21,7 +21,8 @@ pub fn run(command: &args::Man) -> Result<ExitStatus> {
 
 /// Writes `mishandle.1` and one page per command, such as `mishandle-evaluate.1`.
 fn write_all(program: clap::Command, folder: &Path) -> Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("cannot create the folder {}", folder.display()))?;
     let commands: Vec<clap::Command> = program
         .get_subcommands()
         .filter(|command| command.get_name() != "help")

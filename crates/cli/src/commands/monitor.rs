@@ -5,20 +5,19 @@ use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
+use mishandle::plural;
 use mishandle::stl::{Clock, Formula, Monitor, MonitorError, TimeUnit};
 use serde_json::json;
 
 use crate::ExitStatus;
 use crate::args;
+use crate::formula_error;
 use crate::output::{self, number};
 use log::{Log, Samples};
 
 pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
-    let formula = Formula::parse(&command.formula).map_err(|error| {
-        let column = error.position().column;
-        let marker = format!("\n  {}\n  {}^", command.formula, " ".repeat(column.saturating_sub(1)));
-        anyhow::anyhow!("formula: {error}{marker}")
-    })?;
+    let formula = Formula::parse(&command.formula)
+        .map_err(|error| anyhow::anyhow!("{}", formula_error::message(&command.formula, &error)))?;
     output::warn_of_chained_comparisons(&formula);
     let trace_name = || format!("trace {}", command.trace.display());
     let log = Log::open(source(&command.trace).with_context(trace_name)?).with_context(trace_name)?;
@@ -49,9 +48,9 @@ pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
         output::line(&format!("robustness {robustness} at time 0: {verdict}"))?;
         if cuts_windows {
             output::message(&format!(
-                "note: a window extends past the end of the trace, which has {} samples; it is cut there, as in RTAMT; \
+                "note: a window extends past the end of the trace, which has {}; it is cut there, as in RTAMT; \
                  samples after the end could change the value (--strict-horizon uses whole windows only)",
-                samples.trace.len()
+                plural(samples.trace.len(), "sample")
             ));
         }
     }
@@ -94,7 +93,13 @@ fn source(path: &Path) -> Result<Box<dyn Read>> {
     if path.as_os_str() == "-" {
         return Ok(Box::new(std::io::stdin()));
     }
-    Ok(Box::new(File::open(path)?))
+    let file = File::open(path).map_err(|error| match path.metadata() {
+        Ok(found) if !found.is_file() => {
+            std::io::Error::other("expected a file or a pipe, found a socket or a device")
+        }
+        _ => error,
+    });
+    Ok(Box::new(file?))
 }
 
 /// Checks the names in the formula against all columns. Only the columns of the formula are read later, so that errors

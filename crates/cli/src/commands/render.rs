@@ -1,8 +1,8 @@
 use std::path::Path;
 
 use anyhow::{Result, bail, ensure};
-use mishandle::StateTrajectory;
 use mishandle::world::{Renderer, Size, png};
+use mishandle::{StateTrajectory, plural};
 
 use crate::progress::Bar;
 use crate::video::{self, Video};
@@ -121,8 +121,9 @@ fn recorded(path: &Path, command: &args::Render, size: Size) -> Result<(Renderer
         "simulation {simulation} of trial {trial} has no states to render"
     );
     output::message(&format!(
-        "trial {trial}, simulation {simulation}: {} control steps",
-        replayed.episode.steps
+        "{}: {}",
+        run::simulation_text(run.header(), &replayed.recorded),
+        plural(replayed.episode.steps, "control step")
     ));
     Ok((renderer, trajectory))
 }

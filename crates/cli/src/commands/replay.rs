@@ -1,5 +1,5 @@
 use anyhow::{Result, bail};
-use mishandle::store;
+use mishandle::{plural, store};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
@@ -39,6 +39,7 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
             "axes": header.axes.iter().map(|axis| &axis.name).collect::<Vec<_>>(),
             "trial": trial,
             "simulation": simulation,
+            "point": run::box_point(header, trial, scenario),
             "initial_configuration": scenario,
             "scenario": by_name,
             "seed": replayed.recorded.seed.to_string(),
@@ -50,16 +51,17 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
     } else {
         let value = |(axis, value): (&store::AxisRecord, &Option<f64>)| {
             let value = value.map_or("random".to_string(), |value| value.to_string());
-            format!("{} = {value} {}", axis.name, axis.unit).trim_end().to_string()
+            run::axis_value(&axis.name, &value, &axis.unit)
         };
         let values: Vec<String> = named().map(value).collect();
         output::line(&format!(
-            "trial {trial}, simulation {simulation}, {}, seed {}\nformula {}\nrobustness {} after {} control steps",
+            "{}, {}, seed {}\nformula {}\nrobustness {} after {}",
+            run::simulation_text(header, &replayed.recorded),
             values.join(", "),
             replayed.recorded.seed,
             header.formula,
             robustness.map_or("undecided".to_string(), |rho| rho.to_string()),
-            replayed.episode.steps,
+            plural(replayed.episode.steps, "control step"),
         ))?;
     }
     if !replayed.differences.is_empty() {

@@ -2,7 +2,7 @@ use std::path::Path;
 
 use anyhow::{Error, Result, anyhow};
 use mishandle::training::RunSettings;
-use mishandle::{MishandleError, TrainPlan, TrainReport, default_out};
+use mishandle::{MishandleError, TrainPlan, TrainReport, default_out, plural};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
@@ -68,8 +68,8 @@ fn interrupted(plan: &TrainPlan, report: &TrainReport) -> ExitStatus {
         false => "",
     };
     output::message(&format!(
-        "interrupted after {} environment steps{lost}",
-        report.result.environment_steps
+        "interrupted after {}{lost}",
+        plural(report.result.environment_steps, "environment step")
     ));
     output::message(&format!("Resume with: {}", plan.resume_command()));
     ExitStatus::Interrupted
@@ -136,8 +136,9 @@ fn lines(report: &TrainReport) -> Vec<String> {
     let TrainReport { result, settings, .. } = report;
     let rate = result.environment_steps as f64 / result.wall_clock_secs;
     let mut lines = vec![format!(
-        "{} environment steps in {:.0} s, {rate:.0} steps/s",
-        result.environment_steps, result.wall_clock_secs
+        "{} in {:.0} s, {rate:.0} steps/s",
+        plural(result.environment_steps, "environment step"),
+        result.wall_clock_secs
     )];
     if report.stopped_early() {
         lines.push(format!("stopped early: {}", stop_condition(settings.run())));
@@ -145,10 +146,10 @@ fn lines(report: &TrainReport) -> Vec<String> {
     lines.push(training_time_line(report));
     if let Some(validation) = result.best_validation {
         lines.push(format!(
-            "best on validation: success {:.1} %, strict {:.1} %, after {} steps",
+            "best on validation: success {:.1} %, strict {:.1} %, after {}",
             100.0 * validation.success_rate,
             100.0 * validation.strict_success_rate,
-            result.best_environment_steps
+            plural(result.best_environment_steps, "step")
         ));
     }
     lines

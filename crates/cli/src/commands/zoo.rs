@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Chain, Context, Result, bail};
 use mishandle::MishandleError;
 use mishandle::training::TrainingProgress;
 use mishandle_experiments::{
@@ -32,7 +32,7 @@ pub fn run(command: &args::Zoo) -> Result<ExitStatus> {
     let reporter = Reporter::new();
     let zoo = Zoo::new(ZooFolder::new(&root), &runner, &reporter, &interrupt::requested);
     match &command.command {
-        ZooCommand::List { selection, json } => list(&selected(zoo, selection), *json),
+        ZooCommand::List { selection, json } => list(&selected(zoo, selection), selection, *json),
         ZooCommand::Train { selection, jobs } => finish(with_jobs(selected(zoo, selection), jobs)?.train()),
         ZooCommand::Measure { selection, jobs, again, json } => {
             let zoo = with_jobs(selected(zoo, selection), jobs)?;
@@ -58,7 +58,7 @@ fn selected<'a>(zoo: Zoo<'a>, selection: &ZooSelection) -> Zoo<'a> {
 fn with_jobs<'a>(zoo: Zoo<'a>, jobs: &ZooJobs) -> Result<Zoo<'a>> {
     listen()?;
     let all_cores = || std::thread::available_parallelism().map_or(1, usize::from);
-    Ok(zoo.with_workers(jobs.jobs.map_or_else(all_cores, usize::from)))
+    Ok(zoo.with_workers(jobs.jobs.unwrap_or_else(all_cores)))
 }
 
 fn listen() -> Result<()> {
@@ -84,8 +84,14 @@ fn finish(result: Result<(), ExperimentError>) -> Result<ExitStatus> {
     }
 }
 
-fn list(zoo: &Zoo<'_>, as_json: bool) -> Result<ExitStatus> {
+fn list(zoo: &Zoo<'_>, selection: &ZooSelection, as_json: bool) -> Result<ExitStatus> {
     let entries = zoo.entries()?;
+    if let (true, Some(only)) = (entries.is_empty(), &selection.only) {
+        bail!(
+            "--only is {only}; an expert is not trained, so the list of training runs does not have it: `mishandle zoo \
+             measure --only {only}` measures it"
+        );
+    }
     if as_json {
         output::json(Value::Array(entries.iter().map(|entry| document(zoo, entry)).collect()))?;
         return Ok(ExitStatus::Done);
@@ -99,7 +105,7 @@ fn list(zoo: &Zoo<'_>, as_json: bool) -> Result<ExitStatus> {
 }
 
 fn line(zoo: &Zoo<'_>, entry: &PlanEntry) -> String {
-    let is_trained = entry.state.reason().is_none() && entry.state != TrainingState::NoSettings;
+    let is_trained = entry.state.is_trained();
     let is_adopted = entry.summary.as_ref().is_some_and(|summary| summary.adopted);
     let adopted = if is_trained && is_adopted { ", adopted" } else { "" };
     let curve = if is_trained && !zoo.has_curve(entry) { ", no learning curve" } else { "" };
@@ -188,13 +194,7 @@ impl ZooObserver for Reporter {
     fn ended(&self, name: &str, result: &Result<(), ExperimentError>) {
         match result {
             Ok(()) => self.say(name, "done"),
-            Err(error) => self.say(name, &format!("failed: {}", chain(error))),
+            Err(error) => self.say(name, &format!("failed: {}", output::with_causes(Chain::new(error)))),
         }
     }
-}
-
-/// An error with its causes, from the outside in.
-fn chain(error: &ExperimentError) -> String {
-    let causes: Vec<String> = anyhow::Chain::new(error).map(ToString::to_string).collect();
-    causes.join(": ")
 }

@@ -246,7 +246,7 @@ fn remarks(entry: &PlanEntry, record: &Record) -> String {
         TrainingState::NeedsTraining { reason } | TrainingState::Interrupted { reason, .. } => {
             remarks.push(format!("out of date ({reason})"));
         }
-        TrainingState::NeedsMeasurement => remarks.push("measurement out of date".to_string()),
+        TrainingState::NeedsMeasurement { .. } => remarks.push("measurement out of date".to_string()),
         TrainingState::NoSettings => remarks.push("no settings file".to_string()),
         TrainingState::Done | TrainingState::NeedsFalsification => {}
     }

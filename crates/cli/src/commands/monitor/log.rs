@@ -7,7 +7,8 @@ use std::rc::Rc;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
-use csv::{ByteRecord, Reader, Trim};
+use csv::{ByteRecord, Reader, Terminator, Trim};
+use mishandle::plural;
 use mishandle::stl::Trace;
 
 /// Column with the time of each sample, in seconds.
@@ -27,15 +28,24 @@ pub struct Log<R> {
 }
 
 /// Fails after [`MAX_ROW`] bytes of one row. The reader of CSV collects a whole row, and a hostile file can consist of one.
+///
+/// Ends the last line with a line break if it has none, so that the reader has always consumed the line break of a row.
 struct RowLimit<R> {
     source: R,
     /// Number of bytes since the last complete row.
     row_bytes: Rc<Cell<usize>>,
+    is_in_line: bool,
 }
 
 impl<R: Read> Read for RowLimit<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let count = self.source.read(buffer)?;
+        let mut count = self.source.read(buffer)?;
+        if let (0, true, Some(first)) = (count, self.is_in_line, buffer.first_mut()) {
+            (*first, count) = (b'\n', 1);
+        }
+        if let Some(last) = count.checked_sub(1) {
+            self.is_in_line = buffer[last] != b'\n';
+        }
         self.row_bytes.set(self.row_bytes.get() + count);
         if self.row_bytes.get() > MAX_ROW {
             let message = format!("a row has more than {} MiB; is this a CSV file?", MAX_ROW >> 20);
@@ -55,10 +65,20 @@ impl<R: Read> Log<R> {
     /// Reads the header: the names of the columns. Spaces around a name and a byte order mark are ignored.
     pub fn open(source: R) -> Result<Log<R>> {
         let row_bytes = Rc::new(Cell::new(0));
-        let source = RowLimit { source, row_bytes: row_bytes.clone() };
-        let mut reader = csv::ReaderBuilder::new().trim(Trim::Headers).from_reader(source);
-        let names: Vec<String> = reader.headers()?.iter().map(str::to_string).collect();
+        let source = RowLimit { source, row_bytes: row_bytes.clone(), is_in_line: false };
+        // Errors about lines are our own: the reader counts records, and loses count at blank lines and at `\r\n`.
+        let mut builder = csv::ReaderBuilder::new();
+        builder.trim(Trim::Headers).terminator(Terminator::Any(b'\n')).flexible(true);
+        let mut reader = builder.from_reader(source);
+        let mut names = Vec::new();
+        for (index, name) in reader.byte_headers()?.iter().enumerate() {
+            let name = std::str::from_utf8(name).ok().with_context(|| {
+                format!("the name of column {} is not UTF-8 text; save the file as UTF-8", index + 1)
+            })?;
+            names.push(name.trim().to_string());
+        }
         row_bytes.set(0);
+        check_separator(&names)?;
         ensure!(!names.is_empty(), "the file is empty; the first line must contain the signal names");
         let mut columns = HashMap::with_capacity(names.len());
         for (column, name) in names.iter().enumerate() {
@@ -91,8 +111,17 @@ impl<R: Read> Log<R> {
         let mut record = ByteRecord::new();
         while self.reader.read_byte_record(&mut record)? {
             self.row_bytes.set(0);
-            // The line after the previous record, before any blank lines.
-            let line = record.position().map_or(0, csv::Position::line);
+            // A blank line of a file whose lines end with `\r\n`; the reader skips the others.
+            if record.as_slice() == b"\r" {
+                continue;
+            }
+            let line = self.line(&record);
+            ensure!(
+                record.len() == self.names.len(),
+                "line {line} has {}, but the header has {}; every line must have one cell for each name",
+                plural(record.len(), "cell"),
+                plural(self.names.len(), "name")
+            );
             for (value, column) in sample.iter_mut().zip(&columns) {
                 *value = self.number(&record, *column, line)?;
             }
@@ -105,13 +134,30 @@ impl<R: Read> Log<R> {
         Ok(Samples { trace, times })
     }
 
+    /// Returns the line on which the record begins, counted from 1. The reader has consumed it with its line break.
+    fn line(&self, record: &ByteRecord) -> u64 {
+        let within = record.as_slice().iter().filter(|byte| **byte == b'\n').count() as u64;
+        self.reader.position().line().saturating_sub(1 + within)
+    }
+
     fn number(&self, record: &ByteRecord, column: usize, line: u64) -> Result<f64> {
         let cell = record.get(column).unwrap_or_default().trim_ascii();
         std::str::from_utf8(cell).ok().and_then(|text| text.parse().ok()).with_context(|| {
             let (name, cell) = (&self.names[column], String::from_utf8_lossy(cell));
-            format!("line {line}: `{name}` is `{cell}`, which is not a number")
+            format!("line {line}: `{name}` is `{cell}`; it must be a number such as 0.25")
         })
     }
+}
+
+/// Recognizes a header that another character than a comma separates.
+fn check_separator(names: &[String]) -> Result<()> {
+    let [name] = names else { return Ok(()) };
+    let other =
+        [(';', "semicolons"), ('\t', "tabs")].into_iter().find(|(separator, _)| name.contains(*separator));
+    let Some((_, separators)) = other else { return Ok(()) };
+    bail!(
+        "the columns are separated by {separators}; write commas between them, and a point in numbers (0.25)"
+    )
 }
 
 /// The range of the column `time` and its shortest and longest step.
@@ -286,7 +332,37 @@ mod tests {
         // A quoted cell may contain line ends.
         check("e,d\n\"a\nb\",1\nc,x\n", "line 4: `d` is `x`");
         check("d\n\n", "no samples");
-        check("d,e\n1,2\n3\n", "record 2 (line: 3");
+        check("d,e\n1,2\n3\n", "line 3 has 1 cell, but the header has 2 names");
+        check("d\n1,2\n", "line 2 has 2 cells, but the header has 1 name;");
+    }
+
+    #[test]
+    fn lines_are_those_of_the_file_also_after_blank_lines_and_with_other_line_ends() {
+        for text in [
+            "d\n\n\n1\n\nx\n",
+            "d\n\n\n1\n\nx",
+            "\nd\n\n1\n\nx\n",
+            "d\r\n\r\n\r\n1\r\n\r\nx\r\n",
+            "d\n1\n2\n3\n4\nx",
+        ] {
+            check(text, "line 6: `d` is `x`; it must be a number");
+        }
+        check("d\n1\n \n2\n", "line 3: `d` is ``");
+        check("d\n1\n\"\"\n2\n", "line 3: `d` is ``");
+        check("time,d\n0,1\n\n\n\nnan,1\n", "line 6: `time` is NaN");
+        check("time,d\r\n0,1\r\n\r\n\r\n\r\n1\r\n", "line 6 has 1 cell, but the header has 2 names");
+    }
+
+    #[test]
+    fn other_separators_than_commas_are_named() {
+        check("time;d\n0,1;2\n", "the columns are separated by semicolons; write commas");
+        check("time\td\n0\t2\n", "the columns are separated by tabs; write commas");
+    }
+
+    #[test]
+    fn a_name_that_is_not_utf_8_is_an_error() {
+        let error = Log::open(&b"d,\xff\n1,2\n"[..]).err().unwrap().to_string();
+        assert!(error.contains("the name of column 2 is not UTF-8 text"), "{error}");
     }
 
     #[test]

@@ -1,0 +1,149 @@
+//! Numbers on the command line: integers as 1000000, `1_000_000` or 1e6, and numbers with a fraction.
+//!
+//! clap prints the name of the flag and the value before the message of a parser.
+
+use std::ops::RangeInclusive;
+
+/// Returns a parser of integers in `range`.
+pub fn integer<T: TryFrom<u64>>(range: RangeInclusive<u64>) -> impl Fn(&str) -> Result<T, String> + Clone {
+    move |text| {
+        let (low, high) = (range.start(), range.end());
+        let error = |why: &str| {
+            format!("the value is {why}; expected an integer from {low} to {high}, such as 10, 1_000 or 1e3")
+        };
+        let number = parse(text).map_err(error)?;
+        if number < *low {
+            return Err(error("too small"));
+        }
+        T::try_from(number).ok().filter(|_| number <= *high).ok_or_else(|| error("too large"))
+    }
+}
+
+/// Returns a parser of numbers that satisfy `is_allowed`; `expected` describes them.
+pub fn number(
+    expected: &'static str,
+    is_allowed: fn(f64) -> bool,
+) -> impl Fn(&str) -> Result<f64, String> + Clone {
+    move |text| {
+        let error = |why: &str| format!("the value is {why}; expected {expected}");
+        let number: f64 = text.trim().parse().map_err(|_| error("not a number"))?;
+        if is_allowed(number) { Ok(number) } else { Err(error("out of range")) }
+    }
+}
+
+/// Parses an integer exactly, from its decimal digits: a float would round large numbers.
+fn parse(text: &str) -> Result<u64, &'static str> {
+    const NOT_A_NUMBER: &str = "not a number";
+    let (mantissa, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
+    let exponent: i32 = exponent.parse().map_err(|_| NOT_A_NUMBER)?;
+    let (whole, fraction) = mantissa.split_once('.').unwrap_or((mantissa, ""));
+    let not_a_number = if text.starts_with('-') { "negative" } else { NOT_A_NUMBER };
+    let mut digits = digits(whole).ok_or(not_a_number)?;
+    if mantissa.contains('.') {
+        digits += &self::digits(fraction).ok_or(NOT_A_NUMBER)?;
+    }
+    // Number of zeros to append to the digits; negative: number of digits to remove.
+    let zeros = exponent.saturating_sub(fraction.chars().filter(char::is_ascii_digit).count() as i32);
+    let cut = digits.len().saturating_sub(zeros.min(0).unsigned_abs() as usize);
+    if digits[cut..].bytes().any(|digit| digit != b'0') {
+        return Err("not an integer");
+    }
+    let digits = digits[..cut].trim_start_matches('0');
+    let scale = if digits.is_empty() { Some(1) } else { 10_u64.checked_pow(zeros.max(0).unsigned_abs()) };
+    let number = if digits.is_empty() { Some(0) } else { digits.parse::<u64>().ok() };
+    number.zip(scale).and_then(|(number, scale)| number.checked_mul(scale)).ok_or("too large")
+}
+
+/// Returns the digits without the underscores between them.
+fn digits(text: &str) -> Option<String> {
+    let groups: Vec<&str> = text.split('_').collect();
+    let is_valid =
+        groups.iter().all(|group| !group.is_empty() && group.bytes().all(|byte| byte.is_ascii_digit()));
+    is_valid.then(|| groups.concat())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn integers_are_parsed_exactly_in_every_notation() {
+        for (text, number) in [
+            ("0", 0),
+            ("100000", 100_000),
+            ("100_000", 100_000),
+            ("1e6", 1_000_000),
+            ("1.5E+3", 1500),
+            ("2.50e1", 25),
+            ("1200e-2", 12),
+            ("3.0", 3),
+            ("0e99", 0),
+            ("1_0.5e1", 105),
+            // 2⁵³ + 1, which f64 cannot represent, and the largest u64.
+            ("9007199254740993", 9_007_199_254_740_993),
+            ("1.8446744073709551615e19", u64::MAX),
+        ] {
+            assert_eq!(integer::<u64>(0..=u64::MAX)(text), Ok(number), "{text}");
+        }
+    }
+
+    #[test]
+    fn an_invalid_integer_is_an_error_with_its_reason() {
+        for (text, why) in [
+            ("1.5", "not an integer"),
+            ("1e-1", "not an integer"),
+            ("15e-1", "not an integer"),
+            ("-5", "negative"),
+            ("-1e6", "negative"),
+            ("1e20", "too large"),
+            ("18446744073709551616", "too large"),
+            ("1e999999999999", "not a number"),
+            ("1e999999999", "too large"),
+            ("", "not a number"),
+            ("e6", "not a number"),
+            ("1.", "not a number"),
+            (".5", "not a number"),
+            ("_1", "not a number"),
+            ("1__0", "not a number"),
+            ("1e", "not a number"),
+            ("1e6e6", "not a number"),
+            ("1,000", "not a number"),
+            ("ten", "not a number"),
+            ("nan", "not a number"),
+        ] {
+            let error = integer::<u64>(0..=u64::MAX)(text).unwrap_err();
+            let expected = format!(
+                "the value is {why}; expected an integer from 0 to 18446744073709551615, such as 10, 1_000 or 1e3"
+            );
+            assert_eq!(error, expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn an_integer_outside_of_its_range_is_an_error_that_names_the_range() {
+        let parse = integer::<u8>(1..=200);
+        assert_eq!((parse("1"), parse("2e2")), (Ok(1), Ok(200)));
+        for (text, why) in [("0", "too small"), ("201", "too large"), ("256", "too large")] {
+            let error = parse(text).unwrap_err();
+            assert!(
+                error.starts_with(&format!("the value is {why}; expected an integer from 1 to 200")),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_number_is_checked_and_its_error_says_what_is_expected() {
+        let parse = number("a number from 0 to 10", |number| (0.0..=10.0).contains(&number));
+        assert_eq!((parse("0.5"), parse(" 1e1 ")), (Ok(0.5), Ok(10.0)));
+        for (text, why) in
+            [("0,5", "not a number"), ("", "not a number"), ("-1", "out of range"), ("nan", "out of range")]
+        {
+            assert_eq!(
+                parse(text),
+                Err(format!("the value is {why}; expected a number from 0 to 10")),
+                "{text}"
+            );
+        }
+    }
+}

@@ -1,0 +1,222 @@
+//! Error messages speak of the user's values and files, not of the libraries that read them.
+
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use bench::{Bench, text};
+
+/// Returns the message of a command that must fail.
+#[track_caller]
+fn message(bench: &Bench, arguments: &str) -> String {
+    let output = bench.run(arguments);
+    let err = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{arguments}: {err}");
+    err
+}
+
+/// Checks a message, which must not contain the words of a library.
+#[track_caller]
+fn check(bench: &Bench, arguments: &str, parts: &[&str]) {
+    let err = message(bench, arguments);
+    for part in parts {
+        assert!(err.contains(part), "{arguments} does not print `{part}`:\n{err}");
+    }
+    for word in
+        ["u64", "u32", "usize", "f64", "float literal", "digit found", "CSV error", "struct ", "invalid type"]
+    {
+        assert!(!err.contains(word), "{arguments} prints `{word}`:\n{err}");
+    }
+}
+
+#[test]
+fn a_wrong_number_on_the_command_line_is_repeated_with_the_allowed_numbers() {
+    let bench = Bench::new();
+    let integer =
+        |low: u64, high: u64| format!("expected an integer from {low} to {high}, such as 10, 1_000 or 1e3");
+    let toy = "falsify toy/sphere-2d";
+    for (command, flag, allowed) in [
+        (toy, "--seed", integer(0, u64::MAX)),
+        (toy, "--threads", integer(1, 1024)),
+        (toy, "--batch", integer(1, 65_536)),
+        (toy, "--trials", integer(1, 1_000_000)),
+        (toy, "--budget", integer(1, 1_000_000)),
+        (toy, "--action-noise", "expected a number from 0 to 10, such as 0.5".to_string()),
+        (toy, "--observation-noise", "expected a number from 0 to 10, such as 0.5".to_string()),
+        ("evaluate toy/sphere-2d", "--episodes", integer(1, 1_000_000_000)),
+        ("replay a.sqlite", "--trial", integer(1, u32::MAX.into())),
+        ("replay a.sqlite", "--simulation", integer(1, u32::MAX.into())),
+        ("render --out a.png --run a.sqlite", "--trial", integer(1, u32::MAX.into())),
+        ("render --out a.png --run a.sqlite", "--simulation", integer(1, u32::MAX.into())),
+        (
+            "render --out a.png point-reaching",
+            "--at",
+            "expected a number in the unit of the axis".to_string(),
+        ),
+        ("monitor --formula d>0 a.csv", "--period", "expected a number of seconds above 0".to_string()),
+        ("train point-reaching", "--steps", integer(1, 1_000_000_000_000)),
+        ("curve a.csv", "--environments", integer(1, 1_000_000)),
+        ("zoo measure", "--jobs", integer(1, 1024)),
+        ("zoo list", "--seeds", integer(0, u64::MAX)),
+    ] {
+        check(
+            &bench,
+            &format!("{command} {flag} many"),
+            &["'many'", flag, "the value is not a number", &allowed],
+        );
+        if allowed.contains("integer") {
+            check(
+                &bench,
+                &format!("{command} {flag} -1"),
+                &["'-1'", flag, "the value is negative", &allowed],
+            );
+            check(
+                &bench,
+                &format!("{command} {flag} 1e20"),
+                &["'1e20'", flag, "the value is too large", &allowed],
+            );
+        }
+        if allowed.contains("integer from 1") {
+            check(&bench, &format!("{command} {flag} 0"), &["'0'", flag, "the value is too small", &allowed]);
+        }
+    }
+    for (flag, value) in
+        [("--action-noise", "-1"), ("--action-noise", "nan"), ("--observation-noise", "10.5")]
+    {
+        check(
+            &bench,
+            &format!("{toy} {flag} {value}"),
+            &[flag, value, "out of range", "a number from 0 to 10"],
+        );
+    }
+    for period in ["0", "-1", "inf", "nan"] {
+        check(
+            &bench,
+            &format!("monitor --formula d>0 a.csv --period {period}"),
+            &[period, "out of range", "above 0"],
+        );
+    }
+}
+
+#[test]
+fn a_wrong_value_or_key_in_a_plan_is_named_with_its_line_and_what_is_allowed() {
+    let bench = Bench::new();
+    for (plan, parts) in [
+        ("seed = \"abc\"", ["`seed` is \"abc\"; it must be an integer from 0 to 18446744073709551615", ""]),
+        (
+            "[evaluate]\nepisodes = \"x\"",
+            ["line 2 of the plan: the key `evaluate.episodes` is \"x\"", "from 1 to 1000000000"],
+        ),
+        (
+            "[evaluate]\nepisods = 1",
+            [
+                "line 2 of the plan: there is no key `evaluate.episods`",
+                "hint: did you mean `evaluate.episodes`?",
+            ],
+        ),
+        ("action_noise = 1", ["there is no key `action_noise`", "hint: did you mean `action-noise`?"]),
+        ("action-noise = -1", ["action noise is -1", "from 0 to 10"]),
+        (
+            "target = \"toy/sphere-2d\"\n[evaluate]\nepisodes = 0",
+            ["the number of episodes is 0", "from 1 to 1000000000"],
+        ),
+        ("target = \"a", ["line 1 of the plan, `target = \"a`, is not valid TOML: ", ""]),
+    ] {
+        bench.write("plan.toml", &format!("{plan}\n"));
+        let target = if plan.contains("target") { "" } else { "point-reaching --controller expert" };
+        check(&bench, &format!("evaluate {target} --plan plan.toml"), &parts);
+    }
+}
+
+#[test]
+fn a_wrong_line_of_a_csv_file_is_named_by_its_number_in_the_file() {
+    let bench = Bench::new();
+    for (csv, part) in [
+        ("d,e\n1,2\n\n\n3\n", "line 5 has 1 cell, but the header has 2 names"),
+        ("d,e\n1,2\n\n\nx,1\n", "line 5: `d` is `x`; it must be a number such as 0.25"),
+        ("d,e\r\n1,2\r\n\r\nx,1\r\n", "line 4: `d` is `x`"),
+        ("d;e\n0,5;1\n", "the columns are separated by semicolons"),
+        ("d\te\n0,5\t1\n", "the columns are separated by tabs"),
+    ] {
+        bench.write("d.csv", csv);
+        check(&bench, "monitor --formula d>0 d.csv", &["trace d.csv: ", part]);
+    }
+}
+
+#[test]
+fn an_error_in_a_long_formula_shows_the_place_of_the_error() {
+    let bench = Bench::new();
+    bench.write("d.csv", "d\n1\n");
+    let terms = "(d > 0) and ".repeat(400);
+    for command in ["monitor d.csv", "falsify toy/sphere-2d"] {
+        let err = message(&bench, &format!("{command} --formula '{terms}(d > ) and {terms} d > 0'"));
+        let lines: Vec<&str> = err.lines().collect();
+        assert!(lines[0].starts_with("error: formula: column 4806: expected a signal"), "{err}");
+        assert!(err.lines().count() == 3 && lines.iter().all(|line| line.len() <= 100), "{err}");
+        let mark = lines[2].find('^').unwrap();
+        assert_eq!(&lines[1][mark - 5..=mark], "(d > )", "{err}");
+    }
+}
+
+#[test]
+fn a_socket_in_place_of_a_file_is_named() {
+    let bench = Bench::new();
+    let names = ["s.toml", "s.csv", "s.safetensors"];
+    let _sockets = names.map(|name| std::os::unix::net::UnixListener::bind(bench.path(name)).unwrap());
+    for command in [
+        "evaluate --plan s.toml",
+        "train point-reaching --dry-run --settings s.toml",
+        "curve s.csv",
+        "controller ./s.safetensors",
+        "evaluate point-reaching --controller ./s.safetensors",
+    ] {
+        check(&bench, command, &["expected a regular file, found a socket"]);
+    }
+    check(
+        &bench,
+        "monitor --formula d>0 s.csv",
+        &["s.csv: expected a file or a pipe, found a socket or a device"],
+    );
+}
+
+#[test]
+fn an_output_of_a_training_run_that_cannot_be_created_is_named() {
+    let bench = Bench::new();
+    bench.write("file", "");
+    std::fs::create_dir(bench.path("a.safetensors.lock")).unwrap();
+    let train = "train point-reaching --steps 256";
+    check(&bench, &format!("{train} --out file/a.safetensors"), &["error: cannot write the folder file: "]);
+    check(
+        &bench,
+        &format!("{train} --out a.safetensors"),
+        &["error: cannot write the lock file a.safetensors.lock: "],
+    );
+    check(
+        &bench,
+        &format!("{train} --out b.safetensors --tensorboard file/b"),
+        &["error: cannot write the folder file/b: "],
+    );
+}
+
+#[test]
+fn a_planted_file_beside_a_run_is_named_once() {
+    let bench = Bench::new();
+    for suffix in ["wal", "journal", "shm"] {
+        let name = format!("{suffix}.sqlite");
+        let planted = format!("{name}-{suffix}");
+        std::fs::create_dir(bench.path(&planted)).unwrap();
+        let err = message(&bench, &format!("evaluate toy/sphere-2d --episodes 3 --out {name}"));
+        assert_eq!(err.matches(&format!("{planted} is not a regular file")).count(), 1, "{err}");
+        assert!(!bench.path(&name).exists());
+    }
+}
+
+#[test]
+fn the_hint_on_an_unknown_controller_names_the_folder_of_the_controllers() {
+    let bench = Bench::new();
+    let err = message(&bench, "evaluate point-reaching --controller xyzzy");
+    let (_, rest) = err.split_once("hint: shipped controllers are in ").expect(&err);
+    let folder = rest.split_once(';').unwrap().0;
+    assert!(folder.ends_with("/controllers"), "{err}");
+    assert!(std::path::Path::new(folder).join("point-reaching/ppo.safetensors").is_file(), "{err}");
+}

@@ -1,0 +1,308 @@
+//! Reads plans from TOML and reports mistakes with their line and with what is allowed.
+
+use std::collections::BTreeSet;
+
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue, ValueDeserializer};
+
+use super::seed::SeedValue;
+use super::{FORMAT, Plan, StartRegion};
+use crate::MishandleError;
+use crate::search_options::TomlValue;
+
+/// Largest number of characters of a value that an error repeats.
+const SHOWN: usize = 60;
+
+/// Table whose keys are the options of any search.
+const OPTIONS: &str = "falsify.options";
+
+/// A key of a plan.
+struct Key {
+    /// Table and key.
+    name: &'static str,
+    /// Table and former key, which is still read.
+    alias: Option<&'static str>,
+    /// Allowed values, in words.
+    allowed: &'static str,
+    /// Returns whether a value has the right type. Ranges are checked later, since flags override a plan.
+    reads: fn(&Spanned<DeValue<'_>>) -> bool,
+}
+
+impl Key {
+    /// Returns the key without its table.
+    fn last_part(&self) -> &'static str {
+        self.name.rsplit_once('.').map_or(self.name, |(_, key)| key)
+    }
+}
+
+const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> Key {
+    Key { name, alias: None, allowed, reads: reads::<T> }
+}
+
+const KEYS: [Key; 19] = [
+    key::<u32>("format", "an integer from 1 to 2"),
+    Key { alias: Some("task"), ..key::<String>("target", "a string, such as \"ball-balancing\"") },
+    key::<String>("space", "a string, such as \"starts\""),
+    key::<String>("preset", "\"paper\" or \"code\""),
+    key::<String>("controller", "a string, such as \"ppo\""),
+    key::<bool>("stochastic", "true or false"),
+    key::<f64>("action-noise", "a number from 0 to 10"),
+    key::<f64>("observation-noise", "a number from 0 to 10"),
+    key::<SeedValue>("seed", "an integer from 0 to 18446744073709551615; above 2^63 - 1 as a string"),
+    key::<u64>("evaluate.episodes", "an integer from 1 to 1000000000"),
+    Key {
+        alias: Some("evaluate.starts"),
+        ..key::<StartRegion>("evaluate.box", "\"whole\" or \"reachable\"")
+    },
+    key::<u32>("evaluate.batch", "an integer from 1 to 65536"),
+    key::<String>("falsify.formula", "a string, such as \"strict\""),
+    key::<String>("falsify.search", "a string, such as \"nelder-mead\""),
+    key::<u32>("falsify.trials", "an integer from 1 to 1000000"),
+    key::<u32>("falsify.budget", "an integer from 1 to 1000000"),
+    key::<u32>("falsify.batch", "an integer from 1 to 65536"),
+    key::<Vec<Vec<f64>>>("falsify.initial-simplex", "a list of lists of numbers, as [[0, 1], [0.5, 1]]"),
+    Key { alias: None, name: OPTIONS, allowed: "a table, as [falsify.options]", reads: is_table },
+];
+
+/// Allowed values of a search option, whose type depends on the search.
+const OPTION: &str = "a number, true or false, a string, a list of numbers, or a list of lists of numbers";
+
+fn reads<T: DeserializeOwned>(value: &Spanned<DeValue<'_>>) -> bool {
+    T::deserialize(ValueDeserializer::from(value.clone())).is_ok()
+}
+
+fn is_table(value: &Spanned<DeValue<'_>>) -> bool {
+    matches!(value.get_ref(), DeValue::Table(_))
+}
+
+/// Reads a plan. Keys of older formats are translated.
+pub(super) fn read(text: &str) -> Result<Plan, MishandleError> {
+    let not_toml = |error: toml::de::Error| {
+        let line = line_at(text, error.span().map_or(0, |span| span.start));
+        let found = shortened(text.lines().nth(line - 1).unwrap_or_default());
+        MishandleError::PlanSyntax { line, found, message: error.message().replace('\n', ", ") }
+    };
+    let stated = DeTable::parse(text).map_err(not_toml)?;
+    let reader = Reader { text };
+    // Checked first: a newer format can have unknown keys, and the format is the more useful error.
+    if let Some((key, value)) = stated.get_ref().get_key_value("format") {
+        match u32::deserialize(ValueDeserializer::from(value.clone())) {
+            Ok(found) if found > FORMAT => return Err(MishandleError::NewerPlan { found, known: FORMAT }),
+            Ok(1..) => {}
+            _ => return Err(reader.wrong("format", key, value, KEYS[0].allowed)),
+        }
+    }
+    reader.check("", stated.get_ref())?;
+    let mut plan = Plan::deserialize(toml::Deserializer::from(stated)).map_err(not_toml)?;
+    plan.format = FORMAT;
+    Ok(plan)
+}
+
+struct Reader<'t> {
+    text: &'t str,
+}
+
+impl Reader<'_> {
+    /// Checks the keys of a table and the types of their values; `within` is the name of the table with a period at its end.
+    fn check(&self, within: &str, table: &DeTable<'_>) -> Result<(), MishandleError> {
+        for (key, value) in table {
+            let name = format!("{within}{}", key.get_ref());
+            let as_table = format!("{name}.");
+            let known = KEYS.iter().find(|known| known.name == name || known.alias == Some(&name));
+            match (known, value.get_ref()) {
+                (Some(known), _) if known.name != name && table.contains_key(known.last_part()) => {
+                    let expected =
+                        format!("left out: it is the former name of `{}`, which is set too", known.name);
+                    return Err(self.wrong(&name, key, value, &expected));
+                }
+                (Some(known), DeValue::Table(options)) if known.name == OPTIONS => {
+                    self.check_options(options)?;
+                }
+                (Some(known), _) if (known.reads)(value) => {}
+                (Some(known), _) => return Err(self.wrong(&name, key, value, known.allowed)),
+                (None, _) if !KEYS.iter().any(|known| known.name.starts_with(&as_table)) => {
+                    let known = KEYS.iter().map(|key| key.name).collect();
+                    return Err(MishandleError::UnknownPlanKey { line: self.line(key), key: name, known });
+                }
+                (None, DeValue::Table(table)) => self.check(&as_table, table)?,
+                (None, _) => return Err(self.wrong(&name, key, value, &format!("a table, as [{name}]"))),
+            }
+        }
+        Ok(())
+    }
+
+    fn check_options(&self, options: &DeTable<'_>) -> Result<(), MishandleError> {
+        let mut earlier = BTreeSet::new();
+        for (key, value) in options {
+            let name = format!("{OPTIONS}.{}", key.get_ref());
+            // `max_iterations` and `max-iterations` are the same option.
+            if !earlier.insert(key.get_ref().replace('_', "-")) {
+                return Err(self.wrong(&name, key, value, "left out: the option is set twice"));
+            }
+            if !reads::<TomlValue>(value) {
+                return Err(self.wrong(&name, key, value, OPTION));
+            }
+        }
+        Ok(())
+    }
+
+    fn wrong(
+        &self,
+        name: &str,
+        key: &Spanned<impl Sized>,
+        value: &Spanned<DeValue<'_>>,
+        expected: &str,
+    ) -> MishandleError {
+        let found = match value.get_ref() {
+            // The entries of one table may be spread over the text, so it has no single span.
+            DeValue::Table(_) => "a table".to_string(),
+            _ => shortened(&self.text[value.span()]),
+        };
+        MishandleError::PlanValue {
+            line: self.line(key),
+            key: name.to_string(),
+            found,
+            expected: expected.to_string(),
+        }
+    }
+
+    fn line(&self, key: &Spanned<impl Sized>) -> usize {
+        line_at(self.text, key.span().start)
+    }
+}
+
+/// Returns a value on one line, and only the start of a long one.
+fn shortened(value: &str) -> String {
+    let line = value.replace('\n', " ");
+    match line.char_indices().nth(SHOWN) {
+        Some((end, _)) => format!("{}...", &line[..end]),
+        None => line,
+    }
+}
+
+/// Returns the line of a byte offset, counted from 1.
+fn line_at(text: &str, offset: usize) -> usize {
+    1 + text.as_bytes()[..offset.min(text.len())].iter().filter(|byte| **byte == b'\n').count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn check(text: &str, message: &str) {
+        let error = Plan::from_toml(text).unwrap_err().to_string();
+        assert_eq!(error, message, "{text}");
+    }
+
+    #[test]
+    fn a_value_of_the_wrong_type_is_an_error_with_its_line_and_what_is_allowed() {
+        for (line, found, key, expected) in [
+            ("target = 1", "1", "target", "a string, such as \"ball-balancing\""),
+            ("task = 1", "1", "task", "a string, such as \"ball-balancing\""),
+            ("stochastic = \"yes\"", "\"yes\"", "stochastic", "true or false"),
+            ("action-noise = \"x\"", "\"x\"", "action-noise", "a number from 0 to 10"),
+            ("evaluate = 5", "5", "evaluate", "a table, as [evaluate]"),
+            ("space = { a = 1 }", "a table", "space", "a string, such as \"starts\""),
+            ("format = -1", "-1", "format", "an integer from 1 to 2"),
+            ("format = 0", "0", "format", "an integer from 1 to 2"),
+            ("[evaluate]\nepisodes = \"x\"", "\"x\"", "evaluate.episodes", "an integer from 1 to 1000000000"),
+            ("[evaluate]\nepisodes = -1", "-1", "evaluate.episodes", "an integer from 1 to 1000000000"),
+            ("[evaluate]\nbox = \"all\"", "\"all\"", "evaluate.box", "\"whole\" or \"reachable\""),
+            ("[falsify]\noptions = 1", "1", "falsify.options", "a table, as [falsify.options]"),
+            ("[falsify.options]\nxatol = 1979-05-27", "1979-05-27", "falsify.options.xatol", OPTION),
+        ] {
+            let number = 1 + line.lines().count();
+            let message =
+                format!("line {number} of the plan: the key `{key}` is {found}; it must be {expected}");
+            check(&format!("# A comment.\n{line}\n"), &message);
+        }
+        let seeds = "an integer from 0 to 18446744073709551615; above 2^63 - 1 as a string";
+        for seed in ["\"abc\"", "-1", "1.5", "99999999999999999999", "\"99999999999999999999\"", "true"] {
+            let message = format!("line 1 of the plan: the key `seed` is {seed}; it must be {seeds}");
+            check(&format!("seed = {seed}"), &message);
+        }
+    }
+
+    #[test]
+    fn an_unknown_key_is_an_error_that_names_the_known_and_the_nearest_key() {
+        for (text, key, known, hint) in [
+            (
+                "[evaluate]\nepisods = 1",
+                "evaluate.episods",
+                "episodes, box, batch",
+                "did you mean `evaluate.episodes`?",
+            ),
+            ("\nepisodes = 1", "episodes", "format, target", "did you mean `evaluate.episodes`?"),
+            (
+                "\nbatch = 1",
+                "batch",
+                "seed, evaluate, falsify",
+                "did you mean `evaluate.batch` or `falsify.batch`?",
+            ),
+            (
+                "\naction_noise = 1",
+                "action_noise",
+                "action-noise, observation-noise",
+                "did you mean `action-noise`?",
+            ),
+            ("\n[evalute]\n", "evalute", "evaluate, falsify", "did you mean `evaluate`?"),
+            // The former name of a key in another table.
+            ("\nstarts = 1", "starts", "target, space", ""),
+        ] {
+            let error = Plan::from_toml(text).unwrap_err();
+            let message = error.to_string();
+            assert!(
+                message
+                    .starts_with(&format!("line 2 of the plan: there is no key `{key}`; known keys are: ")),
+                "{message}"
+            );
+            assert!(message.contains(known), "{message}");
+            assert_eq!(error.hint().unwrap_or_default(), hint, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_key_beside_its_former_name_is_an_error() {
+        let message = "line 1 of the plan: the key `task` is \"a\"; it must be left out: it is the former name of \
+                       `target`, which is set too";
+        check("task = \"a\"\ntarget = \"b\"", message);
+    }
+
+    #[test]
+    fn text_that_is_not_toml_is_an_error_with_its_line() {
+        check(
+            "seed = 1\ntarget : toy",
+            "line 2 of the plan, `target : toy`, is not valid TOML: key with no value, expected `=`",
+        );
+    }
+
+    #[test]
+    fn a_long_value_is_repeated_only_in_part() {
+        let long = "ä".repeat(100_000);
+        let error = Plan::from_toml(&format!("seed = \"{long}\"")).unwrap_err().to_string();
+        assert!(error.contains("is \"ääää") && error.chars().count() < 300, "{error}");
+    }
+
+    #[test]
+    fn the_messages_name_the_ranges_that_are_checked() {
+        for (name, range) in [
+            ("format", 1..=u64::from(FORMAT)),
+            ("evaluate.episodes", Plan::EPISODES),
+            ("evaluate.batch", Plan::BATCH),
+            ("falsify.trials", Plan::TRIALS),
+            ("falsify.budget", Plan::BUDGET),
+            ("falsify.batch", Plan::BATCH),
+        ] {
+            let key = KEYS.iter().find(|key| key.name == name).unwrap();
+            assert_eq!(
+                key.allowed,
+                format!("an integer from {} to {}", range.start(), range.end()),
+                "{name}"
+            );
+        }
+        assert_eq!(mishandle_rollout::Noise::MAX_STD, 10.0);
+    }
+}
