@@ -90,6 +90,11 @@ impl Window {
     pub(crate) fn is_unbounded(self) -> bool {
         self.end == usize::MAX
     }
+
+    /// Returns the number of samples in the window.
+    pub(crate) fn length(self) -> usize {
+        (self.end - self.begin).saturating_add(1)
+    }
 }
 
 /// The largest bound, in samples. The bounds of the longest formula add up to less than 2^63. A trace with 60 samples

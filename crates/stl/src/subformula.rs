@@ -14,6 +14,9 @@ pub struct SubformulaMinimum {
 }
 
 impl SubformulaMinimum {
+    /// The minimum over samples that were not visited yet.
+    pub(crate) const UNKNOWN: SubformulaMinimum =
+        SubformulaMinimum { minimum: f64::INFINITY, step: usize::MAX };
     /// The minimum over an empty set of samples.
     pub(crate) const NONE: SubformulaMinimum = SubformulaMinimum { minimum: f64::INFINITY, step: 0 };
 
