@@ -48,7 +48,9 @@ pub(crate) struct Bound {
 impl fmt::Display for Bound {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.value)?;
-        self.unit.map_or(Ok(()), |unit| write!(f, "{unit}"))
+        // `infs` does not parse.
+        let unit = self.unit.filter(|_| self.value.is_finite());
+        unit.map_or(Ok(()), |unit| write!(f, "{unit}"))
     }
 }
 

@@ -378,6 +378,15 @@ fn a_printed_formula_parses_to_itself() {
 
 /// Random tokens: if a text parses, its printed form parses to the same formula.
 #[test]
+fn an_interval_from_seconds_to_infinity_is_printed_as_text_that_parses() {
+    for text in ["always[3s:inf](a)", "a since[20ms:inf] b"] {
+        let formula = Formula::parse(text).unwrap();
+        assert_eq!(Formula::parse(&formula.to_string()), Ok(formula), "{text}");
+    }
+    assert_eq!(Formula::parse("G[3s,inf] a").unwrap().to_string(), "always[3s:inf] a");
+}
+
+#[test]
 fn every_text_that_parses_survives_a_round_trip() {
     let mut random = Random(10);
     let tokens = [
@@ -684,4 +693,17 @@ fn minima_evaluate_arithmetic_at_every_sample() {
     let columns = [vec![4.0, 1.0, 9.0], vec![0.0; 3], vec![0.0; 3]];
     let expected = [SubformulaMinimum { minimum: 0.0, step: 1 }];
     assert_eq!(monitor.subformula_minima(&trace_of(&columns)).unwrap(), expected);
+}
+
+#[test]
+fn minima_have_the_errors_of_the_decided_signal() {
+    let columns = [vec![1.0, 2.0, 1.0], vec![1.0, 0.0, 1.0], vec![4.0, -1.0, 1.0]];
+    let trace = trace_of(&columns);
+    // The last windows are cut: 0 times infinity for the signal, and no decided value.
+    let mut cut = monitor("(always[1:2] a) * (b - 1) >= -9");
+    assert!(cut.robustness_signal(&trace).is_err());
+    assert_eq!(cut.subformula_minima(&trace).unwrap()[0], SubformulaMinimum { minimum: 9.0, step: 0 });
+    let mut whole = monitor("sqrt((always[1:2] a) - 2) >= 0");
+    let error = whole.decided_robustness_signal(&trace).unwrap_err();
+    assert_eq!(whole.subformula_minima(&trace), Err(error));
 }
