@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use mishandle::stl::{Clock, Formula, Monitor, Trace};
+use mishandle::stl::{Clock, Formula, Monitor, Recording, Trace};
 
 use crate::bytes::Bytes;
 
@@ -19,7 +19,7 @@ const SAMPLES: usize = 40;
 const DEPTH: usize = 6;
 
 /// Checks that the robustness signal of a formula equals that of the reference evaluator, also after the formula was
-/// printed and parsed, and that the robustness at time 0 is its first value.
+/// printed and parsed, or the trace was recorded, and that the robustness at time 0 is its first value.
 pub fn check(bytes: &[u8]) {
     let mut bytes = Bytes(bytes);
     let samples = 1 + bytes.below(SAMPLES);
@@ -41,6 +41,12 @@ pub fn check(bytes: &[u8]) {
         let mut monitor = Monitor::new(&formula, &names, Clock::steps(1.0 / 60.0)).expect("known signals");
         assert_eq!(monitor.robustness(&trace), Ok(expected[0]), "{text} on {columns:?}");
         assert_eq!(monitor.robustness_signal(&trace), Ok(&expected[..]), "{text} on {columns:?}");
+        let mut recording = Recording::new(&formula, Arc::clone(&names)).expect("known signals");
+        for step in 0..samples {
+            recording.push(&columns.iter().map(|column| column[step]).collect::<Vec<_>>());
+        }
+        let recorded = monitor.recorded_robustness_signal(recording);
+        assert_eq!(recorded, Ok(&expected[..]), "{text} on {columns:?}");
     }
 }
 

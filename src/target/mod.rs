@@ -94,7 +94,7 @@ impl ResolvedPlan {
         specification.success.get_or_insert_with(|| specification.requirement.clone());
         SpecificationMonitor::new(&specification, &target.signal_names(), target.control_dt)?;
         let stored_subformulas =
-            if needs_subformulas { specification.requirement.subformulas().count() } else { 0 };
+            if needs_subformulas { specification.requirement.subformulas().len() } else { 0 };
         Ok(ResolvedPlan { plan: plan.clone(), target, space, specification, stored_subformulas })
     }
 

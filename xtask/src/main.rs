@@ -12,6 +12,7 @@ mod mujoco;
 mod pictures;
 mod process;
 mod readme;
+mod sanitize;
 mod settings;
 mod tidy;
 
@@ -71,6 +72,12 @@ const CHORES: &[Chore] = &[
         arguments: "[--minutes N] [--keep] [TARGET...]",
         about: "run the fuzz targets on the corpus and on new inputs; --keep adds these to the corpus",
         run: fuzz::fuzz,
+    },
+    Chore {
+        name: "sanitize",
+        arguments: "[PACKAGE...]",
+        about: "run the tests of crates with unsafe or C code with AddressSanitizer; needs a nightly toolchain",
+        run: sanitize::sanitize,
     },
     Chore {
         name: "deny",

@@ -48,7 +48,9 @@ pub(crate) struct Bound {
 impl fmt::Display for Bound {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.value)?;
-        self.unit.map_or(Ok(()), |unit| write!(f, "{unit}"))
+        // `infs` does not parse.
+        let unit = self.unit.filter(|_| self.value.is_finite());
+        unit.map_or(Ok(()), |unit| write!(f, "{unit}"))
     }
 }
 
@@ -89,6 +91,11 @@ impl Window {
 
     pub(crate) fn is_unbounded(self) -> bool {
         self.end == usize::MAX
+    }
+
+    /// Returns the number of samples in the window.
+    pub(crate) fn length(self) -> usize {
+        (self.end - self.begin).saturating_add(1)
     }
 }
 

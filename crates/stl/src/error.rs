@@ -194,6 +194,9 @@ pub enum MonitorError {
         /// The names of the trace's signals.
         found: Vec<String>,
     },
+    /// A recording was made for another formula than the monitor's.
+    #[error("the recording was made for another formula; make one for the formula of the monitor")]
+    OtherFormula,
     /// A sample is NaN or infinite, in a signal that the formula reads.
     #[error("signal `{signal}` is {value} at step {step} (t = {time_secs} s); every sample must be finite")]
     NotFinite {

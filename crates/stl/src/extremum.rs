@@ -1,5 +1,7 @@
 //! Sliding-window minimum and maximum, in time linear in the length of the signal for every window length.
 //!
+//! Results replace the signal, so that long traces take little memory.
+//!
 //! # Reference
 //! Van Herk, "A fast algorithm for local minimum and maximum filters on rectangular and octagonal kernels", Pattern
 //! Recognition Letters 13, 1992: the block scans for long windows.
@@ -47,65 +49,78 @@ const SHORT: usize = 16;
 /// Outputs per tile of the doubling, so that its passes stay in the L1 cache.
 const TILE: usize = 1024;
 
-/// Returns the number of scratch values that the functions of this module need for this window and signals of `n` samples.
-pub(crate) fn scratch_len(window: Window, n: usize) -> usize {
-    // A window that is at least as long as the signal needs none.
-    let length = (window.end - window.begin).saturating_add(1);
-    2 * if length < n { length.max(TILE + SHORT) } else { TILE + SHORT }
-}
-
-/// Returns the largest [`scratch_len`] of all windows.
-pub(crate) fn longest_scratch_len(n: usize) -> usize {
-    2 * n.max(TILE + SHORT)
-}
-
-/// Sets `out[t]` to the extremum of `x` over `[t + begin, t + end]`, truncated at the end of the signal.
-pub(crate) fn ahead<E: Extremum>(x: &[f64], window: Window, out: &mut [f64], scratch: &mut [f64]) {
-    let available = x.len() - window.begin.min(x.len());
-    let (out, beyond) = out.split_at_mut(available);
-    beyond.fill(E::NEUTRAL);
-    let x = &x[x.len() - available..];
-    let length = (window.end - window.begin).saturating_add(1);
-    if length >= available {
-        return scan_back::<E>(x, out);
+/// Returns the number of scratch values that [`ahead`] needs for this window and signals of `n` samples, at most
+/// `n / 2 + 1` or a constant.
+pub(crate) fn ahead_scratch_len(window: Window, n: usize) -> usize {
+    match window.length() {
+        length if length <= SHORT => 2 * (TILE + SHORT),
+        // A window that is at least as long as the signal needs none.
+        length => length.min((n + 1).saturating_sub(length)),
     }
-    let (whole, cut) = out.split_at_mut(available + 1 - length);
-    slide::<E>(x, length, whole, scratch);
-    scan_back::<E>(&x[available + 1 - length..], cut);
 }
 
-/// Sets `out[t]` to the extremum of `x` over `[t - end, t - begin]`, truncated at the beginning of the signal.
-pub(crate) fn behind<E: Extremum>(x: &[f64], window: Window, out: &mut [f64], scratch: &mut [f64]) {
-    let available = x.len() - window.begin.min(x.len());
-    let (beyond, out) = out.split_at_mut(x.len() - available);
-    beyond.fill(E::NEUTRAL);
-    let x = &x[..available];
-    let length = (window.end - window.begin).saturating_add(1);
-    if length >= available {
-        return scan_forward::<E>(x, out);
+/// Returns the number of scratch values that [`behind`] needs for this window and signals of `n` samples, at most
+/// `n + 1` or a constant.
+pub(crate) fn behind_scratch_len(window: Window, n: usize) -> usize {
+    let cut = if window.length() < n { window.length() - 1 } else { 0 };
+    cut + ahead_scratch_len(window, n)
+}
+
+/// Replaces `x[t]` by the extremum over `[t + begin, t + end]`, truncated at the end of the signal.
+pub(crate) fn ahead<E: Extremum>(x: &mut [f64], window: Window, scratch: &mut [f64]) {
+    let begin = window.begin.min(x.len());
+    let available = x.len() - begin;
+    if begin > 0 {
+        x.copy_within(begin.., 0);
     }
-    let (cut, whole) = out.split_at_mut(length - 1);
-    scan_forward::<E>(&x[..length - 1], cut);
-    slide::<E>(x, length, whole, scratch);
+    let (x, beyond) = x.split_at_mut(available);
+    beyond.fill(E::NEUTRAL);
+    let length = window.length();
+    if length >= available {
+        return scan_back::<E>(x);
+    }
+    slide::<E>(x, length, scratch);
+    scan_back::<E>(&mut x[available + 1 - length..]);
 }
 
-/// Sets `out[i]` to the extremum of `x[i..i + length]`; `out` has one value for each such window.
-fn slide<E: Extremum>(x: &[f64], length: usize, out: &mut [f64], scratch: &mut [f64]) {
-    if length == 1 {
-        out.copy_from_slice(x);
-    } else if length <= SHORT {
-        for (tile, out) in out.chunks_mut(TILE).enumerate() {
-            let begin = tile * TILE;
-            double::<E>(&x[begin..begin + out.len() + length - 1], length, out, scratch);
-        }
+/// Replaces `x[t]` by the extremum over `[t - end, t - begin]`, truncated at the beginning of the signal.
+pub(crate) fn behind<E: Extremum>(x: &mut [f64], window: Window, scratch: &mut [f64]) {
+    let begin = window.begin.min(x.len());
+    let available = x.len() - begin;
+    let length = window.length();
+    if length >= available {
+        scan_forward::<E>(&mut x[..available]);
     } else {
-        scan_blocks::<E>(x, length, out, scratch);
+        let (cut, scratch) = scratch.split_at_mut(length - 1);
+        cut.copy_from_slice(&x[..length - 1]);
+        scan_forward::<E>(cut);
+        slide::<E>(&mut x[..available], length, scratch);
+        x.copy_within(..available + 1 - length, length - 1);
+        x[..length - 1].copy_from_slice(cut);
+    }
+    if begin > 0 {
+        x.copy_within(..available, begin);
+        x[..begin].fill(E::NEUTRAL);
+    }
+}
+
+/// Replaces `x[i]` by the extremum of `x[i..i + length]` where that window is inside the signal. The last `length - 1`
+/// values stay as they are.
+fn slide<E: Extremum>(x: &mut [f64], length: usize, scratch: &mut [f64]) {
+    let windows = x.len() + 1 - length;
+    if length > SHORT {
+        scan_blocks::<E>(x, length, scratch);
+    } else if length > 1 {
+        for begin in (0..windows).step_by(TILE) {
+            let end = windows.min(begin + TILE);
+            double::<E>(&mut x[begin..end + length - 1], length, scratch);
+        }
     }
 }
 
 /// [`slide`] for short windows: computes windows of 2, 4, 8, … samples from pairs of half the length, then merges two
 /// overlapping windows to the requested length. Each pass is vectorized; there are at most log2([`SHORT`]) passes.
-fn double<E: Extremum>(x: &[f64], length: usize, out: &mut [f64], scratch: &mut [f64]) {
+fn double<E: Extremum>(x: &mut [f64], length: usize, scratch: &mut [f64]) {
     let (mut from, mut to) = scratch.split_at_mut(TILE + SHORT);
     let mut span = 1;
     let mut count = x.len();
@@ -119,7 +134,8 @@ fn double<E: Extremum>(x: &[f64], length: usize, out: &mut [f64], scratch: &mut 
         (from, to) = (to, from);
         span *= 2;
     }
-    merge::<E>(from, &from[length - span..], out);
+    let windows = x.len() + 1 - length;
+    merge::<E>(from, &from[length - span..], &mut x[..windows]);
 }
 
 fn merge<E: Extremum>(a: &[f64], b: &[f64], out: &mut [f64]) {
@@ -130,34 +146,40 @@ fn merge<E: Extremum>(a: &[f64], b: &[f64], out: &mut [f64]) {
 
 /// [`slide`] for long windows (van Herk). The signal is split into blocks of the window's length. A window then
 /// consists of a suffix of one block and a prefix of the next, so one scan in each direction computes all extrema.
-fn scan_blocks<E: Extremum>(x: &[f64], length: usize, out: &mut [f64], scratch: &mut [f64]) {
-    let (suffix, scratch) = scratch.split_at_mut(length);
-    for (block, out) in out.chunks_mut(length).enumerate() {
-        let begin = block * length;
-        let (here, next) = x[begin..].split_at(length);
-        let reach = out.len() - 1;
-        let prefix = &mut scratch[..reach];
-        scan_back::<E>(here, suffix);
-        scan_forward::<E>(&next[..reach], prefix);
-        out[0] = suffix[0];
-        merge::<E>(&suffix[1..], prefix, &mut out[1..]);
+fn scan_blocks<E: Extremum>(x: &mut [f64], length: usize, scratch: &mut [f64]) {
+    let windows = x.len() + 1 - length;
+    for begin in (0..windows).step_by(length) {
+        let (block, next) = x[begin..].split_at_mut(length);
+        let (block, rest) = block.split_at_mut(length.min(windows - begin));
+        let prefixes = &mut scratch[..block.len() - 1];
+        let mut suffix = rest.iter().rev().fold(E::NEUTRAL, |best, x| E::pick(best, *x));
+        for x in block.iter_mut().rev() {
+            suffix = E::pick(suffix, *x);
+            *x = suffix;
+        }
+        let mut prefix = E::NEUTRAL;
+        for (out, x) in prefixes.iter_mut().zip(next) {
+            prefix = E::pick(prefix, *x);
+            *out = prefix;
+        }
+        block[1..].iter_mut().zip(prefixes).for_each(|(x, prefix)| *x = E::pick(*x, *prefix));
     }
 }
 
-/// Sets `out[t]` to the extremum of `x[t..]`.
-fn scan_back<E: Extremum>(x: &[f64], out: &mut [f64]) {
+/// Replaces `x[t]` by the extremum of `x[t..]`.
+fn scan_back<E: Extremum>(x: &mut [f64]) {
     let mut best = E::NEUTRAL;
-    for (out, x) in out.iter_mut().zip(x).rev() {
+    for x in x.iter_mut().rev() {
         best = E::pick(best, *x);
-        *out = best;
+        *x = best;
     }
 }
 
-/// Sets `out[t]` to the extremum of `x[..=t]`.
-fn scan_forward<E: Extremum>(x: &[f64], out: &mut [f64]) {
+/// Replaces `x[t]` by the extremum of `x[..=t]`.
+fn scan_forward<E: Extremum>(x: &mut [f64]) {
     let mut best = E::NEUTRAL;
-    for (out, x) in out.iter_mut().zip(x) {
+    for x in x {
         best = E::pick(best, *x);
-        *out = best;
+        *x = best;
     }
 }

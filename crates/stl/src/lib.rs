@@ -4,7 +4,8 @@
 //! 300". A [`Trace`] holds named signals, one value per sample. A [`Formula`] is parsed from text in the syntax of
 //! RTAMT. A [`Monitor`] evaluates a formula on traces. It returns the robustness: a number that is positive if the
 //! trace satisfies the formula, negative if the trace violates it, and whose size is the distance to the border
-//! between the two. A [`Clock`] converts the time bounds of a formula to samples.
+//! between the two. A [`Clock`] converts the time bounds of a formula to samples. A [`Recording`] takes the place of a long
+//! trace and needs less memory.
 //!
 //! # Differences from RTAMT
 //! RTAMT 0.4.10 parses `a - b + c` as `a - (b + c)` and `a / b * c` as `a / (b * c)`. Here `+` and `-` have the same
@@ -41,7 +42,9 @@ mod operator;
 mod parser;
 mod pointwise;
 mod program;
+mod recording;
 mod spelling;
+mod state;
 mod subformula;
 mod trace;
 mod until;
@@ -51,6 +54,7 @@ pub use error::{MonitorError, ParseError, Position};
 pub use explain::EvaluationTime;
 pub use formula::Formula;
 pub use monitor::Monitor;
+pub use recording::Recording;
 pub use spelling::nearest;
 pub use subformula::SubformulaMinimum;
 pub use trace::Trace;

@@ -5,11 +5,14 @@ use crate::error::MonitorError;
 use crate::extremum::{self, Extremum, Maximum, Minimum};
 use crate::formula::Formula;
 use crate::operator::Operator;
-use crate::pointwise::{self, Values};
-use crate::program::{Action, Instruction, Location, Program, Source, Subformula};
+use crate::pointwise::{self, Undefined, Values};
+use crate::program::{Action, Instruction, Program, Source};
+use crate::recording::{Recorded, Recording};
+use crate::state;
 use crate::subformula::SubformulaMinimum;
 use crate::trace::Trace;
 use crate::until;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Computes the robustness of traces with respect to a formula.
@@ -53,9 +56,11 @@ use std::sync::Arc;
 ///
 /// # Cost
 /// Time is linear in the length of the trace for all intervals. Allocation happens only when a trace is longer than all
-/// traces before it. Memory per sample: one number (8 bytes) per operand that waits for another one, at most 64 (see
-/// [`Formula`](Formula#limits)), two more numbers for windows of more than 16 samples, and five more for `until`,
-/// `release`, `unless` and `since`.
+/// traces before it. Memory per sample: one number (8 bytes) for the result and one per operand that waits for another one,
+/// at most 64 (see [`Formula`](Formula#limits)); half a number more for windows of more than 16 samples ahead and for
+/// `until`, `release` and `since`, one for such windows of past operators, and one and a half for `unless`. State formulas
+/// wait without memory, as do all operands in `a <= 1 and (b <= 1 and (c <= 1 and …))`. A [`Recording`] takes the place of
+/// the trace, if memory for its signals matters.
 ///
 /// # Example
 /// A fingertip that must stay within 0.12 m of its target from control step 1 on:
@@ -86,6 +91,7 @@ pub struct Monitor {
     /// The names of the last checked trace. They are shared, so comparing the address suffices.
     checked_names: Option<Arc<[String]>>,
     buffers: Vec<Vec<f64>>,
+    tile: state::Buffers,
     scratch: Vec<f64>,
     /// Empty until minima are requested.
     minima: Vec<SubformulaMinimum>,
@@ -100,7 +106,9 @@ impl Monitor {
     pub fn new(formula: &Formula, names: &[String], clock: Clock) -> Result<Monitor, MonitorError> {
         let program = Program::compile(formula, names, &clock)?;
         let buffers = vec![Vec::new(); program.buffers];
-        Ok(Monitor { program, clock, checked_names: None, buffers, scratch: Vec::new(), minima: Vec::new() })
+        let tile = state::Buffers::of(&program.states);
+        let (scratch, minima) = (Vec::new(), Vec::new());
+        Ok(Monitor { program, clock, checked_names: None, buffers, tile, scratch, minima })
     }
 
     /// Returns the robustness at every sample of the trace. Windows are cut at the end of the trace.
@@ -109,7 +117,40 @@ impl Monitor {
     /// If the trace is empty or has other signals, a signal of the formula is NaN or infinite, or arithmetic has no
     /// finite value at a sample.
     pub fn robustness_signal(&mut self, trace: &Trace) -> Result<&[f64], MonitorError> {
-        self.evaluate(trace, Windows::Cut)
+        self.evaluate(&mut Samples::Trace(trace), Windows::Cut)
+    }
+
+    /// Returns [`Monitor::robustness_signal`] of a recording. It must be one for the formula and the signals of the monitor.
+    ///
+    /// # Errors
+    /// As for [`Monitor::robustness_signal`], or if the recording was made for another formula.
+    pub fn recorded_robustness_signal(&mut self, recording: Recording) -> Result<&[f64], MonitorError> {
+        self.evaluate_recording(recording, Windows::Cut)
+    }
+
+    /// Returns [`Monitor::decided_robustness_signal`] of a recording. It must be one for the formula and the signals of the
+    /// monitor.
+    ///
+    /// # Errors
+    /// As for [`Monitor::robustness_signal`], or if the recording was made for another formula.
+    pub fn recorded_decided_robustness_signal(
+        &mut self,
+        recording: Recording,
+    ) -> Result<&[f64], MonitorError> {
+        let decided = self.decided_samples(recording.len());
+        Ok(&self.evaluate_recording(recording, Windows::Whole)?[..decided])
+    }
+
+    fn evaluate_recording(
+        &mut self,
+        mut recording: Recording,
+        windows: Windows,
+    ) -> Result<&[f64], MonitorError> {
+        if !recording.is_of(&self.program) {
+            return Err(MonitorError::OtherFormula);
+        }
+        recording.finish();
+        self.evaluate(&mut recording.samples(), windows)
     }
 
     /// Returns the robustness at time 0: the first value of [`Monitor::robustness_signal`].
@@ -157,7 +198,7 @@ impl Monitor {
     /// ```
     pub fn decided_robustness_signal(&mut self, trace: &Trace) -> Result<&[f64], MonitorError> {
         let decided = self.decided_samples(trace.len());
-        Ok(&self.evaluate(trace, Windows::Whole)?[..decided])
+        Ok(&self.evaluate(&mut Samples::Trace(trace), Windows::Whole)?[..decided])
     }
 
     /// Returns the number of samples, from the first, at which a trace of `samples` samples decides the formula; see
@@ -216,9 +257,15 @@ impl Monitor {
     pub fn subformula_minima(&mut self, trace: &Trace) -> Result<&[SubformulaMinimum], MonitorError> {
         let mut minima = std::mem::take(&mut self.minima);
         minima.clear();
-        minima.resize(self.program.subformulas.len(), SubformulaMinimum::NONE);
-        let result = self.run(trace, Windows::Whole, |subformula, operands| {
-            minima[subformula.index] = operands.minimum(subformula);
+        minima.resize(self.program.listed, SubformulaMinimum::UNKNOWN);
+        let result = self.run(&mut Samples::Trace(trace), Windows::Whole, |index, values, covered| {
+            let found = match values {
+                Values::Signal(values) => SubformulaMinimum::of(values.iter().copied(), covered.start),
+                Values::Constant(value) => SubformulaMinimum::of(covered.take(1).map(|_| value), 0),
+            };
+            if minima[index] == SubformulaMinimum::UNKNOWN || found.minimum < minima[index].minimum {
+                minima[index] = found;
+            }
         });
         self.minima = minima;
         result?;
@@ -233,81 +280,168 @@ impl Monitor {
     }
 
     /// Computes the robustness at every sample. With [`Windows::Whole`], only the values at decided samples have a meaning.
-    fn evaluate(&mut self, trace: &Trace, windows: Windows) -> Result<&[f64], MonitorError> {
-        self.check(trace)?;
-        self.reserve(trace.len());
-        for instruction in 0..self.program.instructions.len() {
-            self.execute(instruction, trace, windows)?;
-        }
-        Ok(&self.buffers[self.program.result()][..trace.len()])
+    fn evaluate(&mut self, samples: &mut Samples<'_>, windows: Windows) -> Result<&[f64], MonitorError> {
+        self.run(samples, windows, |_, _, _| {})?;
+        Ok(&self.buffers[self.program.result()][..samples.len()])
     }
 
-    /// Like `evaluate`, and calls `visit` for every sub-formula while its values are in the buffers.
+    /// Executes the instructions, and calls `visit` for every sub-formula of a trace with its index, and its values at a
+    /// range of samples that cover it; several times for a state formula of several tiles.
     fn run(
         &mut self,
-        trace: &Trace,
+        samples: &mut Samples<'_>,
         windows: Windows,
-        mut visit: impl FnMut(&Subformula, &Operands<'_>),
+        mut visit: impl FnMut(usize, Values<'_>, Range<usize>),
     ) -> Result<(), MonitorError> {
-        self.check(trace)?;
-        self.reserve(trace.len());
+        self.check(samples)?;
+        let scratch = self.program.scratch_len(samples.len());
+        if self.scratch.len() < scratch {
+            self.scratch.resize(scratch, 0.0);
+        }
         let mut visited = 0;
         for done in 0..=self.program.instructions.len() {
-            let operands = Operands { trace, buffers: &self.buffers, samples: trace.len() };
             let ready = self.program.subformulas[visited..].iter();
             for subformula in ready.take_while(|subformula| subformula.instructions == done) {
-                visit(subformula, &operands);
+                let covered = subformula.reach.covered(samples.len());
+                visit(subformula.index, self.values(subformula.values, covered.clone()), covered);
                 visited += 1;
             }
             if done < self.program.instructions.len() {
-                self.execute(done, trace, windows)?;
+                self.execute(done, samples, windows, &mut visit)?;
             }
         }
         Ok(())
     }
 
+    fn values(&self, source: Source, samples: Range<usize>) -> Values<'_> {
+        match source {
+            Source::Constant(value) => Values::Constant(value),
+            Source::Buffer(buffer) => Values::Signal(&self.buffers[buffer][samples]),
+        }
+    }
+
     /// Executes one instruction.
-    fn execute(&mut self, instruction: usize, trace: &Trace, windows: Windows) -> Result<(), MonitorError> {
-        let Instruction { action, out, reach, undecided } = self.program.instructions[instruction];
-        let all = trace.len();
-        let (samples, decided) = match windows {
+    fn execute(
+        &mut self,
+        instruction: usize,
+        samples: &mut Samples<'_>,
+        windows: Windows,
+        visit: &mut impl FnMut(usize, Values<'_>, Range<usize>),
+    ) -> Result<(), MonitorError> {
+        let Instruction { action, buffer, reach, undecided } = self.program.instructions[instruction];
+        let all = samples.len();
+        let (evaluated, decided) = match windows {
             Windows::Cut => (all, all),
             Windows::Whole => (all.saturating_sub(undecided), reach.decided(all)),
         };
         // Moved out, so that the other buffers can be read while this one is written.
-        let mut values = std::mem::take(&mut self.buffers[out]);
-        let operands = Operands { trace, buffers: &self.buffers, samples };
-        let result = if samples == 0 {
-            Ok(())
-        } else {
-            operands.apply(action, &mut values[..samples], &mut self.scratch, &self.clock)
+        let mut values = std::mem::take(&mut self.buffers[buffer]);
+        let result = match action {
+            Action::State(state) => self.evaluate_state(state, samples, &mut values, visit),
+            _ if evaluated == 0 => Ok(()),
+            Action::Pointwise(operator, operands) => {
+                self.evaluate_pointwise(operator, operands, buffer, &mut values[..evaluated])
+            }
+            Action::TemporalUnary(operator, window) => {
+                temporal_unary(operator, window, &mut values[..evaluated], &mut self.scratch);
+                Ok(())
+            }
+            Action::TemporalBinary(operator, window, left) => {
+                let left = &mut self.buffers[left][..evaluated];
+                temporal_binary(operator, window, left, &mut values[..evaluated], &mut self.scratch);
+                Ok(())
+            }
         };
         // An operator may read undecided values without using them. They must not be NaN.
         values[decided..all].fill(0.0);
-        self.buffers[out] = values;
-        result
+        self.buffers[buffer] = values;
+        result.map_err(|Undefined { operation, step }| MonitorError::Undefined {
+            operation,
+            step,
+            time_secs: self.clock.time_secs(step),
+        })
     }
 
-    /// Checks that the trace has at least one sample and the expected signals, and that they are finite.
-    fn check(&mut self, trace: &Trace) -> Result<(), MonitorError> {
-        if trace.is_empty() {
-            return Err(MonitorError::EmptyTrace);
-        }
-        if !self.checked_names.as_ref().is_some_and(|names| Arc::ptr_eq(names, trace.names())) {
-            self.check_names(trace.names())?;
-            self.checked_names = Some(Arc::clone(trace.names()));
-        }
-        for (column, name) in &self.program.columns {
-            let values = trace.column(*column);
-            if pointwise::all_finite(values) {
-                continue;
+    /// Evaluates a state formula at all samples.
+    fn evaluate_state(
+        &mut self,
+        state: usize,
+        samples: &mut Samples<'_>,
+        values: &mut Vec<f64>,
+        visit: &mut impl FnMut(usize, Values<'_>, Range<usize>),
+    ) -> Result<(), Undefined> {
+        let trace = match samples {
+            Samples::Trace(trace) => trace,
+            Samples::Recorded(recorded) => {
+                *values = std::mem::take(&mut recorded.states[state].values);
+                return recorded.states[state].undefined.take().map_or(Ok(()), Err);
             }
-            if let Some(step) = values.iter().position(|value| !value.is_finite()) {
-                let (signal, value, time_secs) = (name.clone(), values[step], self.clock.time_secs(step));
-                return Err(MonitorError::NotFinite { signal, value, step, time_secs });
-            }
+        };
+        if values.len() < trace.len() {
+            values.resize(trace.len(), 0.0);
+        }
+        let state = &self.program.states[state];
+        for tile in state::tiles(trace.len()) {
+            let out = &mut values[tile.clone()];
+            state.evaluate(trace, tile.clone(), &mut self.tile, out, |index, values| {
+                visit(index, values, tile.clone());
+            })?;
         }
         Ok(())
+    }
+
+    /// Applies a pointwise operator; `values` is the content of `buffer`, an operand that becomes the result.
+    fn evaluate_pointwise(
+        &mut self,
+        operator: Operator,
+        operands: [Source; 2],
+        buffer: usize,
+        values: &mut [f64],
+    ) -> Result<(), Undefined> {
+        for tile in state::tiles(values.len()) {
+            let out = &mut values[tile.clone()];
+            let replaced = &mut self.scratch[..out.len()];
+            replaced.copy_from_slice(out);
+            let replaced = &*replaced;
+            let [x, y] = operands.map(|source| match source {
+                Source::Constant(value) => Values::Constant(value),
+                Source::Buffer(other) if other == buffer => Values::Signal(replaced),
+                Source::Buffer(other) => Values::Signal(&self.buffers[other][tile.clone()]),
+            });
+            pointwise::apply(operator, x, y, out).map_err(|undefined| undefined.after(tile.start))?;
+        }
+        Ok(())
+    }
+
+    /// Checks that there is at least one sample, and that the signals are the expected ones and finite.
+    fn check(&mut self, samples: &Samples<'_>) -> Result<(), MonitorError> {
+        if samples.len() == 0 {
+            return Err(MonitorError::EmptyTrace);
+        }
+        let not_finite = match samples {
+            Samples::Trace(trace) => {
+                if !self.checked_names.as_ref().is_some_and(|names| Arc::ptr_eq(names, trace.names())) {
+                    self.check_names(trace.names())?;
+                    self.checked_names = Some(Arc::clone(trace.names()));
+                }
+                let first = |column: usize| {
+                    let values = trace.column(column);
+                    if pointwise::all_finite(values) {
+                        return None;
+                    }
+                    values.iter().position(|value| !value.is_finite()).map(|step| (step, values[step]))
+                };
+                self.program.columns.iter().find_map(|(column, name)| Some((name, first(*column)?)))
+            }
+            Samples::Recorded(recorded) => {
+                let mut columns = self.program.columns.iter().zip(&recorded.not_finite);
+                columns.find_map(|((_, name), found)| Some((name, (*found)?)))
+            }
+        };
+        not_finite.map_or(Ok(()), |(name, (step, value))| {
+            let (signal, time_secs) = (name.clone(), self.clock.time_secs(step));
+            Err(MonitorError::NotFinite { signal, value, step, time_secs })
+        })
     }
 
     fn check_names(&self, names: &[String]) -> Result<(), MonitorError> {
@@ -318,19 +452,6 @@ impl Monitor {
                 index: *index,
                 found: names.to_vec(),
             }),
-        }
-    }
-
-    /// Grows the buffers to this many samples.
-    fn reserve(&mut self, samples: usize) {
-        for buffer in &mut self.buffers {
-            if buffer.len() < samples {
-                buffer.resize(samples, 0.0);
-            }
-        }
-        let scratch = self.program.scratch_len(samples);
-        if self.scratch.len() < scratch {
-            self.scratch.resize(scratch, 0.0);
         }
     }
 }
@@ -344,150 +465,68 @@ enum Windows {
     Whole,
 }
 
-/// The data that an instruction may read.
-struct Operands<'a> {
-    trace: &'a Trace,
-    buffers: &'a [Vec<f64>],
-    samples: usize,
+/// The samples to evaluate.
+pub(crate) enum Samples<'a> {
+    Trace(&'a Trace),
+    Recorded(&'a mut Recorded),
 }
 
-impl<'a> Operands<'a> {
-    fn signal(&self, location: Location) -> &'a [f64] {
-        match location {
-            Location::Column(column) => &self.trace.column(column)[..self.samples],
-            Location::Buffer(buffer) => &self.buffers[buffer][..self.samples],
+impl Samples<'_> {
+    fn len(&self) -> usize {
+        match self {
+            Samples::Trace(trace) => trace.len(),
+            Samples::Recorded(recorded) => recorded.samples,
         }
-    }
-
-    fn values(&self, source: Source) -> Values<'a> {
-        match source {
-            Source::Constant(value) => Values::Constant(value),
-            Source::Location(location) => Values::Signal(self.signal(location)),
-        }
-    }
-
-    /// Returns the minimum of a sub-formula over the samples of the whole trace that cover it.
-    fn minimum(&self, subformula: &Subformula) -> SubformulaMinimum {
-        let covered = subformula.reach.covered(self.samples);
-        let first = covered.start;
-        match self.values(subformula.values) {
-            Values::Signal(values) => SubformulaMinimum::of(values[covered].iter().copied(), first),
-            Values::Constant(value) => SubformulaMinimum::of(covered.take(1).map(|_| value), first),
-        }
-    }
-
-    fn apply(
-        &self,
-        action: Action,
-        out: &mut [f64],
-        scratch: &mut [f64],
-        clock: &Clock,
-    ) -> Result<(), MonitorError> {
-        match action {
-            Action::Load(Source::Constant(value)) => out.fill(value),
-            Action::Load(Source::Location(location)) => out.copy_from_slice(self.signal(location)),
-            Action::Map(operator, x) => {
-                let x = self.values(x);
-                pointwise::map(operator, x, out);
-                check_arithmetic(operator, &[x], out, clock)?;
-            }
-            Action::Zip(operator, x, y) => {
-                let (x, y) = (self.values(x), self.values(y));
-                pointwise::zip(operator, x, y, out);
-                check_arithmetic(operator, &[x, y], out, clock)?;
-            }
-            Action::TemporalUnary(operator, window, x) => {
-                temporal_unary(operator, window, self.signal(x), out, scratch);
-            }
-            Action::TemporalBinary(operator, window, x, y) => {
-                temporal_binary(operator, window, self.signal(x), self.signal(y), out, scratch);
-            }
-        }
-        Ok(())
     }
 }
 
-/// Applies a unary temporal operator.
-fn temporal_unary(operator: Operator, window: Window, x: &[f64], out: &mut [f64], scratch: &mut [f64]) {
+/// Replaces `x` by the values of a unary temporal operator.
+fn temporal_unary(operator: Operator, window: Window, x: &mut [f64], scratch: &mut [f64]) {
     match operator {
-        Operator::Always => extremum::ahead::<Minimum>(x, window, out, scratch),
-        Operator::Eventually => extremum::ahead::<Maximum>(x, window, out, scratch),
-        Operator::Historically => extremum::behind::<Minimum>(x, window, out, scratch),
-        Operator::Once => extremum::behind::<Maximum>(x, window, out, scratch),
-        Operator::Next => next(x, f64::INFINITY, out),
-        Operator::StrongNext => next(x, f64::NEG_INFINITY, out),
-        Operator::Previous => previous(x, f64::INFINITY, out),
-        Operator::StrongPrevious => previous(x, f64::NEG_INFINITY, out),
-        Operator::Rise => edge(x, out, |before, now| Minimum::pick(-before, now), f64::NEG_INFINITY),
-        Operator::Fall => edge(x, out, |before, now| Minimum::pick(before, -now), f64::INFINITY),
+        Operator::Always => extremum::ahead::<Minimum>(x, window, scratch),
+        Operator::Eventually => extremum::ahead::<Maximum>(x, window, scratch),
+        Operator::Historically => extremum::behind::<Minimum>(x, window, scratch),
+        Operator::Once => extremum::behind::<Maximum>(x, window, scratch),
+        Operator::Next => next(x, f64::INFINITY),
+        Operator::StrongNext => next(x, f64::NEG_INFINITY),
+        Operator::Previous => previous(x, f64::INFINITY),
+        Operator::StrongPrevious => previous(x, f64::NEG_INFINITY),
+        Operator::Rise => edge(x, |before, now| Minimum::pick(-before, now), f64::NEG_INFINITY),
+        Operator::Fall => edge(x, |before, now| Minimum::pick(before, -now), f64::INFINITY),
         _ => unreachable!("{operator:?} is compiled to another kind of instruction"),
     }
 }
 
-/// Applies a binary temporal operator.
-fn temporal_binary(
-    operator: Operator,
-    window: Window,
-    x: &[f64],
-    y: &[f64],
-    out: &mut [f64],
-    scratch: &mut [f64],
-) {
+/// Replaces `y` by the values of a binary temporal operator. The values of `x` are lost.
+fn temporal_binary(operator: Operator, window: Window, x: &mut [f64], y: &mut [f64], scratch: &mut [f64]) {
     match operator {
-        Operator::Until => until::until::<Maximum>(x, y, window, out, scratch),
-        Operator::Release => until::until::<Minimum>(x, y, window, out, scratch),
-        Operator::Since => until::since::<Maximum>(x, y, window, out, scratch),
+        Operator::Until => until::until::<Maximum>(x, y, window, scratch),
+        Operator::Release => until::until::<Minimum>(x, y, window, scratch),
+        Operator::Since => until::since::<Maximum>(x, y, window, scratch),
         Operator::Unless => {
-            until::until::<Maximum>(x, y, window, out, scratch);
             let (held, scratch) = scratch.split_at_mut(x.len());
-            extremum::ahead::<Minimum>(x, Window { begin: 0, end: window.end }, held, scratch);
-            out.iter_mut().zip(held).for_each(|(out, held)| *out = Maximum::pick(*out, *held));
+            held.copy_from_slice(x);
+            extremum::ahead::<Minimum>(held, Window { begin: 0, end: window.end }, scratch);
+            until::until::<Maximum>(x, y, window, scratch);
+            y.iter_mut().zip(held).for_each(|(y, held)| *y = Maximum::pick(*y, *held));
         }
         _ => unreachable!("{operator:?} is compiled to another kind of instruction"),
     }
 }
 
-fn next(x: &[f64], after_end: f64, out: &mut [f64]) {
-    let last = x.len() - 1;
-    out[..last].copy_from_slice(&x[1..]);
-    out[last] = after_end;
+fn next(x: &mut [f64], after_end: f64) {
+    x.rotate_left(1);
+    x[x.len() - 1] = after_end;
 }
 
-fn previous(x: &[f64], before_start: f64, out: &mut [f64]) {
-    out[0] = before_start;
-    out[1..].copy_from_slice(&x[..x.len() - 1]);
+fn previous(x: &mut [f64], before_start: f64) {
+    x.rotate_right(1);
+    x[0] = before_start;
 }
 
-fn edge(x: &[f64], out: &mut [f64], value: impl Fn(f64, f64) -> f64, before_start: f64) {
-    out[0] = value(before_start, x[0]);
-    for (out, pair) in out[1..].iter_mut().zip(x.windows(2)) {
-        *out = value(pair[0], pair[1]);
-    }
-}
-
-/// Checks that arithmetic has a value at every sample: not NaN, and finite if its operands are finite.
-fn check_arithmetic(
-    operator: Operator,
-    operands: &[Values<'_>],
-    out: &[f64],
-    clock: &Clock,
-) -> Result<(), MonitorError> {
-    if !operator.is_arithmetic() || pointwise::all_finite(out) {
-        return Ok(());
-    }
-    let is_undefined = |step: usize| {
-        let is_finite = |values: &Values<'_>| values.at(step).is_finite();
-        out[step].is_nan() || (out[step].is_infinite() && operands.iter().all(is_finite))
-    };
-    match (0..out.len()).find(|step| is_undefined(*step)) {
-        None => Ok(()),
-        Some(step) => {
-            let operands: Vec<String> = operands.iter().map(|values| values.at(step).to_string()).collect();
-            let operation = match operator.shape() {
-                crate::operator::Shape::Infix => operands.join(&format!(" {} ", operator.name())),
-                _ => format!("{}({})", operator.name(), operands.join(", ")),
-            };
-            Err(MonitorError::Undefined { operation, step, time_secs: clock.time_secs(step) })
-        }
+fn edge(x: &mut [f64], value: impl Fn(f64, f64) -> f64, before_start: f64) {
+    let mut before = before_start;
+    for x in x {
+        (before, *x) = (*x, value(before, *x));
     }
 }

@@ -1,7 +1,7 @@
 //! Pointwise operators: their value at a sample depends on that sample only.
 
 use crate::extremum::{Extremum, Maximum, Minimum};
-use crate::operator::Operator;
+use crate::operator::{Operator, Shape};
 
 /// An operand: one value per sample, or a constant.
 #[derive(Clone, Copy)]
@@ -11,7 +11,7 @@ pub(crate) enum Values<'a> {
 }
 
 impl Values<'_> {
-    pub(crate) fn at(&self, step: usize) -> f64 {
+    fn at(&self, step: usize) -> f64 {
         match self {
             Values::Signal(values) => values[step],
             Values::Constant(value) => *value,
@@ -19,21 +19,56 @@ impl Values<'_> {
     }
 }
 
-/// Applies a unary operator.
-pub(crate) fn map(operator: Operator, x: Values<'_>, out: &mut [f64]) {
+/// Arithmetic without a finite value at a sample.
+#[derive(Clone, Debug)]
+pub(crate) struct Undefined {
+    /// The operation with the values of its operands.
+    pub operation: String,
+    pub step: usize,
+}
+
+impl Undefined {
+    /// Moves the sample by `first` samples.
+    pub(crate) fn after(self, first: usize) -> Undefined {
+        Undefined { step: first + self.step, ..self }
+    }
+}
+
+/// Applies an operator to `x` and `y`, or to `x` alone.
+///
+/// # Errors
+/// If arithmetic has no value at a sample: it is NaN, or infinite although its operands are finite.
+pub(crate) fn apply(
+    operator: Operator,
+    x: Values<'_>,
+    y: Values<'_>,
+    out: &mut [f64],
+) -> Result<(), Undefined> {
+    compute(operator, x, y, out);
+    if !operator.is_arithmetic() || all_finite(out) {
+        return Ok(());
+    }
+    let operands = &[x, y][..operator.arity()];
+    let is_undefined = |step: &usize| {
+        let is_finite = |values: &Values<'_>| values.at(*step).is_finite();
+        out[*step].is_nan() || (out[*step].is_infinite() && operands.iter().all(is_finite))
+    };
+    let Some(step) = (0..out.len()).find(is_undefined) else { return Ok(()) };
+    let operands: Vec<String> = operands.iter().map(|values| values.at(step).to_string()).collect();
+    let operation = match operator.shape() {
+        Shape::Infix => operands.join(&format!(" {} ", operator.name())),
+        _ => format!("{}({})", operator.name(), operands.join(", ")),
+    };
+    Err(Undefined { operation, step })
+}
+
+fn compute(operator: Operator, x: Values<'_>, y: Values<'_>, out: &mut [f64]) {
     match operator {
         Operator::Negate | Operator::Not => map_with(x, out, |x| -x),
         Operator::Abs => map_with(x, out, f64::abs),
         Operator::Sqrt => map_with(x, out, f64::sqrt),
         Operator::Exp => map_with(x, out, f64::exp),
         Operator::Ln => map_with(x, out, f64::ln),
-        _ => unreachable!("{operator:?} is compiled to another kind of instruction"),
-    }
-}
-
-/// Applies a binary operator.
-pub(crate) fn zip(operator: Operator, x: Values<'_>, y: Values<'_>, out: &mut [f64]) {
-    match operator {
         Operator::Pow => zip_with(x, y, out, f64::powf),
         Operator::Multiply => zip_with(x, y, out, |x, y| x * y),
         Operator::Divide => zip_with(x, y, out, |x, y| x / y),

@@ -1,48 +1,43 @@
-//! The compiler: a formula to a list of instructions over numbered buffers.
+//! The compiler: a formula to state formulas and a list of instructions over numbered buffers.
 
-use crate::clock::{Clock, Window};
+use crate::clock::{Clock, Interval, Window};
 use crate::error::MonitorError;
 use crate::extremum;
 use crate::formula::{Formula, Node};
 use crate::operator::Operator;
 use crate::spelling::nearest;
+use crate::state::{State, TILE};
 use crate::subformula::Reach;
 use crate::until;
-
-/// The location of an operand's values.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Location {
-    /// A signal of the trace.
-    Column(usize),
-    /// A buffer of the monitor.
-    Buffer(usize),
-}
+use std::ops::Range;
 
 /// An operand of a pointwise operator.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Source {
     Constant(f64),
-    Location(Location),
+    /// A buffer of the monitor.
+    Buffer(usize),
 }
 
 /// One operator applied to all samples.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Action {
-    /// Copies the operand.
-    Load(Source),
-    Map(Operator, Source),
-    Zip(Operator, Source, Source),
+    /// Evaluates a state formula, by its index.
+    State(usize),
+    /// A pointwise operator with an operand that is no state formula. A unary one has its operand twice.
+    Pointwise(Operator, [Source; 2]),
     /// A unary temporal operator.
-    TemporalUnary(Operator, Window, Location),
-    /// A binary temporal operator.
-    TemporalBinary(Operator, Window, Location, Location),
+    TemporalUnary(Operator, Window),
+    /// A binary temporal operator, and the buffer of its left operand, whose values are lost.
+    TemporalBinary(Operator, Window, usize),
 }
 
-/// An action and the buffer for its result, which differs from the buffers of its operands.
+/// An action and the buffer for its result. It is the buffer of an operand, which is replaced, so that long traces take
+/// little memory.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Instruction {
     pub action: Action,
-    pub out: usize,
+    pub buffer: usize,
     /// The samples that a trace must have around t to decide the result at t.
     pub reach: Reach,
     /// The number of samples at the end of a trace at which the operands are not decided, or not needed for a decided
@@ -54,14 +49,18 @@ pub(crate) struct Instruction {
 #[derive(Clone, Debug)]
 pub(crate) struct Program {
     pub instructions: Vec<Instruction>,
+    /// The state formulas that are operands of other operators, or the whole formula.
+    pub states: Vec<State>,
     /// The number of buffers that the instructions use.
     pub buffers: usize,
     /// The columns and names of the signals that the formula reads.
     pub columns: Vec<(usize, String)>,
     /// The samples around t that the value at t depends on.
     pub reach: Reach,
-    /// The sub-formulas in the order in which their values are computed.
+    /// The sub-formulas that are not part of a state formula, in the order in which their values are computed.
     pub subformulas: Vec<Subformula>,
+    /// The number of all sub-formulas.
+    pub listed: usize,
 }
 
 /// The location of a sub-formula's values, and the time at which they are there, since buffers are reused.
@@ -84,38 +83,49 @@ impl Program {
         clock: &Clock,
     ) -> Result<Program, MonitorError> {
         clock.check()?;
-        if let Some(name) = formula.defined.iter().find(|name| names.contains(name)) {
-            return Err(MonitorError::ShadowsSignal { name: name.clone() });
+        Program::with_windows(formula, names, |operator, interval| clock.window(operator.name(), interval))
+    }
+
+    /// Compiles with unbounded windows in place of the intervals. Columns and state formulas do not depend on them.
+    pub(crate) fn without_clock(formula: &Formula, names: &[String]) -> Result<Program, MonitorError> {
+        Program::with_windows(formula, names, |_, _| Ok(Window::UNBOUNDED))
+    }
+
+    fn with_windows(
+        formula: &Formula,
+        names: &[String],
+        window: impl Fn(Operator, Option<Interval>) -> Result<Window, MonitorError>,
+    ) -> Result<Program, MonitorError> {
+        let columns = columns(formula, names)?;
+        let listed_nodes = formula.listed_nodes();
+        let mut listed = vec![None; formula.nodes.len()];
+        for (index, node) in listed_nodes.iter().enumerate() {
+            listed[*node] = Some(index);
         }
-        let columns =
-            formula.signals.iter().map(|name| column(name, names)).collect::<Result<Vec<_>, _>>()?;
-        let mut indices = vec![None; formula.nodes.len()];
-        for (index, node) in formula.listed_nodes().into_iter().enumerate() {
-            indices[node] = Some(index);
-        }
-        let mut compiler = Compiler::default();
-        let mut subformulas = Vec::new();
-        for (node, index) in formula.nodes.iter().zip(indices) {
-            match *node {
-                Node::Constant(value) => compiler.push_leaf(Source::Constant(value)),
-                Node::Signal(signal) => {
-                    compiler.push_leaf(Source::Location(Location::Column(columns[signal as usize].0)));
-                }
+        let mut compiler = Compiler {
+            formula,
+            columns: &columns,
+            listed: &listed,
+            instructions: Vec::new(),
+            states: Vec::new(),
+            subformulas: Vec::new(),
+            stack: Vec::new(),
+            free: Vec::new(),
+            buffers: 0,
+        };
+        for (node, kind) in formula.nodes.iter().enumerate() {
+            match *kind {
                 Node::Apply(operator, interval) => {
-                    compiler.apply(operator, clock.window(operator.name(), interval)?);
+                    compiler.apply(node, operator, window(operator, interval)?);
                 }
-            }
-            if let (Some(index), Some(top)) = (index, compiler.stack.last()) {
-                let instructions = compiler.instructions.len();
-                subformulas.push(Subformula { values: top.source, instructions, reach: top.reach, index });
+                _ => compiler.push(Values::State(node..node + 1), Reach::default()),
             }
         }
-        let Operand { source: result, reach } = compiler.pop();
-        if !matches!(result, Source::Location(Location::Buffer(_))) {
-            compiler.emit(Action::Load(result), reach, 0);
-        }
-        let Compiler { instructions, buffers, .. } = compiler;
-        Ok(Program { instructions, buffers, columns, reach, subformulas })
+        let Operand { values, reach } = compiler.pop();
+        compiler.materialize(values);
+        let Compiler { instructions, states, subformulas, buffers, .. } = compiler;
+        let listed = listed_nodes.len();
+        Ok(Program { instructions, states, buffers, columns, reach, subformulas, listed })
     }
 
     /// Returns whether an unbounded window contains operands that read later samples. Their windows are cut at the end of
@@ -123,7 +133,7 @@ impl Program {
     pub(crate) fn cuts_operands(&self) -> bool {
         self.instructions.iter().any(|instruction| {
             let window = match instruction.action {
-                Action::TemporalUnary(Operator::Always | Operator::Eventually, window, _)
+                Action::TemporalUnary(Operator::Always | Operator::Eventually, window)
                 | Action::TemporalBinary(
                     Operator::Until | Operator::Release | Operator::Unless,
                     window,
@@ -138,17 +148,34 @@ impl Program {
     /// Returns the number of scratch values that the instructions need for traces of `samples` samples.
     pub(crate) fn scratch_len(&self, samples: usize) -> usize {
         let needed = |instruction: &Instruction| match instruction.action {
-            Action::TemporalUnary(_, window, _) => extremum::scratch_len(window, samples),
-            Action::TemporalBinary(..) => until::scratch_len(samples),
-            _ => 0,
+            Action::State(_) => 0,
+            Action::Pointwise(..) => TILE.min(samples),
+            Action::TemporalUnary(Operator::Always | Operator::Eventually, window) => {
+                extremum::ahead_scratch_len(window, samples)
+            }
+            Action::TemporalUnary(_, window) => extremum::behind_scratch_len(window, samples),
+            Action::TemporalBinary(Operator::Unless, window, _) => {
+                let held = Window { begin: 0, ..window };
+                let ahead = extremum::ahead_scratch_len(held, samples);
+                samples + ahead.max(until::scratch_len(window, samples))
+            }
+            Action::TemporalBinary(_, window, _) => until::scratch_len(window, samples),
         };
         self.instructions.iter().map(needed).max().unwrap_or(0)
     }
 
     /// Returns the buffer that contains the robustness after the last instruction.
     pub(crate) fn result(&self) -> usize {
-        self.instructions.last().map_or(0, |instruction| instruction.out)
+        self.instructions.last().map_or(0, |instruction| instruction.buffer)
     }
+}
+
+/// Returns the columns and names of the signals that the formula reads.
+fn columns(formula: &Formula, names: &[String]) -> Result<Vec<(usize, String)>, MonitorError> {
+    if let Some(name) = formula.defined.iter().find(|name| names.contains(name)) {
+        return Err(MonitorError::ShadowsSignal { name: name.clone() });
+    }
+    formula.signals.iter().map(|name| column(name, names)).collect()
 }
 
 /// Returns the column of the signal, with its name.
@@ -163,75 +190,130 @@ fn column(signal: &str, names: &[String]) -> Result<(usize, String), MonitorErro
     }
 }
 
+/// The values of an operand.
+#[derive(Clone, Debug)]
+enum Values {
+    /// Those of the state formula of these nodes, which is not compiled yet.
+    State(Range<usize>),
+    /// Those in a buffer.
+    Buffer(usize),
+}
+
 /// An operand on the stack of the compiler.
-#[derive(Clone, Copy)]
 struct Operand {
-    source: Source,
+    values: Values,
     reach: Reach,
 }
 
 /// Translates postfix nodes to instructions with a stack of operands.
-#[derive(Default)]
-struct Compiler {
+struct Compiler<'a> {
+    formula: &'a Formula,
+    columns: &'a [(usize, String)],
+    /// The index of each node in the list of sub-formulas.
+    listed: &'a [Option<usize>],
     instructions: Vec<Instruction>,
+    states: Vec<State>,
+    subformulas: Vec<Subformula>,
     stack: Vec<Operand>,
     free: Vec<usize>,
     buffers: usize,
 }
 
-impl Compiler {
-    fn push_leaf(&mut self, source: Source) {
-        self.stack.push(Operand { source, reach: Reach::default() });
+impl Compiler<'_> {
+    fn push(&mut self, values: Values, reach: Reach) {
+        self.stack.push(Operand { values, reach });
     }
 
     fn pop(&mut self) -> Operand {
         // The parser guarantees the operands of every operator, so the stack is never empty here.
-        let missing = Operand { source: Source::Constant(f64::NAN), reach: Reach::default() };
+        let missing = Operand { values: Values::State(0..0), reach: Reach::default() };
         self.stack.pop().unwrap_or(missing)
     }
 
-    fn apply(&mut self, operator: Operator, window: Window) {
+    fn apply(&mut self, node: usize, operator: Operator, window: Window) {
         let last = self.pop();
-        let first = if operator.arity() == 1 { last } else { self.pop() };
-        let reach = Reach::of(operator, window, first.reach, last.reach);
-        let undecided = undecided(operator, window, first.reach, last.reach, reach);
-        let (action, used) = match (operator.is_temporal(), operator.arity()) {
-            (true, 1) => {
-                let x = self.materialize(last.source);
-                (Action::TemporalUnary(operator, window, x), [Source::Location(x), Source::Location(x)])
+        let first = if operator.arity() == 2 { Some(self.pop()) } else { None };
+        if !operator.is_temporal() {
+            let begin = match (&first, &last.values) {
+                (None, Values::State(nodes)) => Some(nodes.start),
+                (Some(Operand { values: Values::State(first), .. }), Values::State(_)) => Some(first.start),
+                _ => None,
+            };
+            if let Some(begin) = begin {
+                return self.push(Values::State(begin..node + 1), Reach::default());
             }
-            (true, _) => {
-                let (x, y) = (self.materialize(first.source), self.materialize(last.source));
-                (Action::TemporalBinary(operator, window, x, y), [Source::Location(x), Source::Location(y)])
+        }
+        let first_reach = first.as_ref().map_or(last.reach, |first| first.reach);
+        let reach = Reach::of(operator, window, first_reach, last.reach);
+        let undecided = undecided(operator, window, first_reach, last.reach, reach);
+        let (action, buffer) = if operator.is_temporal() {
+            let left = first.map(|first| self.materialize(first.values));
+            let buffer = self.materialize(last.values);
+            self.free.extend(left);
+            match left {
+                Some(left) => (Action::TemporalBinary(operator, window, left), buffer),
+                None => (Action::TemporalUnary(operator, window), buffer),
             }
-            (false, 1) => (Action::Map(operator, last.source), [last.source; 2]),
-            (false, _) => (Action::Zip(operator, first.source, last.source), [first.source, last.source]),
+        } else {
+            let left = first.map(|first| self.operand(first.values));
+            let last = self.operand(last.values);
+            let operands = [left.unwrap_or(last), last];
+            let buffer = match operands {
+                [Source::Buffer(left), Source::Buffer(last)] if left != last => {
+                    self.free.push(last);
+                    left
+                }
+                [Source::Buffer(buffer), _] | [_, Source::Buffer(buffer)] => buffer,
+                // Not reached: operators of constants are state formulas.
+                _ => self.allocate(),
+            };
+            (Action::Pointwise(operator, operands), buffer)
         };
-        let out = self.emit(action, reach, undecided);
-        for source in &used[..operator.arity()] {
-            if let Source::Location(Location::Buffer(buffer)) = source {
-                self.free.push(*buffer);
+        self.instructions.push(Instruction { action, buffer, reach, undecided });
+        self.list(node, Source::Buffer(buffer), reach);
+        self.push(Values::Buffer(buffer), reach);
+    }
+
+    /// Adds a node to the sub-formulas, if it is one.
+    fn list(&mut self, node: usize, values: Source, reach: Reach) {
+        let instructions = self.instructions.len();
+        let listed = self.listed[node].map(|index| Subformula { values, instructions, reach, index });
+        self.subformulas.extend(listed);
+    }
+
+    /// Returns an operand of a pointwise operator: a constant, or else a buffer.
+    fn operand(&mut self, values: Values) -> Source {
+        if let Values::State(nodes) = &values
+            && let [Node::Constant(value)] = self.formula.nodes[nodes.clone()]
+        {
+            self.list(nodes.start, Source::Constant(value), Reach::default());
+            return Source::Constant(value);
+        }
+        Source::Buffer(self.materialize(values))
+    }
+
+    /// Returns the buffer of an operand; a state formula is evaluated into one.
+    fn materialize(&mut self, values: Values) -> usize {
+        match values {
+            Values::Buffer(buffer) => buffer,
+            Values::State(nodes) => {
+                let state = State::compile(self.formula, nodes, self.columns, self.listed);
+                let action = Action::State(self.states.len());
+                self.states.push(state);
+                let buffer = self.allocate();
+                let reach = Reach::default();
+                self.instructions.push(Instruction { action, buffer, reach, undecided: 0 });
+                buffer
             }
         }
-        self.stack.push(Operand { source: Source::Location(Location::Buffer(out)), reach });
     }
 
-    /// Returns the location of an operand; a constant is loaded into a buffer.
-    fn materialize(&mut self, source: Source) -> Location {
-        match source {
-            Source::Location(place) => place,
-            Source::Constant(_) => Location::Buffer(self.emit(Action::Load(source), Reach::default(), 0)),
-        }
-    }
-
-    /// Emits an action into a free buffer: the one freed last, if any, since it is likely to be in the cache.
-    fn emit(&mut self, action: Action, reach: Reach, undecided: usize) -> usize {
-        let out = self.free.pop().unwrap_or_else(|| {
+    /// Returns a free buffer: the one freed last, if any, since it is likely to be in the cache.
+    fn allocate(&mut self) -> usize {
+        self.free.pop().unwrap_or_else(|| {
             self.buffers += 1;
             self.buffers - 1
-        });
-        self.instructions.push(Instruction { action, out, reach, undecided });
-        out
+        })
     }
 }
 

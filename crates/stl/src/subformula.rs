@@ -14,6 +14,9 @@ pub struct SubformulaMinimum {
 }
 
 impl SubformulaMinimum {
+    /// The minimum over samples that were not visited yet.
+    pub(crate) const UNKNOWN: SubformulaMinimum =
+        SubformulaMinimum { minimum: f64::INFINITY, step: usize::MAX };
     /// The minimum over an empty set of samples.
     pub(crate) const NONE: SubformulaMinimum = SubformulaMinimum { minimum: f64::INFINITY, step: 0 };
 
@@ -103,6 +106,9 @@ impl Formula {
     /// logical or temporal operator. The terms of a comparison (`distance`, `0.12`, `abs(a - b)`) are numbers and are
     /// not listed. A sub-formula that occurs twice is listed twice. Each text parses to its sub-formula.
     ///
+    /// A text is written when the iterator returns it. The texts of a long formula together have a length that is quadratic
+    /// in its own; `len` returns their number in linear time.
+    ///
     /// # Example
     /// ```
     /// use mishandle_stl::Formula;
@@ -120,7 +126,7 @@ impl Formula {
     ///     ]
     /// );
     /// ```
-    pub fn subformulas(&self) -> impl Iterator<Item = String> {
+    pub fn subformulas(&self) -> impl ExactSizeIterator<Item = String> {
         let starts = self.starts();
         self.listed_nodes().into_iter().map(move |node| {
             let text = std::fmt::from_fn(|f| self.write_node(f, Operator::name, node, &starts));

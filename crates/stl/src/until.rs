@@ -31,93 +31,76 @@
 use crate::clock::Window;
 use crate::extremum::{self, Extremum};
 
-/// Returns the number of scratch values that the functions of this module need for signals of `n` samples.
-pub(crate) fn scratch_len(n: usize) -> usize {
-    3 * n + extremum::longest_scratch_len(n)
+/// Returns the number of scratch values that the functions of this module need for this window and signals of `n`
+/// samples, at most `n / 2 + 1` or a constant.
+pub(crate) fn scratch_len(window: Window, n: usize) -> usize {
+    let length = window.length();
+    let reached = length.min(n.saturating_sub(length));
+    reached.max(before(window).map_or(0, |held| extremum::ahead_scratch_len(held, n)))
 }
 
-/// Computes `until` (E is the maximum) or `release` (E is the minimum). Windows are truncated at the end of the
-/// signals.
-pub(crate) fn until<E: Extremum>(p: &[f64], q: &[f64], window: Window, out: &mut [f64], scratch: &mut [f64]) {
-    let n = p.len();
-    let begin = window.begin.min(n);
-    let available = n - begin;
-    let (reach, beyond) = out.split_at_mut(available);
-    beyond.fill(E::NEUTRAL);
-    let length = (window.end - window.begin).saturating_add(1);
-    from_now::<E>(&p[begin..], &q[begin..], length, reach, scratch);
-    if begin > 0 && available > 0 {
-        let (held, scratch) = scratch.split_at_mut(n);
-        extremum::ahead::<E::Dual>(p, Window { begin: 0, end: begin - 1 }, held, scratch);
-        for (out, held) in reach.iter_mut().zip(held) {
-            *out = E::Dual::pick(*out, *held);
+/// Computes `until` (E is the maximum) or `release` (E is the minimum) into `q`. Windows are truncated at the end of the
+/// signals. The values of `p` are lost.
+pub(crate) fn until<E: Extremum>(p: &mut [f64], q: &mut [f64], window: Window, scratch: &mut [f64]) {
+    let begin = window.begin.min(p.len());
+    let available = p.len() - begin;
+    from_now::<E>(&p[begin..], &mut q[begin..], window.length(), scratch);
+    if let Some(held) = before(window) {
+        q.copy_within(begin.., 0);
+        q[available..].fill(E::NEUTRAL);
+        extremum::ahead::<E::Dual>(p, held, scratch);
+        for (q, p) in q[..available].iter_mut().zip(p) {
+            *q = E::Dual::pick(*q, *p);
         }
     }
 }
 
-/// Computes `since` as [`until`] on reversed signals. Windows are truncated at the beginning of the signals.
-pub(crate) fn since<E: Extremum>(p: &[f64], q: &[f64], window: Window, out: &mut [f64], scratch: &mut [f64]) {
-    let (p_reversed, scratch) = scratch.split_at_mut(p.len());
-    let (q_reversed, scratch) = scratch.split_at_mut(q.len());
-    p_reversed.iter_mut().zip(p.iter().rev()).for_each(|(to, from)| *to = *from);
-    q_reversed.iter_mut().zip(q.iter().rev()).for_each(|(to, from)| *to = *from);
-    until::<E>(p_reversed, q_reversed, window, out, scratch);
-    out.reverse();
+/// Returns the window of the samples before the begin of `window`.
+fn before(window: Window) -> Option<Window> {
+    (window.begin > 0).then(|| Window { begin: 0, end: window.begin - 1 })
 }
 
-/// Computes `U[0, length - 1]` by compositions over blocks of `length` samples; see the module documentation.
-fn from_now<E: Extremum>(p: &[f64], q: &[f64], length: usize, out: &mut [f64], scratch: &mut [f64]) {
+/// Computes `since` into `q` as [`until`] on reversed signals. Windows are truncated at the beginning of the signals. The
+/// values of `p` are lost.
+pub(crate) fn since<E: Extremum>(p: &mut [f64], q: &mut [f64], window: Window, scratch: &mut [f64]) {
+    p.reverse();
+    q.reverse();
+    until::<E>(p, q, window, scratch);
+    q.reverse();
+}
+
+/// Computes `U[0, length - 1]` into `q` by compositions over blocks of `length` samples; see the module documentation.
+fn from_now<E: Extremum>(p: &[f64], q: &mut [f64], length: usize, scratch: &mut [f64]) {
     let n = p.len();
-    let (held, scratch) = scratch.split_at_mut(n);
-    let reached = &mut scratch[..n];
-    let mut end = n;
-    while end > 0 {
-        let begin = (end - 1) / length * length;
-        let (p, q) = (&p[begin..end], &q[begin..end]);
-        suffixes::<E>(p, q, &mut out[begin..end], &mut held[begin..end]);
-        if begin > 0 {
-            // The windows that extend into this block start in the previous one, at most `length - 1` samples back.
-            prefixes::<E>(p, q, &mut reached[begin..end]);
-        }
-        end = begin;
-    }
     for begin in (0..n).step_by(length) {
-        let next = begin.saturating_add(length);
-        if next >= n {
-            break;
-        }
+        let next = n.min(begin.saturating_add(length));
         // The window of sample `begin` stays in its block. The window of the k-th sample after it contains the first k
         // samples of the next block, or all of them.
-        let next_block = &reached[next..n.min(next + length - 1)];
-        let (out, held) = (&mut out[begin + 1..next], &held[begin + 1..next]);
-        let all = reached[n - 1];
-        let (whole, cut) = out.split_at_mut(next_block.len());
-        let (held_whole, held_cut) = held.split_at(next_block.len());
-        for ((out, held), prefix) in whole.iter_mut().zip(held_whole).zip(next_block) {
-            *out = E::pick(*out, E::Dual::pick(*held, *prefix));
-        }
-        for (out, held) in cut.iter_mut().zip(held_cut) {
-            *out = E::pick(*out, E::Dual::pick(*held, all));
-        }
+        let reached = &mut scratch[..(n - next).min(length - 1)];
+        prefixes::<E>(&p[next..], &q[next..], reached);
+        suffixes::<E>(&p[begin..next], &mut q[begin..next], reached);
     }
 }
 
-/// Computes the pairs of all suffixes of a block: `q` into `out`, `p` into `held`.
-fn suffixes<E: Extremum>(p: &[f64], q: &[f64], out: &mut [f64], held: &mut [f64]) {
-    let (mut best, mut hold) = (E::NEUTRAL, E::Dual::NEUTRAL);
-    for i in (0..p.len()).rev() {
-        best = E::pick(q[i], E::Dual::pick(p[i], best));
-        hold = E::Dual::pick(p[i], hold);
-        (out[i], held[i]) = (best, hold);
-    }
-}
-
-/// Computes the `q` of the pairs of all prefixes of a block.
+/// Computes the `q` of the pairs of the first prefixes of a block.
 fn prefixes<E: Extremum>(p: &[f64], q: &[f64], reached: &mut [f64]) {
     let (mut best, mut hold) = (E::NEUTRAL, E::Dual::NEUTRAL);
-    for i in 0..p.len() {
-        best = E::pick(best, E::Dual::pick(hold, q[i]));
-        hold = E::Dual::pick(hold, p[i]);
-        reached[i] = best;
+    for ((reached, p), q) in reached.iter_mut().zip(p).zip(q) {
+        best = E::pick(best, E::Dual::pick(hold, *q));
+        hold = E::Dual::pick(hold, *p);
+        *reached = best;
+    }
+}
+
+/// Computes the pairs of all suffixes of a block, and composes them with the prefixes of the next block.
+fn suffixes<E: Extremum>(p: &[f64], q: &mut [f64], reached: &[f64]) {
+    let (mut best, mut hold) = (E::NEUTRAL, E::Dual::NEUTRAL);
+    for (i, (p, q)) in p.iter().zip(q).enumerate().rev() {
+        best = E::pick(*q, E::Dual::pick(*p, best));
+        hold = E::Dual::pick(*p, hold);
+        *q = match i.min(reached.len()) {
+            0 => best,
+            k => E::pick(best, E::Dual::pick(hold, reached[k - 1])),
+        };
     }
 }

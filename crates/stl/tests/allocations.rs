@@ -1,10 +1,10 @@
-//! Evaluating a trace with a used monitor does not allocate. Counting allocations requires a global allocator and
-//! therefore `unsafe`; it counts and forwards every call to the system allocator. The file contains one test only, so
-//! that no other test allocates at the same time.
+//! Evaluating a trace with a used monitor does not allocate, and monitors take as much memory as documented. Counting
+//! allocations requires a global allocator and therefore `unsafe`; it counts and forwards every call to the system
+//! allocator. It counts for each thread, so that the tests do not disturb each other.
 #![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 #![allow(unsafe_code)]
 
-use mishandle_stl::{Clock, Formula, Monitor, Trace};
+use mishandle_stl::{Clock, Formula, Monitor, Recording, Trace};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::Arc;
@@ -13,19 +13,37 @@ struct Counting;
 
 thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
+    /// Allocated bytes, and their maximum.
+    static LIVE: Cell<isize> = const { Cell::new(0) };
+    static PEAK: Cell<isize> = const { Cell::new(0) };
+}
+
+fn count(bytes: isize) {
+    LIVE.set(LIVE.get() + bytes);
+    PEAK.set(PEAK.get().max(LIVE.get()));
 }
 
 // SAFETY: every call is forwarded to the system allocator unchanged.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        count(layout.size() as isize);
         // SAFETY: the caller fulfills the contract of `alloc`.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        count(-(layout.size() as isize));
         // SAFETY: the caller fulfills the contract of `dealloc`.
         unsafe { System.dealloc(pointer, layout) }
+    }
+
+    // The system allocator moves the pages of a large block instead of copying it, so that only the growth counts.
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        count(new_size as isize - layout.size() as isize);
+        // SAFETY: the caller fulfills the contract of `realloc`.
+        unsafe { System.realloc(pointer, layout, new_size) }
     }
 }
 
@@ -70,4 +88,75 @@ fn a_used_monitor_does_not_allocate() {
     let before = ALLOCATIONS.get();
     drop(std::hint::black_box(vec![0_u8; 16]));
     assert_eq!(ALLOCATIONS.get() - before, 1);
+}
+
+/// Number of samples of the tests of memory: a power of two, so that vectors that double have no spare capacity.
+const SAMPLES: usize = 1 << 17;
+
+/// Memory that does not depend on the number of samples, bytes: the formula and buffers for tiles.
+const FIXED: f64 = 400e3;
+
+/// Returns the peak memory of `evaluate`, in numbers of 8 bytes per sample.
+fn numbers_per_sample(evaluate: impl FnOnce()) -> f64 {
+    let before = LIVE.get();
+    PEAK.set(before);
+    evaluate();
+    ((PEAK.get() - before) as f64 - FIXED) / (8 * SAMPLES) as f64
+}
+
+#[test]
+fn a_recording_takes_memory_for_operands_of_operators_over_time_only() {
+    let all = "(a <= 1 and b <= 1 and c <= 1 and d <= 1)";
+    let formulas = [
+        ("a <= 1 and b <= 1".to_owned(), 1.0),
+        (all.to_owned(), 1.0),
+        (format!("always {all}"), 1.0),
+        (format!("always[5:100] {all}"), 1.0),
+        (format!("once[5:100] {all}"), 1.0),
+        // The prefixes of a block.
+        (format!("eventually[0:65535] {all}"), 1.5),
+        ("always(a <= 1) and eventually(b <= 1)".to_owned(), 2.0),
+        ("always(a <= 1 implies eventually[0:50](b > c))".to_owned(), 2.0),
+        ("(a <= 1 and c <= 1) until (b <= 1 and d <= 1)".to_owned(), 2.0),
+        ("a <= 1 until[0:100] b <= 1".to_owned(), 2.0),
+        ("a <= 1 since[10:100] b <= 1".to_owned(), 2.0),
+        // A copy of the left operand.
+        ("a <= 1 unless[10:100] b <= 1".to_owned(), 3.0),
+        ("always(a <= 1) and always(b <= 1) and always(c <= 1) and always(d <= 1)".to_owned(), 4.0),
+        // One signal instead of five state formulas, and two operands.
+        ((0..5).map(|i| format!("always(a <= {i})")).collect::<Vec<_>>().join(" and "), 3.0),
+    ];
+    let names: Arc<[String]> = ["a", "b", "c", "d"].map(String::from).into();
+    for (text, expected) in formulas {
+        let formula = Formula::parse(&text).unwrap();
+        let found = numbers_per_sample(|| {
+            let used: Arc<[String]> =
+                names.iter().filter(|name| formula.signals().contains(&name.as_str())).cloned().collect();
+            let mut recording = Recording::new(&formula, Arc::clone(&used)).unwrap();
+            for step in 0..SAMPLES {
+                let angle = step as f64 * 0.1;
+                let sample = [angle.sin(), angle.cos(), angle.sin(), -angle.cos()];
+                recording.push(&sample[..used.len()]);
+            }
+            let mut monitor = Monitor::new(&formula, &used, Clock::steps(1.0)).unwrap();
+            assert_eq!(monitor.recorded_robustness_signal(recording).unwrap().len(), SAMPLES);
+        });
+        assert!(expected - 0.5 < found && found <= expected, "{text}: {found} numbers per sample");
+    }
+}
+
+#[test]
+fn a_monitor_takes_at_most_67_numbers_per_sample() {
+    let names: Arc<[String]> = ["a", "b"].map(String::from).into();
+    let mut trace = Trace::with_capacity(Arc::clone(&names), SAMPLES);
+    fill(&mut trace, SAMPLES);
+    // 64 operands wait for the last one, which needs most scratch values.
+    let deepest = format!("(a unless[65535:131070] {}{}", "(once a unless[65535:131070] ".repeat(62), "b");
+    let text = format!("{deepest}{}", ")".repeat(63));
+    let found = numbers_per_sample(|| {
+        let formula = Formula::parse(&text).unwrap();
+        let mut monitor = Monitor::new(&formula, &names, Clock::steps(1.0)).unwrap();
+        assert_eq!(monitor.robustness_signal(&trace).unwrap().len(), SAMPLES);
+    });
+    assert!(found > 60.0 && found <= 67.0, "{found} numbers per sample");
 }

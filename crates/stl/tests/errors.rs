@@ -436,3 +436,12 @@ fn chained_comparisons_are_detected() {
     // As in RTAMT: 0.3 - (v - 0.2).
     assert_eq!(evaluate("0.2 <= v <= 0.3".replace('v', "d").as_str(), &[0.0]), Ok(vec![0.5]));
 }
+
+#[test]
+fn the_sub_formulas_of_the_longest_formula_are_counted_without_writing_them() {
+    // 2^16 operands and 2^16 - 1 operators. The texts of all sub-formulas together have 13 GB.
+    let formula = Formula::parse(&format!("{}a", "a&".repeat((1 << 16) - 1))).unwrap();
+    let started = std::time::Instant::now();
+    assert_eq!(formula.subformulas().len(), (1 << 17) - 1);
+    assert!(started.elapsed().as_secs() < 5, "{:?}", started.elapsed());
+}

@@ -3,7 +3,7 @@
 
 mod naive;
 
-use mishandle_stl::{Clock, Formula, Monitor, MonitorError, SubformulaMinimum, Trace};
+use mishandle_stl::{Clock, Formula, Monitor, MonitorError, Recording, SubformulaMinimum, Trace};
 use naive::{Interval, NAMES, Random, TIMED_ONE, TIMED_TWO, Tree};
 use std::sync::Arc;
 
@@ -378,6 +378,15 @@ fn a_printed_formula_parses_to_itself() {
 
 /// Random tokens: if a text parses, its printed form parses to the same formula.
 #[test]
+fn an_interval_from_seconds_to_infinity_is_printed_as_text_that_parses() {
+    for text in ["always[3s:inf](a)", "a since[20ms:inf] b"] {
+        let formula = Formula::parse(text).unwrap();
+        assert_eq!(Formula::parse(&formula.to_string()), Ok(formula), "{text}");
+    }
+    assert_eq!(Formula::parse("G[3s,inf] a").unwrap().to_string(), "always[3s:inf] a");
+}
+
+#[test]
 fn every_text_that_parses_survives_a_round_trip() {
     let mut random = Random(10);
     let tokens = [
@@ -486,6 +495,67 @@ fn a_monitor_accepts_traces_of_any_length_in_any_order() {
             tree.evaluate(&columns),
             "{n} samples"
         );
+    }
+}
+
+// --- recordings ---
+
+fn recording_of(text: &str, columns: &[Vec<f64>]) -> Recording {
+    let mut recording = Recording::new(&Formula::parse(text).unwrap(), names()).unwrap();
+    for step in 0..columns[0].len() {
+        recording.push(&columns.iter().map(|column| column[step]).collect::<Vec<_>>());
+    }
+    recording
+}
+
+#[test]
+fn a_recording_has_the_values_of_its_trace() {
+    let mut random = Random(21);
+    for case in 0..3000 {
+        let n = 1 + random.below(if case % 50 == 0 { 4000 } else { 14 });
+        let text = Tree::random(&mut random, 6, n.min(50)).write(&mut random);
+        let columns = random_columns(&mut random, n);
+        let (trace, recording) = (trace_of(&columns), recording_of(&text, &columns));
+        assert_eq!(recording.len(), n);
+        let mut monitor = monitor(&text);
+        let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+        let expected = bits(monitor.robustness_signal(&trace).unwrap());
+        assert_eq!(bits(monitor.recorded_robustness_signal(recording.clone()).unwrap()), expected, "{text}");
+        let expected = bits(monitor.decided_robustness_signal(&trace).unwrap());
+        assert_eq!(bits(monitor.recorded_decided_robustness_signal(recording).unwrap()), expected, "{text}");
+    }
+}
+
+#[test]
+fn a_recording_has_the_errors_of_its_trace() {
+    let mut columns = [vec![1.0; 5000], vec![2.0; 5000], vec![3.0; 5000]];
+    columns[0][2000] = 0.0;
+    columns[0][4500] = 0.0;
+    let error = |text: &str, columns: &[Vec<f64>]| {
+        let expected = monitor(text).robustness_signal(&trace_of(columns)).unwrap_err();
+        let found = monitor(text).recorded_robustness_signal(recording_of(text, columns)).unwrap_err();
+        // As text, because NaN does not equal NaN.
+        assert_eq!(format!("{found:?}"), format!("{expected:?}"));
+        found.to_string()
+    };
+    for text in ["always(b / a > 0)", "b / a > 0", "once(c_1 > a) and always(1 / (a * b) > 0)"] {
+        assert!(error(text, &columns).contains("has no finite value at step 2000 (t = 33."), "{text}");
+    }
+    columns[1][3000] = f64::NAN;
+    columns[2][100] = f64::INFINITY;
+    // The first signal of the formula, not the first sample.
+    assert!(error("always(b / a > c_1)", &columns).contains("signal `b` is NaN at step 3000"));
+    assert!(error("a > 0", &[vec![], vec![], vec![]]).contains("empty"));
+}
+
+#[test]
+fn a_recording_of_another_formula_is_an_error() {
+    let columns = [vec![1.0], vec![2.0], vec![3.0]];
+    for other in ["always(a > 1)", "always(b > 0)", "always(a > 0) and c_1 > 0"] {
+        let found = monitor("always(a > 0)")
+            .recorded_robustness_signal(recording_of(other, &columns))
+            .map(<[f64]>::to_vec);
+        assert_eq!(found, Err(MonitorError::OtherFormula), "{other}");
     }
 }
 
@@ -623,4 +693,17 @@ fn minima_evaluate_arithmetic_at_every_sample() {
     let columns = [vec![4.0, 1.0, 9.0], vec![0.0; 3], vec![0.0; 3]];
     let expected = [SubformulaMinimum { minimum: 0.0, step: 1 }];
     assert_eq!(monitor.subformula_minima(&trace_of(&columns)).unwrap(), expected);
+}
+
+#[test]
+fn minima_have_the_errors_of_the_decided_signal() {
+    let columns = [vec![1.0, 2.0, 1.0], vec![1.0, 0.0, 1.0], vec![4.0, -1.0, 1.0]];
+    let trace = trace_of(&columns);
+    // The last windows are cut: 0 times infinity for the signal, and no decided value.
+    let mut cut = monitor("(always[1:2] a) * (b - 1) >= -9");
+    assert!(cut.robustness_signal(&trace).is_err());
+    assert_eq!(cut.subformula_minima(&trace).unwrap()[0], SubformulaMinimum { minimum: 9.0, step: 0 });
+    let mut whole = monitor("sqrt((always[1:2] a) - 2) >= 0");
+    let error = whole.decided_robustness_signal(&trace).unwrap_err();
+    assert_eq!(whole.subformula_minima(&trace), Err(error));
 }

@@ -3,8 +3,6 @@
 //! The test starts its own binary again and kills that process.
 #![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
-#[path = "faults/random.rs"]
-mod random;
 mod sample;
 
 use std::io::{BufRead, BufReader};
@@ -12,8 +10,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use mishandle_random::Sequence;
 use mishandle_store::{IfExists, RunFile, RunWriter, Simulation, StoreError, TrialStatus};
-use random::Random;
 use sample::{header, record, traced_record};
 
 const BATCH: u32 = 8;
@@ -150,7 +148,7 @@ fn calls(run: &RunFile) -> u32 {
 #[test]
 fn a_kill_at_a_random_moment_loses_no_committed_row() {
     let end = Instant::now() + Duration::from_secs(4);
-    let mut random = Random(1);
+    let mut random = Sequence::new(1, 0);
     let mut kills = 0;
     while Instant::now() < end && kills < 200 {
         // A new run: its creation can be killed, too.
@@ -158,7 +156,7 @@ fn a_kill_at_a_random_moment_loses_no_committed_row() {
         let path = folder.path().join("run.sqlite");
         let mut before = 0;
         for longest in [1_000, 3_000, 10_000, 30_000] {
-            let moment = Duration::from_micros(random.below(longest) as u64);
+            let moment = Duration::from_micros(random.below(longest));
             let returned = kill_after(&path, moment);
             kills += 1;
             match RunFile::open(&path) {

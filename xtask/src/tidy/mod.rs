@@ -9,7 +9,7 @@ use std::fmt;
 use std::path::Path;
 use std::process::Command;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 
 use crate::process::{cargo, output};
 use crate::settings;
@@ -89,6 +89,7 @@ pub fn check(root: &Path) -> Result<()> {
         eprintln!("{problem}");
     }
     settings::check(root)?;
+    check_fuzz_lock(root)?;
     match problems.len() {
         0 => {
             eprintln!("{} files and {} crates are tidy", tree.files.len(), packages.len());
@@ -97,4 +98,15 @@ pub fn check(root: &Path) -> Result<()> {
         1 => bail!("1 thing is not tidy"),
         n => bail!("{n} things are not tidy"),
     }
+}
+
+/// Checks that the lock file of the fuzz targets has the dependencies of the crates. Cargo would change it in a build.
+///
+/// # Errors
+/// If it is out of date.
+fn check_fuzz_lock(root: &Path) -> Result<()> {
+    let arguments = ["metadata", "--locked", "--format-version=1", "--manifest-path=fuzz/Cargo.toml"];
+    output(&mut cargo(root, &arguments)).map(|_| ()).context(
+        "cannot read fuzz/Cargo.lock; if it is out of date, run `cargo update --workspace --manifest-path fuzz/Cargo.toml`",
+    )
 }

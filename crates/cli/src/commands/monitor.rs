@@ -4,16 +4,16 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use mishandle::plural;
-use mishandle::stl::{Clock, Formula, Monitor, MonitorError, TimeUnit};
+use mishandle::stl::{Clock, Formula, Monitor, Recording, TimeUnit};
 use serde_json::json;
 
 use crate::ExitStatus;
 use crate::args;
 use crate::formula_error;
 use crate::output::{self, number};
-use log::{Log, Samples};
+use log::Log;
 
 pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
     let formula = Formula::parse(&command.formula)
@@ -21,16 +21,18 @@ pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
     output::warn_of_chained_comparisons(&formula);
     let trace_name = || format!("trace {}", command.trace.display());
     let log = Log::open(source(&command.trace).with_context(trace_name)?).with_context(trace_name)?;
-    check_signals(&formula, log.names())?;
-    let samples = log.samples(&formula.signals()).with_context(trace_name)?;
+    // Only the columns of the formula are read later, so that errors about them could not name the others.
+    Recording::new(&formula, log.names().into())?;
+    let samples = log.samples(&formula).with_context(trace_name)?;
     let period = samples.period(command.period).with_context(trace_name)?;
     let clock = match &command.unit {
         Some(unit) => Clock::rtamt(period, self::unit(unit)?),
         None => Clock::steps(period),
     };
-    let mut monitor = Monitor::new(&formula, samples.trace.names(), clock)?;
-    let cuts_windows = !command.strict_horizon && monitor.cuts_windows(samples.trace.len());
-    let signal = signal(&mut monitor, &samples, command.strict_horizon)?;
+    let mut monitor = Monitor::new(&formula, &samples.names, clock)?;
+    let count = samples.recording.len();
+    let cuts_windows = !command.strict_horizon && monitor.cuts_windows(count);
+    let signal = signal(&mut monitor, samples.recording, command.strict_horizon)?;
     let robustness = signal[0];
     if command.json {
         let head = json!({
@@ -50,7 +52,7 @@ pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
             output::message(&format!(
                 "note: a window extends past the end of the trace, which has {}; it is cut there, as in RTAMT; \
                  samples after the end could change the value (--strict-horizon uses whole windows only)",
-                plural(samples.trace.len(), "sample")
+                plural(count, "sample")
             ));
         }
     }
@@ -58,19 +60,18 @@ pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
 }
 
 /// Returns the robustness signal: all samples with cut windows, or the decided ones, of which there is at least one.
-fn signal<'m>(monitor: &'m mut Monitor, samples: &Samples, strict_horizon: bool) -> Result<&'m [f64]> {
-    let trace = &samples.trace;
+fn signal(monitor: &mut Monitor, recording: Recording, strict_horizon: bool) -> Result<&[f64]> {
     if !strict_horizon {
-        return Ok(monitor.robustness_signal(trace)?);
+        return Ok(monitor.recorded_robustness_signal(recording)?);
     }
     let needed = monitor.needed_samples();
     ensure!(
-        needed <= trace.len(),
+        needed <= recording.len(),
         "the formula needs {needed} samples, but the trace has only {}; without --strict-horizon, windows are cut at its \
          end",
-        trace.len()
+        recording.len()
     );
-    let signal = monitor.decided_robustness_signal(trace)?;
+    let signal = monitor.recorded_decided_robustness_signal(recording)?;
     ensure!(
         signal[0].is_finite(),
         "the robustness at time 0 is {}: it depends on no sample of the trace; without --strict-horizon, empty windows \
@@ -100,16 +101,4 @@ fn source(path: &Path) -> Result<Box<dyn Read>> {
         _ => error,
     });
     Ok(Box::new(file?))
-}
-
-/// Checks the names in the formula against all columns. Only the columns of the formula are read later, so that errors
-/// about them could not name the others.
-fn check_signals(formula: &Formula, columns: &[String]) -> Result<()> {
-    match Monitor::new(formula, columns, Clock::steps(1.0)) {
-        Err(error @ (MonitorError::UnknownSignal { .. } | MonitorError::ShadowsSignal { .. })) => {
-            bail!(error)
-        }
-        // The period is not known yet, so that other errors have no meaning.
-        _ => Ok(()),
-    }
 }

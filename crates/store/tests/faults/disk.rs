@@ -11,7 +11,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::random::Random;
+use mishandle_random::Sequence;
 
 const SECTOR: usize = 512;
 
@@ -196,12 +196,12 @@ impl State {
 
     /// Returns the files that a power cut leaves.
     pub fn cut(&self, kept: Kept) -> Image {
-        let mut random = Random(if let Kept::Random(seed) = kept { seed } else { 0 });
+        let mut random = Sequence::new(if let Kept::Random(seed) = kept { seed } else { 0 }, 0);
         let mut names = self.durable_names.clone();
         let kept_names = match kept {
             Kept::Nothing => 0,
             Kept::Everything => self.pending_names.len(),
-            Kept::Random(_) => random.below(self.pending_names.len() + 1),
+            Kept::Random(_) => random.below(self.pending_names.len() as u64 + 1) as usize,
         };
         self.pending_names[..kept_names].iter().for_each(|change| rename(&mut names, change));
         names
@@ -219,13 +219,15 @@ fn rename(names: &mut BTreeMap<String, FileId>, (name, id): &(String, Option<Fil
 }
 
 impl File {
-    fn cut(&self, kept: Kept, random: &mut Random) -> Vec<u8> {
+    fn cut(&self, kept: Kept, random: &mut Sequence) -> Vec<u8> {
         let mut content = self.durable.clone();
         // A random subset is nothing or everything for some files, so that the files differ in age.
         let share = match kept {
             Kept::Nothing => Share::None,
             Kept::Everything => Share::All,
-            Kept::Random(_) => [Share::None, Share::All, Share::AllButLast, Share::Some][random.below(4)],
+            Kept::Random(_) => {
+                [Share::None, Share::All, Share::AllButLast, Share::Some][random.below(4) as usize]
+            }
         };
         for (number, change) in self.pending.iter().enumerate() {
             let is_last = number + 1 == self.pending.len();
@@ -263,7 +265,7 @@ impl Change {
     }
 
     /// Applies each sector of a write or not.
-    fn tear(&self, content: &mut Vec<u8>, random: &mut Random) {
+    fn tear(&self, content: &mut Vec<u8>, random: &mut Sequence) {
         let Change::Write { offset, bytes } = self else { return };
         let end = offset + bytes.len();
         let mut start = *offset;

@@ -5,7 +5,6 @@ pub mod disk;
 pub mod failing;
 pub mod life;
 pub mod memory;
-pub mod random;
 pub mod vfs;
 
 /// Returns a new folder, in memory if possible: these tests write a lot and never sync.

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail, ensure};
 use csv::{ByteRecord, Reader, Terminator, Trim};
 use mishandle::plural;
-use mishandle::stl::Trace;
+use mishandle::stl::{Formula, Recording};
 
 /// Column with the time of each sample, in seconds.
 const TIME: &str = "time";
@@ -55,9 +55,11 @@ impl<R: Read> Read for RowLimit<R> {
     }
 }
 
-/// The columns of a log that a formula reads, and the times of its samples.
+/// The samples of a log for a formula.
 pub struct Samples {
-    pub trace: Trace,
+    /// The names of the columns that the formula reads.
+    pub names: Arc<[String]>,
+    pub recording: Recording,
     times: Option<Times>,
 }
 
@@ -99,13 +101,14 @@ impl<R: Read> Log<R> {
         &self.names
     }
 
-    /// Reads the samples of these signals and the times. Other columns may hold any text.
-    pub fn samples(mut self, signals: &[&str]) -> Result<Samples> {
+    /// Reads the samples of the signals of the formula and the times. Other columns may hold any text.
+    pub fn samples(mut self, formula: &Formula) -> Result<Samples> {
+        let signals = formula.signals();
         let is_read = |name: &str| signals.contains(&name);
         let columns: Vec<usize> = (0..self.names.len()).filter(|i| is_read(&self.names[*i])).collect();
         let time = self.names.iter().position(|name| name == TIME);
         let names: Arc<[String]> = columns.iter().map(|column| self.names[*column].clone()).collect();
-        let mut trace = Trace::new(names);
+        let mut recording = Recording::new(formula, Arc::clone(&names))?;
         let mut times = None;
         let mut sample = vec![0.0; columns.len()];
         let mut record = ByteRecord::new();
@@ -128,10 +131,10 @@ impl<R: Read> Log<R> {
             if let Some(column) = time {
                 Times::add(&mut times, self.number(&record, column, line)?, line)?;
             }
-            trace.push(&sample);
+            recording.push(&sample);
         }
-        ensure!(!trace.is_empty(), "the file has a header, but no samples");
-        Ok(Samples { trace, times })
+        ensure!(!recording.is_empty(), "the file has a header, but no samples");
+        Ok(Samples { names, recording, times })
     }
 
     /// Returns the line on which the record begins, counted from 1. The reader has consumed it with its line break.
@@ -249,18 +252,26 @@ impl Samples {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mishandle::stl::{Clock, Monitor};
 
-    fn read(text: &str, signals: &[&str]) -> Result<Samples> {
-        Log::open(text.as_bytes())?.samples(signals)
+    fn read(text: &str, formula: &str) -> Result<Samples> {
+        Log::open(text.as_bytes())?.samples(&Formula::parse(formula).unwrap())
+    }
+
+    /// Returns the values of a column.
+    fn column(text: &str, name: &str) -> Vec<f64> {
+        let Samples { names, recording, .. } = read(text, name).unwrap();
+        let mut monitor = Monitor::new(&Formula::parse(name).unwrap(), &names, Clock::steps(1.0)).unwrap();
+        monitor.recorded_robustness_signal(recording).unwrap().to_vec()
     }
 
     fn values(text: &str) -> Vec<f64> {
-        read(text, &["d"]).unwrap().trace.signal("d").unwrap().to_vec()
+        column(text, "d")
     }
 
     #[track_caller]
     fn check(text: &str, message: &str) {
-        let error = read(text, &["d"]).and_then(|samples| samples.period(None)).unwrap_err();
+        let error = read(text, "d").and_then(|samples| samples.period(None)).unwrap_err();
         assert!(error.to_string().contains(message), "{text:?}: {error}");
     }
 
@@ -283,17 +294,17 @@ mod tests {
 
     #[test]
     fn only_the_columns_of_the_formula_are_kept() {
-        let samples = read("a,d,time,e\n1,2,0,4\n5,6,0.5,x\n", &["d"]).unwrap();
-        assert_eq!(samples.trace.names()[..], ["d".to_owned()]);
+        let samples = read("a,d,time,e\n1,2,0,4\n5,6,0.5,x\n", "d").unwrap();
+        assert_eq!(samples.names[..], ["d".to_owned()]);
         assert_eq!(samples.period(None).unwrap(), 0.5);
-        let samples = read("time,d\n0,2\n0.5,6\n", &["time", "d"]).unwrap();
-        assert_eq!(samples.trace.signal("time"), Some(&[0.0, 0.5][..]));
+        assert_eq!(read("time,d,e\n0,2,1\n", "d > time").unwrap().names[..], ["time", "d"]);
+        assert_eq!(column("time,d\n0,2\n0.5,6\n", "time"), [0.0, 0.5]);
     }
 
     #[test]
     fn a_row_without_end_is_an_error() {
-        let open =
-            |source: &mut dyn Read| Log::open(source).and_then(|log| log.samples(&["d"])).err().unwrap();
+        let d = Formula::parse("d").unwrap();
+        let open = |source: &mut dyn Read| Log::open(source).and_then(|log| log.samples(&d)).err().unwrap();
         let zeros = open(&mut io::repeat(0)).to_string();
         assert!(zeros.contains("more than 16 MiB"), "{zeros}");
         // A quoted cell contains any number of lines.
@@ -371,8 +382,7 @@ mod tests {
         let row = vec!["1.5"; 80_000].join(",");
         let text = format!("{}\n{row}\n{row}\n", header.join(","));
         let started = std::time::Instant::now();
-        let samples = read(&text, &["s79999"]).unwrap();
-        assert_eq!(samples.trace.signal("s79999"), Some(&[1.5, 1.5][..]));
+        assert_eq!(column(&text, "s79999"), [1.5, 1.5]);
         // Comparing all pairs of names takes 3.2 billion comparisons.
         assert!(started.elapsed().as_secs() < 10, "{:?}", started.elapsed());
     }
