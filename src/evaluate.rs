@@ -9,13 +9,10 @@ use mishandle_store::{RunFile, RunWriter, TrialRecord, TrialStatus, TrialSummary
 
 use crate::record;
 use crate::replay::header;
-use crate::{EvaluatePlan, MishandleError, ResolvedPlan, StartRegion};
+use crate::{EvaluatePlan, MishandleError, Plan, ResolvedPlan, StartRegion, plural};
 
 /// Number of the trial of the random simulations. [`Corners::TRIAL`] is the other one.
 const TRIAL: u32 = 1;
-
-/// Largest number of simulations in an evaluation. Run files store simulation numbers in 32 bits.
-const MAX_EPISODES: u64 = 1_000_000_000;
 
 /// The task preset whose completion times include failed episodes, as in the code of the original benchmark.
 const COUNTS_FAILURES: &str = "code";
@@ -226,11 +223,13 @@ pub(crate) fn trial_difference(
         Some(format!("status of trial {number}: recorded {status:?}, expected Running or BudgetSpent"))
     } else if simulations != u64::from(last) {
         Some(format!(
-            "trial {number}: its last simulation has the number {last}, but it has {simulations} simulations"
+            "trial {number}: its last simulation has the number {last}, but it has {}",
+            plural(simulations, "simulation")
         ))
     } else if status == TrialStatus::BudgetSpent && simulations < planned {
         Some(format!(
-            "status of trial {number}: recorded as complete, but it has {simulations} of {planned} simulations"
+            "status of trial {number}: recorded as complete, but it has {simulations} of {}",
+            plural(planned, "simulation")
         ))
     } else {
         None
@@ -268,7 +267,7 @@ pub(crate) fn check(evaluate: &EvaluatePlan, target: &Target, space: &Space) -> 
             });
         }
     }
-    if (1..=MAX_EPISODES).contains(&evaluate.episodes) {
+    if Plan::EPISODES.contains(&evaluate.episodes) {
         return Ok(());
     }
     let (what, expected) = ("the number of episodes", "from 1 to 1000000000");
@@ -278,7 +277,7 @@ pub(crate) fn check(evaluate: &EvaluatePlan, target: &Target, space: &Space) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Plan, create_run};
+    use crate::create_run;
 
     #[test]
     fn a_recorded_simulation_that_differs_from_the_plan_is_an_error() {

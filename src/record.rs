@@ -100,8 +100,11 @@ pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWri
 /// Returns `runs/KIND-TARGET[-CONTROLLER][-SEARCH]-sSEED[-N].sqlite` with the first free number N.
 fn free_path(plan: &Plan) -> Result<PathBuf, MishandleError> {
     let folder = PathBuf::from("runs");
-    std::fs::create_dir_all(&folder)
-        .map_err(|source| MishandleError::File { path: folder.clone(), source })?;
+    std::fs::create_dir_all(&folder).map_err(|source| MishandleError::Write {
+        what: "folder",
+        path: folder.clone(),
+        source,
+    })?;
     let target = plan.target.replace('/', "-");
     let (kind, search) = match &plan.falsify {
         Some(falsify) => ("falsify", falsify.search.as_str()),

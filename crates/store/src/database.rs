@@ -187,20 +187,25 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_planted_socket_or_link_beside_a_run_is_an_error() {
+    fn a_planted_socket_link_or_fifo_beside_a_run_is_an_error() {
         for suffix in ["-journal", "-wal", "-shm"] {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("run");
             std::fs::write(&path, "").unwrap();
             let planted = folder.path().join(format!("run{suffix}"));
-            let message = || {
-                Database::open(&path, OpenFlags::SQLITE_OPEN_READ_WRITE).map(drop).unwrap_err().to_string()
+            let message = || match Database::open(&path, OpenFlags::SQLITE_OPEN_READ_WRITE) {
+                Err(StoreError::Io { source, .. }) => source.to_string(),
+                other => panic!("{other:?}"),
             };
             let socket = std::os::unix::net::UnixListener::bind(&planted).unwrap();
             assert!(message().contains("is not a regular file"), "{}", message());
             drop(socket);
             std::fs::remove_file(&planted).unwrap();
             std::os::unix::fs::symlink("/dev/null", &planted).unwrap();
+            assert!(message().contains("is not a regular file"), "{}", message());
+            std::fs::remove_file(&planted).unwrap();
+            // SQLite would wait for its writer.
+            assert!(std::process::Command::new("mkfifo").arg(&planted).status().unwrap().success());
             assert!(message().contains("is not a regular file"), "{}", message());
         }
     }

@@ -236,8 +236,8 @@ pub enum StoreError {
         /// Number of the simulation.
         number: u32,
     },
-    /// A file could not be read, written or removed.
-    #[error("{what}: {source}")]
+    /// A file could not be read, written or removed. The source says why.
+    #[error("{what}")]
     Io {
         /// The operation that failed.
         what: String,
