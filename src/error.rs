@@ -127,8 +127,8 @@ pub enum MishandleError {
     },
     /// A recorded simulation of an evaluation differs from the simulation of its plan.
     #[error(
-        "simulation {number} of the run differs from simulation {number} of its plan: rows are missing, or another \
-         build made the run and must resume it"
+        "simulation {number} of the run differs from simulation {number} of its plan: rows are missing or were added or \
+         changed, or another build made the run and must resume it"
     )]
     SimulationMismatch {
         /// Number of the simulation.
@@ -256,9 +256,18 @@ pub enum MishandleError {
         /// Cause of the error.
         source: Box<MishandleError>,
     },
-    /// A recorded simulation has an end that this program does not know.
-    #[error("a simulation of the run has the unknown end {0}; use a newer Mishandle")]
-    UnknownEnd(String),
+    /// A recorded simulation has an end that no target of this program has.
+    #[error(
+        "the run file was changed: simulation {number} of trial {trial} has the end {end:?}, which its target does not have"
+    )]
+    ImpossibleEnd {
+        /// Number of the trial.
+        trial: u32,
+        /// Number of the simulation.
+        number: u32,
+        /// The end.
+        end: mishandle_store::SimulationEnd,
+    },
     /// A recorded number of control steps or samples is impossible.
     #[error(
         "the run file was changed: `{name}` of simulation {number} of trial {trial} is {value}; it must be a whole \
@@ -275,6 +284,16 @@ pub enum MishandleError {
         value: f64,
         /// Largest possible value.
         limit: f64,
+    },
+    /// The recorded values of a simulation contradict each other.
+    #[error("the run file was changed: simulation {number} of trial {trial}: {problem}")]
+    Contradiction {
+        /// Number of the trial.
+        trial: u32,
+        /// Number of the simulation.
+        number: u32,
+        /// The contradiction.
+        problem: &'static str,
     },
     /// A system returned no episode for a request.
     #[error("the system returned no episode")]

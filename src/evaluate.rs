@@ -226,6 +226,9 @@ pub(crate) fn trial_difference(
             "trial {number}: its last simulation has the number {last}, but it has {}",
             plural(simulations, "simulation")
         ))
+    } else if simulations > planned {
+        let planned = plural(planned, "simulation");
+        Some(format!("trial {number}: it has {simulations} simulations, but the plan has {planned}"))
     } else if status == TrialStatus::BudgetSpent && simulations < planned {
         Some(format!(
             "status of trial {number}: recorded as complete, but it has {simulations} of {}",

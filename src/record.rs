@@ -228,6 +228,15 @@ pub(crate) fn episode(simulation: &Simulation, episode_steps: usize) -> Result<E
     let completion_step = count("completion_step", samples, stored("completion_step"))?;
     let steps = count("steps", episode_steps as f64, Some(simulation.steps.into()))?;
     count("end_step", samples, simulation.end.step().map(f64::from))?;
+    let end = episode_end(simulation.end).ok_or(MishandleError::ImpossibleEnd {
+        trial: simulation.trial,
+        number: simulation.number,
+        end: simulation.end,
+    })?;
+    if let Some(problem) = contradiction(simulation, episode_steps) {
+        let Simulation { trial, number, .. } = *simulation;
+        return Err(MishandleError::Contradiction { trial, number, problem });
+    }
     // Either all minima are present or none, because a formula can have no finite value.
     let pairs = simulation.verdicts.get(VERDICTS.len()..).unwrap_or_default().chunks(2);
     let minima: Option<Vec<SubformulaMinimum>> = pairs
@@ -236,8 +245,6 @@ pub(crate) fn episode(simulation: &Simulation, episode_steps: usize) -> Result<E
             _ => None,
         })
         .collect();
-    let end = episode_end(simulation.end)
-        .ok_or_else(|| MishandleError::UnknownEnd(format!("{:?}", simulation.end)))?;
     Ok(Episode {
         request: request(simulation, minima.is_some()),
         end,
@@ -253,6 +260,37 @@ pub(crate) fn episode(simulation: &Simulation, episode_steps: usize) -> Result<E
         total_reward: stored("total_reward").unwrap_or(f64::NAN),
         trace: Trace::new([].into()),
     })
+}
+
+/// Describes how the end of a stored simulation contradicts its other values; `None` if it does not.
+fn contradiction(simulation: &Simulation, episode_steps: usize) -> Option<&'static str> {
+    use store::SimulationEnd as End;
+    let Simulation { end, steps, robustness, robustness_low, robustness_high, .. } = *simulation;
+    let has_value = |name: &str| {
+        let index = VERDICTS.iter().position(|verdict| *verdict == name);
+        index.and_then(|index| simulation.verdicts.get(index).copied().flatten()).is_some()
+    };
+    let bits = |value: Option<f64>| value.map(f64::to_bits);
+    let can_have_verdict = matches!(end, End::Completed | End::Terminated { .. } | End::Stopped { .. });
+    let stopped_at = match end {
+        End::Terminated { step } | End::Stopped { step } => Some(step),
+        _ => None,
+    };
+    if !can_have_verdict && (robustness.is_some() || has_value("success") || has_value("strict")) {
+        Some("its end allows no verdict, but it has one")
+    } else if end == End::Completed && (steps as usize) != episode_steps {
+        Some("it completed, but with another number of control steps than an episode")
+    } else if stopped_at.is_some_and(|step| step != steps) {
+        Some("it ended after another control step than it took")
+    } else if matches!(end, End::InvalidAction { step: 0, .. } | End::InvalidReward { step: 0, .. }) {
+        Some("its end has control step 0, and control steps count from 1")
+    } else if simulation.stop_threshold.is_none()
+        && (bits(robustness_low), bits(robustness_high)) != (bits(robustness), bits(robustness))
+    {
+        Some("no stop rule applied, but the bounds of its robustness differ from the robustness")
+    } else {
+        None
+    }
 }
 
 /// Returns the request of a stored simulation.

@@ -207,6 +207,9 @@ fn a_replay_names_every_forged_value_of_a_counterexample() {
         ("status of trial", |run| {
             run.trials.iter_mut().for_each(|trial| trial.status = TrialStatus::Converged);
         }),
+        ("trial 4: the plan has no trial of this number", |run| {
+            run.trials.push(TrialRecord { number: 4, seed: 0, status: TrialStatus::Running });
+        }),
     ]);
 }
 
@@ -253,6 +256,10 @@ fn a_replay_names_every_forged_value_of_an_evaluation() {
         ("trial 3: the plan has no such trial", |run| {
             run.trials.push(TrialRecord { number: 3, seed: 0, status: TrialStatus::Running });
         }),
+        ("trial 1: it has 6 simulations, but the plan has 5 simulations", |run| {
+            let added = Simulation { number: 6, ..run.chosen().clone() };
+            run.simulations.push(added);
+        }),
     ]);
 }
 
@@ -261,6 +268,15 @@ fn a_forged_falsification_is_not_resumed() {
     let bench = Bench::falsification();
     bench.check_resume(HEADER);
     bench.check_resume(&[
+        ("its end allows no verdict, but it has one", |run| {
+            run.chosen().end = SimulationEnd::Diverged { step: 1 };
+        }),
+        ("it completed, but with another number", |run| run.chosen().steps = 0),
+        ("it ended after another control step than it took", |run| {
+            run.chosen().end = SimulationEnd::Stopped { step: 1 };
+        }),
+        ("the bounds of its robustness differ", |run| run.chosen().robustness_high = Some(9.0)),
+        ("which its target does not have", |run| run.chosen().end = SimulationEnd::TimedOut { step: 1 }),
         ("`steps` of simulation", |run| run.chosen().steps = 1_000_000),
         ("`end_step` of simulation", |run| run.chosen().end = SimulationEnd::Stopped { step: 1_000_000 }),
         ("`dangerous_steps` of simulation", |run| run.chosen().verdicts[2] = Some(-1.0)),
@@ -270,7 +286,11 @@ fn a_forged_falsification_is_not_resumed() {
         ("simulation", |run| run.chosen().unit_point[0] += 1e-12),
         ("simulation", |run| run.simulations.remove(0).seed += 1),
         ("seed of trial 1", |run| run.trials[0].seed += 1),
-        ("status of trial", |run| run.chosen().robustness = Some(1.0)),
+        ("status of trial", |run| {
+            let chosen = run.chosen();
+            let better = Some(1.0);
+            (chosen.robustness, chosen.robustness_low, chosen.robustness_high) = (better, better, better);
+        }),
         ("status of trial 1: recorded Converged, expected BudgetSpent", |run| {
             run.trials[0].status = TrialStatus::Converged;
         }),
@@ -282,6 +302,15 @@ fn a_forged_evaluation_is_not_resumed() {
     let bench = Bench::evaluation();
     bench.check_resume(HEADER);
     bench.check_resume(&[
+        ("its end allows no verdict, but it has one", |run| {
+            run.chosen().end = SimulationEnd::Diverged { step: 1 };
+        }),
+        ("it completed, but with another number", |run| run.chosen().steps = 0),
+        ("it ended after another control step than it took", |run| {
+            run.chosen().end = SimulationEnd::Stopped { step: 1 };
+        }),
+        ("the bounds of its robustness differ", |run| run.chosen().robustness_high = Some(9.0)),
+        ("which its target does not have", |run| run.chosen().end = SimulationEnd::TimedOut { step: 1 }),
         ("`steps` of simulation", |run| run.chosen().steps = 1_000_000),
         ("`end_step` of simulation", |run| run.chosen().end = SimulationEnd::Stopped { step: 1_000_000 }),
         ("`dangerous_steps` of simulation", |run| run.chosen().verdicts[2] = Some(-1.0)),

@@ -51,6 +51,14 @@ fn of_falsification(
         return Ok(vec![format!("trial {number}: the plan has no trial of this number")]);
     };
     let mut found = Vec::new();
+    // A forged run can have a trial that the plan does not have.
+    let planned = resolved.plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
+    let foreign = run.trials()?.into_iter().map(|summary| summary.trial.number);
+    found.extend(
+        foreign
+            .filter(|number| !(1..=planned).contains(number))
+            .map(|number| format!("trial {number}: the plan has no trial of this number")),
+    );
     found.extend(falsify::seed_difference(resolved, recorded));
     for simulation in run.trial_simulations(number) {
         let simulation = simulation?;
@@ -67,7 +75,14 @@ fn of_falsification(
             found.extend(differences);
             return Ok(found);
         }
-        if let Err(error) = trial.tell(&record::episode(&simulation, resolved.target.episode_steps)?) {
+        let episode = match record::episode(&simulation, resolved.target.episode_steps) {
+            Ok(episode) => episode,
+            Err(error) => {
+                found.push(error.to_string());
+                return Ok(found);
+            }
+        };
+        if let Err(error) = trial.tell(&episode) {
             found.push(format!("simulation {} of trial {number}: {error}", simulation.number));
             return Ok(found);
         }

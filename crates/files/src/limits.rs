@@ -2,8 +2,8 @@
 //!
 //! | constant | files | limit |
 //! |---|---|--:|
-//! | [`PLAN`] | plans | 1 MiB |
-//! | [`SETTINGS`] | training settings | 1 MiB |
+//! | [`PLAN`] | plans | 128 KiB |
+//! | [`SETTINGS`] | training settings | 128 KiB |
 //! | [`CONTROLLER`] | controllers, and other files of the controller zoo | 256 MiB |
 //! | [`CHECKPOINT`] | checkpoints of training runs | 64 GiB |
 //! | [`TENSOR_HEADER`] | the header of a controller or a checkpoint | 1 MiB |
@@ -13,11 +13,11 @@
 
 const MIB: u64 = 1 << 20;
 
-/// Plans.
-pub const PLAN: u64 = MIB;
+/// Plans. A parsed plan of many tables takes a thousand times its size.
+pub const PLAN: u64 = MIB / 8;
 
-/// Training settings.
-pub const SETTINGS: u64 = MIB;
+/// Training settings. As for plans.
+pub const SETTINGS: u64 = MIB / 8;
 
 /// Controllers: a policy of 67 million parameters. Records and pages of the controller zoo.
 pub const CONTROLLER: u64 = 256 * MIB;

@@ -1,5 +1,6 @@
 //! SQLite connections that are protected against damaged and malicious files.
 
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -110,8 +111,25 @@ fn check_side_files(path: &Path) -> Result<()> {
             let problem = format!("{} is not a regular file; remove it", side_file.display());
             return Err(StoreError::Io { what, source: std::io::Error::other(problem) });
         }
+        if suffix == "-journal" && names_other_journals(&side_file) {
+            let what = format!("{} refers to other files, which a run never does", side_file.display());
+            return Err(StoreError::damaged(path, what));
+        }
     }
     Ok(())
+}
+
+/// Returns whether a rollback journal ends with the name of a super-journal, which SQLite would open, and all files that it
+/// lists. Transactions of several databases have one; a run is a single database.
+fn names_other_journals(journal: &Path) -> bool {
+    // The last bytes of such a journal: <https://sqlite.org/fileformat2.html#the_rollback_journal>.
+    const MAGIC: [u8; 8] = [0xd9, 0xd5, 0x05, 0xf9, 0x20, 0xa1, 0x63, 0xd7];
+    let mut last = [0; MAGIC.len()];
+    let found = std::fs::File::open(journal).and_then(|mut file| {
+        file.seek(SeekFrom::End(-(MAGIC.len() as i64)))?;
+        file.read_exact(&mut last)
+    });
+    found.is_ok() && last == MAGIC
 }
 
 fn set_limit(connection: &Connection, limit: Limit, bytes: usize) -> rusqlite::Result<()> {
@@ -208,6 +226,18 @@ mod tests {
             assert!(std::process::Command::new("mkfifo").arg(&planted).status().unwrap().success());
             assert!(message().contains("is not a regular file"), "{}", message());
         }
+    }
+
+    #[test]
+    fn a_planted_journal_cannot_name_other_files_for_sqlite_to_open() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run");
+        std::fs::write(&path, "").unwrap();
+        let mut journal = vec![0; 512];
+        journal.extend([0xd9, 0xd5, 0x05, 0xf9, 0x20, 0xa1, 0x63, 0xd7]);
+        std::fs::write(folder.path().join("run-journal"), journal).unwrap();
+        let error = Database::open(&path, OpenFlags::SQLITE_OPEN_READ_WRITE).unwrap_err().to_string();
+        assert!(error.contains("refers to other files"), "{error}");
     }
 
     #[test]

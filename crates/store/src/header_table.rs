@@ -200,7 +200,7 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
     check_keys(connection, path)?;
     let kind: String = value(connection, path, "kind")?;
     let text = |key| value::<String>(connection, path, key);
-    let seed = text("seed")?.parse();
+    let seed = text("seed")?;
     let header = RunHeader {
         kind: KINDS
             .iter()
@@ -240,7 +240,11 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
             Ok(FormulaRecord { name: row.get(0)?, text: row.get(1)? })
         })?,
         search: text("search")?,
-        seed: seed.map_err(|_| StoreError::damaged(path, "its seed is not a number"))?,
+        seed: seed
+            .parse()
+            .ok()
+            .filter(|number: &u64| number.to_string() == seed)
+            .ok_or_else(|| StoreError::damaged(path, "its seed is not a number"))?,
         control_dt: value(connection, path, "control_dt")?,
         episode_steps: value(connection, path, "episode_steps")?,
         signals: list(connection, path, "signal", |row| {

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use rusqlite::types::ValueRef;
 use rusqlite::{Connection, Row, params};
 
 use crate::digest::Digest;
@@ -152,7 +153,10 @@ pub(crate) fn read_trial(row: &Row<'_>, path: &Path) -> Result<TrialRecord> {
     let number = row.get(0).in_file(path)?;
     let damaged = |what: &str| StoreError::damaged(path, format!("trial {number}: {what}"));
     let text = |column| row.get_ref(column).in_file(path).map(|value| value.as_str().unwrap_or_default());
-    let seed = text(1)?.parse().map_err(|_| damaged("its seed is not a number"))?;
+    let seed: u64 = text(1)?.parse().map_err(|_| damaged("its seed is not a number"))?;
+    if seed.to_string() != text(1)? {
+        return Err(damaged("the text of its seed was changed"));
+    }
     let status = status_from_text(text(2)?).ok_or_else(|| damaged("its status is unknown"))?;
     let trial = TrialRecord { number, seed, status };
     if trial_hash(&trial) != row.get::<_, i64>(3).in_file(path)? {
@@ -235,17 +239,13 @@ pub(crate) fn insert(
     );
     let (ended, end_step, end_index) = end_columns(simulation.end);
     let unwritable = |error: serde_json::Error| rusqlite::Error::ToSqlConversionFailure(error.into());
-    let scenario = json::object(axis_names(header), &simulation.scenario).map_err(unwritable)?;
-    let verdict_names = header.verdicts.iter().map(String::as_str);
-    let verdicts = json::object(verdict_names, &simulation.verdicts).map_err(unwritable)?;
-    let unit_point = match &simulation.unit_point[..] {
-        [] => None,
-        values => Some(json::array(values).map_err(unwritable)?),
-    };
+    let hash = hash(simulation, trace_digest);
+    let [seed, scenario, unit_point, verdicts, trace_digest] =
+        texts(simulation, trace_digest, header).map_err(unwritable)?;
     connection.prepare_cached(&sql)?.execute(params![
         simulation.trial,
         simulation.number,
-        simulation.seed.to_string(),
+        seed,
         scenario,
         unit_point,
         simulation.robustness,
@@ -257,8 +257,8 @@ pub(crate) fn insert(
         end_index,
         simulation.steps,
         verdicts,
-        trace_digest.map(|digest| format!("{digest:032x}")),
-        hash(simulation, trace_digest),
+        trace_digest,
+        hash,
     ])
 }
 
@@ -299,7 +299,43 @@ pub(crate) fn read(row: &Row<'_>, path: &Path, header: &RunHeader) -> Result<Sim
     }
     // The hash is no secret, so the values of a forged row can be out of their ranges.
     guard(&simulation, header).map_err(|error| damaged(&error.to_string()))?;
+    // The hash covers the values. Another text of the same value means that a cell was changed.
+    let written =
+        texts(&simulation, simulation.trace_digest, header).map_err(|error| damaged(&error.to_string()))?;
+    for (column, expected) in TEXT_COLUMNS.into_iter().zip(&written) {
+        let found = row.get_ref(column).in_file(path)?;
+        let is_same = match expected {
+            Some(text) => found.as_str() == Ok(text),
+            None => found == ValueRef::Null,
+        };
+        if !is_same {
+            return Err(damaged("the text of a value was changed"));
+        }
+    }
     Ok(simulation)
+}
+
+/// Columns of [`COLUMNS`] that contain a value as text, in the order of [`texts`].
+const TEXT_COLUMNS: [usize; 5] = [2, 3, 4, 13, 14];
+
+/// Returns seed, scenario, unit point, verdicts and trace digest as they are stored.
+fn texts(
+    simulation: &Simulation,
+    trace_digest: Option<u128>,
+    header: &RunHeader,
+) -> serde_json::Result<[Option<String>; 5]> {
+    let unit_point = match &simulation.unit_point[..] {
+        [] => None,
+        values => Some(json::array(values)?),
+    };
+    let verdict_names = header.verdicts.iter().map(String::as_str);
+    Ok([
+        Some(simulation.seed.to_string()),
+        Some(json::object(axis_names(header), &simulation.scenario)?),
+        unit_point,
+        Some(json::object(verdict_names, &simulation.verdicts)?),
+        trace_digest.map(|digest| format!("{digest:032x}")),
+    ])
 }
 
 fn axis_names(header: &RunHeader) -> impl ExactSizeIterator<Item = &str> {

@@ -17,6 +17,9 @@ use crate::{
 /// Largest number of simulations that [`Simulations`] reads at once.
 const PAGE: usize = 256;
 
+/// Largest number of trials.
+const MAX_TRIALS: i64 = 1_000_000;
+
 /// Largest number of axes and verdicts in all simulations that are read at once.
 const PAGE_VALUES: usize = 1 << 18;
 
@@ -236,8 +239,14 @@ impl RunFile {
         self.check_rows()
     }
 
-    /// Checks that all rows have numbers that can be read. Rows with other numbers would be skipped.
+    /// Checks that all rows have numbers that can be read, and that [`trials`](Self::trials) is of bounded length. Rows with
+    /// other numbers would be skipped.
     fn check_numbers(&self) -> Result<()> {
+        let count =
+            self.database.sql().query_row("SELECT count(*) FROM trial", [], |row| row.get::<_, i64>(0));
+        if count.in_file(&self.path)? > MAX_TRIALS {
+            return Err(StoreError::damaged(&self.path, format!("it has more than {MAX_TRIALS} trials")));
+        }
         let sql = "SELECT EXISTS (SELECT 1 FROM simulation
                 WHERE trial NOT BETWEEN 0 AND ?1 OR number NOT BETWEEN 1 AND ?1)
             OR EXISTS (SELECT 1 FROM trial WHERE number NOT BETWEEN 0 AND ?1)";

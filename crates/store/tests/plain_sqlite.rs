@@ -336,6 +336,27 @@ fn an_index_that_does_not_match_its_table_is_detected() {
 }
 
 #[test]
+fn another_text_of_the_same_value_is_damage() {
+    for sql in [
+        "UPDATE simulation SET seed = '+' || seed",
+        "UPDATE simulation SET seed = '0' || seed",
+        "UPDATE simulation SET scenario = ' ' || scenario",
+        "UPDATE simulation SET verdicts = verdicts || ' '",
+        "UPDATE simulation SET unit_point = '[ ' || substr(unit_point, 2)",
+        "UPDATE simulation SET unit_point = CAST(x'ff' AS TEXT)",
+        "UPDATE simulation SET trace_digest = upper(trace_digest)",
+        "UPDATE trial SET seed = '+' || seed",
+        "UPDATE header SET value = '+' || value WHERE key = 'seed'",
+    ] {
+        let simulation = Simulation { trace_digest: Some(0xabc), ..record(1, 1) };
+        let (_folder, path) = run_of(&header(), &[simulation]);
+        Connection::open(&path).unwrap().execute_batch(sql).unwrap();
+        let error = RunFile::open(&path).expect_err(sql);
+        assert!(matches!(error, StoreError::Damaged { .. }), "{sql}: {error}");
+    }
+}
+
+#[test]
 fn values_that_are_too_large_are_damage_and_are_not_read() {
     let mebibytes = |count: usize| format!("CAST(zeroblob({}) AS TEXT)", count << 20);
     for (sql, what) in [
@@ -357,6 +378,12 @@ fn values_that_are_too_large_are_damage_and_are_not_read() {
             "its table signal contains a name of 5000 bytes",
         ),
         ("INSERT INTO header VALUES ('note', 1)".to_owned(), "its header has 19 keys instead of 18"),
+        (
+            "WITH RECURSIVE n(x) AS (SELECT 10 UNION ALL SELECT x + 1 FROM n WHERE x < 1100000)
+             INSERT INTO trial SELECT x, '0', 'running', 0 FROM n"
+                .to_owned(),
+            "it has more than 1000000 trials",
+        ),
     ] {
         let (_folder, path) = run_of(&header(), &[record(1, 1)]);
         Connection::open(&path).unwrap().execute_batch(&sql).unwrap();
