@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use mishandle_files::limits;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use toml::Spanned;
@@ -79,6 +80,11 @@ fn is_table(value: &Spanned<DeValue<'_>>) -> bool {
 
 /// Reads a plan. Keys of older formats are translated.
 pub(super) fn read(text: &str) -> Result<Plan, MishandleError> {
+    // Also for the plan in a run file.
+    if text.len() as u64 > limits::PLAN {
+        let (what, expected) = ("the size of the plan in bytes", "at most 131072");
+        return Err(MishandleError::InvalidValue { what, value: text.len().to_string(), expected });
+    }
     let not_toml = |error: toml::de::Error| {
         let line = line_at(text, error.span().map_or(0, |span| span.start));
         let found = shortened(text.lines().nth(line - 1).unwrap_or_default());
@@ -198,6 +204,13 @@ mod tests {
     }
 
     #[test]
+    fn a_plan_of_a_run_file_is_read_within_the_limit_of_plan_files() {
+        let text = format!("target = \"toy/needle\"\n#{}", "#".repeat(limits::PLAN as usize));
+        assert!(read(&text).unwrap_err().to_string().contains("at most 131072"));
+        assert!(read(&text[..limits::PLAN as usize]).is_ok());
+    }
+
+    #[test]
     fn a_value_of_the_wrong_type_is_an_error_with_its_line_and_what_is_allowed() {
         for (line, found, key, expected) in [
             ("target = 1", "1", "target", "a string, such as \"ball-balancing\""),
@@ -281,7 +294,7 @@ mod tests {
 
     #[test]
     fn a_long_value_is_repeated_only_in_part() {
-        let long = "ä".repeat(100_000);
+        let long = "ä".repeat(50_000);
         let error = Plan::from_toml(&format!("seed = \"{long}\"")).unwrap_err().to_string();
         assert!(error.contains("is \"ääää") && error.chars().count() < 300, "{error}");
     }

@@ -207,7 +207,7 @@ pub struct OpenRun {
     #[arg(long, requires = "resume")]
     pub skip_check: bool,
     /// Wait after each batch until its records are on the disk. Without it, a power failure can lose the last
-    /// simulations; a kill loses none. Not stored: a resumed run needs the flag again
+    /// simulations; a kill loses at most the running batch. Not stored: a resumed run needs the flag again
     #[arg(long)]
     pub durable: bool,
 }

@@ -1,9 +1,10 @@
 //! Signals that interrupt a command: SIGINT (Ctrl-C), SIGTERM, and SIGHUP when the terminal closes.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Result;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
 use signal_hook::low_level::exit;
 
@@ -11,6 +12,12 @@ use signal_hook::low_level::exit;
 pub const EXIT_CODE: u8 = 130;
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
+
+/// Makes a write beyond the limit of `ulimit -f` an error. By default, the signal SIGXFSZ ends the program without a message.
+pub fn report_file_size_limits() {
+    // Without the handler, the program ends as by default.
+    let _ = signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)));
+}
 
 /// Installs the signal handlers.
 ///

@@ -48,6 +48,7 @@ pub fn main_with_tasks(tasks: &[&'static dyn Task]) -> ExitCode {
 
 /// Runs the program with the given arguments. The first one is the name of the program.
 pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    interrupt::report_file_size_limits();
     let words: Vec<OsString> = arguments.into_iter().collect();
     let arguments = match Arguments::try_parse_from(&words) {
         Ok(arguments) => arguments,

@@ -1,5 +1,6 @@
 //! Output: results on stdout, messages on stderr. Everything printed is escaped: see [`escape`].
 
+use std::borrow::Cow;
 use std::ffi::OsString;
 use std::io::{BufWriter, ErrorKind, IsTerminal, Write};
 use std::path::Path;
@@ -125,9 +126,23 @@ pub fn number(value: f64) -> Value {
 /// Prints a message to stderr. Lines after the first are indented, so that a name with a line break cannot pose as another
 /// message.
 pub fn message(text: &str) {
-    let text = escape::text(text).replace('\n', "\n  ").replace("\n  \n", "\n\n");
+    let text = escape::text(&shortened(text)).replace('\n', "\n  ").replace("\n  \n", "\n\n");
     // If stderr is closed, the error cannot be reported.
     let _ = writeln!(std::io::stderr().lock(), "{text}");
+}
+
+/// Largest number of characters of a message. Names and texts from files can be longer.
+const MAX_MESSAGE: usize = 8000;
+
+/// Leaves out the middle of a text that is too long for a message.
+fn shortened(text: &str) -> Cow<'_, str> {
+    let count = text.chars().count();
+    if count <= MAX_MESSAGE {
+        return Cow::Borrowed(text);
+    }
+    let at = |characters: usize| text.char_indices().nth(characters).map_or(text.len(), |(index, _)| index);
+    let (first, last) = (&text[..at(MAX_MESSAGE / 2)], &text[at(count - MAX_MESSAGE / 2)..]);
+    Cow::Owned(format!("{first} … ({} characters left out) … {last}", count - MAX_MESSAGE))
 }
 
 /// Warns about a chained comparison, whose meaning users rarely expect.
@@ -273,6 +288,16 @@ mod tests {
         let rows = rows.map(|row| row.map(String::from).to_vec());
         assert_eq!(table_in(&rows, 24), "a    x  one two three\n        four\nbcd     one");
         assert_eq!(table(&rows), "a    x  one two three four\nbcd     one");
+    }
+
+    #[test]
+    fn the_middle_of_a_huge_message_is_left_out() {
+        let huge = format!("error: {} is unknown", "é".repeat(1_000_000));
+        let text = shortened(&huge);
+        assert!(text.starts_with("error: é") && text.ends_with("é is unknown"), "{text}");
+        assert!(text.contains(" … (992018 characters left out) … "), "{text}");
+        assert!(text.chars().count() < 8100);
+        assert_eq!(shortened("error: no"), "error: no");
     }
 
     #[test]

@@ -77,9 +77,7 @@ pub fn open(
     );
     sync(&mut run)?;
     let resolved = mishandle::recorded_plan(run.file().header(), controller)?;
-    for difference in mishandle::build_differences(run.file().header(), &resolved) {
-        output::message(&format!("warning: another build started the run: {difference}"));
-    }
+    report_build_differences("started", &mishandle::build_differences(run.file().header(), &resolved));
     Ok((resolved, run))
 }
 
@@ -88,6 +86,22 @@ fn command_of(kind: RunKind) -> &'static str {
     match kind {
         RunKind::Evaluate => "evaluate",
         RunKind::Falsify => "falsify",
+    }
+}
+
+/// Largest number of differences that are reported.
+const MAX_DIFFERENCES: usize = 20;
+
+/// Reports differences between the build that made or started a run and the present one.
+pub fn report_build_differences(verb: &str, differences: &[String]) {
+    for difference in differences.iter().take(MAX_DIFFERENCES) {
+        output::message(&format!("warning: another build {verb} the run: {difference}"));
+    }
+    if differences.len() > MAX_DIFFERENCES {
+        output::message(&format!(
+            "warning: {} more",
+            plural(differences.len() - MAX_DIFFERENCES, "difference")
+        ));
     }
 }
 

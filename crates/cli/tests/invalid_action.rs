@@ -109,4 +109,10 @@ fn a_campaign_without_any_verdict_is_an_error() {
     assert_eq!(output.status.code(), Some(2), "{err}");
     assert!(out.contains("6 simulations ended in a value that is not finite"), "{out}");
     assert!(err.contains("no simulation has a verdict"), "{err}");
+    let evaluate = "evaluate point-reaching --controller bad.safetensors --episodes 2 --out b.sqlite";
+    let output = bench.run(evaluate);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("no simulation has a verdict"));
+    let replay = bench.check("replay b.sqlite --simulation 1", 0);
+    assert!(replay.contains("returned an action that is not finite in control step 1 (index 0)"), "{replay}");
 }

@@ -43,6 +43,12 @@ pub fn run(command: &args::Evaluate) -> Result<ExitStatus> {
         );
     }
     output::message(&format!("Run file: {name}"));
+    // Exit status 0 would say that the success rate was measured.
+    let report = &outcome.report;
+    anyhow::ensure!(
+        report.diverged + report.invalid + report.undecided < report.simulations,
+        "no simulation has a verdict, so the controller was not tested; the run file contains the end of each simulation"
+    );
     Ok(ExitStatus::Done)
 }
 

@@ -110,9 +110,7 @@ fn recorded(path: &Path, command: &args::Render, size: Size) -> Result<(Renderer
     let renderer = Renderer::new(&mishandle::scene_mjcf(mishandle::task(&run.header().target.name)?)?, size)?;
     let (replayed, trajectory) =
         mishandle::replay_states(&run, trial, simulation, command.controller.as_deref())?;
-    for difference in &replayed.build_differences {
-        output::message(&format!("warning: another build made the run: {difference}"));
-    }
+    run::report_build_differences("made", &replayed.build_differences);
     if !replayed.differences.is_empty() {
         bail!("{}", run::differences_text(&replayed.differences));
     }

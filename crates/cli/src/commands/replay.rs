@@ -2,8 +2,10 @@ use anyhow::{Result, bail};
 use mishandle::{plural, store};
 use serde_json::{Value, json};
 
+use mishandle::rollout::Signal;
+
 use crate::output::{self, number};
-use crate::{ExitStatus, args, run};
+use crate::{ExitStatus, args, escape, run};
 
 pub fn run(command: &args::Replay) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
@@ -14,9 +16,7 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
         bail!("{} has no decided simulation{in_trial}; choose one with --simulation", command.file.display());
     };
     let replayed = mishandle::replay(&file, trial, simulation, command.controller.as_deref())?;
-    for difference in &replayed.build_differences {
-        output::message(&format!("warning: another build made the run: {difference}"));
-    }
+    run::report_build_differences("made", &replayed.build_differences);
     if let Some(path) = &command.trace {
         let trace = &replayed.episode.trace;
         let columns = (0..trace.names().len()).map(|i| trace.column(i).to_vec()).collect();
@@ -30,6 +30,11 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
     let scenario = &replayed.recorded.scenario;
     let named = || header.axes.iter().zip(scenario);
     let by_name: Value = named().map(|(axis, value)| (axis.name.clone(), json!(value))).collect();
+    let signals: Vec<Signal> = header
+        .signals
+        .iter()
+        .map(|signal| Signal { name: signal.name.clone(), unit: signal.unit.clone() })
+        .collect();
     if command.json {
         let value = |value: Option<f64>| value.map_or(Value::Null, number);
         output::json(json!({
@@ -43,6 +48,7 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
             "initial_configuration": scenario,
             "scenario": by_name,
             "seed": replayed.recorded.seed.to_string(),
+            "end": run::end_text(replayed.episode.end, &signals),
             "steps": replayed.episode.steps,
             "robustness": value(robustness),
             "same": replayed.differences.is_empty(),
@@ -59,10 +65,13 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
             run::simulation_text(header, &replayed.recorded),
             values.join(", "),
             replayed.recorded.seed,
-            header.formula,
+            escape::name(&header.formula),
             robustness.map_or("undecided".to_string(), |rho| rho.to_string()),
             plural(replayed.episode.steps, "control step"),
         ))?;
+        if !replayed.episode.end.has_verdict() {
+            output::line(&run::end_text(replayed.episode.end, &signals))?;
+        }
     }
     if !replayed.differences.is_empty() {
         bail!("{}", run::differences_text(&replayed.differences));

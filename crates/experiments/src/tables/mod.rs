@@ -142,8 +142,7 @@ fn performance(shown: &Shown<'_>, noise: usize) -> String {
         }
         if let Some(expert) = shown.expert(task) {
             let last = match noise {
-                0 => missed_thresholds(task, "expert", rates(expert, corner_threshold(expert, true)))
-                    .join("; "),
+                0 => expert_remarks(task, expert),
                 _ => NOTHING.to_string(),
             };
             table += &rows(expert, "expert", noise, &last);
@@ -174,13 +173,23 @@ fn rows(record: &Record, algorithm: &str, noise: usize, last: &str) -> String {
         of_paper(|paper| paper.success, 0),
         of_paper(|paper| paper.danger, 2),
         of_paper(|paper| paper.completion, 1),
-        record.commit,
+        commits(record, noise),
     );
     if let Some(whole) = record.whole_box_evaluation(noise) {
         let figures = figures(Some(whole));
         rows += &format!("| `{}` | `{algorithm}`, whole box | {figures} | | | | | |\n", record.task);
     }
     rows
+}
+
+/// Returns the commit that measured a row. Under noise, the falsification can be of another one.
+fn commits(record: &Record, noise: usize) -> String {
+    match &record.falsification_commit {
+        Some(falsification) if noise > 0 && *falsification != record.commit => {
+            format!("{}; falsified trials: {falsification}", record.commit)
+        }
+        _ => record.commit.clone(),
+    }
 }
 
 /// One of the averages of an evaluation.
@@ -228,15 +237,39 @@ fn figures(evaluation: Option<&EvaluationRecord>) -> String {
         shown_estimate(evaluation.map(|evaluation| *of(evaluation)).unwrap_or_default(), show)
     };
     let dangerous = evaluation.and_then(|evaluation| evaluation.dangerous_episode_rate.as_ref());
+    // Older records have a bootstrap interval, which does not hold for rare danger.
+    let danger: Rate = |evaluation| &evaluation.dangerous_behavior_rate;
+    let danger = match (evaluation, dangerous) {
+        (Some(evaluation), None) => percent(danger(evaluation).value, 2),
+        _ => cell(danger, &|value| percent(value, 2)),
+    };
     [
         cell(success, &|value| percent(value, 1)),
         cell(strict, &|value| percent(value, 1)),
         corners(evaluation),
-        cell(|evaluation| &evaluation.dangerous_behavior_rate, &|value| percent(value, 2)),
+        danger,
         shown_estimate(dangerous.copied().unwrap_or_default(), &|value| percent(value, 1)),
         cell(|evaluation| &evaluation.task_completion_time, &|value| decimal(value, 1)),
     ]
     .join(" | ")
+}
+
+/// Returns the thresholds that an expert misses, and whether its measurement is out of date.
+fn expert_remarks(task: &str, record: &Record) -> String {
+    let mut remarks = missed_thresholds(task, "expert", rates(record, corner_threshold(record, true)));
+    // Older records do not contain the formulas that they were measured with.
+    if record.conditions.is_none() {
+        remarks.push(MEASUREMENT_OUT_OF_DATE.to_string());
+    }
+    remarks.join("; ")
+}
+
+/// Remark on a controller that was measured under other conditions, such as another formula.
+const MEASUREMENT_OUT_OF_DATE: &str = "measurement out of date";
+
+/// Returns whether training, formulas and controller of a record are the present ones.
+fn is_current(entry: &PlanEntry) -> bool {
+    matches!(entry.state, TrainingState::Done | TrainingState::NeedsFalsification)
 }
 
 /// Returns the thresholds that a controller misses, and what is out of date.
@@ -246,7 +279,7 @@ fn remarks(entry: &PlanEntry, record: &Record) -> String {
         TrainingState::NeedsTraining { reason } | TrainingState::Interrupted { reason, .. } => {
             remarks.push(format!("out of date ({reason})"));
         }
-        TrainingState::NeedsMeasurement { .. } => remarks.push("measurement out of date".to_string()),
+        TrainingState::NeedsMeasurement { .. } => remarks.push(MEASUREMENT_OUT_OF_DATE.to_string()),
         TrainingState::NoSettings => remarks.push("no settings file".to_string()),
         TrainingState::Done | TrainingState::NeedsFalsification => {}
     }

@@ -1,6 +1,6 @@
 //! The tables in two sentences, and the controllers below a threshold.
 
-use crate::tables::{Shown, missed};
+use crate::tables::{Shown, is_current, missed};
 use crate::{SHIPPED_SEED, algorithms, seeds};
 
 /// How many controllers reach all their thresholds, which do not, and how many seeds were run.
@@ -8,13 +8,16 @@ pub(super) fn table(shown: &Shown<'_>) -> String {
     let shipped = Tally::of(shown, |seed| seed == SHIPPED_SEED);
     let further = Tally::of(shown, |seed| seed != SHIPPED_SEED);
     format!(
-        "Of {} shipped controllers {} meet every threshold{}\nOf {} further seeds of the plan {} were run, and {} of these meet \
-         every threshold{}",
+        "Of {} shipped controllers {} meet every threshold{}\nOf {} further seeds of the plan {} were run: {} without an \
+         evaluation of the corners, because the weights were not kept, and {} with older settings or formulas. {} meet the \
+         measured thresholds{}",
         shipped.planned,
         shipped.reaching(),
         shipped.others(),
         further.planned,
         further.run,
+        further.without_corners,
+        further.out_of_date,
         further.reaching(),
         further.others(),
     )
@@ -25,6 +28,8 @@ pub(super) fn table(shown: &Shown<'_>) -> String {
 struct Tally {
     planned: usize,
     run: usize,
+    without_corners: usize,
+    out_of_date: usize,
     /// Each task with its controllers that miss a threshold, with the thresholds.
     missing: Vec<(String, Vec<String>)>,
 }
@@ -39,6 +44,9 @@ impl Tally {
                     tally.planned += 1;
                     let Some((entry, record)) = shown.recorded(task, algorithm, seed) else { continue };
                     tally.run += 1;
+                    let corners = record.evaluation(0).and_then(|evaluation| evaluation.corners.as_ref());
+                    tally.without_corners += usize::from(corners.is_none());
+                    tally.out_of_date += usize::from(!is_current(entry));
                     let missed = missed(entry, record);
                     if !missed.is_empty() {
                         let name = entry.training.controller();

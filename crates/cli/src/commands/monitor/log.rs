@@ -48,7 +48,10 @@ impl<R: Read> Read for RowLimit<R> {
         }
         self.row_bytes.set(self.row_bytes.get() + count);
         if self.row_bytes.get() > MAX_ROW {
-            let message = format!("a row has more than {} MiB; is this a CSV file?", MAX_ROW >> 20);
+            let message = format!(
+                "a row, or blank lines in succession, have more than {} MiB; is this a CSV file?",
+                MAX_ROW >> 20
+            );
             return Err(io::Error::new(io::ErrorKind::InvalidData, message));
         }
         Ok(count)
