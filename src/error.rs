@@ -256,7 +256,7 @@ pub enum MishandleError {
         /// Cause of the error.
         source: Box<MishandleError>,
     },
-    /// A recorded simulation has an end that no target of this program has.
+    /// A recorded simulation has an end that its target does not have.
     #[error(
         "the run file was changed: simulation {number} of trial {trial} has the end {end:?}, which its target does not have"
     )]

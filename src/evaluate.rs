@@ -147,7 +147,7 @@ fn run_requests(
     }
     let mut done = 0;
     for simulation in run.file().simulations() {
-        let episode = record::episode(&simulation?, resolved.target.episode_steps)?;
+        let episode = record::episode(&simulation?, &resolved.target)?;
         let Request { trial, number, seed, scenario, unit_point, .. } = &episode.request;
         let next = match (&corners, *trial) {
             (Some((_, report)), Corners::TRIAL) => u64::from(report.simulations()) + 1,

@@ -35,7 +35,7 @@ pub fn falsify(
         ..FalsifyProgress::default()
     };
     for simulation in run.file().simulations() {
-        campaign.replay(&record::episode(&simulation?, resolved.target.episode_steps)?)?;
+        campaign.replay(&record::episode(&simulation?, &resolved.target)?)?;
         progress.simulations += 1;
     }
     let mut started = vec![false; trials as usize];

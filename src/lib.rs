@@ -52,7 +52,7 @@ pub use home::{
 pub use plan::{EvaluatePlan, FalsifyPlan, Plan, StartRegion};
 pub use plural::plural;
 pub use record::create_run;
-pub use replay::{ReplayResult, build_differences, recorded_plan, replay, select_simulation};
+pub use replay::{ReplayResult, build_differences, recorded_plan, replay, replay_with, select_simulation};
 pub use search_options::search_option_value;
 pub use shell_quote::shell_quote;
 pub use target::{ResolvedPlan, preset, target, target_names, task, task_target};

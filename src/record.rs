@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use mishandle_rollout::{AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Verdict};
+use mishandle_rollout::{AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Target, Verdict};
 use mishandle_stl::{SubformulaMinimum, Trace};
 use mishandle_store as store;
 use mishandle_store::{IfExists, RunHeader, RunKind, RunWriter, Simulation, TargetRecord};
@@ -158,6 +158,7 @@ fn stored_end(end: EpisodeEnd) -> store::SimulationEnd {
     use store::SimulationEnd as End;
     match end {
         EpisodeEnd::Completed => End::Completed,
+        EpisodeEnd::Terminated { step } => End::Terminated { step: step as u32 },
         EpisodeEnd::Stopped { step } => End::Stopped { step: step as u32 },
         EpisodeEnd::Diverged { step } => End::Diverged { step: step as u32 },
         EpisodeEnd::Undefined { step } => End::Undefined { step: step as u32 },
@@ -173,14 +174,17 @@ fn stored_end(end: EpisodeEnd) -> store::SimulationEnd {
         EpisodeEnd::InvalidSignal { step, index } => {
             End::InvalidSignal { step: step as u32, index: index as u32 }
         }
+        EpisodeEnd::InvalidScenario => End::InvalidScenario,
+        EpisodeEnd::Crashed { step } => End::Crashed { step: step as u32 },
+        EpisodeEnd::TimedOut { step } => End::TimedOut { step: step as u32 },
     }
 }
 
-/// Returns `None` if this program produces no such end.
-fn episode_end(end: store::SimulationEnd) -> Option<EpisodeEnd> {
+fn episode_end(end: store::SimulationEnd) -> EpisodeEnd {
     use store::SimulationEnd as End;
-    let end = match end {
+    match end {
         End::Completed => EpisodeEnd::Completed,
+        End::Terminated { step } => EpisodeEnd::Terminated { step: step as usize },
         End::Stopped { step } => EpisodeEnd::Stopped { step: step as usize },
         End::Diverged { step } => EpisodeEnd::Diverged { step: step as usize },
         End::Undefined { step } => EpisodeEnd::Undefined { step: step as usize },
@@ -196,18 +200,18 @@ fn episode_end(end: store::SimulationEnd) -> Option<EpisodeEnd> {
         End::InvalidSignal { step, index } => {
             EpisodeEnd::InvalidSignal { step: step as usize, index: index as usize }
         }
-        End::Terminated { .. } | End::InvalidScenario | End::Crashed { .. } | End::TimedOut { .. } => {
-            return None;
-        }
-    };
-    Some(end)
+        End::InvalidScenario => EpisodeEnd::InvalidScenario,
+        End::Crashed { step } => EpisodeEnd::Crashed { step: step as usize },
+        End::TimedOut { step } => EpisodeEnd::TimedOut { step: step as usize },
+    }
 }
 
-/// Converts a stored simulation of a target with episodes of `episode_steps` control steps to an episode without a trace.
+/// Converts a stored simulation of `target` to an episode without a trace.
 ///
 /// # Errors
-/// If this program does not know the simulation's end, or the episode has too many steps.
-pub(crate) fn episode(simulation: &Simulation, episode_steps: usize) -> Result<Episode, MishandleError> {
+/// If the episode has too many steps.
+pub(crate) fn episode(simulation: &Simulation, target: &Target) -> Result<Episode, MishandleError> {
+    let episode_steps = target.episode_steps;
     let stored = |name: &str| {
         let index = VERDICTS.iter().position(|verdict| *verdict == name)?;
         simulation.verdicts.get(index).copied().flatten()
@@ -228,11 +232,11 @@ pub(crate) fn episode(simulation: &Simulation, episode_steps: usize) -> Result<E
     let completion_step = count("completion_step", samples, stored("completion_step"))?;
     let steps = count("steps", episode_steps as f64, Some(simulation.steps.into()))?;
     count("end_step", samples, simulation.end.step().map(f64::from))?;
-    let end = episode_end(simulation.end).ok_or(MishandleError::ImpossibleEnd {
-        trial: simulation.trial,
-        number: simulation.number,
-        end: simulation.end,
-    })?;
+    let end = episode_end(simulation.end);
+    if !target.can_fail && (end.is_failed() || matches!(end, EpisodeEnd::Terminated { .. })) {
+        let Simulation { trial, number, end, .. } = *simulation;
+        return Err(MishandleError::ImpossibleEnd { trial, number, end });
+    }
     if let Some(problem) = contradiction(simulation, episode_steps) {
         let Simulation { trial, number, .. } = *simulation;
         return Err(MishandleError::Contradiction { trial, number, problem });

@@ -40,9 +40,21 @@ pub fn replay(
     number: u32,
     controller: Option<&str>,
 ) -> Result<ReplayResult, MishandleError> {
-    let resolved = recorded_plan(run.header(), controller)?;
+    replay_with(run, trial, number, &recorded_plan(run.header(), controller)?)
+}
+
+/// Replays a simulation as [`replay`] does, with a plan that the caller has resolved.
+///
+/// # Errors
+/// The errors of [`replay`].
+pub fn replay_with(
+    run: &RunFile,
+    trial: u32,
+    number: u32,
+    resolved: &ResolvedPlan,
+) -> Result<ReplayResult, MishandleError> {
     let mut system = resolved.system()?;
-    replay_in(run, trial, number, &resolved, &mut *system)
+    replay_in(run, trial, number, resolved, &mut *system)
 }
 
 /// Replays a simulation as [`replay`] does, in a given system of the run's target.

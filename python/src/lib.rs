@@ -1,14 +1,31 @@
-//! The Python module `mishandle`: tasks as vectorized environments with NumPy arrays.
+//! The extension module of the Python package `mishandle`.
 //!
-//! `mishandle.pyi` contains the types for Python's tools.
+//! The package's Python modules are its public interface; `_native.pyi` contains the types of this module.
 
+#![allow(clippy::needless_pass_by_value, reason = "PyO3 passes arguments by value")]
+#![allow(clippy::result_large_err, reason = "closures return the error of the library")]
+
+mod campaign;
+mod controller;
+mod formula;
+mod run;
+mod search;
+mod simulator;
+mod target;
 mod vector_env;
 
 use std::error::Error;
 use std::iter::successors;
 
+use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
+use controller::PyController;
+use formula::PyFormula;
+use run::PyRun;
+use search::PySearch;
+use simulator::Simulator;
+use target::PyTarget;
 use vector_env::VectorEnv;
 
 pyo3::create_exception!(
@@ -18,12 +35,41 @@ pyo3::create_exception!(
     "An invalid name or value. The message has one line."
 );
 
-/// Tasks of Mishandle as vectorized environments with NumPy arrays.
-#[pymodule(name = "mishandle")]
+/// The parts of the package that are written in Rust.
+#[pymodule(name = "_native")]
 fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", mishandle::VERSION)?;
     module.add("MishandleError", module.py().get_type::<MishandleError>())?;
-    module.add_class::<VectorEnv>()
+    module.add_class::<VectorEnv>()?;
+    module.add_class::<PyTarget>()?;
+    module.add_class::<PyFormula>()?;
+    module.add_class::<PySearch>()?;
+    module.add_class::<PyRun>()?;
+    module.add_class::<PyController>()?;
+    module.add_class::<Simulator>()?;
+    module.add_function(wrap_pyfunction!(search::search_names, module)?)?;
+    module.add_function(wrap_pyfunction!(campaign::falsify, module)?)?;
+    module.add_function(wrap_pyfunction!(campaign::evaluate, module)?)?;
+    module.add_function(wrap_pyfunction!(campaign::simulate, module)?)?;
+    module.add_function(wrap_pyfunction!(campaign::replay, module)?)
+}
+
+/// Converts an error of a library crate, with its causes.
+fn plain(error: impl Error) -> PyErr {
+    let causes = successors(Some(&error as &dyn Error), |error| (*error).source());
+    MishandleError::new_err(causes.map(ToString::to_string).collect::<Vec<_>>().join(": "))
+}
+
+/// Checks that the calling process is `process`. A process made by `fork` shares no threads and locks with its parent.
+fn in_this_process(process: u32) -> PyResult<()> {
+    if process == std::process::id() {
+        return Ok(());
+    }
+    Err(PyRuntimeError::new_err(format!(
+        "this object belongs to process {process}, and fork copied no threads to process {}; make a new one in this process, \
+         or start processes by multiprocessing.get_context(\"spawn\")",
+        std::process::id()
+    )))
 }
 
 /// Converts an error to a Python exception: its causes, the outermost first, and a hint if there is one.

@@ -75,7 +75,7 @@ fn of_falsification(
             found.extend(differences);
             return Ok(found);
         }
-        let episode = match record::episode(&simulation, resolved.target.episode_steps) {
+        let episode = match record::episode(&simulation, &resolved.target) {
             Ok(episode) => episode,
             Err(error) => {
                 found.push(error.to_string());

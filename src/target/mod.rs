@@ -71,7 +71,14 @@ impl ResolvedPlan {
     /// If a name is unknown, a file cannot be read or is for another task, a formula is invalid or reaches past the end
     /// of an episode, or a number is out of its range.
     pub fn new(plan: &Plan) -> Result<ResolvedPlan, MishandleError> {
-        let target = target(plan)?;
+        ResolvedPlan::with_target(plan, target(plan)?)
+    }
+
+    /// Checks a plan for a target that this program cannot look up, for instance one that a user wrote in Python.
+    ///
+    /// # Errors
+    /// The errors of [`new`](Self::new), except that the name of the target is not looked up.
+    pub fn with_target(plan: &Plan, target: Target) -> Result<ResolvedPlan, MishandleError> {
         let space = target.space(&plan.space).map_err(|error| match error {
             RolloutError::UnknownSpace { name, known } => {
                 MishandleError::UnknownName { kind: "space", name, known }

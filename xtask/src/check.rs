@@ -77,7 +77,7 @@ fn tests(root: &Path) -> Result<()> {
     run(&mut cargo(root, arguments), &[0])
 }
 
-/// Builds, installs and tests the Python module, in a virtual environment of its own.
+/// Builds, installs and tests the Python package, in a virtual environment of its own.
 fn python(root: &Path) -> Result<()> {
     run(Command::new("python/dev.sh").current_dir(root), &[0])
 }

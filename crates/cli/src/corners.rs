@@ -24,6 +24,7 @@ pub fn document(axes: &[Axis], report: &CornerReport) -> Value {
             "strict_successes": point.strict_successes,
             "diverged": point.diverged,
             "invalid": point.invalid,
+            "failed": point.failed,
             "undecided": point.undecided,
         })
     };
@@ -65,9 +66,10 @@ pub fn text(axes: &[Axis], report: &CornerReport) -> String {
 /// Describes the failed simulations at points that count whose failure is no violation of the formula.
 fn without_verdict(axes: &[Axis], report: &CornerReport) -> Vec<String> {
     type Count = fn(&CornerResult) -> u32;
-    let reasons: [(Count, &str); 3] = [
+    let reasons: [(Count, &str); 4] = [
         (|point| point.diverged, run::DIVERGED),
         (|point| point.invalid, run::INVALID),
+        (|point| point.failed, run::FAILED),
         (|point| point.undecided, run::UNDECIDED),
     ];
     let describe = |(count, reason): (Count, &str)| {

@@ -221,11 +221,14 @@ pub fn axis_value(name: &str, value: &str, unit: &str) -> String {
 /// Reasons why a simulation has no verdict.
 pub const DIVERGED: &str = "diverged";
 pub const INVALID: &str = "ended in a value that is not finite";
+
+/// Reason of failed simulations.
+pub const FAILED: &str = "did not start, crashed or took too long";
 pub const UNDECIDED: &str = "left the formula undecided";
 
 /// Formats the numbers of simulations without a verdict, by reason. Returns `None` if there are none.
-pub fn without_verdict(diverged: u64, invalid: u64, undecided: u64) -> Option<String> {
-    let counts = [(diverged, DIVERGED), (invalid, INVALID), (undecided, UNDECIDED)];
+pub fn without_verdict(diverged: u64, invalid: u64, failed: u64, undecided: u64) -> Option<String> {
+    let counts = [(diverged, DIVERGED), (invalid, INVALID), (failed, FAILED), (undecided, UNDECIDED)];
     let shown: Vec<String> = counts
         .iter()
         .filter(|(count, _)| *count > 0)
@@ -280,6 +283,10 @@ pub fn end_text(end: EpisodeEnd, signals: &[Signal]) -> String {
         }
         EpisodeEnd::Diverged { step } => format!("the physics diverged in control step {step}"),
         EpisodeEnd::Stopped { step } => format!("the monitor stopped it after control step {step}"),
+        EpisodeEnd::Terminated { step } => format!("the target ended it after control step {step}"),
+        EpisodeEnd::InvalidScenario => "the target cannot start from the scenario".to_string(),
+        EpisodeEnd::Crashed { step } => format!("the target or its controller failed in control step {step}"),
+        EpisodeEnd::TimedOut { step } => format!("it took longer than its time limit in control step {step}"),
         EpisodeEnd::Completed => "it completed".to_string(),
     }
 }

@@ -108,6 +108,7 @@ impl Corners {
             strict_successes: has_strict.then_some(0),
             diverged: 0,
             invalid: 0,
+            failed: 0,
             undecided: 0,
         };
         let points = self.points.iter().map(result).collect();
@@ -166,7 +167,9 @@ pub struct CornerResult {
     pub diverged: u32,
     /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
     pub invalid: u32,
-    /// Number of simulations that neither diverged nor were invalid but left success undecided.
+    /// Number of simulations that could not start, crashed or took too long.
+    pub failed: u32,
+    /// Number of other simulations that left success undecided.
     pub undecided: u32,
 }
 
@@ -224,6 +227,7 @@ impl CornerReport {
         match episode.end {
             EpisodeEnd::Diverged { .. } => point.diverged += 1,
             end if end.is_invalid() => point.invalid += 1,
+            end if end.is_failed() => point.failed += 1,
             _ => point.undecided += u32::from(episode.verdict.success.is_none()),
         }
         point.successes += u32::from(success);

@@ -18,9 +18,11 @@ pub struct EvaluationReport {
     pub diverged: u64,
     /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
     pub invalid: u64,
-    /// Number of simulations that neither diverged nor were invalid but left success undecided.
+    /// Number of simulations that could not start, crashed or took too long.
+    pub failed: u64,
+    /// Number of other simulations that left success undecided.
     pub undecided: u64,
-    /// Number of simulations that neither diverged nor were invalid but left strict success undecided.
+    /// Number of other simulations that left strict success undecided.
     pub strict_undecided: u64,
     /// Success rate: fraction of simulations with a success robustness above 0, with its Wilson interval.
     pub success_rate: Estimate,
@@ -76,6 +78,7 @@ pub struct Metrics {
     simulations: u64,
     diverged: u64,
     invalid: u64,
+    failed: u64,
     undecided: u64,
     strict_undecided: u64,
     successes: u64,
@@ -115,6 +118,10 @@ impl Metrics {
             self.invalid += 1;
             return;
         }
+        if episode.end.is_failed() {
+            self.failed += 1;
+            return;
+        }
         if matches!(episode.end, EpisodeEnd::Undefined { .. }) {
             self.undecided += 1;
             self.strict_undecided += 1;
@@ -138,6 +145,7 @@ impl Metrics {
             simulations: self.simulations,
             diverged: self.diverged,
             invalid: self.invalid,
+            failed: self.failed,
             undecided: self.undecided,
             strict_undecided: self.strict_undecided,
             success_rate: wilson(self.successes, self.simulations),

@@ -19,8 +19,8 @@ pub struct Minimum {
     pub number: u32,
 }
 
-/// A simulation without a verdict, because the formula, the controller or the environment returned a value that is not
-/// finite.
+/// A simulation without a verdict, because it failed, or the formula, the controller or the environment returned a value
+/// that is not finite.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unevaluated {
     /// Number of the simulation in the trial, from 1.
@@ -29,7 +29,7 @@ pub struct Unevaluated {
     pub scenario: Scenario,
     /// Random seed of the simulation.
     pub seed: Seed,
-    /// End of the simulation: undefined, or one of the invalid ends.
+    /// End of the simulation: undefined, invalid or failed.
     pub end: EpisodeEnd,
 }
 
@@ -48,11 +48,13 @@ pub struct TrialOutcome {
     pub diverged: u32,
     /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
     pub invalid: u32,
-    /// Number of simulations that neither diverged nor were invalid but left the formula undecided.
+    /// Number of simulations that could not start, crashed or took too long.
+    pub failed: u32,
+    /// Number of other simulations that left the formula undecided.
     pub undecided: u32,
     /// Number of undecided simulations without a finite value of the formula.
     pub undefined: u32,
-    /// First undefined or invalid simulation.
+    /// First undefined, invalid or failed simulation.
     pub first_unevaluated: Option<Unevaluated>,
     /// Simulation with the minimum robustness; `None` if no simulation has a robustness.
     pub minimum: Option<Minimum>,
@@ -68,6 +70,7 @@ impl TrialOutcome {
             simulations: 0,
             diverged: 0,
             invalid: 0,
+            failed: 0,
             undecided: 0,
             undefined: 0,
             first_unevaluated: None,
@@ -95,16 +98,18 @@ impl TrialOutcome {
             None => match episode.end {
                 EpisodeEnd::Diverged { .. } => self.diverged += 1,
                 end if end.is_invalid() => self.invalid += 1,
+                end if end.is_failed() => self.failed += 1,
                 end => {
                     self.undecided += 1;
                     self.undefined += u32::from(matches!(end, EpisodeEnd::Undefined { .. }));
                 }
             },
         }
-        if matches!(episode.end, EpisodeEnd::Undefined { .. }) || episode.end.is_invalid() {
+        let end = episode.end;
+        if matches!(end, EpisodeEnd::Undefined { .. }) || end.is_invalid() || end.is_failed() {
             self.first_unevaluated.get_or_insert_with(|| {
                 let scenario = request.scenario.clone();
-                Unevaluated { number, scenario, seed, end: episode.end }
+                Unevaluated { number, scenario, seed, end }
             });
         }
     }
@@ -134,7 +139,9 @@ pub struct CampaignOutcome {
     pub diverged: u64,
     /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
     pub invalid: u64,
-    /// Number of simulations that neither diverged nor were invalid but left the formula undecided.
+    /// Number of simulations that could not start, crashed or took too long.
+    pub failed: u64,
+    /// Number of other simulations that left the formula undecided.
     pub undecided: u64,
     /// Number of undecided simulations without a finite value of the formula.
     pub undefined: u64,
@@ -165,6 +172,7 @@ impl CampaignOutcome {
             simulations: total(|trial| trial.simulations),
             diverged: total(|trial| trial.diverged),
             invalid: total(|trial| trial.invalid),
+            failed: total(|trial| trial.failed),
             undecided: total(|trial| trial.undecided),
             undefined: total(|trial| trial.undefined),
             surplus: 0,

@@ -74,6 +74,11 @@ impl Episode {
 pub enum EpisodeEnd {
     /// The simulation ran all its control steps.
     Completed,
+    /// The target ended the simulation by its own rule after this control step.
+    Terminated {
+        /// Control step.
+        step: usize,
+    },
     /// The stop condition ended the simulation after this control step.
     Stopped {
         /// Control step.
@@ -118,12 +123,30 @@ pub enum EpisodeEnd {
         /// Index of the first such signal.
         index: usize,
     },
+    /// The target cannot start from the scenario. The simulation is neither a success nor a falsification.
+    InvalidScenario,
+    /// The target or its controller failed, for instance with an exception. The simulation is neither a success nor a
+    /// falsification.
+    Crashed {
+        /// Control step, from 1; 0 is the reset.
+        step: usize,
+    },
+    /// The simulation took longer than its time limit. It is neither a success nor a falsification.
+    TimedOut {
+        /// Control step, from 1; 0 is the reset.
+        step: usize,
+    },
 }
 
 impl EpisodeEnd {
     /// Returns whether an episode with this end can have a verdict.
     pub fn has_verdict(self) -> bool {
-        matches!(self, EpisodeEnd::Completed | EpisodeEnd::Stopped { .. })
+        matches!(self, EpisodeEnd::Completed | EpisodeEnd::Terminated { .. } | EpisodeEnd::Stopped { .. })
+    }
+
+    /// Returns whether the simulation failed: the target could not start it, crashed or took too long.
+    pub fn is_failed(self) -> bool {
+        matches!(self, EpisodeEnd::InvalidScenario | EpisodeEnd::Crashed { .. } | EpisodeEnd::TimedOut { .. })
     }
 
     /// Returns whether the controller or the environment returned a value that is not finite.

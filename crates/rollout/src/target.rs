@@ -89,6 +89,8 @@ pub struct Target {
     pub episode_steps: usize,
     /// Whether equal requests give bit-identical episodes.
     pub is_deterministic: bool,
+    /// Whether a simulation can fail (crash, time out, reject its scenario) or be terminated by the target.
+    pub can_fail: bool,
     /// Whether an episode depends on the seed of its request when every axis is nominal: the initial state, the
     /// observations or the actions contain random numbers.
     pub depends_on_seed: bool,

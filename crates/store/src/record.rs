@@ -95,6 +95,12 @@ pub enum SimulationEnd {
 }
 
 impl SimulationEnd {
+    /// Returns the name of the end in the run file, such as `completed`.
+    pub fn name(self) -> &'static str {
+        let (name, _, _) = end_columns(self);
+        name
+    }
+
     /// Returns the control step or sample of the end; `None` for an end without one.
     pub fn step(self) -> Option<u32> {
         let (_, step, _) = end_columns(self);

@@ -66,6 +66,7 @@ impl TaskTarget {
             control_dt: CONTROL_DT,
             episode_steps: EPISODE_STEPS,
             is_deterministic: true,
+            can_fail: false,
             depends_on_seed: definition.start_noise > 0.0
                 || self.noise.action_std > 0.0
                 || self.noise.observation_std > 0.0,

@@ -75,6 +75,7 @@ fn target_of(toy: &'static dyn Toy) -> Result<Target, RolloutError> {
         control_dt: toy.control_dt(),
         episode_steps: toy.episode_steps(),
         is_deterministic: true,
+        can_fail: false,
         // Toys have no random numbers except those that their noise axes make explicit.
         depends_on_seed: axes.iter().any(|axis| axis.nominal.is_none()),
         versions: Vec::new(),

@@ -82,6 +82,7 @@ fn document(resolved: &ResolvedPlan, outcome: &EvaluationOutcome, path: &str) ->
         "simulations": report.simulations,
         "diverged": report.diverged,
         "invalid": report.invalid,
+        "failed": report.failed,
         "undecided": report.undecided,
         "success_rate": output::estimate(&report.success_rate),
     });
@@ -141,7 +142,9 @@ fn text(resolved: &ResolvedPlan, outcome: &EvaluationOutcome) -> String {
     if let Some(report) = &outcome.corners {
         text.push_str(&format!("\n\n{}", corners::text(resolved.space.axes(), report)));
     }
-    if let Some(counts) = run::without_verdict(report.diverged, report.invalid, report.undecided) {
+    if let Some(counts) =
+        run::without_verdict(report.diverged, report.invalid, report.failed, report.undecided)
+    {
         text.push_str(&format!("\n\n{counts}; they do not count as successes"));
     }
     text

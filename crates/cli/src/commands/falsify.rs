@@ -123,6 +123,7 @@ fn trial_document(resolved: &ResolvedPlan, trial: &TrialOutcome) -> Value {
         "end": trial.end.map(end),
         "diverged": trial.diverged,
         "invalid": trial.invalid,
+        "failed": trial.failed,
         "undecided": trial.undecided,
     })
 }
@@ -163,7 +164,7 @@ fn report_unevaluated(resolved: &ResolvedPlan, found: &CampaignOutcome) {
             run::end_text(first.end, &resolved.target.signals),
         ));
     }
-    let affected = found.undefined + found.invalid;
+    let affected = found.undefined + found.invalid + found.failed;
     if affected > shown {
         let more = plural(affected - shown, "more simulation");
         output::message(&format!("warning: no verdict either: {more}"));
@@ -217,7 +218,7 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome) -> String {
             first.robustness
         ));
     }
-    if let Some(counts) = run::without_verdict(found.diverged, found.invalid, found.undecided) {
+    if let Some(counts) = run::without_verdict(found.diverged, found.invalid, found.failed, found.undecided) {
         text.push_str(&format!("\n{counts}; they do not count as counterexamples"));
     }
     text

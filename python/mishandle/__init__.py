@@ -1,0 +1,58 @@
+"""Finds scenarios in which a robot controller fails."""
+
+from mishandle._native import MishandleError, VectorEnv, __version__
+from mishandle.axes import Attribute, Axis, ResetOption
+from mishandle.campaign import (
+    Corner,
+    Estimate,
+    Evaluation,
+    Falsification,
+    Replay,
+    Simulation,
+    Trial,
+    evaluate,
+    falsify,
+    replay,
+    simulate,
+)
+from mishandle.controllers import Controller, load_controller
+from mishandle.envs import TaskEnv, TaskVectorEnv, register
+from mishandle.formulas import Formula, robustness
+from mishandle.runs import Run, open_run
+from mishandle.searches import Minimum, Search, minimize, search_names
+from mishandle.systems import InvalidScenario
+
+__all__ = [
+    "Attribute",
+    "Axis",
+    "Controller",
+    "Corner",
+    "Estimate",
+    "Evaluation",
+    "Falsification",
+    "Formula",
+    "InvalidScenario",
+    "Minimum",
+    "MishandleError",
+    "Replay",
+    "ResetOption",
+    "Run",
+    "Search",
+    "Simulation",
+    "TaskEnv",
+    "TaskVectorEnv",
+    "Trial",
+    "VectorEnv",
+    "__version__",
+    "evaluate",
+    "falsify",
+    "load_controller",
+    "minimize",
+    "open_run",
+    "replay",
+    "robustness",
+    "search_names",
+    "simulate",
+]
+
+register()

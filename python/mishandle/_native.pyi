@@ -1,0 +1,163 @@
+# Types of the extension module, which the modules of the package use. It is not part of the public interface.
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__version__: str
+
+class MishandleError(Exception): ...
+
+Samples = tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
+Outcome = tuple[str, int, int, NDArray[np.float64], int, float]
+AxisTuple = tuple[str, str, str, float, float, float | None, list[str], str]
+
+
+def search_names() -> list[str]: ...
+
+class Formula:
+    def __new__(cls, text: str) -> Formula: ...
+    @property
+    def signals(self) -> list[str]: ...
+    @property
+    def subformulas(self) -> list[str]: ...
+    @property
+    def symbols(self) -> str: ...
+    def robustness_signal(
+        self, names: list[str], samples: NDArray[np.float64], period: float, decided_only: bool
+    ) -> NDArray[np.float64]: ...
+
+class Search:
+    def __new__(cls, name: str, dimension: int, seed: int, options: list[tuple[str, Any]]) -> Search: ...
+    def ask(self, points: int) -> list[list[float]]: ...
+    def tell(self, point: list[float], value: float) -> None: ...
+    @property
+    def finished(self) -> bool: ...
+    @property
+    def best(self) -> tuple[list[float], float] | None: ...
+
+class Run:
+    def __new__(cls, path: str) -> Run: ...
+    def header(self) -> dict[str, Any]: ...
+    def simulations(self) -> dict[str, list[Any]]: ...
+    def trace(self, trial: int, number: int) -> NDArray[np.float64] | None: ...
+
+class Controller:
+    def __new__(cls, name: str) -> Controller: ...
+    @property
+    def task(self) -> str: ...
+    @property
+    def hash(self) -> str: ...
+    @property
+    def observation_size(self) -> int: ...
+    @property
+    def action_size(self) -> int: ...
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]: ...
+
+class Simulator:
+    def __new__(cls, task: str, rows: int, *, preset: str, reward: str, threads: int | None) -> Simulator: ...
+    @property
+    def observation_size(self) -> int: ...
+    @property
+    def action_size(self) -> int: ...
+    @property
+    def episode_steps(self) -> int: ...
+    @property
+    def control_dt(self) -> float: ...
+    @property
+    def signals(self) -> list[tuple[str, str]]: ...
+    @property
+    def formulas(self) -> list[tuple[str, str]]: ...
+    @property
+    def reward_terms(self) -> list[str]: ...
+    @property
+    def axes(self) -> list[tuple[str, str, float, float, str]]: ...
+    @property
+    def observation_names(self) -> list[str]: ...
+    def reset(
+        self, mask: NDArray[np.bool_], seeds: NDArray[np.uint64], scenarios: NDArray[np.float64]
+    ) -> Samples: ...
+    def step(self, actions: NDArray[np.float32]) -> Samples: ...
+
+class Target:
+    def __new__(
+        cls,
+        *,
+        name: str,
+        content: str,
+        axes: Sequence[AxisTuple],
+        signals: Sequence[tuple[str, str]],
+        formulas: Sequence[tuple[str, str]],
+        control_dt: float,
+        episode_steps: int,
+        is_deterministic: bool,
+        depends_on_seed: bool,
+        termination: str,
+        components: Sequence[tuple[str, str, str]],
+        versions: Sequence[tuple[str, str]],
+        simulate: Callable[[list[tuple[dict[str, Any], int]]], list[Outcome]],
+    ) -> Target: ...
+
+Out = tuple[str | None, bool, bool]
+
+def falsify(
+    target: Target,
+    *,
+    formula: str | None,
+    search: str,
+    options: list[tuple[str, Any]],
+    trials: int,
+    budget: int,
+    batch: int,
+    seed: int,
+    out: Out,
+    progress: Callable[[int, int], None] | None,
+) -> dict[str, Any]: ...
+def evaluate(
+    target: Target,
+    *,
+    episodes: int,
+    batch: int,
+    seed: int,
+    out: Out,
+    progress: Callable[[int, int], None] | None,
+) -> dict[str, Any]: ...
+def simulate(
+    target: Target, *, formula: str | None, scenarios: list[list[float | None]], seeds: list[int]
+) -> list[dict[str, Any]]: ...
+def replay(target: Target, *, path: str, trial: int | None, number: int | None) -> dict[str, Any]: ...
+
+class VectorEnv:
+    def __new__(
+        cls,
+        task: str,
+        environments: int,
+        *,
+        preset: str = "paper",
+        reward: str = "shaped",
+        seed: int = 0,
+        time_limit: int | None = None,
+        action_noise: float = 0.0,
+        staggered: bool = False,
+        threads: int | None = None,
+    ) -> VectorEnv: ...
+    @property
+    def task(self) -> str: ...
+    @property
+    def environments(self) -> int: ...
+    @property
+    def observation_size(self) -> int: ...
+    @property
+    def action_size(self) -> int: ...
+    @property
+    def episode_steps(self) -> int: ...
+    @property
+    def control_dt(self) -> float: ...
+    @property
+    def observation_names(self) -> list[str]: ...
+    def reset(self) -> NDArray[np.float32]: ...
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]: ...

@@ -1,0 +1,175 @@
+"""Axes of scenario spaces."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Union
+
+Value = Union[float, int, str]
+"""Value of an axis in a scenario: a float, an integer for integer axes, a name for categorical axes."""
+
+
+@dataclass(frozen=True)
+class ResetOption:
+    """Passes the value of an axis as an option of the environment's ``reset``.
+
+    A dot separates the names of nested options: ``"scenario.target_x"`` is ``options["scenario"]["target_x"]``.
+    """
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Attribute:
+    """Sets an attribute of the unwrapped environment to the value of an axis before each reset.
+
+    ``path`` is a path such as ``"model.opt.gravity[2]"``.
+    """
+
+    path: str
+
+    def __post_init__(self) -> None:
+        parse_path(self.path)
+
+
+Application = Union[ResetOption, Attribute, Callable[[Any, Value], Any]]
+"""How an environment gets the value of an axis. A callable gets the environment and the value after the reset; it returns
+the observation if it changes it, otherwise ``None``."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One quantity that a scenario sets.
+
+    Parameters
+    ----------
+    name : str
+        Name, unique in the space.
+    low, high : float
+        Bounds. Categorical axes have none.
+    unit : str
+        Unit, for instance ``"m"``; empty for dimensionless numbers.
+    values : str or sequence of str
+        ``"continuous"``, ``"logarithmic"``, ``"integer"``, or the names of a categorical axis.
+    nominal : float, optional
+        Value in an undisturbed episode: by default the middle of the bounds, or the first name.
+    kind : str
+        ``"start"`` (initial state), ``"model"`` (constant of the system), ``"event"``, ``"input"`` or ``"noise"``.
+    meaning : str
+        Description.
+    apply : ResetOption, Attribute or callable, optional
+        How an environment gets the value; by default the reset option with the name of the axis. Functions get a
+        dictionary instead and ignore it.
+
+    Examples
+    --------
+    >>> Axis("friction", 0.5, 1.5, nominal=1.0, kind="model").nominal_value
+    1.0
+    >>> Axis("mass", 0.1, 10.0, "kg", values="logarithmic").nominal_value
+    1.0
+    >>> Axis("surface", values=["dry", "wet"]).nominal_value
+    0.0
+    """
+
+    name: str
+    low: float = 0.0
+    high: float = 0.0
+    unit: str = ""
+    values: str | Sequence[str] = "continuous"
+    nominal: float | None = None
+    kind: str = "start"
+    meaning: str = ""
+    apply: Application | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.values, str):
+            if self.values not in ("continuous", "logarithmic", "integer"):
+                raise ValueError(
+                    f"axis `{self.name}` has the values {self.values!r}; expected 'continuous', 'logarithmic', 'integer' "
+                    "or a list of names"
+                )
+            return
+        if len(self.values) < 2 or len(set(self.values)) != len(self.values):
+            raise ValueError(f"axis `{self.name}` needs at least two different names, got {list(self.values)!r}")
+        object.__setattr__(self, "low", 0.0)
+        object.__setattr__(self, "high", float(len(self.values) - 1))
+
+    @property
+    def nominal_value(self) -> float:
+        """Number of the value in an undisturbed episode. Names are numbered from 0."""
+        if self.nominal is not None:
+            return float(self.nominal)
+        if not isinstance(self.values, str):
+            return 0.0
+        if self.values == "logarithmic":
+            return math.sqrt(self.low * self.high)
+        middle = self.low * 0.5 + self.high * 0.5
+        return float(math.floor(middle)) if self.values == "integer" else middle
+
+    def number(self, value: Value) -> float:
+        """Returns the number of a value: the index of a name.
+
+        >>> Axis("surface", values=["dry", "wet"]).number("wet")
+        1.0
+        """
+        if isinstance(value, str):
+            if isinstance(self.values, str) or value not in self.values:
+                names = "it has no names" if isinstance(self.values, str) else f"expected one of {list(self.values)!r}"
+                raise ValueError(f"axis `{self.name}` has no value {value!r}; {names}")
+            return float(self.values.index(value))
+        return float(value)
+
+    def to_native(self) -> tuple[str, str, str, float, float, float | None, list[str], str]:
+        """Returns the axis as the extension module takes it."""
+        values = [self.values] if isinstance(self.values, str) else list(self.values)
+        bounds = float(self.low), float(self.high)
+        return self.kind, self.name, self.unit, *bounds, self.nominal_value, values, self.meaning
+
+
+_SEGMENT = re.compile(r"([A-Za-z_]\w*)((?:\[\s*-?\d+\s*(?:,\s*-?\d+\s*)*\])*)")
+
+
+def parse_path(path: str) -> list[tuple[str, list[Any]]]:
+    """Splits a path of attributes and indexes.
+
+    >>> parse_path("model.geom_friction[0, 1]")
+    [('model', []), ('geom_friction', [(0, 1)])]
+    """
+    segments: list[tuple[str, list[Any]]] = []
+    for part in re.split(r"\.(?![^\[]*\])", path):
+        match = _SEGMENT.fullmatch(part.strip())
+        if match is None:
+            raise ValueError(f"{path!r} is not a path of attributes and indexes such as 'data.qpos[2]'")
+        groups = re.findall(r"\[([^\]]*)\]", match.group(2))
+        indexes = [tuple(int(number) for number in group.split(",")) for group in groups]
+        segments.append((match.group(1), [index[0] if len(index) == 1 else index for index in indexes]))
+    return segments
+
+
+def get_path(start: Any, path: str) -> Any:
+    """Returns the value at a path."""
+    for name, indexes in parse_path(path):
+        start = getattr(start, name)
+        for index in indexes:
+            start = start[index]
+    return start
+
+
+def set_path(start: Any, path: str, value: Any) -> None:
+    """Sets the value at a path."""
+    segments = parse_path(path)
+    *parents, (name, indexes) = segments
+    for parent, parent_indexes in parents:
+        start = getattr(start, parent)
+        for index in parent_indexes:
+            start = start[index]
+    if not indexes:
+        setattr(start, name, value)
+        return
+    start = getattr(start, name)
+    for index in indexes[:-1]:
+        start = start[index]
+    start[indexes[-1]] = value

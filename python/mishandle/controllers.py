@@ -1,0 +1,64 @@
+"""Shipped controllers, and controllers in files."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mishandle import _native
+
+
+class Controller:
+    """A learned policy. Calling it returns its mean actions.
+
+    Parameters
+    ----------
+    name : str
+        A shipped controller such as ``"ball-catching/ppo"``, or the path of a ``.safetensors`` file.
+
+    Examples
+    --------
+    >>> controller = Controller("point-reaching/ppo")
+    >>> import numpy as np
+    >>> controller(np.zeros(controller.observation_size)).shape
+    (9,)
+    >>> controller(np.zeros((4, controller.observation_size))).shape
+    (4, 9)
+    """
+
+    def __init__(self, name: str) -> None:
+        self._native = _native.Controller(name)
+        self.name = name
+
+    @property
+    def task(self) -> str:
+        """Name of its task."""
+        return self._native.task
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 hash of its weights, in hexadecimal."""
+        return self._native.hash
+
+    @property
+    def observation_size(self) -> int:
+        """Length of an observation."""
+        return self._native.observation_size
+
+    @property
+    def action_size(self) -> int:
+        """Number of actions."""
+        return self._native.action_size
+
+    def __call__(self, observations: Any) -> NDArray[np.float32]:
+        """Returns the action of one observation, or one action per row."""
+        array = np.asarray(observations, dtype=np.float32)
+        actions = self._native.act(np.atleast_2d(array))
+        return actions[0] if array.ndim == 1 else actions
+
+
+def load_controller(name: str) -> Controller:
+    """Loads a shipped controller such as ``"ball-catching/ppo"``, or a ``.safetensors`` file."""
+    return Controller(name)

@@ -1,0 +1,270 @@
+"""The tasks as Gymnasium environments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from mishandle import _native
+
+Floats = NDArray[np.float32]
+
+TASKS = {
+    "mishandle/PointReaching-v0": "point-reaching",
+    "mishandle/CubeStacking-v0": "cube-stacking",
+    "mishandle/PegInHole-v0": "peg-in-hole",
+    "mishandle/BallBalancing-v0": "ball-balancing",
+    "mishandle/BallCatching-v0": "ball-catching",
+    "mishandle/BallPushing-v0": "ball-pushing",
+    "mishandle/DoorOpening-v0": "door-opening",
+    "mishandle/ClothPlacing-v0": "cloth-placing",
+}
+"""Name of the task of each registered environment."""
+
+
+class _Simulations:
+    """Simulations of one task with a random generator for each row."""
+
+    def __init__(self, task: str, rows: int, preset: str, reward: str, threads: int | None) -> None:
+        self.native = _native.Simulator(task, rows, preset=preset, reward=reward, threads=threads)
+        self.rows = rows
+        self.axes = [name for name, *_ in self.native.axes]
+        self.signals = [name for name, _ in self.native.signals]
+        size = self.native.observation_size
+        self.observation_space = Box(-np.inf, np.inf, (size,), np.float32)
+        self.action_space = Box(-1.0, 1.0, (self.native.action_size,), np.float32)
+
+    def scenario(self, given: Mapping[str, float] | Sequence[float] | None) -> NDArray[np.float64]:
+        """Returns a scenario as numbers. NaN is a random value."""
+        values = np.full(len(self.axes), np.nan)
+        if given is None:
+            return values
+        if not isinstance(given, Mapping):
+            if len(given) != len(self.axes):
+                raise ValueError(f"the scenario has {len(given)} values; expected {len(self.axes)}: {', '.join(self.axes)}")
+            values[:] = given
+            return values
+        for name, value in given.items():
+            if name not in self.axes:
+                raise ValueError(f"there is no axis `{name}`; the axes are {', '.join(self.axes)}")
+            values[self.axes.index(name)] = value
+        return values
+
+
+class TaskEnv(gymnasium.Env[Floats, Floats]):
+    """One of the eight tasks.
+
+    Parameters
+    ----------
+    task : str
+        Name of the task, such as ``"point-reaching"``.
+    preset : str
+        Task preset: ``"paper"`` or ``"code"``.
+    reward : str
+        ``"shaped"`` or ``"original"``.
+    render_mode : str, optional
+        ``"rgb_array"`` or ``None``.
+
+    Notes
+    -----
+    Actions change the targets of seven joints and two fingers; each is clipped to [-1, 1]. A reset draws the initial state
+    with ``seed``; ``options={"scenario": {"target_x": 0.5}}`` sets some or all of its axes. ``info`` contains the dictionaries
+    ``signals`` and ``reward_terms``. Gymnasium's wrapper ``TimeLimit`` truncates the episode.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 60}
+
+    def __init__(self, task: str, *, preset: str = "paper", reward: str = "shaped", render_mode: str | None = None) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(f"the render mode {render_mode!r} is not supported")
+        self.render_mode = render_mode
+        self._simulations = _Simulations(task, 1, preset, reward, 1)
+        self.observation_space = self._simulations.observation_space
+        self.action_space = self._simulations.action_space
+
+    @property
+    def dt(self) -> float:
+        """Duration of a control step, in seconds."""
+        return self._simulations.native.control_dt
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Floats, dict[str, Any]]:
+        super().reset(seed=seed)
+        scenario = self._simulations.scenario((options or {}).get("scenario"))
+        seeds = self.np_random.integers(2**63, size=1, dtype=np.uint64)
+        samples = self._simulations.native.reset(np.ones(1, dtype=bool), seeds, scenario[None])
+        return samples[0][0], self._info(samples)
+
+    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        actions = np.asarray(action, dtype=np.float32).reshape(1, -1)
+        samples = self._simulations.native.step(actions)
+        return samples[0][0], float(samples[1][0].sum()), bool(samples[3][0]), False, self._info(samples)
+
+    def _info(self, samples: _native.Samples) -> dict[str, Any]:
+        terms = self._simulations.native.reward_terms
+        return {
+            "signals": dict(zip(self._simulations.signals, samples[2][0].tolist())),
+            "reward_terms": dict(zip(terms, samples[1][0].tolist())),
+        }
+
+
+class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
+    """Environments of one task, stepped together by all threads.
+
+    Parameters
+    ----------
+    task : str
+        Name of the task, such as ``"point-reaching"``.
+    num_envs : int
+        Number of environments.
+    preset, reward : str
+        As for :class:`TaskEnv`.
+    max_episode_steps : int, optional
+        Control steps until truncation; by default the episode length of the task.
+    autoreset_mode : AutoresetMode
+        ``NEXT_STEP`` (the default) or ``SAME_STEP``.
+    threads : int, optional
+        Number of threads, by default the number of cores. Results do not depend on it.
+
+    Notes
+    -----
+    ``reset`` takes one seed, or one per environment, and ``options`` with ``"scenario"`` (one, or one per environment) and
+    Gymnasium's ``"reset_mask"``. ``info["signals"]`` and ``info["reward_terms"]`` contain an array per name.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 60, "autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    def __init__(
+        self,
+        task: str,
+        num_envs: int = 1,
+        *,
+        preset: str = "paper",
+        reward: str = "shaped",
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode is not None:
+            raise ValueError(f"the render mode {render_mode!r} is not supported")
+        mode = AutoresetMode(autoreset_mode)
+        if mode is AutoresetMode.DISABLED:
+            raise ValueError("the autoreset mode must be NEXT_STEP or SAME_STEP")
+        self._simulations = _Simulations(task, num_envs, preset, reward, threads)
+        native = self._simulations.native
+        self.num_envs = num_envs
+        self.metadata = {**self.metadata, "autoreset_mode": mode}
+        self.render_mode = None
+        self._same_step = mode is AutoresetMode.SAME_STEP
+        self._limit = native.episode_steps if max_episode_steps is None else max_episode_steps
+        self.single_observation_space = self._simulations.observation_space
+        self.single_action_space = self._simulations.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._generators = [np.random.default_rng() for _ in range(num_envs)]
+        self._seeds = np.zeros(num_envs, dtype=np.uint64)
+        self._elapsed = np.zeros(num_envs, dtype=np.int64)
+        self._ended = np.zeros(num_envs, dtype=bool)
+        self._random = np.full((num_envs, len(self._simulations.axes)), np.nan)
+
+    @property
+    def dt(self) -> float:
+        """Duration of a control step, in seconds."""
+        return self._simulations.native.control_dt
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Floats, dict[str, Any]]:
+        options = options or {}
+        mask = np.asarray(options.get("reset_mask", np.ones(self.num_envs, dtype=bool)), dtype=bool)
+        if seed is None or isinstance(seed, (int, np.integer)):
+            seeds: list[int | None] = [None if seed is None else int(seed) + row for row in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"there are {len(seeds)} seeds for {self.num_envs} environments")
+        for row, value in enumerate(seeds):
+            if value is not None and mask[row]:
+                self._generators[row], _ = gymnasium.utils.seeding.np_random(value)
+        samples = self._start(mask, self._scenarios(options.get("scenario")))
+        return samples[0], self._info(samples)
+
+    def _scenarios(self, given: Any) -> NDArray[np.float64]:
+        if given is None or isinstance(given, Mapping):
+            return np.tile(self._simulations.scenario(given), (self.num_envs, 1))
+        given = list(given)
+        if given and not isinstance(given[0], (Mapping, Sequence, np.ndarray, type(None))):
+            return np.tile(self._simulations.scenario(given), (self.num_envs, 1))
+        if len(given) != self.num_envs:
+            raise ValueError(f"there are {len(given)} scenarios for {self.num_envs} environments")
+        return np.stack([self._simulations.scenario(one) for one in given])
+
+    def _start(self, mask: NDArray[np.bool_], scenarios: NDArray[np.float64]) -> _native.Samples:
+        for row in np.flatnonzero(mask):
+            self._seeds[row] = self._generators[row].integers(2**63, dtype=np.uint64)
+        self._elapsed[mask] = 0
+        self._ended[mask] = False
+        return self._simulations.native.reset(mask, self._seeds, scenarios)
+
+    def step(
+        self, actions: Floats
+    ) -> tuple[Floats, NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        samples = self._simulations.native.step(np.asarray(actions, dtype=np.float32))
+        restarted = self._ended.copy()
+        self._elapsed += 1
+        rewards = samples[1].sum(axis=1)
+        terminated = samples[3]
+        truncated = (self._elapsed >= self._limit) & ~terminated
+        if restarted.any():
+            # Their step counts as the reset: its action has no effect, its reward is 0.
+            samples = self._start(restarted, self._random)
+            rewards[restarted] = 0.0
+            terminated[restarted] = False
+            truncated[restarted] = False
+        ended = terminated | truncated
+        if not self._same_step:
+            self._ended = ended
+            return samples[0], rewards, terminated, truncated, self._info(samples)
+        if not ended.any():
+            return samples[0], rewards, terminated, truncated, self._info(samples)
+        final_info = self._info(samples)
+        final_observations = samples[0]
+        samples = self._start(ended, self._random)
+        info = self._info(samples)
+        info["final_obs"] = np.array(
+            [final_observations[row] if ended[row] else None for row in range(self.num_envs)], dtype=object
+        )
+        info["_final_obs"] = ended
+        info["final_info"] = final_info
+        info["_final_info"] = ended
+        return samples[0], rewards, terminated, truncated, info
+
+    def _info(self, samples: _native.Samples) -> dict[str, Any]:
+        terms = self._simulations.native.reward_terms
+        return {
+            "signals": {name: samples[2][:, column] for column, name in enumerate(self._simulations.signals)},
+            "reward_terms": {name: samples[1][:, column] for column, name in enumerate(terms)},
+        }
+
+
+def register() -> None:
+    """Registers the environments with Gymnasium. Importing ``mishandle`` does so, too."""
+    for name, task in TASKS.items():
+        if name in gymnasium.registry:
+            continue
+        gymnasium.register(
+            name,
+            entry_point="mishandle.envs:TaskEnv",
+            vector_entry_point="mishandle.envs:TaskVectorEnv",
+            max_episode_steps=300,
+            kwargs={"task": task},
+        )

@@ -1,0 +1,67 @@
+"""Run files as tables."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mishandle import _native
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-not-found, import-untyped, unused-ignore]
+
+
+@dataclass(frozen=True)
+class RunAxis:
+    """Axis of a recorded space."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+
+class Run:
+    """A run file. Opening it checks the structure of the file and the hashes of all rows."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._native = _native.Run(os.fspath(path))
+        header = self._native.header()
+        self.target: str = header["target"]
+        self.formula: str = header["formula"]
+        self.search: str = header["search"]
+        self.seed: int = header["seed"]
+        self.plan: str = header["plan"]
+        self.control_dt: float = header["control_dt"]
+        self.steps: int = header["steps"]
+        self.axes = [RunAxis(*axis) for axis in header["axes"]]
+        self.signals: list[tuple[str, str]] = header["signals"]
+
+    def columns(self) -> dict[str, list[Any]]:
+        """Returns all simulations as lists: trial, number, seed, robustness, end, steps, a column per axis and verdict."""
+        return self._native.simulations()
+
+    @property
+    def simulations(self) -> pandas.DataFrame:
+        """All simulations as a data frame of pandas, with the columns of :meth:`columns`."""
+        try:
+            import pandas  # type: ignore[import-not-found, import-untyped, unused-ignore]
+        except ImportError as error:
+            raise ImportError("data frames need pandas: pip install pandas; `columns` returns lists without it") from error
+        return pandas.DataFrame(self.columns())
+
+    def trace(self, trial: int, number: int) -> dict[str, NDArray[np.float64]] | None:
+        """Returns the stored trace of a simulation: an array per signal; ``None`` if it is not stored."""
+        samples = self._native.trace(trial, number)
+        if samples is None:
+            return None
+        return {name: samples[:, column] for column, (name, _) in enumerate(self.signals)}
+
+
+def open_run(path: str | os.PathLike[str]) -> Run:
+    """Opens a run file for reading."""
+    return Run(path)

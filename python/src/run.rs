@@ -1,0 +1,98 @@
+//! Reading of run files.
+
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+
+use mishandle::store::RunFile;
+use numpy::PyArray2;
+use numpy::ndarray::Array2;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
+
+use crate::raised;
+
+/// A run file opened for reading.
+#[pyclass(frozen, module = "mishandle._native", name = "Run")]
+pub struct PyRun {
+    run: Mutex<RunFile>,
+}
+
+#[pymethods]
+impl PyRun {
+    #[new]
+    fn new(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        let run = py.detach(|| RunFile::open(path)).map_err(raised)?;
+        Ok(PyRun { run: Mutex::new(run) })
+    }
+
+    /// Returns the facts of the header.
+    fn header<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
+        let header = run.header();
+        let dict = PyDict::new(py);
+        for (name, text) in [
+            ("target", &header.target.name),
+            ("kind", &header.target.kind),
+            ("space", &header.space),
+            ("formula", &header.formula),
+            ("search", &header.search),
+            ("plan", &header.plan),
+        ] {
+            dict.set_item(name, text)?;
+        }
+        dict.set_item("seed", header.seed)?;
+        dict.set_item("control_dt", header.control_dt)?;
+        dict.set_item("steps", header.episode_steps)?;
+        let axis =
+            |axis: &mishandle::store::AxisRecord| (axis.name.clone(), axis.unit.clone(), axis.low, axis.high);
+        dict.set_item("axes", header.axes.iter().map(axis).collect::<Vec<_>>())?;
+        let signal = |signal: &mishandle::store::SignalRecord| (signal.name.clone(), signal.unit.clone());
+        dict.set_item("signals", header.signals.iter().map(signal).collect::<Vec<_>>())?;
+        Ok(dict)
+    }
+
+    /// Returns the columns of all simulations: one list per column.
+    fn simulations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
+        let header = run.header();
+        let fixed = ["trial", "number", "seed", "robustness", "end", "steps"];
+        let names = fixed.into_iter().map(String::from);
+        let names = names
+            .chain(header.axes.iter().map(|axis| axis.name.clone()))
+            .chain(header.verdicts.iter().cloned());
+        let columns: Vec<(String, Bound<'py, PyList>)> =
+            names.map(|name| (name, PyList::empty(py))).collect();
+        for simulation in run.simulations() {
+            let found = simulation.map_err(raised)?;
+            columns[0].1.append(found.trial)?;
+            columns[1].1.append(found.number)?;
+            columns[2].1.append(found.seed)?;
+            columns[3].1.append(found.robustness)?;
+            columns[4].1.append(found.end.name())?;
+            columns[5].1.append(found.steps)?;
+            let values = found.scenario.iter().chain(&found.verdicts);
+            for ((_, column), value) in columns[fixed.len()..].iter().zip(values) {
+                column.append(*value)?;
+            }
+        }
+        let dict = PyDict::new(py);
+        for (name, column) in columns {
+            dict.set_item(name, column)?;
+        }
+        Ok(dict)
+    }
+
+    /// Returns the stored trace of a simulation, samples by signals; `None` if it is not stored.
+    fn trace<'py>(
+        &self,
+        py: Python<'py>,
+        trial: u32,
+        number: u32,
+    ) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(trace) = run.simulation(trial, number).map_err(raised)?.trace else { return Ok(None) };
+        let shape = (trace.columns.first().map_or(0, Vec::len), trace.columns.len());
+        let samples = Array2::from_shape_fn(shape, |(sample, signal)| trace.columns[signal][sample]);
+        Ok(Some(PyArray2::from_owned_array(py, samples)))
+    }
+}

@@ -1,0 +1,309 @@
+//! A target whose episodes a Python function simulates.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use mishandle::rollout::{
+    Axis, AxisKind, AxisValues, Component, Episode, EpisodeEnd, Identity, NamedFormula, Request,
+    RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target, Verdict,
+};
+use mishandle::stl::{MonitorError, Trace};
+use numpy::PyReadonlyArray2;
+use numpy::ndarray::ArrayView2;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
+
+use crate::{in_this_process, raised};
+
+/// Name of the space of all axes.
+pub(crate) const SPACE: &str = "scenarios";
+
+/// An exception that must end the run, kept while errors of Rust pass it.
+pub(crate) type Pending = Arc<Mutex<Option<PyErr>>>;
+
+/// How the formulas see an episode that its target terminated before the last control step.
+#[derive(Clone, Copy, PartialEq)]
+enum Termination {
+    /// The last sample is repeated until the last control step.
+    Hold,
+    /// The trace is a whole episode.
+    Evaluate,
+    /// The trace is the start of an episode.
+    Undecided,
+}
+
+/// An axis as Python passes it: kind, name, unit, bounds, nominal value, values and meaning.
+type AxisTuple = (String, String, String, f64, f64, Option<f64>, Vec<String>, String);
+
+/// A target whose episodes a Python function simulates.
+#[pyclass(frozen, module = "mishandle._native", name = "Target")]
+pub struct PyTarget {
+    pub(crate) target: Target,
+    pub(crate) pending: Pending,
+    process: u32,
+}
+
+#[pymethods]
+impl PyTarget {
+    #[new]
+    #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
+    #[pyo3(signature = (*, name, content, axes, signals, formulas, control_dt, episode_steps, is_deterministic, depends_on_seed,
+        termination, components, versions, simulate))]
+    fn new(
+        name: &str,
+        content: &str,
+        axes: Vec<AxisTuple>,
+        signals: Vec<(String, String)>,
+        formulas: Vec<(String, String)>,
+        control_dt: f64,
+        episode_steps: usize,
+        is_deterministic: bool,
+        depends_on_seed: bool,
+        termination: &str,
+        components: Vec<(String, String, String)>,
+        versions: Vec<(String, String)>,
+        simulate: Py<PyAny>,
+    ) -> PyResult<Self> {
+        let termination = match termination {
+            "hold" => Termination::Hold,
+            "evaluate" => Termination::Evaluate,
+            "undecided" => Termination::Undecided,
+            _ => return Err(PyValueError::new_err("termination must be `hold`, `evaluate` or `undecided`")),
+        };
+        if !(control_dt.is_finite() && control_dt > 0.0) {
+            let message = format!("control_dt is {control_dt}; it must be positive and finite, in seconds");
+            return Err(PyValueError::new_err(message));
+        }
+        if !(1..=MAX_STEPS).contains(&episode_steps) {
+            let message = format!("episode_steps is {episode_steps}; it must be from 1 to {MAX_STEPS}");
+            return Err(PyValueError::new_err(message));
+        }
+        let axes = axes.into_iter().map(axis).collect::<PyResult<Vec<Axis>>>()?;
+        let space = Space::new(SPACE, axes.clone()).map_err(raised)?;
+        let pending = Pending::default();
+        let shared =
+            Arc::new(Shared { simulate, termination, episode_steps, control_dt, pending: pending.clone() });
+        let names: Arc<[String]> = signals.iter().map(|(name, _)| name.clone()).collect();
+        let factory =
+            move |space: &Space, specification: &Specification| -> Result<Box<dyn System>, RolloutError> {
+                Ok(Box::new(PythonSystem {
+                    monitor: SpecificationMonitor::new(specification, &names, shared.control_dt)?,
+                    space: space.clone(),
+                    names: names.clone(),
+                    shared: shared.clone(),
+                }))
+            };
+        let component = |(role, name, hash): (String, String, String)| Component {
+            role,
+            name,
+            hash,
+            file_hash: String::new(),
+        };
+        let target = Target {
+            identity: Identity::new("python", name, content),
+            components: components.into_iter().map(component).collect(),
+            axes,
+            spaces: vec![space],
+            signals: signals.into_iter().map(|(name, unit)| Signal { name, unit }).collect(),
+            formulas: formulas.into_iter().map(|(name, text)| NamedFormula { name, text }).collect(),
+            control_dt,
+            episode_steps,
+            is_deterministic,
+            can_fail: true,
+            depends_on_seed: depends_on_seed || !is_deterministic,
+            versions,
+            reachable: None,
+            factory: Arc::new(factory),
+        };
+        Ok(PyTarget { target, pending, process: std::process::id() })
+    }
+}
+
+impl PyTarget {
+    /// Checks that this process made the target.
+    pub(crate) fn check_process(&self) -> PyResult<()> {
+        in_this_process(self.process)
+    }
+}
+
+/// Longest episode, in control steps.
+const MAX_STEPS: usize = 10_000_000;
+
+fn axis((kind, name, unit, low, high, nominal, values, meaning): AxisTuple) -> PyResult<Axis> {
+    let kinds = AxisKind::ALL;
+    let known = || kinds.map(|(_, name)| name).join(", ");
+    let (kind, _) = kinds.into_iter().find(|(_, known)| *known == kind).ok_or_else(|| {
+        PyValueError::new_err(format!("axis `{name}` has the kind `{kind}`; available kinds: {}", known()))
+    })?;
+    let values = match &values[..] {
+        [word] if word == "continuous" => AxisValues::Continuous,
+        [word] if word == "logarithmic" => AxisValues::Logarithmic,
+        [word] if word == "integer" => AxisValues::Integer,
+        _ => AxisValues::Categorical(values.into()),
+    };
+    Ok(Axis::new(kind, &name, &unit, [low, high], nominal).with_values(values).meaning(&meaning))
+}
+
+/// What all systems of a target share.
+struct Shared {
+    simulate: Py<PyAny>,
+    termination: Termination,
+    episode_steps: usize,
+    control_dt: f64,
+    pending: Pending,
+}
+
+struct PythonSystem {
+    space: Space,
+    names: Arc<[String]>,
+    monitor: SpecificationMonitor,
+    shared: Arc<Shared>,
+}
+
+/// A simulation as Python returns it: end, step, index, trace of samples by signals, number of control steps, and sum of the
+/// rewards.
+type Outcome<'py> = (String, usize, usize, PyReadonlyArray2<'py, f64>, usize, f64);
+
+impl System for PythonSystem {
+    fn space(&self) -> &Space {
+        &self.space
+    }
+
+    fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
+        requests.iter().try_for_each(|request| self.space.check(&request.scenario))?;
+        let episodes = Python::attach(|py| {
+            // Between two batches, so that Ctrl-C works however short a simulation is.
+            py.check_signals()?;
+            self.simulate(py, requests)
+        });
+        episodes.map_err(|error: PyErr| {
+            let message = error.to_string();
+            *self.shared.pending.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+            RolloutError::System(message)
+        })
+    }
+}
+
+impl PythonSystem {
+    fn simulate(&mut self, py: Python<'_>, requests: &[Request]) -> PyResult<Vec<Episode>> {
+        let scenarios = PyList::empty(py);
+        for request in requests {
+            scenarios.append((scenario(py, &self.space, request.scenario.values())?, request.seed.0))?;
+        }
+        let outcomes: Vec<Outcome<'_>> = self.shared.simulate.bind(py).call1((scenarios,))?.extract()?;
+        if outcomes.len() != requests.len() {
+            let message =
+                format!("{} simulations were requested, {} returned", requests.len(), outcomes.len());
+            return Err(PyRuntimeError::new_err(message));
+        }
+        requests.iter().zip(outcomes).map(|(request, outcome)| self.episode(request, &outcome)).collect()
+    }
+
+    fn episode(&mut self, request: &Request, outcome: &Outcome<'_>) -> PyResult<Episode> {
+        let (end, step, index, samples, steps, total_reward) = outcome;
+        let mut end = end_of(end, *step, *index)?;
+        let mut trace = trace(&self.names, samples.as_array(), self.shared.episode_steps)?;
+        if let Some((sample, index)) = first_not_finite(samples.as_array()) {
+            end = EpisodeEnd::InvalidSignal { step: sample, index };
+        }
+        let is_terminated = matches!(end, EpisodeEnd::Terminated { .. });
+        if is_terminated && self.shared.termination == Termination::Hold {
+            hold(&mut trace, self.shared.episode_steps);
+        }
+        let is_complete = match end {
+            EpisodeEnd::Completed => true,
+            EpisodeEnd::Terminated { .. } => self.shared.termination != Termination::Undecided,
+            _ => false,
+        };
+        let mut verdict = Verdict::default();
+        if end.has_verdict() {
+            match self.monitor.verdict(&trace, is_complete) {
+                Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
+                    end = EpisodeEnd::Undefined { step };
+                }
+                found => verdict = found.map_err(raised)?,
+            }
+            if request.needs_subformulas && verdict.robustness.is_some() {
+                verdict.subformulas = self.monitor.subformulas(&trace).map_err(raised)?;
+            }
+        }
+        Ok(Episode {
+            request: request.clone(),
+            end,
+            steps: *steps,
+            verdict,
+            total_reward: *total_reward,
+            trace,
+        })
+    }
+}
+
+/// Returns a scenario as a dictionary: a float, an integer or a name for each axis. A draw without a value is absent.
+pub(crate) fn scenario<'py>(
+    py: Python<'py>,
+    space: &Space,
+    values: &[Option<f64>],
+) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    for (axis, value) in space.axes().iter().zip(values) {
+        let Some(value) = *value else { continue };
+        match &axis.values {
+            AxisValues::Categorical(names) => dict.set_item(&axis.name, names.get(value as usize))?,
+            AxisValues::Integer => dict.set_item(&axis.name, value as i64)?,
+            AxisValues::Continuous | AxisValues::Logarithmic => dict.set_item(&axis.name, value)?,
+        }
+    }
+    Ok(dict)
+}
+
+fn end_of(name: &str, step: usize, index: usize) -> PyResult<EpisodeEnd> {
+    Ok(match name {
+        "completed" => EpisodeEnd::Completed,
+        "terminated" => EpisodeEnd::Terminated { step },
+        "diverged" => EpisodeEnd::Diverged { step },
+        "invalid scenario" => EpisodeEnd::InvalidScenario,
+        "invalid action" => EpisodeEnd::InvalidAction { step, index },
+        "invalid observation" => EpisodeEnd::InvalidObservation { step, index },
+        "invalid reward" => EpisodeEnd::InvalidReward { step, index },
+        "crashed" => EpisodeEnd::Crashed { step },
+        "timed out" => EpisodeEnd::TimedOut { step },
+        _ => return Err(PyValueError::new_err(format!("unknown end `{name}` of a simulation"))),
+    })
+}
+
+fn trace(names: &Arc<[String]>, samples: ArrayView2<'_, f64>, episode_steps: usize) -> PyResult<Trace> {
+    let (rows, columns) = samples.dim();
+    if rows > 0 && columns != names.len() {
+        let message =
+            format!("a trace has {columns} signals; expected {}: {}", names.len(), names.join(", "));
+        return Err(PyValueError::new_err(message));
+    }
+    if rows > episode_steps + 1 {
+        let message = format!(
+            "a trace has {rows} samples; an episode of {episode_steps} control steps has at most {}: pass a larger `steps`",
+            episode_steps + 1
+        );
+        return Err(PyValueError::new_err(message));
+    }
+    let mut trace = Trace::with_capacity(names.clone(), rows);
+    let mut sample = vec![0.0; columns];
+    for row in samples.rows() {
+        sample.iter_mut().zip(row).for_each(|(value, found)| *value = *found);
+        trace.push(&sample);
+    }
+    Ok(trace)
+}
+
+fn first_not_finite(samples: ArrayView2<'_, f64>) -> Option<(usize, usize)> {
+    samples.indexed_iter().find(|(_, value)| !value.is_finite()).map(|(position, _)| position)
+}
+
+/// Repeats the last sample until the last control step.
+fn hold(trace: &mut Trace, episode_steps: usize) {
+    let signals = trace.names().len();
+    let Some(last) = trace.len().checked_sub(1) else { return };
+    let sample: Vec<f64> = (0..signals).map(|signal| trace.column(signal)[last]).collect();
+    while trace.len() <= episode_steps {
+        trace.push(&sample);
+    }
+}

@@ -1,0 +1,43 @@
+"""Runs the examples of the docstrings and of docs/python.md."""
+
+import doctest
+import importlib
+import os
+import pathlib
+import pkgutil
+import re
+import tempfile
+import unittest
+
+import mishandle
+
+ROOT = pathlib.Path(__file__).parents[2]
+
+
+class Examples(unittest.TestCase):
+    def test_docstrings(self):
+        examples = 0
+        for module in pkgutil.iter_modules(mishandle.__path__, "mishandle."):
+            found = doctest.testmod(importlib.import_module(module.name))
+            self.assertEqual(found.failed, 0, module.name)
+            examples += found.attempted
+        self.assertGreater(examples, 20)
+
+    def test_the_page_runs_from_top_to_bottom(self):
+        text = (ROOT / "docs/python.md").read_text()
+        blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+        self.assertGreaterEqual(len(blocks), 4)
+        before = os.getcwd()
+        with tempfile.TemporaryDirectory() as folder:
+            os.chdir(folder)
+            try:
+                names = {}
+                for block in blocks:
+                    exec(compile(block, "docs/python.md", "exec"), names)
+            finally:
+                os.chdir(before)
+        self.assertEqual(names["again"].differences, [])
+
+
+if __name__ == "__main__":
+    unittest.main()

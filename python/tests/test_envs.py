@@ -1,0 +1,301 @@
+"""Tests of the tasks as Gymnasium environments."""
+
+import gc
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import threading
+import time
+import unittest
+import warnings
+
+import gymnasium
+import mishandle
+import numpy as np
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from mishandle import MishandleError, TaskEnv, TaskVectorEnv, _native
+from mishandle.envs import TASKS
+
+ROOT = pathlib.Path(__file__).parents[2]
+
+
+def actions(step, rows, size):
+    """Returns the actions of simulator_rows.rs: from -1.25 to 1.25 in steps of an eighth."""
+    i = np.arange(rows * size)
+    return ((step * 5 + i * 7) % 21 / 8 - 1.25).astype(np.float32).reshape(rows, size)
+
+
+def walk(task, rows, seed, steps, threads):
+    """Returns the results of control steps as bytes, in the order of simulator_rows.rs."""
+    simulator = _native.Simulator(task, rows, preset="paper", reward="shaped", threads=threads)
+    mask, seeds = np.ones(rows, dtype=bool), np.arange(seed, seed + rows, dtype=np.uint64)
+    results = [simulator.reset(mask, seeds, np.full((rows, len(simulator.axes)), np.nan))]
+    results += [simulator.step(actions(step, rows, simulator.action_size)) for step in range(steps)]
+    return b"".join(array.tobytes() for samples in results for array in samples[:3])
+
+
+class Bits(unittest.TestCase):
+    def test_rows_are_bit_identical_to_the_core_for_any_number_of_threads(self):
+        for task in ["point-reaching", "ball-balancing"]:
+            command = ["cargo", "run", "--quiet", "--example", "simulator_rows", "--", task, "5", "11", "40"]
+            core = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE).stdout
+            for threads in [1, 3]:
+                self.assertEqual(walk(task, 5, 11, 40, threads), core, (task, threads))
+
+    def test_a_vector_environment_equals_single_environments(self):
+        vector = TaskVectorEnv("ball-balancing", 3)
+        observations, _ = vector.reset(seed=[4, 5, 6])
+        singles = [TaskEnv("ball-balancing") for _ in range(3)]
+        for row, env in enumerate(singles):
+            np.testing.assert_array_equal(env.reset(seed=4 + row)[0], observations[row])
+        for step in range(30):
+            given = actions(step, 3, 9)
+            observations, rewards, terminated, _, info = vector.step(given)
+            for row, env in enumerate(singles):
+                found = env.step(given[row])
+                np.testing.assert_array_equal(found[0], observations[row])
+                self.assertEqual((found[1], found[2]), (rewards[row], terminated[row]))
+                self.assertEqual(found[4]["signals"]["ball_speed"], info["signals"]["ball_speed"][row])
+
+
+class Environments(unittest.TestCase):
+    def test_all_tasks_pass_the_checker_of_gymnasium(self):
+        for name in TASKS:
+            env = gymnasium.make(name)
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                check_env(env.unwrapped, skip_render_check=True)
+            texts = [str(warning.message) for warning in caught]
+            # Observations have no bounds.
+            self.assertTrue(all("infinity" in text for text in texts), (name, texts))
+            self.assertEqual(env.spec.max_episode_steps, 300)
+
+    def test_a_scenario_sets_the_initial_state(self):
+        env = TaskEnv("point-reaching")
+        first = env.reset(seed=1, options={"scenario": {"target_x": 0.5, "target_y": 0.1, "target_z": 0.4}})
+        second = env.reset(seed=2, options={"scenario": [0.5, 0.1, 0.4]})
+        np.testing.assert_array_equal(first[0], second[0])
+        self.assertFalse(np.array_equal(env.reset(seed=3)[0], first[0]))
+        with self.assertRaisesRegex(ValueError, "no axis `target`; the axes are target_x"):
+            env.reset(options={"scenario": {"target": 1.0}})
+
+    def test_the_same_seed_gives_the_same_episode(self):
+        env = TaskEnv("ball-catching")
+        observations = [env.reset(seed=seed)[0] for seed in [7, 7, 8]]
+        np.testing.assert_array_equal(observations[0], observations[1])
+        self.assertFalse(np.array_equal(observations[0], observations[2]))
+
+    def test_the_reward_is_the_sum_of_its_terms(self):
+        env = TaskEnv("door-opening")
+        env.reset(seed=0)
+        _, reward, _, _, info = env.step(np.zeros(9, np.float32))
+        self.assertAlmostEqual(reward, sum(info["reward_terms"].values()), places=12)
+
+
+class VectorEnvironments(unittest.TestCase):
+    def test_next_step_mode_resets_in_the_step_after_the_end(self):
+        env = TaskVectorEnv("point-reaching", 2, max_episode_steps=3)
+        self.assertIs(env.metadata["autoreset_mode"], AutoresetMode.NEXT_STEP)
+        first, _ = env.reset(seed=1)
+        push = np.ones((2, 9), np.float32)
+        for _ in range(2):
+            self.assertFalse(env.step(push)[3].any())
+        last, _, terminated, truncated, _ = env.step(push)
+        self.assertTrue(truncated.all() and not terminated.any())
+        observations, rewards, terminated, truncated, _ = env.step(push)
+        self.assertFalse(truncated.any() or terminated.any())
+        self.assertEqual(rewards.tolist(), [0.0, 0.0])
+        np.testing.assert_array_equal(observations[:, 9:18], first[:, 9:18], "at rest again")
+        self.assertFalse(np.array_equal(observations[:, 18:21], first[:, 18:21]), "another target")
+        self.assertFalse(np.array_equal(last, observations))
+        self.assertFalse(env.step(push)[3].any(), "the next episode has its full length")
+
+    def test_same_step_mode_returns_the_final_observation(self):
+        next_step = TaskVectorEnv("point-reaching", 2, max_episode_steps=2)
+        same_step = TaskVectorEnv("point-reaching", 2, max_episode_steps=2, autoreset_mode="SameStep")
+        for env in [next_step, same_step]:
+            env.reset(seed=3)
+        push = np.ones((2, 9), np.float32)
+        self.assertNotIn("final_obs", same_step.step(push)[4])
+        next_step.step(push)
+        last = next_step.step(push)[0]
+        observations, _, _, truncated, info = same_step.step(push)
+        self.assertTrue(truncated.all() and info["_final_obs"].all())
+        np.testing.assert_array_equal(np.stack(info["final_obs"]), last)
+        # Both modes start the same second episode.
+        np.testing.assert_array_equal(next_step.step(push)[0], observations)
+
+    def test_seeds_scenarios_and_masks_are_honored_per_environment(self):
+        env = TaskVectorEnv("point-reaching", 3)
+        both = [env.reset(seed=seed)[0] for seed in (5, [5, 6, 7])]
+        np.testing.assert_array_equal(*both)
+        targets = [[0.5, 0.0, 0.3], {"target_x": 0.6}, None]
+        observations, info = env.reset(seed=5, options={"scenario": targets})
+        np.testing.assert_array_equal(observations[2], both[0][2])
+        np.testing.assert_allclose(observations[0, 18:21], targets[0], atol=1e-6)
+        before = env.step(np.ones((3, 9), np.float32))[0]
+        after, _ = env.reset(options={"reset_mask": np.array([True, False, True])})
+        np.testing.assert_array_equal(after[1], before[1])
+        self.assertFalse(np.array_equal(after[0], before[0]))
+
+    def test_a_lost_ball_terminates_the_episode(self):
+        env = TaskVectorEnv("ball-balancing", 2)
+        env.reset(seed=0)
+        tilt = np.tile(np.array([1, -1, 1, -1, 1, 1, 1, 0, 0], np.float32), (2, 1))
+        ends = [env.step(tilt)[2:4] for _ in range(299)]
+        self.assertTrue(any(terminated.any() for terminated, _ in ends))
+
+    def test_other_python_threads_run_during_a_step(self):
+        env = TaskVectorEnv("point-reaching", 2000, threads=1)
+        env.reset(seed=0)
+        still = np.zeros((2000, 9), np.float32)
+        stepping = threading.Thread(target=lambda: [env.step(still) for _ in range(3)])
+        stepping.start()
+        counted = 0
+        while stepping.is_alive():
+            counted += 1
+            time.sleep(0.001)
+        # If the steps held the interpreter, the loop would run at most three times.
+        self.assertGreater(counted, 10)
+
+
+class Errors(unittest.TestCase):
+    def check(self, message, action, kind=MishandleError):
+        with self.assertRaises(kind) as raised:
+            action()
+        self.assertIn(message, str(raised.exception))
+        self.assertNotIn("\n", str(raised.exception))
+
+    def test_names_and_numbers(self):
+        self.check("did you mean `point-reaching`?", lambda: TaskEnv("point-reachin"))
+        self.check("no task preset `x`; choose from: paper, code", lambda: TaskEnv("point-reaching", preset="x"))
+        self.check("no reward `x`; choose from: shaped", lambda: TaskEnv("point-reaching", reward="x"))
+        self.check("from 1 to 1000000, found 0", lambda: TaskVectorEnv("point-reaching", 0))
+        for threads in [0, 1025, 2**40]:
+            message = f"threads must be a whole number from 1 to 1024, found {threads}"
+            self.check(message, lambda: TaskVectorEnv("point-reaching", 1, threads=threads))
+
+    def test_actions(self):
+        env = TaskVectorEnv("point-reaching", 2)
+        env.reset(seed=0)
+        good = np.zeros((2, 9), np.float32)
+        bad = good.copy()
+        bad[1, 4] = np.nan
+        self.check("must be finite, found NaN at [1, 4]", lambda: env.step(bad))
+        self.check("must have the shape [2, 9], found [2, 8]", lambda: env.step(good[:, :8]))
+
+    def test_actions_anywhere_in_memory(self):
+        env = TaskVectorEnv("point-reaching", 2)
+        good = np.linspace(-1, 1, 18, dtype=np.float32).reshape(2, 9)
+
+        def step(given):
+            env.reset(seed=0)
+            return env.step(given)[0]
+
+        expected = step(good)
+        odd = np.frombuffer(b"\0" + good.tobytes(), np.float32, offset=1, count=18).reshape(2, 9)
+        self.assertFalse(odd.flags.aligned)
+        self.check("not aligned in memory", lambda: step(odd))
+        wide = np.zeros((4, 27), np.float32)
+        wide[::2, ::3] = good
+        for strided in [wide[::2, ::3], np.asfortranarray(good), good.astype(">f4"), good.astype(np.float64)]:
+            np.testing.assert_array_equal(step(strided), expected)
+
+
+class Fork(unittest.TestCase):
+    def in_child(self, action):
+        """Runs `action` in a process made by fork, which must return True within a minute."""
+        child = os.fork()
+        if child == 0:
+            status = 1
+            try:
+                status = 0 if action() else 2
+            finally:
+                # Not os._exit alone: the child must also be able to drop what it inherited.
+                gc.collect()
+                os._exit(status)
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            done, status = os.waitpid(child, os.WNOHANG)
+            if done:
+                self.assertEqual(os.waitstatus_to_exitcode(status), 0)
+                return
+            time.sleep(0.01)
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        self.fail("the child hangs")
+
+    def test_a_child_cannot_use_the_environments_of_its_parent(self):
+        env = TaskVectorEnv("point-reaching", 4, threads=2)
+        first, _ = env.reset(seed=0)
+        still = np.zeros((4, 9), np.float32)
+
+        def raises():
+            messages = []
+            for action in [lambda: env.reset(seed=0), lambda: env.step(still)]:
+                try:
+                    action()
+                except RuntimeError as error:
+                    messages.append(str(error))
+            return len(messages) == 2 and all('get_context("spawn")' in text for text in messages)
+
+        self.in_child(raises)
+        # The parent is unaffected.
+        np.testing.assert_array_equal(env.reset(seed=0)[0], first)
+        env.step(still)
+
+    def test_a_child_creates_its_own_environments(self):
+        expected = walk("ball-balancing", 4, 3, 5, 2)
+        self.in_child(lambda: walk("ball-balancing", 4, 3, 5, 2) == expected)
+
+    def test_a_child_drops_the_environments_of_its_parent(self):
+        held = [TaskVectorEnv("point-reaching", 4, threads=4)]
+        held[0].reset(seed=0)
+        self.in_child(lambda: held.pop() is not None)
+
+    def test_a_fork_during_a_step_of_another_thread(self):
+        env = TaskVectorEnv("point-reaching", 2000, threads=2)
+        env.reset(seed=0)
+        still = np.zeros((2000, 9), np.float32)
+        stopping = threading.Event()
+
+        def work():
+            while not stopping.is_set():
+                env.step(still)
+
+        stepping = threading.Thread(target=work)
+        stepping.start()
+        try:
+            for _ in range(5):
+                self.in_child(lambda: walk("point-reaching", 2, 0, 2, 1) != b"")
+        finally:
+            stopping.set()
+            stepping.join()
+
+    def test_the_first_use_after_an_import_can_be_in_a_child(self):
+        program = (
+            "import os, mishandle\n"
+            "if os.fork() == 0:\n"
+            "    env = mishandle.TaskVectorEnv('point-reaching', 2)\n"
+            "    os._exit(0 if env.reset()[0].shape[0] == 2 else 1)\n"
+            "assert os.wait()[1] == 0"
+        )
+        subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+
+
+class Package(unittest.TestCase):
+    def test_importing_the_package_registers_the_environments(self):
+        for name in TASKS:
+            self.assertIn(name, gymnasium.registry)
+        self.assertEqual(len(TASKS), 8)
+
+    def test_the_public_names_exist(self):
+        for name in mishandle.__all__:
+            self.assertTrue(hasattr(mishandle, name), name)
+
+
+if __name__ == "__main__":
+    unittest.main()

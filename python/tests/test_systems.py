@@ -1,0 +1,353 @@
+"""Tests of falsification, evaluation, simulation and replay of systems in Python."""
+
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+import warnings
+
+import gymnasium
+import mishandle
+import numpy as np
+from mishandle import Attribute, Axis, InvalidScenario, MishandleError, ResetOption
+
+SQUARE = [Axis("x", -1.0, 1.0, "m"), Axis("y", -1.0, 1.0, "m")]
+
+
+def distance(scenario):
+    """The distance of a point from (0.3, -0.4); closer than 0.1 m is a violation."""
+    found = np.hypot(scenario["x"] - 0.3, scenario["y"] + 0.4)
+    return {"distance": np.full(3, found)}
+
+
+class Folder(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.path = pathlib.Path(folder.name)
+
+
+class Functions(Folder):
+    def test_a_counterexample_is_found_stored_and_replayed_bit_for_bit(self):
+        run = self.path / "run.sqlite"
+        found = mishandle.falsify(
+            distance, "always(distance >= 0.1)", SQUARE, search="nelder-mead", trials=4, budget=100, out=run
+        )
+        self.assertEqual(found.path, run)
+        self.assertGreater(found.falsified_trials, 0)
+        self.assertEqual(found.falsified_trials, len(found.counterexamples))
+        worst = found.counterexamples[0]
+        exact = np.hypot(worst.scenario["x"] - 0.3, worst.scenario["y"] + 0.4) - 0.1
+        self.assertEqual(worst.robustness, exact)
+        again = mishandle.replay(
+            run, distance, "always(distance >= 0.1)", SQUARE, trial=worst.trial, number=worst.number
+        )
+        self.assertEqual((again.differences, again.build_differences), ([], []))
+        self.assertEqual(again.simulation.robustness, exact)
+
+    def test_a_replay_of_another_system_is_reported(self):
+        run = self.path / "run.sqlite"
+        formula = "always(distance >= 0.1)"
+        mishandle.falsify(distance, formula, SQUARE, search="random", trials=1, budget=5, out=run)
+        other = mishandle.replay(run, lambda scenario: {"distance": np.ones(3)}, formula, SQUARE)
+        self.assertTrue(any("hash of the target" in text for text in other.differences), other.differences)
+        self.assertTrue(any("robustness" in text for text in other.differences), other.differences)
+
+    def test_a_system_gets_floats_integers_and_names(self):
+        seen = []
+        space = [
+            Axis("mass", 0.1, 10.0, "kg", values="logarithmic"),
+            Axis("delay", 0, 3, values="integer"),
+            Axis("surface", values=["dry", "wet", "ice"]),
+        ]
+
+        def system(scenario, seed):
+            seen.append((scenario, seed))
+            return {"x": [0.0, float(scenario["delay"])]}
+
+        mishandle.falsify(system, "always(x <= 5)", space, search="random", trials=1, budget=40, out=self.path / "a.sqlite")
+        self.assertEqual(seen[0][0], {"mass": 1.0, "delay": 1, "surface": "dry"}, "the probe is nominal")
+        self.assertTrue(all(type(scenario["delay"]) is int for scenario, _ in seen))
+        self.assertEqual({scenario["surface"] for scenario, _ in seen}, {"dry", "wet", "ice"})
+        self.assertEqual({scenario["delay"] for scenario, _ in seen}, {0, 1, 2, 3})
+        self.assertEqual(len({seed for _, seed in seen[-40:]}), 40)
+
+    def test_data_frames_are_traces(self):
+        pandas = __import__("pandas")
+        system = lambda scenario: pandas.DataFrame({"x": [0.0, scenario["x"]]})
+        [found] = mishandle.simulate(system, "always(x <= 0.5)", SQUARE, at={"x": 0.75})
+        self.assertEqual(found.robustness, -0.25)
+        self.assertEqual(found.trace["x"].tolist(), [0.0, 0.75])
+
+    def test_failures_are_ends_and_never_verdicts(self):
+        def system(scenario):
+            if scenario["x"] > 0.5:
+                raise RuntimeError("broken pipe")
+            if scenario["x"] < -0.5:
+                raise InvalidScenario("unreachable")
+            if scenario["y"] > 0.5:
+                return {"d": [1.0, float("nan")]}
+            if scenario["y"] < -0.5:
+                time.sleep(10)
+            return {"d": [1.0, 1.0]}
+
+        space = SQUARE
+        simulate = lambda **at: mishandle.simulate(system, "always(d >= 0)", space, at=at, time_limit=0.2)[0]
+        for at, end in [
+            ({"x": 0.9}, "crashed in control step 0"),
+            ({"x": -0.9}, "invalid scenario"),
+            ({"y": 0.9}, "invalid signal 0 at sample 1"),
+            ({"y": -0.9}, "timed out in control step 0"),
+        ]:
+            found = simulate(**at)
+            self.assertEqual((found.end, found.robustness), (end, None), at)
+        self.assertEqual((simulate().end, simulate().robustness), ("completed", 1.0))
+        run = mishandle.falsify(
+            system, "always(d >= 0)", space, search="random", trials=1, budget=60, time_limit=0.05, out=self.path / "f.sqlite"
+        )
+        self.assertEqual(run.falsified_trials, 0)
+        self.assertTrue(run.failed > 0 and run.invalid > 0)
+        self.assertTrue(any("broken pipe" in text for text in run.exceptions))
+        ends = set(mishandle.open_run(run.path).columns()["end"])
+        self.assertTrue({"completed", "crashed", "invalid scenario", "invalid signal", "timed out"} >= ends >= {"crashed"})
+
+    def test_an_exception_in_the_nominal_scenario_is_raised(self):
+        def system(scenario):
+            raise ZeroDivisionError("no brakes")
+
+        with self.assertRaisesRegex(ZeroDivisionError, "no brakes"):
+            mishandle.falsify(system, "always(d >= 0)", SQUARE)
+
+    def test_a_random_system_is_reported_as_such(self):
+        generator = np.random.default_rng(0)
+        noisy = lambda scenario: {"d": generator.random(3)}
+        with self.assertWarnsRegex(UserWarning, "not deterministic"):
+            found = mishandle.falsify(
+                noisy, "always(d >= -1)", SQUARE, search="random", trials=1, budget=3, out=self.path / "n.sqlite"
+            )
+        self.assertGreater(found.largest_difference, 0)
+
+    def test_short_traces_are_terminated_episodes(self):
+        system = lambda scenario: {"d": [1.0] * (5 if scenario["x"] <= 0 else 3)}
+        simulate = lambda rule: mishandle.simulate(
+            system, "always[0:4](d >= 0)", SQUARE, at={"x": 1.0}, termination=rule
+        )[0]
+        self.assertEqual(simulate("undecided").robustness, None)
+        self.assertEqual(simulate("hold").robustness, 1.0)
+        self.assertEqual(simulate("hold").end, "terminated after control step 2")
+        self.assertEqual(len(simulate("hold").trace["d"]), 5)
+
+    def test_an_evaluation_reports_rates_and_corners(self):
+        found = mishandle.evaluate(
+            distance,
+            {"success": "always(distance >= 0.1)", "safe": "distance >= 0.5"},
+            SQUARE,
+            episodes=200,
+            out=self.path / "e.sqlite",
+        )
+        self.assertEqual(found.success_rate.n, 200)
+        # The circle of violations has 0.8 % of the square.
+        self.assertTrue(found.success_rate.low < 0.992 < found.success_rate.high)
+        self.assertEqual(len(found.corners), 5)
+        self.assertTrue(all(corner.successes == 1 for corner in found.corners))
+        self.assertIsNone(found.task_completion_time)
+
+    def test_a_killed_run_continues_to_the_same_rows(self):
+        program = (
+            "import sys, time, mishandle, numpy as np\n"
+            "def system(scenario):\n"
+            "    time.sleep(float(sys.argv[2]))\n"
+            "    return {'d': np.full(3, abs(scenario['x']))}\n"
+            "space = [mishandle.Axis('x', -1, 1)]\n"
+            "mishandle.falsify(system, 'always(d >= -1)', space, search='random', trials=2, budget=50, out=sys.argv[1],\n"
+            "    resume=sys.argv[3] == 'resume')\n"
+        )
+        script = self.path / "campaign.py"
+        script.write_text(program)
+        start = lambda *arguments: subprocess.Popen([sys.executable, str(script), *map(str, arguments)])
+        whole, killed = self.path / "whole.sqlite", self.path / "killed.sqlite"
+        self.assertEqual(start(whole, 0, "new").wait(), 0)
+        process = start(killed, 0.02, "new")
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            time.sleep(0.1)
+            if killed.exists() and len(mishandle.open_run(killed).columns()["trial"]) >= 10:
+                break
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        stored = len(mishandle.open_run(killed).columns()["trial"])
+        self.assertTrue(10 <= stored < 100, stored)
+        self.assertEqual(start(killed, 0, "resume").wait(), 0)
+        self.assertEqual(mishandle.open_run(killed).columns(), mishandle.open_run(whole).columns())
+
+    def test_an_interrupt_ends_the_run_and_keeps_its_rows(self):
+        count = 0
+
+        def system(scenario):
+            nonlocal count
+            count += 1
+            if count == 12:
+                os.kill(os.getpid(), signal.SIGINT)
+            return {"d": [1.0, 1.0]}
+
+        run = self.path / "i.sqlite"
+        with self.assertRaises(KeyboardInterrupt):
+            mishandle.falsify(system, "always(d >= 0)", SQUARE, search="random", trials=1, budget=100, out=run)
+        stored = len(mishandle.open_run(run).columns()["trial"])
+        self.assertTrue(5 <= stored <= 12, stored)
+
+    def test_mistakes_are_explained(self):
+        def check(kind, message, *arguments, **options):
+            with self.assertRaises(kind) as raised, warnings.catch_warnings():
+                mishandle.falsify(*arguments, **options)
+            self.assertIn(message, str(raised.exception))
+
+        formula = "always(distance >= 0.1)"
+        check(ValueError, "the space has no axes", distance, formula, [])
+        check(TypeError, "a int is not a system", 5, formula, SQUARE)
+        check(MishandleError, "there is no search `randon`", distance, formula, SQUARE, search="randon")
+        check(MishandleError, "signal `height` is not in the trace", distance, "always(height >= 0)", SQUARE)
+        check(MishandleError, "expected", distance, "always(distance >", SQUARE)
+        check(ValueError, "same length", lambda s: {"a": [1, 2], "b": [1]}, formula, SQUARE)
+        check(TypeError, "dictionary of arrays or a data frame", lambda s: [1, 2], formula, SQUARE)
+        check(MishandleError, "lower bound", distance, formula, [Axis("x", 1, 0), Axis("y", 0, 1)])
+        with self.assertRaisesRegex(ValueError, "no axis z; its axes: x, y"):
+            mishandle.simulate(distance, formula, SQUARE, at={"z": 1})
+        with self.assertRaisesRegex(ValueError, "'cubic'"):
+            Axis("x", 0, 1, values="cubic")
+
+
+def balance(observation):
+    """A policy for CartPole."""
+    x, v, angle, rate = observation
+    return int(angle + 0.3 * rate + 0.05 * x + 0.1 * v > 0)
+
+
+def set_angle(env, value):
+    env.unwrapped.state[2] = value
+    return np.array(env.unwrapped.state, dtype=np.float32)
+
+
+POLE = [
+    Axis("angle", -0.2, 0.2, "rad", apply=set_angle),
+    Axis("length", 0.2, 1.5, "m", nominal=0.5, kind="model", apply=Attribute("length")),
+]
+SIGNALS = {"x": ("obs[0]", "m"), "angle": ("obs[2]", "rad"), "length": lambda env: env.length}
+
+
+class Environments(Folder):
+    def test_options_attributes_and_functions_set_the_scenario(self):
+        env = gymnasium.make("CartPole-v1", max_episode_steps=50)
+        kinds = dict(policy=balance, signals=SIGNALS)
+        [found] = mishandle.simulate(env, "always(angle <= 1)", POLE, at={"angle": 0.1, "length": 0.7}, **kinds)
+        self.assertEqual(found.trace["angle"][0], np.float32(0.1))
+        self.assertTrue((found.trace["length"] == 0.7).all())
+        self.assertEqual(len(found.trace["x"]), 51)
+        self.assertEqual(found.total_reward, 50.0)
+        low = Axis("low", -0.05, 0.05, nominal=0.04)
+        high = Axis("high", 0.05, 0.1, nominal=0.05)
+        [found] = mishandle.simulate(env, "always(angle <= 1)", [low, high], **kinds)
+        self.assertTrue(0.04 <= found.trace["angle"][0] <= 0.05, "options of the reset bound the initial state")
+
+    def test_a_vector_environment_gives_the_rows_of_a_single_one(self):
+        formula, kinds = "always(abs(angle) <= 0.19)", dict(policy=balance, signals=SIGNALS, steps=60)
+        options = dict(search="random", trials=2, budget=20, batch=4)
+        single = gymnasium.make("CartPole-v1")
+        vector = gymnasium.make_vec("CartPole-v1", num_envs=3, vectorization_mode="sync")
+        runs = []
+        for number, env in enumerate([single, vector]):
+            path = self.path / f"{number}.sqlite"
+            mishandle.falsify(env, formula, POLE, out=path, **options, **kinds)
+            runs.append(mishandle.open_run(path).columns())
+        self.assertEqual(*runs)
+        self.assertTrue(any(value is not None and value < 0 for value in runs[0]["robustness"]))
+
+    def test_a_policy_that_fails_ends_the_simulation(self):
+        def broken(observation):
+            if observation[0] > 0.01:
+                raise RuntimeError("no signal")
+            return 1
+
+        env = gymnasium.make("CartPole-v1", max_episode_steps=50)
+        [found] = mishandle.simulate(
+            env, "always(x <= 5)", [Axis("low", -0.05, -0.04), Axis("high", -0.03, -0.02)], policy=lambda o: 1, signals=SIGNALS
+        )
+        self.assertTrue(found.end.startswith("terminated"), found.end)
+        self.assertIsNone(found.robustness, "an episode that terminated early is undecided")
+        with self.assertRaisesRegex(RuntimeError, "no signal"):
+            mishandle.simulate(env, "always(x <= 5)", POLE, policy=broken, signals=SIGNALS)
+
+    def test_actions_that_are_not_finite_are_named(self):
+        env = gymnasium.make("Pendulum-v1", max_episode_steps=20)
+        space = [Axis("x_init", 0.1, 1.0), Axis("y_init", 0.1, 1.0)]
+        steps = iter(range(10_000))
+        policy = lambda observation: np.array([np.nan if next(steps) > 45 else 0.0], np.float32)
+        found = mishandle.simulate(env, "always(c <= 2)", space, policy=policy, signals={"c": "obs[0]"}, repeat=2)
+        self.assertEqual([one.end for one in found], ["invalid action 0 in control step 7", "invalid action 0 in control step 1"])
+
+    def test_models_with_predict_are_policies(self):
+        class Model:
+            def __init__(self):
+                self.starts = []
+
+            def predict(self, observation, state=None, episode_start=None, deterministic=False):
+                self.starts.append(bool(episode_start[0]))
+                return np.array([balance(row) for row in observation]), state
+
+        model = Model()
+        env = gymnasium.make("CartPole-v1", max_episode_steps=10)
+        found = mishandle.simulate(env, "always(angle <= 1)", POLE, policy=model, signals=SIGNALS)
+        self.assertEqual(found[0].end, "completed")
+        self.assertEqual(model.starts[:11], [True] + [False] * 9 + [True])
+
+    def test_our_tasks_and_controllers(self):
+        env = gymnasium.make("mishandle/PointReaching-v0")
+        policy = mishandle.load_controller("point-reaching/ppo")
+        space = [
+            Axis(name, low, high, "m", apply=ResetOption(f"scenario.{name}"))
+            for name, low, high in [("target_x", 0.3, 0.7), ("target_y", -0.4, 0.4), ("target_z", 0.2, 0.8)]
+        ]
+        kinds = dict(policy=policy, signals={"distance": ("info.signals.finger_target_distance", "m")})
+        formula = "eventually(always(distance <= 0.05))"
+        [found] = mishandle.simulate(env, formula, space, at=[0.5, 0.1, 0.4], **kinds)
+        self.assertGreater(found.robustness, 0)
+        self.assertEqual(len(found.trace["distance"]), 301)
+
+
+class Tools(unittest.TestCase):
+    def test_robustness_agrees_with_hand_arithmetic(self):
+        trace = {"x": np.array([0.0, 2.0, 5.0]), "unused": np.zeros(3)}
+        self.assertEqual(mishandle.robustness("always(x <= 4)", trace), -1.0)
+        self.assertEqual(mishandle.robustness("eventually[1:2](x >= 6)", trace), -1.0)
+        formula = mishandle.Formula("always[0:1](x <= 4)")
+        self.assertEqual(formula.robustness_signal(trace).tolist(), [2.0, -1.0, -1.0])
+        self.assertEqual(formula.robustness_signal(trace, decided_only=True).tolist(), [2.0, -1.0])
+        self.assertIsNone(mishandle.Formula("always[0:9](x <= 4)").robustness(trace, decided_only=True))
+
+    def test_searches_minimize_and_agree_with_the_function(self):
+        for name in mishandle.search_names():
+            found = mishandle.minimize(lambda x: float((x**2).sum()), [(-1, 2), (-2, 1)], search=name, budget=400)
+            self.assertEqual(found.fun, float((found.x**2).sum()), name)
+            self.assertLess(found.fun, 0.1, name)
+        search = mishandle.Search("random", [(0, 1)])
+        first, second = search.ask(2)
+        with self.assertRaisesRegex(ValueError, "order of the points"):
+            search.tell(second, 1.0)
+
+    def test_controllers_give_the_actions_of_each_row(self):
+        controller = mishandle.load_controller("ball-catching/ppo")
+        observations = np.random.default_rng(0).normal(size=(5, controller.observation_size)).astype(np.float32)
+        together = controller(observations)
+        for row in range(5):
+            np.testing.assert_array_equal(controller(observations[row]), together[row])
+        self.assertEqual(controller.task, "ball-catching")
+        with self.assertRaisesRegex(MishandleError, "did you mean|there is no"):
+            mishandle.load_controller("ball-catching/pppo")
+
+
+if __name__ == "__main__":
+    unittest.main()
