@@ -256,6 +256,15 @@ pub enum MishandleError {
         /// Cause of the error.
         source: Box<MishandleError>,
     },
+    /// The target of a run is not part of this program.
+    #[error(
+        "the target `{name}` of the run is not part of this program; a run that was made in Python is replayed and resumed in \
+         Python, by `mishandle.replay` and `mishandle.falsify` (docs/python.md)"
+    )]
+    ForeignTarget {
+        /// Name of the target.
+        name: String,
+    },
     /// A recorded simulation has an end that its target does not have.
     #[error(
         "the run file was changed: simulation {number} of trial {trial} has the end {end:?}, which its target does not have"

@@ -141,6 +141,9 @@ pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<Res
             hash: recorded.hash.clone(),
             source: Box::new(error),
         },
+        (MishandleError::UnknownName { kind: "target", name, .. }, _) => {
+            MishandleError::ForeignTarget { name }
+        }
         (error, _) => error,
     };
     let resolved = ResolvedPlan::new(&plan).map_err(with_hint)?;

@@ -329,3 +329,13 @@ fn a_forged_evaluation_is_not_resumed() {
         }),
     ]);
 }
+
+#[test]
+fn a_run_of_a_target_in_python_is_not_taken_for_a_misspelled_name() {
+    let bench = Bench::evaluation();
+    let mut header = RunFile::open(bench.honest()).unwrap().header().clone();
+    header.plan = header.plan.replace("toy/car-following", "python/point-reaching");
+    let error = mishandle::recorded_plan(&header, None).unwrap_err();
+    assert!(error.to_string().contains("`mishandle.replay`"), "{error}");
+    assert_eq!(error.hint(), None);
+}
