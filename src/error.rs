@@ -72,6 +72,22 @@ pub enum MishandleError {
         /// Newest format that this program reads.
         known: u32,
     },
+    /// A run of a campaign has an invalid plan.
+    #[error("run `{name}` of the campaign")]
+    CampaignRun {
+        /// Name of the run.
+        name: String,
+        /// Cause of the error.
+        source: Box<MishandleError>,
+    },
+    /// A folder does not contain a complete campaign.
+    #[error("{} is not the folder of a campaign: there is no file {}", path.display(), file.display())]
+    NoCampaign {
+        /// Path of the folder.
+        path: PathBuf,
+        /// The missing file.
+        file: PathBuf,
+    },
     /// The folder in `MISHANDLE_HOME` does not contain the shipped files.
     #[error("MISHANDLE_HOME is `{}`, which has no folder `{folder}`", path.display())]
     Home {

@@ -20,6 +20,7 @@
 //! ```
 
 mod build;
+mod campaign;
 mod curve;
 mod error;
 mod evaluate;
@@ -39,6 +40,7 @@ mod training_facts;
 mod trajectory;
 
 pub use build::{VERSION, VERSION_AND_COMMIT, build};
+pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 pub use curve::{Curve, CurveProblem, CurveRow, NoTrainingTime};
 pub use error::MishandleError;
 pub use evaluate::{
@@ -49,7 +51,7 @@ pub use home::{
     ShippedFile, controller_name, find_controller, home, home_description, picture_path, shipped_controller,
     shipped_controllers, shipped_settings,
 };
-pub use plan::{EvaluatePlan, FalsifyPlan, Plan, StartRegion};
+pub use plan::{EvaluatePlan, FalsifyPlan, GridRun, Plan, StartRegion, read_grid};
 pub use plural::plural;
 pub use record::create_run;
 pub use replay::{ReplayResult, build_differences, recorded_plan, replay, replay_with, select_simulation};

@@ -1,3 +1,4 @@
+mod grid;
 mod read;
 
 use std::ops::RangeInclusive;
@@ -7,6 +8,8 @@ use mishandle_search::SearchOptions;
 use serde::{Deserialize, Serialize};
 
 use crate::MishandleError;
+
+pub use grid::{GridRun, read_grid};
 
 /// Version of the plan format.
 const FORMAT: u32 = 2;

@@ -149,7 +149,7 @@ pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
         end: stored_end(episode.end),
         steps: episode.steps as u32,
         verdicts: verdicts.into_iter().chain(minima).collect(),
-        trace_digest: Some(trace.digest()),
+        trace_digest: Some(episode.trace_digest.unwrap_or_else(|| trace.digest())),
         trace: is_falsified.then_some(trace),
     }
 }
@@ -263,6 +263,7 @@ pub(crate) fn episode(simulation: &Simulation, target: &Target) -> Result<Episod
         },
         total_reward: stored("total_reward").unwrap_or(f64::NAN),
         trace: Trace::new([].into()),
+        trace_digest: simulation.trace_digest,
     })
 }
 

@@ -18,6 +18,7 @@ from mishandle.campaign import (
 from mishandle.controllers import Controller, load_controller
 from mishandle.envs import TaskEnv, TaskVectorEnv, register
 from mishandle.formulas import Formula, robustness
+from mishandle.ray import RayExecutor
 from mishandle.runs import Run, open_run
 from mishandle.searches import Minimum, Search, minimize, search_names
 from mishandle.systems import InvalidScenario
@@ -34,6 +35,7 @@ __all__ = [
     "InvalidScenario",
     "Minimum",
     "MishandleError",
+    "RayExecutor",
     "Replay",
     "ResetOption",
     "Run",

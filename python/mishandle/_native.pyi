@@ -100,6 +100,23 @@ class Target:
         simulate: Callable[[list[tuple[dict[str, Any], int]]], list[Outcome]],
     ) -> Target: ...
 
+RequestTuple = tuple[list[float | None], int, bool]
+
+class PlanWorker:
+    def __new__(cls, plan: str, hashes: list[str], threads: int) -> PlanWorker: ...
+    def rollout(self, requests: list[RequestTuple]) -> list[tuple[Any, ...]]: ...
+
+def recorded_plan(path: str) -> tuple[str, list[str]]: ...
+def create_campaign(text: str, folder: str) -> list[tuple[str, str]]: ...
+def campaign_runs(folder: str) -> list[tuple[str, str]]: ...
+def complete_run(
+    path: str,
+    *,
+    simulate: Callable[[list[RequestTuple]], list[tuple[Any, ...]]],
+    durable: bool,
+    progress: Callable[[int, int], bool],
+) -> bool: ...
+
 Out = tuple[str | None, bool, bool]
 
 def falsify(

@@ -17,6 +17,7 @@ from mishandle import _native
 from mishandle.axes import Axis, Value
 from mishandle.controllers import load_controller
 from mishandle.policies import policy_hash
+from mishandle.ray import RayExecutor
 from mishandle.systems import EnvironmentSystem, FunctionSystem, Scenario, Source, System, TaskSystem
 
 PathLike = str | os.PathLike[str]
@@ -196,6 +197,9 @@ class TargetOptions(TypedDict, total=False):
     """Number of simulations of a task that are stepped together."""
     name: str
     """Name of the target; by default that of the function, the environment or the task."""
+    executor: str | RayExecutor
+    """``"ray"`` or a :class:`mishandle.ray.RayExecutor` simulates batches on a Ray cluster. The rows of a run do not depend on
+    it."""
 
 
 def _target(system: Any, formula: Formulas, space: Space, options: TargetOptions) -> _Target:
@@ -222,7 +226,15 @@ def _target(system: Any, formula: Formulas, space: Space, options: TargetOptions
     formulas = {"success": formula} if isinstance(formula, str) else dict(formula or {})
     if not formulas:
         raise ValueError("there is no formula")
-    largest_difference = _probe(under_test, space)
+    nominal = {axis.name: _nominal(axis) for axis in space}
+    largest_difference = _probe(under_test, under_test, nominal)
+    executor = options.get("executor")
+    if executor is not None:
+        if isinstance(executor, str) and executor != "ray":
+            raise ValueError(f"there is no executor {executor!r}; expected 'ray' or a RayExecutor")
+        distributed = (RayExecutor() if isinstance(executor, str) else executor).system(under_test)
+        largest_difference = max(largest_difference, _probe(under_test, distributed, nominal))
+        under_test = distributed
     if largest_difference > 0:
         warnings.warn(
             "the system is not deterministic: two simulations of the same scenario and seed differ by up to "
@@ -291,12 +303,12 @@ def _nominal(axis: Axis) -> Value:
     return int(number) if axis.values == "integer" else number
 
 
-def _probe(system: System, space: Sequence[Axis]) -> float:
-    """Returns the largest difference between two simulations of the nominal scenario; infinity if they end differently."""
-    nominal = {axis.name: _nominal(axis) for axis in space}
-    first, second = (system.simulate([(nominal, 0)])[0] for _ in range(2))
-    if system.exceptions:
-        raise RuntimeError(f"the nominal scenario {nominal} raised an exception:\n{system.exceptions[0]}")
+def _probe(system: System, other: System, nominal: Scenario) -> float:
+    """Returns the largest difference between the nominal scenario in two systems; infinity if it ends differently."""
+    first, second = (each.simulate([(nominal, 0)])[0] for each in (system, other))
+    for each in (system, other):
+        if each.exceptions:
+            raise RuntimeError(f"the nominal scenario {nominal} raised an exception:\n{each.exceptions[0]}")
     if (first.end, first.steps, first.samples.shape) != (second.end, second.steps, second.samples.shape):
         return float("inf")
     if first.samples.size == 0 or np.array_equal(first.samples, second.samples, equal_nan=True):

@@ -32,6 +32,9 @@ class Controller:
         self._native = _native.Controller(name)
         self.name = name
 
+    def __reduce__(self) -> tuple[type[Controller], tuple[str]]:
+        return Controller, (self.name,)
+
     @property
     def task(self) -> str:
         """Name of its task."""

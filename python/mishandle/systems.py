@@ -185,6 +185,7 @@ class TaskSystem(System):
     """One of the tasks with a policy. A whole batch is stepped together, with the bits of the command line."""
 
     def __init__(self, task: str, policy: Any, *, preset: str, rows: int, batched_policy: bool) -> None:
+        self._arguments = (task, policy, preset, rows, batched_policy)
         self._native = _native.Simulator(task, rows, preset=preset, reward="shaped", threads=None)
         self._rows = rows
         self._policy: Policy = as_policy(policy, batched_policy)
@@ -196,6 +197,9 @@ class TaskSystem(System):
         self.steps = self._native.episode_steps
         self.versions = [("numpy", np.__version__)]
         self.exceptions = []
+
+    def __reduce__(self) -> tuple[Callable[..., TaskSystem], tuple[Any, ...]]:
+        return _task_system, self._arguments
 
     @property
     def formulas(self) -> dict[str, str]:
@@ -254,6 +258,10 @@ class TaskSystem(System):
         return outcomes
 
 
+def _task_system(task: str, policy: Any, preset: str, rows: int, batched_policy: bool) -> TaskSystem:
+    return TaskSystem(task, policy, preset=preset, rows=rows, batched_policy=batched_policy)
+
+
 class EnvironmentSystem(System):
     """A Gymnasium environment with a policy. The sub-environments of a ``SyncVectorEnv`` are stepped together."""
 
@@ -293,6 +301,20 @@ class EnvironmentSystem(System):
         self.control_dt = control_dt if control_dt is not None else _control_dt(first)
         self.versions = [("gymnasium", gymnasium.__version__), ("numpy", np.__version__)]
         self.exceptions = []
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Simulators outside of Python cannot be copied, so an environment that Gymnasium made is made again.
+        environments = [each if each.spec is None else each.spec for each in self._environments]
+        return {**self.__dict__, "_environments": environments}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        import gymnasium
+
+        self.__dict__.update(state)
+        self._environments = [
+            gymnasium.make(each) if isinstance(each, gymnasium.envs.registration.EnvSpec) else each
+            for each in self._environments
+        ]
 
     def description(self) -> str:
         spec = self._environments[0].spec

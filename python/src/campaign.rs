@@ -316,7 +316,7 @@ fn trial<'py>(py: Python<'py>, space: &Space, outcome: &TrialOutcome) -> PyResul
 }
 
 fn episode<'py>(py: Python<'py>, space: &Space, episode: &Episode) -> PyResult<Bound<'py, PyDict>> {
-    let Episode { request, end, steps, verdict, total_reward, trace } = episode;
+    let Episode { request, end, steps, verdict, total_reward, trace, .. } = episode;
     let dict = PyDict::new(py);
     dict.set_item("scenario", scenario(py, space, request.scenario.values())?)?;
     dict.set_item("seed", request.seed.0)?;

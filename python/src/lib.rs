@@ -8,6 +8,7 @@
 mod campaign;
 mod controller;
 mod formula;
+mod remote;
 mod run;
 mod search;
 mod simulator;
@@ -22,6 +23,7 @@ use pyo3::prelude::*;
 
 use controller::PyController;
 use formula::PyFormula;
+use remote::PlanWorker;
 use run::PyRun;
 use search::PySearch;
 use simulator::Simulator;
@@ -47,6 +49,11 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyRun>()?;
     module.add_class::<PyController>()?;
     module.add_class::<Simulator>()?;
+    module.add_class::<PlanWorker>()?;
+    module.add_function(wrap_pyfunction!(remote::complete_run, module)?)?;
+    module.add_function(wrap_pyfunction!(remote::create_campaign, module)?)?;
+    module.add_function(wrap_pyfunction!(remote::campaign_runs, module)?)?;
+    module.add_function(wrap_pyfunction!(remote::recorded_plan, module)?)?;
     module.add_function(wrap_pyfunction!(search::search_names, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::falsify, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::evaluate, module)?)?;

@@ -176,11 +176,7 @@ impl System for PythonSystem {
             py.check_signals()?;
             self.simulate(py, requests)
         });
-        episodes.map_err(|error: PyErr| {
-            let message = error.to_string();
-            *self.shared.pending.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
-            RolloutError::System(message)
-        })
+        episodes.map_err(|error: PyErr| keep(&self.shared.pending, error))
     }
 }
 
@@ -234,6 +230,7 @@ impl PythonSystem {
             verdict,
             total_reward: *total_reward,
             trace,
+            trace_digest: None,
         })
     }
 }
@@ -256,11 +253,39 @@ pub(crate) fn scenario<'py>(
     Ok(dict)
 }
 
-fn end_of(name: &str, step: usize, index: usize) -> PyResult<EpisodeEnd> {
+/// Keeps an exception, and returns the error of Rust that ends the run.
+pub(crate) fn keep(pending: &Pending, exception: PyErr) -> RolloutError {
+    let message = exception.to_string();
+    *pending.lock().unwrap_or_else(PoisonError::into_inner) = Some(exception);
+    RolloutError::System(message)
+}
+
+/// Returns the name of an end, its control step or sample, and its index. [`end_of`] is the inverse.
+pub(crate) fn end_parts(end: EpisodeEnd) -> (&'static str, usize, usize) {
+    match end {
+        EpisodeEnd::Completed => ("completed", 0, 0),
+        EpisodeEnd::Terminated { step } => ("terminated", step, 0),
+        EpisodeEnd::Stopped { step } => ("stopped", step, 0),
+        EpisodeEnd::Diverged { step } => ("diverged", step, 0),
+        EpisodeEnd::Undefined { step } => ("undefined", step, 0),
+        EpisodeEnd::InvalidAction { step, index } => ("invalid action", step, index),
+        EpisodeEnd::InvalidObservation { step, index } => ("invalid observation", step, index),
+        EpisodeEnd::InvalidReward { step, index } => ("invalid reward", step, index),
+        EpisodeEnd::InvalidSignal { step, index } => ("invalid signal", step, index),
+        EpisodeEnd::InvalidScenario => ("invalid scenario", 0, 0),
+        EpisodeEnd::Crashed { step } => ("crashed", step, 0),
+        EpisodeEnd::TimedOut { step } => ("timed out", step, 0),
+    }
+}
+
+pub(crate) fn end_of(name: &str, step: usize, index: usize) -> PyResult<EpisodeEnd> {
     Ok(match name {
         "completed" => EpisodeEnd::Completed,
         "terminated" => EpisodeEnd::Terminated { step },
+        "stopped" => EpisodeEnd::Stopped { step },
         "diverged" => EpisodeEnd::Diverged { step },
+        "undefined" => EpisodeEnd::Undefined { step },
+        "invalid signal" => EpisodeEnd::InvalidSignal { step, index },
         "invalid scenario" => EpisodeEnd::InvalidScenario,
         "invalid action" => EpisodeEnd::InvalidAction { step, index },
         "invalid observation" => EpisodeEnd::InvalidObservation { step, index },
@@ -271,7 +296,11 @@ fn end_of(name: &str, step: usize, index: usize) -> PyResult<EpisodeEnd> {
     })
 }
 
-fn trace(names: &Arc<[String]>, samples: ArrayView2<'_, f64>, episode_steps: usize) -> PyResult<Trace> {
+pub(crate) fn trace(
+    names: &Arc<[String]>,
+    samples: ArrayView2<'_, f64>,
+    episode_steps: usize,
+) -> PyResult<Trace> {
     let (rows, columns) = samples.dim();
     if rows > 0 && columns != names.len() {
         let message =

@@ -80,18 +80,52 @@ fn is_table(value: &Spanned<DeValue<'_>>) -> bool {
 
 /// Reads a plan. Keys of older formats are translated.
 pub(super) fn read(text: &str) -> Result<Plan, MishandleError> {
+    let stated = parse(text, Values::One)?;
+    let mut plan =
+        Plan::deserialize(toml::Deserializer::from(stated)).map_err(|error| not_toml(text, &error))?;
+    plan.format = FORMAT;
+    Ok(plan)
+}
+
+/// Reads a campaign: a plan in which most keys may have a list of values.
+pub(super) fn read_lists(text: &str) -> Result<toml::Table, MishandleError> {
+    let stated = parse(text, Values::Lists)?;
+    toml::Table::deserialize(toml::Deserializer::from(stated)).map_err(|error| not_toml(text, &error))
+}
+
+/// Returns whether a key of a plan may have a list of values in a campaign.
+pub(super) fn may_be_list(name: &str) -> bool {
+    // The other values are lists or tables already.
+    !["format", "falsify.initial-simplex", OPTIONS].contains(&name)
+}
+
+/// Returns the names of all keys with their tables, former names included.
+pub(super) fn key_names() -> impl Iterator<Item = &'static str> {
+    KEYS.iter().flat_map(|key| [Some(key.name), key.alias]).flatten()
+}
+
+/// Whether a key has one value, or may have a list of values.
+#[derive(Clone, Copy, PartialEq)]
+enum Values {
+    One,
+    Lists,
+}
+
+fn not_toml(text: &str, error: &toml::de::Error) -> MishandleError {
+    let line = line_at(text, error.span().map_or(0, |span| span.start));
+    let found = shortened(text.lines().nth(line - 1).unwrap_or_default());
+    MishandleError::PlanSyntax { line, found, message: error.message().replace('\n', ", ") }
+}
+
+/// Parses a plan and checks its keys and the types of their values.
+fn parse(text: &str, values: Values) -> Result<Spanned<DeTable<'_>>, MishandleError> {
     // Also for the plan in a run file.
     if text.len() as u64 > limits::PLAN {
         let (what, expected) = ("the size of the plan in bytes", "at most 131072");
         return Err(MishandleError::InvalidValue { what, value: text.len().to_string(), expected });
     }
-    let not_toml = |error: toml::de::Error| {
-        let line = line_at(text, error.span().map_or(0, |span| span.start));
-        let found = shortened(text.lines().nth(line - 1).unwrap_or_default());
-        MishandleError::PlanSyntax { line, found, message: error.message().replace('\n', ", ") }
-    };
-    let stated = DeTable::parse(text).map_err(not_toml)?;
-    let reader = Reader { text };
+    let stated = DeTable::parse(text).map_err(|error| not_toml(text, &error))?;
+    let reader = Reader { text, values };
     // Checked first: a newer format can have unknown keys, and the format is the more useful error.
     if let Some((key, value)) = stated.get_ref().get_key_value("format") {
         match u32::deserialize(ValueDeserializer::from(value.clone())) {
@@ -101,13 +135,12 @@ pub(super) fn read(text: &str) -> Result<Plan, MishandleError> {
         }
     }
     reader.check("", stated.get_ref())?;
-    let mut plan = Plan::deserialize(toml::Deserializer::from(stated)).map_err(not_toml)?;
-    plan.format = FORMAT;
-    Ok(plan)
+    Ok(stated)
 }
 
 struct Reader<'t> {
     text: &'t str,
+    values: Values,
 }
 
 impl Reader<'_> {
@@ -127,6 +160,11 @@ impl Reader<'_> {
                     self.check_options(options)?;
                 }
                 (Some(known), _) if (known.reads)(value) => {}
+                (Some(known), DeValue::Array(items))
+                    if self.values == Values::Lists && may_be_list(known.name) =>
+                {
+                    self.check_list(&name, key, value, items, known)?;
+                }
                 (Some(known), _) => return Err(self.wrong(&name, key, value, known.allowed)),
                 (None, _) if !KEYS.iter().any(|known| known.name.starts_with(&as_table)) => {
                     let known = KEYS.iter().map(|key| key.name).collect();
@@ -134,6 +172,30 @@ impl Reader<'_> {
                 }
                 (None, DeValue::Table(table)) => self.check(&as_table, table)?,
                 (None, _) => return Err(self.wrong(&name, key, value, &format!("a table, as [{name}]"))),
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks a list of values: each of the right type, none twice.
+    fn check_list(
+        &self,
+        name: &str,
+        key: &Spanned<impl Sized>,
+        list: &Spanned<DeValue<'_>>,
+        items: &[Spanned<DeValue<'_>>],
+        known: &Key,
+    ) -> Result<(), MishandleError> {
+        if items.is_empty() {
+            return Err(self.wrong(name, key, list, &format!("{}, or a list of such values", known.allowed)));
+        }
+        for (index, item) in items.iter().enumerate() {
+            if !(known.reads)(item) {
+                return Err(self.wrong(name, key, item, known.allowed));
+            }
+            let text = |item: &Spanned<DeValue<'_>>| &self.text[item.span()];
+            if items[..index].iter().any(|earlier| text(earlier) == text(item)) {
+                return Err(self.wrong(name, key, item, "in the list once"));
             }
         }
         Ok(())

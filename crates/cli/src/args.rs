@@ -83,6 +83,7 @@ pub enum Command {
     Curve(Curve),
     Evaluate(Evaluate),
     Falsify(Falsify),
+    Campaign(Campaign),
     Replay(Replay),
     Render(Render),
     Zoo(Zoo),
@@ -412,6 +413,41 @@ pub struct Falsify {
     pub file: OpenRun,
     #[command(flatten)]
     pub run: Run,
+}
+
+/// Run a grid of evaluations and falsifications: targets, controllers, spaces, formulas, searches, seeds
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle campaign campaign.toml --out runs/controllers
+  mishandle campaign --resume runs/controllers
+  mishandle campaign campaign.toml --ray auto         on this machine's Ray cluster
+
+The campaign file is a plan in which keys may have lists of values: see docs/campaigns.md. Each
+combination is a run with a run file in the folder. Exit code 1 means that a counterexample was
+found.")]
+pub struct Campaign {
+    /// Campaign file (TOML)
+    #[arg(value_name = "FILE", required_unless_present = "resume")]
+    pub campaign: Option<PathBuf>,
+    /// Folder to create for the run files [default: a new folder in runs/]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Resume the stopped campaign in this folder
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["campaign", "out"])]
+    pub resume: Option<PathBuf>,
+    /// Simulate on a Ray cluster: its address, `auto` for the one that runs on this machine, or `local` to start one; needs
+    /// the Python package with Ray
+    #[arg(long, value_name = "ADDRESS")]
+    pub ray: Option<String>,
+    /// Wait after each batch until its records are on the disk
+    #[arg(long)]
+    pub durable: bool,
+    /// Number of threads; does not affect the results [default: number of cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
+    pub threads: Option<usize>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Parses `NAME=VALUE`.

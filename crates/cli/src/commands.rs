@@ -1,5 +1,6 @@
 //! One file per command.
 
+pub mod campaign;
 pub mod completions;
 pub mod controller;
 pub mod curve;

@@ -67,6 +67,7 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Curve(command) => commands::curve::run(command),
         Command::Evaluate(command) => commands::evaluate::run(command),
         Command::Falsify(command) => commands::falsify::run(command),
+        Command::Campaign(command) => commands::campaign::run(command),
         Command::Replay(command) => commands::replay::run(command),
         Command::Render(command) => commands::render::run(command),
         Command::Zoo(command) => commands::zoo::run(command),

@@ -36,8 +36,8 @@ fn keys(value: &Value, path: &str, found: &mut Vec<(String, &'static str)>) {
         Value::Object(entries) => {
             for (key, value) in entries {
                 let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
-                let is_map =
-                    ["scenario", "search_options", "formats", "training_time"].contains(&key.as_str());
+                let is_map = ["scenario", "search_options", "formats", "training_time", "result"]
+                    .contains(&key.as_str());
                 found.push((path.clone(), kind(value, is_map && key != "training_time")));
                 if !is_map {
                     keys(value, &path, found);
@@ -70,6 +70,7 @@ fn the_page_documents_the_keys_that_every_command_prints() {
     let bench = Bench::new();
     bench.write("d.csv", "time,d\n0.0,0.2\n0.1,0.3\n");
     bench.write("small.toml", SMALL);
+    bench.write("grid.toml", "target = 'toy/sphere-2d'\n[falsify]\ntrials = 1\n[evaluate]\nepisodes = 5\n");
     let commands = [
         ("tasks", "tasks", 0),
         ("targets", "targets", 0),
@@ -79,6 +80,7 @@ fn the_page_documents_the_keys_that_every_command_prints() {
         ("evaluate", "evaluate point-reaching --controller expert --episodes 12 --out e.sqlite", 0),
         ("falsify", "falsify point-reaching --controller expert --trials 1 --budget 3 --out f.sqlite", 0),
         ("falsify", "falsify toy/noisy --trials 2 --budget 200 --seed 1 --out g.sqlite", 1),
+        ("campaign", "campaign grid.toml --out grid", 0),
         ("replay", "replay g.sqlite", 0),
         ("replay", "replay e.sqlite --trial 2", 0),
         ("train --dry-run", "train point-reaching --settings small.toml --out b.safetensors --dry-run", 0),

@@ -302,6 +302,7 @@ mod tests {
         let episode = |end, success: Option<f64>| Episode {
             request: corners.request(1).unwrap(),
             trace: Trace::new(Arc::from([])),
+            trace_digest: None,
             steps: 1,
             verdict: Verdict { robustness: success, success, strict: success, ..Verdict::default() },
             total_reward: 0.0,

@@ -185,6 +185,7 @@ mod tests {
         Episode {
             request: Request::new([0.5], Seed(0)),
             trace,
+            trace_digest: None,
             steps: 4,
             verdict: Verdict {
                 robustness: success,

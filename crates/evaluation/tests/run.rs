@@ -53,6 +53,7 @@ impl System for ClosedForm {
                 },
                 total_reward: 0.0,
                 trace,
+                trace_digest: None,
             }
         };
         Ok(requests.iter().map(episode).collect())

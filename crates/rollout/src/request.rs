@@ -47,8 +47,10 @@ pub struct Episode {
     /// Sum of the rewards.
     pub total_reward: f64,
     /// Sample 0 follows the reset, sample k follows control step k. The trace is empty if the episode comes from a record
-    /// without a trace.
+    /// without a trace, or from another machine that kept it.
     pub trace: Trace,
+    /// Digest of a trace that another machine kept, as run files contain it; otherwise `None`.
+    pub trace_digest: Option<u128>,
 }
 
 impl Episode {

@@ -241,6 +241,7 @@ impl RolloutWorker {
             episodes.push(Episode {
                 request: request.clone(),
                 trace,
+                trace_digest: None,
                 verdict: Verdict::default(),
                 total_reward: 0.0,
                 steps: 0,

@@ -71,6 +71,7 @@ impl FunctionSystem {
             },
             total_reward: 0.0,
             trace,
+            trace_digest: None,
         }
     }
 }

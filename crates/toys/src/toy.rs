@@ -139,7 +139,15 @@ impl ToySystem {
             verdict.subformulas = self.monitor.subformulas(&trace)?;
         }
         let steps = trace.len().saturating_sub(1);
-        Ok(Episode { request: request.clone(), end, steps, verdict, total_reward: 0.0, trace })
+        Ok(Episode {
+            request: request.clone(),
+            end,
+            steps,
+            verdict,
+            total_reward: 0.0,
+            trace,
+            trace_digest: None,
+        })
     }
 }
 

@@ -73,7 +73,8 @@ fn starts(plan: &Plan) -> StartRegion {
     plan.evaluate.as_ref().map_or(StartRegion::Whole, |evaluate| evaluate.starts)
 }
 
-fn document(resolved: &ResolvedPlan, outcome: &EvaluationOutcome, path: &str) -> Value {
+/// Returns the JSON document of the run.
+pub fn document(resolved: &ResolvedPlan, outcome: &EvaluationOutcome, path: &str) -> Value {
     let report = &outcome.report;
     let mut own = json!({
         "is_complete": outcome.is_complete,

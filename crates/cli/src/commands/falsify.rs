@@ -62,7 +62,7 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
 }
 
 /// Returns whether all trials of the plan have ended.
-fn is_complete(resolved: &ResolvedPlan, found: &CampaignOutcome) -> bool {
+pub fn is_complete(resolved: &ResolvedPlan, found: &CampaignOutcome) -> bool {
     let trials = resolved.plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
     found.trials.iter().filter(|trial| trial.end.is_some()).count() == trials as usize
 }
@@ -89,7 +89,8 @@ fn plan(command: &args::Falsify) -> Result<Plan> {
     Ok(plan)
 }
 
-fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, path: &str) -> Value {
+/// Returns the JSON document of the run.
+pub fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, path: &str) -> Value {
     let falsify = resolved.plan.falsify.clone().unwrap_or_default();
     let trials: Vec<Value> = found.trials.iter().map(|trial| trial_document(resolved, trial)).collect();
     let own = json!({

@@ -1,0 +1,262 @@
+//! Simulation of recorded plans by other processes: requests go out and episodes come back through a Python function.
+
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use mishandle::rollout::{
+    Episode, Request, RolloutError, Scenario, Seed, Space, Specification, System, Target, Verdict,
+};
+use mishandle::stl::{SubformulaMinimum, Trace};
+use mishandle::store::{RunKind, RunWriter};
+use mishandle::{CampaignRun, MishandleError as Error, Plan, ResolvedPlan};
+use numpy::ndarray::Array2;
+use numpy::{PyArray2, PyReadonlyArray2};
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use crate::raised;
+use crate::target::{Pending, end_of, end_parts, keep, trace};
+
+/// A simulation to run: scenario, seed, and whether the minima of sub-formulas are needed.
+type RequestTuple = (Vec<Option<f64>>, u64, bool);
+
+/// Robustness of requirement, success and strict success, dangerous steps, completion step, and minimum and sample of each
+/// sub-formula.
+type VerdictTuple = (Option<f64>, Option<f64>, Option<f64>, Option<usize>, Option<usize>, Vec<(f64, usize)>);
+
+/// An episode: end, step, index, number of control steps, verdict, sum of the rewards, digest of the trace, and the samples of a
+/// counterexample.
+type EpisodeTuple<S> = (String, usize, usize, usize, VerdictTuple, f64, u128, Option<S>);
+
+/// Simulates requests of a plan in this process.
+#[pyclass(frozen, module = "mishandle._native", name = "PlanWorker")]
+pub struct PlanWorker {
+    resolved: ResolvedPlan,
+    pool: ThreadPool,
+}
+
+#[pymethods]
+impl PlanWorker {
+    /// Rebuilds the target of a plan. `hashes` are those of the target and its components.
+    #[new]
+    fn new(py: Python<'_>, plan: &str, hashes: Vec<String>, threads: usize) -> PyResult<Self> {
+        let resolved = py.detach(|| ResolvedPlan::new(&Plan::from_toml(plan)?)).map_err(raised)?;
+        let found = target_hashes(&resolved.target);
+        if found != hashes {
+            return Err(PyRuntimeError::new_err(format!(
+                "the target `{}` has the hashes {found:?} on this worker, {hashes:?} where the run is stored: install the same \
+                 version of Mishandle, and give every worker the same controller files",
+                resolved.target.identity.name
+            )));
+        }
+        let pool = ThreadPoolBuilder::new().num_threads(threads).build();
+        let pool = pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
+        Ok(PlanWorker { resolved, pool })
+    }
+
+    /// Simulates a batch. Only counterexamples have samples, because a run file contains no others.
+    fn rollout<'py>(
+        &self,
+        py: Python<'py>,
+        requests: Vec<RequestTuple>,
+    ) -> PyResult<Vec<EpisodeTuple<Bound<'py, PyArray2<f64>>>>> {
+        let requests: Vec<Request> = requests
+            .into_iter()
+            .map(|(values, seed, needs_subformulas)| Request {
+                needs_subformulas,
+                ..Request::new(Scenario::new(values), Seed(seed))
+            })
+            .collect();
+        let episodes = py
+            .detach(|| self.pool.install(|| Ok::<_, Error>(self.resolved.system()?.rollout(&requests)?)))
+            .map_err(raised)?;
+        Ok(episodes.iter().map(|episode| sent(py, episode)).collect())
+    }
+}
+
+fn target_hashes(target: &Target) -> Vec<String> {
+    let components = target.components.iter().map(|component| component.hash.clone());
+    std::iter::once(target.identity.hash.clone()).chain(components).collect()
+}
+
+fn sent<'py>(py: Python<'py>, episode: &Episode) -> EpisodeTuple<Bound<'py, PyArray2<f64>>> {
+    let Episode { end, steps, verdict, total_reward, trace, .. } = episode;
+    let (end, step, index) = end_parts(*end);
+    let columns = (0..trace.names().len()).map(|signal| trace.column(signal));
+    let digest = mishandle::store::trace_digest(columns);
+    let samples = episode.robustness().is_some_and(|rho| rho < 0.0).then(|| {
+        let shape = (trace.len(), trace.names().len());
+        let samples = Array2::from_shape_fn(shape, |(sample, signal)| trace.column(signal)[sample]);
+        PyArray2::from_owned_array(py, samples)
+    });
+    let subformulas = verdict.subformulas.iter().map(|found| (found.minimum, found.step)).collect();
+    let Verdict { robustness, success, strict, dangerous_steps, completion_step, .. } = *verdict;
+    let verdict = (robustness, success, strict, dangerous_steps, completion_step, subformulas);
+    (end.to_string(), step, index, *steps, verdict, *total_reward, digest, samples)
+}
+
+/// A system whose episodes come from a Python function of a list of requests.
+struct RemoteSystem {
+    space: Space,
+    shared: Arc<Shared>,
+}
+
+struct Shared {
+    simulate: Py<PyAny>,
+    names: Arc<[String]>,
+    episode_steps: usize,
+    pending: Pending,
+}
+
+impl System for RemoteSystem {
+    fn space(&self) -> &Space {
+        &self.space
+    }
+
+    fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
+        let sent: Vec<RequestTuple> = requests
+            .iter()
+            .map(|request| (request.scenario.values().to_vec(), request.seed.0, request.needs_subformulas))
+            .collect();
+        let episodes = Python::attach(|py| {
+            py.check_signals()?;
+            let found: Vec<EpisodeTuple<PyReadonlyArray2<'_, f64>>> =
+                self.shared.simulate.bind(py).call1((sent,))?.extract()?;
+            if found.len() != requests.len() {
+                let message =
+                    format!("{} simulations were requested, {} returned", requests.len(), found.len());
+                return Err(PyRuntimeError::new_err(message));
+            }
+            requests.iter().zip(found).map(|(request, found)| self.received(request, found)).collect()
+        });
+        episodes.map_err(|error: PyErr| keep(&self.shared.pending, error))
+    }
+}
+
+impl RemoteSystem {
+    fn received(
+        &self,
+        request: &Request,
+        (end, step, index, steps, verdict, total_reward, digest, samples): EpisodeTuple<
+            PyReadonlyArray2<'_, f64>,
+        >,
+    ) -> PyResult<Episode> {
+        let Shared { names, episode_steps, .. } = &*self.shared;
+        let trace = match &samples {
+            Some(samples) => trace(names, samples.as_array(), *episode_steps)?,
+            None => Trace::new(names.clone()),
+        };
+        let (robustness, success, strict, dangerous_steps, completion_step, subformulas) = verdict;
+        let subformulas =
+            subformulas.into_iter().map(|(minimum, step)| SubformulaMinimum { minimum, step }).collect();
+        Ok(Episode {
+            request: request.clone(),
+            end: end_of(&end, step, index)?,
+            steps,
+            verdict: Verdict { robustness, success, strict, dangerous_steps, completion_step, subformulas },
+            total_reward,
+            trace,
+            trace_digest: Some(digest),
+        })
+    }
+}
+
+/// Completes the run in a run file. `simulate` simulates a list of requests.
+///
+/// Returns whether the run is complete.
+#[pyfunction]
+#[pyo3(signature = (path, *, simulate, durable, progress))]
+pub fn complete_run(
+    py: Python<'_>,
+    path: PathBuf,
+    simulate: Py<PyAny>,
+    durable: bool,
+    progress: Py<PyAny>,
+) -> PyResult<bool> {
+    let pending = Pending::default();
+    let kept = pending.clone();
+    let done = py.detach(|| {
+        let mut run = RunWriter::resume(&path)?;
+        if durable {
+            run.set_durable()?;
+        }
+        let mut resolved = mishandle::recorded_plan(run.file().header(), None)?;
+        let shared = Arc::new(Shared {
+            simulate,
+            names: resolved.target.signal_names(),
+            episode_steps: resolved.target.episode_steps,
+            pending: kept.clone(),
+        });
+        resolved.target.factory =
+            Arc::new(move |space: &Space, _: &Specification| -> Result<Box<dyn System>, RolloutError> {
+                Ok(Box::new(RemoteSystem { space: space.clone(), shared: shared.clone() }))
+            });
+        let mut is_complete = true;
+        let mut report = |done: u64, total: u64| {
+            let flow = report(&kept, &progress, done, total);
+            is_complete &= flow.is_continue();
+            flow
+        };
+        match run.file().header().kind {
+            RunKind::Falsify => {
+                mishandle::falsify(&resolved, run, |done| report(done.simulations, done.max_simulations))?;
+            }
+            RunKind::Evaluate => {
+                let total = mishandle::evaluation_simulations(&resolved);
+                mishandle::evaluate(&resolved, run, |done| report(done, total))?;
+            }
+        }
+        Ok::<_, Error>(is_complete)
+    });
+    match pending.lock().unwrap_or_else(std::sync::PoisonError::into_inner).take() {
+        Some(exception) => Err(exception),
+        None => done.map_err(raised),
+    }
+}
+
+/// Reports the progress after a batch. The function returns whether to continue; an exception ends the run as well.
+fn report(pending: &Pending, progress: &Py<PyAny>, done: u64, total: u64) -> ControlFlow<()> {
+    let continues = Python::attach(|py| {
+        py.check_signals()?;
+        progress.call1(py, (done, total))?.extract::<bool>(py)
+    });
+    match continues {
+        Ok(true) => ControlFlow::Continue(()),
+        Ok(false) => ControlFlow::Break(()),
+        Err(exception) => {
+            keep(pending, exception);
+            ControlFlow::Break(())
+        }
+    }
+}
+
+/// Creates the folder of a campaign from the text of its file. Returns name and run file of each run.
+#[pyfunction]
+pub fn create_campaign(py: Python<'_>, text: &str, folder: PathBuf) -> PyResult<Vec<(String, PathBuf)>> {
+    named(py.detach(|| mishandle::create_campaign(text, &folder)))
+}
+
+/// Returns name and run file of each run of the campaign in a folder.
+#[pyfunction]
+pub fn campaign_runs(py: Python<'_>, folder: PathBuf) -> PyResult<Vec<(String, PathBuf)>> {
+    named(py.detach(|| mishandle::campaign_runs(&folder)))
+}
+
+fn named(runs: Result<Vec<CampaignRun>, Error>) -> PyResult<Vec<(String, PathBuf)>> {
+    Ok(runs.map_err(raised)?.into_iter().map(|CampaignRun { name, path }| (name, path)).collect())
+}
+
+/// Returns the plan of a run file, and the hashes of its target and components.
+#[pyfunction]
+pub fn recorded_plan(py: Python<'_>, path: PathBuf) -> PyResult<(String, Vec<String>)> {
+    let found = py.detach(|| {
+        let run = mishandle::store::RunFile::open(&path)?;
+        let header = run.header();
+        let components = header.components.iter().map(|component| component.hash.clone());
+        let hashes = std::iter::once(header.target.hash.clone()).chain(components).collect();
+        Ok::<_, Error>((header.plan.clone(), hashes))
+    });
+    found.map_err(|error: Error| PyValueError::new_err(error.to_string()))
+}

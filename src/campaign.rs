@@ -1,0 +1,82 @@
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use mishandle_files::{AtomicFile, limits, read_text_bounded};
+
+use crate::{GridRun, MishandleError, ResolvedPlan, create_run, read_grid};
+
+/// File of a campaign's folder that contains the campaign. It is written last, so a folder with it is complete.
+const CAMPAIGN_FILE: &str = "campaign.toml";
+
+/// A run of a campaign.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CampaignRun {
+    /// Name: its values of the keys that have lists.
+    pub name: String,
+    /// Path of its run file.
+    pub path: PathBuf,
+}
+
+/// Creates the folder of a campaign, with a run file for each run. `text` is the campaign file: see [`read_grid`].
+///
+/// No run file contains a simulation yet. All plans are resolved before the folder is created.
+///
+/// # Errors
+/// If the text or one of its plans is invalid, the folder exists, or a file cannot be written.
+pub fn create_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> {
+    let runs = read_grid(text)?;
+    for run in &runs {
+        resolve(run)?;
+    }
+    let write = |source| MishandleError::Write { what: "folder", path: folder.to_path_buf(), source };
+    if let Some(parent) = folder.parent() {
+        std::fs::create_dir_all(parent).map_err(write)?;
+    }
+    std::fs::create_dir(folder).map_err(write)?;
+    let mut created = Vec::new();
+    for run in &runs {
+        let path = run_path(folder, &run.name);
+        create_run(&resolve(run)?, Some(&path))?.close()?;
+        created.push(CampaignRun { name: run.name.clone(), path });
+    }
+    let path = folder.join(CAMPAIGN_FILE);
+    let write = |source| MishandleError::Write { what: "campaign", path: path.clone(), source };
+    let mut file = AtomicFile::create_new(&path).map_err(write)?;
+    std::io::Write::write_all(&mut file, text.as_bytes()).and_then(|()| file.persist()).map_err(write)?;
+    Ok(created)
+}
+
+/// Returns the runs of the campaign in a folder, in the order of its file.
+///
+/// # Errors
+/// If the folder contains no campaign, its file cannot be read, or a run file is missing.
+pub fn campaign_runs(folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> {
+    let path = folder.join(CAMPAIGN_FILE);
+    let text = read_text_bounded(&path, limits::PLAN).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => MishandleError::NoCampaign { path: folder.to_path_buf(), file: path.clone() },
+        _ => MishandleError::File { path: path.clone(), source: error },
+    })?;
+    let runs = read_grid(&text)?.into_iter().map(|GridRun { name, .. }| {
+        let path = run_path(folder, &name);
+        match path.try_exists() {
+            Ok(true) => Ok(CampaignRun { name, path }),
+            _ => Err(MishandleError::NoCampaign { path: folder.to_path_buf(), file: path }),
+        }
+    });
+    runs.collect()
+}
+
+/// Returns the first folder `runs/campaign-N` that does not exist.
+pub fn free_campaign_folder() -> PathBuf {
+    let candidates = (1..).map(|number: u32| PathBuf::from("runs").join(format!("campaign-{number}")));
+    candidates.into_iter().find(|path| !path.exists()).unwrap_or_default()
+}
+
+fn resolve(run: &GridRun) -> Result<ResolvedPlan, MishandleError> {
+    ResolvedPlan::new(&run.plan)
+        .map_err(|source| MishandleError::CampaignRun { name: run.name.clone(), source: Box::new(source) })
+}
+
+fn run_path(folder: &Path, name: &str) -> PathBuf {
+    folder.join(format!("{name}.sqlite"))
+}
