@@ -1,6 +1,6 @@
 """Finds scenarios in which a robot controller fails."""
 
-from mishandle._native import MishandleError, VectorEnv, __version__
+from mishandle._native import VectorEnv, __version__
 from mishandle.axes import Attribute, Axis, ResetOption
 from mishandle.campaign import (
     Corner,
@@ -17,11 +17,19 @@ from mishandle.campaign import (
 )
 from mishandle.controllers import Controller, load_controller
 from mishandle.envs import TaskEnv, TaskVectorEnv, register
+from mishandle.errors import (
+    InvalidScenario,
+    InvalidStateError,
+    InvalidTypeError,
+    InvalidValueError,
+    MishandleError,
+    MissingPackageError,
+)
 from mishandle.formulas import Formula, robustness
+from mishandle.plots import plot_robustness_map, plot_search_progress, plot_trace
 from mishandle.ray import RayExecutor
 from mishandle.runs import Run, open_run
 from mishandle.searches import Minimum, Search, minimize, search_names
-from mishandle.systems import InvalidScenario
 
 __all__ = [
     "Attribute",
@@ -33,8 +41,12 @@ __all__ = [
     "Falsification",
     "Formula",
     "InvalidScenario",
+    "InvalidStateError",
+    "InvalidTypeError",
+    "InvalidValueError",
     "Minimum",
     "MishandleError",
+    "MissingPackageError",
     "RayExecutor",
     "Replay",
     "ResetOption",
@@ -51,6 +63,9 @@ __all__ = [
     "load_controller",
     "minimize",
     "open_run",
+    "plot_robustness_map",
+    "plot_search_progress",
+    "plot_trace",
     "replay",
     "robustness",
     "search_names",

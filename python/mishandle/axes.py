@@ -8,6 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Union
 
+from mishandle.errors import InvalidValueError
+
 Value = Union[float, int, str]
 """Value of an axis in a scenario: a float, an integer for integer axes, a name for categorical axes."""
 
@@ -87,13 +89,13 @@ class Axis:
     def __post_init__(self) -> None:
         if isinstance(self.values, str):
             if self.values not in ("continuous", "logarithmic", "integer"):
-                raise ValueError(
+                raise InvalidValueError(
                     f"axis `{self.name}` has the values {self.values!r}; expected 'continuous', 'logarithmic', 'integer' "
                     "or a list of names"
                 )
             return
         if len(self.values) < 2 or len(set(self.values)) != len(self.values):
-            raise ValueError(f"axis `{self.name}` needs at least two different names, got {list(self.values)!r}")
+            raise InvalidValueError(f"axis `{self.name}` needs at least two different names, got {list(self.values)!r}")
         object.__setattr__(self, "low", 0.0)
         object.__setattr__(self, "high", float(len(self.values) - 1))
 
@@ -118,7 +120,7 @@ class Axis:
         if isinstance(value, str):
             if isinstance(self.values, str) or value not in self.values:
                 names = "it has no names" if isinstance(self.values, str) else f"expected one of {list(self.values)!r}"
-                raise ValueError(f"axis `{self.name}` has no value {value!r}; {names}")
+                raise InvalidValueError(f"axis `{self.name}` has no value {value!r}; {names}")
             return float(self.values.index(value))
         return float(value)
 
@@ -142,7 +144,7 @@ def parse_path(path: str) -> list[tuple[str, list[Any]]]:
     for part in re.split(r"\.(?![^\[]*\])", path):
         match = _SEGMENT.fullmatch(part.strip())
         if match is None:
-            raise ValueError(f"{path!r} is not a path of attributes and indexes such as 'data.qpos[2]'")
+            raise InvalidValueError(f"{path!r} is not a path of attributes and indexes such as 'data.qpos[2]'")
         groups = re.findall(r"\[([^\]]*)\]", match.group(2))
         indexes = [tuple(int(number) for number in group.split(",")) for group in groups]
         segments.append((match.group(1), [index[0] if len(index) == 1 else index for index in indexes]))

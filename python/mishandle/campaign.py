@@ -18,7 +18,8 @@ from mishandle.axes import Axis, Value
 from mishandle.controllers import load_controller
 from mishandle.policies import policy_hash
 from mishandle.ray import RayExecutor
-from mishandle.systems import EnvironmentSystem, FunctionSystem, Scenario, Source, System, TaskSystem
+from mishandle.systems import FunctionSystem, Scenario, Source, System, TaskSystem
+from mishandle.vectors import environment_system
 
 PathLike = str | os.PathLike[str]
 Progress = Callable[[int, int], None]
@@ -215,6 +216,7 @@ def _target(system: Any, formula: Formulas, space: Space, options: TargetOptions
             preset=options.get("preset", "paper"),
             rows=options.get("rows", 64),
             batched_policy=options.get("batched_policy", False),
+            time_limit=options.get("time_limit"),
         )
     if isinstance(system, TaskSystem):
         formula = system.formulas if formula is None else formula
@@ -272,7 +274,7 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
     if hasattr(system, "reset") and hasattr(system, "step"):
         if policy is None:
             raise ValueError("an environment needs a policy")
-        return EnvironmentSystem(
+        return environment_system(
             system,
             policy,
             space,
@@ -337,7 +339,7 @@ def falsify(
 
     Parameters
     ----------
-    system : function, gymnasium.Env, SyncVectorEnv or str
+    system : function, gymnasium.Env, gymnasium.vector.VectorEnv or str
         A function from a scenario (a dictionary: value by axis name) to a trace (a dictionary of arrays or a data frame), with
         the keyword argument ``seed`` if it takes one; an environment; or the name of a task.
     formula : str or dict of str

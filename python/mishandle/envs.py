@@ -13,6 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from mishandle import _native
+from mishandle.errors import InvalidStateError, InvalidValueError
 
 Floats = NDArray[np.float32]
 
@@ -48,12 +49,12 @@ class _Simulations:
             return values
         if not isinstance(given, Mapping):
             if len(given) != len(self.axes):
-                raise ValueError(f"the scenario has {len(given)} values; expected {len(self.axes)}: {', '.join(self.axes)}")
+                raise InvalidValueError(f"the scenario has {len(given)} values; expected {len(self.axes)}: {', '.join(self.axes)}")
             values[:] = given
             return values
         for name, value in given.items():
             if name not in self.axes:
-                raise ValueError(f"there is no axis `{name}`; the axes are {', '.join(self.axes)}")
+                raise InvalidValueError(f"there is no axis `{name}`; the axes are {', '.join(self.axes)}")
             values[self.axes.index(name)] = value
         return values
 
@@ -70,7 +71,10 @@ class TaskEnv(gymnasium.Env[Floats, Floats]):
     reward : str
         ``"shaped"`` or ``"original"``.
     render_mode : str, optional
-        ``"rgb_array"`` or ``None``.
+        ``"rgb_array"``: :meth:`render` returns a picture. It needs EGL (on Debian and Ubuntu: ``apt install libegl1
+        libgl1-mesa-dri``), but no display and no GPU.
+    width, height : int
+        Size of a picture in pixels, both even.
 
     Notes
     -----
@@ -79,12 +83,20 @@ class TaskEnv(gymnasium.Env[Floats, Floats]):
     ``signals`` and ``reward_terms``. Gymnasium's wrapper ``TimeLimit`` truncates the episode.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 60}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 60}
 
-    def __init__(self, task: str, *, preset: str = "paper", reward: str = "shaped", render_mode: str | None = None) -> None:
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"the render mode {render_mode!r} is not supported")
-        self.render_mode = render_mode
+    def __init__(
+        self,
+        task: str,
+        *,
+        preset: str = "paper",
+        reward: str = "shaped",
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+    ) -> None:
+        self.render_mode = _checked_render_mode(render_mode)
+        self._size = (width, height)
         self._simulations = _Simulations(task, 1, preset, reward, 1)
         self.observation_space = self._simulations.observation_space
         self.action_space = self._simulations.action_space
@@ -107,6 +119,11 @@ class TaskEnv(gymnasium.Env[Floats, Floats]):
         actions = np.asarray(action, dtype=np.float32).reshape(1, -1)
         samples = self._simulations.native.step(actions)
         return samples[0][0], float(samples[1][0].sum()), bool(samples[3][0]), False, self._info(samples)
+
+    def render(self) -> Any:
+        """Returns a picture of the current state: bytes of the shape (height, width, 3). The camera does not move."""
+        _check_rendering(self.render_mode)
+        return self._simulations.native.render([0], *self._size)[0]
 
     def _info(self, samples: _native.Samples) -> dict[str, Any]:
         terms = self._simulations.native.reward_terms
@@ -133,6 +150,8 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
         ``NEXT_STEP`` (the default) or ``SAME_STEP``.
     threads : int, optional
         Number of threads, by default the number of cores. Results do not depend on it.
+    render_mode, width, height
+        As for :class:`TaskEnv`; :meth:`render` returns a tuple with a picture of each environment.
 
     Notes
     -----
@@ -140,7 +159,7 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
     Gymnasium's ``"reset_mask"``. ``info["signals"]`` and ``info["reward_terms"]`` contain an array per name.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 60, "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 60, "autoreset_mode": AutoresetMode.NEXT_STEP}
 
     def __init__(
         self,
@@ -153,17 +172,18 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
         render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
     ) -> None:
-        if render_mode is not None:
-            raise ValueError(f"the render mode {render_mode!r} is not supported")
+        self.render_mode = _checked_render_mode(render_mode)
+        self._size = (width, height)
         mode = AutoresetMode(autoreset_mode)
         if mode is AutoresetMode.DISABLED:
-            raise ValueError("the autoreset mode must be NEXT_STEP or SAME_STEP")
+            raise InvalidValueError("the autoreset mode must be NEXT_STEP or SAME_STEP")
         self._simulations = _Simulations(task, num_envs, preset, reward, threads)
         native = self._simulations.native
         self.num_envs = num_envs
         self.metadata = {**self.metadata, "autoreset_mode": mode}
-        self.render_mode = None
         self._same_step = mode is AutoresetMode.SAME_STEP
         self._limit = native.episode_steps if max_episode_steps is None else max_episode_steps
         self.single_observation_space = self._simulations.observation_space
@@ -191,7 +211,7 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
         else:
             seeds = list(seed)
         if len(seeds) != self.num_envs:
-            raise ValueError(f"there are {len(seeds)} seeds for {self.num_envs} environments")
+            raise InvalidValueError(f"there are {len(seeds)} seeds for {self.num_envs} environments")
         for row, value in enumerate(seeds):
             if value is not None and mask[row]:
                 self._generators[row], _ = gymnasium.utils.seeding.np_random(value)
@@ -205,7 +225,7 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
         if given and not isinstance(given[0], (Mapping, Sequence, np.ndarray, type(None))):
             return np.tile(self._simulations.scenario(given), (self.num_envs, 1))
         if len(given) != self.num_envs:
-            raise ValueError(f"there are {len(given)} scenarios for {self.num_envs} environments")
+            raise InvalidValueError(f"there are {len(given)} scenarios for {self.num_envs} environments")
         return np.stack([self._simulations.scenario(one) for one in given])
 
     def _start(self, mask: NDArray[np.bool_], scenarios: NDArray[np.float64]) -> _native.Samples:
@@ -248,12 +268,28 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
         info["_final_info"] = ended
         return samples[0], rewards, terminated, truncated, info
 
+    def render(self) -> tuple[Any, ...]:
+        """Returns a picture of each environment: bytes of the shape (height, width, 3)."""
+        _check_rendering(self.render_mode)
+        return tuple(self._simulations.native.render(list(range(self.num_envs)), *self._size))
+
     def _info(self, samples: _native.Samples) -> dict[str, Any]:
         terms = self._simulations.native.reward_terms
         return {
             "signals": {name: samples[2][:, column] for column, name in enumerate(self._simulations.signals)},
             "reward_terms": {name: samples[1][:, column] for column, name in enumerate(terms)},
         }
+
+
+def _checked_render_mode(mode: str | None) -> str | None:
+    if mode not in (None, "rgb_array"):
+        raise InvalidValueError(f"the render mode {mode!r} is not supported; it must be 'rgb_array' or None")
+    return mode
+
+
+def _check_rendering(mode: str | None) -> None:
+    if mode is None:
+        raise InvalidStateError("the environment does not render; make it with render_mode='rgb_array'")
 
 
 def register() -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mishandle import _native
 from mishandle.systems import columns_of
+from mishandle.violations import violation
 
 
 class Formula:
@@ -38,7 +39,11 @@ class Formula:
 
     @property
     def subformulas(self) -> list[Formula]:
-        """Its sub-formulas, the formula itself last."""
+        """Its sub-formulas: the formula itself first, then depth first.
+
+        >>> [str(part) for part in Formula("always(x <= 1 and y > 0)").subformulas]
+        ['always(x <= 1 and y > 0)', 'x <= 1 and y > 0', 'x <= 1', 'y > 0']
+        """
         return [Formula(text) for text in self._native.subformulas]
 
     @property
@@ -74,13 +79,66 @@ class Formula:
         >>> Formula("x <= 1").robustness_signal({"x": [0.5, 2.0]}).tolist()
         [0.5, -1.0]
         """
-        columns = columns_of(trace)
-        names = [name for name in columns if name in self.signals]
-        missing = sorted(set(self.signals) - set(names))
-        if missing:
-            raise ValueError(f"the trace lacks the signals {', '.join(missing)}; it has {', '.join(columns) or 'none'}")
-        samples = np.column_stack([columns[name] for name in names]) if names else np.zeros((0, 0))
+        columns = columns_of(trace, self.signals)
+        names = list(columns)
+        samples = np.column_stack(list(columns.values())) if names else np.zeros((0, 0))
         return self._native.robustness_signal(names, samples, period, decided_only)
+
+    def subformula_signals(
+        self, trace: Any, *, period: float = 1.0, decided_only: bool = False
+    ) -> dict[str, NDArray[np.float64]]:
+        """Returns the robustness of each sub-formula at each sample, by its text, in the order of :attr:`subformulas`.
+
+        >>> found = Formula("always(x <= 1 or y >= 2)").subformula_signals({"x": [0, 3, 2], "y": [0, 4, 1]})
+        >>> {text: signal.tolist() for text, signal in found.items()}  # doctest: +NORMALIZE_WHITESPACE
+        {'always(x <= 1 or y >= 2)': [-1.0, -1.0, -1.0], 'x <= 1 or y >= 2': [1.0, 2.0, -1.0],
+         'x <= 1': [1.0, -2.0, -1.0], 'y >= 2': [-2.0, 2.0, -1.0]}
+        """
+        columns = columns_of(trace, self.signals)
+        return {
+            str(part): part.robustness_signal(columns, period=period, decided_only=decided_only)
+            for part in self.subformulas
+        }
+
+    def thresholds(self, *, period: float = 1.0) -> list[tuple[str, float]]:
+        """Returns each signal that is compared with a number, and the number. ``abs(x) <= 1`` has the numbers -1 and 1.
+
+        >>> Formula("always(abs(x) <= 1 and 0.5 < y)").thresholds()
+        [('x', -1.0), ('x', 1.0), ('y', 0.5)]
+        """
+        found: list[tuple[str, float]] = []
+        for _, _, _, sides in self._native.nodes(period):
+            if sides is None:
+                continue
+            for term, other in (sides, sides[::-1]):
+                try:
+                    number = float(other)
+                except ValueError:
+                    continue
+                if term in self.signals:
+                    found.append((term, number))
+                elif term[:4] == "abs(" and term[4:-1] in self.signals:
+                    found += [(term[4:-1], -number), (term[4:-1], number)]
+        return found
+
+    def violation(self, trace: Any, *, period: float = 1.0) -> NDArray[np.bool_]:
+        """Returns which samples make the trace violate the formula; none of a trace that satisfies it.
+
+        These are the samples inside the time windows at which comparisons have the wrong value. If something never happens
+        that eventually should, it is the whole window. For ``until``, ``since`` and other operators between two formulas over
+        time, it is the sample at which the operator itself is violated.
+
+        >>> Formula("always[1:3](x <= 1)").violation({"x": [5, 0, 2, 1, 7]}).tolist()
+        [False, False, True, False, False]
+        >>> Formula("eventually[0:1](x > 1)").violation({"x": [0, 0.5, 2]}).tolist()
+        [True, True, False]
+        """
+        values = [
+            part.robustness_signal(columns, period=period)
+            for columns in [columns_of(trace, self.signals)]
+            for part in self.subformulas
+        ]
+        return violation(self._native.nodes(period), values)
 
     def __str__(self) -> str:
         return str(self._native)

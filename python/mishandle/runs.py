@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mishandle import _native
+from mishandle.errors import MissingPackageError
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-not-found, import-untyped, unused-ignore]
@@ -17,16 +18,42 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RunAxis:
-    """Axis of a recorded space."""
+    """Axis of a recorded space. ``values`` is ``"continuous"``, ``"logarithmic"``, ``"integer"`` or ``"categorical"``; the
+    names of a categorical axis have the numbers 0, 1, and so on."""
 
     name: str
     unit: str
     low: float
     high: float
+    values: str = "continuous"
+    names: tuple[str, ...] = ()
 
 
 class Run:
-    """A run file. Opening it checks the structure of the file and the hashes of all rows."""
+    """A run file. Opening it checks the structure of the file and the hashes of all rows.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Attributes
+    ----------
+    target, formula, search : str
+        Name of the system, text of the requirement, and name of the search; the last is empty for an evaluation.
+    seed : int
+        Random seed of the run.
+    plan : str
+        The plan in TOML.
+    control_dt : float
+        Duration of a control step, in seconds.
+    steps : int
+        Number of control steps of an episode.
+    axes : list of RunAxis
+        The space.
+    signals : list of (str, str)
+        Name and unit of each signal.
+    """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._native = _native.Run(os.fspath(path))
@@ -38,7 +65,7 @@ class Run:
         self.plan: str = header["plan"]
         self.control_dt: float = header["control_dt"]
         self.steps: int = header["steps"]
-        self.axes = [RunAxis(*axis) for axis in header["axes"]]
+        self.axes = [_axis(*axis) for axis in header["axes"]]
         self.signals: list[tuple[str, str]] = header["signals"]
 
     def columns(self) -> dict[str, list[Any]]:
@@ -51,7 +78,7 @@ class Run:
         try:
             import pandas  # type: ignore[import-not-found, import-untyped, unused-ignore]
         except ImportError as error:
-            raise ImportError("data frames need pandas: pip install pandas; `columns` returns lists without it") from error
+            raise MissingPackageError("data frames need pandas: pip install pandas; `columns` returns lists without it") from error
         return pandas.DataFrame(self.columns())
 
     def trace(self, trial: int, number: int) -> dict[str, NDArray[np.float64]] | None:
@@ -60,6 +87,11 @@ class Run:
         if samples is None:
             return None
         return {name: samples[:, column] for column, (name, _) in enumerate(self.signals)}
+
+
+def _axis(name: str, unit: str, low: float, high: float, values: str) -> RunAxis:
+    kind, _, names = values.partition(": ")
+    return RunAxis(name, unit, low, high, kind, tuple(names.split(", ")) if names else ())
 
 
 def open_run(path: str | os.PathLike[str]) -> Run:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mishandle import _native
+from mishandle.errors import InvalidValueError
 
 Point = NDArray[np.float64]
 
@@ -40,7 +41,7 @@ class Search:
     def __init__(self, name: str, bounds: Sequence[tuple[float, float]], seed: int = 0, **options: Any) -> None:
         self._low, self._high = np.asarray(bounds, dtype=np.float64).reshape(-1, 2).T
         if not (np.isfinite(self._low).all() and np.isfinite(self._high).all() and (self._low < self._high).all()):
-            raise ValueError(f"bounds must be finite pairs with the lower one first, got {list(bounds)}")
+            raise InvalidValueError(f"bounds must be finite pairs with the lower one first, got {list(bounds)}")
         self._native = _native.Search(name, len(self._low), seed, list(options.items()))
         self._asked: list[tuple[Point, list[float]]] = []
 
@@ -54,10 +55,10 @@ class Search:
     def tell(self, point: Sequence[float] | Point, value: float) -> None:
         """Passes the value at the oldest pending point."""
         if not self._asked:
-            raise ValueError("no point is pending; call ask first")
+            raise InvalidValueError("no point is pending; call ask first")
         expected, unit = self._asked[0]
         if not np.array_equal(expected, np.asarray(point, dtype=np.float64)):
-            raise ValueError(f"values must be in the order of the points; the next point is {expected.tolist()}")
+            raise InvalidValueError(f"values must be in the order of the points; the next point is {expected.tolist()}")
         self._native.tell(unit, value)
         self._asked.pop(0)
 
@@ -101,7 +102,7 @@ def minimize(
     True
     """
     if budget < 1:
-        raise ValueError(f"the budget is {budget}; it must be at least 1")
+        raise InvalidValueError(f"the budget is {budget}; it must be at least 1")
     minimization = Search(search, bounds, seed, **(options or {}))
     evaluations = 0
     while evaluations < budget and not minimization.finished:

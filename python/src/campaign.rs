@@ -12,12 +12,11 @@ use mishandle::store::{RunFile, RunWriter};
 use mishandle::{EvaluatePlan, FalsifyPlan, MishandleError as Error, Plan, ResolvedPlan};
 use numpy::PyArray2;
 use numpy::ndarray::Array2;
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
-use crate::raised;
 use crate::target::{PyTarget, SPACE, scenario};
+use crate::{InvalidValueError, raised};
 
 /// Where a run is stored: path, whether to continue the run there, and whether to sync each batch.
 type Out = (Option<PathBuf>, bool, bool);
@@ -194,7 +193,7 @@ pub fn replay<'py>(
         mishandle::replay_with(&run, trial, number, &resolved).map(Some)
     })?;
     let Some(replayed) = replayed else {
-        return Err(PyValueError::new_err(
+        return Err(InvalidValueError::new_err(
             "no simulation of the run has a robustness; name a trial and a simulation",
         ));
     };

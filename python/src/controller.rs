@@ -4,10 +4,9 @@ use std::sync::{Mutex, PoisonError};
 
 use mishandle::rollout::{Controller, ControllerWorker};
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::raised;
+use crate::{InvalidValueError, raised};
 
 /// A learned policy. It is deterministic: its actions are the means.
 #[pyclass(frozen, module = "mishandle._native", name = "Controller")]
@@ -63,7 +62,7 @@ impl PyController {
         if found != observation_size {
             let message =
                 format!("an observation has {found} numbers; the controller takes {observation_size}");
-            return Err(PyValueError::new_err(message));
+            return Err(InvalidValueError::new_err(message));
         }
         let observations: Vec<f32> = observations.as_array().iter().copied().collect();
         let actions = py.detach(|| {

@@ -1,11 +1,16 @@
 //! Formulas and their robustness on traces.
 
+use std::sync::Arc;
+
 use mishandle::stl::{Clock, Formula, Monitor, Trace};
+use numpy::ndarray::ArrayView2;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::plain;
+use crate::{InvalidValueError, plain};
+
+/// A node of the syntax tree: operator, window in samples, positions of the operands, and sides of a comparison.
+type Node = (Option<&'static str>, Option<(usize, Option<usize>)>, Vec<usize>, Option<[String; 2]>);
 
 /// A parsed formula.
 #[pyclass(frozen, module = "mishandle._native", name = "Formula")]
@@ -35,6 +40,12 @@ impl PyFormula {
         self.formula.symbols().to_string()
     }
 
+    /// Returns the syntax tree, in the order of `subformulas`.
+    fn nodes(&self, period: f64) -> PyResult<Vec<Node>> {
+        let nodes = self.formula.subformula_nodes(&clock(period)?).map_err(plain)?;
+        Ok(nodes.into_iter().map(|node| (node.operator, node.window, node.operands, node.sides)).collect())
+    }
+
     fn __str__(&self) -> String {
         self.formula.to_string()
     }
@@ -48,20 +59,33 @@ impl PyFormula {
         period: f64,
         decided_only: bool,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        if !(period.is_finite() && period > 0.0) {
-            return Err(PyValueError::new_err(format!(
-                "the sampling period is {period} s; it must be positive and finite"
-            )));
-        }
-        let mut trace = Trace::with_capacity(names.into(), samples.as_array().nrows());
-        for row in samples.as_array().rows() {
-            trace.push(&row.to_vec());
-        }
-        let mut monitor = Monitor::new(&self.formula, trace.names(), Clock::steps(period)).map_err(plain)?;
+        let trace = trace(names.into(), samples.as_array());
+        let mut monitor = Monitor::new(&self.formula, trace.names(), clock(period)?).map_err(plain)?;
         let found = py.detach(|| match decided_only {
             true => monitor.decided_robustness_signal(&trace).map(<[f64]>::to_vec),
             false => monitor.robustness_signal(&trace).map(<[f64]>::to_vec),
         });
         Ok(found.map_err(plain)?.into_pyarray(py))
     }
+}
+
+fn clock(period: f64) -> PyResult<Clock> {
+    if period.is_finite() && period > 0.0 {
+        return Ok(Clock::steps(period));
+    }
+    Err(InvalidValueError::new_err(format!(
+        "the sampling period is {period} s; it must be positive and finite"
+    )))
+}
+
+/// Copies samples by signals.
+pub(crate) fn trace(names: Arc<[String]>, samples: ArrayView2<'_, f64>) -> Trace {
+    let (rows, columns) = samples.dim();
+    let mut trace = Trace::with_capacity(names, rows);
+    let mut sample = vec![0.0; columns];
+    for row in samples.rows() {
+        sample.iter_mut().zip(row).for_each(|(value, found)| *value = *found);
+        trace.push(&sample);
+    }
+    trace
 }

@@ -5,9 +5,11 @@
 #![allow(clippy::needless_pass_by_value, reason = "PyO3 passes arguments by value")]
 #![allow(clippy::result_large_err, reason = "closures return the error of the library")]
 
+mod camera;
 mod campaign;
 mod controller;
 mod formula;
+mod pool;
 mod remote;
 mod run;
 mod search;
@@ -15,10 +17,12 @@ mod simulator;
 mod target;
 mod vector_env;
 
-use std::error::Error;
+use std::error::Error as StdError;
 use std::iter::successors;
 
-use pyo3::exceptions::PyRuntimeError;
+use mishandle::MishandleError as Error;
+use mishandle::world::{MUJOCO_VERSION, mujoco_version};
+use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
 
 use controller::PyController;
@@ -30,18 +34,23 @@ use simulator::Simulator;
 use target::PyTarget;
 use vector_env::VectorEnv;
 
-pyo3::create_exception!(
-    mishandle,
-    MishandleError,
-    pyo3::exceptions::PyException,
-    "An invalid name or value. The message has one line."
-);
+pyo3::import_exception!(mishandle.errors, MishandleError);
+pyo3::import_exception!(mishandle.errors, InvalidValueError);
+pyo3::import_exception!(mishandle.errors, InvalidTypeError);
+pyo3::import_exception!(mishandle.errors, InvalidStateError);
 
 /// The parts of the package that are written in Rust.
 #[pymodule(name = "_native")]
 fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    // Another library would crash or give other bits.
+    let found = mujoco_version();
+    if found != MUJOCO_VERSION {
+        return Err(PyImportError::new_err(format!(
+            "mishandle needs MuJoCo {MUJOCO_VERSION}, but the library that was loaded is MuJoCo {found}; remove it from \
+             LD_PRELOAD and LD_LIBRARY_PATH, and reinstall mishandle"
+        )));
+    }
     module.add("__version__", mishandle::VERSION)?;
-    module.add("MishandleError", module.py().get_type::<MishandleError>())?;
     module.add_class::<VectorEnv>()?;
     module.add_class::<PyTarget>()?;
     module.add_class::<PyFormula>()?;
@@ -61,10 +70,10 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(campaign::replay, module)?)
 }
 
-/// Converts an error of a library crate, with its causes.
-fn plain(error: impl Error) -> PyErr {
-    let causes = successors(Some(&error as &dyn Error), |error| (*error).source());
-    MishandleError::new_err(causes.map(ToString::to_string).collect::<Vec<_>>().join(": "))
+/// Converts an error in a formula or search, with its causes.
+fn plain(error: impl StdError) -> PyErr {
+    let causes = successors(Some(&error as &dyn StdError), |error| (*error).source());
+    InvalidValueError::new_err(causes.map(ToString::to_string).collect::<Vec<_>>().join(": "))
 }
 
 /// Checks that the calling process is `process`. A process made by `fork` shares no threads and locks with its parent.
@@ -72,18 +81,32 @@ fn in_this_process(process: u32) -> PyResult<()> {
     if process == std::process::id() {
         return Ok(());
     }
-    Err(PyRuntimeError::new_err(format!(
+    Err(InvalidStateError::new_err(format!(
         "this object belongs to process {process}, and fork copied no threads to process {}; make a new one in this process, \
          or start processes by multiprocessing.get_context(\"spawn\")",
         std::process::id()
     )))
 }
 
-/// Converts an error to a Python exception: its causes, the outermost first, and a hint if there is one.
-fn raised(error: impl Into<mishandle::MishandleError>) -> PyErr {
+/// Converts an error to a Python exception: its causes, the outermost first, and a hint if there is one. An error in what the
+/// caller passed is also a `ValueError`.
+fn raised(error: impl Into<Error>) -> PyErr {
     let error = error.into();
     let hint = error.hint().map_or(String::new(), |hint| format!("; {hint}"));
-    let causes = successors(Some(&error as &dyn Error), |error| (*error).source());
-    let causes: Vec<String> = causes.map(ToString::to_string).collect();
-    MishandleError::new_err(causes.join(": ") + &hint)
+    let causes = successors(Some(&error as &dyn StdError), |error| (*error).source());
+    let message = causes.map(ToString::to_string).collect::<Vec<_>>().join(": ") + &hint;
+    match error {
+        Error::Store(_)
+        | Error::File { .. }
+        | Error::Write { .. }
+        | Error::RunMismatch { .. }
+        | Error::SimulationMismatch { .. }
+        | Error::ComponentMismatch { .. }
+        | Error::ForeignTarget { .. }
+        | Error::ImpossibleEnd { .. }
+        | Error::InvalidCount { .. }
+        | Error::Contradiction { .. }
+        | Error::NoEpisode => MishandleError::new_err(message),
+        _ => InvalidValueError::new_err(message),
+    }
 }

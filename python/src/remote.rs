@@ -12,11 +12,11 @@ use mishandle::store::{RunKind, RunWriter};
 use mishandle::{CampaignRun, MishandleError as Error, Plan, ResolvedPlan};
 use numpy::ndarray::Array2;
 use numpy::{PyArray2, PyReadonlyArray2};
-use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::raised;
+use crate::{InvalidStateError, raised};
 use crate::target::{Pending, end_of, end_parts, keep, trace};
 
 /// A simulation to run: scenario, seed, and whether the minima of sub-formulas are needed.
@@ -45,7 +45,7 @@ impl PlanWorker {
         let resolved = py.detach(|| ResolvedPlan::new(&Plan::from_toml(plan)?)).map_err(raised)?;
         let found = target_hashes(&resolved.target);
         if found != hashes {
-            return Err(PyRuntimeError::new_err(format!(
+            return Err(InvalidStateError::new_err(format!(
                 "the target `{}` has the hashes {found:?} on this worker, {hashes:?} where the run is stored: install the same \
                  version of Mishandle, and give every worker the same controller files",
                 resolved.target.identity.name
@@ -258,5 +258,5 @@ pub fn recorded_plan(py: Python<'_>, path: PathBuf) -> PyResult<(String, Vec<Str
         let hashes = std::iter::once(header.target.hash.clone()).chain(components).collect();
         Ok::<_, Error>((header.plan.clone(), hashes))
     });
-    found.map_err(|error: Error| PyValueError::new_err(error.to_string()))
+    found.map_err(raised)
 }

@@ -43,8 +43,9 @@ impl PyRun {
         dict.set_item("seed", header.seed)?;
         dict.set_item("control_dt", header.control_dt)?;
         dict.set_item("steps", header.episode_steps)?;
-        let axis =
-            |axis: &mishandle::store::AxisRecord| (axis.name.clone(), axis.unit.clone(), axis.low, axis.high);
+        let axis = |axis: &mishandle::store::AxisRecord| {
+            (axis.name.clone(), axis.unit.clone(), axis.low, axis.high, axis.values.clone())
+        };
         dict.set_item("axes", header.axes.iter().map(axis).collect::<Vec<_>>())?;
         let signal = |signal: &mishandle::store::SignalRecord| (signal.name.clone(), signal.unit.clone());
         dict.set_item("signals", header.signals.iter().map(signal).collect::<Vec<_>>())?;

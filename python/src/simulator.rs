@@ -1,21 +1,19 @@
 //! Simulations of a task that Python resets and steps together.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use mishandle::rollout::{CpuBatch, Environment, Scenario, Seed, StepStatus};
 use mishandle::tasks::{Preset, TaskEnvironment};
+use mishandle::world::Size;
 use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    IntoPyArray, PyArray1, PyArray2, PyArray4, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
     PyUntypedArrayMethods,
 };
-use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
-use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::{MishandleError, in_this_process, raised};
-
-/// Largest number of threads, more than any machine has cores.
-const MAX_THREADS: usize = 1024;
+use crate::camera::{Camera, framed_states};
+use crate::pool::{Pool, actions, check_range};
+use crate::{InvalidValueError, MishandleError, raised};
 
 /// Largest number of simulations.
 const MAX_ROWS: usize = 1_000_000;
@@ -35,25 +33,14 @@ pub struct Simulator {
     environment: Arc<TaskEnvironment>,
     preset: Preset,
     rows: usize,
-    parts: Arc<Parts>,
-    /// The process that created the threads of the pool.
-    process: u32,
+    pool: Pool<Stage>,
 }
 
-/// What a process made by fork must not touch: threads that it does not have, and state in the middle of a step.
-struct Parts {
-    pool: ThreadPool,
-    /// Only threads that have released the interpreter lock it, which prevents deadlocks.
-    batch: Mutex<CpuBatch<TaskEnvironment>>,
-}
-
-impl Drop for Simulator {
-    fn drop(&mut self) {
-        if self.process != std::process::id() {
-            // The copy is never dropped, so dropping the pool does not wait for its threads.
-            std::mem::forget(self.parts.clone());
-        }
-    }
+/// What the threads change.
+struct Stage {
+    batch: CpuBatch<TaskEnvironment>,
+    /// Created by the first picture.
+    camera: Option<Camera>,
 }
 
 #[pymethods]
@@ -62,25 +49,13 @@ impl Simulator {
     #[pyo3(signature = (task, rows, *, preset, reward, threads))]
     fn new(task: &str, rows: usize, preset: &str, reward: &str, threads: Option<usize>) -> PyResult<Self> {
         check_range("the number of environments", rows, MAX_ROWS)?;
-        if let Some(threads) = threads {
-            check_range("threads", threads, MAX_THREADS)?;
-        }
         let preset = mishandle::preset(preset).map_err(raised)?;
         let reward = mishandle::reward(reward).map_err(raised)?;
         let task = mishandle::task(task).map_err(raised)?;
         let environment = Arc::new(TaskEnvironment::new(task, preset, reward).map_err(raised)?);
-        let pool = ThreadPoolBuilder::new()
-            .num_threads(threads.unwrap_or_default())
-            .build()
-            .map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
-        let batch = Mutex::new(pool.install(|| CpuBatch::new(environment.clone(), rows)));
-        Ok(Simulator {
-            environment,
-            preset,
-            rows,
-            parts: Arc::new(Parts { pool, batch }),
-            process: std::process::id(),
-        })
+        let stage = || Stage { batch: CpuBatch::new(environment.clone(), rows), camera: None };
+        let pool = Pool::new(threads, stage)?;
+        Ok(Simulator { environment, preset, rows, pool })
     }
 
     /// Starts a new simulation in each row of `mask`. A value of NaN in `scenarios` is drawn with the seed of its row.
@@ -116,22 +91,53 @@ impl Simulator {
     }
 
     /// Advances all rows by one control step. Actions are clipped to \[-1, 1\].
-    fn step<'py>(&self, py: Python<'py>, actions: PyReadonlyArray2<'py, f32>) -> PyResult<Samples<'py>> {
-        self.check_shape("actions", actions.shape(), &[self.rows, self.environment.action_size()])?;
-        // A view of numbers at odd addresses would be undefined behavior, and the library checks it in debug builds only.
-        if !actions.is_aligned() {
-            return Err(MishandleError::new_err("`actions` is not aligned in memory; pass `actions.copy()`"));
-        }
-        let actions: Vec<f64> =
-            actions.as_array().iter().map(|action| f64::from(*action).clamp(-1.0, 1.0)).collect();
-        if let Some(index) = actions.iter().position(|action| !action.is_finite()) {
-            let (row, column) =
-                (index / self.environment.action_size(), index % self.environment.action_size());
-            return Err(MishandleError::new_err(format!(
-                "`actions` must be finite, found NaN at [{row}, {column}]"
+    fn step<'py>(&self, py: Python<'py>, given: &Bound<'py, PyAny>) -> PyResult<Samples<'py>> {
+        let actions: Vec<f64> = actions(given, [self.rows, self.environment.action_size()])?
+            .into_iter()
+            .map(|action| f64::from(action).clamp(-1.0, 1.0))
+            .collect();
+        self.update(py, |batch| batch.step(&actions))
+    }
+
+    /// Draws the current state of some rows: an array of bytes of the shape (rows, height, width, 3).
+    ///
+    /// The camera does not move.
+    fn render<'py>(
+        &self,
+        py: Python<'py>,
+        rows: Vec<usize>,
+        width: u32,
+        height: u32,
+    ) -> PyResult<Bound<'py, PyArray4<u8>>> {
+        let Some(size) = Size::new(width, height) else {
+            let (low, high) = (Size::RANGE.start(), Size::RANGE.end());
+            return Err(InvalidValueError::new_err(format!(
+                "a picture has {width} x {height} pixels; width and height must be even and from {low} to {high}"
+            )));
+        };
+        if let Some(row) = rows.iter().find(|row| **row >= self.rows) {
+            return Err(InvalidValueError::new_err(format!(
+                "there is no row {row}; there are {}",
+                self.rows
             )));
         }
-        self.update(py, |batch| batch.step(&actions))
+        let document = mishandle::scene_mjcf(mishandle::task(self.environment.name()).map_err(raised)?);
+        let document = document.map_err(raised)?;
+        let count = rows.len();
+        let pixels = self.pool.with(py, |Stage { batch, camera }| {
+            let state = |row| {
+                let mut state = vec![0.0; self.environment.state_size()];
+                batch.read_state(row, &mut state);
+                state
+            };
+            let states: Vec<Vec<f64>> = rows.into_iter().map(state).collect();
+            if camera.as_ref().is_none_or(|camera| camera.size() != size) {
+                *camera = Some(Camera::new(document, size, framed_states(&self.environment)));
+            }
+            camera.as_ref().map(|camera| camera.draw(states))
+        })?;
+        let pixels = pixels.unwrap_or_else(|| Ok(Vec::new())).map_err(MishandleError::new_err)?;
+        pixels.into_pyarray(py).reshape([count, height as usize, width as usize, 3])
     }
 
     #[getter]
@@ -184,15 +190,20 @@ impl Simulator {
     /// Name of each number of an observation, with an index for quantities of several numbers.
     #[getter]
     fn observation_names(&self) -> Vec<String> {
-        let parts = self.environment.definition().whole_observation();
-        let names = parts.iter().flat_map(|part| {
-            (0..part.size).map(|i| match part.size {
-                1 => part.name.to_string(),
-                _ => format!("{}[{i}]", part.name),
-            })
-        });
-        names.collect()
+        observation_names(&self.environment)
     }
+}
+
+/// Returns the name of each number of an observation, with an index for quantities of several numbers.
+pub(crate) fn observation_names(environment: &TaskEnvironment) -> Vec<String> {
+    let parts = environment.definition().whole_observation();
+    let names = parts.iter().flat_map(|part| {
+        (0..part.size).map(|i| match part.size {
+            1 => part.name.to_string(),
+            _ => format!("{}[{i}]", part.name),
+        })
+    });
+    names.collect()
 }
 
 impl Simulator {
@@ -201,20 +212,23 @@ impl Simulator {
         py: Python<'py>,
         work: impl FnOnce(&mut CpuBatch<TaskEnvironment>) + Send,
     ) -> PyResult<Samples<'py>> {
-        in_this_process(self.process)?;
-        let Parts { pool, batch } = &*self.parts;
-        let (observations, rewards, signals, statuses) = py.detach(|| {
-            let mut guard = batch.lock().unwrap_or_else(PoisonError::into_inner);
-            let batch = &mut *guard;
-            pool.install(|| work(batch));
-            let statuses = batch.statuses().to_vec();
-            (batch.observations().to_vec(), batch.rewards().to_vec(), batch.signals().to_vec(), statuses)
-        });
+        let terms = self.environment.reward_terms().len();
+        let (observations, rewards, signals, statuses) = self.pool.with(py, |Stage { batch, .. }| {
+            work(batch);
+            let mut rewards = batch.rewards().to_vec();
+            // A step that diverged leaves those of the step before it.
+            for (rewards, status) in rewards.chunks_exact_mut(terms.max(1)).zip(batch.statuses()) {
+                if *status == StepStatus::Diverged {
+                    rewards.fill(0.0);
+                }
+            }
+            (batch.observations().to_vec(), rewards, batch.signals().to_vec(), batch.statuses().to_vec())
+        })?;
         let flags = |found: fn(&StepStatus) -> bool| statuses.iter().map(found).collect::<Vec<bool>>();
         let environment = &self.environment;
         Ok((
             observations.into_pyarray(py).reshape([self.rows, environment.observation_size()])?,
-            rewards.into_pyarray(py).reshape([self.rows, environment.reward_terms().len()])?,
+            rewards.into_pyarray(py).reshape([self.rows, terms])?,
             signals.into_pyarray(py).reshape([self.rows, environment.signals().len()])?,
             flags(|status| *status != StepStatus::Running).into_pyarray(py),
             flags(|status| *status == StepStatus::Diverged).into_pyarray(py),
@@ -225,13 +239,6 @@ impl Simulator {
         if found == expected {
             return Ok(());
         }
-        Err(MishandleError::new_err(format!("`{name}` must have the shape {expected:?}, found {found:?}")))
+        Err(InvalidValueError::new_err(format!("`{name}` must have the shape {expected:?}, found {found:?}")))
     }
-}
-
-fn check_range(name: &str, found: usize, limit: usize) -> PyResult<()> {
-    if (1..=limit).contains(&found) {
-        return Ok(());
-    }
-    Err(MishandleError::new_err(format!("{name} must be a whole number from 1 to {limit}, found {found}")))
 }

@@ -9,11 +9,11 @@ use mishandle::rollout::{
 use mishandle::stl::{MonitorError, Trace};
 use numpy::PyReadonlyArray2;
 use numpy::ndarray::ArrayView2;
-use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
-use crate::{in_this_process, raised};
+use crate::{InvalidValueError, formula, in_this_process, raised};
 
 /// Name of the space of all axes.
 pub(crate) const SPACE: &str = "scenarios";
@@ -68,15 +68,19 @@ impl PyTarget {
             "hold" => Termination::Hold,
             "evaluate" => Termination::Evaluate,
             "undecided" => Termination::Undecided,
-            _ => return Err(PyValueError::new_err("termination must be `hold`, `evaluate` or `undecided`")),
+            _ => {
+                return Err(InvalidValueError::new_err(
+                    "termination must be `hold`, `evaluate` or `undecided`",
+                ));
+            }
         };
         if !(control_dt.is_finite() && control_dt > 0.0) {
             let message = format!("control_dt is {control_dt}; it must be positive and finite, in seconds");
-            return Err(PyValueError::new_err(message));
+            return Err(InvalidValueError::new_err(message));
         }
         if !(1..=MAX_STEPS).contains(&episode_steps) {
             let message = format!("episode_steps is {episode_steps}; it must be from 1 to {MAX_STEPS}");
-            return Err(PyValueError::new_err(message));
+            return Err(InvalidValueError::new_err(message));
         }
         let axes = axes.into_iter().map(axis).collect::<PyResult<Vec<Axis>>>()?;
         let space = Space::new(SPACE, axes.clone()).map_err(raised)?;
@@ -133,7 +137,10 @@ fn axis((kind, name, unit, low, high, nominal, values, meaning): AxisTuple) -> P
     let kinds = AxisKind::ALL;
     let known = || kinds.map(|(_, name)| name).join(", ");
     let (kind, _) = kinds.into_iter().find(|(_, known)| *known == kind).ok_or_else(|| {
-        PyValueError::new_err(format!("axis `{name}` has the kind `{kind}`; available kinds: {}", known()))
+        InvalidValueError::new_err(format!(
+            "axis `{name}` has the kind `{kind}`; available kinds: {}",
+            known()
+        ))
     })?;
     let values = match &values[..] {
         [word] if word == "continuous" => AxisValues::Continuous,
@@ -292,7 +299,7 @@ pub(crate) fn end_of(name: &str, step: usize, index: usize) -> PyResult<EpisodeE
         "invalid reward" => EpisodeEnd::InvalidReward { step, index },
         "crashed" => EpisodeEnd::Crashed { step },
         "timed out" => EpisodeEnd::TimedOut { step },
-        _ => return Err(PyValueError::new_err(format!("unknown end `{name}` of a simulation"))),
+        _ => return Err(InvalidValueError::new_err(format!("unknown end `{name}` of a simulation"))),
     })
 }
 
@@ -305,22 +312,16 @@ pub(crate) fn trace(
     if rows > 0 && columns != names.len() {
         let message =
             format!("a trace has {columns} signals; expected {}: {}", names.len(), names.join(", "));
-        return Err(PyValueError::new_err(message));
+        return Err(InvalidValueError::new_err(message));
     }
     if rows > episode_steps + 1 {
         let message = format!(
             "a trace has {rows} samples; an episode of {episode_steps} control steps has at most {}: pass a larger `steps`",
             episode_steps + 1
         );
-        return Err(PyValueError::new_err(message));
+        return Err(InvalidValueError::new_err(message));
     }
-    let mut trace = Trace::with_capacity(names.clone(), rows);
-    let mut sample = vec![0.0; columns];
-    for row in samples.rows() {
-        sample.iter_mut().zip(row).for_each(|(value, found)| *value = *found);
-        trace.push(&sample);
-    }
-    Ok(trace)
+    Ok(formula::trace(names.clone(), samples))
 }
 
 fn first_not_finite(samples: ArrayView2<'_, f64>) -> Option<(usize, usize)> {

@@ -1,15 +1,15 @@
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use mishandle::rollout::{Environment, RolloutError, Seed};
 use mishandle::tasks::TaskEnvironment;
 use mishandle::training::{Boundary, EpisodeSettings, Episodes, TrainingError};
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
-use pyo3::exceptions::PyRuntimeError;
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::{MishandleError, raised};
+use crate::pool::{Pool, actions};
+use crate::simulator::observation_names;
+use crate::{InvalidStateError, InvalidValueError, raised};
 
 /// Parallel environments of one task. An environment whose episode ends is reset in the same step.
 ///
@@ -39,28 +39,8 @@ pub struct VectorEnv {
     environment: Arc<TaskEnvironment>,
     settings: EpisodeSettings,
     seed: Seed,
-    simulator: Arc<Simulator>,
-    /// The process that created the threads of the pool.
-    process: u32,
-}
-
-/// Largest number of threads, more than any machine has cores.
-const MAX_THREADS: usize = 1024;
-
-/// What a process made by fork must not touch: threads that it does not have, and state in the middle of a step.
-struct Simulator {
-    pool: ThreadPool,
-    /// `None` until the first reset. Only threads that have released the interpreter lock it, which prevents deadlocks.
-    episodes: Mutex<Option<Episodes>>,
-}
-
-impl Drop for VectorEnv {
-    fn drop(&mut self) {
-        if self.is_forked() {
-            // The copy is never dropped, so dropping the pool does not wait for its threads.
-            std::mem::forget(self.simulator.clone());
-        }
-    }
+    /// `None` until the first reset.
+    pool: Pool<Option<Episodes>>,
 }
 
 /// Results of a control step, row by row.
@@ -109,22 +89,8 @@ impl VectorEnv {
         let preset = mishandle::preset(preset).map_err(raised)?;
         let reward = mishandle::reward(reward).map_err(raised)?;
         let environment = TaskEnvironment::new(task, preset, reward).map_err(raised)?;
-        if let Some(threads) = threads.filter(|threads| !(1..=MAX_THREADS).contains(threads)) {
-            let message =
-                format!("`threads` must be a whole number from 1 to {MAX_THREADS}, found {threads}");
-            return Err(MishandleError::new_err(message));
-        }
-        let pool = ThreadPoolBuilder::new().num_threads(threads.unwrap_or_default()).build();
-        Ok(VectorEnv {
-            environment: Arc::new(environment),
-            settings,
-            seed: Seed(seed),
-            simulator: Arc::new(Simulator {
-                pool: pool.map_err(|error| MishandleError::new_err(error.to_string()))?,
-                episodes: Mutex::new(None),
-            }),
-            process: std::process::id(),
-        })
+        let pool = Pool::new(threads, || None)?;
+        Ok(VectorEnv { environment: Arc::new(environment), settings, seed: Seed(seed), pool })
     }
 
     /// Starts the first episode of every environment. Every call starts the same episodes.
@@ -132,15 +98,12 @@ impl VectorEnv {
     /// Returns the observations, float32 of shape (environments, observation_size). Raises RuntimeError in a process made by
     /// fork after the environments were created.
     fn reset<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        self.check_process()?;
-        let Simulator { pool, episodes: current } = &*self.simulator;
-        let observations = py.detach(|| -> Result<_, RolloutError> {
-            let episodes =
-                pool.install(|| Episodes::of_training(&self.environment, &self.settings, self.seed))?;
+        let observations = self.pool.with(py, |current| -> Result<_, RolloutError> {
+            let episodes = Episodes::of_training(&self.environment, &self.settings, self.seed)?;
             let observations = episodes.observations().to_vec();
-            *current.lock().unwrap_or_else(PoisonError::into_inner) = Some(episodes);
+            *current = Some(episodes);
             Ok(observations)
-        });
+        })?;
         self.rows(py, observations.map_err(raised)?)
     }
 
@@ -162,12 +125,21 @@ impl VectorEnv {
     ///
     /// Raises MishandleError before the first reset, or if the actions have another type or shape, are not finite or are not
     /// aligned in memory. Raises RuntimeError in a process made by fork after the environments were created.
-    fn step<'py>(&self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
-        self.check_process()?;
-        let actions = self.actions(actions)?;
-        let result = py.detach(|| self.step_all(&actions));
-        let StepResult { observations, rewards, boundaries, final_observations } =
-            result?.ok_or_else(|| MishandleError::new_err("call `reset` before the first `step`"))?;
+    fn step<'py>(&self, py: Python<'py>, given: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
+        let actions = actions(given, [self.environments(), self.action_size()])?;
+        let result = self.pool.with(py, |episodes| {
+            let Some(episodes) = episodes else { return Ok(None) };
+            episodes.step(&actions)?;
+            Ok::<_, RolloutError>(Some(StepResult {
+                observations: episodes.observations().to_vec(),
+                rewards: episodes.rewards().to_vec(),
+                boundaries: episodes.boundaries().to_vec(),
+                final_observations: episodes.final_observations().to_vec(),
+            }))
+        })?;
+        let StepResult { observations, rewards, boundaries, final_observations } = result
+            .map_err(raised)?
+            .ok_or_else(|| InvalidStateError::new_err("call `reset` before the first `step`"))?;
         let flags = |end| boundaries.iter().map(|boundary| *boundary == end).collect::<Vec<_>>();
         let info = PyDict::new(py);
         info.set_item("final_observation", self.rows(py, final_observations)?)?;
@@ -219,87 +191,11 @@ impl VectorEnv {
     /// Name of each number of an observation, with an index for quantities of several numbers.
     #[getter]
     fn observation_names(&self) -> Vec<String> {
-        let parts = self.environment.definition().whole_observation();
-        let names = parts.iter().flat_map(|part| {
-            (0..part.size).map(|i| match part.size {
-                1 => part.name.to_string(),
-                _ => format!("{}[{i}]", part.name),
-            })
-        });
-        names.collect()
+        observation_names(&self.environment)
     }
 }
 
 impl VectorEnv {
-    fn is_forked(&self) -> bool {
-        self.process != std::process::id()
-    }
-
-    fn check_process(&self) -> PyResult<()> {
-        if !self.is_forked() {
-            return Ok(());
-        }
-        Err(PyRuntimeError::new_err(format!(
-            "these environments belong to process {}, and fork copied no threads to process {}; create a VectorEnv in this \
-             process, or start processes by multiprocessing.get_context(\"spawn\")",
-            self.process,
-            std::process::id()
-        )))
-    }
-
-    /// Executes one control step. Returns `None` before the first reset.
-    fn step_all(&self, actions: &[f32]) -> PyResult<Option<StepResult>> {
-        let Simulator { pool, episodes } = &*self.simulator;
-        let mut episodes = episodes.lock().unwrap_or_else(PoisonError::into_inner);
-        let Some(episodes) = episodes.as_mut() else { return Ok(None) };
-        pool.install(|| episodes.step(actions)).map_err(raised)?;
-        Ok(Some(StepResult {
-            observations: episodes.observations().to_vec(),
-            rewards: episodes.rewards().to_vec(),
-            boundaries: episodes.boundaries().to_vec(),
-            final_observations: episodes.final_observations().to_vec(),
-        }))
-    }
-
-    /// Copies the actions row by row, and checks their type, shape and values.
-    fn actions(&self, actions: &Bound<'_, PyAny>) -> PyResult<Vec<f32>> {
-        let expected = [self.environments(), self.action_size()];
-        let Ok(actions) = actions.extract::<PyReadonlyArray2<'_, f32>>() else {
-            let found = actions.get_type().name()?;
-            let found = match (actions.getattr("dtype"), actions.getattr("shape")) {
-                (Ok(dtype), Ok(shape)) => format!("{found} of {dtype} and shape {shape}"),
-                _ => found.to_string(),
-            };
-            let [rows, columns] = expected;
-            return Err(MishandleError::new_err(format!(
-                "`actions` must be a NumPy array of float32 and shape ({rows}, {columns}), found {found}"
-            )));
-        };
-        if actions.shape() != expected {
-            return Err(MishandleError::new_err(format!(
-                "`actions` must have the shape {expected:?} (environments, action size), found {:?}",
-                actions.shape()
-            )));
-        }
-        // A view of numbers at odd addresses would be undefined behavior, and the library checks it in debug builds only.
-        if !actions.is_aligned() {
-            return Err(MishandleError::new_err(
-                "`actions` is not aligned in memory, as a field of a packed array; pass `actions.copy()`",
-            ));
-        }
-        // Other strides are allowed: the array is copied.
-        let actions: Vec<f32> = actions.as_array().iter().copied().collect();
-        match actions.iter().position(|action| !action.is_finite()) {
-            None => Ok(actions),
-            Some(index) => Err(MishandleError::new_err(format!(
-                "`actions` must be finite, found {} at [{}, {}]",
-                actions[index],
-                index / expected[1],
-                index % expected[1]
-            ))),
-        }
-    }
-
     /// Returns an array with one row per environment.
     fn rows<'py>(&self, py: Python<'py>, numbers: Vec<f32>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         numbers.into_pyarray(py).reshape([self.environments(), self.observation_size()])
@@ -311,7 +207,7 @@ fn keyword_error(error: TrainingError) -> PyErr {
     match error {
         TrainingError::Setting { name, expected, found, .. } => {
             let keyword = name.rsplit('.').next().unwrap_or(&name);
-            MishandleError::new_err(format!("`{keyword}` must be {expected}, found {found}"))
+            InvalidValueError::new_err(format!("`{keyword}` must be {expected}, found {found}"))
         }
         other => raised(other),
     }

@@ -175,7 +175,7 @@ class Errors(unittest.TestCase):
         self.check("no reward `x`; choose from: shaped", lambda: TaskEnv("point-reaching", reward="x"))
         self.check("from 1 to 1000000, found 0", lambda: TaskVectorEnv("point-reaching", 0))
         for threads in [0, 1025, 2**40]:
-            message = f"threads must be a whole number from 1 to 1024, found {threads}"
+            message = f"`threads` must be a whole number from 1 to 1024, found {threads}"
             self.check(message, lambda: TaskVectorEnv("point-reaching", 1, threads=threads))
 
     def test_actions(self):

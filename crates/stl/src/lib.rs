@@ -56,5 +56,5 @@ pub use formula::Formula;
 pub use monitor::Monitor;
 pub use recording::Recording;
 pub use spelling::nearest;
-pub use subformula::SubformulaMinimum;
+pub use subformula::{SubformulaMinimum, SubformulaNode};
 pub use trace::Trace;

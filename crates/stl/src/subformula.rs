@@ -1,8 +1,24 @@
 //! Sub-formulas: their definition, their order, and the samples at which a trace covers them.
 
-use crate::clock::Window;
+use crate::clock::{Clock, Window};
+use crate::error::MonitorError;
 use crate::formula::{Formula, Node};
 use crate::operator::Operator;
+
+/// A sub-formula as a node of the syntax tree.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SubformulaNode {
+    /// The operator, such as `always` or `<=`; `None` for a signal or a constant.
+    pub operator: Option<&'static str>,
+    /// First and last sample of the operator's window, relative to the sample of evaluation; the last one is `None` if the
+    /// window is unbounded. `None` for an operator that takes no interval.
+    pub window: Option<(usize, Option<usize>)>,
+    /// Positions of the operands in the list of [`Formula::subformulas`], left before right. Terms of a comparison are not
+    /// in the list.
+    pub operands: Vec<usize>,
+    /// Texts of the two sides of a comparison.
+    pub sides: Option<[String; 2]>,
+}
 
 /// The least robustness of a sub-formula over a trace.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -132,6 +148,53 @@ impl Formula {
             let text = std::fmt::from_fn(|f| self.write_node(f, Operator::name, node, &starts));
             text.to_string()
         })
+    }
+
+    /// Returns the syntax tree of the sub-formulas, in the order of [`subformulas`](Self::subformulas).
+    ///
+    /// # Errors
+    /// If the sampling period is not positive and finite, or an interval bound is not a whole number of samples.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_stl::{Clock, Formula};
+    /// let formula = Formula::parse("always[0:2s](d <= 0.12 or safe)").unwrap();
+    /// let nodes = formula.subformula_nodes(&Clock::steps(0.5)).unwrap();
+    /// assert_eq!((nodes[0].operator, nodes[0].window), (Some("always"), Some((0, Some(4)))));
+    /// assert_eq!(nodes[1].operands, [2, 3]);
+    /// assert_eq!(nodes[2].sides, Some(["d".to_string(), "0.12".to_string()]));
+    /// ```
+    pub fn subformula_nodes(&self, clock: &Clock) -> Result<Vec<SubformulaNode>, MonitorError> {
+        clock.check()?;
+        let (starts, listed) = (self.starts(), self.listed_nodes());
+        let mut positions = vec![None; self.nodes.len()];
+        for (position, node) in listed.iter().enumerate() {
+            positions[*node] = Some(position);
+        }
+        let text = |node: usize| {
+            std::fmt::from_fn(|f| self.write_node(f, Operator::name, node, &starts)).to_string()
+        };
+        let describe = |node: &usize| {
+            let Node::Apply(operator, interval) = self.nodes[*node] else {
+                return Ok(SubformulaNode::default());
+            };
+            let last = node - 1;
+            let operands = if operator.arity() == 2 { vec![starts[last] - 1, last] } else { vec![last] };
+            let window = match operator.takes_interval() {
+                true => {
+                    let window = clock.window(operator.name(), interval)?;
+                    Some((window.begin, (!window.is_unbounded()).then_some(window.end)))
+                }
+                false => None,
+            };
+            Ok(SubformulaNode {
+                operator: Some(operator.name()),
+                window,
+                sides: operator.is_comparison().then(|| [text(operands[0]), text(last)]),
+                operands: operands.into_iter().filter_map(|operand| positions[operand]).collect(),
+            })
+        };
+        listed.iter().map(describe).collect()
     }
 
     /// Returns the nodes of the sub-formulas, root first, depth first.

@@ -29,6 +29,9 @@ pub use state::World;
 /// The robot, a Franka Emika Panda with its hand, as MJCF document.
 pub const PANDA: &str = include_str!("../assets/panda.xml");
 
+/// The version of MuJoCo that this crate was made for.
+pub const MUJOCO_VERSION: &str = "3.17.0";
+
 /// Returns the version of the linked MuJoCo library, for example `3.17.0`.
 pub fn mujoco_version() -> String {
     mujoco_rs::mujoco_version().to_string()

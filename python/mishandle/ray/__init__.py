@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from mishandle.errors import InvalidStateError, InvalidValueError, MissingPackageError
 from mishandle.systems import Outcome, Scenario, System
 
 Simulate = Callable[[list[Any]], list[Any]]
@@ -48,11 +49,11 @@ class RayExecutor:
 
     def __init__(self, address: str | None = None, *, num_cpus: float = 1.0, chunk: int | None = None) -> None:
         if chunk is not None and chunk < 1:
-            raise ValueError(f"chunk is {chunk}; it must be at least 1")
+            raise InvalidValueError(f"chunk is {chunk}; it must be at least 1")
         try:
             ray: Any = importlib.import_module("ray")
         except ImportError as error:
-            raise ImportError("the executor `ray` needs Ray: pip install ray") from error
+            raise MissingPackageError("the executor `ray` needs Ray: pip install ray") from error
         if not ray.is_initialized():
             ray.init(address=address, log_to_driver=False, logging_level="WARNING")
         self._ray = ray
@@ -110,7 +111,7 @@ class RayExecutor:
         except (errors.WorkerCrashedError, errors.NodeDiedError, errors.OutOfMemoryError) as error:
             if len(part) == 1:
                 if lost is None:
-                    raise RuntimeError(
+                    raise InvalidStateError(
                         f"a worker of the cluster was lost {RETRIES + 1} times during the same simulation: {error}"
                     ) from error
                 return [lost(part[0])]
@@ -179,7 +180,7 @@ class _SystemFactory:
     def __call__(self) -> Simulate:
         system = self._system
         if _hash(system) != self._hash:
-            raise RuntimeError(
+            raise InvalidStateError(
                 f"the code of the system `{system.name}` or of its policy on this worker differs from that of the sender: give "
                 "all nodes the same versions"
             )

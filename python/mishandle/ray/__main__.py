@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from mishandle import _native
+from mishandle.errors import MishandleError
 from mishandle.ray import RayExecutor
 from mishandle.ray.plans import PlanFactory
 
@@ -119,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else:
             runs = _native.create_campaign(pathlib.Path(given.campaign).read_text(encoding="utf-8"), given.out)
         executor = RayExecutor(given.address, chunk=given.chunk)
-    except (OSError, ValueError, ImportError, ConnectionError, _native.MishandleError) as error:
+    except (OSError, ValueError, ImportError, ConnectionError, MishandleError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     progress = _Progress()
@@ -132,7 +133,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             durable=given.durable,
             report=progress,
         )
-    except (RuntimeError, _native.MishandleError) as error:
+    except (RuntimeError, MishandleError) as error:
         progress.clear()
         print(f"error: {error}", file=sys.stderr)
         return 2

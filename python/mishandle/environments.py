@@ -1,0 +1,292 @@
+"""Gymnasium environments in the process of the search as systems."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from mishandle.axes import Attribute, Axis, ResetOption, Value, get_path, set_path
+from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
+from mishandle.limits import TimeLimitExceeded, check_time_limit, limited
+from mishandle.policies import Policy, as_policy, policy_hash, source_text
+from mishandle.systems import Outcome, Scenario, Source, System
+
+
+class PolicySystem(System):
+    """Base of environments with a policy: their names, signals, time limit and policy."""
+
+    def __init__(
+        self,
+        environment: Any,
+        policy: Any,
+        space: Sequence[Axis],
+        *,
+        signals: Mapping[str, Source | tuple[Source, str]],
+        steps: int | None,
+        control_dt: float | None,
+        time_limit: float | None,
+        batched_policy: bool,
+    ) -> None:
+        check_time_limit(time_limit)
+        self.policy: Policy = as_policy(policy, batched_policy)
+        self._policy_source = policy
+        self._environment = environment
+        self.space = {axis.name: axis for axis in space}
+        self.time_limit = time_limit
+        self.sources, self.signals = sources_and_signals(signals)
+        self.name = spec_name(environment)
+        self.steps = episode_steps(environment, steps)
+        self.control_dt = control_dt if control_dt is not None else control_period(environment)
+        self.versions = [("gymnasium", gymnasium.__version__), ("numpy", np.__version__)]
+        self.exceptions = []
+
+    def description(self) -> str:
+        spec = self._environment.spec
+        sources = [source if isinstance(source, str) else source_text(source) for source in self.sources]
+        applications = [
+            repr(axis.apply) if not callable(axis.apply) else source_text(axis.apply) for axis in self.space.values()
+        ]
+        parts = [spec.to_json() if spec is not None else "", source_text(self._environment.unwrapped)]
+        return "\n".join([*parts, policy_hash(self._policy_source), *sources, *applications])
+
+    def act(self, observations: list[Any], times: Sequence[Time]) -> tuple[str | None, Any]:
+        """Returns the end of the simulations if the policy fails, and its actions. The simulations share its time."""
+        left = None if self.time_limit is None else min(row.left(self.time_limit) for row in times) * len(times)
+        started = time.perf_counter()
+        try:
+            with limited(left):
+                return None, self.policy.act(observations, len(observations))
+        except TimeLimitExceeded:
+            return "timed out", None
+        except Exception:
+            self.keep_exception()
+            return "crashed", None
+        finally:
+            for row in times:
+                row.spent += (time.perf_counter() - started) / len(times)
+
+
+class EnvironmentSystem(PolicySystem):
+    """A Gymnasium environment with a policy. The sub-environments of a ``SyncVectorEnv`` are stepped together."""
+
+    def __init__(self, environment: Any, policy: Any, space: Sequence[Axis], **options: Any) -> None:
+        self._environments: list[Any] = list(getattr(environment, "envs", None) or [environment])
+        first = self._environments[0]
+        if not isinstance(first, gymnasium.Env):
+            raise InvalidTypeError(f"a {type(environment).__name__} is not a Gymnasium environment or a vector of them")
+        super().__init__(first, policy, space, **options)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Simulators outside of Python cannot be copied, so an environment that Gymnasium made is made again.
+        environments = [each if each.spec is None else each.spec for each in self._environments]
+        return {**self.__dict__, "_environments": environments, "_environment": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._environments = [
+            gymnasium.make(each) if isinstance(each, gymnasium.envs.registration.EnvSpec) else each
+            for each in self._environments
+        ]
+        self._environment = self._environments[0]
+
+    def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
+        size = len(self._environments)
+        chunks = [batch[first : first + size] for first in range(0, len(batch), size)]
+        return [outcome for chunk in chunks for outcome in self._together(chunk)]
+
+    def _together(self, chunk: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
+        rows = [_Row(self, environment) for environment in self._environments[: len(chunk)]]
+        for row, (scenario, seed) in zip(rows, chunk):
+            row.reset(scenario, seed)
+        self.policy.reset(len(rows))
+        for step in range(1, self.steps + 1):
+            if not any(row.outcome is None for row in rows):
+                break
+            # Ended rows keep their last observation, so that the rows of a recurrent policy stay in place.
+            if all(row.observation is None for row in rows):
+                break
+            observations = [row.observation for row in rows]
+            present = next(observation for observation in observations if observation is not None)
+            observations = [present if observation is None else observation for observation in observations]
+            running = [row for row in rows if row.outcome is None]
+            end, actions = self.act(observations, [row.time for row in running])
+            if end is not None:
+                for row in rows:
+                    row.end(end, step)
+                break
+            for row, action in zip(rows, actions):
+                row.step(action, step)
+        return [row.finish() for row in rows]
+
+    def sample(self, environment: Any, observation: Any, info: Mapping[str, Any], reward: float) -> list[float]:
+        """Returns the signals at one sample."""
+        return [value_of(source, environment, observation, info, reward) for source in self.sources]
+
+    def apply(self, environment: Any, scenario: Scenario) -> tuple[dict[str, Any], list[tuple[Any, Value]]]:
+        """Sets attributes; returns the options of the reset and the functions to call after it."""
+        options: dict[str, Any] = {}
+        later: list[tuple[Any, Value]] = []
+        for name, value in scenario.items():
+            application = self.space[name].apply
+            if application is None or isinstance(application, ResetOption):
+                set_option(options, name if application is None else application.name, value)
+            elif isinstance(application, Attribute):
+                set_path(environment.unwrapped, application.path, value)
+            else:
+                later.append((application, value))
+        return options, later
+
+
+class _Row:
+    """One simulation in one environment."""
+
+    def __init__(self, system: EnvironmentSystem, environment: Any) -> None:
+        self._system = system
+        self._environment = environment
+        self._samples: list[list[float]] = []
+        self._total_reward = 0.0
+        self._steps = 0
+        self.time = Time()
+        self.observation: Any = None
+        self.outcome: Outcome | None = None
+
+    def reset(self, scenario: Scenario, seed: int) -> None:
+        def start() -> None:
+            options, later = self._system.apply(self._environment, scenario)
+            # Some environments take seeds of 32 bits only.
+            observation, info = self._environment.reset(seed=seed % 2**31, options=options or None)
+            for function, value in later:
+                changed = function(self._environment, value)
+                observation = observation if changed is None else changed
+            self.observation = observation
+            self._samples.append(self._system.sample(self._environment, observation, info, 0.0))
+
+        self._guarded(start, 0)
+
+    def step(self, action: Any, step: int) -> None:
+        if self.outcome is not None:
+            return
+        values = np.asarray(action, dtype=np.float64).reshape(-1)
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad) > 0:
+            self.end("invalid action", step, int(bad[0]))
+            return
+
+        def advance() -> None:
+            observation, reward, terminated, truncated, info = self._environment.step(action)
+            self.observation = observation
+            self._steps = step
+            self._total_reward += float(reward)
+            self._samples.append(self._system.sample(self._environment, observation, info, float(reward)))
+            if not np.isfinite(float(reward)):
+                self.end("invalid reward", step)
+            elif step == self._system.steps:
+                self.end("completed", step)
+            elif terminated or truncated:
+                self.end("terminated", step)
+
+        self._guarded(advance, step)
+
+    def _guarded(self, work: Callable[[], None], step: int) -> None:
+        started = time.perf_counter()
+        limit = self._system.time_limit
+        try:
+            with limited(None if limit is None else self.time.left(limit)):
+                work()
+        except InvalidScenario:
+            self.end("invalid scenario", step)
+        except TimeLimitExceeded:
+            self.end("timed out", step)
+        except Exception:
+            self._system.keep_exception()
+            self.end("crashed", step)
+        self.time.spent += time.perf_counter() - started
+
+    def end(self, end: str, step: int, index: int = 0) -> None:
+        if self.outcome is None:
+            self.outcome = Outcome(end, np.zeros((0, 0)), self._steps, step, index)
+
+    def finish(self) -> Outcome:
+        outcome = self.outcome or Outcome("completed", np.zeros((0, 0)), self._steps)
+        outcome.samples = np.asarray(self._samples, dtype=np.float64).reshape(-1, len(self._system.signals))
+        outcome.total_reward = self._total_reward
+        return outcome
+
+
+def value_of(source: Source, environment: Any, observation: Any, info: Mapping[str, Any], reward: float) -> float:
+    if callable(source):
+        return float(source(environment.unwrapped))
+    if source == "reward":
+        return reward
+    if source.startswith("info."):
+        found: Any = info
+        for key in source.split(".")[1:]:
+            found = found[key]
+        return float(found)
+    if source.startswith("obs"):
+        holder = _Holder(observation)
+        return float(get_path(holder, source))
+    return float(get_path(environment.unwrapped, source))
+
+
+@dataclass
+class _Holder:
+    obs: Any
+
+
+def set_option(options: dict[str, Any], name: str, value: Value) -> None:
+    """Sets an option of a reset; dots separate the names of nested options."""
+    *parents, last = name.split(".")
+    for parent in parents:
+        options = options.setdefault(parent, {})
+    options[last] = value
+
+
+@dataclass
+class Time:
+    """Wall-clock time of one simulation, in seconds."""
+
+    spent: float = 0.0
+
+    def left(self, limit: float) -> float:
+        """Returns the rest of a time limit, at least a millisecond."""
+        return max(limit - self.spent, 1e-3)
+
+
+def sources_and_signals(
+    signals: Mapping[str, Source | tuple[Source, str]],
+) -> tuple[list[Source], list[tuple[str, str]]]:
+    """Returns the source of each signal, and its name and unit."""
+    if not signals:
+        raise InvalidValueError('an environment needs signals, for instance signals={"x": "obs[0]"}')
+    pairs = {name: source if isinstance(source, tuple) else (source, "") for name, source in signals.items()}
+    return [source for source, _ in pairs.values()], [(name, unit) for name, (_, unit) in pairs.items()]
+
+
+def spec_name(environment: Any) -> str:
+    """Returns the name of an environment: that of its registration or of its class."""
+    return str(environment.spec.id) if environment.spec is not None else type(environment.unwrapped).__name__
+
+
+def episode_steps(environment: Any, steps: int | None) -> int:
+    """Returns the number of control steps of an episode."""
+    limit = environment.spec.max_episode_steps if environment.spec is not None else None
+    if limit is None:
+        limit = getattr(environment.unwrapped, "max_episode_steps", None)
+    if steps is None and limit is None:
+        raise InvalidValueError("the environment has no time limit; pass the number of control steps as `steps`")
+    return int(steps if steps is not None else limit or 0)
+
+
+def control_period(environment: Any) -> float:
+    """Returns the duration of a control step in seconds; 1 if the environment does not state it."""
+    dt = getattr(environment.unwrapped, "dt", None)
+    if isinstance(dt, (int, float)) and dt > 0:
+        return float(dt)
+    rate = environment.metadata.get("render_fps")
+    return 1.0 / rate if rate else 1.0

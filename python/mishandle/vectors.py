@@ -1,0 +1,345 @@
+"""Vector environments without access to their sub-environments as systems: ``AsyncVectorEnv`` and native ones."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
+from gymnasium.vector.utils import concatenate, create_empty_array, iterate
+from numpy.typing import NDArray
+
+from mishandle.axes import Attribute, Axis, ResetOption
+from mishandle.environments import EnvironmentSystem, PolicySystem, Time, set_option, value_of
+from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
+from mishandle.limits import TimeLimitExceeded, limited
+from mishandle.systems import Outcome, Scenario, System
+
+
+_MOVES = 10
+"""Largest number of control steps until the observations of all rows have changed."""
+
+
+def environment_system(environment: Any, policy: Any, space: Sequence[Axis], **options: Any) -> System:
+    """Returns the system of an environment or a vector environment."""
+    if isinstance(environment, VectorEnv) and not isinstance(environment, SyncVectorEnv):
+        return VectorSystem(environment, policy, space, **options)
+    return EnvironmentSystem(environment, policy, space, **options)
+
+
+class VectorSystem(PolicySystem):
+    """A vector environment whose sub-environments are in other processes or in native code.
+
+    Scenarios pass through the options of one reset per sub-environment, with Gymnasium's option ``"reset_mask"``. Attributes of
+    an ``AsyncVectorEnv`` are set by ``set_attr``. Signals come from observations, ``info`` and the reward.
+    """
+
+    def __init__(self, environment: Any, policy: Any, space: Sequence[Axis], **options: Any) -> None:
+        super().__init__(environment, policy, space, **options)
+        self._rows: int = environment.num_envs
+        self._mode = AutoresetMode(environment.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP))
+        # A row that ended in the last step would restart in the next one, also after a reset in some versions of Gymnasium.
+        self._restarts = False
+        # A row that was never reset has no observation for a masked reset of another row.
+        self._is_new = True
+        self._check_sources()
+        self._check_axes()
+        self._check_masks()
+
+    def __getstate__(self) -> Any:
+        raise InvalidTypeError(
+            "a vector environment cannot be sent to a cluster, which runs many environments itself; pass a single environment"
+        )
+
+    def _check_sources(self) -> None:
+        kind = type(self._environment.unwrapped).__name__
+        for source, (name, _) in zip(self.sources, self.signals):
+            if callable(source) or not (source == "reward" or source.startswith(("obs", "info."))):
+                text = "a function" if callable(source) else repr(source)
+                raise InvalidValueError(
+                    f"the source of the signal `{name}` is {text}, but the sub-environments of a {kind} are out of reach; use "
+                    "'obs[...]', 'info....' or 'reward', or a SyncVectorEnv"
+                )
+
+    def _check_axes(self) -> None:
+        kind = type(self._environment.unwrapped).__name__
+        # Setting an unknown attribute would create it.
+        vector = self._environment.unwrapped
+        one = vector.env_fns[0]() if isinstance(vector, AsyncVectorEnv) else None
+        for axis in self.space.values():
+            if axis.apply is None or isinstance(axis.apply, ResetOption):
+                continue
+            if not isinstance(axis.apply, Attribute) or one is None:
+                text = "an attribute" if isinstance(axis.apply, Attribute) else "a function"
+                raise InvalidValueError(
+                    f"the axis `{axis.name}` is applied by {text}, but the sub-environments of a {kind} are out of reach; use a "
+                    "reset option, or a SyncVectorEnv"
+                )
+            if not axis.apply.path.isidentifier():
+                raise InvalidValueError(
+                    f"the axis `{axis.name}` sets {axis.apply.path!r}, but a {kind} can set whole attributes only; use a reset "
+                    "option, or a SyncVectorEnv"
+                )
+            if not one.has_wrapper_attr(axis.apply.path):
+                raise InvalidValueError(f"the environment has no attribute {axis.apply.path!r}, which the axis `{axis.name}` sets")
+        if one is not None:
+            one.close()
+
+    def _check_masks(self) -> None:
+        """Checks that a reset with a mask leaves the other rows alone. Otherwise scenarios would be mixed up silently."""
+        if self._rows == 1:
+            return
+        environment = self._environment
+
+        def rows(batched: Any) -> list[NDArray[Any]]:
+            return [np.copy(_flat(row)) for row in iterate(environment.observation_space, batched)]
+
+        def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
+            return np.array_equal(one, other, equal_nan=True)
+
+        first = before = rows(environment.reset(seed=0)[0])
+        environment.action_space.seed(0)
+        for _ in range(_MOVES):
+            before = rows(environment.step(environment.action_space.sample())[0])
+            if not any(map(same, before, first)):
+                break
+        after = rows(environment.reset(options={"reset_mask": np.arange(self._rows) == 0})[0])
+        if not all(map(same, before[1:], after[1:])):
+            raise InvalidTypeError(
+                f"{type(environment).__name__} ignores the option 'reset_mask' of reset, so its sub-environments cannot get "
+                "different scenarios; use num_envs=1, a SyncVectorEnv or an AsyncVectorEnv"
+            )
+
+    def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
+        chunks = [batch[first : first + self._rows] for first in range(0, len(batch), self._rows)]
+        return [outcome for chunk in chunks for outcome in self._guarded(chunk)]
+
+    def _guarded(self, chunk: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
+        """Simulates together, or one by one if that fails, so that one scenario cannot spoil the others."""
+        end = None
+        try:
+            return self._together(chunk)
+        except InvalidScenario:
+            end = "invalid scenario"
+        except TimeLimitExceeded:
+            end = "timed out"
+        except Exception:
+            end = "crashed"
+            if len(chunk) == 1:
+                self.keep_exception()
+        self._revive()
+        if len(chunk) > 1:
+            return [outcome for one in chunk for outcome in self._guarded([one])]
+        return [Outcome(end, np.zeros((0, len(self.signals))), 0)]
+
+    def _revive(self) -> None:
+        """Starts new processes: an exception or a time limit leaves those of an ``AsyncVectorEnv`` unusable."""
+        old = self._environment.unwrapped
+        if not isinstance(old, AsyncVectorEnv):
+            return
+        old.close_extras(terminate=True)
+        fresh = AsyncVectorEnv(
+            old.env_fns,
+            shared_memory=old.shared_memory,
+            context=old.context,
+            daemon=old.daemon,
+            worker=old.worker,
+            observation_mode=old.observation_mode,
+            autoreset_mode=self._mode,
+        )
+        fresh.spec = old.spec
+        # The caller's object gets the new processes, so that it stays usable.
+        old.__dict__, fresh.__dict__ = fresh.__dict__, {}
+        self._restarts, self._is_new = False, True
+
+    def _together(self, chunk: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
+        count = len(chunk)
+        clock = Time()
+        rollout = _Rollout(self, count)
+        # The other rows repeat the last scenario; their results are dropped.
+        padded = [*chunk, *[chunk[-1]] * (self._rows - count)]
+        with self._timed(clock, count):
+            batched, info = self._reset(padded)
+            rows = list(iterate(self._environment.observation_space, batched))
+        rollout.add(rows, info, np.zeros(self._rows), range(count))
+        self.policy.reset(self._rows)
+        space = self._environment.single_action_space
+        idle = next(iter(iterate(space_batch(space), create_empty_array(space, 1, np.zeros))))
+        for step in range(1, self.steps + 1):
+            running = rollout.running()
+            if not running:
+                break
+            end, given = self.act(rows, [clock])
+            if end is not None:
+                rollout.end_all(end, step)
+                break
+            actions = [given[row] for row in range(self._rows)]
+            for row in range(self._rows):
+                bad = np.flatnonzero(~np.isfinite(np.asarray(_flat(actions[row]), dtype=np.float64)))
+                if len(bad) > 0:
+                    actions[row] = idle
+                    rollout.end(row, "invalid action", step, int(bad[0]))
+            joint: Any = create_empty_array(space, self._rows)
+            joint = concatenate(space, actions, joint)
+            with self._timed(clock, len(running)):
+                batched, rewards, terminated, truncated, info = self._environment.step(joint)
+                ended = np.asarray(terminated) | np.asarray(truncated)
+                rows = list(iterate(self._environment.observation_space, batched))
+            self._restarts = bool(ended.any())
+            last = list(rows)
+            if self._mode is AutoresetMode.SAME_STEP and ended.any():
+                for row in np.flatnonzero(ended).tolist():
+                    last[row] = info["final_obs"][row]
+            rollout.step(step, last, info, np.asarray(rewards, dtype=np.float64), ended, self._mode)
+            if self._mode is AutoresetMode.DISABLED and ended.any():
+                batched, _ = self._environment.reset(options={"reset_mask": ended})
+                rows = list(iterate(self._environment.observation_space, batched))
+        return rollout.outcomes()
+
+    def _timed(self, clock: Time, rows: int) -> Any:
+        """Limits a call to the rest of the time of ``rows`` simulations together."""
+        return _Timed(clock, None if self.time_limit is None else clock.left(self.time_limit) * rows, rows)
+
+    def _reset(self, scenarios: Sequence[tuple[Scenario, int]]) -> tuple[Any, list[Mapping[str, Any]]]:
+        """Resets each row to its scenario; returns the observations and the ``info`` of each row's own reset."""
+        environment = self._environment
+        if self._is_new:
+            environment.reset(seed=0)
+            self._is_new = False
+        if self._restarts and self._mode is AutoresetMode.NEXT_STEP:
+            environment.step(environment.action_space.sample())
+        self._restarts = False
+        for axis in self.space.values():
+            if isinstance(axis.apply, Attribute):
+                environment.unwrapped.set_attr(axis.apply.path, [scenario[axis.name] for scenario, _ in scenarios])
+        observations: Any = None
+        infos: list[Mapping[str, Any]] = []
+        for row, (scenario, seed) in enumerate(scenarios):
+            options: dict[str, Any] = {}
+            for name, value in scenario.items():
+                application = self.space[name].apply
+                if not isinstance(application, Attribute):
+                    set_option(options, application.name if isinstance(application, ResetOption) else name, value)
+            if self._rows > 1:
+                options["reset_mask"] = np.arange(self._rows) == row
+            # Some environments take seeds of 32 bits only.
+            seeds: list[int | None] = [None] * self._rows
+            seeds[row] = seed % 2**31
+            observations, info = environment.reset(seed=seeds, options=options)
+            infos.append(info)
+        return observations, infos
+
+
+class _Timed:
+    """Limits a block, and adds its time to a clock."""
+
+    def __init__(self, clock: Time, seconds: float | None, rows: int) -> None:
+        self._clock = clock
+        self._limit = limited(seconds)
+        self._rows = rows
+
+    def __enter__(self) -> None:
+        self._started = time.perf_counter()
+        self._limit.__enter__()
+
+    def __exit__(self, *exception: Any) -> bool | None:
+        self._clock.spent += (time.perf_counter() - self._started) / self._rows
+        return self._limit.__exit__(*exception)
+
+
+class _Rollout:
+    """The simulations of the first rows of a vector environment."""
+
+    def __init__(self, system: VectorSystem, count: int) -> None:
+        self._system = system
+        self._samples: list[list[list[float]]] = [[] for _ in range(count)]
+        self._ends: list[Outcome | None] = [None] * count
+        self._steps = [0] * count
+        self._returns = [0.0] * count
+
+    def running(self) -> list[int]:
+        return [row for row, end in enumerate(self._ends) if end is None]
+
+    def end(self, row: int, end: str, step: int, index: int = 0) -> None:
+        if row < len(self._ends) and self._ends[row] is None:
+            self._ends[row] = Outcome(end, np.zeros((0, 0)), self._steps[row], step, index)
+
+    def end_all(self, end: str, step: int) -> None:
+        for row in self.running():
+            self.end(row, end, step)
+
+    def add(self, observations: Sequence[Any], info: Any, rewards: NDArray[np.float64], rows: Sequence[int]) -> None:
+        """Adds a sample of some rows. ``info`` is that of the step, or a list with one for each row."""
+        for row in rows:
+            found = row_info(info[row] if isinstance(info, list) else info, row)
+            reward = float(rewards[row])
+            self._samples[row].append(
+                [value_of(source, None, observations[row], found, reward) for source in self._system.sources]
+            )
+
+    def step(
+        self,
+        step: int,
+        observations: Sequence[Any],
+        info: Mapping[str, Any],
+        rewards: NDArray[np.float64],
+        ended: NDArray[np.bool_],
+        mode: AutoresetMode,
+    ) -> None:
+        for row in self.running():
+            is_final = mode is AutoresetMode.SAME_STEP and ended[row]
+            self.add(observations, info["final_info"] if is_final and "final_info" in info else info, rewards, [row])
+            self._steps[row] = step
+            self._returns[row] += float(rewards[row])
+            if not np.isfinite(rewards[row]):
+                self.end(row, "invalid reward", step)
+            elif step == self._system.steps:
+                self.end(row, "completed", step)
+            elif ended[row]:
+                self.end(row, "terminated", step)
+
+    def outcomes(self) -> list[Outcome]:
+        found = []
+        for row, end in enumerate(self._ends):
+            outcome = end or Outcome("completed", np.zeros((0, 0)), self._steps[row])
+            outcome.samples = np.asarray(self._samples[row], dtype=np.float64).reshape(-1, len(self._system.signals))
+            outcome.total_reward = self._returns[row]
+            found.append(outcome)
+        return found
+
+
+def row_info(info: Mapping[str, Any], row: int) -> dict[str, Any]:
+    """Returns the ``info`` of one sub-environment. Gymnasium marks present values in an array with an underscore.
+
+    >>> info = {"speed": np.array([1.0, 2.0]), "_speed": np.array([False, True]), "part": {"x": np.array([3, 4])}}
+    >>> row_info(info, 0), row_info(info, 1)
+    ({'part': {'x': 3}}, {'speed': 2.0, 'part': {'x': 4}})
+    """
+    found: dict[str, Any] = {}
+    for key, value in info.items():
+        present = info.get(f"_{key}")
+        if key.startswith("_") or (present is not None and not present[row]):
+            continue
+        if isinstance(value, Mapping):
+            found[key] = row_info(value, row)
+        elif value is not None and len(value) > row:
+            one = value[row]
+            found[key] = one.item() if isinstance(one, np.generic) else one
+    return found
+
+
+def _flat(value: Any) -> NDArray[Any]:
+    """Returns all numbers of an observation or action in one array."""
+    if isinstance(value, Mapping):
+        return np.concatenate([_flat(value[key]) for key in sorted(value)])
+    if isinstance(value, tuple):
+        return np.concatenate([_flat(part) for part in value])
+    return np.asarray(value).reshape(-1)
+
+
+def space_batch(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
+    """Returns the space of one batched value."""
+    return gymnasium.vector.utils.batch_space(space, 1)
