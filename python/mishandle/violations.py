@@ -50,7 +50,7 @@ def violation(nodes: Sequence[_native.Node], values: Sequence[NDArray[np.float64
 
 
 def _agreeing(values: NDArray[np.float64], holds: bool) -> Mask:
-    return values >= 0 if holds else values < 0
+    return values > 0 if holds else values < 0
 
 
 def _reached(at: Mask, window: tuple[int, int | None], ahead: bool) -> Mask:

@@ -16,8 +16,8 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::{InvalidStateError, raised};
 use crate::target::{Pending, end_of, end_parts, keep, trace};
+use crate::{InvalidStateError, raised};
 
 /// A simulation to run: scenario, seed, and whether the minima of sub-formulas are needed.
 type RequestTuple = (Vec<Option<f64>>, u64, bool);

@@ -6,6 +6,7 @@ import pathlib
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import unittest
@@ -67,7 +68,7 @@ class Environments(unittest.TestCase):
             env = gymnasium.make(name)
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                check_env(env.unwrapped, skip_render_check=True)
+                check_env(env.unwrapped, skip_render_check=name != "mishandle/PointReaching-v0")
             texts = [str(warning.message) for warning in caught]
             # Observations have no bounds.
             self.assertTrue(all("infinity" in text for text in texts), (name, texts))
@@ -93,6 +94,71 @@ class Environments(unittest.TestCase):
         env.reset(seed=0)
         _, reward, _, _, info = env.step(np.zeros(9, np.float32))
         self.assertAlmostEqual(reward, sum(info["reward_terms"].values()), places=12)
+
+
+class Pictures(unittest.TestCase):
+    def test_a_picture_shows_the_state(self):
+        env = TaskEnv("point-reaching", render_mode="rgb_array", width=320, height=240)
+        env.reset(seed=0, options={"scenario": [0.5, -0.3, 0.4]})
+        first = env.render()
+        self.assertEqual((first.shape, first.dtype), ((240, 320, 3), np.uint8))
+        np.testing.assert_array_equal(env.render(), first)
+        # The target is the only red thing; a target further to the left of the robot is elsewhere in the picture.
+        columns = []
+        for y in (-0.3, 0.3):
+            env.reset(seed=0, options={"scenario": [0.5, y, 0.4]})
+            picture = env.render().astype(int)
+            red = (picture[..., 0] > 150) & (picture[..., 1] < 90) & (picture[..., 2] < 90)
+            self.assertTrue(20 < red.sum() < 2000, red.sum())
+            columns.append(np.nonzero(red)[1].mean())
+        self.assertGreater(abs(columns[0] - columns[1]), 30)
+        for _ in range(10):
+            env.step(np.ones(9, np.float32))
+        self.assertFalse(np.array_equal(env.render(), picture), "the arm has moved")
+
+    def test_a_vector_environment_returns_a_picture_of_each_row_in_any_thread(self):
+        env = gymnasium.make_vec(
+            "mishandle/BallBalancing-v0", num_envs=2, render_mode="rgb_array", width=160, height=120
+        )
+        env.reset(seed=[4, 5])
+        pictures = env.render()
+        self.assertEqual((type(pictures), len(pictures), pictures[0].shape), (tuple, 2, (120, 160, 3)))
+        single = TaskEnv("ball-balancing", render_mode="rgb_array", width=160, height=120)
+        single.reset(seed=5)
+        np.testing.assert_array_equal(single.render(), pictures[1])
+        found = []
+        thread = threading.Thread(target=lambda: found.append(env.render()))
+        thread.start()
+        thread.join()
+        np.testing.assert_array_equal(found[0], pictures)
+
+    def test_mistakes_are_explained(self):
+        with self.assertRaisesRegex(RuntimeError, "make it with render_mode='rgb_array'"):
+            TaskEnv("point-reaching").render()
+        with self.assertRaisesRegex(ValueError, "'human' is not supported; it must be 'rgb_array' or None"):
+            TaskEnv("point-reaching", render_mode="human")
+        with self.assertRaisesRegex(ValueError, "161 x 120 pixels; width and height must be even and from 16 to 4096"):
+            TaskEnv("point-reaching", render_mode="rgb_array", width=161, height=120).render()
+
+    def test_without_egl_the_package_works_and_a_picture_is_an_error(self):
+        # Both libraries are loaded by name when a picture is drawn; an empty file under these names cannot be loaded.
+        program = (
+            "import mishandle\n"
+            "env = mishandle.TaskEnv('point-reaching', render_mode='rgb_array')\n"
+            "env.reset(seed=0)\n"
+            "try:\n"
+            "    env.render()\n"
+            "except mishandle.MishandleError as error:\n"
+            "    print(error)\n"
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            for name in ["libEGL.so.1", "libEGL.so"]:
+                (pathlib.Path(folder) / name).touch()
+            variables = {**os.environ, "LD_LIBRARY_PATH": folder}
+            found = subprocess.run(
+                [sys.executable, "-c", program], env=variables, check=True, capture_output=True, text=True, timeout=60
+            )
+        self.assertRegex(found.stdout, "cannot render .*apt install libegl1 libgl1-mesa-dri")
 
 
 class VectorEnvironments(unittest.TestCase):

@@ -54,7 +54,7 @@ class RayTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls) -> None:
         cls.cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
-        cls.cluster.connect()
+        ray.init(address=cls.cluster.address, log_to_driver=False)
 
     @classmethod
     def tearDownClass(cls) -> None:
