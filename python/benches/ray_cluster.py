@@ -71,6 +71,10 @@ def main() -> None:
             for size in (8, 64, 512):
                 key = f"overhead of an empty batch of {size}, {name}"
                 times.setdefault(key, []).append(seconds(lambda: executor.run(empty, requests[:size])))
+        single = RayExecutor(num_cpus=1, chunk=1)
+        times.setdefault("overhead of 1000 empty tasks, 2 workers", []).append(
+            seconds(lambda: single.run(empty, [requests[0]] * 1000))
+        )
     alone = statistics.median(times["this process"])
     for name, measured in times.items():
         median = statistics.median(measured)

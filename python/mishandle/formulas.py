@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,10 @@ from numpy.typing import NDArray
 from mishandle import _native
 from mishandle.systems import columns_of
 from mishandle.violations import violation
+
+
+_DISTANCE = re.compile(r"abs\((?P<name>\w+)(?: (?P<center>[+-] [0-9.e+-]+))?\)")
+"""Distance of a signal from a number, such as ``abs(x - 3)``."""
 
 
 class Formula:
@@ -101,10 +106,10 @@ class Formula:
         }
 
     def thresholds(self, *, period: float = 1.0) -> list[tuple[str, float]]:
-        """Returns each signal that is compared with a number, and the number. ``abs(x) <= 1`` has the numbers -1 and 1.
+        """Returns each signal that is compared with a number, and the number. ``abs(x - 3) <= 1`` has the numbers 2 and 4.
 
-        >>> Formula("always(abs(x) <= 1 and 0.5 < y)").thresholds()
-        [('x', -1.0), ('x', 1.0), ('y', 0.5)]
+        >>> Formula("always(abs(x - 3) <= 1 and 0.5 < y)").thresholds()
+        [('x', 2.0), ('x', 4.0), ('y', 0.5)]
         """
         found: list[tuple[str, float]] = []
         for _, _, _, sides in self._native.nodes(period):
@@ -115,10 +120,12 @@ class Formula:
                     number = float(other)
                 except ValueError:
                     continue
+                distance = _DISTANCE.fullmatch(term)
                 if term in self.signals:
                     found.append((term, number))
-                elif term[:4] == "abs(" and term[4:-1] in self.signals:
-                    found += [(term[4:-1], -number), (term[4:-1], number)]
+                elif distance is not None and distance["name"] in self.signals:
+                    center = float((distance["center"] or "0").replace("- ", "-").replace("+ ", "+"))
+                    found += [(distance["name"], -center - number), (distance["name"], -center + number)]
         return found
 
     def violation(self, trace: Any, *, period: float = 1.0) -> NDArray[np.bool_]:

@@ -75,7 +75,7 @@ def plot_robustness_map(run: AnyRun, x: str | None = None, y: str | None = None,
     if not known.all():
         ax.scatter(horizontal[~known], vertical[~known], s=18, facecolors="none", edgecolors=_OTHER, label="no verdict")
     satisfied = known & ~violated
-    colors: dict[str, Any] = {"cmap": "RdBu", "norm": _norm(robustness[known])}
+    colors = _colors(robustness[known])
     shown = ax.scatter(
         horizontal[satisfied], vertical[satisfied], s=18, c=robustness[satisfied], edgecolors="0.4", linewidths=0.3, **colors
     )
@@ -209,13 +209,14 @@ def _intervals(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(start), int(end) - 1) for start, end in zip(edges[::2], edges[1::2])]
 
 
-def _norm(robustness: NDArray[np.float64]) -> Any:
-    """Returns the scale of the colors, with white at 0 and each side up to its own extreme."""
-    from matplotlib.colors import TwoSlopeNorm
+def _colors(robustness: NDArray[np.float64]) -> dict[str, Any]:
+    """Returns a scale of colors: white at 0, blue above and red below, each up to its own extreme."""
+    from matplotlib.colors import Normalize, TwoSlopeNorm
 
-    low, high = (robustness.min(), robustness.max()) if len(robustness) > 0 else (0.0, 0.0)
-    least = 1e-9 * max(abs(low), abs(high), 1e-9)
-    return TwoSlopeNorm(0.0, vmin=min(low, -least), vmax=max(high, least))
+    low, high = (float(robustness.min()), float(robustness.max())) if len(robustness) > 0 else (0.0, 1.0)
+    if low < 0 < high:
+        return {"cmap": "RdBu", "norm": TwoSlopeNorm(0.0, vmin=low, vmax=high)}
+    return {"cmap": "Reds_r" if low < 0 else "Blues", "norm": Normalize(low, high)}
 
 
 def _opened(run: AnyRun) -> Run:

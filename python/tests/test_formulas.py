@@ -78,8 +78,8 @@ class Violation(unittest.TestCase):
             self.assertGreaterEqual(formula.robustness(repaired), 0.0)
 
     def test_thresholds_are_comparisons_with_numbers(self):
-        formula = Formula("always[0:2s](-0.5 <= x and abs(y) < 2 and z >= x and 2 * x <= 3) or w")
-        self.assertEqual(formula.thresholds(), [("x", -0.5), ("y", -2.0), ("y", 2.0)])
+        formula = Formula("always[0:2s](-0.5 <= x and abs(y) < 2 and z >= x and 2 * x <= 3) or abs(w + 1.5) > 1 or v")
+        self.assertEqual(formula.thresholds(period=0.5), [("x", -0.5), ("y", -2.0), ("y", 2.0), ("w", -2.5), ("w", -0.5)])
 
 
 class DataFrames(unittest.TestCase):
