@@ -8,6 +8,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
+from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -214,7 +215,7 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
             raise InvalidValueError(f"there are {len(seeds)} seeds for {self.num_envs} environments")
         for row, value in enumerate(seeds):
             if value is not None and mask[row]:
-                self._generators[row], _ = gymnasium.utils.seeding.np_random(value)
+                self._generators[row], _ = np_random(value)
         samples = self._start(mask, self._scenarios(options.get("scenario")))
         return samples[0], self._info(samples)
 

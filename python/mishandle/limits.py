@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Any
 
@@ -38,7 +38,7 @@ def check_interruptible(seconds: float | None) -> None:
 
 
 @contextmanager
-def limited(seconds: float | None) -> Iterator[None]:
+def limited(seconds: float | None) -> Generator[None, None, None]:
     """Raises :class:`TimeLimitExceeded` if the body takes longer.
 
     The main thread is interrupted by a timer, in Python code and in system calls that wait. In other threads, and for code in C
@@ -59,7 +59,7 @@ def limited(seconds: float | None) -> Iterator[None]:
 
 
 @contextmanager
-def _timer(seconds: float) -> Iterator[None]:
+def _timer(seconds: float) -> Generator[None, None, None]:
     started = time.monotonic()
     outer, interval = signal.getitimer(signal.ITIMER_REAL)
     # A timer of the caller that ends first keeps its handler.

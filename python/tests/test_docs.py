@@ -9,6 +9,8 @@ import re
 import tempfile
 import unittest
 
+os.environ["MPLBACKEND"] = "agg"
+
 import mishandle
 
 ROOT = pathlib.Path(__file__).parents[2]
