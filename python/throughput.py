@@ -3,7 +3,7 @@
     python python/throughput.py [--rounds 5] [--threads 2]
 
 It needs a release build of the package (`pip install .`) and panda-gym. The three take turns in each round; the table has medians
-and ranges over the rounds. Each control step of panda-gym has 20 physics steps of 1/500 s for a reaching arm.
+and ranges over the rounds. On a machine that does other things too, look at the ratio by CPU time. Each control step of panda-gym has 20 physics steps of 1/500 s for a reaching arm.
 """
 
 import argparse
@@ -19,13 +19,13 @@ SECONDS = 2.0
 
 
 def rate(step, rows):
-    """Returns the control steps per second of `rows` environments that are stepped together."""
+    """Returns the control steps per second, and per second of CPU time, of `rows` environments that are stepped together."""
     step()
-    started, steps = time.perf_counter(), 0
+    started, cpu, steps = time.perf_counter(), time.process_time(), 0
     while time.perf_counter() - started < SECONDS:
         step()
         steps += rows
-    return steps / (time.perf_counter() - started)
+    return steps / (time.perf_counter() - started), steps / (time.process_time() - cpu)
 
 
 def main():
@@ -54,14 +54,15 @@ def main():
     for _ in range(arguments.rounds):
         for name, ((core, vector), rows) in cases.items():
             found[name].append((rate(core, rows), rate(vector, rows)))
-        panda.append(rate(lambda: other.step(still), 1))
+        panda.append(rate(lambda: other.step(still), 1)[0])
     text = lambda values: f"{statistics.median(values):.0f} ({min(values):.0f} to {max(values):.0f})"
     ratio = lambda values: f"{statistics.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
-    print("| | extension, steps/s | TaskVectorEnv, steps/s | ratio |\n|---|--:|--:|--:|")
+    print("| | extension, steps/s | TaskVectorEnv, steps/s | ratio | ratio by CPU time |\n|---|--:|--:|--:|--:|")
     for name, pairs in found.items():
-        core, vector = zip(*pairs)
-        print(f"| {name} | {text(core)} | {text(vector)} | {ratio([v / c for c, v in pairs])} |")
-    print(f"| panda-gym, PandaReach-v3, 1 environment | | {text(panda)} | |")
+        (core, core_cpu), (vector, vector_cpu) = (np.transpose(side) for side in zip(*pairs))
+        ratios = f"{ratio(vector / core)} | {ratio(vector_cpu / core_cpu)}"
+        print(f"| {name} | {text(core)} | {text(vector)} | {ratios} |")
+    print(f"| panda-gym, PandaReach-v3, 1 environment | | {text(panda)} | | |")
 
 
 if __name__ == "__main__":
