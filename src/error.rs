@@ -222,6 +222,9 @@ pub enum MishandleError {
     /// A controller file is damaged, is not a controller, or is for another task.
     #[error(transparent)]
     Controller(#[from] mishandle_controllers::ControllerError),
+    /// A policy in the format of another tool cannot be used.
+    #[error(transparent)]
+    Interchange(#[from] mishandle_interchange::InterchangeError),
     /// A task cannot be built.
     #[error(transparent)]
     Task(#[from] mishandle_tasks::TaskError),

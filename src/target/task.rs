@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mishandle_controllers::bytes_hash;
+use mishandle_interchange::OnnxPolicy;
 use mishandle_rollout::{Component, Controller, Noise};
 use mishandle_tasks::{Definition, Preset, Task, TaskTarget};
 
@@ -81,7 +82,12 @@ pub(crate) fn split_task(controller: &str) -> Option<(&'static Definition, &str)
     Some((task.definition(), name))
 }
 
-/// Loads a controller: the expert, a shipped controller by name, or a file by path.
+/// Returns whether a path ends with this extension, in any case.
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
+}
+
+/// Loads a controller: the expert, a shipped controller by name, a file of ours or an ONNX model by path.
 fn load_controller(
     task: &dyn Task,
     name: &str,
@@ -116,6 +122,20 @@ fn load_controller(
         return Ok((controller, component(EXPERT.to_string(), String::new())));
     }
     let shipped = controller_of(owner, name)?;
+    if has_extension(shipped.path(), "onnx") {
+        if stochastic {
+            return Err(MishandleError::InvalidValue {
+                what: "controller",
+                value: "an ONNX model".to_string(),
+                expected: "a .safetensors file, because --stochastic samples the policy's actions and an ONNX model is \
+                           deterministic",
+            });
+        }
+        let tasks: Vec<&str> = std::iter::once(definition.name).chain(definition.variant_of).collect();
+        let policy = OnnxPolicy::load(shipped.path(), &tasks, &definition.layout())?;
+        let component = component(policy.hash().to_string(), policy.file_hash().to_string());
+        return Ok((Arc::new(policy), component));
+    }
     let file = shipped.controller()?;
     // A variant accepts controllers of its own and of its base task.
     let task_name = definition.variant_of.filter(|base| file.header.task == *base).unwrap_or(definition.name);

@@ -233,7 +233,8 @@ pub struct Subject {
     /// Name of a target: a task, or toy/NAME; `mishandle targets` lists them
     #[arg(required_unless_present_any = ["plan", "resume"])]
     pub target: Option<String>,
-    /// Controller of a task: a path, or the name of a shipped controller such as ppo or expert
+    /// Controller of a task: the path of a .safetensors or .onnx file, or the name of a shipped controller such as ppo or
+    /// expert
     #[arg(long, value_name = "C")]
     pub controller: Option<String>,
     /// Scenario space of the target, or several joined by + [default: starts]
@@ -334,23 +335,50 @@ pub struct Curve {
     pub json: bool,
 }
 
-/// Show how a controller was trained: command, settings, random seed, commit, validation
+/// Show how a controller was trained, export it as ONNX, or import one from PyTorch
 #[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 #[command(after_help = "Examples:
   mishandle controller my_controller.safetensors
   mishandle controller point-reaching/ppo                     a shipped controller
   mishandle controller point-reaching/ppo --json
+  mishandle controller export point-reaching/ppo --onnx ppo.onnx
 
 The output is a valid settings file: `mishandle train --settings FILE` trains with the same
 settings. Success rates are from validation during training. `mishandle evaluate` measures the
 controller on other initial states.")]
 pub struct Controller {
+    #[command(subcommand)]
+    pub command: Option<ControllerCommand>,
     /// Path of a controller, or TASK/NAME for a shipped controller
-    #[arg(value_name = "FILE|TASK/NAME")]
-    pub controller: String,
+    #[arg(value_name = "FILE|TASK/NAME", required = true)]
+    pub controller: Option<String>,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum ControllerCommand {
+    /// Write a controller as an ONNX model, with its normalizer and the clipping of observations and actions
+    #[command(after_help = "Examples:
+  mishandle controller export point-reaching/ppo --onnx ppo.onnx
+  mishandle controller export my_controller.safetensors --onnx my_controller.onnx --json
+
+The model's input `observation` has the shape [N, size], in the units of the task. Its output
+`action` is clipped to [-1, 1], as the task does; `unclipped_action` is the controller's own output.
+Both are the mean of a stochastic policy. `mishandle evaluate TASK --controller ppo.onnx` runs it.")]
+    Export {
+        /// Path of a controller, or TASK/NAME for a shipped controller
+        #[arg(value_name = "FILE|TASK/NAME")]
+        controller: String,
+        /// ONNX file to create
+        #[arg(long, value_name = "FILE")]
+        onnx: PathBuf,
+        /// Print one JSON document to stdout
+        #[arg(long)]
+        json: bool,
+    },
 }
 
 /// Evaluate a controller: success rate, dangerous behavior rate and completion time, with 95 % intervals

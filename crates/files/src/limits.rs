@@ -5,6 +5,7 @@
 //! | [`PLAN`] | plans | 128 KiB |
 //! | [`SETTINGS`] | training settings | 128 KiB |
 //! | [`CONTROLLER`] | controllers, and other files of the controller zoo | 256 MiB |
+//! | [`ONNX`] | ONNX models | 64 MiB |
 //! | [`CHECKPOINT`] | checkpoints of training runs | 64 GiB |
 //! | [`TENSOR_HEADER`] | the header of a controller or a checkpoint | 1 MiB |
 //! | [`CURVE`] | learning curves | 256 MiB |
@@ -21,6 +22,9 @@ pub const SETTINGS: u64 = MIB / 8;
 
 /// Controllers: a policy of 67 million parameters. Records and pages of the controller zoo.
 pub const CONTROLLER: u64 = 256 * MIB;
+
+/// ONNX models: a policy of 16 million parameters. A model is in memory up to four times while it is checked.
+pub const ONNX: u64 = 64 * MIB;
 
 /// Checkpoints, whose largest part is a replay buffer.
 pub const CHECKPOINT: u64 = 64 * 1024 * MIB;

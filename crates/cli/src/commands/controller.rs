@@ -1,3 +1,5 @@
+mod export;
+
 use anyhow::Result;
 use mishandle::controllers::ControllerFile;
 use mishandle::plural;
@@ -5,13 +7,21 @@ use mishandle::tasks::{Topic, notes};
 use mishandle::training::AlgorithmSettings;
 use serde_json::{Value, json};
 
+use crate::ExitStatus;
+use crate::args::{self, ControllerCommand};
 use crate::output::{self, number, table};
-use crate::{ExitStatus, args};
 
 pub fn run(command: &args::Controller) -> Result<ExitStatus> {
-    let file = mishandle::find_controller(&command.controller)?.controller()?;
-    let weaknesses = weaknesses(&command.controller)?;
-    if command.json {
+    match &command.command {
+        Some(ControllerCommand::Export { controller, onnx, json }) => export::run(controller, onnx, *json),
+        None => show(command.controller.as_deref().unwrap_or_default(), command.json),
+    }
+}
+
+fn show(controller: &str, json: bool) -> Result<ExitStatus> {
+    let file = mishandle::find_controller(controller)?.controller()?;
+    let weaknesses = weaknesses(controller)?;
+    if json {
         output::json(output::joined(document(&file), json!({ "weaknesses": weaknesses })))?;
     } else {
         output::line(&page(&file, &weaknesses))?;

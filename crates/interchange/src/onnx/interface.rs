@@ -1,0 +1,79 @@
+//! Which input of a model is the observation, which output the action, and which pairs are the state.
+//!
+//! The model's metadata has the keys `mishandle.task`, `mishandle.observation`, `mishandle.action`, `mishandle.state` and
+//! `mishandle.layout`. A file `NAME.onnx.json` beside `NAME.onnx` has the same keys without the prefix and replaces them.
+
+use mishandle_controllers::Layout;
+use rten_onnx::onnx::ModelProto;
+use serde::{Deserialize, Serialize};
+
+use crate::OnnxProblem;
+
+/// The prefix of the keys in the metadata of a model.
+pub(super) const PREFIX: &str = "mishandle.";
+
+/// Keys that describe where an exported model comes from. They are not read.
+pub(super) const PROVENANCE: [&str; 3] = ["algorithm", "controller_hash", "version"];
+
+/// The description of a model's inputs and outputs. Everything is optional.
+///
+/// # Example
+/// ```
+/// use mishandle_interchange::Interface;
+/// let text = r#"{"task": "ball-balancing", "action": "mean", "state": [["h_in", "h_out"]]}"#;
+/// let interface = Interface::from_json(text).unwrap();
+/// assert_eq!(interface.action.as_deref(), Some("mean"));
+/// assert!(Interface::from_json(r#"{"output": "mean"}"#).is_err());
+/// ```
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Interface {
+    /// The name of the task; without it, the model is accepted for every task that its shapes fit.
+    pub task: Option<String>,
+    /// The input for the observation; the first input that is no state by default.
+    pub observation: Option<String>,
+    /// The output with the action; the first output that is no state by default.
+    pub action: Option<String>,
+    /// Pairs of an input and the output that replaces it in the next control step. The initial value is 0.
+    #[serde(default)]
+    pub state: Vec<(String, String)>,
+    /// The order, names, units and sizes of observations and actions, compared with those of the task.
+    pub layout: Option<Layout>,
+}
+
+impl Interface {
+    /// Parses the text of a side file.
+    ///
+    /// # Errors
+    /// If the text is not JSON, or a key is unknown.
+    pub fn from_json(text: &str) -> Result<Interface, serde_json::Error> {
+        serde_json::from_str(text)
+    }
+
+    /// Reads the metadata of a model.
+    pub(super) fn of_metadata(model: &ModelProto) -> Result<Interface, OnnxProblem> {
+        let invalid = |reason: String| OnnxProblem::Interface { place: "its metadata".to_string(), reason };
+        let mut interface = Interface::default();
+        for property in &model.metadata_props {
+            let Some(key) = property.key.as_deref().and_then(|key| key.strip_prefix(PREFIX)) else {
+                continue;
+            };
+            let value = property.value.clone().unwrap_or_default();
+            let json = |error: serde_json::Error| invalid(format!("`{PREFIX}{key}`: {error}"));
+            match key {
+                "task" => interface.task = Some(value),
+                "observation" => interface.observation = Some(value),
+                "action" => interface.action = Some(value),
+                "state" => interface.state = serde_json::from_str(&value).map_err(json)?,
+                "layout" => interface.layout = Some(serde_json::from_str(&value).map_err(json)?),
+                _ if PROVENANCE.contains(&key) => {}
+                _ => {
+                    return Err(invalid(format!(
+                        "there is no key `{PREFIX}{key}`; known keys: task, observation, action, state, layout"
+                    )));
+                }
+            }
+        }
+        Ok(interface)
+    }
+}

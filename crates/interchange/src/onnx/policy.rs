@@ -1,0 +1,541 @@
+//! Runs a model as a controller.
+
+use std::collections::{HashMap, HashSet};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use mishandle_controllers::{Layout as TaskLayout, bytes_hash};
+use mishandle_files::{limits, read_bounded};
+use mishandle_rollout::{Controller, ControllerWorker, Seed};
+use rten::{Model, ModelOptions, NodeId, RunOptions, ThreadPool, Value, ValueOrView, ValueView};
+use rten_onnx::onnx::{DataType, Dimension, GraphProto, ModelProto, TensorShapeProto, ValueInfoProto};
+use rten_tensor::Layout;
+
+use super::check;
+use super::cost::{self, MAX_NUMBERS, MAX_PRODUCTS, bound, cost_of, determines_shape};
+use super::interface::Interface;
+use crate::{InterchangeError, OnnxProblem};
+
+/// A policy in an ONNX model.
+///
+/// Each row is computed alone, with a batch size of 1 and on one thread, so its action depends neither on the other rows nor
+/// on the number of threads. The kernels depend on the instruction set of the CPU: another CPU may give actions that differ
+/// in the last bits.
+///
+/// An operator that fails, or an output that changes its shape, gives an action of NaN, which ends the simulation as
+/// `invalid action`.
+#[derive(Debug)]
+pub struct OnnxPolicy {
+    core: Arc<Core>,
+    hash: String,
+    file_hash: String,
+    task: Option<String>,
+}
+
+#[derive(Debug)]
+struct Core {
+    model: Model,
+    observation: NodeId,
+    observation_shape: Vec<usize>,
+    action: NodeId,
+    states: Vec<State>,
+    sizes: (usize, usize),
+}
+
+/// A tensor that an output of one control step gives to an input of the next.
+#[derive(Debug)]
+struct State {
+    input: NodeId,
+    output: NodeId,
+    shape: Vec<usize>,
+}
+
+impl State {
+    fn size(&self) -> usize {
+        self.shape.iter().product()
+    }
+}
+
+impl OnnxPolicy {
+    /// Reads a model for a task with this layout of observations and actions. `tasks` are the names that the model may have in
+    /// its metadata; the first one is used in messages.
+    ///
+    /// The file has at most [`limits::ONNX`] bytes. Its side file, `NAME.onnx.json`, is read if it exists.
+    ///
+    /// # Errors
+    /// If a file cannot be read or is too large, the model is not supported, or it does not fit the task.
+    pub fn load(path: &Path, tasks: &[&str], layout: &TaskLayout) -> Result<OnnxPolicy, InterchangeError> {
+        let error = |problem| InterchangeError::Onnx { problem, path: path.to_path_buf() };
+        let bytes = read(path, limits::ONNX)?;
+        let side_path = side_path(path);
+        let side = if side_path.exists() { Some(read(&side_path, limits::SETTINGS)?) } else { None };
+        let interface = side.as_deref().map(|bytes| {
+            let text = String::from_utf8_lossy(bytes);
+            Interface::from_json(&text).map_err(|reason| {
+                let place = side_path.display().to_string();
+                error(OnnxProblem::Interface { place, reason: reason.to_string() })
+            })
+        });
+        Self::from_bytes(&bytes, interface.transpose()?, tasks, layout).map_err(error)
+    }
+
+    /// Parses the bytes of a model. `interface` replaces the description in its metadata.
+    ///
+    /// # Errors
+    /// If the model is not supported or does not fit the task.
+    pub fn from_bytes(
+        bytes: &[u8],
+        interface: Option<Interface>,
+        tasks: &[&str],
+        layout: &TaskLayout,
+    ) -> Result<OnnxPolicy, OnnxProblem> {
+        let mut proto = check::parse(bytes)?;
+        let own = Interface::of_metadata(&proto);
+        let described =
+            interface.as_ref().map(|interface| serde_json::to_string(interface).unwrap_or_default());
+        let interface = interface.map_or(own, Ok)?;
+        check_task(&interface, tasks, layout)?;
+        let task = tasks.first().copied().unwrap_or_default();
+        let names = Names::new(&proto, &interface)?;
+        prepare(&mut proto, &names, task, layout.observation_size())?;
+        let core = Core::new(&proto, &names, task, layout)?;
+        let file_hash = bytes_hash(bytes);
+        let hash = match described {
+            Some(side) => bytes_hash(format!("{file_hash}\0{side}").as_bytes()),
+            None => file_hash.clone(),
+        };
+        Ok(OnnxPolicy { core: Arc::new(core), hash, file_hash, task: interface.task })
+    }
+
+    /// Returns a hash of everything that determines the actions: of the model's bytes and of the side file.
+    pub fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    /// Returns the hash of the model's bytes.
+    pub fn file_hash(&self) -> &str {
+        &self.file_hash
+    }
+
+    /// Returns the task that the model names, if any.
+    pub fn task(&self) -> Option<&str> {
+        self.task.as_deref()
+    }
+}
+
+/// Returns the path of a model's side file.
+fn side_path(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_os_string();
+    name.push(".json");
+    name.into()
+}
+
+fn read(path: &Path, limit: u64) -> Result<Vec<u8>, InterchangeError> {
+    read_bounded(path, limit).map_err(|source| InterchangeError::Read { source, path: path.to_path_buf() })
+}
+
+fn check_task(interface: &Interface, tasks: &[&str], layout: &TaskLayout) -> Result<(), OnnxProblem> {
+    let task = tasks.first().copied().unwrap_or_default().to_string();
+    if let Some(found) = interface.task.as_ref().filter(|found| !tasks.contains(&found.as_str())) {
+        return Err(OnnxProblem::Task { expected: task, found: found.clone() });
+    }
+    let differences = interface.layout.as_ref().map_or(vec![], |found| layout.differences(found));
+    if differences.is_empty() { Ok(()) } else { Err(OnnxProblem::Layout { task, differences }) }
+}
+
+/// The names of the values that a control step reads and writes.
+struct Names {
+    observation: String,
+    action: String,
+    states: Vec<(String, String)>,
+}
+
+impl Names {
+    fn new(proto: &ModelProto, interface: &Interface) -> Result<Names, OnnxProblem> {
+        let invalid = |reason: String| OnnxProblem::Interface { place: "by name".to_string(), reason };
+        let empty = GraphProto::default();
+        let graph = proto.graph.as_ref().unwrap_or(&empty);
+        let name = |value: &ValueInfoProto| value.name.clone().unwrap_or_default();
+        // Old models list their weights as inputs, too.
+        let weights: HashSet<&str> =
+            graph.initializer.iter().filter_map(|tensor| tensor.name.as_deref()).collect();
+        let inputs: Vec<String> =
+            graph.input.iter().map(name).filter(|name| !weights.contains(name.as_str())).collect();
+        let outputs: Vec<String> = graph.output.iter().map(name).collect();
+        let free = |names: &[String], is_state: &dyn Fn(&str) -> bool| {
+            names.iter().find(|name| !is_state(name)).cloned()
+        };
+        let states = interface.state.clone();
+        let observation = interface.observation.clone();
+        let observation =
+            observation.or_else(|| free(&inputs, &|name| states.iter().any(|(i, _)| i == name)));
+        let action = interface.action.clone();
+        let action = action.or_else(|| free(&outputs, &|name| states.iter().any(|(_, o)| o == name)));
+        let (Some(observation), Some(action)) = (observation, action) else {
+            return Err(invalid(
+                "the model needs an input for the observation and an output for the action".into(),
+            ));
+        };
+        let read: Vec<&String> = std::iter::once(&observation).chain(states.iter().map(|(i, _)| i)).collect();
+        let written: Vec<&String> = std::iter::once(&action).chain(states.iter().map(|(_, o)| o)).collect();
+        for (kind, used, known) in [("input", &read, &inputs), ("output", &written, &outputs)] {
+            if let Some(missing) = used.iter().find(|name| !known.contains(name)) {
+                let known = known.join(", ");
+                return Err(invalid(format!("the model has no {kind} `{missing}`; its {kind}s: {known}")));
+            }
+        }
+        if let Some(unused) = inputs.iter().find(|name| !read.contains(name)) {
+            return Err(invalid(format!(
+                "nothing says what the input `{unused}` is; name the observation, and the pairs of inputs and outputs of the \
+                 state, in the metadata or in a side file (docs/onnx.md)"
+            )));
+        }
+        if read.iter().collect::<HashSet<_>>().len() != read.len() {
+            return Err(invalid("an input has two roles".into()));
+        }
+        Ok(Names { observation, action, states })
+    }
+}
+
+/// Makes the shapes of all inputs fixed, with a batch size of 1, and removes what the runtime does not need: the names of
+/// operators, which may be those of values, and the shapes of other values, which may be wrong.
+fn prepare(proto: &mut ModelProto, names: &Names, task: &str, size: usize) -> Result<(), OnnxProblem> {
+    let Some(graph) = proto.graph.as_mut() else { return Ok(()) };
+    graph.node.iter_mut().for_each(|node| node.name = None);
+    graph.value_info.clear();
+    graph.output.iter_mut().for_each(|output| output.r#type = None);
+    for input in &mut graph.input {
+        let name = input.name.clone().unwrap_or_default();
+        let is_observation = name == names.observation;
+        if !is_observation && names.states.iter().all(|(state, _)| *state != name) {
+            continue;
+        }
+        let tensor = input.r#type.get_or_insert_default().tensor_type.get_or_insert_default();
+        if tensor.elem_type.unwrap_or(DataType::FLOAT) != DataType::FLOAT {
+            let kind = tensor.elem_type.unwrap_or(DataType::FLOAT);
+            return Err(OnnxProblem::Unsupported {
+                found: format!("the input `{name}` of the type {}", kind.name().unwrap_or("unknown")),
+                hint: "inputs must be tensors of 32-bit floating-point numbers".to_string(),
+            });
+        }
+        let dims: Option<Vec<Option<i64>>> =
+            tensor.shape.as_ref().map(|shape| shape.dim.iter().map(|dim| dim.dim_value).collect());
+        let fixed: Option<Vec<i64>> = if is_observation {
+            let expected = size as i64;
+            match dims.as_deref() {
+                None => Some(vec![1, expected]),
+                Some([batch, found]) if batch.unwrap_or(1) == 1 && found.unwrap_or(expected) == expected => {
+                    Some(vec![1, expected])
+                }
+                Some([found]) if found.unwrap_or(expected) == expected => Some(vec![expected]),
+                _ => None,
+            }
+        } else {
+            // Only the batch size of a state may be free.
+            dims.as_deref().map(|dims| dims.iter().map(|dim| dim.unwrap_or(1)).collect())
+        };
+        let Some(fixed) = fixed.filter(|fixed| fixed.iter().all(|size| (1..1 << 24).contains(size))) else {
+            let found = shape_text(&dims.unwrap_or_default());
+            if is_observation {
+                let (task, side) = (task.to_string(), "observation");
+                return Err(OnnxProblem::Shape { task, side, name, found, expected: size });
+            }
+            return Err(OnnxProblem::Interface {
+                place: "its inputs".to_string(),
+                reason: format!("the state `{name}` has the shape {found}; expected sizes from 1 to 2^24"),
+            });
+        };
+        let dim = |size| Dimension { dim_value: Some(size), dim_param: None };
+        tensor.elem_type = Some(DataType::FLOAT);
+        tensor.shape = Some(TensorShapeProto { dim: fixed.into_iter().map(dim).collect() });
+    }
+    Ok(())
+}
+
+/// Returns a shape as text, with N for sizes that are free.
+fn shape_text(dims: &[Option<i64>]) -> String {
+    let dims: Vec<String> =
+        dims.iter().map(|dim| dim.map_or("N".to_string(), |size| size.to_string())).collect();
+    format!("[{}]", dims.join(", "))
+}
+
+impl Core {
+    fn new(proto: &ModelProto, names: &Names, task: &str, layout: &TaskLayout) -> Result<Core, OnnxProblem> {
+        let format = |reason: String| OnnxProblem::Format { reason };
+        let bytes = proto.write_buf().map_err(|error| format(error.to_string()))?;
+        // Without optimization, loading a model computes nothing, and what is checked below is what runs.
+        let mut options = ModelOptions::with_ops(cost::registry());
+        options.enable_optimization(false);
+        let model =
+            without_panic(|| options.load(bytes).map_err(|error| error.to_string())).map_err(format)?;
+        let id =
+            |name: &str| model.find_node(name).ok_or_else(|| format(format!("it has no value `{name}`")));
+        let shape = |name: &str| {
+            let values = proto.graph.iter().flat_map(|graph| &graph.input);
+            let value = values.into_iter().find(|value| value.name.as_deref() == Some(name));
+            let shape = value.and_then(|value| value.r#type.as_ref()?.tensor_type.as_ref()?.shape.as_ref());
+            let sizes = shape.iter().flat_map(|shape| &shape.dim).filter_map(|dim| dim.dim_value);
+            sizes.map(|size| size as usize).collect::<Vec<usize>>()
+        };
+        let states = names
+            .states
+            .iter()
+            .map(|(input, output)| Ok(State { input: id(input)?, output: id(output)?, shape: shape(input) }));
+        let core = Core {
+            observation: id(&names.observation)?,
+            observation_shape: shape(&names.observation),
+            action: id(&names.action)?,
+            states: states.collect::<Result<_, OnnxProblem>>()?,
+            sizes: (layout.observation_size(), layout.action_size()),
+            model,
+        };
+        let inputs = std::iter::once((&names.observation, &core.observation_shape)).chain(
+            names.states.iter().map(|(input, _)| input).zip(core.states.iter().map(|state| &state.shape)),
+        );
+        let inputs = inputs.map(|(name, shape)| (name.clone(), zeros(shape))).collect();
+        let graph = proto.graph.as_ref().ok_or_else(|| format("it has no graph".to_string()))?;
+        let values = dry_run(&core.model, graph, inputs)?;
+        core.check_outputs(&values, names, task)?;
+        Ok(core)
+    }
+
+    /// Checks the shapes of the action and of the state after a control step.
+    fn check_outputs(
+        &self,
+        values: &HashMap<String, Value>,
+        names: &Names,
+        task: &str,
+    ) -> Result<(), OnnxProblem> {
+        let found = values.get(&names.action).and_then(float_shape);
+        let expected = self.sizes.1;
+        if !matches!(found.as_deref(), Some([1, size] | [size]) if *size == expected) {
+            let found = found.map_or("of integers".to_string(), |shape| format!("{shape:?}"));
+            let (task, name) = (task.to_string(), names.action.clone());
+            return Err(OnnxProblem::Shape { task, side: "action", name, found, expected });
+        }
+        for ((input, output), state) in names.states.iter().zip(&self.states) {
+            let found = values.get(output).and_then(float_shape);
+            if found.as_ref() != Some(&state.shape) {
+                return Err(OnnxProblem::Interface {
+                    place: "its state".to_string(),
+                    reason: format!(
+                        "the output `{output}` has the shape {:?}, but the input `{input}` has {:?}",
+                        found.unwrap_or_default(),
+                        state.shape
+                    ),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Computes a control step of one row; `None` if an operator fails or an output has another shape.
+    fn step(
+        &self,
+        options: &RunOptions,
+        observation: &[f32],
+        state: &mut [f64],
+        action: &mut [f32],
+    ) -> Option<()> {
+        let view = |shape: &[usize], numbers: &[f32]| -> Option<Value> {
+            Value::from_shape(shape, numbers.to_vec()).ok()
+        };
+        let mut inputs: Vec<(NodeId, ValueOrView<'_>)> =
+            vec![(self.observation, view(&self.observation_shape, observation)?.into())];
+        let mut rest = &state[..];
+        for part in &self.states {
+            let (own, others) = rest.split_at_checked(part.size())?;
+            rest = others;
+            let numbers: Vec<f32> = own.iter().map(|x| *x as f32).collect();
+            inputs.push((part.input, view(&part.shape, &numbers)?.into()));
+        }
+        let outputs: Vec<NodeId> =
+            std::iter::once(self.action).chain(self.states.iter().map(|state| state.output)).collect();
+        let values = without_panic(|| {
+            self.model.run(inputs, &outputs, Some(options.clone())).map_err(|e| e.to_string())
+        });
+        let values = values.ok()?;
+        let (first, others) = values.split_first()?;
+        copy(first, action.len(), action.iter_mut(), |x| x)?;
+        let mut rest = state;
+        for (value, part) in others.iter().zip(&self.states) {
+            let (own, others) = rest.split_at_mut_checked(part.size())?;
+            copy(value, own.len(), own.iter_mut(), f64::from)?;
+            rest = others;
+        }
+        Some(())
+    }
+}
+
+/// Copies a tensor of `size` numbers.
+fn copy<'a, T: 'a>(
+    value: &Value,
+    size: usize,
+    into: impl Iterator<Item = &'a mut T>,
+    convert: impl Fn(f32) -> T,
+) -> Option<()> {
+    let tensor: rten_tensor::TensorView<'_, f32> = value.as_tensor_view()?;
+    if tensor.len() != size {
+        return None;
+    }
+    into.zip(tensor.iter()).for_each(|(x, y)| *x = convert(*y));
+    Some(())
+}
+
+fn float_shape(value: &Value) -> Option<Vec<usize>> {
+    matches!(value, Value::FloatTensor(_)).then(|| value.shape().to_vec())
+}
+
+fn zeros(shape: &[usize]) -> Value {
+    rten_tensor::Tensor::<f32>::zeros(shape).into()
+}
+
+/// Computes all operators one by one on an observation of zeros, each only after a bound of its memory and its time was
+/// checked.
+///
+/// As no shape depends on the numbers of an observation, the bounds hold for every observation.
+fn dry_run(
+    model: &Model,
+    graph: &GraphProto,
+    inputs: HashMap<String, Value>,
+) -> Result<HashMap<String, Value>, OnnxProblem> {
+    let run_problem = |reason: String| OnnxProblem::Run { reason };
+    let mut depends_on_input: HashSet<String> = inputs.keys().cloned().collect();
+    let mut values = inputs;
+    let options = one_thread();
+    let constants = graph.initializer.iter().filter_map(|tensor| tensor.name.as_deref());
+    let nodes = graph.node.iter().filter(|node| node.op_type.as_deref() == Some("Constant"));
+    for name in constants.chain(nodes.flat_map(|node| node.output.iter().map(String::as_str))) {
+        values.insert(name.to_string(), run(model, vec![], name, &options).map_err(run_problem)?);
+    }
+    let mut products = 0_usize;
+    for node in &graph.node {
+        let operator = node.op_type.as_deref().unwrap_or_default();
+        let Some(cost) = cost_of(operator) else { continue };
+        let label = |name: Option<&String>| format!("`{operator}` of `{}`", name.map_or("", String::as_str));
+        let mut arguments = Vec::new();
+        for (index, name) in node.input.iter().enumerate() {
+            if name.is_empty() {
+                arguments.push(None);
+                continue;
+            }
+            let depends = depends_on_input.contains(name);
+            if depends && determines_shape(operator, index) {
+                return Err(OnnxProblem::Unsupported {
+                    found: format!(
+                        "the operator {}, whose shape depends on the observation",
+                        label(node.output.first())
+                    ),
+                    hint: "export a policy whose shapes are constant".to_string(),
+                });
+            }
+            let value = values.get(name).ok_or_else(|| OnnxProblem::Format {
+                reason: format!("{} reads `{name}` before an operator writes it", label(node.output.first())),
+            })?;
+            arguments.push(Some(value));
+        }
+        let too_large = || OnnxProblem::Size {
+            reason: format!(
+                "{} has more than {MAX_NUMBERS} numbers, or the model needs more than {MAX_PRODUCTS} multiplications",
+                label(node.output.first())
+            ),
+        };
+        let (numbers, own) = bound(cost, &arguments).ok_or_else(too_large)?;
+        products = products.saturating_add(own);
+        if numbers > MAX_NUMBERS || products > MAX_PRODUCTS {
+            return Err(too_large());
+        }
+        let cuts_dependence = matches!(operator, "Shape" | "Size");
+        let depends = !cuts_dependence && node.input.iter().any(|name| depends_on_input.contains(name));
+        for output in node.output.iter().filter(|name| !name.is_empty()) {
+            let known = node.input.iter().filter(|name| !name.is_empty()).collect::<HashSet<_>>();
+            let inputs =
+                known.into_iter().filter_map(|name| Some((name.as_str(), values.get(name)?))).collect();
+            let value = run(model, inputs, output, &options)
+                .map_err(|reason| run_problem(format!("{}: {reason}", label(Some(output)))))?;
+            values.insert(output.clone(), value);
+            if depends {
+                depends_on_input.insert(output.clone());
+            }
+        }
+    }
+    Ok(values)
+}
+
+/// Computes one value from others.
+fn run(
+    model: &Model,
+    inputs: Vec<(&str, &Value)>,
+    output: &str,
+    options: &RunOptions,
+) -> Result<Value, String> {
+    let text = |error: rten::RunError| error.to_string();
+    let inputs: Vec<(NodeId, ValueOrView<'_>)> = inputs
+        .into_iter()
+        .map(|(name, value)| Ok((model.node_id(name)?, ValueView::from(value).into())))
+        .collect::<Result<_, _>>()
+        .map_err(text)?;
+    let output = model.node_id(output).map_err(text)?;
+    let [value] = without_panic(|| model.run_n(inputs, [output], Some(options.clone())).map_err(text))?;
+    Ok(value)
+}
+
+/// Returns options for one thread: the runtime splits sums by the number of threads.
+fn one_thread() -> RunOptions {
+    RunOptions::default().with_thread_pool(Some(Arc::new(ThreadPool::with_num_threads(1))))
+}
+
+/// Turns a panic of the runtime into an error.
+fn without_panic<T>(run: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|_| Err("the ONNX runtime failed".to_string()))
+}
+
+impl Controller for OnnxPolicy {
+    fn observation_size(&self) -> usize {
+        self.core.sizes.0
+    }
+
+    fn action_size(&self) -> usize {
+        self.core.sizes.1
+    }
+
+    fn state_size(&self) -> usize {
+        self.core.states.iter().map(State::size).sum()
+    }
+
+    fn worker(&self) -> Box<dyn ControllerWorker> {
+        let pool = Arc::new(ThreadPool::with_num_threads(1));
+        let options = RunOptions::default().with_thread_pool(Some(pool.clone()));
+        Box::new(OnnxWorker { core: self.core.clone(), pool, options })
+    }
+}
+
+struct OnnxWorker {
+    core: Arc<Core>,
+    pool: Arc<ThreadPool>,
+    options: RunOptions,
+}
+
+impl ControllerWorker for OnnxWorker {
+    fn reset(&mut self, state: &mut [f64], _seed: Seed) {
+        state.fill(0.0);
+    }
+
+    fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
+        let (core, options) = (&self.core, &self.options);
+        let (inputs, outputs) = core.sizes;
+        let state_size: usize = core.states.iter().map(State::size).sum();
+        // One change of threads for all rows, instead of one per row.
+        self.pool.run(|| {
+            for row in 0..rows {
+                let observation = &observations[row * inputs..][..inputs];
+                let state = &mut states[row * state_size..][..state_size];
+                let action = &mut actions[row * outputs..][..outputs];
+                if core.step(options, observation, state, action).is_none() {
+                    action.fill(f32::NAN);
+                }
+            }
+        });
+    }
+}
