@@ -27,6 +27,7 @@ mod evaluate;
 mod falsify;
 mod hint;
 mod home;
+mod import;
 mod plan;
 mod plural;
 mod record;
@@ -51,6 +52,7 @@ pub use home::{
     ShippedFile, controller_name, find_controller, home, home_description, picture_path, shipped_controller,
     shipped_controllers, shipped_settings,
 };
+pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
 pub use plan::{EvaluatePlan, FalsifyPlan, GridRun, Plan, StartRegion, read_grid};
 pub use plural::plural;
 pub use record::create_run;

@@ -16,7 +16,9 @@ class Controller:
     Parameters
     ----------
     name : str
-        A shipped controller such as ``"ball-catching/ppo"``, or the path of a ``.safetensors`` file.
+        A shipped controller such as ``"ball-catching/ppo"``, or the path of a ``.safetensors`` or ``.onnx`` file.
+    task : str, optional
+        The task of an ONNX model that does not name it in its metadata.
 
     Examples
     --------
@@ -28,8 +30,8 @@ class Controller:
     (4, 9)
     """
 
-    def __init__(self, name: str) -> None:
-        self._native = _native.Controller(name)
+    def __init__(self, name: str, task: str | None = None) -> None:
+        self._native = _native.Controller(name, task)
         self.name = name
 
     def __reduce__(self) -> tuple[type[Controller], tuple[str]]:
@@ -55,6 +57,25 @@ class Controller:
         """Number of actions."""
         return self._native.action_size
 
+    def to_onnx(self) -> bytes:
+        """Returns an ONNX model of the controller, with its normalizer and the clipping of observations and actions.
+
+        The input ``observation`` has the shape ``[N, observation_size]``. The output ``action`` is clipped to [-1, 1];
+        ``unclipped_action`` is what calling the controller returns.
+
+        Returns
+        -------
+        bytes
+            The content of an ``.onnx`` file.
+
+        Examples
+        --------
+        >>> model = Controller("point-reaching/ppo").to_onnx()
+        >>> b"unclipped_action" in model
+        True
+        """
+        return self._native.onnx_bytes()
+
     def __call__(self, observations: Any) -> NDArray[np.float32]:
         """Returns the action of one observation, or one action per row."""
         array = np.asarray(observations, dtype=np.float32)
@@ -62,6 +83,6 @@ class Controller:
         return actions[0] if array.ndim == 1 else actions
 
 
-def load_controller(name: str) -> Controller:
-    """Loads a shipped controller such as ``"ball-catching/ppo"``, or a ``.safetensors`` file."""
-    return Controller(name)
+def load_controller(name: str, task: str | None = None) -> Controller:
+    """Loads a shipped controller such as ``"ball-catching/ppo"``, or a ``.safetensors`` or ``.onnx`` file."""
+    return Controller(name, task)

@@ -1,10 +1,15 @@
 //! Shipped controllers and controllers in files.
 
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
+
+use mishandle::controllers::ControllerFile;
+use mishandle::interchange::onnx_bytes;
 
 use mishandle::rollout::{Controller, ControllerWorker};
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 
 use crate::{InvalidValueError, raised};
 
@@ -15,20 +20,60 @@ pub struct PyController {
     sizes: (usize, usize),
     task: String,
     hash: String,
+    /// The file of a controller of ours; an ONNX model has none.
+    file: Option<ControllerFile>,
+}
+
+impl PyController {
+    fn of(
+        controller: &dyn Controller,
+        task: String,
+        hash: String,
+        file: Option<ControllerFile>,
+    ) -> PyController {
+        PyController {
+            worker: Mutex::new(controller.worker()),
+            sizes: (controller.observation_size(), controller.action_size()),
+            task,
+            hash,
+            file,
+        }
+    }
+
+    fn onnx(name: &str, task: Option<&str>) -> PyResult<PyController> {
+        let policy = mishandle::onnx_policy(Path::new(name), task).map_err(raised)?;
+        if policy.state_size() > 0 {
+            let message = "a recurrent ONNX model is not a function of the observation; run it with `mishandle evaluate` or \
+                           `mishandle falsify TASK --controller FILE.onnx`";
+            return Err(PyValueError::new_err(message));
+        }
+        let task = task.or(policy.task()).unwrap_or_default().to_string();
+        Ok(Self::of(&policy, task, policy.hash().to_string(), None))
+    }
 }
 
 #[pymethods]
 impl PyController {
     #[new]
-    fn new(name: &str) -> PyResult<Self> {
+    #[pyo3(signature = (name, task=None))]
+    fn new(name: &str, task: Option<&str>) -> PyResult<Self> {
+        if mishandle::is_onnx(Path::new(name)) {
+            return Self::onnx(name, task);
+        }
         let file = mishandle::find_controller(name).and_then(|found| found.controller()).map_err(raised)?;
-        let policy = file.policy;
-        Ok(PyController {
-            worker: Mutex::new(policy.worker()),
-            sizes: (policy.observation_size(), policy.action_size()),
-            task: file.header.task,
-            hash: policy.hash(),
-        })
+        if let Some(task) = task.filter(|task| *task != file.header.task) {
+            let message = format!("the controller was trained for {}, not for {task}", file.header.task);
+            return Err(PyValueError::new_err(message));
+        }
+        let policy = file.policy.clone();
+        Ok(Self::of(&policy, file.header.task.clone(), policy.hash(), Some(file)))
+    }
+
+    /// Returns the bytes of an ONNX model of the controller.
+    fn onnx_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let file =
+            self.file.as_ref().ok_or_else(|| PyValueError::new_err("this is an ONNX model already"))?;
+        Ok(PyBytes::new(py, &onnx_bytes(file, mishandle::VERSION)))
     }
 
     #[getter]

@@ -4,11 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mishandle_controllers::bytes_hash;
-use mishandle_interchange::OnnxPolicy;
 use mishandle_rollout::{Component, Controller, Noise};
 use mishandle_tasks::{Definition, Preset, Task, TaskTarget};
 
 use crate::home::controller_of;
+use crate::import::{is_onnx, onnx_policy_of};
 use crate::{MishandleError, Plan, controller_name, shipped_controllers};
 
 /// Name of a task's expert, a controller without a file.
@@ -82,11 +82,6 @@ pub(crate) fn split_task(controller: &str) -> Option<(&'static Definition, &str)
     Some((task.definition(), name))
 }
 
-/// Returns whether a path ends with this extension, in any case.
-fn has_extension(path: &Path, extension: &str) -> bool {
-    path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
-}
-
 /// Loads a controller: the expert, a shipped controller by name, a file of ours or an ONNX model by path.
 fn load_controller(
     task: &dyn Task,
@@ -122,7 +117,7 @@ fn load_controller(
         return Ok((controller, component(EXPERT.to_string(), String::new())));
     }
     let shipped = controller_of(owner, name)?;
-    if has_extension(shipped.path(), "onnx") {
+    if is_onnx(shipped.path()) {
         if stochastic {
             return Err(MishandleError::InvalidValue {
                 what: "controller",
@@ -131,8 +126,7 @@ fn load_controller(
                            deterministic",
             });
         }
-        let tasks: Vec<&str> = std::iter::once(definition.name).chain(definition.variant_of).collect();
-        let policy = OnnxPolicy::load(shipped.path(), &tasks, &definition.layout())?;
+        let policy = onnx_policy_of(shipped.path(), definition)?;
         let component = component(policy.hash().to_string(), policy.file_hash().to_string());
         return Ok((Arc::new(policy), component));
     }

@@ -343,6 +343,7 @@ pub struct Curve {
   mishandle controller point-reaching/ppo                     a shipped controller
   mishandle controller point-reaching/ppo --json
   mishandle controller export point-reaching/ppo --onnx ppo.onnx
+  mishandle controller import model.zip --task point-reaching --out model.safetensors
 
 The output is a valid settings file: `mishandle train --settings FILE` trains with the same
 settings. Success rates are from validation during training. `mishandle evaluate` measures the
@@ -379,6 +380,41 @@ Both are the mean of a stochastic policy. `mishandle evaluate TASK --controller 
         #[arg(long)]
         json: bool,
     },
+    /// Make a controller from the weights of a policy of Stable-Baselines3, skrl or PyTorch
+    Import(ImportController),
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle controller import model.zip --task point-reaching --out a.safetensors
+  mishandle controller import model.zip --task point-reaching --out a.safetensors --normalizer n.json
+  mishandle controller import agent.pt --task point-reaching --out a.safetensors --activation elu
+
+FILE is a model of Stable-Baselines3 (PPO, A2C, SAC, TD3, DDPG), a checkpoint of skrl, or a state
+dictionary written by `torch.save(model.state_dict(), FILE)`. Its policy must be a multi-layer
+perceptron; other policies run as ONNX. Only weights are read: nothing in the file is unpickled or
+executed. docs/import.md shows how to write the statistics of a VecNormalize.")]
+pub struct ImportController {
+    /// Model or checkpoint: .zip, .pt or .pth
+    pub file: PathBuf,
+    /// Task of the controller; `mishandle tasks` lists them
+    #[arg(long)]
+    pub task: String,
+    /// Controller file to create
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Activation of the hidden layers: elu, relu, tanh, silu, gelu, leaky_relu or identity [default: that of the file]
+    #[arg(long, value_name = "NAME")]
+    pub activation: Option<String>,
+    /// Activation of the last layer, by the same names [default: that of the algorithm, if the file shows it]
+    #[arg(long, value_name = "NAME")]
+    pub output_activation: Option<String>,
+    /// JSON file with the statistics that normalize observations: mean, variance, epsilon, clip
+    #[arg(long, value_name = "FILE")]
+    pub normalizer: Option<PathBuf>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Evaluate a controller: success rate, dangerous behavior rate and completion time, with 95 % intervals

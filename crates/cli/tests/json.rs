@@ -71,6 +71,10 @@ fn the_page_documents_the_keys_that_every_command_prints() {
     bench.write("d.csv", "time,d\n0.0,0.2\n0.1,0.3\n");
     bench.write("small.toml", SMALL);
     bench.write("grid.toml", "target = 'toy/sphere-2d'\n[falsify]\ntrials = 1\n[evaluate]\nepisodes = 5\n");
+    let linear = concat!(env!("CARGO_MANIFEST_DIR"), "/../interchange/tests/data/point_reaching.pt");
+    let import = format!(
+        "controller import {linear} --task point-reaching --output-activation identity --out i.safetensors"
+    );
     let commands = [
         ("tasks", "tasks", 0),
         ("targets", "targets", 0),
@@ -87,6 +91,8 @@ fn the_page_documents_the_keys_that_every_command_prints() {
         ("train", "train point-reaching --settings small.toml --out a.safetensors --csv c.csv", 0),
         ("curve", "curve c.csv", 0),
         ("controller", "controller a.safetensors", 0),
+        ("controller export", "controller export a.safetensors --onnx a.onnx", 0),
+        ("controller import", &import, 0),
     ];
     bench.refuses(
         "targets toy/nosiy --json",

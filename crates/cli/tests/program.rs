@@ -819,3 +819,49 @@ fn a_shipped_controller_shows_its_known_weaknesses() {
     let texts: Vec<&str> = weaknesses.as_array().unwrap().iter().filter_map(Value::as_str).collect();
     assert!(texts.iter().any(|text| text.contains("observation noise of 0.01")), "{texts:?}");
 }
+
+#[test]
+fn policies_of_other_tools_run_and_replay() {
+    let bench = Bench::new();
+    let exported = bench.check("controller export point-reaching/ppo --onnx ppo.onnx", 0);
+    assert!(exported.is_empty(), "{exported}");
+    let run = "evaluate point-reaching --episodes 4 --seed 1 --json";
+    let model = bench.json(&format!("{run} --controller ./ppo.onnx --out a.sqlite"), 0);
+    let own = bench.json(&format!("{run} --controller ppo --out b.sqlite"), 0);
+    assert_eq!(model["metrics"]["success_rate"], own["metrics"]["success_rate"]);
+    assert_ne!(model["controller_hash"], own["controller_hash"]);
+    bench.check("replay a.sqlite --trial 1", 0);
+    // Another model at the same path is not the controller of the run.
+    std::fs::remove_file(bench.path("ppo.onnx")).unwrap();
+    bench.check("controller export point-reaching/trpo --onnx ppo.onnx", 0);
+    bench.refuses("replay a.sqlite --trial 1", &["is not the controller of the run"]);
+    bench.refuses(
+        "evaluate ball-balancing --controller ./ppo.onnx",
+        &["the ONNX model is for point-reaching, not for ball-balancing"],
+    );
+    bench.refuses(
+        "evaluate point-reaching --controller ./ppo.onnx --stochastic",
+        &["an ONNX model is deterministic"],
+    );
+    bench.refuses("controller export point-reaching/ppo --onnx ppo.onnx", &["exists already"]);
+
+    let linear = concat!(env!("CARGO_MANIFEST_DIR"), "/../interchange/tests/data/point_reaching.pt");
+    bench.refuses(
+        &format!("evaluate point-reaching --controller {linear}"),
+        &["zip archive", "mishandle controller import FILE --task TASK --out controller.safetensors"],
+    );
+    let import = format!("controller import {linear} --task point-reaching --out i.safetensors");
+    bench.refuses(&import, &["give --output-activation NAME: elu, relu, tanh"]);
+    bench.check(&format!("{import} --output-activation tanh"), 0);
+    bench.check("evaluate point-reaching --controller ./i.safetensors --episodes 2 --out i.sqlite", 0);
+    let small = linear.replace("point_reaching.pt", "sb3_ppo.zip");
+    bench.refuses(
+        &format!("controller import {small} --task point-reaching --out s.safetensors"),
+        &["the policy does not fit point-reaching: it has 2 numbers per observation, but the task has 27"],
+    );
+    bench.write("stats.json", r#"{"mean": [0], "variance": [1, 2]}"#);
+    bench.refuses(
+        &format!("{import} --normalizer stats.json"),
+        &["1 means and 2 variances", "docs/import.md"],
+    );
+}

@@ -64,6 +64,12 @@ pub enum ControllerError {
         /// Its value.
         found: f32,
     },
+    /// The limit of normalized observations is not a positive number.
+    #[error("normalized observations cannot be clipped to ±{found}; give a positive number, or none")]
+    Clip {
+        /// The limit.
+        found: f64,
+    },
     /// The network or the normalizer is invalid.
     #[error(transparent)]
     Network(#[from] NetworkError),
@@ -74,11 +80,31 @@ pub enum ControllerError {
 #[non_exhaustive]
 pub enum FileProblem {
     /// The file has another format.
-    #[error("not a controller ({reason}); expected a .safetensors file written by `mishandle train`")]
+    #[error(
+        "not a controller ({reason}); expected a .safetensors file of `mishandle train` or `mishandle controller import`, or an .onnx file"
+    )]
     NotAController {
         /// How this was detected.
         reason: String,
     },
+    /// The file is an archive, as those of PyTorch and Stable-Baselines3.
+    #[error(
+        "this is a zip archive, such as a model of Stable-Baselines3 (.zip) or a checkpoint of PyTorch or skrl (.pt); convert it: \
+         mishandle controller import FILE --task TASK --out controller.safetensors"
+    )]
+    Archive,
+    /// The file is an ONNX model.
+    #[error(
+        "this is an ONNX model, which runs as it is: mishandle evaluate TASK --controller FILE.onnx; it has no record of a \
+         training"
+    )]
+    Onnx,
+    /// The file is a pickle.
+    #[error(
+        "this is a pickle, which can run any code when it is loaded, so this program does not read it; load it in Python if you \
+         trust it, and save the policy with `model.save`, `torch.save` or `torch.onnx.export` (docs/onnx.md)"
+    )]
+    Pickle,
     /// The file was truncated or extended.
     #[error("the controller is damaged: its length of {found} bytes does not match its header")]
     Length {

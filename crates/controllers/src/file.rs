@@ -2,8 +2,8 @@
 //!
 //! The tensors are `normalizer.mean` and `normalizer.variance` (`F64`), `policy.log_std` (`F32`, not in a squashed
 //! policy) and `policy.layers.0.weight`, `policy.layers.0.bias`, … (`F32`, in PyTorch's layout). The header is JSON
-//! text under the key `mishandle` of the file's metadata. Squashed policies are written as format version 3, others
-//! as version 2.
+//! text under the key `mishandle` of the file's metadata. A file is written in the oldest version that supports its policy:
+//! docs/controller_format.md describes all of them.
 
 use std::path::Path;
 
@@ -16,11 +16,12 @@ use sha2::{Digest, Sha256};
 
 use crate::checksum::{EMPTY_CHECKSUM, has_valid_checksum, write_checksum};
 use crate::layout::hexadecimal;
-use crate::policy::{GAUSSIAN, SQUASHED};
+use crate::policy::{DEFAULT_CLIP, GAUSSIAN, SQUASHED};
 use crate::{ControllerError, FileProblem, Layout, Policy, parse_tensors};
 
-/// The newest supported format version. Version 1 had no checksum, version 2 no squashed policies.
-pub const FORMAT_VERSION: u64 = 3;
+/// The newest supported format version. Version 1 had no checksum, version 2 no squashed policies, version 3 no layer
+/// normalization, no clip of observations but 5, and of activations only elu, tanh, relu and identity.
+pub const FORMAT_VERSION: u64 = 4;
 
 /// The key of the header in the file's metadata.
 const HEADER_KEY: &str = "mishandle";
@@ -106,7 +107,25 @@ struct StoredPolicy {
     sizes: Vec<usize>,
     hidden_activation: String,
     output_activation: String,
+    /// Layer normalization of the hidden layers: `plain`, or `affine` with a gain and a shift per output.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    layer_norm: Option<String>,
+    /// The limit of normalized observations; `null` if they are not clipped.
+    #[serde(default = "default_clip", skip_serializing_if = "is_default_clip")]
+    observation_clip: Option<f64>,
 }
+
+fn default_clip() -> Option<f64> {
+    DEFAULT_CLIP
+}
+
+fn is_default_clip(clip: &Option<f64>) -> bool {
+    *clip == DEFAULT_CLIP
+}
+
+/// The kinds of layer normalization in files.
+const PLAIN: &str = "plain";
+const AFFINE: &str = "affine";
 
 /// The kinds of policies, and the format version written for each: the oldest version that supports it.
 pub const WRITTEN_VERSIONS: [(&str, u64); 2] = [(GAUSSIAN, 2), (SQUASHED, 3)];
@@ -114,6 +133,19 @@ pub const WRITTEN_VERSIONS: [(&str, u64); 2] = [(GAUSSIAN, 2), (SQUASHED, 3)];
 /// Returns the format version for a kind of policy; `None` if there is no such kind.
 fn version_of(kind: &str) -> Option<u64> {
     WRITTEN_VERSIONS.iter().find(|(known, _)| *known == kind).map(|(_, version)| *version)
+}
+
+/// Returns the oldest format version that supports a policy.
+fn written_version(policy: &Policy) -> u64 {
+    let network = policy.network();
+    let is_old = |activation| {
+        matches!(activation, Activation::Elu | Activation::Tanh | Activation::Relu | Activation::Identity)
+    };
+    let is_old = policy.observation_clip() == DEFAULT_CLIP
+        && !network.has_layer_norm()
+        && is_old(network.hidden_activation())
+        && is_old(network.output_activation());
+    version_of(policy.kind()).filter(|_| is_old).unwrap_or(FORMAT_VERSION)
 }
 
 /// Largest number of layers. Training settings allow 100 hidden layers.
@@ -187,7 +219,7 @@ impl ControllerFile {
     pub fn to_bytes(&self) -> Vec<u8> {
         let network = self.policy.network();
         let stored = StoredHeader {
-            format_version: version_of(self.policy.kind()).unwrap_or(FORMAT_VERSION),
+            format_version: written_version(&self.policy),
             sha256: EMPTY_CHECKSUM.to_string(),
             header: self.header.clone(),
             layout_hash: self.header.layout.hash(),
@@ -196,6 +228,10 @@ impl ControllerFile {
                 sizes: network.sizes().to_vec(),
                 hidden_activation: network.hidden_activation().to_string(),
                 output_activation: network.output_activation().to_string(),
+                layer_norm: network
+                    .has_layer_norm()
+                    .then(|| if network.has_affine_layer_norm() { AFFINE } else { PLAIN }.to_string()),
+                observation_clip: self.policy.observation_clip(),
             },
         };
         let mut tensors = vec![
@@ -225,6 +261,9 @@ impl ControllerFile {
     /// # Errors
     /// If they are not a controller, are damaged, contain NaN, or were written by a newer program.
     pub fn from_bytes(bytes: &[u8]) -> Result<ControllerFile, FileProblem> {
+        if let Some(problem) = foreign_format(bytes) {
+            return Err(problem);
+        }
         let (tensors, json) =
             parse_tensors(bytes, HEADER_KEY).map_err(|error| file_problem(&error, bytes))?;
         let Some(json) = json else {
@@ -276,6 +315,19 @@ fn stored_f32(name: &str, shape: Vec<usize>, values: &[f32]) -> StoredTensor {
     StoredTensor { name: name.to_string(), dtype: Dtype::F32, shape, bytes }
 }
 
+/// Recognizes the formats of other tools by their first bytes.
+fn foreign_format(bytes: &[u8]) -> Option<FileProblem> {
+    // The first field of an ONNX model is its version, below 64; that of a safetensors file is the length of its header,
+    // and its ninth byte is a brace.
+    let is_onnx = matches!(bytes, [8, 1..64, 0x12 | 0x1A | 0x3A | 0x42, ..]) && bytes.get(8) != Some(&b'{');
+    match bytes {
+        [b'P', b'K', 3, 4, ..] => Some(FileProblem::Archive),
+        [0x80, 2..=5, ..] if bytes.get(8) != Some(&b'{') => Some(FileProblem::Pickle),
+        _ if is_onnx => Some(FileProblem::Onnx),
+        _ => None,
+    }
+}
+
 /// Converts an error of the safetensors parser. A file that starts like a safetensors file is reported as damaged.
 fn file_problem(error: &SafeTensorError, bytes: &[u8]) -> FileProblem {
     let starts_like_safetensors = bytes.get(8) == Some(&b'{');
@@ -311,12 +363,21 @@ fn read_header(json: &str, bytes: &[u8]) -> Result<StoredHeader, FileProblem> {
             stored.policy.kind
         )));
     }
+    if let Some(found) = stored.policy.layer_norm.as_deref().filter(|found| ![PLAIN, AFFINE].contains(found))
+    {
+        return Err(invalid(format!("its `layer_norm` is `{found}`; expected `{PLAIN}` or `{AFFINE}`")));
+    }
     Ok(stored)
 }
 
 fn read_policy(stored: &StoredPolicy, file: &SafeTensors<'_>) -> Result<Policy, ControllerError> {
     let hidden_activation: Activation = stored.hidden_activation.parse()?;
     let mut network = Mlp::new(&stored.sizes, hidden_activation, stored.output_activation.parse()?)?;
+    match stored.layer_norm.as_deref() {
+        Some(AFFINE) => network = network.with_affine_layer_norm(),
+        Some(_) => network = network.with_layer_norm(),
+        None => {}
+    }
     let (mut mean, mut variance, mut log_std, mut layers) = (vec![], vec![], vec![], vec![]);
     let mut tensors = file.tensors();
     tensors.sort_by(|(a, _), (b, _)| a.cmp(b));
@@ -336,11 +397,12 @@ fn read_policy(stored: &StoredPolicy, file: &SafeTensors<'_>) -> Result<Policy, 
         .map(|(name, shape, values)| Tensor { name: name.clone(), shape: shape.clone(), values })
         .collect();
     network.set_tensors(&layers)?;
-    if stored.kind == SQUASHED {
+    let policy = if stored.kind == SQUASHED {
         Policy::squashed(mean, variance, network)
     } else {
         Policy::new(mean, variance, network, log_std)
-    }
+    };
+    policy?.with_observation_clip(stored.observation_clip)
 }
 
 /// Returns the numbers of a tensor; an empty vector if its type differs, which later fails the check of its length.
@@ -431,6 +493,37 @@ mod tests {
     }
 
     #[test]
+    fn activations_layer_normalization_and_clip_survive_a_round_trip_as_version_4() {
+        let mut saved = example();
+        let mut network =
+            Mlp::new(&[2, 3, 1], Activation::Silu, Activation::Identity).unwrap().with_affine_layer_norm();
+        let gain = [1.5, -2.0, 0.25];
+        let zeros = [0.0; 6];
+        let tensor =
+            |name: &str, shape: &[usize], values| Tensor { name: name.into(), shape: shape.to_vec(), values };
+        network
+            .set_tensors(&[
+                tensor("layers.0.weight", &[3, 2], &zeros),
+                tensor("layers.0.bias", &[3], &gain),
+                tensor("layers.0.norm.weight", &[3], &gain),
+                tensor("layers.0.norm.bias", &[3], &zeros[..3]),
+                tensor("layers.1.weight", &[1, 3], &gain),
+                tensor("layers.1.bias", &[1], &zeros[..1]),
+            ])
+            .unwrap();
+        let policy = Policy::new(vec![0.1, -3.0], vec![0.7, 0.2], network, vec![-0.3]).unwrap();
+        for clip in [None, Some(10.0)] {
+            saved.policy = policy.clone().with_observation_clip(clip).unwrap();
+            let loaded = ControllerFile::from_bytes(&saved.to_bytes()).unwrap();
+            assert_eq!(loaded.policy.observation_clip(), clip);
+            assert!(loaded.policy.network().has_affine_layer_norm());
+            assert_eq!(loaded.policy.hash(), saved.policy.hash());
+            assert_eq!(loaded.to_bytes(), saved.to_bytes());
+            assert!(String::from_utf8_lossy(&saved.to_bytes()).contains("version\\\":4"));
+        }
+    }
+
+    #[test]
     fn the_header_does_not_change_the_hash_of_the_policy() {
         let mut later = example();
         later.header.training.wall_clock_secs = 99.0;
@@ -440,7 +533,17 @@ mod tests {
 
     #[test]
     fn other_files_are_errors() {
-        for bytes in [&b""[..], b"short", b"PK\x03\x04 an archive of some kind", &[0xFF; 64]] {
+        for (bytes, advice) in [
+            (
+                &b"PK\x03\x04 an archive of some kind"[..],
+                "convert it: mishandle controller import FILE --task TASK",
+            ),
+            (b"\x80\x04\x95\x10\0\0\0\0\0\0\0}", "is a pickle, which can run any code"),
+            (b"\x08\x08\x12\x09mishandle\x3a", "an ONNX model, which runs as it is"),
+        ] {
+            assert!(error_message(bytes).contains(advice), "{}", error_message(bytes));
+        }
+        for bytes in [&b""[..], b"short", &[0xFF; 64]] {
             assert!(error_message(bytes).starts_with("not a controller ("), "{}", error_message(bytes));
         }
         let foreign = TensorView::new(Dtype::F32, vec![1], &[0; 4]).unwrap();
@@ -499,8 +602,8 @@ mod tests {
     fn an_invalid_or_newer_header_is_an_error() {
         let version = "format_version\\\":";
         assert_eq!(
-            error_message(&with_header(&format!("{version}2"), &format!("{version}4"))),
-            "the controller has format version 4, but this program supports versions up to 3; use a newer version of the \
+            error_message(&with_header(&format!("{version}2"), &format!("{version}5"))),
+            "the controller has format version 5, but this program supports versions up to 4; use a newer version of the \
              program"
         );
         for (from, to, expected) in [

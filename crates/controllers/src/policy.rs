@@ -13,7 +13,7 @@ use crate::{ControllerError, squashed};
 /// A policy: a normalizer with fixed statistics, followed by a network.
 ///
 /// ```text
-/// x = clamp((o - mean) / (√variance + 1e-8), -5, 5)
+/// x = clamp((o - mean) / (√variance + 1e-8), -clip, clip),   clip = 5
 /// Gaussian:            μ = network(x),               a ~ N(μ, diag(e^log_std)²)
 /// squashed Gaussian:   (μ, h) = network(x),          a = tanh(u), u ~ N(μ, diag(σ(h))²)
 /// ```
@@ -46,12 +46,16 @@ pub struct Policy {
     mean: Vec<f64>,
     variance: Vec<f64>,
     log_std: Vec<f32>,
+    clip: Option<f64>,
     core: Arc<Core>,
     samples: bool,
 }
 
+/// Normalized observations are clipped to ± this number, if a policy sets no other.
+pub(crate) const DEFAULT_CLIP: Option<f64> = Some(5.0);
+
 /// The data that all workers share.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Core {
     normalizer: Normalizer<f32>,
     network: Mlp<f32>,
@@ -59,7 +63,7 @@ struct Core {
 }
 
 /// How the network's outputs define actions.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 enum Kind {
     /// The outputs are the means; these are the standard deviations.
     Gaussian { std: Vec<f32> },
@@ -142,7 +146,7 @@ impl Policy {
         network.clone().set_tensors(&network.tensors())?;
         let normalizer = Normalizer::new(&mean, &variance)?;
         let core = Arc::new(Core { normalizer, network, kind });
-        Ok(Policy { mean, variance, log_std, core, samples: false })
+        Ok(Policy { mean, variance, log_std, clip: DEFAULT_CLIP, core, samples: false })
     }
 
     /// Returns the policy with stochastic actions if `samples` is true, otherwise with deterministic actions.
@@ -150,6 +154,25 @@ impl Policy {
     pub fn sampling(mut self, samples: bool) -> Policy {
         self.samples = samples;
         self
+    }
+
+    /// Returns the policy with normalized observations clipped to ±`clip` instead of ±5, or not clipped.
+    ///
+    /// # Errors
+    /// If `clip` is not a positive number.
+    pub fn with_observation_clip(mut self, clip: Option<f64>) -> Result<Policy, ControllerError> {
+        if let Some(found) = clip.filter(|clip| !(*clip > 0.0 && clip.is_finite())) {
+            return Err(ControllerError::Clip { found });
+        }
+        let mut core = (*self.core).clone();
+        core.normalizer = core.normalizer.with_clip(clip.unwrap_or(f64::INFINITY));
+        (self.core, self.clip) = (Arc::new(core), clip);
+        Ok(self)
+    }
+
+    /// Returns the largest absolute value of a normalized observation; `None` if it is not clipped.
+    pub fn observation_clip(&self) -> Option<f64> {
+        self.clip
     }
 
     /// Returns the mean of each observation component, used for normalization.
@@ -202,6 +225,16 @@ impl Policy {
         }
         for number in network.parameters().iter().chain(&self.log_std) {
             digest.update(number.to_le_bytes());
+        }
+        // Not in the hash of policies without them, whose hashes are in old run files.
+        if network.has_layer_norm() {
+            digest.update("layer norm\n");
+            for tensor in network.tensors().iter().filter(|tensor| tensor.name.contains(".norm.")) {
+                tensor.values.iter().for_each(|number| digest.update(number.to_le_bytes()));
+            }
+        }
+        if self.clip != DEFAULT_CLIP {
+            digest.update(format!("clip {:?}\n", self.clip));
         }
         hexadecimal(&digest.finalize()[..16])
     }
@@ -390,6 +423,35 @@ mod tests {
             a.clone().sampling(true),
         ];
         others.iter().for_each(|other| assert_ne!(a.hash(), other.hash()));
+    }
+
+    #[test]
+    fn the_clip_and_the_gains_of_layers_change_actions_and_hash() {
+        let act = |policy: &Policy| {
+            let mut action = [0.0; 3];
+            policy.worker().act(1, &[30.0, 0.0], &mut [], &mut action);
+            action
+        };
+        let usual = policy(1);
+        let same = usual.clone().with_observation_clip(Some(5.0)).unwrap();
+        assert_eq!((act(&same), same.hash()), (act(&usual), usual.hash()));
+        let free = usual.clone().with_observation_clip(None).unwrap();
+        assert_ne!(act(&free), act(&usual));
+        assert_ne!(free.hash(), usual.hash());
+        let message = usual.clone().with_observation_clip(Some(0.0)).unwrap_err().to_string();
+        assert_eq!(
+            message,
+            "normalized observations cannot be clipped to ±0; give a positive number, or none"
+        );
+        let normed = |network: Mlp<f32>| {
+            Policy::new(usual.mean().to_vec(), usual.variance().to_vec(), network, vec![0.0; 3]).unwrap()
+        };
+        let plain = normed(usual.network().clone().with_layer_norm());
+        let affine = normed(usual.network().clone().with_affine_layer_norm());
+        // Gains of 1 and shifts of 0 change no action.
+        assert_eq!(act(&affine), act(&plain));
+        assert_ne!(act(&plain), act(&usual));
+        assert_ne!(affine.hash(), plain.hash());
     }
 
     #[test]

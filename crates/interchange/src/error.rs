@@ -20,6 +20,86 @@ pub enum InterchangeError {
         /// The file.
         path: PathBuf,
     },
+    /// The checkpoint cannot be imported.
+    #[error("{problem}: {}", path.display())]
+    Torch {
+        /// What is wrong with the checkpoint.
+        problem: TorchProblem,
+        /// The file.
+        path: PathBuf,
+    },
+    /// The statistics of the normalizer are invalid.
+    #[error("the normalizer is invalid, {reason}; docs/import.md shows how to write it: {}", path.display())]
+    Normalizer {
+        /// What is wrong with it.
+        reason: String,
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// The problem of a checkpoint of PyTorch.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TorchProblem {
+    /// The archive is damaged, or is none.
+    #[error("not an archive of PyTorch or Stable-Baselines3: {reason}")]
+    Archive {
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The pickle in the archive is damaged or too large.
+    #[error("the pickle in the archive cannot be read as data: {reason}")]
+    Pickle {
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The pickle in the archive contains more than tensors.
+    #[error(
+        "the pickle in the archive refers to `{name}`, which is not part of a state dictionary; nothing was executed; save \
+         `model.state_dict()` instead of the model"
+    )]
+    Code {
+        /// The name of the class or function.
+        name: String,
+    },
+    /// A tensor is not inside its storage, or its storage is missing.
+    #[error("the archive is damaged: the numbers of the tensor `{name}` are not inside it")]
+    Tensor {
+        /// The name of the tensor.
+        name: String,
+    },
+    /// The tensors are not those of a multi-layer perceptron.
+    #[error("the policy is not a multi-layer perceptron: {reason}; export it as ONNX instead (docs/onnx.md)")]
+    Layers {
+        /// What does not fit.
+        reason: String,
+    },
+    /// The file does not say which activation the policy has.
+    #[error("the file does not say which {what} the policy has; give --{flag} NAME: {}", known.join(", "))]
+    Unknown {
+        /// What is missing.
+        what: &'static str,
+        /// The flag that gives it.
+        flag: &'static str,
+        /// The allowed names.
+        known: Vec<&'static str>,
+    },
+    /// The policy does not fit the task.
+    #[error("the policy does not fit {task}: it has {found} numbers per {side}, but the task has {expected}")]
+    Size {
+        /// The task.
+        task: String,
+        /// `observation` or `action`.
+        side: &'static str,
+        /// The numbers of the policy.
+        found: usize,
+        /// The numbers of the task.
+        expected: usize,
+    },
+    /// A number is not finite, or a statistic is invalid.
+    #[error(transparent)]
+    Controller(#[from] mishandle_controllers::ControllerError),
 }
 
 /// The problem of an ONNX model.

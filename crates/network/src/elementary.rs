@@ -1,4 +1,4 @@
-//! e^x − 1 and tanh in `f32`, written so that the compiler can vectorize them.
+//! e^x − 1, e^x, tanh and the logistic function in `f32`, written so that the compiler can vectorize them.
 //!
 //! The standard library calls the C library, which computes one number at a time and selects its code by processor.
 //! These functions are arithmetic without branches or tables, so their bits are the same in scalar and vector code.
@@ -29,22 +29,44 @@ const SATURATION: f32 = 18.0;
 #[inline(always)]
 #[must_use]
 pub fn exp_m1_of_nonpositive(x: f32) -> f32 {
+    // A comparison instead of `f32::max`, which would turn NaN into a number.
+    let x = if x < -SATURATION { -SATURATION } else { x };
+    let (two_to_n, exp_m1_of_r) = reduce(x);
+    two_to_n.mul_add(exp_m1_of_r, two_to_n - 1.0)
+}
+
+/// Returns 2^n and e^r − 1 for the n and r of [`exp_m1_of_nonpositive`], for −87 ≤ x ≤ 0.
+#[inline(always)]
+fn reduce(x: f32) -> (f32, f32) {
     /// 1.5 · 2^23: adding it to a small number leaves the nearest integer in the lowest bits.
     const ROUND: f32 = 12_582_912.0;
     /// The first 15 bits of ln 2, so that the product with a small integer is exact, and the remainder.
     const LN_2_HIGH: f32 = 0.693_145_75;
     const LN_2_LOW: f32 = 1.428_606_8e-6;
     const Q: [f32; 5] = [0.499_999_98, 0.166_665_43, 0.041_667_2, 0.008_366_58, 0.001_388_250_8];
-
-    // A comparison instead of `f32::max`, which would turn NaN into a number.
-    let x = if x < -SATURATION { -SATURATION } else { x };
     let shifted = x.mul_add(std::f32::consts::LOG2_E, ROUND);
     let n = shifted - ROUND;
     let r = n.mul_add(-LN_2_LOW, n.mul_add(-LN_2_HIGH, x));
     let q = Q[4].mul_add(r, Q[3]).mul_add(r, Q[2]).mul_add(r, Q[1]).mul_add(r, Q[0]);
     let exp_m1_of_r = (r * r).mul_add(q, r);
     let two_to_n = f32::from_bits((shifted.to_bits() << 23).wrapping_add(1.0_f32.to_bits()));
-    two_to_n.mul_add(exp_m1_of_r, two_to_n - 1.0)
+    (two_to_n, exp_m1_of_r)
+}
+
+/// Returns e^x for x ≤ 0. The relative error is below 1.5e-7. For x < −87 the result is that of −87, which is 1.6e-38.
+///
+/// # Example
+/// ```
+/// use mishandle_network::elementary::exp_of_nonpositive;
+/// assert!((exp_of_nonpositive(-10.0) / 4.539_992_98e-5 - 1.0).abs() < 2e-7);
+/// ```
+#[inline(always)]
+#[must_use]
+pub fn exp_of_nonpositive(x: f32) -> f32 {
+    /// Below it, 2^n is no longer a normal number.
+    const LOWEST: f32 = -87.0;
+    let (two_to_n, exp_m1_of_r) = reduce(if x < LOWEST { LOWEST } else { x });
+    two_to_n.mul_add(exp_m1_of_r, two_to_n)
 }
 
 /// Returns the hyperbolic tangent of x.
@@ -93,6 +115,14 @@ mod tests {
     #[test]
     fn exp_m1_is_close_to_the_exact_value() {
         check(exp_m1_of_nonpositive, f64::exp_m1, &[-1.0], 9.2e-8);
+    }
+
+    #[test]
+    fn exp_is_close_to_the_exact_value() {
+        check(exp_of_nonpositive, f64::exp, &[-1.0], 1.5e-7);
+        assert_eq!(exp_of_nonpositive(0.0), 1.0);
+        assert!(exp_of_nonpositive(f32::NEG_INFINITY) < 2e-38);
+        assert!(exp_of_nonpositive(f32::NAN).is_nan());
     }
 
     #[test]

@@ -1,12 +1,12 @@
-//! Layer normalization without parameters, on matrices in panels.
+//! Layer normalization on matrices in panels.
 //!
 //! ```text
 //! y = s (x − mean(x)),  s = 1 / √(variance(x) + 1e-5),  over the columns of a row
 //! ∂y/∂x = s (I − 1 1ᵀ / n − y yᵀ / n)
 //! ```
 //!
-//! PyTorch's `LayerNorm` also has a gain and a shift per column (`elementwise_affine`). The next layer's weights can
-//! represent most of their effect.
+//! PyTorch's `LayerNorm` also has a gain and a shift per column (`elementwise_affine`), a [`Norm`]. Networks that are trained
+//! here have none: the next layer's weights can represent most of their effect.
 //!
 //! # Reference
 //! Ba, Kiros and Hinton, "Layer Normalization", 2016.
@@ -16,6 +16,27 @@ use crate::scalar::Scalar;
 
 /// Added to a variance, as PyTorch does.
 const EPSILON: f64 = 1e-5;
+
+/// The gain and the shift of a layer: y = gain · x + shift, for standardized x.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Norm<T> {
+    pub gain: Vec<T>,
+    pub shift: Vec<T>,
+}
+
+impl<T: Scalar> Norm<T> {
+    /// Applies the gain and the shift to each row. Padding columns are not changed.
+    pub(crate) fn apply(&self, rows: usize, values: &mut [Lanes<T>]) {
+        let panels = self.gain.chunks(WIDTH).zip(self.shift.chunks(WIDTH));
+        for ((gain, shift), panel) in panels.zip(values.chunks_exact_mut(rows)) {
+            for lanes in panel {
+                for ((x, gain), shift) in lanes.0.iter_mut().zip(gain).zip(shift) {
+                    *x = x.mul_add(*gain, *shift);
+                }
+            }
+        }
+    }
+}
 
 /// Standardizes each row; padding columns become 0.
 #[inline(always)]

@@ -43,7 +43,7 @@ mod normalizer;
 mod propagation;
 mod scalar;
 
-pub use activation::Activation;
+pub use activation::{Activation, LEAKY_SLOPE};
 pub use adam::{Adam, clip_norm};
 pub use chunks::{CHUNK_ROWS, ChunkPool};
 pub use mlp::{Mlp, Tensor};
@@ -62,7 +62,9 @@ pub enum NetworkError {
         found: Vec<usize>,
     },
     /// An unknown name of an activation.
-    #[error("activation `{found}` is not known; known activations: elu, tanh, relu, identity")]
+    #[error(
+        "activation `{found}` is not known; known activations: elu, tanh, relu, leaky_relu, silu, gelu, identity"
+    )]
     UnknownActivation {
         /// The given name.
         found: String,

@@ -2,6 +2,7 @@
 
 use crate::NetworkError;
 use crate::activation::Activation;
+use crate::layer_norm::Norm;
 use crate::matmul::{self, Lanes};
 use crate::scalar::Scalar;
 
@@ -36,6 +37,8 @@ pub struct Mlp<T> {
     hidden_activation: Activation,
     output_activation: Activation,
     layer_norm: bool,
+    /// Gain and shift of each layer except the last; empty if there are none.
+    pub(crate) norms: Vec<Norm<T>>,
     parameters: Vec<T>,
     pub(crate) shapes: Vec<LayerShape>,
     /// A copy of the parameters in the layout of the matrix products.
@@ -130,6 +133,7 @@ impl<T: Scalar> Mlp<T> {
             hidden_activation,
             output_activation,
             layer_norm: false,
+            norms: Vec::new(),
             parameters: vec![T::ZERO; count],
             shapes: shapes.clone(),
             packed: shapes.iter().map(|_| PackedLayer::default()).collect(),
@@ -170,6 +174,42 @@ impl<T: Scalar> Mlp<T> {
         self
     }
 
+    /// Adds layer normalization with a gain and a shift per output, as PyTorch's `LayerNorm`, to every layer except the last.
+    ///
+    /// ```text
+    /// y_l = f_l(gain (z − mean(z)) / √(variance(z) + 1e-5) + shift)
+    /// ```
+    ///
+    /// The gains are 1 and the shifts 0 until [`set_tensors`](Mlp::set_tensors) sets them, as `layers.0.norm.weight` and
+    /// `layers.0.norm.bias`. They are not among the [`parameters`](Mlp::parameters), and the network is not trainable.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_network::{Activation, Mlp, Tensor, Workspace};
+    ///
+    /// let mut network = Mlp::<f32>::new(&[1, 2, 1], Activation::Identity, Activation::Identity)?.with_affine_layer_norm();
+    /// let tensor = |name: &str, shape: &[usize], values| Tensor { name: name.into(), shape: shape.to_vec(), values };
+    /// network.set_tensors(&[
+    ///     tensor("layers.0.weight", &[2, 1], &[1.0, 3.0]),
+    ///     tensor("layers.0.bias", &[2], &[0.0, 0.0]),
+    ///     tensor("layers.0.norm.weight", &[2], &[2.0, 10.0]),
+    ///     tensor("layers.0.norm.bias", &[2], &[0.5, 0.0]),
+    ///     tensor("layers.1.weight", &[1, 2], &[1.0, 1.0]),
+    ///     tensor("layers.1.bias", &[1], &[0.0]),
+    /// ])?;
+    /// // (x, 3 x) becomes (-1, 1), then (-2 + 0.5, 10).
+    /// assert!((network.forward(&[100.0], &mut Workspace::default())[0] - 8.5).abs() < 1e-4);
+    /// # Ok::<(), mishandle_network::NetworkError>(())
+    /// ```
+    #[must_use]
+    pub fn with_affine_layer_norm(mut self) -> Mlp<T> {
+        self.layer_norm = true;
+        let hidden = &self.sizes[1..self.layer_count()];
+        let norm = |size: &usize| Norm { gain: vec![T::ONE; *size], shift: vec![T::ZERO; *size] };
+        self.norms = hidden.iter().map(norm).collect();
+        self
+    }
+
     /// Returns the number of inputs, then the number of outputs of each layer.
     pub fn sizes(&self) -> &[usize] {
         &self.sizes
@@ -200,6 +240,19 @@ impl<T: Scalar> Mlp<T> {
         self.layer_norm
     }
 
+    /// Returns whether layer normalization has gains and shifts.
+    pub fn has_affine_layer_norm(&self) -> bool {
+        !self.norms.is_empty()
+    }
+
+    /// Returns whether gradients can be computed: not with activations that are not
+    /// [trainable](Activation::is_trainable), nor with gains of layers.
+    pub fn is_trainable(&self) -> bool {
+        self.norms.is_empty()
+            && self.hidden_activation.is_trainable()
+            && self.output_activation.is_trainable()
+    }
+
     /// Returns the number of parameters.
     pub fn parameter_count(&self) -> usize {
         self.parameters.len()
@@ -220,23 +273,23 @@ impl<T: Scalar> Mlp<T> {
         result
     }
 
-    /// Returns the parameters by name: `layers.0.weight`, `layers.0.bias`, `layers.1.weight`, …
+    /// Returns the parameters by name: `layers.0.weight`, `layers.0.bias`, `layers.1.weight`, … After the bias of a layer
+    /// follow its gain `layers.0.norm.weight` and its shift `layers.0.norm.bias`, if it has them.
     pub fn tensors(&self) -> Vec<Tensor<'_, T>> {
-        self.shapes
-            .iter()
-            .enumerate()
-            .flat_map(|(l, shape)| {
-                let (weight, bias) = shape.split(&self.parameters);
-                [
-                    Tensor {
-                        name: format!("layers.{l}.weight"),
-                        shape: vec![shape.outputs, shape.inputs],
-                        values: weight,
-                    },
-                    Tensor { name: format!("layers.{l}.bias"), shape: vec![shape.outputs], values: bias },
-                ]
-            })
-            .collect()
+        let mut tensors = Vec::new();
+        for (l, shape) in self.shapes.iter().enumerate() {
+            let (weight, bias) = shape.split(&self.parameters);
+            let mut add = |name: &str, shape: Vec<usize>, values| {
+                tensors.push(Tensor { name: format!("layers.{l}.{name}"), shape, values });
+            };
+            add("weight", vec![shape.outputs, shape.inputs], weight);
+            add("bias", vec![shape.outputs], bias);
+            if let Some(Norm { gain, shift }) = self.norms.get(l) {
+                add("norm.weight", vec![shape.outputs], gain);
+                add("norm.bias", vec![shape.outputs], shift);
+            }
+        }
+        tensors
     }
 
     /// Sets all parameters from tensors in any order.
@@ -266,6 +319,7 @@ impl<T: Scalar> Mlp<T> {
             }
         }
         let mut parameters = Vec::with_capacity(self.parameters.len());
+        let mut norms = Vec::new();
         for expected in &own {
             let Some(tensor) = tensors.iter().find(|tensor| tensor.name == expected.name) else {
                 let given = tensors.iter().map(|tensor| tensor.name.clone()).collect();
@@ -289,7 +343,17 @@ impl<T: Scalar> Mlp<T> {
                     found: value.to_f64(),
                 });
             }
-            parameters.extend_from_slice(tensor.values);
+            if expected.name.contains(".norm.") {
+                norms.push(tensor.values.to_vec());
+            } else {
+                parameters.extend_from_slice(tensor.values);
+            }
+        }
+        let mut norms = norms.into_iter();
+        for norm in &mut self.norms {
+            if let (Some(gain), Some(shift)) = (norms.next(), norms.next()) {
+                *norm = Norm { gain, shift };
+            }
         }
         self.update(|own| own.copy_from_slice(&parameters));
         Ok(())

@@ -254,6 +254,7 @@ impl RunningNormalizer {
 pub struct Normalizer<T> {
     mean: Vec<T>,
     std: Vec<T>,
+    clip: T,
 }
 
 impl<T: Scalar> Normalizer<T> {
@@ -270,7 +271,15 @@ impl<T: Scalar> Normalizer<T> {
         Normalizer {
             mean: mean.iter().map(|mean| T::from_f64(*mean)).collect(),
             std: variance.map(|variance| T::from_f64(variance.sqrt())).collect(),
+            clip: T::from_f64(CLIP),
         }
+    }
+
+    /// Changes the largest absolute value of a normalized number from 5 to `clip`; infinity clips nothing.
+    #[must_use]
+    pub fn with_clip(mut self, clip: f64) -> Normalizer<T> {
+        self.clip = T::from_f64(clip);
+        self
     }
 
     /// Normalizes the rows of a row-major matrix in place.
@@ -279,7 +288,7 @@ impl<T: Scalar> Normalizer<T> {
     /// If the length of `rows` is not a multiple of the number of columns.
     pub fn normalize(&self, rows: &mut [T]) {
         let epsilon = T::from_f64(EPSILON);
-        self.for_each(rows, |x, mean, std| clamp((x - mean) / (std + epsilon)));
+        self.for_each(rows, |x, mean, std| clamp((x - mean) / (std + epsilon), self.clip));
     }
 
     /// Inverts [`normalize`](Normalizer::normalize) in place, except for the clipping.
@@ -287,7 +296,7 @@ impl<T: Scalar> Normalizer<T> {
     /// # Panics
     /// If the length of `rows` is not a multiple of the number of columns.
     pub fn invert(&self, rows: &mut [T]) {
-        self.for_each(rows, |y, mean, std| std * clamp(y) + mean);
+        self.for_each(rows, |y, mean, std| std * clamp(y, self.clip) + mean);
     }
 
     fn for_each(&self, rows: &mut [T], f: impl Fn(T, T, T) -> T) {
@@ -305,8 +314,7 @@ impl<T: Scalar> Normalizer<T> {
     }
 }
 
-fn clamp<T: Scalar>(x: T) -> T {
-    let clip = T::from_f64(CLIP);
+fn clamp<T: Scalar>(x: T, clip: T) -> T {
     if x > clip {
         clip
     } else if x < -clip {

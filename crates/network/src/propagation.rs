@@ -94,6 +94,9 @@ impl<T: Scalar> Mlp<T> {
                 scales.resize(rows, T::ZERO);
                 T::standardize(self.shapes[l].outputs, after, scales);
                 values.clone_from(after);
+                if let Some(norm) = self.norms.get(l) {
+                    norm.apply(rows, after);
+                }
                 T::activate(activation, after);
             }
         }
@@ -112,7 +115,8 @@ impl<T: Scalar> Mlp<T> {
     /// has the layout of [`parameters`](Mlp::parameters). `input_gradient`, `[rows, input_size]`, is overwritten.
     ///
     /// # Panics
-    /// If `workspace` does not contain a forward pass of this network, or a length is wrong.
+    /// If `workspace` does not contain a forward pass of this network, a length is wrong, or the network is not
+    /// [trainable](Mlp::is_trainable).
     ///
     /// # Example
     /// ```
@@ -136,6 +140,10 @@ impl<T: Scalar> Mlp<T> {
     ) {
         let rows = workspace.rows;
         assert!(workspace.fits(self), "the workspace contains no forward pass of this network");
+        assert!(
+            self.is_trainable(),
+            "networks with silu or gelu are not trained, nor those with gains of layers"
+        );
         check_length("output gradient", output_gradient.len(), rows * self.output_size());
         if let Some(gradient) = &parameter_gradient {
             check_length("parameter gradient", gradient.len(), self.parameter_count());
@@ -195,7 +203,8 @@ impl<T: Scalar> Mlp<T> {
     /// difference. The workspace keeps the forward pass, so `backward` may follow.
     ///
     /// # Panics
-    /// If `workspace` does not contain a forward pass of this network, or a length is wrong.
+    /// If `workspace` does not contain a forward pass of this network, a length is wrong, or the network is not
+    /// [trainable](Mlp::is_trainable).
     ///
     /// # Example
     /// ```
@@ -214,6 +223,10 @@ impl<T: Scalar> Mlp<T> {
     ) -> &'w [T] {
         let rows = workspace.rows;
         assert!(workspace.fits(self), "the workspace contains no forward pass of this network");
+        assert!(
+            self.is_trainable(),
+            "networks with silu or gelu are not trained, nor those with gains of layers"
+        );
         let Workspace {
             values,
             standardized,

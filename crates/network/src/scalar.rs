@@ -48,6 +48,9 @@ pub trait Scalar:
     /// Returns e^self − 1 for `self` ≤ 0; NaN stays NaN.
     fn exp_m1_of_nonpositive(self) -> Self;
 
+    /// Returns e^self for `self` ≤ 0; NaN stays NaN.
+    fn exp_of_nonpositive(self) -> Self;
+
     /// Returns the hyperbolic tangent.
     fn tanh(self) -> Self;
 }
@@ -82,6 +85,11 @@ impl Scalar for f32 {
     }
 
     #[inline(always)]
+    fn exp_of_nonpositive(self) -> f32 {
+        elementary::exp_of_nonpositive(self)
+    }
+
+    #[inline(always)]
     fn tanh(self) -> f32 {
         elementary::tanh(self)
     }
@@ -113,6 +121,10 @@ impl Scalar for f64 {
 
     fn exp_m1_of_nonpositive(self) -> f64 {
         self.exp_m1()
+    }
+
+    fn exp_of_nonpositive(self) -> f64 {
+        self.exp()
     }
 
     fn tanh(self) -> f64 {

@@ -1,4 +1,5 @@
 mod export;
+mod import;
 
 use anyhow::Result;
 use mishandle::controllers::ControllerFile;
@@ -14,6 +15,7 @@ use crate::output::{self, number, table};
 pub fn run(command: &args::Controller) -> Result<ExitStatus> {
     match &command.command {
         Some(ControllerCommand::Export { controller, onnx, json }) => export::run(controller, onnx, *json),
+        Some(ControllerCommand::Import(command)) => import::run(command),
         None => show(command.controller.as_deref().unwrap_or_default(), command.json),
     }
 }

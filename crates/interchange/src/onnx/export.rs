@@ -1,7 +1,7 @@
 //! Writes a controller as an ONNX model.
 
 use mishandle_controllers::ControllerFile;
-use mishandle_network::Activation;
+use mishandle_network::{Activation, LEAKY_SLOPE};
 
 use super::interface::{PREFIX, PROVENANCE};
 use super::wire::Message;
@@ -101,6 +101,28 @@ impl Graph {
             Activation::Elu => self.node("Elu", &[], &[], output),
             Activation::Tanh => self.node("Tanh", &[], &[], output),
             Activation::Relu => self.node("Relu", &[], &[], output),
+            Activation::LeakyRelu => {
+                let slope = Message::default().text(1, "alpha").float(2, LEAKY_SLOPE).integer(20, 1);
+                self.node("LeakyRelu", &[], &[slope], output);
+            }
+            Activation::Silu => {
+                let x = self.last.clone();
+                self.node("Sigmoid", &[], &[], None);
+                self.node("Mul", &[&x], &[], output);
+            }
+            // The operator `Gelu` needs opset 20.
+            Activation::Gelu => {
+                let x = self.last.clone();
+                let names = ["sqrt_half", "one", "half"].map(|name| format!("{name}_{}", self.nodes));
+                for (name, number) in names.iter().zip([std::f32::consts::FRAC_1_SQRT_2, 1.0, 0.5]) {
+                    self.weight(name, &[], &[number]);
+                }
+                self.node("Mul", &[&names[0]], &[], None);
+                self.node("Erf", &[], &[], None);
+                self.node("Add", &[&names[1]], &[], None);
+                self.node("Mul", &[&x], &[], None);
+                self.node("Mul", &[&names[2]], &[], output);
+            }
             Activation::Identity => self.node("Identity", &[], &[], output),
         }
     }
@@ -119,13 +141,16 @@ fn graph(file: &ControllerFile) -> Message {
     graph.weight("normalizer.scale", &[inputs], &scale);
     graph.node("Sub", &["normalizer.mean"], &[], None);
     graph.node("Div", &["normalizer.scale"], &[], None);
-    graph.weight("normalizer.low", &[], &[-5.0]);
-    graph.weight("normalizer.high", &[], &[5.0]);
-    graph.node("Clip", &["normalizer.low", "normalizer.high"], &[], None);
+    if let Some(clip) = policy.observation_clip() {
+        graph.weight("normalizer.low", &[], &[-clip as f32]);
+        graph.weight("normalizer.high", &[], &[clip as f32]);
+        graph.node("Clip", &["normalizer.low", "normalizer.high"], &[], None);
+    }
     let tensors = network.tensors();
-    let layers = tensors.len() / 2;
-    for (index, layer) in tensors.chunks_exact(2).enumerate() {
-        let [weight, bias] = layer else { continue };
+    let layers = network.sizes().len() - 1;
+    for index in 0..layers {
+        let find = |part: &str| tensors.iter().find(|tensor| tensor.name == format!("layers.{index}.{part}"));
+        let (Some(weight), Some(bias)) = (find("weight"), find("bias")) else { continue };
         let is_last = index + 1 == layers;
         // A squashed policy outputs the means, then what determines the standard deviations.
         let outputs = if is_last { actions.min(bias.values.len()) } else { bias.values.len() };
@@ -134,6 +159,15 @@ fn graph(file: &ControllerFile) -> Message {
         graph.weight(&bias.name, &[outputs], &bias.values[..outputs]);
         let transposed = Message::default().text(1, "transB").integer(3, 1).integer(20, 2);
         graph.node("Gemm", &[&weight.name, &bias.name], &[transposed], None);
+        if network.has_layer_norm() && !is_last {
+            let names = ["weight", "bias"].map(|part| format!("layers.{index}.norm.{part}"));
+            for (name, (part, default)) in names.iter().zip([("norm.weight", 1.0), ("norm.bias", 0.0)]) {
+                let values = find(part).map_or(vec![default; outputs], |tensor| tensor.values.to_vec());
+                graph.weight(name, &[outputs], &values);
+            }
+            let epsilon = Message::default().text(1, "epsilon").float(2, 1e-5).integer(20, 1);
+            graph.node("LayerNormalization", &[&names[0], &names[1]], &[epsilon], None);
+        }
         if is_last {
             let activation =
                 if policy.is_squashed() { Activation::Tanh } else { network.output_activation() };

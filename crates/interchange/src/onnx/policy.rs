@@ -68,16 +68,20 @@ impl OnnxPolicy {
     pub fn load(path: &Path, tasks: &[&str], layout: &TaskLayout) -> Result<OnnxPolicy, InterchangeError> {
         let error = |problem| InterchangeError::Onnx { problem, path: path.to_path_buf() };
         let bytes = read(path, limits::ONNX)?;
-        let side_path = side_path(path);
-        let side = if side_path.exists() { Some(read(&side_path, limits::SETTINGS)?) } else { None };
-        let interface = side.as_deref().map(|bytes| {
-            let text = String::from_utf8_lossy(bytes);
-            Interface::from_json(&text).map_err(|reason| {
-                let place = side_path.display().to_string();
-                error(OnnxProblem::Interface { place, reason: reason.to_string() })
-            })
-        });
-        Self::from_bytes(&bytes, interface.transpose()?, tasks, layout).map_err(error)
+        Self::from_bytes(&bytes, side_file(path)?, tasks, layout).map_err(error)
+    }
+
+    /// Returns the task that a model or its side file names.
+    ///
+    /// # Errors
+    /// If a file cannot be read or is too large, or the model is not supported.
+    pub fn task_of(path: &Path) -> Result<Option<String>, InterchangeError> {
+        let error = |problem| InterchangeError::Onnx { problem, path: path.to_path_buf() };
+        if let Some(interface) = side_file(path)? {
+            return Ok(interface.task);
+        }
+        let proto = check::parse(&read(path, limits::ONNX)?).map_err(error)?;
+        Ok(Interface::of_metadata(&proto).map_err(error)?.task)
     }
 
     /// Parses the bytes of a model. `interface` replaces the description in its metadata.
@@ -124,11 +128,19 @@ impl OnnxPolicy {
     }
 }
 
-/// Returns the path of a model's side file.
-fn side_path(path: &Path) -> PathBuf {
+/// Reads the side file of a model, `NAME.onnx.json`, if it exists.
+fn side_file(path: &Path) -> Result<Option<Interface>, InterchangeError> {
     let mut name = path.as_os_str().to_os_string();
     name.push(".json");
-    name.into()
+    let side = PathBuf::from(name);
+    if !side.exists() {
+        return Ok(None);
+    }
+    let bytes = read(&side, limits::SETTINGS)?;
+    Interface::from_json(&String::from_utf8_lossy(&bytes)).map(Some).map_err(|error| {
+        let problem = OnnxProblem::Interface { place: side.display().to_string(), reason: error.to_string() };
+        InterchangeError::Onnx { problem, path: path.to_path_buf() }
+    })
 }
 
 fn read(path: &Path, limit: u64) -> Result<Vec<u8>, InterchangeError> {

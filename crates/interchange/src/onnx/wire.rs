@@ -97,6 +97,12 @@ impl Message {
         self
     }
 
+    pub(super) fn float(mut self, number: u64, value: f32) -> Message {
+        self.varint(number << 3 | 5);
+        self.0.extend(value.to_le_bytes());
+        self
+    }
+
     pub(super) fn bytes(mut self, number: u64, bytes: &[u8]) -> Message {
         self.varint(number << 3 | 2);
         self.varint(bytes.len() as u64);

@@ -187,11 +187,11 @@ impl<K: SettingKind> SettingKind for Option<K> {
 
 impl SettingKind for Activation {
     fn allowed() -> String {
-        one_of(["elu", "tanh", "relu"])
+        one_of(["elu", "tanh", "relu", "leaky_relu"])
     }
 
     fn reads(value: Spanned<DeValue<'_>>) -> bool {
-        matches!(value.get_ref(), DeValue::String(name) if name.parse::<Activation>().is_ok())
+        matches!(value.get_ref(), DeValue::String(name) if name.parse().is_ok_and(Activation::is_trainable))
     }
 }
 

@@ -1,0 +1,94 @@
+//! Reads entries of a zip archive that are stored without compression, as PyTorch and Stable-Baselines3 write them.
+//!
+//! An entry is then a part of the file, so that no archive is larger inside than outside.
+
+use crate::TorchProblem;
+
+/// Signatures of the end of the archive, of an entry in its directory, and of an entry.
+const END: &[u8] = b"PK\x05\x06";
+const DIRECTORY: &[u8] = b"PK\x01\x02";
+const LOCAL: &[u8] = b"PK\x03\x04";
+
+const END_BYTES: usize = 22;
+const DIRECTORY_BYTES: usize = 46;
+const LOCAL_BYTES: usize = 30;
+
+/// The entries of an archive: name and content.
+#[derive(Debug)]
+pub(super) struct Archive<'b> {
+    entries: Vec<(&'b str, &'b [u8])>,
+}
+
+impl<'b> Archive<'b> {
+    /// Reads the directory of an archive.
+    pub(super) fn read(bytes: &'b [u8]) -> Result<Archive<'b>, TorchProblem> {
+        let damaged = || TorchProblem::Archive { reason: "it is damaged or not complete".to_string() };
+        // A comment of at most 65535 bytes may follow the end record.
+        let tail = bytes.len().saturating_sub(END_BYTES + usize::from(u16::MAX));
+        let end = bytes[tail..].windows(END.len()).rposition(|window| window == END).ok_or_else(damaged)?;
+        let end = &bytes[tail + end..];
+        let (count, start) = u16_at(end, 10).zip(u32_at(end, 16)).ok_or_else(damaged)?;
+        // Otherwise the file was cut off, and this is the end of an archive inside it.
+        if u16_at(end, 20).is_none_or(|comment| END_BYTES + comment != end.len()) {
+            return Err(damaged());
+        }
+        let mut rest = bytes.get(start..).ok_or_else(damaged)?;
+        let mut entries = Vec::new();
+        for _entry in 0..count {
+            let (entry, length) = directory_entry(bytes, rest).ok_or_else(damaged)??;
+            entries.push(entry);
+            rest = rest.get(length..).ok_or_else(damaged)?;
+        }
+        Ok(Archive { entries })
+    }
+
+    /// Returns the size of all entries in bytes.
+    pub(super) fn size(&self) -> usize {
+        self.entries.iter().map(|(_, content)| content.len()).sum()
+    }
+
+    /// Returns the content of the entry with this name.
+    pub(super) fn entry(&self, name: &str) -> Option<&'b [u8]> {
+        self.entries.iter().find(|(found, _)| *found == name).map(|(_, content)| *content)
+    }
+
+    /// Returns the part before `suffix` of the name of the entry that ends with it.
+    pub(super) fn prefix_of(&self, suffix: &str) -> Option<&'b str> {
+        self.entries.iter().find_map(|(name, _)| name.strip_suffix(suffix))
+    }
+}
+
+type Entry<'b> = ((&'b str, &'b [u8]), usize);
+
+/// Reads the first entry of a directory; returns it with its length in the directory. `None` if it is damaged.
+fn directory_entry<'b>(bytes: &'b [u8], entry: &'b [u8]) -> Option<Result<Entry<'b>, TorchProblem>> {
+    if !entry.starts_with(DIRECTORY) {
+        return None;
+    }
+    let (method, size, length) = (u16_at(entry, 10)?, u32_at(entry, 20)?, u32_at(entry, 24)?);
+    let (name_length, extra, comment) = (u16_at(entry, 28)?, u16_at(entry, 30)?, u16_at(entry, 32)?);
+    let name = std::str::from_utf8(entry.get(DIRECTORY_BYTES..)?.get(..name_length)?).ok()?;
+    if method != 0 || size != length {
+        let reason = format!(
+            "its entry `{name}` is compressed; save the model again with `model.save` or `torch.save`"
+        );
+        return Some(Err(TorchProblem::Archive { reason }));
+    }
+    let local = bytes.get(u32_at(entry, 42)?..)?;
+    if !local.starts_with(LOCAL) {
+        return None;
+    }
+    let start = LOCAL_BYTES + u16_at(local, 26)? + u16_at(local, 28)?;
+    let content = local.get(start..)?.get(..size)?;
+    Some(Ok(((name, content), DIRECTORY_BYTES + name_length + extra + comment)))
+}
+
+fn u16_at(bytes: &[u8], offset: usize) -> Option<usize> {
+    let (number, _) = bytes.get(offset..)?.split_first_chunk()?;
+    Some(usize::from(u16::from_le_bytes(*number)))
+}
+
+fn u32_at(bytes: &[u8], offset: usize) -> Option<usize> {
+    let (number, _) = bytes.get(offset..)?.split_first_chunk()?;
+    usize::try_from(u32::from_le_bytes(*number)).ok()
+}

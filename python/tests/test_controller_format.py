@@ -1,0 +1,93 @@
+"""Runs docs/controller_format.md: its reader and writer against our own."""
+
+import pathlib
+import re
+import tempfile
+import unittest
+
+import mishandle
+import numpy as np
+
+ROOT = pathlib.Path(__file__).parents[2]
+
+
+def page():
+    """Returns the blocks of code of the page, and the names that they define."""
+    text = (ROOT / "docs/controller_format.md").read_text()
+    blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    names = {}
+    for block in blocks:
+        exec(compile(block, "docs/controller_format.md", "exec"), names)
+    return blocks, names
+
+
+class Format(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.path = pathlib.Path(folder.name) / "a.safetensors"
+        self.blocks, names = page()
+        self.read, self.act, self.write = (names[name] for name in ("read", "act", "write"))
+
+    def test_each_block_has_at_most_30_lines(self):
+        self.assertEqual(len(self.blocks), 3)
+        for block in self.blocks:
+            self.assertLessEqual(len(block.strip().splitlines()), 30)
+
+    def test_the_reader_agrees_with_our_actions(self):
+        # The weights of TD3 and DDPG amplify the rounding of 32-bit numbers.
+        bounds = {"td3": 3e-5, "ddpg": 3e-5}
+        for name in ("ppo", "trpo", "sac", "td3", "ddpg"):
+            header, tensors = self.read(ROOT / f"controllers/ball-balancing/{name}.safetensors")
+            controller = mishandle.load_controller(f"ball-balancing/{name}")
+            mean, std = tensors["normalizer.mean"], np.sqrt(tensors["normalizer.variance"])
+            noise = np.random.default_rng(1).normal(size=(100, len(mean)))
+            observations = (mean + std * noise).astype(np.float32)
+            found = self.act(header, tensors, observations)
+            np.testing.assert_allclose(found, controller(observations), atol=bounds.get(name, 1e-5), rtol=1e-5)
+
+    def test_our_program_reads_what_the_writer_wrote(self):
+        header, tensors = self.read(ROOT / "controllers/ball-balancing/ppo.safetensors")
+        self.write(self.path, header, tensors)
+        ours = mishandle.load_controller("ball-balancing/ppo")
+        self.assertEqual(mishandle.load_controller(str(self.path)).hash, ours.hash)
+        random = np.random.default_rng(2)
+        for activation in ("elu", "relu", "tanh", "leaky_relu", "silu", "gelu"):
+            for norm in (None, "plain", "affine"):
+                header["policy"] = {
+                    "kind": "gaussian", "sizes": [len(tensors["normalizer.mean"]), 16, 20, 9], "observation_clip": None,
+                    "hidden_activation": activation, "output_activation": "identity",
+                }
+                layers = {
+                    "normalizer.mean": tensors["normalizer.mean"],
+                    "normalizer.variance": tensors["normalizer.variance"],
+                    "policy.log_std": np.zeros(9, np.float32),
+                }
+                sizes = header["policy"]["sizes"]
+                for layer, (inputs, outputs) in enumerate(zip(sizes, sizes[1:])):
+                    prefix = f"policy.layers.{layer}."
+                    layers[prefix + "weight"] = random.normal(size=(outputs, inputs)).astype(np.float32) / inputs
+                    layers[prefix + "bias"] = random.normal(size=outputs).astype(np.float32)
+                    if norm == "affine" and layer < 2:
+                        layers[prefix + "norm.weight"] = random.normal(size=outputs).astype(np.float32)
+                        layers[prefix + "norm.bias"] = random.normal(size=outputs).astype(np.float32)
+                if norm:
+                    header["policy"]["layer_norm"] = norm
+                self.write(self.path, header, layers)
+                observations = random.normal(size=(50, sizes[0])).astype(np.float32)
+                found = mishandle.load_controller(str(self.path))(observations)
+                expected = self.act(header, layers, observations)
+                np.testing.assert_allclose(found, expected, atol=1e-5, rtol=1e-5, err_msg=f"{activation}, {norm}")
+
+    def test_a_changed_byte_is_refused(self):
+        header, tensors = self.read(ROOT / "controllers/ball-balancing/ppo.safetensors")
+        self.write(self.path, header, tensors)
+        data = bytearray(self.path.read_bytes())
+        data[-1] ^= 1
+        self.path.write_bytes(data)
+        with self.assertRaisesRegex(Exception, "checksum does not match"):
+            mishandle.load_controller(str(self.path))
+
+
+if __name__ == "__main__":
+    unittest.main()

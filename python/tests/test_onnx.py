@@ -1,0 +1,257 @@
+"""ONNX models: ours in ONNX Runtime, and others in our runtime, compared with ONNX Runtime."""
+
+import pathlib
+import tempfile
+import unittest
+
+import gymnasium
+import mishandle
+import numpy as np
+import onnx
+import onnxruntime
+from onnx import helper, numpy_helper
+
+ROOT = pathlib.Path(__file__).parents[2]
+TOLERANCE = 1e-5
+
+
+def session(data):
+    return onnxruntime.InferenceSession(data, providers=["CPUExecutionProvider"])
+
+
+def observations_of(task, controller):
+    """Returns observations of episodes of a controller."""
+    name = "".join(word.capitalize() for word in task.split("-"))
+    env = gymnasium.make_vec(f"mishandle/{name}-v0", num_envs=4)
+    observations, _ = env.reset(seed=1)
+    rows = [observations]
+    for _ in range(15):
+        observations, *_ = env.step(np.clip(controller(observations), -1, 1))
+        rows.append(observations)
+    env.close()
+    return np.concatenate(rows)
+
+
+class Export(unittest.TestCase):
+    def test_all_shipped_controllers_agree_in_onnx_runtime_and_in_ours(self):
+        paths = sorted(ROOT.glob("controllers/*/*.safetensors"))
+        self.assertEqual(len(paths), 40)
+        with tempfile.TemporaryDirectory() as folder:
+            file = pathlib.Path(folder) / "a.onnx"
+            for path in paths:
+                name = f"{path.parent.name}/{path.stem}"
+                controller = mishandle.load_controller(name)
+                data = controller.to_onnx()
+                onnx.checker.check_model(onnx.load_from_string(data), full_check=True)
+                observations = observations_of(path.parent.name, controller)
+                own = controller(observations)
+                action, unclipped = session(data).run(["action", "unclipped_action"], {"observation": observations})
+                np.testing.assert_allclose(unclipped, own, atol=TOLERANCE, rtol=TOLERANCE, err_msg=name)
+                clipped = np.clip(own, -1, 1)
+                np.testing.assert_allclose(action, clipped, atol=TOLERANCE, rtol=0, err_msg=name)
+                file.write_bytes(data)
+                ours = mishandle.load_controller(str(file))
+                self.assertEqual(ours.task, path.parent.name)
+                # The weights of TD3 and DDPG amplify the rounding of 32-bit numbers: 1.1e-5 was the largest difference.
+                bound = 2e-5 if path.stem in ("td3", "ddpg") else TOLERANCE
+                np.testing.assert_allclose(ours(observations), clipped, atol=bound, rtol=0, err_msg=name)
+
+
+def model(nodes, weights, inputs=(("observation", ["N", 27]),), outputs=(("action", ["N", 9]),), opset=17, **properties):
+    info = lambda name, shape: helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape)
+    graph = helper.make_graph(
+        nodes, "policy", [info(*i) for i in inputs], [info(*o) for o in outputs],
+        [numpy_helper.from_array(value, name) for name, value in weights.items()],
+    )
+    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
+    helper.set_model_props(made, {f"mishandle.{key}": value for key, value in properties.items()})
+    return made
+
+
+def numbers(*shape, seed=0):
+    return (np.random.default_rng(seed).normal(size=shape) * 0.3).astype(np.float32)
+
+
+class Import(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.path = pathlib.Path(folder.name) / "policy.onnx"
+        self.observations = np.random.default_rng(4).normal(size=(32, 27)).astype(np.float32)
+
+    def load(self, made):
+        onnx.save(made, self.path)
+        return mishandle.load_controller(str(self.path), task="point-reaching")
+
+    def check(self, made):
+        onnx.checker.check_model(made, full_check=True)
+        ours = self.load(made)(self.observations)
+        inputs = [i.name for i in made.graph.input]
+        theirs = session(made.SerializeToString()).run(None, {inputs[0]: self.observations})[0]
+        # The relative part is for numbers such as those after `Exp`.
+        np.testing.assert_allclose(ours, theirs, atol=TOLERANCE, rtol=TOLERANCE)
+        # A row does not depend on the batch.
+        again = self.load(made)(self.observations[7])
+        np.testing.assert_array_equal(ours[7], again)
+
+    def test_operators_of_exported_networks_agree_with_onnx_runtime(self):
+        weights = {"w": numbers(27, 16), "b": numbers(16, seed=1), "v": numbers(16, 9, seed=2)}
+        gemm = helper.make_node("Gemm", ["observation", "w", "b"], ["h"])
+        last = helper.make_node("MatMul", ["a", "v"], ["action"])
+        for operator in (
+            "Elu", "Relu", "Tanh", "Sigmoid", "LeakyRelu", "Softplus", "Erf", "Exp", "Abs", "Neg", "Sin", "Cos", "Softmax",
+            "Softsign", "HardSigmoid", "Identity", "HardSwish",
+        ):
+            with self.subTest(operator):
+                self.check(model([gemm, helper.make_node(operator, ["h"], ["a"]), last], weights))
+        for opset, nodes, more in (
+            (20, [helper.make_node("Gelu", ["h"], ["a"])], {}),
+            (20, [helper.make_node("Gelu", ["h"], ["a"], approximate="tanh")], {}),
+            (17, [helper.make_node("LayerNormalization", ["h", "g", "s"], ["a"])],
+             {"g": numbers(16, seed=5), "s": numbers(16, seed=6)}),
+            (18, [helper.make_node("ReduceMean", ["h", "axes"], ["m"]), helper.make_node("Sub", ["h", "m"], ["a"])],
+             {"axes": np.array([-1])}),
+            (13, [helper.make_node("Split", ["h", "sizes"], ["p", "q"], axis=1),
+                  helper.make_node("Concat", ["q", "p"], ["a"], axis=-1)], {"sizes": np.array([6, 10])}),
+            (17, [helper.make_node("Slice", ["h", "from", "to", "axis"], ["p"]),
+                  helper.make_node("Concat", ["p", "p"], ["a"], axis=1)],
+             {"from": np.array([8]), "to": np.array([16]), "axis": np.array([1])}),
+            (17, [helper.make_node("Clip", ["h", "low", "high"], ["a"])], {"low": np.float32(-0.2), "high": np.float32(0.3)}),
+            (17, [helper.make_node("Shape", ["h"], ["size"]), helper.make_node("ConstantOfShape", ["size"], ["zero"]),
+                  helper.make_node("Add", ["h", "zero"], ["a"])], {}),
+            (17, [helper.make_node("Pow", ["h", "two"], ["p"]), helper.make_node("Sqrt", ["p"], ["a"])],
+             {"two": np.float32(2)}),
+            (17, [helper.make_node("Greater", ["h", "zero"], ["c"]), helper.make_node("Where", ["c", "h", "zero"], ["a"])],
+             {"zero": np.float32(0)}),
+            (17, [helper.make_node("Gather", ["h", "order"], ["a"], axis=1)], {"order": np.arange(15, -1, -1)}),
+        ):
+            with self.subTest(nodes[0].op_type):
+                self.check(model([gemm, *nodes, last], weights | more, opset=opset))
+
+    def test_the_opsets_from_7_to_22_agree_with_onnx_runtime(self):
+        weights = {"w": numbers(16, 27), "b": numbers(16, seed=1), "v": numbers(9, 16, seed=2), "c": numbers(9, seed=3)}
+        nodes = [
+            helper.make_node("Gemm", ["observation", "w", "b"], ["h"], transB=1),
+            helper.make_node("Elu", ["h"], ["a"]),
+            helper.make_node("Gemm", ["a", "v", "c"], ["action"], transB=1),
+        ]
+        for opset in range(7, 23):
+            with self.subTest(opset):
+                made = model(nodes, weights, opset=opset)
+                made.ir_version = 8 if opset < 21 else 10
+                self.check(made)
+
+    def test_a_wrong_shape_names_both_shapes(self):
+        wide = {"w": numbers(27, 7)}
+        with self.assertRaisesRegex(Exception, r"action `action` has the shape \[1, 7\], but the task has 9 numbers"):
+            self.load(model([helper.make_node("MatMul", ["observation", "w"], ["action"])], wide, outputs=[("action", ["N", 7])]))
+        node = helper.make_node("MatMul", ["observation", "w"], ["action"])
+        with self.assertRaisesRegex(Exception, r"observation `observation` has the shape \[N, 5\], but the task has 27"):
+            self.load(model([node], {"w": numbers(5, 9)}, inputs=[("observation", ["N", 5])]))
+
+    def test_metadata_and_side_file(self):
+        node = helper.make_node("MatMul", ["observation", "w"], ["action"])
+        weights = {"w": numbers(27, 9)}
+        with self.assertRaisesRegex(Exception, "is for ball-balancing, not for point-reaching"):
+            self.load(model([node], weights, task="ball-balancing"))
+        with self.assertRaisesRegex(Exception, "no key `mishandle.outputs`"):
+            self.load(self.with_property(model([node], weights), "mishandle.outputs"))
+        two = [node, helper.make_node("Neg", ["action"], ["minus"])]
+        made = model(two, weights, outputs=[("action", ["N", 9]), ("minus", ["N", 9])])
+        plain = self.load(made)
+        self.path.with_suffix(".onnx.json").write_text('{"action": "minus"}')
+        minus = self.load(made)
+        np.testing.assert_array_equal(minus(self.observations), -plain(self.observations))
+        self.assertNotEqual(minus.hash, plain.hash)
+        self.path.with_suffix(".onnx.json").write_text('{"action": "plus"}')
+        with self.assertRaisesRegex(Exception, "no output `plus`; its outputs: action, minus"):
+            self.load(made)
+
+    def with_property(self, made, key):
+        entry = made.metadata_props.add()
+        entry.key, entry.value = key, "x"
+        return made
+
+    def test_a_recurrent_policy_keeps_its_state(self):
+        size = 8
+        weights = {"w": numbers(1, 4 * size, 27), "r": numbers(1, 4 * size, size, seed=1), "v": numbers(size, 9, seed=2),
+                   "first": np.array([0])}
+        nodes = [
+            helper.make_node("Unsqueeze", ["observation", "first"], ["x"]),
+            helper.make_node("LSTM", ["x", "w", "r", "", "", "h_in", "c_in"], ["", "h_out", "c_out"], hidden_size=size),
+            helper.make_node("Squeeze", ["h_out", "first"], ["h"]),
+            helper.make_node("MatMul", ["h", "v"], ["action"]),
+        ]
+        state = [1, "N", size]
+        made = model(
+            nodes, weights, [("observation", ["N", 27]), ("h_in", state), ("c_in", state)],
+            [("action", ["N", 9]), ("h_out", state), ("c_out", state)],
+        )
+        onnx.checker.check_model(made)
+        with self.assertRaisesRegex(Exception, "nothing says what the input `h_in` is"):
+            self.load(made)
+        self.path.with_suffix(".onnx.json").write_text('{"state": [["h_in", "h_out"], ["c_in", "c_out"]]}')
+        with self.assertRaisesRegex(Exception, "recurrent ONNX model is not a function"):
+            self.load(made)
+
+    def test_hostile_models_are_refused_before_they_take_memory(self):
+        huge = np.array([1 << 31, 1 << 31])
+        node = helper.make_node
+        project = [node("ReduceSum", ["big"], ["s"]), node("MatMul", ["observation", "w"], ["m"]), node("Add", ["m", "s"], ["action"])]
+        weights = {"w": numbers(27, 9)}
+        for nodes, more, message in (
+            ([node("ConstantOfShape", ["size"], ["big"])], {"size": huge}, "too large"),
+            ([node("Expand", ["one", "size"], ["big"])], {"size": huge, "one": np.float32(1)}, "too large"),
+            ([node("Tile", ["row", "size"], ["big"])], {"size": np.array([1 << 40]), "row": numbers(1)}, "too large"),
+            ([node("Add", ["column", "row"], ["big"])],
+             {"column": numbers(10000, 1), "row": numbers(1, 10000)}, "too large"),
+            ([node("Cast", ["observation"], ["i"], to=onnx.TensorProto.INT64), node("Squeeze", ["i", "zero"], ["j"]),
+              node("ConstantOfShape", ["j"], ["big"])], {"zero": np.array([0])}, "shape depends on the observation"),
+            ([node("NonZero", ["observation"], ["big"])], {}, "operator `NonZero`"),
+            ([node("RandomUniform", [], ["big"], shape=[2])], {}, "operator `RandomUniform`"),
+            ([node("Gelu", ["observation"], ["big"], domain="com.microsoft")], {}, "of the domain `com.microsoft`"),
+        ):
+            with self.subTest(message + nodes[0].op_type), self.assertRaisesRegex(Exception, message):
+                self.load(model([*nodes, *project], weights | more))
+        doubled = {"row": numbers(1 << 12)}
+        nodes = [node("Concat", ["row" if i == 0 else f"d{i}"] * 2, [f"d{i + 1}"], axis=0) for i in range(40)]
+        with self.assertRaisesRegex(Exception, "too large"):
+            self.load(model([*nodes, node("Identity", ["d40"], ["big"]), *project], weights | doubled))
+
+    def test_subgraphs_external_data_and_damage_are_errors(self):
+        node = helper.make_node("MatMul", ["observation", "w"], ["action"])
+        made = model([node], {"w": numbers(27, 9)})
+        branch = helper.make_graph([helper.make_node("Identity", ["action"], ["a"])], "b", [], [])
+        made.graph.node.append(helper.make_node("If", ["c"], ["z"], then_branch=branch, else_branch=branch))
+        with self.assertRaisesRegex(Exception, "subgraph"):
+            self.load(made)
+        made = model([node], {"w": numbers(27, 90)})
+        onnx.save(made, self.path, save_as_external_data=True, location="weights", size_threshold=0)
+        with self.assertRaisesRegex(Exception, "weights in another file"):
+            mishandle.load_controller(str(self.path), task="point-reaching")
+        whole = model([node], {"w": numbers(27, 9)}).SerializeToString()
+        random = np.random.default_rng(5)
+        for _ in range(300):
+            data = bytearray(whole)
+            for _ in range(random.integers(1, 4)):
+                data[random.integers(len(data) if random.random() < 0.3 else 60)] = random.integers(256)
+            self.path.write_bytes(data[: random.integers(len(data))] if random.random() < 0.2 else data)
+            try:
+                mishandle.load_controller(str(self.path), task="point-reaching")
+            except Exception as error:
+                self.assertNotIn("panic", type(error).__name__.lower())
+
+    def test_files_of_other_tools_say_what_to_do(self):
+        for name, data, advice in (
+            ("a.zip", b"PK\x03\x04 model", "mishandle controller import"),
+            ("a.pt", b"PK\x03\x04 model", "mishandle controller import"),
+            ("a.pkl", b"\x80\x04\x95\x10\0\0\0\0\0\0\0}.", "can run any code"),
+        ):
+            path = self.path.with_name(name)
+            path.write_bytes(data)
+            with self.assertRaisesRegex(Exception, advice):
+                mishandle.load_controller(str(path))
+
+
+if __name__ == "__main__":
+    unittest.main()
