@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
@@ -33,9 +34,10 @@ class Controller:
     def __init__(self, name: str, task: str | None = None) -> None:
         self._native = _native.Controller(name, task)
         self.name = name
+        self._arguments = (os.path.abspath(name) if os.path.exists(name) else name, task)
 
-    def __reduce__(self) -> tuple[type[Controller], tuple[str]]:
-        return Controller, (self.name,)
+    def __reduce__(self) -> tuple[type[Controller], tuple[str, str | None]]:
+        return Controller, self._arguments
 
     @property
     def task(self) -> str:

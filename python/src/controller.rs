@@ -45,7 +45,7 @@ impl PyController {
         if policy.state_size() > 0 {
             let message = "a recurrent ONNX model is not a function of the observation; run it with `mishandle evaluate` or \
                            `mishandle falsify TASK --controller FILE.onnx`";
-            return Err(PyValueError::new_err(message));
+            return Err(InvalidValueError::new_err(message));
         }
         let task = task.or(policy.task()).unwrap_or_default().to_string();
         Ok(Self::of(&policy, task, policy.hash().to_string(), None))
@@ -63,7 +63,7 @@ impl PyController {
         let file = mishandle::find_controller(name).and_then(|found| found.controller()).map_err(raised)?;
         if let Some(task) = task.filter(|task| *task != file.header.task) {
             let message = format!("the controller was trained for {}, not for {task}", file.header.task);
-            return Err(PyValueError::new_err(message));
+            return Err(InvalidValueError::new_err(message));
         }
         let policy = file.policy.clone();
         Ok(Self::of(&policy, file.header.task.clone(), policy.hash(), Some(file)))
@@ -72,7 +72,7 @@ impl PyController {
     /// Returns the bytes of an ONNX model of the controller.
     fn onnx_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let file =
-            self.file.as_ref().ok_or_else(|| PyValueError::new_err("this is an ONNX model already"))?;
+            self.file.as_ref().ok_or_else(|| InvalidValueError::new_err("this is an ONNX model already"))?;
         Ok(PyBytes::new(py, &onnx_bytes(file, mishandle::VERSION)))
     }
 
