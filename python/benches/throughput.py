@@ -1,6 +1,6 @@
 """Control steps per second of `TaskVectorEnv`, of the extension module below it, and of panda-gym, in one run.
 
-    python python/throughput.py [--rounds 5] [--threads 2]
+    python python/benches/throughput.py [--rounds 5] [--threads 2]
 
 It needs a release build of the package (`pip install .`) and panda-gym. The three take turns in each round; the table has medians
 and ranges over the rounds. On a machine that does other things too, look at the ratio by CPU time. Each control step of panda-gym has 20 physics steps of 1/500 s for a reaching arm.
