@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mishandle import _native
-from mishandle.errors import InvalidValueError
+from mishandle.errors import InvalidStateError, InvalidValueError
 
 Point = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ def minimize(
             evaluations += 1
     best = minimization.best
     if best is None:
-        raise RuntimeError("the search evaluated no point")
+        raise InvalidStateError("the search evaluated no point")
     return Minimum(best[0], best[1], evaluations)
 
 
