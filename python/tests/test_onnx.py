@@ -141,6 +141,17 @@ class Import(unittest.TestCase):
                 made.ir_version = 8 if opset < 21 else 10
                 self.check(made)
 
+    def test_a_wide_perceptron_is_within_the_limits(self):
+        weights = {"w": numbers(2048, 27), "b": numbers(2048, 2048) / 32, "v": numbers(9, 2048)}
+        nodes = [
+            helper.make_node("Gemm", ["observation", "w"], ["h"], transB=1),
+            helper.make_node("Tanh", ["h"], ["a"]),
+            helper.make_node("Gemm", ["a", "b"], ["k"]),
+            helper.make_node("Tanh", ["k"], ["c"]),
+            helper.make_node("Gemm", ["c", "v"], ["action"], transB=1),
+        ]
+        self.check(model(nodes, weights))
+
     def test_a_wrong_shape_names_both_shapes(self):
         wide = {"w": numbers(27, 7)}
         with self.assertRaisesRegex(Exception, r"action `action` has the shape \[1, 7\], but the task has 9 numbers"):
@@ -218,17 +229,37 @@ class Import(unittest.TestCase):
         with self.assertRaisesRegex(Exception, "too large"):
             self.load(model([*nodes, node("Identity", ["d40"], ["big"]), *project], weights | doubled))
 
-    def test_subgraphs_external_data_and_damage_are_errors(self):
+    def test_weights_are_read_from_the_file_beside_the_model_only(self):
+        node = helper.make_node("MatMul", ["observation", "w"], ["action"])
+        plain = self.load(model([node], {"w": numbers(27, 9)}))
+        save = lambda name: onnx.save(
+            model([node], {"w": numbers(27, 9)}), self.path, save_as_external_data=True, location=name, size_threshold=0
+        )
+        load = lambda: mishandle.load_controller(str(self.path), task="point-reaching")
+        save("policy.onnx.data")
+        beside = load()
+        np.testing.assert_array_equal(beside(self.observations), plain(self.observations))
+        weights = self.path.with_suffix(".onnx.data")
+        data = weights.read_bytes()
+        weights.write_bytes(bytes(8) + data[8:])
+        self.assertNotEqual(load().hash, beside.hash)
+        weights.write_bytes(data[:-4])
+        with self.assertRaisesRegex(Exception, "weights of `w` are not inside `policy.onnx.data`"):
+            load()
+        weights.unlink()
+        with self.assertRaisesRegex(Exception, "weights in the file `policy.onnx.data`"):
+            load()
+        save("other.data")
+        with self.assertRaisesRegex(Exception, "weights in the file `other.data`.*only the file MODEL.onnx.data"):
+            load()
+
+    def test_subgraphs_and_damage_are_errors(self):
         node = helper.make_node("MatMul", ["observation", "w"], ["action"])
         made = model([node], {"w": numbers(27, 9)})
         branch = helper.make_graph([helper.make_node("Identity", ["action"], ["a"])], "b", [], [])
         made.graph.node.append(helper.make_node("If", ["c"], ["z"], then_branch=branch, else_branch=branch))
         with self.assertRaisesRegex(Exception, "subgraph"):
             self.load(made)
-        made = model([node], {"w": numbers(27, 90)})
-        onnx.save(made, self.path, save_as_external_data=True, location="weights", size_threshold=0)
-        with self.assertRaisesRegex(Exception, "weights in another file"):
-            mishandle.load_controller(str(self.path), task="point-reaching")
         whole = model([node], {"w": numbers(27, 9)}).SerializeToString()
         random = np.random.default_rng(5)
         for _ in range(300):

@@ -67,6 +67,9 @@ fn nested_messages_and_lengths_beyond_the_file_are_errors() {
     // The graph's length is 2^62.
     let long = [0x3A, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x40];
     assert!(message(&long).contains("damaged"), "{}", message(&long));
+    // The same for the bytes of a tensor in a graph.
+    let inside = [&[0x3A, 13, 0x2A, 11, 0x4A][..], &long[1..], &[0]].concat();
+    assert!(message(&inside).contains("damaged"), "{}", message(&inside));
     // A node with an attribute with a graph with a node …, 50,000 deep.
     let mut nested: Vec<u8> = Vec::new();
     for _level in 0..50_000 {

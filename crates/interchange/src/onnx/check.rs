@@ -1,33 +1,54 @@
 //! Checks what a model contains before the runtime reads it.
 
+use std::cell::RefCell;
 use std::collections::HashSet;
 
 use rten_onnx::onnx::{DataLocation, GraphProto, ModelProto, TensorProto};
 
 use super::cost::OPERATORS;
-use super::wire::Fields;
+use super::wire::{Field, Fields};
 use crate::OnnxProblem;
 
 /// Largest number of operators of a model.
 const MAX_NODES: usize = 10_000;
 
-/// Numbers of fields in the messages of `onnx.proto`.
-mod field {
-    pub const MODEL_GRAPH: u64 = 7;
-    pub const GRAPH_NODE: u64 = 1;
-    pub const NODE_ATTRIBUTE: u64 = 5;
-    pub const ATTRIBUTE_GRAPH: u64 = 6;
-    pub const ATTRIBUTE_GRAPHS: u64 = 11;
-    pub const GRAPH_INPUT: u64 = 11;
-    pub const GRAPH_VALUE_INFO: u64 = 13;
-    pub const VALUE_TYPE: u64 = 2;
-    /// Sequence, map, sparse tensor and optional.
-    pub const TYPES_WITHOUT_TENSORS: [u64; 4] = [4, 5, 8, 9];
+/// The messages of `onnx.proto` that the runtime's parser reads.
+#[derive(Clone, Copy)]
+enum Kind {
+    Model,
+    Graph,
+    Node,
+    Attribute,
+    Tensor,
+    Value,
+    Type,
+    TensorType,
+    Shape,
+    /// A message without messages inside.
+    Leaf,
+}
+
+impl Kind {
+    /// Returns the kind of the message in the field with this number, if it is one.
+    fn inner(self, number: u64) -> Option<Kind> {
+        match (self, number) {
+            (Kind::Model, 7) => Some(Kind::Graph),
+            (Kind::Model, 8 | 14) | (Kind::Tensor, 13) | (Kind::Shape, 1) => Some(Kind::Leaf),
+            (Kind::Graph, 1) => Some(Kind::Node),
+            (Kind::Graph, 5) | (Kind::Attribute, 5) => Some(Kind::Tensor),
+            (Kind::Graph, 11..=13) => Some(Kind::Value),
+            (Kind::Node, 5) => Some(Kind::Attribute),
+            (Kind::Value, 2) => Some(Kind::Type),
+            (Kind::Type, 1) => Some(Kind::TensorType),
+            (Kind::TensorType, 2) => Some(Kind::Shape),
+            _ => None,
+        }
+    }
 }
 
 /// Parses a model of which the messages are nested to a known depth only: no subgraphs, no types but tensors.
 pub(super) fn parse(bytes: &[u8]) -> Result<ModelProto, OnnxProblem> {
-    check_nesting(bytes)?;
+    check_fields(Kind::Model, bytes)?;
     let format = |reason: String| OnnxProblem::Format { reason };
     let model = ModelProto::parse_buf(bytes).map_err(|error| format(error.to_string()))?;
     let graph = model.graph.as_ref().ok_or_else(|| format("it has no graph".to_string()))?;
@@ -35,53 +56,28 @@ pub(super) fn parse(bytes: &[u8]) -> Result<ModelProto, OnnxProblem> {
     Ok(model)
 }
 
-fn check_nesting(bytes: &[u8]) -> Result<(), OnnxProblem> {
-    for field in Fields::new(bytes) {
-        let field = field?;
-        if field.number == field::MODEL_GRAPH {
-            for part in Fields::new(field.bytes) {
-                let part = part?;
-                match part.number {
-                    field::GRAPH_NODE => check_node_nesting(part.bytes)?,
-                    field::GRAPH_INPUT..=field::GRAPH_VALUE_INFO => check_type_nesting(part.bytes)?,
-                    _ => {}
-                }
-            }
-        }
-    }
-    Ok(())
-}
-
-fn check_node_nesting(node: &[u8]) -> Result<(), OnnxProblem> {
-    for field in Fields::new(node) {
-        let field = field?;
-        if field.number != field::NODE_ATTRIBUTE {
-            continue;
-        }
-        for part in Fields::new(field.bytes) {
-            if matches!(part?.number, field::ATTRIBUTE_GRAPH | field::ATTRIBUTE_GRAPHS) {
+/// Checks that the fields of a message, and of the messages inside, are inside it, and that no kind of message is inside
+/// itself.
+fn check_fields(kind: Kind, message: &[u8]) -> Result<(), OnnxProblem> {
+    for field in Fields::new(message) {
+        let Field { number, bytes } = field?;
+        match (kind, number) {
+            (Kind::Attribute, 6 | 11) => {
                 return Err(OnnxProblem::Unsupported {
                     found: "a subgraph (an operator such as `If`, `Loop` or `Scan`)".to_string(),
                     hint: "export a policy without branches and loops, one control step per call".to_string(),
                 });
             }
-        }
-    }
-    Ok(())
-}
-
-fn check_type_nesting(value: &[u8]) -> Result<(), OnnxProblem> {
-    for field in Fields::new(value) {
-        let field = field?;
-        if field.number != field::VALUE_TYPE {
-            continue;
-        }
-        for kind in Fields::new(field.bytes) {
-            if field::TYPES_WITHOUT_TENSORS.contains(&kind?.number) {
+            (Kind::Type, 4 | 5 | 8 | 9) => {
                 return Err(OnnxProblem::Unsupported {
                     found: "a value that is no tensor, such as a sequence or a map".to_string(),
                     hint: "export a policy of tensors".to_string(),
                 });
+            }
+            _ => {
+                if let Some(inner) = kind.inner(number) {
+                    check_fields(inner, bytes)?;
+                }
             }
         }
     }
@@ -120,19 +116,57 @@ fn check_graph(graph: &GraphProto) -> Result<(), OnnxProblem> {
 }
 
 fn check_tensor(tensor: &TensorProto) -> Result<(), OnnxProblem> {
-    let is_external =
-        tensor.data_location == Some(DataLocation::EXTERNAL) || !tensor.external_data.is_empty();
-    if is_external {
-        return Err(OnnxProblem::Unsupported {
-            found: format!("weights in another file (`{}`)", tensor.name.as_deref().unwrap_or_default()),
-            hint: "export it with `torch.onnx.export(..., external_data=False)`, or join the files in Python with \
-                   `onnx.save(onnx.load(FILE), FILE, save_as_external_data=False)`"
-                .to_string(),
-        });
-    }
     if tensor.dims.iter().any(|dim| *dim < 0) {
         let reason = format!("`{}` has a negative size", tensor.name.as_deref().unwrap_or_default());
         return Err(OnnxProblem::Format { reason });
+    }
+    Ok(())
+}
+
+/// A file of weights beside a model: its name and its content.
+pub(super) type Weights<'b> = (&'b str, &'b [u8]);
+
+/// Copies weights in the file `weights` into the model. Weights in any other file are an error: no path in a model is opened.
+pub(super) fn join(model: &mut ModelProto, weights: Option<Weights<'_>>) -> Result<(), OnnxProblem> {
+    let Some(graph) = model.graph.as_mut() else { return Ok(()) };
+    // Tensors may share bytes, but all of them together are not larger than the file.
+    let mut left = weights.map_or(0, |(_, content)| content.len());
+    let attributes = graph.node.iter_mut().flat_map(|node| &mut node.attribute);
+    let constants = attributes.filter_map(|attribute| attribute.t.as_mut());
+    for tensor in graph.initializer.iter_mut().chain(constants) {
+        if tensor.data_location != Some(DataLocation::EXTERNAL) && tensor.external_data.is_empty() {
+            continue;
+        }
+        let value = |key: &str| {
+            let mut entries = tensor.external_data.iter();
+            entries.find(|entry| entry.key.as_deref() == Some(key)).and_then(|entry| entry.value.as_deref())
+        };
+        let location = value("location").unwrap_or_default();
+        let Some((_, content)) = weights.filter(|(name, _)| *name == location) else {
+            return Err(OnnxProblem::Unsupported {
+                found: format!("weights in the file `{location}`"),
+                hint: "only the file MODEL.onnx.data beside MODEL.onnx is read; export with \
+                       `torch.onnx.export(..., external_data=False)`"
+                    .to_string(),
+            });
+        };
+        let number = |key: &str| value(key).map(|text| text.parse::<usize>().ok());
+        let offset = number("offset").unwrap_or(Some(0));
+        let rest = offset.and_then(|offset| content.get(offset..));
+        let length = number("length").unwrap_or(rest.map(<[u8]>::len));
+        let bytes = rest
+            .zip(length)
+            .and_then(|(rest, length)| rest.get(..length))
+            .filter(|bytes| bytes.len() <= left);
+        let Some(bytes) = bytes else {
+            let name = tensor.name.as_deref().unwrap_or_default();
+            let reason = format!("the weights of `{name}` are not inside `{location}`");
+            return Err(OnnxProblem::Format { reason });
+        };
+        left -= bytes.len();
+        tensor.raw_data = Some(RefCell::new(bytes.to_vec()));
+        tensor.data_location = None;
+        tensor.external_data.clear();
     }
     Ok(())
 }

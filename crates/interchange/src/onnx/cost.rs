@@ -17,7 +17,7 @@ pub(super) enum Cost {
     Sum,
     /// A matrix product.
     MatMul,
-    /// A matrix product whose operands may be transposed.
+    /// A matrix product whose factors may be transposed.
     Gemm,
     /// The numbers of the first input times those of the second.
     Product,
@@ -152,8 +152,8 @@ pub(super) const MAX_NUMBERS: usize = 1 << 24;
 pub(super) const MAX_PRODUCTS: usize = 1 << 28;
 
 /// Returns bounds of the numbers in an operator's outputs and of its multiplications, given its inputs; `None` if they
-/// overflow or the inputs have no such shape.
-pub(super) fn bound(cost: Cost, inputs: &[Option<&Value>]) -> Option<(usize, usize)> {
+/// overflow or the inputs have no such shape. `transposed` says which factors of `Gemm` are.
+pub(super) fn bound(cost: Cost, inputs: &[Option<&Value>], transposed: [bool; 2]) -> Option<(usize, usize)> {
     let shapes: Vec<Vec<usize>> = inputs
         .iter()
         .flatten()
@@ -172,9 +172,9 @@ pub(super) fn bound(cost: Cost, inputs: &[Option<&Value>]) -> Option<(usize, usi
         Cost::MatMul => return matmul(first?, shapes.get(1)?),
         Cost::Gemm => {
             let [&[a, b], &[c, d]] = [&first?[..], &shapes.get(1)?[..]] else { return None };
-            let (rows, inner) = (a.max(b), a.min(b));
-            let outputs = rows.checked_mul(c.max(d))?;
-            return Some((outputs, outputs.checked_mul(inner.max(c.min(d)))?));
+            let (rows, inner) = if transposed[0] { (b, a) } else { (a, b) };
+            let outputs = rows.checked_mul(if transposed[1] { c } else { d })?;
+            return Some((outputs, outputs.checked_mul(inner)?));
         }
         Cost::Recurrent => {
             // X is [steps, batch, inputs], W [directions, gates, inputs], R [directions, gates, size].

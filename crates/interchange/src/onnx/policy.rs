@@ -12,7 +12,7 @@ use rten::{Model, ModelOptions, NodeId, RunOptions, ThreadPool, Value, ValueOrVi
 use rten_onnx::onnx::{DataType, Dimension, GraphProto, ModelProto, TensorShapeProto, ValueInfoProto};
 use rten_tensor::Layout;
 
-use super::check;
+use super::check::{self, Weights};
 use super::cost::{self, MAX_NUMBERS, MAX_PRODUCTS, bound, cost_of, determines_shape};
 use super::interface::Interface;
 use crate::{InterchangeError, OnnxProblem};
@@ -61,14 +61,19 @@ impl OnnxPolicy {
     /// Reads a model for a task with this layout of observations and actions. `tasks` are the names that the model may have in
     /// its metadata; the first one is used in messages.
     ///
-    /// The file has at most [`limits::ONNX`] bytes. Its side file, `NAME.onnx.json`, is read if it exists.
+    /// The file has at most [`limits::ONNX`] bytes, and so has the file of its weights, `NAME.onnx.data`, if the model refers
+    /// to it. Its side file, `NAME.onnx.json`, is read if it exists.
     ///
     /// # Errors
     /// If a file cannot be read or is too large, the model is not supported, or it does not fit the task.
     pub fn load(path: &Path, tasks: &[&str], layout: &TaskLayout) -> Result<OnnxPolicy, InterchangeError> {
         let error = |problem| InterchangeError::Onnx { problem, path: path.to_path_buf() };
         let bytes = read(path, limits::ONNX)?;
-        Self::from_bytes(&bytes, side_file(path)?, tasks, layout).map_err(error)
+        let name = beside(path, "data");
+        let weights = if name.exists() { Some(read(&name, limits::ONNX)?) } else { None };
+        let name = name.file_name().unwrap_or_default().to_string_lossy();
+        let weights = weights.as_deref().map(|content| (name.as_ref(), content));
+        Self::new(&bytes, weights, side_file(path)?, tasks, layout).map_err(error)
     }
 
     /// Returns the task that a model or its side file names.
@@ -94,7 +99,18 @@ impl OnnxPolicy {
         tasks: &[&str],
         layout: &TaskLayout,
     ) -> Result<OnnxPolicy, OnnxProblem> {
+        Self::new(bytes, None, interface, tasks, layout)
+    }
+
+    fn new(
+        bytes: &[u8],
+        weights: Option<Weights<'_>>,
+        interface: Option<Interface>,
+        tasks: &[&str],
+        layout: &TaskLayout,
+    ) -> Result<OnnxPolicy, OnnxProblem> {
         let mut proto = check::parse(bytes)?;
+        check::join(&mut proto, weights)?;
         let own = Interface::of_metadata(&proto);
         let described =
             interface.as_ref().map(|interface| serde_json::to_string(interface).unwrap_or_default());
@@ -105,14 +121,18 @@ impl OnnxPolicy {
         prepare(&mut proto, &names, task, layout.observation_size())?;
         let core = Core::new(&proto, &names, task, layout)?;
         let file_hash = bytes_hash(bytes);
-        let hash = match described {
-            Some(side) => bytes_hash(format!("{file_hash}\0{side}").as_bytes()),
-            None => file_hash.clone(),
+        let weights_hash = weights.map(|(_, content)| bytes_hash(content));
+        let hash = match (described, weights_hash) {
+            (None, None) => file_hash.clone(),
+            (side, weights) => {
+                let parts = [file_hash.clone(), side.unwrap_or_default(), weights.unwrap_or_default()];
+                bytes_hash(parts.join("\0").as_bytes())
+            }
         };
         Ok(OnnxPolicy { core: Arc::new(core), hash, file_hash, task: interface.task })
     }
 
-    /// Returns a hash of everything that determines the actions: of the model's bytes and of the side file.
+    /// Returns a hash of everything that determines the actions: of the model's bytes, of the side file and of the weights.
     pub fn hash(&self) -> &str {
         &self.hash
     }
@@ -128,11 +148,17 @@ impl OnnxPolicy {
     }
 }
 
+/// Returns the path of the file `NAME.onnx.EXTENSION` beside a model.
+fn beside(path: &Path, extension: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_os_string();
+    name.push(".");
+    name.push(extension);
+    name.into()
+}
+
 /// Reads the side file of a model, `NAME.onnx.json`, if it exists.
 fn side_file(path: &Path) -> Result<Option<Interface>, InterchangeError> {
-    let mut name = path.as_os_str().to_os_string();
-    name.push(".json");
-    let side = PathBuf::from(name);
+    let side = beside(path, "json");
     if !side.exists() {
         return Ok(None);
     }
@@ -453,7 +479,12 @@ fn dry_run(
                 label(node.output.first())
             ),
         };
-        let (numbers, own) = bound(cost, &arguments).ok_or_else(too_large)?;
+        let transposed = ["transA", "transB"].map(|name| {
+            let mut attributes = node.attribute.iter();
+            attributes
+                .any(|attribute| attribute.name.as_deref() == Some(name) && attribute.i.unwrap_or(0) != 0)
+        });
+        let (numbers, own) = bound(cost, &arguments, transposed).ok_or_else(too_large)?;
         products = products.saturating_add(own);
         if numbers > MAX_NUMBERS || products > MAX_PRODUCTS {
             return Err(too_large());
