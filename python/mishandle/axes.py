@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Union
 
 from mishandle.errors import InvalidValueError
@@ -28,7 +29,8 @@ class ResetOption:
 class Attribute:
     """Sets an attribute of the unwrapped environment to the value of an axis before each reset.
 
-    ``path`` is a path such as ``"model.opt.gravity[2]"``.
+    ``path`` is a path such as ``"model.opt.gravity[2]"``; the names after a dictionary are its keys, as in
+    ``"config.vehicles_count"``.
     """
 
     path: str
@@ -134,44 +136,64 @@ class Axis:
 _SEGMENT = re.compile(r"([A-Za-z_]\w*)((?:\[\s*-?\d+\s*(?:,\s*-?\d+\s*)*\])*)")
 
 
-def parse_path(path: str) -> list[tuple[str, list[Any]]]:
+@lru_cache(maxsize=1024)
+def parse_path(path: str) -> tuple[tuple[str, tuple[Any, ...]], ...]:
     """Splits a path of attributes and indexes.
 
     >>> parse_path("model.geom_friction[0, 1]")
-    [('model', []), ('geom_friction', [(0, 1)])]
+    (('model', ()), ('geom_friction', ((0, 1),)))
     """
-    segments: list[tuple[str, list[Any]]] = []
+    segments = []
     for part in re.split(r"\.(?![^\[]*\])", path):
         match = _SEGMENT.fullmatch(part.strip())
         if match is None:
             raise InvalidValueError(f"{path!r} is not a path of attributes and indexes such as 'data.qpos[2]'")
         groups = re.findall(r"\[([^\]]*)\]", match.group(2))
         indexes = [tuple(int(number) for number in group.split(",")) for group in groups]
-        segments.append((match.group(1), [index[0] if len(index) == 1 else index for index in indexes]))
-    return segments
+        segments.append((match.group(1), tuple(index[0] if len(index) == 1 else index for index in indexes)))
+    return tuple(segments)
 
 
-def get_path(start: Any, path: str) -> Any:
-    """Returns the value at a path."""
-    for name, indexes in parse_path(path):
-        start = getattr(start, name)
-        for index in indexes:
-            start = start[index]
-    return start
+def follower(segments: Sequence[tuple[str, tuple[Any, ...]]]) -> Callable[[Any], Any]:
+    """Returns the function from an object to the value at a path. A name after a dictionary is a key of it.
+
+    >>> follower(parse_path("goal.position[1]"))({"goal": {"position": [0.5, 0.25]}})
+    0.25
+    """
+
+    def follow(start: Any) -> Any:
+        for name, indexes in segments:
+            start = start[name] if isinstance(start, Mapping) else getattr(start, name)
+            for index in indexes:
+                start = start[index]
+        return start
+
+    return follow
 
 
 def set_path(start: Any, path: str, value: Any) -> None:
-    """Sets the value at a path."""
+    """Sets the value at a path.
+
+    >>> settings = {"speeds": [20.0, 30.0]}
+    >>> set_path(settings, "speeds[0]", 25.0)
+    >>> settings
+    {'speeds': [25.0, 30.0]}
+    """
     segments = parse_path(path)
     *parents, (name, indexes) = segments
     for parent, parent_indexes in parents:
-        start = getattr(start, parent)
+        start = start[parent] if isinstance(start, Mapping) else getattr(start, parent)
         for index in parent_indexes:
             start = start[index]
+    # Also raises if there is no such attribute: setting a new one would have no effect on the environment.
+    found = start[name] if isinstance(start, Mapping) else getattr(start, name)
     if not indexes:
-        setattr(start, name, value)
+        if isinstance(start, MutableMapping):
+            start[name] = value
+        else:
+            setattr(start, name, value)
         return
-    start = getattr(start, name)
+    start = found
     for index in indexes[:-1]:
         start = start[index]
     start[indexes[-1]] = value

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +12,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from mishandle.axes import Attribute, Axis, ResetOption, Value, get_path, set_path
+from mishandle.axes import Attribute, Axis, ResetOption, Value, follower, parse_path, set_path
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.limits import TimeLimitExceeded, check_time_limit, limited
 from mishandle.policies import Policy, as_policy, policy_hash, source_text
@@ -39,6 +41,7 @@ class PolicySystem(System):
         self.space = {axis.name: axis for axis in space}
         self.time_limit = time_limit
         self.sources, self.signals = sources_and_signals(signals)
+        self._readers = [_reader(source) for source in self.sources]
         self.name = spec_name(environment)
         self.steps = episode_steps(environment, steps)
         self.control_dt = control_dt if control_dt is not None else control_period(environment)
@@ -54,13 +57,22 @@ class PolicySystem(System):
         parts = [spec.to_json() if spec is not None else "", source_text(self._environment.unwrapped)]
         return "\n".join([*parts, policy_hash(self._policy_source), *sources, *applications])
 
+    def sample(self, environment: Any, observation: Any, info: Mapping[str, Any], reward: float) -> list[float]:
+        """Returns the signals at one sample."""
+        return [read(environment, observation, info, reward) for read in self._readers]
+
     def act(self, observations: list[Any], times: Sequence[Time]) -> tuple[str | None, Any]:
         """Returns the end of the simulations if the policy fails, and its actions. The simulations share its time."""
         left = None if self.time_limit is None else min(row.left(self.time_limit) for row in times) * len(times)
         started = time.perf_counter()
         try:
             with limited(left):
-                return None, self.policy.act(observations, len(observations))
+                actions = self.policy.act(observations, len(observations))
+                if len(actions) != len(observations):
+                    raise InvalidValueError(
+                        f"the policy returned {len(actions)} actions for {len(observations)} observations"
+                    )
+                return None, actions
         except TimeLimitExceeded:
             return "timed out", None
         except Exception:
@@ -105,15 +117,12 @@ class EnvironmentSystem(PolicySystem):
             row.reset(scenario, seed)
         self.policy.reset(len(rows))
         for step in range(1, self.steps + 1):
-            if not any(row.outcome is None for row in rows):
-                break
-            # Ended rows keep their last observation, so that the rows of a recurrent policy stay in place.
-            if all(row.observation is None for row in rows):
-                break
-            observations = [row.observation for row in rows]
-            present = next(observation for observation in observations if observation is not None)
-            observations = [present if observation is None else observation for observation in observations]
             running = [row for row in rows if row.outcome is None]
+            if not running:
+                break
+            # Ended rows keep their last observation, so that the rows of a recurrent policy stay in place. A row without one
+            # did not start.
+            observations = [running[0].observation if row.observation is None else row.observation for row in rows]
             end, actions = self.act(observations, [row.time for row in running])
             if end is not None:
                 for row in rows:
@@ -122,10 +131,6 @@ class EnvironmentSystem(PolicySystem):
             for row, action in zip(rows, actions):
                 row.step(action, step)
         return [row.finish() for row in rows]
-
-    def sample(self, environment: Any, observation: Any, info: Mapping[str, Any], reward: float) -> list[float]:
-        """Returns the signals at one sample."""
-        return [value_of(source, environment, observation, info, reward) for source in self.sources]
 
     def apply(self, environment: Any, scenario: Scenario) -> tuple[dict[str, Any], list[tuple[Any, Value]]]:
         """Sets attributes; returns the options of the reset and the functions to call after it."""
@@ -156,48 +161,54 @@ class _Row:
         self.outcome: Outcome | None = None
 
     def reset(self, scenario: Scenario, seed: int) -> None:
-        def start() -> None:
-            options, later = self._system.apply(self._environment, scenario)
-            # Some environments take seeds of 32 bits only.
-            observation, info = self._environment.reset(seed=seed % 2**31, options=options or None)
-            for function, value in later:
-                changed = function(self._environment, value)
-                observation = observation if changed is None else changed
-            self.observation = observation
-            self._samples.append(self._system.sample(self._environment, observation, info, 0.0))
+        self._guarded(self._start, (scenario, seed), 0)
 
-        self._guarded(start, 0)
+    def _start(self, start: tuple[Scenario, int], step: int) -> None:
+        scenario, seed = start
+        options, later = self._system.apply(self._environment, scenario)
+        # Some environments take seeds of 32 bits only.
+        observation, info = self._environment.reset(seed=seed % 2**31, options=options or None)
+        for function, value in later:
+            changed = function(self._environment, value)
+            observation = observation if changed is None else changed
+        self.observation = observation
+        self._samples.append(self._system.sample(self._environment, observation, info, 0.0))
 
     def step(self, action: Any, step: int) -> None:
         if self.outcome is not None:
             return
-        values = np.asarray(action, dtype=np.float64).reshape(-1)
-        bad = np.flatnonzero(~np.isfinite(values))
-        if len(bad) > 0:
-            self.end("invalid action", step, int(bad[0]))
+        values = np.asarray(action, dtype=np.float64)
+        # The sum of squares is a faster test of a vector; if it overflows, the slower one decides.
+        if (values.ndim != 1 or not math.isfinite(values.dot(values))) and not np.isfinite(values).all():
+            self.end("invalid action", step, int(np.flatnonzero(~np.isfinite(values))[0]))
             return
+        self._guarded(self._advance, action, step)
 
-        def advance() -> None:
-            observation, reward, terminated, truncated, info = self._environment.step(action)
-            self.observation = observation
-            self._steps = step
-            self._total_reward += float(reward)
-            self._samples.append(self._system.sample(self._environment, observation, info, float(reward)))
-            if not np.isfinite(float(reward)):
-                self.end("invalid reward", step)
-            elif step == self._system.steps:
-                self.end("completed", step)
-            elif terminated or truncated:
-                self.end("terminated", step)
+    def _advance(self, action: Any, step: int) -> None:
+        system = self._system
+        observation, given, terminated, truncated, info = self._environment.step(action)
+        reward = float(given)
+        self.observation = observation
+        self._steps = step
+        self._total_reward += reward
+        self._samples.append(system.sample(self._environment, observation, info, reward))
+        if not math.isfinite(reward):
+            self.end("invalid reward", step)
+        elif step == system.steps:
+            self.end("completed", step)
+        elif terminated or truncated:
+            self.end("terminated", step)
 
-        self._guarded(advance, step)
-
-    def _guarded(self, work: Callable[[], None], step: int) -> None:
-        started = time.perf_counter()
+    def _guarded(self, work: Callable[..., None], argument: Any, step: int) -> None:
         limit = self._system.time_limit
         try:
-            with limited(None if limit is None else self.time.left(limit)):
-                work()
+            if limit is None:
+                work(argument, step)
+            else:
+                started = time.perf_counter()
+                with limited(self.time.left(limit)):
+                    work(argument, step)
+                self.time.spent += time.perf_counter() - started
         except InvalidScenario:
             self.end("invalid scenario", step)
         except TimeLimitExceeded:
@@ -205,7 +216,6 @@ class _Row:
         except Exception:
             self._system.keep_exception()
             self.end("crashed", step)
-        self.time.spent += time.perf_counter() - started
 
     def end(self, end: str, step: int, index: int = 0) -> None:
         if self.outcome is None:
@@ -218,25 +228,42 @@ class _Row:
         return outcome
 
 
-def value_of(source: Source, environment: Any, observation: Any, info: Mapping[str, Any], reward: float) -> float:
+Reader = Callable[[Any, Any, Mapping[str, Any], float], float]
+
+
+def _reader(source: Source) -> Reader:
+    """Returns the function from environment, observation, info and reward to the value of a signal."""
     if callable(source):
-        return float(source(environment.unwrapped))
+        function = source
+        if _positional_parameters(function) >= 2:
+            return lambda environment, observation, info, reward: float(function(environment.unwrapped, observation))
+        return lambda environment, observation, info, reward: float(function(environment.unwrapped))
     if source == "reward":
-        return reward
-    if source.startswith("info."):
-        found: Any = info
-        for key in source.split(".")[1:]:
-            found = found[key]
-        return float(found)
-    if source.startswith("obs"):
-        holder = _Holder(observation)
-        return float(get_path(holder, source))
-    return float(get_path(environment.unwrapped, source))
+        return lambda environment, observation, info, reward: reward
+    segments = parse_path(source)
+    first, indexes = segments[0]
+    if first in ("obs", "info"):
+        follow = follower(segments[1:])
+
+        def read(environment: Any, observation: Any, info: Mapping[str, Any], reward: float) -> float:
+            start = observation if first == "obs" else info
+            for index in indexes:
+                start = start[index]
+            return float(follow(start))
+
+        return read
+    follow = follower(segments)
+    return lambda environment, observation, info, reward: float(follow(environment.unwrapped))
 
 
-@dataclass
-class _Holder:
-    obs: Any
+def _positional_parameters(function: Callable[..., Any]) -> int:
+    """Returns the number of positional parameters without a default."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return 1
+    kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    return sum(parameter.kind in kinds and parameter.default is parameter.empty for parameter in parameters)
 
 
 def set_option(options: dict[str, Any], name: str, value: Value) -> None:

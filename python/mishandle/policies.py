@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import inspect
 import pathlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mishandle.controllers import Controller
 
@@ -30,8 +32,9 @@ def as_policy(policy: Any, batched: bool = False) -> Policy:
     ----------
     policy
         A function of one observation (of a batch, if ``batched``); a model with ``predict``, such as those of
-        Stable-Baselines3; a PyTorch module; a path of an ONNX file; a :class:`~mishandle.Controller`. Its method or attribute ``reset``, if it is callable,
-        is called at the start of an episode.
+        Stable-Baselines3, with its ``VecNormalize`` if it has one; an agent of skrl 2; a PyTorch module from observations to
+        actions; a path of an ONNX file; a :class:`~mishandle.Controller`. The method or attribute ``reset`` of a function or
+        module, if it is callable, is called at the start of an episode.
     batched : bool
         Whether a function takes a batch of observations, with one row per environment.
     """
@@ -41,13 +44,15 @@ def as_policy(policy: Any, batched: bool = False) -> Policy:
         return _Onnx(pathlib.Path(policy))
     if hasattr(policy, "predict"):
         return _Predicting(policy)
+    if _is_skrl(policy):
+        return _Skrl(policy)
     if _is_torch(policy):
         return _Torch(policy)
     if callable(policy):
         return _Function(policy, batched)
     raise TypeError(
-        f"a {type(policy).__name__} is not a policy: expected a function, a model with `predict`, a PyTorch module or the "
-        "path of an .onnx file"
+        f"a {type(policy).__name__} is not a policy: expected a function, a model with `predict`, a PyTorch module, an "
+        "agent of skrl or the path of an .onnx file"
     )
 
 
@@ -62,30 +67,84 @@ def source_text(code: Any) -> str:
 
 
 def policy_hash(policy: Any) -> str:
-    """Returns a SHA-256 hash that changes with the weights of a policy, or with the source of a function."""
+    """Returns a SHA-256 hash that changes with the weights of a policy, or with the source of a function.
+
+    The hash of a function or an object covers the weights of the models that it refers to: as attributes, closure variables or
+    global variables. It does not cover numbers and arrays, because they can be the state of a controller.
+    """
     if isinstance(policy, Controller):
         return policy.hash
     if isinstance(policy, (str, pathlib.Path)):
         return hashlib.sha256(pathlib.Path(policy).read_bytes()).hexdigest()
     digest = hashlib.sha256(source_text(policy).encode())
-    # Stable-Baselines3 keeps the module in the attribute `policy`.
-    modules: list[Any] = [policy, getattr(policy, "policy", None)]
+    for value in [policy, *_referred(policy)]:
+        for name, array in _weights(value):
+            digest.update(name.encode())
+            digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def _referred(policy: Any) -> list[Any]:
+    """Returns the values that a function or an object refers to directly, in a fixed order."""
+    while isinstance(policy, functools.partial):
+        policy = policy.func
+    owner = getattr(policy, "__self__", None)
+    found = [] if owner is None else [owner]
+    for value in (policy, owner):
+        attributes = getattr(value, "__dict__", {})
+        found += [attributes[name] for name in sorted(attributes)]
+    try:
+        variables = inspect.getclosurevars(policy)
+    except TypeError:
+        return found
+    for names in (variables.nonlocals, variables.globals):
+        found += [names[name] for name in sorted(names)]
+    return found
+
+
+def _weights(value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yields the named weights of a PyTorch module, and of a model of Stable-Baselines3 or skrl."""
+    if isinstance(value, type):
+        return
+    # Both libraries keep the module in the attribute `policy`; skrl keeps the normalizer of observations beside it.
+    modules: list[Any] = [value, getattr(value, "policy", None), getattr(value, "_observation_preprocessor", None)]
     for module in modules:
         if _is_torch(module):
             for name, tensor in sorted(module.state_dict().items()):
-                digest.update(name.encode())
-                digest.update(tensor.detach().cpu().numpy().tobytes())
-    return digest.hexdigest()
+                yield name, tensor.detach().cpu().numpy()
+    normalizer = _vec_normalize(value)
+    if normalizer is not None and normalizer.norm_obs:
+        moments = normalizer.obs_rms if isinstance(normalizer.obs_rms, dict) else {"": normalizer.obs_rms}
+        for name in sorted(moments):
+            yield f"{name}.mean", moments[name].mean
+            yield f"{name}.var", moments[name].var
+
+
+def _vec_normalize(model: Any) -> Any:
+    """Returns the normalizer (`VecNormalize`) of the environment of a Stable-Baselines3 model; `None` if it has none."""
+    find = getattr(model, "get_vec_normalize_env", None)
+    return find() if callable(find) else None
 
 
 def _is_torch(policy: Any) -> bool:
     return any(base.__module__.startswith("torch.") and base.__name__ == "Module" for base in type(policy).__mro__)
 
 
+def _is_skrl(policy: Any) -> bool:
+    return any(base.__module__.startswith("skrl.agents.") for base in type(policy).__mro__)
+
+
 def _reset(policy: Any) -> None:
     reset = getattr(policy, "reset", None)
     if callable(reset):
         reset()
+
+
+def _stack(observations: Any) -> Any:
+    """Returns a batch of observations; of dictionaries, a dictionary of batches."""
+    if isinstance(observations[0], dict):
+        return {key: np.stack([row[key] for row in observations]) for key in observations[0]}
+    return np.stack(observations)
 
 
 class _Function:
@@ -98,7 +157,7 @@ class _Function:
 
     def act(self, observations: Any, rows: int) -> Any:
         if self._batched:
-            return self._function(np.stack(observations))
+            return self._function(_stack(observations))
         return [self._function(observation) for observation in observations]
 
 
@@ -107,6 +166,8 @@ class _Predicting:
 
     def __init__(self, model: Any) -> None:
         self._model = model
+        # A policy that was trained with `VecNormalize` expects normalized observations.
+        self._normalizer = _vec_normalize(model)
         self._states: Any = None
         self._starts = np.ones(1, dtype=bool)
 
@@ -115,11 +176,9 @@ class _Predicting:
         self._starts = np.ones(rows, dtype=bool)
 
     def act(self, observations: Any, rows: int) -> Any:
-        batch: Any = (
-            {key: np.stack([row[key] for row in observations]) for key in observations[0]}
-            if isinstance(observations[0], dict)
-            else np.stack(observations)
-        )
+        batch = _stack(observations)
+        if self._normalizer is not None:
+            batch = self._normalizer.normalize_obs(batch)
         actions, self._states = self._model.predict(
             batch, state=self._states, episode_start=self._starts, deterministic=True
         )
@@ -140,8 +199,38 @@ class _Torch:
         import torch  # type: ignore[import-not-found, import-untyped, unused-ignore]
 
         with torch.no_grad():
-            batch = torch.as_tensor(np.stack(observations), dtype=torch.float32)
-            return self._module(batch).numpy()
+            return self._module(_tensors(_stack(observations), self._module)).cpu().numpy()
+
+
+class _Skrl:
+    """An agent of skrl 2: the mean action of its policy, without exploration noise."""
+
+    def __init__(self, agent: Any) -> None:
+        self._agent = agent
+
+    def reset(self, rows: int) -> None:
+        pass
+
+    def act(self, observations: Any, rows: int) -> Any:
+        import torch
+
+        policy = self._agent.policy
+        with torch.no_grad():
+            batch = self._agent._observation_preprocessor(_tensors(_stack(observations), policy))
+            actions, outputs = policy.act({"observations": batch, "states": None}, role="policy")
+            if "net_output" in outputs:
+                actions = outputs["net_output"].argmax(dim=1)
+            return outputs.get("mean_actions", actions).cpu().numpy()
+
+
+def _tensors(batch: Any, module: Any) -> Any:
+    """Returns a batch as tensors with the type and the device of the first parameter of a module."""
+    import torch
+
+    if isinstance(batch, dict):
+        return {key: _tensors(value, module) for key, value in batch.items()}
+    parameter = next(iter(module.parameters()), torch.zeros(1))
+    return torch.as_tensor(batch, dtype=parameter.dtype, device=parameter.device)
 
 
 class _Onnx:

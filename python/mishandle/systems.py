@@ -20,9 +20,10 @@ from mishandle.policies import Policy, as_policy, policy_hash, source_text
 
 Scenario = dict[str, Value]
 
-Source = Union[str, Callable[[Any], float]]
-"""Source of a signal: a path such as ``"obs[3]"``, ``"info.speed"``, ``"data.qpos[2]"`` or ``"reward"``, or a function of the
-unwrapped environment. ``data`` and other names are attributes of the unwrapped environment."""
+Source = Union[str, Callable[..., float]]
+"""Source of a signal: a path such as ``"obs[3]"``, ``"obs.achieved_goal[0]"``, ``"info.speed"``, ``"data.qpos[2]"`` or
+``"reward"``, or a function of the unwrapped environment, or of it and the observation. ``data`` and other names are attributes
+of the unwrapped environment; names after a dictionary are its keys."""
 
 
 @dataclass

@@ -13,7 +13,7 @@ from gymnasium.vector.utils import concatenate, create_empty_array, iterate
 from numpy.typing import NDArray
 
 from mishandle.axes import Attribute, Axis, ResetOption
-from mishandle.environments import EnvironmentSystem, PolicySystem, Time, set_option, value_of
+from mishandle.environments import EnvironmentSystem, PolicySystem, Time, set_option
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.limits import TimeLimitExceeded, limited
 from mishandle.systems import Outcome, Scenario, System
@@ -276,9 +276,7 @@ class _Rollout:
         for row in rows:
             found = row_info(info[row] if isinstance(info, list) else info, row)
             reward = float(rewards[row])
-            self._samples[row].append(
-                [value_of(source, None, observations[row], found, reward) for source in self._system.sources]
-            )
+            self._samples[row].append(self._system.sample(None, observations[row], found, reward))
 
     def step(
         self,

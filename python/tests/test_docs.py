@@ -6,6 +6,7 @@ import os
 import pathlib
 import pkgutil
 import re
+import sys
 import tempfile
 import unittest
 
@@ -39,6 +40,14 @@ class Examples(unittest.TestCase):
             finally:
                 os.chdir(before)
         self.assertEqual(names["again"].differences, [])
+
+    def test_the_table_of_the_examples_is_that_of_their_results(self):
+        sys.path.insert(0, str(ROOT / "python/examples"))
+        self.addCleanup(sys.path.pop, 0)
+        page = (ROOT / "docs/examples.md").read_text()
+        with_table = importlib.import_module("recording").with_table
+        self.assertEqual(with_table(page), page)
+        self.assertNotEqual(with_table(page.replace("same bits", "other bits")), page.replace("same bits", "other bits"))
 
 
 if __name__ == "__main__":

@@ -202,6 +202,8 @@ class Functions(Folder):
             return {"d": [1.0, 1.0]}
 
         run = self.path / "i.sqlite"
+        # A shell starts background jobs with SIGINT ignored.
+        self.addCleanup(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler))
         with self.assertRaises(KeyboardInterrupt):
             mishandle.falsify(system, "always(d >= 0)", SQUARE, search="random", trials=1, budget=100, out=run)
         stored = len(mishandle.open_run(run).columns()["trial"])

@@ -5,6 +5,7 @@
 mod check;
 mod demo;
 mod deny;
+mod examples;
 mod external;
 mod fuzz;
 mod golden;
@@ -66,6 +67,12 @@ const CHORES: &[Chore] = &[
         arguments: "",
         about: "build and run the crate of docs/library.md outside the repository",
         run: |root, _| external::check(root),
+    },
+    Chore {
+        name: "examples",
+        arguments: "[NAME...] [--record] [--train]",
+        about: "run python/examples in a virtual environment with PyTorch (gigabytes the first time)",
+        run: examples::examples,
     },
     Chore {
         name: "fuzz",
