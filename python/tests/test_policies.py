@@ -109,6 +109,23 @@ class Predictions(unittest.TestCase):
         np.testing.assert_array_equal(actions, [1.0, 3.0])
 
 
+class Actions(unittest.TestCase):
+    def test_the_number_of_actions_must_be_that_of_the_observations(self):
+        env = gymnasium.make("Pendulum-v1", max_episode_steps=5)
+        space = [Axis("x_init", 0.1, 1.0), Axis("y_init", 0.1, 1.0)]
+        with self.assertRaisesRegex(RuntimeError, "the policy returned 3 actions for 1 observations"):
+            mishandle.simulate(
+                env, "always(c <= 2)", space, policy=lambda batch: np.zeros(3), batched_policy=True, signals={"c": "obs[0]"}
+            )
+
+    def test_huge_actions_are_finite(self):
+        env = gymnasium.make("Pendulum-v1", max_episode_steps=5)
+        space = [Axis("x_init", 0.1, 1.0), Axis("y_init", 0.1, 1.0)]
+        huge = np.array([3e38], np.float32)
+        [found] = mishandle.simulate(env, "always(c <= 2)", space, policy=lambda o: huge, signals={"c": "obs[0]"})
+        self.assertEqual(found.end, "completed")
+
+
 class Goal(gymnasium.Env):
     """Moves by its action towards a goal; its observations, settings and information are dictionaries."""
 
