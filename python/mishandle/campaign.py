@@ -16,6 +16,7 @@ from typing_extensions import Unpack
 from mishandle import _native
 from mishandle.axes import Axis, Value
 from mishandle.controllers import load_controller
+from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
 from mishandle.policies import policy_hash
 from mishandle.ray import RayExecutor
 from mishandle.systems import FunctionSystem, Scenario, Source, System, TaskSystem
@@ -154,12 +155,12 @@ class _Target:
             at = {}
         if not isinstance(at, Mapping):
             if len(at) != len(self.space):
-                raise ValueError(f"the scenario has {len(at)} values; expected {len(self.space)}")
+                raise InvalidValueError(f"the scenario has {len(at)} values; expected {len(self.space)}")
             return [float(value) for value in at]
         unknown = sorted(set(at) - {axis.name for axis in self.space})
         if unknown:
             names = ", ".join(axis.name for axis in self.space)
-            raise ValueError(f"the space has no axis {', '.join(unknown)}; its axes: {names}")
+            raise InvalidValueError(f"the space has no axis {', '.join(unknown)}; its axes: {names}")
         return [axis.number(at[axis.name]) if axis.name in at else axis.nominal_value for axis in self.space]
 
     def simulation(self, found: dict[str, Any]) -> Simulation:
@@ -205,10 +206,13 @@ class TargetOptions(TypedDict, total=False):
 
 def _target(system: Any, formula: Formulas, space: Space, options: TargetOptions) -> _Target:
     policy = options.get("policy")
+    if isinstance(policy, (str, os.PathLike)) and os.fspath(policy).endswith(".onnx"):
+        # Absolute, because workers of a cluster have other working folders.
+        policy = pathlib.Path(policy).absolute()
     if isinstance(system, str):
         if policy is None:
-            raise ValueError(f"the task {system} needs a policy")
-        if isinstance(policy, str) and not policy.endswith(".onnx"):
+            raise InvalidValueError(f"the task {system} needs a policy")
+        if isinstance(policy, str):
             policy = load_controller(policy if "/" in policy else f"{system}/{policy}")
         system = TaskSystem(
             system,
@@ -222,18 +226,18 @@ def _target(system: Any, formula: Formulas, space: Space, options: TargetOptions
         formula = system.formulas if formula is None else formula
         space = system.space if space is None else space
     if not space:
-        raise ValueError("the space has no axes")
+        raise InvalidValueError("the space has no axes")
     under_test = _system(system, space, policy, options)
     termination = options.get("termination", "undecided")
     formulas = {"success": formula} if isinstance(formula, str) else dict(formula or {})
     if not formulas:
-        raise ValueError("there is no formula")
+        raise InvalidValueError("there is no formula")
     nominal = {axis.name: _nominal(axis) for axis in space}
     largest_difference = _probe(under_test, under_test, nominal)
     executor = options.get("executor")
     if executor is not None:
         if isinstance(executor, str) and executor != "ray":
-            raise ValueError(f"there is no executor {executor!r}; expected 'ray' or a RayExecutor")
+            raise InvalidValueError(f"there is no executor {executor!r}; expected 'ray' or a RayExecutor")
         distributed = (RayExecutor() if isinstance(executor, str) else executor).system(under_test)
         largest_difference = max(largest_difference, _probe(under_test, distributed, nominal))
         under_test = distributed
@@ -273,7 +277,7 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
         return system
     if hasattr(system, "reset") and hasattr(system, "step"):
         if policy is None:
-            raise ValueError("an environment needs a policy")
+            raise InvalidValueError("an environment needs a policy")
         return environment_system(
             system,
             policy,
@@ -293,7 +297,7 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
             units=options.get("units", {}),
             time_limit=options.get("time_limit"),
         )
-    raise TypeError(
+    raise InvalidTypeError(
         f"a {type(system).__name__} is not a system: expected a function, a Gymnasium environment or the name of a task"
     )
 
@@ -310,7 +314,7 @@ def _probe(system: System, other: System, nominal: Scenario) -> float:
     first, second = (each.simulate([(nominal, 0)])[0] for each in (system, other))
     for each in (system, other):
         if each.exceptions:
-            raise RuntimeError(f"the nominal scenario {nominal} raised an exception:\n{each.exceptions[0]}")
+            raise InvalidStateError(f"the nominal scenario {nominal} raised an exception:\n{each.exceptions[0]}")
     if (first.end, first.steps, first.samples.shape) != (second.end, second.steps, second.samples.shape):
         return float("inf")
     if first.samples.size == 0 or np.array_equal(first.samples, second.samples, equal_nan=True):

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mishandle.controllers import Controller
+from mishandle.errors import InvalidTypeError, InvalidValueError, MissingPackageError
 
 
 class Policy(Protocol):
@@ -50,7 +51,7 @@ def as_policy(policy: Any, batched: bool = False) -> Policy:
         return _Torch(policy)
     if callable(policy):
         return _Function(policy, batched)
-    raise TypeError(
+    raise InvalidTypeError(
         f"a {type(policy).__name__} is not a policy: expected a function, a model with `predict`, a PyTorch module, an "
         "agent of skrl or the path of an .onnx file"
     )
@@ -238,16 +239,20 @@ class _Onnx:
 
     def __init__(self, path: pathlib.Path) -> None:
         if path.suffix != ".onnx":
-            raise ValueError(f"{path} is not the path of an .onnx file; load the policy and pass it as an object")
+            raise InvalidValueError(f"{path} is not the path of an .onnx file; load the policy and pass it as an object")
         try:
             import onnxruntime  # type: ignore[import-not-found, import-untyped, unused-ignore]
         except ImportError as error:
-            raise ImportError("ONNX policies need ONNX Runtime: pip install onnxruntime") from error
+            raise MissingPackageError("ONNX policies need ONNX Runtime: pip install onnxruntime") from error
         options = onnxruntime.SessionOptions()
         # One thread gives the same sums on every machine.
         options.intra_op_num_threads = 1
         self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         self._input = self._session.get_inputs()[0].name
+        self._path = path
+
+    def __reduce__(self) -> tuple[type[_Onnx], tuple[pathlib.Path]]:
+        return _Onnx, (self._path,)
 
     def reset(self, rows: int) -> None:
         pass

@@ -6,6 +6,7 @@ from typing import Any
 
 import gymnasium
 from gymnasium.vector import AutoresetMode
+from mishandle.errors import InvalidValueError, MissingPackageError
 
 
 def vec_env(env: gymnasium.vector.VectorEnv[Any, Any, Any]) -> Any:
@@ -33,10 +34,10 @@ def vec_env(env: gymnasium.vector.VectorEnv[Any, Any, Any]) -> Any:
     try:
         from stable_baselines3.common.vec_env import VecEnv  # type: ignore[import-not-found, import-untyped, unused-ignore]
     except ImportError as error:
-        raise ImportError("vec_env needs Stable-Baselines3: pip install stable-baselines3") from error
+        raise MissingPackageError("vec_env needs Stable-Baselines3: pip install stable-baselines3") from error
     mode = env.metadata.get("autoreset_mode")
     if mode is not AutoresetMode.SAME_STEP:
-        raise ValueError(f'the autoreset mode is {mode}; pass autoreset_mode="SameStep" to gymnasium.make_vec')
+        raise InvalidValueError(f'the autoreset mode is {mode}; pass autoreset_mode="SameStep" to gymnasium.make_vec')
 
     class Adapter(VecEnv):  # type: ignore[misc, unused-ignore]
         def __init__(self) -> None:
