@@ -213,7 +213,8 @@ def _target(system: Any, formula: Formulas, space: Space, options: TargetOptions
         if policy is None:
             raise InvalidValueError(f"the task {system} needs a policy")
         if isinstance(policy, str):
-            policy = load_controller(policy if "/" in policy else f"{system}/{policy}")
+            is_path = "/" in policy or policy.endswith(".safetensors")
+            policy = load_controller(policy if is_path else f"{system}/{policy}")
         system = TaskSystem(
             system,
             policy,

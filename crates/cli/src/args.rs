@@ -387,7 +387,8 @@ Both are the mean of a stochastic policy. `mishandle evaluate TASK --controller 
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle controller import model.zip --task point-reaching --out a.safetensors
-  mishandle controller import model.zip --task point-reaching --out a.safetensors --normalizer n.json
+  mishandle controller import model.zip --task point-reaching --out a.safetensors \\
+      --normalizer n.json
   mishandle controller import agent.pt --task point-reaching --out a.safetensors --activation elu
 
 FILE is a model of Stable-Baselines3 (PPO, A2C, SAC, TD3, DDPG), a checkpoint of skrl, or a state

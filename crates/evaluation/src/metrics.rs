@@ -10,6 +10,8 @@ use crate::{Estimate, betting_mean, bootstrap_mean, wilson};
 /// reward a controller that breaks the physics. They do not count as falsified. A diverged or invalid simulation is
 /// excluded from the dangerous behavior rate and the task completion time. `diverged`, `invalid` and `undecided` report
 /// the numbers of these simulations.
+///
+/// A scenario from which the target cannot start says nothing about the controller, so no rate includes it; `failed` does.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EvaluationReport {
     /// Number of simulations.
@@ -24,9 +26,9 @@ pub struct EvaluationReport {
     pub undecided: u64,
     /// Number of other simulations that left strict success undecided.
     pub strict_undecided: u64,
-    /// Success rate: fraction of simulations with a success robustness above 0, with its Wilson interval.
+    /// Success rate: fraction of the started simulations with a success robustness above 0, with its Wilson interval.
     pub success_rate: Estimate,
-    /// Strict success rate: fraction of simulations with a strict robustness above 0 among all simulations, with its
+    /// Strict success rate: fraction of simulations with a strict robustness above 0 among the started ones, with its
     /// Wilson interval. A simulation that satisfies the strict formula but not the success formula is no strict success.
     /// `None` without this formula.
     pub strict_success_rate: Option<Estimate>,
@@ -79,6 +81,7 @@ pub struct Metrics {
     diverged: u64,
     invalid: u64,
     failed: u64,
+    invalid_scenarios: u64,
     undecided: u64,
     strict_undecided: u64,
     successes: u64,
@@ -120,6 +123,7 @@ impl Metrics {
         }
         if episode.end.is_failed() {
             self.failed += 1;
+            self.invalid_scenarios += u64::from(episode.end == EpisodeEnd::InvalidScenario);
             return;
         }
         if matches!(episode.end, EpisodeEnd::Undefined { .. }) {
@@ -141,6 +145,7 @@ impl Metrics {
 
     /// Returns the metrics of all simulations. `seed` is the seed of the evaluation; the bootstrap draws depend on it.
     pub fn report(&self, seed: Seed) -> EvaluationReport {
+        let started = self.simulations - self.invalid_scenarios;
         EvaluationReport {
             simulations: self.simulations,
             diverged: self.diverged,
@@ -148,8 +153,8 @@ impl Metrics {
             failed: self.failed,
             undecided: self.undecided,
             strict_undecided: self.strict_undecided,
-            success_rate: wilson(self.successes, self.simulations),
-            strict_success_rate: self.roles.strict.then(|| wilson(self.strict_successes, self.simulations)),
+            success_rate: wilson(self.successes, started),
+            strict_success_rate: self.roles.strict.then(|| wilson(self.strict_successes, started)),
             dangerous_behavior_rate: self.roles.safe.then(|| betting_mean(&self.dangerous_fractions)),
             dangerous_episode_rate: self.roles.safe.then(|| self.dangerous_episode_rate()),
             task_completion_time: self.roles.completion.then(|| bootstrap_mean(&self.completion_steps, seed)),
@@ -273,6 +278,18 @@ mod tests {
         assert_eq!((report.simulations, report.invalid, report.diverged, report.undecided), (2, 1, 0, 0));
         assert_eq!(report.strict_undecided, 0);
         assert_eq!((report.success_rate.value, report.dangerous_behavior_rate.unwrap().n), (Some(0.5), 1));
+    }
+
+    #[test]
+    fn a_crash_is_a_failure_and_an_invalid_scenario_counts_in_no_rate() {
+        let ended = |end| Episode { end, ..episode(None, None, 0, None) };
+        let crashed = ended(EpisodeEnd::Crashed { step: 1 });
+        let rejected = ended(EpisodeEnd::InvalidScenario);
+        let report = report(&[episode(Some(1.0), Some(1.0), 2, Some(2)), crashed, rejected]);
+        assert_eq!((report.simulations, report.failed), (3, 2));
+        for rate in [report.success_rate, report.strict_success_rate.unwrap()] {
+            assert_eq!((rate.value, rate.n), (Some(0.5), 2));
+        }
     }
 
     #[test]

@@ -205,7 +205,7 @@ mod tests {
             ("gamma = nan", "line 1: the setting `gamma` must be a number from 0 to 1, found NaN"),
             (
                 "policy.activation = \"swish\"",
-                "`policy.activation` must be \"elu\", \"tanh\" or \"relu\", found",
+                "`policy.activation` must be \"elu\", \"tanh\", \"relu\" or \"leaky_relu\", found",
             ),
             (
                 "learning_rate_schedule = \"cosine\"",
