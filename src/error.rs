@@ -88,6 +88,16 @@ pub enum MishandleError {
         /// The missing file.
         file: PathBuf,
     },
+    /// A run file in the folder of a campaign is not that of its run.
+    #[error("{} is not the run file of run `{name}`: {problem}", path.display())]
+    CampaignMismatch {
+        /// Path of the run file.
+        path: PathBuf,
+        /// Name of the run.
+        name: String,
+        /// The difference.
+        problem: String,
+    },
     /// The folder in `MISHANDLE_HOME` does not contain the shipped files.
     #[error("MISHANDLE_HOME is `{}`, which has no folder `{folder}`", path.display())]
     Home {

@@ -13,7 +13,8 @@ const LINK_DIR: &str = "MUJOCO_DYNAMIC_LINK_DIR";
 const LIBRARY: &str = "libmujoco.so.3.17.0";
 
 fn main() -> io::Result<()> {
-    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+    // At run time: a build script that cargo compiled for another copy of the repository has the path of that copy.
+    let package = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-env-changed={LINK_DIR}");
     // The paths are canonicalized: a crate outside the workspace may include our `.cargo/config.toml` by another path.

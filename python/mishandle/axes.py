@@ -89,17 +89,31 @@ class Axis:
     apply: Application | None = None
 
     def __post_init__(self) -> None:
+        if not self.name or not self.name.isprintable():
+            raise InvalidValueError(f"the name of an axis must be printable and not empty, got {self.name!r}")
         if isinstance(self.values, str):
             if self.values not in ("continuous", "logarithmic", "integer"):
                 raise InvalidValueError(
                     f"axis `{self.name}` has the values {self.values!r}; expected 'continuous', 'logarithmic', 'integer' "
                     "or a list of names"
                 )
+            self._check_nominal()
             return
         if len(self.values) < 2 or len(set(self.values)) != len(self.values):
             raise InvalidValueError(f"axis `{self.name}` needs at least two different names, got {list(self.values)!r}")
         object.__setattr__(self, "low", 0.0)
         object.__setattr__(self, "high", float(len(self.values) - 1))
+        self._check_nominal()
+
+    def _check_nominal(self) -> None:
+        if self.nominal is None:
+            return
+        is_whole = self.values in ("continuous", "logarithmic") or float(self.nominal).is_integer()
+        if not (self.low <= self.nominal <= self.high and is_whole):
+            raise InvalidValueError(
+                f"the nominal value of axis `{self.name}` is {self.nominal}; it must be {'' if is_whole else 'a whole number '}"
+                f"from {self.low:g} to {self.high:g}"
+            )
 
     @property
     def nominal_value(self) -> float:

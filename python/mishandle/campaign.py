@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from typing_extensions import Unpack
 
 from mishandle import _native
+from mishandle.arguments import check_applicable, check_options, check_steps, check_time, named_formulas
 from mishandle.axes import Axis, Value
 from mishandle.controllers import load_controller
 from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
+from mishandle.formulas import Formula
 from mishandle.policies import policy_hash
 from mishandle.ray import RayExecutor
 from mishandle.systems import FunctionSystem, Scenario, Source, System, TaskSystem
@@ -25,7 +27,7 @@ from mishandle.vectors import environment_system
 PathLike = str | os.PathLike[str]
 Progress = Callable[[int, int], None]
 
-Formulas = Union[str, Mapping[str, str], None]
+Formulas = Union[str, Formula, Mapping[str, Union[str, Formula]], None]
 """A requirement, or formulas by name, the requirement first. ``success``, ``strict``, ``safe`` and ``completion`` define
 metrics. ``None`` selects the formulas of a task."""
 
@@ -205,11 +207,14 @@ class TargetOptions(TypedDict, total=False):
 
 
 def _target(system: Any, formula: Formulas, space: Space, options: TargetOptions) -> _Target:
+    check_options(options, list(TargetOptions.__annotations__))
+    check_steps(options.get("steps"))
     policy = options.get("policy")
     if isinstance(policy, (str, os.PathLike)) and os.fspath(policy).endswith(".onnx"):
         # Absolute, because workers of a cluster have other working folders.
         policy = pathlib.Path(policy).absolute()
     if isinstance(system, str):
+        check_applicable(options, TASK_OPTIONS, "a task")
         if policy is None:
             raise InvalidValueError(f"the task {system} needs a policy")
         if isinstance(policy, str):
@@ -226,13 +231,14 @@ def _target(system: Any, formula: Formulas, space: Space, options: TargetOptions
     if isinstance(system, TaskSystem):
         formula = system.formulas if formula is None else formula
         space = system.space if space is None else space
+    if isinstance(space, (str, Mapping)) or not all(isinstance(axis, Axis) for axis in space or []):
+        raise InvalidTypeError('a space is a list of axes, such as [Axis("speed", 0, 10, "m/s")]')
     if not space:
         raise InvalidValueError("the space has no axes")
     under_test = _system(system, space, policy, options)
     termination = options.get("termination", "undecided")
-    formulas = {"success": formula} if isinstance(formula, str) else dict(formula or {})
-    if not formulas:
-        raise InvalidValueError("there is no formula")
+    formulas = named_formulas(formula)
+    check_time(formulas, under_test.knows_control_dt, under_test.control_dt)
     nominal = {axis.name: _nominal(axis) for axis in space}
     largest_difference = _probe(under_test, under_test, nominal)
     executor = options.get("executor")
@@ -277,6 +283,7 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
     if isinstance(system, System):
         return system
     if hasattr(system, "reset") and hasattr(system, "step"):
+        check_applicable(options, ENVIRONMENT_OPTIONS, "an environment")
         if policy is None:
             raise InvalidValueError("an environment needs a policy")
         return environment_system(
@@ -290,10 +297,11 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
             batched_policy=options.get("batched_policy", False),
         )
     if callable(system):
+        check_applicable(options, FUNCTION_OPTIONS, "a function")
         return FunctionSystem(
             system,
             nominal={axis.name: _nominal(axis) for axis in space},
-            control_dt=options.get("control_dt", 1.0),
+            control_dt=options.get("control_dt"),
             steps=options.get("steps"),
             units=options.get("units", {}),
             time_limit=options.get("time_limit"),
@@ -301,6 +309,12 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
     raise InvalidTypeError(
         f"a {type(system).__name__} is not a system: expected a function, a Gymnasium environment or the name of a task"
     )
+
+
+COMMON_OPTIONS = ("time_limit", "termination", "name", "executor")
+FUNCTION_OPTIONS = ("control_dt", "steps", "units", *COMMON_OPTIONS)
+ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", *COMMON_OPTIONS)
+TASK_OPTIONS = ("policy", "batched_policy", "preset", "rows", *COMMON_OPTIONS)
 
 
 def _nominal(axis: Axis) -> Value:
@@ -320,6 +334,8 @@ def _probe(system: System, other: System, nominal: Scenario) -> float:
         return float("inf")
     if first.samples.size == 0 or np.array_equal(first.samples, second.samples, equal_nan=True):
         return 0.0
+    if not np.array_equal(np.isnan(first.samples), np.isnan(second.samples)):
+        return float("inf")
     return float(np.nanmax(np.abs(first.samples - second.samples)))
 
 
@@ -370,7 +386,10 @@ def falsify(
     progress : callable, optional
         Gets the numbers of finished and of all simulations after each batch.
     **target
-        See :class:`TargetOptions`.
+        Arguments that describe the system, the same for all functions: ``policy``, ``batched_policy``, ``signals``, ``units``
+        (of the signals of a function), ``steps`` (control steps of an episode), ``control_dt`` (seconds), ``termination``,
+        ``time_limit`` (seconds), ``preset`` and ``rows`` (of a task), ``name`` and ``executor``. See
+        :class:`mishandle.campaign.TargetOptions`.
 
     Returns
     -------
@@ -408,6 +427,12 @@ def falsify(
         out=(None if out is None else os.fspath(out), resume, durable),
         progress=progress,
     )
+    if outcome["undecided"] > 0:
+        warnings.warn(
+            f"{outcome['undecided']} of {outcome['simulations']} simulations are undecided; if the system ended them early, "
+            'termination="hold" or "evaluate" decides them',
+            stacklevel=2,
+        )
     return Falsification(
         path=pathlib.Path(outcome.pop("path")),
         trials=[Trial(**trial) for trial in outcome.pop("trials")],

@@ -45,6 +45,7 @@ class PolicySystem(System):
         self.name = spec_name(environment)
         self.steps = episode_steps(environment, steps)
         self.control_dt = control_dt if control_dt is not None else control_period(environment)
+        self.knows_control_dt = control_dt is not None or states_control_dt(environment)
         self.versions = [("gymnasium", gymnasium.__version__), ("numpy", np.__version__)]
         self.exceptions = []
 
@@ -177,7 +178,12 @@ class _Row:
     def step(self, action: Any, step: int) -> None:
         if self.outcome is not None:
             return
-        values = np.asarray(action, dtype=np.float64)
+        try:
+            values = np.asarray(action, dtype=np.float64)
+        except (TypeError, ValueError):
+            # Actions of other spaces than boxes; the environment checks them.
+            self._guarded(self._advance, action, step)
+            return
         # The sum of squares is a faster test of a vector; if it overflows, the slower one decides.
         if (values.ndim != 1 or not math.isfinite(values.dot(values))) and not np.isfinite(values).all():
             self.end("invalid action", step, int(np.flatnonzero(~np.isfinite(values))[0]))
@@ -310,10 +316,15 @@ def episode_steps(environment: Any, steps: int | None) -> int:
     return int(steps if steps is not None else limit or 0)
 
 
+def states_control_dt(environment: Any) -> bool:
+    """Returns whether the environment has the attribute ``dt``. The frame rate of its videos can differ from its control rate."""
+    dt = getattr(environment.unwrapped, "dt", None)
+    return isinstance(dt, (int, float)) and dt > 0
+
+
 def control_period(environment: Any) -> float:
     """Returns the duration of a control step in seconds; 1 if the environment does not state it."""
-    dt = getattr(environment.unwrapped, "dt", None)
-    if isinstance(dt, (int, float)) and dt > 0:
-        return float(dt)
+    if states_control_dt(environment):
+        return float(environment.unwrapped.dt)
     rate = environment.metadata.get("render_fps")
     return 1.0 / rate if rate else 1.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,12 @@ class Formula:
 
     def __init__(self, text: str) -> None:
         self._native = _native.Formula(text)
+        if self._native.chains_comparisons:
+            warnings.warn(
+                "comparisons do not chain: `0.2 <= v <= 0.3` means `(0.2 <= v) <= 0.3`, as in RTAMT; write `0.2 <= v and v <= "
+                f"0.3`. The formula is {text}",
+                stacklevel=2,
+            )
 
     @property
     def signals(self) -> list[str]:
@@ -146,6 +153,12 @@ class Formula:
             for part in self.subformulas
         ]
         return violation(self._native.nodes(period), values)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Formula) and str(self) == str(other)
+
+    def __hash__(self) -> int:
+        return hash(str(self))
 
     def __str__(self) -> str:
         return str(self._native)

@@ -12,6 +12,10 @@ from typing import Any
 from mishandle.errors import InvalidStateError, InvalidValueError
 
 
+MAX_SECONDS = 1e7
+"""Longest time limit, in seconds. Timers of the system have a limit, too."""
+
+
 class TimeLimitExceeded(BaseException):
     """The simulation took longer than its time limit. It is no ``Exception``, so that ``except Exception`` in a system does
     not swallow it."""
@@ -19,8 +23,8 @@ class TimeLimitExceeded(BaseException):
 
 def check_time_limit(seconds: float | None) -> None:
     """Checks that a time limit is positive."""
-    if seconds is not None and not seconds > 0:
-        raise InvalidValueError(f"the time limit is {seconds} s; it must be positive")
+    if seconds is not None and not 0 < seconds <= MAX_SECONDS:
+        raise InvalidValueError(f"the time limit is {seconds} s; it must be above 0 and at most {MAX_SECONDS:g} s")
 
 
 def can_interrupt() -> bool:

@@ -58,13 +58,66 @@ def as_policy(policy: Any, batched: bool = False) -> Policy:
 
 
 def source_text(code: Any) -> str:
-    """Returns the source of a function or of the class of an object; its qualified name if Python cannot find it."""
-    for candidate in (code, type(code)):
+    """Returns the source of a function or of the class of an object, or the bytecode if Python cannot find the source.
+
+    The arguments of a ``functools.partial`` and the numbers, texts and functions in the closure of a function are part of it.
+    Attributes of an object are not, because they can be its state.
+    """
+    if isinstance(code, functools.partial):
+        keywords = sorted(code.keywords.items())
+        values = [*code.args, *(value for _, value in keywords)]
+        names = [name for name, _ in keywords]
+        return "\n".join([source_text(code.func), repr(names), *(_value_text(value) for value in values)])
+    cells = getattr(code, "__closure__", None) or ()
+    return "\n".join([_own_source(code), *(_value_text(_contents(cell)) for cell in cells)])
+
+
+class BytecodeOnly:
+    """While it is entered, :func:`source_text` returns bytecode, which is the same where the source is not at hand."""
+
+    depth = 0
+
+    def __enter__(self) -> None:
+        BytecodeOnly.depth += 1
+
+    def __exit__(self, *exception: Any) -> None:
+        BytecodeOnly.depth -= 1
+
+
+def _own_source(code: Any) -> str:
+    kind = code if isinstance(code, type) or hasattr(code, "__code__") else type(code)
+    if BytecodeOnly.depth == 0:
         try:
-            return inspect.getsource(candidate)
+            # Of the code, because `inspect` would return the source of the function that a decorator wraps.
+            return inspect.getsource(getattr(kind, "__code__", kind))
         except (OSError, TypeError):
-            continue
-    return f"{type(code).__module__}.{type(code).__qualname__}"
+            pass
+    name = f"{kind.__module__}.{kind.__qualname__}"
+    members = [value for _, value in sorted(vars(kind).items())] if isinstance(kind, type) else [kind]
+    return "\n".join([name, *(_bytecode(each.__code__) for each in members if hasattr(each, "__code__"))])
+
+
+def _bytecode(code: Any) -> str:
+    constants = [_bytecode(each) if hasattr(each, "co_code") else _value_text(each) for each in code.co_consts]
+    return "\n".join([code.co_code.hex(), repr(code.co_names), *constants])
+
+
+def _contents(cell: Any) -> Any:
+    try:
+        return cell.cell_contents
+    except ValueError:  # not assigned yet
+        return None
+
+
+def _value_text(value: Any) -> str:
+    """Returns a text of a plain value or a function; empty for other objects, whose texts can contain addresses."""
+    if isinstance(value, (tuple, list)):
+        return repr([_value_text(each) for each in value])
+    if isinstance(value, (set, frozenset)):
+        return repr(sorted(_value_text(each) for each in value))
+    if isinstance(value, (int, float, complex, str, bytes, type(None), type(...))):
+        return repr(value)
+    return _own_source(value) if hasattr(value, "__code__") else ""
 
 
 def policy_hash(policy: Any) -> str:

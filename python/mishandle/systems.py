@@ -55,6 +55,8 @@ class System:
     versions: list[tuple[str, str]]
     exceptions: list[str]
     depends_on_seed: bool = True
+    knows_control_dt: bool = True
+    """Whether ``control_dt`` was given or stated by the system."""
 
     def simulate(self, batch: Sequence[tuple[Scenario, int]]) -> list[Outcome]:
         """Simulates pairs of scenario and seed."""
@@ -76,6 +78,8 @@ def columns_of(trace: Any, names: Sequence[str] | None = None) -> dict[str, NDAr
     if isinstance(trace, Mapping):
         items = {str(name): values for name, values in trace.items()}
     elif hasattr(trace, "columns"):
+        if len(set(trace.columns)) < len(trace.columns):
+            raise InvalidValueError(f"the data frame has several columns of the same name: {', '.join(map(str, trace.columns))}")
         items = {str(name): trace[name].to_numpy() for name in trace.columns}
     else:
         raise InvalidTypeError(f"a trace must be a dictionary of arrays or a data frame, not a {type(trace).__name__}")
@@ -87,13 +91,29 @@ def columns_of(trace: Any, names: Sequence[str] | None = None) -> dict[str, NDAr
         if names is not None and name not in names:
             continue
         try:
-            columns[name] = np.asarray(values, dtype=np.float64).reshape(-1)
-        except (TypeError, ValueError) as error:
+            column = _numbers(values)
+        except (TypeError, ValueError, OverflowError) as error:
             raise InvalidValueError(f"the signal `{name}` is not an array of numbers: {error}") from error
+        if column.ndim != 1:
+            raise InvalidValueError(
+                f"the signal `{name}` has the shape {column.shape}; expected one number per sample, so that each component "
+                "is a signal of its own"
+            )
+        columns[name] = column
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
         raise InvalidValueError(f"the signals of a trace must have the same length, got {lengths}")
     return columns
+
+
+def _numbers(values: Any) -> NDArray[np.float64]:
+    array: Any = np.asanyarray(values)
+    if array.dtype.kind not in "biufO":
+        raise TypeError(f"its elements have the type {array.dtype}")
+    if array.dtype.kind == "O" and any(isinstance(value, (str, bytes, complex)) for value in array.flat):
+        raise TypeError("some of its elements are no real numbers")
+    numbers: NDArray[np.float64] = np.ma.filled(array.astype(np.float64), np.nan)
+    return numbers
 
 
 class FunctionSystem(System):
@@ -104,7 +124,7 @@ class FunctionSystem(System):
         function: Callable[..., Any],
         *,
         nominal: Scenario,
-        control_dt: float,
+        control_dt: float | None,
         steps: int | None,
         units: Mapping[str, str],
         time_limit: float | None,
@@ -114,7 +134,8 @@ class FunctionSystem(System):
         self.depends_on_seed = self._takes_seed
         self._time_limit = time_limit
         self.name = getattr(function, "__name__", type(function).__name__)
-        self.control_dt = control_dt
+        self.control_dt = 1.0 if control_dt is None else control_dt
+        self.knows_control_dt = control_dt is not None
         self.exceptions = []
         self.versions = [("numpy", np.__version__)]
         check_time_limit(time_limit)
@@ -156,6 +177,9 @@ class FunctionSystem(System):
         if missing:
             raise InvalidValueError(f"the trace of scenario {scenario} lacks the signals {missing}")
         samples = np.column_stack([columns[name] for name, _ in self.signals])
+        if len(samples) == 0:
+            self.exceptions += [f"the trace of scenario {scenario} has no samples"][: 10 - len(self.exceptions)]
+            return Outcome("crashed", nothing, 0)
         steps = len(samples) - 1
         if steps < self.steps:
             return Outcome("terminated", samples, steps, step=steps)

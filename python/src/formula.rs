@@ -40,6 +40,11 @@ impl PyFormula {
         self.formula.symbols().to_string()
     }
 
+    #[getter]
+    fn chains_comparisons(&self) -> bool {
+        self.formula.chains_comparisons()
+    }
+
     /// Returns the syntax tree, in the order of `subformulas`.
     fn nodes(&self, period: f64) -> PyResult<Vec<Node>> {
         let nodes = self.formula.subformula_nodes(&clock(period)?).map_err(plain)?;

@@ -8,7 +8,7 @@ use mishandle::rollout::{
     Episode, Request, RolloutError, Scenario, Seed, Space, Specification, System, Target, Verdict,
 };
 use mishandle::stl::{SubformulaMinimum, Trace};
-use mishandle::store::{RunKind, RunWriter};
+use mishandle::store::RunKind;
 use mishandle::{CampaignRun, MishandleError as Error, Plan, ResolvedPlan};
 use numpy::ndarray::Array2;
 use numpy::{PyArray2, PyReadonlyArray2};
@@ -163,14 +163,15 @@ impl RemoteSystem {
     }
 }
 
-/// Completes the run in a run file. `simulate` simulates a list of requests.
+/// Completes a run of the campaign in a folder. `simulate` simulates a list of requests.
 ///
 /// Returns whether the run is complete.
 #[pyfunction]
-#[pyo3(signature = (path, *, simulate, durable, progress))]
+#[pyo3(signature = (folder, name, *, simulate, durable, progress))]
 pub fn complete_run(
     py: Python<'_>,
-    path: PathBuf,
+    folder: PathBuf,
+    name: String,
     simulate: Py<PyAny>,
     durable: bool,
     progress: Py<PyAny>,
@@ -178,11 +179,16 @@ pub fn complete_run(
     let pending = Pending::default();
     let kept = pending.clone();
     let done = py.detach(|| {
-        let mut run = RunWriter::resume(&path)?;
+        let known = mishandle::campaign_runs(&folder)?;
+        let found = known.into_iter().find(|run| run.name == name).ok_or(Error::UnknownName {
+            kind: "run of the campaign",
+            name,
+            known: Vec::new(),
+        })?;
+        let (mut run, mut resolved) = found.resume()?;
         if durable {
             run.set_durable()?;
         }
-        let mut resolved = mishandle::recorded_plan(run.file().header(), None)?;
         let shared = Arc::new(Shared {
             simulate,
             names: resolved.target.signal_names(),
@@ -245,7 +251,7 @@ pub fn campaign_runs(py: Python<'_>, folder: PathBuf) -> PyResult<Vec<(String, P
 }
 
 fn named(runs: Result<Vec<CampaignRun>, Error>) -> PyResult<Vec<(String, PathBuf)>> {
-    Ok(runs.map_err(raised)?.into_iter().map(|CampaignRun { name, path }| (name, path)).collect())
+    Ok(runs.map_err(raised)?.into_iter().map(|CampaignRun { name, path, .. }| (name, path)).collect())
 }
 
 /// Returns the plan of a run file, and the hashes of its target and components.

@@ -120,7 +120,7 @@ class Systems(unittest.TestCase):
 
     def test_limits_are_positive(self):
         for limit in [0.0, -1.0, float("nan")]:
-            with self.assertRaisesRegex(ValueError, "must be positive"):
+            with self.assertRaisesRegex(ValueError, "must be above 0"):
                 self.end(0.0, limit=limit)
 
 

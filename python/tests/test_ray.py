@@ -81,6 +81,12 @@ class RayTest(unittest.TestCase):
         found = self.both(braking, FORMULA, SPACE, search="random", trials=4, budget=20, batch=8)
         self.assertGreater(found.falsified_trials, 0)
 
+    def test_a_function_without_source_runs_on_workers(self) -> None:
+        # As the cell of a notebook, whose source only the sender has.
+        names: dict[str, Any] = {"__name__": "__main__"}
+        exec("def cell(scenario):\n    return {'gap': [10.0, 10.0 - scenario['speed']]}", names)
+        self.both(names["cell"], FORMULA, SPACE, search="random", trials=1, budget=8, batch=8)
+
     def test_an_environment_is_made_again_on_each_worker(self) -> None:
         self.both(
             gymnasium.make("CartPole-v1"),

@@ -61,6 +61,11 @@ pub fn read_grid(text: &str) -> Result<Vec<GridRun>, MishandleError> {
             runs.push(GridRun { name, plan });
         }
     }
+    let mut names = BTreeSet::new();
+    if let Some(twice) = runs.iter().find(|run| !names.insert(run.name.as_str())) {
+        let (what, expected) = ("the name of two runs of the campaign", "given by different values");
+        return Err(MishandleError::InvalidValue { what, value: twice.name.clone(), expected });
+    }
     if runs.is_empty() {
         return Err(MishandleError::MissingPlanTable { table: "falsify" });
     }
@@ -228,6 +233,10 @@ mod tests {
         assert!(error("target = 'a'\ncontroller = ['ppo', 1]\n[falsify]\n").contains(value));
         assert!(error("target = []\n[falsify]\n").contains("line 1 of the plan: the key `target` is []"));
         assert!(error("target = ['a', 'b', 'a']\n[falsify]\n").contains("it must be in the list once"));
+        assert!(
+            error("target = 'a'\nseed = ['1', 1]\n[falsify]\n")
+                .contains("the name of two runs of the campaign is 1")
+        );
         assert!(error("format = [1, 2]\ntarget = 'a'\n[falsify]\n").contains("`format`"));
         assert!(error("controller = ['a']\n[falsify]\n").contains("the name of a target"));
         assert!(error("target = 'a'\n").contains("[falsify]"));

@@ -38,7 +38,16 @@ fn a_resumed_campaign_prints_the_same_results_and_needs_all_its_files() {
     let document: Value = serde_json::from_str(&whole).unwrap();
     assert_eq!(document["is_complete"], true);
     assert_eq!(document["runs"].as_array().unwrap().len(), 6);
-    std::fs::remove_file(bench.path("all/2_evaluate.sqlite")).unwrap();
+    let path = bench.path("all/2_evaluate.sqlite");
+    std::fs::copy(bench.path("all/1_evaluate.sqlite"), &path).unwrap();
+    bench.refuses(
+        "campaign --resume all",
+        &["2_evaluate.sqlite is not the run file", "the run file was replaced"],
+    );
+    std::fs::remove_file(&path).unwrap();
+    std::os::unix::fs::symlink(bench.path("all/1_evaluate.sqlite"), &path).unwrap();
+    bench.refuses("campaign --resume all", &["it is a symbolic link"]);
+    std::fs::remove_file(&path).unwrap();
     bench.refuses("campaign --resume all", &["is not the folder of a campaign", "2_evaluate.sqlite"]);
 }
 

@@ -61,6 +61,19 @@ fn a_model_that_does_not_fit_is_an_error() {
 }
 
 #[test]
+fn tensors_whose_size_overflows_are_errors() {
+    // Model (field 7) > graph (5) > tensor (1: sizes, 2: type).
+    let huge = [0x08, 0x80, 0x80, 0x80, 0x80, 0x10]; // 2^32
+    for sizes in [[&huge[..], &huge[..]], [&[0x08, 0x00][..], &huge[..]]] {
+        let tensor = [sizes[0], sizes[1], &[0x10, 1]].concat();
+        let graph = [&[0x2A, tensor.len() as u8][..], &tensor].concat();
+        let model = [&[0x3A, graph.len() as u8][..], &graph].concat();
+        let error = OnnxPolicy::from_bytes(&model, None, &["test"], &layout(1, 1)).unwrap_err().to_string();
+        assert!(error.contains("the limit is 67108864 elements"), "{error}");
+    }
+}
+
+#[test]
 fn nested_messages_and_lengths_beyond_the_file_are_errors() {
     let message =
         |bytes: &[u8]| OnnxPolicy::from_bytes(bytes, None, &["test"], &layout(1, 1)).unwrap_err().to_string();

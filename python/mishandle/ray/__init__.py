@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from mishandle.errors import InvalidStateError, InvalidValueError, MissingPackageError
+from mishandle.policies import BytecodeOnly
 from mishandle.systems import Outcome, Scenario, System
 
 Simulate = Callable[[list[Any]], list[Any]]
@@ -151,6 +152,7 @@ class _RaySystem(System):
         self.steps = system.steps
         self.versions = system.versions
         self.depends_on_seed = system.depends_on_seed
+        self.knows_control_dt = system.knows_control_dt
         self.exceptions = system.exceptions
         self._shared = executor.share(_SystemFactory(system))
 
@@ -199,4 +201,6 @@ class _SystemFactory:
 
 
 def _hash(system: System) -> str:
-    return hashlib.sha256(system.description().encode()).hexdigest()
+    # A worker has the code of a notebook, but not its source.
+    with BytecodeOnly():
+        return hashlib.sha256(system.description().encode()).hexdigest()

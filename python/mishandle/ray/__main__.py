@@ -21,13 +21,14 @@ from mishandle.ray.plans import PlanFactory
 
 def complete_runs(
     executor: RayExecutor,
+    folder: str,
     runs: Sequence[tuple[str, str]],
     *,
     jobs: int,
     durable: bool = False,
     report: Callable[[str, int, int], None],
 ) -> None:
-    """Completes run files of plans on a cluster, ``jobs`` of them at a time.
+    """Completes the runs of the campaign in a folder on a cluster, ``jobs`` of them at a time.
 
     ``runs`` are pairs of name and path. ``report`` gets the name of a run and the numbers of its finished and of all
     simulations after each batch, in the thread of the run. If ``executor.stop`` is set, all runs end after their last finished
@@ -46,7 +47,11 @@ def complete_runs(
 
         try:
             _native.complete_run(
-                path, simulate=lambda requests: executor.run(shared, requests), durable=durable, progress=progress
+                folder,
+                name,
+                simulate=lambda requests: executor.run(shared, requests),
+                durable=durable,
+                progress=progress,
             )
         except KeyboardInterrupt:
             return
@@ -128,6 +133,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         complete_runs(
             executor,
+            given.out if given.resume is None else given.resume,
             [(name, os.fspath(path)) for name, path in runs],
             jobs=min(given.jobs, len(runs)),
             durable=given.durable,

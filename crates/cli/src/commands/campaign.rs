@@ -5,7 +5,7 @@ use anyhow::{Context, Result, bail, ensure};
 use mishandle::evaluation::Estimate;
 use mishandle::falsification::CampaignOutcome;
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::store::{RunKind, RunWriter};
+use mishandle::store::RunKind;
 use mishandle::{CampaignRun, EvaluationOutcome, ResolvedPlan, plural, shell_quote};
 use serde_json::{Value, json};
 
@@ -115,11 +115,10 @@ fn run_all(runs: &[CampaignRun], bar: &Bar, is_durable: bool) -> Result<Vec<Fini
 
 /// Runs or completes one run. Returns `None` if a signal interrupts it.
 fn run_one(run: &CampaignRun, bar: &Bar, note: &str, is_durable: bool) -> Result<Option<Finished>> {
-    let mut file = RunWriter::resume(&run.path)?;
+    let (mut file, resolved) = run.resume()?;
     if is_durable {
         file.set_durable()?;
     }
-    let resolved = mishandle::recorded_plan(file.file().header(), None)?;
     run::report_build_differences("started", &mishandle::build_differences(file.file().header(), &resolved));
     bar.set_note(note.to_string());
     let outcome = match file.file().header().kind {
@@ -140,7 +139,7 @@ fn run_one(run: &CampaignRun, bar: &Bar, note: &str, is_durable: bool) -> Result
             falsify::is_complete(&resolved, &found).then(|| Outcome::Falsification(Box::new(found)))
         }
     };
-    let CampaignRun { name, path } = run.clone();
+    let CampaignRun { name, path, .. } = run.clone();
     Ok(outcome.map(|outcome| Finished { name, path, resolved, outcome }))
 }
 

@@ -3,6 +3,7 @@
 use std::cell::RefCell;
 use std::collections::HashSet;
 
+use mishandle_files::limits;
 use rten_onnx::onnx::{DataLocation, GraphProto, ModelProto, TensorProto};
 
 use super::cost::OPERATORS;
@@ -11,6 +12,9 @@ use crate::OnnxProblem;
 
 /// Largest number of operators of a model.
 const MAX_NODES: usize = 10_000;
+
+/// Largest number of elements of a tensor: one per byte of the largest file.
+const MAX_ELEMENTS: i64 = limits::ONNX as i64;
 
 /// The messages of `onnx.proto` that the runtime's parser reads.
 #[derive(Clone, Copy)]
@@ -116,9 +120,16 @@ fn check_graph(graph: &GraphProto) -> Result<(), OnnxProblem> {
 }
 
 fn check_tensor(tensor: &TensorProto) -> Result<(), OnnxProblem> {
+    let name = tensor.name.as_deref().unwrap_or_default();
     if tensor.dims.iter().any(|dim| *dim < 0) {
-        let reason = format!("`{}` has a negative size", tensor.name.as_deref().unwrap_or_default());
-        return Err(OnnxProblem::Format { reason });
+        return Err(OnnxProblem::Format { reason: format!("`{name}` has a negative size") });
+    }
+    // The runtime multiplies sizes without a check. Zeros are left out, because it multiplies in any order.
+    let elements = tensor.dims.iter().try_fold(1_i64, |product, dim| product.checked_mul((*dim).max(1)));
+    if elements.is_none_or(|elements| elements > MAX_ELEMENTS) {
+        let reason =
+            format!("`{name}` has the sizes {:?}; the limit is {MAX_ELEMENTS} elements", tensor.dims);
+        return Err(OnnxProblem::Size { reason });
     }
     Ok(())
 }

@@ -1,0 +1,167 @@
+"""Mistakes in arguments are errors instead of silent defaults."""
+
+import functools
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+import warnings
+
+import gymnasium
+import mishandle
+import numpy as np
+import pandas
+from mishandle import Axis
+from mishandle.policies import BytecodeOnly, source_text
+
+SPACE = [Axis("speed", 0, 10, "m/s")]
+
+
+def braking(scenario):
+    return {"gap": [10.0, 10.0 - scenario["speed"]]}
+
+
+class Arguments(unittest.TestCase):
+    def setUp(self):
+        self.out = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "run.sqlite"
+
+    def falsify(self, system=braking, formula="always(gap >= 1)", space=SPACE, **options):
+        settings = {"search": "random", "trials": 1, "budget": 3, "out": self.out}
+        return mishandle.falsify(system, formula, space, **settings, **options)
+
+    def test_an_unknown_argument_is_an_error_with_the_nearest_name(self):
+        for name, near in [("time_limits", "time_limit"), ("terminaton", "termination"), ("period", "control_dt")]:
+            with self.assertRaisesRegex(TypeError, f"no argument `{name}`; did you mean `{near}`"):
+                self.falsify(**{name: 1})
+        for function in (mishandle.simulate, mishandle.evaluate):
+            with self.assertRaisesRegex(TypeError, "no argument `foo`"):
+                function(braking, "always(gap >= 1)", SPACE, foo=1)
+
+    def test_an_argument_without_effect_is_an_error(self):
+        for options in ({"policy": lambda x: x}, {"signals": {"x": "obs[0]"}}, {"preset": "code"}):
+            with self.assertRaisesRegex(TypeError, "has no effect on a function"):
+                self.falsify(**options)
+        with self.assertRaisesRegex(TypeError, "`preset` has no effect on an environment"):
+            self.falsify(gymnasium.make("CartPole-v1"), policy=lambda x: 0, preset="code")
+        with self.assertRaisesRegex(TypeError, "`signals` has no effect on a task"):
+            mishandle.simulate("point-reaching", policy="ppo", signals={"x": "obs[0]"})
+
+    def test_bounds_in_seconds_need_a_known_control_step(self):
+        with self.assertRaisesRegex(ValueError, "pass it as control_dt"):
+            self.falsify(formula="always[0:1s](gap >= 1)")
+        self.assertGreater(self.falsify(formula="always[0:1s](gap >= 1)", control_dt=1.0).simulations, 0)
+        env = gymnasium.make("CartPole-v1")  # states render_fps, but no dt
+        with self.assertRaisesRegex(ValueError, "pass it as control_dt"):
+            self.falsify(env, "always[0:1s](x <= 9)", policy=lambda x: 0, signals={"x": "obs[0]"}, steps=60)
+
+    def test_a_chained_comparison_is_reported(self):
+        with self.assertWarnsRegex(UserWarning, "comparisons do not chain"):
+            mishandle.Formula("always(-1 <= x <= 1)")
+        with self.assertWarnsRegex(UserWarning, "comparisons do not chain"):
+            self.falsify(formula="always(1 <= gap <= 20)")
+
+    def test_a_signal_with_several_components_is_an_error(self):
+        with self.assertRaisesRegex(ValueError, r"`gap` has the shape \(3, 2\)"):
+            self.falsify(lambda scenario: {"gap": np.zeros((3, 2))})
+        with self.assertRaisesRegex(ValueError, r"`x` has the shape \(3, 2\)"):
+            mishandle.robustness("always(x <= 1)", {"x": np.zeros((3, 2))})
+
+    def test_a_trace_is_never_converted_silently(self):
+        frame = pandas.DataFrame([[10.0, 1.0], [10.0, 1.0]], columns=["gap", "gap"])
+        for trace in (frame, {"gap": ["10", "5"]}, {"gap": [10.0, 5 + 3j]}, {"gap": np.array(["2026-01-01"] * 2, "M8[s]")}):
+            with self.assertRaises(ValueError):
+                self.falsify(lambda scenario, trace=trace: trace)
+        masked = {"gap": np.ma.masked_array([10.0, -99.0], mask=[0, 1])}
+        [found] = mishandle.simulate(lambda scenario: masked, "always(gap >= 1)", SPACE)
+        self.assertIsNone(found.robustness)
+        self.assertIn("invalid signal", found.end)
+
+    def test_an_empty_trace_is_a_crash_and_not_the_end_of_the_run(self):
+        calls = []
+
+        def empty_later(scenario):
+            calls.append(scenario)
+            return {"gap": [] if len(calls) > 4 else [10.0, 9.0]}
+
+        self.assertEqual(self.falsify(empty_later).failed, 2)
+
+    def test_a_number_that_is_nan_from_time_to_time_is_not_deterministic(self):
+        calls = []
+
+        def flicker(scenario):
+            calls.append(scenario)
+            return {"gap": [10.0, float("nan") if len(calls) % 2 else 3.0]}
+
+        with self.assertWarnsRegex(UserWarning, "not deterministic"):
+            self.assertEqual(self.falsify(flicker).largest_difference, float("inf"))
+
+    def test_invalid_numbers_are_errors_of_this_package(self):
+        for options in ({"steps": 2.5}, {"steps": -3}, {"time_limit": float("inf")}, {"time_limit": 0}):
+            with self.assertRaises(mishandle.MishandleError):
+                self.falsify(**options)
+        for axis in ({"low": 0, "high": 1, "nominal": 3}, {"values": ["a", "b"], "nominal": 5},
+                     {"low": 0, "high": 3, "values": "integer", "nominal": 1.5}):
+            with self.assertRaisesRegex(mishandle.MishandleError, "nominal value of axis `x`"):
+                Axis("x", **axis)
+        for name in ("", "a\nb"):
+            with self.assertRaisesRegex(mishandle.MishandleError, "name of an axis"):
+                Axis(name, 0, 1)
+
+    def test_the_hash_of_a_system_covers_partials_closures_and_functions_without_source(self):
+        def add(scenario, k):
+            return scenario["speed"] + k
+
+        def closed(k):
+            return lambda scenario: scenario["speed"] * k
+
+        names = {}
+        exec("a = lambda s: 1\nb = lambda s: 2\nc = lambda s: s in {'x', 'y', 'z'}", names)
+        pairs = [
+            (functools.partial(add, k=1), functools.partial(add, k=2)),
+            (closed(1), closed(2)),
+            (names["a"], names["b"]),
+        ]
+        for one, other in pairs:
+            self.assertNotEqual(source_text(one), source_text(other))
+            self.assertEqual(source_text(one), source_text(one))
+            with BytecodeOnly():
+                self.assertNotEqual(source_text(one), source_text(other))
+        # A set has another order in each process.
+        code = "from mishandle.policies import source_text as t; n = {}; exec(\"c = lambda s: s in {'x', 'y', 'z'}\", n); print(t(n['c']))"
+        found = {subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout for _ in range(3)}
+        self.assertEqual(len(found), 1, found)
+
+    def test_a_formula_that_would_be_ignored_is_an_error(self):
+        with self.assertRaisesRegex(ValueError, "`other` would be ignored"):
+            self.falsify(formula={"gap": "always(gap >= 1)", "other": "always(gap >= 2)"})
+        with self.assertRaisesRegex(TypeError, "a list is not a formula"):
+            self.falsify(formula=["always(gap >= 1)"])
+
+    def test_a_formula_can_be_an_object(self):
+        formula = mishandle.Formula("always(gap >= 1)")
+        self.assertEqual(formula, mishandle.Formula("always(gap >= 1)"))
+        [found] = mishandle.simulate(braking, formula, SPACE, at={"speed": 4})
+        self.assertEqual(found.robustness, 5.0)
+
+    def test_a_space_is_a_list_of_axes(self):
+        for space in ({"speed": (0, 10)}, "starts", [("speed", 0, 10)]):
+            with self.assertRaisesRegex(TypeError, "a space is a list of axes"):
+                self.falsify(space=space)
+
+    def test_undecided_simulations_are_reported(self):
+        env = gymnasium.make("CartPole-v1")
+        options = {"policy": lambda x: 1, "signals": {"angle": "obs[2]"}, "steps": 100}
+        space = [Axis("low", -0.2, 0.0, nominal=-0.05)]
+        with self.assertWarnsRegex(UserWarning, 'termination="hold" or "evaluate"'):
+            found = self.falsify(env, "always(abs(angle) <= 0.15)", space, **options)
+        self.assertEqual(found.undecided, found.simulations)
+        self.out = self.out.with_name("held.sqlite")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            found = self.falsify(env, "always(abs(angle) <= 0.15)", space, termination="hold", **options)
+        self.assertEqual(found.falsified_trials, 1)
+
+
+if __name__ == "__main__":
+    unittest.main()
