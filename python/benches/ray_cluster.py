@@ -67,6 +67,8 @@ def main() -> None:
     for _ in range(rounds):
         times.setdefault("this process", []).append(seconds(lambda: local.rollout(requests)))
         for name, executor in executors.items():
+            # Ray ends workers that are idle for a second; this starts them again.
+            executor.run(shared, requests[:64])
             times.setdefault(name, []).append(seconds(lambda: executor.run(shared, requests)))
             for size in (8, 64, 512):
                 key = f"overhead of an empty batch of {size}, {name}"
