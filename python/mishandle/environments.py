@@ -60,7 +60,18 @@ class PolicySystem(System):
 
     def sample(self, environment: Any, observation: Any, info: Mapping[str, Any], reward: float) -> list[float]:
         """Returns the signals at one sample."""
-        return [read(environment, observation, info, reward) for read in self._readers]
+        try:
+            return [read(environment, observation, info, reward) for read in self._readers]
+        except (LookupError, AttributeError, TypeError, ValueError):
+            for (name, _), source, read in zip(self.signals, self.sources, self._readers):
+                try:
+                    read(environment, observation, info, reward)
+                except (LookupError, AttributeError, TypeError, ValueError) as error:
+                    text = source if isinstance(source, str) else "a function"
+                    raise InvalidValueError(
+                        f"the signal `{name}` has no value: its source is {text}, and {type(error).__name__}: {error}"
+                    ) from error
+            raise
 
     def act(self, observations: list[Any], times: Sequence[Time]) -> tuple[str | None, Any]:
         """Returns the end of the simulations if the policy fails, and its actions. The simulations share its time."""

@@ -163,13 +163,16 @@ def plot_trace(
     >>> [one.get_ylabel() for one in axes]
     ['x [m]', 'robustness']
     """
-    columns = columns_of(getattr(trace, "trace", trace))
+    trace = getattr(trace, "trace", trace)
+    names = [str(name) for name in getattr(trace, "columns", trace)]
     parsed = Formula(formula) if isinstance(formula, str) else formula
     if signals is None:
-        signals = [name for name in columns if parsed is None or name in parsed.signals]
-    unknown = sorted(set(signals) - set(columns))
+        signals = [name for name in names if parsed is None or name in parsed.signals]
+    unknown = sorted(set(signals) - set(names))
     if unknown:
-        raise InvalidValueError(f"the trace has no signal {', '.join(unknown)}; it has {', '.join(columns)}")
+        raise InvalidValueError(f"the trace has no signal {', '.join(unknown)}; it has {', '.join(names)}")
+    # Other columns of a log, such as time stamps, can have no numbers.
+    columns = columns_of(trace, [*signals, *(parsed.signals if parsed is not None else [])])
     panels = len(signals) + (parsed is not None)
     if axes is None:
         figure = _pyplot().figure(figsize=(6.4, 1.2 + 1.5 * panels), layout="constrained")

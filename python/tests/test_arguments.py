@@ -132,6 +132,12 @@ class Arguments(unittest.TestCase):
         found = {subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout for _ in range(3)}
         self.assertEqual(len(found), 1, found)
 
+    def test_a_source_without_a_value_is_named(self):
+        env = gymnasium.make("CartPole-v1")
+        for source in ("obs[99]", "info.speed", "no_such_attribute", lambda env: env.missing):
+            with self.assertRaisesRegex(RuntimeError, "the signal `x` has no value"):
+                self.falsify(env, "always(x <= 9)", policy=lambda x: 0, signals={"x": source}, steps=60)
+
     def test_a_formula_that_would_be_ignored_is_an_error(self):
         with self.assertRaisesRegex(ValueError, "`other` would be ignored"):
             self.falsify(formula={"gap": "always(gap >= 1)", "other": "always(gap >= 2)"})
