@@ -42,10 +42,12 @@ episodes = 10
 
 
 def tables(path: pathlib.Path) -> dict[str, list[tuple[Any, ...]]]:
-    """Returns all rows of a run file, without the order in which they were written."""
+    """Returns all rows of a run file, without the order in which they were written and the commit of the build."""
     with sqlite3.connect(path) as file:
         names = [name for (name,) in file.execute("select name from sqlite_master where type = 'table'")]
-        return {name: sorted(file.execute(f"select * from {name}"), key=repr) for name in names}
+        rows = {name: sorted(file.execute(f"select * from {name}"), key=repr) for name in names}
+    rows["header"] = [row for row in rows["header"] if row[0] not in ("git_commit", "header_hash")]
+    return rows
 
 
 class RayTest(unittest.TestCase):

@@ -94,7 +94,7 @@ const ACTIVATIONS: [&str; 7] = ["elu", "relu", "tanh", "silu", "gelu", "leaky_re
 
 /// Reads the policy in a model of Stable-Baselines3 (`.zip`), a checkpoint of skrl or a state dictionary (`.pt`).
 ///
-/// Only weights are read, and texts that name activations. Nothing is unpickled; see [`pickle`](super::pickle).
+/// Only weights are read, and texts that name activations. Nothing is unpickled; see the module `pickle`.
 ///
 /// # Errors
 /// If the file is damaged, contains more than weights, or is not a multi-layer perceptron, or if it does not say which
