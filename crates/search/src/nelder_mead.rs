@@ -3,7 +3,9 @@
 use std::cmp::Ordering;
 
 use crate::coordinate::check_dimension;
-use crate::options::{ANY, AT_LEAST_1, NOT_NEGATIVE, POINT_OF_THE_BOX, Range, check_start, options};
+use crate::options::{
+    ANY, AT_LEAST_1, FROM_0_TO_1, NOT_NEGATIVE, POINT_OF_THE_BOX, Range, check_start, options,
+};
 use crate::registry::SearchEntry;
 use mishandle_random::Sequence;
 
@@ -11,9 +13,9 @@ use crate::{AskTell, RoundBased, SearchEnd, SearchError};
 
 const NAME: &str = "nelder-mead";
 
-/// The first simplex increases each coordinate by this fraction.
+/// The first simplex increases each offset from the origin by this fraction.
 const RELATIVE_STEP: f64 = 0.05;
-/// The value in the first simplex of a coordinate that is zero.
+/// The offset in the first simplex of a coordinate at the origin.
 const STEP_FROM_ZERO: f64 = 0.00025;
 
 pub(crate) const ENTRY: SearchEntry = SearchEntry {
@@ -32,12 +34,14 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
 options! {
     /// The options of [`NelderMead`], with SciPy's defaults.
     pub struct NelderMeadOptions of NAME {
-        /// First vertex, in `[0,1]^d`. The other vertices follow from it: vertex k + 1 has coordinate k raised by 5 %,
-        /// or set to 0.00025 if it is 0.
+        /// First vertex, in `[0,1]^d`. The other vertices follow from it and `simplex-origin`.
         pub start: Option<Vec<f64>> = None, or "drawn uniformly from the seed", in POINT_OF_THE_BOX;
+        /// Number from which the first simplex measures coordinates: vertex k + 1 has coordinate k moved away from it by
+        /// 5 % of the distance, or raised by 0.00025 if the distance is 0. The center of each axis is 0.5.
+        pub simplex_origin: f64 = 0.0, in FROM_0_TO_1;
         /// The d + 1 vertices of the first simplex; replaces `start`. A coordinate above 1 is reflected into the box
         /// (2 - u), then all coordinates are clipped to it.
-        pub initial_simplex: Option<Vec<Vec<f64>>> = None, or "made from `start`",
+        pub initial_simplex: Option<Vec<Vec<f64>>> = None, or "made from `start` and `simplex-origin`",
             in Range::described("d + 1 points of d finite numbers");
         /// Absolute tolerance on points. The search ends when every coordinate of every vertex is within `xatol` of the
         /// best vertex's and `fatol` holds too.
@@ -73,7 +77,7 @@ options! {
 ///
 /// # Units
 /// All lengths are fractions of the box: the `xatol` of 1e-4 and the first simplex, which raises a coordinate u by 5 % of its
-/// distance from the lower bound. SciPy 1.17.1 has the same numbers in the units of its bounds, where the first simplex
+/// distance from `simplex-origin`, by default the lower bound. SciPy 1.17.1 has the same numbers in the units of its bounds, where the first simplex
 /// raises a coordinate x by 5 % of x. So both agree for the bounds 0 and 1. `docs/plans.md` compares all parameters.
 ///
 /// # Reference
@@ -127,7 +131,10 @@ impl NelderMead {
         check(dimension, options)?;
         let simplex = match &options.initial_simplex {
             Some(simplex) => simplex.clone(),
-            None => simplex_around(&options.start.clone().unwrap_or_else(|| uniform_point(dimension, seed))),
+            None => {
+                let start = options.start.clone().unwrap_or_else(|| uniform_point(dimension, seed));
+                simplex_around(&start, options.simplex_origin)
+            }
         };
         let (default_iterations, default_evaluations) =
             match (options.max_iterations, options.max_evaluations) {
@@ -319,10 +326,11 @@ fn uniform_point(dimension: usize, seed: u64) -> Vec<f64> {
     (0..dimension).map(|_| stream.uniform()).collect()
 }
 
-fn simplex_around(start: &[f64]) -> Vec<Vec<f64>> {
+fn simplex_around(start: &[f64], origin: f64) -> Vec<Vec<f64>> {
     let mut simplex = vec![start.to_vec(); start.len() + 1];
     for (vertex, k) in simplex[1..].iter_mut().zip(0..) {
-        vertex[k] = if vertex[k] == 0.0 { STEP_FROM_ZERO } else { (1.0 + RELATIVE_STEP) * vertex[k] };
+        let offset = vertex[k] - origin;
+        vertex[k] = origin + if offset == 0.0 { STEP_FROM_ZERO } else { (1.0 + RELATIVE_STEP) * offset };
     }
     simplex
 }
@@ -335,4 +343,22 @@ fn reflected_into_box(mut vertex: Vec<f64>) -> Vec<f64> {
 
 fn clip(x: f64) -> f64 {
     x.clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::simplex_around;
+
+    #[test]
+    fn first_simplex_measures_from_the_origin() {
+        for (origin, expected) in [
+            (0.0, [[0.7, 0.5], [0.735, 0.5], [0.7, 0.525]]),
+            (0.5, [[0.7, 0.5], [0.71, 0.5], [0.7, 0.50025]]),
+        ] {
+            let simplex = simplex_around(&[0.7, 0.5], origin);
+            for (found, expected) in simplex.iter().flatten().zip(expected.as_flattened()) {
+                assert!((found - expected).abs() < 1e-15, "origin {origin}: {simplex:?}");
+            }
+        }
+    }
 }

@@ -195,6 +195,7 @@ impl Range {
 /// Every value of the type.
 pub(crate) const ANY: Range = Range::described("");
 pub(crate) const NOT_NEGATIVE: Range = Range { words: "at least 0", holds: |x| x >= 0.0 };
+pub(crate) const FROM_0_TO_1: Range = Range { words: "in [0, 1]", holds: |x| (0.0..=1.0).contains(&x) };
 pub(crate) const AT_LEAST_1: Range = Range { words: "at least 1", holds: |x| x >= 1.0 };
 /// For [`check_start`].
 pub(crate) const POINT_OF_THE_BOX: Range = Range::described("d numbers in [0, 1]");

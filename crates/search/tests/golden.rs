@@ -121,6 +121,7 @@ impl NelderMeadRun {
         let defaults = NelderMeadOptions::default();
         NelderMeadOptions {
             start: Some(self.start.clone()),
+            simplex_origin: 0.0,
             initial_simplex: self.simplex.clone(),
             xatol: self.options.xatol.unwrap_or(defaults.xatol),
             fatol: self.options.fatol.unwrap_or(defaults.fatol),
