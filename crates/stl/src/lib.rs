@@ -32,6 +32,7 @@
 //! ```
 
 mod clock;
+mod diagnosis;
 mod error;
 mod explain;
 mod extremum;
@@ -50,6 +51,7 @@ mod trace;
 mod until;
 
 pub use clock::{Clock, TimeUnit};
+pub use diagnosis::{DecisivePredicate, DecisiveSubformula, Diagnosis};
 pub use error::{MonitorError, ParseError, Position};
 pub use explain::EvaluationTime;
 pub use formula::Formula;

@@ -707,3 +707,55 @@ fn minima_have_the_errors_of_the_decided_signal() {
     let error = whole.decided_robustness_signal(&trace).unwrap_err();
     assert_eq!(whole.subformula_minima(&trace), Err(error));
 }
+
+#[test]
+fn a_diagnosis_leads_to_a_value_with_the_robustness_of_the_formula() {
+    let mut random = Random(77);
+    let (mut ended_at_predicate, mut cases) = (0, 0);
+    for _ in 0..20_000 {
+        let n = 1 + random.below(14);
+        let size = 1 + random.below(6);
+        let tree = Tree::random(&mut random, size, n);
+        let formula = Formula::parse(&tree.write(&mut random)).unwrap();
+        let columns = random_columns(&mut random, n);
+        let diagnosis = formula.diagnose(&trace_of(&columns), &Clock::steps(1.0 / 60.0)).unwrap();
+        assert_eq!(diagnosis.robustness(), tree.evaluate(&columns)[0], "{formula}");
+        let texts: Vec<String> = formula.subformulas().collect();
+        for found in &diagnosis.path {
+            assert_eq!(found.robustness.abs(), diagnosis.robustness().abs(), "{formula}: {found:?}");
+            assert_eq!(found.text, texts[found.position], "{formula}");
+            let evaluated = robustness(&found.text, &columns)[found.sample];
+            assert_eq!(evaluated, found.robustness, "{formula}: {found:?}");
+        }
+        if let Some(predicate) = &diagnosis.predicate {
+            let sign = if predicate.is_negated { -1.0 } else { 1.0 };
+            assert_eq!(sign * predicate.robustness, diagnosis.robustness(), "{formula}: {predicate:?}");
+            let side = |i: usize| robustness(&predicate.sides[i], &columns)[predicate.sample];
+            assert_eq!(predicate.values, [side(0), side(1)], "{formula}: {predicate:?}");
+            ended_at_predicate += 1;
+        }
+        cases += 1;
+    }
+    assert!(ended_at_predicate > cases / 10, "{ended_at_predicate} of {cases} end at a predicate");
+}
+
+#[test]
+fn a_formula_is_the_minimum_of_its_conjuncts_under_always() {
+    let mut random = Random(78);
+    let formula = Formula::parse("always[0:5](a <= 1 and (b < 2 and c_1 >= 0)) and a >= -4").unwrap();
+    let predicates = ["a <= 1", "b < 2", "c_1 >= 0", "a >= -4"];
+    let texts: Vec<String> = formula.subformulas().collect();
+    for _ in 0..200 {
+        let columns = random_columns(&mut random, 9);
+        let least = predicates.map(|predicate| {
+            let position = texts.iter().position(|text| text == predicate).unwrap();
+            robustness(&formula.conjunct(position).unwrap().to_string(), &columns)[0]
+        });
+        let whole = robustness(&formula.to_string(), &columns)[0];
+        assert_eq!(least.into_iter().fold(f64::INFINITY, f64::min), whole);
+    }
+    // An `and` that is negated is an `or`: its operands do not fail on their own.
+    let negated = Formula::parse("not (a <= 1 and b < 2)").unwrap();
+    assert_eq!(negated.conjunct(2).unwrap(), negated);
+    assert_eq!(negated.conjunct(99), None);
+}
