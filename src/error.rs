@@ -168,6 +168,16 @@ pub enum MishandleError {
         /// Each difference, with the recorded and the expected value.
         differences: Vec<String>,
     },
+    /// The simulation has no robustness.
+    #[error(
+        "simulation {number} of trial {trial} has no robustness, so there is nothing to explain; choose another one"
+    )]
+    NothingToExplain {
+        /// Number of the trial.
+        trial: u32,
+        /// Number of the simulation.
+        number: u32,
+    },
     /// The plan lacks the table of the command.
     #[error("cannot {table}: the plan has no table [{table}]; resume a run with the command that made it")]
     MissingPlanTable {

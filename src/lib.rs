@@ -24,6 +24,7 @@ mod campaign;
 mod curve;
 mod error;
 mod evaluate;
+mod explanation;
 mod falsify;
 mod hint;
 mod home;
@@ -46,6 +47,9 @@ pub use curve::{Curve, CurveProblem, CurveRow, NoTrainingTime};
 pub use error::MishandleError;
 pub use evaluate::{
     EvaluationOutcome, evaluate, evaluation_request, evaluation_simulations, rejects_scenarios,
+};
+pub use explanation::{
+    Conjunct, ExplainedSimulation, Explanation, PredicateHistory, explain, explain_recorded, explain_trace,
 };
 pub use falsify::{FalsifyProgress, falsify, search_entry};
 pub use home::{

@@ -85,6 +85,7 @@ pub enum Command {
     Falsify(Falsify),
     Campaign(Campaign),
     Replay(Replay),
+    Explain(Explain),
     Render(Render),
     Zoo(Zoo),
     Completions(Completions),
@@ -556,6 +557,36 @@ pub struct Replay {
     /// Number of threads; does not affect the result [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
     pub threads: Option<usize>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Explain a recorded simulation: when, where and by which predicate the formula is violated
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle explain runs/RUN.sqlite                      the first counterexample
+  mishandle explain runs/RUN.sqlite --trial 2 --simulation 17
+
+A counterexample of any target is explained from its recorded trace. Other simulations have none and
+are replayed.")]
+pub struct Explain {
+    /// Run file of `mishandle evaluate` or `mishandle falsify`
+    #[arg(value_name = "RUN")]
+    pub file: PathBuf,
+    /// Number of the trial, from 1 [default: 1 with --simulation, otherwise any]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
+    pub trial: Option<u32>,
+    /// Number of the simulation within its trial, from 1 [default: the first counterexample, otherwise the simulation
+    /// with the minimum robustness]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
+    pub simulation: Option<u32>,
+    /// New path of the run's controller, if the file was moved
+    #[arg(long, value_name = "C")]
+    pub controller: Option<String>,
+    /// Do not check the whole run file before reading it; a record is still checked when it is read
+    #[arg(long)]
+    pub skip_check: bool,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,

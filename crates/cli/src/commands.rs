@@ -5,6 +5,7 @@ pub mod completions;
 pub mod controller;
 pub mod curve;
 pub mod evaluate;
+pub mod explain;
 pub mod falsify;
 pub mod man;
 pub mod monitor;

@@ -69,6 +69,7 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Falsify(command) => commands::falsify::run(command),
         Command::Campaign(command) => commands::campaign::run(command),
         Command::Replay(command) => commands::replay::run(command),
+        Command::Explain(command) => commands::explain::run(command),
         Command::Render(command) => commands::render::run(command),
         Command::Zoo(command) => commands::zoo::run(command),
         Command::Completions(command) => commands::completions::run(command),

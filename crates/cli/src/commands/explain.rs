@@ -1,0 +1,245 @@
+use anyhow::{Result, bail};
+use mishandle::stl::{DecisivePredicate, Formula};
+use mishandle::store::RunHeader;
+use mishandle::{ExplainedSimulation, Explanation, PredicateHistory, plural};
+use serde_json::{Value, json};
+
+use crate::output::{self, number};
+use crate::{ExitStatus, args, escape, run};
+
+/// Number of evenly spaced samples in the table of signals.
+const SPACED_ROWS: usize = 8;
+
+/// Largest number of signals in the table of signals.
+const SIGNAL_COLUMNS: usize = 4;
+
+pub fn run(command: &args::Explain) -> Result<ExitStatus> {
+    let file = run::read(&command.file, command.skip_check)?;
+    let Some((trial, simulation)) = mishandle::select_simulation(&file, command.trial, command.simulation)?
+    else {
+        bail!("{} has no decided simulation to explain", command.file.display());
+    };
+    let explained = mishandle::explain(&file, trial, simulation, command.controller.as_deref())?;
+    let header = file.header();
+    if command.json {
+        output::json(document(&command.file.to_string_lossy(), header, &explained))?;
+    } else {
+        output::line(&text(header, &explained))?;
+    }
+    let is_violated = explained.recorded.robustness.is_some_and(|rho| rho < 0.0);
+    Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
+/// Returns the explanation as JSON. Samples count from 0, times are in seconds.
+fn document(path: &str, header: &RunHeader, explained: &ExplainedSimulation) -> Value {
+    let ExplainedSimulation { recorded, explanation, .. } = explained;
+    let Explanation { diagnosis, history, conjuncts } = explanation;
+    let time = |sample: usize| sample as f64 * header.control_dt;
+    let named = header.axes.iter().zip(&recorded.scenario);
+    let window = |window: Option<(usize, usize)>| window.map(|(first, last)| [first, last]);
+    json!({
+        "run": path,
+        "target": header.target.name,
+        "trial": recorded.trial,
+        "simulation": recorded.number,
+        "scenario": named.map(|(axis, value)| (axis.name.clone(), json!(value))).collect::<Value>(),
+        "seed": recorded.seed.to_string(),
+        "formula": header.formula,
+        "robustness": number(diagnosis.robustness()),
+        "predicate": diagnosis.predicate.as_ref().map(|predicate| json!({
+            "formula": predicate.text,
+            "sample": predicate.sample,
+            "time": time(predicate.sample),
+            "comparison": predicate.comparison,
+            "sides": predicate.sides,
+            "values": predicate.values.map(number),
+            "robustness": number(predicate.robustness),
+            "negated": predicate.is_negated,
+        })),
+        "window": history.as_ref().map(|history| json!({
+            "samples": [history.window.0, history.window.1],
+            "violated": history.violated,
+            "first_violated": history.first_and_last.map(|(first, _)| first),
+            "last_violated": history.first_and_last.map(|(_, last)| last),
+        })),
+        "path": diagnosis.path.iter().map(|found| json!({
+            "formula": found.text,
+            "operator": found.operator,
+            "sample": found.sample,
+            "time": time(found.sample),
+            "window": window(found.window),
+            "robustness": number(found.robustness),
+        })).collect::<Vec<_>>(),
+        "conjuncts": conjuncts.iter().map(|conjunct| json!({
+            "predicate": conjunct.predicate,
+            "robustness": number(conjunct.robustness),
+        })).collect::<Vec<_>>(),
+    })
+}
+
+/// Returns the explanation as text.
+pub fn text(header: &RunHeader, explained: &ExplainedSimulation) -> String {
+    let ExplainedSimulation { recorded, explanation, .. } = explained;
+    let Explanation { diagnosis, history, conjuncts } = explanation;
+    let value = |value: &Option<f64>| value.map_or("random".to_string(), |value| format!("{value:.4}"));
+    let named = header.axes.iter().zip(&recorded.scenario);
+    let scenario: Vec<String> =
+        named.map(|(axis, found)| run::axis_value(&axis.name, &value(found), &axis.unit)).collect();
+    let verdict = match diagnosis.robustness() {
+        rho if rho < 0.0 => "violated",
+        rho if rho > 0.0 => "satisfied",
+        _ => "on the border between satisfied and violated",
+    };
+    let mut parts = vec![format!(
+        "{}, {}, seed {}\nformula {}\n{verdict}: robustness {:.4}",
+        run::simulation_text(header, recorded),
+        scenario.join(", "),
+        recorded.seed,
+        escape::name(&header.formula),
+        diagnosis.robustness(),
+    )];
+    if let (Some(predicate), Some(history)) = (&diagnosis.predicate, history) {
+        parts.push(decision(header, explanation, predicate, history));
+    }
+    parts.push(output::table(&path_table(header, explained)));
+    if conjuncts.len() > 1 {
+        let mut rows = vec![vec!["predicate as the only conjunct".to_string(), "robustness".to_string()]];
+        rows.extend(
+            conjuncts.iter().map(|conjunct| {
+                vec![escape::name(&conjunct.predicate), format!("{:.4}", conjunct.robustness)]
+            }),
+        );
+        parts.push(output::table(&rows));
+    }
+    parts.extend(
+        diagnosis
+            .predicate
+            .as_ref()
+            .map(|predicate| output::table(&signal_table(header, explained, predicate))),
+    );
+    parts.join("\n\n")
+}
+
+/// Describes the decisive predicate: the values of its sides, and the samples that violate it.
+fn decision(
+    header: &RunHeader,
+    explanation: &Explanation,
+    predicate: &DecisivePredicate,
+    history: &PredicateHistory,
+) -> String {
+    let at = |sample: usize| instant(header, sample);
+    let [left, right] = predicate.values;
+    let [left_text, right_text] = predicate.sides.each_ref().map(|side| escape::name(side));
+    let is_number = |side: &str| side.parse::<f64>().is_ok();
+    let compared = match [is_number(&predicate.sides[0]), is_number(&predicate.sides[1])] {
+        [false, true] => format!("{left_text} is {left:.4}, the threshold {right:.4}"),
+        [true, false] => format!("{right_text} is {right:.4}, the threshold {left:.4}"),
+        _ => format!("{left_text} is {left:.4}, {right_text} is {right:.4}"),
+    };
+    let margin = predicate.robustness.abs();
+    let side = match (predicate.robustness < 0.0, predicate.is_negated) {
+        (true, false) => format!("violates it by {margin:.4}"),
+        (false, false) => format!("satisfies it by {margin:.4}"),
+        (true, true) => format!("violates it by {margin:.4}, as the formula requires"),
+        (false, true) => format!("satisfies it by {margin:.4}, which the formula forbids"),
+    };
+    let (first, last) = history.window;
+    let samples = last + 1 - first;
+    let violation = match history.first_and_last {
+        None => format!("It holds at {} of its window, {} to {}.", all(samples), at(first), at(last)),
+        Some(_) if history.violated == samples => {
+            format!("It fails at {} of its window, {} to {}.", all(samples), at(first), at(last))
+        }
+        Some((from, to)) => format!(
+            "It fails at {} of {} in its window, from {} to {}.",
+            history.violated,
+            plural(samples, "sample"),
+            at(from),
+            at(to),
+        ),
+    };
+    let nearest = explanation.diagnosis.path.iter().rev().skip(1).find_map(|found| {
+        let operator =
+            found.operator.filter(|operator| matches!(*operator, "eventually" | "once" | "until"))?;
+        (found.robustness < 0.0)
+            .then(|| format!("\nNo sample satisfies the operand of `{operator}`; this one comes nearest."))
+    });
+    format!(
+        "Decisive: {} at {}: {compared}. The trace {side}.\n{violation}{}",
+        escape::name(&predicate.text),
+        at(predicate.sample),
+        nearest.unwrap_or_default(),
+    )
+}
+
+fn all(samples: usize) -> String {
+    if samples == 1 { "the only sample".to_string() } else { format!("all {samples} samples") }
+}
+
+/// Formats a sample with its time.
+fn instant(header: &RunHeader, sample: usize) -> String {
+    format!("step {sample} ({:.2} s)", sample as f64 * header.control_dt)
+}
+
+/// Returns the table of the chain from the formula to the predicate.
+fn path_table(header: &RunHeader, explained: &ExplainedSimulation) -> Vec<Vec<String>> {
+    let columns = ["decisive sub-formula", "step", "time s", "window", "robustness"];
+    let mut rows = vec![columns.map(String::from).to_vec()];
+    rows.extend(explained.explanation.diagnosis.path.iter().map(|found| {
+        let window = found.window.map_or("-".to_string(), |(first, last)| format!("{first} to {last}"));
+        vec![
+            escape::name(&found.text),
+            found.sample.to_string(),
+            format!("{:.2}", found.sample as f64 * header.control_dt),
+            window,
+            format!("{:.4}", found.robustness),
+        ]
+    }));
+    rows
+}
+
+/// Returns the table of the formula's signals up to the decisive sample, at the first violation, and at the end.
+fn signal_table(
+    header: &RunHeader,
+    explained: &ExplainedSimulation,
+    predicate: &DecisivePredicate,
+) -> Vec<Vec<String>> {
+    let ExplainedSimulation { trace, explanation, .. } = explained;
+    let of = |text: &str| {
+        Formula::parse(text).map(|formula| formula.signals().into_iter().map(str::to_string).collect())
+    };
+    let decisive: Vec<String> = of(&predicate.text).unwrap_or_default();
+    let others: Vec<String> = of(&header.formula).unwrap_or_default();
+    let others = others.into_iter().filter(|name| !decisive.contains(name));
+    let names: Vec<String> = decisive.iter().cloned().chain(others).take(SIGNAL_COLUMNS).collect();
+    let unit = |name: &str| {
+        let signal = header.signals.iter().find(|signal| signal.name == name);
+        signal.map_or("", |signal| signal.unit.as_str())
+    };
+    let mut rows = vec![vec!["step".to_string(), "time s".to_string()]];
+    rows[0].extend(
+        names.iter().map(|name| format!("{} {}", escape::name(name), unit(name)).trim_end().to_string()),
+    );
+    let first =
+        explanation.history.as_ref().and_then(|history| history.first_and_last).map(|(first, _)| first);
+    for sample in shown_samples(predicate.sample, first, trace.len()) {
+        let mut row = vec![sample.to_string(), format!("{:.2}", sample as f64 * header.control_dt)];
+        row.extend(names.iter().map(|name| {
+            trace
+                .signal(name)
+                .and_then(|values| values.get(sample))
+                .map_or(String::new(), |x| format!("{x:.4}"))
+        }));
+        rows.push(row);
+    }
+    rows
+}
+
+/// Returns the samples of the table: evenly spaced up to the decisive one, the first violation, and the last.
+fn shown_samples(decisive: usize, first_violated: Option<usize>, len: usize) -> Vec<usize> {
+    let spaced = (0..SPACED_ROWS).map(|i| decisive * i / (SPACED_ROWS - 1));
+    let mut samples: Vec<usize> = spaced.chain(first_violated).chain([len.saturating_sub(1)]).collect();
+    samples.sort_unstable();
+    samples.dedup();
+    samples
+}

@@ -1,0 +1,67 @@
+//! `mishandle explain`: the decisive predicate and sample of a recorded simulation.
+
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use bench::Bench;
+use serde_json::Value;
+
+/// Reads a CSV file with a header.
+fn columns(text: &str) -> Vec<(String, Vec<f64>)> {
+    let mut lines = text.lines().filter(|line| !line.starts_with('#'));
+    let mut columns: Vec<(String, Vec<f64>)> =
+        lines.next().unwrap().split(',').map(|name| (name.to_string(), Vec::new())).collect();
+    for line in lines {
+        for ((_, values), value) in columns.iter_mut().zip(line.split(',')) {
+            values.push(value.parse().unwrap());
+        }
+    }
+    columns
+}
+
+#[test]
+fn the_explanation_agrees_with_the_exported_trace() {
+    let bench = Bench::new();
+    let formula = "always[10:80](gap >= 5 and closing_speed <= 4)";
+    bench.write(
+        "plan.toml",
+        &format!(
+            "target = 'toy/car-following'\nspace = 'events'\n[falsify]\nformula = '{formula}'\ntrials = 1\n"
+        ),
+    );
+    bench.check("falsify --plan plan.toml --out run.sqlite", 1);
+    bench.check("replay run.sqlite --trace trace.csv", 0);
+    let explained = bench.json("explain run.sqlite --json", 1);
+    let trace = columns(&std::fs::read_to_string(bench.path("trace.csv")).unwrap());
+    let signal = |name: &str| &trace.iter().find(|(known, _)| known.starts_with(name)).unwrap().1;
+    // The minimum over the window of the margins of both predicates, by hand.
+    let (gap, speed) = (signal("gap"), signal("closing_speed"));
+    let margins = |sample: usize| [gap[sample] - 5.0, 4.0 - speed[sample]];
+    let least =
+        (10..=80).map(|sample| margins(sample)[0].min(margins(sample)[1])).fold(f64::INFINITY, f64::min);
+    let sample = (10..=80).find(|sample| margins(*sample).contains(&least)).unwrap();
+    assert_eq!(explained["robustness"], least);
+    assert_eq!(explained["predicate"]["sample"], sample);
+    let predicate = if margins(sample)[0] == least { "gap >= 5" } else { "closing_speed <= 4" };
+    assert_eq!(explained["predicate"]["formula"], predicate);
+    let alone = |i: usize| (10..=80).map(|sample| margins(sample)[i]).fold(f64::INFINITY, f64::min);
+    let conjuncts: Vec<&Value> = explained["conjuncts"].as_array().unwrap().iter().collect();
+    assert_eq!([&conjuncts[0]["robustness"], &conjuncts[1]["robustness"]], [alone(0), alone(1)]);
+    let violated = (10..=80).filter(|sample| margins(*sample)[usize::from(predicate != "gap >= 5")] < 0.0);
+    assert_eq!(explained["window"]["violated"], violated.count());
+    let text = bench.check("explain run.sqlite", 1);
+    for part in ["violated: robustness", "Decisive:", "window", predicate] {
+        assert!(text.contains(part), "{part} is not in\n{text}");
+    }
+}
+
+#[test]
+fn a_simulation_without_a_recorded_trace_is_replayed() {
+    let bench = Bench::new();
+    bench.check("falsify toy/sphere-2d --trials 1 --budget 5 --seed 3 --out run.sqlite", 0);
+    let explained = bench.json("explain run.sqlite --simulation 2 --json", 0);
+    let replayed = bench.json("replay run.sqlite --simulation 2 --json", 0);
+    assert_eq!(explained["robustness"], replayed["robustness"]);
+    bench.refuses("explain run.sqlite --simulation 6", &["simulation 6"]);
+}
