@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use mishandle_rollout::{Request, RolloutError};
+use mishandle_rollout::{Episode, Request, RolloutError};
 use mishandle_stl::{Clock, Diagnosis, Formula, Monitor, Trace};
 use mishandle_store::{RunFile, RunHeader, Simulation, StoredTrace};
 
@@ -145,6 +145,20 @@ pub fn explain_recorded(
         .map_err(|source| RolloutError::Parse { formula: header.formula.clone(), source })?;
     let explanation = explain_trace(&formula, &trace, header.control_dt)?;
     Ok(ExplainedSimulation { recorded, trace, explanation })
+}
+
+/// Explains an episode that is in no run file. The header describes its target, space and formula as that of a run.
+///
+/// # Errors
+/// If the formula has no finite value on the trace.
+pub fn explain_episode(
+    resolved: &ResolvedPlan,
+    episode: &Episode,
+) -> Result<(RunHeader, ExplainedSimulation), MishandleError> {
+    let header = record::header(resolved);
+    let recorded = record::record(episode, resolved.stored_subformulas);
+    let explained = explain_recorded(&header, recorded, episode.trace.clone())?;
+    Ok((header, explained))
 }
 
 /// Returns a recorded trace with the names of the run's signals.

@@ -35,6 +35,7 @@ mod record;
 mod replay;
 mod search_options;
 mod shell_quote;
+mod simulate;
 mod target;
 mod tensorboard;
 mod train;
@@ -49,7 +50,8 @@ pub use evaluate::{
     EvaluationOutcome, evaluate, evaluation_request, evaluation_simulations, rejects_scenarios,
 };
 pub use explanation::{
-    Conjunct, ExplainedSimulation, Explanation, PredicateHistory, explain, explain_recorded, explain_trace,
+    Conjunct, ExplainedSimulation, Explanation, PredicateHistory, explain, explain_episode, explain_recorded,
+    explain_trace,
 };
 pub use falsify::{FalsifyProgress, falsify, search_entry};
 pub use home::{
@@ -63,6 +65,7 @@ pub use record::create_run;
 pub use replay::{ReplayResult, build_differences, recorded_plan, replay, replay_with, select_simulation};
 pub use search_options::search_option_value;
 pub use shell_quote::shell_quote;
+pub use simulate::{Noise, depends_on_seed, measure_noise, repeat, repeat_seeds};
 pub use target::{ResolvedPlan, preset, target, target_names, task, task_target};
 pub use train::{TrainObserver, TrainPlan, TrainReport, default_out, reward, train, uses_default_settings};
 pub use training_facts::{TrainingFacts, training_facts};

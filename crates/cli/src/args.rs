@@ -19,6 +19,12 @@ const THREADS: RangeInclusive<u64> = 1..=1024;
 /// Numbers of trials and simulations in a run file.
 const NUMBERS: RangeInclusive<u64> = 1..=u32::MAX as u64;
 
+/// Numbers of repeated simulations of a scenario.
+const REPEATS: RangeInclusive<u64> = 1..=10_000_000;
+
+/// Numbers of random scenarios that measure noise.
+const SCENARIOS: RangeInclusive<u64> = 0..=1_000_000;
+
 /// Numbers of environment steps of a training run: those of the setting `run.total_steps`.
 const STEPS: RangeInclusive<u64> = 1..=1_000_000_000_000;
 
@@ -84,6 +90,7 @@ pub enum Command {
     Evaluate(Evaluate),
     Falsify(Falsify),
     Campaign(Campaign),
+    Simulate(Simulate),
     Replay(Replay),
     Explain(Explain),
     Render(Render),
@@ -232,7 +239,6 @@ const PLANNED: [&str; 10] = [
 #[derive(Debug, Args)]
 pub struct Subject {
     /// Name of a target: a task, or toy/NAME; `mishandle targets` lists them
-    #[arg(required_unless_present_any = ["plan", "resume"])]
     pub target: Option<String>,
     /// Controller of a task: the path of a .safetensors or .onnx file, or the name of a shipped controller such as ppo or
     /// expert
@@ -475,6 +481,10 @@ pub struct Falsify {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(Plan::BUDGET))]
     #[arg(conflicts_with = "resume")]
     pub budget: Option<u32>,
+    /// If the target is random: number of simulations of each counterexample with other seeds, which measure how often it
+    /// fails; at most as many in total as the run has; 0 skips this [default: 100]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(0..=10_000_000))]
+    pub repeats: Option<u32>,
     #[command(flatten)]
     pub file: OpenRun,
     #[command(flatten)]
@@ -524,6 +534,36 @@ fn name_and_value(text: &str) -> Result<(String, String), String> {
         }
         _ => Err("expected NAME=VALUE, such as xatol=1e-6".to_string()),
     }
+}
+
+/// Simulate one chosen scenario, once or repeatedly with other random seeds
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle simulate ball-balancing --controller ppo --at 0.2,-0.14
+  mishandle simulate ball-balancing --controller ppo --at 0.2,-0.14 --action-noise 0.5 --repeat 1000
+  mishandle simulate ball-balancing --controller ppo --space starts+delay --at action_delay=2
+
+Exit code 1 means that a simulation violated the formula.")]
+pub struct Simulate {
+    #[command(flatten)]
+    pub subject: Subject,
+    /// Scenario: one value per axis of the space, or NAME=VALUE for some axes; the others are nominal [default: the
+    /// nominal scenario]
+    #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
+    pub at: Vec<String>,
+    /// Number of simulations with different seeds; reports the failure rate of the scenario and quantiles of the robustness
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(REPEATS))]
+    pub repeat: Option<u32>,
+    /// With --repeat: number of random scenarios, each simulated 20 times, that measure the share of the robustness variance
+    /// that comes from the scenario; 0 skips this [default: 20]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(SCENARIOS))]
+    #[arg(requires = "repeat")]
+    pub scenarios: Option<u32>,
+    /// Requirement: the name of a formula of the target, or the text of a formula [default: the target's first formula]
+    #[arg(long, allow_hyphen_values = true)]
+    pub formula: Option<String>,
+    #[command(flatten)]
+    pub run: Run,
 }
 
 /// Replay a recorded simulation and check that the result is bit-identical

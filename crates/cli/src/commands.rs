@@ -12,6 +12,7 @@ pub mod monitor;
 pub mod render;
 pub mod replay;
 pub mod searches;
+pub mod simulate;
 pub mod targets;
 pub mod tasks;
 pub mod train;

@@ -68,6 +68,7 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Evaluate(command) => commands::evaluate::run(command),
         Command::Falsify(command) => commands::falsify::run(command),
         Command::Campaign(command) => commands::campaign::run(command),
+        Command::Simulate(command) => commands::simulate::run(command),
         Command::Replay(command) => commands::replay::run(command),
         Command::Explain(command) => commands::explain::run(command),
         Command::Render(command) => commands::render::run(command),

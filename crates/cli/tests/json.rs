@@ -36,8 +36,9 @@ fn keys(value: &Value, path: &str, found: &mut Vec<(String, &'static str)>) {
         Value::Object(entries) => {
             for (key, value) in entries {
                 let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
-                let is_map = ["scenario", "search_options", "formats", "training_time", "result"]
-                    .contains(&key.as_str());
+                let is_map =
+                    ["scenario", "search_options", "formats", "training_time", "result", "explanation"]
+                        .contains(&key.as_str());
                 found.push((path.clone(), kind(value, is_map && key != "training_time")));
                 if !is_map {
                     keys(value, &path, found);
@@ -84,6 +85,9 @@ fn the_page_documents_the_keys_that_every_command_prints() {
         ("evaluate", "evaluate point-reaching --controller expert --episodes 12 --out e.sqlite", 0),
         ("falsify", "falsify point-reaching --controller expert --trials 1 --budget 3 --out f.sqlite", 0),
         ("falsify", "falsify toy/noisy --trials 2 --budget 200 --seed 1 --out g.sqlite", 1),
+        ("falsify", "falsify toy/noisy --trials 1 --budget 200 --seed 1 --repeats 5 --out h.sqlite", 1),
+        ("simulate", "simulate toy/noisy --repeat 5 --scenarios 3", 0),
+        ("simulate", "simulate toy/noisy", 0),
         ("campaign", "campaign grid.toml --out grid", 0),
         ("replay", "replay g.sqlite", 0),
         ("replay", "replay e.sqlite --trial 2", 0),

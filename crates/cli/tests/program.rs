@@ -88,7 +88,16 @@ fn searches_lists_the_options_of_each_search() {
     assert!(options("random").is_empty());
     assert_eq!(
         options("nelder-mead"),
-        ["start", "initial-simplex", "xatol", "fatol", "max-iterations", "max-evaluations", "adaptive"]
+        [
+            "start",
+            "simplex-origin",
+            "initial-simplex",
+            "xatol",
+            "fatol",
+            "max-iterations",
+            "max-evaluations",
+            "adaptive"
+        ]
     );
     assert_eq!(
         options("dual-annealing"),

@@ -21,6 +21,7 @@ mod corners;
 mod error;
 mod interval;
 mod metrics;
+mod repeats;
 mod run;
 
 pub use betting::betting_mean;
@@ -28,4 +29,5 @@ pub use corners::{CornerReport, CornerResult, Corners, evaluate_corners};
 pub use error::EvaluationError;
 pub use interval::{Estimate, bootstrap_mean, wilson};
 pub use metrics::{EvaluationReport, FormulaRoles, Metrics};
+pub use repeats::{QUANTILES, RepeatReport, variance_share};
 pub use run::{Evaluation, ScenarioFilter, evaluate};

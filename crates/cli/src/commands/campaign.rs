@@ -92,7 +92,9 @@ impl Finished {
         let path = self.path.to_string_lossy();
         let (kind, own) = match &self.outcome {
             Outcome::Evaluation(found) => ("evaluate", evaluate::document(&self.resolved, found, &path)),
-            Outcome::Falsification(found) => ("falsify", falsify::document(&self.resolved, found, &path)),
+            Outcome::Falsification(found) => {
+                ("falsify", falsify::document(&self.resolved, found, &falsify::Repeats::new(), &path))
+            }
         };
         json!({ "name": self.name, "kind": kind, "result": own })
     }

@@ -22,23 +22,24 @@ pub fn run(command: &args::Explain) -> Result<ExitStatus> {
     let explained = mishandle::explain(&file, trial, simulation, command.controller.as_deref())?;
     let header = file.header();
     if command.json {
-        output::json(document(&command.file.to_string_lossy(), header, &explained))?;
+        let run = json!({ "run": command.file.to_string_lossy() });
+        output::json(output::joined(run, document(header, &explained)))?;
     } else {
-        output::line(&text(header, &explained))?;
+        let name = run::simulation_text(header, &explained.recorded);
+        output::line(&format!("{name}, {}", text(header, &explained)))?;
     }
     let is_violated = explained.recorded.robustness.is_some_and(|rho| rho < 0.0);
     Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
 /// Returns the explanation as JSON. Samples count from 0, times are in seconds.
-fn document(path: &str, header: &RunHeader, explained: &ExplainedSimulation) -> Value {
+pub fn document(header: &RunHeader, explained: &ExplainedSimulation) -> Value {
     let ExplainedSimulation { recorded, explanation, .. } = explained;
     let Explanation { diagnosis, history, conjuncts } = explanation;
     let time = |sample: usize| sample as f64 * header.control_dt;
     let named = header.axes.iter().zip(&recorded.scenario);
     let window = |window: Option<(usize, usize)>| window.map(|(first, last)| [first, last]);
     json!({
-        "run": path,
         "target": header.target.name,
         "trial": recorded.trial,
         "simulation": recorded.number,
@@ -77,7 +78,7 @@ fn document(path: &str, header: &RunHeader, explained: &ExplainedSimulation) -> 
     })
 }
 
-/// Returns the explanation as text.
+/// Returns the explanation as text, which starts with the scenario.
 pub fn text(header: &RunHeader, explained: &ExplainedSimulation) -> String {
     let ExplainedSimulation { recorded, explanation, .. } = explained;
     let Explanation { diagnosis, history, conjuncts } = explanation;
@@ -91,8 +92,7 @@ pub fn text(header: &RunHeader, explained: &ExplainedSimulation) -> String {
         _ => "on the border between satisfied and violated",
     };
     let mut parts = vec![format!(
-        "{}, {}, seed {}\nformula {}\n{verdict}: robustness {:.4}",
-        run::simulation_text(header, recorded),
+        "{}, seed {}\nformula {}\n{verdict}: robustness {:.4}",
         scenario.join(", "),
         recorded.seed,
         escape::name(&header.formula),

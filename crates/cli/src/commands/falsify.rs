@@ -1,10 +1,14 @@
+use std::collections::BTreeMap;
+
 use anyhow::Result;
+use mishandle::evaluation::RepeatReport;
 use mishandle::falsification::{CampaignOutcome, Minimum, TrialEnd, TrialOutcome};
 use mishandle::search::OptionValue;
 use mishandle::store::RunKind;
 use mishandle::{FalsifyPlan, Plan, ResolvedPlan, plural};
 use serde_json::{Value, json};
 
+use super::simulate;
 use crate::output::{self, number};
 use crate::progress::Bar;
 use crate::{ExitStatus, args, run};
@@ -33,14 +37,15 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
     if !is_complete(&resolved, &found) {
         run::report_interruption(RunKind::Falsify, found.simulations, &name);
         if command.run.json {
-            output::json(document(&resolved, &found, &path.to_string_lossy()))?;
+            output::json(document(&resolved, &found, &Repeats::new(), &path.to_string_lossy()))?;
         }
         return Ok(ExitStatus::Interrupted);
     }
+    let repeats = counterexample_repeats(&resolved, &found, command.repeats.unwrap_or(REPEATS))?;
     if command.run.json {
-        output::json(document(&resolved, &found, &path.to_string_lossy()))?;
+        output::json(document(&resolved, &found, &repeats, &path.to_string_lossy()))?;
     } else {
-        output::line(&text(&resolved, &found))?;
+        output::line(&text(&resolved, &found, &repeats))?;
     }
     if found.surplus > 0 {
         output::message(&format!(
@@ -59,6 +64,45 @@ pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
     }
     output::message(&format!("Replay the first counterexample: mishandle replay {name}"));
     Ok(ExitStatus::Violated)
+}
+
+/// Default number of repeated simulations of a counterexample.
+const REPEATS: u32 = 100;
+
+/// Repeated simulations of counterexamples, by trial.
+pub type Repeats = BTreeMap<u32, RepeatReport>;
+
+/// Simulates each counterexample `repeats` times with other seeds; in total at most as often as the run has simulations.
+/// Returns nothing for a target without randomness, whose counterexamples always fail.
+fn counterexample_repeats(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: u32) -> Result<Repeats> {
+    let counterexamples: Vec<(u32, &Minimum)> = found
+        .trials
+        .iter()
+        .filter(|trial| trial.falsified())
+        .filter_map(|trial| Some((trial.trial, trial.minimum.as_ref()?)))
+        .filter(|(_, minimum)| mishandle::depends_on_seed(resolved, &minimum.scenario))
+        .collect();
+    let each = u64::from(repeats).min(found.simulations / (counterexamples.len() as u64).max(1));
+    if counterexamples.is_empty() || each == 0 {
+        return Ok(Repeats::new());
+    }
+    let bar = Bar::new(each * counterexamples.len() as u64, "repeats");
+    let mut system = resolved.system()?;
+    let mut done = 0;
+    let mut reports = Repeats::new();
+    for (trial, minimum) in counterexamples {
+        let seeds = mishandle::repeat_seeds(minimum.seed, each);
+        let report = mishandle::repeat(&mut *system, &minimum.scenario, seeds, |_| {
+            done += 1;
+            bar.set_position(done);
+        })?;
+        reports.insert(trial, report);
+        if run::control_flow().is_break() {
+            break;
+        }
+    }
+    bar.clear();
+    Ok(reports)
 }
 
 /// Returns whether all trials of the plan have ended.
@@ -90,9 +134,16 @@ fn plan(command: &args::Falsify) -> Result<Plan> {
 }
 
 /// Returns the JSON document of the run.
-pub fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, path: &str) -> Value {
+pub fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats, path: &str) -> Value {
     let falsify = resolved.plan.falsify.clone().unwrap_or_default();
-    let trials: Vec<Value> = found.trials.iter().map(|trial| trial_document(resolved, trial)).collect();
+    let trials: Vec<Value> = found
+        .trials
+        .iter()
+        .map(|trial| {
+            let repeated = repeats.get(&trial.trial).map(simulate::repeats_document);
+            output::joined(trial_document(resolved, trial), json!({ "repeats": repeated }))
+        })
+        .collect();
     let own = json!({
         "is_complete": is_complete(resolved, found),
         "search": falsify.search,
@@ -181,20 +232,33 @@ fn end(end: TrialEnd) -> &'static str {
     }
 }
 
-fn text(resolved: &ResolvedPlan, found: &CampaignOutcome) -> String {
+fn text(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) -> String {
     let falsify = resolved.plan.falsify.clone().unwrap_or_default();
     let at = |minimum: &Minimum| run::scenario_summary(resolved.space.axes(), minimum.scenario.values());
-    let header = ["trial", "result", "simulations", "min robustness", "scenario"];
-    let mut rows = vec![header.map(String::from).to_vec()];
+    let mut header = vec!["trial", "result", "simulations", "min robustness", "scenario"];
+    if !repeats.is_empty() {
+        header.insert(4, "fails in repeats");
+    }
+    let mut rows = vec![header.into_iter().map(String::from).collect::<Vec<_>>()];
     for trial in &found.trials {
         let minimum = trial.minimum.as_ref();
-        rows.push(vec![
+        let mut row = vec![
             trial.trial.to_string(),
             trial.end.map_or("interrupted", end).to_string(),
             trial.simulations.to_string(),
             minimum.map_or("-".to_string(), |minimum| format!("{:.4}", minimum.robustness)),
             minimum.map_or(String::new(), at),
-        ]);
+        ];
+        if !repeats.is_empty() {
+            let repeated = repeats.get(&trial.trial);
+            row.insert(
+                4,
+                repeated.map_or("-".to_string(), |report| {
+                    format!("{} of {}", report.failures, report.failure_rate.n)
+                }),
+            );
+        }
+        rows.push(row);
     }
     let mut text = format!(
         "{}\nsearch {}{}, at most {} per trial, seed {}\nformula {}\n\n{}\n\n{}",
@@ -217,6 +281,14 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome) -> String {
             first.seed.0,
             first.number,
             first.robustness
+        ));
+    }
+    if !repeats.is_empty() {
+        let sum = |of: fn(&RepeatReport) -> u64| repeats.values().map(of).sum::<u64>();
+        let (failures, n) = (sum(|report| report.failures), sum(|report| report.failure_rate.n));
+        text.push_str(&format!(
+            "\nwith other seeds, the counterexamples fail in {failures} of {}",
+            plural(n, "repeat")
         ));
     }
     if let Some(counts) = run::without_verdict(found.diverged, found.invalid, found.failed, found.undecided) {

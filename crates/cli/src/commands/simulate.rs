@@ -1,0 +1,258 @@
+use anyhow::{Context, Result, bail, ensure};
+use mishandle::evaluation::{Estimate, QUANTILES, RepeatReport};
+use mishandle::rollout::{Axis, AxisValues, Request, Scenario, Seed, Space};
+use mishandle::{FalsifyPlan, Noise, ResolvedPlan};
+use serde_json::{Value, json};
+
+use super::explain;
+use crate::output::{self, number};
+use crate::progress::Bar;
+use crate::{ExitStatus, args, escape, run};
+
+/// Default number of random scenarios that measure the share of noise, and simulations of each.
+const NOISE_SCENARIOS: u32 = 20;
+const NOISE_REPEATS: u64 = 20;
+
+pub fn run(command: &args::Simulate) -> Result<ExitStatus> {
+    run::set_threads(command.run.threads)?;
+    let mut plan = run::plan(&command.subject, &command.run)?;
+    let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
+    falsify.formula = command.formula.clone().or(falsify.formula);
+    plan.falsify = Some(falsify);
+    plan.evaluate = None;
+    let resolved = ResolvedPlan::new(&plan)?;
+    output::warn_of_chained_comparisons(&resolved.specification.requirement);
+    let scenario = scenario(&resolved.space, &command.at)?;
+    resolved.space.check(&scenario)?;
+    for (axis, value) in resolved.space.axes().iter().zip(scenario.values()) {
+        if let Some(value) = value.filter(|value| !(axis.low..=axis.high).contains(value)) {
+            let Axis { name, low, high, .. } = axis;
+            output::message(&format!("warning: {name} = {value} is outside of the space: [{low}, {high}]"));
+        }
+    }
+    match command.repeat {
+        Some(repeat) => repeated(command, &resolved, &scenario, repeat),
+        None => once(command, &resolved, &scenario),
+    }
+}
+
+/// Returns the scenario with the values of `--at`: all values in order, or some by name.
+fn scenario(space: &Space, words: &[String]) -> Result<Scenario> {
+    let axes = space.axes();
+    let mut values = space.nominal().values().to_vec();
+    let by_name = words.iter().filter(|word| word.contains('=')).count();
+    if by_name == 0 && !words.is_empty() {
+        let names: Vec<&str> = axes.iter().map(|axis| axis.name.as_str()).collect();
+        ensure!(
+            words.len() == axes.len(),
+            "--at has {} and the space {} {}: {}; give one value for each, or some as NAME=VALUE",
+            mishandle::plural(words.len(), "value"),
+            space.name(),
+            run::axes(axes.len()),
+            names.join(", ")
+        );
+        for ((value, axis), word) in values.iter_mut().zip(axes).zip(words) {
+            *value = Some(axis_value(axis, word)?);
+        }
+        return Ok(Scenario::new(values));
+    }
+    ensure!(by_name == words.len(), "--at mixes values with NAME=VALUE; use one of the two forms");
+    let mut given = vec![false; axes.len()];
+    for word in words {
+        let (name, text) = word.split_once('=').unwrap_or_default();
+        let Some(index) = axes.iter().position(|axis| axis.name == name.trim()) else {
+            let known = axes.iter().map(|axis| axis.name.clone()).collect();
+            let name = name.trim().to_string();
+            return Err(mishandle::MishandleError::UnknownName { kind: "axis", name, known }.into());
+        };
+        ensure!(!std::mem::replace(&mut given[index], true), "--at sets {} twice", axes[index].name);
+        values[index] = Some(axis_value(&axes[index], text)?);
+    }
+    Ok(Scenario::new(values))
+}
+
+/// Parses the value of an axis: a number, or the name of a category.
+fn axis_value(axis: &Axis, text: &str) -> Result<f64> {
+    let text = text.trim();
+    if let AxisValues::Categorical(names) = &axis.values
+        && let Some(index) = names.iter().position(|name| name == text)
+    {
+        return Ok(index as f64);
+    }
+    let expected = || format!("--at {}: expected a number in {}, found `{text}`", axis.name, unit(axis));
+    match text.parse::<f64>().with_context(expected)? {
+        value if value.is_finite() => Ok(value),
+        _ => bail!(expected()),
+    }
+}
+
+fn unit(axis: &Axis) -> &str {
+    if axis.unit.is_empty() { "the unit of the axis" } else { &axis.unit }
+}
+
+/// Simulates the scenario once, with the seed of the command, and explains the result.
+fn once(command: &args::Simulate, resolved: &ResolvedPlan, scenario: &Scenario) -> Result<ExitStatus> {
+    let request = Request::new(scenario.clone(), Seed(resolved.plan.seed));
+    let mut episodes = resolved.system()?.rollout(&[request])?;
+    let episode = episodes.pop().context("the target returned no episode")?;
+    let Some(robustness) = episode.robustness() else {
+        bail!("the simulation has no verdict: {}", run::end_text(episode.end, &resolved.target.signals));
+    };
+    let (header, explained) = mishandle::explain_episode(resolved, &episode)?;
+    if command.run.json {
+        let own = json!({
+            "scenario": run::scenario(resolved.space.axes(), scenario.values()),
+            "formula": resolved.specification.requirement.to_string(),
+            "end": run::end_text(episode.end, &resolved.target.signals),
+            "steps": episode.steps,
+            "robustness": number(robustness),
+            "explanation": explain::document(&header, &explained),
+            "repeats": Value::Null,
+            "noise": Value::Null,
+        });
+        output::json(output::joined(document(resolved), own))?;
+    } else {
+        output::line(&format!("{}\n{}", run::heading(resolved), explain::text(&header, &explained)))?;
+    }
+    Ok(if robustness < 0.0 { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
+/// Simulates the scenario repeatedly, and random scenarios to measure the noise.
+fn repeated(
+    command: &args::Simulate,
+    resolved: &ResolvedPlan,
+    scenario: &Scenario,
+    repeat: u32,
+) -> Result<ExitStatus> {
+    let depends_on_seed = mishandle::depends_on_seed(resolved, scenario);
+    let (repeat, scenarios) = if depends_on_seed {
+        (u64::from(repeat), u64::from(command.scenarios.unwrap_or(NOISE_SCENARIOS)))
+    } else {
+        output::message("nothing is random in this target and plan, so the scenario is simulated once");
+        (1, 0)
+    };
+    let bar = Bar::new(repeat + scenarios * NOISE_REPEATS, "simulations");
+    let mut done = 0;
+    let mut count = |_: &_| {
+        done += 1;
+        bar.set_position(done);
+    };
+    let mut system = resolved.system()?;
+    let seed = Seed(resolved.plan.seed);
+    let seeds = mishandle::repeat_seeds(seed, repeat);
+    let report = mishandle::repeat(&mut *system, scenario, seeds, &mut count)?;
+    let noise = match scenarios {
+        0 => None,
+        _ => Some(mishandle::measure_noise(
+            resolved,
+            &mut *system,
+            seed,
+            scenarios,
+            NOISE_REPEATS,
+            &mut count,
+        )?),
+    };
+    bar.clear();
+    if command.run.json {
+        let own = json!({
+            "scenario": run::scenario(resolved.space.axes(), scenario.values()),
+            "formula": resolved.specification.requirement.to_string(),
+            "end": Value::Null,
+            "steps": Value::Null,
+            "robustness": Value::Null,
+            "explanation": Value::Null,
+            "repeats": repeats_document(&report),
+            "noise": noise.map(|noise| json!({
+                "scenario_share": noise.scenario_share,
+                "scenarios": noise.scenarios,
+                "repeats": noise.repeats,
+            })),
+        });
+        output::json(output::joined(document(resolved), own))?;
+    } else {
+        output::line(&text(resolved, scenario, &report, noise.as_ref()))?;
+    }
+    ensure!(report.failure_rate.n > 0, "no simulation has a verdict, so the scenario was not tested");
+    Ok(if report.failures > 0 { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
+/// Returns the keys that describe target and plan.
+fn document(resolved: &ResolvedPlan) -> Value {
+    let mut document = run::document(resolved, "");
+    if let Some(keys) = document.as_object_mut() {
+        keys.remove("run");
+    }
+    document
+}
+
+/// Returns the JSON of repeated simulations.
+pub fn repeats_document(report: &RepeatReport) -> Value {
+    let quantiles = |values: [f64; QUANTILES.len()]| {
+        let named =
+            QUANTILES.iter().zip(values).map(|(p, value)| json!({ "p": p, "robustness": number(value) }));
+        named.collect::<Vec<_>>()
+    };
+    json!({
+        "simulations": report.simulations,
+        "failures": report.failures,
+        "failure_rate": output::estimate(&report.failure_rate),
+        "quantiles": report.quantiles.map(quantiles),
+    })
+}
+
+fn text(
+    resolved: &ResolvedPlan,
+    scenario: &Scenario,
+    report: &RepeatReport,
+    noise: Option<&Noise>,
+) -> String {
+    let mut text = format!(
+        "{}\n{}\nformula {}\n\n{}",
+        run::heading(resolved),
+        run::scenario_text(resolved.space.axes(), scenario.values()),
+        escape::name(&resolved.specification.requirement.to_string()),
+        failure_text(report),
+    );
+    if let Some(values) = report.quantiles {
+        let mut rows = vec![vec!["robustness".to_string()]];
+        rows[0].extend(["minimum", "5 %", "median", "95 %", "maximum"].map(String::from));
+        rows.push(vec![String::new()]);
+        rows[1].extend(values.iter().map(|value| format!("{value:.4}")));
+        text.push_str(&format!("\n\n{}", output::table(&rows)));
+    }
+    let without = report.simulations - report.failure_rate.n;
+    if without > 0 {
+        text.push_str(&format!("\n\n{} without a verdict", mishandle::plural(without, "simulation")));
+    }
+    if let Some(Noise { scenario_share, scenarios, repeats }) = noise {
+        let of = format!("{scenarios} random scenarios, {repeats} simulations each");
+        text.push_str(&match scenario_share {
+            Some(share) => format!(
+                "\n\nvariance of the robustness: {:.0} % from the scenario, {:.0} % from noise ({of})",
+                100.0 * share,
+                100.0 * (1.0 - share)
+            ),
+            None => {
+                format!("\n\nthe robustness of {of} has no variance to split: it is constant or infinite")
+            }
+        });
+    }
+    text
+}
+
+/// Describes how often repeated simulations fail, such as `fails in 188 of 2,000 repeats: 9.4 % [8.2, 10.8]`.
+pub fn failure_text(report: &RepeatReport) -> String {
+    let Estimate { value, low, high, n } = report.failure_rate;
+    let percent = |value: Option<f64>| 100.0 * value.unwrap_or(f64::NAN);
+    match n {
+        0 => "no repeat has a verdict".to_string(),
+        _ => format!(
+            "fails in {} of {}: {:.1} % [{:.1}, {:.1}]",
+            report.failures,
+            mishandle::plural(n, "repeat"),
+            percent(value),
+            percent(low),
+            percent(high)
+        ),
+    }
+}

@@ -1,0 +1,79 @@
+//! `mishandle simulate`: chosen scenarios, once or repeatedly.
+
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use bench::Bench;
+
+#[test]
+fn a_scenario_and_seed_of_a_run_give_the_recorded_robustness() {
+    let bench = Bench::new();
+    bench.check("falsify toy/noisy --trials 1 --budget 200 --seed 1 --repeats 0 --out run.sqlite", 1);
+    let recorded = bench.json("replay run.sqlite --json", 0);
+    let at = recorded["initial_configuration"].as_array().unwrap();
+    let at: Vec<String> = at.iter().map(ToString::to_string).collect();
+    let seed = recorded["seed"].as_str().unwrap();
+    let simulated = bench.json(&format!("simulate toy/noisy --at {} --seed {seed} --json", at.join(",")), 1);
+    assert_eq!(simulated["robustness"], recorded["robustness"]);
+    assert_eq!(simulated["scenario"], recorded["scenario"]);
+}
+
+#[test]
+fn repeats_have_other_seeds_than_the_counterexample_and_depend_on_the_seed_only() {
+    let bench = Bench::new();
+    let falsify = "falsify toy/noisy --trials 2 --budget 200 --seed 1 --json --repeats 50 --out";
+    let run = bench.json(&format!("{falsify} a.sqlite"), 1);
+    assert_eq!(run["trials"], bench.json(&format!("{falsify} b.sqlite --threads 1"), 1)["trials"]);
+    let trial = &run["trials"][0];
+    let at: Vec<String> =
+        trial["initial_configuration"].as_array().unwrap().iter().map(ToString::to_string).collect();
+    let seed = trial["seed"].as_str().unwrap();
+    let n = trial["repeats"]["simulations"].as_u64().unwrap();
+    let at = at.join(",");
+    let simulate = format!("simulate toy/noisy --at {at} --seed {seed} --repeat {n} --scenarios 0 --json");
+    let code = i32::from(trial["repeats"]["failures"] != 0);
+    assert_eq!(bench.json(&simulate, code)["repeats"], trial["repeats"]);
+    // Not all repeats have the seed of the counterexample, which was selected for its failure.
+    assert!(trial["repeats"]["failures"].as_u64().unwrap() < n, "{trial}");
+}
+
+#[test]
+fn repeats_are_at_most_as_many_as_the_simulations_of_the_run() {
+    let bench = Bench::new();
+    let run = bench
+        .json("falsify toy/noisy --trials 3 --budget 60 --seed 1 --json --repeats 1000000 --out a.sqlite", 1);
+    let trials = run["trials"].as_array().unwrap();
+    let sum = |key: fn(&serde_json::Value) -> u64| trials.iter().map(key).sum::<u64>();
+    let repeats = sum(|trial| trial["repeats"]["simulations"].as_u64().unwrap_or(0));
+    assert!(repeats > 0 && repeats <= sum(|trial| trial["simulations"].as_u64().unwrap()), "{run}");
+}
+
+#[test]
+fn a_target_without_randomness_is_simulated_once() {
+    let bench = Bench::new();
+    let simulated = bench.json("simulate toy/sphere-2d --repeat 100 --json", 0);
+    assert_eq!((&simulated["repeats"]["simulations"], simulated["noise"].is_null()), (&1.into(), true));
+    assert!(
+        !bench
+            .check("falsify toy/sphere-2d --seed 2 --search nelder-mead --trials 2 --out a.sqlite", 1)
+            .contains("repeats")
+    );
+}
+
+#[test]
+fn axes_are_set_in_order_or_by_name() {
+    let bench = Bench::new();
+    let by_order = bench.json("simulate toy/sphere-2d --at 0.5,-0.25 --json", 0);
+    assert_eq!(bench.json("simulate toy/sphere-2d --at y=-0.25,x=0.5 --json", 0), by_order);
+    for (at, message) in [
+        ("0.5", "--at has 1 value and the space starts 2 axes: x, y"),
+        ("0.5,y=1", "mixes"),
+        ("z=1", "there is no axis `z`; choose from: x, y"),
+        ("x=1,x=2", "sets x twice"),
+        ("x=one", "expected a number in m, found `one`"),
+        ("x=nan", "expected a number in m, found `nan`"),
+    ] {
+        bench.refuses(&format!("simulate toy/sphere-2d --at {at}"), &[message]);
+    }
+}

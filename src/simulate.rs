@@ -1,0 +1,90 @@
+//! Simulations of chosen scenarios, repeated with other random seeds.
+
+use mishandle_evaluation::{RepeatReport, variance_share};
+use mishandle_rollout::{Episode, Request, Scenario, Seed, System};
+
+use crate::{MishandleError, ResolvedPlan};
+
+/// Number of simulations per batch.
+const BATCH: usize = 64;
+
+/// Returns whether two simulations of `scenario` with different seeds can differ.
+pub fn depends_on_seed(resolved: &ResolvedPlan, scenario: &Scenario) -> bool {
+    let ResolvedPlan { plan, target, .. } = resolved;
+    target.depends_on_seed
+        || !target.is_deterministic
+        || plan.stochastic
+        || plan.action_noise > 0.0
+        || plan.observation_noise > 0.0
+        || scenario.values().contains(&None)
+}
+
+/// Returns `n` seeds for repeated simulations: children of `seed`. `seed` itself is not among them, so the counterexample of a
+/// search, whose seed was selected, is not one of its own repeats.
+pub fn repeat_seeds(seed: Seed, n: u64) -> impl Iterator<Item = Seed> {
+    (0..n).map(move |index| seed.child(index))
+}
+
+/// Simulates `scenario` once per seed and calls `watch` with each episode.
+///
+/// # Errors
+/// If the scenario is not in the space of the system, or a simulation cannot be run.
+pub fn repeat(
+    system: &mut dyn System,
+    scenario: &Scenario,
+    seeds: impl Iterator<Item = Seed>,
+    mut watch: impl FnMut(&Episode),
+) -> Result<RepeatReport, MishandleError> {
+    let requests: Vec<Request> = (1..)
+        .zip(seeds)
+        .map(|(number, seed)| Request { number, ..Request::new(scenario.clone(), seed) })
+        .collect();
+    let mut robustness = Vec::with_capacity(requests.len());
+    for batch in requests.chunks(BATCH) {
+        for episode in system.rollout(batch)? {
+            robustness.push(episode.robustness());
+            watch(&episode);
+        }
+    }
+    Ok(RepeatReport::new(&robustness))
+}
+
+/// The share of the variance of the robustness that comes from the scenario.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Noise {
+    /// The share, from 0 (all noise) to 1 (no noise); `None` if the robustness is constant, infinite or undecided.
+    pub scenario_share: Option<f64>,
+    /// Number of random scenarios.
+    pub scenarios: u64,
+    /// Number of simulations of each.
+    pub repeats: u64,
+}
+
+/// Measures how much of the variance of the robustness comes from the scenario and how much from noise: simulates random
+/// scenarios of the space, each of them `repeats` times.
+///
+/// # Errors
+/// If a simulation cannot be run.
+pub fn measure_noise(
+    resolved: &ResolvedPlan,
+    system: &mut dyn System,
+    seed: Seed,
+    scenarios: u64,
+    repeats: u64,
+    mut watch: impl FnMut(&Episode),
+) -> Result<Noise, MishandleError> {
+    let mut groups = Vec::new();
+    for index in 0..scenarios {
+        let scenario = resolved.space.sample(seed, index);
+        let mut group = Vec::new();
+        let seeds = repeat_seeds(seed.child(index), repeats);
+        repeat(system, &scenario, seeds, |episode| {
+            group.extend(episode.robustness());
+            watch(episode);
+        })?;
+        groups.push(group);
+    }
+    // A scenario with an undecided simulation has a smaller group and leaves the analysis.
+    groups.retain(|group| group.len() as u64 == repeats);
+    Ok(Noise { scenario_share: variance_share(&groups), scenarios, repeats })
+}
