@@ -25,6 +25,7 @@ mod curve;
 mod error;
 mod evaluate;
 mod explanation;
+mod failure_modes;
 mod falsify;
 mod hint;
 mod home;
@@ -53,6 +54,7 @@ pub use explanation::{
     Conjunct, ExplainedSimulation, Explanation, PredicateHistory, explain, explain_episode, explain_recorded,
     explain_trace,
 };
+pub use failure_modes::{Failure, FailureMode, FailureModes, failure_modes};
 pub use falsify::{FalsifyProgress, falsify, search_entry};
 pub use home::{
     ShippedFile, controller_name, find_controller, home, home_description, picture_path, shipped_controller,
