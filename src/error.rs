@@ -160,9 +160,20 @@ pub enum MishandleError {
         /// Number of the simulation.
         number: u32,
     },
+    /// A run cannot be continued with other settings, because the scenarios that its search proposed depend on them.
+    #[error(
+        "the run was made with other settings: {}; a run continues with its own settings only: pass those, or make a new run file",
+        differences.join("; ")
+    )]
+    OtherSettings {
+        /// Each difference, with the recorded and the given value.
+        differences: Vec<String>,
+    },
     /// A run file contradicts its plan.
     #[error(
-        "the run file was changed, or another build made it: it differs from its plan: {}", differences.join("; ")
+        "the run file does not match: {}; the target, its formulas or its space are others than those of the run, the file was \
+         changed, or another build made it: pass what the run was made with, or make a new run file",
+        differences.join("; ")
     )]
     RunMismatch {
         /// Each difference, with the recorded and the expected value.

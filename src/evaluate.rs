@@ -255,7 +255,7 @@ pub fn rejects_scenarios(resolved: &ResolvedPlan) -> bool {
 
 /// Checks the evaluation settings of a plan against its target and space.
 pub(crate) fn check(evaluate: &EvaluatePlan, target: &Target, space: &Space) -> Result<(), MishandleError> {
-    crate::falsify::check_batch(evaluate.batch)?;
+    check_evaluate(evaluate)?;
     if evaluate.starts == StartRegion::Reachable {
         let unsupported =
             |option| MishandleError::UnsupportedOption { target: target.identity.name.clone(), option };
@@ -270,6 +270,15 @@ pub(crate) fn check(evaluate: &EvaluatePlan, target: &Target, space: &Space) -> 
             });
         }
     }
+    Ok(())
+}
+
+/// Checks the numbers of the evaluation settings of a plan.
+///
+/// # Errors
+/// If the number of episodes or the batch size is out of its range.
+pub fn check_evaluate(evaluate: &EvaluatePlan) -> Result<(), MishandleError> {
+    crate::falsify::check_batch(evaluate.batch)?;
     if Plan::EPISODES.contains(&evaluate.episodes) {
         return Ok(());
     }

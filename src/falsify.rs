@@ -165,7 +165,10 @@ pub(crate) fn check_batch(batch: u32) -> Result<(), MishandleError> {
 
 /// Checks the falsification settings of a plan against its space, and returns whether the search needs the minima of
 /// sub-formulas.
-pub(crate) fn check(falsify: &FalsifyPlan, space: &Space) -> Result<bool, MishandleError> {
+///
+/// # Errors
+/// If a number is out of its range, or the search or one of its options is unknown or invalid.
+pub fn check_falsify(falsify: &FalsifyPlan, space: &Space) -> Result<bool, MishandleError> {
     check_batch(falsify.batch)?;
     let numbers = [
         ("the number of trials", falsify.trials, Plan::TRIALS),
@@ -258,14 +261,14 @@ mod tests {
         let own = SearchOptions::new().with("initial-simplex", simplex(0.9));
         assert_eq!(of("nelder-mead", own), Some(simplex(0.9).into()));
         assert_eq!(of("random", SearchOptions::new()), None);
-        assert!(check(&plan("random", SearchOptions::new()), &plane()).is_ok());
+        assert!(check_falsify(&plan("random", SearchOptions::new()), &plane()).is_ok());
     }
 
     #[test]
     fn an_option_of_another_search_is_an_error() {
         let options = SearchOptions::new().with("xatol", 1e-6);
         let plan = FalsifyPlan { search: "dual-annealing".to_string(), options, ..FalsifyPlan::default() };
-        let error = check(&plan, &plane()).unwrap_err();
+        let error = check_falsify(&plan, &plane()).unwrap_err();
         assert!(error.to_string().contains("dual-annealing has no option `xatol`"), "{error}");
     }
 }

@@ -48,14 +48,15 @@ pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_fo
 pub use curve::{Curve, CurveProblem, CurveRow, NoTrainingTime};
 pub use error::MishandleError;
 pub use evaluate::{
-    EvaluationOutcome, evaluate, evaluation_request, evaluation_simulations, rejects_scenarios,
+    EvaluationOutcome, check_evaluate, evaluate, evaluation_request, evaluation_simulations,
+    rejects_scenarios,
 };
 pub use explanation::{
     Conjunct, ExplainedSimulation, Explanation, PredicateHistory, explain, explain_episode, explain_recorded,
     explain_trace,
 };
 pub use failure_modes::{Failure, FailureMode, FailureModes, failure_modes};
-pub use falsify::{FalsifyProgress, falsify, search_entry};
+pub use falsify::{FalsifyProgress, check_falsify, falsify, search_entry};
 pub use home::{
     ShippedFile, controller_name, find_controller, home, home_description, picture_path, shipped_controller,
     shipped_controllers, shipped_settings,

@@ -182,17 +182,17 @@ fn a_replay_names_every_forged_value_of_a_counterexample() {
             *value = value.next_down();
         }),
         ("scenario of simulation", |run| run.chosen().scenario[0] = Some(1e9)),
-        ("robustness: recorded Some(-1.0)", |run| run.chosen().robustness = Some(-1.0)),
-        ("lower bound of the robustness: recorded None", |run| run.chosen().robustness_low = None),
-        ("upper bound of the robustness: recorded Some(9.0)", |run| run.chosen().robustness_high = Some(9.0)),
-        ("stop threshold: recorded Some(0.0)", |run| run.chosen().stop_threshold = Some(0.0)),
-        ("end: recorded Stopped { step: 1 }", |run| run.chosen().end = SimulationEnd::Stopped { step: 1 }),
+        ("robustness: recorded -1.0", |run| run.chosen().robustness = Some(-1.0)),
+        ("lower bound of the robustness: recorded none", |run| run.chosen().robustness_low = None),
+        ("upper bound of the robustness: recorded 9.0", |run| run.chosen().robustness_high = Some(9.0)),
+        ("stop threshold: recorded 0.0", |run| run.chosen().stop_threshold = Some(0.0)),
+        ("end: recorded stopped, step 1", |run| run.chosen().end = SimulationEnd::Stopped { step: 1 }),
         ("number of control steps: recorded 1,", |run| run.chosen().steps = 1),
-        ("verdict `success`: recorded Some(9.0)", |run| run.chosen().verdicts[0] = Some(9.0)),
-        ("verdict `strict`: recorded None", |run| run.chosen().verdicts[1] = None),
-        ("verdict `dangerous_steps`: recorded Some(7.0)", |run| run.chosen().verdicts[2] = Some(7.0)),
-        ("verdict `completion_step`: recorded Some(3.0)", |run| run.chosen().verdicts[3] = Some(3.0)),
-        ("verdict `total_reward`: recorded Some(-0.0)", |run| run.chosen().verdicts[4] = Some(-0.0)),
+        ("verdict `success`: recorded 9.0", |run| run.chosen().verdicts[0] = Some(9.0)),
+        ("verdict `strict`: recorded none", |run| run.chosen().verdicts[1] = None),
+        ("verdict `dangerous_steps`: recorded 7.0", |run| run.chosen().verdicts[2] = Some(7.0)),
+        ("verdict `completion_step`: recorded 3.0", |run| run.chosen().verdicts[3] = Some(3.0)),
+        ("verdict `total_reward`: recorded -0.0", |run| run.chosen().verdicts[4] = Some(-0.0)),
         ("digest of the trace: recorded", |run| {
             let simulation = run.chosen();
             simulation.trace.as_mut().unwrap().columns[0][0] += 1.0;

@@ -103,6 +103,14 @@ class Target:
         versions: Sequence[tuple[str, str]],
         simulate: Callable[[list[tuple[dict[str, Any], int]]], list[Outcome]],
     ) -> Target: ...
+    @staticmethod
+    def of_task(task: str, controller: str, preset: str, space: str) -> Target: ...
+    @property
+    def axes(self) -> list[AxisTuple]: ...
+    @property
+    def signals(self) -> list[tuple[str, str]]: ...
+    @property
+    def formulas(self) -> list[tuple[str, str]]: ...
 
 RequestTuple = tuple[list[float | None], int, bool]
 
@@ -124,6 +132,10 @@ def complete_run(
 
 Out = tuple[str | None, bool, bool]
 
+def check_falsify(
+    axes: list[AxisTuple], *, search: str, options: list[tuple[str, Any]], trials: int, budget: int, batch: int
+) -> None: ...
+def check_evaluate(axes: list[AxisTuple], *, episodes: int, batch: int) -> None: ...
 def falsify(
     target: Target,
     *,

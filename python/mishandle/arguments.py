@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import difflib
 import numbers
-import re
+import os
 from collections.abc import Iterable, Mapping, Sequence
 
-from mishandle.errors import InvalidTypeError, InvalidValueError
-from mishandle.formulas import Formula
+from mishandle.axes import Attribute, Axis, ResetOption, parse_path
+from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
+from mishandle.formulas import TIME_BOUND, Formula
 
 ROLES = ("success", "strict", "safe", "completion")
 """Names of formulas that define metrics."""
-
-_TIME = re.compile(r"\[[^\]]*\d\s*(?:s|ms|us|ns)\b")
-"""Interval of a formula with a bound in a unit of time."""
-
 
 def check_options(given: Iterable[str], known: Sequence[str]) -> None:
     """Checks that all keyword arguments are known.
@@ -45,6 +42,94 @@ def check_steps(steps: object) -> None:
     """Checks the number of control steps."""
     if steps is not None and (not isinstance(steps, numbers.Integral) or steps < 1):
         raise InvalidValueError(f"steps is {steps!r}; it must be a whole number of at least 1")
+
+
+def check_number(name: str, value: object, least: int) -> None:
+    """Checks a count or a random seed.
+
+    >>> check_number("batch", 0, 1)
+    Traceback (most recent call last):
+        ...
+    mishandle.errors.InvalidValueError: batch is 0; it must be a whole number from 1 to 18446744073709551615
+    """
+    if not isinstance(value, numbers.Integral) or isinstance(value, bool) or not least <= int(value) < 2**64:
+        raise InvalidValueError(f"{name} is {value!r}; it must be a whole number from {least} to {2**64 - 1}")
+
+
+def check_out(out: str | os.PathLike[str] | None, resume: bool) -> None:
+    """Checks that a new run file does not exist and that a run to continue does."""
+    if resume and out is None:
+        raise InvalidValueError("resume=True needs the run file as `out`")
+    if out is None or os.path.exists(out) == resume:
+        return
+    if resume:
+        raise MishandleError(f"there is no run file {os.fspath(out)} to continue; start it with resume=False")
+    raise MishandleError(
+        f"the run file {os.fspath(out)} exists already; choose another `out`, or continue the run with resume=True"
+    )
+
+
+def check_termination(termination: object) -> None:
+    """Checks the rule for episodes that end early."""
+    if termination not in ("undecided", "hold", "evaluate"):
+        raise InvalidValueError(f"termination is {termination!r}; it must be 'undecided', 'hold' or 'evaluate'")
+
+
+def check_space(space: Sequence[Axis], is_environment: bool) -> None:
+    """Checks that each axis has a name of its own and, for an environment, that no two axes set the same thing.
+
+    >>> check_space([Axis("mass", 1, 2, apply=Attribute("m")), Axis("weight", 1, 2, apply=Attribute("m"))], True)
+    Traceback (most recent call last):
+        ...
+    mishandle.errors.InvalidValueError: the axes `mass` and `weight` both set the attribute 'm'; the value of one of them would have no effect
+    """
+    names: set[str] = set()
+    for axis in space:
+        if axis.name in names:
+            raise InvalidValueError(f"two axes have the name `{axis.name}`; the name of each axis must be different")
+        names.add(axis.name)
+    if not is_environment:
+        return
+    setters: list[tuple[str, str, tuple[object, ...], str]] = []
+    for axis in space:
+        if isinstance(axis.apply, Attribute):
+            what, path = "attribute", axis.apply.path
+            parts: tuple[object, ...] = tuple(part for name, indexes in parse_path(path) for part in (name, *indexes))
+        elif axis.apply is None or isinstance(axis.apply, ResetOption):
+            what, path = "reset option", axis.name if axis.apply is None else axis.apply.name
+            parts = tuple(path.split("."))
+        else:
+            continue
+        for other, kind, known, known_path in setters:
+            shared = min(len(known), len(parts))
+            # The option `scenario` and the option `scenario.x` overwrite each other, too.
+            if kind == what and known[:shared] == parts[:shared]:
+                whole, part = sorted((known_path, path), key=len)
+                both = repr(path) if known == parts else f"{whole!r} and its part {part!r}"
+                raise InvalidValueError(
+                    f"the axes `{other}` and `{axis.name}` both set the {what} {both}; the value of one of them would have no "
+                    "effect"
+                )
+        setters.append((axis.name, what, parts, path))
+
+
+def task_formulas(
+    formula: str | Formula | Mapping[str, str | Formula] | None, known: Mapping[str, str], signals: Sequence[str]
+) -> str | Formula | Mapping[str, str | Formula]:
+    """Returns the formulas of a task, the requirement first: all of the task if ``formula`` is ``None`` or one of their names.
+
+    >>> list(task_formulas("strict", {"success": "always(x <= 2)", "strict": "always(x <= 1)"}, ["x"]))
+    ['strict', 'success']
+    """
+    if formula is None:
+        return known
+    if isinstance(formula, str) and formula in known:
+        return {formula: known[formula], **known}
+    if isinstance(formula, str) and formula.isidentifier() and formula not in (*signals, "true", "false"):
+        near = difflib.get_close_matches(formula, list(known), 1)
+        hint = f"did you mean `{near[0]}`?" if near else f"the formulas are {', '.join(known)}"
+        raise InvalidValueError(f"the task has no formula or signal `{formula}`; {hint}")
+    return formula
 
 
 def named_formulas(formula: str | Formula | Mapping[str, str | Formula] | None) -> dict[str, str]:
@@ -78,7 +163,7 @@ def check_time(formulas: Mapping[str, str], knows_control_dt: bool, control_dt: 
     if knows_control_dt:
         return
     for text in formulas.values():
-        if _TIME.search(text):
+        if TIME_BOUND.search(text):
             raise InvalidValueError(
                 f"`{text}` has bounds in units of time, but the duration of a control step is not known (assumed: "
                 f"{control_dt:g} s); pass it as control_dt, in seconds"

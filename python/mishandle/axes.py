@@ -140,6 +140,13 @@ class Axis:
             return float(self.values.index(value))
         return float(value)
 
+    @classmethod
+    def from_native(cls, given: tuple[str, str, str, float, float, float | None, list[str], str]) -> Axis:
+        """Returns the axis of a task."""
+        kind, name, unit, low, high, nominal, values, meaning = given
+        kinds: str | list[str] = values[0] if len(values) == 1 else values
+        return cls(name, low, high, unit, kinds, nominal, kind, meaning)
+
     def to_native(self) -> tuple[str, str, str, float, float, float | None, list[str], str]:
         """Returns the axis as the extension module takes it."""
         values = [self.values] if isinstance(self.values, str) else list(self.values)

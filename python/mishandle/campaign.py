@@ -14,14 +14,26 @@ from numpy.typing import NDArray
 from typing_extensions import Unpack
 
 from mishandle import _native
-from mishandle.arguments import check_applicable, check_options, check_steps, check_time, named_formulas
+from mishandle.arguments import (
+    check_applicable,
+    check_number,
+    check_options,
+    check_out,
+    check_space,
+    check_steps,
+    check_termination,
+    check_time,
+    named_formulas,
+    task_formulas,
+)
 from mishandle.axes import Axis, Value
 from mishandle.controllers import load_controller
 from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
 from mishandle.formulas import Formula
+from mishandle.limits import check_time_limit
 from mishandle.policies import policy_hash
 from mishandle.ray import RayExecutor
-from mishandle.systems import FunctionSystem, Scenario, Source, System, TaskSystem
+from mishandle.systems import FunctionSystem, NativeSystem, Outcome, Scenario, Source, System, TaskSystem
 from mishandle.vectors import environment_system
 
 PathLike = str | os.PathLike[str]
@@ -31,8 +43,9 @@ Formulas = Union[str, Formula, Mapping[str, Union[str, Formula]], None]
 """A requirement, or formulas by name, the requirement first. ``success``, ``strict``, ``safe`` and ``completion`` define
 metrics. ``None`` selects the formulas of a task."""
 
-Space = Union[Sequence[Axis], None]
-"""Axes of the scenarios. ``None`` selects the initial box of a task."""
+Space = Union[Sequence[Axis], str, None]
+"""Axes of the scenarios, or the name of a space of a task, such as ``"starts+sensing"``. ``None`` selects the initial box of a
+task."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +141,8 @@ class Simulation:
     robustness: float | None
     total_reward: float
     trace: dict[str, NDArray[np.float64]]
+    exceptions: list[str] = field(default_factory=list)
+    """Tracebacks of the exceptions of the call that simulated it, if it crashed."""
 
 
 @dataclass(frozen=True)
@@ -150,26 +165,17 @@ class _Target:
     system: System
     space: Sequence[Axis]
     largest_difference: float
-
-    def point(self, at: Mapping[str, Value] | Sequence[float] | None) -> list[float | None]:
-        """Returns the numbers of a scenario. Axes that it leaves out are nominal."""
-        if at is None:
-            at = {}
-        if not isinstance(at, Mapping):
-            if len(at) != len(self.space):
-                raise InvalidValueError(f"the scenario has {len(at)} values; expected {len(self.space)}")
-            return [float(value) for value in at]
-        unknown = sorted(set(at) - {axis.name for axis in self.space})
-        if unknown:
-            names = ", ".join(axis.name for axis in self.space)
-            raise InvalidValueError(f"the space has no axis {', '.join(unknown)}; its axes: {names}")
-        return [axis.number(at[axis.name]) if axis.name in at else axis.nominal_value for axis in self.space]
+    formula: str | None = None
+    """Name or text of the requirement, if it is not the first formula of the target."""
+    nominal: Sequence[float | None] | None = None
+    """Nominal values of a task; the seed of a simulation draws those that are ``None``."""
 
     def simulation(self, found: dict[str, Any]) -> Simulation:
         names = [name for name, _ in self.system.signals]
         trace = {name: found["samples"][:, column] for column, name in enumerate(names)}
         keys = ("scenario", "seed", "end", "steps", "robustness", "total_reward")
-        return Simulation(trace=trace, **{key: found[key] for key in keys})
+        exceptions = self.system.exceptions if found["end"].startswith("crashed") else []
+        return Simulation(trace=trace, exceptions=list(exceptions), **{key: found[key] for key in keys})
 
 
 class TargetOptions(TypedDict, total=False):
@@ -206,17 +212,51 @@ class TargetOptions(TypedDict, total=False):
     it."""
 
 
-def _target(system: Any, formula: Formulas, space: Space, options: TargetOptions) -> _Target:
+def _point(
+    space: Sequence[Axis],
+    at: Mapping[str, Value] | Sequence[float] | None,
+    nominal: Sequence[float | None] | None = None,
+) -> list[float | None]:
+    """Returns the numbers of a scenario. Axes that it leaves out have the values ``nominal``."""
+    if at is None:
+        at = {}
+    if not isinstance(at, Mapping):
+        if len(at) != len(space):
+            raise InvalidValueError(f"the scenario has {len(at)} values; expected {len(space)}")
+        return [float(value) for value in at]
+    unknown = sorted(set(at) - {axis.name for axis in space})
+    if unknown:
+        names = ", ".join(axis.name for axis in space)
+        raise InvalidValueError(f"the space has no axis {', '.join(unknown)}; its axes: {names}")
+    if nominal is None:
+        nominal = [axis.nominal_value for axis in space]
+    return [axis.number(at[axis.name]) if axis.name in at else value for axis, value in zip(space, nominal)]
+
+
+def _target(
+    system: Any, formula: Formulas, space: Space, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
+) -> _Target:
+    """Returns the target of the arguments. ``check`` gets the space before the system is called for the first time."""
     check_options(options, list(TargetOptions.__annotations__))
     check_steps(options.get("steps"))
+    termination = options.get("termination", "undecided")
+    check_termination(termination)
+    check_time_limit(options.get("time_limit"))
+    executor = options.get("executor")
+    if isinstance(executor, str) and executor != "ray":
+        raise InvalidValueError(f"there is no executor {executor!r}; expected 'ray' or a RayExecutor")
     policy = options.get("policy")
     if isinstance(policy, (str, os.PathLike)) and os.fspath(policy).endswith(".onnx"):
         # Absolute, because workers of a cluster have other working folders.
         policy = pathlib.Path(policy).absolute()
+        if not policy.is_file():
+            raise InvalidValueError(f"there is no ONNX file {policy}")
+    if isinstance(system, str) and policy is None:
+        raise InvalidValueError(f"the task {system} needs a policy")
+    if isinstance(system, str) and isinstance(space, str):
+        return _task_in_space(system, formula, space, options, check)
     if isinstance(system, str):
         check_applicable(options, TASK_OPTIONS, "a task")
-        if policy is None:
-            raise InvalidValueError(f"the task {system} needs a policy")
         if isinstance(policy, str):
             is_path = "/" in policy or policy.endswith(".safetensors")
             policy = load_controller(policy if is_path else f"{system}/{policy}")
@@ -229,22 +269,20 @@ def _target(system: Any, formula: Formulas, space: Space, options: TargetOptions
             time_limit=options.get("time_limit"),
         )
     if isinstance(system, TaskSystem):
-        formula = system.formulas if formula is None else formula
+        formula = task_formulas(formula, system.formulas, [name for name, _ in system.signals])
         space = system.space if space is None else space
     if isinstance(space, (str, Mapping)) or not all(isinstance(axis, Axis) for axis in space or []):
         raise InvalidTypeError('a space is a list of axes, such as [Axis("speed", 0, 10, "m/s")]')
     if not space:
         raise InvalidValueError("the space has no axes")
-    under_test = _system(system, space, policy, options)
-    termination = options.get("termination", "undecided")
     formulas = named_formulas(formula)
+    check_space(space, is_environment=hasattr(system, "reset") and hasattr(system, "step"))
+    check(space)
+    under_test = _system(system, space, policy, options)
     check_time(formulas, under_test.knows_control_dt, under_test.control_dt)
     nominal = {axis.name: _nominal(axis) for axis in space}
     largest_difference = _probe(under_test, under_test, nominal)
-    executor = options.get("executor")
     if executor is not None:
-        if isinstance(executor, str) and executor != "ray":
-            raise InvalidValueError(f"there is no executor {executor!r}; expected 'ray' or a RayExecutor")
         distributed = (RayExecutor() if isinstance(executor, str) else executor).system(under_test)
         largest_difference = max(largest_difference, _probe(under_test, distributed, nominal))
         under_test = distributed
@@ -277,6 +315,30 @@ def _target(system: Any, formula: Formulas, space: Space, options: TargetOptions
         simulate=lambda batch: [outcome.to_native() for outcome in under_test.simulate(batch)],
     )
     return _Target(native, under_test, space, largest_difference)
+
+
+def _task_in_space(
+    task: str, formula: Formulas, space: str, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
+) -> _Target:
+    """Returns a task with one of our controllers, which the Rust core simulates: only it has the axes of all spaces."""
+    check_applicable(options, ("policy", "preset"), f"a task in the space {space!r}")
+    policy = options.get("policy")
+    if not isinstance(policy, (str, os.PathLike)):
+        raise InvalidTypeError(
+            f"the space {space!r} of a task needs the name or path of a controller, not a {type(policy).__name__}; leave out the "
+            "space to test another policy from the initial states"
+        )
+    native = _native.Target.of_task(task, os.fspath(policy), options.get("preset", "paper"), space)
+    if formula is not None and not isinstance(formula, (str, Formula)):
+        raise InvalidTypeError(f"formulas by name are not possible in the space {space!r} of a task; pass one formula")
+    requirement = None if formula is None else str(formula)
+    if requirement is not None:
+        named = task_formulas(requirement, dict(native.formulas), [name for name, _ in native.signals])
+        Formula(requirement if isinstance(named, str) else dict(native.formulas)[requirement])
+    axes = [Axis.from_native(axis) for axis in native.axes]
+    check(axes)
+    nominal = [nominal for *_, nominal, _, _ in native.axes]
+    return _Target(native, NativeSystem(native.signals), axes, 0.0, requirement, nominal)
 
 
 def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOptions) -> System:
@@ -330,6 +392,7 @@ def _probe(system: System, other: System, nominal: Scenario) -> float:
     for each in (system, other):
         if each.exceptions:
             raise InvalidStateError(f"the nominal scenario {nominal} raised an exception:\n{each.exceptions[0]}")
+    _warn_of_nominal(system, nominal, first)
     if (first.end, first.steps, first.samples.shape) != (second.end, second.steps, second.samples.shape):
         return float("inf")
     if first.samples.size == 0 or np.array_equal(first.samples, second.samples, equal_nan=True):
@@ -337,6 +400,20 @@ def _probe(system: System, other: System, nominal: Scenario) -> float:
     if not np.array_equal(np.isnan(first.samples), np.isnan(second.samples)):
         return float("inf")
     return float(np.nanmax(np.abs(first.samples - second.samples)))
+
+
+def _warn_of_nominal(system: System, nominal: Scenario, outcome: Outcome) -> None:
+    """Warns of a nominal scenario without a verdict: probably most scenarios will have none."""
+    bad = np.argwhere(~np.isfinite(outcome.samples))
+    if len(bad) > 0:
+        sample, signal = bad[0]
+        value = outcome.samples[sample, signal]
+        problem = f"the signal `{system.signals[signal][0]}` is {value} at sample {sample}"
+    elif outcome.end in ("completed", "terminated"):
+        return
+    else:
+        problem = f"the simulation ends as {outcome.end!r}"
+    warnings.warn(f"the nominal scenario {nominal} has no verdict: {problem}", stacklevel=5)
 
 
 def falsify(
@@ -364,9 +441,9 @@ def falsify(
         A function from a scenario (a dictionary: value by axis name) to a trace (a dictionary of arrays or a data frame), with
         the keyword argument ``seed`` if it takes one; an environment; or the name of a task.
     formula : str or dict of str
-        The requirement; or formulas by name, the requirement first.
-    space : sequence of Axis
-        Axes of the scenarios.
+        The requirement; or formulas by name, the requirement first; or the name of a formula of a task, such as ``"strict"``.
+    space : sequence of Axis or str
+        Axes of the scenarios; or the name of a space of a task, such as ``"starts+sensing"``, for one of our controllers.
     search : str
         One of :func:`mishandle.search_names`.
     options : dict, optional
@@ -414,12 +491,22 @@ def falsify(
     >>> found.counterexamples[0].scenario["speed"] > 8
     True
     """
-    found = _target(system, formula, space, target)
+    check_out(out, resume)
+    check_number("seed", seed, 0)
+    for name, value in [("trials", trials), ("budget", budget), ("batch", batch)]:
+        check_number(name, value, 1)
+    search_options = list((options or {}).items())
+
+    def check(space: Sequence[Axis]) -> None:
+        axes = [axis.to_native() for axis in space]
+        _native.check_falsify(axes, search=search, options=search_options, trials=trials, budget=budget, batch=batch)
+
+    found = _target(system, formula, space, target, check)
     outcome = _native.falsify(
         found.native,
-        formula=None,
+        formula=found.formula,
         search=search,
-        options=list((options or {}).items()),
+        options=search_options,
         trials=trials,
         budget=budget,
         batch=batch,
@@ -470,7 +557,17 @@ def evaluate(
     >>> (found.success_rate.value, [corner.successes for corner in found.corners])
     (1.0, [1, 1, 1])
     """
-    found = _target(system, formula, space, target)
+    check_out(out, resume)
+    check_number("seed", seed, 0)
+    check_number("episodes", episodes, 1)
+    check_number("batch", batch, 1)
+
+    def check(space: Sequence[Axis]) -> None:
+        _native.check_evaluate([axis.to_native() for axis in space], episodes=episodes, batch=batch)
+
+    if isinstance(space, str) and formula is not None:
+        raise InvalidTypeError(f"an evaluation in the space {space!r} of a task uses the formulas of the task; leave out `formula`")
+    found = _target(system, formula, space, target, check)
     outcome = _native.evaluate(
         found.native,
         episodes=episodes,
@@ -517,9 +614,12 @@ def simulate(
     >>> (found.robustness, found.trace["gap"].tolist())
     (-1.0, [10.0, 1.0])
     """
-    found = _target(system, formula, space, target)
+    check_number("seed", seed, 0)
+    check_number("repeat", repeat, 1)
+    found = _target(system, formula, space, target, lambda space: _point(space, at))
     seeds = [seed + number for number in range(repeat)]
-    simulations = _native.simulate(found.native, formula=None, scenarios=[found.point(at)] * repeat, seeds=seeds)
+    point = _point(found.space, at, found.nominal)
+    simulations = _native.simulate(found.native, formula=found.formula, scenarios=[point] * repeat, seeds=seeds)
     return [found.simulation(simulation) for simulation in simulations]
 
 
@@ -537,7 +637,7 @@ def replay(
 
     A run file never imports code: pass the system, formula and space of the run.
     """
-    found = _target(system, formula, space, target)
+    found = _target(system, formula, space, target, lambda space: None)
     again = _native.replay(found.native, path=os.fspath(path), trial=trial, number=number)
     keys = ("trial", "number", "recorded_robustness", "differences", "build_differences")
     return Replay(simulation=found.simulation(again), **{key: again[key] for key in keys})

@@ -58,6 +58,23 @@ class PolicySystem(System):
         parts = [spec.to_json() if spec is not None else "", source_text(self._environment.unwrapped)]
         return "\n".join([*parts, policy_hash(self._policy_source), *sources, *applications])
 
+    def first_sample(self, environment: Any, observation: Any, info: Mapping[str, Any]) -> tuple[list[float], list[int]]:
+        """Returns the signals after a reset, and the columns of values that only the ``info`` of a step contains; they are NaN
+        until :func:`complete` sets them."""
+        late = []
+        for column, (source, read) in enumerate(zip(self.sources, self._readers)):
+            if isinstance(source, str) and source.startswith("info."):
+                try:
+                    read(environment, observation, info, 0.0)
+                except KeyError:
+                    late.append(column)
+        if not late:
+            return self.sample(environment, observation, info, 0.0), late
+        values = []
+        for column, read in enumerate(self._readers):
+            values.append(math.nan if column in late else read(environment, observation, info, 0.0))
+        return values, late
+
     def sample(self, environment: Any, observation: Any, info: Mapping[str, Any], reward: float) -> list[float]:
         """Returns the signals at one sample."""
         try:
@@ -166,6 +183,7 @@ class _Row:
         self._system = system
         self._environment = environment
         self._samples: list[list[float]] = []
+        self._late: list[int] = []
         self._total_reward = 0.0
         self._steps = 0
         self.time = Time()
@@ -184,7 +202,8 @@ class _Row:
             changed = function(self._environment, value)
             observation = observation if changed is None else changed
         self.observation = observation
-        self._samples.append(self._system.sample(self._environment, observation, info, 0.0))
+        sample, self._late = self._system.first_sample(self._environment, observation, info)
+        self._samples.append(sample)
 
     def step(self, action: Any, step: int) -> None:
         if self.outcome is not None:
@@ -209,6 +228,9 @@ class _Row:
         self._steps = step
         self._total_reward += reward
         self._samples.append(system.sample(self._environment, observation, info, reward))
+        if self._late:
+            complete(self._samples, self._late)
+            self._late = []
         if not math.isfinite(reward):
             self.end("invalid reward", step)
         elif step == system.steps:
@@ -240,9 +262,22 @@ class _Row:
 
     def finish(self) -> Outcome:
         outcome = self.outcome or Outcome("completed", np.zeros((0, 0)), self._steps)
-        outcome.samples = np.asarray(self._samples, dtype=np.float64).reshape(-1, len(self._system.signals))
+        # Without a step, the first sample lacks values.
+        outcome.samples = np.asarray([] if self._late else self._samples, dtype=np.float64).reshape(-1, len(self._system.signals))
         outcome.total_reward = self._total_reward
         return outcome
+
+
+def complete(samples: list[list[float]], late: list[int]) -> None:
+    """Sets the columns ``late`` of the first sample to their values in the second one.
+
+    >>> samples = [[0.5, math.nan], [0.75, 2.0]]
+    >>> complete(samples, [1])
+    >>> samples
+    [[0.5, 2.0], [0.75, 2.0]]
+    """
+    for column in late:
+        samples[0][column] = samples[1][column]
 
 
 Reader = Callable[[Any, Any, Mapping[str, Any], float], float]

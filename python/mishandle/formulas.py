@@ -10,12 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mishandle import _native
+from mishandle.errors import InvalidValueError
 from mishandle.systems import columns_of
 from mishandle.violations import violation
 
 
 _DISTANCE = re.compile(r"abs\((?P<name>\w+)(?: (?P<center>[+-] [0-9.e+-]+))?\)")
 """Distance of a signal from a number, such as ``abs(x - 3)``."""
+
+
+TIME_BOUND = re.compile(r"\[[^\]]*\d\s*(?:s|ms|us|ns)\b")
+"""Interval of a formula with a bound in a unit of time."""
 
 
 class Formula:
@@ -36,7 +41,16 @@ class Formula:
     """
 
     def __init__(self, text: str) -> None:
-        self._native = _native.Formula(text)
+        try:
+            self._native = _native.Formula(text)
+        except InvalidValueError as error:
+            word = re.search(r"found `(\w+)`$", str(error))
+            if word is not None and re.search(rf"\d\.?\s*{word[1]}\b", text):
+                raise InvalidValueError(
+                    f"{error}; a number has no unit: `x <= 2` compares with 2 in the unit of the signal `x`, and only bounds such "
+                    "as [0:2s] have one"
+                ) from None
+            raise
         if self._native.chains_comparisons:
             warnings.warn(
                 "comparisons do not chain: `0.2 <= v <= 0.3` means `(0.2 <= v) <= 0.3`, as in RTAMT; write `0.2 <= v and v <= "
@@ -67,15 +81,15 @@ class Formula:
         """
         return self._native.symbols
 
-    def robustness(self, trace: Any, *, period: float = 1.0, decided_only: bool = False) -> float | None:
+    def robustness(self, trace: Any, *, period: float | None = None, decided_only: bool = False) -> float | None:
         """Returns the robustness at the first sample; ``None`` if ``decided_only`` and the trace is too short.
 
         Parameters
         ----------
-        trace : dict of arrays or data frame
+        trace : dict of arrays, data frame or Simulation
             One column per signal.
-        period : float
-            Time between two samples, in seconds. It matters for bounds with a unit.
+        period : float, optional
+            Time between two samples, in seconds. Formulas with a unit in their bounds need it; columns with times are not read.
         decided_only : bool
             Whether windows that reach past the end of the trace leave the formula undecided. By default they are cut, as
             RTAMT does.
@@ -84,7 +98,7 @@ class Formula:
         return float(found[0]) if len(found) > 0 else None
 
     def robustness_signal(
-        self, trace: Any, *, period: float = 1.0, decided_only: bool = False
+        self, trace: Any, *, period: float | None = None, decided_only: bool = False
     ) -> NDArray[np.float64]:
         """Returns the robustness at each sample.
 
@@ -94,10 +108,10 @@ class Formula:
         columns = columns_of(trace, self.signals)
         names = list(columns)
         samples = np.column_stack(list(columns.values())) if names else np.zeros((0, 0))
-        return self._native.robustness_signal(names, samples, period, decided_only)
+        return self._native.robustness_signal(names, samples, self._period(period), decided_only)
 
     def subformula_signals(
-        self, trace: Any, *, period: float = 1.0, decided_only: bool = False
+        self, trace: Any, *, period: float | None = None, decided_only: bool = False
     ) -> dict[str, NDArray[np.float64]]:
         """Returns the robustness of each sub-formula at each sample, by its text, in the order of :attr:`subformulas`.
 
@@ -135,7 +149,7 @@ class Formula:
                     found += [(distance["name"], -center - number), (distance["name"], -center + number)]
         return found
 
-    def violation(self, trace: Any, *, period: float = 1.0) -> NDArray[np.bool_]:
+    def violation(self, trace: Any, *, period: float | None = None) -> NDArray[np.bool_]:
         """Returns which samples make the trace violate the formula; none of a trace that satisfies it.
 
         These are the samples inside the time windows at which comparisons have the wrong value. If something never happens
@@ -152,7 +166,15 @@ class Formula:
             for columns in [columns_of(trace, self.signals)]
             for part in self.subformulas
         ]
-        return violation(self._native.nodes(period), values)
+        return violation(self._native.nodes(self._period(period)), values)
+
+    def _period(self, given: float | None) -> float:
+        if given is None and TIME_BOUND.search(str(self)):
+            raise InvalidValueError(
+                f"`{self}` has bounds in units of time; pass the time between two samples as period, in seconds (columns with times "
+                "are not read)"
+            )
+        return 1.0 if given is None else given
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Formula) and str(self) == str(other)
@@ -167,7 +189,7 @@ class Formula:
         return f"Formula({str(self)!r})"
 
 
-def robustness(formula: str | Formula, trace: Any, *, period: float = 1.0) -> float | None:
+def robustness(formula: str | Formula, trace: Any, *, period: float | None = None) -> float | None:
     """Returns the robustness of a formula on a trace: positive if it is satisfied, negative if it is violated.
 
     >>> robustness("eventually(x >= 3)", {"x": [1.0, 2.5]})

@@ -66,7 +66,7 @@ def plot_robustness_map(run: AnyRun, x: str | None = None, y: str | None = None,
     y = ([name for name in names if name != x] or ["robustness"])[0] if y is None else y
     robustness = np.array([np.nan if value is None else value for value in columns["robustness"]], dtype=np.float64)
     horizontal, vertical = (
-        robustness if name == "robustness" else np.array(columns[_axis(opened, name).name], dtype=np.float64)
+        robustness if name == "robustness" else _numbers(_axis(opened, name), columns[name])
         for name in (x, y)
     )
     ax = _axes(ax)
@@ -189,13 +189,13 @@ def plot_trace(
             ax.axhline(threshold, color=_SATISFIED, linestyle="--", linewidth=1.0)
         ax.set_ylabel(_with_unit(name, (units or {}).get(name, "")))
     if parsed is not None:
-        found = parsed.robustness_signal(columns, period=dt)
+        found = parsed.robustness_signal(columns, period=period)
         axes[-1].plot(time, found, color="0.15", linewidth=1.2)
         axes[-1].plot(time[:1], found[:1], "o", color=_VIOLATED if found[0] < 0 else _SATISFIED)
         axes[-1].axhline(0.0, color="black", linewidth=0.8)
         axes[-1].set_ylabel("robustness")
         axes[0].set_title(f"{parsed}: {found[0]:.4g}", fontsize="small", wrap=True)
-        for start, end in _intervals(parsed.violation(columns, period=dt)):
+        for start, end in _intervals(parsed.violation(columns, period=period)):
             for ax in axes[: len(signals)]:
                 ax.axvspan((start - 0.5) * dt, (end + 0.5) * dt, color=_VIOLATED, alpha=0.2, linewidth=0)
     axes[-1].set_xlabel("sample" if period is None else "time [s]")
@@ -233,6 +233,10 @@ def _axis(run: Run, name: str) -> RunAxis:
         if axis.name == name:
             return axis
     raise InvalidValueError(f"the run has no axis {name!r}; its axes: {', '.join(axis.name for axis in run.axes)}")
+
+
+def _numbers(axis: RunAxis, values: Sequence[Any]) -> NDArray[np.float64]:
+    return np.array([axis.names.index(value) if isinstance(value, str) else value for value in values], dtype=np.float64)
 
 
 def _with_unit(name: str, unit: str) -> str:

@@ -28,6 +28,16 @@ class RunAxis:
     values: str = "continuous"
     names: tuple[str, ...] = ()
 
+    def value(self, number: float | None) -> float | int | str | None:
+        """Returns the value of a recorded number: a name of a categorical axis, an integer of an integer axis.
+
+        >>> RunAxis("surface", "", 0, 1, "categorical", ("dry", "wet")).value(1.0)
+        'wet'
+        """
+        if number is None or self.values in ("continuous", "logarithmic"):
+            return number
+        return self.names[int(number)] if self.names else int(number)
+
 
 class Run:
     """A run file. Opening it checks the structure of the file and the hashes of all rows.
@@ -69,8 +79,14 @@ class Run:
         self.signals: list[tuple[str, str]] = header["signals"]
 
     def columns(self) -> dict[str, list[Any]]:
-        """Returns all simulations as lists: trial, number, seed, robustness, end, steps, a column per axis and verdict."""
-        return self._native.simulations()
+        """Returns all simulations as lists: trial, number, seed, robustness, end, steps, a column per axis and verdict.
+
+        A categorical axis has names, an integer axis integers.
+        """
+        columns = self._native.simulations()
+        for axis in self.axes:
+            columns[axis.name] = [axis.value(number) for number in columns[axis.name]]
+        return columns
 
     @property
     def simulations(self) -> pandas.DataFrame:
@@ -90,8 +106,10 @@ class Run:
 
 
 def _axis(name: str, unit: str, low: float, high: float, values: str) -> RunAxis:
-    kind, _, names = values.partition(": ")
-    return RunAxis(name, unit, low, high, kind, tuple(names.split(", ")) if names else ())
+    kind, _, text = values.partition(": ")
+    names = tuple(text.split(", ")) if text else ()
+    # Two names look like one name that contains a comma; the numbers remain then.
+    return RunAxis(name, unit, low, high, kind, names if len(names) == int(high) + 1 else ())
 
 
 def open_run(path: str | os.PathLike[str]) -> Run:

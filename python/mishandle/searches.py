@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -110,7 +111,10 @@ def minimize(
         if not points:
             break
         for point in points:
-            minimization.tell(point, float(function(point)))
+            value = float(function(point))
+            if math.isnan(value):
+                raise InvalidValueError(f"the function is NaN at {point.tolist()}; return inf for a point without a value")
+            minimization.tell(point, value)
             evaluations += 1
     best = minimization.best
     if best is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Union
@@ -72,9 +73,19 @@ class System:
             self.exceptions.append(traceback.format_exc())
 
 
+class NativeSystem(System):
+    """A task that the Rust core simulates together with its controller."""
+
+    def __init__(self, signals: list[tuple[str, str]]) -> None:
+        self.signals = signals
+        self.exceptions = []
+
+
 def columns_of(trace: Any, names: Sequence[str] | None = None) -> dict[str, NDArray[np.float64]]:
     """Returns some or all columns of a dictionary of arrays or of a data frame. A data frame may have columns that are no
     numbers, such as time stamps, beside those in ``names``."""
+    # A simulation, such as those of `simulate`.
+    trace = getattr(trace, "trace", trace) if not isinstance(trace, Mapping) and not hasattr(trace, "columns") else trace
     if isinstance(trace, Mapping):
         items = {str(name): values for name, values in trace.items()}
     elif hasattr(trace, "columns"):
@@ -133,11 +144,14 @@ class FunctionSystem(System):
         self._takes_seed = _takes_seed(function)
         self.depends_on_seed = self._takes_seed
         self._time_limit = time_limit
-        self.name = getattr(function, "__name__", type(function).__name__)
+        name = getattr(function, "__name__", type(function).__name__)
+        # A name without characters that shells interpret, because it becomes part of a file name.
+        self.name = "lambda" if name == "<lambda>" else name
         self.control_dt = 1.0 if control_dt is None else control_dt
         self.knows_control_dt = control_dt is not None
         self.exceptions = []
         self.versions = [("numpy", np.__version__)]
+        self._has_cut = False
         check_time_limit(time_limit)
         check_interruptible(time_limit)
         # An exception in the undisturbed scenario is the user's, so it is not caught.
@@ -177,6 +191,9 @@ class FunctionSystem(System):
         if missing:
             raise InvalidValueError(f"the trace of scenario {scenario} lacks the signals {missing}")
         samples = np.column_stack([columns[name] for name, _ in self.signals])
+        if len(samples) > self.steps + 1:
+            self._warn_of_cut(scenario, len(samples))
+            samples = samples[: self.steps + 1]
         if len(samples) == 0:
             self.exceptions += [f"the trace of scenario {scenario} has no samples"][: 10 - len(self.exceptions)]
             return Outcome("crashed", nothing, 0)
@@ -184,6 +201,16 @@ class FunctionSystem(System):
         if steps < self.steps:
             return Outcome("terminated", samples, steps, step=steps)
         return Outcome("completed", samples, steps)
+
+    def _warn_of_cut(self, scenario: Scenario, samples: int) -> None:
+        if not self._has_cut:
+            warnings.warn(
+                f"the trace of scenario {scenario} has {samples} samples, but an episode has {self.steps} control steps: later "
+                "samples are left out, here and in other long traces; if they matter, pass the number of control steps of the "
+                "longest trace as `steps`",
+                stacklevel=2,
+            )
+        self._has_cut = True
 
     def description(self) -> str:
         return source_text(self._function)

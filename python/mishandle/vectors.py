@@ -13,7 +13,7 @@ from gymnasium.vector.utils import concatenate, create_empty_array, iterate
 from numpy.typing import NDArray
 
 from mishandle.axes import Attribute, Axis, ResetOption
-from mishandle.environments import EnvironmentSystem, PolicySystem, Time, set_option
+from mishandle.environments import EnvironmentSystem, PolicySystem, Time, complete, set_option
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.limits import TimeLimitExceeded, limited
 from mishandle.systems import Outcome, Scenario, System
@@ -164,7 +164,7 @@ class VectorSystem(PolicySystem):
         with self._timed(clock, count):
             batched, info = self._reset(padded)
             rows = list(iterate(self._environment.observation_space, batched))
-        rollout.add(rows, info, np.zeros(self._rows), range(count))
+        rollout.start(rows, info)
         self.policy.reset(self._rows)
         space = self._environment.single_action_space
         idle = next(iter(iterate(space_batch(space), create_empty_array(space, 1, np.zeros))))
@@ -256,6 +256,7 @@ class _Rollout:
     def __init__(self, system: VectorSystem, count: int) -> None:
         self._system = system
         self._samples: list[list[list[float]]] = [[] for _ in range(count)]
+        self._late: list[list[int]] = [[] for _ in range(count)]
         self._ends: list[Outcome | None] = [None] * count
         self._steps = [0] * count
         self._returns = [0.0] * count
@@ -271,12 +272,18 @@ class _Rollout:
         for row in self.running():
             self.end(row, end, step)
 
-    def add(self, observations: Sequence[Any], info: Any, rewards: NDArray[np.float64], rows: Sequence[int]) -> None:
-        """Adds a sample of some rows. ``info`` is that of the step, or a list with one for each row."""
-        for row in rows:
-            found = row_info(info[row] if isinstance(info, list) else info, row)
-            reward = float(rewards[row])
-            self._samples[row].append(self._system.sample(None, observations[row], found, reward))
+    def start(self, observations: Sequence[Any], infos: Sequence[Mapping[str, Any]]) -> None:
+        """Adds the first sample of each row, with the ``info`` of its reset."""
+        for row, samples in enumerate(self._samples):
+            sample, self._late[row] = self._system.first_sample(None, observations[row], row_info(infos[row], row))
+            samples.append(sample)
+
+    def add(self, observation: Any, info: Mapping[str, Any], reward: float, row: int) -> None:
+        """Adds a sample of a row after a step."""
+        self._samples[row].append(self._system.sample(None, observation, row_info(info, row), reward))
+        if self._late[row]:
+            complete(self._samples[row], self._late[row])
+            self._late[row] = []
 
     def step(
         self,
@@ -289,7 +296,8 @@ class _Rollout:
     ) -> None:
         for row in self.running():
             is_final = mode is AutoresetMode.SAME_STEP and ended[row]
-            self.add(observations, info["final_info"] if is_final and "final_info" in info else info, rewards, [row])
+            found = info["final_info"] if is_final and "final_info" in info else info
+            self.add(observations[row], found, float(rewards[row]), row)
             self._steps[row] = step
             self._returns[row] += float(rewards[row])
             if not np.isfinite(rewards[row]):
@@ -303,7 +311,8 @@ class _Rollout:
         found = []
         for row, end in enumerate(self._ends):
             outcome = end or Outcome("completed", np.zeros((0, 0)), self._steps[row])
-            outcome.samples = np.asarray(self._samples[row], dtype=np.float64).reshape(-1, len(self._system.signals))
+            # Without a step, the first sample lacks values.
+            outcome.samples = np.asarray([] if self._late[row] else self._samples[row], dtype=np.float64).reshape(-1, len(self._system.signals))
             outcome.total_reward = self._returns[row]
             found.append(outcome)
         return found

@@ -15,7 +15,7 @@ use numpy::ndarray::Array2;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
-use crate::target::{PyTarget, SPACE, scenario};
+use crate::target::{AxisTuple, PyTarget, scenario, space};
 use crate::{InvalidValueError, raised};
 
 /// Where a run is stored: path, whether to continue the run there, and whether to sync each batch.
@@ -45,6 +45,43 @@ impl From<SearchOption> for OptionValue {
     }
 }
 
+/// Checks the settings of a falsification in the space of these axes, before the system is simulated.
+#[pyfunction]
+#[pyo3(signature = (axes, *, search, options, trials, budget, batch))]
+pub fn check_falsify(
+    axes: Vec<AxisTuple>,
+    search: String,
+    options: Vec<(String, SearchOption)>,
+    trials: u64,
+    budget: u64,
+    batch: u64,
+) -> PyResult<()> {
+    let space = space(axes)?;
+    // A number that does not fit is out of the range, too.
+    let [trials, budget, batch] =
+        [trials, budget, batch].map(|number| u32::try_from(number).unwrap_or(u32::MAX));
+    let falsify =
+        FalsifyPlan { search, trials, budget, batch, options: search_options(options), ..Default::default() };
+    mishandle::check_falsify(&falsify, &space).map(drop).map_err(raised)
+}
+
+/// Checks the settings of an evaluation in the space of these axes, before the system is simulated.
+#[pyfunction]
+#[pyo3(signature = (axes, *, episodes, batch))]
+pub fn check_evaluate(axes: Vec<AxisTuple>, episodes: u64, batch: u64) -> PyResult<()> {
+    space(axes)?;
+    let batch = u32::try_from(batch).unwrap_or(u32::MAX);
+    mishandle::check_evaluate(&EvaluatePlan { episodes, batch, ..Default::default() }).map_err(raised)
+}
+
+fn search_options(given: Vec<(String, SearchOption)>) -> SearchOptions {
+    let mut options = SearchOptions::new();
+    for (name, value) in given {
+        options.set(&name, value);
+    }
+    options
+}
+
 /// Searches for counterexamples. Returns the outcome as a dictionary.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
@@ -62,10 +99,6 @@ pub fn falsify<'py>(
     out: Out,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let mut search_options = SearchOptions::new();
-    for (name, value) in options {
-        search_options.set(&name, value);
-    }
     let falsify = FalsifyPlan {
         formula,
         search,
@@ -73,7 +106,7 @@ pub fn falsify<'py>(
         budget,
         batch,
         initial_simplex: None,
-        options: search_options,
+        options: search_options(options),
     };
     let plan = Plan { falsify: Some(falsify), ..plan(target, seed) };
     let run = |resolved: &ResolvedPlan, run: RunWriter| {
@@ -84,7 +117,7 @@ pub fn falsify<'py>(
         Ok((outcome, path))
     };
     let (outcome, path) = in_run(py, target, &plan, out, run)?;
-    let dict = campaign(py, &target.target.spaces[0], &outcome)?;
+    let dict = campaign(py, &target.space, &outcome)?;
     dict.set_item("path", path)?;
     Ok(dict)
 }
@@ -135,7 +168,7 @@ pub fn evaluate<'py>(
     let corners = PyList::empty(py);
     for point in outcome.corners.iter().flat_map(|corners| &corners.points) {
         let corner = PyDict::new(py);
-        corner.set_item("scenario", scenario(py, &target.target.spaces[0], point.scenario.values())?)?;
+        corner.set_item("scenario", scenario(py, &target.space, point.scenario.values())?)?;
         corner.set_item("simulations", point.n)?;
         corner.set_item("successes", point.successes)?;
         corners.append(corner)?;
@@ -167,7 +200,7 @@ pub fn simulate<'py>(
     })?;
     let list = PyList::empty(py);
     for found in &episodes {
-        list.append(episode(py, &target.target.spaces[0], found)?)?;
+        list.append(episode(py, &target.space, found)?)?;
     }
     Ok(list)
 }
@@ -197,7 +230,7 @@ pub fn replay<'py>(
             "no simulation of the run has a robustness; name a trial and a simulation",
         ));
     };
-    let dict = episode(py, &target.target.spaces[0], &replayed.episode)?;
+    let dict = episode(py, &target.space, &replayed.episode)?;
     dict.set_item("trial", replayed.recorded.trial)?;
     dict.set_item("number", replayed.recorded.number)?;
     dict.set_item("recorded_robustness", replayed.recorded.robustness)?;
@@ -207,7 +240,7 @@ pub fn replay<'py>(
 }
 
 fn plan(target: &PyTarget, seed: u64) -> Plan {
-    Plan { seed, space: SPACE.to_string(), ..Plan::new(&target.target.identity.name, "") }
+    Plan { seed, ..target.plan.clone() }
 }
 
 /// Calls `work` with the plan and its new or continued run, without the interpreter lock.

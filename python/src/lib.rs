@@ -64,6 +64,8 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(remote::campaign_runs, module)?)?;
     module.add_function(wrap_pyfunction!(remote::recorded_plan, module)?)?;
     module.add_function(wrap_pyfunction!(search::search_names, module)?)?;
+    module.add_function(wrap_pyfunction!(campaign::check_falsify, module)?)?;
+    module.add_function(wrap_pyfunction!(campaign::check_evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::falsify, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::simulate, module)?)?;
@@ -100,6 +102,7 @@ fn raised(error: impl Into<Error>) -> PyErr {
         | Error::File { .. }
         | Error::Write { .. }
         | Error::RunMismatch { .. }
+        | Error::OtherSettings { .. }
         | Error::SimulationMismatch { .. }
         | Error::ComponentMismatch { .. }
         | Error::ForeignTarget { .. }

@@ -7,6 +7,7 @@ use mishandle::rollout::{
     RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target, Verdict,
 };
 use mishandle::stl::{MonitorError, Trace};
+use mishandle::{FalsifyPlan, Plan, ResolvedPlan};
 use numpy::PyReadonlyArray2;
 use numpy::ndarray::ArrayView2;
 use pyo3::exceptions::PyRuntimeError;
@@ -33,12 +34,15 @@ enum Termination {
 }
 
 /// An axis as Python passes it: kind, name, unit, bounds, nominal value, values and meaning.
-type AxisTuple = (String, String, String, f64, f64, Option<f64>, Vec<String>, String);
+pub(crate) type AxisTuple = (String, String, String, f64, f64, Option<f64>, Vec<String>, String);
 
 /// A target whose episodes a Python function simulates.
 #[pyclass(frozen, module = "mishandle._native", name = "Target")]
 pub struct PyTarget {
     pub(crate) target: Target,
+    /// Names the target and its space.
+    pub(crate) plan: Plan,
+    pub(crate) space: Space,
     pub(crate) pending: Pending,
     process: u32,
 }
@@ -82,8 +86,7 @@ impl PyTarget {
             let message = format!("episode_steps is {episode_steps}; it must be from 1 to {MAX_STEPS}");
             return Err(InvalidValueError::new_err(message));
         }
-        let axes = axes.into_iter().map(axis).collect::<PyResult<Vec<Axis>>>()?;
-        let space = Space::new(SPACE, axes.clone()).map_err(raised)?;
+        let space = space(axes)?;
         let pending = Pending::default();
         let shared =
             Arc::new(Shared { simulate, termination, episode_steps, control_dt, pending: pending.clone() });
@@ -106,8 +109,8 @@ impl PyTarget {
         let target = Target {
             identity: Identity::new("python", name, content),
             components: components.into_iter().map(component).collect(),
-            axes,
-            spaces: vec![space],
+            axes: space.axes().to_vec(),
+            spaces: vec![space.clone()],
             signals: signals.into_iter().map(|(name, unit)| Signal { name, unit }).collect(),
             formulas: formulas.into_iter().map(|(name, text)| NamedFormula { name, text }).collect(),
             control_dt,
@@ -119,7 +122,49 @@ impl PyTarget {
             reachable: None,
             factory: Arc::new(factory),
         };
-        Ok(PyTarget { target, pending, process: std::process::id() })
+        let plan = Plan { space: SPACE.to_string(), ..Plan::new(&target.identity.name, "") };
+        Ok(PyTarget { target, plan, space, pending, process: std::process::id() })
+    }
+
+    /// Returns a task with one of our controllers in a space of the task, as the command line simulates it.
+    #[staticmethod]
+    fn of_task(py: Python<'_>, task: &str, controller: &str, preset: &str, space: &str) -> PyResult<Self> {
+        let plan =
+            Plan { preset: preset.to_string(), space: space.to_string(), ..Plan::new(task, controller) };
+        let resolved = py.detach(|| {
+            let checked = Plan { falsify: Some(FalsifyPlan::default()), ..plan.clone() };
+            ResolvedPlan::new(&checked)
+        });
+        let ResolvedPlan { target, space, .. } = resolved.map_err(raised)?;
+        Ok(PyTarget { target, plan, space, pending: Pending::default(), process: std::process::id() })
+    }
+
+    /// Axes of the space. A nominal value of `None` is drawn with the seed of the simulation.
+    #[getter]
+    fn axes(&self) -> Vec<AxisTuple> {
+        let values = |axis: &Axis| match &axis.values {
+            AxisValues::Continuous => vec!["continuous".to_string()],
+            AxisValues::Logarithmic => vec!["logarithmic".to_string()],
+            AxisValues::Integer => vec!["integer".to_string()],
+            AxisValues::Categorical(names) => names.to_vec(),
+        };
+        let tuple = |axis: &Axis| {
+            let Axis { name, unit, low, high, nominal, meaning, .. } = axis.clone();
+            (axis.kind.name().to_string(), name, unit, low, high, nominal, values(axis), meaning)
+        };
+        self.space.axes().iter().map(tuple).collect()
+    }
+
+    /// Name and unit of each signal.
+    #[getter]
+    fn signals(&self) -> Vec<(String, String)> {
+        self.target.signals.iter().map(|signal| (signal.name.clone(), signal.unit.clone())).collect()
+    }
+
+    /// Name and text of each formula, the requirement first.
+    #[getter]
+    fn formulas(&self) -> Vec<(String, String)> {
+        self.target.formulas.iter().map(|formula| (formula.name.clone(), formula.text.clone())).collect()
     }
 }
 
@@ -132,6 +177,12 @@ impl PyTarget {
 
 /// Longest episode, in control steps.
 const MAX_STEPS: usize = 10_000_000;
+
+/// Returns the space of all axes.
+pub(crate) fn space(axes: Vec<AxisTuple>) -> PyResult<Space> {
+    let axes = axes.into_iter().map(axis).collect::<PyResult<Vec<Axis>>>()?;
+    Space::new(SPACE, axes).map_err(raised)
+}
 
 fn axis((kind, name, unit, low, high, nominal, values, meaning): AxisTuple) -> PyResult<Axis> {
     let kinds = AxisKind::ALL;
@@ -213,14 +264,14 @@ impl PythonSystem {
         if is_terminated && self.shared.termination == Termination::Hold {
             hold(&mut trace, self.shared.episode_steps);
         }
-        let is_complete = match end {
-            EpisodeEnd::Completed => true,
-            EpisodeEnd::Terminated { .. } => self.shared.termination != Termination::Undecided,
-            _ => false,
+        // Number of samples of a whole episode, of which the trace can be the start.
+        let whole = match self.shared.termination {
+            Termination::Undecided => self.shared.episode_steps + 1,
+            Termination::Hold | Termination::Evaluate => trace.len(),
         };
         let mut verdict = Verdict::default();
         if end.has_verdict() {
-            match self.monitor.verdict(&trace, is_complete) {
+            match self.monitor.verdict(&trace, whole) {
                 Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
                     end = EpisodeEnd::Undefined { step };
                 }

@@ -51,6 +51,7 @@ class Arguments(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "pass it as control_dt"):
             self.falsify(formula="always[0:1s](gap >= 1)")
         self.assertGreater(self.falsify(formula="always[0:1s](gap >= 1)", control_dt=1.0).simulations, 0)
+        self.out = self.out.with_name("pole.sqlite")
         env = gymnasium.make("CartPole-v1")  # states render_fps, but no dt
         with self.assertRaisesRegex(ValueError, "pass it as control_dt"):
             self.falsify(env, "always[0:1s](x <= 9)", policy=lambda x: 0, signals={"x": "obs[0]"}, steps=60)
@@ -155,18 +156,121 @@ class Arguments(unittest.TestCase):
             with self.assertRaisesRegex(TypeError, "a space is a list of axes"):
                 self.falsify(space=space)
 
+    def test_a_missing_onnx_file_is_named(self):
+        with self.assertRaisesRegex(ValueError, "there is no ONNX file .*missing.onnx"):
+            mishandle.simulate("point-reaching", policy="missing.onnx")
+
     def test_undecided_simulations_are_reported(self):
         env = gymnasium.make("CartPole-v1")
         options = {"policy": lambda x: 1, "signals": {"angle": "obs[2]"}, "steps": 100}
         space = [Axis("low", -0.2, 0.0, nominal=-0.05)]
+        # The environment terminates at 0.209 rad, so no simulation violates the formula.
         with self.assertWarnsRegex(UserWarning, 'termination="hold" or "evaluate"'):
-            found = self.falsify(env, "always(abs(angle) <= 0.15)", space, **options)
+            found = self.falsify(env, "always(abs(angle) <= 0.4)", space, **options)
         self.assertEqual(found.undecided, found.simulations)
         self.out = self.out.with_name("held.sqlite")
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            found = self.falsify(env, "always(abs(angle) <= 0.15)", space, termination="hold", **options)
-        self.assertEqual(found.falsified_trials, 1)
+            found = self.falsify(env, "always(abs(angle) <= 0.4)", space, termination="hold", **options)
+        self.assertEqual((found.falsified_trials, found.undecided), (0, 0))
+
+    def test_formulas_and_spaces_of_a_task_have_names(self):
+        task, options = "point-reaching", {"search": "random", "trials": 1, "budget": 2, "policy": "ppo"}
+        plain = mishandle.falsify(task, "strict", out=self.out, **options)
+        named = mishandle.falsify(task, "strict", "starts", out=self.out.with_name("named.sqlite"), **options)
+        self.assertIn("0.03", mishandle.open_run(plain.path).formula)
+        self.assertEqual(mishandle.open_run(plain.path).formula, mishandle.open_run(named.path).formula)
+        self.assertEqual(plain.trials, named.trials)
+        self.assertEqual(mishandle.replay(named.path, task, "strict", "starts", policy="ppo").differences, [])
+        [one] = mishandle.simulate(task, "strict", "starts", policy="ppo")
+        [other] = mishandle.simulate(task, "strict", policy="ppo")
+        self.assertEqual((one.robustness, one.scenario), (other.robustness, other.scenario))
+        space = "starts+sensing"
+        found = mishandle.falsify(task, None, space, out=self.out.with_name("sensing.sqlite"), **options)
+        self.assertGreater(len(found.trials[0].scenario), len(named.trials[0].scenario))
+        self.assertEqual(mishandle.evaluate(task, None, space, policy="ppo", episodes=2, out=self.out.with_name("e")).success_rate.n, 2)
+        for formula, given, message in [
+            ("strct", None, "no formula or signal `strct`; did you mean `strict`"),
+            ("strct", "starts", "no formula or signal `strct`"),
+            ("strict", "start", "there is no space `start`.*did you mean `starts`"),
+        ]:
+            with self.assertRaisesRegex(ValueError, message):
+                mishandle.simulate(task, formula, given, policy="ppo")
+        with self.assertRaisesRegex(TypeError, "needs the name or path of a controller"):
+            mishandle.simulate(task, "strict", "starts", policy=lambda observation: np.zeros(7))
+
+    def test_arguments_are_checked_before_the_system_is_called(self):
+        calls = []
+
+        def system(scenario):
+            calls.append(scenario)
+            return braking(scenario)
+
+        def check(message, function=mishandle.falsify, space=SPACE, formula="always(gap >= 1)", **options):
+            with self.assertRaisesRegex(mishandle.MishandleError, message):
+                function(system, formula, space, **options)
+
+        for options, message in [
+            ({"search": "randon"}, "no search `randon`"),
+            ({"search": "random", "options": {"max-iterations": 3}}, "max-iterations"),
+            ({"trials": 0}, "trials is 0"),
+            ({"trials": 2.5}, "trials is 2.5"),
+            ({"budget": -1}, "budget is -1"),
+            ({"budget": 2**40}, "the budget is"),
+            ({"batch": 0}, "batch is 0"),
+            ({"seed": -1}, "seed is -1"),
+            ({"termination": "holds"}, "termination is 'holds'"),
+            ({"resume": True}, "needs the run file"),
+            ({"resume": True, "out": self.out}, "there is no run file"),
+            ({"formula": "always(gap >="}, "expected"),
+            ({"space": SPACE + SPACE}, "two axes have the name `speed`"),
+            ({"space": [Axis("speed", 5, 2)]}, "lower bound"),
+        ]:
+            check(message, **options)
+        check("episodes is 0", mishandle.evaluate, episodes=0)
+        check("batch size", mishandle.evaluate, batch=10**6)
+        check("repeat is 0", mishandle.simulate, repeat=0)
+        check("no axis mass", mishandle.simulate, at={"mass": 1})
+        self.out.touch()
+        check("exists already", out=self.out)
+        self.assertEqual(calls, [])
+
+    def test_two_axes_that_set_the_same_thing_are_an_error(self):
+        env = gymnasium.make("CartPole-v1")
+        options = {"policy": lambda x: 1, "signals": {"angle": "obs[2]"}, "steps": 100}
+        attribute, option = mishandle.Attribute, mishandle.ResetOption
+        for one, other, message in [
+            (attribute("length"), attribute("length"), "both set the attribute 'length'"),
+            (attribute("state[0]"), attribute("state[ 0 ]"), "both set the attribute"),
+            (option("low"), option("low"), "both set the reset option 'low'"),
+            (option("scenario"), option("scenario.x"), "the reset option 'scenario' and its part 'scenario.x'"),
+            (None, option("a"), "both set the reset option 'a'"),
+        ]:
+            space = [Axis("a", 0.2, 1.5, apply=one), Axis("b", 0.2, 1.5, apply=other)]
+            with self.assertRaisesRegex(ValueError, message):
+                self.falsify(env, "always(angle <= 1)", space, **options)
+        space = [Axis("a", 0.2, 1.5, apply=attribute("length")), Axis("b", 9, 10, apply=attribute("gravity"))]
+        self.assertEqual(self.falsify(env, "always(angle <= 1)", space, termination="hold", **options).simulations, 3)
+
+    def test_a_run_continues_with_its_own_settings_only(self):
+        self.falsify()
+        for options, message in [
+            ({"budget": 5}, "made with other settings: budget: recorded 3, given 5; "),
+            ({"trials": 2}, "trials: recorded 1, given 2"),
+            ({"seed": 3}, "seed: recorded 0, given 3"),
+        ]:
+            settings = {"search": "random", "trials": 1, "budget": 3, "out": self.out, "resume": True, **options}
+            with self.assertRaisesRegex(mishandle.MishandleError, message):
+                mishandle.falsify(braking, "always(gap >= 1)", SPACE, **settings)
+        with self.assertRaisesRegex(mishandle.MishandleError, r"from 0.0 to 9.0, nominal 4.5.*the file was changed"):
+            self.falsify(space=[Axis("speed", 0, 9, "m/s")], resume=True)
+        self.assertEqual(self.falsify(resume=True, batch=7).simulations, 3)
+
+    def test_the_differences_of_a_replay_are_plain_numbers(self):
+        self.falsify()
+        other = mishandle.replay(self.out, lambda scenario: {"gap": [4.0, 4.0]}, "always(gap >= 1)", SPACE)
+        found = [text for text in other.differences if text.startswith("robustness:")]
+        self.assertRegex(found[0], r"^robustness: recorded -?[\d.]+, replayed 3.0$")
 
 
 if __name__ == "__main__":

@@ -97,11 +97,39 @@ class DataFrames(unittest.TestCase):
             with self.assertRaisesRegex(ValueError, "`time` is not an array of numbers"):
                 mishandle.robustness("time <= 1", frame)
 
+    def test_a_simulation_is_a_trace(self):
+        system = lambda scenario: {"x": [0.0, scenario["x"]]}
+        [found] = mishandle.simulate(system, "always(x <= 3)", [mishandle.Axis("x", 0, 4)])
+        self.assertEqual(mishandle.Formula("always(x <= 3)").robustness(found), 1.0)
+        self.assertEqual(mishandle.Formula("x <= 1").violation(found).tolist(), [False, False])
+
+    def test_bounds_in_seconds_need_the_period(self):
+        log = {"t": [0.0, 0.5, 1.0], "x": [0.0, 3.0, 5.0]}
+        formula = mishandle.Formula("always[0:500ms](x <= 4)")
+        for call in (formula.robustness, formula.robustness_signal, formula.subformula_signals, formula.violation):
+            with self.assertRaisesRegex(ValueError, "pass the time between two samples as period"):
+                call(log)
+        self.assertEqual(formula.robustness(log, period=0.5), 1.0)
+
+    def test_a_unit_after_a_number_is_explained(self):
+        for text in ("always(x < 2 rad)", "x < 2 m/s", "x < 2s"):
+            with self.assertRaisesRegex(ValueError, "a number has no unit"):
+                mishandle.Formula(text)
+        with self.assertRaises(ValueError) as raised:
+            mishandle.Formula("x < 2 )")
+        self.assertNotIn("unit", str(raised.exception))
+
     def test_missing_values_are_errors(self):
         for library in ["pandas", "polars"]:
             frame = __import__(library).DataFrame({"x": [0.0, None, 1.0]})
             with self.assertRaisesRegex(mishandle.MishandleError, "not finite|NaN"):
                 mishandle.robustness("always(x <= 4)", frame)
+
+
+class Minima(unittest.TestCase):
+    def test_a_function_that_is_nan_is_named_as_such(self):
+        with self.assertRaisesRegex(ValueError, r"^the function is NaN at \[.*\]; return inf"):
+            mishandle.minimize(lambda x: float("nan"), [(0, 1)], budget=5)
 
 
 if __name__ == "__main__":

@@ -137,9 +137,56 @@ class Functions(Folder):
             system, "always[0:4](d >= 0)", SQUARE, at={"x": 1.0}, termination=rule
         )[0]
         self.assertEqual(simulate("undecided").robustness, None)
+        self.assertEqual(simulate("evaluate").robustness, None, "the window needs more samples")
         self.assertEqual(simulate("hold").robustness, 1.0)
         self.assertEqual(simulate("hold").end, "terminated after control step 2")
         self.assertEqual(len(simulate("hold").trace["d"]), 5)
+
+    def test_an_early_end_cannot_undo_a_violation_or_a_success(self):
+        def system(scenario):
+            return {"x": [0.0, scenario["x"], 1.0, 1.0, 1.0, 1.0][: 6 if scenario["x"] == 0 else 3]}
+
+        def found(formula, x):
+            [simulation] = mishandle.simulate(system, formula, [Axis("x", -5, 5, nominal=0)], at={"x": x})
+            self.assertEqual(simulation.end, "terminated after control step 2")
+            return simulation.robustness
+
+        # The traces are 0 x 1, and three samples are missing.
+        self.assertEqual(found("always[0:5](x <= 2)", 4.0), -2.0)
+        self.assertEqual(found("always(x <= 2)", 4.0), -2.0)
+        self.assertEqual(found("eventually[0:5](x >= 2)", 4.0), 2.0)
+        self.assertEqual(found("not eventually[0:5](x >= 2)", 4.0), -2.0)
+        self.assertIsNone(found("always[0:5](x <= 2)", 1.5))
+        self.assertIsNone(found("eventually[0:5](x >= 2)", 1.5))
+        run = self.path / "run.sqlite"
+        space = [Axis("x", -5, 5, nominal=0)]
+        campaign = mishandle.falsify(system, "always[0:5](x <= 2)", space, search="random", trials=1, budget=50, out=run)
+        self.assertEqual(campaign.falsified_trials, 1)
+        again = mishandle.replay(run, system, "always[0:5](x <= 2)", space)
+        self.assertEqual(again.differences, [])
+        self.assertLess(again.recorded_robustness, 0)
+
+    def test_samples_after_the_last_control_step_are_left_out(self):
+        system = lambda scenario: {"x": np.full(3 if scenario["x"] <= 0 else 5, scenario["x"])}
+        run = self.path / "run.sqlite"
+        with self.assertWarnsRegex(UserWarning, "has 5 samples, but an episode has 2 control steps"):
+            found = mishandle.falsify(system, "always[0:2](x <= 2)", SQUARE, search="random", trials=1, budget=20, out=run)
+        self.assertEqual((found.simulations, found.undecided, found.failed), (20, 0, 0))
+        self.assertEqual(set(mishandle.open_run(run).columns()["steps"]), {2})
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            [long] = mishandle.simulate(system, "always[0:2](x <= 2)", SQUARE, at={"x": 1}, steps=4)
+        self.assertEqual((long.robustness, len(long.trace["x"])), (1.0, 5))
+
+    def test_tables_have_names_and_integers(self):
+        space = [Axis("surface", values=["dry", "wet"]), Axis("delay", 0, 3, values="integer")]
+        run = self.path / "run.sqlite"
+        system = lambda scenario: {"x": [0.0, float(scenario["delay"])]}
+        mishandle.falsify(system, "always(x <= 5)", space, search="random", trials=1, budget=30, out=run)
+        columns = mishandle.open_run(run).columns()
+        self.assertEqual(set(columns["surface"]), {"dry", "wet"})
+        self.assertTrue(all(type(value) is int for value in columns["delay"]))
+        self.assertEqual(set(mishandle.open_run(run).simulations["surface"]), {"dry", "wet"})
 
     def test_an_evaluation_reports_rates_and_corners(self):
         found = mishandle.evaluate(
@@ -209,6 +256,34 @@ class Functions(Folder):
         stored = len(mishandle.open_run(run).columns()["trial"])
         self.assertTrue(5 <= stored <= 12, stored)
 
+    def test_a_nominal_scenario_without_a_verdict_is_reported(self):
+        with self.assertWarnsRegex(UserWarning, "no verdict: the signal `d` is nan at sample 1"):
+            mishandle.simulate(lambda scenario: {"d": [1.0, float("nan")]}, "always(d >= 0)", SQUARE)
+
+        def unreachable(scenario):
+            if unreachable.calls:
+                raise InvalidScenario
+            unreachable.calls += 1
+            return {"d": [1.0, 1.0]}
+
+        unreachable.calls = 0
+        with self.assertWarnsRegex(UserWarning, "no verdict: the simulation ends as 'invalid scenario'"):
+            mishandle.simulate(unreachable, "always(d >= 0)", SQUARE)
+
+    def test_a_simulation_that_crashed_has_a_traceback(self):
+        system = lambda scenario: {"d": [1.0, 1 / scenario["x"] if scenario["x"] != 0 else 1.0]}
+        divided = lambda scenario: {"d": [1.0, 1 / (scenario["x"] - 1)]}
+        [found] = mishandle.simulate(divided, "always(d >= -9)", SQUARE, at={"x": 1})
+        self.assertIn("ZeroDivisionError", found.exceptions[0])
+        self.assertIn("divided = lambda", found.exceptions[0])
+        self.assertEqual(mishandle.simulate(system, "always(d >= 0)", SQUARE)[0].exceptions, [])
+
+    def test_the_name_of_a_lambda_needs_no_quotes(self):
+        self.addCleanup(os.chdir, os.getcwd())
+        os.chdir(self.path)
+        found = mishandle.falsify(lambda s: {"d": [1.0, 1.0]}, "always(d >= 0)", SQUARE, search="random", trials=1, budget=2)
+        self.assertEqual(found.path.name, "falsify-python-lambda-random-s0.sqlite")
+
     def test_mistakes_are_explained(self):
         def check(kind, message, *arguments, **options):
             with self.assertRaises(kind) as raised, warnings.catch_warnings():
@@ -248,7 +323,36 @@ POLE = [
 SIGNALS = {"x": ("obs[0]", "m"), "angle": ("obs[2]", "rad"), "length": lambda env: env.length}
 
 
+class WithLateInfo(gymnasium.Env):
+    """An environment whose resets lack values of ``info``, as those of MuJoCo robots."""
+
+    observation_space = gymnasium.spaces.Box(-10, 10, (1,))
+    action_space = gymnasium.spaces.Box(-1, 1, (1,))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.x = (options or {}).get("x", 0.0)
+        return np.array([self.x], np.float32), {}
+
+    def step(self, action):
+        self.x += 0.5
+        return np.array([self.x], np.float32), 0.0, self.x > 2, False, {"speed": self.x * 2}
+
+
 class Environments(Folder):
+    def test_a_value_that_only_steps_have_keeps_its_first_value_at_the_reset(self):
+        kinds = {"policy": lambda observation: np.zeros(1, np.float32), "steps": 3}
+        signals = {"x": "obs[0]", "speed": "info.speed"}
+        single = WithLateInfo()
+        vectors = [gymnasium.vector.SyncVectorEnv([WithLateInfo] * 2), gymnasium.vector.AsyncVectorEnv([WithLateInfo] * 2)]
+        for env in [single, *vectors]:
+            [found] = mishandle.simulate(env, "always(speed <= 9)", [Axis("x", 0, 1)], at={"x": 0}, signals=signals, **kinds)
+            self.assertEqual(found.trace["x"].tolist(), [0.0, 0.5, 1.0, 1.5])
+            self.assertEqual(found.trace["speed"].tolist(), [1.0, 1.0, 2.0, 3.0])
+            with self.assertRaisesRegex(RuntimeError, "the signal `speed` has no value"):
+                mishandle.simulate(env, "always(speed <= 9)", [Axis("x", 0, 1)], signals={"speed": "info.sped"}, **kinds)
+        vectors[1].close()
+
     def test_options_attributes_and_functions_set_the_scenario(self):
         env = gymnasium.make("CartPole-v1", max_episode_steps=50)
         kinds = dict(policy=balance, signals=SIGNALS)

@@ -2,20 +2,51 @@
 
 use std::fmt::Debug;
 
+use mishandle_search::OptionValue;
 use mishandle_store::{AxisRecord, RunHeader};
 
 use crate::record;
-use crate::{MishandleError, Plan, ResolvedPlan};
+use crate::{FalsifyPlan, MishandleError, Plan, ResolvedPlan};
 
 /// Checks that a run to resume has the header of its plan.
 ///
 /// # Errors
-/// [`RunMismatch`](MishandleError::RunMismatch) with all differences.
+/// [`RunMismatch`](MishandleError::RunMismatch) with all differences, or
+/// [`OtherSettings`](MishandleError::OtherSettings) with those of the settings on which the proposed scenarios depend.
 pub(crate) fn check(recorded: &RunHeader, resolved: &ResolvedPlan) -> Result<(), MishandleError> {
+    let settings = settings(&Plan::from_toml(&recorded.plan)?, &resolved.plan);
+    if !settings.is_empty() {
+        return Err(MishandleError::OtherSettings { differences: settings });
+    }
     match differences(recorded, resolved)? {
         differences if differences.is_empty() => Ok(()),
         differences => Err(MishandleError::RunMismatch { differences }),
     }
+}
+
+/// Lists the settings that differ between the plan of a run and the plan to continue it with. Results do not depend on the
+/// batch size.
+fn settings(recorded: &Plan, given: &Plan) -> Vec<String> {
+    let mut found = Found { planned: "given", ..Found::default() };
+    found.compare("seed", &recorded.seed, &given.seed);
+    if let (Some(then), Some(now)) = (&recorded.falsify, &given.falsify) {
+        found.compare("search", &then.search, &now.search);
+        found.compare("trials", &then.trials, &now.trials);
+        found.compare("budget", &then.budget, &now.budget);
+        let options = |plan: &FalsifyPlan| match plan.options.is_empty() {
+            true => "none".to_string(),
+            false => plan.options.iter().map(option).collect::<Vec<_>>().join(", "),
+        };
+        found.texts("options of the search", &options(then), &options(now));
+    }
+    if let (Some(then), Some(now)) = (&recorded.evaluate, &given.evaluate) {
+        found.compare("episodes", &then.episodes, &now.episodes);
+    }
+    found.differences
+}
+
+fn option((name, value): (&str, &OptionValue)) -> String {
+    format!("{name} = {value}")
 }
 
 /// Lists the facts of the header that differ from the plan's, except for the build.
@@ -52,7 +83,7 @@ pub(crate) fn differences(
             found.compare(&format!("name of the {}", now.role), &then.name, &now.name);
         }
     }
-    Ok(found.0)
+    Ok(found.differences)
 }
 
 /// A list of the header as text, by the name of an entry.
@@ -88,22 +119,35 @@ pub(super) fn is_from_version_1(header: &RunHeader) -> bool {
 /// Returns all facts of each axis. Floats have all their digits.
 fn axes(header: &RunHeader) -> Vec<String> {
     let axis = |AxisRecord { name, unit, kind, low, high, nominal, values, meaning }: &AxisRecord| {
+        let nominal = nominal.map_or_else(|| "none".to_string(), |nominal| format!("{nominal:?}"));
         format!(
-            "{name} in {unit:?}, {kind}, {values}, from {low:?} to {high:?}, nominal {nominal:?}: {meaning}"
+            "{name} in {unit:?}, {kind}, {values}, from {low:?} to {high:?}, nominal {nominal}: {meaning}"
         )
     };
     header.axes.iter().map(axis).collect()
 }
 
-#[derive(Default)]
-struct Found(Vec<String>);
+struct Found {
+    differences: Vec<String>,
+    /// What the second value of a difference is called.
+    planned: &'static str,
+}
+
+impl Default for Found {
+    fn default() -> Self {
+        Found { differences: Vec::new(), planned: "expected" }
+    }
+}
 
 impl Found {
     fn compare<T: Debug>(&mut self, what: &str, recorded: &T, planned: &T) {
         // The text has all digits and the sign of a zero.
-        let (recorded, planned) = (format!("{recorded:?}"), format!("{planned:?}"));
+        self.texts(what, &format!("{recorded:?}"), &format!("{planned:?}"));
+    }
+
+    fn texts(&mut self, what: &str, recorded: &str, planned: &str) {
         if recorded != planned {
-            self.0.push(format!("{what}: recorded {recorded}, expected {planned}"));
+            self.differences.push(format!("{what}: recorded {recorded}, {} {planned}", self.planned));
         }
     }
 

@@ -91,7 +91,7 @@ impl ResolvedPlan {
         }
         let mut text = target.formulas.first().map_or("", |formula| &formula.name).to_string();
         if let Some(falsify) = &plan.falsify {
-            needs_subformulas = crate::falsify::check(falsify, &space)?;
+            needs_subformulas = crate::falsify::check_falsify(falsify, &space)?;
             text = falsify.formula.clone().unwrap_or(text);
         }
         let requirement = requirement(&text, &target)?;

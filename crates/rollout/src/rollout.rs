@@ -189,8 +189,7 @@ impl RolloutWorker {
         }
         for episode in &mut episodes {
             if episode.end.has_verdict() {
-                let is_complete = episode.end == EpisodeEnd::Completed;
-                match self.monitor.verdict(&episode.trace, is_complete) {
+                match self.monitor.verdict(&episode.trace, steps + 1) {
                     Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
                         episode.end = EpisodeEnd::Undefined { step };
                     }

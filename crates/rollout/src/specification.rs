@@ -67,7 +67,8 @@ fn parse(text: &str) -> Result<Formula, RolloutError> {
 }
 
 /// Values of the formulas on one episode. A value is `None` if the formula does not exist or the trace does not decide it:
-/// a window is cut at the end of the trace or contains no sample. [`Monitor::decided_robustness_signal`] states the rule.
+/// a window is cut at the end of the trace or contains no sample. [`Monitor::decided_robustness_signal`] states the rule. If
+/// the episode ended early but no continuation could change the sign of a robustness, the value is the bound closer to 0.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Verdict {
     /// Robustness of the requirement at time 0.
@@ -123,9 +124,24 @@ impl FormulaMonitor {
             .map_err(|source| RolloutError::Monitor { formula: self.text.clone(), source })
     }
 
-    fn at_start(&mut self, trace: &Trace, is_complete: bool) -> Result<Option<f64>, RolloutError> {
+    /// Returns the robustness at time 0 if the trace decides the formula. If the trace is the start of an episode and no
+    /// continuation can change the sign, returns the bound of the robustness that is closer to 0.
+    fn at_start(&mut self, trace: &Trace, samples: usize) -> Result<Option<f64>, RolloutError> {
+        let is_complete = trace.len() >= samples;
+        let decided = self.decided(trace, is_complete)?.first().copied();
+        let found = match decided {
+            None if !is_complete && !trace.is_empty() => {
+                let bounds = self.monitor.robustness_bounds(trace, samples);
+                match bounds.map_err(|source| RolloutError::Monitor { formula: self.text.clone(), source })? {
+                    Some((_, high)) if high < 0.0 => Some(high),
+                    Some((low, _)) if low > 0.0 => Some(low),
+                    _ => None,
+                }
+            }
+            decided => decided,
+        };
         // An empty window has an infinite value: the formula depends on no sample of the trace.
-        Ok(self.decided(trace, is_complete)?.first().copied().filter(|rho| rho.is_finite()))
+        Ok(found.filter(|rho| rho.is_finite()))
     }
 }
 
@@ -165,13 +181,17 @@ impl SpecificationMonitor {
         }
     }
 
-    /// Returns the values of the formulas on `trace`. If `is_complete` is `false`, the trace is the start of an episode.
+    /// Returns the values of the formulas on `trace`, which is a whole episode or the start of one with `samples` samples.
+    ///
+    /// On the start of an episode, a robustness that every continuation has with the same sign is a bound: the upper bound if
+    /// it is negative, the lower bound if it is positive. [`Monitor::robustness_bounds`] computes it.
     ///
     /// # Errors
     /// If a signal of a formula contains NaN or an infinity, or a formula has no finite value.
-    pub fn verdict(&mut self, trace: &Trace, is_complete: bool) -> Result<Verdict, RolloutError> {
+    pub fn verdict(&mut self, trace: &Trace, samples: usize) -> Result<Verdict, RolloutError> {
+        let is_complete = trace.len() >= samples;
         let at_start = |monitor: &mut Option<FormulaMonitor>| match monitor {
-            Some(monitor) => monitor.at_start(trace, is_complete),
+            Some(monitor) => monitor.at_start(trace, samples),
             None => Ok(None),
         };
         let (success, strict) = (at_start(&mut self.success)?, at_start(&mut self.strict)?);
@@ -185,7 +205,7 @@ impl SpecificationMonitor {
             Some(completion) => completion.decided(trace, is_complete)?.iter().position(|rho| *rho > 0.0),
             None => None,
         };
-        let robustness = self.requirement.at_start(trace, is_complete)?;
+        let robustness = self.requirement.at_start(trace, samples)?;
         Ok(Verdict { robustness, success, strict, dangerous_steps, completion_step, subformulas: Vec::new() })
     }
 }
@@ -211,7 +231,7 @@ mod tests {
         // d = 5 4 2 1 1: success needs d <= 2.5 at samples 2 to 4, the worst of 0.5 1.5 1.5;
         // unsafe after sample 0: only the 4; complete once d <= 2 for two samples: from sample 2.
         let verdict = monitor("always[2:4](d <= 2.5)", "always[0:1](d < 2.5)")
-            .verdict(&trace(&[5.0, 4.0, 2.0, 1.0, 1.0]), true)
+            .verdict(&trace(&[5.0, 4.0, 2.0, 1.0, 1.0]), 5)
             .unwrap();
         assert_eq!(verdict.success, Some(0.5));
         assert_eq!(verdict.robustness, Some(0.5));
@@ -225,7 +245,7 @@ mod tests {
         let specification = Specification::new(parse("always[0:2](d <= 2.5)").unwrap());
         let mut monitor =
             SpecificationMonitor::new(&specification, &Arc::from(["d".to_string()]), 1.0 / 60.0).unwrap();
-        let verdict = monitor.verdict(&trace(&[1.0, 4.0, 2.0]), true).unwrap();
+        let verdict = monitor.verdict(&trace(&[1.0, 4.0, 2.0]), 3).unwrap();
         assert_eq!(verdict, Verdict { robustness: Some(-1.5), ..Verdict::default() });
     }
 
@@ -242,8 +262,7 @@ mod tests {
 
     #[test]
     fn a_formula_longer_than_the_trace_is_undecided() {
-        let verdict =
-            monitor("always[2:9](d <= 2.5)", "d < 0").verdict(&trace(&[1.0, 1.0, 1.0]), true).unwrap();
+        let verdict = monitor("always[2:9](d <= 2.5)", "d < 0").verdict(&trace(&[1.0, 1.0, 1.0]), 3).unwrap();
         assert_eq!(verdict.success, None);
         assert_eq!(verdict.strict, None);
         assert_eq!(verdict.completion_step, None);
@@ -252,14 +271,14 @@ mod tests {
     #[test]
     fn an_unbounded_formula_is_undecided_before_the_end_of_the_episode() {
         let mut monitor = monitor("always(d <= 2.5)", "d < 0");
-        assert_eq!(monitor.verdict(&trace(&[1.0, 1.0]), true).unwrap().success, Some(1.5));
-        assert_eq!(monitor.verdict(&trace(&[1.0, 1.0]), false).unwrap().success, None);
+        assert_eq!(monitor.verdict(&trace(&[1.0, 1.0]), 2).unwrap().success, Some(1.5));
+        assert_eq!(monitor.verdict(&trace(&[1.0, 1.0]), 5).unwrap().success, None);
     }
 
     #[test]
     fn a_window_cut_under_an_unbounded_operator_neither_satisfies_nor_violates_a_formula() {
         let robustness = |formula: &str, values: &[f64]| {
-            monitor(formula, "d < 0").verdict(&trace(values), true).unwrap().robustness
+            monitor(formula, "d < 0").verdict(&trace(values), values.len()).unwrap().robustness
         };
         // d >= 4 holds at the last sample only: never for three samples. The best three are 0 1 0.
         assert_eq!(robustness("eventually(always[0:2](d >= 4))", &[0.0, 1.0, 0.0, 5.0]), Some(-4.0));
@@ -273,7 +292,7 @@ mod tests {
     #[test]
     fn a_formula_with_an_empty_window_is_undecided() {
         for formula in ["eventually[9:inf](d <= 2.5)", "always[9:inf](d <= 2.5)", "once[1:2](d <= 2.5)"] {
-            let verdict = monitor(formula, "d < 0").verdict(&trace(&[1.0, 1.0]), true).unwrap();
+            let verdict = monitor(formula, "d < 0").verdict(&trace(&[1.0, 1.0]), 2).unwrap();
             assert_eq!(verdict.success, None, "{formula}");
         }
     }
@@ -281,8 +300,38 @@ mod tests {
     #[test]
     fn completion_requires_its_whole_window_inside_the_trace() {
         let verdict =
-            monitor("d < 9", "always[0:4](d < 1)").verdict(&trace(&[2.0, 0.0, 0.0, 0.0, 0.0]), true).unwrap();
+            monitor("d < 9", "always[0:4](d < 1)").verdict(&trace(&[2.0, 0.0, 0.0, 0.0, 0.0]), 5).unwrap();
         assert_eq!(verdict.completion_step, None);
+    }
+
+    #[test]
+    fn the_start_of_an_episode_has_a_verdict_that_no_continuation_can_change() {
+        // An episode of 10 samples that ended after three, with d = 1 4 2.
+        let robustness = |formula: &str| {
+            monitor(formula, "d < 0").verdict(&trace(&[1.0, 4.0, 2.0]), 10).unwrap().robustness
+        };
+        for (formula, expected) in [
+            // The 4 violates `d <= 2.5` by 1.5; later samples can only make it worse.
+            ("always[0:9](d <= 2.5)", Some(-1.5)),
+            ("always(d <= 2.5)", Some(-1.5)),
+            ("not always[0:9](d <= 2.5)", Some(1.5)),
+            ("eventually[0:9](d >= 3)", Some(1.0)),
+            ("always[0:9](d <= 5)", None),
+            ("eventually[0:9](d >= 5)", None),
+            // A premise that held and a conclusion that failed at sample 1.
+            ("always[0:9](d >= 3 implies d >= 6)", Some(-1.0)),
+            // d >= 3 at sample 1, with d >= 0.5 before it: min(1, 0.5).
+            ("(d >= 0.5) until[0:9] (d >= 3)", Some(0.5)),
+            // `d <= 3` fails at sample 1 before `d >= 6` held: max over min(...) is -1 at most.
+            ("(d <= 3) until[0:9] (d >= 6)", Some(-1.0)),
+            ("(d <= 3) until[0:9] (d >= 7)", Some(-1.0)),
+            // The horizon of both operands is beyond the trace, but the violation is at sample 1.
+            ("always[0:6](eventually[0:3](d >= 5) or d <= 3)", None),
+            // The episode has 10 samples, so the formula reaches past its end.
+            ("always[0:10](d <= 2.5)", None),
+        ] {
+            assert_eq!(robustness(formula), expected, "{formula}");
+        }
     }
 
     #[test]

@@ -31,6 +31,7 @@
 //! assert_eq!(monitor.robustness(&trace).unwrap(), 6.0); // 26 degrees are 6 more than 20
 //! ```
 
+mod bounds;
 mod clock;
 mod diagnosis;
 mod error;

@@ -86,13 +86,13 @@ use std::sync::Arc;
 /// Donzé and Maler, "Robust Satisfaction of Temporal Logic over Real-Valued Signals", FORMATS 2010.
 #[derive(Clone, Debug)]
 pub struct Monitor {
-    program: Program,
+    pub(crate) program: Program,
     clock: Clock,
     /// The names of the last checked trace. They are shared, so comparing the address suffices.
     checked_names: Option<Arc<[String]>>,
     buffers: Vec<Vec<f64>>,
     tile: state::Buffers,
-    scratch: Vec<f64>,
+    pub(crate) scratch: Vec<f64>,
     /// Empty until minima are requested.
     minima: Vec<SubformulaMinimum>,
 }
@@ -355,15 +355,15 @@ impl Monitor {
         // An operator may read undecided values without using them. They must not be NaN.
         values[decided..all].fill(0.0);
         self.buffers[buffer] = values;
-        result.map_err(|Undefined { operation, step }| MonitorError::Undefined {
-            operation,
-            step,
-            time_secs: self.clock.time_secs(step),
-        })
+        result.map_err(|undefined| self.undefined(undefined))
+    }
+
+    pub(crate) fn undefined(&self, Undefined { operation, step }: Undefined) -> MonitorError {
+        MonitorError::Undefined { operation, step, time_secs: self.clock.time_secs(step) }
     }
 
     /// Evaluates a state formula at all samples.
-    fn evaluate_state(
+    pub(crate) fn evaluate_state(
         &mut self,
         state: usize,
         samples: &mut Samples<'_>,
@@ -414,7 +414,7 @@ impl Monitor {
     }
 
     /// Checks that there is at least one sample, and that the signals are the expected ones and finite.
-    fn check(&mut self, samples: &Samples<'_>) -> Result<(), MonitorError> {
+    pub(crate) fn check(&mut self, samples: &Samples<'_>) -> Result<(), MonitorError> {
         if samples.len() == 0 {
             return Err(MonitorError::EmptyTrace);
         }
@@ -481,7 +481,7 @@ impl Samples<'_> {
 }
 
 /// Replaces `x` by the values of a unary temporal operator.
-fn temporal_unary(operator: Operator, window: Window, x: &mut [f64], scratch: &mut [f64]) {
+pub(crate) fn temporal_unary(operator: Operator, window: Window, x: &mut [f64], scratch: &mut [f64]) {
     match operator {
         Operator::Always => extremum::ahead::<Minimum>(x, window, scratch),
         Operator::Eventually => extremum::ahead::<Maximum>(x, window, scratch),
@@ -498,7 +498,13 @@ fn temporal_unary(operator: Operator, window: Window, x: &mut [f64], scratch: &m
 }
 
 /// Replaces `y` by the values of a binary temporal operator. The values of `x` are lost.
-fn temporal_binary(operator: Operator, window: Window, x: &mut [f64], y: &mut [f64], scratch: &mut [f64]) {
+pub(crate) fn temporal_binary(
+    operator: Operator,
+    window: Window,
+    x: &mut [f64],
+    y: &mut [f64],
+    scratch: &mut [f64],
+) {
     match operator {
         Operator::Until => until::until::<Maximum>(x, y, window, scratch),
         Operator::Release => until::until::<Minimum>(x, y, window, scratch),

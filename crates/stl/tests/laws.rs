@@ -286,6 +286,34 @@ fn no_continuation_of_the_trace_changes_a_decided_value_of_bounded_windows() {
 }
 
 #[test]
+fn every_continuation_of_a_trace_has_a_robustness_within_the_bounds() {
+    let mut random = Random(31);
+    let mut known_signs = 0;
+    for _ in 0..20_000 {
+        let samples = 2 + random.below(20);
+        let size = 1 + random.below(5);
+        let text = Tree::random(&mut random, size, samples).write(&mut random);
+        let start = 1 + random.below(samples - 1);
+        let columns = random_columns(&mut random, start);
+        let Some((low, high)) = monitor(&text).robustness_bounds(&trace_of(&columns), samples).unwrap()
+        else {
+            assert!(decided(&text, &random_columns(&mut random, samples)).is_empty(), "{text}");
+            continue;
+        };
+        assert!(low <= high, "{text}: {low} {high}");
+        known_signs += usize::from(low > 0.0 || high < 0.0);
+        for _ in 0..3 {
+            let whole = continued(&mut random, &columns, samples - start);
+            let value = decided(&text, &whole)[0];
+            assert!(low <= value && value <= high, "{text} on {whole:?} after {start}: {low} {value} {high}");
+            let bounds = monitor(&text).robustness_bounds(&trace_of(&whole), samples).unwrap();
+            assert_eq!(bounds, Some((value, value)), "{text} on {whole:?}");
+        }
+    }
+    assert!(known_signs > 1000, "only {known_signs} formulas were decided early");
+}
+
+#[test]
 fn windows_inside_an_unbounded_operator_are_not_cut_at_the_end_of_the_trace() {
     let columns = |a: &[f64]| [a.to_vec(), vec![0.0; a.len()], vec![0.0; a.len()]];
     // One last sample is enough for a cut window, not for a whole one.

@@ -106,6 +106,12 @@ impl SimulationEnd {
         let (_, step, _) = end_columns(self);
         step
     }
+
+    /// Returns the index of the value that is not finite; `None` for an end without one.
+    pub fn index(self) -> Option<u32> {
+        let (_, _, index) = end_columns(self);
+        index
+    }
 }
 
 /// One episode and its robustness: a row of the run.

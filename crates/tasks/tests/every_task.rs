@@ -152,7 +152,7 @@ fn every_formula_has_known_signals_and_is_decided_by_an_episode() {
             for _ in 0..=environment.episode_steps() {
                 trace.push(&vec![1.0; environment.signals().len()]);
             }
-            let verdict = monitor.verdict(&trace, true).unwrap();
+            let verdict = monitor.verdict(&trace, trace.len()).unwrap();
             assert!(verdict.success.is_some() && verdict.strict.is_some(), "{}", environment.name());
         }
     }

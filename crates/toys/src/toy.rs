@@ -129,7 +129,7 @@ impl ToySystem {
         let values = self.values(&request.scenario);
         let mut trace = Trace::with_capacity(self.signals.clone(), self.toy.episode_steps() + 1);
         self.toy.simulate(&values, request.seed, &mut |sample| trace.push(sample));
-        let (end, mut verdict) = match self.monitor.verdict(&trace, true) {
+        let (end, mut verdict) = match self.monitor.verdict(&trace, trace.len()) {
             Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
                 (EpisodeEnd::Undefined { step }, mishandle_rollout::Verdict::default())
             }
