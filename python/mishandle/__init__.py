@@ -8,7 +8,6 @@ from mishandle.campaign import (
     Evaluation,
     Falsification,
     Replay,
-    Simulation,
     Trial,
     evaluate,
     falsify,
@@ -30,6 +29,7 @@ from mishandle.plots import plot_robustness_map, plot_search_progress, plot_trac
 from mishandle.ray import RayExecutor
 from mishandle.runs import Run, open_run
 from mishandle.searches import Minimum, Search, minimize, search_names
+from mishandle.targets import Simulation
 
 __all__ = [
     "Attribute",

@@ -30,6 +30,9 @@ class Formula:
     def robustness_signal(
         self, names: list[str], samples: NDArray[np.float64], period: float, decided_only: bool
     ) -> NDArray[np.float64]: ...
+    def robustness_bounds(
+        self, names: list[str], samples: NDArray[np.float64], period: float
+    ) -> tuple[float, float] | None: ...
 
 class Search:
     def __new__(cls, name: str, dimension: int, seed: int, options: list[tuple[str, Any]]) -> Search: ...

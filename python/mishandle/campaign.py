@@ -7,46 +7,19 @@ import pathlib
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypedDict, Union
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import Unpack
 
 from mishandle import _native
-from mishandle.arguments import (
-    check_applicable,
-    check_number,
-    check_options,
-    check_out,
-    check_space,
-    check_steps,
-    check_termination,
-    check_time,
-    named_formulas,
-    task_formulas,
-)
+from mishandle.arguments import check_number, check_out
 from mishandle.axes import Axis, Value
-from mishandle.controllers import load_controller
-from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
-from mishandle.formulas import Formula
-from mishandle.limits import check_time_limit
-from mishandle.policies import policy_hash
-from mishandle.ray import RayExecutor
-from mishandle.systems import FunctionSystem, NativeSystem, Outcome, Scenario, Source, System, TaskSystem
-from mishandle.vectors import environment_system
+from mishandle.errors import InvalidTypeError
+from mishandle.systems import Scenario
+from mishandle.targets import Formulas, Simulation, Space, TargetOptions, make_target, scenario_numbers
 
 PathLike = str | os.PathLike[str]
 Progress = Callable[[int, int], None]
-
-Formulas = Union[str, Formula, Mapping[str, Union[str, Formula]], None]
-"""A requirement, or formulas by name, the requirement first. ``success``, ``strict``, ``safe`` and ``completion`` define
-metrics. ``None`` selects the formulas of a task."""
-
-Space = Union[Sequence[Axis], str, None]
-"""Axes of the scenarios, or the name of a space of a task, such as ``"starts+sensing"``. ``None`` selects the initial box of a
-task."""
-
 
 @dataclass(frozen=True)
 class Estimate:
@@ -131,21 +104,6 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
-class Simulation:
-    """One simulation with its trace: an array for each signal, with one value per sample."""
-
-    scenario: Scenario
-    seed: int
-    end: str
-    steps: int
-    robustness: float | None
-    total_reward: float
-    trace: dict[str, NDArray[np.float64]]
-    exceptions: list[str] = field(default_factory=list)
-    """Tracebacks of the exceptions of the call that simulated it, if it crashed."""
-
-
-@dataclass(frozen=True)
 class Replay:
     """A recorded simulation and its repetition. Without differences, everything recorded has the same bits."""
 
@@ -155,265 +113,6 @@ class Replay:
     simulation: Simulation
     differences: list[str]
     build_differences: list[str]
-
-
-@dataclass
-class _Target:
-    """A system as the extension module takes it."""
-
-    native: _native.Target
-    system: System
-    space: Sequence[Axis]
-    largest_difference: float
-    formula: str | None = None
-    """Name or text of the requirement, if it is not the first formula of the target."""
-    nominal: Sequence[float | None] | None = None
-    """Nominal values of a task; the seed of a simulation draws those that are ``None``."""
-
-    def simulation(self, found: dict[str, Any]) -> Simulation:
-        names = [name for name, _ in self.system.signals]
-        trace = {name: found["samples"][:, column] for column, name in enumerate(names)}
-        keys = ("scenario", "seed", "end", "steps", "robustness", "total_reward")
-        exceptions = self.system.exceptions if found["end"].startswith("crashed") else []
-        return Simulation(trace=trace, exceptions=list(exceptions), **{key: found[key] for key in keys})
-
-
-class TargetOptions(TypedDict, total=False):
-    """Keyword arguments that describe a system, the same for :func:`falsify`, :func:`evaluate`, :func:`simulate` and
-    :func:`replay`."""
-
-    policy: Any
-    """Policy of an environment or a task; :func:`mishandle.policies.as_policy` lists the kinds. For a task also the name of
-    a shipped controller, such as ``"ppo"``."""
-    batched_policy: bool
-    """Whether a policy that is a function takes a batch of observations and returns one action per row."""
-    signals: Mapping[str, Source | tuple[Source, str]]
-    """Signals of an environment: source, or source and unit, by name."""
-    units: Mapping[str, str]
-    """Units of the signals of a function."""
-    steps: int
-    """Number of control steps of an episode; by default the time limit of the environment, or the length of the nominal
-    trace."""
-    control_dt: float
-    """Duration of a control step, in seconds; by default that of the environment, or 1. It matters for bounds with units."""
-    termination: str
-    """Verdict of an episode that ends before the last control step: ``"undecided"`` (formulas may need the missing samples),
-    ``"hold"`` (the last sample is repeated) or ``"evaluate"`` (the trace is complete)."""
-    time_limit: float
-    """Wall-clock time limit of a simulation, in seconds."""
-    preset: str
-    """Task preset: ``"paper"`` or ``"code"``."""
-    rows: int
-    """Number of simulations of a task that are stepped together."""
-    name: str
-    """Name of the target; by default that of the function, the environment or the task."""
-    executor: str | RayExecutor
-    """``"ray"`` or a :class:`mishandle.ray.RayExecutor` simulates batches on a Ray cluster. The rows of a run do not depend on
-    it."""
-
-
-def _point(
-    space: Sequence[Axis],
-    at: Mapping[str, Value] | Sequence[float] | None,
-    nominal: Sequence[float | None] | None = None,
-) -> list[float | None]:
-    """Returns the numbers of a scenario. Axes that it leaves out have the values ``nominal``."""
-    if at is None:
-        at = {}
-    if not isinstance(at, Mapping):
-        if len(at) != len(space):
-            raise InvalidValueError(f"the scenario has {len(at)} values; expected {len(space)}")
-        return [float(value) for value in at]
-    unknown = sorted(set(at) - {axis.name for axis in space})
-    if unknown:
-        names = ", ".join(axis.name for axis in space)
-        raise InvalidValueError(f"the space has no axis {', '.join(unknown)}; its axes: {names}")
-    if nominal is None:
-        nominal = [axis.nominal_value for axis in space]
-    return [axis.number(at[axis.name]) if axis.name in at else value for axis, value in zip(space, nominal)]
-
-
-def _target(
-    system: Any, formula: Formulas, space: Space, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
-) -> _Target:
-    """Returns the target of the arguments. ``check`` gets the space before the system is called for the first time."""
-    check_options(options, list(TargetOptions.__annotations__))
-    check_steps(options.get("steps"))
-    termination = options.get("termination", "undecided")
-    check_termination(termination)
-    check_time_limit(options.get("time_limit"))
-    executor = options.get("executor")
-    if isinstance(executor, str) and executor != "ray":
-        raise InvalidValueError(f"there is no executor {executor!r}; expected 'ray' or a RayExecutor")
-    policy = options.get("policy")
-    if isinstance(policy, (str, os.PathLike)) and os.fspath(policy).endswith(".onnx"):
-        # Absolute, because workers of a cluster have other working folders.
-        policy = pathlib.Path(policy).absolute()
-        if not policy.is_file():
-            raise InvalidValueError(f"there is no ONNX file {policy}")
-    if isinstance(system, str) and policy is None:
-        raise InvalidValueError(f"the task {system} needs a policy")
-    if isinstance(system, str) and isinstance(space, str):
-        return _task_in_space(system, formula, space, options, check)
-    if isinstance(system, str):
-        check_applicable(options, TASK_OPTIONS, "a task")
-        if isinstance(policy, str):
-            is_path = "/" in policy or policy.endswith(".safetensors")
-            policy = load_controller(policy if is_path else f"{system}/{policy}")
-        system = TaskSystem(
-            system,
-            policy,
-            preset=options.get("preset", "paper"),
-            rows=options.get("rows", 64),
-            batched_policy=options.get("batched_policy", False),
-            time_limit=options.get("time_limit"),
-        )
-    if isinstance(system, TaskSystem):
-        formula = task_formulas(formula, system.formulas, [name for name, _ in system.signals])
-        space = system.space if space is None else space
-    if isinstance(space, (str, Mapping)) or not all(isinstance(axis, Axis) for axis in space or []):
-        raise InvalidTypeError('a space is a list of axes, such as [Axis("speed", 0, 10, "m/s")]')
-    if not space:
-        raise InvalidValueError("the space has no axes")
-    formulas = named_formulas(formula)
-    check_space(space, is_environment=hasattr(system, "reset") and hasattr(system, "step"))
-    check(space)
-    under_test = _system(system, space, policy, options)
-    check_time(formulas, under_test.knows_control_dt, under_test.control_dt)
-    nominal = {axis.name: _nominal(axis) for axis in space}
-    largest_difference = _probe(under_test, under_test, nominal)
-    if executor is not None:
-        distributed = (RayExecutor() if isinstance(executor, str) else executor).system(under_test)
-        largest_difference = max(largest_difference, _probe(under_test, distributed, nominal))
-        under_test = distributed
-    if largest_difference > 0:
-        warnings.warn(
-            "the system is not deterministic: two simulations of the same scenario and seed differ by up to "
-            f"{largest_difference:g}; replays are not bit-identical",
-            stacklevel=4,
-        )
-    target_name = "python/" + options.get("name", under_test.name)
-    content = [target_name, under_test.description(), repr(under_test.signals), repr(sorted(formulas.items()))]
-    content += [repr(axis.to_native()) for axis in space]
-    content += [repr((under_test.control_dt, under_test.steps, termination))]
-    components = []
-    if policy is not None:
-        components.append(("policy", getattr(policy, "name", type(policy).__name__), policy_hash(policy)))
-    native = _native.Target(
-        name=target_name,
-        content="\n".join(content),
-        axes=[axis.to_native() for axis in space],
-        signals=under_test.signals,
-        formulas=list(formulas.items()),
-        control_dt=under_test.control_dt,
-        episode_steps=under_test.steps,
-        is_deterministic=largest_difference == 0,
-        depends_on_seed=under_test.depends_on_seed,
-        termination=termination,
-        components=components,
-        versions=under_test.versions,
-        simulate=lambda batch: [outcome.to_native() for outcome in under_test.simulate(batch)],
-    )
-    return _Target(native, under_test, space, largest_difference)
-
-
-def _task_in_space(
-    task: str, formula: Formulas, space: str, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
-) -> _Target:
-    """Returns a task with one of our controllers, which the Rust core simulates: only it has the axes of all spaces."""
-    check_applicable(options, ("policy", "preset"), f"a task in the space {space!r}")
-    policy = options.get("policy")
-    if not isinstance(policy, (str, os.PathLike)):
-        raise InvalidTypeError(
-            f"the space {space!r} of a task needs the name or path of a controller, not a {type(policy).__name__}; leave out the "
-            "space to test another policy from the initial states"
-        )
-    native = _native.Target.of_task(task, os.fspath(policy), options.get("preset", "paper"), space)
-    if formula is not None and not isinstance(formula, (str, Formula)):
-        raise InvalidTypeError(f"formulas by name are not possible in the space {space!r} of a task; pass one formula")
-    requirement = None if formula is None else str(formula)
-    if requirement is not None:
-        named = task_formulas(requirement, dict(native.formulas), [name for name, _ in native.signals])
-        Formula(requirement if isinstance(named, str) else dict(native.formulas)[requirement])
-    axes = [Axis.from_native(axis) for axis in native.axes]
-    check(axes)
-    nominal = [nominal for *_, nominal, _, _ in native.axes]
-    return _Target(native, NativeSystem(native.signals), axes, 0.0, requirement, nominal)
-
-
-def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOptions) -> System:
-    if isinstance(system, System):
-        return system
-    if hasattr(system, "reset") and hasattr(system, "step"):
-        check_applicable(options, ENVIRONMENT_OPTIONS, "an environment")
-        if policy is None:
-            raise InvalidValueError("an environment needs a policy")
-        return environment_system(
-            system,
-            policy,
-            space,
-            signals=options.get("signals", {}),
-            steps=options.get("steps"),
-            control_dt=options.get("control_dt"),
-            time_limit=options.get("time_limit"),
-            batched_policy=options.get("batched_policy", False),
-        )
-    if callable(system):
-        check_applicable(options, FUNCTION_OPTIONS, "a function")
-        return FunctionSystem(
-            system,
-            nominal={axis.name: _nominal(axis) for axis in space},
-            control_dt=options.get("control_dt"),
-            steps=options.get("steps"),
-            units=options.get("units", {}),
-            time_limit=options.get("time_limit"),
-        )
-    raise InvalidTypeError(
-        f"a {type(system).__name__} is not a system: expected a function, a Gymnasium environment or the name of a task"
-    )
-
-
-COMMON_OPTIONS = ("time_limit", "termination", "name", "executor")
-FUNCTION_OPTIONS = ("control_dt", "steps", "units", *COMMON_OPTIONS)
-ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", *COMMON_OPTIONS)
-TASK_OPTIONS = ("policy", "batched_policy", "preset", "rows", *COMMON_OPTIONS)
-
-
-def _nominal(axis: Axis) -> Value:
-    number = axis.nominal_value
-    if not isinstance(axis.values, str):
-        return axis.values[int(number)]
-    return int(number) if axis.values == "integer" else number
-
-
-def _probe(system: System, other: System, nominal: Scenario) -> float:
-    """Returns the largest difference between the nominal scenario in two systems; infinity if it ends differently."""
-    first, second = (each.simulate([(nominal, 0)])[0] for each in (system, other))
-    for each in (system, other):
-        if each.exceptions:
-            raise InvalidStateError(f"the nominal scenario {nominal} raised an exception:\n{each.exceptions[0]}")
-    _warn_of_nominal(system, nominal, first)
-    if (first.end, first.steps, first.samples.shape) != (second.end, second.steps, second.samples.shape):
-        return float("inf")
-    if first.samples.size == 0 or np.array_equal(first.samples, second.samples, equal_nan=True):
-        return 0.0
-    if not np.array_equal(np.isnan(first.samples), np.isnan(second.samples)):
-        return float("inf")
-    return float(np.nanmax(np.abs(first.samples - second.samples)))
-
-
-def _warn_of_nominal(system: System, nominal: Scenario, outcome: Outcome) -> None:
-    """Warns of a nominal scenario without a verdict: probably most scenarios will have none."""
-    bad = np.argwhere(~np.isfinite(outcome.samples))
-    if len(bad) > 0:
-        sample, signal = bad[0]
-        value = outcome.samples[sample, signal]
-        problem = f"the signal `{system.signals[signal][0]}` is {value} at sample {sample}"
-    elif outcome.end in ("completed", "terminated"):
-        return
-    else:
-        problem = f"the simulation ends as {outcome.end!r}"
-    warnings.warn(f"the nominal scenario {nominal} has no verdict: {problem}", stacklevel=5)
 
 
 def falsify(
@@ -466,7 +165,7 @@ def falsify(
         Arguments that describe the system, the same for all functions: ``policy``, ``batched_policy``, ``signals``, ``units``
         (of the signals of a function), ``steps`` (control steps of an episode), ``control_dt`` (seconds), ``termination``,
         ``time_limit`` (seconds), ``preset`` and ``rows`` (of a task), ``name`` and ``executor``. See
-        :class:`mishandle.campaign.TargetOptions`.
+        :class:`mishandle.targets.TargetOptions`.
 
     Returns
     -------
@@ -501,7 +200,7 @@ def falsify(
         axes = [axis.to_native() for axis in space]
         _native.check_falsify(axes, search=search, options=search_options, trials=trials, budget=budget, batch=batch)
 
-    found = _target(system, formula, space, target, check)
+    found = make_target(system, formula, space, target, check)
     outcome = _native.falsify(
         found.native,
         formula=found.formula,
@@ -567,7 +266,7 @@ def evaluate(
 
     if isinstance(space, str) and formula is not None:
         raise InvalidTypeError(f"an evaluation in the space {space!r} of a task uses the formulas of the task; leave out `formula`")
-    found = _target(system, formula, space, target, check)
+    found = make_target(system, formula, space, target, check)
     outcome = _native.evaluate(
         found.native,
         episodes=episodes,
@@ -616,9 +315,9 @@ def simulate(
     """
     check_number("seed", seed, 0)
     check_number("repeat", repeat, 1)
-    found = _target(system, formula, space, target, lambda space: _point(space, at))
+    found = make_target(system, formula, space, target, lambda space: scenario_numbers(space, at))
     seeds = [seed + number for number in range(repeat)]
-    point = _point(found.space, at, found.nominal)
+    point = scenario_numbers(found.space, at, found.nominal)
     simulations = _native.simulate(found.native, formula=found.formula, scenarios=[point] * repeat, seeds=seeds)
     return [found.simulation(simulation) for simulation in simulations]
 
@@ -637,7 +336,7 @@ def replay(
 
     A run file never imports code: pass the system, formula and space of the run.
     """
-    found = _target(system, formula, space, target, lambda space: None)
+    found = make_target(system, formula, space, target, lambda space: None)
     again = _native.replay(found.native, path=os.fspath(path), trial=trial, number=number)
     keys = ("trial", "number", "recorded_robustness", "differences", "build_differences")
     return Replay(simulation=found.simulation(again), **{key: again[key] for key in keys})

@@ -110,6 +110,21 @@ class Formula:
         samples = np.column_stack(list(columns.values())) if names else np.zeros((0, 0))
         return self._native.robustness_signal(names, samples, self._period(period), decided_only)
 
+    def robustness_bounds(self, trace: Any, *, period: float | None = None) -> tuple[float, float]:
+        """Returns the least and the greatest robustness at the first sample over all continuations of a trace.
+
+        A window without an end is that of the trace. The bounds can be wider than necessary, because the unknown samples of two
+        operands count as independent.
+
+        >>> Formula("always[0:9](x <= 1)").robustness_bounds({"x": [0.0, 3.0, 0.5]})
+        (-inf, -2.0)
+        """
+        columns = columns_of(trace, self.signals)
+        names = list(columns)
+        samples = np.column_stack(list(columns.values())) if names else np.zeros((0, 0))
+        found = self._native.robustness_bounds(names, samples, self._period(period))
+        return (float("-inf"), float("inf")) if found is None else found
+
     def subformula_signals(
         self, trace: Any, *, period: float | None = None, decided_only: bool = False
     ) -> dict[str, NDArray[np.float64]]:

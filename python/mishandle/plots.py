@@ -5,6 +5,7 @@ Each function draws into the given axes, or into new ones, and returns them. mat
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol, Union
@@ -139,6 +140,8 @@ def plot_trace(
 ) -> list[Axes]:
     """Plots signals over time, with the thresholds of a formula. The samples that violate it are shaded.
 
+    Dotted values of the robustness depend on windows that are cut at the end of the trace.
+
     A threshold is a comparison of a signal, or of its absolute value, with a number. The last plot shows the robustness at
     each sample.
 
@@ -190,16 +193,36 @@ def plot_trace(
         ax.set_ylabel(_with_unit(name, (units or {}).get(name, "")))
     if parsed is not None:
         found = parsed.robustness_signal(columns, period=period)
-        axes[-1].plot(time, found, color="0.15", linewidth=1.2)
-        axes[-1].plot(time[:1], found[:1], "o", color=_VIOLATED if found[0] < 0 else _SATISFIED)
+        decided = len(parsed.robustness_signal(columns, period=period, decided_only=True))
+        low, high = parsed.robustness_bounds(columns, period=period)
+        axes[-1].plot(time[:decided], found[:decided], color="0.15", linewidth=1.2)
+        # One sample of overlap, so that the lines meet.
+        cut = slice(max(decided - 1, 0), None)
+        if decided < samples:
+            axes[-1].plot(time[cut], found[cut], color=_OTHER, linestyle=":", linewidth=1.2, label="window cut")
+            axes[-1].legend(loc="best", fontsize="small")
+        color = _VIOLATED if high < 0 else _SATISFIED if low > 0 or decided > 0 else _OTHER
+        axes[-1].plot(time[:1], found[:1], "o", color=color, fillstyle="full" if decided > 0 else "none")
         axes[-1].axhline(0.0, color="black", linewidth=0.8)
         axes[-1].set_ylabel("robustness")
-        axes[0].set_title(f"{parsed}: {found[0]:.4g}", fontsize="small", wrap=True)
-        for start, end in _intervals(parsed.violation(columns, period=period)):
+        axes[0].set_title(f"{parsed}: {_verdict(float(found[0]), low, high, decided > 0)}", fontsize="small", wrap=True)
+        # A trace that more samples could still satisfy does not violate the formula.
+        for start, end in _intervals(parsed.violation(columns, period=period)) if high < 0 else []:
             for ax in axes[: len(signals)]:
                 ax.axvspan((start - 0.5) * dt, (end + 0.5) * dt, color=_VIOLATED, alpha=0.2, linewidth=0)
     axes[-1].set_xlabel("sample" if period is None else "time [s]")
     return list(axes)
+
+
+def _verdict(robustness: float, low: float, high: float, is_decided: bool) -> str:
+    """Returns the robustness at the first sample as text, or what is known of it if the trace is too short.
+
+    >>> _verdict(-0.5, -0.5, -0.5, True), _verdict(-0.5, -math.inf, -0.5, False), _verdict(0.5, -math.inf, 0.5, False)
+    ('-0.5', 'at most -0.5', 'undecided')
+    """
+    if is_decided:
+        return f"{robustness:.4g}"
+    return f"at most {high:.4g}" if high < 0 else f"at least {low:.4g}" if low > 0 else "undecided"
 
 
 def _intervals(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -213,13 +236,16 @@ def _intervals(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def _colors(robustness: NDArray[np.float64]) -> dict[str, Any]:
-    """Returns a scale of colors: white at 0, blue above and red below, each up to its own extreme."""
-    from matplotlib.colors import Normalize, TwoSlopeNorm
+    """Returns a scale of colors: blue above 0 and red below, each up to its own extreme. Values near 0 differ from the white
+    background."""
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap, Normalize, TwoSlopeNorm
 
+    reds, blues = colormaps["Reds_r"](np.linspace(0, 0.65, 128)), colormaps["Blues"](np.linspace(0.35, 1, 128))
     low, high = (float(robustness.min()), float(robustness.max())) if len(robustness) > 0 else (0.0, 1.0)
     if low < 0 < high:
-        return {"cmap": "RdBu", "norm": TwoSlopeNorm(0.0, vmin=low, vmax=high)}
-    return {"cmap": "Reds_r" if low < 0 else "Blues", "norm": Normalize(low, high)}
+        return {"cmap": ListedColormap(np.concatenate([reds, blues])), "norm": TwoSlopeNorm(0.0, vmin=low, vmax=high)}
+    return {"cmap": ListedColormap(reds if low < 0 else blues), "norm": Normalize(low, high)}
 
 
 def _opened(run: AnyRun) -> Run:

@@ -72,7 +72,29 @@ impl PyFormula {
         });
         Ok(found.map_err(plain)?.into_pyarray(py))
     }
+
+    /// Returns the least and the greatest robustness at the first sample over all continuations of a trace that decide the
+    /// formula.
+    fn robustness_bounds(
+        &self,
+        py: Python<'_>,
+        names: Vec<String>,
+        samples: PyReadonlyArray2<'_, f64>,
+        period: f64,
+    ) -> PyResult<Option<(f64, f64)>> {
+        let trace = trace(names.into(), samples.as_array());
+        let mut monitor = Monitor::new(&self.formula, trace.names(), clock(period)?).map_err(plain)?;
+        let needed = monitor.needed_samples();
+        // Longer continuations of a plot need no answer.
+        if needed > MAX_CONTINUATION {
+            return Ok(None);
+        }
+        py.detach(|| monitor.robustness_bounds(&trace, needed)).map_err(plain)
+    }
 }
+
+/// Longest continuation of a trace, in samples.
+const MAX_CONTINUATION: usize = 10_000_000;
 
 fn clock(period: f64) -> PyResult<Clock> {
     if period.is_finite() && period > 0.0 {

@@ -91,6 +91,34 @@ class Plots(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "no signal z; it has x, y"):
             mishandle.plot_trace(trace, signals=["z"])
 
+    def test_a_cut_window_is_not_drawn_as_a_verdict(self):
+        trace = {"x": np.array([0.0, 2.0, 0.5])}
+        for formula, title, shades in [
+            ("eventually[0:9](x >= 3)", "undecided", 0),
+            ("always[0:9](x <= 3)", "undecided", 0),
+            ("always[0:9](x <= 1)", "at most -1", 1),
+            ("eventually[0:9](x >= 1)", "at least 1", 0),
+            ("always[0:2](x <= 1)", "-1", 1),
+        ]:
+            axes = mishandle.plot_trace(trace, formula)
+            self.assertTrue(axes[0].get_title().endswith(f": {title}"), axes[0].get_title())
+            self.assertEqual(len(axes[0].patches), shades, formula)
+        # `always[0:2]` is decided at sample 0 only; the line of the cut windows starts there.
+        solid, dotted = axes[1].lines[:2]
+        self.assertEqual((len(solid.get_xdata()), dotted.get_linestyle(), list(dotted.get_xdata())), (1, ":", [0, 1, 2]))
+
+    def test_colors_near_zero_differ_from_the_background(self):
+        from mishandle.plots import _colors
+
+        for values in ([-1.0, 1.0], [0.0, 1.0], [-1.0, 0.0]):
+            colors = _colors(np.array(values))
+            for value in (-1e-9, 1e-9):
+                red, green, blue, _ = colors["cmap"](colors["norm"](value))
+                self.assertLess(min(red, green, blue), 0.85, (values, value))
+        colors = _colors(np.array([-1.0, 1.0]))
+        red, _, blue, _ = colors["cmap"](colors["norm"](-1e-9))
+        self.assertGreater(red, blue)
+
     def test_the_package_works_without_matplotlib_until_a_plot_is_drawn(self):
         program = (
             "import sys; sys.modules['matplotlib'] = None\n"

@@ -220,3 +220,21 @@ fn the_hint_on_an_unknown_controller_names_the_folder_of_the_controllers() {
     assert!(folder.ends_with("/controllers"), "{err}");
     assert!(std::path::Path::new(folder).join("point-reaching/ppo.safetensors").is_file(), "{err}");
 }
+
+#[test]
+fn an_assumed_sampling_period_is_reported() {
+    let bench = Bench::new();
+    bench.write("t.csv", "t,d\n0,1\n0.5,2\n1,1\n");
+    bench.write("time.csv", "time,d\n0,1\n0.5,2\n1,1\n");
+    for (arguments, is_noted) in [
+        ("monitor --formula always[0:1s](d>0) t.csv", true),
+        ("monitor --formula always[0:1s](d>0) t.csv --period 0.5", false),
+        ("monitor --formula always[0:1s](d>0) time.csv", false),
+        ("monitor --formula always[0:1](d>0) t.csv", false),
+    ] {
+        let output = bench.run(arguments);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{message}");
+        assert_eq!(message.contains("no column `time`, so its samples are taken to be 1 s apart"), is_noted);
+    }
+}

@@ -118,6 +118,14 @@ impl Formula {
         !self.nodes.iter().any(|node| matches!(node, Node::Apply(operator, _) if operator.is_temporal()))
     }
 
+    /// Returns whether a bound of an interval has a unit of time, as in `always[0:2s](d <= 0.3)`.
+    pub fn has_time_units(&self) -> bool {
+        self.nodes.iter().any(|node| match node {
+            Node::Apply(_, Some(interval)) => interval.begin.unit.or(interval.end.unit).is_some(),
+            _ => false,
+        })
+    }
+
     /// Returns whether the result of a comparison is compared again, as in `0.2 <= v <= 0.3`. This is
     /// `(0.2 <= v) <= 0.3`, a bound on `v - 0.2`, which is rarely intended.
     pub fn chains_comparisons(&self) -> bool {

@@ -25,6 +25,11 @@ pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
     Recording::new(&formula, log.names().into())?;
     let samples = log.samples(&formula).with_context(trace_name)?;
     let period = samples.period(command.period).with_context(trace_name)?;
+    if command.period.is_none() && !samples.has_times() && formula.has_time_units() {
+        output::message(
+            "note: the trace has no column `time`, so its samples are taken to be 1 s apart; --period sets another period",
+        );
+    }
     let clock = match &command.unit {
         Some(unit) => Clock::rtamt(period, self::unit(unit)?),
         None => Clock::steps(period),

@@ -233,6 +233,11 @@ impl Times {
 }
 
 impl Samples {
+    /// Returns whether the log has the column `time`.
+    pub fn has_times(&self) -> bool {
+        self.times.is_some()
+    }
+
     /// Returns the sampling period in seconds: `flag`, or else the mean step of the column `time`, or else 1.
     pub fn period(&self, flag: Option<f64>) -> Result<f64> {
         let Some(times) = self.times.as_ref().filter(|times| times.steps > 0) else {
