@@ -58,31 +58,31 @@ class PolicySystem(System):
         parts = [spec.to_json() if spec is not None else "", source_text(self._environment.unwrapped)]
         return "\n".join([*parts, policy_hash(self._policy_source), *sources, *applications])
 
-    def first_sample(self, environment: Any, observation: Any, info: Mapping[str, Any]) -> tuple[list[float], list[int]]:
+    def first_sample(self, unwrapped: Any, observation: Any, info: Mapping[str, Any]) -> tuple[list[float], list[int]]:
         """Returns the signals after a reset, and the columns of values that only the ``info`` of a step contains; they are NaN
         until :func:`complete` sets them."""
         late = []
         for column, (source, read) in enumerate(zip(self.sources, self._readers)):
             if isinstance(source, str) and source.startswith("info."):
                 try:
-                    read(environment, observation, info, 0.0)
+                    read(unwrapped, observation, info, 0.0)
                 except KeyError:
                     late.append(column)
         if not late:
-            return self.sample(environment, observation, info, 0.0), late
+            return self.sample(unwrapped, observation, info, 0.0), late
         values = []
         for column, read in enumerate(self._readers):
-            values.append(math.nan if column in late else read(environment, observation, info, 0.0))
+            values.append(math.nan if column in late else read(unwrapped, observation, info, 0.0))
         return values, late
 
-    def sample(self, environment: Any, observation: Any, info: Mapping[str, Any], reward: float) -> list[float]:
-        """Returns the signals at one sample."""
+    def sample(self, unwrapped: Any, observation: Any, info: Mapping[str, Any], reward: float) -> list[float]:
+        """Returns the signals at one sample of an environment without its wrappers."""
         try:
-            return [read(environment, observation, info, reward) for read in self._readers]
+            return [read(unwrapped, observation, info, reward) for read in self._readers]
         except (LookupError, AttributeError, TypeError, ValueError):
             for (name, _), source, read in zip(self.signals, self.sources, self._readers):
                 try:
-                    read(environment, observation, info, reward)
+                    read(unwrapped, observation, info, reward)
                 except (LookupError, AttributeError, TypeError, ValueError) as error:
                     text = source if isinstance(source, str) else "a function"
                     raise InvalidValueError(
@@ -92,24 +92,29 @@ class PolicySystem(System):
 
     def act(self, observations: list[Any], times: Sequence[Time]) -> tuple[str | None, Any]:
         """Returns the end of the simulations if the policy fails, and its actions. The simulations share its time."""
-        left = None if self.time_limit is None else min(row.left(self.time_limit) for row in times) * len(times)
-        started = time.perf_counter()
         try:
-            with limited(left):
-                actions = self.policy.act(observations, len(observations))
-                if len(actions) != len(observations):
-                    raise InvalidValueError(
-                        f"the policy returned {len(actions)} actions for {len(observations)} observations"
-                    )
-                return None, actions
+            if self.time_limit is None:
+                return None, self._actions(observations)
+            left = min(row.left(self.time_limit) for row in times) * len(times)
+            started = time.perf_counter()
+            try:
+                with limited(left):
+                    return None, self._actions(observations)
+            finally:
+                spent = (time.perf_counter() - started) / len(times)
+                for row in times:
+                    row.spent += spent
         except TimeLimitExceeded:
             return "timed out", None
         except Exception:
             self.keep_exception()
             return "crashed", None
-        finally:
-            for row in times:
-                row.spent += (time.perf_counter() - started) / len(times)
+
+    def _actions(self, observations: list[Any]) -> Any:
+        actions = self.policy.act(observations, len(observations))
+        if len(actions) != len(observations):
+            raise InvalidValueError(f"the policy returned {len(actions)} actions for {len(observations)} observations")
+        return actions
 
 
 class EnvironmentSystem(PolicySystem):
@@ -152,7 +157,7 @@ class EnvironmentSystem(PolicySystem):
             # Ended rows keep their last observation, so that the rows of a recurrent policy stay in place. A row without one
             # did not start.
             observations = [running[0].observation if row.observation is None else row.observation for row in rows]
-            end, actions = self.act(observations, [row.time for row in running])
+            end, actions = self.act(observations, [] if self.time_limit is None else [row.time for row in running])
             if end is not None:
                 for row in rows:
                     row.end(end, step)
@@ -182,6 +187,7 @@ class _Row:
     def __init__(self, system: EnvironmentSystem, environment: Any) -> None:
         self._system = system
         self._environment = environment
+        self._unwrapped: Any = None
         self._samples: list[list[float]] = []
         self._late: list[int] = []
         self._total_reward = 0.0
@@ -202,23 +208,19 @@ class _Row:
             changed = function(self._environment, value)
             observation = observation if changed is None else changed
         self.observation = observation
-        sample, self._late = self._system.first_sample(self._environment, observation, info)
+        # A wrapper may make a new environment in its reset.
+        self._unwrapped = self._environment.unwrapped
+        sample, self._late = self._system.first_sample(self._unwrapped, observation, info)
         self._samples.append(sample)
 
     def step(self, action: Any, step: int) -> None:
         if self.outcome is not None:
             return
-        try:
-            values = np.asarray(action, dtype=np.float64)
-        except (TypeError, ValueError):
-            # Actions of other spaces than boxes; the environment checks them.
+        index = _first_not_finite(action)
+        if index is None:
             self._guarded(self._advance, action, step)
-            return
-        # The sum of squares is a faster test of a vector; if it overflows, the slower one decides.
-        if (values.ndim != 1 or not math.isfinite(values.dot(values))) and not np.isfinite(values).all():
-            self.end("invalid action", step, int(np.flatnonzero(~np.isfinite(values))[0]))
-            return
-        self._guarded(self._advance, action, step)
+        else:
+            self.end("invalid action", step, index)
 
     def _advance(self, action: Any, step: int) -> None:
         system = self._system
@@ -227,7 +229,7 @@ class _Row:
         self.observation = observation
         self._steps = step
         self._total_reward += reward
-        self._samples.append(system.sample(self._environment, observation, info, reward))
+        self._samples.append(system.sample(self._unwrapped, observation, info, reward))
         if self._late:
             complete(self._samples, self._late)
             self._late = []
@@ -280,20 +282,47 @@ def complete(samples: list[list[float]], late: list[int]) -> None:
         samples[0][column] = samples[1][column]
 
 
+_FEW = 32
+"""Longest action that is checked number by number."""
+
+
+def _first_not_finite(action: Any) -> int | None:
+    """Returns the index of the first number of an action that is NaN or infinite.
+
+    >>> _first_not_finite(np.array([0.5, np.nan])), _first_not_finite([0.5, 1.0]), _first_not_finite({"gear": 1})
+    (1, None, None)
+    """
+    # Most actions are short arrays, which Python checks faster than NumPy.
+    if type(action) is np.ndarray and action.ndim == 1 and action.dtype.kind == "f" and len(action) <= _FEW:
+        if all(map(math.isfinite, action.tolist())):
+            return None
+    elif isinstance(action, (int, np.integer)):
+        return None
+    try:
+        values = np.asarray(action, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None  # Actions of other spaces than boxes; the environment checks them.
+    finite = np.isfinite(values)
+    return None if finite.all() else int(np.flatnonzero(~finite)[0])
+
+
 Reader = Callable[[Any, Any, Mapping[str, Any], float], float]
 
 
 def _reader(source: Source) -> Reader:
-    """Returns the function from environment, observation, info and reward to the value of a signal."""
+    """Returns the function from unwrapped environment, observation, info and reward to the value of a signal."""
     if callable(source):
         function = source
         if _positional_parameters(function) >= 2:
-            return lambda environment, observation, info, reward: float(function(environment.unwrapped, observation))
-        return lambda environment, observation, info, reward: float(function(environment.unwrapped))
+            return lambda environment, observation, info, reward: float(function(environment, observation))
+        return lambda environment, observation, info, reward: float(function(environment))
     if source == "reward":
         return lambda environment, observation, info, reward: reward
     segments = parse_path(source)
     first, indexes = segments[0]
+    if first == "obs" and len(segments) == len(indexes) == 1:
+        [place] = indexes
+        return lambda environment, observation, info, reward: float(observation[place])
     if first in ("obs", "info"):
         follow = follower(segments[1:])
 
@@ -305,7 +334,7 @@ def _reader(source: Source) -> Reader:
 
         return read
     follow = follower(segments)
-    return lambda environment, observation, info, reward: float(follow(environment.unwrapped))
+    return lambda environment, observation, info, reward: float(follow(environment))
 
 
 def _positional_parameters(function: Callable[..., Any]) -> int:

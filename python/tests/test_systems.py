@@ -402,6 +402,38 @@ class Environments(Folder):
         found = mishandle.simulate(env, "always(c <= 2)", space, policy=policy, signals={"c": "obs[0]"}, repeat=2)
         self.assertEqual([one.end for one in found], ["invalid action 0 in control step 7", "invalid action 0 in control step 1"])
 
+    def test_an_action_that_is_not_finite_never_reaches_the_environment(self):
+        class Recording(gymnasium.Env):
+            observation_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
+            action_space = gymnasium.spaces.Box(-np.inf, np.inf, (2,), np.float32)
+            actions = []
+
+            def reset(self, *, seed=None, options=None):
+                return np.zeros(1, np.float32), {}
+
+            def step(self, action):
+                self.actions.append(action)
+                return np.zeros(1, np.float32), 0.0, False, False, {}
+
+        bad = float("nan"), float("inf"), -float("inf")
+        arrays = [np.array([0.0, value], kind) for value in bad for kind in (np.float16, np.float32, np.float64)]
+        others = [[0.0, bad[0]], (0.0, bad[1]), np.array([[0.0, bad[0]]]), np.array([0.0, bad[2]], object)]
+        for action in arrays + others:
+            # The probes of the undisturbed scenario take the first steps.
+            found = mishandle.simulate(
+                Recording(), "always(x <= 1)", [Axis("x", 0, 1)], policy=lambda o: action, signals={"x": "obs[0]"}, steps=3
+            )
+            self.assertEqual([one.end for one in found], ["invalid action 1 in control step 1"], repr(action))
+        self.assertEqual(Recording.actions, [])
+        # Finite actions, also those whose squares overflow, and those that are no numbers.
+        for action in [np.array([1e30, -1e30], np.float32), np.array([1e300, 0.0]), 3, np.int64(3), 10**400, {"gear": 1}, "left"]:
+            Recording.actions.clear()
+            [found] = mishandle.simulate(
+                Recording(), "always(x <= 1)", [Axis("x", 0, 1)], policy=lambda o: action, signals={"x": "obs[0]"}, steps=3
+            )
+            self.assertEqual(found.end, "completed", repr(action))
+            self.assertTrue(all(each is action for each in Recording.actions) and len(Recording.actions) >= 3)
+
     def test_models_with_predict_are_policies(self):
         class Model:
             def __init__(self):
