@@ -39,6 +39,7 @@ class _Simulations:
         self.rows = rows
         self.axes = [name for name, *_ in self.native.axes]
         self.signals = [name for name, _ in self.native.signals]
+        self.reward_terms = self.native.reward_terms
         size = self.native.observation_size
         self.observation_space = Box(-np.inf, np.inf, (size,), np.float32)
         self.action_space = Box(-1.0, 1.0, (self.native.action_size,), np.float32)
@@ -127,10 +128,9 @@ class TaskEnv(gymnasium.Env[Floats, Floats]):
         return self._simulations.native.render([0], *self._size)[0]
 
     def _info(self, samples: _native.Samples) -> dict[str, Any]:
-        terms = self._simulations.native.reward_terms
         return {
             "signals": dict(zip(self._simulations.signals, samples[2][0].tolist())),
-            "reward_terms": dict(zip(terms, samples[1][0].tolist())),
+            "reward_terms": dict(zip(self._simulations.reward_terms, samples[1][0].tolist())),
         }
 
 
@@ -149,6 +149,9 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
         Control steps until truncation; by default the episode length of the task.
     autoreset_mode : AutoresetMode
         ``NEXT_STEP`` (the default) or ``SAME_STEP``.
+    copy : bool
+        Whether each step and each reset returns new arrays, as in Gymnasium's vector environments. With ``False``, all return
+        the same arrays with new contents, so that no memory is allocated; copy what must survive the next step.
     threads : int, optional
         Number of threads, by default the number of cores. Results do not depend on it.
     render_mode, width, height
@@ -157,7 +160,16 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
     Notes
     -----
     ``reset`` takes one seed, or one per environment, and ``options`` with ``"scenario"`` (one, or one per environment) and
-    Gymnasium's ``"reset_mask"``. ``info["signals"]`` and ``info["reward_terms"]`` contain an array per name.
+    Gymnasium's ``"reset_mask"``. ``info["signals"]`` and ``info["reward_terms"]`` contain an array per name. Rust writes all
+    results straight into the memory of the arrays, with and without ``copy``.
+
+    Examples
+    --------
+    >>> env = TaskVectorEnv("point-reaching", 4, copy=False)
+    >>> first, _ = env.reset(seed=0)
+    >>> second, rewards, terminated, truncated, info = env.step(np.zeros((4, 9), np.float32))
+    >>> second is first, info["signals"]["finger_target_distance"].shape
+    (True, (4,))
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 60, "autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -171,6 +183,7 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
         reward: str = "shaped",
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        copy: bool = True,
         threads: int | None = None,
         render_mode: str | None = None,
         width: int = 640,
@@ -195,6 +208,10 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
         self._seeds = np.zeros(num_envs, dtype=np.uint64)
         self._elapsed = np.zeros(num_envs, dtype=np.int64)
         self._ended = np.zeros(num_envs, dtype=bool)
+        self._copy = copy
+        self._samples = native.arrays()
+        self._rewards = np.zeros(num_envs)
+        self._truncated = np.zeros(num_envs, dtype=bool)
         self._random = np.full((num_envs, len(self._simulations.axes)), np.nan)
 
     @property
@@ -206,7 +223,8 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Floats, dict[str, Any]]:
         options = options or {}
-        mask = np.asarray(options.get("reset_mask", np.ones(self.num_envs, dtype=bool)), dtype=bool)
+        # A copy, because the mask can be an array that the reset writes.
+        mask = np.array(options.get("reset_mask", np.ones(self.num_envs, dtype=bool)), dtype=bool)
         if seed is None or isinstance(seed, (int, np.integer)):
             seeds: list[int | None] = [None if seed is None else int(seed) + row for row in range(self.num_envs)]
         else:
@@ -216,8 +234,13 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
         for row, value in enumerate(seeds):
             if value is not None and mask[row]:
                 self._generators[row], _ = np_random(value)
-        samples = self._start(mask, self._scenarios(options.get("scenario")))
-        return samples[0], self._info(samples)
+        scenarios = self._scenarios(options.get("scenario"))
+        if self._copy:
+            observations, terms, signals, terminated, diverged = self._samples
+            self._samples = observations.copy(), terms.copy(), signals.copy(), terminated.copy(), diverged.copy()
+        self._ended[mask] = False
+        self._start(mask, scenarios)
+        return self._samples[0], self._info(self._samples)
 
     def _scenarios(self, given: Any) -> NDArray[np.float64]:
         if given is None or isinstance(given, Mapping):
@@ -229,45 +252,54 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
             raise InvalidValueError(f"there are {len(given)} scenarios for {self.num_envs} environments")
         return np.stack([self._simulations.scenario(one) for one in given])
 
-    def _start(self, mask: NDArray[np.bool_], scenarios: NDArray[np.float64]) -> _native.Samples:
+    def _start(self, mask: NDArray[np.bool_], scenarios: NDArray[np.float64]) -> None:
+        """Starts an episode in some rows, in the arrays of the last step."""
         for row in np.flatnonzero(mask):
             self._seeds[row] = self._generators[row].integers(2**63, dtype=np.uint64)
         self._elapsed[mask] = 0
-        self._ended[mask] = False
-        return self._simulations.native.reset(mask, self._seeds, scenarios)
+        self._simulations.native.reset(mask, self._seeds, scenarios, self._samples)
 
     def step(
         self, actions: Floats
     ) -> tuple[Floats, NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        samples = self._simulations.native.step(np.asarray(actions, dtype=np.float32))
-        restarted = self._ended.copy()
+        native, before = self._simulations.native, self._samples
+        actions = np.asarray(actions, dtype=np.float32)
+        samples = native.step(actions, native.arrays() if self._copy else before)
+        observations, terms, signals, terminated, diverged = samples
+        if self._copy:
+            self._rewards, self._truncated = np.empty(self.num_envs), np.empty(self.num_envs, dtype=bool)
+            if diverged.any():
+                # The others were written by the step.
+                observations[diverged], signals[diverged] = before[0][diverged], before[2][diverged]
+        self._samples, rewards, truncated, restarted = samples, self._rewards, self._truncated, self._ended
+        np.add.reduce(terms, axis=1, out=rewards)
         self._elapsed += 1
-        rewards = samples[1].sum(axis=1)
-        terminated = samples[3]
-        truncated = (self._elapsed >= self._limit) & ~terminated
+        np.greater_equal(self._elapsed, self._limit, out=truncated)
+        np.greater(truncated, terminated, out=truncated)
         if restarted.any():
             # Their step counts as the reset: its action has no effect, its reward is 0.
-            samples = self._start(restarted, self._random)
+            self._start(restarted, self._random)
             rewards[restarted] = 0.0
-            terminated[restarted] = False
             truncated[restarted] = False
         ended = terminated | truncated
         if not self._same_step:
             self._ended = ended
-            return samples[0], rewards, terminated, truncated, self._info(samples)
+            return observations, rewards, terminated, truncated, self._info(samples)
         if not ended.any():
-            return samples[0], rewards, terminated, truncated, self._info(samples)
-        final_info = self._info(samples)
-        final_observations = samples[0]
-        samples = self._start(ended, self._random)
+            return observations, rewards, terminated, truncated, self._info(samples)
+        final_info = self._info((observations, terms.copy(), signals.copy(), terminated, diverged))
+        final_observations = np.full(self.num_envs, None, dtype=object)
+        for row in np.flatnonzero(ended).tolist():
+            final_observations[row] = observations[row].copy()
+        ends = terminated.copy()
+        self._start(ended, self._random)
+        terminated[:] = ends
         info = self._info(samples)
-        info["final_obs"] = np.array(
-            [final_observations[row] if ended[row] else None for row in range(self.num_envs)], dtype=object
-        )
+        info["final_obs"] = final_observations
         info["_final_obs"] = ended
         info["final_info"] = final_info
         info["_final_info"] = ended
-        return samples[0], rewards, terminated, truncated, info
+        return observations, rewards, terminated, truncated, info
 
     def render(self) -> tuple[Any, ...]:
         """Returns a picture of each environment: bytes of the shape (height, width, 3)."""
@@ -275,10 +307,10 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
         return tuple(self._simulations.native.render(list(range(self.num_envs)), *self._size))
 
     def _info(self, samples: _native.Samples) -> dict[str, Any]:
-        terms = self._simulations.native.reward_terms
+        # Rows of the transposed arrays are views of columns.
         return {
-            "signals": {name: samples[2][:, column] for column, name in enumerate(self._simulations.signals)},
-            "reward_terms": {name: samples[1][:, column] for column, name in enumerate(terms)},
+            "signals": dict(zip(self._simulations.signals, samples[2].T)),
+            "reward_terms": dict(zip(self._simulations.reward_terms, samples[1].T)),
         }
 
 

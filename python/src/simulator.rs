@@ -2,24 +2,25 @@
 
 use std::sync::Arc;
 
-use mishandle::rollout::{CpuBatch, Environment, Scenario, Seed, StepStatus};
+use mishandle::rollout::{CpuBatch, Environment, Samples, Scenario, Seed, StepStatus};
 use mishandle::tasks::{Preset, TaskEnvironment};
 use mishandle::world::Size;
+use numpy::ndarray::Dimension;
 use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyArray4, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
-    PyUntypedArrayMethods,
+    Element, IntoPyArray, PyArray1, PyArray2, PyArray4, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    PyReadwriteArray, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 
 use crate::camera::{Camera, framed_states};
-use crate::pool::{Pool, actions, check_range};
+use crate::pool::{Pool, actions as checked_actions, check_range};
 use crate::{InvalidValueError, MishandleError, raised};
 
 /// Largest number of simulations.
 const MAX_ROWS: usize = 1_000_000;
 
 /// Observations, reward terms, signals, and whether each row is terminated and diverged.
-type Samples<'py> = (
+type Arrays<'py> = (
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
@@ -58,45 +59,68 @@ impl Simulator {
         Ok(Simulator { environment, preset, rows, pool })
     }
 
+    /// Returns new arrays for the results of `reset` and `step`, all zero: observations, reward terms, signals, terminated and
+    /// diverged.
+    fn arrays<'py>(&self, py: Python<'py>) -> Arrays<'py> {
+        let (rows, environment) = (self.rows, &self.environment);
+        (
+            PyArray2::zeros(py, [rows, environment.observation_size()], false),
+            PyArray2::zeros(py, [rows, environment.reward_terms().len()], false),
+            PyArray2::zeros(py, [rows, environment.signals().len()], false),
+            PyArray1::zeros(py, [rows], false),
+            PyArray1::zeros(py, [rows], false),
+        )
+    }
+
     /// Starts a new simulation in each row of `mask`. A value of NaN in `scenarios` is drawn with the seed of its row.
     ///
-    /// Returns observations, reward terms (0 after a reset), signals, terminated and diverged of all rows.
+    /// Writes observations, reward terms (0 after a reset) and signals of these rows into the arrays of `out`, and terminated
+    /// and diverged of all rows. Without `out`, makes new arrays. Returns the arrays.
+    #[pyo3(signature = (mask, seeds, scenarios, out = None))]
     fn reset<'py>(
         &self,
         py: Python<'py>,
         mask: PyReadonlyArray1<'py, bool>,
         seeds: PyReadonlyArray1<'py, u64>,
         scenarios: PyReadonlyArray2<'py, f64>,
-    ) -> PyResult<Samples<'py>> {
+        out: Option<Arrays<'py>>,
+    ) -> PyResult<Arrays<'py>> {
         let axes = self.environment.space().dimension();
         self.check_shape("mask", mask.shape(), &[self.rows])?;
         self.check_shape("seeds", seeds.shape(), &[self.rows])?;
         self.check_shape("scenarios", scenarios.shape(), &[self.rows, axes])?;
         let (mask, seeds, scenarios) = (mask.as_array(), seeds.as_array(), scenarios.as_array());
         let space = self.environment.space();
-        let mut starts: Vec<Option<(Scenario, Seed)>> = Vec::with_capacity(self.rows);
-        for row in 0..self.rows {
+        let mut starts: Vec<Option<(Scenario, Seed)>> = vec![None; self.rows];
+        for row in (0..self.rows).filter(|row| mask[*row]) {
             let seed = Seed(seeds[row]);
             let drawn = space.sample(seed, 0);
-            let given = scenarios.row(row);
             let value =
                 |(value, drawn): (&f64, &Option<f64>)| if value.is_nan() { *drawn } else { Some(*value) };
-            let scenario = Scenario::new(given.iter().zip(drawn.values()).map(value).collect::<Vec<_>>());
-            if mask[row] {
-                space.check(&scenario).map_err(raised)?;
-            }
-            starts.push(mask[row].then_some((scenario, seed)));
+            let values = scenarios.row(row).iter().zip(drawn.values()).map(value).collect::<Vec<_>>();
+            let scenario = Scenario::new(values);
+            space.check(&scenario).map_err(raised)?;
+            starts[row] = Some((scenario, seed));
         }
-        self.update(py, |batch| batch.reset(|row| starts[row].clone()))
+        self.update(py, out, |batch, samples| batch.reset_into(|row| starts[row].clone(), samples))
     }
 
     /// Advances all rows by one control step. Actions are clipped to \[-1, 1\].
-    fn step<'py>(&self, py: Python<'py>, given: &Bound<'py, PyAny>) -> PyResult<Samples<'py>> {
-        let actions: Vec<f64> = actions(given, [self.rows, self.environment.action_size()])?
+    ///
+    /// Writes the results into the arrays of `out`, or into new ones, and returns them. Observation and signals of a row that
+    /// diverged keep their contents; its reward terms are 0.
+    #[pyo3(signature = (actions, out = None))]
+    fn step<'py>(
+        &self,
+        py: Python<'py>,
+        actions: &Bound<'py, PyAny>,
+        out: Option<Arrays<'py>>,
+    ) -> PyResult<Arrays<'py>> {
+        let actions: Vec<f64> = checked_actions(actions, [self.rows, self.environment.action_size()])?
             .into_iter()
             .map(|action| f64::from(action).clamp(-1.0, 1.0))
             .collect();
-        self.update(py, |batch| batch.step(&actions))
+        self.update(py, out, |batch, samples| batch.step_into(&actions, samples))
     }
 
     /// Draws the current state of some rows: an array of bytes of the shape (rows, height, width, 3).
@@ -207,32 +231,58 @@ pub(crate) fn observation_names(environment: &TaskEnvironment) -> Vec<String> {
 }
 
 impl Simulator {
+    /// Calls `work` on the threads, with the memory of the arrays as its buffers.
     fn update<'py>(
         &self,
         py: Python<'py>,
-        work: impl FnOnce(&mut CpuBatch<TaskEnvironment>) + Send,
-    ) -> PyResult<Samples<'py>> {
-        let terms = self.environment.reward_terms().len();
-        let (observations, rewards, signals, statuses) = self.pool.with(py, |Stage { batch, .. }| {
-            work(batch);
-            let mut rewards = batch.rewards().to_vec();
-            // A step that diverged leaves those of the step before it.
-            for (rewards, status) in rewards.chunks_exact_mut(terms.max(1)).zip(batch.statuses()) {
-                if *status == StepStatus::Diverged {
-                    rewards.fill(0.0);
+        out: Option<Arrays<'py>>,
+        work: impl FnOnce(&mut CpuBatch<TaskEnvironment>, Samples<'_>) + Send,
+    ) -> PyResult<Arrays<'py>> {
+        let arrays = out.unwrap_or_else(|| self.arrays(py));
+        let (rows, environment) = (self.rows, &self.environment);
+        let terms = environment.reward_terms().len();
+        let (mut observations, mut rewards) = (arrays.0.try_readwrite()?, arrays.1.try_readwrite()?);
+        let mut signals = arrays.2.try_readwrite()?;
+        let (mut terminated, mut diverged) = (arrays.3.try_readwrite()?, arrays.4.try_readwrite()?);
+        let observations = self.memory(&mut observations, &[rows, environment.observation_size()])?;
+        let rewards = self.memory(&mut rewards, &[rows, terms])?;
+        let signals = self.memory(&mut signals, &[rows, environment.signals().len()])?;
+        let terminated = self.memory(&mut terminated, &[rows])?;
+        let diverged = self.memory(&mut diverged, &[rows])?;
+        self.pool.with(py, |Stage { batch, .. }| {
+            work(batch, Samples { observations, signals, rewards: &mut *rewards });
+            for (row, status) in batch.statuses().iter().enumerate() {
+                terminated[row] = *status != StepStatus::Running;
+                diverged[row] = *status == StepStatus::Diverged;
+                // A step that diverged leaves those of the step before it.
+                if diverged[row] {
+                    rewards[row * terms..][..terms].fill(0.0);
                 }
             }
-            (batch.observations().to_vec(), rewards, batch.signals().to_vec(), batch.statuses().to_vec())
         })?;
-        let flags = |found: fn(&StepStatus) -> bool| statuses.iter().map(found).collect::<Vec<bool>>();
-        let environment = &self.environment;
-        Ok((
-            observations.into_pyarray(py).reshape([self.rows, environment.observation_size()])?,
-            rewards.into_pyarray(py).reshape([self.rows, terms])?,
-            signals.into_pyarray(py).reshape([self.rows, environment.signals().len()])?,
-            flags(|status| *status != StepStatus::Running).into_pyarray(py),
-            flags(|status| *status == StepStatus::Diverged).into_pyarray(py),
-        ))
+        Ok(arrays)
+    }
+
+    /// Returns the memory of an array that has this shape.
+    fn memory<'a, T: Element, D: Dimension>(
+        &self,
+        array: &'a mut PyReadwriteArray<'_, T, D>,
+        shape: &[usize],
+    ) -> PyResult<&'a mut [T]> {
+        self.check_shape("out", array.shape(), shape)?;
+        // Numbers at odd addresses would be undefined behavior, and the library checks it in debug builds only.
+        if !array.is_aligned() {
+            return Err(InvalidValueError::new_err(
+                "`out` is not aligned in memory; use the arrays of `arrays()`",
+            ));
+        }
+        // A slice of an array in Fortran order would be column by column.
+        if !array.is_c_contiguous() {
+            return Err(InvalidValueError::new_err(
+                "`out` is not contiguous in C order; use the arrays of `arrays()`",
+            ));
+        }
+        Ok(array.as_slice_mut()?)
     }
 
     fn check_shape(&self, name: &str, found: &[usize], expected: &[usize]) -> PyResult<()> {

@@ -212,6 +212,84 @@ class VectorEnvironments(unittest.TestCase):
         # Both modes start the same second episode.
         np.testing.assert_array_equal(next_step.step(push)[0], observations)
 
+    def test_without_copies_the_same_arrays_are_returned_with_the_same_numbers(self):
+        for mode in ["NextStep", "SameStep"]:
+            fresh, reused = [
+                TaskVectorEnv("ball-balancing", 3, max_episode_steps=40, autoreset_mode=mode, copy=copy) for copy in [True, False]
+            ]
+            kept = [fresh.reset(seed=4)[0]]
+            first, _ = reused.reset(seed=4)
+            copies = [first.copy()]
+            for step in range(100):
+                given = actions(step, 3, 9)
+                results, same = fresh.step(given), reused.step(given)
+                for one, other in zip(results[:4], same[:4]):
+                    np.testing.assert_array_equal(one, other)
+                for part in ["signals", "reward_terms"]:
+                    for name, values in results[4][part].items():
+                        np.testing.assert_array_equal(values, same[4][part][name], name)
+                if "final_obs" in results[4]:
+                    ended = results[4]["_final_obs"]
+                    np.testing.assert_array_equal(ended, results[2] | results[3])
+                    np.testing.assert_array_equal(np.stack(results[4]["final_obs"][ended]), np.stack(same[4]["final_obs"][ended]))
+                    for name, values in results[4]["final_info"]["signals"].items():
+                        np.testing.assert_array_equal(values, same[4]["final_info"]["signals"][name], name)
+                self.assertIs(same[0], first)
+                self.assertTrue(np.shares_memory(same[4]["signals"]["ball_speed"], reused._samples[2]))
+                kept.append(results[0])
+                copies.append(same[0].copy())
+                if step == 50:
+                    mask = same[3]  # An array of the environment itself.
+                    mask[:] = [True, False, True]
+                    kept.append(fresh.reset(options={"reset_mask": mask.copy()})[0])
+                    copies.append(reused.reset(options={"reset_mask": mask})[0].copy())
+            # Later steps left the earlier arrays alone.
+            np.testing.assert_array_equal(np.stack(kept), np.stack(copies))
+
+    def test_a_row_that_diverged_keeps_its_last_observation(self):
+        class Diverging:
+            """The simulator, whose row 1 diverges in each step."""
+
+            def __init__(self, native):
+                self._native = native
+
+            def __getattr__(self, name):
+                return getattr(self._native, name)
+
+            def step(self, actions, out):
+                before = [array[1].copy() for array in out[:3]]
+                self._native.step(actions, out)
+                for array, row in zip(out, [before[0], 0.0, before[2], True, True]):
+                    array[1] = row
+                return out
+
+        for copy in [True, False]:
+            env = TaskVectorEnv("point-reaching", 2, copy=copy)
+            first = env.reset(seed=0)[0].copy()
+            env._simulations.native = Diverging(env._simulations.native)
+            observations, rewards, terminated, _, info = env.step(np.ones((2, 9), np.float32))
+            np.testing.assert_array_equal(observations[1], first[1])
+            self.assertFalse(np.array_equal(observations[0], first[0]))
+            self.assertEqual((rewards[1], terminated.tolist()), (0.0, [False, True]))
+            self.assertGreater(info["signals"]["finger_target_distance"][1], 0.0)
+
+    def test_the_memory_of_results_is_checked(self):
+        native = _native.Simulator("point-reaching", 2, preset="paper", reward="shaped", threads=1)
+        still, arrays = np.zeros((2, 9), np.float32), native.arrays()
+        for wrong, message in [
+            (np.zeros((3, arrays[0].shape[1]), np.float32), "`out` must have the shape"),
+            (np.zeros(arrays[0].shape[::-1], np.float32).T, "contiguous"),
+            (np.zeros(arrays[0].nbytes + 1, np.uint8)[1:].view(np.float32).reshape(arrays[0].shape), "not aligned"),
+        ]:
+            with self.assertRaisesRegex(Exception, message):
+                native.step(still, (wrong, *arrays[1:]))
+        frozen = np.zeros_like(arrays[0])
+        frozen.flags.writeable = False
+        with self.assertRaises(Exception):
+            native.step(still, (frozen, *arrays[1:]))
+        with self.assertRaises(Exception):
+            native.step(still, (*arrays[:2], arrays[1], *arrays[3:]))
+
     def test_seeds_scenarios_and_masks_are_honored_per_environment(self):
         env = TaskVectorEnv("point-reaching", 3)
         both = [env.reset(seed=seed)[0] for seed in (5, [5, 6, 7])]

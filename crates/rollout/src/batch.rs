@@ -17,12 +17,39 @@ pub struct CpuBatch<E: Environment + ?Sized = dyn Environment> {
     chunks: Vec<Chunk>,
     rows_per_chunk: usize,
     rows: usize,
-    observations: Vec<f32>,
-    signals: Vec<f64>,
-    rewards: Vec<f64>,
+    buffers: Buffers,
     statuses: Vec<StepStatus>,
     /// Seeds of the rows that [`EnvironmentBatch::reset`] resets.
     seeds: Vec<Option<Seed>>,
+}
+
+/// Output buffers of a whole batch. Each is row-major, with one row per simulation.
+#[derive(Debug)]
+pub struct Samples<'a> {
+    /// The observations, `[rows, observation_size]`.
+    pub observations: &'a mut [f32],
+    /// The signals, `[rows, signals]`.
+    pub signals: &'a mut [f64],
+    /// The reward terms, `[rows, reward terms]`.
+    pub rewards: &'a mut [f64],
+}
+
+/// The buffers of a batch that writes into its own.
+#[derive(Default)]
+struct Buffers {
+    observations: Vec<f32>,
+    signals: Vec<f64>,
+    rewards: Vec<f64>,
+}
+
+impl Buffers {
+    fn samples(&mut self) -> Samples<'_> {
+        Samples {
+            observations: &mut self.observations,
+            signals: &mut self.signals,
+            rewards: &mut self.rewards,
+        }
+    }
 }
 
 struct Chunk {
@@ -42,9 +69,11 @@ impl<E: Environment + ?Sized> CpuBatch<E> {
             chunks: (0..rows.div_ceil(rows_per_chunk)).map(|_| chunk()).collect(),
             rows_per_chunk,
             rows,
-            observations: vec![0.0; rows * environment.observation_size()],
-            signals: vec![0.0; rows * environment.signals().len()],
-            rewards: vec![0.0; rows * environment.reward_terms().len()],
+            buffers: Buffers {
+                observations: vec![0.0; rows * environment.observation_size()],
+                signals: vec![0.0; rows * environment.signals().len()],
+                rewards: vec![0.0; rows * environment.reward_terms().len()],
+            },
             statuses: vec![StepStatus::Running; rows],
             seeds: vec![None; rows],
             environment,
@@ -63,7 +92,21 @@ impl<E: Environment + ?Sized> CpuBatch<E> {
 
     /// Starts a new simulation in every row for which `start` returns a scenario and a seed.
     pub fn reset(&mut self, start: impl Fn(usize) -> Option<(Scenario, Seed)> + Sync) {
-        self.for_rows(|row, worker, state, sample, status| {
+        let mut buffers = std::mem::take(&mut self.buffers);
+        self.reset_into(start, buffers.samples());
+        self.buffers = buffers;
+    }
+
+    /// As [`reset`](Self::reset), but writes into the buffers of the caller. Other rows of the buffers keep their contents.
+    ///
+    /// # Panics
+    /// If a buffer has another length.
+    pub fn reset_into(
+        &mut self,
+        start: impl Fn(usize) -> Option<(Scenario, Seed)> + Sync,
+        samples: Samples<'_>,
+    ) {
+        self.for_rows(samples, |row, worker, state, sample, status| {
             if let Some((scenario, seed)) = start(row) {
                 worker.reset(&scenario, seed, state, sample);
                 *status = StepStatus::Running;
@@ -73,25 +116,35 @@ impl<E: Environment + ?Sized> CpuBatch<E> {
 
     /// Advances every row by one control step. `actions` has the shape `[rows, action_size]` and is not clipped.
     pub fn step(&mut self, actions: &[f64]) {
+        let mut buffers = std::mem::take(&mut self.buffers);
+        self.step_into(actions, buffers.samples());
+        self.buffers = buffers;
+    }
+
+    /// As [`step`](Self::step), but writes into the buffers of the caller.
+    ///
+    /// # Panics
+    /// If a buffer has another length.
+    pub fn step_into(&mut self, actions: &[f64], samples: Samples<'_>) {
         let size = self.environment.action_size();
-        self.for_rows(|row, worker, state, sample, status| {
+        self.for_rows(samples, |row, worker, state, sample, status| {
             *status = worker.step(&actions[row * size..][..size], state, sample);
         });
     }
 
     /// Returns the current observations, `[rows, observation_size]`.
     pub fn observations(&self) -> &[f32] {
-        &self.observations
+        &self.buffers.observations
     }
 
     /// Returns the current signals, `[rows, signals]`.
     pub fn signals(&self) -> &[f64] {
-        &self.signals
+        &self.buffers.signals
     }
 
     /// Returns the reward terms of the last step, `[rows, reward terms]`.
     pub fn rewards(&self) -> &[f64] {
-        &self.rewards
+        &self.buffers.rewards
     }
 
     /// Returns the status of each row after the last step.
@@ -115,17 +168,21 @@ impl<E: Environment + ?Sized> CpuBatch<E> {
 
     fn for_rows(
         &mut self,
+        Samples { observations: o, signals: s, rewards: r }: Samples<'_>,
         each: impl Fn(usize, &mut dyn EnvironmentWorker, &mut [f64], Sample<'_>, &mut StepStatus) + Sync,
     ) {
         let state_size = self.environment.state_size();
         let observation_size = self.environment.observation_size();
         let (signals, rewards) = (self.environment.signals().len(), self.environment.reward_terms().len());
+        assert_eq!(o.len(), self.rows * observation_size, "length of the observations");
+        assert_eq!(s.len(), self.rows * signals, "length of the signals");
+        assert_eq!(r.len(), self.rows * rewards, "length of the reward terms");
         let rows = self.rows_per_chunk;
         self.chunks
             .par_iter_mut()
-            .zip(self.observations.par_chunks_mut(rows * observation_size))
-            .zip(self.signals.par_chunks_mut(rows * signals))
-            .zip(self.rewards.par_chunks_mut(rows * rewards))
+            .zip(o.par_chunks_mut(rows * observation_size))
+            .zip(s.par_chunks_mut(rows * signals))
+            .zip(r.par_chunks_mut(rows * rewards))
             .zip(self.statuses.par_chunks_mut(rows))
             .enumerate()
             .for_each(|(chunk_index, ((((chunk, o), s), r), statuses))| {
@@ -165,11 +222,11 @@ impl<E: Environment + ?Sized> EnvironmentBatch for CpuBatch<E> {
     }
 
     fn observations(&self) -> &[f32] {
-        &self.observations
+        &self.buffers.observations
     }
 
     fn rewards(&self) -> &[f64] {
-        &self.rewards
+        &self.buffers.rewards
     }
 
     fn statuses(&self) -> &[StepStatus] {
@@ -189,7 +246,7 @@ impl<E: Environment + ?Sized> EnvironmentBatch for CpuBatch<E> {
         for row in 0..self.rows {
             self.write_state(row, &states[row * size..][..size]);
         }
-        self.observations.copy_from_slice(observations);
+        self.buffers.observations.copy_from_slice(observations);
         Ok(())
     }
 }

@@ -33,7 +33,7 @@ mod target;
 
 pub use mishandle_random::{Seed, Stream};
 
-pub use batch::CpuBatch;
+pub use batch::{CpuBatch, Samples};
 pub use controller::{Controller, ControllerWorker};
 pub use disturbance::{Disturbance, Effect, TimeProfile};
 pub use environment::{Environment, EnvironmentWorker, Sample, StepStatus};

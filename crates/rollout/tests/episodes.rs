@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex};
 
 use mishandle_rollout::{
     Axis, AxisKind, AxisValues, Controller, ControllerWorker, CpuBatch, Disturbance, Effect, Environment,
-    EnvironmentWorker, Episode, EpisodeEnd, Noise, Request, Rollout, RolloutError, Sample, Scenario, Seed,
-    Space, Specification, StepStatus, Stream, System, TimeProfile,
+    EnvironmentWorker, Episode, EpisodeEnd, Noise, Request, Rollout, RolloutError, Sample, Samples, Scenario,
+    Seed, Space, Specification, StepStatus, Stream, System, TimeProfile,
 };
 
 /// A point on a line that each action moves. Its initial position has a random offset of up to 0.01.
@@ -411,6 +411,37 @@ fn a_batch_has_the_same_bits_on_any_number_of_threads_and_after_a_restored_state
     let one = run(1);
     assert_eq!(one, run(2));
     assert_eq!(one, run(7));
+}
+
+#[test]
+fn a_batch_writes_the_same_bits_into_buffers_of_the_caller() {
+    let line = Arc::new(Line::new(9.0));
+    let (mut own, mut other) = (CpuBatch::new(line.clone(), 3), CpuBatch::new(line.clone(), 3));
+    let mut observations = vec![0.0; 3 * line.observation_size()];
+    let mut signals = vec![0.0; 3 * line.signals().len()];
+    let mut rewards = vec![0.0; 3 * line.reward_terms().len()];
+    let start = |row: usize| Some(([0.1 * row as f64].into(), Seed(5).child(row as u64)));
+    let only_row_1 = |row: usize| (row == 1).then(|| ([0.3].into(), Seed(6)));
+    for step in 0..4 {
+        let samples =
+            Samples { observations: &mut observations, signals: &mut signals, rewards: &mut rewards };
+        match step {
+            0 => (own.reset(start), other.reset_into(start, samples)),
+            2 => (own.reset(only_row_1), other.reset_into(only_row_1, samples)),
+            _ => (own.step(&[0.1, -0.2, 0.3]), other.step_into(&[0.1, -0.2, 0.3], samples)),
+        };
+        assert_eq!(own.observations(), observations);
+        assert_eq!(own.signals(), signals);
+        assert_eq!(own.rewards(), rewards);
+        assert_eq!(own.statuses(), other.statuses());
+    }
+    assert!(observations.iter().all(|value| *value != 0.0));
+    let short = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+        let samples =
+            Samples { observations: &mut observations[1..], signals: &mut signals, rewards: &mut rewards };
+        other.step_into(&[0.1, -0.2, 0.3], samples);
+    }));
+    assert!(short.is_err(), "rows of a buffer that is too short would be left out silently");
 }
 
 /// Runs an episode of a line with one disturbance.
