@@ -69,6 +69,14 @@ pub enum TorchProblem {
         /// The name of the tensor.
         name: String,
     },
+    /// A tensor has numbers of 16 bits.
+    #[error(
+        "the tensor `{name}` has 16-bit numbers; expected 32 or 64 bits: save `model.float().state_dict()`"
+    )]
+    Precision {
+        /// The name of the tensor.
+        name: String,
+    },
     /// The tensors are not those of a multi-layer perceptron.
     #[error("the policy is not a multi-layer perceptron: {reason}; export it as ONNX instead (docs/onnx.md)")]
     Layers {

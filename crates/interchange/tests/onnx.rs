@@ -109,3 +109,117 @@ fn nested_messages_and_lengths_beyond_the_file_are_errors() {
     whole.extend(nested);
     assert!(message(&whole).contains("subgraph"), "{}", message(&whole));
 }
+
+/// A field of a message of protocol buffers: bytes, or a number.
+fn bytes(number: u8, content: &[u8]) -> Vec<u8> {
+    [&[number << 3 | 2][..], &varint(content.len() as u64), content].concat()
+}
+
+fn integer(number: u8, value: i64) -> Vec<u8> {
+    [&[number << 3][..], &varint(value as u64)].concat()
+}
+
+fn varint(mut value: u64) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    while value >= 0x80 {
+        bytes.push(value as u8 | 0x80);
+        value >>= 7;
+    }
+    bytes.push(value as u8);
+    bytes
+}
+
+fn node(operator: &str, inputs: &[&str], outputs: &[&str]) -> Vec<u8> {
+    let names =
+        |number, names: &[&str]| names.iter().flat_map(|name| bytes(number, name.as_bytes())).collect();
+    let (inputs, outputs): (Vec<u8>, Vec<u8>) = (names(1, inputs), names(2, outputs));
+    bytes(1, &[inputs, outputs, bytes(4, operator.as_bytes())].concat())
+}
+
+/// A tensor of integers with one dimension.
+fn integers(name: &str, values: &[i64]) -> Vec<u8> {
+    let raw: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+    let size = integer(1, values.len() as i64);
+    bytes(5, &[size, integer(2, 7), bytes(8, name.as_bytes()), bytes(9, &raw)].concat())
+}
+
+/// A tensor of 32-bit numbers as input (11) or output (12).
+fn value(number: u8, name: &str, shape: &[i64]) -> Vec<u8> {
+    let shape: Vec<u8> = shape.iter().flat_map(|size| bytes(1, &integer(1, *size))).collect();
+    let tensor = [integer(1, 1), bytes(2, &shape)].concat();
+    bytes(number, &[bytes(1, name.as_bytes()), bytes(2, &bytes(1, &tensor))].concat())
+}
+
+/// Loads a model of opset 13 with the input `o` and the output `a`, one number each, these parts of a graph, and a state.
+fn load(parts: &[Vec<u8>], state: &str) -> Result<OnnxPolicy, mishandle_interchange::OnnxProblem> {
+    let graph = [parts.concat(), value(11, "o", &[1, 1]), value(12, "a", &[1, 1])].concat();
+    let state = [bytes(1, b"mishandle.state"), bytes(2, state.as_bytes())].concat();
+    let model = [integer(1, 8), bytes(7, &graph), bytes(8, &integer(2, 13)), bytes(14, &state)].concat();
+    OnnxPolicy::from_bytes(&model, None, &["test"], &layout(1, 1))
+}
+
+#[test]
+fn models_that_would_take_long_or_much_memory_are_errors() {
+    let relu = || node("Relu", &["o"], &["a"]);
+    load(&[relu()], "[]").unwrap();
+    let message = |parts: &[Vec<u8>], state: &str| load(parts, state).unwrap_err().to_string();
+    let names: Vec<String> = (0..10_001).map(|i| i.to_string()).collect();
+    let outputs: Vec<&str> = names.iter().map(String::as_str).collect();
+    let many = message(&[relu(), node("Split", &["o"], &outputs)], "[]");
+    assert!(many.contains("10002 outputs of operators; the limit is 10000"), "{many}");
+    let weights: Vec<Vec<u8>> = names.iter().map(|name| integers(name, &[])).collect();
+    assert!(message(&[relu(), weights.concat()], "[]").contains("10001 tensors of weights"));
+    let inputs: Vec<Vec<u8>> = names.iter().map(|name| value(11, name, &[1])).collect();
+    assert!(message(&[relu(), inputs.concat()], "[]").contains("10002 inputs"));
+    // A state of 2^40 numbers, of which each row of a batch would have one.
+    let state =
+        [relu(), value(11, "s", &[1 << 20, 1 << 20]), value(12, "t", &[1, 1]), node("Relu", &["s"], &["t"])];
+    assert!(message(&state, r#"[["s", "t"]]"#).contains("its state has more than 65536 numbers"));
+    let pairs = vec![r#"["s", "t"]"#; 101].join(",");
+    assert!(message(&state, &format!("[{pairs}]")).contains("the state has 101 tensors; the limit is 100"));
+}
+
+#[test]
+fn values_that_wait_for_operators_have_a_limit() {
+    let sizes =
+        || [integers("one", &[1]), integers("size", &[1 << 24]), node("Relu", &["o"], &["a"])].concat();
+    let names: Vec<String> = (0..5).map(|i| format!("x{i}")).collect();
+    let expand = |name: &String| node("Expand", &["one", "size"], &[name.as_str()]);
+    let all: Vec<u8> = names.iter().flat_map(expand).collect();
+    // No operator reads them, so each is dropped at once.
+    load(&[sizes(), all.clone()], "[]").unwrap();
+    let read: Vec<&str> = names.iter().map(String::as_str).collect();
+    let message = load(&[sizes(), all, node("Sum", &read, &["sum"])], "[]").unwrap_err().to_string();
+    assert!(
+        message.contains("`Expand` of `x4`") && message.contains("or 67108864 numbers at a time"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_split_into_many_parts_is_computed_once() {
+    // 9,000 parts of 1,000 numbers each. Once per part, it would take 8.1e10 copies.
+    let names: Vec<String> = (0..9000).map(|i| i.to_string()).collect();
+    let outputs: Vec<&str> = names.iter().map(String::as_str).collect();
+    let started = std::time::Instant::now();
+    let parts = [
+        integers("one", &[1]),
+        integers("size", &[9_000_000]),
+        node("Expand", &["one", "size"], &["all"]),
+        node("Split", &["all"], &outputs),
+        node("Relu", &["o"], &["a"]),
+    ];
+    load(&parts, "[]").unwrap();
+    assert!(started.elapsed().as_secs() < 20, "{:?}", started.elapsed());
+}
+
+#[test]
+fn numbers_for_which_the_runtime_panics_and_missing_outputs_are_errors() {
+    let message = |parts: &[Vec<u8>]| load(parts, "[]").unwrap_err().to_string();
+    let least = integers("least", &[i64::from(i32::MIN)]);
+    let divided =
+        [least, integers("one", &[-1]), node("Div", &["least", "one"], &["x"]), node("Relu", &["o"], &["a"])];
+    assert!(message(&divided).contains("`Div` of `x`: the ONNX runtime failed"), "{}", message(&divided));
+    assert!(message(&[node("Relu", &["o"], &["b"])]).contains("no operator writes the output `a`"));
+    assert!(message(&[node("Relu", &["o"], &["o"])]).contains("two values have the name `o`"));
+}

@@ -93,6 +93,12 @@ fn the_statistics_of_vec_normalize_are_applied() {
     assert!(ObservationNormalizer::from_json(r#"{"mean": [1.0], "var": [4.0]}"#).is_err());
 }
 
+/// CRC-32, bit by bit.
+fn crc32(bytes: &[u8]) -> u32 {
+    let bits = bytes.iter().flat_map(|byte| (0..8).map(move |bit| u32::from(byte >> bit & 1)));
+    !bits.fold(!0, |crc, bit| if (crc ^ bit) & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 })
+}
+
 /// Returns an archive of stored entries, or with another method of compression in the directory.
 fn archive(entries: &[(&str, &[u8])], method: u16) -> Vec<u8> {
     let (mut bytes, mut directory) = (Vec::new(), Vec::new());
@@ -108,7 +114,8 @@ fn archive(entries: &[(&str, &[u8])], method: u16) -> Vec<u8> {
         bytes.extend(*content);
         directory.extend(b"PK\x01\x02\x14\0\x14\0\0\0");
         directory.extend(method.to_le_bytes());
-        directory.extend([0; 8]);
+        directory.extend([0; 4]);
+        directory.extend(crc32(content).to_le_bytes());
         directory.extend(&sizes);
         directory.extend(name_length);
         directory.extend([0; 12]);
@@ -268,4 +275,115 @@ fn layers_that_are_no_perceptron_are_listed() {
     let storage = [0; 12];
     let message = message(&pickle(0, [2, 1], [1, 1]), &storage);
     assert!(message.contains("its layers do not form a chain; found: weight [2, 1], bias [1]"), "{message}");
+}
+
+/// The operations for a text, and for a tensor of the storage `0` with the shape and the strides on the stack.
+fn text(text: &str) -> Vec<u8> {
+    [b"X", &(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat()
+}
+
+fn storage(name: &str, kind: &str) -> Vec<u8> {
+    let kind = format!("ctorch\n{kind}\n");
+    [b"(", &text("storage")[..], kind.as_bytes(), &text(name), &text("cpu"), b"K\x03tQ"].concat()
+}
+
+#[test]
+fn sizes_and_names_that_many_tensors_share_do_not_fill_the_memory() {
+    // One tuple of 100,000 sizes, as the shape of 100,000 tensors: 20 GB if each had a copy.
+    let long = [b"\x80\x02(", &b"K\0".repeat(100_000)[..], b"tq\0"].concat();
+    let rebuild = b"ctorch._utils\n_rebuild_tensor_v2\nq\x02";
+    let tensors = b"h\x02(h\x01K\0h\0h\0tR".repeat(100_000);
+    let pickle =
+        [&long[..], &storage("0", "FloatStorage"), b"q\x01", rebuild, b"(", &tensors, b"t."].concat();
+    assert!(message(&pickle, &[]).contains("damaged"));
+    // One name of 1 MB for any number of tensors.
+    let long = text(&"n".repeat(1_000_000));
+    assert!(message(&long, &[]).contains("a text of 1000000 bytes; the limit is 1024"));
+    // 20,000 empty tensors.
+    let empty = [b"(", &storage("0", "FloatStorage")[..], b"K\0(K\0t(K\x01ttRq\x03"].concat();
+    let names: Vec<u8> = (0..20_000).flat_map(|n| [&text(&n.to_string())[..], b"h\x03"].concat()).collect();
+    let pickle = [b"\x80\x02N", &b"q\0q\x01"[..], rebuild, &empty, b"}(", &names, b"u."].concat();
+    assert!(message(&pickle, &[]).contains("more than 10000 tensors"), "{}", message(&pickle, &[]));
+    let twice = [
+        &b"\x80\x02N"[..],
+        b"q\0q\x01",
+        rebuild,
+        &empty,
+        b"}(",
+        &text("a"),
+        b"h\x03",
+        &text("a"),
+        b"h\x03u.",
+    ];
+    assert!(message(&twice.concat(), &[]).contains("two tensors `a`"));
+}
+
+#[test]
+fn archives_that_mean_different_things_to_different_readers_are_errors() {
+    let problem = |bytes: &[u8]| import(bytes, &ImportOptions::default()).unwrap_err().to_string();
+    let twice = archive(&[("a/data.pkl", b"}."), ("a/data.pkl", b"N.")], 0);
+    assert!(problem(&twice).contains("two entries `a/data.pkl`"));
+    let mut changed = archive(&[("a/data.pkl", b"}."), ("a/data/0", b"weights")], 0);
+    let at = changed.windows(7).position(|window| window == b"weights").unwrap();
+    changed[at] ^= 1;
+    assert!(problem(&changed).contains("the checksum of its entry `a/data/0` is wrong"));
+    // The second entry of the directory is the first one again, which has more than half of the file.
+    let mut overlapping = archive(&[("a", &[0; 4000]), ("a", &[])], 0);
+    let directory = 31 + 4000 + 31;
+    overlapping.copy_within(directory + 16..directory + 46, directory + 47 + 16);
+    assert!(problem(&overlapping).contains("its entries overlap"), "{}", problem(&overlapping));
+    assert!(problem(b"\x80\x02}.").contains("no zip archive"));
+}
+
+#[test]
+fn weights_of_16_bits_and_statistics_below_zero_are_errors() {
+    let tensor = |kind: &str| {
+        [b"ctorch._utils\n_rebuild_tensor_v2\n(", &storage("0", kind)[..], b"K\0(K\x01t(K\x01ttR"].concat()
+    };
+    for kind in ["HalfStorage", "BFloat16Storage"] {
+        let message = message(&[b"\x80\x02}", &text("weight")[..], &tensor(kind), b"s."].concat(), &[0; 4]);
+        assert!(message.contains("the tensor `weight` has 16-bit numbers; expected 32 or 64"), "{message}");
+    }
+    let nested =
+        [b"\x80\x02}", &text("model")[..], b"}", &text("a"), &tensor("FloatStorage"), b"ss."].concat();
+    assert!(message(&nested, &[0; 4]).contains("found the keys: model; save `model.state_dict()` alone"));
+    for variance in ["-1.0", "-1e-3"] {
+        let text = format!(r#"{{"mean": [0.0, 0.0], "variance": [1.0, {variance}]}}"#);
+        let normalizer = Some(ObservationNormalizer::from_json(&text).unwrap());
+        let options = ImportOptions { normalizer, ..ImportOptions::default() };
+        let message = import(&file("sb3_ppo.zip"), &options).unwrap_err().to_string();
+        assert!(message.contains("variance"), "{message}");
+    }
+}
+
+/// Returns a model of Stable-Baselines3 with tensors of these names, shapes and zeros.
+fn stable_baselines(tensors: &[(&str, &[u8])]) -> Vec<u8> {
+    let tuple = |sizes: &[u8]| {
+        [b"(", &sizes.iter().flat_map(|size| [b'K', *size]).collect::<Vec<u8>>()[..], b"t"].concat()
+    };
+    let items = tensors.iter().flat_map(|(name, shape)| {
+        let strides = vec![0; shape.len()];
+        let tensor =
+            [b"ctorch._utils\n_rebuild_tensor_v2\n(", &storage("0", "FloatStorage")[..], b"K\0"].concat();
+        [&text(name)[..], &tensor, &tuple(shape), &tuple(&strides), b"tR"].concat()
+    });
+    let pickle = [&b"\x80\x02}("[..], &items.collect::<Vec<u8>>(), b"u."].concat();
+    let weights = archive(&[("a/data.pkl", &pickle), ("a/data/0", &[0; 400])], 0);
+    archive(&[("policy.pth", &weights)], 0)
+}
+
+#[test]
+fn only_continuous_perceptrons_of_stable_baselines3_are_imported() {
+    let linear: [(&str, &[u8]); 3] =
+        [("log_std", &[1]), ("action_net.weight", &[1, 2]), ("action_net.bias", &[1])];
+    let policy = import(&stable_baselines(&linear), &ImportOptions::default()).unwrap().policy;
+    assert_eq!(policy.network().sizes(), [2, 1]);
+    let message = |tensors: &[(&str, &[u8])]| {
+        import(&stable_baselines(tensors), &ImportOptions::default()).unwrap_err().to_string()
+    };
+    assert!(message(&linear[1..]).contains("its actions are discrete"));
+    let recurrent = [&linear[..], &[("lstm_actor.weight_ih_l0", &[4, 2])]].concat();
+    assert!(message(&recurrent).contains("it is recurrent"));
+    let dqn = message(&[("q_net.q_net.0.weight", &[4, 2]), ("q_net.q_net.0.bias", &[4])]);
+    assert!(dqn.contains("expected a policy of PPO, A2C, SAC, TD3 or DDPG, found: q_net"), "{dqn}");
 }

@@ -10,7 +10,7 @@ use super::cost::OPERATORS;
 use super::wire::{Field, Fields};
 use crate::OnnxProblem;
 
-/// Largest number of operators of a model.
+/// Largest number of operators of a model, of its weights, of its inputs, and of the outputs of all operators.
 const MAX_NODES: usize = 10_000;
 
 /// Largest number of elements of a tensor: one per byte of the largest file.
@@ -89,9 +89,17 @@ fn check_fields(kind: Kind, message: &[u8]) -> Result<(), OnnxProblem> {
 }
 
 fn check_graph(graph: &GraphProto) -> Result<(), OnnxProblem> {
-    if graph.node.len() > MAX_NODES {
-        let reason = format!("{} operators; the limit is {MAX_NODES}", graph.node.len());
-        return Err(OnnxProblem::Size { reason });
+    let outputs = graph.node.iter().map(|node| node.output.len()).sum();
+    for (what, found) in [
+        ("operators", graph.node.len()),
+        ("tensors of weights", graph.initializer.len()),
+        ("inputs", graph.input.len()),
+        ("outputs", graph.output.len()),
+        ("outputs of operators", outputs),
+    ] {
+        if found > MAX_NODES {
+            return Err(OnnxProblem::Size { reason: format!("{found} {what}; the limit is {MAX_NODES}") });
+        }
     }
     let mut defined = HashSet::new();
     let mut define = |name: &str| {
@@ -102,6 +110,10 @@ fn check_graph(graph: &GraphProto) -> Result<(), OnnxProblem> {
         check_tensor(tensor)?;
         define(tensor.name.as_deref().unwrap_or_default())?;
     }
+    // Old models list their weights as inputs, too.
+    let names: HashSet<&str> = graph.initializer.iter().filter_map(|tensor| tensor.name.as_deref()).collect();
+    let inputs = graph.input.iter().map(|input| input.name.as_deref().unwrap_or_default());
+    inputs.filter(|name| !names.contains(name)).try_for_each(&mut define)?;
     for node in &graph.node {
         let operator = node.op_type.as_deref().unwrap_or_default();
         let is_standard = matches!(node.domain.as_deref().unwrap_or_default(), "" | "ai.onnx");
@@ -156,9 +168,10 @@ pub(super) fn join(model: &mut ModelProto, weights: Option<Weights<'_>>) -> Resu
         let Some((_, content)) = weights.filter(|(name, _)| *name == location) else {
             return Err(OnnxProblem::Unsupported {
                 found: format!("weights in the file `{location}`"),
-                hint: "only the file MODEL.onnx.data beside MODEL.onnx is read; export with \
+                hint:
+                    "only the file MODEL.onnx.data beside MODEL.onnx is read: put it there, or export with \
                        `torch.onnx.export(..., external_data=False)`"
-                    .to_string(),
+                        .to_string(),
             });
         };
         let number = |key: &str| value(key).map(|text| text.parse::<usize>().ok());

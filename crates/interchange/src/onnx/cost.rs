@@ -151,6 +151,9 @@ pub(super) fn determines_shape(operator: &str, input: usize) -> bool {
 pub(super) const MAX_NUMBERS: usize = 1 << 24;
 pub(super) const MAX_PRODUCTS: usize = 1 << 28;
 
+/// Largest number of numbers that wait for operators which read them.
+pub(super) const MAX_HELD: usize = 1 << 26;
+
 /// Returns bounds of the numbers in an operator's outputs and of its multiplications, given its inputs; `None` if they
 /// overflow or the inputs have no such shape. `transposed` says which factors of `Gemm` are.
 pub(super) fn bound(cost: Cost, inputs: &[Option<&Value>], transposed: [bool; 2]) -> Option<(usize, usize)> {

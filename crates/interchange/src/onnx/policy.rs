@@ -1,9 +1,10 @@
 //! Runs a model as a controller.
 
 use std::collections::{HashMap, HashSet};
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Once};
+use std::thread::current;
 
 use mishandle_controllers::{Layout as TaskLayout, bytes_hash};
 use mishandle_files::{limits, read_bounded};
@@ -13,9 +14,13 @@ use rten_onnx::onnx::{DataType, Dimension, GraphProto, ModelProto, TensorShapePr
 use rten_tensor::Layout;
 
 use super::check::{self, Weights};
-use super::cost::{self, MAX_NUMBERS, MAX_PRODUCTS, bound, cost_of, determines_shape};
+use super::cost::{self, MAX_HELD, MAX_NUMBERS, MAX_PRODUCTS, bound, cost_of, determines_shape};
 use super::interface::Interface;
 use crate::{InterchangeError, OnnxProblem};
+
+/// Largest number of tensors of the state, and of numbers in it: each row of a batch has a state.
+const MAX_STATES: usize = 100;
+const MAX_STATE_NUMBERS: usize = 1 << 16;
 
 /// A policy in an ONNX model.
 ///
@@ -204,6 +209,10 @@ impl Names {
         let free = |names: &[String], is_state: &dyn Fn(&str) -> bool| {
             names.iter().find(|name| !is_state(name)).cloned()
         };
+        if interface.state.len() > MAX_STATES {
+            let found = interface.state.len();
+            return Err(invalid(format!("the state has {found} tensors; the limit is {MAX_STATES}")));
+        }
         let states = interface.state.clone();
         let observation = interface.observation.clone();
         let observation =
@@ -303,10 +312,12 @@ impl Core {
         let format = |reason: String| OnnxProblem::Format { reason };
         let bytes = proto.write_buf().map_err(|error| format(error.to_string()))?;
         // Without optimization, loading a model computes nothing, and what is checked below is what runs.
-        let mut options = ModelOptions::with_ops(cost::registry());
-        options.enable_optimization(false);
-        let model =
-            without_panic(|| options.load(bytes).map_err(|error| error.to_string())).map_err(format)?;
+        let load = || {
+            let mut options = ModelOptions::with_ops(cost::registry());
+            options.enable_optimization(false);
+            options.load(bytes).map_err(|error| error.to_string())
+        };
+        let model = without_panic(|| one_thread_pool().run(load)).map_err(format)?;
         let id =
             |name: &str| model.find_node(name).ok_or_else(|| format(format!("it has no value `{name}`")));
         let shape = |name: &str| {
@@ -328,6 +339,14 @@ impl Core {
             sizes: (layout.observation_size(), layout.action_size()),
             model,
         };
+        let numbers = core.states.iter().try_fold(0_usize, |sum, state| {
+            let size = state.shape.iter().try_fold(1_usize, |size, dim| size.checked_mul(*dim))?;
+            sum.checked_add(size)
+        });
+        if numbers.is_none_or(|numbers| numbers > MAX_STATE_NUMBERS) {
+            let reason = format!("its state has more than {MAX_STATE_NUMBERS} numbers");
+            return Err(OnnxProblem::Size { reason });
+        }
         let inputs = std::iter::once((&names.observation, &core.observation_shape)).chain(
             names.states.iter().map(|(input, _)| input).zip(core.states.iter().map(|state| &state.shape)),
         );
@@ -345,6 +364,13 @@ impl Core {
         names: &Names,
         task: &str,
     ) -> Result<(), OnnxProblem> {
+        if let Some(missing) = std::iter::once(&names.action)
+            .chain(names.states.iter().map(|(_, output)| output))
+            .find(|name| !values.contains_key(*name))
+        {
+            let reason = format!("no operator writes the output `{missing}`");
+            return Err(OnnxProblem::Format { reason });
+        }
         let found = values.get(&names.action).and_then(float_shape);
         let expected = self.sizes.1;
         if !matches!(found.as_deref(), Some([1, size] | [size]) if *size == expected) {
@@ -445,10 +471,17 @@ fn dry_run(
     let constants = graph.initializer.iter().filter_map(|tensor| tensor.name.as_deref());
     let nodes = graph.node.iter().filter(|node| node.op_type.as_deref() == Some("Constant"));
     for name in constants.chain(nodes.flat_map(|node| node.output.iter().map(String::as_str))) {
-        values.insert(name.to_string(), run(model, vec![], name, &options).map_err(run_problem)?);
+        let found = run(model, vec![], &[name], &options).map_err(run_problem)?;
+        values.extend(found.into_iter().map(|value| (name.to_string(), value)));
     }
-    let mut products = 0_usize;
-    for node in &graph.node {
+    let mut last_readers: HashMap<&str, usize> = HashMap::new();
+    for (index, node) in graph.node.iter().enumerate() {
+        last_readers.extend(node.input.iter().map(|name| (name.as_str(), index)));
+    }
+    // The outputs are read after all operators.
+    last_readers.extend(graph.output.iter().filter_map(|output| Some((output.name.as_deref()?, usize::MAX))));
+    let (mut products, mut held) = (0_usize, 0_usize);
+    for (index_of_node, node) in graph.node.iter().enumerate() {
         let operator = node.op_type.as_deref().unwrap_or_default();
         let Some(cost) = cost_of(operator) else { continue };
         let label = |name: Option<&String>| format!("`{operator}` of `{}`", name.map_or("", String::as_str));
@@ -475,7 +508,8 @@ fn dry_run(
         }
         let too_large = || OnnxProblem::Size {
             reason: format!(
-                "{} has more than {MAX_NUMBERS} numbers, or the model needs more than {MAX_PRODUCTS} multiplications",
+                "{} has inputs of other shapes, more than {MAX_NUMBERS} numbers, or the model needs more than {MAX_PRODUCTS} multiplications \
+                 or {MAX_HELD} numbers at a time",
                 label(node.output.first())
             ),
         };
@@ -486,51 +520,75 @@ fn dry_run(
         });
         let (numbers, own) = bound(cost, &arguments, transposed).ok_or_else(too_large)?;
         products = products.saturating_add(own);
-        if numbers > MAX_NUMBERS || products > MAX_PRODUCTS {
+        if numbers > MAX_NUMBERS || products > MAX_PRODUCTS || held.saturating_add(numbers) > MAX_HELD {
             return Err(too_large());
         }
         let cuts_dependence = matches!(operator, "Shape" | "Size");
         let depends = !cuts_dependence && node.input.iter().any(|name| depends_on_input.contains(name));
-        for output in node.output.iter().filter(|name| !name.is_empty()) {
-            let known = node.input.iter().filter(|name| !name.is_empty()).collect::<HashSet<_>>();
-            let inputs =
-                known.into_iter().filter_map(|name| Some((name.as_str(), values.get(name)?))).collect();
-            let value = run(model, inputs, output, &options)
-                .map_err(|reason| run_problem(format!("{}: {reason}", label(Some(output)))))?;
-            values.insert(output.clone(), value);
+        let known: HashSet<&str> =
+            node.input.iter().filter(|name| !name.is_empty()).map(String::as_str).collect();
+        let inputs = known.into_iter().filter_map(|name| Some((name, values.get(name)?))).collect();
+        let outputs: Vec<&str> =
+            node.output.iter().map(String::as_str).filter(|name| !name.is_empty()).collect();
+        let found = run(model, inputs, &outputs, &options)
+            .map_err(|reason| run_problem(format!("{}: {reason}", label(node.output.first()))))?;
+        for (output, value) in outputs.into_iter().zip(found) {
+            held += value.len();
+            values.insert(output.to_string(), value);
             if depends {
-                depends_on_input.insert(output.clone());
+                depends_on_input.insert(output.to_string());
+            }
+        }
+        // As in a control step, a value is kept until the last operator has read it.
+        for name in node.input.iter().chain(&node.output) {
+            if last_readers.get(name.as_str()).is_none_or(|last| *last == index_of_node) {
+                let removed = values.remove(name).map_or(0, |value| value.len());
+                held = held.saturating_sub(removed);
             }
         }
     }
     Ok(values)
 }
 
-/// Computes one value from others.
+/// Computes values from others.
 fn run(
     model: &Model,
     inputs: Vec<(&str, &Value)>,
-    output: &str,
+    outputs: &[&str],
     options: &RunOptions,
-) -> Result<Value, String> {
+) -> Result<Vec<Value>, String> {
     let text = |error: rten::RunError| error.to_string();
     let inputs: Vec<(NodeId, ValueOrView<'_>)> = inputs
         .into_iter()
         .map(|(name, value)| Ok((model.node_id(name)?, ValueView::from(value).into())))
         .collect::<Result<_, _>>()
         .map_err(text)?;
-    let output = model.node_id(output).map_err(text)?;
-    let [value] = without_panic(|| model.run_n(inputs, [output], Some(options.clone())).map_err(text))?;
-    Ok(value)
+    let outputs: Vec<NodeId> =
+        outputs.iter().map(|name| model.node_id(name)).collect::<Result<_, _>>().map_err(text)?;
+    without_panic(|| model.run(inputs, &outputs, Some(options.clone())).map_err(text))
 }
 
 /// Returns options for one thread: the runtime splits sums by the number of threads.
 fn one_thread() -> RunOptions {
-    RunOptions::default().with_thread_pool(Some(Arc::new(ThreadPool::with_num_threads(1))))
+    RunOptions::default().with_thread_pool(Some(Arc::new(one_thread_pool())))
 }
 
-/// Turns a panic of the runtime into an error.
+fn one_thread_pool() -> ThreadPool {
+    ThreadPool::with_num_threads(1)
+}
+
+/// Turns a panic of the runtime into an error, without its message.
 fn without_panic<T>(run: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    // The runtime panics for some numbers, such as the quotient of the least integer and -1, in threads that it names.
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let hook = take_hook();
+        set_hook(Box::new(move |info| {
+            if !current().name().is_some_and(|name| name.starts_with("rten-")) {
+                hook(info);
+            }
+        }));
+    });
     catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|_| Err("the ONNX runtime failed".to_string()))
 }
 

@@ -32,6 +32,8 @@ pub struct Imported {
 /// A kind of checkpoint, recognized by the names of its tensors.
 struct Kind {
     source: &'static str,
+    /// The start of the name of a tensor that only this kind has, if an archive can have several kinds.
+    mark: &'static str,
     /// Prefixes of the names of the hidden layers and of the last layer.
     layers: &'static [&'static str],
     hidden: Option<Activation>,
@@ -43,6 +45,7 @@ struct Kind {
 const STABLE_BASELINES: [Kind; 3] = [
     Kind {
         source: "Stable-Baselines3 PPO or A2C",
+        mark: "action_net.",
         layers: &["mlp_extractor.policy_net.", "action_net."],
         hidden: Some(Activation::Tanh),
         output: Some(Activation::Identity),
@@ -50,6 +53,7 @@ const STABLE_BASELINES: [Kind; 3] = [
     },
     Kind {
         source: "Stable-Baselines3 SAC",
+        mark: "actor.latent_pi.",
         layers: &["actor.latent_pi.", "actor.mu."],
         hidden: Some(Activation::Relu),
         output: Some(Activation::Tanh),
@@ -57,6 +61,7 @@ const STABLE_BASELINES: [Kind; 3] = [
     },
     Kind {
         source: "Stable-Baselines3 TD3 or DDPG",
+        mark: "actor.mu.",
         layers: &["actor.mu."],
         hidden: Some(Activation::Relu),
         output: Some(Activation::Tanh),
@@ -68,6 +73,7 @@ const LOG_STD_PARAMETER: &str = "log_std_parameter";
 
 const SKRL: Kind = Kind {
     source: "skrl",
+    mark: "",
     layers: &["net_container.", "policy_layer."],
     hidden: None,
     output: None,
@@ -76,6 +82,7 @@ const SKRL: Kind = Kind {
 
 const SEQUENTIAL: Kind = Kind {
     source: "a state dictionary of PyTorch",
+    mark: "",
     layers: &[""],
     hidden: None,
     output: None,
@@ -118,15 +125,17 @@ fn stable_baselines(
     let checkpoint = Checkpoint::read(weights)?;
     let tensors = root_tensors(&checkpoint)?;
     let has = |prefix: &str| tensors.iter().any(|tensor| tensor.name.starts_with(prefix));
-    let Some(kind) = STABLE_BASELINES.iter().find(|kind| has(kind.layers[0])) else {
-        return Err(layers(format!(
-            "expected the tensors `{}…`, {}",
-            STABLE_BASELINES[0].layers[0],
-            listed(&tensors)
-        )));
+    let Some(kind) = STABLE_BASELINES.iter().find(|kind| has(kind.mark)) else {
+        return Err(layers(format!("expected a policy of PPO, A2C, SAC, TD3 or DDPG, {}", listed(&tensors))));
     };
     if has("features_extractor.") || has("actor.features_extractor.") {
         return Err(layers("it has a features extractor with weights, such as that of images".to_string()));
+    }
+    if has("lstm_") || has("mlp_extractor.shared_net.") {
+        return Err(layers("it is recurrent or has layers that the critic shares".to_string()));
+    }
+    if kind.log_std.is_some_and(|name| !has(name)) {
+        return Err(layers("its actions are discrete, but those of the tasks are continuous".to_string()));
     }
     // Texts in a JSON file; the pickled values beside them are not read.
     let described = &data["policy_kwargs"]["activation_fn"];
@@ -163,13 +172,20 @@ fn checkpoint(checkpoint: &Checkpoint<'_>, options: &ImportOptions) -> Result<Im
         return Err(layers("the file has no dictionary of tensors".to_string()));
     };
     let module = |names: &[&str]| {
-        root.iter().find(|(name, _)| names.contains(&&**name)).and_then(|(_, value)| match value {
+        root.iter().rev().find(|(name, _)| names.contains(&&**name)).and_then(|(_, value)| match value {
             Value::Dictionary(dictionary, _) => Some(dictionary),
             _ => None,
         })
     };
     let Some(policy) = module(&["policy"]) else {
         let tensors = checkpoint.tensors(root)?;
+        if tensors.is_empty() {
+            let keys: Vec<&str> = root.iter().take(20).map(|(name, _)| &**name).collect();
+            return Err(layers(format!(
+                "expected tensors, or the key `policy` of skrl; found the keys: {}; save `model.state_dict()` alone",
+                keys.join(", ")
+            )));
+        }
         return assemble(&SEQUENTIAL, &tensors, None, None, options);
     };
     let mut options = options.clone();
@@ -191,10 +207,10 @@ fn checkpoint(checkpoint: &Checkpoint<'_>, options: &ImportOptions) -> Result<Im
 /// Returns the statistics of skrl's `RunningStandardScaler`: clamp((o - mean) / (√variance + 1e-8), -5, 5).
 fn running_standard_scaler(tensors: &[NamedTensor]) -> Option<ObservationNormalizer> {
     let find =
-        |name: &str| tensors.iter().find(|tensor| tensor.name == name).map(|tensor| tensor.numbers.clone());
+        |name: &str| tensors.iter().find(|tensor| &*tensor.name == name).map(|tensor| tensor.numbers.clone());
     let (mean, variance) = (find("running_mean")?, find("running_variance")?);
     // √v + 1e-8 = √(v'), with which `own_variance` returns v.
-    let variance = variance.iter().map(|v| (v.max(0.0).sqrt() + 1e-8).powi(2)).collect();
+    let variance = variance.iter().map(|v| (v.sqrt() + 1e-8).powi(2)).collect();
     Some(ObservationNormalizer { mean, variance, epsilon: 0.0, clip: Some(5.0) })
 }
 
@@ -268,7 +284,7 @@ fn assemble(
     network.set_tensors(&parts).map_err(error)?;
     let actions = network.output_size();
     // The noise of gSDE has one number per feature and action, and depends on the observation.
-    let log_std = kind.log_std.and_then(|name| tensors.iter().find(|tensor| tensor.name == name));
+    let log_std = kind.log_std.and_then(|name| tensors.iter().find(|tensor| &*tensor.name == name));
     let log_std = log_std.filter(|tensor| tensor.numbers.len() == actions && output == Activation::Identity);
     let log_std = log_std.map_or(vec![NO_NOISE; actions], values);
     let normalizer =

@@ -54,8 +54,9 @@ impl ObservationNormalizer {
     /// Returns the variances with which our own normalizer, which divides by √variance + 1e-8, divides by the same numbers.
     pub(super) fn own_variance(&self) -> Vec<f64> {
         let own = |variance: &f64| {
-            let scale = ((variance + self.epsilon).sqrt() - 1e-8).max(0.0);
-            scale * scale
+            // NaN of an invalid variance stays NaN, which a policy refuses.
+            let scale = (variance + self.epsilon).sqrt() - 1e-8;
+            if scale < 0.0 { 0.0 } else { scale * scale }
         };
         self.variance.iter().map(own).collect()
     }

@@ -14,6 +14,12 @@ const MAX_DEPTH: usize = 16;
 /// Largest number of bytes: names and shapes of 10,000 tensors take a tenth of it. A value takes up to 40 times its bytes.
 const MAX_BYTES: usize = 4 << 20;
 
+/// Longest text, bytes: names of tensors and of storages, which are copied into messages and compared often.
+const MAX_TEXT: usize = 1024;
+
+/// Largest number of dimensions of a tensor. A tuple can be the shape of any number of tensors, each of which copies it.
+const MAX_DIMENSIONS: usize = 8;
+
 /// A value of a state dictionary.
 #[derive(Clone, Debug)]
 pub(super) enum Value {
@@ -45,6 +51,8 @@ pub(super) enum Name {
 pub(super) enum Number {
     F32,
     F64,
+    /// 16 bits, which are not read.
+    Half,
     /// A type of which weights do not consist.
     Other,
 }
@@ -68,10 +76,10 @@ fn name(module: &str, name: &str) -> Option<Name> {
         ("torch._utils", "_rebuild_parameter") => Name::RebuildParameter,
         ("torch", "FloatStorage") => Name::Storage(Number::F32),
         ("torch", "DoubleStorage") => Name::Storage(Number::F64),
+        ("torch", "HalfStorage" | "BFloat16Storage") => Name::Storage(Number::Half),
         (
             "torch",
-            "HalfStorage" | "BFloat16Storage" | "LongStorage" | "IntStorage" | "ShortStorage" | "CharStorage"
-            | "ByteStorage" | "BoolStorage",
+            "LongStorage" | "IntStorage" | "ShortStorage" | "CharStorage" | "ByteStorage" | "BoolStorage",
         ) => Name::Storage(Number::Other),
         _ => return None,
     })
@@ -88,6 +96,9 @@ impl Value {
     /// Returns the numbers of a tuple of sizes.
     fn sizes(&self) -> Option<Vec<usize>> {
         let Value::Sequence(values, _) = self else { return None };
+        if values.len() > MAX_DIMENSIONS {
+            return None;
+        }
         values.iter().map(Value::size).collect()
     }
 
@@ -157,8 +168,13 @@ impl<'b> Machine<'b> {
             }
             0x8A => self.long()?,
             b'X' => {
-                let length = u32::from_le_bytes(self.array()?);
-                let text = std::str::from_utf8(self.take(length as usize)?).map_err(|_| damaged())?;
+                let length = u32::from_le_bytes(self.array()?) as usize;
+                if length > MAX_TEXT {
+                    return Err(TorchProblem::Pickle {
+                        reason: format!("it has a text of {length} bytes; the limit is {MAX_TEXT}"),
+                    });
+                }
+                let text = std::str::from_utf8(self.take(length)?).map_err(|_| damaged())?;
                 self.stack.push(Value::Text(text.into()));
             }
             b'c' => self.name()?,
@@ -229,7 +245,7 @@ impl<'b> Machine<'b> {
     }
 
     fn line(&mut self) -> Result<&'b str, TorchProblem> {
-        let length = self.rest.iter().position(|byte| *byte == b'\n').ok_or_else(damaged)?;
+        let length = self.rest.iter().take(MAX_TEXT).position(|byte| *byte == b'\n').ok_or_else(damaged)?;
         let line = std::str::from_utf8(self.take(length)?).map_err(|_| damaged())?;
         self.take(1)?;
         Ok(line)

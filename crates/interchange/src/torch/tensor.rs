@@ -1,8 +1,14 @@
 //! The tensors of a checkpoint.
 
+use std::collections::HashSet;
+use std::rc::Rc;
+
 use super::pickle::{self, Number, Reference, Value};
 use super::zip::Archive;
 use crate::TorchProblem;
+
+/// Largest number of tensors of a module.
+const MAX_TENSORS: usize = 10_000;
 
 /// A checkpoint that `torch.save` wrote: an archive with a pickle, and the numbers of each storage in an entry.
 pub(super) struct Checkpoint<'b> {
@@ -14,7 +20,7 @@ pub(super) struct Checkpoint<'b> {
 /// A tensor by name. The numbers of 64 bits are exact, those of 32 bits, too.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct NamedTensor {
-    pub name: String,
+    pub name: Rc<str>,
     pub shape: Vec<usize>,
     pub numbers: Vec<f64>,
 }
@@ -39,22 +45,30 @@ impl<'b> Checkpoint<'b> {
     }
 
     /// Returns the tensors of a dictionary, in its order.
-    pub(super) fn tensors(
-        &self,
-        dictionary: &[(std::rc::Rc<str>, Value)],
-    ) -> Result<Vec<NamedTensor>, TorchProblem> {
+    pub(super) fn tensors(&self, dictionary: &[(Rc<str>, Value)]) -> Result<Vec<NamedTensor>, TorchProblem> {
         let mut tensors = Vec::new();
+        let mut names = HashSet::new();
         // Tensors may share a storage, but all of them together are not larger than the file.
         let mut left = self.archive.size() / size_of::<f32>();
         for (name, value) in dictionary {
-            if let Value::Tensor(reference) = value
-                && reference.number != Number::Other
-            {
-                let outside = || TorchProblem::Tensor { name: name.to_string() };
-                let numbers = self.numbers(reference, left).ok_or_else(outside)?;
-                left -= numbers.len();
-                tensors.push(NamedTensor { name: name.to_string(), shape: reference.shape.clone(), numbers });
+            let Value::Tensor(reference) = value else { continue };
+            match reference.number {
+                Number::F32 | Number::F64 => {}
+                Number::Half => return Err(TorchProblem::Precision { name: name.to_string() }),
+                Number::Other => continue,
             }
+            if tensors.len() == MAX_TENSORS {
+                return Err(TorchProblem::Layers {
+                    reason: format!("it has more than {MAX_TENSORS} tensors"),
+                });
+            }
+            if !names.insert(name) {
+                return Err(TorchProblem::Pickle { reason: format!("it has two tensors `{name}`") });
+            }
+            let outside = || TorchProblem::Tensor { name: name.to_string() };
+            let numbers = self.numbers(reference, left).ok_or_else(outside)?;
+            left -= numbers.len();
+            tensors.push(NamedTensor { name: name.clone(), shape: reference.shape.clone(), numbers });
         }
         Ok(tensors)
     }
