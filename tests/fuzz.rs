@@ -16,6 +16,8 @@ mod curve;
 mod formula;
 #[path = "../fuzz/src/monitor.rs"]
 mod monitor;
+#[path = "../fuzz/src/onnx.rs"]
+mod onnx;
 #[path = "../fuzz/src/plan.rs"]
 mod plan;
 #[path = "../fuzz/src/run.rs"]
@@ -26,6 +28,8 @@ mod run_file;
 mod scratch;
 #[path = "../fuzz/src/settings.rs"]
 mod settings;
+#[path = "../fuzz/src/torch.rs"]
+mod torch;
 #[path = "../fuzz/src/trace_blob.rs"]
 mod trace_blob;
 
@@ -143,6 +147,11 @@ fn monitors() {
 }
 
 #[test]
+fn onnx_models() {
+    check_target("onnx", onnx::check, onnx::seeds);
+}
+
+#[test]
 fn plans() {
     check_target("plan", plan::check, plan::seeds);
 }
@@ -155,6 +164,11 @@ fn run_files() {
 #[test]
 fn training_settings() {
     check_target("settings", settings::check, settings::seeds);
+}
+
+#[test]
+fn torch_checkpoints() {
+    check_target("torch", torch::check, torch::seeds);
 }
 
 #[test]

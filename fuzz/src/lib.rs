@@ -11,26 +11,30 @@ pub mod csv;
 pub mod curve;
 pub mod formula;
 pub mod monitor;
+pub mod onnx;
 pub mod plan;
 mod run;
 pub mod run_file;
 mod scratch;
 pub mod settings;
+pub mod torch;
 pub mod trace_blob;
 
 /// A function that returns the seeds of a target.
 type Seeds = fn() -> Vec<Vec<u8>>;
 
 /// The seeds of every target, by its name.
-pub const SEEDS: [(&str, Seeds); 10] = [
+pub const SEEDS: [(&str, Seeds); 12] = [
     ("checkpoint", checkpoint::seeds),
     ("controller", controller::seeds),
     ("csv", csv::seeds),
     ("curve", curve::seeds),
     ("formula", formula::seeds),
     ("monitor", monitor::seeds),
+    ("onnx", onnx::seeds),
     ("plan", plan::seeds),
     ("run_file", run_file::seeds),
     ("settings", settings::seeds),
+    ("torch", torch::seeds),
     ("trace_blob", trace_blob::seeds),
 ];
