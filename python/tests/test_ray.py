@@ -179,6 +179,26 @@ class RayTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "lacks the signals"):
             mishandle.falsify(wrong, FORMULA, SPACE, search="random", budget=50, out=self.folder / "run", executor="ray")
 
+    def test_an_exit_in_the_system_ends_the_run_and_not_the_worker(self) -> None:
+        def leaving(scenario: dict[str, Any]) -> dict[str, list[float]]:
+            if scenario["speed"] > 6:
+                sys.exit(3)
+            return {"gap": [1.0, 1.0]}
+
+        with self.assertRaisesRegex(RuntimeError, r"the system `.*leaving` raised SystemExit\(3\), which ends a run"):
+            mishandle.falsify(leaving, FORMULA, SPACE, search="random", budget=50, executor="ray")
+
+    def test_a_system_that_cannot_be_sent_is_an_error_with_its_name(self) -> None:
+        lock = threading.Lock()
+
+        def locked(scenario: dict[str, Any]) -> dict[str, list[float]]:
+            with lock:
+                return {"gap": [1.0, 1.0]}
+
+        expected = r"`.*locked` or what it refers to cannot be sent to the workers: cannot pickle '_thread.lock' object; make files"
+        with self.assertRaisesRegex(mishandle.InvalidTypeError, expected):
+            mishandle.falsify(locked, FORMULA, SPACE, search="random", budget=5, executor="ray")
+
     def campaign(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "mishandle.ray", "--address", self.cluster.address, *arguments]
         return subprocess.run(command, capture_output=True, text=True, cwd=self.folder, timeout=200)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mishandle.errors import InvalidStateError, InvalidValueError, MissingPackageError
+from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError, MissingPackageError
 from mishandle.policies import BytecodeOnly
 from mishandle.systems import Outcome, Scenario, System
 
@@ -74,7 +74,16 @@ class RayExecutor:
 
     def share(self, factory: Callable[[], Simulate]) -> Any:
         """Sends a factory to the cluster. Each worker calls it once."""
-        return self._ray.put(factory)
+        try:
+            return self._ray.put(factory)
+        except Exception as error:
+            name = getattr(factory, "name", type(factory).__name__)
+            # Ray's message contains a report of several lines; its cause says what cannot be sent.
+            reason = error.__cause__ or error.__context__ or error
+            raise InvalidTypeError(
+                f"`{name}` or what it refers to cannot be sent to the workers: {reason}; make files, locks and connections inside "
+                "the function, or use executor=None"
+            ) from error
 
     def run(self, shared: Any, requests: Sequence[Any], lost: Callable[[Any], Any] | None = None) -> list[Any]:
         """Returns the results of requests, simulated by the cluster.
@@ -178,6 +187,7 @@ class _SystemFactory:
     def __init__(self, system: System) -> None:
         self._system = system
         self._hash = _hash(system)
+        self.name = system.name
 
     def __call__(self) -> Simulate:
         system = self._system
@@ -189,7 +199,15 @@ class _SystemFactory:
 
         def simulate(batch: list[Any]) -> list[Any]:
             results: list[tuple[Outcome, list[str]]] = []
-            for outcome in system.simulate(batch):
+            try:
+                outcomes = system.simulate(batch)
+            except (SystemExit, KeyboardInterrupt, GeneratorExit) as error:
+                # SystemExit would end the worker, and Ray would repeat the task.
+                raise InvalidStateError(
+                    f"the system `{system.name}` raised {error!r}, which ends a run; raise an Exception to end a simulation as "
+                    "crashed"
+                ) from None
+            for outcome in outcomes:
                 outcome.samples = np.ascontiguousarray(outcome.samples)
                 results.append((outcome, []))
             if system.exceptions:
