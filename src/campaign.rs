@@ -91,7 +91,8 @@ pub fn create_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, Mi
 /// If the folder contains no campaign, its file cannot be read, or a run file is missing.
 pub fn campaign_runs(folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> {
     let path = folder.join(CAMPAIGN_FILE);
-    let text = read_text_bounded(&path, limits::PLAN).map_err(|error| match error.kind() {
+    let text = no_link(&path).and_then(|()| read_text_bounded(&path, limits::PLAN));
+    let text = text.map_err(|error| match error.kind() {
         ErrorKind::NotFound => MishandleError::NoCampaign { path: folder.to_path_buf(), file: path.clone() },
         _ => MishandleError::File { path: path.clone(), source: error },
     })?;
@@ -103,6 +104,16 @@ pub fn campaign_runs(folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> 
         }
     });
     runs.collect()
+}
+
+/// Checks that the file of a campaign is no symbolic link. A folder of a stranger could have one to any file, whose first line
+/// would be printed as a wrong plan.
+fn no_link(path: &Path) -> std::io::Result<()> {
+    if path.symlink_metadata()?.is_symlink() {
+        let message = "expected a regular file, but it is a symbolic link; copy the file into the folder of the campaign";
+        return Err(std::io::Error::new(ErrorKind::InvalidInput, message));
+    }
+    Ok(())
 }
 
 /// Returns the first folder `runs/campaign-N` that does not exist.

@@ -49,6 +49,15 @@ fn a_resumed_campaign_prints_the_same_results_and_needs_all_its_files() {
     bench.refuses("campaign --resume all", &["it is a symbolic link"]);
     std::fs::remove_file(&path).unwrap();
     bench.refuses("campaign --resume all", &["is not the folder of a campaign", "2_evaluate.sqlite"]);
+    // A link to any file of the user, whose content must not be printed.
+    bench.write("secret", "password: hunter2");
+    std::fs::remove_file(bench.path("all/campaign.toml")).unwrap();
+    std::os::unix::fs::symlink(bench.path("secret"), bench.path("all/campaign.toml")).unwrap();
+    bench.refuses(
+        "campaign --resume all",
+        &["campaign.toml: expected a regular file, but it is a symbolic link"],
+    );
+    assert!(!String::from_utf8_lossy(&bench.run("campaign --resume all").stderr).contains("hunter2"));
 }
 
 #[test]
