@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import pathlib
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypedDict, Union
+from typing import Any, SupportsFloat, TypedDict, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,11 +120,22 @@ def scenario_numbers(
     """Returns the numbers of a scenario. Axes that it leaves out have the values ``nominal``."""
     if at is None:
         at = {}
+    if isinstance(at, (str, bytes)) or not isinstance(at, (Mapping, Iterable)):
+        raise InvalidTypeError(
+            f"`at` is {at!r}; expected a dictionary of axes and values, or a sequence with one number for each axis"
+        )
     if not isinstance(at, Mapping):
-        if len(at) != len(space):
-            raise InvalidValueError(f"the scenario has {len(at)} values; expected {len(space)}")
-        return [float(value) for value in at]
-    unknown = sorted(set(at) - {axis.name for axis in space})
+        values = list(at)
+        if len(values) != len(space):
+            raise InvalidValueError(f"the scenario has {len(values)} values; expected {len(space)}")
+        for axis, value in zip(space, values):
+            if not isinstance(value, SupportsFloat):
+                raise InvalidTypeError(f"the scenario's `{axis.name}` is {value!r}; expected a number")
+        return [float(value) for value in values]
+    for name, value in at.items():
+        if not isinstance(value, (str, SupportsFloat)):
+            raise InvalidTypeError(f"the scenario's `{name}` is {value!r}; expected a number, or a name of the axis")
+    unknown = sorted(str(name) for name in set(at) - {axis.name for axis in space})
     if unknown:
         names = ", ".join(axis.name for axis in space)
         raise InvalidValueError(f"the space has no axis {', '.join(unknown)}; its axes: {names}")
