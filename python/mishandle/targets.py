@@ -128,10 +128,10 @@ def scenario_numbers(
         values = list(at)
         if len(values) != len(space):
             raise InvalidValueError(f"the scenario has {len(values)} values; expected {len(space)}")
-        for axis, value in zip(space, values):
-            if not isinstance(value, SupportsFloat):
-                raise InvalidTypeError(f"the scenario's `{axis.name}` is {value!r}; expected a number")
-        return [float(value) for value in values]
+        for axis, number in zip(space, values):
+            if not isinstance(number, SupportsFloat):
+                raise InvalidTypeError(f"the scenario's `{axis.name}` is {number!r}; expected a number")
+        return [float(number) for number in values]
     for name, value in at.items():
         if not isinstance(value, (str, SupportsFloat)):
             raise InvalidTypeError(f"the scenario's `{name}` is {value!r}; expected a number, or a name of the axis")
