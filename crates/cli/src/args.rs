@@ -91,6 +91,8 @@ pub enum Command {
     Falsify(Falsify),
     Campaign(Campaign),
     Simulate(Simulate),
+    Runs(Runs),
+    Export(Export),
     Replay(Replay),
     Explain(Explain),
     Render(Render),
@@ -600,6 +602,44 @@ pub struct Replay {
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
+}
+
+/// List run files with what they contain
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle runs
+  mishandle runs runs/controllers        the folder of a campaign
+  mishandle runs a.sqlite b.sqlite")]
+pub struct Runs {
+    /// Run files, or folders that contain run files [default: the folder runs]
+    #[arg(value_name = "PATH", default_value = "runs")]
+    pub paths: Vec<PathBuf>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Export the simulations of a run as CSV or Parquet
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle export runs/RUN.sqlite --out simulations.csv
+  mishandle export runs/RUN.sqlite --out simulations.parquet
+
+One row per simulation: trial, number, seed, robustness, end, scenario, verdicts. docs/run_file.md
+describes the columns. `mishandle replay RUN --trace FILE` exports the trace of one simulation.")]
+pub struct Export {
+    /// Run file of `mishandle evaluate` or `mishandle falsify`
+    #[arg(value_name = "RUN")]
+    pub file: PathBuf,
+    /// File to create; it must end in .csv or .parquet
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Overwrite an existing file
+    #[arg(long)]
+    pub force: bool,
+    /// Do not check the whole run file before reading it; a record is still checked when it is read
+    #[arg(long)]
+    pub skip_check: bool,
 }
 
 /// Explain a recorded simulation: when, where and by which predicate the formula is violated

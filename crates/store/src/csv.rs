@@ -2,22 +2,8 @@
 
 use std::io::{self, Write};
 
-use crate::{AxisRecord, Result, RunFile, Simulation, StoreError, StoredTrace, row};
-
-/// Columns that every export has, before those of axes and verdicts.
-const FIXED: [&str; 11] = [
-    "trial",
-    "simulation",
-    "seed",
-    "robustness",
-    "robustness_low",
-    "robustness_high",
-    "stop_threshold",
-    "end",
-    "end_step",
-    "end_index",
-    "steps",
-];
+use crate::columns::{Field, columns, fields};
+use crate::{Result, RunFile, StoreError, StoredTrace};
 
 /// Writes all simulations of a run as CSV (RFC 4180): a header, then one line per simulation, ordered by trial and
 /// number.
@@ -33,14 +19,9 @@ const FIXED: [&str; 11] = [
 pub fn export_csv(run: &RunFile, writer: &mut impl Write) -> Result<()> {
     let mut writer = io::BufWriter::new(writer);
     let header = run.header();
-    let mut names: Vec<String> = FIXED.map(Into::into).into();
-    names.extend(header.axes.iter().map(|axis| format!("u_{}", axis.name)));
-    names.extend(header.axes.iter().map(with_unit));
-    names.extend(header.verdicts.iter().cloned());
-    names.push("trace_digest".into());
-    line(&mut writer, names.iter().map(|name| quoted(name))).map_err(failed)?;
+    line(&mut writer, columns(header).iter().map(|(name, _)| quoted(name))).map_err(failed)?;
     for simulation in run.simulations() {
-        line(&mut writer, fields(&simulation?, header.axes.len()).into_iter()).map_err(failed)?;
+        line(&mut writer, fields(&simulation?, header.axes.len()).into_iter().map(text)).map_err(failed)?;
     }
     writer.flush().map_err(failed)
 }
@@ -63,35 +44,11 @@ pub fn export_trace_csv(run: &RunFile, trace: &StoredTrace, writer: &mut impl Wr
     writer.flush().map_err(failed)
 }
 
-fn fields(simulation: &Simulation, axes: usize) -> Vec<String> {
-    let (end, end_step, end_index) = row::end_columns(simulation.end);
-    let or_empty_integer = |value: Option<u32>| value.map(|value| value.to_string()).unwrap_or_default();
-    let or_empty = |value: Option<f64>| value.map(number).unwrap_or_default();
-    let mut fields = vec![
-        simulation.trial.to_string(),
-        simulation.number.to_string(),
-        simulation.seed.to_string(),
-        or_empty(simulation.robustness),
-        or_empty(simulation.robustness_low),
-        or_empty(simulation.robustness_high),
-        or_empty(simulation.stop_threshold),
-        end.to_owned(),
-        or_empty_integer(end_step),
-        or_empty_integer(end_index),
-        simulation.steps.to_string(),
-    ];
-    fields.extend((0..axes).map(|axis| or_empty(simulation.unit_point.get(axis).copied())));
-    fields.extend(simulation.scenario.iter().copied().map(or_empty));
-    fields.extend(simulation.verdicts.iter().copied().map(or_empty));
-    fields.push(simulation.trace_digest.map(|digest| format!("{digest:032x}")).unwrap_or_default());
-    fields
-}
-
-fn with_unit(axis: &AxisRecord) -> String {
-    if axis.unit.is_empty() {
-        axis.name.clone()
-    } else {
-        format!("{}_{}", axis.name, axis.unit.replace('/', "_per_"))
+fn text(field: Field) -> String {
+    match field {
+        Field::Integer(value) => value.map(|value| value.to_string()).unwrap_or_default(),
+        Field::Number(value) => value.map(number).unwrap_or_default(),
+        Field::Text(value) => value.unwrap_or_default(),
     }
 }
 

@@ -105,6 +105,7 @@
 //! # }
 //! ```
 
+mod columns;
 mod csv;
 mod database;
 mod digest;
@@ -112,6 +113,7 @@ mod error;
 mod header;
 mod header_table;
 mod json;
+mod parquet;
 mod record;
 mod row;
 mod run_file;
@@ -125,6 +127,7 @@ pub use error::StoreError;
 pub use header::{
     AxisRecord, BuildRecord, ComponentRecord, FormulaRecord, RunHeader, RunKind, SignalRecord, TargetRecord,
 };
+pub use parquet::export_parquet;
 pub use record::{Counts, Simulation, SimulationEnd, TrialRecord, TrialStatus, TrialSummary};
 pub use run_file::{RunFile, Simulations};
 pub use run_writer::{IfExists, RunWriter};
