@@ -30,6 +30,7 @@ mod falsify;
 mod hint;
 mod home;
 mod import;
+mod masking;
 mod plan;
 mod plural;
 mod record;
@@ -62,6 +63,7 @@ pub use home::{
     shipped_controllers, shipped_settings,
 };
 pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
+pub use masking::{MaskedPredicate, Masking, masking};
 pub use plan::{EvaluatePlan, FalsifyPlan, GridRun, Plan, StartRegion, read_grid};
 pub use plural::plural;
 pub use record::create_run;

@@ -647,6 +647,7 @@ pub struct Export {
 #[command(after_help = "Examples:
   mishandle explain runs/RUN.sqlite                      the first counterexample
   mishandle explain runs/RUN.sqlite --trial 2 --simulation 17
+  mishandle explain runs/RUN.sqlite --masking            which predicate sets the robustness, which fails
 
 A counterexample of any target is explained from its recorded trace. Other simulations have none and
 are replayed.")]
@@ -661,6 +662,12 @@ pub struct Explain {
     /// with the minimum robustness]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub simulation: Option<u32>,
+    /// Explain the whole run: how often each predicate sets the robustness, and how often each one fails, over at most N
+    /// simulations, which are simulated again [default of N: 500]
+    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "500", require_equals = true)]
+    #[arg(allow_negative_numbers = true, value_parser = integer::<u64>(1..=u64::MAX))]
+    #[arg(conflicts_with_all = ["trial", "simulation"])]
+    pub masking: Option<u64>,
     /// New path of the run's controller, if the file was moved
     #[arg(long, value_name = "C")]
     pub controller: Option<String>,

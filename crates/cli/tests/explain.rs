@@ -65,3 +65,42 @@ fn a_simulation_without_a_recorded_trace_is_replayed() {
     assert_eq!(explained["robustness"], replayed["robustness"]);
     bench.refuses("explain run.sqlite --simulation 6", &["simulation 6"]);
 }
+
+#[test]
+fn masking_counts_what_the_explanations_of_all_simulations_say() {
+    let bench = Bench::new();
+    let formula = "always[10:80](gap >= 12 and closing_speed <= 4)";
+    let plan = format!(
+        "target = 'toy/car-following'\nspace = 'events'\n[falsify]\nformula = '{formula}'\ntrials = 2\nbudget = 9\n"
+    );
+    bench.write("plan.toml", &plan);
+    bench.run("falsify --plan plan.toml --seed 4 --out run.sqlite");
+    let found = bench.json("explain run.sqlite --masking --json", 0);
+    let mut expected = [[0_u64; 3]; 2];
+    let mut simulations = 0;
+    for trial in 1..=2 {
+        for simulation in 1..=9 {
+            let output =
+                bench.run(&format!("explain run.sqlite --trial {trial} --simulation {simulation} --json"));
+            let Ok(explained) = serde_json::from_slice::<Value>(&output.stdout) else { continue };
+            simulations += 1;
+            for (index, counts) in expected.iter_mut().enumerate() {
+                let conjunct = &explained["conjuncts"][index];
+                let sets = explained["predicate"]["formula"] == conjunct["predicate"];
+                counts[0] += u64::from(sets);
+                counts[1] += u64::from(sets && explained["robustness"].as_f64().unwrap() < 0.0);
+                counts[2] += u64::from(conjunct["robustness"].as_f64().unwrap() < 0.0);
+            }
+        }
+    }
+    assert_eq!((&found["evaluated"], &found["decided"]), (&simulations.into(), &simulations.into()));
+    for (predicate, [sets, violations, fails]) in found["predicates"].as_array().unwrap().iter().zip(expected)
+    {
+        assert_eq!(predicate["sets"], sets, "{found}");
+        assert_eq!(
+            (&predicate["violations"], &predicate["fails"]),
+            (&violations.into(), &fails.into()),
+            "{found}"
+        );
+    }
+}

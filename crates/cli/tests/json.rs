@@ -92,6 +92,7 @@ fn the_page_documents_the_keys_that_every_command_prints() {
         ("replay", "replay g.sqlite", 0),
         ("replay", "replay e.sqlite --trial 2", 0),
         ("explain", "explain g.sqlite", 1),
+        ("explain --masking", "explain g.sqlite --masking=20", 0),
         ("runs", "runs g.sqlite", 0),
         ("train --dry-run", "train point-reaching --settings small.toml --out b.safetensors --dry-run", 0),
         ("train", "train point-reaching --settings small.toml --out a.safetensors --csv c.csv", 0),

@@ -1,10 +1,11 @@
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use mishandle::stl::{DecisivePredicate, Formula};
-use mishandle::store::RunHeader;
+use mishandle::store::{RunFile, RunHeader};
 use mishandle::{ExplainedSimulation, Explanation, PredicateHistory, plural};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
+use crate::progress::Bar;
 use crate::{ExitStatus, args, escape, run};
 
 /// Number of evenly spaced samples in the table of signals.
@@ -15,6 +16,9 @@ const SIGNAL_COLUMNS: usize = 4;
 
 pub fn run(command: &args::Explain) -> Result<ExitStatus> {
     let file = run::read(&command.file, command.skip_check)?;
+    if let Some(limit) = command.masking {
+        return masking(command, &file, limit);
+    }
     let Some((trial, simulation)) = mishandle::select_simulation(&file, command.trial, command.simulation)?
     else {
         bail!("{} has no decided simulation to explain", command.file.display());
@@ -30,6 +34,57 @@ pub fn run(command: &args::Explain) -> Result<ExitStatus> {
     }
     let is_violated = explained.recorded.robustness.is_some_and(|rho| rho < 0.0);
     Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
+/// Prints which predicates set the robustness of a run and which ones fail.
+fn masking(command: &args::Explain, file: &RunFile, limit: u64) -> Result<ExitStatus> {
+    let resolved = match mishandle::recorded_plan(file.header(), command.controller.as_deref()) {
+        Ok(resolved) => Some(resolved),
+        Err(error) => {
+            output::message(&format!("only recorded counterexamples are explained: {error}"));
+            None
+        }
+    };
+    let bar = Bar::new(limit, "simulations");
+    let found = mishandle::masking(file, resolved.as_ref(), limit, |done| bar.set_position(done))?;
+    bar.clear();
+    ensure!(found.evaluated > 0, "{} has no simulation to explain", command.file.display());
+    if command.json {
+        output::json(json!({
+            "run": command.file.to_string_lossy(),
+            "formula": file.header().formula,
+            "evaluated": found.evaluated,
+            "decided": found.decided,
+            "counterexamples_only": found.counterexamples_only,
+            "predicates": found.predicates.iter().map(|predicate| json!({
+                "predicate": predicate.predicate,
+                "sets": predicate.sets,
+                "violations": predicate.violations,
+                "fails": predicate.fails,
+            })).collect::<Vec<_>>(),
+        }))?;
+        return Ok(ExitStatus::Done);
+    }
+    let share = |count: u64| format!("{count} ({:.1} %)", 100.0 * count as f64 / found.evaluated as f64);
+    let header = ["predicate", "sets the robustness", "and violates", "fails on its own"];
+    let mut rows = vec![header.map(String::from).to_vec()];
+    rows.extend(found.predicates.iter().map(|predicate| {
+        vec![
+            escape::name(&predicate.predicate),
+            share(predicate.sets),
+            predicate.violations.to_string(),
+            share(predicate.fails),
+        ]
+    }));
+    let kind = if found.counterexamples_only { "counterexamples among" } else { "of" };
+    output::line(&format!(
+        "formula {}\n{} {kind} {} with a verdict, evenly chosen\n\n{}",
+        escape::name(&file.header().formula),
+        found.evaluated,
+        plural(found.decided, "simulation"),
+        output::table(&rows)
+    ))?;
+    Ok(ExitStatus::Done)
 }
 
 /// Returns the explanation as JSON. Samples count from 0, times are in seconds.
