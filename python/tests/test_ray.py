@@ -260,6 +260,11 @@ class RayTest(unittest.TestCase):
         folder = self.campaign("--resume", str(self.folder))
         self.assertEqual(folder.returncode, 2)
         self.assertIn("is not the folder of a campaign", folder.stderr)
+        # Nothing listens on port 9 of this machine.
+        nobody = self.campaign("campaign.toml", "--out", "runs", "--address", "127.0.0.1:9")
+        self.assertEqual(nobody.returncode, 2)
+        self.assertRegex(nobody.stderr, r"^error: no Ray cluster answers at 127\.0\.0\.1:9: ")
+        self.assertFalse((self.folder / "runs").exists())
 
 
 if __name__ == "__main__":

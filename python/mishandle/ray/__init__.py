@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import importlib
 import math
+import os
+import socket
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -23,6 +25,29 @@ TASKS_PER_CPU = 4
 
 RETRIES = 3
 """How often Ray repeats a task whose worker or node was lost, before its simulations are repeated one by one."""
+
+
+CONNECTION_TIMEOUT = 5.0
+"""Seconds to wait for a cluster to answer. Ray itself tries for minutes."""
+
+
+def check_address(address: str | None) -> None:
+    """Checks that something answers at an address ``HOST:PORT``; by default that of ``RAY_ADDRESS``.
+
+    >>> check_address("local")
+    >>> check_address("127.0.0.1:9")
+    Traceback (most recent call last):
+        ...
+    mishandle.errors.InvalidValueError: no Ray cluster answers at 127.0.0.1:9: [Errno 111] Connection refused
+    """
+    address = os.environ.get("RAY_ADDRESS") if address is None else address
+    host, colon, port = (address or "").removeprefix("ray://").rpartition(":")
+    if not colon or not port.isdecimal():
+        return
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), CONNECTION_TIMEOUT).close()
+    except (OSError, OverflowError) as error:
+        raise InvalidValueError(f"no Ray cluster answers at {address}: {error}") from error
 
 
 class RayExecutor:
@@ -56,6 +81,7 @@ class RayExecutor:
         except ImportError as error:
             raise MissingPackageError("the executor `ray` needs Ray: pip install ray") from error
         if not ray.is_initialized():
+            check_address(address)
             ray.init(address=address, log_to_driver=False, logging_level="WARNING")
         self._ray = ray
         self._chunk = chunk

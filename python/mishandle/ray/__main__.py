@@ -15,7 +15,7 @@ from typing import Any
 
 from mishandle import _native
 from mishandle.errors import MishandleError
-from mishandle.ray import RayExecutor
+from mishandle.ray import RayExecutor, check_address
 from mishandle.ray.plans import PlanFactory
 
 
@@ -120,6 +120,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given.jobs < 1:
         parser.error(f"--jobs is {given.jobs}; it must be at least 1")
     try:
+        # Before the folder is created.
+        check_address(given.address)
         if given.resume is not None:
             runs = _native.campaign_runs(given.resume)
         else:
