@@ -3,7 +3,7 @@
 use mishandle_random::{Seed, Sequence};
 
 /// The 0.975 quantile of the standard normal distribution.
-const Z: f64 = 1.959_963_984_540_054;
+pub(crate) const Z: f64 = 1.959_963_984_540_054;
 
 /// Number of bootstrap resamples. The bounds of an interval are then accurate to about 3 % of its width.
 const RESAMPLES: u64 = 2000;

@@ -8,6 +8,10 @@
 //! Random initial states hardly ever meet a corner of the initial box. [`Corners`] are its corners and its center, which
 //! [`evaluate_corners`] simulates separately.
 //!
+//! Two controllers on the same scenarios are compared by [`PairedCounts`], [`sign_test`] and [`paired_mean_difference`]. The
+//! numbers of simulations to a failure are analyzed by [`SurvivalCurve`], [`log_rank`] and [`vargha_delaney`], and several
+//! tests are corrected by [`holm()`](holm()).
+//!
 //! # Example
 //! ```
 //! use mishandle_evaluation::wilson;
@@ -17,17 +21,29 @@
 //! ```
 
 mod betting;
+mod chi_squared;
 mod corners;
+mod effect;
 mod error;
+mod exact;
+mod holm;
 mod interval;
 mod metrics;
+mod paired;
 mod repeats;
 mod run;
+mod survival;
 
 pub use betting::betting_mean;
+pub use chi_squared::chi_squared_tail;
 pub use corners::{CornerReport, CornerResult, Corners, evaluate_corners};
+pub use effect::vargha_delaney;
 pub use error::EvaluationError;
+pub use exact::{fisher_test, sign_test};
+pub use holm::holm;
 pub use interval::{Estimate, bootstrap_mean, wilson};
 pub use metrics::{EvaluationReport, FormulaRoles, Metrics};
+pub use paired::{PairedCounts, paired_mean_difference};
 pub use repeats::{QUANTILES, RepeatReport, variance_share};
 pub use run::{Evaluation, ScenarioFilter, evaluate};
+pub use survival::{Lifetime, LogRank, SurvivalCurve, SurvivalStep, log_rank};
