@@ -189,6 +189,12 @@ pub enum MishandleError {
         /// Number of the simulation.
         number: u32,
     },
+    /// Two runs cannot be compared pair by pair.
+    #[error("the runs cannot be compared: {problem}")]
+    NotComparable {
+        /// The reason, and what to do.
+        problem: String,
+    },
     /// The plan lacks the table of the command.
     #[error("cannot {table}: the plan has no table [{table}]; resume a run with the command that made it")]
     MissingPlanTable {

@@ -21,6 +21,7 @@
 
 mod build;
 mod campaign;
+mod comparison;
 mod curve;
 mod error;
 mod evaluate;
@@ -46,6 +47,7 @@ mod trajectory;
 
 pub use build::{VERSION, VERSION_AND_COMMIT, build};
 pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
+pub use comparison::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates, compare};
 pub use curve::{Curve, CurveProblem, CurveRow, NoTrainingTime};
 pub use error::MishandleError;
 pub use evaluate::{
@@ -66,7 +68,7 @@ pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
 pub use masking::{MaskedPredicate, Masking, masking};
 pub use plan::{EvaluatePlan, FalsifyPlan, GridRun, Plan, StartRegion, read_grid};
 pub use plural::plural;
-pub use record::create_run;
+pub use record::{create_run, recorded_episode};
 pub use replay::{ReplayResult, build_differences, recorded_plan, replay, replay_with, select_simulation};
 pub use search_options::search_option_value;
 pub use shell_quote::shell_quote;

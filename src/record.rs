@@ -241,6 +241,20 @@ pub(crate) fn episode(simulation: &Simulation, target: &Target) -> Result<Episod
         let Simulation { trial, number, .. } = *simulation;
         return Err(MishandleError::Contradiction { trial, number, problem });
     }
+    let episode = recorded_episode(simulation);
+    let verdict = Verdict { dangerous_steps, completion_step, ..episode.verdict };
+    Ok(Episode { steps: steps.unwrap_or_default(), verdict, ..episode })
+}
+
+/// Converts a stored simulation to an episode without a trace, and checks none of its values.
+///
+/// It needs no target, so it reads runs whose target is not here, such as those of a Python system.
+pub fn recorded_episode(simulation: &Simulation) -> Episode {
+    let stored = |name: &str| {
+        let index = VERDICTS.iter().position(|verdict| *verdict == name)?;
+        simulation.verdicts.get(index).copied().flatten()
+    };
+    let count = |name: &str| stored(name).map(|value| value as usize);
     // Either all minima are present or none, because a formula can have no finite value.
     let pairs = simulation.verdicts.get(VERDICTS.len()..).unwrap_or_default().chunks(2);
     let minima: Option<Vec<SubformulaMinimum>> = pairs
@@ -249,22 +263,22 @@ pub(crate) fn episode(simulation: &Simulation, target: &Target) -> Result<Episod
             _ => None,
         })
         .collect();
-    Ok(Episode {
+    Episode {
         request: request(simulation, minima.is_some()),
-        end,
-        steps: steps.unwrap_or_default(),
+        end: episode_end(simulation.end),
+        steps: simulation.steps as usize,
         verdict: Verdict {
             robustness: simulation.robustness,
             success: stored("success"),
             strict: stored("strict"),
-            dangerous_steps,
-            completion_step,
+            dangerous_steps: count("dangerous_steps"),
+            completion_step: count("completion_step"),
             subformulas: minima.unwrap_or_default(),
         },
         total_reward: stored("total_reward").unwrap_or(f64::NAN),
         trace: Trace::new([].into()),
         trace_digest: simulation.trace_digest,
-    })
+    }
 }
 
 /// Describes how the end of a stored simulation contradicts its other values; `None` if it does not.

@@ -90,6 +90,8 @@ pub enum Command {
     Evaluate(Evaluate),
     Falsify(Falsify),
     Campaign(Campaign),
+    Reproduce(Reproduce),
+    Compare(Compare),
     Simulate(Simulate),
     Runs(Runs),
     Export(Export),
@@ -520,13 +522,144 @@ pub struct Campaign {
     /// Wait after each batch until its records are on the disk
     #[arg(long)]
     pub durable: bool,
+    /// Number of runs at the same time; does not affect the results. Several keep all cores busy when searches propose few
+    /// simulations at a time [default: 1]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
+    #[arg(conflicts_with = "ray")]
+    pub jobs: Option<usize>,
     /// Number of threads; does not affect the results [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
     pub threads: Option<usize>,
+    /// Write the tables of `mishandle reproduce`, with statistics, as Markdown and HTML pages to this folder
+    #[arg(long, value_name = "DIR")]
+    pub pages: Option<PathBuf>,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
 }
+
+/// Reproduce the paper's tables: run their plans, and show the results beside the published values
+#[derive(Debug, Args)]
+#[command(arg_required_else_help = true)]
+#[command(after_help = "Examples:
+  mishandle reproduce falsification --out runs/falsification
+  mishandle reproduce performance --out runs/performance
+  mishandle reproduce tables runs/performance runs/falsification --pages pages
+
+docs/reproduce.md explains the tables and how to read them.")]
+pub struct Reproduce {
+    #[command(subcommand)]
+    pub command: ReproduceCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum ReproduceCommand {
+    /// Evaluate all controllers and the experts, with and without noise
+    Performance(ReproduceTable),
+    /// Falsify the PPO and TRPO controllers with three searches
+    Falsification(ReproduceTable),
+    /// Show the tables of existing campaigns or results, without simulations
+    #[command(after_help = "Examples:
+  mishandle reproduce tables runs/falsification
+  mishandle reproduce tables experiments/paper/results/DATE --pages docs/paper
+
+A campaign may be incomplete; its rows then say how far they are. Campaigns of `mishandle campaign`
+get the same tables.")]
+    Tables {
+        /// Folders of campaigns or of collected results
+        #[arg(value_name = "DIR", required = true)]
+        folders: Vec<PathBuf>,
+        /// Write the pages to this folder as Markdown and HTML instead of printing the tables
+        #[arg(long, value_name = "DIR")]
+        pages: Option<PathBuf>,
+        /// Print one JSON document to stdout
+        #[arg(long)]
+        json: bool,
+    },
+    /// Store the rows of complete campaigns as compressed CSV files with a manifest
+    #[command(after_help = "Examples:
+  mishandle reproduce collect runs/performance runs/falsification \\
+      --out experiments/paper/results/2026-11-22")]
+    Collect {
+        /// Folders of campaigns
+        #[arg(value_name = "DIR", required = true)]
+        folders: Vec<PathBuf>,
+        /// Folder to create, named by the date of the results
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
+}
+
+/// Flags of the commands that run the plan of a table.
+#[derive(Debug, Args)]
+pub struct ReproduceTable {
+    /// Folder of the run files. If it exists, its campaign is resumed [default: runs/ and the name of the table]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Campaign file to run instead of that of the table
+    #[arg(long, value_name = "FILE")]
+    pub plan: Option<PathBuf>,
+    /// Number of runs at the same time; does not affect the results [default: number of cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
+    pub jobs: Option<usize>,
+    /// Number of threads; does not affect the results [default: number of cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
+    pub threads: Option<usize>,
+    /// Wait after each batch until its records are on the disk
+    #[arg(long)]
+    pub durable: bool,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Compare two controllers, or two versions of one, on the same scenarios and seeds
+#[derive(Debug, Args)]
+#[command(override_usage = "mishandle compare [OPTIONS] <A> <B>\n       \
+    mishandle compare [OPTIONS] <TARGET> --controller <C> --against <C>")]
+#[command(after_help = "Examples:
+  mishandle compare runs/evaluate-old.sqlite runs/evaluate-new.sqlite
+  mishandle compare ball-balancing --controller ppo --against sac --episodes 1000
+  mishandle compare point-reaching --controller ppo --against my.safetensors --action-noise 0.5
+
+A and B are run files of `mishandle evaluate` with the same target, space, seed and number of
+episodes. They are compared pair by pair. With --against, both controllers are evaluated first, and
+the run files are kept in runs/.
+
+Exit code 1 means that B fails in a simulation in which A succeeds.")]
+pub struct Compare {
+    #[command(flatten)]
+    pub subject: Subject,
+    /// Run file B; the first argument is then run file A
+    #[arg(value_name = "B", conflicts_with_all = COMPARED)]
+    pub second: Option<PathBuf>,
+    /// Controller B, evaluated like the one of --controller, which is A
+    #[arg(long, value_name = "C")]
+    pub against: Option<String>,
+    /// Number of simulations of each controller from random scenarios [default: 100, or that of the plan]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u64>(Plan::EPISODES))]
+    pub episodes: Option<u64>,
+    /// Do not check the whole run files before reading them; a record is still checked when it is read
+    #[arg(long)]
+    pub skip_check: bool,
+    #[command(flatten)]
+    pub run: Run,
+}
+
+/// Arguments of `compare` that two run files already determine.
+const COMPARED: [&str; 11] = [
+    "controller",
+    "space",
+    "preset",
+    "action_noise",
+    "observation_noise",
+    "stochastic",
+    "batch",
+    "plan",
+    "against",
+    "episodes",
+    "seed",
+];
 
 /// Parses `NAME=VALUE`.
 fn name_and_value(text: &str) -> Result<(String, String), String> {

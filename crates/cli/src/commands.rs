@@ -1,6 +1,7 @@
 //! One file per command.
 
 pub mod campaign;
+pub mod compare;
 pub mod completions;
 pub mod controller;
 pub mod curve;
@@ -12,6 +13,7 @@ pub mod man;
 pub mod monitor;
 pub mod render;
 pub mod replay;
+pub mod reproduce;
 pub mod runs;
 pub mod searches;
 pub mod simulate;

@@ -102,6 +102,14 @@ pub enum ExperimentError {
         /// Jobs in all.
         total: usize,
     },
+    /// A file of results is not what it should be.
+    #[error("{}: {problem}", path.display())]
+    Results {
+        /// Path of the file.
+        path: PathBuf,
+        /// The problem.
+        problem: String,
+    },
     /// Some jobs failed; the observer reported each.
     #[error("{failed} of {} failed", plural(*total, "job"))]
     Failed {
@@ -139,6 +147,11 @@ impl From<TaskError> for ExperimentError {
 }
 
 impl ExperimentError {
+    /// Returns the error of a file of results.
+    pub(crate) fn results(path: &Path, problem: &dyn std::fmt::Display) -> ExperimentError {
+        ExperimentError::Results { path: path.to_path_buf(), problem: problem.to_string() }
+    }
+
     /// Returns a function that adds a path to an I/O error.
     pub(crate) fn file(path: &Path) -> impl FnOnce(io::Error) -> ExperimentError {
         move |source| ExperimentError::File { path: path.to_path_buf(), source }

@@ -1,4 +1,4 @@
-//! The controller zoo: the trained controllers that come with the repository, and how they are kept up to date.
+//! The controller zoo and the paper's tables: the trained controllers that come with the repository, and how they are kept up to date.
 //!
 //! - [`plan`](plan()) lists the training runs: a task, an algorithm, a seed.
 //! - A [`PlanEntry`] says whether a training run is done, and why not, from its settings, its record and its file.
@@ -6,6 +6,9 @@
 //! - A [`Record`] holds everything known about one controller: `controllers/figures/TASK/CONTROLLER.json`.
 //!
 //! The command `mishandle zoo` is a thin layer above.
+//!
+//! - [`Results`] are those of campaigns, read from their run files or from compressed rows.
+//! - [`pages()`](pages()) compares them with the values that the paper of the benchmark prints: `mishandle reproduce`.
 
 mod curve_charts;
 mod error;
@@ -32,7 +35,11 @@ pub use error::{CurveFileProblem, ExperimentError, PageProblem};
 pub use folder::ZooFolder;
 pub use jobs::JobOutcome;
 pub use measure::{CAMPAIGN_TRIALS, EVALUATION_EPISODES, EVALUATION_SEED, NOISE_LEVELS};
-pub use paper::{PaperPerformance, paper_performance, paper_training_time};
+pub use paper::{
+    Block, CampaignResults, NamedPage, PAPER_BUDGET, PAPER_STARTS, PAPER_TRIALS, Page, PaperFalsification,
+    PaperPerformance, Results, RunFacts, RunResults, Table, pages, paper_falsification, paper_performance,
+    paper_training_time,
+};
 pub use plan::{SHIPPED_SEED, Training, algorithms, plan, seeds};
 pub use plan_entry::{PlanEntry, TrainingState};
 pub use provenance::{Difference, TrainingInputs, TrainingSummary, TrainingTime};

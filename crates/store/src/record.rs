@@ -1,6 +1,6 @@
 //! Trials and simulations of a run.
 
-use crate::row::end_columns;
+use crate::row::{end_columns, end_from_columns};
 use crate::trace_blob::StoredTrace;
 
 /// Status of a trial.
@@ -99,6 +99,12 @@ impl SimulationEnd {
     pub fn name(self) -> &'static str {
         let (name, _, _) = end_columns(self);
         name
+    }
+
+    /// Returns the end with this name, control step and index, as the columns `ended`, `end_step` and `end_index` of a run file
+    /// contain them; `None` if they are not those of an end.
+    pub fn from_name(name: &str, step: Option<u32>, index: Option<u32>) -> Option<SimulationEnd> {
+        end_from_columns(name, step, index)
     }
 
     /// Returns the control step or sample of the end; `None` for an end without one.

@@ -56,7 +56,7 @@ pub(crate) fn end_columns(end: SimulationEnd) -> EndColumns {
     }
 }
 
-fn end_from_columns(text: &str, step: Option<u32>, index: Option<u32>) -> Option<SimulationEnd> {
+pub(crate) fn end_from_columns(text: &str, step: Option<u32>, index: Option<u32>) -> Option<SimulationEnd> {
     use SimulationEnd as End;
     let end = match (text, step, index) {
         ("completed", None, None) => End::Completed,

@@ -1,5 +1,8 @@
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use anyhow::{Context, Result, bail, ensure};
 use mishandle::evaluation::Estimate;
@@ -9,7 +12,7 @@ use mishandle::store::RunKind;
 use mishandle::{CampaignRun, EvaluationOutcome, ResolvedPlan, plural, shell_quote};
 use serde_json::{Value, json};
 
-use super::{evaluate, falsify};
+use super::{evaluate, falsify, reproduce};
 use crate::progress::Bar;
 use crate::{ExitStatus, args, interrupt, output, run};
 
@@ -27,7 +30,7 @@ pub fn run(command: &args::Campaign) -> Result<ExitStatus> {
     };
     let mut results = Vec::new();
     if status == ExitStatus::Done {
-        results = run_all(&runs, &bar, command.durable)?;
+        results = run_all(&runs, &bar, command.durable, command.jobs.unwrap_or(1))?;
     }
     bar.clear();
     let name = shell_quote(&folder.to_string_lossy());
@@ -52,6 +55,9 @@ pub fn run(command: &args::Campaign) -> Result<ExitStatus> {
     if results.len() < runs.len() {
         return Ok(ExitStatus::Interrupted);
     }
+    if let Some(pages) = &command.pages {
+        reproduce::write_tables(&folder, pages)?;
+    }
     output::message(&format!("Run files: {name}"));
     let is_falsified = |finished: &Finished| matches!(&finished.outcome, Outcome::Falsification(found) if found.falsified_trials > 0);
     Ok(if results.iter().any(is_falsified) { ExitStatus::Violated } else { ExitStatus::Done })
@@ -75,7 +81,7 @@ fn open(command: &args::Campaign) -> Result<(PathBuf, Vec<CampaignRun>)> {
 }
 
 /// A finished run.
-struct Finished {
+pub struct Finished {
     name: String,
     path: PathBuf,
     resolved: ResolvedPlan,
@@ -100,43 +106,83 @@ impl Finished {
     }
 }
 
-/// Runs or completes all runs in order. Returns fewer if a signal interrupts them.
-fn run_all(runs: &[CampaignRun], bar: &Bar, is_durable: bool) -> Result<Vec<Finished>> {
-    let mut finished = Vec::new();
-    for (number, run) in (1..).zip(runs) {
-        let note = format!("run {number} of {}: {}", runs.len(), run.name);
-        let Some(found) =
-            run_one(run, bar, &note, is_durable).with_context(|| format!("run {}", run.name))?
-        else {
-            break;
-        };
-        finished.push(found);
-    }
-    Ok(finished)
+/// Runs or completes all runs in order, `jobs` at a time. Returns the finished ones, which are fewer if a signal interrupts them.
+pub fn run_all(runs: &[CampaignRun], bar: &Bar, is_durable: bool, jobs: usize) -> Result<Vec<Finished>> {
+    let progress = Progress::new(runs, bar);
+    let (next, failed) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let work = || {
+        let mut finished = Vec::new();
+        while !failed.load(Ordering::Relaxed) && !interrupt::requested() {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(run) = runs.get(index) else { break };
+            let watch = |done, planned| {
+                progress.report(index, done, planned);
+                // A failure ends the other jobs like a signal: what they have done is stored.
+                if failed.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { run::control_flow() }
+            };
+            let result = run_one(run, is_durable, watch).with_context(|| format!("run {}", run.name));
+            failed.fetch_or(result.is_err(), Ordering::Relaxed);
+            finished.extend(result.transpose().map(|result| (index, result)));
+        }
+        finished
+    };
+    let mut finished = match jobs.min(runs.len()) {
+        0 | 1 => work(),
+        jobs => std::thread::scope(|scope| {
+            let workers: Vec<_> = (0..jobs).map(|_| scope.spawn(work)).collect();
+            let joined = workers.into_iter().flat_map(|worker| match worker.join() {
+                Ok(finished) => finished,
+                Err(panic) => std::panic::resume_unwind(panic),
+            });
+            joined.collect()
+        }),
+    };
+    finished.sort_by_key(|(index, _)| *index);
+    finished.into_iter().map(|(_, result)| result).collect()
 }
 
-/// Runs or completes one run. Returns `None` if a signal interrupts it.
-fn run_one(run: &CampaignRun, bar: &Bar, note: &str, is_durable: bool) -> Result<Option<Finished>> {
+/// Progress of all runs, on one bar.
+struct Progress<'a> {
+    runs: &'a [CampaignRun],
+    bar: &'a Bar,
+    /// Number of finished simulations of each run, and of those that its plan asks for.
+    counts: Mutex<Vec<(u64, u64)>>,
+}
+
+impl Progress<'_> {
+    fn new<'a>(runs: &'a [CampaignRun], bar: &'a Bar) -> Progress<'a> {
+        Progress { runs, bar, counts: Mutex::new(vec![(0, 0); runs.len()]) }
+    }
+
+    fn report(&self, index: usize, done: u64, planned: u64) {
+        let Ok(mut counts) = self.counts.lock() else { return };
+        counts[index] = (done, planned);
+        self.bar.set_length(counts.iter().map(|(_, planned)| planned).sum());
+        self.bar.set_position(counts.iter().map(|(done, _)| done).sum());
+        self.bar.set_note(format!("run {} of {}: {}", index + 1, self.runs.len(), self.runs[index].name));
+    }
+}
+
+/// Runs or completes one run. Returns `None` if it was interrupted.
+fn run_one(
+    run: &CampaignRun,
+    is_durable: bool,
+    mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
+) -> Result<Option<Finished>> {
     let (mut file, resolved) = run.resume()?;
     if is_durable {
         file.set_durable()?;
     }
     run::report_build_differences("started", &mishandle::build_differences(file.file().header(), &resolved));
-    bar.set_note(note.to_string());
     let outcome = match file.file().header().kind {
         RunKind::Evaluate => {
-            bar.set_length(mishandle::evaluation_simulations(&resolved));
-            let found = mishandle::evaluate(&resolved, file, |done| {
-                bar.set_position(done);
-                run::control_flow()
-            })?;
+            let planned = mishandle::evaluation_simulations(&resolved);
+            let found = mishandle::evaluate(&resolved, file, |done| watch(done, planned))?;
             found.is_complete.then(|| Outcome::Evaluation(Box::new(found)))
         }
         RunKind::Falsify => {
             let found = mishandle::falsify(&resolved, file, |progress| {
-                bar.set_length(progress.max_simulations);
-                bar.set_position(progress.simulations);
-                run::control_flow()
+                watch(progress.simulations, progress.max_simulations)
             })?;
             falsify::is_complete(&resolved, &found).then(|| Outcome::Falsification(Box::new(found)))
         }

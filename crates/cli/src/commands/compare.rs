@@ -1,0 +1,283 @@
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use mishandle::evaluation::Estimate;
+use mishandle::{
+    ComparedPair, ComparedRun, Comparison, EvaluatePlan, PairedMeans, PairedRates, ResolvedPlan, plural,
+    shell_quote,
+};
+use serde_json::{Value, json};
+
+use crate::output::{self, number};
+use crate::progress::Bar;
+use crate::{ExitStatus, args, escape, run};
+
+/// Largest number of new or fixed failures in the text. The JSON document lists all.
+const MAX_LISTED: usize = 20;
+
+pub fn run(command: &args::Compare) -> Result<ExitStatus> {
+    run::set_threads(command.run.threads)?;
+    let paths = match (&command.subject.target, &command.second) {
+        (Some(first), Some(second)) => [PathBuf::from(first), second.clone()],
+        (_, None) if command.against.is_some() => match evaluate_both(command)? {
+            Some(paths) => paths,
+            None => return Ok(ExitStatus::Interrupted),
+        },
+        _ => bail!(
+            "expected two run files, or a target with --controller and --against: see mishandle compare --help"
+        ),
+    };
+    let [first, second] = paths;
+    let (a, b) = (run::read(&first, command.skip_check)?, run::read(&second, command.skip_check)?);
+    let found = mishandle::compare(&a, &b)?;
+    if command.run.json {
+        output::json(document(&found))?;
+    } else {
+        output::line(&text(&found))?;
+    }
+    Ok(if found.has_new_failures() { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
+/// Evaluates both controllers. Returns `None` if a signal interrupts it.
+fn evaluate_both(command: &args::Compare) -> Result<Option<[PathBuf; 2]>> {
+    let mut plan = run::plan(&command.subject, &command.run)?;
+    let evaluate = plan.evaluate.take().unwrap_or_default();
+    plan.falsify = None;
+    plan.evaluate = Some(EvaluatePlan {
+        episodes: command.episodes.unwrap_or(evaluate.episodes),
+        batch: command.subject.batch.unwrap_or(evaluate.batch),
+        ..evaluate
+    });
+    let mut other = plan.clone();
+    other.controller = command.against.clone().unwrap_or_default();
+    // Both before the first simulation, so that a mistake in the second is reported at once.
+    let plans = [ResolvedPlan::new(&plan)?, ResolvedPlan::new(&other)?];
+    let bar = Bar::new(0, "simulations");
+    run::stop_on_signals(&bar)?;
+    let mut paths = Vec::new();
+    for resolved in &plans {
+        let file = mishandle::create_run(resolved, None)?;
+        let path = file.file().path().to_path_buf();
+        bar.set_length(mishandle::evaluation_simulations(resolved));
+        bar.set_note(resolved.plan.controller.clone());
+        let outcome = mishandle::evaluate(resolved, file, |done| {
+            bar.set_position(done);
+            run::control_flow()
+        })?;
+        let name = shell_quote(&path.to_string_lossy());
+        if !outcome.is_complete {
+            bar.clear();
+            output::message(&format!(
+                "interrupted; resume with: mishandle evaluate --resume {name}, then compare the run files"
+            ));
+            return Ok(None);
+        }
+        output::message(&format!("Run file: {name}"));
+        paths.push(path);
+    }
+    bar.clear();
+    Ok(paths.try_into().ok())
+}
+
+/// Returns the JSON document.
+pub fn document(found: &Comparison) -> Value {
+    let compared = |run: &ComparedRun| {
+        json!({
+            "run": run.path.to_string_lossy(),
+            "controller": run.controller,
+            "controller_hash": run.controller_hash,
+            "target_hash": run.target_hash,
+            "commit": run.commit,
+        })
+    };
+    let rates = |rates: &PairedRates| {
+        json!({
+            "first": output::estimate(&rates.first),
+            "second": output::estimate(&rates.second),
+            "difference": output::estimate(&rates.difference),
+            "first_only": rates.counts.first_only,
+            "second_only": rates.counts.second_only,
+            "p_value": number(rates.p_value),
+        })
+    };
+    let means = |means: &PairedMeans| {
+        let (smaller, larger) = means.smaller_and_larger;
+        json!({
+            "first": means.first.map(number),
+            "second": means.second.map(number),
+            "difference": output::estimate(&means.difference),
+            "smaller": smaller,
+            "larger": larger,
+            "p_value": number(means.p_value),
+        })
+    };
+    let pairs = |pairs: &[ComparedPair], run: &ComparedRun| {
+        let entries = pairs.iter().map(|pair| {
+            let named = found.axes.iter().zip(&pair.scenario);
+            json!({
+                "trial": pair.trial,
+                "simulation": pair.number,
+                "seed": pair.seed.to_string(),
+                "scenario": named.map(|(axis, value)| (axis.name.clone(), json!(value))).collect::<Value>(),
+                "first_robustness": pair.first_robustness.map(number),
+                "second_robustness": pair.second_robustness.map(number),
+                "replay": replay(&run.path, pair),
+            })
+        });
+        entries.collect::<Vec<_>>()
+    };
+    json!({
+        "target": found.target,
+        "formula": found.formula,
+        "first": compared(&found.first),
+        "second": compared(&found.second),
+        "differences": found.differences,
+        "pairs": found.pairs,
+        "success": rates(&found.success),
+        "strict_success": found.strict.as_ref().map(rates),
+        "robustness": means(&found.robustness),
+        "dangerous_steps": found.dangerous_steps.as_ref().map(means),
+        "completion_step": found.completion_step.as_ref().map(means),
+        "new_failures": pairs(&found.new_failures, &found.second),
+        "fixed_failures": pairs(&found.fixed_failures, &found.first),
+    })
+}
+
+/// Returns the command that replays the failure.
+fn replay(path: &Path, pair: &ComparedPair) -> String {
+    let name = shell_quote(&path.to_string_lossy());
+    format!("mishandle replay {name} --trial {} --simulation {}", pair.trial, pair.number)
+}
+
+fn text(found: &Comparison) -> String {
+    let name = |run: &ComparedRun| {
+        let controller =
+            run.controller.as_deref().map_or(String::new(), |name| format!("{}, ", escape::name(name)));
+        format!("{controller}{}", escape::name(&run.path.to_string_lossy()))
+    };
+    let mut parts = vec![format!(
+        "{}: {} on the same scenarios and seeds\nA: {}\nB: {}",
+        escape::name(&found.target),
+        plural(found.pairs, "pair"),
+        name(&found.first),
+        name(&found.second),
+    )];
+    if found.first.controller_hash == found.second.controller_hash
+        && found.first.target_hash == found.second.target_hash
+    {
+        parts.push("A and B have the same controller and target".to_string());
+    }
+    if !found.differences.is_empty() {
+        let listed: Vec<String> =
+            found.differences.iter().map(|difference| escape::name(difference)).collect();
+        parts.push(format!("A and B also differ in:\n  {}", listed.join("\n  ")));
+    }
+    parts.push(output::table(&table(found)));
+    parts.push(verdict(found));
+    let lists = [
+        ("New failures: A succeeds, B fails", &found.new_failures, &found.second),
+        ("Fixed failures: A fails, B succeeds", &found.fixed_failures, &found.first),
+    ];
+    parts.extend(
+        lists
+            .into_iter()
+            .filter(|(_, pairs, _)| !pairs.is_empty())
+            .map(|(title, pairs, run)| list(found, title, pairs, run)),
+    );
+    parts.join("\n\n")
+}
+
+fn table(found: &Comparison) -> Vec<Vec<String>> {
+    let mut rows = vec![["", "A", "B", "B - A", "95 % interval", "p", "n"].map(String::from).to_vec()];
+    let percent = |value: Option<f64>| value.map_or("-".to_string(), |rate| format!("{:.2} %", 100.0 * rate));
+    let rates = [("success rate", Some(&found.success)), ("strict success rate", found.strict.as_ref())];
+    for (name, rates) in rates.into_iter().filter_map(|(name, rates)| Some((name, rates?))) {
+        let PairedRates { first, second, difference, p_value, .. } = rates;
+        let points = |value: f64| format!("{:+.2}", 100.0 * value);
+        rows.push(vec![
+            name.to_string(),
+            percent(first.value),
+            percent(second.value),
+            difference.value.map_or("-".to_string(), points),
+            interval(difference, &points),
+            p_text(*p_value),
+            difference.n.to_string(),
+        ]);
+    }
+    let means = [
+        ("robustness", 4, Some(&found.robustness)),
+        ("dangerous control steps", 2, found.dangerous_steps.as_ref()),
+        ("completion step, if both succeed", 2, found.completion_step.as_ref()),
+    ];
+    for (name, decimals, means) in means.into_iter().filter_map(|(name, n, means)| Some((name, n, means?))) {
+        let mean = |value: Option<f64>| value.map_or("-".to_string(), |mean| format!("{mean:.decimals$}"));
+        let signed = |value: f64| format!("{value:+.decimals$}");
+        rows.push(vec![
+            name.to_string(),
+            mean(means.first),
+            mean(means.second),
+            means.difference.value.map_or("-".to_string(), signed),
+            interval(&means.difference, &signed),
+            p_text(means.p_value),
+            means.difference.n.to_string(),
+        ]);
+    }
+    rows
+}
+
+fn interval(estimate: &Estimate, show: &dyn Fn(f64) -> String) -> String {
+    let ends = estimate.low.zip(estimate.high);
+    ends.map_or("-".to_string(), |(low, high)| format!("[{}, {}]", show(low), show(high)))
+}
+
+fn p_text(p: f64) -> String {
+    if p < 0.0001 { "< 0.0001".to_string() } else { format!("{p:.4}") }
+}
+
+/// Level below which a difference counts as one.
+const SIGNIFICANT: f64 = 0.05;
+
+fn verdict(found: &Comparison) -> String {
+    let PairedRates { counts, p_value, .. } = &found.success;
+    let (lost, gained) = (counts.first_only, counts.second_only);
+    let judgment = match (*p_value < SIGNIFICANT, gained > lost) {
+        (true, true) => "B succeeds more often",
+        (true, false) => "B succeeds less often",
+        (false, _) => "the success rates do not differ significantly",
+    };
+    format!(
+        "B fails in {} where A succeeds, and succeeds in {} where A fails: {judgment} (exact McNemar test, p = {}). The other \
+         p-values are of exact sign tests.",
+        plural(lost, "random simulation"),
+        gained,
+        p_text(*p_value).trim_start_matches("= "),
+    )
+    .replace("p = < ", "p < ")
+}
+
+fn list(found: &Comparison, title: &str, pairs: &[ComparedPair], run: &ComparedRun) -> String {
+    let mut rows = vec![
+        ["trial", "simulation", "seed", "scenario", "robustness A", "robustness B"]
+            .map(String::from)
+            .to_vec(),
+    ];
+    let robustness = |value: Option<f64>| value.map_or("no verdict".to_string(), |rho| format!("{rho:.4}"));
+    for pair in pairs.iter().take(MAX_LISTED) {
+        let value = |value: &Option<f64>| value.map_or("random".to_string(), |value| format!("{value:.4}"));
+        let named = found.axes.iter().zip(&pair.scenario);
+        let scenario: Vec<String> =
+            named.map(|(axis, found)| run::axis_value(&axis.name, &value(found), &axis.unit)).collect();
+        rows.push(vec![
+            pair.trial.to_string(),
+            pair.number.to_string(),
+            pair.seed.to_string(),
+            scenario.join(", "),
+            robustness(pair.first_robustness),
+            robustness(pair.second_robustness),
+        ]);
+    }
+    let more = pairs.len().saturating_sub(MAX_LISTED);
+    let more = if more > 0 { format!("\n… and {more} more: --json lists all") } else { String::new() };
+    let example = pairs.first().map_or(String::new(), |pair| replay(&run.path, pair));
+    format!("{title} ({})\n{}{more}\nReplay the first: {example}", pairs.len(), output::table(&rows))
+}

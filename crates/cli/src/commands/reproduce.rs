@@ -1,0 +1,197 @@
+//! The paper's tables: runs their plans, and shows the results beside the published values.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use mishandle::files::{limits, read_text_bounded};
+use mishandle::shell_quote;
+use mishandle_experiments::{
+    Block, CampaignResults, ExperimentError, NamedPage, Results, Table, ZooFolder, pages,
+};
+use serde_json::{Value, json};
+
+use super::campaign;
+use crate::args::{ReproduceCommand, ReproduceTable};
+use crate::progress::Bar;
+use crate::{ExitStatus, args, output, run};
+
+pub fn run(command: &args::Reproduce) -> Result<ExitStatus> {
+    match &command.command {
+        ReproduceCommand::Performance(table) => reproduce("performance", table),
+        ReproduceCommand::Falsification(table) => reproduce("falsification", table),
+        ReproduceCommand::Tables { folders, pages, json } => {
+            let results = load(folders)?;
+            show(&results, pages.as_deref(), *json)?;
+            Ok(ExitStatus::Done)
+        }
+        ReproduceCommand::Collect { folders, out } => {
+            let results = collect(folders, out)?;
+            results.write(out).map_err(converted)?;
+            output::message(&format!("Results: {}", shell_quote(&out.to_string_lossy())));
+            Ok(ExitStatus::Done)
+        }
+    }
+}
+
+/// Runs or completes the campaign of a table, then shows it.
+fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
+    run::set_threads(table.threads)?;
+    let bar = Bar::new(0, "simulations");
+    run::stop_on_signals(&bar)?;
+    let plan = match &table.plan {
+        Some(path) => path.clone(),
+        None => home()?.join("experiments/paper").join(format!("{name}.toml")),
+    };
+    let text = read_text_bounded(&plan, limits::PLAN).with_context(|| plan.display().to_string())?;
+    let folder = table.out.clone().unwrap_or_else(|| Path::new("runs").join(name));
+    let runs = if folder.exists() {
+        let runs = mishandle::campaign_runs(&folder)?;
+        let planned = mishandle::read_grid(&text).with_context(|| plan.display().to_string())?;
+        let is_same = runs.len() == planned.len()
+            && runs.iter().zip(&planned).all(|(run, planned)| run.plan == planned.plan);
+        ensure!(
+            is_same,
+            "{} has the runs of another plan than {}; choose another --out",
+            folder.display(),
+            plan.display()
+        );
+        runs
+    } else {
+        mishandle::create_campaign(&text, &folder).with_context(|| plan.display().to_string())?
+    };
+    let all_cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    let jobs = table.jobs.unwrap_or_else(all_cores);
+    let finished = campaign::run_all(&runs, &bar, table.durable, jobs)?;
+    bar.clear();
+    show(&load(std::slice::from_ref(&folder))?, None, table.json)?;
+    let quoted = shell_quote(&folder.to_string_lossy());
+    if finished.len() < runs.len() {
+        output::message(&format!("interrupted; {} of {} runs finished", finished.len(), runs.len()));
+        output::message(&format!("The same command continues: mishandle reproduce {name} --out {quoted}"));
+        return Ok(ExitStatus::Interrupted);
+    }
+    output::message(&format!("Run files: {quoted}"));
+    Ok(ExitStatus::Done)
+}
+
+fn home() -> Result<PathBuf> {
+    mishandle::home().context(
+        "expected a clone of the repository around the program; name one in the environment variable MISHANDLE_HOME, or give \
+         --plan FILE",
+    )
+}
+
+/// Reads campaigns and results.
+fn load(folders: &[PathBuf]) -> Result<Results> {
+    let mut all = Results::default();
+    for folder in folders {
+        if Results::is_in(folder) {
+            let Results { date, machine, campaigns } = Results::read(folder).map_err(converted)?;
+            all.date = date;
+            all.machine = machine;
+            all.campaigns.extend(campaigns);
+        } else {
+            let zoo = ZooFolder::new(&mishandle::home().unwrap_or_default());
+            all.campaigns.push(CampaignResults::read(folder, &zoo).map_err(converted)?);
+        }
+    }
+    Ok(all)
+}
+
+/// Shows the tables of the results, and writes their pages to a folder.
+fn show(results: &Results, folder: Option<&Path>, as_json: bool) -> Result<()> {
+    let pages = pages(results);
+    ensure!(!pages.is_empty(), "there are no runs in these folders");
+    if let Some(folder) = folder {
+        write_pages(&pages, folder)?;
+    }
+    if as_json {
+        return output::json(document(&pages));
+    }
+    let tables = pages.iter().flat_map(|(_, page)| tables(&page.blocks));
+    let texts: Vec<String> = tables
+        .map(|table| {
+            let plain = |cells: &Vec<String>| cells.iter().map(|cell| cell.replace('`', "")).collect();
+            let rows: Vec<Vec<String>> =
+                std::iter::once(&table.columns).chain(&table.rows).map(plain).collect();
+            format!("{}\n{}", table.caption, output::table(&rows))
+        })
+        .collect();
+    if folder.is_none() {
+        output::line(&texts.join("\n\n"))?;
+    }
+    Ok(())
+}
+
+/// Writes the pages of a campaign to a folder.
+pub fn write_tables(campaign: &Path, folder: &Path) -> Result<()> {
+    write_pages(&pages(&load(&[campaign.to_path_buf()])?), folder)
+}
+
+/// Writes each page as Markdown and as HTML. Existing pages are replaced, because they contain nothing but results.
+fn write_pages(pages: &[NamedPage], folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    for (name, page) in pages {
+        for (ending, text) in [("md", page.markdown()), ("html", page.html())] {
+            let path = folder.join(format!("{name}.{ending}"));
+            output::write_atomically(&path, true, text.as_bytes())?;
+            output::message(&format!("Page: {}", shell_quote(&path.to_string_lossy())));
+        }
+    }
+    Ok(())
+}
+
+fn tables(blocks: &[Block]) -> impl Iterator<Item = &Table> {
+    blocks.iter().filter_map(|block| match block {
+        Block::Table(table) => Some(table),
+        _ => None,
+    })
+}
+
+fn document(pages: &[NamedPage]) -> Value {
+    let page = |(name, page): &NamedPage| {
+        let tables = tables(&page.blocks)
+            .map(|table| json!({ "caption": table.caption, "columns": table.columns, "rows": table.rows }));
+        json!({ "name": name, "title": page.title, "tables": tables.collect::<Vec<_>>() })
+    };
+    json!({ "pages": pages.iter().map(page).collect::<Vec<_>>() })
+}
+
+/// Reads complete campaigns, to be stored as results.
+fn collect(folders: &[PathBuf], out: &Path) -> Result<Results> {
+    ensure!(!out.exists(), "{} exists already; choose another --out", out.display());
+    let date = out.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());
+    let is_date = date.len() == 10
+        && date.split('-').map(str::len).eq([4, 2, 2])
+        && date.bytes().all(|byte| byte.is_ascii_digit() || byte == b'-');
+    ensure!(is_date, "the folder of results is named by its date, such as 2026-11-22; found `{date}`");
+    let mut results = load(folders)?;
+    for run in results.campaigns.iter().flat_map(|campaign| &campaign.runs) {
+        ensure!(run.is_complete(), "run {} is not complete; resume its campaign first", run.facts.name);
+    }
+    let mut names: Vec<&str> = results.campaigns.iter().map(|campaign| campaign.name.as_str()).collect();
+    names.sort_unstable();
+    if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+        bail!("two folders have the name `{}`; results are stored by it, so rename one", pair[0]);
+    }
+    results.date = date;
+    results.machine = machine();
+    Ok(results)
+}
+
+/// Describes the machine: processor, number of cores and operating system.
+fn machine() -> String {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let facts = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = facts.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    let model = model.map_or("unknown processor", |(_, name)| name.trim());
+    format!("{cores} cores, {model}, {} {}", std::env::consts::OS, std::env::consts::ARCH)
+}
+
+/// The hints of the program are for its own errors.
+fn converted(error: ExperimentError) -> anyhow::Error {
+    match error {
+        ExperimentError::Mishandle(error) => (*error).into(),
+        error => error.into(),
+    }
+}

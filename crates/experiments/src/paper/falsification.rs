@@ -1,0 +1,374 @@
+//! The table of falsification: falsified trials and simulations to the first violation.
+
+use mishandle::evaluation::{
+    Estimate, Lifetime, SurvivalCurve, fisher_test, holm, log_rank, vargha_delaney, wilson,
+};
+use mishandle::plural;
+use mishandle::store::{Simulation, TrialStatus};
+
+use super::notes::{Notes, Row};
+use super::performance::failing_corners;
+use super::{
+    Block, NOTHING, PAPER_TRIALS, Page, PaperFalsification, Results, RunResults, SIGNIFICANT, Table, columns,
+    on_the_paper, p_text, paper_falsification, paper_performance, percent_with_interval, provenance,
+    sentences, with_interval,
+};
+
+/// Returns the page; `None` without falsifications.
+pub(super) fn page(results: &Results, notes: &Notes) -> Option<Page> {
+    let runs = results.campaigns.iter().flat_map(|campaign| &campaign.runs);
+    let runs: Vec<Falsified<'_>> = runs.filter_map(Falsified::new).collect();
+    if runs.is_empty() {
+        return None;
+    }
+    let mut blocks = vec![Block::Paragraph(
+        "Our falsification of our controllers beside the paper's falsification of its controllers. The controllers differ, so equal \
+         values are not expected; a controller that violates its formula rarely needs many simulations, whatever the search."
+            .to_string(),
+    )];
+    blocks.extend(provenance(results, runs.iter().map(|falsified| falsified.run)));
+    blocks.push(Block::List(vec![
+        "falsified: trials with a violation, of all ended trials, with the Wilson interval (95 %) of the rate in percent.".to_string(),
+        "mean over successes: mean number of simulations of the falsified trials, including the violating one. The paper prints this \
+         mean. It says nothing about the trials without a violation, so a search that finds little can have a small one. The paper's \
+         code does not count the violating simulation, so its values are smaller by one; they stand here as printed."
+            .to_string(),
+        "restricted mean: mean of min(simulations to the first violation, budget), with its interval from Greenwood's variance. A \
+         trial without a violation is censored at the budget, also if its search ended earlier by its own criterion, because it \
+         finds nothing after that. Without a violation there is no interval."
+            .to_string(),
+        "ended early: trials whose search ended by its own criterion before the budget was spent.".to_string(),
+        "p: two-sided p-value of Fisher's exact test that both rates of falsified trials, ours and the paper's, are equal.".to_string(),
+        "Wall-clock times are left out: the paper's are of another simulator on another machine, so only simulations can be compared."
+            .to_string(),
+    ]));
+    let mut presets: Vec<&str> = Vec::new();
+    for falsified in &runs {
+        if !presets.contains(&falsified.run.plan.preset.as_str()) {
+            presets.push(&falsified.run.plan.preset);
+        }
+    }
+    for preset in presets {
+        let of_preset: Vec<&Falsified<'_>> =
+            runs.iter().filter(|falsified| falsified.run.plan.preset == preset).collect();
+        blocks.extend(section(results, notes, preset, &of_preset));
+    }
+    blocks.extend(on_the_paper(notes, "falsification"));
+    Some(Page { title: "Falsification: our controllers beside the paper's".to_string(), blocks })
+}
+
+fn section(results: &Results, notes: &Notes, preset: &str, runs: &[&Falsified<'_>]) -> Vec<Block> {
+    let mut blocks = vec![
+        Block::Heading(format!("Falsified trials, preset `{preset}`")),
+        Block::Table(Table {
+            caption: format!("Falsified trials and simulations to the first violation, preset {preset}"),
+            columns: columns(&[
+                "task",
+                "controller",
+                "search",
+                "falsified",
+                "rate %",
+                "paper",
+                "p",
+                "mean over successes",
+                "paper",
+                "restricted mean",
+                "ended early",
+                "simulations",
+            ]),
+            left: 3,
+            rows: runs.iter().map(|run| run.cells()).collect(),
+        }),
+    ];
+    let remarks: Vec<String> = runs.iter().filter_map(|run| run.remark(results, notes)).collect();
+    if !remarks.is_empty() {
+        blocks.push(Block::Heading(format!("Where the values differ, and why, preset `{preset}`")));
+        blocks.push(Block::List(remarks));
+    }
+    let comparisons = comparisons(runs);
+    if !comparisons.is_empty() {
+        blocks.push(Block::Heading(format!("Comparison of our searches, preset `{preset}`")));
+        blocks.push(Block::Paragraph(format!(
+            "Log-rank tests of the simulations to the first violation, corrected by Holm's method for all {} on this table. A: Vargha \
+             and Delaney's effect size, the probability that the first search needs more simulations than the second (ties count \
+             half), with its interval. Pairs in which neither search finds a violation are left out.",
+            plural(comparisons.len(), "test")
+        )));
+        blocks.push(Block::Table(Table {
+            caption: format!("Comparison of searches, preset {preset}"),
+            columns: columns(&["task", "controller", "searches", "χ²", "p", "p, Holm", "A", "n"]),
+            left: 3,
+            rows: comparisons,
+        }));
+    }
+    let rates: Vec<Vec<String>> = runs.iter().filter_map(|run| run.random_rate()).collect();
+    if !rates.is_empty() {
+        blocks.push(Block::Heading(format!("Violations per random simulation, preset `{preset}`")));
+        blocks.push(Block::Paragraph(
+            "Random search draws its scenarios as an evaluation does, so its violations per simulation estimate the failure rate of \
+             the controller. For the paper, one column follows from its table of falsification (falsified trials by all simulations) \
+             and one from its table of performance (100 % minus the success rate without noise). If both were measured under the \
+             same conditions, they would agree up to chance."
+                .to_string(),
+        ));
+        blocks.push(Block::Table(Table {
+            caption: format!("Violations per random simulation in percent, preset {preset}"),
+            columns: columns(&[
+                "task",
+                "controller",
+                "ours",
+                "n",
+                "paper, from falsification",
+                "paper, from performance",
+            ]),
+            left: 2,
+            rows: rates,
+        }));
+    }
+    blocks
+}
+
+/// A falsification and its trials.
+struct Falsified<'a> {
+    run: &'a RunResults,
+    search: &'a str,
+    budget: u32,
+    /// The ended trials, censored at the budget.
+    lifetimes: Vec<Lifetime>,
+    ended_early: usize,
+    planned: usize,
+    paper: Option<PaperFalsification>,
+}
+
+impl Falsified<'_> {
+    /// Returns the trials of a run; `None` if it is no falsification.
+    fn new(run: &RunResults) -> Option<Falsified<'_>> {
+        let falsify = run.plan.falsify.as_ref()?;
+        let lifetimes = run.ended().map(|trial| match trial.status {
+            TrialStatus::Falsified => Lifetime::failed(run.simulations_of(trial.number).count() as u32),
+            _ => Lifetime::censored(falsify.budget),
+        });
+        Some(Falsified {
+            run,
+            search: &falsify.search,
+            budget: falsify.budget,
+            lifetimes: lifetimes.collect(),
+            ended_early: run.ended().filter(|trial| trial.status == TrialStatus::Converged).count(),
+            planned: falsify.trials as usize,
+            paper: paper_falsification(&run.plan.target, &run.plan.controller, &falsify.search),
+        })
+    }
+
+    fn falsified(&self) -> u64 {
+        self.lifetimes.iter().filter(|lifetime| lifetime.failed).count() as u64
+    }
+
+    fn rate(&self) -> Estimate {
+        wilson(self.falsified(), self.lifetimes.len() as u64)
+    }
+
+    fn is_complete(&self) -> bool {
+        self.lifetimes.len() == self.planned
+    }
+
+    fn mean_over_successes(&self) -> Option<f64> {
+        let found: Vec<u32> =
+            self.lifetimes.iter().filter(|life| life.failed).map(|life| life.simulations).collect();
+        (!found.is_empty()).then(|| f64::from(found.iter().sum::<u32>()) / found.len() as f64)
+    }
+
+    fn p_value(&self) -> Option<f64> {
+        let paper = self.paper.filter(|_| self.is_complete())?;
+        let ours = (self.falsified(), self.lifetimes.len() as u64);
+        Some(fisher_test(ours, (paper.falsified, PAPER_TRIALS)))
+    }
+
+    fn cells(&self) -> Vec<String> {
+        let plan = &self.run.plan;
+        let one = |value: f64| format!("{value:.1}");
+        let falsified = match self.lifetimes.len() {
+            0 => "not run".to_string(),
+            n if n < self.planned => {
+                format!("{} of {n}; {n} of {} trials ended", self.falsified(), self.planned)
+            }
+            n => format!("{} of {n}", self.falsified()),
+        };
+        let restricted = SurvivalCurve::new(&self.lifetimes).restricted_mean(self.budget);
+        vec![
+            format!("`{}`", plan.target),
+            format!("`{}`", plan.controller),
+            format!("`{}`", self.search),
+            falsified,
+            percent_with_interval(&self.rate(), 0),
+            self.paper.map_or(NOTHING.to_string(), |paper| format!("{} of {PAPER_TRIALS}", paper.falsified)),
+            self.p_value().map_or(NOTHING.to_string(), p_text),
+            self.mean_over_successes().map_or(NOTHING.to_string(), one),
+            self.paper
+                .and_then(|paper| paper.mean_simulations)
+                .map_or(NOTHING.to_string(), |mean| format!("{mean:.2}")),
+            restricted.map_or(NOTHING.to_string(), |mean| with_interval(&mean, &one)),
+            self.ended_early.to_string(),
+            self.run.simulations.len().to_string(),
+        ]
+    }
+
+    /// Returns why the row differs from the paper's, and the notes on it.
+    fn remark(&self, results: &Results, notes: &Notes) -> Option<String> {
+        let plan = &self.run.plan;
+        if self.lifetimes.is_empty() {
+            return None;
+        }
+        let row = Row {
+            table: "falsification",
+            task: &plan.target,
+            controller: &plan.controller,
+            search: self.search,
+            preset: &plan.preset,
+        };
+        let found = sentences(self.difference(results).into_iter().chain(notes.on(&row).map(str::to_string)));
+        let name = format!("`{}` `{}` `{}`: ", plan.target, plan.controller, self.search);
+        (!found.is_empty()).then_some(name + &found)
+    }
+
+    fn difference(&self, results: &Results) -> Option<String> {
+        let (paper, p) = (self.paper?, self.p_value()?);
+        if p >= SIGNIFICANT {
+            return None;
+        }
+        let (ours, n) = (self.falsified(), self.lifetimes.len() as u64);
+        let counts = format!("{ours} of {n} trials against {} of {PAPER_TRIALS}", paper.falsified);
+        let is_less = ours * PAPER_TRIALS < paper.falsified * n;
+        let word = if is_less { "fewer" } else { "more" };
+        let mut parts = vec![format!(
+            "Our trials are falsified {} ({counts}).",
+            if is_less { "less often" } else { "more often" }
+        )];
+        let simulations = self.run.simulations.len();
+        match (ours, self.minimum()) {
+            (0, Some(minimum)) => parts.push(format!(
+                "None of our {} violates the formula; the smallest robustness is {:.4}, at {}.",
+                plural(simulations, "simulation"),
+                minimum.robustness.unwrap_or_default(),
+                self.scenario(minimum),
+            )),
+            _ => parts.push(format!(
+                "{} of our {} violate the formula, {word} than the {:.2} % per simulation that the paper's row implies.",
+                ours,
+                plural(simulations, "simulation"),
+                100.0 * paper.violations_per_simulation(),
+            )),
+        }
+        if self.ended_early > 0 && is_less {
+            parts.push(format!("{} ended by the search's own criterion.", plural(self.ended_early, "trial")));
+        }
+        parts.extend(self.corners(results));
+        Some(sentences(parts))
+    }
+
+    /// Returns what the evaluation of the same controller says about the corners of the initial box.
+    fn corners(&self, results: &Results) -> Option<String> {
+        let plan = &self.run.plan;
+        let mut runs = results.campaigns.iter().flat_map(|campaign| &campaign.runs);
+        let evaluation = runs.find(|run| {
+            run.plan.evaluate.is_some()
+                && (&run.plan.target, &run.plan.controller, &run.plan.preset)
+                    == (&plan.target, &plan.controller, &plan.preset)
+                && run.plan.action_noise == plan.action_noise
+        })?;
+        let (failing, n) = failing_corners(evaluation)?;
+        Some(match failing {
+            0 => format!("It also succeeds at all {n} corners and centers of the initial box."),
+            _ => format!("It fails at {failing} of {n} corners and centers of the initial box."),
+        })
+    }
+
+    fn minimum(&self) -> Option<&Simulation> {
+        let decided = self.run.simulations.iter().filter(|row| row.robustness.is_some());
+        decided.min_by(|a, b| a.robustness.unwrap_or_default().total_cmp(&b.robustness.unwrap_or_default()))
+    }
+
+    fn scenario(&self, simulation: &Simulation) -> String {
+        let named = self.run.facts.axes.iter().zip(&simulation.scenario);
+        let value = |((name, unit), value): (&(String, String), &Option<f64>)| {
+            format!("{name} = {:.4} {unit}", value.unwrap_or(f64::NAN)).trim_end().to_string()
+        };
+        named.map(value).collect::<Vec<_>>().join(", ")
+    }
+
+    /// Returns the row of violations per random simulation; `None` for another search, or before the first trial ended.
+    fn random_rate(&self) -> Option<Vec<String>> {
+        if self.search != "random" || self.lifetimes.is_empty() {
+            return None;
+        }
+        let plan = &self.run.plan;
+        let n = self.run.simulations.len() as u64;
+        let violations =
+            self.run.simulations.iter().filter(|row| row.robustness.is_some_and(|rho| rho < 0.0));
+        let performance =
+            paper_performance(&plan.target, &plan.controller).map(|found| 100.0 - found[0].success);
+        Some(vec![
+            format!("`{}`", plan.target),
+            format!("`{}`", plan.controller),
+            percent_with_interval(&wilson(violations.count() as u64, n), 2),
+            n.to_string(),
+            self.paper.map_or(NOTHING.to_string(), |paper| {
+                format!("{:.2}", 100.0 * paper.violations_per_simulation())
+            }),
+            performance.map_or(NOTHING.to_string(), |rate| format!("{rate:.0}")),
+        ])
+    }
+}
+
+/// Returns the rows of the tests of each pair of complete runs that differ in their searches alone.
+fn comparisons(runs: &[&Falsified<'_>]) -> Vec<Vec<String>> {
+    let mut found = Vec::new();
+    for (i, first) in runs.iter().enumerate() {
+        for second in &runs[i + 1..] {
+            let (a, b) = (&first.run.plan, &second.run.plan);
+            let is_pair = (&a.target, &a.controller, a.action_noise)
+                == (&b.target, &b.controller, b.action_noise)
+                && first.search != second.search
+                && first.budget == second.budget
+                && first.is_complete()
+                && second.is_complete();
+            if is_pair && let Some(test) = log_rank(&[&first.lifetimes, &second.lifetimes]) {
+                found.push((*first, *second, test));
+            }
+        }
+    }
+    let adjusted = holm(&found.iter().map(|(.., test)| test.p_value).collect::<Vec<f64>>());
+    let rows = found.iter().zip(adjusted).map(|((first, second, test), adjusted)| {
+        let simulations = |falsified: &Falsified<'_>| -> Vec<f64> {
+            falsified.lifetimes.iter().map(|lifetime| f64::from(lifetime.simulations)).collect()
+        };
+        let effect = vargha_delaney(&simulations(first), &simulations(second));
+        vec![
+            format!("`{}`", first.run.plan.target),
+            format!("`{}`", first.run.plan.controller),
+            format!("`{}`, `{}`", first.search, second.search),
+            format!("{:.2}", test.chi_squared),
+            p_text(test.p_value),
+            p_text(adjusted),
+            with_interval(&effect, &|value| format!("{value:.2}")),
+            effect.n.to_string(),
+        ]
+    });
+    rows.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_budget_of_the_paper_is_that_of_the_plan() {
+        let plan = include_str!("../../../../experiments/paper/falsification.toml");
+        let runs = mishandle::read_grid(plan).unwrap();
+        assert_eq!(runs.len(), 8 * 2 * 3);
+        for run in runs {
+            let falsify = run.plan.falsify.unwrap();
+            assert_eq!(
+                (u64::from(falsify.trials), falsify.budget),
+                (super::PAPER_TRIALS, crate::PAPER_BUDGET)
+            );
+        }
+    }
+}

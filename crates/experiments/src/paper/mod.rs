@@ -1,0 +1,123 @@
+//! The paper's tables of performance and falsification: published values, results of campaigns, and the pages that compare
+//! them.
+
+mod falsification;
+mod notes;
+mod page;
+mod performance;
+mod published;
+mod raw_rows;
+mod results;
+
+pub use page::{Block, Page, Table};
+pub use published::{
+    PAPER_BUDGET, PAPER_STARTS, PAPER_TRIALS, PaperFalsification, PaperPerformance, paper_falsification,
+    paper_performance, paper_training_time,
+};
+pub use results::{CampaignResults, Results, RunFacts, RunResults};
+
+use mishandle::evaluation::Estimate;
+use mishandle::plural;
+
+use notes::{Notes, PaperNote};
+
+/// An empty cell.
+const NOTHING: &str = "-";
+
+/// A page with its file name, without an ending.
+pub type NamedPage = (&'static str, Page);
+
+/// Returns the pages of the tables that the results have rows for.
+pub fn pages(results: &Results) -> Vec<NamedPage> {
+    let notes = Notes::new();
+    let performance = performance::page(results, &notes).map(|page| ("performance", page));
+    let falsification = falsification::page(results, &notes).map(|page| ("falsification", page));
+    performance.into_iter().chain(falsification).collect()
+}
+
+/// Returns the first paragraphs of a page: where its results come from.
+fn provenance<'a>(results: &Results, runs: impl Iterator<Item = &'a RunResults> + Clone) -> Vec<Block> {
+    let distinct = |values: &mut dyn Iterator<Item = String>| {
+        let mut found: Vec<String> = Vec::new();
+        values.for_each(|value| {
+            if !value.is_empty() && !found.contains(&value) {
+                found.push(value);
+            }
+        });
+        found.join(", ")
+    };
+    let commits = distinct(&mut runs.clone().map(|run| run.facts.commit.clone()));
+    let versions = distinct(
+        &mut runs
+            .clone()
+            .flat_map(|run| &run.facts.versions)
+            .map(|(name, version)| format!("{name} {version}")),
+    );
+    let simulations: usize = runs.clone().map(|run| run.simulations.len()).sum();
+    let commands = distinct(&mut results.campaigns.iter().map(|campaign| format!("`{}`", campaign.command)));
+    let mut facts = vec![
+        format!("{} in {}", plural(simulations, "simulation"), plural(runs.clone().count(), "run")),
+        format!("commit {commits}"),
+        versions,
+    ];
+    facts.extend([&results.machine, &results.date].into_iter().filter(|fact| !fact.is_empty()).cloned());
+    let mut blocks = vec![Block::Paragraph(format!("{}. Commands: {commands}.", facts.join("; ")))];
+    let incomplete = runs.clone().filter(|run| !run.is_complete()).count();
+    if incomplete > 0 {
+        blocks.push(Block::Paragraph(format!(
+            "**Not finished:** {incomplete} of {} are incomplete. Their rows say how far they are; they are no results yet.",
+            plural(runs.count(), "run")
+        )));
+    }
+    blocks
+}
+
+/// Returns the section on the paper itself.
+fn on_the_paper(notes: &Notes, table: &str) -> Vec<Block> {
+    let concerns = |note: &&PaperNote| note.tables.iter().any(|name| name == table);
+    let entries: Vec<String> =
+        notes.paper.iter().filter(concerns).map(|note| format!("{} {}", note.text, note.evidence)).collect();
+    if entries.is_empty() {
+        return Vec::new();
+    }
+    vec![
+        Block::Heading("What to know about the published values".to_string()),
+        Block::Paragraph(
+            "These points concern the comparison, not the paper's merit. Each can be checked in the copies of the paper's tables \
+             in `experiments/paper/published` or in the authors' published code."
+                .to_string(),
+        ),
+        Block::List(entries),
+    ]
+}
+
+/// Formats a rate in percent with its interval.
+fn percent_with_interval(rate: &Estimate, decimals: usize) -> String {
+    let percent = |value: f64| format!("{:.decimals$}", 100.0 * value);
+    with_interval(rate, &percent)
+}
+
+/// Formats an estimate with its interval.
+fn with_interval(estimate: &Estimate, show: &dyn Fn(f64) -> String) -> String {
+    match (estimate.value, estimate.low.zip(estimate.high)) {
+        (Some(value), Some((low, high))) => format!("{} [{}, {}]", show(value), show(low), show(high)),
+        (Some(value), None) => show(value),
+        (None, _) => NOTHING.to_string(),
+    }
+}
+
+fn p_text(p: f64) -> String {
+    if p < 0.0001 { "< 0.0001".to_string() } else { format!("{p:.4}") }
+}
+
+/// Level below which a p-value counts as a difference.
+const SIGNIFICANT: f64 = 0.05;
+
+/// Joins sentences that are not empty.
+fn sentences(parts: impl IntoIterator<Item = String>) -> String {
+    parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
+}
+
+fn columns(names: &[&str]) -> Vec<String> {
+    names.iter().map(ToString::to_string).collect()
+}
