@@ -195,6 +195,46 @@ pub enum MishandleError {
         /// The reason, and what to do.
         problem: String,
     },
+    /// The simulation is no counterexample.
+    #[error("the robustness of the simulation is {robustness}; a counterexample has a negative robustness")]
+    NotACounterexample {
+        /// Robustness of the simulation, or the reason why it has none.
+        robustness: String,
+    },
+    /// A file is not a counterexample.
+    #[error("not a counterexample file: {problem}")]
+    CounterexampleFile {
+        /// The problem, such as an unknown key.
+        problem: String,
+    },
+    /// A counterexample file has a newer format.
+    #[error(
+        "the counterexample has format {found}, this program reads formats up to {known}: use a newer Mishandle"
+    )]
+    NewerCounterexample {
+        /// Format of the file.
+        found: u64,
+        /// Newest format that this program reads.
+        known: u64,
+    },
+    /// A simulation ended without a robustness.
+    #[error("the simulation has no verdict: it ended with {end:?}")]
+    NoVerdict {
+        /// The end.
+        end: mishandle_rollout::EpisodeEnd,
+    },
+    /// The space of a counterexample has other axes now.
+    #[error("the counterexample has the axes {recorded}; the space {space} of {target} has: {found}")]
+    CounterexampleAxes {
+        /// Name of the target.
+        target: String,
+        /// Name of the space.
+        space: String,
+        /// Recorded axes.
+        recorded: String,
+        /// Present axes.
+        found: String,
+    },
     /// The plan lacks the table of the command.
     #[error("cannot {table}: the plan has no table [{table}]; resume a run with the command that made it")]
     MissingPlanTable {

@@ -22,6 +22,7 @@
 mod build;
 mod campaign;
 mod comparison;
+mod counterexample;
 mod curve;
 mod error;
 mod evaluate;
@@ -32,9 +33,11 @@ mod hint;
 mod home;
 mod import;
 mod masking;
+mod minimize;
 mod plan;
 mod plural;
 mod record;
+mod regress;
 mod replay;
 mod search_options;
 mod shell_quote;
@@ -48,6 +51,9 @@ mod trajectory;
 pub use build::{VERSION, VERSION_AND_COMMIT, build};
 pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 pub use comparison::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates, compare};
+pub use counterexample::{
+    AxisValue, Counterexample, CounterexampleReplay, Decisive, Expected, MinimizedFrom,
+};
 pub use curve::{Curve, CurveProblem, CurveRow, NoTrainingTime};
 pub use error::MishandleError;
 pub use evaluate::{
@@ -66,9 +72,11 @@ pub use home::{
 };
 pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
 pub use masking::{MaskedPredicate, Masking, masking};
+pub use minimize::{Minimized, axes_off_nominal, minimize};
 pub use plan::{EvaluatePlan, FalsifyPlan, GridRun, Plan, StartRegion, read_grid};
 pub use plural::plural;
 pub use record::{create_run, recorded_episode};
+pub use regress::{Regression, regress};
 pub use replay::{ReplayResult, build_differences, recorded_plan, replay, replay_with, select_simulation};
 pub use search_options::search_option_value;
 pub use shell_quote::shell_quote;

@@ -5,7 +5,7 @@ mod simulation;
 mod trial;
 
 use mishandle_rollout::{Episode, Scenario, System};
-use mishandle_store::{RunFile, RunHeader, Simulation};
+use mishandle_store::{BuildRecord, ComponentRecord, RunFile, RunHeader, Simulation};
 
 use crate::record;
 use crate::{MishandleError, Plan, ResolvedPlan, build};
@@ -127,11 +127,19 @@ pub fn select_simulation(
 /// # Errors
 /// If the plan cannot be resolved any more, or the controller has another hash than the run's.
 pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<ResolvedPlan, MishandleError> {
-    let mut plan = Plan::from_toml(&header.plan)?;
+    resolve_recorded(Plan::from_toml(&header.plan)?, &header.components, controller)
+}
+
+/// Resolves a recorded plan and checks that the target has the recorded components.
+pub(crate) fn resolve_recorded(
+    mut plan: Plan,
+    components: &[ComponentRecord],
+    controller: Option<&str>,
+) -> Result<ResolvedPlan, MishandleError> {
     if let Some(controller) = controller {
         plan.controller = controller.to_string();
     }
-    let recorded = header.components.iter().find(|component| component.role == "controller");
+    let recorded = components.iter().find(|component| component.role == "controller");
     let with_hint = |error| match (error, recorded) {
         (
             error @ (MishandleError::Controller(_) | MishandleError::UnknownName { kind: "controller", .. }),
@@ -148,7 +156,7 @@ pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<Res
     };
     let resolved = ResolvedPlan::new(&plan).map_err(with_hint)?;
     let found = &resolved.target.components;
-    for (then, now) in header.components.iter().zip(found) {
+    for (then, now) in components.iter().zip(found) {
         if then.hash != now.hash {
             return Err(MishandleError::ControllerMismatch {
                 controller: plan.controller,
@@ -157,11 +165,11 @@ pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<Res
             });
         }
     }
-    if header.components.len() != found.len() {
+    if components.len() != found.len() {
         let parts = |roles: Vec<&str>| if roles.is_empty() { "none".to_string() } else { roles.join(", ") };
         return Err(MishandleError::ComponentMismatch {
             target: plan.target,
-            recorded: parts(header.components.iter().map(|component| component.role.as_str()).collect()),
+            recorded: parts(components.iter().map(|component| component.role.as_str()).collect()),
             found: parts(found.iter().map(|component| component.role.as_str()).collect()),
         });
     }
@@ -170,7 +178,21 @@ pub fn recorded_plan(header: &RunHeader, controller: Option<&str>) -> Result<Res
 
 /// Lists the differences between the build that made a run and the present one.
 pub fn build_differences(header: &RunHeader, resolved: &ResolvedPlan) -> Vec<String> {
-    let (then, now) = (&header.build, build());
+    let mut differences = differences_of_builds(&header.build, &header.versions, resolved);
+    if header::is_from_version_1(header) {
+        let now = &resolved.target.identity.hash;
+        differences.push(format!("recorded hash of the target unknown, now {now}"));
+    }
+    differences
+}
+
+/// Lists the differences between a recorded build and the present one, with the versions of the target's software.
+pub(crate) fn differences_of_builds(
+    then: &BuildRecord,
+    versions: &[(String, String)],
+    resolved: &ResolvedPlan,
+) -> Vec<String> {
+    let now = build();
     let mut parts = vec![
         ("program", then.program_version.as_str(), now.program_version.as_str()),
         ("commit", &then.git_commit, &now.git_commit),
@@ -179,17 +201,13 @@ pub fn build_differences(header: &RunHeader, resolved: &ResolvedPlan) -> Vec<Str
         ("architecture", &then.architecture, &now.architecture),
     ];
     for (name, now) in &resolved.target.versions {
-        let then =
-            header.versions.iter().find(|(known, _)| known == name).map_or("unknown", |(_, version)| version);
+        let then = versions.iter().find(|(known, _)| known == name).map_or("unknown", |(_, version)| version);
         parts.push((name.as_str(), then, now.as_str()));
     }
-    for (name, then) in &header.versions {
+    for (name, then) in versions {
         if !resolved.target.versions.iter().any(|(known, _)| known == name) {
             parts.push((name.as_str(), then.as_str(), "unknown"));
         }
-    }
-    if header::is_from_version_1(header) {
-        parts.push(("hash of the target", "unknown", &resolved.target.identity.hash));
     }
     parts
         .iter()

@@ -38,6 +38,13 @@ fn is_noise(std: f64) -> bool {
     (0.0..=Noise::MAX_STD).contains(&std)
 }
 
+/// Failure rates.
+const RATE: &str = "a number from 0 to 1, such as 0.05";
+
+fn is_rate(rate: f64) -> bool {
+    (0.0..=1.0).contains(&rate)
+}
+
 /// Sampling periods.
 const PERIOD: &str = "a number of seconds above 0, such as 0.1";
 
@@ -97,6 +104,8 @@ pub enum Command {
     Export(Export),
     Replay(Replay),
     Explain(Explain),
+    Counterexamples(Counterexamples),
+    Regress(Regress),
     Render(Render),
     Zoo(Zoo),
     Completions(Completions),
@@ -706,12 +715,13 @@ pub struct Simulate {
 #[command(after_help = "Examples:
   mishandle replay runs/RUN.sqlite                      the first counterexample
   mishandle replay runs/RUN.sqlite --trial 2 --simulation 17 --trace trace.csv
+  mishandle replay failure.json                         an exported counterexample
 
 Exit code 0 means that everything recorded of the simulation agrees with the plan of the run and
 with the replay, bit for bit; 2 that something differs.")]
 pub struct Replay {
-    /// Run file of `mishandle evaluate` or `mishandle falsify`
-    #[arg(value_name = "RUN")]
+    /// Run file of `mishandle evaluate` or `mishandle falsify`, or a .json file of `mishandle counterexamples export`
+    #[arg(value_name = "RUN|FILE.json")]
     pub file: PathBuf,
     /// Number of the trial, from 1 [default: 1 with --simulation, otherwise any]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
@@ -781,12 +791,13 @@ pub struct Export {
   mishandle explain runs/RUN.sqlite                      the first counterexample
   mishandle explain runs/RUN.sqlite --trial 2 --simulation 17
   mishandle explain runs/RUN.sqlite --masking            which predicate sets the robustness, which fails
+  mishandle explain failure.json                         an exported counterexample
 
 A counterexample of any target is explained from its recorded trace. Other simulations have none and
 are replayed.")]
 pub struct Explain {
-    /// Run file of `mishandle evaluate` or `mishandle falsify`
-    #[arg(value_name = "RUN")]
+    /// Run file of `mishandle evaluate` or `mishandle falsify`, or a .json file of `mishandle counterexamples export`
+    #[arg(value_name = "RUN|FILE.json")]
     pub file: PathBuf,
     /// Number of the trial, from 1 [default: 1 with --simulation, otherwise any]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
@@ -807,6 +818,123 @@ pub struct Explain {
     /// Do not check the whole run file before reading it; a record is still checked when it is read
     #[arg(long)]
     pub skip_check: bool,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// List the failure modes of a run, or export counterexamples as files of a regression suite
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+#[command(after_help = "Examples:
+  mishandle counterexamples runs/RUN.sqlite
+  mishandle counterexamples export runs/RUN.sqlite --out failure.json --minimize
+  mishandle counterexamples export runs/RUN.sqlite --all --out failures
+
+A failure mode is a group of failures with the same decisive predicate, similar scenarios and similar
+times. Its representative is the failure nearest to the nominal scenario.")]
+pub struct Counterexamples {
+    #[command(subcommand)]
+    pub command: Option<CounterexamplesCommand>,
+    /// Run file of `mishandle evaluate` or `mishandle falsify`
+    #[arg(value_name = "RUN", required = true)]
+    pub file: Option<PathBuf>,
+    /// Do not check the whole run file before reading it; a record is still checked when it is read
+    #[arg(long)]
+    pub skip_check: bool,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum CounterexamplesCommand {
+    /// Write counterexamples as JSON files, which `replay`, `explain` and `regress` run
+    Export(ExportCounterexamples),
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle counterexamples export runs/RUN.sqlite --out failure.json
+  mishandle counterexamples export runs/RUN.sqlite --mode 2 --minimize --out failure.json
+  mishandle counterexamples export runs/RUN.sqlite --trial 2 --simulation 17 --out failure.json
+  mishandle counterexamples export runs/RUN.sqlite --all --out failures
+
+--minimize moves the scenario toward the nominal one while it still fails: as few axes as possible off
+nominal, with offsets that cannot shrink by 1 % of the width of an axis. The random seed stays.
+docs/counterexamples.md describes the file.")]
+pub struct ExportCounterexamples {
+    /// Run file of `mishandle evaluate` or `mishandle falsify`
+    #[arg(value_name = "RUN")]
+    pub file: PathBuf,
+    /// File to create; with --all a folder for one file per mode
+    #[arg(long, value_name = "FILE|DIR")]
+    pub out: PathBuf,
+    /// Failure mode, from 1, whose representative is exported [default: 1]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
+    #[arg(conflicts_with_all = ["all", "trial", "simulation"])]
+    pub mode: Option<u32>,
+    /// Export the representatives of all failure modes
+    #[arg(long, conflicts_with_all = ["trial", "simulation"])]
+    pub all: bool,
+    /// Number of the trial, from 1, of the exported simulation
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
+    #[arg(requires = "simulation")]
+    pub trial: Option<u32>,
+    /// Number of the exported simulation within its trial, from 1
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
+    pub simulation: Option<u32>,
+    /// Move the scenario toward the nominal one while it still fails
+    #[arg(long)]
+    pub minimize: bool,
+    /// Largest number of simulations that minimize a counterexample [default: 300]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u64>(Plan::BUDGET))]
+    #[arg(requires = "minimize")]
+    pub budget: Option<u64>,
+    /// With --minimize: new path of the run's controller, if the file was moved
+    #[arg(long, value_name = "C", requires = "minimize")]
+    pub controller: Option<String>,
+    /// Do not check the whole run file before reading it; a record is still checked when it is read
+    #[arg(long)]
+    pub skip_check: bool,
+    /// Number of threads; does not affect the result [default: number of cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
+    pub threads: Option<usize>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Simulate a folder of counterexamples with another controller, and report which still fail
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle regress failures --controller my_controller.safetensors
+  mishandle regress failures --controller ppo --junit report.xml
+  mishandle regress failures --controller ppo --repeat 100 --max-failure-rate 0.05
+
+Each file *.json in the folder is one test. It passes if the scenario satisfies the formula. Exit code
+0 means that all pass, 1 that at least one still fails, 2 that a test could not run.")]
+pub struct Regress {
+    /// Folder with files of `mishandle counterexamples export`
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// Controller: the path of a .safetensors or .onnx file, or the name of a shipped controller
+    /// [default: the one of each counterexample]
+    #[arg(long, value_name = "C")]
+    pub controller: Option<String>,
+    /// Number of simulations with other random seeds, which decide the test; without it, the recorded seed does
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(REPEATS))]
+    pub repeat: Option<u32>,
+    /// With --repeat: largest failure rate of a test that passes [default: 0]
+    #[arg(long, value_name = "RATE", requires = "repeat", allow_negative_numbers = true)]
+    #[arg(value_parser = number(RATE, is_rate))]
+    pub max_failure_rate: Option<f64>,
+    /// Write the results to this file as JUnit XML; an existing file is replaced
+    #[arg(long, value_name = "FILE")]
+    pub junit: Option<PathBuf>,
+    /// Number of threads; does not affect the results [default: number of cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
+    pub threads: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,

@@ -36,9 +36,16 @@ fn keys(value: &Value, path: &str, found: &mut Vec<(String, &'static str)>) {
         Value::Object(entries) => {
             for (key, value) in entries {
                 let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
-                let is_map =
-                    ["scenario", "search_options", "formats", "training_time", "result", "explanation"]
-                        .contains(&key.as_str());
+                let is_map = [
+                    "scenario",
+                    "region",
+                    "search_options",
+                    "formats",
+                    "training_time",
+                    "result",
+                    "explanation",
+                ]
+                .contains(&key.as_str());
                 found.push((path.clone(), kind(value, is_map && key != "training_time")));
                 if !is_map {
                     keys(value, &path, found);
@@ -94,6 +101,11 @@ fn the_page_documents_the_keys_that_every_command_prints() {
         ("explain", "explain g.sqlite", 1),
         ("explain --masking", "explain g.sqlite --masking=20", 0),
         ("runs", "runs g.sqlite", 0),
+        ("counterexamples", "counterexamples g.sqlite", 0),
+        ("counterexamples export", "counterexamples export g.sqlite --minimize --all --out failures", 0),
+        ("replay", "replay failures/g-mode-1.json", 0),
+        ("explain", "explain failures/g-mode-1.json", 1),
+        ("regress", "regress failures --repeat 5", 1),
         ("train --dry-run", "train point-reaching --settings small.toml --out b.safetensors --dry-run", 0),
         ("train", "train point-reaching --settings small.toml --out a.safetensors --csv c.csv", 0),
         ("curve", "curve c.csv", 0),

@@ -66,6 +66,14 @@ fn devices_pipes_folders_and_sparse_files_are_refused_at_once() {
             let printed = run(&mut bench.command(&arguments), 2);
             assert!(printed.contains(message), "{arguments}: {printed}");
         }
+        // A path that ends with .json is a counterexample, any other a run file.
+        let counterexample = bench.path("a.json");
+        symlink(bench.path(&path), &counterexample).unwrap();
+        for command in ["replay a.json", "explain a.json", "regress ."] {
+            let printed = run(&mut bench.command(command), 2);
+            assert!(printed.contains(message), "{command} {path}: {printed}");
+        }
+        std::fs::remove_file(&counterexample).unwrap();
         // A checkpoint is found by its name.
         let checkpoint = bench.path("a.safetensors.checkpoint");
         symlink(bench.path(&path), &checkpoint).unwrap();

@@ -9,6 +9,7 @@
 //! | [`CHECKPOINT`] | checkpoints of training runs | 64 GiB |
 //! | [`TENSOR_HEADER`] | the header of a controller or a checkpoint | 1 MiB |
 //! | [`CURVE`] | learning curves | 256 MiB |
+//! | [`COUNTEREXAMPLE`] | counterexamples | 1 MiB |
 //!
 //! Each is far above the largest file that the program writes in practice.
 
@@ -34,3 +35,6 @@ pub const TENSOR_HEADER: u64 = MIB;
 
 /// Learning curves: a million iterations.
 pub const CURVE: u64 = 256 * MIB;
+
+/// Counterexamples: scenarios of thousands of axes.
+pub const COUNTEREXAMPLE: u64 = MIB;

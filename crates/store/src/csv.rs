@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use crate::columns::{Field, columns, fields};
-use crate::{Result, RunFile, StoreError, StoredTrace};
+use crate::{Result, RunFile, RunHeader, StoreError, StoredTrace};
 
 /// Writes all simulations of a run as CSV (RFC 4180): a header, then one line per simulation, ordered by trial and
 /// number.
@@ -27,13 +27,12 @@ pub fn export_csv(run: &RunFile, writer: &mut impl Write) -> Result<()> {
 }
 
 /// Writes a trace as CSV (RFC 4180) that `mishandle monitor` reads: a column `time` in seconds, then one column per
-/// signal of the run's header; one line per sample.
+/// signal of the header; one line per sample.
 ///
 /// # Errors
 /// [`Io`](StoreError::Io) if `writer` fails.
-pub fn export_trace_csv(run: &RunFile, trace: &StoredTrace, writer: &mut impl Write) -> Result<()> {
+pub fn export_trace_csv(header: &RunHeader, trace: &StoredTrace, writer: &mut impl Write) -> Result<()> {
     let mut writer = io::BufWriter::new(writer);
-    let header = run.header();
     let names = std::iter::once("time").chain(header.signals.iter().map(|signal| signal.name.as_str()));
     line(&mut writer, names.map(quoted)).map_err(failed)?;
     for step in 0..trace.samples() {

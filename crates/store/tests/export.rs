@@ -78,7 +78,7 @@ fn a_trace_is_exported_with_time_and_one_column_per_signal() {
     let writer = RunWriter::create(folder.path().join("run"), &header, IfExists::Refuse).unwrap();
     let trace = StoredTrace { columns: vec![vec![1.0, 2.5], vec![f64::INFINITY, f64::NAN]] };
     let mut csv = Vec::new();
-    export_trace_csv(writer.file(), &trace, &mut csv).unwrap();
+    export_trace_csv(writer.file().header(), &trace, &mut csv).unwrap();
     assert_eq!(String::from_utf8(csv).unwrap(), "time,a,\"say \"\"b\"\", c\"\n0.0,1.0,inf\n0.25,2.5,NaN\n");
 }
 

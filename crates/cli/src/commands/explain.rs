@@ -4,6 +4,7 @@ use mishandle::store::{RunFile, RunHeader};
 use mishandle::{ExplainedSimulation, Explanation, PredicateHistory, plural};
 use serde_json::{Value, json};
 
+use super::counterexamples;
 use crate::output::{self, number};
 use crate::progress::Bar;
 use crate::{ExitStatus, args, escape, run};
@@ -15,6 +16,9 @@ const SPACED_ROWS: usize = 8;
 const SIGNAL_COLUMNS: usize = 4;
 
 pub fn run(command: &args::Explain) -> Result<ExitStatus> {
+    if counterexamples::is_file(&command.file) {
+        return counterexample(command);
+    }
     let file = run::read(&command.file, command.skip_check)?;
     if let Some(limit) = command.masking {
         return masking(command, &file, limit);
@@ -85,6 +89,20 @@ fn masking(command: &args::Explain, file: &RunFile, limit: u64) -> Result<ExitSt
         output::table(&rows)
     ))?;
     Ok(ExitStatus::Done)
+}
+
+/// Simulates an exported counterexample and explains it.
+fn counterexample(command: &args::Explain) -> Result<ExitStatus> {
+    counterexamples::check_flags(command.trial, command.simulation)?;
+    let (_, replayed) = counterexamples::replay(&command.file, command.controller.as_deref())?;
+    let (header, explained) = (&replayed.header, &replayed.explained);
+    if command.json {
+        let run = json!({ "run": command.file.to_string_lossy() });
+        output::json(output::joined(run, document(header, explained)))?;
+    } else {
+        output::line(&text(header, explained))?;
+    }
+    Ok(if explained.recorded.robustness < Some(0.0) { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
 /// Returns the explanation as JSON. Samples count from 0, times are in seconds.
@@ -175,6 +193,18 @@ pub fn text(header: &RunHeader, explained: &ExplainedSimulation) -> String {
     parts.join("\n\n")
 }
 
+/// Describes the values of the two sides of a predicate: `gap is 1.2, the threshold 2`.
+pub fn comparison(predicate: &DecisivePredicate) -> String {
+    let [left, right] = predicate.values;
+    let [left_text, right_text] = predicate.sides.each_ref().map(|side| escape::name(side));
+    let is_number = |side: &str| side.parse::<f64>().is_ok();
+    match [is_number(&predicate.sides[0]), is_number(&predicate.sides[1])] {
+        [false, true] => format!("{left_text} is {left:.4}, the threshold {right:.4}"),
+        [true, false] => format!("{right_text} is {right:.4}, the threshold {left:.4}"),
+        _ => format!("{left_text} is {left:.4}, {right_text} is {right:.4}"),
+    }
+}
+
 /// Describes the decisive predicate: the values of its sides, and the samples that violate it.
 fn decision(
     header: &RunHeader,
@@ -183,14 +213,7 @@ fn decision(
     history: &PredicateHistory,
 ) -> String {
     let at = |sample: usize| instant(header, sample);
-    let [left, right] = predicate.values;
-    let [left_text, right_text] = predicate.sides.each_ref().map(|side| escape::name(side));
-    let is_number = |side: &str| side.parse::<f64>().is_ok();
-    let compared = match [is_number(&predicate.sides[0]), is_number(&predicate.sides[1])] {
-        [false, true] => format!("{left_text} is {left:.4}, the threshold {right:.4}"),
-        [true, false] => format!("{right_text} is {right:.4}, the threshold {left:.4}"),
-        _ => format!("{left_text} is {left:.4}, {right_text} is {right:.4}"),
-    };
+    let compared = comparison(predicate);
     let margin = predicate.robustness.abs();
     let side = match (predicate.robustness < 0.0, predicate.is_negated) {
         (true, false) => format!("violates it by {margin:.4}"),
@@ -232,7 +255,7 @@ fn all(samples: usize) -> String {
 }
 
 /// Formats a sample with its time.
-fn instant(header: &RunHeader, sample: usize) -> String {
+pub fn instant(header: &RunHeader, sample: usize) -> String {
     format!("step {sample} ({:.2} s)", sample as f64 * header.control_dt)
 }
 

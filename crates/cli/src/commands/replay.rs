@@ -1,14 +1,21 @@
+use std::path::Path;
+
 use anyhow::{Result, bail};
-use mishandle::{plural, store};
+use mishandle::rollout::Signal;
+use mishandle::stl::Trace;
+use mishandle::store::{RunHeader, SignalRecord, StoredTrace};
+use mishandle::{AxisValue, CounterexampleReplay, plural, store};
 use serde_json::{Value, json};
 
-use mishandle::rollout::Signal;
-
+use super::counterexamples;
 use crate::output::{self, number};
 use crate::{ExitStatus, args, escape, run};
 
 pub fn run(command: &args::Replay) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
+    if counterexamples::is_file(&command.file) {
+        return counterexample(command);
+    }
     let file = run::read(&command.file, command.skip_check)?;
     let Some((trial, simulation)) = mishandle::select_simulation(&file, command.trial, command.simulation)?
     else {
@@ -17,24 +24,15 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
     };
     let replayed = mishandle::replay(&file, trial, simulation, command.controller.as_deref())?;
     run::report_build_differences("made", &replayed.build_differences);
+    let header = file.header();
     if let Some(path) = &command.trace {
-        let trace = &replayed.episode.trace;
-        let columns = (0..trace.names().len()).map(|i| trace.column(i).to_vec()).collect();
-        output::write_new(path, |out| {
-            Ok(store::export_trace_csv(&file, &store::StoredTrace { columns }, out)?)
-        })?;
-        output::message(&format!("wrote the trace to {}", path.display()));
+        write_trace(path, header, &replayed.episode.trace)?;
     }
     let robustness = replayed.episode.verdict.robustness;
-    let header = file.header();
     let scenario = &replayed.recorded.scenario;
     let named = || header.axes.iter().zip(scenario);
     let by_name: Value = named().map(|(axis, value)| (axis.name.clone(), json!(value))).collect();
-    let signals: Vec<Signal> = header
-        .signals
-        .iter()
-        .map(|signal| Signal { name: signal.name.clone(), unit: signal.unit.clone() })
-        .collect();
+    let signals: Vec<Signal> = header.signals.iter().map(signal).collect();
     if command.json {
         let value = |value: Option<f64>| value.map_or(Value::Null, number);
         output::json(json!({
@@ -77,5 +75,70 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
         bail!("{}", run::differences_text(&replayed.differences));
     }
     output::message("the replay is bit-identical to the record, which agrees with the plan of the run");
+    Ok(ExitStatus::Done)
+}
+
+fn signal(recorded: &SignalRecord) -> Signal {
+    Signal { name: recorded.name.clone(), unit: recorded.unit.clone() }
+}
+
+fn write_trace(path: &Path, header: &RunHeader, trace: &Trace) -> Result<()> {
+    let columns = (0..trace.names().len()).map(|i| trace.column(i).to_vec()).collect();
+    output::write_new(path, |out| Ok(store::export_trace_csv(header, &StoredTrace { columns }, out)?))?;
+    output::message(&format!("wrote the trace to {}", path.display()));
+    Ok(())
+}
+
+/// Replays an exported counterexample.
+fn counterexample(command: &args::Replay) -> Result<ExitStatus> {
+    counterexamples::check_flags(command.trial, command.simulation)?;
+    let (recorded, replayed) = counterexamples::replay(&command.file, command.controller.as_deref())?;
+    for difference in &replayed.build_differences {
+        output::message(&format!("warning: another build made the counterexample: {difference}"));
+    }
+    let CounterexampleReplay { header, episode, differences, .. } = &replayed;
+    if let Some(path) = &command.trace {
+        write_trace(path, header, &episode.trace)?;
+    }
+    let signals: Vec<Signal> = header.signals.iter().map(signal).collect();
+    let end = run::end_text(episode.end, &signals);
+    let scenario = || recorded.scenario.iter();
+    if command.json {
+        output::json(json!({
+            "run": command.file.to_string_lossy(),
+            "target": recorded.target.name,
+            "space": recorded.plan.space,
+            "axes": scenario().map(|axis| &axis.axis).collect::<Vec<_>>(),
+            "trial": recorded.trial,
+            "simulation": recorded.simulation,
+            "point": Value::Null,
+            "initial_configuration": scenario().map(|axis| axis.value).collect::<Vec<_>>(),
+            "scenario": scenario().map(|axis| (axis.axis.clone(), json!(axis.value))).collect::<Value>(),
+            "seed": recorded.seed.to_string(),
+            "end": end,
+            "steps": episode.steps,
+            "robustness": episode.robustness().map(number),
+            "same": differences.is_empty(),
+            "differences": differences,
+        }))?;
+    } else {
+        let value = |axis: &AxisValue| {
+            let value = axis.value.map_or("random".to_string(), |value| value.to_string());
+            run::axis_value(&axis.axis, &value, &axis.unit)
+        };
+        output::line(&format!(
+            "{}, {}, seed {}\nformula {}\nrobustness {} after {}",
+            recorded.target.name,
+            scenario().map(value).collect::<Vec<_>>().join(", "),
+            recorded.seed,
+            escape::name(&header.formula),
+            episode.robustness().map_or("undecided".to_string(), |rho| rho.to_string()),
+            plural(episode.steps, "control step"),
+        ))?;
+    }
+    if !differences.is_empty() {
+        bail!("the counterexample differs from the replay:\n  {}", differences.join("\n  "));
+    }
+    output::message("the replay is bit-identical to the counterexample");
     Ok(ExitStatus::Done)
 }

@@ -1,0 +1,176 @@
+mod export;
+
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use mishandle::store::{AxisRecord, RunHeader};
+use mishandle::{Counterexample, CounterexampleReplay, FailureMode, FailureModes, plural};
+use serde_json::{Value, json};
+
+use crate::args::{self, CounterexamplesCommand};
+use crate::output::{self, number};
+use crate::{ExitStatus, escape, run};
+
+/// Number of axes in the text that describes the region of a mode.
+const REGION_AXES: usize = 4;
+
+pub fn run(command: &args::Counterexamples) -> Result<ExitStatus> {
+    if let Some(CounterexamplesCommand::Export(command)) = &command.command {
+        return export::run(command);
+    }
+    let path = command.file.as_deref().unwrap_or(Path::new(""));
+    let file = run::read(path, command.skip_check)?;
+    let (header, found) = (file.header(), mishandle::failure_modes(&file)?);
+    if command.json {
+        output::json(document(path, header, &found))?;
+        return Ok(ExitStatus::Done);
+    }
+    output::line(&text(header, &found))?;
+    if !found.modes.is_empty() {
+        output::message(&format!(
+            "Export one with: mishandle counterexamples export {} --mode 1 --out FILE.json",
+            run::name(&file)
+        ));
+    }
+    Ok(ExitStatus::Done)
+}
+
+/// Returns whether a path names an exported counterexample rather than a run file.
+pub fn is_file(path: &Path) -> bool {
+    path.extension().is_some_and(|found| found.eq_ignore_ascii_case("json"))
+}
+
+/// Checks that no flag selects a simulation of an exported counterexample, which holds one.
+pub fn check_flags(trial: Option<u32>, simulation: Option<u32>) -> Result<()> {
+    ensure!(
+        trial.is_none() && simulation.is_none(),
+        "the file is one counterexample: --trial and --simulation select a simulation of a run file"
+    );
+    Ok(())
+}
+
+/// Reads an exported counterexample and simulates it again. `controller` is the present path of its controller.
+pub fn replay(path: &Path, controller: Option<&str>) -> Result<(Counterexample, CounterexampleReplay)> {
+    let counterexample = read(path)?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let replayed = counterexample.replay(&counterexample.resolve(folder, controller)?)?;
+    Ok((counterexample, replayed))
+}
+
+/// Reads an exported counterexample. Errors name its path.
+pub fn read(path: &Path) -> Result<Counterexample> {
+    match Counterexample::read(path) {
+        // Names the path itself.
+        Err(error @ mishandle::MishandleError::File { .. }) => Err(error.into()),
+        read => read.with_context(|| path.display().to_string()),
+    }
+}
+
+fn document(path: &Path, header: &RunHeader, found: &FailureModes) -> Value {
+    let FailureModes { modes, failures, not_grouped } = found;
+    let time = |sample: usize| sample as f64 * header.control_dt;
+    let named = |values: Vec<Value>| -> Value {
+        header.axes.iter().map(|axis| axis.name.clone()).zip(values).collect()
+    };
+    let mode = |(index, mode): (usize, &FailureMode)| {
+        let failure = mode.representative();
+        let (first, last) = mode.samples;
+        json!({
+            "mode": index + 1,
+            "failures": mode.failures.len(),
+            "predicate": failure.predicate,
+            "samples": [first, last],
+            "times": [time(first), time(last)],
+            "region": named(mode.region.iter().map(|range| json!(range.map(<[f64; 2]>::from))).collect()),
+            "trial": failure.trial,
+            "simulation": failure.number,
+            "seed": failure.seed.to_string(),
+            "scenario": named(failure.scenario.iter().map(|value| json!(value)).collect()),
+            "robustness": number(failure.robustness),
+            "distance_from_nominal": failure.distance_from_nominal,
+        })
+    };
+    json!({
+        "run": path.to_string_lossy(),
+        "target": header.target.name,
+        "formula": header.formula,
+        "failures": failures,
+        "not_grouped": not_grouped,
+        "modes": modes.iter().enumerate().map(mode).collect::<Vec<_>>(),
+    })
+}
+
+fn text(header: &RunHeader, found: &FailureModes) -> String {
+    let FailureModes { modes, failures, not_grouped } = found;
+    let mut parts = vec![format!(
+        "{}\nformula {}\n{} in {}",
+        escape::name(&header.target.name),
+        escape::name(&header.formula),
+        plural(*failures, "failure"),
+        plural(modes.len(), "failure mode"),
+    )];
+    if !modes.is_empty() {
+        parts.push(output::table(&table(header, modes)));
+        let lines =
+            modes.iter().zip(1..).map(|(mode, index)| format!("mode {index}: {}", region(header, mode)));
+        parts.push(lines.collect::<Vec<_>>().join("\n"));
+    }
+    if *not_grouped > 0 {
+        parts.push(format!(
+            "{} in no mode: without a recorded trace, or above the limit of grouped failures",
+            plural(*not_grouped, "failure")
+        ));
+    }
+    parts.join("\n\n")
+}
+
+fn table(header: &RunHeader, modes: &[FailureMode]) -> Vec<Vec<String>> {
+    let columns = [
+        "mode",
+        "failures",
+        "decisive predicate",
+        "time s",
+        "representative",
+        "robustness",
+        "distance from nominal",
+    ];
+    let time = |sample: usize| format!("{:.2}", sample as f64 * header.control_dt);
+    let row = |(index, mode): (usize, &FailureMode)| {
+        let failure = mode.representative();
+        let (first, last) = mode.samples;
+        let times = if first == last { time(first) } else { format!("{} to {}", time(first), time(last)) };
+        let predicate = if failure.predicate.is_empty() { "none" } else { &failure.predicate };
+        vec![
+            (index + 1).to_string(),
+            mode.failures.len().to_string(),
+            predicate.to_string(),
+            times,
+            format!("trial {}, simulation {}", failure.trial, failure.number),
+            format!("{:.4}", failure.robustness),
+            format!("{:.0} % of the widths", 100.0 * failure.distance_from_nominal),
+        ]
+    };
+    let rows = modes.iter().enumerate().map(row);
+    std::iter::once(columns.map(String::from).to_vec()).chain(rows).collect()
+}
+
+/// Describes the ranges of a mode on its axes, the narrowest first.
+fn region(header: &RunHeader, mode: &FailureMode) -> String {
+    let ranges = header.axes.iter().zip(&mode.region);
+    let mut ranges: Vec<(&AxisRecord, [f64; 2])> =
+        ranges.filter_map(|(axis, range)| range.map(|range| (axis, range.into()))).collect();
+    let width = |(axis, [low, high]): &(&AxisRecord, [f64; 2])| (high - low) / (axis.high - axis.low);
+    // Stable, so axes of equal width stay in the order of the space.
+    ranges.sort_by(|a, b| width(a).total_cmp(&width(b)));
+    let more = ranges.len().saturating_sub(REGION_AXES);
+    let shown = ranges.iter().take(REGION_AXES).map(|(axis, [low, high])| {
+        let value = |value: &f64| match axis.values.as_str() {
+            "continuous" | "logarithmic" => format!("{value:.4}"),
+            _ => value.to_string(),
+        };
+        let range = if low == high { value(low) } else { format!("{} to {}", value(low), value(high)) };
+        run::axis_value(&escape::name(&axis.name), &range, &escape::name(&axis.unit))
+    });
+    let rest = if more > 0 { format!(", and {more} more") } else { String::new() };
+    shown.collect::<Vec<_>>().join(", ") + &rest
+}

@@ -1,0 +1,225 @@
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use mishandle::evaluation::RepeatReport;
+use mishandle::rollout::{Scenario, Seed, Space};
+use mishandle::store::RunFile;
+use mishandle::{Counterexample, Minimized, MinimizedFrom, ResolvedPlan, axes_off_nominal, minimize, plural};
+use serde_json::{Value, json};
+
+use crate::args::ExportCounterexamples;
+use crate::commands::simulate;
+use crate::output::{self, number};
+use crate::progress::Bar;
+use crate::{ExitStatus, escape, run};
+
+/// Default number of simulations of a minimization.
+const BUDGET: u64 = 300;
+
+/// Number of simulations with other seeds of a minimized scenario whose target depends on the seed.
+const REPEATS: u64 = 100;
+
+/// A counterexample to write.
+struct Chosen {
+    path: PathBuf,
+    mode: Option<usize>,
+    trial: u32,
+    simulation: u32,
+}
+
+/// A minimized counterexample and its space.
+struct Shrunk {
+    minimized: Minimized,
+    space: Space,
+    /// Whether the decisive predicate is the recorded one.
+    has_same_predicate: bool,
+    repeats: Option<RepeatReport>,
+}
+
+pub fn run(command: &ExportCounterexamples) -> Result<ExitStatus> {
+    run::set_threads(command.threads)?;
+    let file = run::read(&command.file, command.skip_check)?;
+    let chosen = choose(command, &file)?;
+    let resolved = match command.minimize {
+        true => Some(mishandle::recorded_plan(file.header(), command.controller.as_deref())?),
+        false => None,
+    };
+    if let Some(resolved) = &resolved {
+        run::report_build_differences("made", &mishandle::build_differences(file.header(), resolved));
+    }
+    if command.all {
+        std::fs::create_dir_all(&command.out)
+            .with_context(|| format!("cannot create the folder {}", command.out.display()))?;
+    }
+    let mut documents = Vec::new();
+    for Chosen { path, mode, trial, simulation } in chosen {
+        let mut counterexample = Counterexample::from_run(&file, trial, simulation)?;
+        let shrunk = match &resolved {
+            Some(resolved) => Some(shrink(command, resolved, &mut counterexample)?),
+            None => None,
+        };
+        output::write_new(&path, |out| Ok(out.write_all(counterexample.to_json().as_bytes())?))?;
+        if command.json {
+            documents.push(document(&path, mode, &counterexample, shrunk.as_ref()));
+        } else {
+            output::line(&text(&path, mode, &counterexample, shrunk.as_ref()))?;
+        }
+        if let Some(name) = counterexample.plan.controller.strip_prefix("./") {
+            output::message(&format!(
+                "the controller is not shipped: copy {} to the folder of the counterexample, or give --controller FILE",
+                escape::name(name)
+            ));
+        }
+    }
+    if command.json {
+        output::json(json!({ "run": command.file.to_string_lossy(), "files": documents }))?;
+    }
+    Ok(ExitStatus::Done)
+}
+
+/// Returns the counterexamples that the flags select.
+fn choose(command: &ExportCounterexamples, file: &RunFile) -> Result<Vec<Chosen>> {
+    if let Some(simulation) = command.simulation {
+        let path = command.out.clone();
+        return Ok(vec![Chosen { path, mode: None, trial: command.trial.unwrap_or(1), simulation }]);
+    }
+    let modes = mishandle::failure_modes(file)?.modes;
+    if modes.is_empty() {
+        bail!("{} has no counterexample with a recorded trace", command.file.display());
+    }
+    let chosen = |index: usize, path: PathBuf| {
+        let failure = modes[index].representative();
+        Chosen { path, mode: Some(index + 1), trial: failure.trial, simulation: failure.number }
+    };
+    if command.all {
+        let stem = command.file.file_stem().unwrap_or_default().to_string_lossy();
+        let path = |index: usize| command.out.join(format!("{stem}-mode-{}.json", index + 1));
+        return Ok((0..modes.len()).map(|index| chosen(index, path(index))).collect());
+    }
+    let mode = command.mode.map_or(1, |mode| mode as usize);
+    if mode > modes.len() {
+        bail!(
+            "there is no failure mode {mode}; {} has {}",
+            command.file.display(),
+            plural(modes.len(), "failure mode")
+        );
+    }
+    Ok(vec![chosen(mode - 1, command.out.clone())])
+}
+
+/// Minimizes a counterexample, and measures how often its scenario fails with other seeds.
+fn shrink(
+    command: &ExportCounterexamples,
+    resolved: &ResolvedPlan,
+    counterexample: &mut Counterexample,
+) -> Result<Shrunk> {
+    let budget = command.budget.unwrap_or(BUDGET);
+    let mut system = resolved.system()?;
+    let request = counterexample.request(&resolved.space)?;
+    let bar = Bar::new(budget, "simulations");
+    let minimized = minimize(&mut *system, &request, budget, |done| bar.set_position(done))?;
+    let scenario = &minimized.episode.request.scenario;
+    let repeats = match mishandle::depends_on_seed(resolved, scenario) {
+        true => {
+            let seeds = mishandle::repeat_seeds(Seed(counterexample.seed), REPEATS);
+            Some(mishandle::repeat(&mut *system, scenario, seeds, |_| {})?)
+        }
+        false => None,
+    };
+    bar.clear();
+    let origin = MinimizedFrom {
+        scenario: request.scenario.values().to_vec(),
+        robustness: counterexample.expected.robustness,
+        simulations: minimized.simulations,
+        is_complete: minimized.is_complete,
+    };
+    let predicate = |known: &Counterexample| known.decisive.as_ref().map(|known| known.predicate.clone());
+    let recorded = predicate(counterexample);
+    *counterexample = Counterexample::from_episode(resolved, &minimized.episode)?;
+    counterexample.minimized_from = Some(origin);
+    let has_same_predicate = predicate(counterexample) == recorded;
+    Ok(Shrunk { minimized, space: resolved.space.clone(), has_same_predicate, repeats })
+}
+
+fn document(path: &Path, mode: Option<usize>, known: &Counterexample, shrunk: Option<&Shrunk>) -> Value {
+    let scenario = known.scenario.iter().map(|axis| (axis.axis.clone(), json!(axis.value)));
+    json!({
+        "file": path.to_string_lossy(),
+        "mode": mode,
+        "trial": known.trial,
+        "simulation": known.simulation,
+        "seed": known.seed.to_string(),
+        "scenario": scenario.collect::<Value>(),
+        "robustness": number(known.expected.robustness),
+        "predicate": known.decisive.as_ref().map(|decisive| &decisive.predicate),
+        "minimized": shrunk.map(|Shrunk { minimized, space, has_same_predicate, repeats }| json!({
+            "scenario": run::scenario(space.axes(), minimized.original.request.scenario.values()),
+            "robustness": minimized.original.robustness().map(number),
+            "axes_off_nominal": [
+                axes_off_nominal(space, &minimized.original.request.scenario),
+                axes_off_nominal(space, &minimized.episode.request.scenario),
+            ],
+            "simulations": minimized.simulations,
+            "complete": minimized.is_complete,
+            "fewest_axes": minimized.has_fewest_axes,
+            "same_predicate": has_same_predicate,
+            "repeats": repeats.as_ref().map(simulate::repeats_document),
+        })),
+    })
+}
+
+fn text(path: &Path, mode: Option<usize>, known: &Counterexample, shrunk: Option<&Shrunk>) -> String {
+    let mode = mode.map_or(String::new(), |mode| format!("mode {mode}, "));
+    let mut lines = vec![format!(
+        "{}: {mode}trial {}, simulation {}",
+        escape::name(&path.to_string_lossy()),
+        known.trial,
+        known.simulation
+    )];
+    match shrunk {
+        None => {
+            let value = |axis: &mishandle::AxisValue| {
+                let value = axis.value.map_or("random".to_string(), |value| format!("{value:.4}"));
+                run::axis_value(&escape::name(&axis.axis), &value, &escape::name(&axis.unit))
+            };
+            let values: Vec<String> = known.scenario.iter().map(value).collect();
+            lines.push(format!("  {}: robustness {:.4}", values.join(", "), known.expected.robustness));
+        }
+        Some(Shrunk { minimized, space, has_same_predicate, repeats }) => {
+            let described = |scenario: &Scenario, robustness: Option<f64>| {
+                let values = run::scenario_text(space.axes(), scenario.values());
+                let off = run::axes(axes_off_nominal(space, scenario));
+                format!("{values}: robustness {:.4}, {off} off nominal", robustness.unwrap_or(f64::NAN))
+            };
+            for (name, episode) in [("recorded ", &minimized.original), ("minimized", &minimized.episode)] {
+                lines
+                    .push(format!("  {name} {}", described(&episode.request.scenario, episode.robustness())));
+            }
+            lines.push(format!("  {}", result_text(minimized)));
+            if let (false, Some(decisive)) = (has_same_predicate, &known.decisive) {
+                lines.push(format!(
+                    "  its decisive predicate is another one: {}",
+                    escape::name(&decisive.predicate)
+                ));
+            }
+            if let Some(repeats) = repeats {
+                lines.push(format!("  with other seeds it {}", simulate::failure_text(repeats)));
+            }
+        }
+    }
+    lines.join("\n")
+}
+
+/// Describes how far a minimization came.
+fn result_text(minimized: &Minimized) -> String {
+    let simulations = plural(minimized.simulations, "simulation");
+    let axes = match minimized.has_fewest_axes {
+        true => "no smaller set of axes fails at the recorded values",
+        false => "no single axis can go to nominal; smaller sets were not all tried",
+    };
+    match minimized.is_complete {
+        true => format!("{simulations}: {axes}; no axis can move by 1 % of its width"),
+        false => format!("{simulations}: the budget ended before the minimization; give a larger --budget"),
+    }
+}

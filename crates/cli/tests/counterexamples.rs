@@ -1,0 +1,222 @@
+//! `mishandle counterexamples` and `regress`: failure modes, exported counterexamples and regression suites.
+
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use std::path::Path;
+use std::process::Command;
+
+use bench::{Bench, text};
+use mishandle::controllers::Policy;
+use serde_json::Value;
+
+/// Falsifies a toy and exports its counterexamples to `suite`.
+fn suite() -> Bench {
+    let bench = Bench::new();
+    bench.check("falsify toy/sphere-2d --seed 2 --search nelder-mead --trials 3 --out run.sqlite", 1);
+    bench.check("counterexamples export run.sqlite --all --out suite", 0);
+    bench
+}
+
+fn read(bench: &Bench, name: &str) -> Value {
+    serde_json::from_slice(&std::fs::read(bench.path(name)).unwrap()).unwrap()
+}
+
+fn write(bench: &Bench, name: &str, document: &Value) {
+    bench.write(name, &serde_json::to_string_pretty(document).unwrap());
+}
+
+/// Parses XML with Python, and returns the text of `expression` over the root `root`.
+fn xml(path: &Path, expression: &str) -> String {
+    let script = format!(
+        "import sys, xml.etree.ElementTree as e\nroot = e.parse(sys.argv[1]).getroot()\nprint({expression})"
+    );
+    let output = Command::new("python3").args(["-c", &script]).arg(path).output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    text(&output.stdout).trim().to_string()
+}
+
+#[test]
+fn modes_list_all_counterexamples_and_their_representative_is_one() {
+    let bench = suite();
+    let listed = bench.json("counterexamples run.sqlite --json", 0);
+    let modes = listed["modes"].as_array().unwrap();
+    let failures: u64 = modes.iter().map(|mode| mode["failures"].as_u64().unwrap()).sum();
+    assert_eq!((failures, &listed["failures"]), (3, &3.into()));
+    let (trial, simulation) = (&modes[0]["trial"], &modes[0]["simulation"]);
+    let replayed =
+        bench.json(&format!("replay run.sqlite --trial {trial} --simulation {simulation} --json"), 0);
+    for key in ["robustness", "scenario", "seed"] {
+        assert_eq!(modes[0][key], replayed[key]);
+    }
+    // The root mean square of x/2 and y/2, since nominal is 0 and the width 2 m.
+    let at = |axis: &str| modes[0]["scenario"][axis].as_f64().unwrap() / 2.0;
+    let distance = ((at("x").powi(2) + at("y").powi(2)) / 2.0).sqrt();
+    assert!((modes[0]["distance_from_nominal"].as_f64().unwrap() - distance).abs() < 1e-12);
+}
+
+#[test]
+fn an_exported_counterexample_replays_in_every_folder_and_a_changed_one_is_reported() {
+    let bench = suite();
+    let recorded = read(&bench, "suite/run-mode-1.json");
+    let replayed = bench.json("replay suite/run-mode-1.json --json", 0);
+    assert_eq!(replayed["robustness"], recorded["expected"]["robustness"]);
+    let elsewhere = Bench::new();
+    write(&elsewhere, "a.json", &recorded);
+    elsewhere.check("replay a.json", 0);
+    elsewhere.check("explain a.json", 1);
+    let change = |pointer: &str, to: Value| {
+        let mut changed = recorded.clone();
+        *changed.pointer_mut(pointer).unwrap() = to;
+        write(&elsewhere, "b.json", &changed);
+        elsewhere.run("replay b.json")
+    };
+    for (pointer, to, part) in [
+        ("/expected/robustness", (-0.25).into(), "robustness: recorded -0.25"),
+        ("/expected/steps", 2.into(), "number of control steps: recorded 2"),
+        ("/expected/trace_digest", "0".repeat(32).into(), "digest of the trace"),
+        ("/decisive/sample", 1.into(), "decisive predicate"),
+        ("/target/hash", "41d0".into(), "target: recorded"),
+        ("/scenario/0/unit", "km".into(), "scenario: recorded"),
+        ("/scenario/0/axis", "z".into(), "the counterexample has the axes z, y"),
+        ("/target/name", "cart-pole".into(), "made in Python"),
+        ("/counterexample_format", 7.into(), "use a newer Mishandle"),
+    ] {
+        let output = change(pointer, to);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(part), "{message}");
+    }
+    let output = change("/build/git_commit", "0123".into());
+    assert!(output.status.success() && text(&output.stderr).contains("recorded commit 0123, now"));
+    elsewhere.refuses("replay a.json --trial 1", &["--trial and --simulation select"]);
+    bench.refuses("counterexamples export run.sqlite --out suite/run-mode-1.json", &["exists already"]);
+    bench.refuses(
+        "counterexamples export run.sqlite --mode 99 --out a.json",
+        &["there is no failure mode 99"],
+    );
+    bench
+        .refuses("counterexamples export run.sqlite --simulation 1 --out a.json", &["a negative robustness"]);
+}
+
+#[test]
+fn a_minimized_counterexample_is_on_the_boundary_and_replays() {
+    let bench = suite();
+    let exported = bench.json("counterexamples export run.sqlite --minimize --out min.json --json", 0);
+    let document = read(&bench, "min.json");
+    let at = |index: usize| document["scenario"][index]["value"].as_f64().unwrap();
+    // The requirement is a distance of 0.1 m from (0.3, -0.4), and 1 % of the width is 0.02 m.
+    let distance = |x: f64, y: f64| (x - 0.3).hypot(y + 0.4);
+    assert!(distance(at(0), at(1)) < 0.1);
+    assert!(distance(at(0) - 0.02, at(1)) >= 0.1 && distance(at(0), at(1) + 0.02) >= 0.1, "{document}");
+    let minimized = &exported["files"][0]["minimized"];
+    assert_eq!(minimized["axes_off_nominal"], serde_json::json!([2, 2]));
+    assert_eq!((&minimized["complete"], &minimized["repeats"]), (&true.into(), &Value::Null));
+    assert_eq!(document["minimized_from"]["scenario"][0], minimized["scenario"]["x"]);
+    bench.check("replay min.json", 0);
+    let budget = bench.check("counterexamples export run.sqlite --minimize --budget 4 --out b.json", 0);
+    assert!(budget.contains("the budget ended"), "{budget}");
+}
+
+#[test]
+fn junit_reports_passes_failures_and_errors_for_any_names() {
+    let bench = suite();
+    bench.refuses("regress .", &["there is no counterexample (*.json) in ."]);
+    // A scenario that passes: the exported file claims a failure at a safe point.
+    let mut safe = read(&bench, "suite/run-mode-1.json");
+    safe["scenario"][0]["value"] = (-0.5).into();
+    write(&bench, "suite/safe.json", &safe);
+    let table = bench.check("regress suite --junit report.xml", 1);
+    assert!(table.contains("1 pass, 1 still fail, 0 errors"), "{table}");
+    let counts = "[root[0].get(k) for k in ('tests', 'failures', 'errors')]";
+    assert_eq!(xml(&bench.path("report.xml"), counts), "['2', '1', '0']");
+    let failure = xml(&bench.path("report.xml"), "root.find('.//failure').get('message')");
+    assert!(failure.contains("distance >= 0.1 at step 0 (0.00 s): distance is 0.0"), "{failure}");
+    std::fs::remove_file(bench.path("suite/run-mode-1.json")).unwrap();
+    bench.check("regress suite", 0);
+    // Names and contents that are no XML.
+    let name = "suite/<a>&\"b'\u{1b}[2J\u{202e}\n.json";
+    bench.write(name, "{\"counterexample_format\": 1, \"\\u001b]]><\": 1}");
+    let output = bench.run("regress suite --junit report.xml");
+    assert_eq!(output.status.code(), Some(2));
+    let printed = text(&output.stdout) + &text(&output.stderr);
+    assert!(printed.contains("error") && !printed.contains('\u{1b}') && !printed.contains('\u{202e}'));
+    assert_eq!(xml(&bench.path("report.xml"), counts), "['2', '0', '1']");
+    let name = xml(&bench.path("report.xml"), "[c.get('name') for c in root.iter('testcase')][0]");
+    assert_eq!(name, "<a>&\"b'\\u{1b}[2J\\u{202e}\\n");
+}
+
+#[test]
+fn repeats_decide_a_test_of_a_random_target_by_its_failure_rate() {
+    let bench = Bench::new();
+    bench.check("falsify toy/noisy --trials 1 --budget 200 --seed 1 --repeats 0 --out run.sqlite", 1);
+    bench.check("counterexamples export run.sqlite --out suite.json", 0);
+    std::fs::create_dir(bench.path("suite")).unwrap();
+    std::fs::rename(bench.path("suite.json"), bench.path("suite/a.json")).unwrap();
+    let tests =
+        |flags: &str, code| bench.json(&format!("regress suite --json {flags}"), code)["tests"][0].clone();
+    assert!(tests("", 1)["repeats"].is_null());
+    let repeated = tests("--repeat 200", 1);
+    let rate = repeated["repeats"]["failure_rate"]["value"].as_f64().unwrap();
+    // The noise has a standard deviation of 0.1; the search found a place within three of it.
+    assert!(rate > 0.0 && rate < 1.0, "{rate}");
+    assert_eq!(tests(&format!("--repeat 200 --max-failure-rate {rate}"), 0)["result"], "passes");
+    assert_eq!(tests("--repeat 200 --max-failure-rate 1", 0)["repeats"], repeated["repeats"]);
+}
+
+/// Returns the shipped controller of point-reaching with the bias of its last layer changed.
+fn worse(bench: &Bench, name: &str, bias: f32) {
+    let mut file = mishandle::find_controller("point-reaching/ppo").unwrap().controller().unwrap();
+    let mut network = file.policy.network().clone();
+    let outputs = network.output_size();
+    network.update(|parameters| {
+        let from = parameters.len() - outputs;
+        parameters[from..].iter_mut().for_each(|parameter| *parameter += bias);
+    });
+    let policy = &file.policy;
+    let log_std = policy.log_std().to_vec();
+    file.policy = Policy::new(policy.mean().to_vec(), policy.variance().to_vec(), network, log_std).unwrap();
+    file.save(&bench.path(name)).unwrap();
+}
+
+#[test]
+fn a_controller_made_worse_on_purpose_is_caught() {
+    let bench = Bench::new();
+    worse(&bench, "worse.safetensors", 1.0);
+    bench.check(
+        "falsify point-reaching --controller ./worse.safetensors --trials 2 --budget 64 --out run.sqlite",
+        1,
+    );
+    bench.check("counterexamples export run.sqlite --all --out suite", 0);
+    // The controller has the same file name in the suite, and no path of this machine is in it.
+    let document = read(&bench, "suite/run-mode-1.json");
+    assert_eq!(document["controller"], "./worse.safetensors");
+    assert!(!document.to_string().contains(bench.path("").to_str().unwrap()));
+    bench.refuses("replay suite/run-mode-1.json", &["suite/worse.safetensors", "--controller FILE"]);
+    bench.check("replay suite/run-mode-1.json --controller ./worse.safetensors", 0);
+    std::fs::copy(bench.path("worse.safetensors"), bench.path("suite/worse.safetensors")).unwrap();
+    bench.check("replay suite/run-mode-1.json", 0);
+    bench.refuses("replay suite/run-mode-1.json --controller ppo", &["is not the controller of the run"]);
+    // The shipped controller passes, the worse ones fail.
+    bench.check("regress suite --controller ppo", 0);
+    bench.check("regress suite", 1);
+    worse(&bench, "other.safetensors", 1.05);
+    bench.check("regress suite --controller ./other.safetensors", 1);
+    let table = bench.check("regress suite --controller ball-balancing/ppo", 2);
+    assert!(table.contains("0 pass, 0 still fail"), "{table}");
+}
+
+#[test]
+fn a_shipped_controller_given_by_path_has_its_name_in_the_file() {
+    let bench = Bench::new();
+    let shipped = mishandle::find_controller("ball-balancing/ppo").unwrap();
+    std::fs::write(bench.path("ppo.safetensors"), shipped.bytes().unwrap()).unwrap();
+    let falsify = "falsify ball-balancing --space delay --trials 1 --budget 5 --controller ./ppo.safetensors";
+    bench.check(&format!("{falsify} --out run.sqlite"), 1);
+    bench.check("counterexamples export run.sqlite --minimize --out a.json", 0);
+    let document = read(&bench, "a.json");
+    assert_eq!(document["controller"], "ppo");
+    std::fs::remove_file(bench.path("ppo.safetensors")).unwrap();
+    bench.check("replay a.json", 0);
+}
