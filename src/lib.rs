@@ -72,7 +72,7 @@ pub use home::{
 };
 pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
 pub use masking::{MaskedPredicate, Masking, masking};
-pub use minimize::{Minimized, axes_off_nominal, minimize};
+pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
 pub use plan::{EvaluatePlan, FalsifyPlan, GridRun, Plan, StartRegion, read_grid};
 pub use plural::plural;
 pub use record::{create_run, recorded_episode};

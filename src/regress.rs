@@ -20,8 +20,9 @@ pub struct Regression {
     pub episode: Episode,
     /// Simulations with other seeds; `None` if `repeats` is 0, or if nothing is random.
     pub repeats: Option<RepeatReport>,
-    /// Whether the target is not the recorded one, so that its scenarios may have another meaning.
-    pub has_other_target: bool,
+    /// Whether the target is not the recorded one, so that its scenarios may have another meaning. The hash of a target covers
+    /// its controller, so this is `None` if the recorded controller cannot be loaded.
+    pub has_other_target: Option<bool>,
 }
 
 /// Simulates a counterexample with another controller, and `repeats` times with other random seeds.
@@ -56,6 +57,10 @@ pub fn regress(
         _ if !depends_on_seed(&resolved, &scenario) => None,
         n => Some(repeat(&mut *system, &scenario, repeat_seeds(Seed(counterexample.seed), n), watch)?),
     };
-    let has_other_target = header.target.hash != counterexample.target.hash;
+    let with_recorded = match controller {
+        Some(_) => counterexample.resolve(folder, None).ok().map(|recorded| recorded.target.identity.hash),
+        None => Some(header.target.hash.clone()),
+    };
+    let has_other_target = with_recorded.map(|hash| hash != counterexample.target.hash);
     Ok(Regression { explained, header, episode, repeats, has_other_target })
 }

@@ -9,6 +9,7 @@ use std::process::Command;
 
 use bench::{Bench, text};
 use mishandle::controllers::Policy;
+use mishandle::store::{IfExists, RunFile, RunWriter};
 use serde_json::Value;
 
 /// Falsifies a toy and exports its counterexamples to `suite`.
@@ -201,10 +202,79 @@ fn a_controller_made_worse_on_purpose_is_caught() {
     // The shipped controller passes, the worse ones fail.
     bench.check("regress suite --controller ppo", 0);
     bench.check("regress suite", 1);
+    let mut changed = document.clone();
+    changed["target"]["hash"] = "41d0".into();
+    write(&bench, "suite/run-mode-1.json", &changed);
+    let warned = bench.run("regress suite --controller ppo");
+    assert!(text(&warned.stderr).contains("the target has changed since"), "{}", text(&warned.stderr));
+    write(&bench, "suite/run-mode-1.json", &document);
     worse(&bench, "other.safetensors", 1.05);
     bench.check("regress suite --controller ./other.safetensors", 1);
     let table = bench.check("regress suite --controller ball-balancing/ppo", 2);
     assert!(table.contains("0 pass, 0 still fail"), "{table}");
+}
+
+#[test]
+fn modes_with_the_same_minimized_scenario_are_one_test() {
+    let bench = Bench::new();
+    let falsify = "falsify ball-balancing --controller ppo --space starts+delay+dynamics --trials 3 --budget 40 --seed 1";
+    bench.check(&format!("{falsify} --out run.sqlite"), 1);
+    let exported = bench.json("counterexamples export run.sqlite --all --minimize --out suite --json", 0);
+    let files = exported["files"].as_array().unwrap();
+    let written: Vec<&Value> = files.iter().filter(|file| !file["file"].is_null()).collect();
+    assert!(written.len() < files.len(), "{exported}");
+    assert_eq!(std::fs::read_dir(bench.path("suite")).unwrap().count(), written.len());
+    for file in files.iter().filter(|file| file["file"].is_null()) {
+        let same = written.iter().find(|written| written["file"] == file["same_as"]).unwrap();
+        // The delays are whole numbers and the other axes nominal, so close scenarios are equal.
+        assert_eq!(same["scenario"], file["scenario"]);
+    }
+    // Every axis but the delays can be nominal, as a simulation of the values alone shows.
+    for file in written {
+        let delay = |name: &str| file["scenario"][name].as_f64().unwrap();
+        let at = format!(
+            "action_delay={},observation_delay={}",
+            delay("action_delay"),
+            delay("observation_delay")
+        );
+        let simulated = bench
+            .json(&format!("simulate ball-balancing --controller ppo --space delay --at {at} --json"), 1);
+        assert_eq!(simulated["robustness"], file["robustness"]);
+        let off = usize::from(delay("action_delay") > 0.0) + usize::from(delay("observation_delay") > 0.0);
+        assert_eq!(file["minimized"]["axes_off_nominal"][1], off);
+    }
+    // Another controller is no change of the target.
+    let tests = bench.json("regress suite --controller sac --json", 1);
+    assert_eq!(tests["tests"][0]["same_target"], true);
+}
+
+#[test]
+fn counterexamples_of_a_python_target_are_listed_and_exported_but_not_simulated() {
+    let bench = suite();
+    let run = RunFile::open(bench.path("run.sqlite")).unwrap();
+    let mut header = run.header().clone();
+    header.target.kind = "python".to_string();
+    header.target.name = "cart".to_string();
+    header.plan = header.plan.replace("toy/sphere-2d", "cart");
+    let mut writer = RunWriter::create(bench.path("python.sqlite"), &header, IfExists::Refuse).unwrap();
+    for trial in run.trials().unwrap() {
+        writer.start_trial(trial.trial.number, trial.trial.seed).unwrap();
+        writer.end_trial(trial.trial.number, trial.trial.status).unwrap();
+    }
+    for simulation in run.simulations() {
+        let found = simulation.unwrap();
+        writer.record(&[run.simulation(found.trial, found.number).unwrap()]).unwrap();
+    }
+    writer.close().unwrap();
+    let listed = |run: &str| bench.json(&format!("counterexamples {run} --json"), 0)["modes"].clone();
+    assert_eq!(listed("python.sqlite"), listed("run.sqlite"));
+    bench.check("counterexamples export python.sqlite --out suite/python.json", 0);
+    assert_eq!(read(&bench, "suite/python.json")["target"]["name"], "cart");
+    bench.refuses("counterexamples export python.sqlite --minimize --out a.json", &["in Python"]);
+    bench.refuses("replay suite/python.json", &["target `cart`", "in Python"]);
+    let output = bench.run("regress suite");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stdout).contains("0 pass, 1 still fail, 1 error"), "{}", text(&output.stdout));
 }
 
 #[test]

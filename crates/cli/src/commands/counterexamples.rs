@@ -49,11 +49,14 @@ pub fn check_flags(trial: Option<u32>, simulation: Option<u32>) -> Result<()> {
     Ok(())
 }
 
-/// Reads an exported counterexample and simulates it again. `controller` is the present path of its controller.
+/// Reads an exported counterexample, simulates it again, and warns if another build made it. `controller` is the present path of its controller.
 pub fn replay(path: &Path, controller: Option<&str>) -> Result<(Counterexample, CounterexampleReplay)> {
     let counterexample = read(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let replayed = counterexample.replay(&counterexample.resolve(folder, controller)?)?;
+    for difference in &replayed.build_differences {
+        output::message(&format!("warning: another build made the counterexample: {difference}"));
+    }
     Ok((counterexample, replayed))
 }
 

@@ -96,6 +96,11 @@ fn counterexample(command: &args::Explain) -> Result<ExitStatus> {
     counterexamples::check_flags(command.trial, command.simulation)?;
     let (_, replayed) = counterexamples::replay(&command.file, command.controller.as_deref())?;
     let (header, explained) = (&replayed.header, &replayed.explained);
+    if !replayed.differences.is_empty() {
+        output::message(
+            "warning: the simulation differs from the recorded one; `mishandle replay` lists the differences",
+        );
+    }
     if command.json {
         let run = json!({ "run": command.file.to_string_lossy() });
         output::json(output::joined(run, document(header, explained)))?;

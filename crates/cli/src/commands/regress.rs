@@ -156,7 +156,7 @@ fn report_problems(tests: &[Test]) {
     for test in tests {
         match &test.result {
             Err(_) => output::message(&format!("error: {}: {}", escape::name(&test.file), reason(test))),
-            Ok(found) if found.has_other_target => output::message(&format!(
+            Ok(found) if found.has_other_target == Some(true) => output::message(&format!(
                 "warning: {}: the target has changed since the counterexample was recorded, so its scenario may have \
                  another meaning",
                 escape::name(&test.file)
@@ -183,7 +183,7 @@ fn document(command: &args::Regress, tests: &[Test]) -> Value {
             "predicate": predicate.map(|predicate| &predicate.text),
             "sample": predicate.map(|predicate| predicate.sample),
             "values": predicate.map(|predicate| predicate.values.map(number)),
-            "same_target": found.map(|found| !found.has_other_target),
+            "same_target": found.and_then(|found| found.has_other_target).map(|is_other| !is_other),
             "repeats": found.and_then(|found| found.repeats.as_ref()).map(simulate::repeats_document),
             "reason": if test.outcome == Outcome::Passes { Value::Null } else { json!(reason(test)) },
         })
@@ -225,11 +225,11 @@ fn text(tests: &[Test]) -> String {
         failing.map(|test| format!("\n{}: {}", escape::name(&test.file), reason(test))).collect();
     let gap = if reasons.is_empty() { "" } else { "\n" };
     format!(
-        "{}\n\n{}: {} pass, {} still fail, {} errors{gap}{reasons}",
+        "{}\n\n{}: {} pass, {} still fail, {}{gap}{reasons}",
         output::table(&rows),
         plural(tests.len(), "counterexample"),
         count(tests, Outcome::Passes),
         count(tests, Outcome::Fails),
-        count(tests, Outcome::Error),
+        plural(count(tests, Outcome::Error), "error"),
     )
 }

@@ -93,9 +93,6 @@ fn write_trace(path: &Path, header: &RunHeader, trace: &Trace) -> Result<()> {
 fn counterexample(command: &args::Replay) -> Result<ExitStatus> {
     counterexamples::check_flags(command.trial, command.simulation)?;
     let (recorded, replayed) = counterexamples::replay(&command.file, command.controller.as_deref())?;
-    for difference in &replayed.build_differences {
-        output::message(&format!("warning: another build made the counterexample: {difference}"));
-    }
     let CounterexampleReplay { header, episode, differences, .. } = &replayed;
     if let Some(path) = &command.trace {
         write_trace(path, header, &episode.trace)?;

@@ -5,7 +5,10 @@ use anyhow::{Context, Result, bail};
 use mishandle::evaluation::RepeatReport;
 use mishandle::rollout::{Scenario, Seed, Space};
 use mishandle::store::RunFile;
-use mishandle::{Counterexample, Minimized, MinimizedFrom, ResolvedPlan, axes_off_nominal, minimize, plural};
+use mishandle::{
+    AxisValue, Counterexample, Minimized, MinimizedFrom, ResolvedPlan, axes_off_nominal, is_close, minimize,
+    plural,
+};
 use serde_json::{Value, json};
 
 use crate::args::ExportCounterexamples;
@@ -37,6 +40,30 @@ struct Shrunk {
     repeats: Option<RepeatReport>,
 }
 
+impl Shrunk {
+    /// Returns the minimized scenario; `None` if its failure depends on the seed.
+    fn scenario(&self) -> Option<&Scenario> {
+        self.repeats.is_none().then_some(&self.minimized.episode.request.scenario)
+    }
+}
+
+/// A written file.
+struct Written {
+    path: PathBuf,
+    scenario: Option<Scenario>,
+    controller: String,
+}
+
+impl Written {
+    /// Returns whether the file has the same minimized scenario, up to the resolution of minimizations.
+    fn is_same(&self, scenario: Option<&Scenario>, resolved: Option<&ResolvedPlan>) -> bool {
+        match (&self.scenario, scenario, resolved) {
+            (Some(own), Some(other), Some(resolved)) => is_close(&resolved.space, own, other),
+            _ => false,
+        }
+    }
+}
+
 pub fn run(command: &ExportCounterexamples) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
     let file = run::read(&command.file, command.skip_check)?;
@@ -52,6 +79,7 @@ pub fn run(command: &ExportCounterexamples) -> Result<ExitStatus> {
         std::fs::create_dir_all(&command.out)
             .with_context(|| format!("cannot create the folder {}", command.out.display()))?;
     }
+    let mut written: Vec<Written> = Vec::new();
     let mut documents = Vec::new();
     for Chosen { path, mode, trial, simulation } in chosen {
         let mut counterexample = Counterexample::from_run(&file, trial, simulation)?;
@@ -59,18 +87,31 @@ pub fn run(command: &ExportCounterexamples) -> Result<ExitStatus> {
             Some(resolved) => Some(shrink(command, resolved, &mut counterexample)?),
             None => None,
         };
-        output::write_new(&path, |out| Ok(out.write_all(counterexample.to_json().as_bytes())?))?;
+        // Several modes can have the same minimized scenario.
+        let scenario = shrunk.as_ref().and_then(Shrunk::scenario);
+        let same_as = written.iter().find(|other| other.is_same(scenario, resolved.as_ref()));
+        let same_as = same_as.map(|other| other.path.clone());
+        if same_as.is_none() {
+            output::write_new(&path, |out| Ok(out.write_all(counterexample.to_json().as_bytes())?))?;
+        }
         if command.json {
-            documents.push(document(&path, mode, &counterexample, shrunk.as_ref()));
+            documents.push(document(&path, same_as.as_deref(), mode, &counterexample, shrunk.as_ref()));
         } else {
-            output::line(&text(&path, mode, &counterexample, shrunk.as_ref()))?;
+            output::line(&text(&path, same_as.as_deref(), mode, &counterexample, shrunk.as_ref()))?;
         }
-        if let Some(name) = counterexample.plan.controller.strip_prefix("./") {
-            output::message(&format!(
-                "the controller is not shipped: copy {} to the folder of the counterexample, or give --controller FILE",
-                escape::name(name)
-            ));
+        if same_as.is_none() {
+            written.push(Written {
+                path,
+                scenario: scenario.cloned(),
+                controller: counterexample.plan.controller,
+            });
         }
+    }
+    if let Some(name) = written.first().and_then(|written| written.controller.strip_prefix("./")) {
+        output::message(&format!(
+            "the controller is not shipped: copy {} to the folder of the counterexamples, or give --controller FILE",
+            escape::name(name)
+        ));
     }
     if command.json {
         output::json(json!({ "run": command.file.to_string_lossy(), "files": documents }))?;
@@ -142,10 +183,17 @@ fn shrink(
     Ok(Shrunk { minimized, space: resolved.space.clone(), has_same_predicate, repeats })
 }
 
-fn document(path: &Path, mode: Option<usize>, known: &Counterexample, shrunk: Option<&Shrunk>) -> Value {
+fn document(
+    path: &Path,
+    same_as: Option<&Path>,
+    mode: Option<usize>,
+    known: &Counterexample,
+    shrunk: Option<&Shrunk>,
+) -> Value {
     let scenario = known.scenario.iter().map(|axis| (axis.axis.clone(), json!(axis.value)));
     json!({
-        "file": path.to_string_lossy(),
+        "file": same_as.is_none().then(|| path.to_string_lossy()),
+        "same_as": same_as.map(Path::to_string_lossy),
         "mode": mode,
         "trial": known.trial,
         "simulation": known.simulation,
@@ -169,46 +217,66 @@ fn document(path: &Path, mode: Option<usize>, known: &Counterexample, shrunk: Op
     })
 }
 
-fn text(path: &Path, mode: Option<usize>, known: &Counterexample, shrunk: Option<&Shrunk>) -> String {
+fn text(
+    path: &Path,
+    same_as: Option<&Path>,
+    mode: Option<usize>,
+    known: &Counterexample,
+    shrunk: Option<&Shrunk>,
+) -> String {
     let mode = mode.map_or(String::new(), |mode| format!("mode {mode}, "));
-    let mut lines = vec![format!(
-        "{}: {mode}trial {}, simulation {}",
-        escape::name(&path.to_string_lossy()),
-        known.trial,
-        known.simulation
-    )];
-    match shrunk {
-        None => {
-            let value = |axis: &mishandle::AxisValue| {
-                let value = axis.value.map_or("random".to_string(), |value| format!("{value:.4}"));
-                run::axis_value(&escape::name(&axis.axis), &value, &escape::name(&axis.unit))
-            };
-            let values: Vec<String> = known.scenario.iter().map(value).collect();
-            lines.push(format!("  {}: robustness {:.4}", values.join(", "), known.expected.robustness));
-        }
-        Some(Shrunk { minimized, space, has_same_predicate, repeats }) => {
-            let described = |scenario: &Scenario, robustness: Option<f64>| {
-                let values = run::scenario_text(space.axes(), scenario.values());
-                let off = run::axes(axes_off_nominal(space, scenario));
-                format!("{values}: robustness {:.4}, {off} off nominal", robustness.unwrap_or(f64::NAN))
-            };
-            for (name, episode) in [("recorded ", &minimized.original), ("minimized", &minimized.episode)] {
-                lines
-                    .push(format!("  {name} {}", described(&episode.request.scenario, episode.robustness())));
-            }
-            lines.push(format!("  {}", result_text(minimized)));
-            if let (false, Some(decisive)) = (has_same_predicate, &known.decisive) {
-                lines.push(format!(
-                    "  its decisive predicate is another one: {}",
-                    escape::name(&decisive.predicate)
-                ));
-            }
-            if let Some(repeats) = repeats {
-                lines.push(format!("  with other seeds it {}", simulate::failure_text(repeats)));
-            }
-        }
+    let found = format!("{mode}trial {}, simulation {}", known.trial, known.simulation);
+    let name = |path: &Path| escape::name(&path.to_string_lossy());
+    if let Some(same) = same_as {
+        return format!("{found}: not written, its minimized scenario is within 1 % of {}", name(same));
+    }
+    let mut lines = vec![format!("{}: {found}", name(path))];
+    let Some(Shrunk { minimized, space, has_same_predicate, repeats }) = shrunk else {
+        let values = scenario_text(known);
+        lines.push(format!("  {values}: robustness {:.4}", known.expected.robustness));
+        return lines.join("\n");
+    };
+    let off = |scenario: &Scenario| run::axes(axes_off_nominal(space, scenario));
+    let recorded = &minimized.original.request.scenario;
+    lines.push(format!(
+        "  recorded   {}: robustness {:.4}, {} off nominal",
+        run::scenario_summary(space.axes(), recorded.values()),
+        minimized.original.robustness().unwrap_or(f64::NAN),
+        off(recorded),
+    ));
+    lines.push(format!(
+        "  minimized  {}: robustness {:.4}, {} off nominal",
+        scenario_text(known),
+        known.expected.robustness,
+        off(&minimized.episode.request.scenario),
+    ));
+    lines.push(format!("  {}", result_text(minimized)));
+    if let (false, Some(decisive)) = (has_same_predicate, &known.decisive) {
+        lines.push(format!("  its decisive predicate is another one: {}", escape::name(&decisive.predicate)));
+    }
+    if let Some(repeats) = repeats {
+        lines.push(format!("  with other seeds it {}", simulate::failure_text(repeats)));
     }
     lines.join("\n")
+}
+
+/// Formats the values that are not nominal.
+fn scenario_text(known: &Counterexample) -> String {
+    let is_off = |axis: &&AxisValue| axis.value != axis.nominal;
+    let value = |axis: &AxisValue| {
+        let value = axis.value.map_or("random".to_string(), |value| match value.fract() == 0.0 {
+            true => value.to_string(),
+            false => format!("{value:.4}"),
+        });
+        run::axis_value(&escape::name(&axis.axis), &value, &escape::name(&axis.unit))
+    };
+    let values: Vec<String> = known.scenario.iter().filter(is_off).map(value).collect();
+    match (values.len(), known.scenario.len() - values.len()) {
+        (0, _) => "the nominal scenario".to_string(),
+        (_, 0) => values.join(", "),
+        (_, 1) => format!("{}, the other axis nominal", values.join(", ")),
+        (_, others) => format!("{}, the other {others} axes nominal", values.join(", ")),
+    }
 }
 
 /// Describes how far a minimization came.
@@ -219,7 +287,7 @@ fn result_text(minimized: &Minimized) -> String {
         false => "no single axis can go to nominal; smaller sets were not all tried",
     };
     match minimized.is_complete {
-        true => format!("{simulations}: {axes}; no axis can move by 1 % of its width"),
+        true => format!("{simulations}: {axes}; no axis can move by 1 % of its width toward nominal"),
         false => format!("{simulations}: the budget ended before the minimization; give a larger --budget"),
     }
 }
