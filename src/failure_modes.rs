@@ -186,7 +186,7 @@ fn distance(a: &[Option<f64>], b: &[Option<f64>]) -> f64 {
 }
 
 /// Returns the axis that a run file describes. Its kind matters for sampling and checks only, which a description does not need.
-pub(crate) fn axis(record: &AxisRecord) -> Axis {
+pub fn axis(record: &AxisRecord) -> Axis {
     let values = match record.values.split_once(": ") {
         Some(("categorical", names)) => {
             AxisValues::Categorical(names.split(", ").map(str::to_string).collect())

@@ -27,11 +27,13 @@ mod curve;
 mod error;
 mod evaluate;
 mod explanation;
+mod explanation_text;
 mod failure_modes;
 mod falsify;
 mod hint;
 mod home;
 mod import;
+mod invisible;
 mod masking;
 mod minimize;
 mod plan;
@@ -64,13 +66,15 @@ pub use explanation::{
     Conjunct, ExplainedSimulation, Explanation, PredicateHistory, explain, explain_episode, explain_recorded,
     explain_trace,
 };
-pub use failure_modes::{Failure, FailureMode, FailureModes, failure_modes};
+pub use explanation_text::{compared_values, instant};
+pub use failure_modes::{Failure, FailureMode, FailureModes, axis as recorded_axis, failure_modes};
 pub use falsify::{FalsifyProgress, check_falsify, falsify, search_entry};
 pub use home::{
     ShippedFile, controller_name, find_controller, home, home_description, picture_path, shipped_controller,
     shipped_controllers, shipped_settings,
 };
 pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
+pub use invisible::is_invisible;
 pub use masking::{MaskedPredicate, Masking, masking};
 pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
 pub use plan::{EvaluatePlan, FalsifyPlan, GridRun, Plan, StartRegion, read_grid};

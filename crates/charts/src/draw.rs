@@ -5,7 +5,8 @@ use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use crate::{Chart, ChartAxis, Mark, Panel, Scale, Series};
+use crate::linked_mark::escaped;
+use crate::{Area as Filled, Chart, ChartAxis, LinkedMark, Mark, Panel, Point, Scale, Series};
 
 /// Opaque, so that neither a light nor a dark page shines through.
 const BACKGROUND: RGBColor = RGBColor(0xfb, 0xfb, 0xfa);
@@ -35,33 +36,74 @@ impl Chart {
         let columns = self.columns.max(1);
         let rows = self.panels.len().div_ceil(columns).max(1);
         let lines = u32::from(!self.legend.is_empty()) + u32::from(!self.caption.is_empty());
-        let heading = TITLE_HEIGHT + lines * LINE_HEIGHT;
+        let title = if self.title.is_empty() { 0 } else { TITLE_HEIGHT };
+        let heading = title + lines * LINE_HEIGHT;
         let [width, height] = self.panel_size;
         let size = (width * columns as u32, heading + height * rows as u32);
-        let mut svg = String::new();
+        let (mut svg, mut marks) = (String::new(), String::new());
         let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        self.draw(&area, heading, (rows, columns)).expect("a string takes everything that is drawn into it");
+        self.draw(&area, (title, heading), (rows, columns), &mut marks)
+            .expect("a string takes everything that is drawn into it");
         drop(area);
+        if let Some(end) = svg.rfind("</svg>") {
+            svg.insert_str(end, &marks);
+        }
         svg
     }
 
-    fn draw<'a>(&self, area: &Area<'a>, heading: u32, grid: (usize, usize)) -> Drawn<'a> {
+    /// Returns the chart as an element of an HTML page, with `label` as its text for screen readers. It is of class `chart` and
+    /// shrinks to the width of the page.
+    ///
+    /// Colors are the attributes `fill` and `stroke` with values such as `#D55E00`, in upper case, which a style sheet can match:
+    /// `[fill="#D55E00"] { fill: orange }`.
+    ///
+    /// # Panics
+    /// Never.
+    pub fn figure(&self, label: &str) -> String {
+        let svg = self.svg();
+        let start = svg.find('>').map_or(0, |end| end + 1);
+        let [width, height] = self.panel_size;
+        let columns = self.columns.max(1);
+        let (width, rows) = (width * columns as u32, self.panels.len().div_ceil(columns).max(1) as u32);
+        let height = svg
+            .get(..start)
+            .and_then(|tag| tag.split_once("height=\"")?.1.split_once('"')?.0.parse().ok())
+            .unwrap_or(height * rows);
+        // With links inside, the element is no image but a group of things to read.
+        let role = if self.panels.iter().all(|panel| panel.marks.is_empty()) { "img" } else { "group" };
+        format!(
+            "<svg class=\"chart\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\" role=\"{role}\" \
+             aria-label=\"{}\">{}",
+            escaped(label),
+            &svg[start..]
+        )
+    }
+
+    fn draw<'a>(
+        &self,
+        area: &Area<'a>,
+        (title, heading): (u32, u32),
+        grid: (usize, usize),
+        marks: &mut String,
+    ) -> Drawn<'a> {
         area.fill(&BACKGROUND)?;
         let (head, body) = area.split_vertically(heading);
-        self.draw_heading(&head)?;
+        self.draw_heading(&head, title)?;
         for (panel, area) in self.panels.iter().zip(body.split_evenly(grid)) {
-            panel.draw(&area)?;
+            panel.draw(&area, marks)?;
         }
         area.present()
     }
 
-    fn draw_heading<'a>(&self, area: &Area<'a>) -> Drawn<'a> {
+    fn draw_heading<'a>(&self, area: &Area<'a>, title: u32) -> Drawn<'a> {
         let write = |words: &str, x: i32, y: i32, size: f64, style: FontStyle| {
             let font = (FONT, size, style).into_font().color(&INK);
             area.draw(&Text::new(words.to_string(), (x, y), font.pos(Pos::new(HPos::Left, VPos::Center))))
         };
-        write(&self.title, LEFT, 22, 17.0, FontStyle::Bold)?;
-        let mut y = (TITLE_HEIGHT + LINE_HEIGHT / 2) as i32;
+        if !self.title.is_empty() {
+            write(&self.title, LEFT, 22, 17.0, FontStyle::Bold)?;
+        }
+        let mut y = (title + LINE_HEIGHT / 2) as i32;
         if !self.legend.is_empty() {
             let mut x = LEFT;
             for entry in &self.legend {
@@ -79,7 +121,7 @@ impl Chart {
 }
 
 impl Panel {
-    fn draw<'a>(&self, area: &Area<'a>) -> Drawn<'a> {
+    fn draw<'a>(&self, area: &Area<'a>, marks: &mut String) -> Drawn<'a> {
         let (x, y) = (&self.x, &self.y);
         let has_names = x.scale == Scale::Category;
         let label_style = || (FONT, 12.0).into_font().color(&INK);
@@ -110,8 +152,18 @@ impl Panel {
             .light_line_style(TRANSPARENT)
             .axis_style(INK)
             .draw()?;
+        let place = |x: f64, y: f64| (self.x.place(x), self.y.place(y));
+        let rectangle = |area: &Filled| {
+            let corners = [place(area.x[0], area.y[0]), place(area.x[1], area.y[1])];
+            Rectangle::new(corners, color(area.color).filled())
+        };
+        chart.draw_series(self.areas.iter().map(rectangle))?;
         for series in &self.series {
             self.draw_series(&mut chart, series)?;
+        }
+        let is_finite = |mark: &&LinkedMark| mark.x.is_finite() && mark.y.is_finite();
+        for mark in self.marks.iter().filter(is_finite) {
+            mark.write(chart.backend_coord(&place(mark.x, mark.y)), marks);
         }
         if has_names {
             // plotters centers turned tick labels on the axis, so that they would cross it.
@@ -135,9 +187,34 @@ impl Panel {
         let place = |x: f64, y: f64| (self.x.place(x), self.y.place(y));
         let finite = series.points.iter().filter(|point| point.x.is_finite() && point.y.is_finite());
         let points: Vec<_> = finite.collect();
-        if series.mark == Mark::Bar {
-            let bar = |x: f64, y: f64| Rectangle::new([(x - 0.4, 0.0), (x + 0.4, y)], color.filled());
-            return chart.draw_series(points.iter().map(|point| bar(point.x, point.y))).map(drop);
+        let line: Vec<_> = points.iter().map(|point| place(point.x, point.y)).collect();
+        let steps = || {
+            let corners = line.windows(2).flat_map(|pair| [pair[0], (pair[1].0, pair[0].1)]);
+            corners.chain(line.last().copied()).collect::<Vec<_>>()
+        };
+        let (thin, thick) = (color.stroke_width(1), color.stroke_width(2));
+        match series.mark {
+            Mark::Line => {}
+            Mark::ThinLine => return chart.draw_series(LineSeries::new(line, thin)).map(drop),
+            Mark::DashedLine => {
+                return chart.draw_series(DashedLineSeries::new(line, 6, 4, thick)).map(drop);
+            }
+            Mark::Step => return chart.draw_series(LineSeries::new(steps(), thick)).map(drop),
+            Mark::ThinStep => return chart.draw_series(LineSeries::new(steps(), thin)).map(drop),
+            Mark::Segment => {
+                let segment = |pair: &[(f64, f64)]| PathElement::new(pair.to_vec(), thick);
+                return chart.draw_series(line.chunks_exact(2).map(segment)).map(drop);
+            }
+            Mark::Dot => {
+                let dot = |place: &(f64, f64)| Circle::new(*place, 2, color.filled());
+                return chart.draw_series(line.iter().map(dot)).map(drop);
+            }
+            Mark::Bar => {
+                let bar = |point: &&Point| {
+                    Rectangle::new([(point.x - 0.4, 0.0), (point.x + 0.4, point.y)], color.filled())
+                };
+                return chart.draw_series(points.iter().map(bar)).map(drop);
+            }
         }
         let ends: Vec<(f64, [f64; 2])> =
             points.iter().filter_map(|point| Some((point.x, point.band?))).collect();
@@ -147,11 +224,10 @@ impl Panel {
             let band = Polygon::new(lower.chain(upper).collect::<Vec<_>>(), color.mix(BAND_OPACITY));
             chart.draw_series(std::iter::once(band))?;
         }
-        let line: Vec<_> = points.iter().map(|point| place(point.x, point.y)).collect();
         if let [point] = line[..] {
             chart.draw_series(std::iter::once(Circle::new(point, 3, color.filled())))?;
         }
-        chart.draw_series(LineSeries::new(line, color.stroke_width(2))).map(drop)
+        chart.draw_series(LineSeries::new(line, thick)).map(drop)
     }
 }
 

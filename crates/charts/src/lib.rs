@@ -1,7 +1,8 @@
-//! Charts as SVG text: lines with bands, or bars, in panels that share a title and a legend.
+//! Charts as SVG text: lines with bands, steps, bars, dots and filled areas, in panels that share a title and a legend.
 //!
 //! `plotters` draws them with its SVG backend alone, which loads no fonts, so the same chart gives the same bytes on every
-//! machine. The background is opaque: a chart looks the same on a light and on a dark page.
+//! machine. The background is opaque: a chart looks the same on a light and on a dark page. [`Chart::figure`] returns the same
+//! drawing as an element of an HTML page, whose style sheet can replace each color.
 //!
 //! # Example
 //! ```
@@ -11,7 +12,9 @@
 //!     title: String::new(),
 //!     x: ChartAxis::logarithmic("environment steps", [1e3, 1e5], vec![(1e3, "1 k".into()), (1e5, "100 k".into())]),
 //!     y: ChartAxis::percent("success rate, %"),
+//!     areas: vec![],
 //!     series: vec![Series::line("#0072b2", vec![point(1e3, 0.2), point(1e5, 0.9)])],
+//!     marks: vec![],
 //! };
 //! let legend = vec![LegendEntry { label: "PPO".into(), color: "#0072b2" }];
 //! let chart = Chart {
@@ -28,13 +31,15 @@
 
 mod axis;
 mod draw;
+mod linked_mark;
 
 pub use axis::{ChartAxis, Scale};
+pub use linked_mark::{LinkedMark, Shape};
 
 /// Panels in rows, below a title, a legend and a caption.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chart {
-    /// Heading.
+    /// Heading; empty for none.
     pub title: String,
     /// Says what a line and its band are; empty for none.
     pub caption: String,
@@ -66,8 +71,23 @@ pub struct Panel {
     pub x: ChartAxis,
     /// The vertical axis.
     pub y: ChartAxis,
+    /// Drawn first, below the series.
+    pub areas: Vec<Area>,
     /// Drawn in this order, later ones on top.
     pub series: Vec<Series>,
+    /// Drawn last, on top.
+    pub marks: Vec<LinkedMark>,
+}
+
+/// A filled rectangle, such as a cell of a heat map or a shaded span, in the units of the axes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Area {
+    /// Left and right end.
+    pub x: [f64; 2],
+    /// Lower and upper end.
+    pub y: [f64; 2],
+    /// The color, as `#rrggbb`.
+    pub color: &'static str,
 }
 
 /// Points of one color.
@@ -87,6 +107,11 @@ impl Series {
         Series { color, mark: Mark::Line, points }
     }
 
+    /// Returns points that are drawn with `mark`.
+    pub fn new(color: &'static str, mark: Mark, points: impl IntoIterator<Item = [f64; 2]>) -> Series {
+        Series { color, mark, points: points.into_iter().map(|[x, y]| Point { x, y, band: None }).collect() }
+    }
+
     /// Returns a bar from 0 to each point.
     pub fn bars(color: &'static str, points: Vec<Point>) -> Series {
         Series { color, mark: Mark::Bar, points }
@@ -98,6 +123,18 @@ impl Series {
 pub enum Mark {
     /// A line, with a band where points have one; a single point is a dot.
     Line,
+    /// A thin line.
+    ThinLine,
+    /// A dashed line.
+    DashedLine,
+    /// Each value holds until the next point.
+    Step,
+    /// A thin line through steps.
+    ThinStep,
+    /// A line from each even point to the next one.
+    Segment,
+    /// A dot at each point.
+    Dot,
     /// Bars, 0.8 wide in units of x.
     Bar,
 }

@@ -107,6 +107,7 @@ pub enum Command {
     Counterexamples(Counterexamples),
     Regress(Regress),
     Render(Render),
+    Report(Report),
     Zoo(Zoo),
     Completions(Completions),
     Man(Man),
@@ -982,6 +983,40 @@ pub struct Render {
     /// Overwrite FILE if it exists
     #[arg(long)]
     pub force: bool,
+}
+
+/// Write a page about runs: verdict, failure modes, robustness maps, traces, pictures
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle report runs/RUN.sqlite --out report.html
+  mishandle report runs/A.sqlite runs/B.sqlite --out report.html     one section each, and a table
+  mishandle report runs/RUN.sqlite --no-simulations --out report.html
+
+The page is one HTML file that loads nothing and runs no script. docs/report.md explains its
+charts. If the target of a run is available, scenarios around each failure mode are simulated,
+corners, and repeats with other seeds. Otherwise the page has what the run file contains.")]
+pub struct Report {
+    /// Run files of `mishandle evaluate` or `mishandle falsify`
+    #[arg(value_name = "RUN", required = true)]
+    pub runs: Vec<PathBuf>,
+    /// HTML file to create
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Overwrite FILE if it exists
+    #[arg(long)]
+    pub force: bool,
+    /// Show only what the run files contain
+    #[arg(long)]
+    pub no_simulations: bool,
+    /// New path of the runs' controller, if the file was moved
+    #[arg(long, value_name = "C")]
+    pub controller: Option<String>,
+    /// Do not check the whole run files before reading them; a record is still checked when it is read
+    #[arg(long)]
+    pub skip_check: bool,
+    /// Number of threads; does not affect the page [default: number of cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<usize>(THREADS))]
+    pub threads: Option<usize>,
 }
 
 /// Maintain the shipped controllers: train, measure, import, write tables and charts

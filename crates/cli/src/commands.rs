@@ -15,6 +15,7 @@ pub mod monitor;
 pub mod regress;
 pub mod render;
 pub mod replay;
+pub mod report;
 pub mod reproduce;
 pub mod runs;
 pub mod searches;

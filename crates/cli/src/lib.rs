@@ -78,6 +78,7 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Counterexamples(command) => commands::counterexamples::run(command),
         Command::Regress(command) => commands::regress::run(command),
         Command::Render(command) => commands::render::run(command),
+        Command::Report(command) => commands::report::run(command),
         Command::Zoo(command) => commands::zoo::run(command),
         Command::Completions(command) => commands::completions::run(command),
         Command::Man(command) => commands::man::run(command),

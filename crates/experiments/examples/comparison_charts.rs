@@ -90,7 +90,9 @@ fn skrl(bands: &[Band]) -> Chart {
             title: format!("{}, {} ({} seeds)", first.algorithm.to_uppercase(), first.task, first.seeds),
             x,
             y: ChartAxis::linear("mean return", [low - margin, high + margin]),
+            areas: Vec::new(),
             series: series.to_vec(),
+            marks: Vec::new(),
         });
     }
     Chart {
@@ -115,10 +117,12 @@ fn off_policy(rates: &[Rates]) -> Chart {
             title: algorithm.to_uppercase(),
             x: ChartAxis::categories("change", &changes),
             y: ChartAxis::percent("validation, %"),
+            areas: Vec::new(),
             series: vec![
                 Series::bars(SUCCESS, points(|row| row.success_rate)),
                 Series::bars(STRICT, points(|row| row.strict_success_rate)),
             ],
+            marks: Vec::new(),
         }
     });
     Chart {

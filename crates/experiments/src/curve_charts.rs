@@ -128,7 +128,9 @@ fn panel(
         title: String::new(),
         x: ChartAxis::logarithmic(x_label, range, few_ticks(ticks, range)),
         y: ChartAxis::percent(y_label),
+        areas: Vec::new(),
         series,
+        marks: Vec::new(),
     }
 }
 

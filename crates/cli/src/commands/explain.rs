@@ -1,7 +1,7 @@
 use anyhow::{Result, bail, ensure};
 use mishandle::stl::{DecisivePredicate, Formula};
 use mishandle::store::{RunFile, RunHeader};
-use mishandle::{ExplainedSimulation, Explanation, PredicateHistory, plural};
+use mishandle::{ExplainedSimulation, Explanation, plural};
 use serde_json::{Value, json};
 
 use super::counterexamples;
@@ -159,7 +159,7 @@ pub fn document(header: &RunHeader, explained: &ExplainedSimulation) -> Value {
 /// Returns the explanation as text, which starts with the scenario.
 pub fn text(header: &RunHeader, explained: &ExplainedSimulation) -> String {
     let ExplainedSimulation { recorded, explanation, .. } = explained;
-    let Explanation { diagnosis, history, conjuncts } = explanation;
+    let Explanation { diagnosis, conjuncts, .. } = explanation;
     let value = |value: &Option<f64>| value.map_or("random".to_string(), |value| format!("{value:.4}"));
     let named = header.axes.iter().zip(&recorded.scenario);
     let scenario: Vec<String> =
@@ -176,8 +176,10 @@ pub fn text(header: &RunHeader, explained: &ExplainedSimulation) -> String {
         escape::name(&header.formula),
         diagnosis.robustness(),
     )];
-    if let (Some(predicate), Some(history)) = (&diagnosis.predicate, history) {
-        parts.push(decision(header, explanation, predicate, history));
+    let sentences: Vec<String> =
+        explanation.sentences(header.control_dt).iter().map(|sentence| escape::name(sentence)).collect();
+    if !sentences.is_empty() {
+        parts.push(sentences.join("\n"));
     }
     parts.push(output::table(&path_table(header, explained)));
     if conjuncts.len() > 1 {
@@ -196,72 +198,6 @@ pub fn text(header: &RunHeader, explained: &ExplainedSimulation) -> String {
             .map(|predicate| output::table(&signal_table(header, explained, predicate))),
     );
     parts.join("\n\n")
-}
-
-/// Describes the values of the two sides of a predicate: `gap is 1.2, the threshold 2`.
-pub fn comparison(predicate: &DecisivePredicate) -> String {
-    let [left, right] = predicate.values;
-    let [left_text, right_text] = predicate.sides.each_ref().map(|side| escape::name(side));
-    let is_number = |side: &str| side.parse::<f64>().is_ok();
-    match [is_number(&predicate.sides[0]), is_number(&predicate.sides[1])] {
-        [false, true] => format!("{left_text} is {left:.4}, the threshold {right:.4}"),
-        [true, false] => format!("{right_text} is {right:.4}, the threshold {left:.4}"),
-        _ => format!("{left_text} is {left:.4}, {right_text} is {right:.4}"),
-    }
-}
-
-/// Describes the decisive predicate: the values of its sides, and the samples that violate it.
-fn decision(
-    header: &RunHeader,
-    explanation: &Explanation,
-    predicate: &DecisivePredicate,
-    history: &PredicateHistory,
-) -> String {
-    let at = |sample: usize| instant(header, sample);
-    let compared = comparison(predicate);
-    let margin = predicate.robustness.abs();
-    let side = match (predicate.robustness < 0.0, predicate.is_negated) {
-        (true, false) => format!("violates it by {margin:.4}"),
-        (false, false) => format!("satisfies it by {margin:.4}"),
-        (true, true) => format!("violates it by {margin:.4}, as the formula requires"),
-        (false, true) => format!("satisfies it by {margin:.4}, which the formula forbids"),
-    };
-    let (first, last) = history.window;
-    let samples = last + 1 - first;
-    let violation = match history.first_and_last {
-        None => format!("It holds at {} of its window, {} to {}.", all(samples), at(first), at(last)),
-        Some(_) if history.violated == samples => {
-            format!("It fails at {} of its window, {} to {}.", all(samples), at(first), at(last))
-        }
-        Some((from, to)) => format!(
-            "It fails at {} of {} in its window, from {} to {}.",
-            history.violated,
-            plural(samples, "sample"),
-            at(from),
-            at(to),
-        ),
-    };
-    let nearest = explanation.diagnosis.path.iter().rev().skip(1).find_map(|found| {
-        let operator =
-            found.operator.filter(|operator| matches!(*operator, "eventually" | "once" | "until"))?;
-        (found.robustness < 0.0)
-            .then(|| format!("\nNo sample satisfies the operand of `{operator}`; this one comes nearest."))
-    });
-    format!(
-        "Decisive: {} at {}: {compared}. The trace {side}.\n{violation}{}",
-        escape::name(&predicate.text),
-        at(predicate.sample),
-        nearest.unwrap_or_default(),
-    )
-}
-
-fn all(samples: usize) -> String {
-    if samples == 1 { "the only sample".to_string() } else { format!("all {samples} samples") }
-}
-
-/// Formats a sample with its time.
-pub fn instant(header: &RunHeader, sample: usize) -> String {
-    format!("step {sample} ({:.2} s)", sample as f64 * header.control_dt)
 }
 
 /// Returns the table of the chain from the formula to the predicate.

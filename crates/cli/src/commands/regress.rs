@@ -7,7 +7,7 @@ use anyhow::{Chain, Context, Result, ensure};
 use mishandle::{Counterexample, Regression, plural};
 use serde_json::{Value, json};
 
-use super::{counterexamples, explain, simulate};
+use super::{counterexamples, simulate};
 use crate::output::{self, number};
 use crate::progress::Bar;
 use crate::{ExitStatus, args, escape, run};
@@ -142,8 +142,8 @@ fn reason(test: &Test) -> String {
         format!(
             "{} at {}: {}",
             predicate.text,
-            explain::instant(&found.header, predicate.sample),
-            explain::comparison(predicate)
+            mishandle::instant(predicate.sample, found.header.control_dt),
+            escape::name(&mishandle::compared_values(predicate))
         )
     });
     let rate = found.repeats.as_ref().map(simulate::failure_text);

@@ -1,0 +1,132 @@
+//! Charts over the simulations of the trials: progress of the search, survival, distribution of the robustness.
+
+use mishandle_charts::{Area, Chart, ChartAxis, Mark, Panel, Series};
+
+use crate::color;
+use crate::html::{figure, number, visible};
+use crate::load::RunReport;
+use crate::map::SIZE;
+use crate::space::{around, linear};
+
+/// Largest number of trials with a line of their own.
+const MAX_LINES: usize = 100;
+
+/// Number of bars of the distribution.
+const BARS: usize = 30;
+
+/// Returns the charts of a run as HTML.
+pub fn figures(report: &RunReport) -> String {
+    let charts = match report.is_evaluation() {
+        true => distribution(report),
+        false => format!("{}{}", progress(report), survival(report)),
+    };
+    format!("<div class=\"grid\">{charts}</div>\n")
+}
+
+fn chart(x: ChartAxis, y: ChartAxis, areas: Vec<Area>, series: Vec<Series>, text: &str) -> String {
+    let panel = Panel { title: String::new(), x, y, areas, series, marks: Vec::new() };
+    let (title, caption, legend) = (String::new(), String::new(), Vec::new());
+    let chart = Chart { title, caption, legend, columns: 1, panel_size: SIZE, panels: vec![panel] };
+    chart.figure(&visible(text))
+}
+
+/// Returns the largest number of simulations of a trial.
+fn longest(report: &RunReport) -> f64 {
+    report.searches().map(|trial| trial.summary.counts.simulations).max().unwrap_or(1).max(2) as f64
+}
+
+fn simulations_axis(report: &RunReport) -> ChartAxis {
+    linear("simulations of the trial", [0.0, longest(report)])
+}
+
+/// Draws the lowest robustness so far of each trial.
+fn progress(report: &RunReport) -> String {
+    let trials: Vec<_> = report.searches().take(MAX_LINES).collect();
+    let values = trials.iter().flat_map(|trial| trial.improvements.iter().map(|(_, rho)| *rho));
+    let range = around(values);
+    let x = simulations_axis(report);
+    let lines = trials.iter().map(|trial| {
+        let end = trial.first_failure.map_or(trial.summary.counts.simulations as f64, f64::from);
+        let last = trial.improvements.last().map(|(_, rho)| [end, *rho]);
+        let points = trial.improvements.iter().map(|(number, rho)| [f64::from(*number), *rho]).chain(last);
+        let (color, mark) = match trial.first_failure {
+            Some(_) => (color::FAIL, Mark::Step),
+            None => (color::PASS, Mark::ThinStep),
+        };
+        Series::new(color, mark, points)
+    });
+    let limit = Series::new(color::LIMIT, Mark::DashedLine, x.range.map(|end| [end, 0.0]));
+    let series: Vec<Series> = std::iter::once(limit).chain(lines).collect();
+    let falsified = trials.iter().filter(|trial| trial.first_failure.is_some()).count();
+    let text = format!("Lowest robustness so far of {} trials; {falsified} of them go below 0", trials.len());
+    let areas = match range[0] < 0.0 {
+        true => vec![Area { x: x.range, y: [range[0], 0.0], color: color::SHADE }],
+        false => Vec::new(),
+    };
+    let svg = chart(x, linear("lowest robustness so far", range), areas, series, &text);
+    let caption = "One line for each trial: the lowest robustness it has found so far. A thick line ends in a failure, in the \
+                   shaded half.";
+    figure(&svg, "Progress of the search.", caption)
+}
+
+/// Draws the share of trials without a failure.
+fn survival(report: &RunReport) -> String {
+    let (steps, censored) = report.survival();
+    let x = simulations_axis(report);
+    let end = longest(report);
+    let last = steps.last().map_or(1.0, |(_, share)| *share);
+    let points = std::iter::once([0.0, 1.0])
+        .chain(steps.iter().map(|(number, share)| [f64::from(*number), *share]))
+        .chain([[end, last]]);
+    let curve = Series::new(color::FAIL, Mark::Step, points);
+    let share_at =
+        |number: u32| steps.iter().rev().find(|(step, _)| *step <= number).map_or(1.0, |(_, share)| *share);
+    let ticks = censored.iter().flat_map(|number| {
+        let (x, y) = (f64::from(*number), share_at(*number));
+        [[x, y - 0.025], [x, y + 0.025]]
+    });
+    let ended = Series::new(color::PASS, Mark::Segment, ticks);
+    let text = format!(
+        "Share of trials without a failure: {} after {} simulations",
+        crate::html::percent(last),
+        number(end)
+    );
+    let y = ChartAxis::percent("trials without a failure, %");
+    let svg = chart(x, y, Vec::new(), vec![curve, ended], &text);
+    let caption = "The share of trials that have not failed yet (Kaplan-Meier). A tick is a trial that \
+                   ended without a failure.";
+    figure(&svg, "Survival.", caption)
+}
+
+/// Draws how often each robustness occurs.
+fn distribution(report: &RunReport) -> String {
+    let trial = report.trials.first().map_or(1, |trial| trial.summary.trial.number);
+    let own = report.points.iter().filter(|point| point.trial == trial).filter_map(|point| point.robustness);
+    let values: Vec<f64> = own.filter(|rho| rho.is_finite()).collect();
+    let [low, high] = crate::space::sane(around(values.iter().copied()));
+    let width = (high - low) / BARS as f64;
+    let mut counts = [0_usize; BARS];
+    for rho in &values {
+        counts[(((rho - low) / width) as usize).min(BARS - 1)] += 1;
+    }
+    let most = counts.iter().copied().max().unwrap_or(0).max(1) as f64;
+    let areas = counts.iter().enumerate().filter(|(_, count)| **count > 0).map(|(index, count)| {
+        let left = low + index as f64 * width;
+        let color = if left + width / 2.0 < 0.0 { color::FAIL } else { color::PASS };
+        Area { x: [left, left + width], y: [0.0, *count as f64], color }
+    });
+    let limit = Series::new(color::LIMIT, Mark::DashedLine, [[0.0, 0.0], [0.0, 1.06 * most]]);
+    let text = format!("Distribution of the robustness of {} simulations", values.len());
+    let svg = chart(
+        linear("robustness", [low, high]),
+        linear("simulations", [0.0, 1.06 * most]),
+        areas.collect(),
+        vec![limit],
+        &text,
+    );
+    figure(
+        &svg,
+        "Robustness of the random simulations.",
+        "Left of the dashed line the requirement is violated.",
+    )
+}

@@ -1,0 +1,45 @@
+//! A page about one or more runs: one HTML file without scripts that loads nothing.
+//!
+//! [`RunReport::load`] reads what the page shows from a run file, of any target. [`RunReport::measure`] adds what takes
+//! simulations: the size of the failing patches, repeats under noise, corners and pictures. [`page`] writes the HTML.
+//!
+//! - `load`, `measure`, `pictures`: the facts. `words`: verdict and meaning in sentences.
+//! - `space`, `map`, `curves`, `trace`: charts, drawn by the crate `charts`. A style sheet maps their colors to the theme.
+//! - `html`, `section`, `modes`, `page`: text. Every name, unit and formula of a run file is escaped.
+
+#![allow(clippy::result_large_err, reason = "functions return the error of the library")]
+
+mod curves;
+mod html;
+mod load;
+mod map;
+mod measure;
+mod modes;
+mod page;
+mod pictures;
+mod section;
+mod space;
+mod tables;
+mod trace;
+mod words;
+
+pub use load::RunReport;
+pub use page::page;
+
+/// Colors of the charts. `page.css` has the color of each in both themes.
+pub(crate) mod color {
+    /// Failing simulations and what belongs to them.
+    pub const FAIL: &str = "#A6480A";
+    /// Passing simulations.
+    pub const PASS: &str = "#2C6FAD";
+    /// Thresholds and the line between violated and satisfied.
+    pub const LIMIT: &str = "#55565A";
+    /// Span of a violation.
+    pub const SHADE: &str = "#FBD9B5";
+    /// Span of time that the formula reads.
+    pub const WINDOW: &str = "#ECEFF2";
+    /// Robustness below 0, the weakest violation first.
+    pub const NEGATIVE: [&str; 4] = ["#FDDCB5", "#F9B978", "#EA8F3C", "#CC6A12"];
+    /// Robustness from 0 on, the smallest margin first.
+    pub const POSITIVE: [&str; 4] = ["#DBE7F3", "#B5CFE7", "#86B0D8", "#5590C6"];
+}

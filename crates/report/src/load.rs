@@ -1,0 +1,201 @@
+//! What a run file says about its run.
+
+use mishandle::rollout::Axis;
+use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialStatus, TrialSummary};
+use mishandle::{
+    ExplainedSimulation, FailureModes, MishandleError, Plan, explain, failure_modes, recorded_axis,
+};
+
+use crate::measure::Measured;
+
+/// Largest number of simulations that charts show; failures come first.
+const MAX_POINTS: usize = 3000;
+
+/// Largest number of failures among them.
+const MAX_FAILURES: usize = 1000;
+
+/// Largest numbers of failing and of other simulations that are links to a row of the table.
+const LINKED_FAILURES: usize = 150;
+const LINKED_OTHERS: usize = 100;
+
+/// Largest number of failure modes that are described.
+pub const MAX_MODES: usize = 6;
+
+/// Facts about a run.
+#[derive(Debug)]
+pub struct RunReport {
+    pub(crate) path: String,
+    pub(crate) header: RunHeader,
+    /// `None` if this program cannot read the plan.
+    pub(crate) plan: Option<Plan>,
+    pub(crate) axes: Vec<Axis>,
+    pub(crate) counts: Counts,
+    pub(crate) trials: Vec<Trial>,
+    /// Some of the simulations, all failures among them unless they are very many.
+    pub(crate) points: Vec<Point>,
+    pub(crate) modes: FailureModes,
+    /// The representatives of the first modes, explained.
+    pub(crate) representatives: Vec<ExplainedSimulation>,
+    pub(crate) measured: Option<Measured>,
+    /// What the page lacks and why.
+    pub(crate) notes: Vec<String>,
+}
+
+/// A trial.
+#[derive(Clone, Debug)]
+pub struct Trial {
+    pub summary: TrialSummary,
+    /// First failing simulation.
+    pub first_failure: Option<u32>,
+    /// The simulation with the least robustness.
+    pub worst: Option<(u32, f64)>,
+    /// Simulations with a smaller robustness than all before.
+    pub improvements: Vec<(u32, f64)>,
+}
+
+/// A simulation.
+#[derive(Clone, Debug)]
+pub struct Point {
+    pub trial: u32,
+    pub number: u32,
+    pub seed: u64,
+    pub scenario: Vec<Option<f64>>,
+    pub robustness: Option<f64>,
+    pub end: &'static str,
+    pub is_linked: bool,
+}
+
+impl Point {
+    pub fn fails(&self) -> bool {
+        self.robustness.is_some_and(|rho| rho < 0.0)
+    }
+}
+
+impl From<Simulation> for Point {
+    fn from(simulation: Simulation) -> Point {
+        Point {
+            trial: simulation.trial,
+            number: simulation.number,
+            seed: simulation.seed,
+            scenario: simulation.scenario,
+            robustness: simulation.robustness,
+            end: simulation.end.name(),
+            is_linked: false,
+        }
+    }
+}
+
+impl RunReport {
+    /// Reads the facts of a run. `path` is its name on the page and in the commands that the page shows.
+    ///
+    /// # Errors
+    /// If the run cannot be read, or a formula has no finite value on a recorded trace.
+    pub fn load(run: &RunFile, path: &str) -> Result<RunReport, MishandleError> {
+        let header = run.header().clone();
+        let counts = run.counts()?;
+        let mut trials: Vec<Trial> = run
+            .trials()?
+            .into_iter()
+            .map(|summary| Trial { summary, first_failure: None, worst: None, improvements: Vec::new() })
+            .collect();
+        let modes = failure_modes(run)?;
+        let shown = modes.modes.iter().take(MAX_MODES);
+        let representatives: Vec<ExplainedSimulation> = shown
+            .map(|mode| explain(run, mode.representative().trial, mode.representative().number, None))
+            .collect::<Result<_, _>>()?;
+        let is_representative = |trial: u32, number: u32| {
+            let recorded =
+                |explained: &ExplainedSimulation| (explained.recorded.trial, explained.recorded.number);
+            representatives.iter().any(|explained| recorded(explained) == (trial, number))
+        };
+        let others = counts.simulations.saturating_sub(counts.falsified);
+        let every = others.div_ceil((MAX_POINTS - MAX_FAILURES) as u64).max(1);
+        let every_linked =
+            others.min((MAX_POINTS - MAX_FAILURES) as u64).div_ceil(LINKED_OTHERS as u64).max(1);
+        let (mut points, mut index, mut failures, mut kept) = (Vec::new(), 0_u64, 0_usize, 0_u64);
+        for simulation in run.simulations() {
+            let simulation = simulation?;
+            let (number, rho) = (simulation.number, simulation.robustness);
+            let found = trials.iter_mut().find(|trial| trial.summary.trial.number == simulation.trial);
+            if let (Some(trial), Some(rho)) = (found, rho) {
+                if trial.worst.is_none_or(|(_, least)| rho < least) {
+                    trial.worst = Some((number, rho));
+                    trial.improvements.push((number, rho));
+                }
+                if rho < 0.0 && trial.first_failure.is_none() {
+                    trial.first_failure = Some(number);
+                }
+            }
+            let mut point = Point::from(simulation);
+            let is_chosen = is_representative(point.trial, point.number);
+            if point.fails() {
+                failures += 1;
+                point.is_linked = is_chosen || failures <= LINKED_FAILURES;
+                if failures <= MAX_FAILURES || is_chosen {
+                    points.push(point);
+                }
+            } else {
+                if index.is_multiple_of(every) {
+                    point.is_linked = kept.is_multiple_of(every_linked);
+                    kept += 1;
+                    points.push(point);
+                }
+                index += 1;
+            }
+        }
+        Ok(RunReport {
+            path: path.to_string(),
+            plan: Plan::from_toml(&header.plan).ok(),
+            axes: header.axes.iter().map(recorded_axis).collect(),
+            header,
+            counts,
+            trials,
+            points,
+            modes,
+            representatives,
+            measured: None,
+            notes: Vec::new(),
+        })
+    }
+
+    /// Adds a sentence about something that the page lacks.
+    pub fn add_note(&mut self, note: impl Into<String>) {
+        self.notes.push(note.into());
+    }
+
+    pub(crate) fn is_evaluation(&self) -> bool {
+        self.header.kind == RunKind::Evaluate
+    }
+
+    /// Returns the trials with at least one simulation.
+    pub(crate) fn searches(&self) -> impl Iterator<Item = &Trial> {
+        self.trials.iter().filter(|trial| trial.summary.counts.simulations > 0)
+    }
+
+    /// Returns the share of trials without a failure after each number of simulations at which it drops, and the numbers of
+    /// simulations at which trials ended without a failure: the estimate of Kaplan and Meier.
+    pub(crate) fn survival(&self) -> (Vec<(u32, f64)>, Vec<u32>) {
+        let last = |trial: &Trial| trial.summary.counts.simulations as u32;
+        let mut ends: Vec<(u32, bool)> = self
+            .searches()
+            .filter(|trial| {
+                trial.first_failure.is_some() || trial.summary.trial.status != TrialStatus::Running
+            })
+            .map(|trial| trial.first_failure.map_or((last(trial), false), |number| (number, true)))
+            .collect();
+        ends.sort_unstable();
+        let (mut share, mut steps) = (1.0, Vec::new());
+        let mut first = 0;
+        while first < ends.len() {
+            let time = ends[first].0;
+            let group = ends[first..].iter().take_while(|(end, _)| *end == time).count();
+            let failed = ends[first..first + group].iter().filter(|(_, failed)| *failed).count();
+            if failed > 0 {
+                share *= 1.0 - failed as f64 / (ends.len() - first) as f64;
+                steps.push((time, share));
+            }
+            first += group;
+        }
+        (steps, ends.into_iter().filter(|(_, failed)| !failed).map(|(end, _)| end).collect())
+    }
+}

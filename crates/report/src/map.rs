@@ -1,0 +1,421 @@
+//! Robustness maps: where in the space simulations fail.
+
+use mishandle::rollout::Axis;
+use mishandle_charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
+
+use crate::html::{figure, number, short};
+use crate::load::{Point, RunReport};
+use crate::space::{around, cells, chart_axis, edges, label, linear, value_text};
+use crate::{color, tables};
+
+/// Size of a chart, pixels. Small, so that the text stays readable on a phone.
+pub const SIZE: [u32; 2] = [440, 330];
+
+/// Cells per axis of a map of two axes, and of a projection of more.
+const CELLS: usize = 36;
+const PROJECTED_CELLS: usize = 14;
+
+/// Largest distance from a simulation at which a map of two axes is painted, as a fraction of the axes.
+const REACH: f64 = 0.12;
+
+/// Largest number of axes whose pairs are shown.
+const PAIR_AXES: usize = 4;
+
+/// Largest number of dots in a chart.
+const MAX_DOTS: usize = 1200;
+
+/// Largest number of axis values in the text of a mark.
+const TITLE_VALUES: usize = 6;
+
+/// Values at which the colors are strongest: the worst violation, and a large margin.
+struct ColorScale {
+    violation: f64,
+    margin: f64,
+}
+
+impl ColorScale {
+    fn new(points: &[&Point]) -> ColorScale {
+        let finite = points.iter().filter_map(|point| point.robustness).filter(|rho| rho.is_finite());
+        let (mut negative, mut positive): (Vec<f64>, Vec<f64>) = finite.partition(|rho| *rho < 0.0);
+        negative.sort_by(f64::total_cmp);
+        positive.sort_by(f64::total_cmp);
+        let margin = positive.get(positive.len().saturating_sub(1) * 19 / 20).copied().unwrap_or(1.0);
+        ColorScale {
+            violation: negative.first().map_or(1.0, |rho| -rho).max(f64::MIN_POSITIVE),
+            margin: margin.max(f64::MIN_POSITIVE),
+        }
+    }
+
+    fn color(&self, rho: f64) -> &'static str {
+        let bin = |share: f64| ((4.0 * share) as usize).min(3);
+        match rho < 0.0 {
+            true => color::NEGATIVE[bin(-rho / self.violation)],
+            false => color::POSITIVE[bin(rho / self.margin)],
+        }
+    }
+
+    /// Returns the legend of the colors and marks.
+    fn legend(&self) -> String {
+        let cell = |name: &str| format!("<i style=\"background:var({})\"></i>", variable(name));
+        let colors: String =
+            color::NEGATIVE.iter().rev().chain(&color::POSITIVE).map(|name| cell(name)).collect();
+        format!(
+            "<p class=\"legend\"><span class=\"scale\">robustness {} {colors} {} and more</span> \
+             <span><b class=\"fail\">✕</b> fails</span> <span><b class=\"fail\">◆</b> representative of a failure mode</span> \
+             <span><b class=\"pass\">•</b> passes</span> <span><b class=\"fail\">━</b> border of the failing cells</span></p>\n",
+            number(-self.violation),
+            number(self.margin)
+        )
+    }
+}
+
+/// Returns the variable of the style sheet for a color.
+fn variable(name: &str) -> String {
+    format!("--c{}", name.trim_start_matches('#').to_lowercase())
+}
+
+/// Returns the robustness maps of a run: HTML. `id` is the number of the run on the page.
+pub fn figures(report: &RunReport, id: usize) -> String {
+    let decided: Vec<&Point> = report.points.iter().filter(|point| point.robustness.is_some()).collect();
+    let has_values = |index: &usize| decided.iter().any(|point| value(point, *index).is_some());
+    let axes: Vec<usize> = (0..report.axes.len()).filter(has_values).collect();
+    if decided.is_empty() || axes.is_empty() {
+        return "<p>No simulation has a verdict, so there is nothing to show.</p>\n".to_string();
+    }
+    let scale = ColorScale::new(&decided);
+    let count = report.counts.simulations;
+    let shown = match decided.len() as u64 {
+        shown if shown < count => format!(" {shown} of {count} simulations are shown, failures first."),
+        _ => String::new(),
+    };
+    match axes[..] {
+        [axis] => {
+            let svg = Drawing { report, id, points: &decided }.line(axis);
+            let caption = format!("Each mark is a simulation. The shaded half is violated.{shown}");
+            format!("<div class=\"grid\">{}</div>\n", figure(&svg, "Robustness over the space.", &caption))
+        }
+        [x, y] => {
+            let svg = Drawing { report, id, points: &decided }.plane(x, y, &scale);
+            let caption = format!(
+                "Each mark is a simulation. The color between marks is an interpolation (inverse distance), painted only near \
+                 simulations; white parts were not tested.{shown} {HINT}"
+            );
+            let figure = figure(&svg, "Robustness over the space.", &caption);
+            format!("{}<div class=\"grid\">{figure}</div>\n", scale.legend())
+        }
+        _ => {
+            let ranked = ranked(report, &axes, &decided);
+            let chosen: Vec<usize> = ranked.iter().take(PAIR_AXES).map(|(axis, _)| *axis).collect();
+            let mut out = format!(
+                "<p>The space has {} axes. The maps show pairs of the {} whose rank correlation with robustness is largest \
+                 (Spearman): {}. A cell has the color of the lowest robustness of the simulations in it, whatever the values \
+                 of the other axes; an outlined cell contains a failure, and a white cell no simulation.{shown} {HINT}</p>\n",
+                axes.len(),
+                chosen.len(),
+                correlations(report, &ranked),
+            );
+            out.push_str(&scale.legend());
+            out.push_str("<div class=\"grid\">");
+            for (first, x) in chosen.iter().enumerate() {
+                for y in &chosen[first + 1..] {
+                    let svg = Drawing { report, id, points: &decided }.projection(*x, *y, &scale);
+                    let title = format!("{} and {}.", name(report, *x), name(report, *y));
+                    out.push_str(&figure(&svg, &title, ""));
+                }
+            }
+            out + "</div>\n"
+        }
+    }
+}
+
+const HINT: &str = "Point at a mark to see the simulation, select it to go to its row.";
+
+fn name(report: &RunReport, axis: usize) -> String {
+    crate::html::text(&short(&report.axes[axis].name, 40))
+}
+
+fn correlations(report: &RunReport, ranked: &[(usize, f64)]) -> String {
+    let texts: Vec<String> = ranked
+        .iter()
+        .take(PAIR_AXES)
+        .map(|(axis, rho)| {
+            format!("<code>{}</code> {}", name(report, *axis), number((rho * 100.0).round() / 100.0))
+        })
+        .collect();
+    texts.join(", ")
+}
+
+fn value(point: &Point, axis: usize) -> Option<f64> {
+    point.scenario.get(axis).copied().flatten().filter(|value| value.is_finite())
+}
+
+/// Returns the axes with their rank correlations with robustness, the largest magnitude first.
+fn ranked(report: &RunReport, axes: &[usize], points: &[&Point]) -> Vec<(usize, f64)> {
+    let _ = report;
+    let correlation = |axis: usize| {
+        let pairs: Vec<(f64, f64)> =
+            points.iter().filter_map(|point| Some((value(point, axis)?, point.robustness?))).collect();
+        let x = ranks(&pairs.iter().map(|(x, _)| *x).collect::<Vec<_>>());
+        let y = ranks(&pairs.iter().map(|(_, y)| *y).collect::<Vec<_>>());
+        pearson(&x, &y)
+    };
+    let mut ranked: Vec<(usize, f64)> = axes.iter().map(|axis| (*axis, correlation(*axis))).collect();
+    ranked.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+    ranked
+}
+
+/// Returns the ranks of values; equal values share the mean of their ranks.
+fn ranks(values: &[f64]) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
+    let mut ranks = vec![0.0; values.len()];
+    let mut first = 0;
+    while first < order.len() {
+        let group =
+            order[first..].iter().take_while(|index| values[**index] == values[order[first]]).count().max(1);
+        let mean = first as f64 + (group as f64 - 1.0) / 2.0;
+        order[first..first + group].iter().for_each(|index| ranks[*index] = mean);
+        first += group;
+    }
+    ranks
+}
+
+/// Returns the correlation of two lists; 0 if one of them is constant.
+fn pearson(x: &[f64], y: &[f64]) -> f64 {
+    let n = x.len().max(1) as f64;
+    let (mean_x, mean_y) = (x.iter().sum::<f64>() / n, y.iter().sum::<f64>() / n);
+    let sum =
+        |f: &dyn Fn(f64, f64) -> f64| x.iter().zip(y).map(|(x, y)| f(x - mean_x, y - mean_y)).sum::<f64>();
+    let (xy, xx, yy) = (sum(&|x, y| x * y), sum(&|x, _| x * x), sum(&|_, y| y * y));
+    if xx > 0.0 && yy > 0.0 { xy / (xx * yy).sqrt() } else { 0.0 }
+}
+
+/// What the maps of a run share.
+struct Drawing<'a> {
+    report: &'a RunReport,
+    id: usize,
+    points: &'a [&'a Point],
+}
+
+impl Drawing<'_> {
+    /// Draws robustness over one axis.
+    fn line(&self, axis: usize) -> String {
+        let range = around(self.points.iter().filter_map(|point| point.robustness));
+        let x = chart_axis(&self.report.axes[axis]);
+        let areas = vec![Area { x: x.range, y: [range[0], 0.0], color: color::SHADE }];
+        let limit = Series::new(color::LIMIT, Mark::DashedLine, x.range.map(|end| [end, 0.0]));
+        let at = |point: &Point| Some([value(point, axis)?, point.robustness?]);
+        let panel = Panel {
+            title: String::new(),
+            areas: if range[0] < 0.0 { areas } else { Vec::new() },
+            series: vec![limit, self.dots(at)],
+            marks: self.marks(at),
+            x,
+            y: linear("robustness", range),
+        };
+        self.chart(panel, &format!("Robustness over {}", self.report.axes[axis].name))
+    }
+
+    /// Draws a map of two axes, interpolated between the simulations.
+    fn plane(&self, x: usize, y: usize, scale: &ColorScale) -> String {
+        let axes = &self.report.axes;
+        let places: Vec<([f64; 2], f64)> = self
+            .points
+            .iter()
+            .filter_map(|point| {
+                let at =
+                    [axes[x].unit_coordinate(value(point, x)?), axes[y].unit_coordinate(value(point, y)?)];
+                let rho = point.robustness?.clamp(-scale.violation, scale.margin);
+                (at[0].is_finite() && at[1].is_finite()).then_some((at, rho))
+            })
+            .collect();
+        let (columns, rows) = (cells(&axes[x], CELLS), cells(&axes[y], CELLS));
+        let field = |column: usize, row: usize| {
+            let center = [(column as f64 + 0.5) / columns as f64, (row as f64 + 0.5) / rows as f64];
+            interpolated(&places, center)
+        };
+        self.cells_chart(x, y, (columns, rows), scale, &field)
+    }
+
+    /// Draws a map of two of the axes: the lowest robustness in each cell.
+    fn projection(&self, x: usize, y: usize, scale: &ColorScale) -> String {
+        let axes = &self.report.axes;
+        let (columns, rows) = (cells(&axes[x], PROJECTED_CELLS), cells(&axes[y], PROJECTED_CELLS));
+        let mut least: Vec<Option<f64>> = vec![None; columns * rows];
+        for point in self.points {
+            let cell = |axis: usize, cells: usize| {
+                let u = axes[axis].unit_coordinate(value(point, axis)?);
+                (0.0..=1.0).contains(&u).then_some(((u * cells as f64) as usize).min(cells - 1))
+            };
+            if let (Some(column), Some(row), Some(rho)) = (cell(x, columns), cell(y, rows), point.robustness)
+            {
+                let known = &mut least[row * columns + column];
+                *known = Some(known.map_or(rho, |known| known.min(rho)));
+            }
+        }
+        self.cells_chart(x, y, (columns, rows), scale, &|column, row| least[row * columns + column])
+    }
+
+    fn cells_chart(
+        &self,
+        x: usize,
+        y: usize,
+        (columns, rows): (usize, usize),
+        scale: &ColorScale,
+        field: &dyn Fn(usize, usize) -> Option<f64>,
+    ) -> String {
+        let axes = &self.report.axes;
+        let (x_edges, y_edges) = (edges(&axes[x], columns), edges(&axes[y], rows));
+        let values: Vec<Option<f64>> =
+            (0..rows).flat_map(|row| (0..columns).map(move |column| field(column, row))).collect();
+        let mut areas = Vec::new();
+        for row in 0..rows {
+            let mut column = 0;
+            // Neighbors of one color are one area.
+            while column < columns {
+                let color_at = |column: usize| values[row * columns + column].map(|rho| scale.color(rho));
+                let end =
+                    (column..columns).find(|other| color_at(*other) != color_at(column)).unwrap_or(columns);
+                areas.extend(color_at(column).map(|color| Area {
+                    x: [x_edges[column], x_edges[end]],
+                    y: [y_edges[row], y_edges[row + 1]],
+                    color,
+                }));
+                column = end;
+            }
+        }
+        let fails = |column: Option<usize>, row: Option<usize>| match (column, row) {
+            (Some(column), Some(row)) if column < columns && row < rows => {
+                values[row * columns + column].is_some_and(|rho| rho < 0.0)
+            }
+            _ => false,
+        };
+        let mut border = Vec::new();
+        for row in 0..=rows {
+            for column in 0..=columns {
+                let (left, below) = (column.checked_sub(1), row.checked_sub(1));
+                if row < rows && fails(Some(column), Some(row)) != fails(left, Some(row)) {
+                    border.extend([[x_edges[column], y_edges[row]], [x_edges[column], y_edges[row + 1]]]);
+                }
+                if column < columns && fails(Some(column), Some(row)) != fails(Some(column), below) {
+                    border.extend([[x_edges[column], y_edges[row]], [x_edges[column + 1], y_edges[row]]]);
+                }
+            }
+        }
+        let at = |point: &Point| Some([value(point, x)?, value(point, y)?]);
+        let panel = Panel {
+            title: String::new(),
+            x: chart_axis(&axes[x]),
+            y: chart_axis(&axes[y]),
+            areas,
+            series: vec![self.dots(at), Series::new(color::FAIL, Mark::Segment, border)],
+            marks: self.marks(at),
+        };
+        self.chart(panel, &format!("Robustness over {} and {}", axes[x].name, axes[y].name))
+    }
+
+    fn chart(&self, panel: Panel, what: &str) -> String {
+        let failing = self.points.iter().filter(|point| point.fails()).count();
+        let text = format!("{what}: {failing} of {} shown simulations fail", self.points.len());
+        let panels = vec![panel];
+        let (title, caption, legend) = (String::new(), String::new(), Vec::new());
+        let chart = Chart { title, caption, legend, columns: 1, panel_size: SIZE, panels };
+        chart.figure(&crate::html::visible(&text))
+    }
+
+    /// Returns the passing simulations.
+    fn dots(&self, at: impl Fn(&Point) -> Option<[f64; 2]>) -> Series {
+        let passing: Vec<[f64; 2]> =
+            self.points.iter().filter(|point| !point.fails()).filter_map(|point| at(point)).collect();
+        let every = passing.len().div_ceil(MAX_DOTS).max(1);
+        Series::new(color::PASS, Mark::Dot, passing.into_iter().step_by(every))
+    }
+
+    /// Returns the simulations that have a row in the table.
+    fn marks(&self, at: impl Fn(&Point) -> Option<[f64; 2]>) -> Vec<LinkedMark> {
+        let representative = |point: &Point| {
+            let is_it = |explained: &mishandle::ExplainedSimulation| {
+                (explained.recorded.trial, explained.recorded.number) == (point.trial, point.number)
+            };
+            self.report.representatives.iter().any(is_it)
+        };
+        let mark = |point: &&Point| {
+            let [x, y] = at(point)?;
+            let (shape, color) = match (representative(point), point.fails()) {
+                (true, _) => (Shape::Diamond, color::FAIL),
+                (false, true) => (Shape::Cross, color::FAIL),
+                (false, false) => (Shape::Ring, color::PASS),
+            };
+            Some(LinkedMark {
+                x,
+                y,
+                shape,
+                color,
+                href: format!("#{}", tables::row_id(self.id, point.trial, point.number)),
+                label: self.title(point),
+                is_tab_stop: shape == Shape::Diamond,
+            })
+        };
+        let mut marks: Vec<LinkedMark> =
+            self.points.iter().filter(|point| point.is_linked).filter_map(mark).collect();
+        // Failures on top.
+        marks.sort_by_key(|mark| mark.shape as u8);
+        marks
+    }
+
+    fn title(&self, point: &Point) -> String {
+        let rho =
+            point.robustness.map_or("no verdict".to_string(), |rho| format!("robustness {}", number(rho)));
+        let named = self.report.axes.iter().zip(&point.scenario).take(TITLE_VALUES);
+        let value = |(axis, value): (&Axis, &Option<f64>)| {
+            format!("{} = {}", short(&axis.name, 40), value_text(axis, *value))
+        };
+        let values: Vec<String> = named.map(value).collect();
+        let more = if self.report.axes.len() > TITLE_VALUES { ", …" } else { "" };
+        format!("trial {}, simulation {}: {rho}; {}{more}", point.trial, point.number, values.join(", "))
+    }
+}
+
+/// Returns the mean of the values at `places`, weighted by the inverse fourth power of the distance from `center`; `None` if
+/// none of them is near.
+///
+/// # Reference
+/// Shepard, "A two-dimensional interpolation function for irregularly-spaced data", ACM National Conference 1968.
+fn interpolated(places: &[([f64; 2], f64)], center: [f64; 2]) -> Option<f64> {
+    let (mut sum, mut weights, mut nearest) = (0.0, 0.0, f64::INFINITY);
+    for ([x, y], rho) in places {
+        let square = (x - center[0]).powi(2) + (y - center[1]).powi(2);
+        let weight = 1.0 / (square * square + 1e-12);
+        sum += weight * rho;
+        weights += weight;
+        nearest = nearest.min(square);
+    }
+    (nearest <= REACH * REACH && weights > 0.0).then(|| sum / weights)
+}
+
+/// Returns the name of an axis with its unit, as HTML.
+pub fn axis_label(axis: &Axis) -> String {
+    crate::html::text(&label(axis))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rank_correlation_is_that_of_a_worked_example() {
+        // Spearman's rho of 1, 2, 3, 4, 5 and 2, 1, 4, 3, 5: 1 - 6 * 4 / (5 * 24) = 0.8.
+        let (x, y) = (ranks(&[1.0, 2.0, 3.0, 4.0, 5.0]), ranks(&[20.0, 10.0, 40.0, 30.0, 50.0]));
+        assert!((pearson(&x, &y) - 0.8).abs() < 1e-12);
+        assert_eq!(ranks(&[5.0, 1.0, 5.0]), [1.5, 0.0, 1.5]);
+        assert_eq!(pearson(&ranks(&[1.0, 1.0]), &ranks(&[1.0, 2.0])), 0.0);
+    }
+
+    #[test]
+    fn the_interpolation_meets_the_simulations_and_leaves_the_rest_blank() {
+        let places = [([0.1, 0.1], -1.0), ([0.2, 0.1], 3.0)];
+        assert!((interpolated(&places, [0.1, 0.1]).unwrap() + 1.0).abs() < 1e-6);
+        assert!((interpolated(&places, [0.15, 0.1]).unwrap() - 1.0).abs() < 1e-9);
+        assert_eq!(interpolated(&places, [0.6, 0.6]), None);
+    }
+}

@@ -1,0 +1,196 @@
+//! What takes simulations: failing patches, repeats under noise, corners and pictures.
+
+use mishandle::evaluation::{Corners, Estimate, RepeatReport, wilson};
+use mishandle::rollout::{Axis, Episode, Request, Scenario, Seed, Stream, System};
+use mishandle::store::RunFile;
+use mishandle::{FailureMode, MishandleError, Noise, ResolvedPlan};
+
+use crate::RunReport;
+use crate::load::{MAX_MODES, Point};
+use crate::pictures::{self, Frame};
+
+/// Number of random scenarios that estimate the size of a failing patch.
+const PROBES: u32 = 64;
+
+/// By what fraction of an axis the box of a failure mode is widened on each side.
+const MARGIN: f64 = 0.1;
+
+/// Number of repeats of a representative with other seeds.
+const REPEATS: u64 = 50;
+
+/// Number of scenarios that measure the share of noise, and simulations of each.
+const NOISE: (u64, u64) = (10, 10);
+
+/// Number of simulations per batch.
+const BATCH: usize = 64;
+
+/// Results of the simulations. The lists have one entry for each representative.
+#[derive(Debug, Default)]
+pub struct Measured {
+    pub patches: Vec<Option<Patch>>,
+    pub repeats: Vec<Option<RepeatReport>>,
+    pub strips: Vec<Vec<Frame>>,
+    pub noise: Option<Noise>,
+    /// Corners and center of the initial box. For an evaluation, they are in the run file.
+    pub corners: Vec<Point>,
+}
+
+/// Random scenarios in a box around the failures of a mode.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patch {
+    /// Volume of the box as a share of the space.
+    pub volume: f64,
+    /// Share of the scenarios that fail.
+    pub failing: Estimate,
+}
+
+impl RunReport {
+    /// Simulates what the run file does not contain: the size of the failing patch of each mode, how often each representative
+    /// fails with other seeds, the share of noise, corners, and pictures of tasks. Calls `watch` after each simulation with
+    /// the number of simulations so far and in total.
+    ///
+    /// `controller` is the present path of the run's controller, if the file was moved.
+    ///
+    /// # Errors
+    /// If a simulation cannot be run.
+    pub fn measure(
+        &mut self,
+        run: &RunFile,
+        resolved: &ResolvedPlan,
+        controller: Option<&str>,
+        mut watch: impl FnMut(u64, u64),
+    ) -> Result<(), MishandleError> {
+        let mut system = resolved.system()?;
+        let axes = resolved.space.axes();
+        let seed = Seed(self.header.seed).child(u64::MAX);
+        let depends_on_seed = mishandle::depends_on_seed(resolved, &resolved.space.nominal());
+        let corners = match self.is_evaluation() {
+            true => None,
+            false => Corners::new(&resolved.space, depends_on_seed, seed),
+        };
+        let modes = self.representatives.len() as u64;
+        let noise = if depends_on_seed { NOISE.0 * NOISE.1 } else { 0 };
+        let repeats = if depends_on_seed { REPEATS } else { 0 };
+        let total = modes * (u64::from(PROBES) + repeats)
+            + noise
+            + corners.as_ref().map_or(0, |corners| u64::from(corners.simulations()));
+        let mut done = 0;
+        let mut count = |_: &Episode| {
+            done += 1;
+            watch(done, total);
+        };
+        let mut measured = Measured::default();
+        for (index, mode) in (0..).zip(self.modes.modes.iter().take(MAX_MODES)) {
+            let unit_box = unit_box(axes, mode);
+            measured.patches.push(match unit_box {
+                Some(bounds) => Some(patch(&mut *system, axes, &bounds, seed.child(index), &mut count)?),
+                None => None,
+            });
+            let scenario = Scenario::from(mode.representative());
+            measured.repeats.push(match repeats {
+                0 => None,
+                _ => {
+                    let seeds = mishandle::repeat_seeds(seed.child(index), repeats);
+                    Some(mishandle::repeat(&mut *system, &scenario, seeds, &mut count)?)
+                }
+            });
+        }
+        if noise > 0 {
+            let (scenarios, repeats) = NOISE;
+            measured.noise =
+                Some(mishandle::measure_noise(resolved, &mut *system, seed, scenarios, repeats, &mut count)?);
+        }
+        if let Some(corners) = corners {
+            let requests: Vec<Request> =
+                (1..=corners.simulations()).filter_map(|number| corners.request(number)).collect();
+            for batch in requests.chunks(BATCH) {
+                for episode in system.rollout(batch)? {
+                    count(&episode);
+                    measured.corners.push(point(&episode));
+                }
+            }
+        }
+        match pictures::strips(run, &self.representatives, controller) {
+            Ok(strips) => measured.strips = strips,
+            Err(error) => self.notes.push(format!("There are no pictures of the failures: {error}.")),
+        }
+        self.measured = Some(measured);
+        Ok(())
+    }
+}
+
+/// Returns the box of a mode in unit coordinates, widened by [`MARGIN`]; the whole unit interval for axes that are drawn at
+/// random. Returns `None` if an axis has no valid bounds.
+fn unit_box(axes: &[Axis], mode: &FailureMode) -> Option<Vec<[f64; 2]>> {
+    axes.iter()
+        .zip(&mode.region)
+        .map(|(axis, region)| {
+            let Some((low, high)) = region else { return Some([0.0, 1.0]) };
+            // A discrete value is a whole interval of the coordinate.
+            let half = axis.levels().map_or(0.0, |levels| 0.5 / levels as f64);
+            let low = (axis.unit_coordinate(*low) - half - MARGIN).clamp(0.0, 1.0);
+            let high = (axis.unit_coordinate(*high) + half + MARGIN).clamp(0.0, 1.0);
+            (low < high).then_some([low, high])
+        })
+        .collect()
+}
+
+fn patch(
+    system: &mut dyn System,
+    axes: &[Axis],
+    bounds: &[[f64; 2]],
+    seed: Seed,
+    mut watch: impl FnMut(&Episode),
+) -> Result<Patch, MishandleError> {
+    let scenario = |probe: u32| {
+        let value = |(number, (axis, [low, high])): (u32, (&Axis, &[f64; 2]))| {
+            let u = seed.uniform(Stream::InitialConfiguration, u64::from(probe), number);
+            axis.at(low + (high - low) * u)
+        };
+        Scenario::from((0..).zip(axes.iter().zip(bounds)).map(value).collect::<Vec<f64>>())
+    };
+    let requests: Vec<Request> = (1..=PROBES)
+        .map(|number| Request { number, ..Request::new(scenario(number), seed.child(u64::from(number))) })
+        .collect();
+    let (mut failing, mut decided) = (0, 0);
+    for episode in system.rollout(&requests)? {
+        watch(&episode);
+        decided += u64::from(episode.robustness().is_some());
+        failing += u64::from(episode.robustness().is_some_and(|rho| rho < 0.0));
+    }
+    let volume = bounds.iter().map(|[low, high]| high - low).product();
+    Ok(Patch { volume, failing: wilson(failing, decided) })
+}
+
+fn point(episode: &Episode) -> Point {
+    let Request { number, seed, ref scenario, .. } = episode.request;
+    Point {
+        trial: Corners::TRIAL,
+        number,
+        seed: seed.0,
+        scenario: scenario.values().to_vec(),
+        robustness: episode.robustness(),
+        end: "",
+        is_linked: false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_box_of_a_mode_is_widened_within_the_space() {
+        let axes = [Axis::start("x", "m", 0.0, 2.0), Axis::start("y", "m", 0.0, 1.0)];
+        let mode = FailureMode { failures: vec![], region: vec![Some((1.0, 1.2)), None], samples: (0, 0) };
+        let bounds = unit_box(&axes, &mode).unwrap();
+        assert!((bounds[0][0] - 0.4).abs() < 1e-12 && (bounds[0][1] - 0.7).abs() < 1e-12, "{bounds:?}");
+        assert_eq!(bounds[1], [0.0, 1.0]);
+        let edge = FailureMode {
+            failures: vec![],
+            region: vec![Some((0.0, 2.0)), Some((1.0, 1.0))],
+            samples: (0, 0),
+        };
+        assert_eq!(unit_box(&axes, &edge).unwrap(), [[0.0, 1.0], [0.9, 1.0]]);
+    }
+}

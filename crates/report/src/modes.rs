@@ -1,0 +1,202 @@
+//! Failure modes: what fails, where, when, how large the failing patch is, and one simulation of each.
+
+use mishandle::evaluation::Estimate;
+use mishandle::{ExplainedSimulation, FailureMode, shell_quote};
+
+use crate::html::{base64, number, percent, short, table, text, with_unit};
+use crate::load::RunReport;
+use crate::measure::{Measured, Patch};
+use crate::pictures::Frame;
+use crate::space::value_text;
+use crate::{tables, trace};
+
+/// Largest number of axes in the tables of a mode.
+const MAX_AXES: usize = 12;
+
+/// Returns the descriptions of the failure modes of a run. `id` is its number on the page.
+pub fn section(report: &RunReport, id: usize) -> String {
+    let modes = &report.modes;
+    let described = report.representatives.len();
+    let mut out = format!(
+        "<p>{} belong to {}. Failures belong to one mode if the same predicate decides them, at a similar time, and their \
+         scenarios are neighbors.{}</p>\n",
+        mishandle::plural((modes.failures - modes.not_grouped) as u64, "failure"),
+        mishandle::plural(modes.modes.len() as u64, "failure mode"),
+        match modes.not_grouped {
+            0 => String::new(),
+            n => format!(" {n} more have no recorded trace and are not grouped."),
+        }
+    );
+    if described < modes.modes.len() {
+        out.push_str(&format!("<p>The {described} modes with the most failures are described.</p>\n"));
+    }
+    for (index, (mode, explained)) in modes.modes.iter().zip(&report.representatives).enumerate() {
+        out.push_str(&card(report, id, index, mode, explained));
+    }
+    out
+}
+
+fn card(
+    report: &RunReport,
+    id: usize,
+    index: usize,
+    mode: &FailureMode,
+    explained: &ExplainedSimulation,
+) -> String {
+    let header = &report.header;
+    let representative = mode.representative();
+    let (trial, number_of) = (representative.trial, representative.number);
+    let time = |sample: usize| format!("{} s", number(sample as f64 * header.control_dt));
+    let (first, last) = mode.samples;
+    let when = match first == last {
+        true => format!("at {}", time(first)),
+        false => format!("between {} and {}", time(first), time(last)),
+    };
+    let predicate = match representative.predicate.as_str() {
+        "" => "the whole formula".to_string(),
+        predicate => format!("<code>{}</code>", text(predicate)),
+    };
+    let mut out = format!(
+        "<article class=\"mode\" id=\"{}\">\n<h4>Mode {}: {predicate} is violated <span class=\"count\">{} of {}</span></h4>\n\
+         <p>The decisive instant is {when}.",
+        tables::mode_id(id, index),
+        index + 1,
+        mode.failures.len(),
+        mishandle::plural(report.modes.failures as u64, "failure"),
+    );
+    let measured = report.measured.as_ref();
+    let entry = |index: usize| measured.and_then(|measured| measured.patches.get(index).copied().flatten());
+    out.extend(entry(index).map(patch_text));
+    out.push_str("</p>\n");
+    out.push_str(&region_table(report, mode));
+    out.push_str(&format!(
+        "<h5>The failure closest to nominal: trial {trial}, simulation {}</h5>\n<ul class=\"why\">",
+        tables::link(report, id, trial, number_of)
+    ));
+    for sentence in explained.explanation.sentences(header.control_dt) {
+        out.push_str(&format!("<li>{}</li>", text(&sentence)));
+    }
+    out.push_str(&format!(
+        "<li>Robustness {}.</li>",
+        with_unit(
+            representative.robustness,
+            &text(&short(&trace::unit(header, mode.representative().predicate.as_str()), 20))
+        )
+    ));
+    let repeats = measured.and_then(|measured| measured.repeats.get(index)).and_then(Option::as_ref);
+    if let Some(repeats) = repeats {
+        out.push_str(&format!(
+            "<li>With other random seeds, the same scenario fails in {} of {}{}.</li>",
+            repeats.failures,
+            mishandle::plural(repeats.failure_rate.n, "repeat"),
+            interval(&repeats.failure_rate)
+        ));
+    }
+    out.push_str("</ul>\n");
+    out.push_str(&frames(report, measured, index, explained));
+    out.push_str(&format!("<div class=\"grid\">{}</div>\n", trace::figures(header, explained)));
+    out.push_str(&commands(report, trial, number_of));
+    out + "</article>\n"
+}
+
+/// Formats an estimate: `: 12 % [8, 17]`.
+fn interval(estimate: &Estimate) -> String {
+    match (estimate.value, estimate.low, estimate.high) {
+        (Some(value), Some(low), Some(high)) => {
+            format!(" ({}, 95 % interval {} to {})", percent(value), percent(low), percent(high))
+        }
+        _ => String::new(),
+    }
+}
+
+fn patch_text(patch: Patch) -> String {
+    let Patch { volume, failing } = patch;
+    let (Some(value), Some(low), Some(high)) = (failing.value, failing.low, failing.high) else {
+        return String::new();
+    };
+    format!(
+        " In a box around these failures ({} of the space), {} of {} random scenarios fail; so the failing patch is about <b>{} \
+         of the space</b> (95 % interval {} to {}).",
+        percent(volume),
+        percent(value),
+        failing.n,
+        percent(volume * value),
+        percent(volume * low),
+        percent(volume * high)
+    )
+}
+
+/// Returns the table of the region of a mode and the scenario of its representative.
+fn region_table(report: &RunReport, mode: &FailureMode) -> String {
+    let scenario = &mode.representative().scenario;
+    let rows =
+        report.axes.iter().zip(&mode.region).zip(scenario).take(MAX_AXES).map(|((axis, region), value)| {
+            let region = region.map_or("random".to_string(), |(low, high)| match low == high {
+                true => value_text(axis, Some(low)),
+                false => format!("{} to {}", value_text(axis, Some(low)), value_text(axis, Some(high))),
+            });
+            let cells = [region, value_text(axis, *value), value_text(axis, axis.nominal)];
+            std::iter::once(text(&short(&axis.name, 40))).chain(cells.iter().map(|cell| text(cell))).collect()
+        });
+    let rows: Vec<Vec<String>> = rows.collect();
+    let rest = match report.axes.len() > MAX_AXES {
+        true => format!("<p>The first {MAX_AXES} of {} axes are shown.</p>\n", report.axes.len()),
+        false => String::new(),
+    };
+    table("Where it fails", &["axis", "failures of this mode", "closest to nominal", "nominal"], &rows)
+        + &rest
+}
+
+/// Returns the pictures of a representative.
+fn frames(
+    report: &RunReport,
+    measured: Option<&Measured>,
+    index: usize,
+    explained: &ExplainedSimulation,
+) -> String {
+    let Some(frames) =
+        measured.and_then(|measured| measured.strips.get(index)).filter(|frames| !frames.is_empty())
+    else {
+        return String::new();
+    };
+    let decisive = explained.explanation.diagnosis.path.last().map(|found| found.sample);
+    let frame = |frame: &Frame| {
+        let time = format!("{:.2} s", frame.sample as f64 * report.header.control_dt);
+        let note = if Some(frame.sample) == decisive { ", decisive instant" } else { "" };
+        format!(
+            "<figure class=\"frame{}\"><img src=\"data:image/png;base64,{}\" width=\"320\" height=\"240\" alt=\"The scene at \
+             {time}{note}\"><figcaption>{time}{note}</figcaption></figure>",
+            if note.is_empty() { "" } else { " decisive" },
+            base64(&frame.png)
+        )
+    };
+    format!("<div class=\"strip\">{}</div>\n", frames.iter().map(frame).collect::<String>())
+}
+
+/// Returns how to run a simulation again.
+fn commands(report: &RunReport, trial: u32, number: u32) -> String {
+    let run = shell_quote(&report.path);
+    let at = format!("--trial {trial} --simulation {number}");
+    let mut lines = vec![format!("mishandle explain {run} {at}")];
+    match report.header.target.kind.as_str() {
+        "python" => lines.extend([
+            "# in Python, with the same system, formula and space as the run:".to_string(),
+            format!(
+                "mishandle.replay({}, system, formula, space, trial={trial}, number={number})",
+                python_text(&report.path)
+            ),
+        ]),
+        kind => {
+            lines.insert(0, format!("mishandle replay {run} {at}"));
+            if kind == "task" {
+                lines.push(format!("mishandle render --run {run} {at} --out failure.mp4"));
+            }
+        }
+    }
+    format!("<details><summary>Run it again</summary><pre>{}</pre></details>\n", crate::html::lines(&lines))
+}
+
+/// Quotes a text for Python.
+fn python_text(value: &str) -> String {
+    format!("{value:?}")
+}

@@ -1,0 +1,74 @@
+//! Pictures of failures of tasks.
+
+use mishandle::store::RunFile;
+use mishandle::world::{Renderer, Size, WorldError, png};
+use mishandle::{ExplainedSimulation, MishandleError};
+
+/// Size of a picture, pixels.
+pub const PICTURE: (u32, u32) = (320, 240);
+
+/// Largest number of simulations with pictures, so that the page stays small.
+const MAX_STRIPS: usize = 4;
+
+/// A picture of a simulation.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    pub sample: usize,
+    pub png: Vec<u8>,
+}
+
+/// A reason why there are no pictures.
+#[derive(Debug, thiserror::Error)]
+pub enum PictureError {
+    /// The simulation cannot be replayed.
+    #[error(transparent)]
+    Replay(#[from] MishandleError),
+    /// The scene cannot be rendered.
+    #[error(transparent)]
+    Render(#[from] WorldError),
+}
+
+/// Renders some instants of each simulation, the decisive one among them. Other targets than tasks have no pictures.
+pub fn strips(
+    run: &RunFile,
+    simulations: &[ExplainedSimulation],
+    controller: Option<&str>,
+) -> Result<Vec<Vec<Frame>>, PictureError> {
+    let Ok(task) = mishandle::task(&run.header().target.name) else { return Ok(Vec::new()) };
+    let Some(size) = Size::new(PICTURE.0, PICTURE.1) else { return Ok(Vec::new()) };
+    if simulations.is_empty() {
+        return Ok(Vec::new());
+    }
+    let mut renderer = Renderer::new(&mishandle::scene_mjcf(task)?, size)?;
+    simulations
+        .iter()
+        .take(MAX_STRIPS)
+        .map(|explained| strip(&mut renderer, run, explained, controller))
+        .collect()
+}
+
+fn strip(
+    renderer: &mut Renderer,
+    run: &RunFile,
+    explained: &ExplainedSimulation,
+    controller: Option<&str>,
+) -> Result<Vec<Frame>, PictureError> {
+    let (trial, number) = (explained.recorded.trial, explained.recorded.number);
+    let (replayed, trajectory) = mishandle::replay_states(run, trial, number, controller)?;
+    if !replayed.differences.is_empty() {
+        return Err(MishandleError::RunMismatch { differences: replayed.differences }.into());
+    }
+    let states = &trajectory.states;
+    let Some(last) = states.len().checked_sub(1) else { return Ok(Vec::new()) };
+    let decisive = explained.explanation.diagnosis.path.last().map_or(last, |found| found.sample.min(last));
+    let mut samples =
+        vec![0, decisive / 3, 2 * decisive / 3, decisive, decisive + (last - decisive) / 2, last];
+    samples.sort_unstable();
+    samples.dedup();
+    renderer.frame(samples.iter().map(|sample| states[*sample].as_slice()));
+    let picture = |sample: usize| -> Result<Frame, PictureError> {
+        let pixels = renderer.draw(&states[sample])?;
+        Ok(Frame { sample, png: png(PICTURE.0, PICTURE.1, pixels)? })
+    };
+    samples.into_iter().map(picture).collect()
+}

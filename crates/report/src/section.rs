@@ -1,0 +1,166 @@
+//! The section of one run.
+
+use mishandle::Noise;
+use mishandle::stl::{Clock, EvaluationTime, Formula};
+
+use crate::html::{number, percent, short, text};
+use crate::load::RunReport;
+use crate::{curves, map, modes, tables, words};
+
+/// Returns the section of a run. `id` is its number on the page, from 1.
+pub fn section(report: &RunReport, id: usize) -> String {
+    let mut out = format!("<section class=\"run\" id=\"r{id}\">\n<h2>{}</h2>\n", words::headline(report));
+    out.push_str(&format!("<p class=\"requirement\"><b>Requirement:</b> {}</p>\n", requirement(report)));
+    let meaning: String = words::meaning(report).iter().map(|sentence| format!("{sentence} ")).collect();
+    out.push_str(&format!("<p>{meaning}</p>\n{}", tiles(report)));
+    if !report.notes.is_empty() {
+        let notes: String = report.notes.iter().map(|note| format!("<li>{}</li>", text(note))).collect();
+        out.push_str(&format!("<ul class=\"notes\">{notes}</ul>\n"));
+    }
+    if report.modes.failures > 0 {
+        out.push_str(&format!("<h3 id=\"r{id}-modes\">What fails</h3>\n{}", modes::section(report, id)));
+    }
+    out.push_str(&format!("<h3 id=\"r{id}-map\">Where it fails</h3>\n{}", map::figures(report, id)));
+    if let Some(corners) = tables::corners(report) {
+        out.push_str(&format!("<h3>Corners</h3>\n{corners}"));
+    }
+    if let Some(noise) = report.measured.as_ref().and_then(|measured| measured.noise) {
+        out.push_str(&format!("<h3>Noise</h3>\n<p>{}</p>\n", noise_text(&noise)));
+    }
+    let heading = if report.is_evaluation() { "How robust it is" } else { "How the search found it" };
+    out.push_str(&format!("<h3 id=\"r{id}-search\">{heading}</h3>\n{}", curves::figures(report)));
+    if !report.is_evaluation() {
+        out.push_str(&tables::trials(report, id));
+    }
+    out.push_str(&format!(
+        "<h3 id=\"r{id}-tested\">What was tested</h3>\n{}{}",
+        facts(report),
+        tables::axes(report)
+    ));
+    out.push_str(&format!(
+        "<h3 id=\"r{id}-simulations\">Simulations</h3>\n{}",
+        tables::simulations(report, id)
+    ));
+    out + "</section>\n"
+}
+
+/// Returns the requirement in words, or its text if it cannot be explained.
+fn requirement(report: &RunReport) -> String {
+    let header = &report.header;
+    let formula = Formula::parse(&header.formula).ok();
+    let unit = |name: &str| {
+        header.signals.iter().find(|signal| signal.name == name).map_or("", |signal| signal.unit.as_str())
+    };
+    let lines = formula.as_ref().and_then(|formula| {
+        formula.explain(&Clock::steps(header.control_dt), EvaluationTime::Start, unit).ok()
+    });
+    match lines {
+        Some(lines) => format!("<span class=\"words\">{}</span>", crate::html::lines(&lines)),
+        None => format!("<code>{}</code>", text(&header.formula)),
+    }
+}
+
+/// Returns the key numbers.
+fn tiles(report: &RunReport) -> String {
+    let mut tiles: Vec<(String, String)> = Vec::new();
+    if report.is_evaluation() {
+        let (failing, decided) = words::evaluated(report);
+        tiles.push((format!("{failing} of {decided}"), "random scenarios fail".to_string()));
+    } else {
+        let (found, trials) = words::falsified(report);
+        tiles.push((format!("{found} of {trials}"), "trials falsified".to_string()));
+        let median = words::median(report).map_or("–".to_string(), |median| median.to_string());
+        tiles.push((median, "simulations to a failure (median)".to_string()));
+    }
+    tiles.push((report.modes.modes.len().to_string(), "failure modes".to_string()));
+    let worst = report.trials.iter().filter_map(|trial| trial.worst).map(|(_, rho)| rho).reduce(f64::min);
+    tiles.push((worst.map_or("–".to_string(), number), "lowest robustness".to_string()));
+    tiles.push((report.counts.simulations.to_string(), "simulations".to_string()));
+    let share =
+        report.measured.as_ref().and_then(|measured| measured.noise).and_then(|noise| noise.scenario_share);
+    tiles.extend(share.map(|share| (percent(1.0 - share), "of the variance is noise".to_string())));
+    let tile = |(value, name): &(String, String)| format!("<div><dd>{value}</dd><dt>{name}</dt></div>");
+    format!("<dl class=\"tiles\">{}</dl>\n", tiles.iter().map(tile).collect::<String>())
+}
+
+fn noise_text(noise: &Noise) -> String {
+    let Noise { scenario_share, scenarios, repeats } = noise;
+    let of = format!("{scenarios} random scenarios, {repeats} simulations each");
+    match scenario_share {
+        Some(share) => format!(
+            "{} of the variance of the robustness comes from the scenario and {} from noise ({of}). The larger the share of \
+             noise, the less a map of scenarios can explain.",
+            percent(*share),
+            percent(1.0 - share)
+        ),
+        None => format!("The robustness of {of} is constant or infinite, so its variance has no shares."),
+    }
+}
+
+/// Returns what was tested as a list.
+fn facts(report: &RunReport) -> String {
+    let header = &report.header;
+    let code = |value: &str| format!("<code>{}</code>", text(value));
+    let mut facts: Vec<(String, String)> = vec![
+        ("run file".into(), code(&report.path)),
+        ("target".into(), format!("{} ({})", code(&header.target.name), text(&header.target.kind))),
+    ];
+    if !header.target.hash.is_empty() {
+        facts.push(("hash of the target".into(), code(&header.target.hash)));
+    }
+    for component in &header.components {
+        let role = text(&short(&component.role, 30));
+        facts.push((role.clone(), code(&component.name)));
+        facts.push((format!("hash of the {role}"), code(&component.hash)));
+    }
+    facts.push(("formula".into(), code(&header.formula)));
+    if let Ok(formula) = Formula::parse(&header.formula) {
+        facts.push(("in symbols".into(), code(&formula.symbols().to_string())));
+    }
+    facts.push(("space".into(), format!("{}, {}", code(&header.space), axes(report.axes.len()))));
+    if let Some(plan) = &report.plan {
+        let noise = [("action noise", plan.action_noise), ("observation noise", plan.observation_noise)];
+        for (name, value) in noise.into_iter().filter(|(_, value)| *value > 0.0) {
+            facts.push((name.into(), format!("standard deviation {}", number(value))));
+        }
+        if plan.stochastic {
+            facts.push(("actions".into(), "sampled from the policy".into()));
+        }
+        if let Some(falsify) = &plan.falsify {
+            facts.push((
+                "search".into(),
+                format!(
+                    "{}, {} of at most {} simulations",
+                    code(&falsify.search),
+                    mishandle::plural(falsify.trials, "trial"),
+                    falsify.budget
+                ),
+            ));
+        }
+    }
+    facts.push(("seed".into(), header.seed.to_string()));
+    let seconds = header.control_dt * f64::from(header.episode_steps);
+    facts.push((
+        "episode".into(),
+        format!(
+            "{} control steps of {} s ({} s)",
+            header.episode_steps,
+            number(header.control_dt),
+            number(seconds)
+        ),
+    ));
+    let build = &header.build;
+    facts
+        .push(("program".into(), text(&format!("mishandle {} {}", build.program_version, build.git_commit))));
+    let versions: Vec<String> =
+        header.versions.iter().map(|(name, version)| format!("{name} {version}")).collect();
+    if !versions.is_empty() {
+        facts.push(("with".into(), text(&versions.join(", "))));
+    }
+    let fact = |(name, value): &(String, String)| format!("<div><dt>{name}</dt><dd>{value}</dd></div>\n");
+    format!("<dl class=\"facts\">{}</dl>\n", facts.iter().map(fact).collect::<String>())
+}
+
+fn axes(count: usize) -> String {
+    if count == 1 { "1 axis".to_string() } else { format!("{count} axes") }
+}

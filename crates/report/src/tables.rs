@@ -1,0 +1,230 @@
+//! Tables of trials, simulations, axes and corners, as HTML.
+
+use mishandle::store::TrialStatus;
+
+use crate::html::{number, percent, table, text};
+use crate::load::{Point, RunReport};
+use crate::map::axis_label;
+use crate::space::value_text;
+
+/// Largest numbers of trials and axes in a table.
+const MAX_TRIALS: usize = 100;
+const MAX_AXES: usize = 60;
+
+/// Largest number of axes whose values are columns.
+const VALUE_COLUMNS: usize = 6;
+
+/// Largest number of failing corners that are listed.
+const MAX_CORNERS: usize = 20;
+
+/// Returns the id of the row of a simulation.
+pub fn row_id(run: usize, trial: u32, simulation: u32) -> String {
+    format!("r{run}-t{trial}-s{simulation}")
+}
+
+/// Returns a link to a simulation: to its row, if the page has it.
+pub fn link(report: &RunReport, run: usize, trial: u32, simulation: u32) -> String {
+    let is_it = |point: &&Point| (point.trial, point.number) == (trial, simulation);
+    match report.points.iter().find(is_it).is_some_and(|point| point.is_linked) {
+        true => format!("<a href=\"#{}\">{simulation}</a>", row_id(run, trial, simulation)),
+        false => simulation.to_string(),
+    }
+}
+
+/// Returns the table of the trials.
+pub fn trials(report: &RunReport, run: usize) -> String {
+    let status = |status: TrialStatus| match status {
+        TrialStatus::Falsified => "<b class=\"fail\">✕ falsified</b>",
+        TrialStatus::BudgetSpent => "<b class=\"pass\">• no failure</b>, budget spent",
+        TrialStatus::Converged => "<b class=\"pass\">• no failure</b>, search ended",
+        TrialStatus::Running => "not finished",
+    };
+    let rows: Vec<Vec<String>> = report
+        .trials
+        .iter()
+        .take(MAX_TRIALS)
+        .map(|trial| {
+            let number_of = trial.summary.trial.number;
+            let worst = trial.worst.map_or(["–".to_string(), "–".to_string()], |(simulation, rho)| {
+                [number(rho), link(report, run, number_of, simulation)]
+            });
+            let [rho, simulation] = worst;
+            let first =
+                trial.first_failure.map_or("–".to_string(), |first| link(report, run, number_of, first));
+            vec![
+                number_of.to_string(),
+                status(trial.summary.trial.status).to_string(),
+                trial.summary.counts.simulations.to_string(),
+                first,
+                rho,
+                simulation,
+            ]
+        })
+        .collect();
+    let head = ["trial", "result", "simulations", "first failure", "lowest robustness", "in simulation"];
+    table("Trials", &head, &rows) + &more(report.trials.len(), MAX_TRIALS, "trials")
+}
+
+/// Says that a table is cut.
+fn more(count: usize, shown: usize, what: &str) -> String {
+    match count > shown {
+        true => format!("<p>{shown} of {count} {what} are shown.</p>\n"),
+        false => String::new(),
+    }
+}
+
+/// Returns the table of the simulations that marks of the charts lead to.
+pub fn simulations(report: &RunReport, run: usize) -> String {
+    let columns = report.axes.len().min(VALUE_COLUMNS);
+    let mode_of = |point: &Point| {
+        let is_in = |mode: &mishandle::FailureMode| {
+            mode.failures.iter().any(|failure| (failure.trial, failure.number) == (point.trial, point.number))
+        };
+        report.modes.modes.iter().position(is_in)
+    };
+    let mut points: Vec<&Point> = report.points.iter().filter(|point| point.is_linked).collect();
+    points.sort_by_key(|point| (!point.fails(), point.trial, point.number));
+    let mut rows = String::new();
+    for point in &points {
+        let rho = point.robustness.map_or("–".to_string(), number);
+        let mark = match (point.fails(), point.robustness) {
+            (true, _) => "<b class=\"fail\">✕</b>",
+            (false, Some(_)) => "<b class=\"pass\">•</b>",
+            (false, None) => "–",
+        };
+        let mode = mode_of(point).map_or(String::new(), |index| match index < report.representatives.len() {
+            true => format!("<a href=\"#{}\">{}</a>", mode_id(run, index), index + 1),
+            false => (index + 1).to_string(),
+        });
+        let values: String = report
+            .axes
+            .iter()
+            .zip(&point.scenario)
+            .take(columns)
+            .map(|(axis, value)| format!("<td>{}</td>", text(&value_text(axis, *value))))
+            .collect();
+        rows.push_str(&format!(
+            "<tr id=\"{}\"{}><td>{mark}</td><td>{}</td><td>{}</td><td>{rho}</td><td>{mode}</td>{values}<td>{}</td><td \
+             class=\"seed\">{}</td></tr>\n",
+            row_id(run, point.trial, point.number),
+            if point.fails() { "" } else { " class=\"passing\"" },
+            point.trial,
+            point.number,
+            point.end,
+            point.seed,
+        ));
+    }
+    let named: String = report
+        .axes
+        .iter()
+        .take(columns)
+        .map(|axis| format!("<th scope=\"col\">{}</th>", text(&crate::html::short(&axis.name, 30))))
+        .collect();
+    let shown = match (points.len() as u64) < report.counts.simulations {
+        true => format!("{} of {}, failures first", points.len(), report.counts.simulations),
+        false => "all".to_string(),
+    };
+    let rest = if report.axes.len() > columns {
+        format!("<p>The first {columns} of {} axes are shown.</p>\n", report.axes.len())
+    } else {
+        String::new()
+    };
+    format!(
+        "<div class=\"scroll tall\" tabindex=\"0\" role=\"region\" aria-label=\"Simulations\"><table><caption>Simulations: \
+         {shown}</caption><thead><tr><th scope=\"col\"></th><th scope=\"col\">trial</th><th scope=\"col\">simulation</th><th \
+         scope=\"col\">robustness</th><th scope=\"col\">mode</th>{named}<th scope=\"col\">end</th><th scope=\"col\">seed</th>\
+         </tr></thead>\n<tbody>{rows}</tbody></table></div>\n{rest}"
+    )
+}
+
+/// Returns the id of the description of a failure mode.
+pub fn mode_id(run: usize, index: usize) -> String {
+    format!("r{run}-mode{}", index + 1)
+}
+
+/// Returns the table of the axes.
+pub fn axes(report: &RunReport) -> String {
+    let rows: Vec<Vec<String>> = report
+        .axes
+        .iter()
+        .zip(&report.header.axes)
+        .take(MAX_AXES)
+        .map(|(axis, record)| {
+            let of = |value: f64| text(&value_text(axis, Some(value)));
+            vec![
+                axis_label(axis),
+                format!("{} to {}", of(axis.low), of(axis.high)),
+                text(&value_text(axis, axis.nominal)),
+                text(&record.kind),
+                text(&record.meaning),
+            ]
+        })
+        .collect();
+    let head = ["axis", "range", "nominal", "kind", "meaning"];
+    table("Axes of the space", &head, &rows) + &more(report.axes.len(), MAX_AXES, "axes")
+}
+
+/// Returns what happens at the corners and the center of the initial box; `None` if they were not simulated.
+pub fn corners(report: &RunReport) -> Option<String> {
+    let recorded: Vec<&Point> = match report.is_evaluation() {
+        true => report
+            .points
+            .iter()
+            .filter(|point| point.trial == mishandle::evaluation::Corners::TRIAL)
+            .collect(),
+        false => report.measured.iter().flat_map(|measured| &measured.corners).collect(),
+    };
+    // Points with their numbers of failing, decided and all simulations.
+    let mut places: Vec<(&Point, [u32; 3])> = Vec::new();
+    for point in recorded {
+        let counts = [u32::from(point.fails()), u32::from(point.robustness.is_some()), 1];
+        match places.iter_mut().find(|(place, _)| place.scenario == point.scenario) {
+            Some((_, known)) => known.iter_mut().zip(counts).for_each(|(known, count)| *known += count),
+            None => places.push((point, counts)),
+        }
+    }
+    if places.is_empty() {
+        return None;
+    }
+    let failing: Vec<&(&Point, [u32; 3])> = places.iter().filter(|(_, [failing, ..])| *failing > 0).collect();
+    let seeds = places.iter().map(|(_, [.., all])| *all).max().unwrap_or(1);
+    let each = if seeds > 1 { format!(", {seeds} simulations each") } else { String::new() };
+    let intro = format!(
+        "<p>{} of the {} corners and center of the initial box fail{each}. Random scenarios hardly ever meet a corner.</p>\n",
+        failing.len(),
+        places.len()
+    );
+    let rows: Vec<Vec<String>> = failing
+        .iter()
+        .take(MAX_CORNERS)
+        .map(|(place, [failing, decided, _])| {
+            let named = report
+                .axes
+                .iter()
+                .zip(&place.scenario)
+                .filter(|(axis, value)| **value != axis.nominal || axis.nominal.is_none());
+            let values: Vec<String> = named
+                .take(VALUE_COLUMNS)
+                .map(|(axis, value)| {
+                    format!(
+                        "{} = {}",
+                        text(&crate::html::short(&axis.name, 30)),
+                        text(&value_text(axis, *value))
+                    )
+                })
+                .collect();
+            let place = if values.is_empty() { "center".to_string() } else { values.join(", ") };
+            vec![
+                place,
+                format!(
+                    "{failing} of {decided} ({})",
+                    percent(f64::from(*failing) / f64::from((*decided).max(1)))
+                ),
+            ]
+        })
+        .collect();
+    Some(match rows.is_empty() {
+        true => intro,
+        false => intro + &table("Failing corners", &["place", "failures"], &rows),
+    })
+}

@@ -1,0 +1,153 @@
+//! The verdict in sentences.
+
+use mishandle::evaluation::wilson;
+
+use crate::html::{number, percent, short, text};
+use crate::load::RunReport;
+
+/// Names of tasks and controllers are cut to this length.
+const NAME: usize = 60;
+
+/// Returns what was tested, as HTML: `ball-balancing with controller ppo`.
+pub fn subject(report: &RunReport) -> String {
+    let name = |name: &str| text(&short(name, NAME));
+    let controller = report.header.components.iter().find(|component| component.role == "controller");
+    let target = name(&report.header.target.name);
+    match controller {
+        Some(controller) => format!("{target} with controller {}", name(file_name(&controller.name))),
+        None => target,
+    }
+}
+
+fn file_name(path: &str) -> &str {
+    path.rsplit('/').next().filter(|name| !name.is_empty()).unwrap_or(path)
+}
+
+/// Returns the numbers of failing and of decided random simulations of an evaluation.
+pub fn evaluated(report: &RunReport) -> (u64, u64) {
+    let first = report.trials.first();
+    first.map_or((0, 0), |trial| {
+        let counts = trial.summary.counts;
+        (counts.falsified, counts.simulations - counts.undecided)
+    })
+}
+
+/// Returns the numbers of falsified and of all trials.
+pub fn falsified(report: &RunReport) -> (usize, usize) {
+    let falsified = report.searches().filter(|trial| trial.first_failure.is_some()).count();
+    (falsified, report.searches().count())
+}
+
+/// Returns the median number of simulations to the first failure: the first number after which at most half of the trials have
+/// not failed.
+pub fn median(report: &RunReport) -> Option<u32> {
+    report.survival().0.into_iter().find(|(_, share)| *share <= 0.5).map(|(number, _)| number)
+}
+
+/// Returns the verdict: one or two sentences of HTML.
+pub fn headline(report: &RunReport) -> String {
+    let subject = subject(report);
+    if report.is_evaluation() {
+        let (failing, decided) = evaluated(report);
+        let rate = wilson(failing, decided);
+        return match (failing, rate.value, rate.high) {
+            (_, None, _) => format!("No simulation of {subject} has a verdict."),
+            (0, _, Some(high)) => format!(
+                "{subject} meets its requirement in all {decided} random scenarios: at most {} fail (95 % confidence).",
+                percent(high)
+            ),
+            (_, Some(value), _) => format!(
+                "{subject} violates its requirement in {failing} of {decided} random scenarios ({}).",
+                percent(value)
+            ),
+        };
+    }
+    let (found, trials) = falsified(report);
+    match (found, trials) {
+        (_, 0) => format!("No trial of {subject} has started."),
+        (0, _) => format!(
+            "No violation of {subject} found in {} with {}.",
+            mishandle::plural(trials as u64, "trial"),
+            mishandle::plural(report.counts.simulations, "simulation")
+        ),
+        _ => {
+            let first = match median(report) {
+                Some(median) => format!(
+                    "The first failure comes after a median of {}.",
+                    mishandle::plural(u64::from(median), "simulation")
+                ),
+                None => "More than half of the trials end without a failure.".to_string(),
+            };
+            format!(
+                "{subject} violates its requirement in {found} of {}. {first}",
+                mishandle::plural(trials as u64, "trial")
+            )
+        }
+    }
+}
+
+/// Returns what the verdict means, as sentences of HTML.
+pub fn meaning(report: &RunReport) -> Vec<String> {
+    let mut sentences = Vec::new();
+    let worst = report.trials.iter().filter_map(|trial| trial.worst).map(|(_, rho)| rho).reduce(f64::min);
+    let (found, trials) = falsified(report);
+    if report.is_evaluation() {
+        let (failing, decided) = evaluated(report);
+        let rate = wilson(failing, decided);
+        if let (Some(low), Some(high)) = (rate.low, rate.high) {
+            sentences.push(format!(
+                "Scenarios were drawn at random. The true failure rate is between {} and {} (95 % interval).",
+                percent(low),
+                percent(high)
+            ));
+        }
+    } else if found > 0 {
+        sentences.push(
+            "A trial is an independent search that ends at its first failure, so the share of falsified trials says how easily \
+             a search finds a failure, not how often the controller fails."
+                .to_string(),
+        );
+    } else if trials > 0 {
+        let n = report.counts.simulations - report.counts.undecided;
+        sentences.push(match report.header.search.as_str() {
+            "random" if n > 0 => format!(
+                "This is no proof. Of the scenarios of this space, at most {} fail (95 % confidence, from {n} random simulations).",
+                percent(1.0 - 0.05_f64.powf(1.0 / n as f64))
+            ),
+            _ => "This is no proof: a search can miss failures.".to_string(),
+        });
+    }
+    if let Some(worst) = worst {
+        sentences.push(match worst < 0.0 {
+            true => format!(
+                "The worst violation has robustness {}. Robustness is the distance to the border between satisfied and \
+                 violated; it is negative if the requirement is violated.",
+                number(worst)
+            ),
+            false => format!("The closest simulation has robustness {}; a violation would be below 0.", number(worst)),
+        });
+    }
+    let repeats: Vec<_> =
+        report.measured.iter().flat_map(|measured| measured.repeats.iter().flatten()).collect();
+    if let Some(least) = repeats.iter().filter_map(|repeat| repeat.failure_rate.value).reduce(f64::min) {
+        let most = repeats.iter().filter_map(|repeat| repeat.failure_rate.value).fold(least, f64::max);
+        let share = match percent(least) == percent(most) {
+            true => percent(least),
+            false => format!("{} to {}", percent(least), percent(most)),
+        };
+        sentences.push(format!(
+            "The target is random: with other seeds, the failing scenarios shown below fail in {share} of repeats."
+        ));
+    } else if !report.header.target.is_deterministic {
+        sentences.push("The target is not deterministic: the same scenario can pass or fail.".to_string());
+    }
+    let undecided = report.counts.undecided;
+    if undecided > 0 {
+        sentences.push(format!(
+            "{} without a verdict (diverged, crashed or undecided) {} not counted as failures.",
+            mishandle::plural(undecided, "simulation"),
+            if undecided == 1 { "is" } else { "are" }
+        ));
+    }
+    sentences
+}
