@@ -832,8 +832,8 @@ pub struct Explain {
   mishandle counterexamples export runs/RUN.sqlite --out failure.json --minimize
   mishandle counterexamples export runs/RUN.sqlite --all --out failures
 
-A failure mode is a group of failures with the same decisive predicate, similar scenarios and similar
-times. Its representative is the failure nearest to the nominal scenario.")]
+A failure mode is a group of failures with the same decisive predicate, similar scenarios and
+similar times. Its representative is the failure nearest to the nominal scenario.")]
 pub struct Counterexamples {
     #[command(subcommand)]
     pub command: Option<CounterexamplesCommand>,
@@ -861,8 +861,8 @@ pub enum CounterexamplesCommand {
   mishandle counterexamples export runs/RUN.sqlite --trial 2 --simulation 17 --out failure.json
   mishandle counterexamples export runs/RUN.sqlite --all --out failures
 
---minimize moves the scenario toward the nominal one while it still fails: as few axes as possible off
-nominal, with offsets that cannot shrink by 1 % of the width of an axis. The random seed stays.
+--minimize moves the scenario toward the nominal one while it still fails: as few axes as possible
+off nominal, with offsets that cannot shrink by 1 % of the width of an axis. The random seed stays.
 docs/counterexamples.md describes the file.")]
 pub struct ExportCounterexamples {
     /// Run file of `mishandle evaluate` or `mishandle falsify`
@@ -913,8 +913,8 @@ pub struct ExportCounterexamples {
   mishandle regress failures --controller ppo --junit report.xml
   mishandle regress failures --controller ppo --repeat 100 --max-failure-rate 0.05
 
-Each file *.json in the folder is one test. It passes if the scenario satisfies the formula. Exit code
-0 means that all pass, 1 that at least one still fails, 2 that a test could not run.")]
+Each file *.json in the folder is one test. It passes if the scenario satisfies the formula. Exit
+code 0 means that all pass, 1 that at least one still fails, 2 that a test could not run.")]
 pub struct Regress {
     /// Folder with files of `mishandle counterexamples export`
     #[arg(value_name = "DIR")]

@@ -1,7 +1,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use mishandle::evaluation::RepeatReport;
 use mishandle::rollout::{Scenario, Seed, Space};
 use mishandle::store::RunFile;
@@ -11,6 +11,7 @@ use mishandle::{
 };
 use serde_json::{Value, json};
 
+use super::is_file;
 use crate::args::ExportCounterexamples;
 use crate::commands::simulate;
 use crate::output::{self, number};
@@ -66,6 +67,11 @@ impl Written {
 
 pub fn run(command: &ExportCounterexamples) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
+    ensure!(
+        command.all || is_file(&command.out),
+        "--out is {}; it must end with .json, by which `replay` recognizes a counterexample",
+        command.out.display()
+    );
     let file = run::read(&command.file, command.skip_check)?;
     let chosen = choose(command, &file)?;
     let resolved = match command.minimize {
