@@ -791,7 +791,7 @@ pub struct Export {
 #[command(after_help = "Examples:
   mishandle explain runs/RUN.sqlite                      the first counterexample
   mishandle explain runs/RUN.sqlite --trial 2 --simulation 17
-  mishandle explain runs/RUN.sqlite --masking            which predicate sets the robustness, which fails
+  mishandle explain runs/RUN.sqlite --masking            which predicates hide others
   mishandle explain failure.json                         an exported counterexample
 
 A counterexample of any target is explained from its recorded trace. Other simulations have none and
