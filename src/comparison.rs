@@ -8,6 +8,9 @@ use mishandle_store::{AxisRecord, RunFile, RunHeader, RunKind, Simulation};
 
 use crate::{MishandleError, Plan, record};
 
+/// Trial of the random simulations of an evaluation.
+const RANDOM_TRIAL: u32 = 1;
+
 /// Two evaluations, compared pair by pair: simulation i of both has the same scenario and seed.
 ///
 /// The rates and means cover the random simulations. The corners and the center of the initial box are no random sample, so
@@ -151,13 +154,15 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
     }
     let seed = Seed(a.seed);
     let mut pairs = Vec::new();
-    let (mut rows_a, mut rows_b) = (first.simulations(), second.simulations());
-    loop {
-        match (rows_a.next().transpose()?, rows_b.next().transpose()?) {
-            (None, None) => break,
-            (Some(row_a), Some(row_b)) => pairs.push(pair(row_a, row_b)?),
-            _ => return Err(different_numbers(first, second)?),
-        }
+    for (row_a, row_b) in random_rows(first, second)? {
+        pairs.push(pair(row_a, row_b)?);
+    }
+    let mut differences = differences(a, b);
+    match corner_pairs(first, second)? {
+        Some(corners) => pairs.extend(corners),
+        None => differences.push(
+            "corners: A and B simulate them with other seeds or other numbers of simulations, so they are not compared".to_string(),
+        ),
     }
     let is_random = |pair: &&Pair| pair.rows[0].trial != Corners::TRIAL;
     let random: Vec<&Pair> = pairs.iter().filter(is_random).collect();
@@ -180,7 +185,7 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
     Ok(Comparison {
         first: compared_run(first),
         second: compared_run(second),
-        differences: differences(a, b),
+        differences,
         target: a.target.name.clone(),
         formula: a.formula.clone(),
         axes: a.axes.clone(),
@@ -198,6 +203,35 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
         new_failures: only(0),
         fixed_failures: only(1),
     })
+}
+
+/// Returns the random simulations of both runs side by side.
+fn random_rows(
+    first: &RunFile,
+    second: &RunFile,
+) -> Result<impl Iterator<Item = (Simulation, Simulation)>, MishandleError> {
+    let rows = |run: &RunFile| run.trial_simulations(RANDOM_TRIAL).collect::<Result<Vec<_>, _>>();
+    let (a, b) = (rows(first)?, rows(second)?);
+    if a.len() != b.len() {
+        let problem = format!(
+            "A has {} random simulations and B has {}; evaluate both with the same --episodes, and complete them with --resume",
+            a.len(),
+            b.len()
+        );
+        return Err(MishandleError::NotComparable { problem });
+    }
+    Ok(a.into_iter().zip(b))
+}
+
+/// Returns the pairs of the corners and the center; `None` if the runs simulate them differently, such as once without noise
+/// and with several seeds under noise.
+fn corner_pairs(first: &RunFile, second: &RunFile) -> Result<Option<Vec<Pair>>, MishandleError> {
+    let rows = |run: &RunFile| run.trial_simulations(Corners::TRIAL).collect::<Result<Vec<_>, _>>();
+    let (a, b) = (rows(first)?, rows(second)?);
+    if a.len() != b.len() {
+        return Ok(None);
+    }
+    Ok(a.into_iter().zip(b).map(|(a, b)| pair(a, b).ok()).collect())
 }
 
 /// A row of both runs.
@@ -302,14 +336,4 @@ fn compared_run(run: &RunFile) -> ComparedRun {
         target_hash: header.target.hash.clone(),
         commit: header.build.git_commit.clone(),
     }
-}
-
-fn different_numbers(first: &RunFile, second: &RunFile) -> Result<MishandleError, MishandleError> {
-    let count = |run: &RunFile| Ok::<_, MishandleError>(run.counts()?.simulations);
-    let problem = format!(
-        "A has {} simulations and B has {}; evaluate both with the same --episodes, and complete them with --resume",
-        count(first)?,
-        count(second)?
-    );
-    Ok(MishandleError::NotComparable { problem })
 }

@@ -30,6 +30,8 @@ fn the_help_of_every_command_has_examples() {
         "controller",
         "evaluate",
         "falsify",
+        "compare",
+        "reproduce",
         "replay",
         "render",
         "zoo",

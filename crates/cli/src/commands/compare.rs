@@ -1,7 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use mishandle::evaluation::Estimate;
+use mishandle::evaluation::{Corners, Estimate};
 use mishandle::{
     ComparedPair, ComparedRun, Comparison, EvaluatePlan, PairedMeans, PairedRates, ResolvedPlan, plural,
     shell_quote,
@@ -279,5 +279,7 @@ fn list(found: &Comparison, title: &str, pairs: &[ComparedPair], run: &ComparedR
     let more = pairs.len().saturating_sub(MAX_LISTED);
     let more = if more > 0 { format!("\n… and {more} more: --json lists all") } else { String::new() };
     let example = pairs.first().map_or(String::new(), |pair| replay(&run.path, pair));
-    format!("{title} ({})\n{}{more}\nReplay the first: {example}", pairs.len(), output::table(&rows))
+    let has_corners = pairs.iter().any(|pair| pair.trial == Corners::TRIAL);
+    let corners = if has_corners { "; trial 2: corners and center of the initial box" } else { "" };
+    format!("{title} ({}){corners}\n{}{more}\nReplay the first: {example}", pairs.len(), output::table(&rows))
 }

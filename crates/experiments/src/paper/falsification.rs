@@ -3,15 +3,15 @@
 use mishandle::evaluation::{
     Estimate, Lifetime, SurvivalCurve, fisher_test, holm, log_rank, vargha_delaney, wilson,
 };
-use mishandle::plural;
-use mishandle::store::{Simulation, TrialStatus};
+use mishandle::store::TrialStatus;
+use mishandle::{Plan, plural};
 
 use super::notes::{Notes, Row};
 use super::performance::failing_corners;
 use super::{
     Block, NOTHING, PAPER_TRIALS, Page, PaperFalsification, Results, RunResults, SIGNIFICANT, Table, columns,
-    on_the_paper, p_text, paper_falsification, paper_performance, percent_with_interval, provenance,
-    sentences, with_interval,
+    differences, on_the_paper, p_text, paper_falsification, paper_performance, percent_with_interval,
+    provenance, sentences, with_interval,
 };
 
 /// Returns the page; `None` without falsifications.
@@ -42,6 +42,7 @@ pub(super) fn page(results: &Results, notes: &Notes) -> Option<Page> {
         "Wall-clock times are left out: the paper's are of another simulator on another machine, so only simulations can be compared."
             .to_string(),
     ]));
+    blocks.extend(summary(&runs).map(Block::Paragraph));
     let mut presets: Vec<&str> = Vec::new();
     for falsified in &runs {
         if !presets.contains(&falsified.run.plan.preset.as_str()) {
@@ -53,6 +54,7 @@ pub(super) fn page(results: &Results, notes: &Notes) -> Option<Page> {
             runs.iter().filter(|falsified| falsified.run.plan.preset == preset).collect();
         blocks.extend(section(results, notes, preset, &of_preset));
     }
+    blocks.extend(differences(notes, "falsification"));
     blocks.extend(on_the_paper(notes, "falsification"));
     Some(Page { title: "Falsification: our controllers beside the paper's".to_string(), blocks })
 }
@@ -80,7 +82,7 @@ fn section(results: &Results, notes: &Notes, preset: &str, runs: &[&Falsified<'_
             rows: runs.iter().map(|run| run.cells()).collect(),
         }),
     ];
-    let remarks: Vec<String> = runs.iter().filter_map(|run| run.remark(results, notes)).collect();
+    let remarks = remarks(results, notes, runs);
     if !remarks.is_empty() {
         blocks.push(Block::Heading(format!("Where the values differ, and why, preset `{preset}`")));
         blocks.push(Block::List(remarks));
@@ -128,6 +130,134 @@ fn section(results: &Results, notes: &Notes, preset: &str, runs: &[&Falsified<'_
     blocks
 }
 
+/// Summarizes the complete rows that the paper has, too.
+fn summary(runs: &[Falsified<'_>]) -> Option<String> {
+    let compared: Vec<(&Falsified<'_>, PaperFalsification, f64)> =
+        runs.iter().filter_map(|run| Some((run, run.paper?, run.p_value()?))).collect();
+    if compared.is_empty() {
+        return None;
+    }
+    let ours: u64 = compared.iter().map(|(run, ..)| run.falsified()).sum();
+    let trials: usize = compared.iter().map(|(run, ..)| run.lifetimes.len()).sum();
+    let paper: u64 = compared.iter().map(|(_, paper, _)| paper.falsified).sum();
+    let differ = |is_less: bool| {
+        let is_it = |(run, paper, p): &&(&Falsified<'_>, PaperFalsification, f64)| {
+            *p < SIGNIFICANT && run.is_less_than(paper) == is_less
+        };
+        compared.iter().filter(is_it).count()
+    };
+    Some(format!(
+        "In the {} that are complete and that the paper has, our searches falsify {ours} of {trials} trials and the paper's {paper} of \
+         {}. Ours are falsified significantly less often in {} of these rows and more often in {} (p < {SIGNIFICANT} for each row, not \
+         corrected).",
+        plural(compared.len(), "row"),
+        compared.len() as u64 * PAPER_TRIALS,
+        differ(true),
+        differ(false),
+    ))
+}
+
+/// Returns where and why rows differ, one entry per task and controller.
+fn remarks(results: &Results, notes: &Notes, runs: &[&Falsified<'_>]) -> Vec<String> {
+    let mut groups: Vec<Vec<&Falsified<'_>>> = Vec::new();
+    for run in runs.iter().filter(|run| !run.lifetimes.is_empty()) {
+        match groups.iter_mut().find(|group| group[0].is_of_same_controller(&run.run.plan)) {
+            Some(group) => group.push(run),
+            None => groups.push(vec![run]),
+        }
+    }
+    groups.iter().filter_map(|group| remark(results, notes, group)).collect()
+}
+
+/// Returns where and why the rows of a controller differ from the paper's, and the notes on them.
+fn remark(results: &Results, notes: &Notes, group: &[&Falsified<'_>]) -> Option<String> {
+    let plan = &group[0].run.plan;
+    let mut parts = differing(results, group);
+    for falsified in group {
+        let row = Row {
+            table: "falsification",
+            task: &plan.target,
+            controller: &plan.controller,
+            search: falsified.search,
+            preset: &plan.preset,
+        };
+        for note in notes.on(&row) {
+            if !parts.iter().any(|part| part == note) {
+                parts.push(note.to_string());
+            }
+        }
+    }
+    (!parts.is_empty()).then(|| format!("`{}` `{}`: {}", plan.target, plan.controller, sentences(parts)))
+}
+
+/// Returns sentences on the rows that differ significantly from the paper's, and what our simulations say about the reason.
+fn differing(results: &Results, group: &[&Falsified<'_>]) -> Vec<String> {
+    let mut parts = Vec::new();
+    for (is_less, words) in [(true, "less often"), (false, "more often")] {
+        let rows = group.iter().filter_map(|run| {
+            let paper = run.paper?;
+            let differs = run.p_value()? < SIGNIFICANT && run.is_less_than(&paper) == is_less;
+            differs.then(|| {
+                let (ours, n) = (run.falsified(), run.lifetimes.len());
+                format!("`{}` ({ours} of {n} against {} of {PAPER_TRIALS})", run.search, paper.falsified)
+            })
+        });
+        let rows: Vec<String> = rows.collect();
+        if !rows.is_empty() {
+            parts.push(format!("Falsified {words} than the paper's by {}.", rows.join(", ")));
+        }
+    }
+    if parts.is_empty() {
+        return parts;
+    }
+    let rows = || group.iter().flat_map(|run| &run.run.simulations);
+    let n = rows().count();
+    let robustness = || rows().filter_map(|row| row.robustness);
+    let violations = robustness().filter(|rho| *rho < 0.0).count();
+    let (low, high) = robustness()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), rho| (low.min(rho), high.max(rho)));
+    parts.push(match violations {
+        0 => format!(
+            "None of our {} violates the formula: their robustness is between {low:.4} and {high:.4}.",
+            plural(n, "simulation")
+        ),
+        _ => format!("{violations} of our {} violate the formula.", plural(n, "simulation")),
+    });
+    parts.extend(failure_rates(group));
+    parts.extend(corners(results, group[0]));
+    let early: usize = group.iter().map(|run| run.ended_early).sum();
+    if early > 0 {
+        parts.push(format!("{} ended by the criterion of the search.", plural(early, "trial")));
+    }
+    parts
+}
+
+/// Returns how often our controller and the paper's fail in random simulations: the main reason for different rows.
+fn failure_rates(group: &[&Falsified<'_>]) -> Option<String> {
+    let random = group.iter().find(|run| run.search == "random" && !run.run.simulations.is_empty())?;
+    let plan = &random.run.plan;
+    let n = random.run.simulations.len();
+    let failures = random.violations();
+    let paper = 100.0 - paper_performance(&plan.target, &plan.controller)?[0].success;
+    Some(format!(
+        "Our controller fails in {failures} of {} ({:.2} %), the paper's in {paper:.0} % of its starts.",
+        plural(n, "random simulation"),
+        100.0 * failures as f64 / n as f64,
+    ))
+}
+
+/// Returns what the evaluation of the same controller says about the corners of the initial box.
+fn corners(results: &Results, falsified: &Falsified<'_>) -> Option<String> {
+    let mut runs = results.campaigns.iter().flat_map(|campaign| &campaign.runs);
+    let evaluation =
+        runs.find(|run| run.plan.evaluate.is_some() && falsified.is_of_same_controller(&run.plan))?;
+    let (failing, n) = failing_corners(evaluation)?;
+    Some(match failing {
+        0 => format!("It succeeds at all {n} corners and centers of the initial box."),
+        _ => format!("It fails at {failing} of {n} corners and centers of the initial box."),
+    })
+}
+
 /// A falsification and its trials.
 struct Falsified<'a> {
     run: &'a RunResults,
@@ -161,6 +291,21 @@ impl Falsified<'_> {
 
     fn falsified(&self) -> u64 {
         self.lifetimes.iter().filter(|lifetime| lifetime.failed).count() as u64
+    }
+
+    /// Returns whether a smaller part of our trials than of the paper's is falsified.
+    fn is_less_than(&self, paper: &PaperFalsification) -> bool {
+        self.falsified() * PAPER_TRIALS < paper.falsified * self.lifetimes.len() as u64
+    }
+
+    /// Returns whether a plan has the same target, controller, preset and noise.
+    fn is_of_same_controller(&self, other: &Plan) -> bool {
+        let of = |plan: &Plan| (plan.target.clone(), plan.controller.clone(), plan.preset.clone(), plan.seed);
+        of(&self.run.plan) == of(other) && self.run.plan.action_noise == other.action_noise
+    }
+
+    fn violations(&self) -> usize {
+        self.run.simulations.iter().filter(|row| row.robustness.is_some_and(|rho| rho < 0.0)).count()
     }
 
     fn rate(&self) -> Estimate {
@@ -212,89 +357,6 @@ impl Falsified<'_> {
         ]
     }
 
-    /// Returns why the row differs from the paper's, and the notes on it.
-    fn remark(&self, results: &Results, notes: &Notes) -> Option<String> {
-        let plan = &self.run.plan;
-        if self.lifetimes.is_empty() {
-            return None;
-        }
-        let row = Row {
-            table: "falsification",
-            task: &plan.target,
-            controller: &plan.controller,
-            search: self.search,
-            preset: &plan.preset,
-        };
-        let found = sentences(self.difference(results).into_iter().chain(notes.on(&row).map(str::to_string)));
-        let name = format!("`{}` `{}` `{}`: ", plan.target, plan.controller, self.search);
-        (!found.is_empty()).then_some(name + &found)
-    }
-
-    fn difference(&self, results: &Results) -> Option<String> {
-        let (paper, p) = (self.paper?, self.p_value()?);
-        if p >= SIGNIFICANT {
-            return None;
-        }
-        let (ours, n) = (self.falsified(), self.lifetimes.len() as u64);
-        let counts = format!("{ours} of {n} trials against {} of {PAPER_TRIALS}", paper.falsified);
-        let is_less = ours * PAPER_TRIALS < paper.falsified * n;
-        let word = if is_less { "fewer" } else { "more" };
-        let mut parts = vec![format!(
-            "Our trials are falsified {} ({counts}).",
-            if is_less { "less often" } else { "more often" }
-        )];
-        let simulations = self.run.simulations.len();
-        match (ours, self.minimum()) {
-            (0, Some(minimum)) => parts.push(format!(
-                "None of our {} violates the formula; the smallest robustness is {:.4}, at {}.",
-                plural(simulations, "simulation"),
-                minimum.robustness.unwrap_or_default(),
-                self.scenario(minimum),
-            )),
-            _ => parts.push(format!(
-                "{} of our {} violate the formula, {word} than the {:.2} % per simulation that the paper's row implies.",
-                ours,
-                plural(simulations, "simulation"),
-                100.0 * paper.violations_per_simulation(),
-            )),
-        }
-        if self.ended_early > 0 && is_less {
-            parts.push(format!("{} ended by the search's own criterion.", plural(self.ended_early, "trial")));
-        }
-        parts.extend(self.corners(results));
-        Some(sentences(parts))
-    }
-
-    /// Returns what the evaluation of the same controller says about the corners of the initial box.
-    fn corners(&self, results: &Results) -> Option<String> {
-        let plan = &self.run.plan;
-        let mut runs = results.campaigns.iter().flat_map(|campaign| &campaign.runs);
-        let evaluation = runs.find(|run| {
-            run.plan.evaluate.is_some()
-                && (&run.plan.target, &run.plan.controller, &run.plan.preset)
-                    == (&plan.target, &plan.controller, &plan.preset)
-                && run.plan.action_noise == plan.action_noise
-        })?;
-        let (failing, n) = failing_corners(evaluation)?;
-        Some(match failing {
-            0 => format!("It also succeeds at all {n} corners and centers of the initial box."),
-            _ => format!("It fails at {failing} of {n} corners and centers of the initial box."),
-        })
-    }
-
-    fn minimum(&self) -> Option<&Simulation> {
-        let decided = self.run.simulations.iter().filter(|row| row.robustness.is_some());
-        decided.min_by(|a, b| a.robustness.unwrap_or_default().total_cmp(&b.robustness.unwrap_or_default()))
-    }
-
-    fn scenario(&self, simulation: &Simulation) -> String {
-        let named = self.run.facts.axes.iter().zip(&simulation.scenario);
-        let value = |((name, unit), value): (&(String, String), &Option<f64>)| {
-            format!("{name} = {:.4} {unit}", value.unwrap_or(f64::NAN)).trim_end().to_string()
-        };
-        named.map(value).collect::<Vec<_>>().join(", ")
-    }
-
     /// Returns the row of violations per random simulation; `None` for another search, or before the first trial ended.
     fn random_rate(&self) -> Option<Vec<String>> {
         if self.search != "random" || self.lifetimes.is_empty() {
@@ -302,14 +364,12 @@ impl Falsified<'_> {
         }
         let plan = &self.run.plan;
         let n = self.run.simulations.len() as u64;
-        let violations =
-            self.run.simulations.iter().filter(|row| row.robustness.is_some_and(|rho| rho < 0.0));
         let performance =
             paper_performance(&plan.target, &plan.controller).map(|found| 100.0 - found[0].success);
         Some(vec![
             format!("`{}`", plan.target),
             format!("`{}`", plan.controller),
-            percent_with_interval(&wilson(violations.count() as u64, n), 2),
+            percent_with_interval(&wilson(self.violations() as u64, n), 2),
             n.to_string(),
             self.paper.map_or(NOTHING.to_string(), |paper| {
                 format!("{:.2}", 100.0 * paper.violations_per_simulation())

@@ -54,7 +54,12 @@ fn provenance<'a>(results: &Results, runs: impl Iterator<Item = &'a RunResults> 
             .map(|(name, version)| format!("{name} {version}")),
     );
     let simulations: usize = runs.clone().map(|run| run.simulations.len()).sum();
-    let commands = distinct(&mut results.campaigns.iter().map(|campaign| format!("`{}`", campaign.command)));
+    let is_shown = |campaign: &&CampaignResults| {
+        runs.clone().any(|shown| campaign.runs.iter().any(|run| std::ptr::eq(run, shown)))
+    };
+    let commands =
+        results.campaigns.iter().filter(is_shown).map(|campaign| format!("`{}`", campaign.command));
+    let commands = distinct(&mut { commands });
     let mut facts = vec![
         format!("{} in {}", plural(simulations, "simulation"), plural(runs.clone().count(), "run")),
         format!("commit {commits}"),
@@ -65,11 +70,25 @@ fn provenance<'a>(results: &Results, runs: impl Iterator<Item = &'a RunResults> 
     let incomplete = runs.clone().filter(|run| !run.is_complete()).count();
     if incomplete > 0 {
         blocks.push(Block::Paragraph(format!(
-            "**Not finished:** {incomplete} of {} are incomplete. Their rows say how far they are; they are no results yet.",
+            "Not finished: {incomplete} of {} are incomplete. Their rows say how far they are; they are no results yet.",
             plural(runs.count(), "run")
         )));
     }
     blocks
+}
+
+/// Returns the section on what differs between the experiments in all rows.
+fn differences(notes: &Notes, table: &str) -> Vec<Block> {
+    let entries: Vec<String> = notes
+        .differences
+        .iter()
+        .filter(|note| note.tables.iter().any(|name| name == table))
+        .map(|note| note.text.clone())
+        .collect();
+    if entries.is_empty() {
+        return Vec::new();
+    }
+    vec![Block::Heading("What differs in every row".to_string()), Block::List(entries)]
 }
 
 /// Returns the section on the paper itself.

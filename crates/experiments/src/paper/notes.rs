@@ -10,6 +10,9 @@ const NOTES: &str = include_str!("../../../../experiments/paper/notes.toml");
 pub(crate) struct Notes {
     #[serde(default, rename = "note")]
     notes: Vec<Note>,
+    /// Differences between the experiments that concern every row.
+    #[serde(default, rename = "difference")]
+    pub differences: Vec<DifferenceNote>,
     /// Facts about the paper that matter for the comparison.
     #[serde(default, rename = "paper")]
     pub paper: Vec<PaperNote>,
@@ -25,6 +28,16 @@ struct Note {
     search: Option<String>,
     preset: Option<String>,
     text: String,
+}
+
+/// A difference between the experiments.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct DifferenceNote {
+    /// The tables that it concerns.
+    pub tables: Vec<String>,
+    /// The difference.
+    pub text: String,
 }
 
 /// A fact about the paper with its evidence.

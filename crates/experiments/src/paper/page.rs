@@ -84,7 +84,7 @@ p, li { max-width: 48rem; }
 .wide { overflow-x: auto; margin: 1rem 0; }
 table { border-collapse: collapse; font-size: 0.875rem; font-variant-numeric: tabular-nums; }
 caption { text-align: left; font-weight: 600; padding: 0.25rem 0; }
-th, td { padding: 0.25rem 0.6rem; border-bottom: 1px solid #8884; text-align: right; vertical-align: top; }
+th, td { padding: 0.25rem 0.6rem; border-bottom: 1px solid #8884; text-align: right; white-space: nowrap; }
 th { border-bottom: 2px solid #8888; }
 .l { text-align: left; }
 code { font-size: 0.9em; }

@@ -6,8 +6,8 @@ use mishandle::store::Simulation;
 use super::notes::{Notes, Row};
 use super::{
     Block, NOTHING, PAPER_STARTS, Page, PaperPerformance, Results, RunResults, SIGNIFICANT, Table, columns,
-    on_the_paper, p_text, paper_performance, paper_training_time, percent_with_interval, provenance,
-    sentences, with_interval,
+    differences, on_the_paper, p_text, paper_performance, paper_training_time, percent_with_interval,
+    provenance, sentences, with_interval,
 };
 
 /// Returns the page; `None` without evaluations.
@@ -53,7 +53,7 @@ pub(super) fn page(results: &Results, notes: &Notes) -> Option<Page> {
         let (noise, variance) = (*noise, noise * noise);
         let noise = match noise {
             0.0 => "without noise".to_string(),
-            noise => format!("Gaussian action noise with standard deviation {noise} (variance {variance})"),
+            noise => format!("with Gaussian action noise of standard deviation {noise}, variance {variance}"),
         };
         blocks.push(Block::Heading(format!("Performance {noise}, preset `{preset}`")));
         blocks.push(Block::Table(Table {
@@ -82,6 +82,7 @@ pub(super) fn page(results: &Results, notes: &Notes) -> Option<Page> {
         blocks.push(Block::Heading("Where the values differ, and why".to_string()));
         blocks.push(Block::List(remarks));
     }
+    blocks.extend(differences(notes, "performance"));
     blocks.extend(on_the_paper(notes, "performance"));
     Some(Page { title: "Performance: our controllers beside the paper's".to_string(), blocks })
 }
@@ -190,14 +191,14 @@ impl Measured<'_> {
         if let Some(danger) = outside(&all.dangerous_behavior_rate, paper.danger / 100.0) {
             let word = if 100.0 * danger < paper.danger { "less" } else { "more" };
             parts.push(format!(
-                "it is {word} often in danger ({:.2} % against {:.2} %)",
+                "ours is {word} often in danger ({:.2} % against {:.2} %)",
                 100.0 * danger,
                 paper.danger
             ));
         }
         if let Some(steps) = outside(&all.task_completion_time, paper.completion) {
             let word = if steps < paper.completion { "faster" } else { "slower" };
-            parts.push(format!("it is {word} ({steps:.1} against {:.1} control steps)", paper.completion));
+            parts.push(format!("ours is {word} ({steps:.1} against {:.1} control steps)", paper.completion));
         }
         let mut text = parts.join("; ");
         if let Some(first) = text.get(..1).map(str::to_uppercase) {

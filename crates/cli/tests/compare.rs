@@ -1,0 +1,110 @@
+//! `mishandle compare`: two evaluations on the same scenarios and seeds.
+
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use bench::Bench;
+use mishandle::store::RunFile;
+
+const EXPERT: &str = "evaluate point-reaching --controller expert --seed 3";
+
+/// Makes the run of the expert and one of an expert that a defect makes worse: noise in its actions.
+fn bench() -> Bench {
+    let bench = Bench::new();
+    bench.check(&format!("{EXPERT} --episodes 40 --out good.sqlite"), 0);
+    bench.check(&format!("{EXPERT} --episodes 40 --action-noise 1.2 --out worse.sqlite"), 0);
+    bench
+}
+
+#[test]
+fn a_worse_controller_has_new_failures_and_every_count_matches_the_rows() {
+    let bench = bench();
+    let found = bench.json("compare good.sqlite worse.sqlite --json", 1);
+    let successes = |path: &str| -> Vec<bool> {
+        let run = RunFile::open(bench.path(path)).unwrap();
+        let index = run.header().verdicts.iter().position(|name| name == "success").unwrap();
+        run.trial_simulations(1).map(|row| row.unwrap().verdicts[index] > Some(0.0)).collect()
+    };
+    let (good, worse) = (successes("good.sqlite"), successes("worse.sqlite"));
+    let only = |a: &[bool], b: &[bool]| a.iter().zip(b).filter(|(a, b)| **a && !**b).count();
+    let (lost, gained) = (only(&good, &worse), only(&worse, &good));
+    assert!(lost > 5, "the defect must be visible: {lost}");
+    assert_eq!(found["success"]["first_only"], lost);
+    assert_eq!(found["success"]["second_only"], gained);
+    assert_eq!(found["pairs"], 40);
+    let new = found["new_failures"].as_array().unwrap();
+    assert_eq!(new.iter().filter(|failure| failure["trial"] == 1).count(), lost);
+    // Without fixed failures, the p-value is twice the probability of one side: 2 (1/2)^n.
+    if gained == 0 {
+        let p = found["success"]["p_value"].as_f64().unwrap();
+        assert!((p / (2.0 * 0.5_f64.powi(lost as i32)) - 1.0).abs() < 1e-9, "{p}");
+    }
+    let value = |key: &str| found["success"]["difference"][key].as_f64().unwrap();
+    assert!((value("value") + (lost as f64 - gained as f64) / 40.0).abs() < 1e-12);
+    assert!(value("low") < value("value") && value("value") < value("high") && value("high") < 0.0);
+    // The listed command replays the failure.
+    let replay = new[0]["replay"].as_str().unwrap().strip_prefix("mishandle ").unwrap().to_string();
+    assert!(bench.check(&replay, 0).contains("robustness -"), "{replay}");
+    let text = bench.check("compare good.sqlite worse.sqlite", 1);
+    for part in
+        ["action noise: A has 0, B has 1.2", "B succeeds less often", "New failures: A succeeds, B fails"]
+    {
+        assert!(text.contains(part), "{part}:\n{text}");
+    }
+}
+
+#[test]
+fn the_other_direction_has_fixed_failures_and_exit_code_0() {
+    let bench = bench();
+    let found = bench.json("compare worse.sqlite good.sqlite --json", 0);
+    let mirror = bench.json("compare good.sqlite worse.sqlite --json", 1);
+    assert_eq!(found["new_failures"].as_array().unwrap().len(), 0);
+    let places = |list: &serde_json::Value| -> Vec<String> {
+        list.as_array()
+            .unwrap()
+            .iter()
+            .map(|pair| format!("{} {}", pair["simulation"], pair["seed"]))
+            .collect()
+    };
+    assert_eq!(places(&found["fixed_failures"]), places(&mirror["new_failures"]));
+    let itself = bench.json("compare good.sqlite good.sqlite --json", 0);
+    assert_eq!(
+        (&itself["success"]["p_value"], &itself["robustness"]["difference"]["value"]),
+        (&1.0.into(), &0.0.into())
+    );
+}
+
+#[test]
+fn runs_that_are_no_pairs_are_refused() {
+    let bench = bench();
+    bench.check(&format!("{EXPERT} --episodes 30 --out short.sqlite"), 0);
+    bench.check("evaluate point-reaching --controller expert --seed 4 --episodes 40 --out seed.sqlite", 0);
+    bench.check("evaluate toy/sphere-2d --seed 3 --episodes 40 --out toy.sqlite", 0);
+    bench.check("falsify toy/sphere-2d --trials 1 --budget 3 --out falsify.sqlite", 0);
+    for (other, message) in [
+        ("short.sqlite", "A has 40 random simulations and B has 30"),
+        ("seed.sqlite", "seed: A has 3, B has 4"),
+        ("toy.sqlite", "target: A has point-reaching, B has toy/sphere-2d"),
+        ("falsify.sqlite", "B is a run of `falsify`"),
+    ] {
+        bench.refuses(&format!("compare good.sqlite {other}"), &["cannot be compared", message]);
+    }
+    bench.refuses("compare good.sqlite", &["expected two run files"]);
+    bench.refuses("compare good.sqlite short.sqlite --episodes 10", &["--episodes"]);
+}
+
+#[test]
+fn against_evaluates_both_controllers_first() {
+    let bench = Bench::new();
+    let flags = "--controller expert --against expert --episodes 20 --seed 3";
+    let found = bench.json(&format!("compare point-reaching {flags} --json"), 0);
+    assert_eq!(
+        (&found["first"]["controller"], &found["second"]["controller"]),
+        (&"expert".into(), &"expert".into())
+    );
+    bench.check(&format!("{EXPERT} --episodes 20 --out single.sqlite"), 0);
+    let digest = |path: &str| RunFile::open(bench.path(path)).unwrap().content_digest().unwrap();
+    assert_eq!(digest(found["first"]["run"].as_str().unwrap()), digest("single.sqlite"));
+    bench.refuses("compare point-reaching --controller expert --against pppo", &["pppo"]);
+}
