@@ -9,9 +9,9 @@ use mishandle::{Plan, plural};
 use super::notes::{Notes, Row};
 use super::performance::failing_corners;
 use super::{
-    Block, NOTHING, PAPER_TRIALS, Page, PaperFalsification, Results, RunResults, SIGNIFICANT, Table, columns,
-    differences, on_the_paper, p_text, paper_falsification, paper_performance, percent_with_interval,
-    provenance, sentences, with_interval,
+    Block, NOTHING, PAPER_BUDGET, PAPER_TRIALS, Page, PaperFalsification, Results, RunResults, SIGNIFICANT,
+    Table, columns, differences, is_of_paper, on_the_paper, p_text, paper_falsification, paper_performance,
+    percent_with_interval, provenance, sentences, target_cell, with_interval,
 };
 
 /// Returns the page; `None` without falsifications.
@@ -27,6 +27,7 @@ pub(super) fn page(results: &Results, notes: &Notes) -> Option<Page> {
             .to_string(),
     )];
     blocks.extend(provenance(results, runs.iter().map(|falsified| falsified.run)));
+    blocks.extend(summary(&runs).map(Block::Paragraph));
     blocks.push(Block::List(vec![
         "falsified: trials with a violation, of all ended trials, with the Wilson interval (95 %) of the rate in percent.".to_string(),
         "mean over successes: mean number of simulations of the falsified trials, including the violating one. The paper prints this \
@@ -42,7 +43,6 @@ pub(super) fn page(results: &Results, notes: &Notes) -> Option<Page> {
         "Wall-clock times are left out: the paper's are of another simulator on another machine, so only simulations can be compared."
             .to_string(),
     ]));
-    blocks.extend(summary(&runs).map(Block::Paragraph));
     let mut presets: Vec<&str> = Vec::new();
     for falsified in &runs {
         if !presets.contains(&falsified.run.plan.preset.as_str()) {
@@ -285,7 +285,8 @@ impl Falsified<'_> {
             lifetimes: lifetimes.collect(),
             ended_early: run.ended().filter(|trial| trial.status == TrialStatus::Converged).count(),
             planned: falsify.trials as usize,
-            paper: paper_falsification(&run.plan.target, &run.plan.controller, &falsify.search),
+            paper: paper_falsification(&run.plan.target, &run.plan.controller, &falsify.search)
+                .filter(|_| is_of_paper(&run.plan) && run.plan.action_noise == 0.0),
         })
     }
 
@@ -300,7 +301,9 @@ impl Falsified<'_> {
 
     /// Returns whether a plan has the same target, controller, preset and noise.
     fn is_of_same_controller(&self, other: &Plan) -> bool {
-        let of = |plan: &Plan| (plan.target.clone(), plan.controller.clone(), plan.preset.clone(), plan.seed);
+        let of = |plan: &Plan| {
+            (plan.target.clone(), plan.controller.clone(), plan.preset.clone(), plan.space.clone(), plan.seed)
+        };
         of(&self.run.plan) == of(other) && self.run.plan.action_noise == other.action_noise
     }
 
@@ -323,7 +326,8 @@ impl Falsified<'_> {
     }
 
     fn p_value(&self) -> Option<f64> {
-        let paper = self.paper.filter(|_| self.is_complete())?;
+        // With another budget, the rates cannot be compared.
+        let paper = self.paper.filter(|_| self.is_complete() && self.budget == PAPER_BUDGET)?;
         let ours = (self.falsified(), self.lifetimes.len() as u64);
         Some(fisher_test(ours, (paper.falsified, PAPER_TRIALS)))
     }
@@ -340,7 +344,7 @@ impl Falsified<'_> {
         };
         let restricted = SurvivalCurve::new(&self.lifetimes).restricted_mean(self.budget);
         vec![
-            format!("`{}`", plan.target),
+            target_cell(plan),
             format!("`{}`", plan.controller),
             format!("`{}`", self.search),
             falsified,
@@ -367,7 +371,7 @@ impl Falsified<'_> {
         let performance =
             paper_performance(&plan.target, &plan.controller).map(|found| 100.0 - found[0].success);
         Some(vec![
-            format!("`{}`", plan.target),
+            target_cell(plan),
             format!("`{}`", plan.controller),
             percent_with_interval(&wilson(self.violations() as u64, n), 2),
             n.to_string(),
@@ -384,9 +388,9 @@ fn comparisons(runs: &[&Falsified<'_>]) -> Vec<Vec<String>> {
     let mut found = Vec::new();
     for (i, first) in runs.iter().enumerate() {
         for second in &runs[i + 1..] {
-            let (a, b) = (&first.run.plan, &second.run.plan);
-            let is_pair = (&a.target, &a.controller, a.action_noise)
-                == (&b.target, &b.controller, b.action_noise)
+            let formula = |falsified: &Falsified<'_>| falsified.run.facts.formula.clone();
+            let is_pair = first.is_of_same_controller(&second.run.plan)
+                && formula(first) == formula(second)
                 && first.search != second.search
                 && first.budget == second.budget
                 && first.is_complete()
@@ -403,7 +407,7 @@ fn comparisons(runs: &[&Falsified<'_>]) -> Vec<Vec<String>> {
         };
         let effect = vargha_delaney(&simulations(first), &simulations(second));
         vec![
-            format!("`{}`", first.run.plan.target),
+            target_cell(&first.run.plan),
             format!("`{}`", first.run.plan.controller),
             format!("`{}`, `{}`", first.search, second.search),
             format!("{:.2}", test.chi_squared),
@@ -427,7 +431,7 @@ mod tests {
             let falsify = run.plan.falsify.unwrap();
             assert_eq!(
                 (u64::from(falsify.trials), falsify.budget),
-                (super::PAPER_TRIALS, crate::PAPER_BUDGET)
+                (super::PAPER_TRIALS, super::PAPER_BUDGET)
             );
         }
     }

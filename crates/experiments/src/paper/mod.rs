@@ -17,7 +17,7 @@ pub use published::{
 pub use results::{CampaignResults, Results, RunFacts, RunResults};
 
 use mishandle::evaluation::Estimate;
-use mishandle::plural;
+use mishandle::{Plan, plural};
 
 use notes::{Notes, PaperNote};
 
@@ -108,6 +108,45 @@ fn on_the_paper(notes: &Notes, table: &str) -> Vec<Block> {
         ),
         Block::List(entries),
     ]
+}
+
+/// Names the target of a run, with what differs from the runs of the paper.
+fn target_cell(plan: &Plan) -> String {
+    let mut text = format!("`{}`", plan.target);
+    if plan.space != PAPER_SPACE {
+        text += &format!(", space `{}`", plan.space);
+    }
+    if let Some(formula) = plan.falsify.as_ref().and_then(|falsify| falsify.formula.as_ref())
+        && formula != PAPER_FORMULA
+    {
+        text += &format!(", `{}`", formula.replace('|', "\\|"));
+    }
+    let noises = [("action noise", plan.action_noise), ("observation noise", plan.observation_noise)];
+    // Evaluations have a table for each level of action noise.
+    let is_shown =
+        |(what, noise): &(&str, f64)| *noise > 0.0 && (plan.falsify.is_some() || *what != "action noise");
+    for (what, noise) in noises.iter().filter(|noise| is_shown(noise)) {
+        text += &format!(", {what} {noise}");
+    }
+    if plan.stochastic {
+        text += ", sampled actions";
+    }
+    if plan.seed > 0 {
+        text += &format!(", seed {}", plan.seed);
+    }
+    text
+}
+
+/// The space and the formula of the paper's experiments.
+const PAPER_SPACE: &str = "starts";
+const PAPER_FORMULA: &str = "success";
+
+/// Returns whether a run has the space, the formula and the observations of the paper's experiments.
+fn is_of_paper(plan: &Plan) -> bool {
+    let formula = plan.falsify.as_ref().and_then(|falsify| falsify.formula.as_deref());
+    plan.space == PAPER_SPACE
+        && plan.observation_noise == 0.0
+        && formula.is_none_or(|name| name == PAPER_FORMULA)
 }
 
 /// Formats a rate in percent with its interval.

@@ -85,7 +85,7 @@ p, li { max-width: 48rem; }
 table { border-collapse: collapse; font-size: 0.875rem; font-variant-numeric: tabular-nums; }
 caption { text-align: left; font-weight: 600; padding: 0.25rem 0; }
 th, td { padding: 0.25rem 0.6rem; border-bottom: 1px solid #8884; text-align: right; white-space: nowrap; }
-th { border-bottom: 2px solid #8888; }
+th { border-bottom: 2px solid #8888; white-space: normal; vertical-align: bottom; }
 .l { text-align: left; }
 code { font-size: 0.9em; }
 @media print { .wide { overflow: visible; } table { font-size: 0.6rem; } }

@@ -6,8 +6,8 @@ use mishandle::store::Simulation;
 use super::notes::{Notes, Row};
 use super::{
     Block, NOTHING, PAPER_STARTS, Page, PaperPerformance, Results, RunResults, SIGNIFICANT, Table, columns,
-    differences, on_the_paper, p_text, paper_performance, paper_training_time, percent_with_interval,
-    provenance, sentences, with_interval,
+    differences, is_of_paper, on_the_paper, p_text, paper_performance, paper_training_time,
+    percent_with_interval, provenance, sentences, target_cell, with_interval,
 };
 
 /// Returns the page; `None` without evaluations.
@@ -100,7 +100,8 @@ impl Measured<'_> {
         let plan = &run.plan;
         // The paper's noise has variance 0.25.
         let noise = [0.0, 0.5].iter().position(|noise| *noise == plan.action_noise);
-        let paper = paper_performance(&plan.target, &plan.controller).zip(noise);
+        let paper =
+            paper_performance(&plan.target, &plan.controller).filter(|_| is_of_paper(plan)).zip(noise);
         Measured {
             run,
             first: run.metrics(PAPER_STARTS as usize),
@@ -126,7 +127,7 @@ impl Measured<'_> {
             estimate.as_ref().map_or(NOTHING.to_string(), show)
         };
         vec![
-            format!("`{}`", plan.target),
+            target_cell(plan),
             format!("`{}`", plan.controller),
             first.success_rate.value.map_or(NOTHING.to_string(), |rate| format!("{:.0}", 100.0 * rate)),
             percent_with_interval(&all.success_rate, 1),

@@ -85,7 +85,9 @@ impl CampaignResults {
             .iter()
             .map(|run| read_run(&run.name, &run.path, zoo))
             .collect::<Result<Vec<RunResults>, ExperimentError>>()?;
-        Ok(CampaignResults { command: format!("mishandle reproduce {name}"), name, runs })
+        let plan = format!("experiments/paper/{name}.toml");
+        let plan = if zoo.path(&plan).is_file() { plan } else { format!("{name}.toml") };
+        Ok(CampaignResults { command: format!("mishandle campaign {plan}"), name, runs })
     }
 }
 
@@ -126,7 +128,7 @@ fn read_run(name: &str, path: &Path, zoo: &ZooFolder) -> Result<RunResults, Expe
 }
 
 impl RunResults {
-    /// Returns the number of simulations that the plan asks for; for a falsification, the largest possible number.
+    /// Returns whether all trials of the plan have ended.
     pub fn is_complete(&self) -> bool {
         let trials = self.plan.falsify.as_ref().map_or(1, |falsify| falsify.trials as usize);
         self.ended().count() == self.trials.len() && self.trials.len() >= trials
