@@ -1005,6 +1005,10 @@ pub struct Report {
     /// Overwrite FILE if it exists
     #[arg(long)]
     pub force: bool,
+    /// Number of random scenarios around each failure mode, which estimate the size of the failing patch; 0 skips this
+    #[arg(long, value_name = "N", default_value = "64", allow_negative_numbers = true)]
+    #[arg(value_parser = integer::<u32>(SCENARIOS), conflicts_with = "no_simulations")]
+    pub probes: u32,
     /// Show only what the run files contain
     #[arg(long)]
     pub no_simulations: bool,

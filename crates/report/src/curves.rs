@@ -12,7 +12,7 @@ use crate::space::{around, linear};
 const MAX_LINES: usize = 100;
 
 /// Number of bars of the distribution.
-const BARS: usize = 30;
+const BARS: f64 = 30.0;
 
 /// Returns the charts of a run as HTML.
 pub fn figures(report: &RunReport) -> String {
@@ -71,7 +71,7 @@ fn progress(report: &RunReport) -> String {
 
 /// Draws the share of trials without a failure.
 fn survival(report: &RunReport) -> String {
-    let (steps, censored) = report.survival();
+    let (steps, mut censored) = report.survival();
     let x = simulations_axis(report);
     let end = longest(report);
     let last = steps.last().map_or(1.0, |(_, share)| *share);
@@ -81,6 +81,7 @@ fn survival(report: &RunReport) -> String {
     let curve = Series::new(color::FAIL, Mark::Step, points);
     let share_at =
         |number: u32| steps.iter().rev().find(|(step, _)| *step <= number).map_or(1.0, |(_, share)| *share);
+    censored.dedup();
     let ticks = censored.iter().flat_map(|number| {
         let (x, y) = (f64::from(*number), share_at(*number));
         [[x, y - 0.025], [x, y + 0.025]]
@@ -104,21 +105,18 @@ fn distribution(report: &RunReport) -> String {
     let own = report.points.iter().filter(|point| point.trial == trial).filter_map(|point| point.robustness);
     let values: Vec<f64> = own.filter(|rho| rho.is_finite()).collect();
     let [low, high] = crate::space::sane(around(values.iter().copied()));
-    let width = (high - low) / BARS as f64;
-    let mut counts = [0_usize; BARS];
-    for rho in &values {
-        counts[(((rho - low) / width) as usize).min(BARS - 1)] += 1;
-    }
-    let most = counts.iter().copied().max().unwrap_or(0).max(1) as f64;
-    let areas = counts.iter().enumerate().filter(|(_, count)| **count > 0).map(|(index, count)| {
-        let left = low + index as f64 * width;
-        let color = if left + width / 2.0 < 0.0 { color::FAIL } else { color::PASS };
+    let width = (high - low) / BARS;
+    let bars = bars(&values, width);
+    let most = bars.iter().map(|(_, count)| *count).max().unwrap_or(1) as f64;
+    let areas = bars.iter().map(|(index, count)| {
+        let left = *index as f64 * width;
+        let color = if *index < 0 { color::FAIL } else { color::PASS };
         Area { x: [left, left + width], y: [0.0, *count as f64], color }
     });
     let limit = Series::new(color::LIMIT, Mark::DashedLine, [[0.0, 0.0], [0.0, 1.06 * most]]);
     let text = format!("Distribution of the robustness of {} simulations", values.len());
     let svg = chart(
-        linear("robustness", [low, high]),
+        linear("robustness", [low - width, high + width]),
         linear("simulations", [0.0, 1.06 * most]),
         areas.collect(),
         vec![limit],
@@ -129,4 +127,29 @@ fn distribution(report: &RunReport) -> String {
         "Robustness of the random simulations.",
         "Left of the dashed line the requirement is violated.",
     )
+}
+
+/// Counts the values in bars of this width, by the number of the bar. Bar 0 starts at 0, so that no bar mixes violated and
+/// satisfied.
+fn bars(values: &[f64], width: f64) -> Vec<(i64, usize)> {
+    let mut bars: Vec<(i64, usize)> = Vec::new();
+    for value in values {
+        let index = (value / width).floor() as i64;
+        match bars.iter_mut().find(|(known, _)| *known == index) {
+            Some((_, count)) => *count += 1,
+            None => bars.push((index, 1)),
+        }
+    }
+    bars.sort_unstable();
+    bars
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_bar_mixes_violated_and_satisfied() {
+        assert_eq!(bars(&[0.1, -0.1, 0.0, 1.2, 0.9, -2.0], 1.0), [(-2, 1), (-1, 1), (0, 3), (1, 1)]);
+    }
 }

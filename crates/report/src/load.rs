@@ -116,8 +116,9 @@ impl RunReport {
         for simulation in run.simulations() {
             let simulation = simulation?;
             let (number, rho) = (simulation.number, simulation.robustness);
-            let found = trials.iter_mut().find(|trial| trial.summary.trial.number == simulation.trial);
-            if let (Some(trial), Some(rho)) = (found, rho) {
+            let found = trials.binary_search_by_key(&simulation.trial, |trial| trial.summary.trial.number);
+            if let (Ok(index), Some(rho)) = (found, rho) {
+                let trial = &mut trials[index];
                 if trial.worst.is_none_or(|(_, least)| rho < least) {
                     trial.worst = Some((number, rho));
                     trial.improvements.push((number, rho));

@@ -29,7 +29,8 @@ const TITLE_VALUES: usize = 6;
 
 /// Values at which the colors are strongest: the worst violation, and a large margin.
 struct ColorScale {
-    violation: f64,
+    /// `None` if nothing fails.
+    violation: Option<f64>,
     margin: f64,
 }
 
@@ -40,31 +41,36 @@ impl ColorScale {
         negative.sort_by(f64::total_cmp);
         positive.sort_by(f64::total_cmp);
         let margin = positive.get(positive.len().saturating_sub(1) * 19 / 20).copied().unwrap_or(1.0);
-        ColorScale {
-            violation: negative.first().map_or(1.0, |rho| -rho).max(f64::MIN_POSITIVE),
-            margin: margin.max(f64::MIN_POSITIVE),
-        }
+        ColorScale { violation: negative.first().map(|rho| -rho), margin: margin.max(f64::MIN_POSITIVE) }
     }
 
     fn color(&self, rho: f64) -> &'static str {
         let bin = |share: f64| ((4.0 * share) as usize).min(3);
         match rho < 0.0 {
-            true => color::NEGATIVE[bin(-rho / self.violation)],
+            true => color::NEGATIVE[bin(-rho / self.violation.unwrap_or(1.0))],
             false => color::POSITIVE[bin(rho / self.margin)],
         }
     }
 
     /// Returns the legend of the colors and marks.
     fn legend(&self) -> String {
-        let cell = |name: &str| format!("<i style=\"background:var({})\"></i>", variable(name));
-        let colors: String =
-            color::NEGATIVE.iter().rev().chain(&color::POSITIVE).map(|name| cell(name)).collect();
+        let cells = |names: &mut dyn Iterator<Item = &&str>| -> String {
+            names.map(|name| format!("<i style=\"background:var({})\"></i>", variable(name))).collect()
+        };
+        let (negative, positive) =
+            (cells(&mut color::NEGATIVE.iter().rev()), cells(&mut color::POSITIVE.iter()));
+        let margin = number(self.margin);
+        let Some(violation) = self.violation else {
+            return format!(
+                "<p class=\"legend\"><span>robustness 0 {positive} {margin} and more</span> <span><b class=\"pass\">•</b> \
+                 passes</span></p>\n"
+            );
+        };
         format!(
-            "<p class=\"legend\"><span class=\"scale\">robustness {} {colors} {} and more</span> \
-             <span><b class=\"fail\">✕</b> fails</span> <span><b class=\"fail\">◆</b> representative of a failure mode</span> \
-             <span><b class=\"pass\">•</b> passes</span> <span><b class=\"fail\">━</b> border of the failing cells</span></p>\n",
-            number(-self.violation),
-            number(self.margin)
+            "<p class=\"legend\"><span>robustness {} {negative} 0 {positive} {margin} and more</span> <span><b \
+             class=\"fail\">✕</b> fails</span> <span><b class=\"fail\">◆</b> described failure of a mode</span> <span><b \
+             class=\"pass\">•</b> passes</span> <span><b class=\"fail\">━</b> border of the failing cells</span></p>\n",
+            number(-violation)
         )
     }
 }
@@ -98,18 +104,22 @@ pub fn figures(report: &RunReport, id: usize) -> String {
             let svg = Drawing { report, id, points: &decided }.plane(x, y, &scale);
             let caption = format!(
                 "Each mark is a simulation. The color between marks is an interpolation (inverse distance), painted only near \
-                 simulations; white parts were not tested.{shown} {HINT}"
+                 simulations; unpainted parts were not tested.{shown} {HINT}"
             );
             let figure = figure(&svg, "Robustness over the space.", &caption);
             format!("{}<div class=\"grid\">{figure}</div>\n", scale.legend())
         }
         _ => {
-            let ranked = ranked(report, &axes, &decided);
+            let ranked = ranked(&axes, &decided);
             let chosen: Vec<usize> = ranked.iter().take(PAIR_AXES).map(|(axis, _)| *axis).collect();
+            let failing = match report.counts.falsified {
+                0 => "",
+                _ => " an outlined cell contains a failure;",
+            };
             let mut out = format!(
                 "<p>The space has {} axes. The maps show pairs of the {} whose rank correlation with robustness is largest \
                  (Spearman): {}. A cell has the color of the lowest robustness of the simulations in it, whatever the values \
-                 of the other axes; an outlined cell contains a failure, and a white cell no simulation.{shown} {HINT}</p>\n",
+                 of the other axes;{failing} an unpainted cell contains no simulation.{shown} {HINT}</p>\n",
                 axes.len(),
                 chosen.len(),
                 correlations(report, &ranked),
@@ -150,8 +160,7 @@ fn value(point: &Point, axis: usize) -> Option<f64> {
 }
 
 /// Returns the axes with their rank correlations with robustness, the largest magnitude first.
-fn ranked(report: &RunReport, axes: &[usize], points: &[&Point]) -> Vec<(usize, f64)> {
-    let _ = report;
+fn ranked(axes: &[usize], points: &[&Point]) -> Vec<(usize, f64)> {
     let correlation = |axis: usize| {
         let pairs: Vec<(f64, f64)> =
             points.iter().filter_map(|point| Some((value(point, axis)?, point.robustness?))).collect();
@@ -225,7 +234,7 @@ impl Drawing<'_> {
             .filter_map(|point| {
                 let at =
                     [axes[x].unit_coordinate(value(point, x)?), axes[y].unit_coordinate(value(point, y)?)];
-                let rho = point.robustness?.clamp(-scale.violation, scale.margin);
+                let rho = point.robustness?.clamp(-scale.violation.unwrap_or(0.0), scale.margin);
                 (at[0].is_finite() && at[1].is_finite()).then_some((at, rho))
             })
             .collect();

@@ -9,9 +9,6 @@ use crate::RunReport;
 use crate::load::{MAX_MODES, Point};
 use crate::pictures::{self, Frame};
 
-/// Number of random scenarios that estimate the size of a failing patch.
-const PROBES: u32 = 64;
-
 /// By what fraction of an axis the box of a failure mode is widened on each side.
 const MARGIN: f64 = 0.1;
 
@@ -40,6 +37,8 @@ pub struct Measured {
 pub struct Patch {
     /// Volume of the box as a share of the space.
     pub volume: f64,
+    /// Number of the scenarios that fail.
+    pub failures: u64,
     /// Share of the scenarios that fail.
     pub failing: Estimate,
 }
@@ -49,7 +48,8 @@ impl RunReport {
     /// fails with other seeds, the share of noise, corners, and pictures of tasks. Calls `watch` after each simulation with
     /// the number of simulations so far and in total.
     ///
-    /// `controller` is the present path of the run's controller, if the file was moved.
+    /// `probes` is the number of random scenarios that estimate the size of a patch; 0 skips it. `controller` is the present path
+    /// of the run's controller, if the file was moved.
     ///
     /// # Errors
     /// If a simulation cannot be run.
@@ -58,6 +58,7 @@ impl RunReport {
         run: &RunFile,
         resolved: &ResolvedPlan,
         controller: Option<&str>,
+        probes: u32,
         mut watch: impl FnMut(u64, u64),
     ) -> Result<(), MishandleError> {
         let mut system = resolved.system()?;
@@ -71,7 +72,7 @@ impl RunReport {
         let modes = self.representatives.len() as u64;
         let noise = if depends_on_seed { NOISE.0 * NOISE.1 } else { 0 };
         let repeats = if depends_on_seed { REPEATS } else { 0 };
-        let total = modes * (u64::from(PROBES) + repeats)
+        let total = modes * (u64::from(probes) + repeats)
             + noise
             + corners.as_ref().map_or(0, |corners| u64::from(corners.simulations()));
         let mut done = 0;
@@ -81,9 +82,12 @@ impl RunReport {
         };
         let mut measured = Measured::default();
         for (index, mode) in (0..).zip(self.modes.modes.iter().take(MAX_MODES)) {
-            let unit_box = unit_box(axes, mode);
+            let unit_box = unit_box(axes, mode).filter(|_| probes > 0);
             measured.patches.push(match unit_box {
-                Some(bounds) => Some(patch(&mut *system, axes, &bounds, seed.child(index), &mut count)?),
+                Some(bounds) => {
+                    let seed = seed.child(index);
+                    Some(patch(&mut *system, axes, &bounds, (seed, probes), &mut count)?)
+                }
                 None => None,
             });
             let scenario = Scenario::from(mode.representative());
@@ -139,7 +143,7 @@ fn patch(
     system: &mut dyn System,
     axes: &[Axis],
     bounds: &[[f64; 2]],
-    seed: Seed,
+    (seed, probes): (Seed, u32),
     mut watch: impl FnMut(&Episode),
 ) -> Result<Patch, MishandleError> {
     let scenario = |probe: u32| {
@@ -149,17 +153,19 @@ fn patch(
         };
         Scenario::from((0..).zip(axes.iter().zip(bounds)).map(value).collect::<Vec<f64>>())
     };
-    let requests: Vec<Request> = (1..=PROBES)
+    let requests: Vec<Request> = (1..=probes)
         .map(|number| Request { number, ..Request::new(scenario(number), seed.child(u64::from(number))) })
         .collect();
     let (mut failing, mut decided) = (0, 0);
-    for episode in system.rollout(&requests)? {
-        watch(&episode);
-        decided += u64::from(episode.robustness().is_some());
-        failing += u64::from(episode.robustness().is_some_and(|rho| rho < 0.0));
+    for batch in requests.chunks(BATCH) {
+        for episode in system.rollout(batch)? {
+            watch(&episode);
+            decided += u64::from(episode.robustness().is_some());
+            failing += u64::from(episode.robustness().is_some_and(|rho| rho < 0.0));
+        }
     }
     let volume = bounds.iter().map(|[low, high]| high - low).product();
-    Ok(Patch { volume, failing: wilson(failing, decided) })
+    Ok(Patch { volume, failures: failing, failing: wilson(failing, decided) })
 }
 
 fn point(episode: &Episode) -> Point {

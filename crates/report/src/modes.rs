@@ -10,6 +10,9 @@ use crate::pictures::Frame;
 use crate::space::value_text;
 use crate::{tables, trace};
 
+/// If the share of failing scenarios in the box of a mode may be above this, the patch is taken to be larger than the box.
+const REACHES_BEYOND: f64 = 0.9;
+
 /// Largest number of axes in the tables of a mode.
 const MAX_AXES: usize = 12;
 
@@ -18,7 +21,7 @@ pub fn section(report: &RunReport, id: usize) -> String {
     let modes = &report.modes;
     let described = report.representatives.len();
     let mut out = format!(
-        "<p>{} belong to {}. Failures belong to one mode if the same predicate decides them, at a similar time, and their \
+        "<p>{} in {}. Failures belong to one mode if the same predicate decides them, at a similar time, and their \
          scenarios are neighbors.{}</p>\n",
         mishandle::plural((modes.failures - modes.not_grouped) as u64, "failure"),
         mishandle::plural(modes.modes.len() as u64, "failure mode"),
@@ -66,8 +69,9 @@ fn card(
     );
     let measured = report.measured.as_ref();
     let entry = |index: usize| measured.and_then(|measured| measured.patches.get(index).copied().flatten());
-    out.extend(entry(index).map(patch_text));
-    out.push_str("</p>\n");
+    let is_random = measured.is_some_and(|measured| measured.noise.is_some());
+    out.extend(entry(index).map(|patch| patch_text(patch, is_random)));
+    out.push_str("</p>\n<div class=\"facts-and-trace\">\n<div>");
     out.push_str(&region_table(report, mode));
     out.push_str(&format!(
         "<h5>The failure closest to nominal: trial {trial}, simulation {}</h5>\n<ul class=\"why\">",
@@ -92,9 +96,13 @@ fn card(
             interval(&repeats.failure_rate)
         ));
     }
-    out.push_str("</ul>\n");
+    let mut figures = trace::figures(header, explained).into_iter();
+    out.push_str(&format!("</ul>\n</div>\n<div>{}</div>\n</div>\n", figures.next().unwrap_or_default()));
     out.push_str(&frames(report, measured, index, explained));
-    out.push_str(&format!("<div class=\"grid\">{}</div>\n", trace::figures(header, explained)));
+    let others: String = figures.collect();
+    if !others.is_empty() {
+        out.push_str(&format!("<div class=\"grid\">{others}</div>\n"));
+    }
     out.push_str(&commands(report, trial, number_of));
     out + "</article>\n"
 }
@@ -109,21 +117,32 @@ fn interval(estimate: &Estimate) -> String {
     }
 }
 
-fn patch_text(patch: Patch) -> String {
-    let Patch { volume, failing } = patch;
+/// Says how large the failing patch is. If the target `is_random`, a scenario fails with some probability.
+fn patch_text(patch: Patch, is_random: bool) -> String {
+    let Patch { volume, failures, failing } = patch;
     let (Some(value), Some(low), Some(high)) = (failing.value, failing.low, failing.high) else {
         return String::new();
     };
-    format!(
-        " In a box around these failures ({} of the space), {} of {} random scenarios fail; so the failing patch is about <b>{} \
-         of the space</b> (95 % interval {} to {}).",
-        percent(volume),
-        percent(value),
+    let found = format!(
+        " Of {} random scenarios in a box around these failures ({} of the space), {failures} {}",
         failing.n,
-        percent(volume * value),
-        percent(volume * low),
-        percent(volume * high)
-    )
+        percent(volume),
+        if failures == 1 { "fails" } else { "fail" }
+    );
+    let is_cut = high > REACHES_BEYOND;
+    let [value, low, high] = [value, low, high].map(|share| percent(volume * share));
+    match (is_random, is_cut) {
+        (true, _) => format!(
+            "{found}, so about <b>{value} of random simulations</b> of the whole space fail here (95 % interval {low} to {high})."
+        ),
+        (false, true) => format!(
+            "{found}. The failing patch reaches beyond the box, so it has <b>at least about {value} of the space</b> (95 % \
+             interval of its part in the box: {low} to {high})."
+        ),
+        (false, false) => format!(
+            "{found}, so the failing patch is about <b>{value} of the space</b> (95 % interval {low} to {high})."
+        ),
+    }
 }
 
 /// Returns the table of the region of a mode and the scenario of its representative.

@@ -20,14 +20,15 @@ pub fn section(report: &RunReport, id: usize) -> String {
     if report.modes.failures > 0 {
         out.push_str(&format!("<h3 id=\"r{id}-modes\">What fails</h3>\n{}", modes::section(report, id)));
     }
-    out.push_str(&format!("<h3 id=\"r{id}-map\">Where it fails</h3>\n{}", map::figures(report, id)));
+    let heading = if report.counts.falsified > 0 { "Where it fails" } else { "Where it was tested" };
+    out.push_str(&format!("<h3 id=\"r{id}-map\">{heading}</h3>\n{}", map::figures(report, id)));
     if let Some(corners) = tables::corners(report) {
         out.push_str(&format!("<h3>Corners</h3>\n{corners}"));
     }
     if let Some(noise) = report.measured.as_ref().and_then(|measured| measured.noise) {
         out.push_str(&format!("<h3>Noise</h3>\n<p>{}</p>\n", noise_text(&noise)));
     }
-    let heading = if report.is_evaluation() { "How robust it is" } else { "How the search found it" };
+    let heading = if report.is_evaluation() { "How robust it is" } else { "How the search went" };
     out.push_str(&format!("<h3 id=\"r{id}-search\">{heading}</h3>\n{}", curves::figures(report)));
     if !report.is_evaluation() {
         out.push_str(&tables::trials(report, id));

@@ -186,13 +186,18 @@ pub fn corners(report: &RunReport) -> Option<String> {
     if places.is_empty() {
         return None;
     }
-    let failing: Vec<&(&Point, [u32; 3])> = places.iter().filter(|(_, [failing, ..])| *failing > 0).collect();
+    // The center is the last point.
+    let is_failing = |(_, [failing, ..]): &&(&Point, [u32; 3])| *failing > 0;
+    let failing: Vec<&(&Point, [u32; 3])> = places.iter().filter(is_failing).collect();
+    let corners = places.len() - 1;
+    let failing_corners = places[..corners].iter().filter(is_failing).count();
     let seeds = places.iter().map(|(_, [.., all])| *all).max().unwrap_or(1);
-    let each = if seeds > 1 { format!(", {seeds} simulations each") } else { String::new() };
+    let each = if seeds > 1 { format!(" in at least one of {seeds} simulations") } else { String::new() };
+    let verb = if failing_corners == 1 { "fails" } else { "fail" };
+    let center = if failing.len() > failing_corners { "fails" } else { "does not" };
     let intro = format!(
-        "<p>{} of the {} corners and center of the initial box fail{each}. Random scenarios hardly ever meet a corner.</p>\n",
-        failing.len(),
-        places.len()
+        "<p>{failing_corners} of the {corners} corners of the initial box {verb}{each}; its center {center}. Random scenarios \
+         hardly ever meet a corner.</p>\n"
     );
     let rows: Vec<Vec<String>> = failing
         .iter()

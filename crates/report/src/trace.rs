@@ -17,7 +17,7 @@ const MAX_SAMPLES: usize = 400;
 const MAX_CHARTS: usize = 4;
 
 /// Returns charts of the decisive predicate and of the other predicates of the formula, as HTML.
-pub fn figures(header: &RunHeader, explained: &ExplainedSimulation) -> String {
+pub fn figures(header: &RunHeader, explained: &ExplainedSimulation) -> Vec<String> {
     let explanation = &explained.explanation;
     let decisive = explanation.diagnosis.predicate.as_ref().map(|predicate| predicate.text.as_str());
     let others = explanation.conjuncts.iter().map(|conjunct| conjunct.predicate.as_str());
@@ -27,11 +27,10 @@ pub fn figures(header: &RunHeader, explained: &ExplainedSimulation) -> String {
             texts.push(text);
         }
     }
-    let mut out = String::new();
-    for predicate in texts.into_iter().take(MAX_CHARTS) {
-        out.extend(predicate_figure(header, explained, predicate, Some(predicate) == decisive));
-    }
-    out
+    let charts = texts.into_iter().take(MAX_CHARTS);
+    charts
+        .filter_map(|predicate| predicate_figure(header, explained, predicate, Some(predicate) == decisive))
+        .collect()
 }
 
 fn predicate_figure(

@@ -50,13 +50,10 @@ pub fn headline(report: &RunReport) -> String {
     if report.is_evaluation() {
         let (failing, decided) = evaluated(report);
         let rate = wilson(failing, decided);
-        return match (failing, rate.value, rate.high) {
-            (_, None, _) => format!("No simulation of {subject} has a verdict."),
-            (0, _, Some(high)) => format!(
-                "{subject} meets its requirement in all {decided} random scenarios: at most {} fail (95 % confidence).",
-                percent(high)
-            ),
-            (_, Some(value), _) => format!(
+        return match (failing, rate.value) {
+            (_, None) => format!("No simulation of {subject} has a verdict."),
+            (0, _) => format!("{subject} meets its requirement in all {decided} random scenarios."),
+            (_, Some(value)) => format!(
                 "{subject} violates its requirement in {failing} of {decided} random scenarios ({}).",
                 percent(value)
             ),

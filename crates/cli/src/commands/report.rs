@@ -48,8 +48,13 @@ fn measure(report: &mut RunReport, file: &RunFile, command: &args::Report) -> Re
         Ok(resolved) => resolved,
         Err(error) => return Ok(Some(error.to_string())),
     };
+    let (then, now) = (&file.header().target, &resolved.target.identity);
+    // A file of format version 1 has no hash.
+    if then.kind != now.kind || (then.hash != now.hash && !then.hash.is_empty()) {
+        return Ok(Some(format!("the target {} is not the one of the run any more", then.name)));
+    }
     let bar = Bar::new(0, "simulations");
-    report.measure(file, &resolved, controller, |done, total| {
+    report.measure(file, &resolved, controller, command.probes, |done, total| {
         bar.set_length(total);
         bar.set_position(done);
     })?;

@@ -1,0 +1,147 @@
+//! The page of a run that a stranger wrote: its numbers, and hostile names.
+
+#![allow(clippy::unwrap_used)]
+
+use std::path::Path;
+
+use mishandle::store::{
+    AxisRecord, BuildRecord, ComponentRecord, FormulaRecord, IfExists, RunFile, RunHeader, RunKind,
+    RunWriter, SignalRecord, Simulation, SimulationEnd, StoredTrace, TargetRecord, TrialStatus,
+};
+use mishandle_report::{RunReport, page};
+
+const HOSTILE: &str = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&\u{202e}\u{1b}";
+
+/// Returns a header in which every text that can be hostile is.
+fn header(axes: usize, text: &str) -> RunHeader {
+    let axis = |index: usize| AxisRecord {
+        name: format!("axis{index}{text}"),
+        unit: text.into(),
+        kind: text.into(),
+        low: 0.0,
+        high: 1.0,
+        nominal: Some(0.5),
+        values: if index == 1 { format!("categorical: {text}, b") } else { "continuous".into() },
+        meaning: text.into(),
+    };
+    RunHeader {
+        kind: RunKind::Falsify,
+        build: BuildRecord {
+            program_version: text.into(),
+            git_commit: text.into(),
+            ..BuildRecord::default()
+        },
+        versions: vec![(text.into(), text.into())],
+        plan: text.into(),
+        target: TargetRecord {
+            kind: "python".into(),
+            name: format!("car{text}"),
+            hash: text.into(),
+            is_deterministic: false,
+        },
+        components: vec![ComponentRecord {
+            role: "controller".into(),
+            name: format!("mine{text}"),
+            hash: text.into(),
+            file_hash: text.into(),
+        }],
+        space: text.into(),
+        formula: "always(gap >= 2)".into(),
+        formulas: vec![FormulaRecord { name: text.into(), text: text.into() }],
+        search: text.into(),
+        seed: 1,
+        control_dt: 0.1,
+        episode_steps: 4,
+        signals: vec![SignalRecord { name: "gap".into(), unit: text.into() }],
+        axes: (0..axes).map(axis).collect(),
+        verdicts: vec![],
+    }
+}
+
+/// Writes trials that end with these simulations; `true` is a failure.
+fn write(path: &Path, header: &RunHeader, trials: &[(u32, bool)]) {
+    let mut writer = RunWriter::create(path, header, IfExists::Refuse).unwrap();
+    for (number, (simulations, fails)) in (1..).zip(trials) {
+        writer.start_trial(number, 7).unwrap();
+        for simulation in 1..=*simulations {
+            let is_failure = *fails && simulation == *simulations;
+            let gap = if is_failure { 1.5 } else { 2.25 };
+            let at = f64::from(simulation) / 10.0;
+            let scenario =
+                (0..header.axes.len()).map(|axis| Some(if axis == 1 { 0.0 } else { at })).collect();
+            let trace = is_failure.then(|| StoredTrace { columns: vec![vec![3.0, 2.5, 2.0, gap, 1.75]] });
+            writer
+                .record(&[Simulation {
+                    trial: number,
+                    number: simulation,
+                    seed: u64::MAX,
+                    unit_point: vec![],
+                    scenario,
+                    robustness: Some(gap - 2.0),
+                    robustness_low: Some(gap - 2.0),
+                    robustness_high: Some(gap - 2.0),
+                    stop_threshold: None,
+                    end: SimulationEnd::Completed,
+                    steps: 4,
+                    verdicts: vec![],
+                    trace_digest: None,
+                    trace,
+                }])
+                .unwrap();
+        }
+        let status = if *fails { TrialStatus::Falsified } else { TrialStatus::BudgetSpent };
+        writer.end_trial(number, status).unwrap();
+    }
+    writer.close().unwrap();
+}
+
+fn html(axes: usize, text: &str, trials: &[(u32, bool)]) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    write(&path, &header(axes, text), trials);
+    let run = RunFile::open(&path).unwrap();
+    let mut report = RunReport::load(&run, &format!("runs/{text}.sqlite")).unwrap();
+    report.add_note(format!("note {text}"));
+    page(&[report])
+}
+
+#[test]
+fn the_numbers_are_those_of_the_run() {
+    // Failures after 1 and 2 simulations, ends without a failure after 2 and 3: survival 3/4, then 3/4 * 2/3 = 1/2.
+    let html = html(2, "", &[(1, true), (2, true), (2, false), (3, false)]);
+    for part in [
+        "<h2>car with controller mine violates its requirement in 2 of 4 trials. The first failure comes after a median of 2 \
+         simulations.</h2>",
+        "Share of trials without a failure: 50 % after 3 simulations",
+        "<b>Requirement:</b> <span class=\"words\">at every step of the trace: gap is at least 2</span>",
+        "robustness −0.5",
+        "gap is 1.5000, the threshold 2.0000. The trace violates it by 0.5000.",
+        "It fails at 2 of 5 samples in its window, from step 3 (0.30 s) to step 4 (0.40 s).",
+        "The target is not deterministic",
+    ] {
+        assert!(html.contains(part), "{part} is not in\n{html}");
+    }
+}
+
+#[test]
+fn hostile_names_are_text() {
+    for axes in 1..=5 {
+        let html = html(axes, HOSTILE, &[(1, true), (3, true), (3, false)]);
+        for part in ["<script", "<img", "onerror=alert(2)>\"", "\u{202e}", "\u{1b}"] {
+            assert!(!html.contains(part), "{axes} axes: {part}");
+        }
+        assert!(html.contains("&lt;script&gt;alert(1)"));
+        assert!(html.contains("default-src 'none'; style-src 'unsafe-inline'; img-src data:"));
+        // Every link leads to an element of the page.
+        for link in html.split("href=\"").skip(1) {
+            let target = link.split('"').next().unwrap().strip_prefix('#').unwrap();
+            assert!(html.contains(&format!("id=\"{target}\"")), "{target}");
+        }
+    }
+}
+
+#[test]
+fn a_run_without_simulations_has_a_page() {
+    let html = html(2, "", &[]);
+    assert!(html.contains("No trial of car with controller mine has started."));
+}
