@@ -70,3 +70,56 @@ pub(crate) fn escaped(text: &str) -> String {
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Area, Chart, ChartAxis, Mark, Panel, Series};
+
+    fn chart(marks: Vec<LinkedMark>) -> Chart {
+        let panel = Panel {
+            title: String::new(),
+            x: ChartAxis::linear("x", [0.0, 10.0]),
+            y: ChartAxis::linear("<y>", [0.0, 1.0]),
+            areas: vec![Area { x: [0.0, 5.0], y: [0.0, 1.0], color: "#fbd9b5" }],
+            series: vec![Series::new("#1f5c99", Mark::Step, [[0.0, 1.0], [5.0, 0.5]])],
+            marks,
+        };
+        let (title, caption, legend) = (String::new(), String::new(), Vec::new());
+        Chart { title, caption, legend, columns: 1, panel_size: [400, 300], panels: vec![panel] }
+    }
+
+    fn mark(x: f64, href: &str) -> LinkedMark {
+        let (label, href) = ("a <b> & \"c\"".to_string(), href.to_string());
+        LinkedMark { x, y: 0.5, shape: Shape::Cross, color: "#8f3a04", href, label, is_tab_stop: false }
+    }
+
+    #[test]
+    fn a_mark_is_a_link_with_a_tooltip_at_its_place() {
+        let svg = chart(vec![mark(0.0, "#row-1"), mark(10.0, ""), mark(f64::NAN, "#no")]).figure("<all>");
+        assert!(svg.starts_with(
+            "<svg class=\"chart\" viewBox=\"0 0 400 300\" width=\"400\" height=\"300\" role=\"group\""
+        ));
+        assert!(svg.contains("aria-label=\"&lt;all&gt;\"") && svg.contains("&lt;y&gt;"), "{svg}");
+        assert!(
+            svg.contains("<a href=\"#row-1\" tabindex=\"-1\"><title>a &lt;b&gt; &amp; &quot;c&quot;</title>"),
+            "{svg}"
+        );
+        assert!(svg.contains("<g><title>") && !svg.contains("#no"), "{svg}");
+        // The left mark is where the area begins, and the right mark is twice as far from there as its end.
+        let after = |text: &str, key: &str| -> f64 {
+            let rest = text.split_once(key).unwrap().1;
+            rest.split(['"', ' ']).next().unwrap().parse().unwrap()
+        };
+        let area = svg.split("<rect").find(|tag| tag.contains("#FBD9B5")).unwrap();
+        let (left, width) = (after(area, " x=\""), after(area, "width=\""));
+        let place = |link: &str| after(svg.split_once(link).unwrap().1, "cx=\"");
+        assert!((place("#row-1") - left).abs() <= 1.0, "{svg}");
+        assert!((place("<g>") - (left + 2.0 * width)).abs() <= 2.0, "{svg}");
+    }
+
+    #[test]
+    fn a_chart_without_marks_is_an_image() {
+        assert!(chart(Vec::new()).figure("x").contains("role=\"img\""));
+    }
+}

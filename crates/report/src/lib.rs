@@ -29,9 +29,9 @@ pub use page::page;
 /// Colors of the charts. `page.css` has the color of each in both themes.
 pub(crate) mod color {
     /// Failing simulations and what belongs to them.
-    pub const FAIL: &str = "#A6480A";
+    pub const FAIL: &str = "#8F3A04";
     /// Passing simulations.
-    pub const PASS: &str = "#2C6FAD";
+    pub const PASS: &str = "#1F5C99";
     /// Thresholds and the line between violated and satisfied.
     pub const LIMIT: &str = "#55565A";
     /// Span of a violation.
@@ -39,7 +39,7 @@ pub(crate) mod color {
     /// Span of time that the formula reads.
     pub const WINDOW: &str = "#ECEFF2";
     /// Robustness below 0, the weakest violation first.
-    pub const NEGATIVE: [&str; 4] = ["#FDDCB5", "#F9B978", "#EA8F3C", "#CC6A12"];
+    pub const NEGATIVE: [&str; 4] = ["#FDE6CC", "#FBCF9E", "#F6B26B", "#EE9546"];
     /// Robustness from 0 on, the smallest margin first.
-    pub const POSITIVE: [&str; 4] = ["#DBE7F3", "#B5CFE7", "#86B0D8", "#5590C6"];
+    pub const POSITIVE: [&str; 4] = ["#E4EDF6", "#C8DBEE", "#A6C5E3", "#7FADD9"];
 }
