@@ -55,3 +55,16 @@ fn several_runs_share_a_page() {
     bench.refuses("report a.sqlite missing.sqlite --out other.html", &["missing.sqlite"]);
     assert!(!bench.path("other.html").exists());
 }
+
+/// The page leaves out simulations, but not in its numbers.
+#[test]
+fn a_large_evaluation_counts_all_simulations_and_corners() {
+    let bench = Bench::new();
+    let seed = "evaluate toy/car-following --space starts+events --episodes 5000 --seed 2";
+    bench.check(&format!("{seed} --out run.sqlite"), 0);
+    bench.check("report run.sqlite --no-simulations --out page.html", 0);
+    let html = page(&bench, "page.html");
+    assert!(html.contains("Distribution of the robustness of 5000 simulations"));
+    assert!(html.contains("of the 4 corners of the initial box"));
+    assert!(html.len() < 4_000_000, "{} bytes", html.len());
+}

@@ -101,9 +101,7 @@ fn survival(report: &RunReport) -> String {
 
 /// Draws how often each robustness occurs.
 fn distribution(report: &RunReport) -> String {
-    let trial = report.trials.first().map_or(1, |trial| trial.summary.trial.number);
-    let own = report.points.iter().filter(|point| point.trial == trial).filter_map(|point| point.robustness);
-    let values: Vec<f64> = own.filter(|rho| rho.is_finite()).collect();
+    let values: Vec<f64> = report.robustness.iter().copied().filter(|rho| rho.is_finite()).collect();
     let [low, high] = crate::space::sane(around(values.iter().copied()));
     let width = (high - low) / BARS;
     let bars = bars(&values, width);

@@ -1,5 +1,6 @@
 //! What a run file says about its run.
 
+use mishandle::evaluation::Corners;
 use mishandle::rollout::Axis;
 use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialStatus, TrialSummary};
 use mishandle::{
@@ -33,6 +34,9 @@ pub struct RunReport {
     pub(crate) trials: Vec<Trial>,
     /// Some of the simulations, all failures among them unless they are very many.
     pub(crate) points: Vec<Point>,
+    /// Of an evaluation: the robustness of all random simulations, and the simulations of corners.
+    pub(crate) robustness: Vec<f64>,
+    pub(crate) corners: Vec<Point>,
     pub(crate) modes: FailureModes,
     /// The representatives of the first modes, explained.
     pub(crate) representatives: Vec<ExplainedSimulation>,
@@ -112,6 +116,7 @@ impl RunReport {
         let every = others.div_ceil((MAX_POINTS - MAX_FAILURES) as u64).max(1);
         let every_linked =
             others.min((MAX_POINTS - MAX_FAILURES) as u64).div_ceil(LINKED_OTHERS as u64).max(1);
+        let (mut robustness, mut corners) = (Vec::new(), Vec::new());
         let (mut points, mut index, mut failures, mut kept) = (Vec::new(), 0_u64, 0_usize, 0_u64);
         for simulation in run.simulations() {
             let simulation = simulation?;
@@ -128,6 +133,12 @@ impl RunReport {
                 }
             }
             let mut point = Point::from(simulation);
+            if header.kind == RunKind::Evaluate {
+                match point.trial {
+                    Corners::TRIAL => corners.push(point.clone()),
+                    _ => robustness.extend(rho),
+                }
+            }
             let is_chosen = is_representative(point.trial, point.number);
             if point.fails() {
                 failures += 1;
@@ -152,6 +163,8 @@ impl RunReport {
             counts,
             trials,
             points,
+            robustness,
+            corners,
             modes,
             representatives,
             measured: None,

@@ -167,11 +167,7 @@ pub fn axes(report: &RunReport) -> String {
 /// Returns what happens at the corners and the center of the initial box; `None` if they were not simulated.
 pub fn corners(report: &RunReport) -> Option<String> {
     let recorded: Vec<&Point> = match report.is_evaluation() {
-        true => report
-            .points
-            .iter()
-            .filter(|point| point.trial == mishandle::evaluation::Corners::TRIAL)
-            .collect(),
+        true => report.corners.iter().collect(),
         false => report.measured.iter().flat_map(|measured| &measured.corners).collect(),
     };
     // Points with their numbers of failing, decided and all simulations.
