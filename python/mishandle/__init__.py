@@ -4,7 +4,6 @@ from mishandle._native import VectorEnv, __version__
 from mishandle.axes import Attribute, Axis, ResetOption
 from mishandle.campaign import (
     Corner,
-    Estimate,
     Evaluation,
     Falsification,
     Replay,
@@ -24,6 +23,7 @@ from mishandle.errors import (
     MishandleError,
     MissingPackageError,
 )
+from mishandle.explanations import ComparedPair, Comparison, Estimate, Explanation, FailureMode, compare
 from mishandle.formulas import Formula, robustness
 from mishandle.plots import plot_robustness_map, plot_search_progress, plot_trace
 from mishandle.ray import RayExecutor
@@ -34,10 +34,14 @@ from mishandle.targets import Simulation
 __all__ = [
     "Attribute",
     "Axis",
+    "ComparedPair",
+    "Comparison",
     "Controller",
     "Corner",
     "Estimate",
     "Evaluation",
+    "Explanation",
+    "FailureMode",
     "Falsification",
     "Formula",
     "InvalidScenario",
@@ -58,6 +62,7 @@ __all__ = [
     "Trial",
     "VectorEnv",
     "__version__",
+    "compare",
     "evaluate",
     "falsify",
     "load_controller",

@@ -14,22 +14,14 @@ from typing_extensions import Unpack
 from mishandle import _native
 from mishandle.arguments import check_number, check_out
 from mishandle.axes import Axis, Value
-from mishandle.errors import InvalidTypeError
+from mishandle.errors import InvalidTypeError, InvalidValueError
+from mishandle.explanations import Estimate, Explanation
+from mishandle.runs import open_run
 from mishandle.systems import Scenario
 from mishandle.targets import Formulas, Simulation, Space, TargetOptions, make_target, scenario_numbers
 
 PathLike = str | os.PathLike[str]
 Progress = Callable[[int, int], None]
-
-@dataclass(frozen=True)
-class Estimate:
-    """A rate or mean with its 95 % interval."""
-
-    value: float | None
-    low: float | None
-    high: float | None
-    n: int
-
 
 @dataclass(frozen=True)
 class Trial:
@@ -73,6 +65,17 @@ class Falsification:
         found = [trial for trial in self.trials if trial.falsified]
         return sorted(found, key=lambda trial: (trial.robustness or 0.0, trial.trial))
 
+    def explain(self, trial: int | None = None) -> Explanation:
+        """Explains the counterexample of a trial; by default, of the one with the smallest robustness."""
+        found = self.counterexamples if trial is None else [each for each in self.trials if each.trial == trial]
+        if not found or found[0].number is None:
+            raise InvalidValueError("no trial found a counterexample" if trial is None else f"trial {trial} has no simulation")
+        return open_run(self.path).explain(found[0].trial, found[0].number)
+
+    def report(self, path: PathLike, *, simulate: bool = True) -> None:
+        """Writes a page about the run; see :meth:`mishandle.Run.report`."""
+        open_run(self.path).report(path, simulate=simulate)
+
 
 @dataclass(frozen=True)
 class Corner:
@@ -101,6 +104,10 @@ class Evaluation:
     undecided: int
     largest_difference: float = 0.0
     exceptions: list[str] = field(default_factory=list)
+
+    def report(self, path: PathLike, *, simulate: bool = True) -> None:
+        """Writes a page about the run; see :meth:`mishandle.Run.report`."""
+        open_run(self.path).report(path, simulate=simulate)
 
 
 @dataclass(frozen=True)

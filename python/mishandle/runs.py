@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pathlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from mishandle import _native
 from mishandle.errors import MissingPackageError
+from mishandle.explanations import Explanation, FailureMode, explanation
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-not-found, import-untyped, unused-ignore]
@@ -103,6 +105,38 @@ class Run:
         if samples is None:
             return None
         return {name: samples[:, column] for column, (name, _) in enumerate(self.signals)}
+
+    def explain(self, trial: int, number: int) -> Explanation:
+        """Explains when, where and by which predicate a simulation violates or satisfies the formula.
+
+        A counterexample is explained from its stored trace. A simulation without one is simulated again, which works for runs
+        of Mishandle's own tasks only.
+        """
+        return explanation(self._native.explain(trial, number), self.control_dt)
+
+    def report(self, path: str | os.PathLike[str], *, simulate: bool = True, probes: int = 64) -> None:
+        """Writes a page about the run: one HTML file that loads nothing, for a browser or to send.
+
+        Parameters
+        ----------
+        path : path
+            File to write; an existing file is replaced.
+        simulate : bool
+            Whether to measure what takes simulations: sizes of failing patches, repeats with other seeds, noise, pictures. Only
+            Mishandle's own tasks can be simulated from a run file; the page says so if another system cannot.
+        probes : int
+            Number of random scenarios that estimate the size of a failing patch.
+        """
+        html, _ = self._native.report(probes if simulate else None)
+        pathlib.Path(path).write_text(html, encoding="utf-8")
+
+    def failure_modes(self) -> list[FailureMode]:
+        """Groups the failures by decisive predicate, region and time, the largest group first."""
+        names = [axis.name for axis in self.axes]
+        return [
+            FailureMode(predicate, samples, dict(zip(names, region)), failures)
+            for predicate, samples, region, failures in self._native.failure_modes()
+        ]
 
 
 def _axis(name: str, unit: str, low: float, high: float, values: str) -> RunAxis:

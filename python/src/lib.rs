@@ -8,6 +8,7 @@
 mod camera;
 mod campaign;
 mod controller;
+mod explanation;
 mod formula;
 mod pool;
 mod remote;
@@ -64,6 +65,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(remote::campaign_runs, module)?)?;
     module.add_function(wrap_pyfunction!(remote::recorded_plan, module)?)?;
     module.add_function(wrap_pyfunction!(search::search_names, module)?)?;
+    module.add_function(wrap_pyfunction!(explanation::compare, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::check_falsify, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::check_evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::falsify, module)?)?;

@@ -3,12 +3,15 @@
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
+use mishandle::MishandleError;
 use mishandle::store::RunFile;
+use mishandle_report::{RunReport, page};
 use numpy::PyArray2;
 use numpy::ndarray::Array2;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
+use crate::explanation::{explanation, mode};
 use crate::raised;
 
 /// A run file opened for reading.
@@ -95,5 +98,41 @@ impl PyRun {
         let shape = (trace.columns.first().map_or(0, Vec::len), trace.columns.len());
         let samples = Array2::from_shape_fn(shape, |(sample, signal)| trace.columns[signal][sample]);
         Ok(Some(PyArray2::from_owned_array(py, samples)))
+    }
+
+    /// Explains a simulation. One without a stored trace is simulated again, which only works for systems that this program
+    /// knows.
+    fn explain<'py>(&self, py: Python<'py>, trial: u32, number: u32) -> PyResult<Bound<'py, PyDict>> {
+        let (header, explained) = py
+            .detach(|| {
+                let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
+                Ok((run.header().clone(), mishandle::explain(&run, trial, number, None)?))
+            })
+            .map_err(|error: MishandleError| raised(error))?;
+        explanation(py, &header, &explained)
+    }
+
+    /// Returns the failure modes.
+    fn failure_modes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let run = || self.run.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = py.detach(|| mishandle::failure_modes(&run())).map_err(raised)?;
+        PyList::new(py, found.modes.into_iter().map(mode))
+    }
+
+    /// Returns a report as HTML, and why nothing was simulated, if so.
+    fn report(&self, py: Python<'_>, probes: Option<u32>) -> PyResult<(String, Option<String>)> {
+        py.detach(|| {
+            let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut report = RunReport::load(&run, &run.path().to_string_lossy())?;
+            let skipped = match probes {
+                Some(probes) => report.measure(&run, None, probes, |_, _| ())?,
+                None => Some("simulate=False was given".to_string()),
+            };
+            if let Some(reason) = &skipped {
+                report.note_no_simulations(reason);
+            }
+            Ok((page(&[report]), skipped))
+        })
+        .map_err(|error: MishandleError| raised(error))
     }
 }

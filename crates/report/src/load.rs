@@ -172,6 +172,14 @@ impl RunReport {
         })
     }
 
+    /// Says on the page that nothing was simulated, and why.
+    pub fn note_no_simulations(&mut self, reason: &str) {
+        self.add_note(format!(
+            "Sizes of failing patches, repeats with other seeds, corners, the share of noise and pictures are missing, because \
+             they take simulations: {reason}."
+        ));
+    }
+
     /// Adds a sentence about something that the page lacks.
     pub fn add_note(&mut self, note: impl Into<String>) {
         self.notes.push(note.into());

@@ -44,16 +44,37 @@ pub struct Patch {
 }
 
 impl RunReport {
-    /// Simulates what the run file does not contain: the size of the failing patch of each mode, how often each representative
+    /// Adds what takes simulations: the size of each mode's failing patch, how often its representative
     /// fails with other seeds, the share of noise, corners, and pictures of tasks. Calls `watch` after each simulation with
     /// the number of simulations so far and in total.
     ///
     /// `probes` is the number of random scenarios that estimate the size of a patch; 0 skips it. `controller` is the present path
-    /// of the run's controller, if the file was moved.
+    /// of the run's controller, if the file was moved. Returns why nothing was simulated, if the target of the run cannot be
+    /// simulated.
     ///
     /// # Errors
     /// If a simulation cannot be run.
     pub fn measure(
+        &mut self,
+        run: &RunFile,
+        controller: Option<&str>,
+        probes: u32,
+        watch: impl FnMut(u64, u64),
+    ) -> Result<Option<String>, MishandleError> {
+        let resolved = match mishandle::recorded_plan(run.header(), controller) {
+            Ok(resolved) => resolved,
+            Err(error) => return Ok(Some(error.to_string())),
+        };
+        let (then, now) = (&run.header().target, &resolved.target.identity);
+        // A file of format version 1 has no hash.
+        if then.kind != now.kind || (then.hash != now.hash && !then.hash.is_empty()) {
+            return Ok(Some(format!("the target {} is not the one of the run any more", then.name)));
+        }
+        self.measure_in(run, &resolved, controller, probes, watch)?;
+        Ok(None)
+    }
+
+    fn measure_in(
         &mut self,
         run: &RunFile,
         resolved: &ResolvedPlan,

@@ -1,0 +1,92 @@
+"""Explanations, failure modes, reports and comparisons of runs."""
+
+import pathlib
+import tempfile
+import unittest
+
+import mishandle
+import numpy as np
+
+TIME = np.arange(101) * 0.1
+
+
+def oscillator(scenario):
+    """A damped oscillation in closed form: x(t) = a exp(-d t) cos(t), and a speed limit that only large amplitudes break."""
+    decay = np.exp(-scenario["damping"] * TIME)
+    x = scenario["amplitude"] * decay * np.cos(TIME)
+    return {"x": x, "energy": (scenario["amplitude"] * decay) ** 2}
+
+
+SPACE = [mishandle.Axis("amplitude", 0.5, 2.0, "m"), mishandle.Axis("damping", 0.05, 1.0, "1/s")]
+FORMULA = "always[0:100](x >= -0.8 and energy <= 9)"
+
+
+class Explanations(unittest.TestCase):
+    def setUp(self) -> None:
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def falsify(self) -> mishandle.Falsification:
+        return mishandle.falsify(
+            oscillator, FORMULA, SPACE, control_dt=0.1, trials=4, budget=60, seed=1, out=self.folder / "run.sqlite"
+        )
+
+    def test_the_explanation_names_the_sample_of_the_minimum(self) -> None:
+        result = self.falsify()
+        self.assertGreater(result.falsified_trials, 0)
+        found = result.explain()
+        worst = result.counterexamples[0]
+        trace = oscillator(worst.scenario)
+        # By hand: the energy is at most 4, so the minimum of x + 0.8 decides.
+        sample = int(np.argmin(trace["x"]))
+        self.assertEqual(found.robustness, worst.robustness)
+        self.assertEqual((found.predicate.text, found.predicate.sample), ("x >= -0.8", sample))
+        self.assertAlmostEqual(found.predicate.time, TIME[sample])
+        self.assertEqual(found.predicate.values, (trace["x"][sample], -0.8))
+        self.assertEqual(found.violated_samples, int(np.sum(trace["x"] < -0.8)))
+        self.assertEqual(found.conjuncts["energy <= 9"], 9 - max(trace["energy"]))
+        self.assertIn("x >= -0.8", str(found))
+        with self.assertRaisesRegex(mishandle.InvalidValueError, "trial 9"):
+            result.explain(9)
+
+    def test_failures_are_grouped_and_reported(self) -> None:
+        result = self.falsify()
+        modes = mishandle.open_run(result.path).failure_modes()
+        failures = sorted(failure for mode in modes for failure in mode.failures)
+        self.assertEqual(failures, sorted((trial.trial, trial.number) for trial in result.counterexamples))
+        for mode in modes:
+            self.assertEqual(mode.predicate, "x >= -0.8")
+            self.assertEqual(set(mode.region), {"amplitude", "damping"})
+        result.report(self.folder / "report.html")
+        page = (self.folder / "report.html").read_text()
+        self.assertIn("x &gt;= -0.8", page)
+        # A function in Python cannot be simulated from the file alone, and the page says so.
+        self.assertIn("they take simulations", page)
+
+    def test_two_evaluations_are_compared_pair_by_pair(self) -> None:
+        def worse(scenario):
+            return oscillator({**scenario, "damping": 0.5 * scenario["damping"]})
+
+        paths = [self.folder / "a.sqlite", self.folder / "b.sqlite"]
+        for system, path in zip((oscillator, worse), paths):
+            mishandle.evaluate(system, FORMULA, SPACE, control_dt=0.1, episodes=80, seed=3, out=path, name="oscillator")
+        found = mishandle.compare(*paths)
+        self.assertEqual(found.pairs, 80)
+        # Less damping can only make the minimum smaller, so nothing is fixed.
+        self.assertEqual(found.fixed_failures, [])
+        self.assertGreater(len(found.new_failures), 0)
+        pair = found.new_failures[0]
+        self.assertGreater(pair.first_robustness, 0)
+        self.assertLess(pair.second_robustness, 0)
+        self.assertEqual(min(oscillator(pair.scenario)["x"]) + 0.8, pair.first_robustness)
+        self.assertLess(found.success.difference.value, 0)
+        # The exact McNemar test: n discordant pairs of one kind.
+        self.assertAlmostEqual(found.success.p_value, 2 * 0.5 ** len(found.new_failures))
+        self.assertLess(found.robustness.difference.high, 0)
+        with self.assertRaises(mishandle.MishandleError):
+            mishandle.compare(paths[0], self.falsify().path)
+
+
+if __name__ == "__main__":
+    unittest.main()
