@@ -1,9 +1,10 @@
 //! Charts over the simulations of the trials: progress of the search, survival, distribution of the robustness.
 
+use mishandle::evaluation::{SurvivalCurve, SurvivalStep};
 use mishandle_charts::{Area, Chart, ChartAxis, Mark, Panel, Series};
 
 use crate::color;
-use crate::html::{figure, number, visible};
+use crate::html::{figure, visible};
 use crate::load::RunReport;
 use crate::map::SIZE;
 use crate::space::{around, linear};
@@ -71,26 +72,29 @@ fn progress(report: &RunReport) -> String {
 
 /// Draws the share of trials without a failure.
 fn survival(report: &RunReport) -> String {
-    let (steps, mut censored) = report.survival();
-    let x = simulations_axis(report);
-    let end = longest(report);
-    let last = steps.last().map_or(1.0, |(_, share)| *share);
+    let lifetimes = report.lifetimes();
+    let known = SurvivalCurve::new(&lifetimes);
+    let end = f64::from(known.last).max(longest(report));
+    let x = linear("simulations of the trial", [0.0, end]);
+    let last = known.at(known.last);
+    let step = |step: &SurvivalStep| [f64::from(step.simulations), known.at(step.simulations)];
     let points = std::iter::once([0.0, 1.0])
-        .chain(steps.iter().map(|(number, share)| [f64::from(*number), *share]))
-        .chain([[end, last]]);
+        .chain(known.steps.iter().map(step))
+        .chain([[f64::from(known.last), last]]);
     let curve = Series::new(color::FAIL, Mark::Step, points);
-    let share_at =
-        |number: u32| steps.iter().rev().find(|(step, _)| *step <= number).map_or(1.0, |(_, share)| *share);
+    let mut censored: Vec<u32> =
+        lifetimes.iter().filter(|lifetime| !lifetime.failed).map(|lifetime| lifetime.simulations).collect();
+    censored.sort_unstable();
     censored.dedup();
     let ticks = censored.iter().flat_map(|number| {
-        let (x, y) = (f64::from(*number), share_at(*number));
+        let (x, y) = (f64::from(*number), known.at(*number));
         [[x, y - 0.025], [x, y + 0.025]]
     });
     let ended = Series::new(color::PASS, Mark::Segment, ticks);
     let text = format!(
         "Share of trials without a failure: {} after {} simulations",
         crate::html::percent(last),
-        number(end)
+        known.last
     );
     let y = ChartAxis::percent("trials without a failure, %");
     let svg = chart(x, y, Vec::new(), vec![curve, ended], &text);

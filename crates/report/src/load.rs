@@ -1,6 +1,6 @@
 //! What a run file says about its run.
 
-use mishandle::evaluation::Corners;
+use mishandle::evaluation::{Corners, Lifetime};
 use mishandle::rollout::Axis;
 use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialStatus, TrialSummary};
 use mishandle::{
@@ -194,30 +194,20 @@ impl RunReport {
         self.trials.iter().filter(|trial| trial.summary.counts.simulations > 0)
     }
 
-    /// Returns the share of trials without a failure after each number of simulations at which it drops, and the numbers of
-    /// simulations at which trials ended without a failure: the estimate of Kaplan and Meier.
-    pub(crate) fn survival(&self) -> (Vec<(u32, f64)>, Vec<u32>) {
-        let last = |trial: &Trial| trial.summary.counts.simulations as u32;
-        let mut ends: Vec<(u32, bool)> = self
-            .searches()
-            .filter(|trial| {
-                trial.first_failure.is_some() || trial.summary.trial.status != TrialStatus::Running
-            })
-            .map(|trial| trial.first_failure.map_or((last(trial), false), |number| (number, true)))
-            .collect();
-        ends.sort_unstable();
-        let (mut share, mut steps) = (1.0, Vec::new());
-        let mut first = 0;
-        while first < ends.len() {
-            let time = ends[first].0;
-            let group = ends[first..].iter().take_while(|(end, _)| *end == time).count();
-            let failed = ends[first..first + group].iter().filter(|(_, failed)| *failed).count();
-            if failed > 0 {
-                share *= 1.0 - failed as f64 / (ends.len() - first) as f64;
-                steps.push((time, share));
+    /// Returns the lifetimes of the trials that ended. A search that gave up finds nothing within its budget, so its trial is
+    /// censored at the budget.
+    pub(crate) fn lifetimes(&self) -> Vec<Lifetime> {
+        let budget =
+            self.plan.as_ref().and_then(|plan| plan.falsify.as_ref()).map_or(0, |falsify| falsify.budget);
+        let lifetime = |trial: &Trial| {
+            let last = trial.summary.counts.simulations as u32;
+            match (trial.first_failure, trial.summary.trial.status) {
+                (Some(number), _) => Some(Lifetime::failed(number)),
+                (None, TrialStatus::Running) => None,
+                (None, TrialStatus::Converged) => Some(Lifetime::censored(last.max(budget))),
+                (None, _) => Some(Lifetime::censored(last)),
             }
-            first += group;
-        }
-        (steps, ends.into_iter().filter(|(_, failed)| !failed).map(|(end, _)| end).collect())
+        };
+        self.searches().filter_map(lifetime).collect()
     }
 }

@@ -1,6 +1,6 @@
 //! The verdict in sentences.
 
-use mishandle::evaluation::wilson;
+use mishandle::evaluation::{SurvivalCurve, wilson};
 
 use crate::html::{number, percent, short, text};
 use crate::load::RunReport;
@@ -38,10 +38,9 @@ pub fn falsified(report: &RunReport) -> (usize, usize) {
     (falsified, report.searches().count())
 }
 
-/// Returns the median number of simulations to the first failure: the first number after which at most half of the trials have
-/// not failed.
+/// Returns the median number of simulations to the first failure.
 pub fn median(report: &RunReport) -> Option<u32> {
-    report.survival().0.into_iter().find(|(_, share)| *share <= 0.5).map(|(number, _)| number)
+    SurvivalCurve::new(&report.lifetimes()).median()
 }
 
 /// Returns the verdict: one or two sentences of HTML.
