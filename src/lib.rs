@@ -88,7 +88,7 @@ pub use simulate::{Noise, depends_on_seed, measure_noise, repeat, repeat_seeds};
 pub use target::{ResolvedPlan, preset, target, target_names, task, task_target};
 pub use train::{TrainObserver, TrainPlan, TrainReport, default_out, reward, train, uses_default_settings};
 pub use training_facts::{TrainingFacts, training_facts};
-pub use trajectory::{StateTrajectory, initial_state, replay_states, scene_mjcf};
+pub use trajectory::{StateTrajectory, initial_state, replay_states, scene_mjcf, strip_samples};
 
 pub use {
     mishandle_controllers as controllers, mishandle_evaluation as evaluation,

@@ -40,6 +40,21 @@ pub fn initial_state(task: &dyn Task, x0: Option<&[f64]>) -> Result<StateTraject
     Ok(StateTrajectory { states: vec![state], control_dt: environment.control_dt() })
 }
 
+/// Returns the samples of a filmstrip of an episode whose last sample is `last`: the start, the decisive sample, the end, and
+/// samples between them.
+///
+/// # Example
+/// ```
+/// assert_eq!(mishandle::strip_samples(90, 300), [0, 30, 60, 90, 195, 300]);
+/// assert_eq!(mishandle::strip_samples(300, 300), [0, 100, 200, 300]);
+/// ```
+pub fn strip_samples(decisive: usize, last: usize) -> Vec<usize> {
+    let decisive = decisive.min(last);
+    let mut samples = vec![0, decisive / 3, 2 * decisive / 3, decisive, decisive.midpoint(last), last];
+    samples.dedup();
+    samples
+}
+
 /// Checks that an initial state is in the box of a task preset. The error names the bounds of task preset `paper`.
 fn check_in_box(definition: &Definition, x0: &[f64]) -> Result<(), MishandleError> {
     let outside = |preset| {

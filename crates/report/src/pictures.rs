@@ -60,11 +60,8 @@ fn strip(
     }
     let states = &trajectory.states;
     let Some(last) = states.len().checked_sub(1) else { return Ok(Vec::new()) };
-    let decisive = explained.explanation.diagnosis.path.last().map_or(last, |found| found.sample.min(last));
-    let mut samples =
-        vec![0, decisive / 3, 2 * decisive / 3, decisive, decisive + (last - decisive) / 2, last];
-    samples.sort_unstable();
-    samples.dedup();
+    let decisive = explained.explanation.diagnosis.path.last().map_or(last, |found| found.sample);
+    let samples = mishandle::strip_samples(decisive, last);
     renderer.frame(samples.iter().map(|sample| states[*sample].as_slice()));
     let picture = |sample: usize| -> Result<Frame, PictureError> {
         let pixels = renderer.draw(&states[sample])?;

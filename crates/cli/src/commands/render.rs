@@ -12,9 +12,6 @@ use crate::{ExitStatus, args, interrupt, output, run};
 /// apart.
 const FRAME_RATE: f64 = 30.0;
 
-/// Number of frames in a filmstrip.
-const STRIP_FRAMES: usize = 6;
-
 /// Frames per row of a filmstrip.
 const STRIP_COLUMNS: usize = 3;
 
@@ -53,17 +50,17 @@ pub fn run(command: &args::Render) -> Result<ExitStatus> {
     if kind == Kind::Mp4 {
         video::check_encoder()?;
     }
-    let (mut renderer, trajectory) = match (&command.run, &command.task) {
+    let (mut renderer, trajectory, decisive) = match (&command.run, &command.task) {
         (Some(path), _) => recorded(path, command, size)?,
         (None, Some(task)) => {
             let task = mishandle::task(task)?;
             let trajectory = mishandle::initial_state(task, command.at.as_deref())?;
-            (Renderer::new(&mishandle::scene_mjcf(task)?, size)?, trajectory)
+            (Renderer::new(&mishandle::scene_mjcf(task)?, size)?, trajectory, 0)
         }
         (None, None) => bail!("nothing to render: give a TASK or --run RUN"),
     };
     let status = match kind {
-        Kind::Png => filmstrip(&mut renderer, &trajectory, size, command)?,
+        Kind::Png => filmstrip(&mut renderer, &trajectory, decisive, size, command)?,
         Kind::Mp4 => video(&mut renderer, &trajectory, size, command)?,
     };
     match status {
@@ -100,8 +97,8 @@ fn size(text: Option<&str>, default: (u32, u32)) -> Result<Size> {
     }
 }
 
-/// Replays a recorded simulation.
-fn recorded(path: &Path, command: &args::Render, size: Size) -> Result<(Renderer, StateTrajectory)> {
+/// Replays a recorded simulation. Returns its states and the sample that decides the robustness.
+fn recorded(path: &Path, command: &args::Render, size: Size) -> Result<(Renderer, StateTrajectory, usize)> {
     let run = run::read(path, command.skip_check)?;
     let Some((trial, simulation)) = mishandle::select_simulation(&run, command.trial, command.simulation)?
     else {
@@ -123,20 +120,32 @@ fn recorded(path: &Path, command: &args::Render, size: Size) -> Result<(Renderer
         run::simulation_text(run.header(), &replayed.recorded),
         plural(replayed.episode.steps, "control step")
     ));
-    Ok((renderer, trajectory))
+    let last = trajectory.states.len() - 1;
+    // An undecided simulation has no decisive sample.
+    let explained = replayed.recorded.robustness.and_then(|_| {
+        mishandle::explain_recorded(run.header(), replayed.recorded, replayed.episode.trace).ok()
+    });
+    let Some(explained) = explained else { return Ok((renderer, trajectory, last)) };
+    explained
+        .explanation
+        .sentences(run.header().control_dt)
+        .iter()
+        .for_each(|sentence| output::message(sentence));
+    let decisive = explained.explanation.diagnosis.path.last().map_or(last, |found| found.sample.min(last));
+    Ok((renderer, trajectory, decisive))
 }
 
-/// Renders a picture with up to [`STRIP_FRAMES`] frames, evenly spaced in time.
+/// Renders a picture with up to six frames: start, decisive sample, end, and instants between them.
 fn filmstrip(
     renderer: &mut Renderer,
     trajectory: &StateTrajectory,
+    decisive: usize,
     size: Size,
     command: &args::Render,
 ) -> Result<ExitStatus> {
     let states = &trajectory.states;
-    let last = states.len() - 1;
-    let count = states.len().min(STRIP_FRAMES);
-    let steps: Vec<usize> = (0..count).map(|i| last * i / (count - 1).max(1)).collect();
+    let steps = mishandle::strip_samples(decisive, states.len() - 1);
+    let count = steps.len();
     renderer.frame(steps.iter().map(|step| states[*step].as_slice()));
     let columns = count.min(STRIP_COLUMNS);
     let (width, height) = (size.width() as usize, size.height() as usize);
@@ -150,8 +159,11 @@ fn filmstrip(
         }
     }
     if count > 1 {
-        let times: Vec<String> =
-            steps.iter().map(|step| format!("{:.2} s", *step as f64 * trajectory.control_dt)).collect();
+        let time = |step: &usize| {
+            let note = if *step == decisive { " (decisive)" } else { "" };
+            format!("{:.2} s{note}", *step as f64 * trajectory.control_dt)
+        };
+        let times: Vec<String> = steps.iter().map(time).collect();
         output::message(&format!("frames at {}, row by row", times.join(", ")));
     }
     let bytes = png(whole_width as u32, whole_height as u32, &whole)?;
