@@ -44,6 +44,7 @@ pub struct Masking {
 
 /// Counts which predicates set the robustness of a run and which ones fail, over at most `limit` of its simulations, evenly
 /// chosen. They are simulated again with `resolved`; without it, only the simulations with a recorded trace are evaluated.
+/// `watch` gets the number of evaluated simulations and the number of all that will be evaluated.
 ///
 /// # Errors
 /// If the run cannot be read, a simulation cannot be run, or the formula has no finite value on a trace.
@@ -51,7 +52,7 @@ pub fn masking(
     run: &RunFile,
     resolved: Option<&ResolvedPlan>,
     limit: u64,
-    mut watch: impl FnMut(u64),
+    mut watch: impl FnMut(u64, u64),
 ) -> Result<Masking, MishandleError> {
     let header = run.header();
     let parse = |source| RolloutError::Parse { formula: header.formula.clone(), source };
@@ -70,11 +71,12 @@ pub fn masking(
         .map(|index| usable[index as usize])
         .map(|(trial, number)| run.simulation(trial, number))
         .collect::<Result<_, _>>()?;
+    let total = chosen.len() as u64;
     let mut masking =
         Masking { predicates: Vec::new(), evaluated: 0, decided, counterexamples_only: resolved.is_none() };
     let mut count = |trace: &Trace| {
         masking.add(&formula, trace, header.control_dt)?;
-        watch(masking.evaluated);
+        watch(masking.evaluated, total);
         Ok::<_, MishandleError>(())
     };
     match resolved {

@@ -23,7 +23,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use mishandle::tasks::Task;
 
-use args::{Arguments, Command};
+use args::{Command, CommandLine};
 
 /// Name of the program.
 const PROGRAM: &str = "mishandle";
@@ -50,7 +50,7 @@ pub fn main_with_tasks(tasks: &[&'static dyn Task]) -> ExitCode {
 pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     interrupt::report_file_size_limits();
     let words: Vec<OsString> = arguments.into_iter().collect();
-    let arguments = match Arguments::try_parse_from(&words) {
+    let arguments = match CommandLine::try_parse_from(&words) {
         Ok(arguments) => arguments,
         Err(error) => {
             output::usage(&error, &words);

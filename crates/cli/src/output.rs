@@ -15,7 +15,7 @@ use mishandle::rollout::RolloutError;
 use mishandle::stl::{Formula, MonitorError};
 use serde_json::{Number, Value, json};
 
-use crate::args::Arguments;
+use crate::args::CommandLine;
 use crate::{escape, formula_error};
 
 /// Prints a line to stdout.
@@ -191,7 +191,7 @@ pub fn report_error(error: &Error) {
 pub fn usage(error: &clap::Error, arguments: &[OsString]) {
     // The parser colors its errors, which quote arguments, so the arguments are escaped instead of the error.
     let escaped = arguments.iter().map(|argument| escape::name(&argument.to_string_lossy()));
-    match Arguments::try_parse_from(escaped) {
+    match CommandLine::try_parse_from(escaped) {
         // Help goes to stdout, which can be a closed pipe.
         Err(escaped) => drop(escaped.print()),
         // An argument was not UTF-8.

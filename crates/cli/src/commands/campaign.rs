@@ -5,6 +5,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
 use mishandle::evaluation::Estimate;
 use mishandle::falsification::CampaignOutcome;
 use mishandle::files::{limits, read_text_bounded};
@@ -14,9 +15,52 @@ use serde_json::{Value, json};
 
 use super::{evaluate, falsify, reproduce};
 use crate::progress::Bar;
-use crate::{ExitStatus, args, interrupt, output, run};
+use crate::{ExitStatus, args, interrupt, numbers, output, run};
 
-pub fn run(command: &args::Campaign) -> Result<ExitStatus> {
+/// Run a grid of evaluations and falsifications: targets, controllers, spaces, formulas, searches, seeds
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle campaign campaign.toml --out runs/controllers
+  mishandle campaign --resume runs/controllers
+  mishandle campaign campaign.toml --ray auto         on this machine's Ray cluster
+
+The campaign file is a plan in which keys may have lists of values: see docs/campaigns.md. Each
+combination is a run with a run file in the folder. Exit code 1 means that a counterexample was
+found.")]
+pub struct Arguments {
+    /// Campaign file (TOML)
+    #[arg(value_name = "FILE", required_unless_present = "resume")]
+    pub campaign: Option<PathBuf>,
+    /// Folder to create for the run files [default: a new folder in runs/]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Resume the stopped campaign in this folder
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["campaign", "out"])]
+    pub resume: Option<PathBuf>,
+    /// Simulate on a Ray cluster: its address, `auto` for the one that runs on this machine, or `local` to start one; needs
+    /// the Python package with Ray
+    #[arg(long, value_name = "ADDRESS")]
+    pub ray: Option<String>,
+    /// Wait after each batch until its records are on the disk
+    #[arg(long)]
+    pub durable: bool,
+    /// Number of runs at the same time; does not affect the results. Several keep all cores busy when searches propose few
+    /// simulations at a time [default: 1]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    #[arg(conflicts_with = "ray")]
+    pub jobs: Option<usize>,
+    /// Number of threads; does not affect the results [default: number of cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    pub threads: Option<usize>,
+    /// Write the tables of `mishandle reproduce`, with statistics, as Markdown and HTML pages to this folder
+    #[arg(long, value_name = "DIR")]
+    pub pages: Option<PathBuf>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
     if command.ray.is_some() {
         check_ray()?;
@@ -64,7 +108,7 @@ pub fn run(command: &args::Campaign) -> Result<ExitStatus> {
 }
 
 /// Opens the campaign to resume, or else creates a new one.
-fn open(command: &args::Campaign) -> Result<(PathBuf, Vec<CampaignRun>)> {
+fn open(command: &Arguments) -> Result<(PathBuf, Vec<CampaignRun>)> {
     if let Some(folder) = &command.resume {
         return Ok((folder.clone(), mishandle::campaign_runs(folder)?));
     }

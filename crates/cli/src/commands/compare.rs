@@ -1,21 +1,70 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
+use clap::Args;
 use mishandle::evaluation::{Corners, Estimate};
 use mishandle::{
-    ComparedPair, ComparedRun, Comparison, EvaluatePlan, PairedMeans, PairedRates, ResolvedPlan, plural,
-    shell_quote,
+    ComparedPair, ComparedRun, Comparison, EvaluatePlan, PairedMeans, PairedRates, Plan, ResolvedPlan,
+    plural, shell_quote,
 };
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
 use crate::progress::Bar;
-use crate::{ExitStatus, args, escape, run};
+use crate::{ExitStatus, args, escape, numbers, run};
+
+/// Compare two controllers, or two versions of one, on the same scenarios and seeds
+#[derive(Debug, Args)]
+#[command(override_usage = "mishandle compare [OPTIONS] <A> <B>\n       \
+    mishandle compare [OPTIONS] <TARGET> --controller <C> --against <C>")]
+#[command(after_help = "Examples:
+  mishandle compare runs/evaluate-old.sqlite runs/evaluate-new.sqlite
+  mishandle compare ball-balancing --controller ppo --against sac --episodes 1000
+  mishandle compare point-reaching --controller ppo --against my.safetensors --action-noise 0.5
+
+A and B are run files of `mishandle evaluate` with the same target, space, seed and number of
+episodes. They are compared pair by pair. With --against, both controllers are evaluated first, and
+the run files are kept in runs/.
+
+Exit code 1 means that B fails in a simulation in which A succeeds.")]
+pub struct Arguments {
+    #[command(flatten)]
+    pub subject: args::Subject,
+    /// Run file B; the first argument is then run file A
+    #[arg(value_name = "B", conflicts_with_all = COMPARED)]
+    pub second: Option<PathBuf>,
+    /// Controller B, evaluated like the one of --controller, which is A
+    #[arg(long, value_name = "C")]
+    pub against: Option<String>,
+    /// Number of simulations of each controller from random scenarios [default: 100, or that of the plan]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
+    pub episodes: Option<u64>,
+    /// Do not check the whole run files before reading them; a record is still checked when it is read
+    #[arg(long)]
+    pub skip_check: bool,
+    #[command(flatten)]
+    pub run: args::Run,
+}
+
+/// Arguments of `compare` that two run files already determine.
+const COMPARED: [&str; 11] = [
+    "controller",
+    "space",
+    "preset",
+    "action_noise",
+    "observation_noise",
+    "stochastic",
+    "batch",
+    "plan",
+    "against",
+    "episodes",
+    "seed",
+];
 
 /// Largest number of new or fixed failures in the text. The JSON document lists all.
 const MAX_LISTED: usize = 20;
 
-pub fn run(command: &args::Compare) -> Result<ExitStatus> {
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let paths = match (&command.subject.target, &command.second) {
         (Some(first), Some(second)) => [PathBuf::from(first), second.clone()],
@@ -39,7 +88,7 @@ pub fn run(command: &args::Compare) -> Result<ExitStatus> {
 }
 
 /// Evaluates both controllers. Returns `None` if a signal interrupts it.
-fn evaluate_both(command: &args::Compare) -> Result<Option<[PathBuf; 2]>> {
+fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
     let mut plan = run::plan(&command.subject, &command.run)?;
     let evaluate = plan.evaluate.take().unwrap_or_default();
     plan.falsify = None;

@@ -1,7 +1,10 @@
 mod export;
 mod import;
 
+use std::path::PathBuf;
+
 use anyhow::Result;
+use clap::{Args, Subcommand};
 use mishandle::controllers::ControllerFile;
 use mishandle::plural;
 use mishandle::tasks::{Topic, notes};
@@ -9,10 +12,58 @@ use mishandle::training::AlgorithmSettings;
 use serde_json::{Value, json};
 
 use crate::ExitStatus;
-use crate::args::{self, ControllerCommand};
 use crate::output::{self, number, table};
 
-pub fn run(command: &args::Controller) -> Result<ExitStatus> {
+/// Show how a controller was trained, export it as ONNX, or import one from PyTorch
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+#[command(after_help = "Examples:
+  mishandle controller my_controller.safetensors
+  mishandle controller point-reaching/ppo                     a shipped controller
+  mishandle controller point-reaching/ppo --json
+  mishandle controller export point-reaching/ppo --onnx ppo.onnx
+  mishandle controller import model.zip --task point-reaching --out model.safetensors
+
+The output is a valid settings file: `mishandle train --settings FILE` trains with the same
+settings. Success rates are from validation during training. `mishandle evaluate` measures the
+controller on other initial states.")]
+pub struct Arguments {
+    #[command(subcommand)]
+    pub command: Option<ControllerCommand>,
+    /// Path of a controller, or TASK/NAME for a shipped controller
+    #[arg(value_name = "FILE|TASK/NAME", required = true)]
+    pub controller: Option<String>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum ControllerCommand {
+    /// Write a controller as an ONNX model, with its normalizer and the clipping of observations and actions
+    #[command(after_help = "Examples:
+  mishandle controller export point-reaching/ppo --onnx ppo.onnx
+  mishandle controller export my_controller.safetensors --onnx my_controller.onnx --json
+
+The model's input `observation` has the shape [N, size], in the units of the task. Its output
+`action` is clipped to [-1, 1], as the task does; `unclipped_action` is the controller's own output.
+Both are the mean of a stochastic policy. `mishandle evaluate TASK --controller ppo.onnx` runs it.")]
+    Export {
+        /// Path of a controller, or TASK/NAME for a shipped controller
+        #[arg(value_name = "FILE|TASK/NAME")]
+        controller: String,
+        /// ONNX file to create
+        #[arg(long, value_name = "FILE")]
+        onnx: PathBuf,
+        /// Print one JSON document to stdout
+        #[arg(long)]
+        json: bool,
+    },
+    /// Make a controller from the weights of a policy of Stable-Baselines3, skrl or PyTorch
+    Import(import::Arguments),
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     match &command.command {
         Some(ControllerCommand::Export { controller, onnx, json }) => export::run(controller, onnx, *json),
         Some(ControllerCommand::Import(command)) => import::run(command),

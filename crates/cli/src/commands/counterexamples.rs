@@ -1,20 +1,50 @@
 mod export;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
+use clap::{Args, Subcommand};
 use mishandle::store::{AxisRecord, RunHeader};
 use mishandle::{Counterexample, CounterexampleReplay, FailureMode, FailureModes, plural};
 use serde_json::{Value, json};
 
-use crate::args::{self, CounterexamplesCommand};
 use crate::output::{self, number};
 use crate::{ExitStatus, escape, run};
+
+/// List the failure modes of a run, or export counterexamples as files of a regression suite
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+#[command(after_help = "Examples:
+  mishandle counterexamples runs/RUN.sqlite
+  mishandle counterexamples export runs/RUN.sqlite --out failure.json --minimize
+  mishandle counterexamples export runs/RUN.sqlite --all --out failures
+
+A failure mode is a group of failures with the same decisive predicate, similar scenarios and
+similar times. Its representative is the failure nearest to the nominal scenario.")]
+pub struct Arguments {
+    #[command(subcommand)]
+    pub command: Option<CounterexamplesCommand>,
+    /// Run file of `mishandle evaluate` or `mishandle falsify`
+    #[arg(value_name = "RUN", required = true)]
+    pub file: Option<PathBuf>,
+    /// Do not check the whole run file before reading it; a record is still checked when it is read
+    #[arg(long)]
+    pub skip_check: bool,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum CounterexamplesCommand {
+    /// Write counterexamples as JSON files, which `replay`, `explain` and `regress` run
+    Export(export::Arguments),
+}
 
 /// Number of axes in the text that describes the region of a mode.
 const REGION_AXES: usize = 4;
 
-pub fn run(command: &args::Counterexamples) -> Result<ExitStatus> {
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if let Some(CounterexamplesCommand::Export(command)) = &command.command {
         return export::run(command);
     }

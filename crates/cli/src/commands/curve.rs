@@ -1,11 +1,35 @@
+use std::ops::RangeInclusive;
+use std::path::PathBuf;
+
 use anyhow::Result;
+use clap::Args;
 use mishandle::{Curve, plural};
 use serde_json::json;
 
 use crate::output::{self, number};
-use crate::{ExitStatus, args, training_time};
+use crate::{ExitStatus, numbers, training_time};
 
-pub fn run(command: &args::Curve) -> Result<ExitStatus> {
+/// Numbers of parallel environments: those of the setting `episodes.environments`.
+const ENVIRONMENTS: RangeInclusive<u64> = 1..=1_000_000;
+
+/// Show the training time of a curve written by `train --csv`: when the return converged
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle curve curve.csv
+  mishandle curve curve.csv --environments 512     also control steps per environment")]
+pub struct Arguments {
+    /// CSV file of a learning curve
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Number of parallel environments of the training run
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(ENVIRONMENTS))]
+    pub environments: Option<usize>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let curve = Curve::load(&command.file)?;
     if curve.is_truncated {
         let file = command.file.display();

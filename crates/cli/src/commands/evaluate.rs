@@ -1,15 +1,37 @@
 use anyhow::Result;
+use clap::Args;
 use mishandle::evaluation::Estimate;
 use mishandle::store::RunKind;
 use mishandle::{EvaluatePlan, EvaluationOutcome, Plan, ResolvedPlan, StartRegion};
 use serde_json::{Value, json};
 
-use crate::corners;
-use crate::output;
 use crate::progress::Bar;
-use crate::{ExitStatus, args, run};
+use crate::{ExitStatus, args, corners, numbers, output, run};
 
-pub fn run(command: &args::Evaluate) -> Result<ExitStatus> {
+/// Evaluate a controller: success rate, dangerous behavior rate and completion time, with 95 % intervals
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle evaluate point-reaching --controller ppo --episodes 1000
+  mishandle evaluate point-reaching --controller ppo --episodes 1000 --action-noise 0.5
+  mishandle evaluate point-reaching --controller my_controller.safetensors --json")]
+pub struct Arguments {
+    #[command(flatten)]
+    pub subject: args::Subject,
+    /// Number of random initial states; the corners and the center of the initial box are simulated as well [default: 100]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
+    #[arg(conflicts_with = "resume")]
+    pub episodes: Option<u64>,
+    /// Region of the initial states: whole, or reachable (the part of the box from which the task is feasible)
+    /// [default: whole]
+    #[arg(long = "box", value_name = "PART", conflicts_with = "resume")]
+    pub starts: Option<String>,
+    #[command(flatten)]
+    pub file: args::OpenRun,
+    #[command(flatten)]
+    pub run: args::Run,
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
@@ -52,7 +74,7 @@ pub fn run(command: &args::Evaluate) -> Result<ExitStatus> {
     Ok(ExitStatus::Done)
 }
 
-fn plan(command: &args::Evaluate) -> Result<Plan> {
+fn plan(command: &Arguments) -> Result<Plan> {
     let mut plan = run::plan(&command.subject, &command.run)?;
     let mut evaluate = plan.evaluate.take().unwrap_or_default();
     evaluate.episodes = command.episodes.unwrap_or(evaluate.episodes);

@@ -1,4 +1,5 @@
 use anyhow::{Result, bail, ensure};
+use clap::Args;
 use mishandle::stl::{DecisivePredicate, Formula};
 use mishandle::store::{RunFile, RunHeader};
 use mishandle::{ExplainedSimulation, Explanation, plural};
@@ -7,7 +8,31 @@ use serde_json::{Value, json};
 use super::counterexamples;
 use crate::output::{self, number};
 use crate::progress::Bar;
-use crate::{ExitStatus, args, escape, run};
+use crate::{ExitStatus, args, escape, numbers, run};
+
+/// Explain a recorded simulation: when, where and by which predicate the formula is violated
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle explain runs/RUN.sqlite                      the first counterexample
+  mishandle explain runs/RUN.sqlite --trial 2 --simulation 17
+  mishandle explain runs/RUN.sqlite --masking            which predicates hide others
+  mishandle explain failure.json                         an exported counterexample
+
+A counterexample of any target is explained from its recorded trace. Other simulations have none and
+are replayed.")]
+pub struct Arguments {
+    #[command(flatten)]
+    pub recorded: args::Recorded,
+    /// Explain the whole run: how often each predicate sets the robustness, and how often each one fails, over at most N
+    /// simulations, which are simulated again [default of N: 500]
+    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "500", require_equals = true)]
+    #[arg(allow_negative_numbers = true, value_parser = numbers::integer::<u64>(1..=u64::MAX))]
+    #[arg(conflicts_with_all = ["trial", "simulation"])]
+    pub masking: Option<u64>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// Number of evenly spaced samples in the table of signals.
 const SPACED_ROWS: usize = 8;
@@ -15,22 +40,23 @@ const SPACED_ROWS: usize = 8;
 /// Largest number of signals in the table of signals.
 const SIGNAL_COLUMNS: usize = 4;
 
-pub fn run(command: &args::Explain) -> Result<ExitStatus> {
-    if counterexamples::is_file(&command.file) {
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
+    if counterexamples::is_file(&command.recorded.file) {
         return counterexample(command);
     }
-    let file = run::read(&command.file, command.skip_check)?;
+    let file = run::read(&command.recorded.file, command.recorded.skip_check)?;
     if let Some(limit) = command.masking {
         return masking(command, &file, limit);
     }
-    let Some((trial, simulation)) = mishandle::select_simulation(&file, command.trial, command.simulation)?
+    let Some((trial, simulation)) =
+        mishandle::select_simulation(&file, command.recorded.trial, command.recorded.simulation)?
     else {
-        bail!("{} has no decided simulation to explain", command.file.display());
+        bail!("{} has no decided simulation to explain", command.recorded.file.display());
     };
-    let explained = mishandle::explain(&file, trial, simulation, command.controller.as_deref())?;
+    let explained = mishandle::explain(&file, trial, simulation, command.recorded.controller.as_deref())?;
     let header = file.header();
     if command.json {
-        let run = json!({ "run": command.file.to_string_lossy() });
+        let run = json!({ "run": command.recorded.file.to_string_lossy() });
         output::json(output::joined(run, document(header, &explained)))?;
     } else {
         let name = run::simulation_text(header, &explained.recorded);
@@ -41,21 +67,24 @@ pub fn run(command: &args::Explain) -> Result<ExitStatus> {
 }
 
 /// Prints which predicates set the robustness of a run and which ones fail.
-fn masking(command: &args::Explain, file: &RunFile, limit: u64) -> Result<ExitStatus> {
-    let resolved = match mishandle::recorded_plan(file.header(), command.controller.as_deref()) {
+fn masking(command: &Arguments, file: &RunFile, limit: u64) -> Result<ExitStatus> {
+    let resolved = match mishandle::recorded_plan(file.header(), command.recorded.controller.as_deref()) {
         Ok(resolved) => Some(resolved),
         Err(error) => {
             output::message(&format!("only recorded counterexamples are explained: {error}"));
             None
         }
     };
-    let bar = Bar::new(limit, "simulations");
-    let found = mishandle::masking(file, resolved.as_ref(), limit, |done| bar.set_position(done))?;
+    let bar = Bar::new(0, "simulations");
+    let found = mishandle::masking(file, resolved.as_ref(), limit, |done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+    })?;
     bar.clear();
-    ensure!(found.evaluated > 0, "{} has no simulation to explain", command.file.display());
+    ensure!(found.evaluated > 0, "{} has no simulation to explain", command.recorded.file.display());
     if command.json {
         output::json(json!({
-            "run": command.file.to_string_lossy(),
+            "run": command.recorded.file.to_string_lossy(),
             "formula": file.header().formula,
             "evaluated": found.evaluated,
             "decided": found.decided,
@@ -92,9 +121,10 @@ fn masking(command: &args::Explain, file: &RunFile, limit: u64) -> Result<ExitSt
 }
 
 /// Simulates an exported counterexample and explains it.
-fn counterexample(command: &args::Explain) -> Result<ExitStatus> {
-    counterexamples::check_flags(command.trial, command.simulation)?;
-    let (_, replayed) = counterexamples::replay(&command.file, command.controller.as_deref())?;
+fn counterexample(command: &Arguments) -> Result<ExitStatus> {
+    counterexamples::check_flags(command.recorded.trial, command.recorded.simulation)?;
+    let (_, replayed) =
+        counterexamples::replay(&command.recorded.file, command.recorded.controller.as_deref())?;
     let (header, explained) = (&replayed.header, &replayed.explained);
     if !replayed.differences.is_empty() {
         output::message(
@@ -102,7 +132,7 @@ fn counterexample(command: &args::Explain) -> Result<ExitStatus> {
         );
     }
     if command.json {
-        let run = json!({ "run": command.file.to_string_lossy() });
+        let run = json!({ "run": command.recorded.file.to_string_lossy() });
         output::json(output::joined(run, document(header, explained)))?;
     } else {
         output::line(&text(header, explained))?;

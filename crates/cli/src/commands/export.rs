@@ -1,16 +1,40 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use clap::Args;
 use mishandle::files::AtomicFile;
 use mishandle::plural;
 use mishandle::store::{self, RunFile};
 
-use crate::{ExitStatus, args, output, run};
+use crate::{ExitStatus, output, run};
+
+/// Export the simulations of a run as CSV or Parquet
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle export runs/RUN.sqlite --out simulations.csv
+  mishandle export runs/RUN.sqlite --out simulations.parquet
+
+One row per simulation: trial, number, seed, robustness, end, scenario, verdicts. docs/run_file.md
+describes the columns. `mishandle replay RUN --trace FILE` exports the trace of one simulation.")]
+pub struct Arguments {
+    /// Run file of `mishandle evaluate` or `mishandle falsify`
+    #[arg(value_name = "RUN")]
+    pub file: PathBuf,
+    /// File to create; it must end in .csv or .parquet
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Overwrite an existing file
+    #[arg(long)]
+    pub force: bool,
+    /// Do not check the whole run file before reading it; a record is still checked when it is read
+    #[arg(long)]
+    pub skip_check: bool,
+}
 
 /// Writes all simulations of a run.
 type Writer = fn(&RunFile, &mut AtomicFile) -> store::Result<()>;
 
-pub fn run(command: &args::Export) -> Result<ExitStatus> {
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let write = writer(&command.out)?;
     let file = run::read(&command.file, command.skip_check)?;
     let mut out = output::create(&command.out, command.force)?;

@@ -1,6 +1,7 @@
 use std::collections::BTreeMap;
 
 use anyhow::Result;
+use clap::Args;
 use mishandle::evaluation::RepeatReport;
 use mishandle::falsification::{CampaignOutcome, Minimum, TrialEnd, TrialOutcome};
 use mishandle::search::OptionValue;
@@ -11,9 +12,62 @@ use serde_json::{Value, json};
 use super::simulate;
 use crate::output::{self, number};
 use crate::progress::Bar;
-use crate::{ExitStatus, args, run};
+use crate::{ExitStatus, args, numbers, run};
 
-pub fn run(command: &args::Falsify) -> Result<ExitStatus> {
+/// Search for counterexamples: scenarios in which a target violates a formula
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle falsify ball-balancing --controller ppo --search random
+  mishandle falsify ball-balancing --controller ppo --search dual-annealing --formula strict
+  mishandle falsify ball-balancing --controller ppo --formula 'always[50:300](ball_speed <= 0.5)'
+  mishandle falsify ball-balancing --controller ppo --space events
+  mishandle falsify toy/car-following --space events+dynamics
+  mishandle falsify ball-balancing --controller ppo --search nelder-mead --search-option xatol=1e-6
+  mishandle falsify --resume runs/RUN.sqlite
+
+Exit code 1 means that a counterexample was found.")]
+pub struct Arguments {
+    #[command(flatten)]
+    pub subject: args::Subject,
+    /// Search algorithm: random, nelder-mead or dual-annealing [default: random]
+    #[arg(long, value_name = "S", conflicts_with = "resume")]
+    pub search: Option<String>,
+    /// Option of the search algorithm (repeatable); `mishandle searches SEARCH` lists them
+    #[arg(long = "search-option", value_name = "NAME=VALUE", value_parser = name_and_value, conflicts_with = "resume")]
+    pub search_options: Vec<(String, String)>,
+    /// Requirement to violate: the name of a formula of the target (such as success or strict), or the text of a
+    /// formula [default: the target's first formula, which is success for a task]
+    #[arg(long, allow_hyphen_values = true, conflicts_with = "resume")]
+    pub formula: Option<String>,
+    /// Number of trials: independent searches, each with its own random seed [default: 30]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::TRIALS))]
+    #[arg(conflicts_with = "resume")]
+    pub trials: Option<u32>,
+    /// Largest number of simulations per trial [default: 300]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::BUDGET))]
+    #[arg(conflicts_with = "resume")]
+    pub budget: Option<u32>,
+    /// If the target is random: number of simulations of each counterexample with other seeds, which measure how often it
+    /// fails; at most as many in total as the run has; 0 skips this [default: 100]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(0..=10_000_000))]
+    pub repeats: Option<u32>,
+    #[command(flatten)]
+    pub file: args::OpenRun,
+    #[command(flatten)]
+    pub run: args::Run,
+}
+
+/// Parses `NAME=VALUE`.
+fn name_and_value(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((name, value)) if !name.trim().is_empty() => {
+            Ok((name.trim().to_string(), value.trim().to_string()))
+        }
+        _ => Err("expected NAME=VALUE, such as xatol=1e-6".to_string()),
+    }
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
@@ -111,7 +165,7 @@ pub fn is_complete(resolved: &ResolvedPlan, found: &CampaignOutcome) -> bool {
     found.trials.iter().filter(|trial| trial.end.is_some()).count() == trials as usize
 }
 
-fn plan(command: &args::Falsify) -> Result<Plan> {
+fn plan(command: &Arguments) -> Result<Plan> {
     let mut plan = run::plan(&command.subject, &command.run)?;
     let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
     falsify.search = command.search.clone().unwrap_or(falsify.search);

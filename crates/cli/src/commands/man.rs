@@ -1,16 +1,27 @@
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use clap::CommandFactory;
+use clap::{Args, CommandFactory};
 use clap_mangen::Man;
 use mishandle::files::write_atomically;
 
-use crate::args::{self, Arguments};
+use crate::args::CommandLine;
 use crate::{ExitStatus, PROGRAM, output};
 
-pub fn run(command: &args::Man) -> Result<ExitStatus> {
-    let mut program = Arguments::command().name(PROGRAM);
+/// Print the manual page, or write the pages of all commands to a folder
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle man | man -l -
+  mishandle man ~/.local/share/man/man1")]
+pub struct Arguments {
+    /// Folder for mishandle.1 and one page per command; existing pages are replaced
+    #[arg(value_name = "DIR")]
+    pub folder: Option<PathBuf>,
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
+    let mut program = CommandLine::command().name(PROGRAM);
     program.build();
     match &command.folder {
         Some(folder) => write_all(program, folder)?,

@@ -2,20 +2,64 @@ mod log;
 
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
+use clap::Args;
+use log::Log;
 use mishandle::plural;
 use mishandle::stl::{Clock, Formula, Monitor, Recording, TimeUnit};
 use serde_json::json;
 
-use crate::ExitStatus;
-use crate::args;
-use crate::formula_error;
 use crate::output::{self, number};
-use log::Log;
+use crate::{ExitStatus, formula_error, numbers};
 
-pub fn run(command: &args::Monitor) -> Result<ExitStatus> {
+/// Sampling periods.
+const PERIOD: &str = "a number of seconds above 0, such as 0.1";
+
+fn is_period(secs: f64) -> bool {
+    secs > 0.0 && secs.is_finite()
+}
+
+/// Compute the robustness of a temporal logic formula on a recorded trace
+#[derive(Debug, Args)]
+#[command(after_help = "The trace is a CSV file: a header with the signal names, then one row of numbers per
+sample. The optional column `time` (seconds) determines the sampling period. Columns that
+the formula does not read may hold any text.
+
+Windows that extend past the end of the trace are cut there, as in RTAMT. A cut window can
+satisfy a formula that the whole window would violate. --strict-horizon uses whole windows
+only, as verdicts about episodes do: a window without an end (`eventually p`) then ends at
+the last sample at which p's own windows are inside the trace, and a formula whose windows
+do not fit into the trace is an error.
+
+Examples:
+  mishandle monitor --formula 'always[0:2](d <= 0.3)' trace.csv             bounds count samples
+  mishandle monitor --formula 'always[0:2s](d <= 0.3)' --period 0.1 trace.csv
+  mishandle monitor --formula 'always[0:2](d <= 0.3)' --period 0.1 --unit s trace.csv  as in RTAMT
+
+Exit code 1 means that the robustness at time 0 is negative.")]
+pub struct Arguments {
+    /// Formula in the syntax of RTAMT
+    #[arg(long, allow_hyphen_values = true)]
+    pub formula: String,
+    /// CSV file with the trace; - reads stdin
+    pub trace: PathBuf,
+    /// Sampling period in seconds [default: mean step of the column `time`, or 1 without that column]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = numbers::number(PERIOD, is_period))]
+    pub period: Option<f64>,
+    /// Unit of interval bounds without a unit: s, ms, us or ns [default: such bounds count samples]
+    #[arg(long)]
+    pub unit: Option<String>,
+    /// Use only windows inside the trace, instead of cutting them at its end as RTAMT does
+    #[arg(long)]
+    pub strict_horizon: bool,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let formula = Formula::parse(&command.formula)
         .map_err(|error| anyhow::anyhow!("{}", formula_error::message(&command.formula, &error)))?;
     output::warn_of_chained_comparisons(&formula);

@@ -4,13 +4,56 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Chain, Context, Result, ensure};
+use clap::Args;
 use mishandle::{Counterexample, Regression, plural};
 use serde_json::{Value, json};
 
 use super::{counterexamples, simulate};
 use crate::output::{self, number};
 use crate::progress::Bar;
-use crate::{ExitStatus, args, escape, run};
+use crate::{ExitStatus, args, escape, numbers, run};
+
+/// Failure rates.
+const RATE: &str = "a number from 0 to 1, such as 0.05";
+
+fn is_rate(rate: f64) -> bool {
+    (0.0..=1.0).contains(&rate)
+}
+
+/// Simulate a folder of counterexamples with another controller, and report which still fail
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle regress failures --controller my_controller.safetensors
+  mishandle regress failures --controller ppo --junit report.xml
+  mishandle regress failures --controller ppo --repeat 100 --max-failure-rate 0.05
+
+Each file *.json in the folder is one test. It passes if the scenario satisfies the formula. Exit
+code 0 means that all pass, 1 that at least one still fails, 2 that a test could not run.")]
+pub struct Arguments {
+    /// Folder with files of `mishandle counterexamples export`
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// Controller: the path of a .safetensors or .onnx file, or the name of a shipped controller
+    /// [default: the one of each counterexample]
+    #[arg(long, value_name = "C")]
+    pub controller: Option<String>,
+    /// Number of simulations with other random seeds, which decide the test; without it, the recorded seed does
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::REPEATS))]
+    pub repeat: Option<u32>,
+    /// With --repeat: largest failure rate of a test that passes [default: 0]
+    #[arg(long, value_name = "RATE", requires = "repeat", allow_negative_numbers = true)]
+    #[arg(value_parser = numbers::number(RATE, is_rate))]
+    pub max_failure_rate: Option<f64>,
+    /// Write the results to this file as JUnit XML; an existing file is replaced
+    #[arg(long, value_name = "FILE")]
+    pub junit: Option<PathBuf>,
+    /// Number of threads; does not affect the results [default: number of cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    pub threads: Option<usize>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// A counterexample of the folder and what became of it.
 struct Test {
@@ -41,7 +84,7 @@ impl Outcome {
     }
 }
 
-pub fn run(command: &args::Regress) -> Result<ExitStatus> {
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
     let files = files(&command.folder)?;
     ensure!(
@@ -90,7 +133,7 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>> {
 }
 
 /// Simulates a counterexample. `done` is the number of simulations before it, for the progress bar.
-fn test(command: &args::Regress, path: &Path, bar: &Bar, mut done: u64) -> Test {
+fn test(command: &Arguments, path: &Path, bar: &Bar, mut done: u64) -> Test {
     let start = Instant::now();
     let file_name = |name: Option<&std::ffi::OsStr>| name.unwrap_or_default().to_string_lossy().into_owned();
     let mut recorded = None;
@@ -170,7 +213,7 @@ fn count(tests: &[Test], outcome: Outcome) -> usize {
     tests.iter().filter(|test| test.outcome == outcome).count()
 }
 
-fn document(command: &args::Regress, tests: &[Test]) -> Value {
+fn document(command: &Arguments, tests: &[Test]) -> Value {
     let test = |test: &Test| {
         let found = test.result.as_ref().ok();
         let predicate = found.and_then(|found| found.explained.explanation.diagnosis.predicate.as_ref());

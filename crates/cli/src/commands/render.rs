@@ -1,12 +1,60 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
+use clap::Args;
 use mishandle::world::{Renderer, Size, png};
 use mishandle::{StateTrajectory, plural};
 
 use crate::progress::Bar;
 use crate::video::{self, Video};
-use crate::{ExitStatus, args, interrupt, output, run};
+use crate::{ExitStatus, args, interrupt, numbers, output, run};
+
+/// Coordinates of an initial state. Its box is checked later, by an error that names the axis.
+const COORDINATE: &str = "a number in the unit of the axis, such as 0.45";
+
+/// Render the initial state of a task, or a video or filmstrip of a recorded simulation
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle render ball-pushing --out start.png
+  mishandle render ball-pushing --at 0.45,-0.1 --out start.png
+  mishandle render --run runs/RUN.sqlite --out video.mp4           the first counterexample
+  mishandle render --run runs/RUN.sqlite --trial 2 --simulation 17 --out strip.png   six frames
+
+Rendering needs no display. Videos need the program ffmpeg.")]
+pub struct Arguments {
+    /// Name of a task, to render its initial state
+    #[arg(conflicts_with = "run")]
+    pub task: Option<String>,
+    /// Initial state: one value per axis of the initial box, in the axis' unit [default: the center of the box]
+    #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
+    #[arg(conflicts_with = "run", value_parser = numbers::number(COORDINATE, |_| true))]
+    pub at: Option<Vec<f64>>,
+    /// Run file, to render one of its simulations
+    #[arg(long, value_name = "RUN")]
+    pub run: Option<PathBuf>,
+    /// Number of the trial, from 1 [default: 1 with --simulation, otherwise any]
+    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    pub trial: Option<u32>,
+    /// Number of the simulation within its trial, from 1 [default: the first counterexample, otherwise the simulation
+    /// with the minimum robustness]
+    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    pub simulation: Option<u32>,
+    /// New path of the run's controller, if the file was moved
+    #[arg(long, value_name = "C", requires = "run")]
+    pub controller: Option<String>,
+    /// Do not check the whole run file before reading it; a record is still checked when it is read
+    #[arg(long, requires = "run")]
+    pub skip_check: bool,
+    /// Output file: .png for a picture or a filmstrip, .mp4 for a video
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Width and height of each frame, in pixels [default: picture 960x720, video 640x480, filmstrip 480x360]
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<String>,
+    /// Overwrite FILE if it exists
+    #[arg(long)]
+    pub force: bool,
+}
 
 /// Approximate frame rate of a video, in frames per second. Consecutive frames are a whole number of control steps
 /// apart.
@@ -31,7 +79,7 @@ enum Kind {
     Mp4,
 }
 
-pub fn run(command: &args::Render) -> Result<ExitStatus> {
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let kind = kind(&command.out)?;
     if command.run.is_none() && command.task.is_some() {
         ensure!(
@@ -98,7 +146,7 @@ fn size(text: Option<&str>, default: (u32, u32)) -> Result<Size> {
 }
 
 /// Replays a recorded simulation. Returns its states and the sample that decides the robustness.
-fn recorded(path: &Path, command: &args::Render, size: Size) -> Result<(Renderer, StateTrajectory, usize)> {
+fn recorded(path: &Path, command: &Arguments, size: Size) -> Result<(Renderer, StateTrajectory, usize)> {
     let run = run::read(path, command.skip_check)?;
     let Some((trial, simulation)) = mishandle::select_simulation(&run, command.trial, command.simulation)?
     else {
@@ -141,7 +189,7 @@ fn filmstrip(
     trajectory: &StateTrajectory,
     decisive: usize,
     size: Size,
-    command: &args::Render,
+    command: &Arguments,
 ) -> Result<ExitStatus> {
     let states = &trajectory.states;
     let steps = mishandle::strip_samples(decisive, states.len() - 1);
@@ -175,7 +223,7 @@ fn video(
     renderer: &mut Renderer,
     trajectory: &StateTrajectory,
     size: Size,
-    command: &args::Render,
+    command: &Arguments,
 ) -> Result<ExitStatus> {
     let StateTrajectory { states, control_dt } = trajectory;
     let stride = (1.0 / (FRAME_RATE * control_dt)).round().max(1.0) as usize;

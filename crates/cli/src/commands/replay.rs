@@ -1,28 +1,56 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
+use clap::Args;
 use mishandle::rollout::Signal;
 use mishandle::stl::Trace;
-use mishandle::store::{RunHeader, SignalRecord, StoredTrace};
-use mishandle::{AxisValue, CounterexampleReplay, plural, store};
+use mishandle::store::{self, RunHeader, SignalRecord, StoredTrace};
+use mishandle::{AxisValue, CounterexampleReplay, plural};
 use serde_json::{Value, json};
 
 use super::counterexamples;
 use crate::output::{self, number};
-use crate::{ExitStatus, args, escape, run};
+use crate::{ExitStatus, args, escape, numbers, run};
 
-pub fn run(command: &args::Replay) -> Result<ExitStatus> {
+/// Replay a recorded simulation and check that the result is bit-identical
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle replay runs/RUN.sqlite                      the first counterexample
+  mishandle replay runs/RUN.sqlite --trial 2 --simulation 17 --trace trace.csv
+  mishandle replay failure.json                         an exported counterexample
+
+Exit code 0 means that everything recorded of the simulation agrees with the plan of the run and
+with the replay, bit for bit; 2 that something differs.")]
+pub struct Arguments {
+    #[command(flatten)]
+    pub recorded: args::Recorded,
+    /// Write the trace to this CSV file
+    #[arg(long, value_name = "FILE")]
+    pub trace: Option<PathBuf>,
+    /// Number of threads; does not affect the result [default: number of cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    pub threads: Option<usize>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
-    if counterexamples::is_file(&command.file) {
+    if counterexamples::is_file(&command.recorded.file) {
         return counterexample(command);
     }
-    let file = run::read(&command.file, command.skip_check)?;
-    let Some((trial, simulation)) = mishandle::select_simulation(&file, command.trial, command.simulation)?
+    let file = run::read(&command.recorded.file, command.recorded.skip_check)?;
+    let Some((trial, simulation)) =
+        mishandle::select_simulation(&file, command.recorded.trial, command.recorded.simulation)?
     else {
-        let in_trial = command.trial.map_or(String::new(), |trial| format!(" in trial {trial}"));
-        bail!("{} has no decided simulation{in_trial}; choose one with --simulation", command.file.display());
+        let in_trial = command.recorded.trial.map_or(String::new(), |trial| format!(" in trial {trial}"));
+        bail!(
+            "{} has no decided simulation{in_trial}; choose one with --simulation",
+            command.recorded.file.display()
+        );
     };
-    let replayed = mishandle::replay(&file, trial, simulation, command.controller.as_deref())?;
+    let replayed = mishandle::replay(&file, trial, simulation, command.recorded.controller.as_deref())?;
     run::report_build_differences("made", &replayed.build_differences);
     let header = file.header();
     if let Some(path) = &command.trace {
@@ -36,7 +64,7 @@ pub fn run(command: &args::Replay) -> Result<ExitStatus> {
     if command.json {
         let value = |value: Option<f64>| value.map_or(Value::Null, number);
         output::json(json!({
-            "run": command.file.to_string_lossy(),
+            "run": command.recorded.file.to_string_lossy(),
             "target": header.target.name,
             "space": header.space,
             "axes": header.axes.iter().map(|axis| &axis.name).collect::<Vec<_>>(),
@@ -90,9 +118,10 @@ fn write_trace(path: &Path, header: &RunHeader, trace: &Trace) -> Result<()> {
 }
 
 /// Replays an exported counterexample.
-fn counterexample(command: &args::Replay) -> Result<ExitStatus> {
-    counterexamples::check_flags(command.trial, command.simulation)?;
-    let (recorded, replayed) = counterexamples::replay(&command.file, command.controller.as_deref())?;
+fn counterexample(command: &Arguments) -> Result<ExitStatus> {
+    counterexamples::check_flags(command.recorded.trial, command.recorded.simulation)?;
+    let (recorded, replayed) =
+        counterexamples::replay(&command.recorded.file, command.recorded.controller.as_deref())?;
     let CounterexampleReplay { header, episode, differences, .. } = &replayed;
     if let Some(path) = &command.trace {
         write_trace(path, header, &episode.trace)?;
@@ -102,7 +131,7 @@ fn counterexample(command: &args::Replay) -> Result<ExitStatus> {
     let scenario = || recorded.scenario.iter();
     if command.json {
         output::json(json!({
-            "run": command.file.to_string_lossy(),
+            "run": command.recorded.file.to_string_lossy(),
             "target": recorded.target.name,
             "space": recorded.plan.space,
             "axes": scenario().map(|axis| &axis.axis).collect::<Vec<_>>(),

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
+use clap::{Args, Subcommand};
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::shell_quote;
 use mishandle_experiments::{
@@ -11,11 +12,85 @@ use mishandle_experiments::{
 use serde_json::{Value, json};
 
 use super::campaign;
-use crate::args::{ReproduceCommand, ReproduceTable};
 use crate::progress::Bar;
-use crate::{ExitStatus, args, output, run};
+use crate::{ExitStatus, args, numbers, output, run};
 
-pub fn run(command: &args::Reproduce) -> Result<ExitStatus> {
+/// Reproduce the paper's tables: run their plans, and show the results beside the published values
+#[derive(Debug, Args)]
+#[command(arg_required_else_help = true)]
+#[command(after_help = "Examples:
+  mishandle reproduce falsification --out runs/falsification
+  mishandle reproduce performance --out runs/performance
+  mishandle reproduce tables runs/performance runs/falsification --pages pages
+
+docs/reproduce.md explains the tables and how to read them.")]
+pub struct Arguments {
+    #[command(subcommand)]
+    pub command: ReproduceCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum ReproduceCommand {
+    /// Evaluate all controllers and the experts, with and without noise
+    Performance(ReproduceTable),
+    /// Falsify the PPO and TRPO controllers with three searches
+    Falsification(ReproduceTable),
+    /// Show the tables of existing campaigns or results, without simulations
+    #[command(after_help = "Examples:
+  mishandle reproduce tables runs/falsification
+  mishandle reproduce tables experiments/paper/results/DATE --pages docs/paper
+
+A campaign may be incomplete; its rows then say how far they are. Campaigns of `mishandle campaign`
+get the same tables.")]
+    Tables {
+        /// Folders of campaigns or of collected results
+        #[arg(value_name = "DIR", required = true)]
+        folders: Vec<PathBuf>,
+        /// Write the pages to this folder as Markdown and HTML instead of printing the tables
+        #[arg(long, value_name = "DIR")]
+        pages: Option<PathBuf>,
+        /// Print one JSON document to stdout
+        #[arg(long)]
+        json: bool,
+    },
+    /// Store the rows of complete campaigns as compressed CSV files with a manifest
+    #[command(after_help = "Examples:
+  mishandle reproduce collect runs/performance runs/falsification \\
+      --out experiments/paper/results/2026-11-22")]
+    Collect {
+        /// Folders of campaigns
+        #[arg(value_name = "DIR", required = true)]
+        folders: Vec<PathBuf>,
+        /// Folder to create, named by the date of the results
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
+}
+
+/// Flags of the commands that run the plan of a table.
+#[derive(Debug, Args)]
+pub struct ReproduceTable {
+    /// Folder of the run files. If it exists, its campaign is resumed [default: runs/ and the name of the table]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Campaign file to run instead of that of the table
+    #[arg(long, value_name = "FILE")]
+    pub plan: Option<PathBuf>,
+    /// Number of runs at the same time; does not affect the results [default: number of cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    pub jobs: Option<usize>,
+    /// Number of threads; does not affect the results [default: number of cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    pub threads: Option<usize>,
+    /// Wait after each batch until its records are on the disk
+    #[arg(long)]
+    pub durable: bool,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     match &command.command {
         ReproduceCommand::Performance(table) => reproduce("performance", table),
         ReproduceCommand::Falsification(table) => reproduce("falsification", table),

@@ -2,12 +2,28 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
+use clap::Args;
 use mishandle::store::{RunFile, RunHeader, RunKind, TrialStatus};
 use mishandle::{Plan, controller_name};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
-use crate::{ExitStatus, args, escape};
+use crate::{ExitStatus, escape};
+
+/// List run files with what they contain
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle runs
+  mishandle runs runs/controllers        the folder of a campaign
+  mishandle runs a.sqlite b.sqlite")]
+pub struct Arguments {
+    /// Run files, or folders that contain run files [default: the folder runs]
+    #[arg(value_name = "PATH", default_value = "runs")]
+    pub paths: Vec<PathBuf>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// What a run file contains.
 struct Entry {
@@ -26,7 +42,7 @@ struct Contents {
     minimum_robustness: Option<f64>,
 }
 
-pub fn run(command: &args::Runs) -> Result<ExitStatus> {
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let mut paths = Vec::new();
     for path in &command.paths {
         if path.is_dir() {

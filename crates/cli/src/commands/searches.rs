@@ -1,16 +1,31 @@
 use anyhow::Result;
+use clap::Args;
 use mishandle::search::{OptionSpec, SEARCHES, SearchEntry};
 use serde_json::{Value, json};
 
+use crate::ExitStatus;
 use crate::output::{self, table, wrapped};
-use crate::{ExitStatus, args};
+
+/// List the search algorithms, or describe one with its options
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle searches
+  mishandle searches nelder-mead
+  mishandle searches nelder-mead --json")]
+pub struct Arguments {
+    /// Name of a search to describe: options with type, default, range and meaning
+    pub search: Option<String>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// Units of the options.
 const UNITS: &str = "d is the number of coordinates, one per axis of the scenario space (`--space`). A coordinate of 0 is \
                      the lower bound of its axis, a coordinate of 1 the upper bound. Points and tolerances are in \
                      these units.";
 
-pub fn run(command: &args::Searches) -> Result<ExitStatus> {
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let entries = match &command.search {
         Some(name) => std::slice::from_ref(mishandle::search_entry(name)?),
         None => SEARCHES,

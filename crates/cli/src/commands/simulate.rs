@@ -1,4 +1,5 @@
 use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
 use mishandle::evaluation::{Estimate, QUANTILES, RepeatReport};
 use mishandle::rollout::{Axis, AxisValues, Request, Scenario, Seed, Space};
 use mishandle::{FalsifyPlan, Noise, ResolvedPlan};
@@ -7,13 +8,43 @@ use serde_json::{Value, json};
 use super::explain;
 use crate::output::{self, number};
 use crate::progress::Bar;
-use crate::{ExitStatus, args, escape, run};
+use crate::{ExitStatus, args, escape, numbers, run};
+
+/// Simulate one chosen scenario, once or repeatedly with other random seeds
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle simulate ball-balancing --controller ppo --at 0.2,-0.14
+  mishandle simulate ball-balancing --controller ppo --at 0.2,-0.14 --action-noise 0.5 --repeat 1000
+  mishandle simulate ball-balancing --controller ppo --space starts+delay --at action_delay=2
+
+Exit code 1 means that a simulation violated the formula.")]
+pub struct Arguments {
+    #[command(flatten)]
+    pub subject: args::Subject,
+    /// Scenario: one value per axis of the space, or NAME=VALUE for some axes; the others are nominal [default: the
+    /// nominal scenario]
+    #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
+    pub at: Vec<String>,
+    /// Number of simulations with different seeds; reports the failure rate of the scenario and quantiles of the robustness
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::REPEATS))]
+    pub repeat: Option<u32>,
+    /// With --repeat: number of random scenarios, each simulated 20 times, that measure the share of the robustness variance
+    /// that comes from the scenario; 0 skips this [default: 20]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::SCENARIOS))]
+    #[arg(requires = "repeat")]
+    pub scenarios: Option<u32>,
+    /// Requirement: the name of a formula of the target, or the text of a formula [default: the target's first formula]
+    #[arg(long, allow_hyphen_values = true)]
+    pub formula: Option<String>,
+    #[command(flatten)]
+    pub run: args::Run,
+}
 
 /// Default number of random scenarios that measure the share of noise, and simulations of each.
 const NOISE_SCENARIOS: u32 = 20;
 const NOISE_REPEATS: u64 = 20;
 
-pub fn run(command: &args::Simulate) -> Result<ExitStatus> {
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let mut plan = run::plan(&command.subject, &command.run)?;
     let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
@@ -91,7 +122,7 @@ fn unit(axis: &Axis) -> &str {
 }
 
 /// Simulates the scenario once, with the seed of the command, and explains the result.
-fn once(command: &args::Simulate, resolved: &ResolvedPlan, scenario: &Scenario) -> Result<ExitStatus> {
+fn once(command: &Arguments, resolved: &ResolvedPlan, scenario: &Scenario) -> Result<ExitStatus> {
     let request = Request::new(scenario.clone(), Seed(resolved.plan.seed));
     let mut episodes = resolved.system()?.rollout(&[request])?;
     let episode = episodes.pop().context("the target returned no episode")?;
@@ -119,7 +150,7 @@ fn once(command: &args::Simulate, resolved: &ResolvedPlan, scenario: &Scenario) 
 
 /// Simulates the scenario repeatedly, and random scenarios to measure the noise.
 fn repeated(
-    command: &args::Simulate,
+    command: &Arguments,
     resolved: &ResolvedPlan,
     scenario: &Scenario,
     repeat: u32,

@@ -1,12 +1,29 @@
 use anyhow::Result;
+use clap::Args;
 use mishandle::Plan;
 use mishandle::rollout::{Axis, AxisValues, Space, Target};
 use serde_json::{Value, json};
 
-use crate::output;
-use crate::{ExitStatus, args, run};
+use crate::{ExitStatus, output, run};
 
-pub fn run(command: &args::Targets) -> Result<ExitStatus> {
+/// List the targets, or describe one target: scenario spaces, axes, signals and formulas
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle targets
+  mishandle targets ball-balancing       all axes of its scenario spaces
+  mishandle targets toy/car-following")]
+pub struct Arguments {
+    /// Name of a target to describe
+    pub target: Option<String>,
+    /// Task preset of the described initial box and formulas: paper or code [default: paper]
+    #[arg(long, requires = "target")]
+    pub preset: Option<String>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     match (&command.target, command.json) {
         (None, false) => output::line(&list())?,
         (None, true) => {

@@ -1,16 +1,38 @@
 mod page;
 
 use std::io::Write;
+use std::path::PathBuf;
 
 use anyhow::Result;
+use clap::Args;
 use mishandle::tasks::{Definition, Note, Preset, Task, compose_with_start, notes, tasks};
 use serde_json::{Value, json};
 
 use crate::ExitStatus;
-use crate::args;
 use crate::output::{self, indented, table_in};
 
-pub fn run(command: &args::Tasks) -> Result<ExitStatus> {
+/// List the tasks, or describe one task in full
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle tasks
+  mishandle tasks ball-balancing
+  mishandle tasks ball-balancing --mjcf scene.xml     the scene as MJCF, to load into MuJoCo")]
+pub struct Arguments {
+    /// Name of a task to describe: scene, formulas, initial box, observation, actions and rewards
+    pub task: Option<String>,
+    /// Task preset: initial boxes and formulas of the benchmark's `paper` or of its `code`
+    #[arg(long, default_value = "paper")]
+    pub preset: String,
+    /// Write the task's scene to this MJCF file, with the initial state as keyframe `start`; the file does not contain
+    /// the control of servos and gripper
+    #[arg(long, value_name = "FILE", requires = "task")]
+    pub mjcf: Option<PathBuf>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let preset = mishandle::preset(&command.preset)?;
     let selected: Vec<&'static dyn Task> = match &command.task {
         Some(name) => vec![mishandle::task(name)?],

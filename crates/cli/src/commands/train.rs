@@ -1,15 +1,79 @@
-use std::path::Path;
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 use anyhow::{Error, Result, anyhow};
+use clap::Args;
 use mishandle::training::RunSettings;
 use mishandle::{MishandleError, TrainPlan, TrainReport, default_out, plural};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
 use crate::train_reporter::{TrainReporter, with_causes};
-use crate::{ExitStatus, args, interrupt, run, training_time};
+use crate::{ExitStatus, args, interrupt, numbers, run, training_time};
 
-pub fn run(command: &args::Train) -> Result<ExitStatus> {
+/// Numbers of environment steps of a training run: those of the setting `run.total_steps`.
+const STEPS: RangeInclusive<u64> = 1..=1_000_000_000_000;
+
+/// Help text of `--algorithm`, from the list of algorithms.
+static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
+    let names: Vec<&str> = mishandle::training::ALGORITHMS.iter().map(|entry| entry.name).collect();
+    format!("Training algorithm: {}", names.join(", "))
+});
+
+/// Train a controller
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle train point-reaching --algorithm ppo --out my_controller.safetensors
+  mishandle train ball-balancing --algorithm ppo --settings my_settings.toml --seed 3
+  mishandle train point-reaching --algorithm ppo --settings skrl-0.10
+  mishandle train ball-balancing --algorithm ppo --out my_controller.safetensors --resume
+  mishandle train ball-balancing --algorithm sac --csv curve.csv --tensorboard board
+  mishandle train ball-balancing --algorithm sac --dry-run      check and print all settings
+
+The best controller by validation is written to --out, the last one beside it: FILE.safetensors and
+FILE.last.safetensors. Training also writes a checkpoint there. --resume continues from the
+checkpoint with the same results, bit for bit, and continues the files of --csv and --tensorboard.
+If a file cannot be written, as on a full disk, training warns, continues and tries again; it stops
+if it cannot write the first checkpoint. The settings run.stop_success, run.stop_strict and
+run.stop_validations enable early stopping.
+Columns of the CSV file: docs/algorithms/README.md. All settings: docs/algorithms/settings.md.")]
+pub struct Arguments {
+    /// Name of a task
+    pub task: String,
+    #[arg(long, default_value = "ppo", help = ALGORITHM_HELP.as_str())]
+    pub algorithm: String,
+    /// Total number of environment steps (control steps of all parallel environments), such as 1e6; rounded up to
+    /// whole iterations [default: run.total_steps of the settings]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(STEPS))]
+    pub steps: Option<u64>,
+    /// Reward: shaped or original
+    #[arg(long, default_value = "shaped")]
+    pub reward: String,
+    /// File of the best controller [default: runs/TASK-ALGORITHM-sSEED.safetensors]
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Write the learning curve to this CSV file, one row per iteration
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Write TensorBoard event files to this folder
+    #[arg(long, value_name = "DIR")]
+    pub tensorboard: Option<PathBuf>,
+    /// Settings file (TOML), or name of a settings preset: skrl-0.10 or best
+    /// [default: the shipped settings of the task, or the algorithm's defaults if none are shipped]
+    #[arg(long, value_name = "FILE")]
+    pub settings: Option<PathBuf>,
+    /// Resume from the checkpoint beside --out
+    #[arg(long)]
+    pub resume: bool,
+    /// Check settings and output files, print all settings, and exit without creating files
+    #[arg(long)]
+    pub dry_run: bool,
+    #[command(flatten)]
+    pub run: args::Run,
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let plan = plan(command);
     if mishandle::uses_default_settings(&plan)? {
@@ -115,7 +179,7 @@ fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<ExitStatus> {
     Ok(ExitStatus::Done)
 }
 
-fn plan(command: &args::Train) -> TrainPlan {
+fn plan(command: &Arguments) -> TrainPlan {
     let seed = command.run.seed.unwrap_or(0);
     TrainPlan {
         task: command.task.clone(),

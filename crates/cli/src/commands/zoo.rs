@@ -1,11 +1,12 @@
 //! The controllers that come with the repository.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use anyhow::{Chain, Context, Result, bail};
+use clap::{Args, Subcommand};
 use mishandle::MishandleError;
 use mishandle::training::TrainingProgress;
 use mishandle_experiments::{
@@ -13,15 +14,126 @@ use mishandle_experiments::{
 };
 use serde_json::{Value, json};
 
-use crate::args::{ZooCommand, ZooJobs, ZooSelection};
 use crate::output::{self, number};
 use crate::train_reporter::with_causes;
-use crate::{ExitStatus, args, interrupt};
+use crate::{ExitStatus, args, interrupt, numbers};
+
+/// Maintain the shipped controllers: train, measure, import, write tables and charts
+#[derive(Debug, Args)]
+#[command(arg_required_else_help = true)]
+#[command(after_help = "Examples:
+  mishandle zoo list                               what is done, what is not, and why
+  mishandle zoo train                              do everything that `list` shows as needed
+  mishandle zoo train --only ball-pushing/sac --jobs 2
+  mishandle zoo import runs                        add training runs from another machine
+
+It works in a clone of the repository: the one that contains the program, or the folder in
+MISHANDLE_HOME. Ctrl-C saves checkpoints, and the same command continues. controllers/README.md
+explains the plan and the measurements.")]
+pub struct Arguments {
+    #[command(subcommand)]
+    pub command: ZooCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum ZooCommand {
+    /// List the training runs of the plan with their states
+    #[command(after_help = "Examples:
+  mishandle zoo list
+  mishandle zoo list --only ball-pushing --seeds 0
+  mishandle zoo list --json
+
+A controller is done if it was trained with the present settings, on the present task, in the
+present file format, and measured with the present formulas.")]
+    List {
+        #[command(flatten)]
+        selection: ZooSelection,
+        /// Print one JSON document to stdout
+        #[arg(long)]
+        json: bool,
+    },
+    /// Train and measure what is missing or out of date, then write the tables and the charts
+    #[command(after_help = "Examples:
+  mishandle zoo train
+  mishandle zoo train --only peg-in-hole/ppo --seeds 1 2 --jobs 2
+
+Each training run takes one thread. It saves a checkpoint in target/controllers every minute.
+A training run that fails does not end the others.")]
+    Train {
+        #[command(flatten)]
+        selection: ZooSelection,
+        #[command(flatten)]
+        jobs: ZooJobs,
+    },
+    /// Measure controllers without training, then write the tables and the charts
+    #[command(after_help = "Examples:
+  mishandle zoo measure                            what is missing or out of date
+  mishandle zoo measure --only cloth-placing/ppo --again
+
+A measurement is an evaluation of 1000 episodes without noise, one with action noise 0.5, and for
+the shipped PPO controllers a falsification of 10 trials by random search. Only missing parts are
+measured, unless --again is given.")]
+    Measure {
+        #[command(flatten)]
+        selection: ZooSelection,
+        #[command(flatten)]
+        jobs: ZooJobs,
+        /// Repeat all selected measurements
+        #[arg(long)]
+        again: bool,
+        /// Print one JSON document to stdout
+        #[arg(long)]
+        json: bool,
+    },
+    /// Add training runs from another machine: check, measure, and write the tables and the charts
+    #[command(after_help = "Examples:
+  mishandle train peg-in-hole --algorithm sac --seed 2 --threads 1 \\
+      --out runs/peg-in-hole-sac-s2.safetensors --csv runs/peg-in-hole-sac-s2.csv
+  mishandle zoo import runs
+
+FOLDER holds two files for each training run: TASK-ALGORITHM-sSEED.safetensors and .csv. A run is
+refused if it has not ended, or differs from the plan in its seed, its settings or its task.")]
+    Import {
+        /// Folder with controllers and curves
+        folder: PathBuf,
+        #[command(flatten)]
+        selection: ZooSelection,
+    },
+    /// Write the tables and the charts again, from the records and the curves alone
+    #[command(after_help = "Examples:
+  mishandle zoo tables
+
+Writes the tables of README.md, docs/tasks.md and controllers/README.md, and the charts
+controllers/curves/TASK.svg.")]
+    Tables,
+}
+
+/// A part of the plan.
+#[derive(Debug, Args)]
+pub struct ZooSelection {
+    /// Only this task, or this controller of it
+    #[arg(long, value_name = "TASK[/CONTROLLER]")]
+    pub only: Option<String>,
+    /// Only these random seeds; seed 0 is shipped
+    #[arg(long, value_name = "N", num_args = 1.., allow_negative_numbers = true, value_parser = numbers::integer::<u64>(args::SEEDS))]
+    pub seeds: Vec<u64>,
+    /// Treat controllers as trained on the present task if nothing but their task differs
+    #[arg(long)]
+    pub adopt: bool,
+}
+
+/// Number of parallel jobs.
+#[derive(Debug, Args)]
+pub struct ZooJobs {
+    /// Number of parallel jobs, one thread each [default: all cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    pub jobs: Option<usize>,
+}
 
 /// A training run reports its progress this often.
 const PROGRESS_PERIOD: Duration = Duration::from_secs(60);
 
-pub fn run(command: &args::Zoo) -> Result<ExitStatus> {
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let root = mishandle::home().context(
         "expected a clone of the repository around the program; name one in the environment variable MISHANDLE_HOME",
     )?;

@@ -1,15 +1,49 @@
 use std::io::Write;
+use std::path::PathBuf;
 
 use anyhow::{Context, Result};
+use clap::Args;
 use mishandle::interchange::ImportOptions;
 use mishandle::plural;
 use serde_json::json;
 
-use crate::ExitStatus;
-use crate::args::ImportController;
-use crate::output;
+use crate::{ExitStatus, output};
 
-pub fn run(command: &ImportController) -> Result<ExitStatus> {
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle controller import model.zip --task point-reaching --out a.safetensors
+  mishandle controller import model.zip --task point-reaching --out a.safetensors \\
+      --normalizer n.json
+  mishandle controller import agent.pt --task point-reaching --out a.safetensors --activation elu
+
+FILE is a model of Stable-Baselines3 (PPO, A2C, SAC, TD3, DDPG), a checkpoint of skrl, or a state
+dictionary written by `torch.save(model.state_dict(), FILE)`. Its policy must be a multi-layer
+perceptron; other policies run as ONNX. Only weights are read: nothing in the file is unpickled or
+executed. docs/import.md shows how to write the statistics of a VecNormalize.")]
+pub struct Arguments {
+    /// Model or checkpoint: .zip, .pt or .pth
+    pub file: PathBuf,
+    /// Task of the controller; `mishandle tasks` lists them
+    #[arg(long)]
+    pub task: String,
+    /// Controller file to create
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Activation of the hidden layers: elu, relu, tanh, silu, gelu, leaky_relu or identity [default: that of the file]
+    #[arg(long, value_name = "NAME")]
+    pub activation: Option<String>,
+    /// Activation of the last layer, by the same names [default: that of the algorithm, if the file shows it]
+    #[arg(long, value_name = "NAME")]
+    pub output_activation: Option<String>,
+    /// JSON file with the statistics that normalize observations: mean, variance, epsilon, clip
+    #[arg(long, value_name = "FILE")]
+    pub normalizer: Option<PathBuf>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let activation = command.activation.as_deref().map(str::parse).transpose().context("--activation")?;
     let output_activation =
         command.output_activation.as_deref().map(str::parse).transpose().context("--output-activation")?;

@@ -2,21 +2,73 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
 use mishandle::evaluation::RepeatReport;
 use mishandle::rollout::{Scenario, Seed, Space};
 use mishandle::store::RunFile;
 use mishandle::{
-    AxisValue, Counterexample, Minimized, MinimizedFrom, ResolvedPlan, axes_off_nominal, is_close, minimize,
-    plural,
+    AxisValue, Counterexample, Minimized, MinimizedFrom, Plan, ResolvedPlan, axes_off_nominal, is_close,
+    minimize, plural,
 };
 use serde_json::{Value, json};
 
 use super::is_file;
-use crate::args::ExportCounterexamples;
 use crate::commands::simulate;
 use crate::output::{self, number};
 use crate::progress::Bar;
-use crate::{ExitStatus, escape, run};
+use crate::{ExitStatus, args, escape, numbers, run};
+
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle counterexamples export runs/RUN.sqlite --out failure.json
+  mishandle counterexamples export runs/RUN.sqlite --mode 2 --minimize --out failure.json
+  mishandle counterexamples export runs/RUN.sqlite --trial 2 --simulation 17 --out failure.json
+  mishandle counterexamples export runs/RUN.sqlite --all --out failures
+
+--minimize moves the scenario toward the nominal one while it still fails: as few axes as possible
+off nominal, with offsets that cannot shrink by 1 % of the width of an axis. The random seed stays.
+docs/counterexamples.md describes the file.")]
+pub struct Arguments {
+    /// Run file of `mishandle evaluate` or `mishandle falsify`
+    #[arg(value_name = "RUN")]
+    pub file: PathBuf,
+    /// File to create; with --all a folder for one file per mode
+    #[arg(long, value_name = "FILE|DIR")]
+    pub out: PathBuf,
+    /// Failure mode, from 1, whose representative is exported [default: 1]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    #[arg(conflicts_with_all = ["all", "trial", "simulation"])]
+    pub mode: Option<u32>,
+    /// Export the representatives of all failure modes
+    #[arg(long, conflicts_with_all = ["trial", "simulation"])]
+    pub all: bool,
+    /// Number of the trial, from 1, of the exported simulation
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    #[arg(requires = "simulation")]
+    pub trial: Option<u32>,
+    /// Number of the exported simulation within its trial, from 1
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::NUMBERS))]
+    pub simulation: Option<u32>,
+    /// Move the scenario toward the nominal one while it still fails
+    #[arg(long)]
+    pub minimize: bool,
+    /// Largest number of simulations that minimize a counterexample [default: 300]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::BUDGET))]
+    #[arg(requires = "minimize")]
+    pub budget: Option<u64>,
+    /// With --minimize: new path of the run's controller, if the file was moved
+    #[arg(long, value_name = "C", requires = "minimize")]
+    pub controller: Option<String>,
+    /// Do not check the whole run file before reading it; a record is still checked when it is read
+    #[arg(long)]
+    pub skip_check: bool,
+    /// Number of threads; does not affect the result [default: number of cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
+    pub threads: Option<usize>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// Default number of simulations of a minimization.
 const BUDGET: u64 = 300;
@@ -65,7 +117,7 @@ impl Written {
     }
 }
 
-pub fn run(command: &ExportCounterexamples) -> Result<ExitStatus> {
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
     ensure!(
         command.all || is_file(&command.out),
@@ -126,7 +178,7 @@ pub fn run(command: &ExportCounterexamples) -> Result<ExitStatus> {
 }
 
 /// Returns the counterexamples that the flags select.
-fn choose(command: &ExportCounterexamples, file: &RunFile) -> Result<Vec<Chosen>> {
+fn choose(command: &Arguments, file: &RunFile) -> Result<Vec<Chosen>> {
     if let Some(simulation) = command.simulation {
         let path = command.out.clone();
         return Ok(vec![Chosen { path, mode: None, trial: command.trial.unwrap_or(1), simulation }]);
@@ -157,7 +209,7 @@ fn choose(command: &ExportCounterexamples, file: &RunFile) -> Result<Vec<Chosen>
 
 /// Minimizes a counterexample, and measures how often its scenario fails with other seeds.
 fn shrink(
-    command: &ExportCounterexamples,
+    command: &Arguments,
     resolved: &ResolvedPlan,
     counterexample: &mut Counterexample,
 ) -> Result<Shrunk> {
