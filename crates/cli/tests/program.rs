@@ -6,7 +6,7 @@ mod bench;
 
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use bench::{Bench, SMALL, signal, text, without_run};
@@ -531,6 +531,14 @@ fn resuming_a_run_with_the_other_command_names_the_right_one() {
     }
 }
 
+/// Returns the processor time of a process, in ticks of 10 ms.
+fn processor_ticks(child: &Child) -> u64 {
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", child.id())).unwrap();
+    // The fields behind the name of the program; the user time is field 14 of the line.
+    let fields = stat.rsplit_once(')').unwrap().1;
+    fields.split_whitespace().nth(11).unwrap().parse().unwrap()
+}
+
 #[test]
 fn a_second_signal_stops_a_long_batch_immediately() {
     let bench = Bench::new();
@@ -540,6 +548,12 @@ fn a_second_signal_stops_a_long_batch_immediately() {
     let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
     let start = Instant::now();
     while !bench.path("a.sqlite").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    // The batch starts soon after the file exists. A signal before it would end the program in an orderly way.
+    let ticks = processor_ticks(&child);
+    while processor_ticks(&child) < ticks + 100 {
         assert!(start.elapsed() < Duration::from_secs(60));
         std::thread::sleep(Duration::from_millis(5));
     }

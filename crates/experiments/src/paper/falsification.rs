@@ -336,7 +336,8 @@ impl Falsified<'_> {
         let plan = &self.run.plan;
         let one = |value: f64| format!("{value:.1}");
         let falsified = match self.lifetimes.len() {
-            0 => "not run".to_string(),
+            0 if self.run.simulations.is_empty() => "not run".to_string(),
+            0 => format!("none of {} trials ended", self.planned),
             n if n < self.planned => {
                 format!("{} of {n}; {n} of {} trials ended", self.falsified(), self.planned)
             }
