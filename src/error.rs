@@ -189,6 +189,14 @@ pub enum MishandleError {
         /// Number of the simulation.
         number: u32,
     },
+    /// The formula is too long to be explained.
+    #[error("the formula has {subformulas} sub-formulas; one with more than {limit} cannot be explained")]
+    LongFormula {
+        /// Number of sub-formulas.
+        subformulas: usize,
+        /// Largest number that is explained.
+        limit: usize,
+    },
     /// Two runs cannot be compared pair by pair.
     #[error("the runs cannot be compared: {problem}")]
     NotComparable {

@@ -10,8 +10,15 @@ use crate::record;
 use crate::replay::recorded_plan;
 use crate::{MishandleError, ResolvedPlan};
 
-/// Largest number of predicates whose robustness alone is computed.
-const MAX_PREDICATES: usize = 100;
+/// Largest number of conjuncts that are evaluated alone, and of predicates that are listed.
+const MAX_PARTS: usize = 100;
+
+/// Largest number of sub-formulas of a formula that is explained: the text of each is written, and the first ones contain most of the
+/// others.
+const MAX_SUBFORMULAS: usize = 1000;
+
+/// Largest number of samples of a trace whose continuations are bounded.
+const MAX_SAMPLES: usize = 10_000_000;
 
 /// What determines the robustness of a trace.
 #[derive(Clone, Debug)]
@@ -20,9 +27,16 @@ pub struct Explanation {
     pub diagnosis: Diagnosis,
     /// How the decisive predicate develops; `None` without one.
     pub history: Option<PredicateHistory>,
-    /// The robustness of the formula with each predicate as the only conjunct, in the order of the formula. An operand of
-    /// `and` with a larger robustness is masked by one with a smaller.
+    /// First sample after which nothing can change whether the trace satisfies the formula; `None` if the trace does not decide
+    /// the formula, or the robustness is 0.
+    pub decided: Option<usize>,
+    /// Each conjunct alone, in the order of the formula. An operand of `and` with a larger robustness is masked by one with a
+    /// smaller.
     pub conjuncts: Vec<Conjunct>,
+    /// Texts of all predicates, in the order of the formula.
+    pub predicates: Vec<String>,
+    /// What the operators on the chain require, in sentences: see [`Explanation::sentences`].
+    pub(crate) events: Vec<OperatorEvent>,
 }
 
 /// The decisive predicate over its window.
@@ -39,26 +53,48 @@ pub struct PredicateHistory {
     pub robustness: Vec<f64>,
 }
 
-/// A predicate of the formula, alone.
+/// A conjunct of the formula, alone: see [`Formula::conjuncts`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Conjunct {
     /// Position in the list of [`Formula::subformulas`].
     pub position: usize,
-    /// Text of the predicate.
-    pub predicate: String,
-    /// Robustness of the formula without the other operands of each `and` above the predicate.
+    /// Text of the conjunct.
+    pub text: String,
+    /// Robustness of the formula without the other operands of each `and` above the conjunct.
     pub robustness: f64,
+    /// First sample after which nothing can change whether the trace satisfies this formula; `None` as for the whole formula.
+    pub decided: Option<usize>,
+}
+
+/// What an operator on the chain of a violated formula requires, and what the trace has instead.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum OperatorEvent {
+    /// `eventually` or `once`: no sample of the window satisfies the operand; `nearest` comes nearest.
+    NoSample { operator: &'static str, operand: String, nearest: usize },
+    /// `until`: first samples at which the left operand fails and the right operand holds.
+    Until {
+        operands: [String; 2],
+        window: (usize, usize),
+        left_fails: Option<usize>,
+        right_holds: Option<usize>,
+    },
+    /// `implies`: the condition holds at the sample.
+    Implied { operands: [String; 2], sample: usize },
 }
 
 /// Explains the robustness of `trace`.
 ///
 /// # Errors
-/// If the trace lacks a signal of the formula, or the formula has no finite value on it.
+/// If the trace lacks a signal of the formula, the formula has no finite value on it, or it has more than 1,000 sub-formulas.
 pub fn explain_trace(
     formula: &Formula,
     trace: &Trace,
     control_dt: f64,
 ) -> Result<Explanation, MishandleError> {
+    let subformulas = formula.subformulas().len();
+    if subformulas > MAX_SUBFORMULAS {
+        return Err(MishandleError::LongFormula { subformulas, limit: MAX_SUBFORMULAS });
+    }
     let clock = Clock::steps(control_dt);
     let monitor_error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
     let diagnosis = formula.diagnose(trace, &clock).map_err(monitor_error)?;
@@ -78,17 +114,107 @@ pub fn explain_trace(
         None => None,
     };
     let nodes = formula.subformula_nodes(&clock).map_err(monitor_error)?;
-    let predicates =
-        (0..).zip(nodes).zip(formula.subformulas()).filter(|((_, node), _)| node.sides.is_some());
-    let conjuncts = predicates
-        .take(MAX_PREDICATES)
-        .filter_map(|((position, _), predicate)| Some((position, predicate, formula.conjunct(position)?)))
-        .map(|(position, predicate, alone)| {
+    let texts: Vec<String> = formula.subformulas().collect();
+    let predicates = nodes.iter().zip(&texts).filter(|(node, _)| node.sides.is_some());
+    let predicates = predicates.map(|(_, text)| text.clone()).take(MAX_PARTS).collect();
+    let conjuncts = formula.conjuncts().into_iter().take(MAX_PARTS);
+    let conjuncts = conjuncts
+        .filter_map(|position| Some((position, formula.conjunct(position)?)))
+        .map(|(position, alone)| {
             let robustness = robustness_of(&alone)?.first().copied().unwrap_or(f64::NAN);
-            Ok(Conjunct { position, predicate, robustness })
+            let decided = decided(&alone, trace, clock, robustness)?;
+            Ok(Conjunct { position, text: texts[position].clone(), robustness, decided })
         })
         .collect::<Result<_, MishandleError>>()?;
-    Ok(Explanation { diagnosis, history, conjuncts })
+    let events = events(&diagnosis, &robustness_of)?;
+    let decided = decided(formula, trace, clock, diagnosis.robustness())?;
+    Ok(Explanation { diagnosis, history, decided, conjuncts, predicates, events })
+}
+
+/// Returns the first sample after which no continuation of the trace changes the sign of the robustness.
+fn decided(
+    formula: &Formula,
+    trace: &Trace,
+    clock: Clock,
+    robustness: f64,
+) -> Result<Option<usize>, MishandleError> {
+    let monitor_error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
+    let mut monitor = Monitor::new(formula, trace.names(), clock).map_err(monitor_error)?;
+    // An episode that ended early may be shorter than the windows.
+    let samples = monitor.horizon().map_or(trace.len(), |horizon| trace.len().max(horizon.saturating_add(1)));
+    if samples > MAX_SAMPLES {
+        return Ok(None);
+    }
+    let mut is_decided = |len: usize| -> Result<bool, MishandleError> {
+        let bounds = monitor.robustness_bounds(&prefix(trace, len), samples).map_err(monitor_error)?;
+        Ok(bounds.is_some_and(|(low, high)| if robustness < 0.0 { high < 0.0 } else { low > 0.0 }))
+    };
+    if !is_decided(trace.len())? {
+        return Ok(None);
+    }
+    // More samples can only narrow the bounds.
+    let (mut open, mut closed) = (0, trace.len());
+    while closed - open > 1 {
+        let middle = (open + closed) / 2;
+        if is_decided(middle)? { closed = middle } else { open = middle }
+    }
+    Ok(Some(closed - 1))
+}
+
+/// Returns the first samples of a trace.
+fn prefix(trace: &Trace, len: usize) -> Trace {
+    let mut prefix = Trace::with_capacity(Arc::clone(trace.names()), len);
+    let mut sample = vec![0.0; trace.names().len()];
+    for step in 0..len {
+        sample.iter_mut().enumerate().for_each(|(index, value)| *value = trace.column(index)[step]);
+        prefix.push(&sample);
+    }
+    prefix
+}
+
+/// Describes the operators of a violated chain that ask for more than a sample of one predicate.
+fn events(
+    diagnosis: &Diagnosis,
+    robustness_of: &dyn Fn(&Formula) -> Result<Vec<f64>, MishandleError>,
+) -> Result<Vec<OperatorEvent>, MishandleError> {
+    let signal = |text: &String| {
+        let formula =
+            Formula::parse(text).map_err(|source| RolloutError::Parse { formula: text.clone(), source })?;
+        robustness_of(&formula)
+    };
+    let mut found = Vec::new();
+    for (above, below) in diagnosis.path.iter().zip(diagnosis.path.iter().skip(1)) {
+        // What a negated operator requires is the opposite.
+        let is_positive = (above.robustness < 0.0) == (diagnosis.robustness() < 0.0);
+        if diagnosis.robustness() >= 0.0 || !is_positive {
+            continue;
+        }
+        match (above.operator, above.operands.as_slice(), above.window) {
+            (Some(operator @ ("eventually" | "once")), [operand], _) => found.push(OperatorEvent::NoSample {
+                operator,
+                operand: operand.clone(),
+                nearest: below.sample,
+            }),
+            (Some("until"), [left, right], Some(window)) => {
+                let (held, reached) = (signal(left)?, signal(right)?);
+                let mut before = above.sample..=window.1;
+                found.push(OperatorEvent::Until {
+                    operands: [left.clone(), right.clone()],
+                    window,
+                    left_fails: before.find(|sample| held[*sample] < 0.0),
+                    right_holds: (window.0..=window.1).find(|sample| reached[*sample] >= 0.0),
+                });
+            }
+            (Some("implies"), [left, right], _) if below.position != above.position + 1 => {
+                found.push(OperatorEvent::Implied {
+                    operands: [left.clone(), right.clone()],
+                    sample: above.sample,
+                });
+            }
+            _ => {}
+        }
+    }
+    Ok(found)
 }
 
 fn history(window: (usize, usize), robustness: Vec<f64>) -> PredicateHistory {

@@ -75,7 +75,7 @@ pub use home::{
 };
 pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
 pub use invisible::is_invisible;
-pub use masking::{MaskedPredicate, Masking, masking};
+pub use masking::{EvaluatedCount, MaskedConjunct, Masking, masking};
 pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
 pub use plan::{EvaluatePlan, FalsifyPlan, GridRun, Plan, StartRegion, read_grid};
 pub use plural::plural;

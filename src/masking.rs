@@ -1,50 +1,59 @@
-//! Masking: which predicates of a formula set the robustness of a run, and which ones fail.
+//! Masking: which conjuncts of a formula set the robustness of a run, and which ones fail.
 
 use mishandle_rollout::RolloutError;
-use mishandle_stl::{Formula, Trace};
+use mishandle_stl::{Clock, Formula, Monitor, Trace};
 use mishandle_store::{RunFile, Simulation};
 
-use crate::explanation::{explain_trace, trace};
+use crate::explanation::trace;
 use crate::record;
 use crate::{MishandleError, ResolvedPlan};
 
 /// Number of simulations per batch.
 const BATCH: usize = 64;
 
-/// A predicate over the simulations of a run.
+/// A conjunct over the simulations of a run: see [`Formula::conjuncts`].
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct MaskedPredicate {
+pub struct MaskedConjunct {
     /// Position in the list of [`Formula::subformulas`].
     pub position: usize,
-    /// Text of the predicate.
-    pub predicate: String,
-    /// Number of simulations whose robustness it sets.
-    pub sets: u64,
-    /// Number of these that violate the formula.
-    pub violations: u64,
-    /// Number of simulations that violate the formula with this predicate as the only operand of each `and` above it.
+    /// Text of the conjunct.
+    pub text: String,
+    /// Number of satisfied simulations whose robustness it sets.
+    pub sets_satisfied: u64,
+    /// Number of violated simulations whose robustness it sets.
+    pub sets_violated: u64,
+    /// Number of simulations that violate the formula with this conjunct as the only operand of each `and` above it. They violate
+    /// the whole formula, too.
     pub fails: u64,
 }
 
-/// The predicates of a formula over the simulations of a run.
+/// How many simulations were evaluated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EvaluatedCount {
+    /// Number of evaluated simulations.
+    pub evaluated: u64,
+    /// Number of simulations of the run.
+    pub total: u64,
+}
+
+/// The conjuncts of a formula over the simulations of a run.
 ///
 /// The robustness of `and` is that of its weakest operand. So a predicate with small numbers can set the robustness of almost
 /// all simulations, and hide from a search how far the others are from failing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Masking {
-    /// The predicates, in the order of the formula.
-    pub predicates: Vec<MaskedPredicate>,
-    /// Number of simulations that were evaluated.
-    pub evaluated: u64,
-    /// Number of simulations of the run that have a robustness.
-    pub decided: u64,
-    /// Whether only recorded traces were evaluated, which are those of counterexamples.
-    pub counterexamples_only: bool,
+    /// The conjuncts, in the order of the formula.
+    pub conjuncts: Vec<MaskedConjunct>,
+    /// Simulations that satisfy the formula. None are evaluated if they cannot be simulated again.
+    pub satisfied: EvaluatedCount,
+    /// Simulations that violate the formula.
+    pub violated: EvaluatedCount,
 }
 
-/// Counts which predicates set the robustness of a run and which ones fail, over at most `limit` of its simulations, evenly
-/// chosen. They are simulated again with `resolved`; without it, only the simulations with a recorded trace are evaluated.
-/// `watch` gets the number of evaluated simulations and the number of all that will be evaluated.
+/// Counts which conjuncts set the robustness of a run and which ones fail, over at most `limit` of its simulations: all violated
+/// ones, or that many evenly chosen, and satisfied ones, evenly chosen, up to the limit. They are simulated again with `resolved`;
+/// without it, only the simulations with a recorded trace are evaluated, which are violated ones. `watch` gets the number of
+/// evaluated simulations and the number of all that will be evaluated.
 ///
 /// # Errors
 /// If the run cannot be read, a simulation cannot be run, or the formula has no finite value on a trace.
@@ -57,26 +66,29 @@ pub fn masking(
     let header = run.header();
     let parse = |source| RolloutError::Parse { formula: header.formula.clone(), source };
     let formula = Formula::parse(&header.formula).map_err(parse)?;
-    let mut usable = Vec::new();
-    let mut decided = 0;
+    let (mut satisfied, mut violated) = (Vec::new(), Vec::new());
     for simulation in run.simulations() {
         let simulation = simulation?;
-        decided += u64::from(simulation.robustness.is_some());
-        let is_counterexample = simulation.robustness.is_some_and(|rho| rho < 0.0);
-        if simulation.robustness.is_some() && (resolved.is_some() || is_counterexample) {
-            usable.push((simulation.trial, simulation.number));
+        match simulation.robustness {
+            Some(rho) if rho < 0.0 => violated.push((simulation.trial, simulation.number)),
+            Some(_) => satisfied.push((simulation.trial, simulation.number)),
+            None => {}
         }
     }
-    let chosen: Vec<Simulation> = evenly(usable.len() as u64, limit)
-        .map(|index| usable[index as usize])
+    let chosen_violated = evenly(&violated, limit);
+    let rest = if resolved.is_some() { limit - chosen_violated.len() as u64 } else { 0 };
+    let chosen: Vec<Simulation> = chosen_violated
+        .into_iter()
+        .chain(evenly(&satisfied, rest))
         .map(|(trial, number)| run.simulation(trial, number))
         .collect::<Result<_, _>>()?;
+    let mut masking = Masking::new(&formula);
+    masking.satisfied.total = satisfied.len() as u64;
+    masking.violated.total = violated.len() as u64;
     let total = chosen.len() as u64;
-    let mut masking =
-        Masking { predicates: Vec::new(), evaluated: 0, decided, counterexamples_only: resolved.is_none() };
     let mut count = |trace: &Trace| {
         masking.add(&formula, trace, header.control_dt)?;
-        watch(masking.evaluated, total);
+        watch(masking.satisfied.evaluated + masking.violated.evaluated, total);
         Ok::<_, MishandleError>(())
     };
     match resolved {
@@ -98,34 +110,49 @@ pub fn masking(
 }
 
 impl Masking {
-    fn add(&mut self, formula: &Formula, trace: &Trace, control_dt: f64) -> Result<(), MishandleError> {
-        let explanation = explain_trace(formula, trace, control_dt)?;
-        if self.predicates.is_empty() {
-            let named = |conjunct: &crate::Conjunct| MaskedPredicate {
-                position: conjunct.position,
-                predicate: conjunct.predicate.clone(),
-                ..MaskedPredicate::default()
-            };
-            self.predicates = explanation.conjuncts.iter().map(named).collect();
+    fn new(formula: &Formula) -> Masking {
+        let texts: Vec<String> = formula.subformulas().collect();
+        let conjunct = |position: usize| MaskedConjunct {
+            position,
+            text: texts[position].clone(),
+            ..MaskedConjunct::default()
+        };
+        Masking {
+            conjuncts: formula.conjuncts().into_iter().map(conjunct).collect(),
+            satisfied: EvaluatedCount::default(),
+            violated: EvaluatedCount::default(),
         }
-        self.evaluated += 1;
-        let decisive = explanation.diagnosis.predicate.as_ref().map(|predicate| predicate.position);
-        let is_violated = explanation.diagnosis.robustness() < 0.0;
-        for (predicate, conjunct) in self.predicates.iter_mut().zip(&explanation.conjuncts) {
-            let sets = decisive == Some(predicate.position);
-            predicate.sets += u64::from(sets);
-            predicate.violations += u64::from(sets && is_violated);
-            predicate.fails += u64::from(conjunct.robustness < 0.0);
+    }
+
+    fn add(&mut self, formula: &Formula, trace: &Trace, control_dt: f64) -> Result<(), MishandleError> {
+        let clock = Clock::steps(control_dt);
+        let monitor_error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
+        let diagnosis = formula.diagnose(trace, &clock).map_err(monitor_error)?;
+        let is_violated = diagnosis.robustness() < 0.0;
+        let count = if is_violated { &mut self.violated } else { &mut self.satisfied };
+        count.evaluated += 1;
+        for conjunct in &mut self.conjuncts {
+            let sets = diagnosis.path.iter().any(|found| found.position == conjunct.position);
+            conjunct.sets_satisfied += u64::from(sets && !is_violated);
+            conjunct.sets_violated += u64::from(sets && is_violated);
+            let alone = formula.conjunct(conjunct.position).filter(|_| is_violated);
+            if let Some(alone) = alone {
+                let mut monitor = Monitor::new(&alone, trace.names(), clock).map_err(monitor_error)?;
+                let robustness = monitor.robustness_signal(trace).map_err(monitor_error)?;
+                conjunct.fails += u64::from(robustness.first().is_some_and(|rho| *rho < 0.0));
+            }
         }
         Ok(())
     }
 }
 
-/// Returns at most `limit` of the numbers below `n`, evenly spaced.
-fn evenly(n: u64, limit: u64) -> impl Iterator<Item = u64> {
+/// Returns at most `limit` of the items, evenly spaced.
+fn evenly<T: Copy>(items: &[T], limit: u64) -> Vec<T> {
+    let n = items.len() as u64;
     let count = n.min(limit);
     // u128, since the product of two u64 can overflow.
-    (0..count).map(move |index| (u128::from(index) * u128::from(n) / u128::from(count.max(1))) as u64)
+    let index = |index: u64| (u128::from(index) * u128::from(n) / u128::from(count.max(1))) as usize;
+    (0..count).map(|i| items[index(i)]).collect()
 }
 
 #[cfg(test)]
@@ -135,27 +162,39 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_predicate_with_small_numbers_masks_one_that_fails_more_often() {
+    fn a_conjunct_with_small_numbers_masks_one_that_fails_more_often() {
         let formula = Formula::parse("always(height > 0 and distance <= 5)").unwrap();
         let names: Arc<[String]> = Arc::from(["height".to_string(), "distance".to_string()]);
-        let mut masking =
-            Masking { predicates: Vec::new(), evaluated: 0, decided: 3, counterexamples_only: false };
+        let mut masking = Masking::new(&formula);
         // By hand: margins (0.1, 4), (0.1, -1), (-2, -1).
         for [height, distance] in [[0.1, 1.0], [0.1, 6.0], [-2.0, 6.0]] {
             let mut trace = Trace::new(Arc::clone(&names));
             trace.push(&[height, distance]);
             masking.add(&formula, &trace, 0.1).unwrap();
         }
-        let counts: Vec<[u64; 3]> =
-            masking.predicates.iter().map(|found| [found.sets, found.violations, found.fails]).collect();
-        assert_eq!(counts, [[2, 1, 1], [1, 1, 2]]);
-        assert_eq!(masking.predicates[1].predicate, "distance <= 5");
+        let counts: Vec<[u64; 3]> = masking
+            .conjuncts
+            .iter()
+            .map(|found| [found.sets_satisfied, found.sets_violated, found.fails])
+            .collect();
+        assert_eq!(counts, [[1, 1, 1], [0, 1, 2]]);
+        assert_eq!(masking.conjuncts[1].text, "distance <= 5");
+        assert_eq!((masking.satisfied.evaluated, masking.violated.evaluated), (1, 2));
+    }
+
+    #[test]
+    fn an_operand_of_until_is_no_conjunct() {
+        let formula = Formula::parse("a >= 0 until b >= 0").unwrap();
+        let masking = Masking::new(&formula);
+        let texts: Vec<&str> = masking.conjuncts.iter().map(|found| found.text.as_str()).collect();
+        assert_eq!(texts, [formula.to_string()]);
     }
 
     #[test]
     fn chosen_simulations_are_spread_over_the_run() {
-        assert_eq!(evenly(10, 4).collect::<Vec<_>>(), [0, 2, 5, 7]);
-        assert_eq!(evenly(3, 9).collect::<Vec<_>>(), [0, 1, 2]);
-        assert_eq!(evenly(0, 9).count(), 0);
+        let items: Vec<u32> = (0..10).collect();
+        assert_eq!(evenly(&items, 4), [0, 2, 5, 7]);
+        assert_eq!(evenly(&items[..3], 9), [0, 1, 2]);
+        assert!(evenly(&items[..0], 9).is_empty());
     }
 }

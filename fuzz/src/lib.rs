@@ -7,6 +7,7 @@
 mod bytes;
 pub mod checkpoint;
 pub mod controller;
+pub mod counterexample;
 pub mod csv;
 pub mod curve;
 pub mod formula;
@@ -24,9 +25,10 @@ pub mod trace_blob;
 type Seeds = fn() -> Vec<Vec<u8>>;
 
 /// The seeds of every target, by its name.
-pub const SEEDS: [(&str, Seeds); 12] = [
+pub const SEEDS: [(&str, Seeds); 13] = [
     ("checkpoint", checkpoint::seeds),
     ("controller", controller::seeds),
+    ("counterexample", counterexample::seeds),
     ("csv", csv::seeds),
     ("curve", curve::seeds),
     ("formula", formula::seeds),

@@ -66,8 +66,9 @@ class Falsification:
         return sorted(found, key=lambda trial: (trial.robustness or 0.0, trial.trial))
 
     def explain(self, trial: int | None = None) -> Explanation:
-        """Explains the counterexample of a trial; by default, of the one with the smallest robustness."""
-        found = self.counterexamples if trial is None else [each for each in self.trials if each.trial == trial]
+        """Explains the counterexample of a trial; by default, the first one, as ``mishandle explain`` does."""
+        first = sorted(self.counterexamples, key=lambda each: each.trial)
+        found = first if trial is None else [each for each in self.trials if each.trial == trial]
         if not found or found[0].number is None:
             raise InvalidValueError("no trial found a counterexample" if trial is None else f"trial {trial} has no simulation")
         return open_run(self.path).explain(found[0].trial, found[0].number)

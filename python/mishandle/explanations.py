@@ -52,8 +52,10 @@ class Explanation:
     """Number of these samples that violate the predicate."""
     path: list[tuple[str, int, float]]
     """Sub-formulas from the formula to the predicate: text, sample, robustness."""
+    decided: int | None
+    """First sample after which nothing can change whether the formula is satisfied; ``None`` if the trace does not decide it."""
     conjuncts: dict[str, float]
-    """Robustness of the formula with each predicate as the only operand of each ``and`` above it."""
+    """Robustness of the formula with each conjunct as the only operand of each ``and`` above it."""
     sentences: list[str]
 
     def __str__(self) -> str:
@@ -182,6 +184,7 @@ def explanation(found: dict[str, Any], control_dt: float) -> Explanation:
         window=window,
         violated_samples=violated,
         path=[(text, sample, robustness) for text, sample, _, robustness in found["path"]],
+        decided=found["decided"],
         conjuncts=dict(found["conjuncts"]),
         sentences=found["sentences"],
     )

@@ -25,7 +25,7 @@ pub(crate) fn explanation<'py>(
     let path = found.diagnosis.path.iter();
     let path = path.map(|found| (found.text.clone(), found.sample, found.window, found.robustness));
     dict.set_item("path", path.collect::<Vec<_>>())?;
-    let conjuncts = found.conjuncts.iter().map(|found| (found.predicate.clone(), found.robustness));
+    let conjuncts = found.conjuncts.iter().map(|found| (found.text.clone(), found.robustness));
     dict.set_item("conjuncts", conjuncts.collect::<Vec<_>>())?;
     let predicate = found.diagnosis.predicate.as_ref().map(|found| {
         (
@@ -38,6 +38,7 @@ pub(crate) fn explanation<'py>(
         )
     });
     dict.set_item("predicate", predicate)?;
+    dict.set_item("decided", found.decided)?;
     let window = found.history.as_ref().map(|found| (found.window, found.violated, found.first_and_last));
     dict.set_item("window", window)?;
     Ok(dict)

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use mishandle::evaluation::Corners;
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::rollout::{Axis, AxisKind, EpisodeEnd, Signal};
+use mishandle::rollout::{Axis, AxisKind, AxisValues, EpisodeEnd, Signal};
 use mishandle::store::{AxisRecord, RunFile, RunHeader, RunKind, RunWriter, Simulation};
 use mishandle::{Plan, ResolvedPlan, plural};
 use serde_json::{Value, json};
@@ -202,13 +202,35 @@ fn format_scenario(axes: &[Axis], values: &[Option<f64>], max_values: usize) -> 
         shown.truncate(max_values);
         shown.sort_by_key(|(index, ..)| *index);
     }
-    let value = |(_, axis, value): &(usize, &Axis, f64)| match axis.levels() {
-        Some(_) => axis_value(&axis.name, &value.to_string(), &axis.unit),
-        None => axis_value(&axis.name, &format!("{value:.4}"), &axis.unit),
-    };
+    let value = |(_, axis, value): &(usize, &Axis, f64)| axis_text(axis, Some(*value));
     let values: Vec<String> = shown.iter().map(value).collect();
     let rest = if omitted > 0 { format!(", and {omitted} more") } else { String::new() };
     values.join(", ") + &rest
+}
+
+/// Formats all values of a recorded scenario.
+pub fn recorded_scenario_text(axes: &[AxisRecord], values: &[Option<f64>]) -> String {
+    let named = axes.iter().zip(values);
+    let values: Vec<String> =
+        named.map(|(axis, value)| axis_text(&mishandle::recorded_axis(axis), *value)).collect();
+    values.join(", ")
+}
+
+fn axis_text(axis: &Axis, value: Option<f64>) -> String {
+    axis_value(&escape::name(&axis.name), &value_text(axis, value), &escape::name(&axis.unit))
+}
+
+/// Formats a value of an axis: the name of a category, an integer, or a number with four decimals.
+pub fn value_text(axis: &Axis, value: Option<f64>) -> String {
+    match (value, &axis.values) {
+        (None, _) => "random".to_string(),
+        (Some(value), AxisValues::Categorical(names)) => {
+            let name = names.get((value - axis.low) as usize);
+            name.map_or(value.to_string(), |name| escape::name(name))
+        }
+        (Some(value), _) if axis.levels().is_some() => value.to_string(),
+        (Some(value), _) => format!("{value:.4}"),
+    }
 }
 
 /// Formats the value of an axis with its unit: `gap = 1.5 m`, `delay = 1 control step`.

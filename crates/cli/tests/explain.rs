@@ -50,8 +50,12 @@ fn the_explanation_agrees_with_the_exported_trace() {
     assert_eq!([&conjuncts[0]["robustness"], &conjuncts[1]["robustness"]], [alone(0), alone(1)]);
     let violated = (10..=80).filter(|sample| margins(*sample)[usize::from(predicate != "gap >= 5")] < 0.0);
     assert_eq!(explained["window"]["violated"], violated.count());
+    // The first violation of any of the two, which no later sample can undo.
+    let first = (10..=80).find(|sample| margins(*sample).iter().any(|margin| *margin < 0.0));
+    assert_eq!(explained["decided"]["sample"], first.unwrap());
     let text = bench.check("explain run.sqlite", 1);
-    for part in ["violated: robustness", "Decisive:", "window", predicate] {
+    for part in ["violated: robustness", "Decisive:", "window", predicate, "nothing can satisfy the formula"]
+    {
         assert!(text.contains(part), "{part} is not in\n{text}");
     }
 }
@@ -77,30 +81,34 @@ fn masking_counts_what_the_explanations_of_all_simulations_say() {
     bench.run("falsify --plan plan.toml --seed 4 --out run.sqlite");
     let found = bench.json("explain run.sqlite --masking --json", 0);
     let mut expected = [[0_u64; 3]; 2];
-    let mut simulations = 0;
+    let mut simulations = [0_u64; 2];
     for trial in 1..=2 {
         for simulation in 1..=9 {
             let output =
                 bench.run(&format!("explain run.sqlite --trial {trial} --simulation {simulation} --json"));
             let Ok(explained) = serde_json::from_slice::<Value>(&output.stdout) else { continue };
-            simulations += 1;
+            let is_violated = explained["robustness"].as_f64().unwrap() < 0.0;
+            simulations[usize::from(is_violated)] += 1;
             for (index, counts) in expected.iter_mut().enumerate() {
                 let conjunct = &explained["conjuncts"][index];
-                let sets = explained["predicate"]["formula"] == conjunct["predicate"];
-                counts[0] += u64::from(sets);
-                counts[1] += u64::from(sets && explained["robustness"].as_f64().unwrap() < 0.0);
+                let sets = explained["predicate"]["formula"] == conjunct["formula"];
+                counts[usize::from(is_violated)] += u64::from(sets);
                 counts[2] += u64::from(conjunct["robustness"].as_f64().unwrap() < 0.0);
             }
         }
     }
-    assert_eq!((&found["evaluated"], &found["decided"]), (&simulations.into(), &simulations.into()));
-    for (predicate, [sets, violations, fails]) in found["predicates"].as_array().unwrap().iter().zip(expected)
-    {
-        assert_eq!(predicate["sets"], sets, "{found}");
-        assert_eq!(
-            (&predicate["violations"], &predicate["fails"]),
-            (&violations.into(), &fails.into()),
-            "{found}"
-        );
+    assert!(simulations[0] > 0 && simulations[1] > 0, "{simulations:?}");
+    for (kind, count) in ["satisfied", "violated"].iter().zip(simulations) {
+        assert_eq!((&found[kind]["evaluated"], &found[kind]["total"]), (&count.into(), &count.into()));
     }
+    for (conjunct, counts) in found["conjuncts"].as_array().unwrap().iter().zip(expected) {
+        let keys = ["sets_satisfied", "sets_violated", "fails"];
+        assert_eq!(keys.map(|key| conjunct[key].as_u64().unwrap()), counts, "{found}");
+    }
+    // The limit drops satisfied simulations first.
+    let few = bench.json(&format!("explain run.sqlite --masking={} --json", simulations[1]), 0);
+    assert_eq!(
+        (&few["violated"]["evaluated"], &few["satisfied"]["evaluated"]),
+        (&simulations[1].into(), &0.into())
+    );
 }

@@ -5,6 +5,20 @@ use mishandle::is_invisible;
 /// Largest number of characters of a text from a run file.
 const MAX_TEXT: usize = 2000;
 
+/// Escapes a sentence. What is between two backticks is code.
+pub fn with_code(sentence: &str) -> String {
+    let parts: Vec<&str> = sentence.split('`').collect();
+    // A name can contain a backtick.
+    if parts.len().is_multiple_of(2) {
+        return text(sentence);
+    }
+    let part = |(index, part): (usize, &&str)| match index % 2 {
+        0 => text(part),
+        _ => format!("<code>{}</code>", text(part)),
+    };
+    parts.iter().enumerate().map(part).collect()
+}
+
 /// Escapes a text from a run file. Control characters and invisible characters become visible escapes, so that no name can
 /// reorder the text around it. The middle of a very long text is left out.
 pub fn text(text: &str) -> String {
@@ -137,6 +151,12 @@ mod tests {
     fn base64_is_that_of_rfc_4648() {
         let encoded = ["", "f", "fo", "foo", "foob", "fooba", "foobar"].map(|text| base64(text.as_bytes()));
         assert_eq!(encoded, ["", "Zg==", "Zm8=", "Zm9v", "Zm9vYg==", "Zm9vYmE=", "Zm9vYmFy"]);
+    }
+
+    #[test]
+    fn formulas_in_sentences_are_code() {
+        assert_eq!(with_code("`a < 1` fails & ends"), "<code>a &lt; 1</code> fails &amp; ends");
+        assert_eq!(with_code("a ` <b>"), "a ` &lt;b&gt;");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use mishandle::evaluation::Estimate;
 use mishandle::{ExplainedSimulation, FailureMode, shell_quote};
 
-use crate::html::{base64, number, percent, short, table, text, with_unit};
+use crate::html::{base64, number, percent, short, table, text, with_code, with_unit};
 use crate::load::RunReport;
 use crate::measure::{Measured, Patch};
 use crate::pictures::Frame;
@@ -78,7 +78,7 @@ fn card(
         tables::link(report, id, trial, number_of)
     ));
     for sentence in explained.explanation.sentences(header.control_dt) {
-        out.push_str(&format!("<li>{}</li>", text(&sentence)));
+        out.push_str(&format!("<li>{}</li>", with_code(&sentence)));
     }
     out.push_str(&format!(
         "<li>Robustness {}.</li>",

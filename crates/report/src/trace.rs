@@ -20,7 +20,7 @@ const MAX_CHARTS: usize = 4;
 pub fn figures(header: &RunHeader, explained: &ExplainedSimulation) -> Vec<String> {
     let explanation = &explained.explanation;
     let decisive = explanation.diagnosis.predicate.as_ref().map(|predicate| predicate.text.as_str());
-    let others = explanation.conjuncts.iter().map(|conjunct| conjunct.predicate.as_str());
+    let others = explanation.predicates.iter().map(String::as_str);
     let mut texts: Vec<&str> = Vec::new();
     for text in decisive.into_iter().chain(others) {
         if !texts.contains(&text) {

@@ -60,6 +60,8 @@ pub struct DecisiveSubformula {
     pub text: String,
     /// The operator, such as `always`; `None` for a signal or a number.
     pub operator: Option<&'static str>,
+    /// Texts of the operands of a logical or temporal operator, the left one first; empty otherwise.
+    pub operands: Vec<String>,
     /// The sample at which it is evaluated.
     pub sample: usize,
     /// First and last sample of the operator's window, cut at the ends of the trace; `None` for an operator without an
@@ -111,6 +113,7 @@ impl Formula {
                 position,
                 text: tree.text(node),
                 operator: None,
+                operands: Vec::new(),
                 sample,
                 window: None,
                 robustness,
@@ -127,12 +130,15 @@ impl Formula {
             let range = samples(operator, window, sample, trace.len());
             found.window =
                 range.clone().filter(|_| operator.takes_interval()).map(RangeInclusive::into_inner);
+            let operands = tree.operands(node);
+            if !operator.is_term() && !operator.is_comparison() {
+                found.operands = operands.iter().map(|operand| tree.text(*operand)).collect();
+            }
             let text = found.text.clone();
             diagnosis.path.push(found);
             if operator.is_term() {
                 return Ok(diagnosis);
             }
-            let operands = tree.operands(node);
             let mut of_operands =
                 operands.iter().map(|operand| tree.values(*operand)).collect::<Result<Vec<_>, _>>()?;
             if operator.is_comparison() {
@@ -155,6 +161,45 @@ impl Formula {
             sample = choice.sample;
             is_negated ^= choice.is_negated;
         }
+    }
+
+    /// Returns the positions of the conjuncts in the list of [`subformulas`](Self::subformulas): the operands of each `and` that is
+    /// reached from the formula through `and`, `always`, `eventually`, `next` and their past forms. The formula is violated if
+    /// one of them fails on its own, see [`conjunct`](Self::conjunct). If there is no such `and`, the only conjunct is the
+    /// operand below these operators.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_stl::Formula;
+    /// let formula = Formula::parse("always[0:30](d <= 0.1 and (near or v < 1)) and eventually(d < 0)").unwrap();
+    /// let texts: Vec<String> = formula.subformulas().collect();
+    /// let conjuncts: Vec<&str> = formula.conjuncts().into_iter().map(|position| texts[position].as_str()).collect();
+    /// assert_eq!(conjuncts, ["d <= 0.1", "near or v < 1", "d < 0"]);
+    /// ```
+    pub fn conjuncts(&self) -> Vec<usize> {
+        let listed = self.listed_nodes();
+        let starts = self.starts();
+        let mut found = Vec::new();
+        let mut open = vec![self.nodes.len() - 1];
+        while let Some(node) = open.pop() {
+            match self.nodes[node] {
+                // The left operand is on top.
+                Node::Apply(Operator::And, _) => open.extend([node - 1, starts[node - 1] - 1]),
+                Node::Apply(
+                    Operator::Always
+                    | Operator::Historically
+                    | Operator::Eventually
+                    | Operator::Once
+                    | Operator::Next
+                    | Operator::StrongNext
+                    | Operator::Previous
+                    | Operator::StrongPrevious,
+                    _,
+                ) => open.push(node - 1),
+                _ => found.extend(listed.iter().position(|listed| *listed == node)),
+            }
+        }
+        found
     }
 
     /// Returns the formula without the other conjuncts: of each `and` above the sub-formula at `position` in the list of

@@ -755,6 +755,10 @@ fn a_diagnosis_leads_to_a_value_with_the_robustness_of_the_formula() {
             let evaluated = robustness(&found.text, &columns)[found.sample];
             assert_eq!(evaluated, found.robustness, "{formula}: {found:?}");
         }
+        for position in formula.conjuncts() {
+            let alone = robustness(&formula.conjunct(position).unwrap().to_string(), &columns)[0];
+            assert!(alone >= diagnosis.robustness(), "{formula}: {} alone has {alone}", texts[position]);
+        }
         if let Some(predicate) = &diagnosis.predicate {
             let sign = if predicate.is_negated { -1.0 } else { 1.0 };
             assert_eq!(sign * predicate.robustness, diagnosis.robustness(), "{formula}: {predicate:?}");
@@ -771,19 +775,23 @@ fn a_diagnosis_leads_to_a_value_with_the_robustness_of_the_formula() {
 fn a_formula_is_the_minimum_of_its_conjuncts_under_always() {
     let mut random = Random(78);
     let formula = Formula::parse("always[0:5](a <= 1 and (b < 2 and c_1 >= 0)) and a >= -4").unwrap();
-    let predicates = ["a <= 1", "b < 2", "c_1 >= 0", "a >= -4"];
     let texts: Vec<String> = formula.subformulas().collect();
+    let conjuncts = formula.conjuncts();
+    let listed: Vec<&str> = conjuncts.iter().map(|position| texts[*position].as_str()).collect();
+    assert_eq!(listed, ["a <= 1", "b < 2", "c_1 >= 0", "a >= -4"]);
     for _ in 0..200 {
         let columns = random_columns(&mut random, 9);
-        let least = predicates.map(|predicate| {
-            let position = texts.iter().position(|text| text == predicate).unwrap();
-            robustness(&formula.conjunct(position).unwrap().to_string(), &columns)[0]
-        });
+        let least: Vec<f64> = conjuncts
+            .iter()
+            .map(|position| robustness(&formula.conjunct(*position).unwrap().to_string(), &columns)[0])
+            .collect();
         let whole = robustness(&formula.to_string(), &columns)[0];
         assert_eq!(least.into_iter().fold(f64::INFINITY, f64::min), whole);
     }
     // An `and` that is negated is an `or`: its operands do not fail on their own.
     let negated = Formula::parse("not (a <= 1 and b < 2)").unwrap();
     assert_eq!(negated.conjunct(2).unwrap(), negated);
+    assert_eq!(negated.conjuncts(), [0]);
+    assert_eq!(Formula::parse("always(a <= 1 until b < 2)").unwrap().conjuncts(), [1]);
     assert_eq!(negated.conjunct(99), None);
 }

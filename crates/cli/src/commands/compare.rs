@@ -312,15 +312,11 @@ fn list(found: &Comparison, title: &str, pairs: &[ComparedPair], run: &ComparedR
     ];
     let robustness = |value: Option<f64>| value.map_or("no verdict".to_string(), |rho| format!("{rho:.4}"));
     for pair in pairs.iter().take(MAX_LISTED) {
-        let value = |value: &Option<f64>| value.map_or("random".to_string(), |value| format!("{value:.4}"));
-        let named = found.axes.iter().zip(&pair.scenario);
-        let scenario: Vec<String> =
-            named.map(|(axis, found)| run::axis_value(&axis.name, &value(found), &axis.unit)).collect();
         rows.push(vec![
             pair.trial.to_string(),
             pair.number.to_string(),
             pair.seed.to_string(),
-            scenario.join(", "),
+            run::recorded_scenario_text(&found.axes, &pair.scenario),
             robustness(pair.first_robustness),
             robustness(pair.second_robustness),
         ]);

@@ -197,10 +197,8 @@ fn region(header: &RunHeader, mode: &FailureMode) -> String {
     ranges.sort_by(|a, b| width(a).total_cmp(&width(b)));
     let more = ranges.len().saturating_sub(REGION_AXES);
     let shown = ranges.iter().take(REGION_AXES).map(|(axis, [low, high])| {
-        let value = |value: &f64| match axis.values.as_str() {
-            "continuous" | "logarithmic" => format!("{value:.4}"),
-            _ => value.to_string(),
-        };
+        let recorded = mishandle::recorded_axis(axis);
+        let value = |value: &f64| run::value_text(&recorded, Some(*value));
         let range = if low == high { value(low) } else { format!("{} to {}", value(low), value(high)) };
         run::axis_value(&escape::name(&axis.name), &range, &escape::name(&axis.unit))
     });

@@ -2,7 +2,7 @@ use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::stl::{DecisivePredicate, Formula};
 use mishandle::store::{RunFile, RunHeader};
-use mishandle::{ExplainedSimulation, Explanation, plural};
+use mishandle::{EvaluatedCount, ExplainedSimulation, Explanation, instant, plural};
 use serde_json::{Value, json};
 
 use super::counterexamples;
@@ -15,7 +15,7 @@ use crate::{ExitStatus, args, escape, numbers, run};
 #[command(after_help = "Examples:
   mishandle explain runs/RUN.sqlite                      the first counterexample
   mishandle explain runs/RUN.sqlite --trial 2 --simulation 17
-  mishandle explain runs/RUN.sqlite --masking            which predicates hide others
+  mishandle explain runs/RUN.sqlite --masking            which conjuncts hide others
   mishandle explain failure.json                         an exported counterexample
 
 A counterexample of any target is explained from its recorded trace. Other simulations have none and
@@ -23,8 +23,8 @@ are replayed.")]
 pub struct Arguments {
     #[command(flatten)]
     pub recorded: args::Recorded,
-    /// Explain the whole run: how often each predicate sets the robustness, and how often each one fails, over at most N
-    /// simulations, which are simulated again [default of N: 500]
+    /// Explain the whole run: how often each conjunct sets the robustness, and how often each one fails, over at most N
+    /// simulations, which are simulated again; violated ones first [default of N: 500]
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "500", require_equals = true)]
     #[arg(allow_negative_numbers = true, value_parser = numbers::integer::<u64>(1..=u64::MAX))]
     #[arg(conflicts_with_all = ["trial", "simulation"])]
@@ -34,8 +34,9 @@ pub struct Arguments {
     pub json: bool,
 }
 
-/// Number of evenly spaced samples in the table of signals.
-const SPACED_ROWS: usize = 8;
+/// Numbers of evenly spaced samples in the table of signals, up to the decisive one and behind it.
+const ROWS_BEFORE: usize = 8;
+const ROWS_AFTER: usize = 3;
 
 /// Largest number of signals in the table of signals.
 const SIGNAL_COLUMNS: usize = 4;
@@ -66,7 +67,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
-/// Prints which predicates set the robustness of a run and which ones fail.
+/// Prints which conjuncts set the robustness of a run and which ones fail.
 fn masking(command: &Arguments, file: &RunFile, limit: u64) -> Result<ExitStatus> {
     let resolved = match mishandle::recorded_plan(file.header(), command.recorded.controller.as_deref()) {
         Ok(resolved) => Some(resolved),
@@ -81,43 +82,60 @@ fn masking(command: &Arguments, file: &RunFile, limit: u64) -> Result<ExitStatus
         bar.set_position(done);
     })?;
     bar.clear();
-    ensure!(found.evaluated > 0, "{} has no simulation to explain", command.recorded.file.display());
+    let (satisfied, violated) = (found.satisfied, found.violated);
+    ensure!(
+        satisfied.evaluated + violated.evaluated > 0,
+        "{} has no simulation to explain",
+        command.recorded.file.display()
+    );
     if command.json {
+        let count = |count: EvaluatedCount| json!({ "evaluated": count.evaluated, "total": count.total });
         output::json(json!({
             "run": command.recorded.file.to_string_lossy(),
             "formula": file.header().formula,
-            "evaluated": found.evaluated,
-            "decided": found.decided,
-            "counterexamples_only": found.counterexamples_only,
-            "predicates": found.predicates.iter().map(|predicate| json!({
-                "predicate": predicate.predicate,
-                "sets": predicate.sets,
-                "violations": predicate.violations,
-                "fails": predicate.fails,
+            "satisfied": count(satisfied),
+            "violated": count(violated),
+            "conjuncts": found.conjuncts.iter().map(|conjunct| json!({
+                "formula": conjunct.text,
+                "sets_satisfied": conjunct.sets_satisfied,
+                "sets_violated": conjunct.sets_violated,
+                "fails": conjunct.fails,
             })).collect::<Vec<_>>(),
         }))?;
         return Ok(ExitStatus::Done);
     }
-    let share = |count: u64| format!("{count} ({:.1} %)", 100.0 * count as f64 / found.evaluated as f64);
-    let header = ["predicate", "sets the robustness", "and violates", "fails on its own"];
+    let share = |count: u64, of: EvaluatedCount| match of.evaluated {
+        0 => "-".to_string(),
+        n => format!("{count} ({:.1} %)", 100.0 * count as f64 / n as f64),
+    };
+    let header = ["conjunct", "decides if satisfied", "decides if violated", "fails if violated"];
     let mut rows = vec![header.map(String::from).to_vec()];
-    rows.extend(found.predicates.iter().map(|predicate| {
+    rows.extend(found.conjuncts.iter().map(|conjunct| {
         vec![
-            escape::name(&predicate.predicate),
-            share(predicate.sets),
-            predicate.violations.to_string(),
-            share(predicate.fails),
+            escape::name(&conjunct.text),
+            share(conjunct.sets_satisfied, satisfied),
+            share(conjunct.sets_violated, violated),
+            share(conjunct.fails, violated),
         ]
     }));
-    let kind = if found.counterexamples_only { "counterexamples among" } else { "of" };
     output::line(&format!(
-        "formula {}\n{} {kind} {} with a verdict, evenly chosen\n\n{}",
+        "formula {}\n{}, {}\n\n{}",
         escape::name(&file.header().formula),
-        found.evaluated,
-        plural(found.decided, "simulation"),
+        count_text(violated, "violated"),
+        count_text(satisfied, "satisfied"),
         output::table(&rows)
     ))?;
     Ok(ExitStatus::Done)
+}
+
+/// Describes how many simulations were evaluated, such as `500 of 1,003 satisfied simulations`.
+fn count_text(count: EvaluatedCount, kind: &str) -> String {
+    match (count.evaluated, count.total) {
+        (evaluated, total) if evaluated == total => plural(total, &format!("{kind} simulation")),
+        (evaluated, total) => {
+            format!("{evaluated} of {} (evenly chosen)", plural(total, &format!("{kind} simulation")))
+        }
+    }
 }
 
 /// Simulates an exported counterexample and explains it.
@@ -143,7 +161,7 @@ fn counterexample(command: &Arguments) -> Result<ExitStatus> {
 /// Returns the explanation as JSON. Samples count from 0, times are in seconds.
 pub fn document(header: &RunHeader, explained: &ExplainedSimulation) -> Value {
     let ExplainedSimulation { recorded, explanation, .. } = explained;
-    let Explanation { diagnosis, history, conjuncts } = explanation;
+    let Explanation { diagnosis, history, decided, conjuncts, .. } = explanation;
     let time = |sample: usize| sample as f64 * header.control_dt;
     let named = header.axes.iter().zip(&recorded.scenario);
     let window = |window: Option<(usize, usize)>| window.map(|(first, last)| [first, last]);
@@ -155,6 +173,7 @@ pub fn document(header: &RunHeader, explained: &ExplainedSimulation) -> Value {
         "seed": recorded.seed.to_string(),
         "formula": header.formula,
         "robustness": number(diagnosis.robustness()),
+        "decided": decided.map(|sample| json!({ "sample": sample, "time": time(sample) })),
         "predicate": diagnosis.predicate.as_ref().map(|predicate| json!({
             "formula": predicate.text,
             "sample": predicate.sample,
@@ -180,8 +199,9 @@ pub fn document(header: &RunHeader, explained: &ExplainedSimulation) -> Value {
             "robustness": number(found.robustness),
         })).collect::<Vec<_>>(),
         "conjuncts": conjuncts.iter().map(|conjunct| json!({
-            "predicate": conjunct.predicate,
+            "formula": conjunct.text,
             "robustness": number(conjunct.robustness),
+            "decided": conjunct.decided.map(|sample| json!({ "sample": sample, "time": time(sample) })),
         })).collect::<Vec<_>>(),
     })
 }
@@ -190,10 +210,7 @@ pub fn document(header: &RunHeader, explained: &ExplainedSimulation) -> Value {
 pub fn text(header: &RunHeader, explained: &ExplainedSimulation) -> String {
     let ExplainedSimulation { recorded, explanation, .. } = explained;
     let Explanation { diagnosis, conjuncts, .. } = explanation;
-    let value = |value: &Option<f64>| value.map_or("random".to_string(), |value| format!("{value:.4}"));
-    let named = header.axes.iter().zip(&recorded.scenario);
-    let scenario: Vec<String> =
-        named.map(|(axis, found)| run::axis_value(&axis.name, &value(found), &axis.unit)).collect();
+    let scenario = run::recorded_scenario_text(&header.axes, &recorded.scenario);
     let verdict = match diagnosis.robustness() {
         rho if rho < 0.0 => "violated",
         rho if rho > 0.0 => "satisfied",
@@ -201,7 +218,7 @@ pub fn text(header: &RunHeader, explained: &ExplainedSimulation) -> String {
     };
     let mut parts = vec![format!(
         "{}, seed {}\nformula {}\n{verdict}: robustness {:.4}",
-        scenario.join(", "),
+        scenario,
         recorded.seed,
         escape::name(&header.formula),
         diagnosis.robustness(),
@@ -213,12 +230,16 @@ pub fn text(header: &RunHeader, explained: &ExplainedSimulation) -> String {
     }
     parts.push(output::table(&path_table(header, explained)));
     if conjuncts.len() > 1 {
-        let mut rows = vec![vec!["predicate as the only conjunct".to_string(), "robustness".to_string()]];
-        rows.extend(
-            conjuncts.iter().map(|conjunct| {
-                vec![escape::name(&conjunct.predicate), format!("{:.4}", conjunct.robustness)]
-            }),
-        );
+        let columns = ["conjunct on its own", "robustness", "decided at"];
+        let mut rows = vec![columns.map(String::from).to_vec()];
+        rows.extend(conjuncts.iter().map(|conjunct| {
+            let decided = conjunct.decided.map(|sample| instant(sample, header.control_dt));
+            vec![
+                escape::name(&conjunct.text),
+                format!("{:.4}", conjunct.robustness),
+                decided.unwrap_or("-".to_string()),
+            ]
+        }));
         parts.push(output::table(&rows));
     }
     parts.extend(
@@ -232,14 +253,17 @@ pub fn text(header: &RunHeader, explained: &ExplainedSimulation) -> String {
 
 /// Returns the table of the chain from the formula to the predicate.
 fn path_table(header: &RunHeader, explained: &ExplainedSimulation) -> Vec<Vec<String>> {
-    let columns = ["decisive sub-formula", "step", "time s", "window", "robustness"];
+    let columns = ["decisive sub-formula", "at", "window", "robustness"];
     let mut rows = vec![columns.map(String::from).to_vec()];
-    rows.extend(explained.explanation.diagnosis.path.iter().map(|found| {
+    let path = &explained.explanation.diagnosis.path;
+    let is_and = |index: usize| path[index].operator == Some("and");
+    // Of a chain of `and`, only the first is shown: the others are parts of its text.
+    let shown = (0..path.len()).filter(|index| *index == 0 || !is_and(*index) || !is_and(index - 1));
+    rows.extend(shown.map(|index| &path[index]).map(|found| {
         let window = found.window.map_or("-".to_string(), |(first, last)| format!("{first} to {last}"));
         vec![
             escape::name(&found.text),
-            found.sample.to_string(),
-            format!("{:.2}", found.sample as f64 * header.control_dt),
+            instant(found.sample, header.control_dt),
             window,
             format!("{:.4}", found.robustness),
         ]
@@ -265,14 +289,12 @@ fn signal_table(
         let signal = header.signals.iter().find(|signal| signal.name == name);
         signal.map_or("", |signal| signal.unit.as_str())
     };
-    let mut rows = vec![vec!["step".to_string(), "time s".to_string()]];
+    let mut rows = vec![vec!["at".to_string()]];
     rows[0].extend(
         names.iter().map(|name| format!("{} {}", escape::name(name), unit(name)).trim_end().to_string()),
     );
-    let first =
-        explanation.history.as_ref().and_then(|history| history.first_and_last).map(|(first, _)| first);
-    for sample in shown_samples(predicate.sample, first, trace.len()) {
-        let mut row = vec![sample.to_string(), format!("{:.2}", sample as f64 * header.control_dt)];
+    for sample in shown_samples(predicate.sample, explanation.decided, trace.len()) {
+        let mut row = vec![instant(sample, header.control_dt)];
         row.extend(names.iter().map(|name| {
             trace
                 .signal(name)
@@ -284,10 +306,13 @@ fn signal_table(
     rows
 }
 
-/// Returns the samples of the table: evenly spaced up to the decisive one, the first violation, and the last.
-fn shown_samples(decisive: usize, first_violated: Option<usize>, len: usize) -> Vec<usize> {
-    let spaced = (0..SPACED_ROWS).map(|i| decisive * i / (SPACED_ROWS - 1));
-    let mut samples: Vec<usize> = spaced.chain(first_violated).chain([len.saturating_sub(1)]).collect();
+/// Returns the samples of the table: evenly spaced up to the decisive one and from there to the end, and the instant that decides
+/// the formula.
+fn shown_samples(decisive: usize, decided: Option<usize>, len: usize) -> Vec<usize> {
+    let last = len.saturating_sub(1);
+    let before = (0..ROWS_BEFORE).map(|i| decisive * i / (ROWS_BEFORE - 1));
+    let after = (1..=ROWS_AFTER).map(|i| decisive + last.saturating_sub(decisive) * i / ROWS_AFTER);
+    let mut samples: Vec<usize> = before.chain(after).chain(decided).collect();
     samples.sort_unstable();
     samples.dedup();
     samples

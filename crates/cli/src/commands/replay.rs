@@ -82,8 +82,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         }))?;
     } else {
         let value = |(axis, value): (&store::AxisRecord, &Option<f64>)| {
-            let value = value.map_or("random".to_string(), |value| value.to_string());
-            run::axis_value(&axis.name, &value, &axis.unit)
+            let recorded = mishandle::recorded_axis(axis);
+            let value = match value {
+                // All digits.
+                Some(value) if recorded.levels().is_none() => value.to_string(),
+                value => run::value_text(&recorded, *value),
+            };
+            run::axis_value(&escape::name(&axis.name), &value, &escape::name(&axis.unit))
         };
         let values: Vec<String> = named().map(value).collect();
         output::line(&format!(
