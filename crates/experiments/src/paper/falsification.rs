@@ -9,9 +9,9 @@ use mishandle::{Plan, plural};
 use super::notes::{Notes, Row};
 use super::performance::failing_corners;
 use super::{
-    Block, NOTHING, PAPER_BUDGET, PAPER_TRIALS, Page, PaperFalsification, Results, RunResults, SIGNIFICANT,
-    Table, columns, differences, is_of_paper, on_the_paper, p_text, paper_falsification, paper_performance,
-    percent_with_interval, provenance, sentences, target_cell, with_interval,
+    Block, NOTHING, PAPER_BUDGET, PAPER_TRIALS, Page, PaperFalsification, REPEATED_TASK, Results, RunResults,
+    SIGNIFICANT, Table, columns, differences, is_of_paper, on_the_paper, p_text, paper_falsification,
+    paper_performance, percent_with_interval, provenance, sentences, target_cell, with_interval,
 };
 
 /// Returns the page; `None` without falsifications.
@@ -23,7 +23,7 @@ pub(super) fn page(results: &Results, notes: &Notes) -> Option<Page> {
     }
     let mut blocks = vec![Block::Paragraph(
         "Our falsification of our controllers beside the paper's falsification of its controllers. The controllers differ, so equal \
-         values are not expected; a controller that violates its formula rarely needs many simulations, whatever the search."
+         values are not expected: the fewer scenarios a controller fails in, the more simulations a search needs."
             .to_string(),
     )];
     blocks.extend(provenance(results, runs.iter().map(|falsified| falsified.run)));
@@ -39,7 +39,8 @@ pub(super) fn page(results: &Results, notes: &Notes) -> Option<Page> {
          finds nothing after that. Without a violation there is no interval."
             .to_string(),
         "ended early: trials whose search ended by its own criterion before the budget was spent.".to_string(),
-        "p: two-sided p-value of Fisher's exact test that both rates of falsified trials, ours and the paper's, are equal.".to_string(),
+        "p: two-sided p-value of Fisher's exact test that both rates of falsified trials, ours and the paper's, are equal. Rows that \
+         the paper may not have measured have none.".to_string(),
         "Wall-clock times are left out: the paper's are of another simulator on another machine, so only simulations can be compared."
             .to_string(),
     ]));
@@ -327,7 +328,9 @@ impl Falsified<'_> {
 
     fn p_value(&self) -> Option<f64> {
         // With another budget, the rates cannot be compared.
-        let paper = self.paper.filter(|_| self.is_complete() && self.budget == PAPER_BUDGET)?;
+        let is_compared =
+            self.is_complete() && self.budget == PAPER_BUDGET && self.run.plan.target != REPEATED_TASK;
+        let paper = self.paper.filter(|_| is_compared)?;
         let ours = (self.falsified(), self.lifetimes.len() as u64);
         Some(fisher_test(ours, (paper.falsified, PAPER_TRIALS)))
     }
