@@ -51,6 +51,8 @@ pub struct PredicateHistory {
     /// Robustness of the predicate at each sample of the trace. If the formula requires the predicate to be false, the
     /// opposite.
     pub robustness: Vec<f64>,
+    /// Values of its two sides at each sample of the trace.
+    pub sides: [Vec<f64>; 2],
 }
 
 /// A conjunct of the formula, alone: see [`Formula::conjuncts`].
@@ -109,7 +111,17 @@ pub fn explain_trace(
             let sign = if predicate.is_negated { -1.0 } else { 1.0 };
             let robustness: Vec<f64> = robustness_of(&text)?.into_iter().map(|rho| sign * rho).collect();
             let window = diagnosis.path.iter().rev().find_map(|found| found.window);
-            Some(history(window.unwrap_or((predicate.sample, predicate.sample)), robustness))
+            let side = |text: &String| -> Result<Vec<f64>, MishandleError> {
+                if let Ok(number) = text.parse() {
+                    return Ok(vec![number; trace.len()]);
+                }
+                let term = Formula::parse(text)
+                    .map_err(|source| RolloutError::Parse { formula: text.clone(), source })?;
+                robustness_of(&term)
+            };
+            let sides = [side(&predicate.sides[0])?, side(&predicate.sides[1])?];
+            let window = window.unwrap_or((predicate.sample, predicate.sample));
+            Some(history(window, robustness, sides))
         }
         None => None,
     };
@@ -217,12 +229,12 @@ fn events(
     Ok(found)
 }
 
-fn history(window: (usize, usize), robustness: Vec<f64>) -> PredicateHistory {
+fn history(window: (usize, usize), robustness: Vec<f64>, sides: [Vec<f64>; 2]) -> PredicateHistory {
     let (first, last) = window;
     let violates = |sample: &usize| robustness.get(*sample).is_some_and(|rho| *rho < 0.0);
     let violating: Vec<usize> = (first..=last).filter(violates).collect();
     let first_and_last = violating.first().copied().zip(violating.last().copied());
-    PredicateHistory { window, violated: violating.len(), first_and_last, robustness }
+    PredicateHistory { window, violated: violating.len(), first_and_last, robustness, sides }
 }
 
 /// A recorded simulation with its trace and explanation.

@@ -26,10 +26,12 @@ mod counterexample;
 mod curve;
 mod error;
 mod evaluate;
+mod event;
 mod explanation;
 mod explanation_text;
 mod failure_modes;
 mod falsify;
+mod frames;
 mod hint;
 mod home;
 mod import;
@@ -62,6 +64,7 @@ pub use evaluate::{
     EvaluationOutcome, check_evaluate, evaluate, evaluation_request, evaluation_simulations,
     rejects_scenarios,
 };
+pub use event::{Event, EventKind};
 pub use explanation::{
     Conjunct, ExplainedSimulation, Explanation, PredicateHistory, explain, explain_episode, explain_recorded,
     explain_trace,
@@ -69,6 +72,7 @@ pub use explanation::{
 pub use explanation_text::{compared_values, instant};
 pub use failure_modes::{Failure, FailureMode, FailureModes, axis as recorded_axis, failure_modes};
 pub use falsify::{FalsifyProgress, check_falsify, falsify, search_entry};
+pub use frames::{FrameCaptions, FrameRenderer};
 pub use home::{
     ShippedFile, controller_name, find_controller, home, home_description, picture_path, shipped_controller,
     shipped_controllers, shipped_settings,

@@ -41,16 +41,29 @@ pub fn initial_state(task: &dyn Task, x0: Option<&[f64]>) -> Result<StateTraject
 }
 
 /// Returns the samples of a filmstrip of an episode whose last sample is `last`: the start, the decisive sample, the end, and
-/// samples between them.
+/// samples between them. If a violation starts earlier than the decisive sample, its `start` is one of them.
 ///
 /// # Example
 /// ```
-/// assert_eq!(mishandle::strip_samples(90, 300), [0, 30, 60, 90, 195, 300]);
-/// assert_eq!(mishandle::strip_samples(300, 300), [0, 100, 200, 300]);
+/// assert_eq!(mishandle::strip_samples(None, 90, 300), [0, 30, 60, 90, 195, 300]);
+/// assert_eq!(mishandle::strip_samples(None, 300, 300), [0, 100, 200, 300]);
+/// assert_eq!(mishandle::strip_samples(Some(240), 290, 300), [0, 120, 240, 265, 290, 300]);
+/// assert_eq!(mishandle::strip_samples(Some(40), 50, 300), [0, 20, 40, 50, 175, 300]);
 /// ```
-pub fn strip_samples(decisive: usize, last: usize) -> Vec<usize> {
+pub fn strip_samples(start: Option<usize>, decisive: usize, last: usize) -> Vec<usize> {
     let decisive = decisive.min(last);
-    let mut samples = vec![0, decisive / 3, 2 * decisive / 3, decisive, decisive.midpoint(last), last];
+    let mut samples = match start {
+        None => vec![0, decisive / 3, 2 * decisive / 3, decisive, decisive.midpoint(last), last],
+        Some(start) => {
+            // One sample in the longer of the two spans that follow the start.
+            let between = match decisive.saturating_sub(start) > last - decisive {
+                true => start.midpoint(decisive),
+                false => decisive.midpoint(last),
+            };
+            vec![0, start / 2, start.min(decisive), decisive, between, last]
+        }
+    };
+    samples.sort_unstable();
     samples.dedup();
     samples
 }

@@ -1,8 +1,8 @@
 //! Pictures of failures of tasks.
 
 use mishandle::store::RunFile;
-use mishandle::world::{Renderer, Size, WorldError, png};
-use mishandle::{ExplainedSimulation, MishandleError};
+use mishandle::world::{Size, WorldError, png};
+use mishandle::{ExplainedSimulation, FrameCaptions, FrameRenderer, MishandleError};
 
 /// Size of a picture, pixels.
 pub const PICTURE: (u32, u32) = (320, 240);
@@ -39,16 +39,17 @@ pub fn strips(
     if simulations.is_empty() {
         return Ok(Vec::new());
     }
-    let mut renderer = Renderer::new(&mishandle::scene_mjcf(task)?, size)?;
+    let document = mishandle::scene_mjcf(task)?;
     simulations
         .iter()
         .take(MAX_STRIPS)
-        .map(|explained| strip(&mut renderer, run, explained, controller))
+        .map(|explained| strip(&document, size, run, explained, controller))
         .collect()
 }
 
 fn strip(
-    renderer: &mut Renderer,
+    document: &str,
+    size: Size,
     run: &RunFile,
     explained: &ExplainedSimulation,
     controller: Option<&str>,
@@ -60,12 +61,16 @@ fn strip(
     }
     let states = &trajectory.states;
     let Some(last) = states.len().checked_sub(1) else { return Ok(Vec::new()) };
-    let decisive = explained.explanation.diagnosis.path.last().map_or(last, |found| found.sample);
-    let samples = mishandle::strip_samples(decisive, last);
-    renderer.frame(samples.iter().map(|sample| states[*sample].as_slice()));
+    let event = explained.explanation.event();
+    let decisive = event.map_or(last, |event| event.sample);
+    let header = run.header();
+    let captions = FrameCaptions::new(header.control_dt, &header.signals, Some(&explained.explanation), last);
+    let mut renderer = FrameRenderer::new(document, size, Some(captions))?;
+    let samples = mishandle::strip_samples(event.and_then(|event| event.start), decisive, last);
+    renderer.fit(samples.iter().map(|sample| states[*sample].as_slice()));
     let picture = |sample: usize| -> Result<Frame, PictureError> {
-        let pixels = renderer.draw(&states[sample])?;
-        Ok(Frame { sample, png: png(PICTURE.0, PICTURE.1, pixels)? })
+        let picture = renderer.draw(sample, &states[sample])?;
+        Ok(Frame { sample, png: png(PICTURE.0, PICTURE.1, picture.pixels())? })
     };
     samples.into_iter().map(picture).collect()
 }

@@ -2,8 +2,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
-use mishandle::world::{Renderer, Size, png};
-use mishandle::{StateTrajectory, plural};
+use mishandle::world::{Picture, Size, png};
+use mishandle::{Event, Explanation, FrameCaptions, FrameRenderer, StateTrajectory, plural};
 
 use crate::progress::Bar;
 use crate::video::{self, Video};
@@ -98,18 +98,18 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if kind == Kind::Mp4 {
         video::check_encoder()?;
     }
-    let (mut renderer, trajectory, decisive) = match (&command.run, &command.task) {
+    let (mut renderer, trajectory, event) = match (&command.run, &command.task) {
         (Some(path), _) => recorded(path, command, size)?,
         (None, Some(task)) => {
             let task = mishandle::task(task)?;
             let trajectory = mishandle::initial_state(task, command.at.as_deref())?;
-            (Renderer::new(&mishandle::scene_mjcf(task)?, size)?, trajectory, 0)
+            (FrameRenderer::new(&mishandle::scene_mjcf(task)?, size, None)?, trajectory, None)
         }
         (None, None) => bail!("nothing to render: give a TASK or --run RUN"),
     };
     let status = match kind {
-        Kind::Png => filmstrip(&mut renderer, &trajectory, decisive, size, command)?,
-        Kind::Mp4 => video(&mut renderer, &trajectory, size, command)?,
+        Kind::Png => filmstrip(&mut renderer, &trajectory, event, command)?,
+        Kind::Mp4 => video(&mut renderer, &trajectory, command)?,
     };
     match status {
         ExitStatus::Interrupted => output::message("interrupted; nothing was written"),
@@ -145,14 +145,20 @@ fn size(text: Option<&str>, default: (u32, u32)) -> Result<Size> {
     }
 }
 
-/// Replays a recorded simulation. Returns its states and the sample that decides the robustness.
-fn recorded(path: &Path, command: &Arguments, size: Size) -> Result<(Renderer, StateTrajectory, usize)> {
+/// Replays a recorded simulation. Returns its states and the event that pictures center on.
+fn recorded(
+    path: &Path,
+    command: &Arguments,
+    size: Size,
+) -> Result<(FrameRenderer, StateTrajectory, Option<Event>)> {
     let run = run::read(path, command.skip_check)?;
     let Some((trial, simulation)) = mishandle::select_simulation(&run, command.trial, command.simulation)?
     else {
         bail!("{} has no decided simulation; choose one with --trial and --simulation", path.display());
     };
-    let renderer = Renderer::new(&mishandle::scene_mjcf(mishandle::task(&run.header().target.name)?)?, size)?;
+    let document = mishandle::scene_mjcf(mishandle::task(&run.header().target.name)?)?;
+    // Fails before the simulation if pictures cannot be drawn.
+    drop(FrameRenderer::new(&document, size, None)?);
     let (replayed, trajectory) =
         mishandle::replay_states(&run, trial, simulation, command.controller.as_deref())?;
     run::report_build_differences("made", &replayed.build_differences);
@@ -169,76 +175,78 @@ fn recorded(path: &Path, command: &Arguments, size: Size) -> Result<(Renderer, S
         plural(replayed.episode.steps, "control step")
     ));
     let last = trajectory.states.len() - 1;
-    // An undecided simulation has no decisive sample.
+    // An undecided simulation has no explanation.
     let explained = replayed.recorded.robustness.and_then(|_| {
         mishandle::explain_recorded(run.header(), replayed.recorded, replayed.episode.trace).ok()
     });
-    let Some(explained) = explained else { return Ok((renderer, trajectory, last)) };
-    explained
-        .explanation
-        .sentences(run.header().control_dt)
-        .iter()
-        .for_each(|sentence| output::message(sentence));
-    let decisive = explained.explanation.diagnosis.path.last().map_or(last, |found| found.sample.min(last));
-    Ok((renderer, trajectory, decisive))
+    let explanation = explained.as_ref().map(|explained| &explained.explanation);
+    for sentence in explanation.map_or(Vec::new(), |found| found.sentences(run.header().control_dt)) {
+        output::message(&sentence);
+    }
+    let event = explanation.and_then(Explanation::event);
+    if let Some(event) = event {
+        output::message(&event.sentence(run.header().control_dt));
+    }
+    let captions = FrameCaptions::new(run.header().control_dt, &run.header().signals, explanation, last);
+    let renderer = FrameRenderer::new(&document, size, Some(captions))?;
+    if !renderer.has_captions() {
+        output::message("frames of this size are too small for captions; try --size 320x240");
+    }
+    Ok((renderer, trajectory, event))
 }
 
 /// Renders a picture with up to six frames: start, decisive sample, end, and instants between them.
 fn filmstrip(
-    renderer: &mut Renderer,
+    renderer: &mut FrameRenderer,
     trajectory: &StateTrajectory,
-    decisive: usize,
-    size: Size,
+    event: Option<Event>,
     command: &Arguments,
 ) -> Result<ExitStatus> {
     let states = &trajectory.states;
-    let steps = mishandle::strip_samples(decisive, states.len() - 1);
+    let last = states.len() - 1;
+    let decisive = event.map_or(last, |event| event.sample);
+    let steps = mishandle::strip_samples(event.and_then(|event| event.start), decisive, last);
     let count = steps.len();
-    renderer.frame(steps.iter().map(|step| states[*step].as_slice()));
+    renderer.fit(steps.iter().map(|step| states[*step].as_slice()));
     let columns = count.min(STRIP_COLUMNS);
-    let (width, height) = (size.width() as usize, size.height() as usize);
-    let (whole_width, whole_height) = (columns * width, count.div_ceil(columns) * height);
-    let mut whole = vec![255_u8; 3 * whole_width * whole_height];
+    let (width, height) = (renderer.size().width() as usize, renderer.size().height() as usize);
+    let mut whole = Picture::new(columns * width, count.div_ceil(columns) * height, [255; 3]);
     for (i, step) in steps.iter().enumerate() {
-        let (left, top) = (i % columns * width, i / columns * height);
-        let picture = renderer.draw(&states[*step])?;
-        for (row, pixels) in picture.chunks(3 * width).enumerate() {
-            whole[3 * ((top + row) * whole_width + left)..][..3 * width].copy_from_slice(pixels);
-        }
+        let frame = renderer.draw(*step, &states[*step])?;
+        whole.paste((i % columns * width, i / columns * height), width, frame.pixels());
     }
     if count > 1 {
         let time = |step: &usize| {
-            let note = if *step == decisive { " (decisive)" } else { "" };
+            let note = if event.is_some() && *step == decisive { " (decisive)" } else { "" };
             format!("{:.2} s{note}", *step as f64 * trajectory.control_dt)
         };
         let times: Vec<String> = steps.iter().map(time).collect();
         output::message(&format!("frames at {}, row by row", times.join(", ")));
     }
-    let bytes = png(whole_width as u32, whole_height as u32, &whole)?;
+    let bytes = png(whole.width() as u32, whole.height() as u32, whole.pixels())?;
     output::write_atomically(&command.out, command.force, &bytes)?;
     Ok(ExitStatus::Done)
 }
 
 fn video(
-    renderer: &mut Renderer,
+    renderer: &mut FrameRenderer,
     trajectory: &StateTrajectory,
-    size: Size,
     command: &Arguments,
 ) -> Result<ExitStatus> {
     let StateTrajectory { states, control_dt } = trajectory;
     let stride = (1.0 / (FRAME_RATE * control_dt)).round().max(1.0) as usize;
     let rate = 1.0 / (stride as f64 * control_dt);
-    renderer.frame(states.iter().step_by(stride).map(Vec::as_slice));
+    renderer.fit(states.iter().step_by(stride).map(Vec::as_slice));
     // From here on a signal must not end the program directly, because an unfinished file must be removed.
     let bar = Bar::new(states.len().div_ceil(stride) as u64, "frames");
     let cleared = bar.line();
     interrupt::listen(|| (), move || cleared.finish_and_clear())?;
-    let mut video = Video::start(output::create(&command.out, command.force)?, size, rate)?;
-    for (done, state) in (1..).zip(states.iter().step_by(stride)) {
+    let mut video = Video::start(output::create(&command.out, command.force)?, renderer.size(), rate)?;
+    for (done, (sample, state)) in (1..).zip(states.iter().enumerate().step_by(stride)) {
         if interrupt::requested() {
             return Ok(ExitStatus::Interrupted);
         }
-        if video.push_frame(renderer.draw(state)?)?.is_break() {
+        if video.push_frame(renderer.draw(sample, state)?.pixels())?.is_break() {
             return Ok(ExitStatus::Interrupted);
         }
         bar.set_position(done);

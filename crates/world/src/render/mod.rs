@@ -3,12 +3,17 @@
 //! The module `enabled` is used with the feature `render`. Without it, the functions of `disabled` return an error with
 //! the command to build with the feature.
 
+mod caption;
 #[cfg(feature = "render")]
 mod enabled;
+mod picture;
 #[cfg(feature = "render")]
 mod view;
 #[cfg(feature = "render")]
 pub use enabled::{Renderer, png};
+
+pub use caption::{Caption, CaptionLayout, CaptionPart, TimeBar};
+pub use picture::{Color, Picture};
 
 #[cfg(not(feature = "render"))]
 mod disabled;
