@@ -36,6 +36,8 @@ struct CaptionPredicate {
     /// Text of the values at each sample. All have the same length.
     values: Vec<String>,
     robustness: Vec<f64>,
+    /// First and last sample that the formula reads.
+    window: (usize, usize),
 }
 
 impl FrameCaptions {
@@ -71,6 +73,8 @@ impl FrameCaptions {
                 Some(_) => ("holds", PASS),
                 None => ("     ", INK),
             };
+            let is_read = (predicate.window.0..=predicate.window.1).contains(&sample);
+            let color = if is_read { color } else { SOFT };
             let values = predicate.values.get(sample).cloned().unwrap_or_default();
             parts.extend([
                 part(status.to_string(), color, true),
@@ -101,6 +105,7 @@ fn predicate(signals: &[SignalRecord], explanation: &Explanation) -> Option<Capt
                 name: found.text.clone(),
                 values,
                 robustness: history.robustness.clone(),
+                window: history.window,
             });
         }
     };
@@ -116,6 +121,7 @@ fn predicate(signals: &[SignalRecord], explanation: &Explanation) -> Option<Capt
         name: name.clone(),
         values: padded(side.iter().map(value).collect()),
         robustness: history.robustness.clone(),
+        window: history.window,
     })
 }
 

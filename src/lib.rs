@@ -31,6 +31,7 @@ mod explanation;
 mod explanation_text;
 mod failure_modes;
 mod falsify;
+mod film;
 mod frames;
 mod hint;
 mod home;
@@ -72,6 +73,7 @@ pub use explanation::{
 pub use explanation_text::{compared_values, instant};
 pub use failure_modes::{Failure, FailureMode, FailureModes, axis as recorded_axis, failure_modes};
 pub use falsify::{FalsifyProgress, check_falsify, falsify, search_entry};
+pub use film::Film;
 pub use frames::{FrameCaptions, FrameRenderer};
 pub use home::{
     ShippedFile, controller_name, find_controller, home, home_description, picture_path, shipped_controller,

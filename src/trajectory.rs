@@ -40,27 +40,32 @@ pub fn initial_state(task: &dyn Task, x0: Option<&[f64]>) -> Result<StateTraject
     Ok(StateTrajectory { states: vec![state], control_dt: environment.control_dt() })
 }
 
-/// Returns the samples of a filmstrip of an episode whose last sample is `last`: the start, the decisive sample, the end, and
-/// samples between them. If a violation starts earlier than the decisive sample, its `start` is one of them.
+/// Returns the samples of a filmstrip of the samples `first` to `last`: both ends, the decisive sample, and samples between them.
+/// If a violation starts earlier than the decisive sample, its `start` is one of them.
 ///
 /// # Example
 /// ```
-/// assert_eq!(mishandle::strip_samples(None, 90, 300), [0, 30, 60, 90, 195, 300]);
-/// assert_eq!(mishandle::strip_samples(None, 300, 300), [0, 100, 200, 300]);
-/// assert_eq!(mishandle::strip_samples(Some(240), 290, 300), [0, 120, 240, 265, 290, 300]);
-/// assert_eq!(mishandle::strip_samples(Some(40), 50, 300), [0, 20, 40, 50, 175, 300]);
+/// use mishandle::strip_samples;
+/// assert_eq!(strip_samples(None, 90, (0, 300)), [0, 30, 60, 90, 195, 300]);
+/// assert_eq!(strip_samples(None, 300, (0, 300)), [0, 100, 200, 300]);
+/// assert_eq!(strip_samples(Some(240), 290, (0, 300)), [0, 120, 240, 265, 290, 300]);
+/// assert_eq!(strip_samples(Some(40), 50, (0, 300)), [0, 20, 40, 50, 175, 300]);
+/// assert_eq!(strip_samples(Some(10), 250, (220, 280)), [220, 230, 240, 250, 265, 280]);
 /// ```
-pub fn strip_samples(start: Option<usize>, decisive: usize, last: usize) -> Vec<usize> {
-    let decisive = decisive.min(last);
-    let mut samples = match start {
-        None => vec![0, decisive / 3, 2 * decisive / 3, decisive, decisive.midpoint(last), last],
+pub fn strip_samples(start: Option<usize>, decisive: usize, (first, last): (usize, usize)) -> Vec<usize> {
+    let decisive = decisive.clamp(first, last);
+    let mut samples = match start.filter(|start| (first..decisive).contains(start)) {
+        None => {
+            let third = (decisive - first) / 3;
+            vec![first, first + third, decisive - third, decisive, decisive.midpoint(last), last]
+        }
         Some(start) => {
             // One sample in the longer of the two spans that follow the start.
-            let between = match decisive.saturating_sub(start) > last - decisive {
+            let between = match decisive - start > last - decisive {
                 true => start.midpoint(decisive),
                 false => decisive.midpoint(last),
             };
-            vec![0, start / 2, start.min(decisive), decisive, between, last]
+            vec![first, first.midpoint(start), start, decisive, between, last]
         }
     };
     samples.sort_unstable();

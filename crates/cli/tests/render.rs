@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// A fake encoder that stores 151 frames of 32 x 24 pixels as the data of an MP4 file. Their box has 347,912 bytes.
+/// A fake encoder that stores 180 frames of 32 x 24 pixels as the data of an MP4 file. Their box has 414,728 bytes.
 const STORES: &str = "#!/bin/sh
 [ \"$1\" = -version ] && exit
 for last; do :; done
-{ printf '\\0\\0\\0\\010ftyp\\0\\0\\0\\010moov\\0\\005\\117\\010mdat'; cat; } > \"$last\"
+{ printf '\\0\\0\\0\\010ftyp\\0\\0\\0\\010moov\\0\\006\\124\\010mdat'; cat; } > \"$last\"
 ";
 /// A slow fake encoder for frames of 32 x 24 pixels. It creates the file `started` when it starts.
 const SLOW: &str = "#!/bin/sh
@@ -158,8 +158,9 @@ fn an_episode_is_rendered_as_a_video_or_a_filmstrip() {
     let stores = bench.encoder("stores", STORES);
     let output = render().env("PATH", format!("{}:/usr/bin:/bin", stores.display())).output().unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
-    // Samples 0, 2, 4 ... 300: 151 frames with three bytes per pixel, after the headers of three boxes.
-    assert_eq!(std::fs::metadata(bench.path("video.mp4")).unwrap().len(), 24 + 151 * 32 * 24 * 3);
+    // Samples 0, 2, 4 ... 300 with three bytes per pixel, after the headers of three boxes. The even decisive sample is held
+    // for 29 frames more.
+    assert_eq!(std::fs::metadata(bench.path("video.mp4")).unwrap().len(), 24 + 180 * 32 * 24 * 3);
 }
 
 #[test]
@@ -204,6 +205,8 @@ fn invalid_arguments_of_render_are_errors() {
         ("point-reaching --size 33x20 --out a.png", ["33x20", "even"]),
         ("point-reaching --size 5000x20 --out a.png", ["5000x20", "4096"]),
         ("--run missing.sqlite --out a.png", ["missing.sqlite", "error"]),
+        ("--run run.sqlite --around 0 --out a.mp4", ["--around", "above 0"]),
+        ("--run run.sqlite --speed 1000 --out a.mp4", ["--speed", "from 0.01 to 100"]),
     ] {
         bench.refuses(&mut bench.command(&format!("render {arguments}")), &parts);
     }

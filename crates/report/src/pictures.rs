@@ -66,7 +66,7 @@ fn strip(
     let header = run.header();
     let captions = FrameCaptions::new(header.control_dt, &header.signals, Some(&explained.explanation), last);
     let mut renderer = FrameRenderer::new(document, size, Some(captions))?;
-    let samples = mishandle::strip_samples(event.and_then(|event| event.start), decisive, last);
+    let samples = mishandle::strip_samples(event.and_then(|event| event.start), decisive, (0, last));
     renderer.fit(samples.iter().map(|sample| states[*sample].as_slice()));
     let picture = |sample: usize| -> Result<Frame, PictureError> {
         let picture = renderer.draw(sample, &states[sample])?;

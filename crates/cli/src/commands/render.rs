@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::world::{Picture, Size, png};
-use mishandle::{Event, Explanation, FrameCaptions, FrameRenderer, StateTrajectory, plural};
+use mishandle::{Event, Explanation, Film, FrameCaptions, FrameRenderer, StateTrajectory, plural};
 
 use crate::progress::Bar;
 use crate::video::{self, Video};
@@ -12,6 +12,12 @@ use crate::{ExitStatus, args, interrupt, numbers, output, run};
 /// Coordinates of an initial state. Its box is checked later, by an error that names the axis.
 const COORDINATE: &str = "a number in the unit of the axis, such as 0.45";
 
+/// Seconds on each side of an event.
+const AROUND: &str = "a number of seconds above 0, such as 0.5";
+
+/// Speeds of a video.
+const SPEED: &str = "a number from 0.01 to 100, such as 0.25";
+
 /// Render the initial state of a task, or a video or filmstrip of a recorded simulation
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
@@ -19,6 +25,13 @@ const COORDINATE: &str = "a number in the unit of the axis, such as 0.45";
   mishandle render ball-pushing --at 0.45,-0.1 --out start.png
   mishandle render --run runs/RUN.sqlite --out video.mp4           the first counterexample
   mishandle render --run runs/RUN.sqlite --trial 2 --simulation 17 --out strip.png   six frames
+
+  mishandle render --run runs/RUN.sqlite --around 0.5 --speed 0.25 --out slow.mp4   half a second on each side
+
+Pictures of a simulation center on its event, and `render` says which one it is and why. If the formula
+is violated by something that must always hold, it is the violation. If the formula needs one good
+instant (`eventually`), it is the closest approach. If the formula is satisfied, it is the instant
+with the smallest margin. A video holds the event for a second.
 
 Rendering needs no display. Videos need the program ffmpeg.")]
 pub struct Arguments {
@@ -45,6 +58,14 @@ pub struct Arguments {
     /// Do not check the whole run file before reading it; a record is still checked when it is read
     #[arg(long, requires = "run")]
     pub skip_check: bool,
+    /// Show only this many seconds before and after the event [default: all of an episode of up to 10 s, otherwise 5]
+    #[arg(long, value_name = "SECONDS", requires = "run", allow_negative_numbers = true)]
+    #[arg(value_parser = numbers::number(AROUND, |seconds| seconds > 0.0 && seconds.is_finite()))]
+    pub around: Option<f64>,
+    /// Speed of a video relative to the simulation [default: 1]
+    #[arg(long, value_name = "FACTOR", requires = "run", allow_negative_numbers = true)]
+    #[arg(value_parser = numbers::number(SPEED, |speed| (0.01..=100.0).contains(&speed)))]
+    pub speed: Option<f64>,
     /// Output file: .png for a picture or a filmstrip, .mp4 for a video
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
@@ -56,9 +77,8 @@ pub struct Arguments {
     pub force: bool,
 }
 
-/// Approximate frame rate of a video, in frames per second. Consecutive frames are a whole number of control steps
-/// apart.
-const FRAME_RATE: f64 = 30.0;
+/// The camera is placed by every second state, which is enough to show all motions.
+const FIT_STRIDE: usize = 2;
 
 /// Frames per row of a filmstrip.
 const STRIP_COLUMNS: usize = 3;
@@ -109,7 +129,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     };
     let status = match kind {
         Kind::Png => filmstrip(&mut renderer, &trajectory, event, command)?,
-        Kind::Mp4 => video(&mut renderer, &trajectory, command)?,
+        Kind::Mp4 => video(&mut renderer, &trajectory, event, command)?,
     };
     match status {
         ExitStatus::Interrupted => output::message("interrupted; nothing was written"),
@@ -204,8 +224,9 @@ fn filmstrip(
 ) -> Result<ExitStatus> {
     let states = &trajectory.states;
     let last = states.len() - 1;
-    let decisive = event.map_or(last, |event| event.sample);
-    let steps = mishandle::strip_samples(event.and_then(|event| event.start), decisive, last);
+    let decisive = event.map_or(last, |event| event.sample.min(last));
+    let film = Film::new(trajectory.control_dt, last, event.as_ref(), command.around, 1.0);
+    let steps = mishandle::strip_samples(event.and_then(|event| event.start), decisive, film.window);
     let count = steps.len();
     renderer.fit(steps.iter().map(|step| states[*step].as_slice()));
     let columns = count.min(STRIP_COLUMNS);
@@ -231,24 +252,41 @@ fn filmstrip(
 fn video(
     renderer: &mut FrameRenderer,
     trajectory: &StateTrajectory,
+    event: Option<Event>,
     command: &Arguments,
 ) -> Result<ExitStatus> {
     let StateTrajectory { states, control_dt } = trajectory;
-    let stride = (1.0 / (FRAME_RATE * control_dt)).round().max(1.0) as usize;
-    let rate = 1.0 / (stride as f64 * control_dt);
-    renderer.fit(states.iter().step_by(stride).map(Vec::as_slice));
+    let (last, speed) = (states.len() - 1, command.speed.unwrap_or(1.0));
+    let film = Film::new(*control_dt, last, event.as_ref(), command.around, speed);
+    let (first, end) = film.window;
+    if film.window != (0, last) {
+        output::message(&format!(
+            "the video shows {} to {}",
+            mishandle::instant(first, *control_dt),
+            mishandle::instant(end, *control_dt)
+        ));
+    }
+    renderer.fit(states[first..=end].iter().step_by(FIT_STRIDE).map(Vec::as_slice));
     // From here on a signal must not end the program directly, because an unfinished file must be removed.
-    let bar = Bar::new(states.len().div_ceil(stride) as u64, "frames");
+    let bar = Bar::new(film.samples.len() as u64, "frames");
     let cleared = bar.line();
     interrupt::listen(|| (), move || cleared.finish_and_clear())?;
-    let mut video = Video::start(output::create(&command.out, command.force)?, renderer.size(), rate)?;
-    for (done, (sample, state)) in (1..).zip(states.iter().enumerate().step_by(stride)) {
+    let file = output::create(&command.out, command.force)?;
+    let mut video = Video::start(file, renderer.size(), film.rate)?;
+    let mut drawn: Option<(usize, Picture)> = None;
+    for (done, sample) in (1..).zip(&film.samples) {
         if interrupt::requested() {
             return Ok(ExitStatus::Interrupted);
         }
-        if video.push_frame(renderer.draw(sample, state)?.pixels())?.is_break() {
+        // A held sample is drawn once.
+        let picture = match drawn.take() {
+            Some((known, picture)) if known == *sample => picture,
+            _ => renderer.draw(*sample, &states[*sample])?,
+        };
+        if video.push_frame(picture.pixels())?.is_break() {
             return Ok(ExitStatus::Interrupted);
         }
+        drawn = Some((*sample, picture));
         bar.set_position(done);
     }
     let finished = video.finish()?;
