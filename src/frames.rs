@@ -3,7 +3,7 @@
 use mishandle_stl::Formula;
 use mishandle_store::SignalRecord;
 use mishandle_world::{
-    Caption, CaptionLayout, CaptionPart, Color, Picture, Renderer, Size, TimeBar, WorldError,
+    Caption, CaptionLayout, CaptionPart, Color, Picture, Quality, Renderer, Size, TimeBar, WorldError,
 };
 
 use crate::{Event, Explanation, PredicateHistory};
@@ -177,7 +177,7 @@ pub struct FrameRenderer {
 }
 
 impl FrameRenderer {
-    /// Makes a renderer of frames of this size. Without captions, or if the frame is too small for them, the scene fills the
+    /// Makes a renderer of frames of this size and quality. Without captions, or if the frame is too small for them, the scene fills the
     /// frame.
     ///
     /// # Errors
@@ -185,6 +185,7 @@ impl FrameRenderer {
     pub fn new(
         document: &str,
         size: Size,
+        quality: Quality,
         captions: Option<FrameCaptions>,
     ) -> Result<FrameRenderer, WorldError> {
         let (width, height) = (size.width() as usize, size.height() as usize);
@@ -194,7 +195,7 @@ impl FrameRenderer {
         });
         let taken = captions.as_ref().map_or(0, |(_, layout)| layout.height() as u32);
         let scene = Size::new(size.width(), size.height() - taken).unwrap_or(size);
-        Ok(FrameRenderer { renderer: Renderer::new(document, scene)?, size, captions })
+        Ok(FrameRenderer { renderer: Renderer::new(document, scene, quality)?, size, captions })
     }
 
     /// Returns the size of a frame.

@@ -149,7 +149,8 @@ fn an_episode_is_rendered_as_a_video_or_a_filmstrip() {
     bench.check("render --run run.sqlite --simulation 2 --size 32x24 --out strip.png");
     assert_eq!(size(&bench.path("strip.png")), (3 * 32, 2 * 24));
 
-    let render = || bench.command("render --run run.sqlite --simulation 2 --size 32x24 --out video.mp4");
+    let render =
+        || bench.command("render --run run.sqlite --simulation 2 --size 32x24 --fast --out video.mp4");
     let nothing = bench.path("nothing");
     let error = bench.refuses(render().env("PATH", &nothing), &["`ffmpeg`", "apt install ffmpeg"]);
     assert!(!error.contains("control steps"), "it simulated without need: {error}");
@@ -171,7 +172,7 @@ fn an_interrupted_video_leaves_no_file() {
         return;
     }
     let slow = bench.encoder("slow", SLOW);
-    let mut command = bench.command("render --run run.sqlite --size 32x24 --out video.mp4");
+    let mut command = bench.command("render --run run.sqlite --size 32x24 --fast --out video.mp4");
     command.env("PATH", format!("{}:/usr/bin:/bin", slow.display())).stderr(Stdio::piped());
     let child = command.spawn().unwrap();
     let start = Instant::now();

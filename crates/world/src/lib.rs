@@ -22,7 +22,9 @@ pub use element::{Actuator, Body, Equality, Flex, Joint, Mocap, Site};
 pub use error::WorldError;
 pub use kinematics::Arm;
 pub use model::Model;
-pub use render::{Caption, CaptionLayout, CaptionPart, Color, Picture, Renderer, Size, TimeBar, png};
+pub use render::{
+    Caption, CaptionLayout, CaptionPart, Color, Picture, Quality, Renderer, Size, TimeBar, png,
+};
 pub use rows::Rows;
 pub use state::World;
 

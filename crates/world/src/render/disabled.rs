@@ -1,6 +1,6 @@
 //! Replacement for the renderer in builds without the feature `render`.
 
-use super::Size;
+use super::{Quality, Size};
 use crate::WorldError;
 
 /// Renders states of one scene. Never exists in this build.
@@ -12,7 +12,7 @@ impl Renderer {
     ///
     /// # Errors
     /// Always: this build cannot render.
-    pub fn new(_document: &str, _size: Size) -> Result<Renderer, WorldError> {
+    pub fn new(_document: &str, _size: Size, _quality: Quality) -> Result<Renderer, WorldError> {
         Err(WorldError::NoRenderer)
     }
 

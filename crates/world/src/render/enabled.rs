@@ -5,7 +5,8 @@ use mujoco_rs::renderer::MjRenderer;
 use mujoco_rs::wrappers::mj_model::MjtGeomBase;
 use mujoco_rs::wrappers::mj_visualization::{MjvCamera, MjvOption};
 
-use super::{Size, view};
+use super::picture::shrink;
+use super::{Quality, Size, view};
 use crate::{Model, World, WorldError};
 
 /// The name of a scene's own camera.
@@ -22,6 +23,10 @@ const HIDDEN_SITES: usize = 4;
 pub struct Renderer {
     world: World,
     inner: MjRenderer,
+    /// Width of the rendered image, and number of its pixels per pixel of the picture, in each direction.
+    width: usize,
+    factor: usize,
+    pixels: Vec<u8>,
 }
 
 impl fmt::Debug for Renderer {
@@ -35,10 +40,13 @@ impl Renderer {
     ///
     /// # Errors
     /// If MuJoCo rejects the document, or OpenGL is not available.
-    pub fn new(document: &str, size: Size) -> Result<Renderer, WorldError> {
+    pub fn new(document: &str, size: Size, quality: Quality) -> Result<Renderer, WorldError> {
+        let is_large = size.width().max(size.height()) > *Size::RANGE.end() / 2;
+        let factor = if quality == Quality::Fine && !is_large { 2 } else { 1 };
+        let [width, height] = [factor * size.width(), factor * size.height()];
         let bare = Model::from_xml(document)?;
         let has_ground = bare.inner.geom_type().contains(&MjtGeomBase::mjGEOM_PLANE);
-        let model = Model::from_xml(&view::with_lights(document, size, has_ground))?;
+        let model = Model::from_xml(&view::with_lights(document, [width, height], quality, has_ground))?;
         let camera = match model.inner.name_to_id(MjtObjBase::mjOBJ_CAMERA, CAMERA) {
             Some(id) => MjvCamera::new_fixed(id),
             None => MjvCamera::new_free(&model.inner),
@@ -47,13 +55,19 @@ impl Renderer {
         options.geomgroup[HIDDEN_GEOMS] = 0;
         options.sitegroup[HIDDEN_SITES] = 0;
         let inner = MjRenderer::builder()
-            .width(size.width())
-            .height(size.height())
+            .width(width)
+            .height(height)
             .camera(camera)
             .opts(options)
             .build(&model.inner)
             .map_err(|error| WorldError::Render(error_chain(&error)))?;
-        Ok(Renderer { world: model.world(), inner })
+        Ok(Renderer {
+            world: model.world(),
+            inner,
+            width: width as usize,
+            factor: factor as usize,
+            pixels: Vec::new(),
+        })
     }
 
     fn is_free(&self) -> bool {
@@ -102,7 +116,12 @@ impl Renderer {
         self.world.data.forward();
         let rendered = self.inner.sync_data(&mut self.world.data).and_then(|()| self.inner.render());
         rendered.map_err(|error| WorldError::Render(error_chain(&error)))?;
-        Ok(self.inner.rgb_flat().unwrap_or_default())
+        let rendered = self.inner.rgb_flat().unwrap_or_default();
+        if self.factor == 1 {
+            return Ok(rendered);
+        }
+        shrink(rendered, self.width, self.factor, &mut self.pixels);
+        Ok(&self.pixels)
     }
 }
 

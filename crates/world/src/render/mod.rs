@@ -27,6 +27,15 @@ pub struct Size {
     height: u32,
 }
 
+/// Quality of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quality {
+    /// One light. Shadows have hard edges.
+    Fast,
+    /// Soft shadows, and smooth edges of all objects. Without a graphics card this takes about four times as long.
+    Fine,
+}
+
 impl Size {
     /// The allowed widths and heights. OpenGL 4.1 and later support the maximum.
     pub const RANGE: std::ops::RangeInclusive<u32> = 16..=4096;

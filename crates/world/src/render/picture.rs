@@ -86,7 +86,7 @@ impl Picture {
     }
 }
 
-#[allow(dead_code)] // step3
+#[cfg(any(test, feature = "render"))]
 /// Averages squares of `factor` x `factor` pixels.
 pub(super) fn shrink(pixels: &[u8], width: usize, factor: usize, out: &mut Vec<u8>) {
     out.clear();

@@ -2,7 +2,7 @@
 
 use mujoco_rs::wrappers::mj_model::MjtGeomBase;
 
-use super::Size;
+use super::Quality;
 use crate::World;
 use crate::frame::{add, dot, norm, scale, sub};
 
@@ -23,8 +23,52 @@ const ITERATIONS: usize = 20;
 /// Anything farther from the robot's base is ignored, for example a ball that rolled away, m.
 const FAR: f64 = 2.0;
 
+/// Number of lights of a fine picture, and radius of the disk of their directions, rad. OpenGL has eight lights; the camera has
+/// one of them. Each light costs as much as half a picture with one.
+const LIGHTS: usize = 4;
+const LIGHT_RADIUS: f64 = 0.025;
+
+/// Horizontal direction of the light per meter of fall, and the point of the ground on its axis, m.
+const LIGHT_SLOPE: [f64; 2] = [-0.35, 0.3];
+const LIT_POINT: [f64; 2] = [0.345, 0.09];
+
+/// Height of the lights, m.
+const LIGHT_HEIGHT: f64 = 3.3;
+
+/// Returns lights with these slopes that together are as bright as one light. Their shadows overlap, and the edges fade.
+fn lights(quality: Quality) -> String {
+    let count = if quality == Quality::Fine { LIGHTS } else { 1 };
+    let light = |i: usize| {
+        // Points of a spiral that cover a disk evenly (Vogel, 1979).
+        let turn = std::f64::consts::PI * (3.0 - 5_f64.sqrt()) * i as f64;
+        let radius = match count {
+            1 => 0.0,
+            _ => LIGHT_RADIUS * ((i as f64 + 0.5) / count as f64).sqrt(),
+        };
+        let slope = [LIGHT_SLOPE[0] + radius * turn.cos(), LIGHT_SLOPE[1] + radius * turn.sin()];
+        let [x, y] = [0, 1].map(|axis| LIT_POINT[axis] - LIGHT_HEIGHT * slope[axis]);
+        let (diffuse, specular) = (0.5 / count as f64, 0.15 / count as f64);
+        format!(
+            r#"<light directional="true" pos="{x:.6} {y:.6} {LIGHT_HEIGHT}" dir="{:.6} {:.6} -1" diffuse="{diffuse} {diffuse} {diffuse}" specular="{specular} {specular} {specular}"/>
+  "#,
+            slope[0], slope[1],
+        )
+    };
+    (0..count).map(light).collect()
+}
+
 /// Adds lights, a sky, a frame buffer for this image size and, if missing, a ground plane to the document.
-pub(super) fn with_lights(document: &str, size: Size, has_ground: bool) -> String {
+pub(super) fn with_lights(
+    document: &str,
+    [width, height]: [u32; 2],
+    quality: Quality,
+    has_ground: bool,
+) -> String {
+    // The area of the shadows around the lit point, m, and the size of their map, pixels.
+    let (shadow_radius, shadow_size) = match quality {
+        Quality::Fast => (3.2, (3 * width.max(height)).next_power_of_two().clamp(256, 4096)),
+        Quality::Fine => (2.2, width.max(height).next_power_of_two().clamp(256, 2048)),
+    };
     let ground = if has_ground {
         ""
     } else {
@@ -33,23 +77,20 @@ pub(super) fn with_lights(document: &str, size: Size, has_ground: bool) -> Strin
     let additions = format!(
         r#"
 <visual>
-  <global offwidth="{}" offheight="{}" fovy="32"/>
+  <global offwidth="{width}" offheight="{height}" fovy="32"/>
   <headlight ambient="0.42 0.42 0.42" diffuse="0.28 0.28 0.28" specular="0.05 0.05 0.05"/>
-  <quality shadowsize="{}" offsamples="4"/>
-  <map znear="0.05" zfar="12" shadowclip="3.2"/>
+  <quality shadowsize="{shadow_size}" offsamples="4"/>
+  <map znear="0.05" zfar="12" shadowclip="{shadow_radius}"/>
 </visual>
 <statistic extent="1"/>
 <asset>
   <texture type="skybox" builtin="gradient" rgb1="0.94 0.96 0.98" rgb2="1 1 1" width="64" height="384"/>
 </asset>
 <worldbody>
-  <light directional="true" pos="1.5 -0.9 3.3" dir="-0.35 0.3 -1" diffuse="0.5 0.5 0.5" specular="0.15 0.15 0.15"/>
-  {ground}
+  {}{ground}
 </worldbody>
 </mujoco>"#,
-        size.width(),
-        size.height(),
-        (3 * size.width().max(size.height())).next_power_of_two().clamp(256, 4096),
+        lights(quality),
     );
     document.trim_end().strip_suffix("</mujoco>").unwrap_or(document).to_string() + &additions
 }
@@ -169,6 +210,18 @@ fn fit(points: &[[f64; 3]], azimuth_deg: f64, fovy: f64, aspect: f64) -> ([f64; 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_lights_of_a_fine_picture_are_together_as_bright_as_one() {
+        let one = lights(Quality::Fast);
+        assert!(
+            one.contains(r#"pos="1.500000 -0.900000 3.3" dir="-0.350000 0.300000 -1" diffuse="0.5 0.5 0.5""#),
+            "{one}"
+        );
+        let several = lights(Quality::Fine);
+        assert_eq!(several.matches("<light").count(), 4);
+        assert_eq!(several.matches(r#"diffuse="0.125 0.125 0.125""#).count(), 4);
+    }
 
     #[test]
     fn the_field_of_view_determines_the_distance() {
