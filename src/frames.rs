@@ -116,7 +116,11 @@ fn predicate(signals: &[SignalRecord], explanation: &Explanation) -> Option<Capt
         _ => "forbidden",
     };
     let unit = unit(signals, name);
-    let value = |value: &f64| format!("{value:.4}{unit} ({bound} {limit_text})");
+    let value = |value: &f64| {
+        let value = format!("{value:.4}");
+        let value = if value == "-0.0000" { "0.0000" } else { &value };
+        format!("{value}{unit} ({bound} {limit_text})")
+    };
     Some(CaptionPredicate {
         name: name.clone(),
         values: padded(side.iter().map(value).collect()),
@@ -168,39 +172,43 @@ fn spans(history: &PredicateHistory, last: usize) -> Vec<([f64; 2], Color)> {
     spans
 }
 
-/// Draws the frames of one simulation.
+/// Draws the frames of one simulation: the views of all cameras side by side, and below them the caption.
 #[derive(Debug)]
 pub struct FrameRenderer {
-    renderer: Renderer,
+    views: Vec<Renderer>,
+    /// Width of a view and height of a frame, pixels.
     size: Size,
     captions: Option<(FrameCaptions, CaptionLayout)>,
 }
 
 impl FrameRenderer {
-    /// Makes a renderer of frames of this size and quality. Without captions, or if the frame is too small for them, the scene fills the
-    /// frame.
+    /// Makes a renderer with one view of this width for each of `cameras`, which are names from
+    /// [`CAMERAS`](mishandle_world::CAMERAS) or of the scene. `size` has the height of the whole frame. Without captions, or if the
+    /// frame is too small for them, the views fill it.
     ///
     /// # Errors
-    /// If MuJoCo rejects the document, or OpenGL is not available.
+    /// If MuJoCo rejects the document, there is no such camera, or OpenGL is not available.
     pub fn new(
         document: &str,
         size: Size,
         quality: Quality,
+        cameras: &[&str],
         captions: Option<FrameCaptions>,
     ) -> Result<FrameRenderer, WorldError> {
-        let (width, height) = (size.width() as usize, size.height() as usize);
+        let (width, height) = (cameras.len() * size.width() as usize, size.height() as usize);
         let captions = captions.and_then(|captions| {
             let layout = CaptionLayout::new(width, height, &captions.at(0))?;
             Some((captions, layout))
         });
         let taken = captions.as_ref().map_or(0, |(_, layout)| layout.height() as u32);
         let scene = Size::new(size.width(), size.height() - taken).unwrap_or(size);
-        Ok(FrameRenderer { renderer: Renderer::new(document, scene, quality)?, size, captions })
+        let view = |camera: &&str| Renderer::new(document, scene, quality, camera);
+        Ok(FrameRenderer { views: cameras.iter().map(view).collect::<Result<_, _>>()?, size, captions })
     }
 
-    /// Returns the size of a frame.
-    pub fn size(&self) -> Size {
-        self.size
+    /// Returns the width and height of a frame in pixels.
+    pub fn frame_size(&self) -> (usize, usize) {
+        (self.views.len() * self.size.width() as usize, self.size.height() as usize)
     }
 
     /// Returns whether frames have captions.
@@ -208,9 +216,9 @@ impl FrameRenderer {
         self.captions.is_some()
     }
 
-    /// Places the camera so that everything is in the image in all of these states.
-    pub fn fit<'a>(&mut self, states: impl IntoIterator<Item = &'a [f64]>) {
-        self.renderer.frame(states);
+    /// Places the cameras so that everything is in the image in all of these states.
+    pub fn fit<'a>(&mut self, states: impl IntoIterator<Item = &'a [f64]> + Clone) {
+        self.views.iter_mut().for_each(|view| view.frame(states.clone()));
     }
 
     /// Draws the frame of a sample with this state.
@@ -218,8 +226,12 @@ impl FrameRenderer {
     /// # Errors
     /// If OpenGL fails.
     pub fn draw(&mut self, sample: usize, state: &[f64]) -> Result<Picture, WorldError> {
-        let mut frame = Picture::new(self.size.width() as usize, self.size.height() as usize, [255; 3]);
-        frame.paste((0, 0), self.size.width() as usize, self.renderer.draw(state)?);
+        let (width, height) = self.frame_size();
+        let mut frame = Picture::new(width, height, [255; 3]);
+        let width = self.size.width() as usize;
+        for (index, view) in self.views.iter_mut().enumerate() {
+            frame.paste((index * width, 0), width, view.draw(state)?);
+        }
         if let Some((captions, layout)) = &self.captions {
             layout.draw(&captions.at(sample), &mut frame);
         }

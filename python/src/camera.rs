@@ -5,7 +5,7 @@ use std::thread::JoinHandle;
 
 use mishandle::rollout::{Environment, Sample, Scenario, Seed, StepStatus};
 use mishandle::tasks::TaskEnvironment;
-use mishandle::world::{Quality, Renderer, Size};
+use mishandle::world::{CAMERAS, Quality, Renderer, Size};
 
 /// States to draw, and where to send the pixels or an error.
 type Order = (Vec<Vec<f64>>, Sender<Result<Vec<u8>, String>>);
@@ -55,7 +55,7 @@ impl Drop for Camera {
 }
 
 fn draw_orders(document: &str, size: Size, framed: &[Vec<f64>], orders: &Receiver<Order>) {
-    let mut renderer = Renderer::new(document, size, Quality::Fast);
+    let mut renderer = Renderer::new(document, size, Quality::Fast, CAMERAS[0]);
     if let Ok(renderer) = &mut renderer {
         renderer.frame(framed.iter().map(Vec::as_slice));
     }

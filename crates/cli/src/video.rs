@@ -19,7 +19,6 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Error, Result, bail};
 use mishandle::files::AtomicFile;
 use mishandle::plural;
-use mishandle::world::Size;
 use rustix::process::{Pid, Signal, kill_process_group};
 
 use crate::run;
@@ -99,8 +98,8 @@ fn cannot_run(error: io::Error) -> Error {
 }
 
 impl Video {
-    /// Starts a video with `rate` frames per second.
-    pub fn start(file: AtomicFile, size: Size, rate: f64) -> Result<Video> {
+    /// Starts a video of frames with this width and height and `rate` frames per second.
+    pub fn start(file: AtomicFile, size: (usize, usize), rate: f64) -> Result<Video> {
         Video::start_with(ENCODER, PATIENCE, file, size, rate)
     }
 
@@ -108,14 +107,14 @@ impl Video {
         program: &str,
         patience: Duration,
         file: AtomicFile,
-        size: Size,
+        size: (usize, usize),
         rate: f64,
     ) -> Result<Video> {
         let output = file.file().try_clone()?;
         let mut process = Command::new(program)
             .process_group(0) // so that Ctrl-C in the terminal does not reach the encoder
             .args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pixel_format", "rgb24"])
-            .args(["-video_size", &format!("{}x{}", size.width(), size.height())])
+            .args(["-video_size", &format!("{}x{}", size.0, size.1)])
             .args(["-framerate", &rate.to_string(), "-i", "pipe:0"])
             // The encoder opens its standard output by this name, and can seek in it.
             .args(["-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", "/dev/fd/1"])

@@ -118,6 +118,8 @@ fn an_initial_state_is_rendered_and_overwritten_only_with_force() {
         &mut bench.command("render point-reaching --out left.png"),
         &["left.png exists already", "--force"],
     );
+    bench.check("render point-reaching --size 160x120 --camera top,close --out cameras.png");
+    assert_eq!(size(&bench.path("cameras.png")), (320, 120));
     bench.check("render point-reaching --at 0.4,0.3,0.5 --size 160x120 --out left.png --force");
     assert_eq!(bytes("left.png"), bytes("right.png"));
 }
@@ -206,6 +208,11 @@ fn invalid_arguments_of_render_are_errors() {
         ("point-reaching --size 33x20 --out a.png", ["33x20", "even"]),
         ("point-reaching --size 5000x20 --out a.png", ["5000x20", "4096"]),
         ("--run missing.sqlite --out a.png", ["missing.sqlite", "error"]),
+        (
+            "door-opening --camera sde --out a.png",
+            ["no camera named `sde`", "auto, front, left, right, back, top, close, view"],
+        ),
+        ("door-opening --camera auto,top --size 3000x20 --out a.png", ["2 views of 3000 pixels", "4096"]),
         ("--run run.sqlite --around 0 --out a.mp4", ["--around", "above 0"]),
         ("--run run.sqlite --speed 1000 --out a.mp4", ["--speed", "from 0.01 to 100"]),
     ] {

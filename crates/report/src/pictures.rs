@@ -1,7 +1,7 @@
 //! Pictures of failures of tasks.
 
 use mishandle::store::RunFile;
-use mishandle::world::{Quality, Size, WorldError, png};
+use mishandle::world::{CAMERAS, Quality, Size, WorldError, png};
 use mishandle::{ExplainedSimulation, FrameCaptions, FrameRenderer, MishandleError};
 
 /// Size of a picture, pixels.
@@ -65,7 +65,7 @@ fn strip(
     let decisive = event.map_or(last, |event| event.sample);
     let header = run.header();
     let captions = FrameCaptions::new(header.control_dt, &header.signals, Some(&explained.explanation), last);
-    let mut renderer = FrameRenderer::new(document, size, Quality::Fine, Some(captions))?;
+    let mut renderer = FrameRenderer::new(document, size, Quality::Fine, &CAMERAS[..1], Some(captions))?;
     let samples = mishandle::strip_samples(event.and_then(|event| event.start), decisive, (0, last));
     renderer.fit(samples.iter().map(|sample| states[*sample].as_slice()));
     let picture = |sample: usize| -> Result<Frame, PictureError> {

@@ -23,7 +23,7 @@ pub use error::WorldError;
 pub use kinematics::Arm;
 pub use model::Model;
 pub use render::{
-    Caption, CaptionLayout, CaptionPart, Color, Picture, Quality, Renderer, Size, TimeBar, png,
+    CAMERAS, Caption, CaptionLayout, CaptionPart, Color, Picture, Quality, Renderer, Size, TimeBar, png,
 };
 pub use rows::Rows;
 pub use state::World;

@@ -2,7 +2,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
-use mishandle::world::{Picture, Quality, Size, png};
+use mishandle::world::{CAMERAS, Picture, Quality, Size, png};
 use mishandle::{Event, Explanation, Film, FrameCaptions, FrameRenderer, StateTrajectory, plural};
 
 use crate::progress::Bar;
@@ -26,6 +26,7 @@ const SPEED: &str = "a number from 0.01 to 100, such as 0.25";
   mishandle render --run runs/RUN.sqlite --out video.mp4           the first counterexample
   mishandle render --run runs/RUN.sqlite --trial 2 --simulation 17 --out strip.png   six frames
 
+  mishandle render --run runs/RUN.sqlite --camera auto,close --out two.mp4    two views side by side
   mishandle render --run runs/RUN.sqlite --around 0.5 --speed 0.25 --out slow.mp4   half a second on each side
 
 Pictures of a simulation center on its event, and `render` says which one it is and why. If the formula
@@ -69,9 +70,13 @@ pub struct Arguments {
     /// Output file: .png for a picture or a filmstrip, .mp4 for a video
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Width and height of each frame, in pixels [default: picture 960x720, video 640x480, filmstrip 480x360]
+    /// Width of each camera's view and height of the frame, in pixels [default: picture 960x720, video 640x480, filmstrip 480x360]
     #[arg(long, value_name = "WxH")]
     pub size: Option<String>,
+    /// Cameras, side by side in each frame: auto, front, left, right, back, top, close (follows the hand), or a camera of
+    /// the task's MJCF
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = CAMERAS[0])]
+    pub camera: Vec<String>,
     /// Draw hard shadows and rougher edges, about four times as fast on a machine without a graphics card
     #[arg(long)]
     pub fast: bool,
@@ -81,6 +86,10 @@ pub struct Arguments {
 }
 
 impl Arguments {
+    fn cameras(&self) -> Vec<&str> {
+        self.camera.iter().map(String::as_str).collect()
+    }
+
     fn quality(&self) -> Quality {
         if self.fast { Quality::Fast } else { Quality::Fine }
     }
@@ -122,6 +131,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         (Kind::Mp4, _) => VIDEO_SIZE,
     };
     let size = size(command.size.as_deref(), default)?;
+    let views = command.camera.len();
+    ensure!(
+        views as u32 * size.width() <= *Size::RANGE.end(),
+        "{views} views of {} pixels are wider than {} pixels; set a smaller --size",
+        size.width(),
+        Size::RANGE.end()
+    );
     // Fails before the simulation if the output cannot be written.
     drop(output::create(&command.out, command.force)?);
     if kind == Kind::Mp4 {
@@ -133,7 +149,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             let task = mishandle::task(task)?;
             let trajectory = mishandle::initial_state(task, command.at.as_deref())?;
             (
-                FrameRenderer::new(&mishandle::scene_mjcf(task)?, size, command.quality(), None)?,
+                FrameRenderer::new(
+                    &mishandle::scene_mjcf(task)?,
+                    size,
+                    command.quality(),
+                    &command.cameras(),
+                    None,
+                )?,
                 trajectory,
                 None,
             )
@@ -189,10 +211,10 @@ fn recorded(
     else {
         bail!("{} has no decided simulation; choose one with --trial and --simulation", path.display());
     };
-    let quality = command.quality();
+    let (quality, cameras) = (command.quality(), command.cameras());
     let document = mishandle::scene_mjcf(mishandle::task(&run.header().target.name)?)?;
     // Fails before the simulation if pictures cannot be drawn.
-    drop(FrameRenderer::new(&document, size, quality, None)?);
+    drop(FrameRenderer::new(&document, size, quality, &cameras, None)?);
     let (replayed, trajectory) =
         mishandle::replay_states(&run, trial, simulation, command.controller.as_deref())?;
     run::report_build_differences("made", &replayed.build_differences);
@@ -222,7 +244,7 @@ fn recorded(
         output::message(&event.sentence(run.header().control_dt));
     }
     let captions = FrameCaptions::new(run.header().control_dt, &run.header().signals, explanation, last);
-    let renderer = FrameRenderer::new(&document, size, quality, Some(captions))?;
+    let renderer = FrameRenderer::new(&document, size, quality, &cameras, Some(captions))?;
     if !renderer.has_captions() {
         output::message("frames of this size are too small for captions; try --size 320x240");
     }
@@ -244,7 +266,7 @@ fn filmstrip(
     let count = steps.len();
     renderer.fit(steps.iter().map(|step| states[*step].as_slice()));
     let columns = count.min(STRIP_COLUMNS);
-    let (width, height) = (renderer.size().width() as usize, renderer.size().height() as usize);
+    let (width, height) = renderer.frame_size();
     let mut whole = Picture::new(columns * width, count.div_ceil(columns) * height, [255; 3]);
     for (i, step) in steps.iter().enumerate() {
         let frame = renderer.draw(*step, &states[*step])?;
@@ -286,7 +308,7 @@ fn video(
     let cleared = bar.line();
     interrupt::listen(|| (), move || cleared.finish_and_clear())?;
     let file = output::create(&command.out, command.force)?;
-    let mut video = Video::start(file, renderer.size(), film.rate)?;
+    let mut video = Video::start(file, renderer.frame_size(), film.rate)?;
     let mut drawn: Option<(usize, Picture)> = None;
     for (done, sample) in (1..).zip(&film.samples) {
         if interrupt::requested() {

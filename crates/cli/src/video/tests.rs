@@ -24,7 +24,7 @@ impl Bench {
 
     fn run(&self, program: &str, patience: Duration) -> Result<()> {
         let file = AtomicFile::create_new(&self.video())?;
-        let size = Size::new(32, 24).unwrap();
+        let size = (32, 24);
         let mut video = Video::start_with(program, patience, file, size, 30.0)?;
         for _ in 0..100 {
             assert!(video.push_frame(&[7; 2304])?.is_continue());

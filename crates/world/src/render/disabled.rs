@@ -12,7 +12,12 @@ impl Renderer {
     ///
     /// # Errors
     /// Always: this build cannot render.
-    pub fn new(_document: &str, _size: Size, _quality: Quality) -> Result<Renderer, WorldError> {
+    pub fn new(
+        _document: &str,
+        _size: Size,
+        _quality: Quality,
+        _camera: &str,
+    ) -> Result<Renderer, WorldError> {
         Err(WorldError::NoRenderer)
     }
 

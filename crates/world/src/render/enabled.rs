@@ -6,11 +6,16 @@ use mujoco_rs::wrappers::mj_model::MjtGeomBase;
 use mujoco_rs::wrappers::mj_visualization::{MjvCamera, MjvOption};
 
 use super::picture::shrink;
-use super::{Quality, Size, view};
+use super::view::{self, View};
+use super::{CAMERAS, Quality, Size};
 use crate::{Model, World, WorldError};
 
 /// The name of a scene's own camera.
 const CAMERA: &str = "view";
+
+/// The camera that follows the hand, and the name of its body.
+const FOLLOWING: &str = "close";
+const HAND: &str = "hand";
 
 /// Groups that are not rendered: the robot's collision shapes and its sites.
 const HIDDEN_GEOMS: usize = 3;
@@ -27,6 +32,20 @@ pub struct Renderer {
     width: usize,
     factor: usize,
     pixels: Vec<u8>,
+    placement: Placement,
+}
+
+/// How the camera is placed.
+#[derive(Clone, Copy, Debug)]
+enum Placement {
+    /// A camera of the scene.
+    Scene,
+    /// From the corner from which enough bodies are visible.
+    Auto,
+    /// From this direction: azimuth and elevation, degrees.
+    Direction([f64; 2]),
+    /// Around this body, in each state.
+    Follow(usize),
 }
 
 impl fmt::Debug for Renderer {
@@ -38,19 +57,18 @@ impl fmt::Debug for Renderer {
 impl Renderer {
     /// Creates a renderer of the scene in an MJCF document. Adds lights, a sky and, if missing, a ground plane.
     ///
+    /// `camera` is one of [`CAMERAS`](super::CAMERAS) or a camera of the scene.
+    ///
     /// # Errors
-    /// If MuJoCo rejects the document, or OpenGL is not available.
-    pub fn new(document: &str, size: Size, quality: Quality) -> Result<Renderer, WorldError> {
+    /// If MuJoCo rejects the document, there is no such camera, or OpenGL is not available.
+    pub fn new(document: &str, size: Size, quality: Quality, camera: &str) -> Result<Renderer, WorldError> {
         let is_large = size.width().max(size.height()) > *Size::RANGE.end() / 2;
         let factor = if quality == Quality::Fine && !is_large { 2 } else { 1 };
         let [width, height] = [factor * size.width(), factor * size.height()];
         let bare = Model::from_xml(document)?;
         let has_ground = bare.inner.geom_type().contains(&MjtGeomBase::mjGEOM_PLANE);
         let model = Model::from_xml(&view::with_lights(document, [width, height], quality, has_ground))?;
-        let camera = match model.inner.name_to_id(MjtObjBase::mjOBJ_CAMERA, CAMERA) {
-            Some(id) => MjvCamera::new_fixed(id),
-            None => MjvCamera::new_free(&model.inner),
-        };
+        let (placement, camera) = place(&model, camera)?;
         let mut options = MjvOption::default();
         options.geomgroup[HIDDEN_GEOMS] = 0;
         options.sitegroup[HIDDEN_SITES] = 0;
@@ -67,19 +85,17 @@ impl Renderer {
             width: width as usize,
             factor: factor as usize,
             pixels: Vec::new(),
+            placement,
         })
     }
 
-    fn is_free(&self) -> bool {
-        self.inner.camera().type_ == MjtCamera::mjCAMERA_FREE as i32
-    }
-
-    /// Places the camera so that everything is in the image in all of these states. A scene's own camera is unchanged.
+    /// Places the camera so that everything is in the image in all of these states. A scene's own camera and the one that
+    /// follows the hand are unchanged.
     ///
     /// # Panics
     /// If a state is shorter than [`Model::state_size`].
     pub fn frame<'a>(&mut self, states: impl IntoIterator<Item = &'a [f64]>) {
-        if !self.is_free() {
+        if matches!(self.placement, Placement::Scene | Placement::Follow(_)) {
             return;
         }
         let mut corners = Vec::new();
@@ -98,9 +114,16 @@ impl Renderer {
         let aspect = f64::from(global.offwidth) / f64::from(global.offheight);
         let fovy = f64::from(global.fovy).to_radians();
         let groups = self.inner.opts().geomgroup;
-        let view = view::best(&mut self.world, &corners, &groups, fovy, aspect);
+        let view = match self.placement {
+            Placement::Direction(direction_deg) => view::fit(&corners, direction_deg, fovy, aspect),
+            _ => view::best(&mut self.world, &corners, &groups, fovy, aspect),
+        };
+        self.set_view(&view);
+    }
+
+    fn set_view(&mut self, view: &View) {
         let camera = self.inner.camera_mut();
-        (camera.azimuth, camera.elevation) = (view.azimuth_deg, view::ELEVATION_DEG);
+        [camera.azimuth, camera.elevation] = view.direction_deg;
         (camera.lookat, camera.distance) = (view.center, view.distance);
     }
 
@@ -114,6 +137,10 @@ impl Renderer {
     pub fn draw(&mut self, state: &[f64]) -> Result<&[u8], WorldError> {
         self.world.set_state(state);
         self.world.data.forward();
+        if let Placement::Follow(body) = self.placement {
+            let (direction_deg, distance) = view::CLOSE;
+            self.set_view(&View { direction_deg, center: self.world.data.xpos()[body], distance });
+        }
         let rendered = self.inner.sync_data(&mut self.world.data).and_then(|()| self.inner.render());
         rendered.map_err(|error| WorldError::Render(error_chain(&error)))?;
         let rendered = self.inner.rgb_flat().unwrap_or_default();
@@ -122,6 +149,27 @@ impl Renderer {
         }
         shrink(rendered, self.width, self.factor, &mut self.pixels);
         Ok(&self.pixels)
+    }
+}
+
+/// Finds a camera by its name.
+fn place(model: &Model, name: &str) -> Result<(Placement, MjvCamera), WorldError> {
+    let scene = |name: &str| model.inner.name_to_id(MjtObjBase::mjOBJ_CAMERA, name);
+    let free = |placement| Ok((placement, MjvCamera::new_free(&model.inner)));
+    if let Some((_, direction_deg)) = view::DIRECTIONS.iter().find(|(known, _)| *known == name) {
+        return free(Placement::Direction(*direction_deg));
+    }
+    let own = if name == CAMERAS[0] { CAMERA } else { name };
+    match (scene(own), name) {
+        (_, FOLLOWING) => free(Placement::Follow(model.body(HAND)?.0)),
+        (Some(id), _) => Ok((Placement::Scene, MjvCamera::new_fixed(id))),
+        (None, name) if name == CAMERAS[0] => free(Placement::Auto),
+        (None, name) => {
+            let own = (0..model.inner.ncam() as usize)
+                .filter_map(|id| model.inner.id_to_name(MjtObjBase::mjOBJ_CAMERA, id));
+            let known = CAMERAS.into_iter().chain(own).map(str::to_string).collect();
+            Err(WorldError::Element { kind: "camera", name: name.to_string(), known })
+        }
     }
 }
 

@@ -27,6 +27,10 @@ pub struct Size {
     height: u32,
 }
 
+/// Names of the cameras that every scene has. `auto` is the camera `view` of the scene if it has one, otherwise a view from a corner;
+/// `front`, `left`, `right` and `back` are sides of the robot, and `close` follows its hand.
+pub const CAMERAS: [&str; 7] = ["auto", "front", "left", "right", "back", "top", "close"];
+
 /// Quality of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quality {

@@ -8,8 +8,20 @@ use crate::frame::{add, dot, norm, scale, sub};
 
 /// The camera directions: at the robot from its front right, slightly from above, or from another corner if bodies are
 /// occluded.
-pub(super) const AZIMUTHS_DEG: [f64; 4] = [140.0, -140.0, 40.0, -40.0];
-pub(super) const ELEVATION_DEG: f64 = -22.0;
+const AZIMUTHS_DEG: [f64; 4] = [140.0, -140.0, 40.0, -40.0];
+const ELEVATION_DEG: f64 = -22.0;
+
+/// Azimuth and elevation of the cameras with a fixed direction, degrees. The robot faces along x; `left` and `right` are its sides.
+pub(super) const DIRECTIONS: [(&str, [f64; 2]); 5] = [
+    ("front", [180.0, ELEVATION_DEG]),
+    ("left", [-90.0, ELEVATION_DEG]),
+    ("right", [90.0, ELEVATION_DEG]),
+    ("back", [0.0, ELEVATION_DEG]),
+    ("top", [0.0, -89.0]),
+];
+
+/// Azimuth, elevation (degrees) and distance (m) of the camera that follows the hand.
+pub(super) const CLOSE: ([f64; 2], f64) = ([140.0, -25.0], 0.9);
 
 /// The fraction of bodies that must be visible; otherwise the next direction is tried.
 const MIN_VISIBLE: f64 = 0.7;
@@ -65,10 +77,9 @@ pub(super) fn with_lights(
     has_ground: bool,
 ) -> String {
     // The area of the shadows around the lit point, m, and the size of their map, pixels.
-    let (shadow_radius, shadow_size) = match quality {
-        Quality::Fast => (3.2, (3 * width.max(height)).next_power_of_two().clamp(256, 4096)),
-        Quality::Fine => (2.2, width.max(height).next_power_of_two().clamp(256, 2048)),
-    };
+    // Ground outside of it has stripes.
+    let (shadow_radius, scale) = (3.2, if quality == Quality::Fine { 2 } else { 3 });
+    let shadow_size = (scale * width.max(height)).next_power_of_two().clamp(256, 4096);
     let ground = if has_ground {
         ""
     } else {
@@ -118,7 +129,8 @@ pub(super) fn corners(world: &World, out: &mut Vec<[f64; 3]>) {
 /// The placement of a camera.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct View {
-    pub azimuth_deg: f64,
+    /// Azimuth and elevation, degrees.
+    pub direction_deg: [f64; 2],
     pub center: [f64; 3],
     pub distance: f64,
 }
@@ -128,9 +140,8 @@ pub(super) struct View {
 pub(super) fn best(world: &mut World, points: &[[f64; 3]], groups: &[u8; 6], fovy: f64, aspect: f64) -> View {
     let mut best = (f64::NEG_INFINITY, None);
     for azimuth_deg in AZIMUTHS_DEG {
-        let (center, distance) = fit(points, azimuth_deg, fovy, aspect);
-        let view = View { azimuth_deg, center, distance };
-        let eye = sub(center, scale(forward(azimuth_deg), distance));
+        let view = fit(points, [azimuth_deg, ELEVATION_DEG], fovy, aspect);
+        let eye = sub(view.center, scale(forward(view.direction_deg), view.distance));
         let visible = visible_fraction(world, eye, groups);
         if visible > best.0 {
             best = (visible, Some(view));
@@ -139,7 +150,8 @@ pub(super) fn best(world: &mut World, points: &[[f64; 3]], groups: &[u8; 6], fov
             break;
         }
     }
-    let straight = View { azimuth_deg: AZIMUTHS_DEG[0], center: [0.0; 3], distance: 1.0 };
+    let direction_deg = [AZIMUTHS_DEG[0], ELEVATION_DEG];
+    let straight = View { direction_deg, center: [0.0; 3], distance: 1.0 };
     best.1.unwrap_or(straight)
 }
 
@@ -165,16 +177,15 @@ fn visible_fraction(world: &mut World, eye: [f64; 3], groups: &[u8; 6]) -> f64 {
 }
 
 /// Returns the viewing direction of a camera.
-fn forward(azimuth_deg: f64) -> [f64; 3] {
-    let (azimuth, elevation) = (azimuth_deg.to_radians(), ELEVATION_DEG.to_radians());
+fn forward(direction_deg: [f64; 2]) -> [f64; 3] {
+    let [azimuth, elevation] = direction_deg.map(f64::to_radians);
     [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()]
 }
 
-/// Returns the look-at point and the distance (m) of a camera with this azimuth, so that all points are in the image
-/// and centered.
-fn fit(points: &[[f64; 3]], azimuth_deg: f64, fovy: f64, aspect: f64) -> ([f64; 3], f64) {
-    let forward = forward(azimuth_deg);
-    let (sin, cos) = azimuth_deg.to_radians().sin_cos();
+/// Places a camera with this direction so that all points are in the image and centered.
+pub(super) fn fit(points: &[[f64; 3]], direction_deg: [f64; 2], fovy: f64, aspect: f64) -> View {
+    let forward = forward(direction_deg);
+    let (sin, cos) = direction_deg[0].to_radians().sin_cos();
     let right = [sin, -cos, 0.0];
     let up = crate::frame::cross(right, forward);
     let middle = |along: &dyn Fn([f64; 3]) -> f64| {
@@ -204,7 +215,7 @@ fn fit(points: &[[f64; 3]], azimuth_deg: f64, fovy: f64, aspect: f64) -> ([f64; 
             center = add(center, scale(axis, middle * distance));
         }
     }
-    (center, distance)
+    View { direction_deg, center, distance }
 }
 
 #[cfg(test)]
@@ -230,13 +241,19 @@ mod tests {
         let azimuth = AZIMUTHS_DEG[0].to_radians();
         let right = [azimuth.sin(), -azimuth.cos(), 0.0];
         let fovy = std::f64::consts::FRAC_PI_2;
-        let (center, distance) = fit(&[right, scale(right, -1.0)], AZIMUTHS_DEG[0], fovy, 1.0);
-        assert!(norm(center) < 1e-12);
-        assert!((distance - (1.0 + MARGIN)).abs() < 1e-12);
+        let points = [right, scale(right, -1.0)];
+        let fit = |aspect| fit(&points, [AZIMUTHS_DEG[0], ELEVATION_DEG], fovy, aspect);
+        assert!(norm(fit(1.0).center) < 1e-12);
+        assert!((fit(1.0).distance - (1.0 + MARGIN)).abs() < 1e-12);
         // An image twice as wide as high needs half the distance.
-        assert!(
-            (fit(&[right, scale(right, -1.0)], AZIMUTHS_DEG[0], fovy, 2.0).1 - 0.5 * (1.0 + MARGIN)).abs()
-                < 1e-12
-        );
+        assert!((fit(2.0).distance - 0.5 * (1.0 + MARGIN)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_camera_from_above_fits_what_is_horizontal() {
+        // The long side of 2 m is along y, across the image of a camera that looks down with the robot's front at the top.
+        let points = [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]];
+        let view = fit(&points, [0.0, -90.0], std::f64::consts::FRAC_PI_2, 2.0);
+        assert!((view.distance - 0.5 * (1.0 + MARGIN)).abs() < 1e-12, "{view:?}");
     }
 }
