@@ -33,6 +33,7 @@ mod failure_modes;
 mod falsify;
 mod film;
 mod frames;
+mod full_trace;
 mod hint;
 mod home;
 mod import;
@@ -75,6 +76,7 @@ pub use failure_modes::{Failure, FailureMode, FailureModes, axis as recorded_axi
 pub use falsify::{FalsifyProgress, check_falsify, falsify, search_entry};
 pub use film::Film;
 pub use frames::{FrameCaptions, FrameRenderer};
+pub use full_trace::full_trace;
 pub use home::{
     ShippedFile, controller_name, find_controller, home, home_description, picture_path, shipped_controller,
     shipped_controllers, shipped_settings,

@@ -1,6 +1,6 @@
 //! Sequences of simulation states, for rendering.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use mishandle_rollout::{Environment, EnvironmentWorker, Sample, Scenario, Seed, Space, StepStatus};
 use mishandle_store::RunFile;
@@ -102,12 +102,11 @@ pub fn replay_states(
 ) -> Result<(ReplayResult, StateTrajectory), MishandleError> {
     let resolved = recorded_plan(run.header(), controller)?;
     let target = task_target(&resolved.plan)?;
-    let states = Arc::new(Mutex::new(Vec::new()));
     let environment = Arc::new(target.environment(&resolved.space)?);
-    let recording = Arc::new(RecordingEnvironment { environment, states: states.clone() });
-    let mut system = target.system_in(recording, &resolved.space, &resolved.specification)?;
+    let (recorder, recording) = RecordingEnvironment::new(environment);
+    let mut system = target.system_in(Arc::new(recorder), &resolved.space, &resolved.specification)?;
     let replayed = replay_in(run, trial, number, &resolved, &mut system)?;
-    let states = std::mem::take(&mut *states.lock().unwrap_or_else(PoisonError::into_inner));
+    let states = recording.take().states;
     Ok((replayed, StateTrajectory { states, control_dt: run.header().control_dt }))
 }
 
@@ -121,10 +120,42 @@ pub fn scene_mjcf(task: &dyn Task) -> Result<String, MishandleError> {
     })
 }
 
-/// An environment that records the states of its only simulation.
-struct RecordingEnvironment {
+/// What a [`RecordingEnvironment`] records.
+#[derive(Debug, Default)]
+pub(crate) struct Recording {
+    /// State rows, from the initial state on.
+    pub states: Vec<Vec<f64>>,
+    /// The action of each control step.
+    pub actions: Vec<Vec<f64>>,
+}
+
+/// The recording of an environment, which fills it while it simulates.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SharedRecording(Arc<Mutex<Recording>>);
+
+impl SharedRecording {
+    /// Returns what was recorded.
+    pub(crate) fn take(&self) -> Recording {
+        std::mem::take(&mut *self.lock())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Recording> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// An environment that records states and actions of its only simulation.
+pub(crate) struct RecordingEnvironment {
     environment: Arc<TaskEnvironment>,
-    states: Arc<Mutex<Vec<Vec<f64>>>>,
+    recording: SharedRecording,
+}
+
+impl RecordingEnvironment {
+    /// Makes the environment and its recording.
+    pub(crate) fn new(environment: Arc<TaskEnvironment>) -> (RecordingEnvironment, SharedRecording) {
+        let recording = SharedRecording::default();
+        (RecordingEnvironment { environment, recording: recording.clone() }, recording)
+    }
 }
 
 impl Environment for RecordingEnvironment {
@@ -165,31 +196,27 @@ impl Environment for RecordingEnvironment {
     }
 
     fn worker(&self) -> Box<dyn EnvironmentWorker> {
-        Box::new(RecordingWorker { worker: self.environment.worker(), states: self.states.clone() })
+        Box::new(RecordingWorker { worker: self.environment.worker(), recording: self.recording.clone() })
     }
 }
 
 struct RecordingWorker {
     worker: Box<dyn EnvironmentWorker>,
-    states: Arc<Mutex<Vec<Vec<f64>>>>,
-}
-
-impl RecordingWorker {
-    fn record(&self, state: &[f64]) {
-        self.states.lock().unwrap_or_else(PoisonError::into_inner).push(state.to_vec());
-    }
+    recording: SharedRecording,
 }
 
 impl EnvironmentWorker for RecordingWorker {
     fn reset(&mut self, scenario: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>) {
         self.worker.reset(scenario, seed, state, sample);
-        self.record(state);
+        self.recording.lock().states.push(state.to_vec());
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
         let status = self.worker.step(action, state, sample);
         if status != StepStatus::Diverged {
-            self.record(state);
+            let mut recording = self.recording.lock();
+            recording.states.push(state.to_vec());
+            recording.actions.push(action.to_vec());
         }
         status
     }

@@ -4,8 +4,8 @@
 
 use std::ops::ControlFlow;
 
-use mishandle::rollout::Environment;
-use mishandle::store::RunFile;
+use mishandle::rollout::{Environment, Request, Scenario, Seed};
+use mishandle::store::{RunFile, TraceColumn};
 use mishandle::tasks::{Preset, Reward, TaskEnvironment, tasks};
 use mishandle::world::Model;
 use mishandle::{EvaluatePlan, Plan, ResolvedPlan};
@@ -55,4 +55,61 @@ fn a_replayed_trajectory_has_one_state_per_sample_of_the_trace() {
     let scenario: Vec<f64> = replayed.recorded.scenario.iter().flatten().copied().collect();
     assert_eq!(first.1, scenario);
     assert_eq!(last.1, first.1);
+}
+
+/// The expert puts the cube on the target. Both have 0.02 kg.
+#[test]
+fn a_full_trace_has_the_weights_of_the_stack_and_the_actions_that_moved_the_arm() {
+    let resolved =
+        ResolvedPlan::new(&Plan { space: "dynamics".to_string(), ..Plan::new("cube-stacking", "expert") })
+            .unwrap();
+    let axes = resolved.space.axes();
+    let columns = |mass: f64| -> (usize, Vec<TraceColumn>) {
+        let mut values = resolved.space.nominal().values().to_vec();
+        values[axes.iter().position(|axis| axis.name == "target_mass_scale").unwrap()] = Some(mass);
+        let request = Request::new(Scenario::new(values), Seed(0));
+        let episode = resolved.system().unwrap().rollout(&[request]).unwrap().remove(0);
+        (episode.trace.len(), mishandle::full_trace(&resolved, &episode).unwrap())
+    };
+    let (samples, nominal) = columns(1.0);
+    assert!(nominal.iter().all(|column| column.values.len() == samples));
+    let find = |columns: &[TraceColumn], name: &str| -> Vec<Option<f64>> {
+        columns
+            .iter()
+            .find(|column| column.name == name)
+            .unwrap_or_else(|| panic!("no {name}"))
+            .values
+            .clone()
+    };
+    let at_end = |columns: &[TraceColumn], name: &str| find(columns, name)[samples - 1].unwrap();
+    let near = |force: f64, mass: f64| (force - 9.81 * mass).abs() < 1e-3;
+    assert!(
+        near(at_end(&nominal, "contact_ground_target"), 0.04),
+        "{:?}",
+        find(&nominal, "contact_ground_target")
+    );
+    assert!(near(at_end(&nominal, "contact_cube_target"), 0.02));
+    assert_eq!(at_end(&nominal, "contact_robot_cube"), 0.0, "the hand has released the cube");
+    assert!(find(&nominal, "contact_robot_cube")[1].unwrap() > 1.0, "the fingers press on the cube");
+    // Masses that the scenario changes count.
+    let (_, heavy) = columns(2.0);
+    assert!(near(at_end(&heavy, "contact_ground_target"), 0.06));
+    // The state starts in the posture of the definition, at rest.
+    let start = mishandle::task("cube-stacking").unwrap().definition().start;
+    assert_eq!(find(&nominal, "q_joint4")[0], Some(start[3]));
+    assert_eq!(find(&nominal, "dq_joint4")[0], Some(0.0));
+    assert_eq!(nominal.iter().find(|column| column.name == "dq_joint4").unwrap().unit, "rad/s");
+    // Each action has a control step after it.
+    let actions = find(&nominal, "action_joint1");
+    assert_eq!((actions[samples - 1], actions[samples - 2].is_some()), (None, true));
+    assert!(actions.iter().flatten().any(|action| *action != 0.0));
+}
+
+#[test]
+fn only_tasks_have_full_traces() {
+    let resolved = ResolvedPlan::new(&Plan::new("toy/sphere-2d", "")).unwrap();
+    let request = Request::new([0.5, 0.5], Seed(0));
+    let episode = resolved.system().unwrap().rollout(&[request]).unwrap().remove(0);
+    let error = mishandle::full_trace(&resolved, &episode).unwrap_err().to_string();
+    assert!(error.contains("toy/sphere-2d") && error.contains("a task"), "{error}");
 }

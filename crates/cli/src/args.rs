@@ -194,6 +194,25 @@ pub struct Recorded {
     pub skip_check: bool,
 }
 
+/// Flags of commands that write the trace of one simulation.
+#[derive(Debug, Args)]
+pub struct TraceFile {
+    /// Write the trace to this CSV file
+    #[arg(long, value_name = "FILE")]
+    pub trace: Option<PathBuf>,
+    /// Columns of the trace: signals; or full, which adds joint positions and velocities, actions and contact forces of
+    /// tasks [default: signals]
+    #[arg(long, value_name = "COLUMNS", requires = "trace", value_parser = ["signals", "full"])]
+    pub record: Option<String>,
+}
+
+impl TraceFile {
+    /// Returns whether the trace has more than the signals.
+    pub fn is_full(&self) -> bool {
+        self.record.as_deref() == Some("full")
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory;

@@ -7,7 +7,10 @@ use anyhow::{Context, Result, bail, ensure};
 use mishandle::evaluation::Corners;
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::rollout::{Axis, AxisKind, AxisValues, EpisodeEnd, Signal};
-use mishandle::store::{AxisRecord, RunFile, RunHeader, RunKind, RunWriter, Simulation};
+use mishandle::stl::Trace;
+use mishandle::store::{
+    self, AxisRecord, RunFile, RunHeader, RunKind, RunWriter, Simulation, StoredTrace, TraceColumn,
+};
 use mishandle::{Plan, ResolvedPlan, plural};
 use serde_json::{Value, json};
 
@@ -351,4 +354,13 @@ mod tests {
         assert_eq!(axis_value("time", "1", "s"), "time = 1 s");
         assert_eq!(axis_value("scale", "1", ""), "scale = 1");
     }
+}
+
+/// Writes a trace as CSV, with `more` columns after the signals.
+pub fn write_trace(path: &Path, header: &RunHeader, trace: &Trace, more: &[TraceColumn]) -> Result<()> {
+    let columns = (0..trace.names().len()).map(|i| trace.column(i).to_vec()).collect();
+    let stored = StoredTrace { columns };
+    output::write_new(path, |out| Ok(store::export_trace_csv(header, &stored, more, out)?))?;
+    output::message(&format!("wrote the trace to {}", path.display()));
+    Ok(())
 }

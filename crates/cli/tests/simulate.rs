@@ -20,6 +20,28 @@ fn a_scenario_and_seed_of_a_run_give_the_recorded_robustness() {
 }
 
 #[test]
+fn a_full_trace_extends_the_signals_and_monitor_reads_it() {
+    let bench = Bench::new();
+    let simulate = "simulate point-reaching --controller expert --at 0.5,0.1,0.6 --trace";
+    bench.check(&format!("{simulate} signals.csv"), 0);
+    bench.check(&format!("{simulate} full.csv --record full"), 0);
+    let lines = |name: &str| -> Vec<String> {
+        let text = std::fs::read_to_string(bench.path(name)).unwrap();
+        text.lines().map(str::to_string).collect()
+    };
+    let (signals, full) = (lines("signals.csv"), lines("full.csv"));
+    assert_eq!(full.len(), signals.len());
+    assert!(full.iter().zip(&signals).all(|(full, signals)| full.starts_with(&format!("{signals},"))));
+    assert!(full[0].contains(",q_joint1_rad,"), "{}", full[0]);
+    assert!(full[0].contains(",dq_finger_joint1_m_per_s,"), "{}", full[0]);
+    assert!(full[0].contains(",action_joint7,"), "{}", full[0]);
+    assert!(full[0].ends_with(",contact_largest_N"), "{}", full[0]);
+    bench.check("monitor --formula always(finger_target_distance<=10) full.csv", 0);
+    bench.check(&format!("{simulate} other.csv --record everything"), 2);
+    bench.check("simulate point-reaching --controller expert --record full", 2);
+}
+
+#[test]
 fn repeats_have_other_seeds_than_the_counterexample_and_depend_on_the_seed_only() {
     let bench = Bench::new();
     let falsify = "falsify toy/noisy --trials 2 --budget 200 --seed 1 --json --repeats 50 --out";

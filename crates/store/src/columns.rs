@@ -1,6 +1,6 @@
 //! The columns of exported simulations.
 
-use crate::{AxisRecord, RunHeader, Simulation, row};
+use crate::{RunHeader, Simulation, row};
 
 /// A value of a column; `None` is missing.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,7 +39,7 @@ pub(crate) fn columns(header: &RunHeader) -> Vec<(String, FieldType)> {
         FIXED.iter().map(|(name, kind)| (name.to_string(), *kind)).collect();
     let mut numbers = |name: String| columns.push((name, FieldType::Number));
     header.axes.iter().for_each(|axis| numbers(format!("u_{}", axis.name)));
-    header.axes.iter().for_each(|axis| numbers(with_unit(axis)));
+    header.axes.iter().for_each(|axis| numbers(with_unit(&axis.name, &axis.unit)));
     header.verdicts.iter().for_each(|name| numbers(name.clone()));
     columns.push(("trace_digest".to_owned(), FieldType::Text));
     columns
@@ -69,10 +69,7 @@ pub(crate) fn fields(simulation: &Simulation, axes: usize) -> Vec<Field> {
     fields
 }
 
-fn with_unit(axis: &AxisRecord) -> String {
-    if axis.unit.is_empty() {
-        axis.name.clone()
-    } else {
-        format!("{}_{}", axis.name, axis.unit.replace('/', "_per_"))
-    }
+/// Returns the name of a column with its unit, such as `speed_m_per_s`.
+pub(crate) fn with_unit(name: &str, unit: &str) -> String {
+    if unit.is_empty() { name.to_string() } else { format!("{name}_{}", unit.replace('/', "_per_")) }
 }

@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use crate::columns::{Field, columns, fields};
+use crate::columns::{Field, columns, fields, with_unit};
 use crate::{Result, RunFile, RunHeader, StoreError, StoredTrace};
 
 /// Writes all simulations of a run as CSV (RFC 4180): a header, then one line per simulation, ordered by trial and
@@ -26,19 +26,41 @@ pub fn export_csv(run: &RunFile, writer: &mut impl Write) -> Result<()> {
     writer.flush().map_err(failed)
 }
 
+/// A column that an exported trace has in addition to its signals.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TraceColumn {
+    /// Name.
+    pub name: String,
+    /// Unit, or empty.
+    pub unit: String,
+    /// Value at each sample; `None` is missing.
+    pub values: Vec<Option<f64>>,
+}
+
 /// Writes a trace as CSV (RFC 4180) that `mishandle monitor` reads: a column `time` in seconds, then one column per
-/// signal of the header; one line per sample.
+/// signal of the header, then one column `NAME_UNIT` for each of `more`; one line per sample.
 ///
 /// # Errors
 /// [`Io`](StoreError::Io) if `writer` fails.
-pub fn export_trace_csv(header: &RunHeader, trace: &StoredTrace, writer: &mut impl Write) -> Result<()> {
+pub fn export_trace_csv(
+    header: &RunHeader,
+    trace: &StoredTrace,
+    more: &[TraceColumn],
+    writer: &mut impl Write,
+) -> Result<()> {
     let mut writer = io::BufWriter::new(writer);
-    let names = std::iter::once("time").chain(header.signals.iter().map(|signal| signal.name.as_str()));
-    line(&mut writer, names.map(quoted)).map_err(failed)?;
+    let signals = header.signals.iter().map(|signal| signal.name.clone());
+    let names = std::iter::once("time".to_string())
+        .chain(signals)
+        .chain(more.iter().map(|column| with_unit(&column.name, &column.unit)));
+    line(&mut writer, names.map(|name| quoted(&name))).map_err(failed)?;
     for step in 0..trace.samples() {
         let time = step as f64 * header.control_dt;
         let values = trace.columns.iter().filter_map(|column| column.get(step).copied());
-        line(&mut writer, std::iter::once(time).chain(values).map(number)).map_err(failed)?;
+        let more = more.iter().map(|column| column.values.get(step).copied().flatten());
+        let fields = std::iter::once(time).chain(values).map(number);
+        line(&mut writer, fields.chain(more.map(|value| value.map(number).unwrap_or_default())))
+            .map_err(failed)?;
     }
     writer.flush().map_err(failed)
 }

@@ -122,7 +122,7 @@ mod schema;
 mod trace_blob;
 mod upgrade;
 
-pub use csv::{export_csv, export_trace_csv};
+pub use csv::{TraceColumn, export_csv, export_trace_csv};
 pub use error::StoreError;
 pub use header::{
     AxisRecord, BuildRecord, ComponentRecord, FormulaRecord, RunHeader, RunKind, SignalRecord, TargetRecord,

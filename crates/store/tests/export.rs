@@ -7,8 +7,8 @@ use std::path::Path;
 
 use bytes::Bytes;
 use mishandle_store::{
-    IfExists, RunHeader, RunWriter, Simulation, SimulationEnd, StoredTrace, export_csv, export_parquet,
-    export_trace_csv,
+    IfExists, RunHeader, RunWriter, Simulation, SimulationEnd, StoredTrace, TraceColumn, export_csv,
+    export_parquet, export_trace_csv,
 };
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
@@ -78,8 +78,21 @@ fn a_trace_is_exported_with_time_and_one_column_per_signal() {
     let writer = RunWriter::create(folder.path().join("run"), &header, IfExists::Refuse).unwrap();
     let trace = StoredTrace { columns: vec![vec![1.0, 2.5], vec![f64::INFINITY, f64::NAN]] };
     let mut csv = Vec::new();
-    export_trace_csv(writer.file().header(), &trace, &mut csv).unwrap();
+    export_trace_csv(writer.file().header(), &trace, &[], &mut csv).unwrap();
     assert_eq!(String::from_utf8(csv).unwrap(), "time,a,\"say \"\"b\"\", c\"\n0.0,1.0,inf\n0.25,2.5,NaN\n");
+    let column = |name: &str, unit: &str, values: &[Option<f64>]| TraceColumn {
+        name: name.to_string(),
+        unit: unit.to_string(),
+        values: values.to_vec(),
+    };
+    let more =
+        [column("dq_ball", "m/s", &[Some(0.5), Some(-0.0)]), column("action_joint1", "", &[Some(1.0), None])];
+    let mut csv = Vec::new();
+    export_trace_csv(writer.file().header(), &trace, &more, &mut csv).unwrap();
+    assert_eq!(
+        String::from_utf8(csv).unwrap(),
+        "time,a,\"say \"\"b\"\", c\",dq_ball_m_per_s,action_joint1\n0.0,1.0,inf,0.5,1.0\n0.25,2.5,NaN,-0.0,\n"
+    );
 }
 
 #[test]

@@ -165,6 +165,21 @@ impl TaskEnvironment {
         values
     }
 
+    /// Returns the elements of the model that axes modify.
+    pub(crate) fn elements(&self) -> &Elements {
+        &self.elements
+    }
+
+    /// Makes the worlds of a worker.
+    pub(crate) fn world_cache(&self) -> WorldCache {
+        let nominal = self.nominal();
+        WorldCache {
+            worlds: vec![(nominal.constant_values(), self.model.world())],
+            nominal: nominal.constants,
+            next: 1,
+        }
+    }
+
     /// Returns whether a state row contains parameters, because an axis of the space affects steps after the reset.
     fn has_tail(&self) -> bool {
         let affects_steps = |parameter: &Parameter| {
@@ -218,7 +233,6 @@ impl Environment for TaskEnvironment {
     }
 
     fn worker(&self) -> Box<dyn EnvironmentWorker> {
-        let nominal = self.nominal();
         Box::new(TaskWorker {
             definition: self.definition,
             panda: self.panda,
@@ -227,12 +241,8 @@ impl Environment for TaskEnvironment {
             n_substeps: (CONTROL_DT / self.model.timestep()).round() as usize,
             space_parameters: self.space_parameters.clone(),
             elements: self.elements.clone(),
-            worlds: WorldCache {
-                nominal: nominal.constants.clone(),
-                worlds: vec![(nominal.constant_values(), self.model.world())],
-                next: 1,
-            },
-            values: nominal,
+            worlds: self.world_cache(),
+            values: self.nominal(),
             observation: vec![0.0; self.observation_size()],
         })
     }
@@ -279,7 +289,7 @@ impl ParameterValues {
 
 /// The worlds of one worker: that of the nominal model, and the most recent ones of changed models. The constants of a
 /// state row determine its world, so that one worker can step rows with different constants.
-struct WorldCache {
+pub(crate) struct WorldCache {
     nominal: Vec<(Constant, f64)>,
     /// Values of the constants, in the order of `nominal`, and the world with these values. The nominal one is first.
     worlds: Vec<(Vec<f64>, World)>,
@@ -288,6 +298,21 @@ struct WorldCache {
 }
 
 impl WorldCache {
+    /// Returns the world of a state row.
+    pub(crate) fn of_row(&mut self, state: &[f64], elements: &Elements) -> &mut World {
+        let physics = self.worlds[0].1.model().state_size();
+        let index = self.of_tail(state.get(physics + JOINTS..).unwrap_or_default(), elements);
+        &mut self.worlds[index].1
+    }
+
+    /// Returns the index of the world of a state row with this tail.
+    fn of_tail(&mut self, tail: &[f64], elements: &Elements) -> usize {
+        if tail.is_empty() {
+            return 0;
+        }
+        self.find(&tail[1..][..self.nominal.len()], elements)
+    }
+
     /// Returns the index of the world with these constants; makes the world if necessary.
     fn find(&mut self, values: &[f64], elements: &Elements) -> usize {
         if let Some(index) = self.worlds.iter().position(|(known, _)| known == values) {
@@ -325,10 +350,7 @@ struct TaskWorker {
 impl TaskWorker {
     /// Returns the index of the world of a state row with this tail.
     fn world_index(&mut self, tail: &[f64]) -> usize {
-        if tail.is_empty() {
-            return 0;
-        }
-        self.worlds.find(&tail[1..][..self.worlds.nominal.len()], &self.elements)
+        self.worlds.of_tail(tail, &self.elements)
     }
 
     /// Sets the targets of the fingers, and releases the held object if the scene requests it.

@@ -19,6 +19,7 @@ mod document;
 mod door_opening;
 mod environment;
 mod expert;
+mod full_state;
 mod identity;
 pub mod kinematic;
 mod notes;
@@ -35,6 +36,7 @@ pub use definition::{
 pub use document::{compose, compose_with_start};
 pub use environment::{TaskEnvironment, TaskError};
 pub use expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
+pub use full_state::FullState;
 pub use identity::task_hash;
 pub use notes::{Note, Topic, notes};
 pub use reward::action_penalty;

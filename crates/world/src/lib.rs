@@ -8,6 +8,8 @@
 //! of the robot. This is the only crate with `unsafe` code. It knows no tasks.
 
 mod change;
+mod contacts;
+mod coordinates;
 mod element;
 mod error;
 pub mod frame;
@@ -18,6 +20,8 @@ mod rows;
 mod state;
 
 pub use change::Change;
+pub use contacts::ContactParts;
+pub use coordinates::Coordinate;
 pub use element::{Actuator, Body, Equality, Flex, Joint, Mocap, Site};
 pub use error::WorldError;
 pub use kinematics::Arm;

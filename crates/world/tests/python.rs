@@ -30,6 +30,13 @@ const SCENE: &str = r#"
   </worldbody>
 "#;
 
+/// The parts of the scene, each with its bodies.
+const PARTS: &str = "robot link0 link1 link2 link3 link4 link5 link6 link7 hand left_finger right_finger
+ground world
+post post
+ball ball
+";
+
 fn run(program: &Path, arguments: &[&str], purpose: &str) -> Output {
     let output = Command::new(program)
         .args(arguments)
@@ -84,11 +91,22 @@ fn check(name: &str, xml: &str, qpos: &[f64], controls: &[[f64; 9]]) -> Vec<Vec<
     fs::write(folder.join("model.xml"), xml).unwrap();
     fs::write(folder.join("first"), bytes(&first)).unwrap();
     fs::write(folder.join("controls"), bytes(controls.as_flattened())).unwrap();
+    let parts = model.contact_parts().unwrap();
+    let pairs: Vec<String> = parts.pairs().map(|[first, second]| format!("{first} {second}\n")).collect();
+    fs::write(folder.join("pairs"), pairs.concat()).unwrap();
+    fs::write(folder.join("parts"), PARTS).unwrap();
     fs::write(folder.join("replay.py"), REPLAY).unwrap();
     let script = folder.join("replay.py");
     run(&python(), &[script.to_str().unwrap(), folder.to_str().unwrap()], "replaying in Python");
     let replayed = fs::read(folder.join("states")).unwrap();
     assert_eq!(replayed.len(), 8 * controls.len() * model.state_size());
+
+    let forces = fs::read(folder.join("forces")).unwrap();
+    let width = pairs.len() + 1;
+    assert_eq!(forces.len(), 8 * controls.len() * width);
+    let mut forces = forces.chunks_exact(8).map(|bytes| f64::from_le_bytes(bytes.try_into().unwrap()));
+    let (mut other, mut measured) = (model.world(), Vec::new());
+    let mut largest = vec![0.0_f64; width];
 
     let mut positions = Vec::new();
     let mut row = first;
@@ -101,6 +119,18 @@ fn check(name: &str, xml: &str, qpos: &[f64], controls: &[[f64; 9]]) -> Vec<Vec<
             assert!((ours - theirs).abs() <= 1e-12, "{name}, step {step}, element {i}: {ours} and {theirs}");
         }
         positions.push(world.qpos().to_vec());
+        other.set_state(&row);
+        other.contact_forces(&parts, &mut measured);
+        for (i, (ours, theirs)) in measured.iter().zip(&mut forces).enumerate() {
+            assert!((ours - theirs).abs() <= 1e-9, "{name}, step {step}, force {i}: {ours} and {theirs} N");
+            largest[i] = largest[i].max(*ours);
+        }
+    }
+    if name != "alone" {
+        // Each pair but the robot and the ground touches at some time.
+        let touching: Vec<&String> =
+            pairs.iter().zip(&largest).filter(|(_, force)| **force > 0.1).map(|(pair, _)| pair).collect();
+        assert!(touching.len() >= 3, "only {touching:?} of {pairs:?} touch");
     }
     positions
 }

@@ -1,10 +1,9 @@
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Result, bail};
 use clap::Args;
 use mishandle::rollout::Signal;
-use mishandle::stl::Trace;
-use mishandle::store::{self, RunHeader, SignalRecord, StoredTrace};
+use mishandle::store::{self, SignalRecord};
 use mishandle::{AxisValue, CounterexampleReplay, plural};
 use serde_json::{Value, json};
 
@@ -17,6 +16,7 @@ use crate::{ExitStatus, args, escape, numbers, run};
 #[command(after_help = "Examples:
   mishandle replay runs/RUN.sqlite                      the first counterexample
   mishandle replay runs/RUN.sqlite --trial 2 --simulation 17 --trace trace.csv
+  mishandle replay runs/RUN.sqlite --trace trace.csv --record full    with joints, actions and contact forces
   mishandle replay failure.json                         an exported counterexample
 
 Exit code 0 means that everything recorded of the simulation agrees with the plan of the run and
@@ -24,9 +24,8 @@ with the replay, bit for bit; 2 that something differs.")]
 pub struct Arguments {
     #[command(flatten)]
     pub recorded: args::Recorded,
-    /// Write the trace to this CSV file
-    #[arg(long, value_name = "FILE")]
-    pub trace: Option<PathBuf>,
+    #[command(flatten)]
+    pub trace: args::TraceFile,
     /// Number of threads; does not affect the result [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
     pub threads: Option<usize>,
@@ -53,8 +52,15 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let replayed = mishandle::replay(&file, trial, simulation, command.recorded.controller.as_deref())?;
     run::report_build_differences("made", &replayed.build_differences);
     let header = file.header();
-    if let Some(path) = &command.trace {
-        write_trace(path, header, &replayed.episode.trace)?;
+    if let Some(path) = &command.trace.trace {
+        let more = match command.trace.is_full() {
+            true => {
+                let controller = command.recorded.controller.as_deref();
+                mishandle::full_trace(&mishandle::recorded_plan(header, controller)?, &replayed.episode)?
+            }
+            false => Vec::new(),
+        };
+        run::write_trace(path, header, &replayed.episode.trace, &more)?;
     }
     let robustness = replayed.episode.verdict.robustness;
     let scenario = &replayed.recorded.scenario;
@@ -115,21 +121,22 @@ fn signal(recorded: &SignalRecord) -> Signal {
     Signal { name: recorded.name.clone(), unit: recorded.unit.clone() }
 }
 
-fn write_trace(path: &Path, header: &RunHeader, trace: &Trace) -> Result<()> {
-    let columns = (0..trace.names().len()).map(|i| trace.column(i).to_vec()).collect();
-    output::write_new(path, |out| Ok(store::export_trace_csv(header, &StoredTrace { columns }, out)?))?;
-    output::message(&format!("wrote the trace to {}", path.display()));
-    Ok(())
-}
-
 /// Replays an exported counterexample.
 fn counterexample(command: &Arguments) -> Result<ExitStatus> {
     counterexamples::check_flags(command.recorded.trial, command.recorded.simulation)?;
     let (recorded, replayed) =
         counterexamples::replay(&command.recorded.file, command.recorded.controller.as_deref())?;
     let CounterexampleReplay { header, episode, differences, .. } = &replayed;
-    if let Some(path) = &command.trace {
-        write_trace(path, header, &episode.trace)?;
+    if let Some(path) = &command.trace.trace {
+        let folder = command.recorded.file.parent().unwrap_or(Path::new(""));
+        let more = match command.trace.is_full() {
+            true => {
+                let controller = command.recorded.controller.as_deref();
+                mishandle::full_trace(&recorded.resolve(folder, controller)?, episode)?
+            }
+            false => Vec::new(),
+        };
+        run::write_trace(path, header, &episode.trace, &more)?;
     }
     let signals: Vec<Signal> = header.signals.iter().map(signal).collect();
     let end = run::end_text(episode.end, &signals);

@@ -37,6 +37,8 @@ pub struct Arguments {
     #[arg(long, allow_hyphen_values = true)]
     pub formula: Option<String>,
     #[command(flatten)]
+    pub trace: args::TraceFile,
+    #[command(flatten)]
     pub run: args::Run,
 }
 
@@ -61,6 +63,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             output::message(&format!("warning: {name} = {value} is outside of the space: [{low}, {high}]"));
         }
     }
+    ensure!(
+        command.repeat.is_none() || command.trace.trace.is_none(),
+        "--trace writes one simulation; leave out --repeat"
+    );
     match command.repeat {
         Some(repeat) => repeated(command, &resolved, &scenario, repeat),
         None => once(command, &resolved, &scenario),
@@ -130,6 +136,13 @@ fn once(command: &Arguments, resolved: &ResolvedPlan, scenario: &Scenario) -> Re
         bail!("the simulation has no verdict: {}", run::end_text(episode.end, &resolved.target.signals));
     };
     let (header, explained) = mishandle::explain_episode(resolved, &episode)?;
+    if let Some(path) = &command.trace.trace {
+        let more = match command.trace.is_full() {
+            true => mishandle::full_trace(resolved, &episode)?,
+            false => Vec::new(),
+        };
+        run::write_trace(path, &header, &episode.trace, &more)?;
+    }
     if command.run.json {
         let own = json!({
             "scenario": run::scenario(resolved.space.axes(), scenario.values()),

@@ -76,8 +76,7 @@ pub(super) fn with_lights(
     quality: Quality,
     has_ground: bool,
 ) -> String {
-    // The area of the shadows around the lit point, m, and the size of their map, pixels.
-    // Ground outside of it has stripes.
+    // The area of the shadows around the lit point, m (ground outside of it has stripes), and the size of their map, pixels.
     let (shadow_radius, scale) = (3.2, if quality == Quality::Fine { 2 } else { 3 });
     let shadow_size = (scale * width.max(height)).next_power_of_two().clamp(256, 4096);
     let ground = if has_ground {
