@@ -6,7 +6,7 @@ use mishandle_evaluation::{Corners, Estimate, PairedCounts, paired_mean_differen
 use mishandle_rollout::{Episode, Seed};
 use mishandle_store::{AxisRecord, RunFile, RunHeader, RunKind, Simulation};
 
-use crate::{MishandleError, Plan, record};
+use crate::{MishandleError, Plan, plural, record};
 
 /// Trial of the random simulations of an evaluation.
 const RANDOM_TRIAL: u32 = 1;
@@ -46,9 +46,39 @@ pub struct Comparison {
     pub new_failures: Vec<ComparedPair>,
     /// Pairs in which B succeeds and A does not.
     pub fixed_failures: Vec<ComparedPair>,
+    /// All pairs, the new and the fixed failures among them.
+    pub compared: Vec<ComparedPair>,
 }
 
+/// Level below which a p-value counts as a difference.
+const SIGNIFICANT: f64 = 0.05;
+
 impl Comparison {
+    /// Returns in a few words what the success rates say: `B succeeds less often`.
+    pub fn judgment(&self) -> &'static str {
+        let PairedRates { counts, p_value, .. } = &self.success;
+        match (*p_value < SIGNIFICANT, counts.second_only > counts.first_only) {
+            (true, true) => "B succeeds more often",
+            (true, false) => "B succeeds less often",
+            (false, _) => "the success rates do not differ significantly",
+        }
+    }
+
+    /// Returns a sentence on the success rates with the numbers behind the judgment.
+    pub fn verdict(&self) -> String {
+        let PairedRates { counts, p_value, .. } = &self.success;
+        let p = match p_value_text(*p_value) {
+            small if small.starts_with('<') => format!("p {small}"),
+            value => format!("p = {value}"),
+        };
+        format!(
+            "B fails in {} where A succeeds, and succeeds in {} where A fails: {} (exact McNemar test, {p}).",
+            plural(counts.first_only, "random simulation"),
+            counts.second_only,
+            self.judgment(),
+        )
+    }
+
     /// Returns whether B fails anywhere where A succeeds.
     pub fn has_new_failures(&self) -> bool {
         !self.new_failures.is_empty()
@@ -140,6 +170,15 @@ pub struct ComparedPair {
     pub first_robustness: Option<f64>,
     /// Robustness of B; `None` without a verdict.
     pub second_robustness: Option<f64>,
+    /// Whether A succeeds.
+    pub first_succeeds: bool,
+    /// Whether B succeeds.
+    pub second_succeeds: bool,
+}
+
+/// Formats a p-value with four decimals, or as `< 0.0001`.
+pub fn p_value_text(p: f64) -> String {
+    if p < 0.0001 { "< 0.0001".to_string() } else { format!("{p:.4}") }
 }
 
 /// Compares two evaluations with the same target, space, formula, noise, scenarios and seeds.
@@ -177,10 +216,10 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
             random.iter().filter_map(|pair| value(&pair.episodes[0]).zip(value(&pair.episodes[1]))).collect();
         PairedMeans::new(&values, seed)
     };
-    let only = |winner: usize| {
-        let is_it =
-            |pair: &&Pair| pair.episodes[winner].is_success() && !pair.episodes[1 - winner].is_success();
-        pairs.iter().filter(is_it).map(Pair::compared).collect()
+    let compared: Vec<ComparedPair> = pairs.iter().map(Pair::compared).collect();
+    let failures = |succeeds: [bool; 2]| {
+        let is_it = |pair: &&ComparedPair| [pair.first_succeeds, pair.second_succeeds] == succeeds;
+        compared.iter().filter(is_it).cloned().collect()
     };
     Ok(Comparison {
         first: compared_run(first),
@@ -200,8 +239,9 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
                 episode.verdict.completion_step.filter(|_| episode.is_success()).map(|step| step as f64)
             })
         }),
-        new_failures: only(0),
-        fixed_failures: only(1),
+        new_failures: failures([true, false]),
+        fixed_failures: failures([false, true]),
+        compared,
     })
 }
 
@@ -250,6 +290,8 @@ impl Pair {
             scenario: a.scenario.clone(),
             first_robustness: a.robustness,
             second_robustness: b.robustness,
+            first_succeeds: self.episodes[0].is_success(),
+            second_succeeds: self.episodes[1].is_success(),
         }
     }
 }

@@ -56,7 +56,9 @@ mod trajectory;
 
 pub use build::{VERSION, VERSION_AND_COMMIT, build};
 pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
-pub use comparison::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates, compare};
+pub use comparison::{
+    ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates, compare, p_value_text,
+};
 pub use counterexample::{
     AxisValue, Counterexample, CounterexampleReplay, Decisive, Expected, MinimizedFrom,
 };

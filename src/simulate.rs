@@ -1,6 +1,6 @@
 //! Simulations of chosen scenarios, repeated with other random seeds.
 
-use mishandle_evaluation::{RepeatReport, variance_share};
+use mishandle_evaluation::{Estimate, RepeatReport, variance_share};
 use mishandle_rollout::{Episode, Request, Scenario, Seed, System};
 
 use crate::{MishandleError, ResolvedPlan};
@@ -52,8 +52,9 @@ pub fn repeat(
 /// The share of the variance of the robustness that comes from the scenario.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// The share, from 0 (all noise) to 1 (no noise); `None` if the robustness is constant, infinite or undecided.
-    pub scenario_share: Option<f64>,
+    /// The share, from 0 (all noise) to 1 (no noise), with its interval; no value if the robustness is constant, infinite or
+    /// undecided.
+    pub scenario_share: Estimate,
     /// Number of random scenarios.
     pub scenarios: u64,
     /// Number of simulations of each.

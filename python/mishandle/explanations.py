@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pathlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,6 +72,9 @@ class FailureMode:
     """First and last decisive sample."""
     region: dict[str, tuple[float, float] | None]
     """Smallest and largest value of each axis."""
+    axes: list[str]
+    """Axes by which failures with this predicate were grouped. In a space of more than two axes, these are the axes along which
+    they are distributed differently from the other simulations; there may be none."""
     failures: list[tuple[int, int]]
     """Trial and number of each failure, the one closest to the nominal scenario first."""
 
@@ -105,6 +109,8 @@ class ComparedPair:
     scenario: dict[str, float | None]
     first_robustness: float | None
     second_robustness: float | None
+    first_succeeds: bool
+    second_succeeds: bool
 
 
 @dataclass(frozen=True)
@@ -123,6 +129,16 @@ class Comparison:
     """Pairs in which the second succeeds and the first does not."""
     differences: list[str]
     """What differs besides the controller, such as the build."""
+    compared: list[ComparedPair]
+    """All pairs, the new and the fixed failures among them."""
+    paths: tuple[pathlib.Path, pathlib.Path]
+    """The two run files."""
+
+    def report(self, path: str | os.PathLike[str]) -> None:
+        """Writes a page about the comparison: one HTML file that loads nothing. An existing file is replaced."""
+        first, second = self.paths
+        html = _native.comparison_page(os.fspath(first), os.fspath(second))
+        pathlib.Path(path).write_text(html, encoding="utf-8")
 
 
 def compare(first: str | os.PathLike[str], second: str | os.PathLike[str]) -> Comparison:
@@ -142,8 +158,8 @@ def compare(first: str | os.PathLike[str], second: str | os.PathLike[str]) -> Co
 
     def pairs(rows: list[Any]) -> list[ComparedPair]:
         return [
-            ComparedPair(trial, number, seed, dict(zip(found["axes"], scenario)), *robustness)
-            for trial, number, seed, scenario, robustness in rows
+            ComparedPair(trial, number, seed, dict(zip(found["axes"], scenario)), *robustness, *succeeds)
+            for trial, number, seed, scenario, robustness, succeeds in rows
         ]
 
     return Comparison(
@@ -156,6 +172,8 @@ def compare(first: str | os.PathLike[str], second: str | os.PathLike[str]) -> Co
         new_failures=pairs(found["new_failures"]),
         fixed_failures=pairs(found["fixed_failures"]),
         differences=found["differences"],
+        compared=pairs(found["compared"]),
+        paths=(pathlib.Path(first), pathlib.Path(second)),
     )
 
 

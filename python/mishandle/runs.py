@@ -134,8 +134,8 @@ class Run:
         """Groups the failures by decisive predicate, region and time, the largest group first."""
         names = [axis.name for axis in self.axes]
         return [
-            FailureMode(predicate, samples, dict(zip(names, region)), failures)
-            for predicate, samples, region, failures in self._native.failure_modes()
+            FailureMode(predicate, samples, dict(zip(names, region)), [names[axis] for axis in axes], failures)
+            for predicate, samples, region, axes, failures in self._native.failure_modes()
         ]
 
 

@@ -44,15 +44,15 @@ pub(crate) fn explanation<'py>(
     Ok(dict)
 }
 
-/// A failure mode: decisive predicate, first and last decisive sample, smallest and largest value of each axis, and trial and
-/// number of its failures, the one closest to nominal first.
-type Mode = (String, (usize, usize), Vec<Option<(f64, f64)>>, Vec<(u32, u32)>);
+/// A failure mode: decisive predicate, first and last decisive sample, smallest and largest value of each axis, indices of the axes
+/// that matter, and trial and number of its failures, the one closest to nominal first.
+type Mode = (String, (usize, usize), Vec<Option<(f64, f64)>>, Vec<usize>, Vec<(u32, u32)>);
 
 /// Returns a failure mode.
 pub(crate) fn mode(mode: FailureMode) -> Mode {
     let failures = mode.failures.iter().map(|failure| (failure.trial, failure.number)).collect();
     let predicate = mode.representative().predicate.clone();
-    (predicate, mode.samples, mode.region, failures)
+    (predicate, mode.samples, mode.region, mode.axes, failures)
 }
 
 /// Value, lower and upper bound, and sample size.
@@ -74,7 +74,8 @@ pub fn compare(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<Boun
     let pairs = |pairs: &[ComparedPair]| {
         let fields = |pair: &ComparedPair| {
             let robustness = (pair.first_robustness, pair.second_robustness);
-            (pair.trial, pair.number, pair.seed, pair.scenario.clone(), robustness)
+            let succeeds = (pair.first_succeeds, pair.second_succeeds);
+            (pair.trial, pair.number, pair.seed, pair.scenario.clone(), robustness, succeeds)
         };
         pairs.iter().map(fields).collect::<Vec<_>>()
     };
@@ -89,5 +90,17 @@ pub fn compare(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<Boun
     dict.set_item("completion_step", found.completion_step.as_ref().map(means))?;
     dict.set_item("new_failures", pairs(&found.new_failures))?;
     dict.set_item("fixed_failures", pairs(&found.fixed_failures))?;
+    dict.set_item("compared", pairs(&found.compared))?;
     Ok(dict)
+}
+
+/// Returns the page of a comparison as HTML.
+#[pyfunction]
+pub fn comparison_page(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<String> {
+    let page = || {
+        let runs = (RunFile::open(first)?, RunFile::open(second)?);
+        let found = mishandle::compare(&runs.0, &runs.1)?;
+        Ok(mishandle_report::comparison_page(&found, [&runs.0, &runs.1]))
+    };
+    py.detach(page).map_err(|error: mishandle::MishandleError| raised(error))
 }

@@ -66,6 +66,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(remote::recorded_plan, module)?)?;
     module.add_function(wrap_pyfunction!(search::search_names, module)?)?;
     module.add_function(wrap_pyfunction!(explanation::compare, module)?)?;
+    module.add_function(wrap_pyfunction!(explanation::comparison_page, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::check_falsify, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::check_evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::falsify, module)?)?;

@@ -84,6 +84,16 @@ class Explanations(unittest.TestCase):
         # The exact McNemar test: n discordant pairs of one kind.
         self.assertAlmostEqual(found.success.p_value, 2 * 0.5 ** len(found.new_failures))
         self.assertLess(found.robustness.difference.high, 0)
+        self.assertGreaterEqual(len(found.compared), found.pairs)
+        self.assertEqual(
+            [(one.trial, one.number) for one in found.compared if one.first_succeeds and not one.second_succeeds],
+            [(one.trial, one.number) for one in found.new_failures],
+        )
+        found.report(self.folder / "compare.html")
+        page = (self.folder / "compare.html").read_text()
+        self.assertIn(f"New failures: A succeeds, B fails ({len(found.new_failures)})", page)
+        # The replay of a Python system needs its code.
+        self.assertIn("system, formula, space, trial=1", page)
         with self.assertRaises(mishandle.MishandleError):
             mishandle.compare(paths[0], self.falsify().path)
 

@@ -201,6 +201,9 @@ impl Panel {
             }
             Mark::Step => return chart.draw_series(LineSeries::new(steps(), thick)).map(drop),
             Mark::ThinStep => return chart.draw_series(LineSeries::new(steps(), thin)).map(drop),
+            Mark::DashedStep => {
+                return chart.draw_series(DashedLineSeries::new(steps(), 6, 4, thick)).map(drop);
+            }
             Mark::Segment => {
                 let segment = |pair: &[(f64, f64)]| PathElement::new(pair.to_vec(), thick);
                 return chart.draw_series(line.chunks_exact(2).map(segment)).map(drop);

@@ -131,6 +131,8 @@ pub enum Mark {
     Step,
     /// A thin line through steps.
     ThinStep,
+    /// A dashed line through steps.
+    DashedStep,
     /// A line from each even point to the next one.
     Segment,
     /// A dot at each point.

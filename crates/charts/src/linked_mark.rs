@@ -26,6 +26,8 @@ pub enum Shape {
     Ring,
     /// A diagonal cross.
     Cross,
+    /// A filled square.
+    Square,
     /// A filled diamond.
     Diamond,
 }
@@ -37,6 +39,7 @@ impl LinkedMark {
         let (d, fill) = match self.shape {
             Shape::Ring => ("m-3 0a3 3 0 1 0 6 0a3 3 0 1 0 -6 0", "none"),
             Shape::Cross => ("m-4 -4l8 8m0 -8l-8 8", "none"),
+            Shape::Square => ("m-3 -3h6v6h-6z", color.as_str()),
             Shape::Diamond => ("m0 -7l7 7l-7 7l-7 -7z", color.as_str()),
         };
         let tab = if self.is_tab_stop { "" } else { " tabindex=\"-1\"" };

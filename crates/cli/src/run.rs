@@ -211,12 +211,14 @@ fn format_scenario(axes: &[Axis], values: &[Option<f64>], max_values: usize) -> 
     values.join(", ") + &rest
 }
 
-/// Formats all values of a recorded scenario.
-pub fn recorded_scenario_text(axes: &[AxisRecord], values: &[Option<f64>]) -> String {
-    let named = axes.iter().zip(values);
+/// Formats the first values of a recorded scenario.
+pub fn recorded_scenario_text(axes: &[AxisRecord], values: &[Option<f64>], max_values: usize) -> String {
+    let named = axes.iter().zip(values).take(max_values);
     let values: Vec<String> =
         named.map(|(axis, value)| axis_text(&mishandle::recorded_axis(axis), *value)).collect();
-    values.join(", ")
+    let omitted = axes.len().saturating_sub(max_values);
+    let rest = if omitted > 0 { format!(", and {omitted} more") } else { String::new() };
+    values.join(", ") + &rest
 }
 
 fn axis_text(axis: &Axis, value: Option<f64>) -> String {

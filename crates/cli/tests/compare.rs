@@ -55,6 +55,39 @@ fn a_worse_controller_has_new_failures_and_every_count_matches_the_rows() {
 }
 
 #[test]
+fn the_page_has_a_row_and_marks_for_every_new_failure() {
+    let bench = bench();
+    let found = bench.json("compare good.sqlite worse.sqlite --json --out page.html", 1);
+    let html = std::fs::read_to_string(bench.path("page.html")).unwrap();
+    let new = found["new_failures"].as_array().unwrap();
+    for failure in new {
+        let row = format!("new-t{}-s{}", failure["trial"], failure["simulation"]);
+        assert_eq!(html.matches(&format!("<tr id=\"{row}\">")).count(), 1, "{row}");
+        // One in the chart of robustness and one in each of the three maps of pairs of axes.
+        assert_eq!(html.matches(&format!("href=\"#{row}\"")).count(), 4, "{row}");
+    }
+    let listed = format!("New failures: A succeeds, B fails ({})", new.len());
+    let lost = found["success"]["first_only"].as_u64().unwrap();
+    let sentence = format!("B fails in {lost} random simulations where A succeeds");
+    for part in [
+        "<h2>point-reaching: B succeeds less often.</h2>",
+        listed.as_str(),
+        sentence.as_str(),
+        "action noise: A has 0, B has 1.2",
+        "mishandle replay worse.sqlite --trial 1 --simulation",
+    ] {
+        assert!(html.contains(part), "{part}");
+    }
+    bench.refuses(
+        "compare good.sqlite worse.sqlite --out page.html",
+        &["page.html exists already", "--force"],
+    );
+    bench.check("compare worse.sqlite good.sqlite --out page.html --force", 0);
+    let html = std::fs::read_to_string(bench.path("page.html")).unwrap();
+    assert!(html.contains(&format!("Fixed failures: A fails, B succeeds ({})", new.len())));
+}
+
+#[test]
 fn the_other_direction_has_fixed_failures_and_exit_code_0() {
     let bench = bench();
     let found = bench.json("compare worse.sqlite good.sqlite --json", 0);

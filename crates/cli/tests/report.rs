@@ -31,7 +31,7 @@ fn a_page_has_the_verdict_the_modes_and_their_patches() {
     assert_eq!(page(&bench, "a.html"), html, "the same run has the same page");
     bench.check("report run.sqlite --out b.html --no-simulations", 0);
     let html = page(&bench, "b.html");
-    assert!(html.contains("--no-simulations was given") && !html.contains("of the space</b>"));
+    assert!(html.contains("not requested (--no-simulations)") && !html.contains("of the space</b>"));
 }
 
 #[test]
@@ -57,6 +57,74 @@ fn several_runs_share_a_page() {
         &["error: cannot open a run: the file does not exist: "],
     );
     assert!(!bench.path("other.html").exists());
+}
+
+#[test]
+fn a_campaign_has_an_index_and_a_page_for_each_run() {
+    let bench = Bench::new();
+    let plan = "target = \"toy/sphere-2d\"\nseed = [1, 2]\n[falsify]\ntrials = 6\nbudget = 40\n[evaluate]\nepisodes = 30\n";
+    std::fs::write(bench.path("plan.toml"), plan).unwrap();
+    bench.check("campaign plan.toml --out spheres --pages first", 1);
+    bench.check("report spheres --out second --probes 8", 0);
+    let falsified = |seed: u32| {
+        let run =
+            mishandle::store::RunFile::open(bench.path(&format!("spheres/{seed}_falsify.sqlite"))).unwrap();
+        let is_falsified = |status| status == mishandle::store::TrialStatus::Falsified;
+        run.trials().unwrap().iter().filter(|trial| is_falsified(trial.trial.status)).count()
+    };
+    let counts = [falsified(1), falsified(2)];
+    assert!(counts[0] != counts[1], "the order of the runs must be visible: {counts:?}");
+    for pages in ["first", "second"] {
+        let index = page(&bench, &format!("{pages}/index.html"));
+        let place = |seed: usize| {
+            let row = format!("href=\"runs/{seed}_falsify.html\"");
+            let start = index.find(&row).unwrap();
+            let count = format!("{} of 6 trials falsified", counts[seed - 1]);
+            assert!(index[start..].split("</tr>").next().unwrap().contains(&count), "{count}");
+            start
+        };
+        assert_eq!(place(1) < place(2), counts[0] > counts[1], "the most failures come first");
+        assert!(index.contains("href=\"falsification.html\"") && index.contains("href=\"performance.html\""));
+        for name in ["falsification.html", "falsification.md", "performance.html", "runs/2_evaluate.html"] {
+            assert!(bench.path(&format!("{pages}/{name}")).is_file(), "{pages}/{name}");
+        }
+        // One survival curve for each seed ends at the share of trials without a failure.
+        let tables = page(&bench, &format!("{pages}/falsification.html"));
+        assert_eq!(tables.matches("<svg class=\"chart\"").count(), 2);
+        for falsified in counts {
+            let share = (100.0 * (6 - falsified) as f64 / 6.0).round();
+            let label = format!("aria-label=\"Share of trials without a failure: random: {share} % after");
+            assert!(tables.contains(&label), "{label}");
+        }
+        assert!(!page(&bench, &format!("{pages}/falsification.md")).contains("Survival"));
+        let run = page(&bench, &format!("{pages}/runs/1_falsify.html"));
+        assert!(run.contains("href=\"../index.html\"") && run.contains("toy/sphere-2d"));
+        assert_eq!(run.contains("they take simulations"), pages == "first");
+    }
+    bench.refuses("report spheres --out second", &["second/index.html exists already", "--force"]);
+    bench.refuses("report spheres spheres/1_falsify.sqlite --out x", &["spheres is a folder"]);
+    bench.refuses("report first --out x", &["campaign.toml"]);
+}
+
+/// The rates of the page are those that the evaluation prints.
+#[test]
+fn the_page_of_an_evaluation_has_its_rates() {
+    let bench = Bench::new();
+    let flags = "ball-balancing --controller ddpg --action-noise 1.0 --episodes 100";
+    let found = bench.json(&format!("evaluate {flags} --out run.sqlite --json"), 0);
+    bench.check("report run.sqlite --no-simulations --out page.html", 0);
+    let html = page(&bench, "page.html");
+    for (key, row) in [
+        ("success_rate", "success rate"),
+        ("strict_success_rate", "strict success rate"),
+        ("dangerous_behavior_rate", "dangerous control steps"),
+    ] {
+        let share = 100.0 * found[key]["value"].as_f64().unwrap();
+        assert!((1.0..100.0).contains(&share), "the rate must be visible: {key}: {share}");
+        let shown = if share >= 10.0 { format!("{share:.0} %") } else { format!("{share:.1} %") };
+        let cells = format!("<td>{row}</td><td>{shown}</td>");
+        assert!(html.contains(&cells), "{cells}");
+    }
 }
 
 /// The page leaves out simulations, but not in its numbers.

@@ -28,7 +28,7 @@ pub fn chi_squared_tail(x: f64, degrees_of_freedom: u32) -> f64 {
 }
 
 /// Returns ln Γ(k / 2), from Γ(1/2) = √π, Γ(1) = 1 and Γ(a + 1) = a Γ(a).
-fn ln_gamma_of_half(k: u32) -> f64 {
+pub(crate) fn ln_gamma_of_half(k: u32) -> f64 {
     let (first, start) = if k.is_multiple_of(2) { (0.0, 2) } else { (PI.sqrt().ln(), 1) };
     (start..k).step_by(2).map(|half| (f64::from(half) / 2.0).ln()).sum::<f64>() + first
 }

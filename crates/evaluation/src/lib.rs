@@ -10,7 +10,7 @@
 //!
 //! Two controllers on the same scenarios are compared by [`PairedCounts`], [`sign_test`] and [`paired_mean_difference`]. The
 //! numbers of simulations to a failure are analyzed by [`SurvivalCurve`], [`log_rank`] and [`vargha_delaney`], and several
-//! tests are corrected by [`holm()`](holm()).
+//! tests are corrected by [`holm()`](holm()). [`kolmogorov_smirnov()`](kolmogorov_smirnov()) compares two distributions.
 //!
 //! # Example
 //! ```
@@ -26,8 +26,10 @@ mod corners;
 mod effect;
 mod error;
 mod exact;
+mod f_distribution;
 mod holm;
 mod interval;
+mod kolmogorov_smirnov;
 mod metrics;
 mod paired;
 mod repeats;
@@ -42,6 +44,7 @@ pub use error::EvaluationError;
 pub use exact::{fisher_test, sign_test};
 pub use holm::holm;
 pub use interval::{Estimate, bootstrap_mean, wilson};
+pub use kolmogorov_smirnov::kolmogorov_smirnov;
 pub use metrics::{EvaluationReport, FormulaRoles, Metrics};
 pub use paired::{PairedCounts, paired_mean_difference};
 pub use repeats::{QUANTILES, RepeatReport, variance_share};

@@ -1,5 +1,6 @@
 //! Repeated simulations of one scenario with other random seeds: failure probability, quantiles and shares of variance.
 
+use crate::f_distribution::f_upper_quantile;
 use crate::{Estimate, wilson};
 
 /// The probabilities of [`RepeatReport::quantiles`].
@@ -57,36 +58,52 @@ fn quantile(sorted: &[f64], p: f64) -> f64 {
 /// ```
 ///
 /// with the mean squares M_b between and M_w within k groups of n values: the intraclass correlation of a one-way analysis of
-/// variance with random effects. Returns `None` unless there are at least two groups, of equal size of at least two, with
-/// finite values that are not all equal.
+/// variance with random effects. The 95 % interval follows from the F distribution of M_b / M_w, so it assumes normal values;
+/// its bounds are at least 0, too. There is no value unless there are at least two groups, of equal size of at least two, with
+/// finite values that are not all equal. `n` of the estimate is the number of groups.
 ///
 /// # Example
 /// ```
 /// use mishandle_evaluation::variance_share;
 /// // The scenario is all: repeats agree.
-/// assert_eq!(variance_share(&[vec![1.0, 1.0], vec![3.0, 3.0]]), Some(1.0));
+/// assert_eq!(variance_share(&[vec![1.0, 1.0], vec![3.0, 3.0]]).value, Some(1.0));
 /// // The noise is all: the scenarios have the same mean.
-/// assert_eq!(variance_share(&[vec![1.0, 3.0], vec![3.0, 1.0]]), Some(0.0));
+/// assert_eq!(variance_share(&[vec![1.0, 3.0], vec![3.0, 1.0]]).value, Some(0.0));
 /// ```
 ///
 /// # Reference
 /// Shrout and Fleiss, "Intraclass correlations: uses in assessing rater reliability", Psychological Bulletin 86, 1979:
-/// ICC(1,1).
-pub fn variance_share(groups: &[Vec<f64>]) -> Option<f64> {
-    let n = groups.first()?.len();
+/// ICC(1,1) and its interval.
+pub fn variance_share(groups: &[Vec<f64>]) -> Estimate {
+    let unknown = Estimate { n: groups.len() as u64, ..Estimate::default() };
+    let n = groups.first().map_or(0, Vec::len);
     let is_usable = |group: &Vec<f64>| group.len() == n && group.iter().all(|x| x.is_finite());
     if groups.len() < 2 || n < 2 || !groups.iter().all(is_usable) {
-        return None;
+        return unknown;
     }
+    let degrees = ((groups.len() - 1) as u32, (groups.len() * (n - 1)) as u32);
     let (k, n) = (groups.len() as f64, n as f64);
     let means: Vec<f64> = groups.iter().map(|group| group.iter().sum::<f64>() / n).collect();
     let mean = means.iter().sum::<f64>() / k;
     let between = n * means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (k - 1.0);
     let deviation = |(group, m): (&Vec<f64>, &f64)| group.iter().map(|x| (x - m).powi(2)).sum::<f64>();
     let within = groups.iter().zip(&means).map(deviation).sum::<f64>() / (k * (n - 1.0));
-    let whole = between + (n - 1.0) * within;
-    (whole > 0.0).then(|| ((between - within) / whole).max(0.0))
+    if between + (n - 1.0) * within <= 0.0 {
+        return unknown;
+    }
+    // (M_b - M_w) / (M_b + (n - 1) M_w), with M_b and M_w multiplied by the quantiles of their ratio.
+    let share = |between: f64, within: f64| ((between - within) / (between + (n - 1.0) * within)).max(0.0);
+    let (first, second) = degrees;
+    Estimate {
+        value: Some(share(between, within)),
+        low: Some(share(between, within * f_upper_quantile(TAIL, (first, second)))),
+        high: Some(share(between * f_upper_quantile(TAIL, (second, first)), within)),
+        ..unknown
+    }
 }
+
+/// Probability of each tail outside a 95 % interval.
+const TAIL: f64 = 0.025;
 
 #[cfg(test)]
 mod tests {
@@ -103,8 +120,23 @@ mod tests {
             [10.0, 5.0, 6.0, 9.0],
             [6.0, 2.0, 4.0, 7.0],
         ];
-        let share = variance_share(&ratings.map(Vec::from)).unwrap();
-        assert!((share - 0.17).abs() < 0.005, "{share}");
+        let share = variance_share(&ratings.map(Vec::from));
+        assert!((share.value.unwrap() - 0.17).abs() < 0.005, "{share:?}");
+        // By hand: M_b / M_w = 11.2417 / 6.2639 = 1.7947. The upper 2.5 % points of F are 3.3820 for (5, 18) and 6.3619 for
+        // (18, 5) degrees of freedom, so the bounds are (0.5307 - 1) / (0.5307 + 3) = -0.133, which is cut at 0, and
+        // (11.418 - 1) / (11.418 + 3) = 0.723. The R package psych prints -0.133 and 0.72 for these data.
+        assert_eq!(share.low, Some(0.0));
+        assert!((share.high.unwrap() - 0.723).abs() < 0.001, "{share:?}");
+    }
+
+    #[test]
+    fn the_interval_of_a_large_share_is_that_of_a_hand_calculation() {
+        // Three groups of two: M_b = 2 * 100 = 200, M_w = (0.5 + 0.5 + 0.5) / 3 = 0.5, ratio 400; F is 16.044 for (2, 3) and
+        // 39.165 for (3, 2) degrees of freedom: (24.93 - 1) / (24.93 + 1) and (15666 - 1) / (15666 + 1).
+        let share = variance_share(&[vec![9.5, 10.5], vec![-0.5, 0.5], vec![-10.5, -9.5]]);
+        assert!((share.value.unwrap() - 399.0 / 401.0).abs() < 1e-12);
+        assert!((share.low.unwrap() - 0.9229).abs() < 2e-4, "{share:?}");
+        assert!((share.high.unwrap() - 0.99987).abs() < 1e-5, "{share:?}");
     }
 
     #[test]
@@ -117,7 +149,7 @@ mod tests {
             vec![vec![1.0, 1.0], vec![1.0, 1.0]],
             vec![vec![f64::INFINITY, 1.0], vec![1.0, 2.0]],
         ] {
-            assert_eq!(variance_share(&groups), None, "{groups:?}");
+            assert_eq!(variance_share(&groups).value, None, "{groups:?}");
         }
     }
 

@@ -1,6 +1,5 @@
-//! Charts over the simulations of the trials: progress of the search, survival, distribution of the robustness.
+//! Charts over the simulations of the trials: progress of the search, distribution of the robustness.
 
-use mishandle::evaluation::{SurvivalCurve, SurvivalStep};
 use mishandle_charts::{Area, Chart, ChartAxis, Mark, Panel, Series};
 
 use crate::color;
@@ -8,9 +7,12 @@ use crate::html::{figure, visible};
 use crate::load::RunReport;
 use crate::map::SIZE;
 use crate::space::{around, linear};
+use crate::survival::{SurvivalLine, survival_figure};
 
 /// Largest number of trials with a line of their own.
 const MAX_LINES: usize = 100;
+
+const SURVIVAL: &str = "The share of trials that have not failed yet (Kaplan-Meier). A tick is a trial that ended without a failure.";
 
 /// Number of bars of the distribution.
 const BARS: f64 = 30.0;
@@ -19,7 +21,11 @@ const BARS: f64 = 30.0;
 pub fn figures(report: &RunReport) -> String {
     let charts = match report.is_evaluation() {
         true => distribution(report),
-        false => format!("{}{}", progress(report), survival(report)),
+        false => {
+            let line = SurvivalLine { name: "", lifetimes: report.lifetimes() };
+            let survival = survival_figure("Survival.", SURVIVAL, &[line], longest(report) as u32, SIZE);
+            format!("{}{survival}", progress(report))
+        }
     };
     format!("<div class=\"grid\">{charts}</div>\n")
 }
@@ -68,39 +74,6 @@ fn progress(report: &RunReport) -> String {
     let caption = "One line for each trial: the lowest robustness it has found so far. A thick line ends in a failure, in the \
                    shaded half.";
     figure(&svg, "Progress of the search.", caption)
-}
-
-/// Draws the share of trials without a failure.
-fn survival(report: &RunReport) -> String {
-    let lifetimes = report.lifetimes();
-    let known = SurvivalCurve::new(&lifetimes);
-    let end = f64::from(known.last).max(longest(report));
-    let x = linear("simulations of the trial", [0.0, end]);
-    let last = known.at(known.last);
-    let step = |step: &SurvivalStep| [f64::from(step.simulations), known.at(step.simulations)];
-    let points = std::iter::once([0.0, 1.0])
-        .chain(known.steps.iter().map(step))
-        .chain([[f64::from(known.last), last]]);
-    let curve = Series::new(color::FAIL, Mark::Step, points);
-    let mut censored: Vec<u32> =
-        lifetimes.iter().filter(|lifetime| !lifetime.failed).map(|lifetime| lifetime.simulations).collect();
-    censored.sort_unstable();
-    censored.dedup();
-    let ticks = censored.iter().flat_map(|number| {
-        let (x, y) = (f64::from(*number), known.at(*number));
-        [[x, y - 0.025], [x, y + 0.025]]
-    });
-    let ended = Series::new(color::PASS, Mark::Segment, ticks);
-    let text = format!(
-        "Share of trials without a failure: {} after {} simulations",
-        crate::html::percent(last),
-        known.last
-    );
-    let y = ChartAxis::percent("trials without a failure, %");
-    let svg = chart(x, y, Vec::new(), vec![curve, ended], &text);
-    let caption = "The share of trials that have not failed yet (Kaplan-Meier). A tick is a trial that \
-                   ended without a failure.";
-    figure(&svg, "Survival.", caption)
 }
 
 /// Draws how often each robustness occurs.

@@ -1,7 +1,9 @@
-//! A page about one or more runs: one HTML file without scripts that loads nothing.
+//! Pages about runs: HTML files without scripts that load nothing.
 //!
 //! [`RunReport::load`] reads what the page shows from a run file, of any target. [`RunReport::measure`] adds what takes
 //! simulations: the size of the failing patches, repeats under noise, corners and pictures. [`page`] writes the HTML.
+//! [`campaign_page`] and [`run_page`] write those of a campaign,
+//! [`comparison_page`] writes the page of two evaluations on the same scenarios and seeds.
 //!
 //! - `load`, `measure`, `pictures`: the facts. `words`: verdict and meaning in sentences.
 //! - `space`, `map`, `curves`, `trace`: charts, drawn by the crate `charts`. A style sheet maps their colors to the theme.
@@ -9,6 +11,9 @@
 
 #![allow(clippy::result_large_err, reason = "functions return the error of the library")]
 
+mod campaign;
+mod commands;
+mod comparison;
 mod curves;
 mod html;
 mod load;
@@ -19,12 +24,17 @@ mod page;
 mod pictures;
 mod section;
 mod space;
+mod survival;
 mod tables;
 mod trace;
 mod words;
 
+pub use campaign::{RunSummary, campaign_page, run_page};
+pub use comparison::comparison_page;
+pub use html::text as escaped;
 pub use load::RunReport;
-pub use page::page;
+pub use page::{Document, page};
+pub use survival::{SurvivalLine, survival_figure};
 
 /// Colors of the charts. `page.css` has the color of each in both themes.
 pub(crate) mod color {
@@ -34,6 +44,8 @@ pub(crate) mod color {
     pub const PASS: &str = "#1F5C99";
     /// Thresholds and the line between violated and satisfied.
     pub const LIMIT: &str = "#55565A";
+    /// A fourth line.
+    pub const FOURTH: &str = "#7A3E9D";
     /// Span of a violation.
     pub const SHADE: &str = "#FBD9B5";
     /// Span of time that the formula reads.

@@ -1,7 +1,7 @@
 //! What a run file says about its run.
 
-use mishandle::evaluation::{Corners, Lifetime};
-use mishandle::rollout::Axis;
+use mishandle::evaluation::{Corners, EvaluationReport, FormulaRoles, Lifetime, Metrics};
+use mishandle::rollout::{Axis, Seed};
 use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialStatus, TrialSummary};
 use mishandle::{
     ExplainedSimulation, FailureModes, MishandleError, Plan, explain, failure_modes, recorded_axis,
@@ -37,6 +37,8 @@ pub struct RunReport {
     /// Of an evaluation: the robustness of all random simulations, and the simulations of corners.
     pub(crate) robustness: Vec<f64>,
     pub(crate) corners: Vec<Point>,
+    /// Of an evaluation: the rates over all random simulations.
+    pub(crate) rates: Option<EvaluationReport>,
     pub(crate) modes: FailureModes,
     /// The representatives of the first modes, explained.
     pub(crate) representatives: Vec<ExplainedSimulation>,
@@ -116,6 +118,11 @@ impl RunReport {
         let every = others.div_ceil((MAX_POINTS - MAX_FAILURES) as u64).max(1);
         let every_linked =
             others.min((MAX_POINTS - MAX_FAILURES) as u64).div_ceil(LINKED_OTHERS as u64).max(1);
+        let plan = Plan::from_toml(&header.plan).ok();
+        let has = |name: &str| header.formulas.iter().any(|formula| formula.name == name);
+        let roles = FormulaRoles { strict: has("strict"), safe: has("safe"), completion: has("completion") };
+        let counts_failures = plan.as_ref().is_some_and(|plan| plan.preset == "code");
+        let mut metrics = Metrics::new(roles).with_completion_times_of_failures(counts_failures);
         let (mut robustness, mut corners) = (Vec::new(), Vec::new());
         let (mut points, mut index, mut failures, mut kept) = (Vec::new(), 0_u64, 0_usize, 0_u64);
         for simulation in run.simulations() {
@@ -131,6 +138,9 @@ impl RunReport {
                 if rho < 0.0 && trial.first_failure.is_none() {
                     trial.first_failure = Some(number);
                 }
+            }
+            if header.kind == RunKind::Evaluate && simulation.trial != Corners::TRIAL {
+                metrics.add(&mishandle::recorded_episode(&simulation));
             }
             let mut point = Point::from(simulation);
             if header.kind == RunKind::Evaluate {
@@ -157,7 +167,8 @@ impl RunReport {
         }
         Ok(RunReport {
             path: path.to_string(),
-            plan: Plan::from_toml(&header.plan).ok(),
+            plan,
+            rates: (header.kind == RunKind::Evaluate).then(|| metrics.report(Seed(header.seed))),
             axes: header.axes.iter().map(recorded_axis).collect(),
             header,
             counts,

@@ -6,7 +6,7 @@ use mishandle_charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
 use crate::html::{figure, number, short};
 use crate::load::{Point, RunReport};
 use crate::space::{around, cells, chart_axis, edges, label, linear, value_text};
-use crate::{color, tables};
+use crate::{color, tables, words};
 
 /// Size of a chart, pixels. Small, so that the text stays readable on a phone.
 pub const SIZE: [u32; 2] = [440, 330];
@@ -110,7 +110,7 @@ pub fn figures(report: &RunReport, id: usize) -> String {
             format!("{}<div class=\"grid\">{figure}</div>\n", scale.legend())
         }
         _ => {
-            let ranked = ranked(&axes, &decided);
+            let ranked = ranked(&axes, &decided, |point, axis| value(point, axis), |point| point.robustness);
             let chosen: Vec<usize> = ranked.iter().take(PAIR_AXES).map(|(axis, _)| *axis).collect();
             let failing = match report.counts.falsified {
                 0 => "",
@@ -122,7 +122,7 @@ pub fn figures(report: &RunReport, id: usize) -> String {
                  of the other axes;{failing} an unpainted cell contains no simulation.{shown} {HINT}</p>\n",
                 axes.len(),
                 chosen.len(),
-                correlations(report, &ranked),
+                words::correlations(&report.axes, &ranked[..chosen.len()]),
             );
             out.push_str(&scale.legend());
             out.push_str("<div class=\"grid\">");
@@ -144,26 +144,20 @@ fn name(report: &RunReport, axis: usize) -> String {
     crate::html::text(&short(&report.axes[axis].name, 40))
 }
 
-fn correlations(report: &RunReport, ranked: &[(usize, f64)]) -> String {
-    let texts: Vec<String> = ranked
-        .iter()
-        .take(PAIR_AXES)
-        .map(|(axis, rho)| {
-            format!("<code>{}</code> {}", name(report, *axis), number((rho * 100.0).round() / 100.0))
-        })
-        .collect();
-    texts.join(", ")
-}
-
 fn value(point: &Point, axis: usize) -> Option<f64> {
     point.scenario.get(axis).copied().flatten().filter(|value| value.is_finite())
 }
 
-/// Returns the axes with their rank correlations with robustness, the largest magnitude first.
-fn ranked(axes: &[usize], points: &[&Point]) -> Vec<(usize, f64)> {
+/// Returns the axes with the rank correlations between their value and a result, the largest magnitude first.
+pub fn ranked<T>(
+    axes: &[usize],
+    rows: &[T],
+    value: impl Fn(&T, usize) -> Option<f64>,
+    result: impl Fn(&T) -> Option<f64>,
+) -> Vec<(usize, f64)> {
     let correlation = |axis: usize| {
         let pairs: Vec<(f64, f64)> =
-            points.iter().filter_map(|point| Some((value(point, axis)?, point.robustness?))).collect();
+            rows.iter().filter_map(|row| Some((value(row, axis)?, result(row)?))).collect();
         let x = ranks(&pairs.iter().map(|(x, _)| *x).collect::<Vec<_>>());
         let y = ranks(&pairs.iter().map(|(_, y)| *y).collect::<Vec<_>>());
         pearson(&x, &y)

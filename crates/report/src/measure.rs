@@ -16,7 +16,7 @@ const MARGIN: f64 = 0.1;
 const REPEATS: u64 = 50;
 
 /// Number of scenarios that measure the share of noise, and simulations of each.
-const NOISE: (u64, u64) = (10, 10);
+const NOISE: (u64, u64) = (20, 5);
 
 /// Number of simulations per batch.
 const BATCH: usize = 64;
@@ -144,17 +144,20 @@ impl RunReport {
     }
 }
 
-/// Returns the box of a mode in unit coordinates, widened by [`MARGIN`]; the whole unit interval for axes that are drawn at
-/// random. Returns `None` if an axis has no valid bounds.
+/// Returns the box of a mode in unit coordinates, widened by [`MARGIN`]; the whole unit interval for axes by which failures were
+/// not grouped, and for those that are drawn at random. Returns `None` if an axis has no valid bounds.
 fn unit_box(axes: &[Axis], mode: &FailureMode) -> Option<Vec<[f64; 2]>> {
     axes.iter()
         .zip(&mode.region)
-        .map(|(axis, region)| {
-            let Some((low, high)) = region else { return Some([0.0, 1.0]) };
+        .enumerate()
+        .map(|(index, (axis, region))| {
+            let Some((low, high)) = region.filter(|_| mode.axes.contains(&index)) else {
+                return Some([0.0, 1.0]);
+            };
             // A discrete value is a whole interval of the coordinate.
             let half = axis.levels().map_or(0.0, |levels| 0.5 / levels as f64);
-            let low = (axis.unit_coordinate(*low) - half - MARGIN).clamp(0.0, 1.0);
-            let high = (axis.unit_coordinate(*high) + half + MARGIN).clamp(0.0, 1.0);
+            let low = (axis.unit_coordinate(low) - half - MARGIN).clamp(0.0, 1.0);
+            let high = (axis.unit_coordinate(high) + half + MARGIN).clamp(0.0, 1.0);
             (low < high).then_some([low, high])
         })
         .collect()
@@ -209,7 +212,12 @@ mod tests {
     #[test]
     fn the_box_of_a_mode_is_widened_within_the_space() {
         let axes = [Axis::start("x", "m", 0.0, 2.0), Axis::start("y", "m", 0.0, 1.0)];
-        let mode = FailureMode { failures: vec![], region: vec![Some((1.0, 1.2)), None], samples: (0, 0) };
+        let mode = FailureMode {
+            failures: vec![],
+            region: vec![Some((1.0, 1.2)), None],
+            samples: (0, 0),
+            axes: vec![0, 1],
+        };
         let bounds = unit_box(&axes, &mode).unwrap();
         assert!((bounds[0][0] - 0.4).abs() < 1e-12 && (bounds[0][1] - 0.7).abs() < 1e-12, "{bounds:?}");
         assert_eq!(bounds[1], [0.0, 1.0]);
@@ -217,7 +225,10 @@ mod tests {
             failures: vec![],
             region: vec![Some((0.0, 2.0)), Some((1.0, 1.0))],
             samples: (0, 0),
+            axes: vec![0, 1],
         };
         assert_eq!(unit_box(&axes, &edge).unwrap(), [[0.0, 1.0], [0.9, 1.0]]);
+        let of_first = FailureMode { axes: vec![0], ..edge };
+        assert_eq!(unit_box(&axes, &of_first).unwrap(), [[0.0, 1.0], [0.0, 1.0]]);
     }
 }

@@ -1,17 +1,20 @@
 //! Failure modes: what fails, where, when, how large the failing patch is, and one simulation of each.
 
 use mishandle::evaluation::Estimate;
-use mishandle::{ExplainedSimulation, FailureMode, shell_quote};
+use mishandle::{ExplainedSimulation, FailureMode};
 
 use crate::html::{base64, number, percent, short, table, text, with_code, with_unit};
 use crate::load::RunReport;
 use crate::measure::{Measured, Patch};
 use crate::pictures::Frame;
 use crate::space::value_text;
-use crate::{tables, trace};
+use crate::{commands, tables, trace};
 
 /// If the share of failing scenarios in the box of a mode may be above this, the patch is taken to be larger than the box.
 const REACHES_BEYOND: f64 = 0.9;
+
+/// A box with at least this share of the space is taken for the whole space.
+const WHOLE: f64 = 0.999;
 
 /// Largest number of axes in the tables of a mode.
 const MAX_AXES: usize = 12;
@@ -22,7 +25,7 @@ pub fn section(report: &RunReport, id: usize) -> String {
     let described = report.representatives.len();
     let mut out = format!(
         "<p>{} in {}. Failures belong to one mode if the same predicate decides them, at a similar time, and their \
-         scenarios are neighbors.{}</p>\n",
+         scenarios are neighbors along the axes that matter.{}</p>\n",
         mishandle::plural((modes.failures - modes.not_grouped) as u64, "failure"),
         mishandle::plural(modes.modes.len() as u64, "failure mode"),
         match modes.not_grouped {
@@ -103,7 +106,7 @@ fn card(
     if !others.is_empty() {
         out.push_str(&format!("<div class=\"grid\">{others}</div>\n"));
     }
-    out.push_str(&commands(report, trial, number_of));
+    out.push_str(&commands::details(report, trial, number_of));
     out + "</article>\n"
 }
 
@@ -129,7 +132,7 @@ fn patch_text(patch: Patch, is_random: bool) -> String {
         percent(volume),
         if failures == 1 { "fails" } else { "fail" }
     );
-    let is_cut = high > REACHES_BEYOND;
+    let is_cut = high > REACHES_BEYOND && volume < WHOLE;
     let [value, low, high] = [value, low, high].map(|share| percent(volume * share));
     match (is_random, is_cut) {
         (true, _) => format!(
@@ -145,25 +148,48 @@ fn patch_text(patch: Patch, is_random: bool) -> String {
     }
 }
 
-/// Returns the table of the region of a mode and the scenario of its representative.
+/// Returns the table of the region of a mode and the scenario of its representative. The axes that matter come first.
 fn region_table(report: &RunReport, mode: &FailureMode) -> String {
     let scenario = &mode.representative().scenario;
-    let rows =
-        report.axes.iter().zip(&mode.region).zip(scenario).take(MAX_AXES).map(|((axis, region), value)| {
-            let region = region.map_or("random".to_string(), |(low, high)| match low == high {
-                true => value_text(axis, Some(low)),
-                false => format!("{} to {}", value_text(axis, Some(low)), value_text(axis, Some(high))),
-            });
-            let cells = [region, value_text(axis, *value), value_text(axis, axis.nominal)];
-            std::iter::once(text(&short(&axis.name, 40))).chain(cells.iter().map(|cell| text(cell))).collect()
+    let matters = |axis: &usize| mode.axes.contains(axis);
+    let all = 0..report.axes.len();
+    let order: Vec<usize> = all.clone().filter(matters).chain(all.filter(|axis| !matters(axis))).collect();
+    let rows = order.iter().take(MAX_AXES).map(|index| {
+        let (axis, value) = (&report.axes[*index], scenario.get(*index).copied().flatten());
+        let region = mode.region.get(*index).copied().flatten();
+        let region = region.map_or("random".to_string(), |(low, high)| match low == high {
+            true => value_text(axis, Some(low)),
+            false => format!("{} to {}", value_text(axis, Some(low)), value_text(axis, Some(high))),
         });
+        let name = text(&short(&axis.name, 40));
+        let name = if matters(index) { format!("<b>{name}</b>") } else { name };
+        let cells = [region, value_text(axis, value), value_text(axis, axis.nominal)];
+        std::iter::once(name).chain(cells.iter().map(|cell| text(cell))).collect()
+    });
     let rows: Vec<Vec<String>> = rows.collect();
-    let rest = match report.axes.len() > MAX_AXES {
-        true => format!("<p>The first {MAX_AXES} of {} axes are shown.</p>\n", report.axes.len()),
-        false => String::new(),
+    let mut notes = Vec::new();
+    if mode.axes.is_empty() {
+        notes.push(
+            "No axis distinguishes these failures from the other simulations, so they are grouped by predicate and time alone: they may fail \
+             anywhere in the space, or for a reason that takes several axes together."
+                .to_string(),
+        );
+    } else if mode.axes.len() < report.axes.len() {
+        notes.push(
+            "Bold axes matter: along them, failures of this predicate are distributed differently from the other simulations \
+             (Kolmogorov-Smirnov test, corrected). The ranges of the other axes say little."
+                .to_string(),
+        );
+    }
+    if report.axes.len() > MAX_AXES {
+        notes.push(format!("{MAX_AXES} of {} axes are shown.", report.axes.len()));
+    }
+    let notes = match notes.is_empty() {
+        true => String::new(),
+        false => format!("<p class=\"notes\">{}</p>\n", notes.join(" ")),
     };
     table("Where it fails", &["axis", "failures of this mode", "closest to nominal", "nominal"], &rows)
-        + &rest
+        + &notes
 }
 
 /// Returns the pictures of a representative.
@@ -190,32 +216,4 @@ fn frames(
         )
     };
     format!("<div class=\"strip\">{}</div>\n", frames.iter().map(frame).collect::<String>())
-}
-
-/// Returns how to run a simulation again.
-fn commands(report: &RunReport, trial: u32, number: u32) -> String {
-    let run = shell_quote(&report.path);
-    let at = format!("--trial {trial} --simulation {number}");
-    let mut lines = vec![format!("mishandle explain {run} {at}")];
-    match report.header.target.kind.as_str() {
-        "python" => lines.extend([
-            "# in Python, with the same system, formula and space as the run:".to_string(),
-            format!(
-                "mishandle.replay({}, system, formula, space, trial={trial}, number={number})",
-                python_text(&report.path)
-            ),
-        ]),
-        kind => {
-            lines.insert(0, format!("mishandle replay {run} {at}"));
-            if kind == "task" {
-                lines.push(format!("mishandle render --run {run} {at} --out failure.mp4"));
-            }
-        }
-    }
-    format!("<details><summary>Run it again</summary><pre>{}</pre></details>\n", crate::html::lines(&lines))
-}
-
-/// Quotes a text for Python.
-fn python_text(value: &str) -> String {
-    format!("{value:?}")
 }

@@ -2,6 +2,7 @@
 
 use mishandle::Noise;
 use mishandle::stl::{Clock, EvaluationTime, Formula};
+use mishandle::store::RunHeader;
 
 use crate::html::{number, percent, short, text};
 use crate::load::RunReport;
@@ -10,9 +11,12 @@ use crate::{curves, map, modes, tables, words};
 /// Returns the section of a run. `id` is its number on the page, from 1.
 pub fn section(report: &RunReport, id: usize) -> String {
     let mut out = format!("<section class=\"run\" id=\"r{id}\">\n<h2>{}</h2>\n", words::headline(report));
-    out.push_str(&format!("<p class=\"requirement\"><b>Requirement:</b> {}</p>\n", requirement(report)));
+    out.push_str(&format!(
+        "<p class=\"requirement\"><b>Requirement:</b> {}</p>\n",
+        requirement(&report.header)
+    ));
     let meaning: String = words::meaning(report).iter().map(|sentence| format!("{sentence} ")).collect();
-    out.push_str(&format!("<p>{meaning}</p>\n{}", tiles(report)));
+    out.push_str(&format!("<p>{meaning}</p>\n{}{}", tiles(report), tables::rates(report)));
     if !report.notes.is_empty() {
         let notes: String = report.notes.iter().map(|note| format!("<li>{}</li>", text(note))).collect();
         out.push_str(&format!("<ul class=\"notes\">{notes}</ul>\n"));
@@ -46,8 +50,7 @@ pub fn section(report: &RunReport, id: usize) -> String {
 }
 
 /// Returns the requirement in words, or its text if it cannot be explained.
-fn requirement(report: &RunReport) -> String {
-    let header = &report.header;
+pub fn requirement(header: &RunHeader) -> String {
     let formula = Formula::parse(&header.formula).ok();
     let unit = |name: &str| {
         header.signals.iter().find(|signal| signal.name == name).map_or("", |signal| signal.unit.as_str())
@@ -74,11 +77,13 @@ fn tiles(report: &RunReport) -> String {
         tiles.push((median, "simulations to a failure (median)".to_string()));
     }
     tiles.push((report.modes.modes.len().to_string(), "failure modes".to_string()));
-    let worst = report.trials.iter().filter_map(|trial| trial.worst).map(|(_, rho)| rho).reduce(f64::min);
-    tiles.push((worst.map_or("–".to_string(), number), "lowest robustness".to_string()));
+    tiles.push((words::worst(report).map_or("–".to_string(), number), "lowest robustness".to_string()));
     tiles.push((report.counts.simulations.to_string(), "simulations".to_string()));
-    let share =
-        report.measured.as_ref().and_then(|measured| measured.noise).and_then(|noise| noise.scenario_share);
+    let share = report
+        .measured
+        .as_ref()
+        .and_then(|measured| measured.noise)
+        .and_then(|noise| noise.scenario_share.value);
     tiles.extend(share.map(|share| (percent(1.0 - share), "of the variance is noise".to_string())));
     let tile = |(value, name): &(String, String)| format!("<div><dd>{value}</dd><dt>{name}</dt></div>");
     format!("<dl class=\"tiles\">{}</dl>\n", tiles.iter().map(tile).collect::<String>())
@@ -87,11 +92,16 @@ fn tiles(report: &RunReport) -> String {
 fn noise_text(noise: &Noise) -> String {
     let Noise { scenario_share, scenarios, repeats } = noise;
     let of = format!("{scenarios} random scenarios, {repeats} simulations each");
-    match scenario_share {
+    match scenario_share.value {
         Some(share) => format!(
-            "{} of the variance of the robustness comes from the scenario and {} from noise ({of}). The larger the share of \
+            "{} of the variance of the robustness comes from the scenario{} and {} from noise ({of}). The larger the share of \
              noise, the less a map of scenarios can explain.",
-            percent(*share),
+            percent(share),
+            scenario_share.low.zip(scenario_share.high).map_or(String::new(), |(low, high)| format!(
+                " (95 % interval {} to {})",
+                percent(low),
+                percent(high)
+            )),
             percent(1.0 - share)
         ),
         None => format!("The robustness of {of} is constant or infinite, so its variance has no shares."),

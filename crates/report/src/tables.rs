@@ -1,5 +1,6 @@
 //! Tables of trials, simulations, axes and corners, as HTML.
 
+use mishandle::evaluation::Estimate;
 use mishandle::store::TrialStatus;
 
 use crate::html::{number, percent, table, text};
@@ -63,6 +64,31 @@ pub fn trials(report: &RunReport, run: usize) -> String {
         .collect();
     let head = ["trial", "result", "simulations", "first failure", "lowest robustness", "in simulation"];
     table("Trials", &head, &rows) + &more(report.trials.len(), MAX_TRIALS, "trials")
+}
+
+/// Returns the table of the rates of an evaluation; empty for another run.
+pub fn rates(report: &RunReport) -> String {
+    let Some(found) = &report.rates else { return String::new() };
+    let steps = |value: f64| format!("{} ({} s)", number(value), number(value * report.header.control_dt));
+    let row = |(name, estimate, show): (&str, Option<Estimate>, &dyn Fn(f64) -> String)| {
+        let estimate = estimate?;
+        let cell = |value: Option<f64>| value.map_or("–".to_string(), show);
+        let interval = match (estimate.low, estimate.high) {
+            (Some(low), Some(high)) => format!("{} to {}", show(low), show(high)),
+            _ => "–".to_string(),
+        };
+        Some(vec![name.to_string(), cell(estimate.value), interval, estimate.n.to_string()])
+    };
+    let rows = [
+        ("success rate", Some(found.success_rate), &percent as &dyn Fn(f64) -> String),
+        ("strict success rate", found.strict_success_rate, &percent),
+        ("dangerous control steps", found.dangerous_behavior_rate, &percent),
+        ("simulations with a dangerous step", found.dangerous_episode_rate, &percent),
+        ("control steps until completion", found.task_completion_time, &steps),
+    ];
+    let rows: Vec<Vec<String>> = rows.into_iter().filter_map(row).collect();
+    let head = ["mean over the random simulations", "value", "95 % interval", "simulations"];
+    table("Rates", &head, &rows)
 }
 
 /// Says that a table is cut.

@@ -1,6 +1,7 @@
 //! The verdict in sentences.
 
 use mishandle::evaluation::{SurvivalCurve, wilson};
+use mishandle::rollout::Axis;
 
 use crate::html::{number, percent, short, text};
 use crate::load::RunReport;
@@ -19,8 +20,18 @@ pub fn subject(report: &RunReport) -> String {
     }
 }
 
-fn file_name(path: &str) -> &str {
+/// Returns the last part of a path.
+pub fn file_name(path: &str) -> &str {
     path.rsplit('/').next().filter(|name| !name.is_empty()).unwrap_or(path)
+}
+
+/// Returns the rank correlations of axes as HTML, in the order of the list.
+pub fn correlations(axes: &[Axis], ranked: &[(usize, f64)]) -> String {
+    let one = |(axis, rho): &(usize, f64)| {
+        let name = text(&short(&axes[*axis].name, 40));
+        format!("<code>{name}</code> {}", number((rho * 100.0).round() / 100.0))
+    };
+    ranked.iter().map(one).collect::<Vec<_>>().join(", ")
 }
 
 /// Returns the numbers of failing and of decided random simulations of an evaluation.
@@ -36,6 +47,11 @@ pub fn evaluated(report: &RunReport) -> (u64, u64) {
 pub fn falsified(report: &RunReport) -> (usize, usize) {
     let falsified = report.searches().filter(|trial| trial.first_failure.is_some()).count();
     (falsified, report.searches().count())
+}
+
+/// Returns the lowest robustness.
+pub fn worst(report: &RunReport) -> Option<f64> {
+    report.trials.iter().filter_map(|trial| trial.worst).map(|(_, rho)| rho).reduce(f64::min)
 }
 
 /// Returns the median number of simulations to the first failure.
@@ -85,7 +101,7 @@ pub fn headline(report: &RunReport) -> String {
 /// Returns what the verdict means, as sentences of HTML.
 pub fn meaning(report: &RunReport) -> Vec<String> {
     let mut sentences = Vec::new();
-    let worst = report.trials.iter().filter_map(|trial| trial.worst).map(|(_, rho)| rho).reduce(f64::min);
+    let worst = worst(report);
     let (found, trials) = falsified(report);
     if report.is_evaluation() {
         let (failing, decided) = evaluated(report);

@@ -13,7 +13,7 @@ use mishandle::store::RunKind;
 use mishandle::{CampaignRun, EvaluationOutcome, ResolvedPlan, plural, shell_quote};
 use serde_json::{Value, json};
 
-use super::{evaluate, falsify, reproduce};
+use super::{evaluate, falsify, report};
 use crate::progress::Bar;
 use crate::{ExitStatus, args, interrupt, numbers, output, run};
 
@@ -52,7 +52,8 @@ pub struct Arguments {
     /// Number of threads; does not affect the results [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(args::THREADS))]
     pub threads: Option<usize>,
-    /// Write the tables of `mishandle reproduce`, with statistics, as Markdown and HTML pages to this folder
+    /// Write pages to this folder: an index, a page for each run, and the tables of `mishandle reproduce` with statistics, also as
+    /// Markdown
     #[arg(long, value_name = "DIR")]
     pub pages: Option<PathBuf>,
     /// Print one JSON document to stdout
@@ -100,7 +101,12 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         return Ok(ExitStatus::Interrupted);
     }
     if let Some(pages) = &command.pages {
-        reproduce::write_tables(&folder, pages)?;
+        let options = report::Options { probes: None, controller: None, skip_check: false, force: true };
+        report::write_campaign(&folder, pages, &options)?;
+        output::message(&format!(
+            "To add what takes simulations: mishandle report {name} --out {} --force",
+            shell_quote(&pages.to_string_lossy())
+        ));
     }
     output::message(&format!("Run files: {name}"));
     let is_falsified = |finished: &Finished| matches!(&finished.outcome, Outcome::Falsification(found) if found.falsified_trials > 0);

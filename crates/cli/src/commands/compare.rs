@@ -5,8 +5,9 @@ use clap::Args;
 use mishandle::evaluation::{Corners, Estimate};
 use mishandle::{
     ComparedPair, ComparedRun, Comparison, EvaluatePlan, PairedMeans, PairedRates, Plan, ResolvedPlan,
-    plural, shell_quote,
+    p_value_text, plural, shell_quote,
 };
+use mishandle_report::comparison_page;
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
@@ -21,6 +22,7 @@ use crate::{ExitStatus, args, escape, numbers, run};
   mishandle compare runs/evaluate-old.sqlite runs/evaluate-new.sqlite
   mishandle compare ball-balancing --controller ppo --against sac --episodes 1000
   mishandle compare point-reaching --controller ppo --against my.safetensors --action-noise 0.5
+  mishandle compare old.sqlite new.sqlite --out compare.html     write a page
 
 A and B are run files of `mishandle evaluate` with the same target, space, seed and number of
 episodes. They are compared pair by pair. With --against, both controllers are evaluated first, and
@@ -39,6 +41,12 @@ pub struct Arguments {
     /// Number of simulations of each controller from random scenarios [default: 100, or that of the plan]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
     pub episodes: Option<u64>,
+    /// HTML page to write about the comparison
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Overwrite FILE if it exists
+    #[arg(long, requires = "out")]
+    pub force: bool,
     /// Do not check the whole run files before reading them; a record is still checked when it is read
     #[arg(long)]
     pub skip_check: bool,
@@ -64,8 +72,15 @@ const COMPARED: [&str; 11] = [
 /// Largest number of new or fixed failures in the text. The JSON document lists all.
 const MAX_LISTED: usize = 20;
 
+/// Largest number of axes whose values the text shows.
+const MAX_VALUES: usize = 6;
+
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
+    if let Some(out) = &command.out {
+        // Fails before the simulations if the output cannot be written.
+        drop(output::create(out, command.force)?);
+    }
     let paths = match (&command.subject.target, &command.second) {
         (Some(first), Some(second)) => [PathBuf::from(first), second.clone()],
         (_, None) if command.against.is_some() => match evaluate_both(command)? {
@@ -79,6 +94,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let [first, second] = paths;
     let (a, b) = (run::read(&first, command.skip_check)?, run::read(&second, command.skip_check)?);
     let found = mishandle::compare(&a, &b)?;
+    if let Some(out) = &command.out {
+        output::write_atomically(out, command.force, comparison_page(&found, [&a, &b]).as_bytes())?;
+        output::message(&format!("Page: {}", shell_quote(&out.to_string_lossy())));
+    }
     if command.run.json {
         output::json(document(&found))?;
     } else {
@@ -222,7 +241,7 @@ fn text(found: &Comparison) -> String {
         parts.push(format!("A and B also differ in:\n  {}", listed.join("\n  ")));
     }
     parts.push(output::table(&table(found)));
-    parts.push(verdict(found));
+    parts.push(format!("{} The other p-values are of exact sign tests.", found.verdict()));
     let lists = [
         ("New failures: A succeeds, B fails", &found.new_failures, &found.second),
         ("Fixed failures: A fails, B succeeds", &found.fixed_failures, &found.first),
@@ -249,7 +268,7 @@ fn table(found: &Comparison) -> Vec<Vec<String>> {
             percent(second.value),
             difference.value.map_or("-".to_string(), points),
             interval(difference, &points),
-            p_text(*p_value),
+            p_value_text(*p_value),
             difference.n.to_string(),
         ]);
     }
@@ -267,7 +286,7 @@ fn table(found: &Comparison) -> Vec<Vec<String>> {
             mean(means.second),
             means.difference.value.map_or("-".to_string(), signed),
             interval(&means.difference, &signed),
-            p_text(means.p_value),
+            p_value_text(means.p_value),
             means.difference.n.to_string(),
         ]);
     }
@@ -277,31 +296,6 @@ fn table(found: &Comparison) -> Vec<Vec<String>> {
 fn interval(estimate: &Estimate, show: &dyn Fn(f64) -> String) -> String {
     let ends = estimate.low.zip(estimate.high);
     ends.map_or("-".to_string(), |(low, high)| format!("[{}, {}]", show(low), show(high)))
-}
-
-fn p_text(p: f64) -> String {
-    if p < 0.0001 { "< 0.0001".to_string() } else { format!("{p:.4}") }
-}
-
-/// Level below which a difference counts as one.
-const SIGNIFICANT: f64 = 0.05;
-
-fn verdict(found: &Comparison) -> String {
-    let PairedRates { counts, p_value, .. } = &found.success;
-    let (lost, gained) = (counts.first_only, counts.second_only);
-    let judgment = match (*p_value < SIGNIFICANT, gained > lost) {
-        (true, true) => "B succeeds more often",
-        (true, false) => "B succeeds less often",
-        (false, _) => "the success rates do not differ significantly",
-    };
-    format!(
-        "B fails in {} where A succeeds, and succeeds in {} where A fails: {judgment} (exact McNemar test, p = {}). The other \
-         p-values are of exact sign tests.",
-        plural(lost, "random simulation"),
-        gained,
-        p_text(*p_value).trim_start_matches("= "),
-    )
-    .replace("p = < ", "p < ")
 }
 
 fn list(found: &Comparison, title: &str, pairs: &[ComparedPair], run: &ComparedRun) -> String {
@@ -316,7 +310,7 @@ fn list(found: &Comparison, title: &str, pairs: &[ComparedPair], run: &ComparedR
             pair.trial.to_string(),
             pair.number.to_string(),
             pair.seed.to_string(),
-            run::recorded_scenario_text(&found.axes, &pair.scenario),
+            run::recorded_scenario_text(&found.axes, &pair.scenario, MAX_VALUES),
             robustness(pair.first_robustness),
             robustness(pair.second_robustness),
         ]);

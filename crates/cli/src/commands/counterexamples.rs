@@ -114,6 +114,7 @@ fn document(path: &Path, header: &RunHeader, found: &FailureModes) -> Value {
             "predicate": failure.predicate,
             "samples": [first, last],
             "times": [time(first), time(last)],
+            "axes": mode.axes.iter().filter_map(|index| header.axes.get(*index)).map(|axis| axis.name.clone()).collect::<Vec<_>>(),
             "region": named(mode.region.iter().map(|range| json!(range.map(<[f64; 2]>::from))).collect()),
             "trial": failure.trial,
             "simulation": failure.number,
@@ -187,11 +188,16 @@ fn table(header: &RunHeader, modes: &[FailureMode]) -> Vec<Vec<String>> {
     std::iter::once(columns.map(String::from).to_vec()).chain(rows).collect()
 }
 
-/// Describes the ranges of a mode on its axes, the narrowest first.
+/// Describes the ranges of a mode on the axes that matter, the narrowest first.
 fn region(header: &RunHeader, mode: &FailureMode) -> String {
-    let ranges = header.axes.iter().zip(&mode.region);
-    let mut ranges: Vec<(&AxisRecord, [f64; 2])> =
-        ranges.filter_map(|(axis, range)| range.map(|range| (axis, range.into()))).collect();
+    if mode.axes.is_empty() {
+        return "no axis distinguishes these failures from the other simulations".to_string();
+    }
+    let range = |index: &usize| {
+        let range = mode.region.get(*index).copied().flatten()?;
+        Some((header.axes.get(*index)?, range.into()))
+    };
+    let mut ranges: Vec<(&AxisRecord, [f64; 2])> = mode.axes.iter().filter_map(range).collect();
     let width = |(axis, [low, high]): &(&AxisRecord, [f64; 2])| (high - low) / (axis.high - axis.low);
     // Stable, so axes of equal width stay in the order of the space.
     ranges.sort_by(|a, b| width(a).total_cmp(&width(b)));

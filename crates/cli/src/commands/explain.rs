@@ -210,7 +210,7 @@ pub fn document(header: &RunHeader, explained: &ExplainedSimulation) -> Value {
 pub fn text(header: &RunHeader, explained: &ExplainedSimulation) -> String {
     let ExplainedSimulation { recorded, explanation, .. } = explained;
     let Explanation { diagnosis, conjuncts, .. } = explanation;
-    let scenario = run::recorded_scenario_text(&header.axes, &recorded.scenario);
+    let scenario = run::recorded_scenario_text(&header.axes, &recorded.scenario, usize::MAX);
     let verdict = match diagnosis.robustness() {
         rho if rho < 0.0 => "violated",
         rho if rho > 0.0 => "satisfied",

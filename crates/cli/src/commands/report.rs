@@ -1,10 +1,12 @@
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use mishandle::store::RunFile;
-use mishandle_report::{RunReport, page};
+use mishandle::{CampaignRun, plural, shell_quote};
+use mishandle_report::{RunReport, RunSummary, campaign_page, page, run_page};
 
+use super::reproduce;
 use crate::progress::Bar;
 use crate::{ExitStatus, args, numbers, output, run};
 
@@ -13,16 +15,17 @@ use crate::{ExitStatus, args, numbers, output, run};
 #[command(after_help = "Examples:
   mishandle report runs/RUN.sqlite --out report.html
   mishandle report runs/A.sqlite runs/B.sqlite --out report.html     one section each, and a table
+  mishandle report runs/campaign-1 --out pages                       a campaign: index and a page for each run
   mishandle report runs/RUN.sqlite --no-simulations --out report.html
 
 The page is one HTML file that loads nothing and runs no script. docs/report.md explains its
 charts. If the target of a run is available, scenarios around each failure mode are simulated,
 corners, and repeats with other seeds. Otherwise the page has what the run file contains.")]
 pub struct Arguments {
-    /// Run files of `mishandle evaluate` or `mishandle falsify`
+    /// Run files of `mishandle evaluate` or `mishandle falsify`, or the folder of a campaign
     #[arg(value_name = "RUN", required = true)]
     pub runs: Vec<PathBuf>,
-    /// HTML file to create
+    /// HTML file to create; for a campaign, a folder for the index and a page for each run
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Overwrite FILE if it exists
@@ -46,14 +49,49 @@ pub struct Arguments {
     pub threads: Option<usize>,
 }
 
+/// The page of a campaign that leads to all others.
+const INDEX: &str = "index.html";
+
+/// Folder of the pages of the runs, in that of a campaign's pages.
+const RUNS: &str = "runs";
+
+/// What pages contain.
+pub struct Options<'a> {
+    /// Random scenarios around each failure mode; `None` to simulate nothing.
+    pub probes: Option<u32>,
+    /// Present path of the runs' controller, if the file was moved.
+    pub controller: Option<&'a str>,
+    pub skip_check: bool,
+    /// Whether existing files are replaced.
+    pub force: bool,
+}
+
+/// Why nothing is simulated.
+const NO_SIMULATIONS: &str = "they were not requested (--no-simulations)";
+
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
+    let options = Options {
+        probes: (!command.no_simulations).then_some(command.probes),
+        controller: command.controller.as_deref(),
+        skip_check: command.skip_check,
+        force: command.force,
+    };
+    if let [folder] = &command.runs[..]
+        && folder.is_dir()
+    {
+        write_campaign(folder, &command.out, &options)?;
+        return Ok(ExitStatus::Done);
+    }
+    if let Some(folder) = command.runs.iter().find(|path| path.is_dir()) {
+        bail!("{} is a folder; name run files, or one folder of a campaign alone", folder.display());
+    }
     // Fails before the simulations if the output cannot be written.
     drop(output::create(&command.out, command.force)?);
     let mut reports = Vec::new();
     for path in &command.runs {
-        let file = run::read(path, command.skip_check)?;
-        let report = report(&file, path, command).with_context(|| path.display().to_string())?;
+        let file = run::read(path, options.skip_check)?;
+        let report = report(&file, path, &options).with_context(|| path.display().to_string())?;
         reports.push(report);
     }
     let page = page(&reports);
@@ -63,14 +101,50 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     Ok(ExitStatus::Done)
 }
 
-fn report(file: &RunFile, path: &Path, command: &Arguments) -> Result<RunReport> {
-    let mut report = RunReport::load(file, &path.to_string_lossy())?;
-    if command.no_simulations {
-        report.note_no_simulations("--no-simulations was given");
-        return Ok(report);
+/// Writes the pages of a campaign to the folder `out`: an index, the tables, and a page for each run.
+pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Result<()> {
+    let runs = mishandle::campaign_runs(campaign)?;
+    let index = out.join(INDEX);
+    if index.exists() && !options.force {
+        bail!("{} exists already; choose another --out, or overwrite it with --force", index.display());
     }
+    let pages = out.join(RUNS);
+    std::fs::create_dir_all(&pages).with_context(|| format!("cannot write {}", pages.display()))?;
+    let mut size = 0;
+    let mut write = |path: PathBuf, html: &str| {
+        size += html.len();
+        output::write_atomically(&path, true, html.as_bytes())
+    };
+    let mut summaries = Vec::new();
+    for CampaignRun { name, path, .. } in &runs {
+        let file = run::read(path, options.skip_check)?;
+        let report = report(&file, path, options).with_context(|| path.display().to_string())?;
+        write(pages.join(format!("{name}.html")), &run_page(&report, &format!("../{INDEX}")))?;
+        summaries.push(RunSummary::new(&report, name, &format!("{RUNS}/{name}.html")));
+    }
+    let tables = reproduce::write_tables(campaign, out)?;
+    let name = campaign.canonicalize().unwrap_or_else(|_| campaign.to_path_buf());
+    let name = name.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());
+    write(index.clone(), &campaign_page(&name, &summaries, &tables))?;
+    output::message(&format!(
+        "Pages: {} ({} in {}, {} kB)",
+        shell_quote(&index.to_string_lossy()),
+        plural(runs.len() as u64, "run"),
+        shell_quote(&pages.to_string_lossy()),
+        size.div_ceil(1000)
+    ));
+    Ok(())
+}
+
+fn report(file: &RunFile, path: &Path, options: &Options<'_>) -> Result<RunReport> {
+    let mut report = RunReport::load(file, &path.to_string_lossy())?;
+    let Some(probes) = options.probes else {
+        report.note_no_simulations(NO_SIMULATIONS);
+        return Ok(report);
+    };
     let bar = Bar::new(0, "simulations");
-    let skipped = report.measure(file, command.controller.as_deref(), command.probes, |done, total| {
+    bar.set_note(path.display().to_string());
+    let skipped = report.measure(file, options.controller, probes, |done, total| {
         bar.set_length(total);
         bar.set_position(done);
     })?;

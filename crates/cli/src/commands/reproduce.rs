@@ -198,9 +198,11 @@ fn show(results: &Results, folder: Option<&Path>, as_json: bool) -> Result<()> {
     Ok(())
 }
 
-/// Writes the pages of a campaign to a folder.
-pub fn write_tables(campaign: &Path, folder: &Path) -> Result<()> {
-    write_pages(&pages(&load(&[campaign.to_path_buf()])?), folder)
+/// Writes the pages with the tables of a campaign to a folder. Returns the names and titles of the HTML pages.
+pub fn write_tables(campaign: &Path, folder: &Path) -> Result<Vec<(String, String)>> {
+    let pages = pages(&load(&[campaign.to_path_buf()])?);
+    write_pages(&pages, folder)?;
+    Ok(pages.into_iter().map(|(name, page)| (format!("{name}.html"), page.title)).collect())
 }
 
 /// Writes each page as Markdown and as HTML. Existing pages are replaced, because they contain nothing but results.

@@ -207,7 +207,8 @@ fn repeated(
             "explanation": Value::Null,
             "repeats": repeats_document(&report),
             "noise": noise.map(|noise| json!({
-                "scenario_share": noise.scenario_share,
+                "scenario_share": noise.scenario_share.value,
+                "scenario_share_interval": noise.scenario_share.low.zip(noise.scenario_share.high).map(<[f64; 2]>::from),
                 "scenarios": noise.scenarios,
                 "repeats": noise.repeats,
             })),
@@ -270,10 +271,15 @@ fn text(
     }
     if let Some(Noise { scenario_share, scenarios, repeats }) = noise {
         let of = format!("{scenarios} random scenarios, {repeats} simulations each");
-        text.push_str(&match scenario_share {
+        text.push_str(&match scenario_share.value {
             Some(share) => format!(
-                "\n\nvariance of the robustness: {:.0} % from the scenario, {:.0} % from noise ({of})",
+                "\n\nvariance of the robustness: {:.0} % from the scenario{}, {:.0} % from noise ({of})",
                 100.0 * share,
+                scenario_share.low.zip(scenario_share.high).map_or(String::new(), |(low, high)| format!(
+                    " [{:.0}, {:.0}]",
+                    100.0 * low,
+                    100.0 * high
+                )),
                 100.0 * (1.0 - share)
             ),
             None => {

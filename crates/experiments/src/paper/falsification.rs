@@ -5,8 +5,10 @@ use mishandle::evaluation::{
 };
 use mishandle::store::TrialStatus;
 use mishandle::{Plan, plural};
+use mishandle_report::{SurvivalLine, survival_figure};
 
 use super::notes::{Notes, Row};
+use super::page::inline;
 use super::performance::failing_corners;
 use super::{
     Block, NOTHING, PAPER_BUDGET, PAPER_TRIALS, Page, PaperFalsification, REPEATED_TASK, Results, RunResults,
@@ -83,6 +85,7 @@ fn section(results: &Results, notes: &Notes, preset: &str, runs: &[&Falsified<'_
             rows: runs.iter().map(|run| run.cells()).collect(),
         }),
     ];
+    blocks.extend(survival(preset, runs));
     let remarks = remarks(results, notes, runs);
     if !remarks.is_empty() {
         blocks.push(Block::Heading(format!("Where the values differ, and why, preset `{preset}`")));
@@ -129,6 +132,54 @@ fn section(results: &Results, notes: &Notes, preset: &str, runs: &[&Falsified<'_
         }));
     }
     blocks
+}
+
+/// Size of a chart, pixels.
+const CHART: [u32; 2] = [400, 260];
+
+/// Returns the survival curves: a chart for each controller with one curve per search; `None` before the first trial ended.
+fn survival(preset: &str, runs: &[&Falsified<'_>]) -> Option<Block> {
+    let mut groups: Vec<Vec<&Falsified<'_>>> = Vec::new();
+    for run in runs.iter().filter(|run| !run.lifetimes.is_empty()) {
+        let is_same = |group: &&mut Vec<&Falsified<'_>>| {
+            group[0].is_of_same_controller(&run.run.plan)
+                && group[0].run.facts.formula == run.run.facts.formula
+        };
+        match groups.iter_mut().find(is_same) {
+            Some(group) => group.push(run),
+            None => groups.push(vec![run]),
+        }
+    }
+    let chart = |group: &Vec<&Falsified<'_>>| {
+        let lines: Vec<SurvivalLine<'_>> = group
+            .iter()
+            .map(|run| SurvivalLine { name: run.search, lifetimes: run.lifetimes.clone() })
+            .collect();
+        let plan = &group[0].run.plan;
+        let title = inline(&format!("{} `{}`.", target_cell(plan), plan.controller));
+        let end = group.iter().map(|run| run.budget).max().unwrap_or(1);
+        survival_figure(&title, "", &lines, end, CHART)
+    };
+    let has_failures = |group: &&Vec<&Falsified<'_>>| group.iter().any(|run| run.falsified() > 0);
+    let charts: String = groups.iter().filter(has_failures).map(chart).collect();
+    let names = groups.iter().filter(|group| !has_failures(group)).map(|group| {
+        let plan = &group[0].run.plan;
+        format!("{} `{}`", target_cell(plan), plan.controller)
+    });
+    let names: Vec<String> = names.collect();
+    let flat = match names.is_empty() {
+        true => String::new(),
+        false => format!(" No search falsifies {}, so they have no chart.", names.join(", ")),
+    };
+    (!groups.is_empty()).then(|| Block::Charts {
+        heading: format!("Survival curves, preset `{preset}`"),
+        text: format!(
+            "The share of trials that have not failed yet over the simulations of the trial (Kaplan-Meier), one curve per search. A \
+             tick is where trials ended without a failure: at the budget, also if the search ended earlier by its own criterion. A \
+             curve that falls early belongs to a search that finds failures with few simulations.{flat}"
+        ),
+        html: format!("<div class=\"grid small\">\n{charts}</div>\n"),
+    })
 }
 
 /// Summarizes the complete rows that the paper has, too.

@@ -17,7 +17,7 @@ pub use published::{
 pub use results::{CampaignResults, Results, RunFacts, RunResults};
 
 use mishandle::evaluation::Estimate;
-use mishandle::{Plan, plural};
+use mishandle::{Plan, p_value_text as p_text, plural};
 
 use notes::{Notes, PaperNote};
 
@@ -162,10 +162,6 @@ fn with_interval(estimate: &Estimate, show: &dyn Fn(f64) -> String) -> String {
         (Some(value), None) => show(value),
         (None, _) => NOTHING.to_string(),
     }
-}
-
-fn p_text(p: f64) -> String {
-    if p < 0.0001 { "< 0.0001".to_string() } else { format!("{p:.4}") }
 }
 
 /// Level below which a p-value counts as a difference.

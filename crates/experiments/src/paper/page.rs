@@ -1,5 +1,7 @@
 //! Pages with tables, written as Markdown and as HTML from the same content.
 
+use mishandle_report::{Document, escaped};
+
 /// A page.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Page {
@@ -20,6 +22,15 @@ pub enum Block {
     List(Vec<String>),
     /// A table.
     Table(Table),
+    /// Charts as HTML with a heading and a paragraph. Markdown pages do not have them.
+    Charts {
+        /// The heading.
+        heading: String,
+        /// Says what the charts show.
+        text: String,
+        /// The charts.
+        html: String,
+    },
 }
 
 /// A table. The first `left` columns are aligned left, the others right.
@@ -40,12 +51,15 @@ impl Page {
     pub fn markdown(&self) -> String {
         let mut text = format!("# {}\n", self.title);
         for block in &self.blocks {
-            text.push('\n');
+            if !matches!(block, Block::Charts { .. }) {
+                text.push('\n');
+            }
             match block {
                 Block::Heading(heading) => text += &format!("## {heading}\n"),
                 Block::Paragraph(paragraph) => text += &format!("{paragraph}\n"),
                 Block::List(entries) => entries.iter().for_each(|entry| text += &format!("- {entry}\n")),
                 Block::Table(table) => text += &table.markdown(),
+                Block::Charts { .. } => {}
             }
         }
         text
@@ -53,10 +67,10 @@ impl Page {
 
     /// Returns the page as one HTML file without scripts or external files.
     pub fn html(&self) -> String {
-        let mut body = format!("<h1>{}</h1>\n", inline(&self.title));
+        let mut body = format!("<section>\n<h2>{}</h2>\n", inline(&self.title));
         for block in &self.blocks {
             body += &match block {
-                Block::Heading(heading) => format!("<h2>{}</h2>\n", inline(heading)),
+                Block::Heading(heading) => format!("<h3>{}</h3>\n", inline(heading)),
                 Block::Paragraph(paragraph) => format!("<p>{}</p>\n", inline(paragraph)),
                 Block::List(entries) => {
                     let entries: Vec<String> =
@@ -64,32 +78,14 @@ impl Page {
                     format!("<ul>\n{}</ul>\n", entries.concat())
                 }
                 Block::Table(table) => table.html(),
+                Block::Charts { heading, text, html } => {
+                    format!("<h3>{}</h3>\n<p>{}</p>\n{html}", inline(heading), inline(text))
+                }
             };
         }
-        format!(
-            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \
-             content=\"width=device-width, initial-scale=1\">\n<title>{}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n\
-             <main>\n{body}</main>\n</body>\n</html>\n",
-            escaped(&self.title)
-        )
+        Document { title: &escaped(&self.title), up: None, body: &format!("{body}</section>\n") }.html()
     }
 }
-
-/// Style of the HTML pages: light and dark, wide tables scroll on a narrow screen.
-const STYLE: &str = "\
-:root { color-scheme: light dark; }
-body { font: 16px/1.5 system-ui, sans-serif; margin: 0; }
-main { max-width: 80rem; margin: 0 auto; padding: 1rem; }
-p, li { max-width: 48rem; }
-.wide { overflow-x: auto; margin: 1rem 0; }
-table { border-collapse: collapse; font-size: 0.875rem; font-variant-numeric: tabular-nums; }
-caption { text-align: left; font-weight: 600; padding: 0.25rem 0; }
-th, td { padding: 0.25rem 0.6rem; border-bottom: 1px solid #8884; text-align: right; white-space: nowrap; }
-th { border-bottom: 2px solid #8888; white-space: normal; vertical-align: bottom; }
-.l { text-align: left; }
-code { font-size: 0.9em; }
-@media print { .wide { overflow: visible; } table { font-size: 0.6rem; } }
-";
 
 impl Table {
     fn markdown(&self) -> String {
@@ -103,7 +99,7 @@ impl Table {
     fn html(&self) -> String {
         let row = |cells: &[String], tag: &str| {
             let cell = |(i, cell): (usize, &String)| {
-                let class = if i < self.left { " class=\"l\"" } else { "" };
+                let class = if i < self.left { "" } else { " class=\"n\"" };
                 let scope = if tag == "th" { " scope=\"col\"" } else { "" };
                 format!("<{tag}{class}{scope}>{}</{tag}>", inline(cell))
             };
@@ -111,7 +107,7 @@ impl Table {
         };
         let rows: String = self.rows.iter().map(|cells| row(cells, "td")).collect();
         format!(
-            "<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"table\">\n<table>\n<caption>{}</caption>\n<thead>\n{}\
+            "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"table\">\n<table class=\"numbers\">\n<caption>{}</caption>\n<thead>\n{}\
              </thead>\n<tbody>\n{rows}</tbody>\n</table>\n</div>\n",
             inline(&self.caption),
             row(&self.columns, "th")
@@ -119,12 +115,8 @@ impl Table {
     }
 }
 
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
 /// Escapes a text and marks what is between backticks as code.
-fn inline(text: &str) -> String {
+pub(super) fn inline(text: &str) -> String {
     let parts = text.split('`').enumerate();
     parts
         .map(|(i, part)| match i % 2 {
@@ -155,8 +147,10 @@ mod tests {
     fn a_table_is_the_same_in_both_formats() {
         assert!(page().markdown().contains("Rates\n\n| task | n |\n|---|--:|\n| `a<b` | 3 |\n"));
         let html = page().html();
-        assert!(html.contains("<td class=\"l\"><code>a&lt;b</code></td><td>3</td>"), "{html}");
-        assert!(html.contains("<title>T &amp; U</title>") && html.contains("<caption>Rates</caption>"));
+        assert!(html.contains("<td><code>a&lt;b</code></td><td class=\"n\">3</td>"), "{html}");
+        assert!(
+            html.contains("<title>Mishandle: T &amp; U</title>") && html.contains("<caption>Rates</caption>")
+        );
     }
 
     #[test]

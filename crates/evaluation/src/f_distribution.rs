@@ -1,0 +1,86 @@
+//! Quantiles of the F distribution.
+
+use crate::chi_squared::ln_gamma_of_half;
+
+/// Steps after which the continued fraction has converged for any argument that matters.
+const MAX_STEPS: usize = 10_000;
+
+/// Bisections, each of which halves the error.
+const BISECTIONS: usize = 200;
+
+/// Returns the value that an F variable with these degrees of freedom, at least 1 each, exceeds with probability `tail`.
+pub(crate) fn f_upper_quantile(tail: f64, (first, second): (u32, u32)) -> f64 {
+    // x / (1 - x) = first / second F has a beta distribution.
+    let (mut low, mut high) = (0.0_f64, 1.0_f64);
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (low + high);
+        if incomplete_beta(middle, first, second) < 1.0 - tail { low = middle } else { high = middle }
+    }
+    f64::from(second) / f64::from(first) * low / (1.0 - low)
+}
+
+/// Returns the regularized incomplete beta function I_x(first / 2, second / 2) (Abramowitz and Stegun, "Handbook of
+/// Mathematical Functions", 26.5.8).
+fn incomplete_beta(x: f64, first: u32, second: u32) -> f64 {
+    if x <= 0.0 || x >= 1.0 {
+        return x.clamp(0.0, 1.0);
+    }
+    let (a, b) = (f64::from(first) / 2.0, f64::from(second) / 2.0);
+    // The fraction converges fast below the mean; above it, the complement is computed.
+    if x > a / (a + b) {
+        return 1.0 - incomplete_beta(1.0 - x, second, first);
+    }
+    let ln_beta = ln_gamma_of_half(first) + ln_gamma_of_half(second) - ln_gamma_of_half(first + second);
+    (a * x.ln() + b * (-x).ln_1p() - ln_beta).exp() / a * fraction(x, a, b)
+}
+
+/// Returns 1 / (1 + d₁ / (1 + d₂ / (1 + …))), evaluated from the front by Lentz's method.
+fn fraction(x: f64, a: f64, b: f64) -> f64 {
+    let (mut c, mut d) = (f64::MAX, 1.0);
+    let mut value = 1.0;
+    for step in 1..MAX_STEPS {
+        let m = (step / 2) as f64;
+        let coefficient = match step % 2 {
+            0 => m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m)),
+            _ => -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0)),
+        };
+        d = 1.0 / (1.0 + coefficient * d);
+        c = 1.0 + coefficient / c;
+        value *= c * d;
+        if (c * d - 1.0).abs() < f64::EPSILON {
+            break;
+        }
+    }
+    value
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_those_of_tables() {
+        // Upper 2.5 % and 5 % points of tables in textbooks.
+        for (tail, degrees, value) in [
+            (0.025, (1, 1), 647.79),
+            (0.025, (2, 5), 8.434),
+            (0.025, (5, 2), 39.298),
+            (0.025, (10, 10), 3.717),
+            (0.025, (20, 10), 3.419),
+            (0.05, (5, 18), 2.773),
+            (0.05, (120, 60), 1.467),
+        ] {
+            let found = f_upper_quantile(tail, degrees);
+            assert!((found / value - 1.0).abs() < 3e-4, "{degrees:?}: {found}");
+        }
+    }
+
+    #[test]
+    fn two_and_two_degrees_of_freedom_have_a_closed_form() {
+        // P(F > x) = 1 / (1 + x).
+        for tail in [0.5, 0.025, 1e-6] {
+            let exact = 1.0 / tail - 1.0;
+            assert!((f_upper_quantile(tail, (2, 2)) / exact - 1.0).abs() < 1e-9, "{tail}");
+        }
+    }
+}

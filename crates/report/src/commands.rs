@@ -1,0 +1,37 @@
+//! Commands that run a simulation again.
+
+use mishandle::shell_quote;
+use mishandle::store::RunHeader;
+
+use crate::load::RunReport;
+
+/// Returns the commands for a simulation of a run, folded, as HTML.
+pub fn details(report: &RunReport, trial: u32, number: u32) -> String {
+    let run = shell_quote(&report.path);
+    let at = format!("--trial {trial} --simulation {number}");
+    let explain = format!("mishandle explain {run} {at}");
+    let replay = replay_command(&report.header, &report.path, trial, number);
+    let mut lines = match is_python(&report.header) {
+        true => {
+            let comment = "# in Python, with the same system, formula and space as the run:".to_string();
+            vec![explain, comment, replay]
+        }
+        false => vec![replay, explain],
+    };
+    if report.header.target.kind == "task" {
+        lines.push(format!("mishandle render --run {run} {at} --out failure.mp4"));
+    }
+    format!("<details><summary>Run it again</summary><pre>{}</pre></details>\n", crate::html::lines(&lines))
+}
+
+/// Returns the command that replays a simulation; a line of Python if the target is a Python system.
+pub fn replay_command(header: &RunHeader, path: &str, trial: u32, number: u32) -> String {
+    match is_python(header) {
+        true => format!("mishandle.replay({path:?}, system, formula, space, trial={trial}, number={number})"),
+        false => format!("mishandle replay {} --trial {trial} --simulation {number}", shell_quote(path)),
+    }
+}
+
+fn is_python(header: &RunHeader) -> bool {
+    header.target.kind == "python"
+}

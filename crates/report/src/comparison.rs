@@ -1,0 +1,474 @@
+//! The page of a comparison: what the second controller breaks and fixes, and where.
+
+use mishandle::evaluation::{Corners, Estimate};
+use mishandle::rollout::Axis;
+use mishandle::store::{RunFile, RunHeader};
+use mishandle::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates, plural, recorded_axis};
+use mishandle_charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
+
+use crate::commands::replay_command;
+use crate::html::{figure, number, percent, short, table, text, visible};
+use crate::map::{SIZE, axis_label, ranked};
+use crate::page::Document;
+use crate::space::{around, chart_axis, linear, value_text};
+use crate::{color, section, words};
+
+/// Largest numbers of rows in the tables of new and of fixed failures, and of commands below each.
+const MAX_ROWS: usize = 150;
+const MAX_COMMANDS: usize = 20;
+
+/// Largest number of marks of each outcome in a chart, and of dots.
+const MAX_MARKS: usize = 400;
+const MAX_DOTS: usize = 1200;
+
+/// Largest number of axes in a table and in the text of a mark.
+const MAX_COLUMNS: usize = 6;
+
+/// Number of axes whose pairs are shown if there are more than two.
+const PAIR_AXES: usize = 3;
+
+/// Returns the page about a comparison of these runs: one HTML file without scripts, which loads nothing.
+pub fn comparison_page(found: &Comparison, runs: [&RunFile; 2]) -> String {
+    html(found, runs.map(RunFile::header))
+}
+
+/// What happened in a pair.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Outcome {
+    BothSucceed,
+    BothFail,
+    Fixed,
+    New,
+}
+
+impl Outcome {
+    fn of(pair: &ComparedPair) -> Outcome {
+        match (pair.first_succeeds, pair.second_succeeds) {
+            (true, true) => Outcome::BothSucceed,
+            (false, false) => Outcome::BothFail,
+            (false, true) => Outcome::Fixed,
+            (true, false) => Outcome::New,
+        }
+    }
+
+    fn words(self) -> &'static str {
+        match self {
+            Outcome::BothSucceed => "both succeed",
+            Outcome::BothFail => "both fail",
+            Outcome::Fixed => "fixed: A fails, B succeeds",
+            Outcome::New => "new: A succeeds, B fails",
+        }
+    }
+}
+
+fn html(found: &Comparison, headers: [&RunHeader; 2]) -> String {
+    let header = headers[0];
+    let axes: Vec<Axis> = header.axes.iter().map(recorded_axis).collect();
+    let ranked = ranked_axes(found, axes.len());
+    let mut columns: Vec<usize> = (0..axes.len()).collect();
+    if columns.len() > MAX_COLUMNS {
+        columns = ranked.iter().take(MAX_COLUMNS).map(|(axis, _)| *axis).collect();
+    }
+    let view = View { found, headers, axes: &axes, ranked, columns };
+    let target = text(&short(&found.target, 60));
+    let mut out = format!(
+        "<section class=\"run\">\n<h2>{target}: {}.</h2>\n<p class=\"requirement\"><b>A</b> is {}. <b>B</b> is {}. Both ran the \
+         same scenarios with the same seeds.</p>\n<p><b>Requirement:</b> {}</p>\n<p>{}</p>\n{}",
+        found.judgment(),
+        name(&found.first),
+        name(&found.second),
+        section::requirement(header),
+        text(&found.verdict()) + &corners_text(found),
+        tiles(found),
+    );
+    let same = found.first.controller_hash == found.second.controller_hash
+        && found.first.target_hash == found.second.target_hash;
+    let mut notes: Vec<String> = Vec::new();
+    if same {
+        notes.push("A and B have the same controller and target.".to_string());
+    }
+    notes.extend(found.differences.iter().map(|what| format!("A and B also differ in {}.", text(what))));
+    if !notes.is_empty() {
+        let notes: String = notes.iter().map(|note| format!("<li>{note}</li>")).collect();
+        out.push_str(&format!("<ul class=\"notes\">{notes}</ul>\n"));
+    }
+    out.push_str(&format!("<h3>Differences</h3>\n{}", differences(found)));
+    out.push_str(&format!("<h3>Where they differ</h3>\n{}", view.figures()));
+    let new = view.failures("New failures: A succeeds, B fails", "new", &found.new_failures, 1);
+    let fixed = view.failures("Fixed failures: A fails, B succeeds", "fixed", &found.fixed_failures, 0);
+    out.push_str(&format!("<h3>New failures</h3>\n{new}<h3>Fixed failures</h3>\n{fixed}"));
+    out.push_str(&format!("<h3>What was compared</h3>\n{}</section>\n", facts(found, header)));
+    Document { title: &format!("comparison of {target}"), up: None, body: &out }.html()
+}
+
+/// Names a run by its controller, or by its file.
+fn name(run: &ComparedRun) -> String {
+    let path = run.path.to_string_lossy();
+    match &run.controller {
+        Some(controller) => format!(
+            "the controller <code>{}</code> (<code>{}</code>)",
+            text(&short(words::file_name(controller), 60)),
+            text(&short(&path, 80))
+        ),
+        None => format!("<code>{}</code>", text(&short(&path, 80))),
+    }
+}
+
+/// Says how many of the new and the fixed failures are at the corners, which the verdict leaves out.
+fn corners_text(found: &Comparison) -> String {
+    let corners = |pairs: &[ComparedPair]| pairs.iter().filter(|pair| pair.trial == Corners::TRIAL).count();
+    match (corners(&found.new_failures), corners(&found.fixed_failures)) {
+        (0, 0) => String::new(),
+        (new, fixed) => format!(
+            " At the corners and the center of the initial box, which are no random sample, {} new and {fixed} fixed.",
+            if new == 1 { "1 failure is".to_string() } else { format!("{new} failures are") }
+        ),
+    }
+}
+
+fn tiles(found: &Comparison) -> String {
+    let random = |pairs: &[ComparedPair]| pairs.iter().filter(|pair| pair.trial != Corners::TRIAL).count();
+    let rate = |rate: &Estimate| rate.value.map_or("–".to_string(), percent);
+    let tiles = [
+        (rate(&found.success.first), "of A's random simulations succeed"),
+        (rate(&found.success.second), "of B's random simulations succeed"),
+        (random(&found.new_failures).to_string(), "new failures in random simulations"),
+        (random(&found.fixed_failures).to_string(), "fixed failures in random simulations"),
+        (found.pairs.to_string(), "pairs of random simulations"),
+    ];
+    let tile = |(value, name): &(String, &str)| format!("<div><dd>{value}</dd><dt>{name}</dt></div>");
+    format!("<dl class=\"tiles\">{}</dl>\n", tiles.iter().map(tile).collect::<String>())
+}
+
+/// Returns the table of the paired differences.
+fn differences(found: &Comparison) -> String {
+    let signed = |value: f64| match value > 0.0 {
+        true => format!("+{}", number(value)),
+        false => number(value),
+    };
+    let points = |value: f64| signed((1e4 * value).round() / 100.0);
+    let row =
+        |name: &str, cells: [String; 2], difference: &Estimate, show: &dyn Fn(f64) -> String, p: f64| {
+            let ends = difference.low.zip(difference.high);
+            let [a, b] = cells;
+            vec![
+                name.to_string(),
+                a,
+                b,
+                difference.value.map_or("–".to_string(), show),
+                ends.map_or("–".to_string(), |(low, high)| format!("{} to {}", show(low), show(high))),
+                mishandle::p_value_text(p),
+                difference.n.to_string(),
+            ]
+        };
+    let mut rows = Vec::new();
+    let rates =
+        [("success rate (%)", Some(&found.success)), ("strict success rate (%)", found.strict.as_ref())];
+    for (name, rates) in rates.into_iter().filter_map(|(name, rates)| Some((name, rates?))) {
+        let PairedRates { first, second, difference, p_value, .. } = rates;
+        let rate = |rate: &Estimate| rate.value.map_or("–".to_string(), |value| number(1e2 * value));
+        rows.push(row(name, [rate(first), rate(second)], difference, &points, *p_value));
+    }
+    let means = [
+        ("robustness", Some(&found.robustness)),
+        ("dangerous control steps", found.dangerous_steps.as_ref()),
+        ("completion step, if both succeed", found.completion_step.as_ref()),
+    ];
+    for (name, means) in means.into_iter().filter_map(|(name, means)| Some((name, means?))) {
+        let PairedMeans { first, second, difference, p_value, .. } = means;
+        let mean = |value: Option<f64>| value.map_or("–".to_string(), number);
+        rows.push(row(name, [mean(*first), mean(*second)], difference, &signed, *p_value));
+    }
+    let head = ["mean over the random simulations", "A", "B", "B − A", "95 % interval", "p-value", "pairs"];
+    table("Paired differences", &head, &rows)
+        + "<p class=\"notes\">Rates: Newcombe's interval for pairs and the exact McNemar test. Means: paired bootstrap and the exact \
+           sign test, which asks whether B is as often above A as below it. Tests are two-sided and not corrected for their \
+           number.</p>\n"
+}
+
+struct View<'a> {
+    found: &'a Comparison,
+    headers: [&'a RunHeader; 2],
+    axes: &'a [Axis],
+    /// The axes with the rank correlations between their value and the change of the robustness, the largest first.
+    ranked: Vec<(usize, f64)>,
+    /// The axes in tables and in texts of marks: all, or the first of the ranked ones.
+    columns: Vec<usize>,
+}
+
+fn ranked_axes(found: &Comparison, axes: usize) -> Vec<(usize, f64)> {
+    let value = |pair: &ComparedPair, axis: usize| pair.scenario.get(axis).copied().flatten();
+    let has_values =
+        |axis: &usize| found.compared.iter().any(|pair| value(pair, *axis).is_some_and(f64::is_finite));
+    let axes: Vec<usize> = (0..axes).filter(has_values).collect();
+    let change = |pair: &ComparedPair| Some(pair.second_robustness? - pair.first_robustness?);
+    ranked(&axes, &found.compared, value, |pair| change(pair).filter(|change| change.is_finite()))
+}
+
+impl View<'_> {
+    /// Returns the charts: robustness of A against B, and maps of the space.
+    fn figures(&self) -> String {
+        let legend = "<p class=\"legend\"><span><b class=\"fail\">✕</b> new failure</span> <span><b class=\"pass\">○</b> fixed \
+                      failure</span> <span><b>■</b> both fail</span> <span><b class=\"pass\">•</b> both succeed</span></p>\n";
+        let scatter = self.scatter();
+        let maps: String = self.maps().concat();
+        format!(
+            "<p>Each mark is a pair of simulations. Point at a mark to see the pair; a new or fixed failure leads to its row.{}</p>\n\
+             {legend}<div class=\"grid\">{scatter}{maps}</div>\n",
+            self.ranking().map_or(String::new(), |text| format!(" {text}"))
+        )
+    }
+
+    fn scatter(&self) -> String {
+        let finite = |value: Option<f64>| value.filter(|rho| rho.is_finite());
+        let at =
+            |pair: &ComparedPair| Some([finite(pair.first_robustness)?, finite(pair.second_robustness)?]);
+        let shown: Vec<[f64; 2]> = self.found.compared.iter().filter_map(at).collect();
+        let [low, high] = crate::space::sane(around(shown.iter().flatten().copied()));
+        let mut areas = Vec::new();
+        if low < 0.0 && high > 0.0 {
+            areas.push(Area { x: [0.0, high], y: [low, 0.0], color: color::SHADE });
+            areas.push(Area { x: [low, 0.0], y: [0.0, high], color: color::POSITIVE[0] });
+        }
+        let mut lines = vec![Series::new(color::LIMIT, Mark::ThinLine, [[low, low], [high, high]])];
+        lines.push(Series::new(color::LIMIT, Mark::DashedLine, [[low, 0.0], [high, 0.0]]));
+        lines.push(Series::new(color::LIMIT, Mark::DashedLine, [[0.0, low], [0.0, high]]));
+        let axes = [linear("robustness of A", [low, high]), linear("robustness of B", [low, high])];
+        let svg = self.chart(axes, areas, lines, &at, "Robustness of B against robustness of A");
+        let missing = self.found.compared.len() - shown.len();
+        let missing = match missing {
+            0 => String::new(),
+            n => format!(
+                " {} without two finite values {} missing.",
+                plural(n as u64, "pair"),
+                if n == 1 { "is" } else { "are" }
+            ),
+        };
+        let caption = format!(
+            "Above the diagonal B is better. Orange: A satisfies the requirement and B violates it; light blue: the reverse.{missing}"
+        );
+        figure(&svg, "Robustness of A and B.", &caption)
+    }
+
+    fn ranking(&self) -> Option<String> {
+        (self.ranked.len() > 2).then(|| {
+            format!(
+                "The space has {} axes; the maps show the {PAIR_AXES} whose rank correlation with the change of the robustness is largest \
+                 (Spearman): {}.",
+                self.axes.len(),
+                words::correlations(self.axes, &self.ranked[..PAIR_AXES])
+            )
+        })
+    }
+
+    fn maps(&self) -> Vec<String> {
+        let value = |pair: &ComparedPair, axis: usize| {
+            pair.scenario.get(axis).copied().flatten().filter(|value| value.is_finite())
+        };
+        let map = |x: usize, y: usize| {
+            let at = |pair: &ComparedPair| Some([value(pair, x)?, value(pair, y)?]);
+            let [first, second] = [x, y].map(|axis| &self.axes[axis]);
+            let what = format!("New and fixed failures over {} and {}", first.name, second.name);
+            let svg = self.chart([chart_axis(first), chart_axis(second)], Vec::new(), Vec::new(), &at, &what);
+            let title = format!("{} and {}.", text(&short(&first.name, 40)), text(&short(&second.name, 40)));
+            figure(&svg, &title, "")
+        };
+        match self.ranked[..] {
+            [] => Vec::new(),
+            [(axis, _)] => {
+                let at = |pair: &ComparedPair| {
+                    let change = pair.second_robustness? - pair.first_robustness?;
+                    Some([value(pair, axis)?, Some(change).filter(|change| change.is_finite())?])
+                };
+                let x = chart_axis(&self.axes[axis]);
+                let range = around(self.found.compared.iter().filter_map(|pair| at(pair).map(|[_, y]| y)));
+                let limit = Series::new(color::LIMIT, Mark::DashedLine, x.range.map(|end| [end, 0.0]));
+                let what = format!("Change of the robustness over {}", self.axes[axis].name);
+                let y = linear("robustness, B − A", range);
+                let svg = self.chart([x, y], Vec::new(), vec![limit], &at, &what);
+                vec![figure(&svg, "Change over the space.", "Above the dashed line B is better.")]
+            }
+            [(x, _), (y, _)] => vec![map(x.min(y), x.max(y))],
+            _ => {
+                let chosen: Vec<usize> = self.ranked.iter().take(PAIR_AXES).map(|(axis, _)| *axis).collect();
+                let pairs = (0..chosen.len()).flat_map(|i| (i + 1..chosen.len()).map(move |j| (i, j)));
+                pairs.map(|(i, j)| map(chosen[i], chosen[j])).collect()
+            }
+        }
+    }
+
+    fn chart(
+        &self,
+        [x, y]: [mishandle_charts::ChartAxis; 2],
+        areas: Vec<Area>,
+        mut series: Vec<Series>,
+        at: &dyn Fn(&ComparedPair) -> Option<[f64; 2]>,
+        what: &str,
+    ) -> String {
+        let of =
+            |outcome: Outcome| self.found.compared.iter().filter(move |pair| Outcome::of(pair) == outcome);
+        let dots: Vec<[f64; 2]> = of(Outcome::BothSucceed).filter_map(at).collect();
+        let every = dots.len().div_ceil(MAX_DOTS).max(1);
+        series.push(Series::new(color::PASS, Mark::Dot, dots.into_iter().step_by(every)));
+        let mut marks = Vec::new();
+        for outcome in [Outcome::BothFail, Outcome::Fixed, Outcome::New] {
+            let (shape, color, list) = match outcome {
+                Outcome::New => (Shape::Cross, color::FAIL, Some("new")),
+                Outcome::Fixed => (Shape::Ring, color::PASS, Some("fixed")),
+                _ => (Shape::Square, color::LIMIT, None),
+            };
+            for (index, pair) in of(outcome).take(MAX_MARKS).enumerate() {
+                let Some([x, y]) = at(pair) else { continue };
+                let href = list
+                    .filter(|_| index < MAX_ROWS)
+                    .map_or(String::new(), |list| format!("#{}", row_id(list, pair)));
+                // The Tab key stops at the first of each kind.
+                let is_tab_stop = index == 0;
+                marks.push(LinkedMark {
+                    x,
+                    y,
+                    shape,
+                    color,
+                    href,
+                    label: self.label(pair, outcome),
+                    is_tab_stop,
+                });
+            }
+        }
+        let count = |outcome| of(outcome).count();
+        let label = format!(
+            "{what}: {} new failures, {} fixed failures, {} fail in both",
+            count(Outcome::New),
+            count(Outcome::Fixed),
+            count(Outcome::BothFail)
+        );
+        let panel = Panel { title: String::new(), x, y, areas, series, marks };
+        let (title, caption, legend) = (String::new(), String::new(), Vec::new());
+        let chart = Chart { title, caption, legend, columns: 1, panel_size: SIZE, panels: vec![panel] };
+        chart.figure(&visible(&label))
+    }
+
+    fn label(&self, pair: &ComparedPair, outcome: Outcome) -> String {
+        let value = |axis: &usize| {
+            let found = pair.scenario.get(*axis).copied().flatten();
+            format!("{} = {}", short(&self.axes[*axis].name, 40), value_text(&self.axes[*axis], found))
+        };
+        let values: Vec<String> = self.columns.iter().map(value).collect();
+        let more = if self.axes.len() > MAX_COLUMNS { ", …" } else { "" };
+        format!(
+            "{}; trial {}, simulation {}: robustness {} in A, {} in B; {}{more}",
+            outcome.words(),
+            pair.trial,
+            pair.number,
+            robustness(pair.first_robustness),
+            robustness(pair.second_robustness),
+            values.join(", ")
+        )
+    }
+
+    /// Returns a table of failures of run `failing`, with the commands that replay them.
+    fn failures(&self, caption: &str, list: &str, pairs: &[ComparedPair], failing: usize) -> String {
+        if pairs.is_empty() {
+            return "<p>None.</p>\n".to_string();
+        }
+        let mut head: Vec<String> =
+            ["trial", "simulation", "robustness A", "robustness B"].map(String::from).to_vec();
+        head.extend(self.columns.iter().map(|axis| axis_label(&self.axes[*axis])));
+        head.push("seed".to_string());
+        let head: String = head.iter().map(|cell| format!("<th scope=\"col\">{cell}</th>")).collect();
+        let row = |pair: &ComparedPair| {
+            let value = |axis: &usize| {
+                let found = pair.scenario.get(*axis).copied().flatten();
+                format!("<td>{}</td>", text(&value_text(&self.axes[*axis], found)))
+            };
+            let values: String = self.columns.iter().map(value).collect();
+            format!(
+                "<tr id=\"{}\"><td>{}</td><td>{}</td><td>{}</td><td>{}</td>{values}<td class=\"seed\">{}</td></tr>\n",
+                row_id(list, pair),
+                pair.trial,
+                pair.number,
+                robustness(pair.first_robustness),
+                robustness(pair.second_robustness),
+                pair.seed
+            )
+        };
+        let rows: String = pairs.iter().take(MAX_ROWS).map(row).collect();
+        let mut notes = Vec::new();
+        if pairs.len() > MAX_ROWS {
+            notes.push(format!(
+                "The first {MAX_ROWS} of {} are shown; <code>mishandle compare --json</code> lists all.",
+                pairs.len()
+            ));
+        }
+        if self.axes.len() > self.columns.len() {
+            notes.push(format!(
+                "The {} axes whose rank correlation with the change of the robustness is largest are shown, of {}.",
+                self.columns.len(),
+                self.axes.len()
+            ));
+        }
+        if pairs.iter().any(|pair| pair.trial == Corners::TRIAL) {
+            notes.push(
+                "Trial 2 has the corners and the center of the initial box, which are no random sample."
+                    .to_string(),
+            );
+        }
+        let notes = if notes.is_empty() {
+            String::new()
+        } else {
+            format!("<p class=\"notes\">{}</p>\n", notes.join(" "))
+        };
+        let run = if failing == 0 { &self.found.first } else { &self.found.second };
+        let path = run.path.to_string_lossy();
+        let commands: Vec<String> = pairs
+            .iter()
+            .take(MAX_COMMANDS)
+            .map(|pair| replay_command(self.headers[failing], &path, pair.trial, pair.number))
+            .collect();
+        format!(
+            "<div class=\"scroll tall\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\"><table><caption>{caption} ({})</caption>\
+             <thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table></div>\n{notes}<details><summary>Run {} \
+             again</summary><pre>{}</pre></details>\n",
+            pairs.len(),
+            if pairs.len() > MAX_COMMANDS { format!("the first {MAX_COMMANDS}") } else { "them".to_string() },
+            crate::html::lines(&commands)
+        )
+    }
+}
+
+fn robustness(value: Option<f64>) -> String {
+    value.map_or("no verdict".to_string(), number)
+}
+
+fn row_id(list: &str, pair: &ComparedPair) -> String {
+    format!("{list}-t{}-s{}", pair.trial, pair.number)
+}
+
+/// Returns the table of both runs and what they share.
+fn facts(found: &Comparison, header: &RunHeader) -> String {
+    let code = |value: &str| format!("<code>{}</code>", text(value));
+    let optional = |value: &Option<String>| value.as_deref().map_or("–".to_string(), code);
+    let (a, b) = (&found.first, &found.second);
+    let hash = |hash: &str| code(&short(hash, 20));
+    let optional_hash = |value: &Option<String>| value.as_deref().map_or("–".to_string(), hash);
+    let row = |name: &str, a: String, b: String| vec![name.to_string(), a, b];
+    let path = |run: &ComparedRun| code(&run.path.to_string_lossy());
+    let rows = [
+        row("run file", path(a), path(b)),
+        row("controller", optional(&a.controller), optional(&b.controller)),
+        row("hash of the controller", optional_hash(&a.controller_hash), optional_hash(&b.controller_hash)),
+        row("hash of the target", hash(&a.target_hash), hash(&b.target_hash)),
+        row("commit", code(&a.commit), code(&b.commit)),
+    ];
+    let shared = [
+        ("formula", code(&found.formula)),
+        ("space", code(&header.space)),
+        ("seed", header.seed.to_string()),
+    ];
+    let fact = |(name, value): &(&str, String)| format!("<div><dt>{name}</dt><dd>{value}</dd></div>\n");
+    format!(
+        "{}<dl class=\"facts\">{}</dl>\n",
+        table("Both runs", &["", "A", "B"], &rows),
+        shared.iter().map(fact).collect::<String>()
+    )
+}
