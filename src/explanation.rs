@@ -143,6 +143,40 @@ pub fn explain_trace(
     Ok(Explanation { diagnosis, history, decided, conjuncts, predicates, events })
 }
 
+/// What groups violations: a part of their explanation that takes little time.
+pub(crate) struct Violation {
+    /// Robustness of the formula.
+    pub robustness: f64,
+    /// Text of the decisive predicate; empty if the formula has none, or is too long to be explained.
+    pub predicate: String,
+    /// First sample after which nothing can satisfy the formula; the decisive one if the trace does not decide the formula.
+    pub sample: usize,
+}
+
+/// Returns when and by which predicate a trace violates the formula of a run.
+///
+/// # Errors
+/// If the formula has no finite value on the trace.
+pub(crate) fn violation(header: &RunHeader, trace: &Trace) -> Result<Violation, MishandleError> {
+    let formula = Formula::parse(&header.formula)
+        .map_err(|source| RolloutError::Parse { formula: header.formula.clone(), source })?;
+    let clock = Clock::steps(header.control_dt);
+    let final_sample = decided(&formula, trace, clock, -1.0)?;
+    if formula.subformulas().len() > MAX_SUBFORMULAS {
+        let sample = final_sample.unwrap_or(0);
+        return Ok(Violation { robustness: f64::NAN, predicate: String::new(), sample });
+    }
+    let monitor_error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
+    let diagnosis = formula.diagnose(trace, &clock).map_err(monitor_error)?;
+    let robustness = diagnosis.robustness();
+    let sample = final_sample.or(diagnosis.path.last().map(|last| last.sample)).unwrap_or(0);
+    Ok(Violation {
+        robustness,
+        predicate: diagnosis.predicate.map_or(String::new(), |found| found.text),
+        sample,
+    })
+}
+
 /// Returns the first sample after which no continuation of the trace changes the sign of the robustness.
 fn decided(
     formula: &Formula,

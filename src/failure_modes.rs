@@ -5,10 +5,10 @@ use mishandle_rollout::{Axis, AxisKind, AxisValues, Scenario};
 use mishandle_store::{AxisRecord, RunFile, RunHeader, Simulation};
 
 use crate::MishandleError;
-use crate::explanation::{explain_recorded, trace};
+use crate::explanation::{Violation, trace, violation};
 
-/// Two failures with the same decisive predicate are neighbors if their decisive instants differ by at most this fraction of an
-/// episode.
+/// Two failures with the same decisive predicate are neighbors if the instants at which the violation is final differ by at most
+/// this fraction of an episode.
 const TIME: f64 = 0.15;
 
 /// And if their scenarios differ by at most this: the root mean square over the axes that matter, as a fraction of their widths.
@@ -48,7 +48,7 @@ pub struct Failure {
     pub robustness: f64,
     /// Text of the decisive predicate; empty if the formula has none.
     pub predicate: String,
-    /// Decisive sample.
+    /// First sample after which nothing can satisfy the formula; the decisive one if the trace does not decide the formula.
     pub sample: usize,
     /// Distance of the scenario from the nominal one: the root mean square over the axes with a nominal value, as a fraction of
     /// their widths.
@@ -62,7 +62,7 @@ pub struct FailureMode {
     pub failures: Vec<Failure>,
     /// Smallest and largest value of each axis; `None` for an axis that is drawn at random.
     pub region: Vec<Option<(f64, f64)>>,
-    /// First and last decisive sample.
+    /// Smallest and largest [`Failure::sample`].
     pub samples: (usize, usize),
     /// Indices of the axes by which failures with this predicate were grouped. In a space of more than two axes, these are the
     /// axes along which they are distributed differently from the other simulations; there may be none.
@@ -89,7 +89,7 @@ pub struct FailureModes {
 
 /// Groups the failures of a run by decisive predicate, region and time: single-linkage clusters.
 ///
-/// Two failures with the same predicate are neighbors if their decisive instants differ by at most 15 % of an episode, and their
+/// Two failures with the same predicate are neighbors if the instants at which they become final differ by at most 15 % of an episode, and their
 /// scenarios by at most r: the root mean square over the axes that matter, as a fraction of their widths; two successive integers
 /// count as equal. r is the larger of
 /// 0.15 and 0.35 n^(-1/k) for n failures with this predicate and k axes. In a space of more than two axes, an axis matters if
@@ -132,7 +132,7 @@ pub fn failure_modes(run: &RunFile) -> Result<FailureModes, MishandleError> {
     }
     let length = f64::from(header.episode_steps).max(1.0);
     let mut modes: Vec<FailureMode> =
-        predicates.into_iter().flat_map(|group| grouped(group, &others, &axes, length)).collect();
+        predicates.into_iter().flat_map(|group| grouped(&group, &others, &axes, length)).collect();
     // Stable, so modes of equal size stay in the order of their first failure.
     modes.sort_by_key(|mode| std::cmp::Reverse(mode.failures.len()));
     Ok(FailureModes { modes, failures: all, not_grouped })
@@ -140,7 +140,7 @@ pub fn failure_modes(run: &RunFile) -> Result<FailureModes, MishandleError> {
 
 /// Groups failures with the same predicate by region and time.
 fn grouped(
-    failures: Vec<Failure>,
+    failures: &[Failure],
     others: &[Vec<Option<f64>>],
     axes: &[Axis],
     length: f64,
@@ -194,19 +194,17 @@ fn failure(header: &RunHeader, axes: &[Axis], simulation: Simulation) -> Result<
         let Simulation { trial, number, .. } = simulation;
         return Err(MishandleError::NothingToExplain { trial, number });
     };
-    let explained = explain_recorded(header, simulation, trace)?;
-    let diagnosis = &explained.explanation.diagnosis;
-    let last = diagnosis.path.last();
-    let Simulation { trial, number, seed, scenario, robustness, .. } = explained.recorded;
+    let Simulation { trial, number, seed, scenario, robustness, .. } = simulation;
+    let Violation { robustness: evaluated, predicate, sample } = violation(header, &trace)?;
     let nominal: Vec<Option<f64>> = axes.iter().map(|axis| axis.nominal).collect();
     Ok(Failure {
         distance_from_nominal: distance(&unit_point(axes, &scenario), &unit_point(axes, &nominal)),
         trial,
         number,
         seed,
-        robustness: robustness.unwrap_or(diagnosis.robustness()),
-        predicate: diagnosis.predicate.as_ref().map_or(String::new(), |predicate| predicate.text.clone()),
-        sample: last.map_or(0, |last| last.sample),
+        robustness: robustness.unwrap_or(evaluated),
+        predicate,
+        sample,
         scenario,
     })
 }
@@ -337,7 +335,7 @@ mod tests {
                 distance_from_nominal: 0.0,
             });
         }
-        let modes = grouped(failures, &uniform(500, 40, 4), &axes, 100.0);
+        let modes = grouped(&failures, &uniform(500, 40, 4), &axes, 100.0);
         assert_eq!(
             modes.iter().map(|mode| (mode.failures.len(), mode.axes.clone())).collect::<Vec<_>>(),
             [(10, vec![30]), (10, vec![30]),]

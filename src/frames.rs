@@ -217,7 +217,7 @@ impl FrameRenderer {
     }
 
     /// Places the cameras so that everything is in the image in all of these states.
-    pub fn fit<'a>(&mut self, states: impl IntoIterator<Item = &'a [f64]> + Clone) {
+    pub fn fit<'a>(&mut self, states: &(impl IntoIterator<Item = &'a [f64]> + Clone)) {
         self.views.iter_mut().for_each(|view| view.frame(states.clone()));
     }
 

@@ -69,7 +69,7 @@ class FailureMode:
 
     predicate: str
     samples: tuple[int, int]
-    """First and last decisive sample."""
+    """First and last sample at which the violation of a failure is final: nothing can satisfy the formula after it."""
     region: dict[str, tuple[float, float] | None]
     """Smallest and largest value of each axis."""
     axes: list[str]

@@ -345,6 +345,15 @@ pub fn control_flow() -> ControlFlow<()> {
     if interrupt::requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
 }
 
+/// Writes a trace as CSV, with `more` columns after the signals.
+pub fn write_trace(path: &Path, header: &RunHeader, trace: &Trace, more: &[TraceColumn]) -> Result<()> {
+    let columns = (0..trace.names().len()).map(|i| trace.column(i).to_vec()).collect();
+    let stored = StoredTrace { columns };
+    output::write_new(path, |out| Ok(store::export_trace_csv(header, &stored, more, out)?))?;
+    output::message(&format!("wrote the trace to {}", path.display()));
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -356,13 +365,4 @@ mod tests {
         assert_eq!(axis_value("time", "1", "s"), "time = 1 s");
         assert_eq!(axis_value("scale", "1", ""), "scale = 1");
     }
-}
-
-/// Writes a trace as CSV, with `more` columns after the signals.
-pub fn write_trace(path: &Path, header: &RunHeader, trace: &Trace, more: &[TraceColumn]) -> Result<()> {
-    let columns = (0..trace.names().len()).map(|i| trace.column(i).to_vec()).collect();
-    let stored = StoredTrace { columns };
-    output::write_new(path, |out| Ok(store::export_trace_csv(header, &stored, more, out)?))?;
-    output::message(&format!("wrote the trace to {}", path.display()));
-    Ok(())
 }

@@ -139,3 +139,50 @@ fn a_large_evaluation_counts_all_simulations_and_corners() {
     assert!(html.contains("of the 4 corners of the initial box"));
     assert!(html.len() < 4_000_000, "{} bytes", html.len());
 }
+
+#[test]
+fn the_verdict_counts_only_simulations_with_one() {
+    let bench = Bench::new();
+    // 0/0: no simulation has a robustness.
+    let plan = "target = 'toy/sphere-2d'\n[evaluate]\nepisodes = 9\n[falsify]\nformula = '1 / (distance - distance) >= 0'\n";
+    bench.write("plan.toml", plan);
+    bench.run("evaluate --plan plan.toml --out run.sqlite");
+    assert!(bench.path("run.sqlite").exists());
+    bench.check("report run.sqlite --no-simulations --out page.html", 0);
+    let html = page(&bench, "page.html");
+    assert!(
+        html.contains("<h2>toy/sphere-2d meets") || html.contains("has a verdict"),
+        "the headline is missing"
+    );
+    // An interrupted run says so, and does not take a corner for the center.
+    bench.check("evaluate toy/sphere-2d --episodes 20 --out cut.sqlite", 0);
+    let connection = rusqlite::Connection::open(bench.path("cut.sqlite")).unwrap();
+    connection.execute("DELETE FROM simulation WHERE trial = 2 AND number > 2", ()).unwrap();
+    connection.execute("DELETE FROM simulation WHERE trial = 1 AND number > 15", ()).unwrap();
+    drop(connection);
+    bench.check("report cut.sqlite --skip-check --no-simulations --out cut.html", 0);
+    let html = page(&bench, "cut.html");
+    for part in [
+        "The run is not finished",
+        "15 of 20 random scenarios",
+        "of the 2 corners",
+        "its center was not simulated",
+    ] {
+        assert!(html.contains(part), "{part} is not in the page");
+    }
+}
+
+#[test]
+fn a_random_search_has_a_failure_rate_and_a_target_that_always_fails_is_named() {
+    let bench = Bench::new();
+    bench.check("falsify toy/sphere-2d --trials 12 --budget 60 --seed 1 --out run.sqlite", 1);
+    bench.check("report run.sqlite --no-simulations --out a.html", 0);
+    let run = mishandle::store::RunFile::open(bench.path("run.sqlite")).unwrap();
+    let counts = run.counts().unwrap();
+    let sentence =
+        format!("Of the {} random simulations of this run, {} fail", counts.simulations, counts.falsified);
+    assert!(page(&bench, "a.html").contains(&sentence), "{sentence}");
+    bench.check("falsify toy/sphere-2d --formula 'distance >= 9' --trials 3 --out all.sqlite", 1);
+    bench.check("report all.sqlite --no-simulations --out b.html", 0);
+    assert!(page(&bench, "b.html").contains("All 3 simulations fail."));
+}

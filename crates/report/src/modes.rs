@@ -3,7 +3,7 @@
 use mishandle::evaluation::Estimate;
 use mishandle::{ExplainedSimulation, FailureMode};
 
-use crate::html::{base64, number, percent, short, table, text, with_code, with_unit};
+use crate::html::{base64, percent, short, table, text, with_code, with_unit};
 use crate::load::RunReport;
 use crate::measure::{Measured, Patch};
 use crate::pictures::Frame;
@@ -18,6 +18,9 @@ const WHOLE: f64 = 0.999;
 
 /// Largest number of axes in the tables of a mode.
 const MAX_AXES: usize = 12;
+
+/// A box with a smaller part of the space says nothing about the size of the failing patch, since most failures are outside.
+const SMALL: f64 = 0.001;
 
 /// Returns the descriptions of the failure modes of a run. `id` is its number on the page.
 pub fn section(report: &RunReport, id: usize) -> String {
@@ -52,11 +55,11 @@ fn card(
     let header = &report.header;
     let representative = mode.representative();
     let (trial, number_of) = (representative.trial, representative.number);
-    let time = |sample: usize| format!("{} s", number(sample as f64 * header.control_dt));
+    let time = |sample: usize| mishandle::instant(sample, header.control_dt);
     let (first, last) = mode.samples;
     let when = match first == last {
-        true => format!("at {}", time(first)),
-        false => format!("between {} and {}", time(first), time(last)),
+        true => format!("From {} on", time(first)),
+        false => format!("From an instant between {} and {} on", time(first), time(last)),
     };
     let predicate = match representative.predicate.as_str() {
         "" => "the whole formula".to_string(),
@@ -64,7 +67,7 @@ fn card(
     };
     let mut out = format!(
         "<article class=\"mode\" id=\"{}\">\n<h4>Mode {}: {predicate} is violated <span class=\"count\">{} of {}</span></h4>\n\
-         <p>The decisive instant is {when}.",
+         <p>{when}, nothing can satisfy the requirement.",
         tables::mode_id(id, index),
         index + 1,
         mode.failures.len(),
@@ -132,6 +135,18 @@ fn patch_text(patch: Patch, is_random: bool) -> String {
         percent(volume),
         if failures == 1 { "fails" } else { "fail" }
     );
+    if volume < SMALL {
+        return format!("{found}. The box is too small to say which part of the space fails.");
+    }
+    if failures == 0 {
+        let most = percent(volume * high);
+        let of = if is_random {
+            "random simulations of the whole space fail here"
+        } else {
+            "the space fails here"
+        };
+        return format!("{found}: at most {most} of {of} (95 % confidence).");
+    }
     let is_cut = high > REACHES_BEYOND && volume < WHOLE;
     let [value, low, high] = [value, low, high].map(|share| percent(volume * share));
     match (is_random, is_cut) {

@@ -67,7 +67,7 @@ fn strip(
     let captions = FrameCaptions::new(header.control_dt, &header.signals, Some(&explained.explanation), last);
     let mut renderer = FrameRenderer::new(document, size, Quality::Fine, &CAMERAS[..1], Some(captions))?;
     let samples = mishandle::strip_samples(event.and_then(|event| event.start), decisive, (0, last));
-    renderer.fit(samples.iter().map(|sample| states[*sample].as_slice()));
+    renderer.fit(&samples.iter().map(|sample| states[*sample].as_slice()));
     let picture = |sample: usize| -> Result<Frame, PictureError> {
         let picture = renderer.draw(sample, &states[sample])?;
         Ok(Frame { sample, png: png(PICTURE.0, PICTURE.1, picture.pixels())? })

@@ -190,6 +190,12 @@ pub fn axes(report: &RunReport) -> String {
     table("Axes of the space", &head, &rows) + &more(report.axes.len(), MAX_AXES, "axes")
 }
 
+/// Returns whether a scenario is the center of the initial box: not at the end of an axis of the initial state.
+fn is_center(report: &RunReport, scenario: &[Option<f64>]) -> bool {
+    let mut starts = report.header.axes.iter().zip(scenario).filter(|(axis, _)| axis.kind == "start");
+    starts.any(|(axis, value)| value.is_some_and(|value| value != axis.low && value != axis.high))
+}
+
 /// Returns what happens at the corners and the center of the initial box; `None` if they were not simulated.
 pub fn corners(report: &RunReport) -> Option<String> {
     let recorded: Vec<&Point> = match report.is_evaluation() {
@@ -208,18 +214,32 @@ pub fn corners(report: &RunReport) -> Option<String> {
     if places.is_empty() {
         return None;
     }
-    // The center is the last point.
     let is_failing = |(_, [failing, ..]): &&(&Point, [u32; 3])| *failing > 0;
     let failing: Vec<&(&Point, [u32; 3])> = places.iter().filter(is_failing).collect();
-    let corners = places.len() - 1;
-    let failing_corners = places[..corners].iter().filter(is_failing).count();
+    let (centers, corners): (Vec<_>, Vec<_>) =
+        places.iter().partition(|(place, _)| is_center(report, &place.scenario));
+    let count = |places: &[&(&Point, [u32; 3])], is: &dyn Fn(&[u32; 3]) -> bool| {
+        places.iter().filter(|(_, counts)| is(counts)).count()
+    };
+    let failing_corners = count(&corners, &|[failing, ..]| *failing > 0);
+    let undecided = count(&corners, &|[_, decided, _]| *decided == 0);
     let seeds = places.iter().map(|(_, [.., all])| *all).max().unwrap_or(1);
     let each = if seeds > 1 { format!(" in at least one of {seeds} simulations") } else { String::new() };
     let verb = if failing_corners == 1 { "fails" } else { "fail" };
-    let center = if failing.len() > failing_corners { "fails" } else { "does not" };
+    let center = match centers.first() {
+        None => "was not simulated",
+        Some((_, [_, 0, _])) => "has no verdict",
+        Some((_, [0, ..])) => "does not",
+        Some(_) => "fails",
+    };
+    let rest = match undecided {
+        0 => String::new(),
+        n => format!(" {} without a verdict.", mishandle::plural(n as u64, "corner")),
+    };
     let intro = format!(
-        "<p>{failing_corners} of the {corners} corners of the initial box {verb}{each}; its center {center}. Random scenarios \
-         hardly ever meet a corner.</p>\n"
+        "<p>{failing_corners} of the {} corners of the initial box {verb}{each}; its center {center}.{rest} Random scenarios \
+         hardly ever meet a corner.</p>\n",
+        corners.len()
     );
     let rows: Vec<Vec<String>> = failing
         .iter()

@@ -2,9 +2,10 @@
 
 use mishandle::evaluation::{SurvivalCurve, wilson};
 use mishandle::rollout::Axis;
+use mishandle::store::TrialStatus;
 
 use crate::html::{number, percent, short, text};
-use crate::load::RunReport;
+use crate::load::{RunReport, Trial};
 
 /// Names of tasks and controllers are cut to this length.
 const NAME: usize = 60;
@@ -65,9 +66,22 @@ pub fn headline(report: &RunReport) -> String {
     if report.is_evaluation() {
         let (failing, decided) = evaluated(report);
         let rate = wilson(failing, decided);
+        let all = report.trials.first().map_or(0, |trial| trial.summary.counts.simulations);
         return match (failing, rate.value) {
             (_, None) => format!("No simulation of {subject} has a verdict."),
-            (0, _) => format!("{subject} meets its requirement in all {decided} random scenarios."),
+            (0, _) if decided < all => format!(
+                "{} of {subject} {} a verdict; no violation among them.",
+                of_all(decided, all),
+                if decided == 1 { "has" } else { "have" }
+            ),
+            (0, _) => format!(
+                "{subject} meets its requirement in {}.",
+                if decided == 1 {
+                    "the only random scenario".to_string()
+                } else {
+                    format!("all {decided} random scenarios")
+                }
+            ),
             (_, Some(value)) => format!(
                 "{subject} violates its requirement in {failing} of {decided} random scenarios ({}).",
                 percent(value)
@@ -77,6 +91,9 @@ pub fn headline(report: &RunReport) -> String {
     let (found, trials) = falsified(report);
     match (found, trials) {
         (_, 0) => format!("No trial of {subject} has started."),
+        (0, _) if report.counts.undecided == report.counts.simulations => {
+            format!("No simulation of {subject} has a verdict.")
+        }
         (0, _) => format!(
             "No violation of {subject} found in {} with {}.",
             mishandle::plural(trials as u64, "trial"),
@@ -98,9 +115,56 @@ pub fn headline(report: &RunReport) -> String {
     }
 }
 
+fn of_all(decided: u64, all: u64) -> String {
+    format!("{decided} of {}", mishandle::plural(all, "random scenario"))
+}
+
+/// Returns how much of an unfinished run is done; `None` if it is finished.
+fn progress(report: &RunReport) -> Option<String> {
+    let ended = |trial: &&Trial| trial.summary.trial.status != TrialStatus::Running;
+    let ended = report.trials.iter().filter(ended).count();
+    let plan = report.plan.as_ref()?;
+    if report.is_evaluation() {
+        let planned = plan.evaluate.as_ref()?.episodes;
+        let done = report.trials.first().map_or(0, |trial| trial.summary.counts.simulations);
+        return (done < planned || ended < report.trials.len()).then(|| {
+            format!(
+                "<strong>The run is not finished</strong>: {} have been simulated.",
+                of_all(done, planned)
+            )
+        });
+    }
+    let planned = plan.falsify.as_ref()?.trials as usize;
+    (ended < planned).then(|| {
+        format!(
+            "<strong>The run is not finished</strong>: {ended} of {} have ended.",
+            mishandle::plural(planned as u64, "trial")
+        )
+    })
+}
+
+/// Returns how often the random simulations of a falsification fail.
+fn random_rate(report: &RunReport) -> Option<String> {
+    let decided = report.counts.simulations - report.counts.undecided;
+    let failing = report.counts.falsified;
+    if failing == decided && decided > 1 {
+        return Some(format!("<strong>All {decided} simulations fail.</strong>"));
+    }
+    let rate = wilson(failing, decided);
+    let (Some(value), Some(low), Some(high)) = (rate.value, rate.low, rate.high) else { return None };
+    (report.header.search == "random").then(|| {
+        format!(
+            "Of the {decided} random simulations of this run, {failing} fail: <strong>{}</strong> ({} to {}, 95 % interval).",
+            percent(value),
+            percent(low),
+            percent(high)
+        )
+    })
+}
+
 /// Returns what the verdict means, as sentences of HTML.
 pub fn meaning(report: &RunReport) -> Vec<String> {
-    let mut sentences = Vec::new();
+    let mut sentences: Vec<String> = progress(report).into_iter().collect();
     let worst = worst(report);
     let (found, trials) = falsified(report);
     if report.is_evaluation() {
@@ -114,6 +178,7 @@ pub fn meaning(report: &RunReport) -> Vec<String> {
             ));
         }
     } else if found > 0 {
+        sentences.extend(random_rate(report));
         sentences.push(
             "A trial is an independent search that ends at its first failure, so the share of falsified trials says how easily \
              a search finds a failure, not how often the controller fails."

@@ -163,12 +163,12 @@ fn table(header: &RunHeader, modes: &[FailureMode]) -> Vec<Vec<String>> {
         "mode",
         "failures",
         "decisive predicate",
-        "time s",
+        "final at",
         "representative",
         "robustness",
         "distance from nominal",
     ];
-    let time = |sample: usize| format!("{:.2}", sample as f64 * header.control_dt);
+    let time = |sample: usize| mishandle::instant(sample, header.control_dt);
     let row = |(index, mode): (usize, &FailureMode)| {
         let failure = mode.representative();
         let (first, last) = mode.samples;

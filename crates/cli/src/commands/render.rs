@@ -264,7 +264,7 @@ fn filmstrip(
     let film = Film::new(trajectory.control_dt, last, event.as_ref(), command.around, 1.0);
     let steps = mishandle::strip_samples(event.and_then(|event| event.start), decisive, film.window);
     let count = steps.len();
-    renderer.fit(steps.iter().map(|step| states[*step].as_slice()));
+    renderer.fit(&steps.iter().map(|step| states[*step].as_slice()));
     let columns = count.min(STRIP_COLUMNS);
     let (width, height) = renderer.frame_size();
     let mut whole = Picture::new(columns * width, count.div_ceil(columns) * height, [255; 3]);
@@ -302,7 +302,7 @@ fn video(
             mishandle::instant(end, *control_dt)
         ));
     }
-    renderer.fit(states[first..=end].iter().step_by(FIT_STRIDE).map(Vec::as_slice));
+    renderer.fit(&states[first..=end].iter().step_by(FIT_STRIDE).map(Vec::as_slice));
     // From here on a signal must not end the program directly, because an unfinished file must be removed.
     let bar = Bar::new(film.samples.len() as u64, "frames");
     let cleared = bar.line();
