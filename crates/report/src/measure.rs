@@ -7,7 +7,7 @@ use mishandle::{FailureMode, MishandleError, Noise, ResolvedPlan};
 
 use crate::RunReport;
 use crate::load::{MAX_MODES, Point};
-use crate::pictures::{self, Frame};
+use crate::pictures::{self, Pictures};
 
 /// By what fraction of an axis the box of a failure mode is widened on each side.
 const MARGIN: f64 = 0.1;
@@ -26,7 +26,7 @@ const BATCH: usize = 64;
 pub struct Measured {
     pub patches: Vec<Option<Patch>>,
     pub repeats: Vec<Option<RepeatReport>>,
-    pub strips: Vec<Vec<Frame>>,
+    pub strips: Vec<Pictures>,
     pub noise: Option<Noise>,
     /// Corners and center of the initial box. For an evaluation, they are in the run file.
     pub corners: Vec<Point>,

@@ -6,7 +6,7 @@ use mishandle::{ExplainedSimulation, FailureMode};
 use crate::html::{base64, percent, short, table, text, with_code, with_unit};
 use crate::load::RunReport;
 use crate::measure::{Measured, Patch};
-use crate::pictures::Frame;
+use crate::pictures::{Film, Frame};
 use crate::space::value_text;
 use crate::{commands, tables, trace};
 
@@ -214,9 +214,7 @@ fn frames(
     index: usize,
     explained: &ExplainedSimulation,
 ) -> String {
-    let Some(frames) =
-        measured.and_then(|measured| measured.strips.get(index)).filter(|frames| !frames.is_empty())
-    else {
+    let Some(pictures) = measured.and_then(|measured| measured.strips.get(index)) else {
         return String::new();
     };
     let decisive = explained.explanation.diagnosis.path.last().map(|found| found.sample);
@@ -230,5 +228,19 @@ fn frames(
             base64(&frame.png)
         )
     };
-    format!("<div class=\"strip\">{}</div>\n", frames.iter().map(frame).collect::<String>())
+    let frames: String = pictures.frames.iter().map(frame).collect();
+    let film = pictures.film.as_ref().map_or(String::new(), |found| film(found, report.header.control_dt));
+    format!("<div class=\"strip\">{frames}</div>\n{film}")
+}
+
+/// Returns a film that the reader opens. It repeats until it is closed.
+fn film(film: &Film, control_dt: f64) -> String {
+    let [from, to] =
+        [film.window.0, film.window.1].map(|sample| format!("{:.2} s", sample as f64 * control_dt));
+    format!(
+        "<details class=\"film\"><summary>Film from {from} to {to}, at half speed</summary><img \
+         src=\"data:image/png;base64,{}\" width=\"320\" height=\"240\" alt=\"Film of the scene from {from} to {to}; the \
+         pictures above show its instants\"></details>\n",
+        base64(&film.png)
+    )
 }

@@ -1,8 +1,8 @@
 //! Pictures of failures of tasks.
 
 use mishandle::store::RunFile;
-use mishandle::world::{CAMERAS, Quality, Size, WorldError, png};
-use mishandle::{ExplainedSimulation, FrameCaptions, FrameRenderer, MishandleError};
+use mishandle::world::{CAMERAS, Quality, Size, WorldError, animated_png, png};
+use mishandle::{Event, ExplainedSimulation, FrameCaptions, FrameRenderer, MishandleError};
 
 /// Size of a picture, pixels.
 pub const PICTURE: (u32, u32) = (320, 240);
@@ -10,10 +10,34 @@ pub const PICTURE: (u32, u32) = (320, 240);
 /// Largest number of simulations with pictures, so that the page stays small.
 const MAX_STRIPS: usize = 4;
 
+/// Longest time of a film before and after the event, s, its speed, and the time for which it holds a mark and its end, ms.
+const AROUND: f64 = 1.0;
+const SPEED: f64 = 0.5;
+const HOLD: f64 = 1000.0;
+
+/// Largest number of frames of a film without its marks.
+const MAX_FRAMES: usize = 40;
+
+/// Pictures of a simulation.
+#[derive(Clone, Debug)]
+pub struct Pictures {
+    pub frames: Vec<Frame>,
+    pub film: Option<Film>,
+}
+
 /// A picture of a simulation.
 #[derive(Clone, Debug)]
 pub struct Frame {
     pub sample: usize,
+    pub png: Vec<u8>,
+}
+
+/// A film around the event of a simulation.
+#[derive(Clone, Debug)]
+pub struct Film {
+    /// First and last sample.
+    pub window: (usize, usize),
+    /// An animated PNG.
     pub png: Vec<u8>,
 }
 
@@ -28,12 +52,12 @@ pub enum PictureError {
     Render(#[from] WorldError),
 }
 
-/// Renders some instants of each simulation, the decisive one among them. Other targets than tasks have no pictures.
+/// Renders some instants of each simulation, the decisive one among them, and a film around it. Other targets than tasks have no pictures.
 pub fn strips(
     run: &RunFile,
     simulations: &[ExplainedSimulation],
     controller: Option<&str>,
-) -> Result<Vec<Vec<Frame>>, PictureError> {
+) -> Result<Vec<Pictures>, PictureError> {
     let Ok(task) = mishandle::task(&run.header().target.name) else { return Ok(Vec::new()) };
     let Some(size) = Size::new(PICTURE.0, PICTURE.1) else { return Ok(Vec::new()) };
     if simulations.is_empty() {
@@ -53,14 +77,16 @@ fn strip(
     run: &RunFile,
     explained: &ExplainedSimulation,
     controller: Option<&str>,
-) -> Result<Vec<Frame>, PictureError> {
+) -> Result<Pictures, PictureError> {
     let (trial, number) = (explained.recorded.trial, explained.recorded.number);
     let (replayed, trajectory) = mishandle::replay_states(run, trial, number, controller)?;
     if !replayed.differences.is_empty() {
         return Err(MishandleError::RunMismatch { differences: replayed.differences }.into());
     }
     let states = &trajectory.states;
-    let Some(last) = states.len().checked_sub(1) else { return Ok(Vec::new()) };
+    let Some(last) = states.len().checked_sub(1) else {
+        return Ok(Pictures { frames: Vec::new(), film: None });
+    };
     let event = explained.explanation.event();
     let decisive = event.map_or(last, |event| event.sample);
     let header = run.header();
@@ -72,5 +98,34 @@ fn strip(
         let picture = renderer.draw(sample, &states[sample])?;
         Ok(Frame { sample, png: png(PICTURE.0, PICTURE.1, picture.pixels())? })
     };
-    samples.into_iter().map(picture).collect()
+    let frames = samples.into_iter().map(picture).collect::<Result<_, _>>()?;
+    let film = film(&mut renderer, states, event.as_ref(), header.control_dt)?;
+    Ok(Pictures { frames, film: Some(film) })
+}
+
+/// Renders a short film around the event.
+fn film(
+    renderer: &mut FrameRenderer,
+    states: &[Vec<f64>],
+    event: Option<&Event>,
+    control_dt: f64,
+) -> Result<Film, PictureError> {
+    let last = states.len().saturating_sub(1);
+    let (from, to) = mishandle::Film::new(control_dt, last, event, Some(AROUND), SPEED).window;
+    let marks: Vec<usize> =
+        event.map_or(Vec::new(), Event::marks).into_iter().map(|(sample, _)| sample).collect();
+    let stride = (to - from).div_ceil(MAX_FRAMES).max(1);
+    let is_marked = |sample: usize| marks.contains(&sample);
+    let shown =
+        |sample: &usize| (*sample - from).is_multiple_of(stride) || is_marked(*sample) || *sample == to;
+    let samples: Vec<usize> = (from..=to).filter(shown).collect();
+    renderer.fit(samples.iter().map(|sample| states[*sample].as_slice()));
+    let mut frames = Vec::with_capacity(samples.len());
+    for (index, sample) in samples.iter().enumerate() {
+        let held = if is_marked(*sample) || *sample == to { HOLD } else { 0.0 };
+        let next = samples.get(index + 1).copied().unwrap_or(*sample);
+        let delay = 1000.0 * control_dt * (next - sample) as f64 / SPEED + held;
+        frames.push((renderer.draw(*sample, &states[*sample])?, delay.round() as u16));
+    }
+    Ok(Film { window: (from, to), png: animated_png(&frames)? })
 }

@@ -27,7 +27,8 @@ pub use error::WorldError;
 pub use kinematics::Arm;
 pub use model::Model;
 pub use render::{
-    CAMERAS, Caption, CaptionLayout, CaptionPart, Color, Picture, Quality, Renderer, Size, TimeBar, png,
+    CAMERAS, Caption, CaptionLayout, CaptionPart, Color, Picture, Quality, Renderer, Size, TimeBar,
+    animated_png, png,
 };
 pub use rows::Rows;
 pub use state::World;

@@ -26,13 +26,13 @@ const SPEED: &str = "a number from 0.01 to 100, such as 0.25";
   mishandle render --run runs/RUN.sqlite --out video.mp4           the first counterexample
   mishandle render --run runs/RUN.sqlite --trial 2 --simulation 17 --out strip.png   six frames
 
-  mishandle render --run runs/RUN.sqlite --camera auto,close --out two.mp4    two views side by side
-  mishandle render --run runs/RUN.sqlite --around 0.5 --speed 0.25 --out slow.mp4   half a second on each side
+  mishandle render --run runs/RUN.sqlite --camera auto,close --out two.mp4    two views
+  mishandle render --run runs/RUN.sqlite --around 0.5 --speed 0.25 --out slow.mp4
 
-Pictures of a simulation center on its event, and `render` says which one it is and why. If the formula
-is violated by something that must always hold, it is the violation. If the formula needs one good
-instant (`eventually`), it is the closest approach. If the formula is satisfied, it is the instant
-with the smallest margin. A video holds the event for a second.
+Pictures of a simulation center on its event, and `render` says which one it is and why. If the
+formula is violated by something that must always hold, it is the violation. If the formula needs
+one good instant (`eventually`), it is the closest approach. If the formula is satisfied, it is the
+instant with the smallest margin. A video holds the event for a second.
 
 Rendering needs no display. Videos need the program ffmpeg.")]
 pub struct Arguments {

@@ -16,7 +16,7 @@ use crate::{ExitStatus, args, escape, numbers, run};
 #[command(after_help = "Examples:
   mishandle replay runs/RUN.sqlite                      the first counterexample
   mishandle replay runs/RUN.sqlite --trial 2 --simulation 17 --trace trace.csv
-  mishandle replay runs/RUN.sqlite --trace trace.csv --record full    with joints, actions and contact forces
+  mishandle replay runs/RUN.sqlite --trace trace.csv --record full
   mishandle replay failure.json                         an exported counterexample
 
 Exit code 0 means that everything recorded of the simulation agrees with the plan of the run and

@@ -1,6 +1,6 @@
 //! Replacement for the renderer in builds without the feature `render`.
 
-use super::{Quality, Size};
+use super::{Picture, Quality, Size};
 use crate::WorldError;
 
 /// Renders states of one scene. Never exists in this build.
@@ -40,5 +40,13 @@ impl Renderer {
 /// # Errors
 /// Always: this build cannot render.
 pub fn png(_width: u32, _height: u32, _pixels: &[u8]) -> Result<Vec<u8>, WorldError> {
+    Err(WorldError::NoRenderer)
+}
+
+/// Returns an error.
+///
+/// # Errors
+/// Always: this build cannot render.
+pub fn animated_png(_frames: &[(Picture, u16)]) -> Result<Vec<u8>, WorldError> {
     Err(WorldError::NoRenderer)
 }

@@ -3,12 +3,16 @@
 //! The module `enabled` is used with the feature `render`. Without it, the functions of `disabled` return an error with
 //! the command to build with the feature.
 
+#[cfg(feature = "render")]
+mod animation;
 mod caption;
 #[cfg(feature = "render")]
 mod enabled;
 mod picture;
 #[cfg(feature = "render")]
 mod view;
+#[cfg(feature = "render")]
+pub use animation::animated_png;
 #[cfg(feature = "render")]
 pub use enabled::{Renderer, png};
 
@@ -18,7 +22,7 @@ pub use picture::{Color, Picture};
 #[cfg(not(feature = "render"))]
 mod disabled;
 #[cfg(not(feature = "render"))]
-pub use disabled::{Renderer, png};
+pub use disabled::{Renderer, animated_png, png};
 
 /// The width and height of an image in pixels. Both are even, as video encoders require.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
