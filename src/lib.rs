@@ -90,7 +90,7 @@ pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
 pub use plan::{EvaluatePlan, FalsifyPlan, GridRun, Plan, StartRegion, read_grid};
 pub use plural::plural;
 pub use record::{create_run, recorded_episode};
-pub use regress::{Regression, regress};
+pub use regress::{Regression, regress, regress_with};
 pub use replay::{ReplayResult, build_differences, recorded_plan, replay, replay_with, select_simulation};
 pub use search_options::search_option_value;
 pub use shell_quote::shell_quote;

@@ -44,6 +44,26 @@ pub fn regress(
         Some(controller) => counterexample.resolve_with(controller)?,
         None => counterexample.resolve(folder, None)?,
     };
+    let found = regress_with(counterexample, &resolved, repeats, watch)?;
+    let with_recorded = match controller {
+        Some(_) => counterexample.resolve(folder, None).ok().map(|recorded| recorded.target.identity.hash),
+        None => Some(found.header.target.hash.clone()),
+    };
+    let has_other_target = with_recorded.map(|hash| hash != counterexample.target.hash);
+    Ok(Regression { has_other_target, ..found })
+}
+
+/// Simulates a counterexample with a target that need not be part of this program, and `repeats` times with other random seeds.
+/// `watch` is called after each simulation.
+///
+/// # Errors
+/// If the space has other axes, the target cannot run the scenario, or the simulation has no robustness.
+pub fn regress_with(
+    counterexample: &Counterexample,
+    resolved: &ResolvedPlan,
+    repeats: u64,
+    watch: impl FnMut(&Episode),
+) -> Result<Regression, MishandleError> {
     let request = counterexample.request(&resolved.space)?;
     let mut system = resolved.system()?;
     let scenario = request.scenario.clone();
@@ -51,16 +71,12 @@ pub fn regress(
     if episode.robustness().is_none() {
         return Err(MishandleError::NoVerdict { end: episode.end });
     }
-    let (header, explained) = explain_episode(&resolved, &episode)?;
+    let (header, explained) = explain_episode(resolved, &episode)?;
     let repeats = match repeats {
         0 => None,
-        _ if !depends_on_seed(&resolved, &scenario) => None,
+        _ if !depends_on_seed(resolved, &scenario) => None,
         n => Some(repeat(&mut *system, &scenario, repeat_seeds(Seed(counterexample.seed), n), watch)?),
     };
-    let with_recorded = match controller {
-        Some(_) => counterexample.resolve(folder, None).ok().map(|recorded| recorded.target.identity.hash),
-        None => Some(header.target.hash.clone()),
-    };
-    let has_other_target = with_recorded.map(|hash| hash != counterexample.target.hash);
+    let has_other_target = Some(header.target.hash != counterexample.target.hash);
     Ok(Regression { explained, header, episode, repeats, has_other_target })
 }

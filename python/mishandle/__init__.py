@@ -6,10 +6,14 @@ from mishandle.campaign import (
     Corner,
     Evaluation,
     Falsification,
+    Regression,
+    Repeats,
     Replay,
     Trial,
     evaluate,
     falsify,
+    regress,
+    repeat,
     replay,
     simulate,
 )
@@ -25,7 +29,7 @@ from mishandle.errors import (
 )
 from mishandle.explanations import ComparedPair, Comparison, Estimate, Explanation, FailureMode, compare
 from mishandle.formulas import Formula, robustness
-from mishandle.plots import plot_robustness_map, plot_search_progress, plot_trace
+from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
 from mishandle.ray import RayExecutor
 from mishandle.runs import Run, open_run
 from mishandle.searches import Minimum, Search, minimize, search_names
@@ -52,6 +56,8 @@ __all__ = [
     "MishandleError",
     "MissingPackageError",
     "RayExecutor",
+    "Regression",
+    "Repeats",
     "Replay",
     "ResetOption",
     "Run",
@@ -68,9 +74,13 @@ __all__ = [
     "load_controller",
     "minimize",
     "open_run",
+    "plot_comparison",
     "plot_robustness_map",
     "plot_search_progress",
+    "plot_survival",
     "plot_trace",
+    "regress",
+    "repeat",
     "replay",
     "robustness",
     "search_names",

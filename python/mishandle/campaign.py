@@ -41,8 +41,40 @@ class Trial:
         return self.end == "falsified"
 
 
+class _Result:
+    """A result that remembers its system, so that its report can simulate more. A copy from pickle has forgotten it."""
+
+    path: pathlib.Path
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_target"}
+
+    def _remember(self, target: _native.Target) -> None:
+        # The dataclasses are frozen, and the system is no field: it cannot be compared or copied.
+        self.__dict__["_target"] = target
+
+    def report(self, path: PathLike, *, simulate: bool = True, probes: int = 64) -> None:
+        """Writes a page about the run: one HTML file that loads nothing, for a browser or to send.
+
+        Parameters
+        ----------
+        path : path
+            File to write; an existing file is replaced.
+        simulate : bool
+            Whether to measure with the system of this result: sizes of failing patches, repeats with other seeds, noise, corners.
+        probes : int
+            Number of random scenarios that estimate the size of a failing patch.
+        """
+        target: _native.Target | None = self.__dict__.get("_target")
+        if target is None or not simulate:
+            open_run(self.path).report(path, simulate=simulate, probes=probes)
+            return
+        html, _ = _native.report(target, os.fspath(self.path), probes)
+        pathlib.Path(path).write_text(html, encoding="utf-8")
+
+
 @dataclass(frozen=True)
-class Falsification:
+class Falsification(_Result):
     """Outcome of a campaign."""
 
     path: pathlib.Path
@@ -73,9 +105,19 @@ class Falsification:
             raise InvalidValueError("no trial found a counterexample" if trial is None else f"trial {trial} has no simulation")
         return open_run(self.path).explain(found[0].trial, found[0].number)
 
-    def report(self, path: PathLike, *, simulate: bool = True) -> None:
-        """Writes a page about the run; see :meth:`mishandle.Run.report`."""
-        open_run(self.path).report(path, simulate=simulate)
+    def export(self, folder: PathLike) -> list[pathlib.Path]:
+        """Writes the failure of each failure mode that is closest to the nominal scenario as a counterexample file.
+
+        :func:`mishandle.regress` simulates the files of a folder again. Existing files are replaced. Returns the files.
+        """
+        target = pathlib.Path(folder)
+        target.mkdir(parents=True, exist_ok=True)
+        files = []
+        for index, mode in enumerate(open_run(self.path).failure_modes(), start=1):
+            file = target / f"{self.path.stem}-mode-{index}.json"
+            file.write_text(_native.counterexample(os.fspath(self.path), *mode.failures[0]), encoding="utf-8")
+            files.append(file)
+        return files
 
 
 @dataclass(frozen=True)
@@ -88,7 +130,7 @@ class Corner:
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class Evaluation(_Result):
     """Metrics of random scenarios, and results at the corners."""
 
     path: pathlib.Path
@@ -105,10 +147,6 @@ class Evaluation:
     undecided: int
     largest_difference: float = 0.0
     exceptions: list[str] = field(default_factory=list)
-
-    def report(self, path: PathLike, *, simulate: bool = True) -> None:
-        """Writes a page about the run; see :meth:`mishandle.Run.report`."""
-        open_run(self.path).report(path, simulate=simulate)
 
 
 @dataclass(frozen=True)
@@ -227,7 +265,7 @@ def falsify(
             'termination="hold" or "evaluate" decides them',
             stacklevel=2,
         )
-    return Falsification(
+    result = Falsification(
         path=pathlib.Path(outcome.pop("path")),
         trials=[Trial(**trial) for trial in outcome.pop("trials")],
         falsification_rate=Estimate(*outcome.pop("falsification_rate")),
@@ -235,6 +273,8 @@ def falsify(
         exceptions=found.system.exceptions,
         **outcome,
     )
+    result._remember(found.native)
+    return result
 
 
 def evaluate(
@@ -286,7 +326,7 @@ def evaluate(
     def rate(key: str) -> Estimate | None:
         return None if outcome[key] is None else Estimate(*outcome[key])
 
-    return Evaluation(
+    result = Evaluation(
         path=pathlib.Path(outcome["path"]),
         simulations=outcome["simulations"],
         success_rate=Estimate(*outcome["success_rate"]),
@@ -302,6 +342,8 @@ def evaluate(
         largest_difference=found.largest_difference,
         exceptions=found.system.exceptions,
     )
+    result._remember(found.native)
+    return result
 
 
 def simulate(
@@ -328,6 +370,111 @@ def simulate(
     point = scenario_numbers(found.space, at, found.nominal)
     simulations = _native.simulate(found.native, formula=found.formula, scenarios=[point] * repeat, seeds=seeds)
     return [found.simulation(simulation) for simulation in simulations]
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """Simulations of one scenario with different seeds."""
+
+    simulations: int
+    failures: int
+    failure_rate: Estimate
+    """Failure rate of the simulations with a verdict, with its Wilson interval."""
+    quantiles: dict[float, float] | None
+    """Quantiles of the robustness by probability; ``None`` without a verdict."""
+
+
+def repeat(
+    system: Any,
+    formula: Formulas = None,
+    space: Space = None,
+    *,
+    at: Mapping[str, Value] | Sequence[float] | None = None,
+    repeats: int = 100,
+    seed: int = 0,
+    **target: Unpack[TargetOptions],
+) -> Repeats:
+    """Measures how often one scenario fails: simulates it with the seeds ``seed``, ``seed + 1``, and so on.
+
+    The arguments are those of :func:`simulate`.
+
+    >>> import random
+    >>> def system(scenario, seed):
+    ...     return {"gap": [10.0, 2.0 + random.Random(seed).gauss(0.0, 1.0)]}
+    >>> found = repeat(system, "always(gap >= 2)", [Axis("speed", 0, 10, "m/s")], at={"speed": 5}, repeats=200)
+    >>> found.failure_rate.low < 0.5 < found.failure_rate.high
+    True
+    """
+    simulations = simulate(system, formula, space, at=at, repeat=repeats, seed=seed, **target)
+    count, failures, rate, quantiles = _native.repeat_report([found.robustness for found in simulations])
+    probabilities = (0.0, 0.05, 0.5, 0.95, 1.0)
+    return Repeats(count, failures, Estimate(*rate), None if quantiles is None else dict(zip(probabilities, quantiles)))
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A counterexample file, simulated again."""
+
+    file: pathlib.Path
+    fails: bool
+    robustness: float
+    recorded_robustness: float
+    scenario: Scenario
+    seed: int
+    same_target: bool
+    """Whether the system has the hash of the recorded one."""
+    failure_rate: Estimate | None
+    """Failure rate with other seeds; ``None`` without repeats, or if the system does not depend on its seed."""
+    sentences: list[str]
+    """Why it fails or passes."""
+
+
+def regress(
+    folder: PathLike,
+    system: Any,
+    formula: Formulas = None,
+    space: Space = None,
+    *,
+    repeats: int = 0,
+    **target: Unpack[TargetOptions],
+) -> list[Regression]:
+    """Simulates the counterexample files of a folder with a system, such as a new version of a policy.
+
+    Parameters
+    ----------
+    folder : path
+        Folder with files ``*.json`` of :meth:`Falsification.export` or of ``mishandle counterexamples export``.
+    system, formula, space, **target
+        See :func:`falsify`. The axes must be those of the files.
+    repeats : int
+        Number of further simulations of each file with other seeds.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder, space = tempfile.mkdtemp(), [Axis("speed", 0, 10, "m/s")]
+    >>> system = lambda scenario: {"gap": [10.0, 10.0 - scenario["speed"]]}
+    >>> found = falsify(system, "always(gap >= 2)", space, trials=1, budget=50, name="car", out=folder + "/run.sqlite")
+    >>> [file.name for file in found.export(folder)]
+    ['run-mode-1.json']
+    >>> [test.fails for test in regress(folder, system, "always(gap >= 2)", space, name="car")]
+    [True]
+    >>> better = lambda scenario: {"gap": [10.0, 10.0 - 0.5 * scenario["speed"]]}
+    >>> [test.fails for test in regress(folder, better, "always(gap >= 2)", space, name="car")]
+    [False]
+    """
+    check_number("repeats", repeats, 0)
+    files = sorted(pathlib.Path(folder).glob("*.json"))
+    if not files:
+        raise InvalidValueError(f"there is no counterexample (*.json) in {os.fspath(folder)}; write some with `export`")
+    made = make_target(system, formula, space, target, lambda space: None)
+    tests = []
+    for file in files:
+        found = _native.regress(made.native, os.fspath(file), repeats)
+        rate = found.pop("failure_rate")
+        failure_rate = None if rate is None else Estimate(*rate)
+        tests.append(Regression(file=file, fails=found["robustness"] < 0, failure_rate=failure_rate, **found))
+    return tests
 
 
 def replay(

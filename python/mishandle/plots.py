@@ -5,6 +5,7 @@ Each function draws into the given axes, or into new ones, and returns them. mat
 
 from __future__ import annotations
 
+import bisect
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,9 @@ from typing import TYPE_CHECKING, Any, Protocol, Union
 import numpy as np
 from numpy.typing import NDArray
 
+from mishandle import _native
 from mishandle.errors import InvalidValueError, MissingPackageError
+from mishandle.explanations import Comparison
 from mishandle.formulas import Formula
 from mishandle.runs import Run, RunAxis, open_run
 from mishandle.systems import columns_of
@@ -126,6 +129,82 @@ def plot_search_progress(run: AnyRun, *, ax: Axes | None = None) -> Axes:
     ax.set_xlabel("simulation of the trial")
     ax.set_ylabel("minimum robustness so far")
     ax.set_title(f"{opened.search}: {falsified} of {len(np.unique(trials))} trials falsified", fontsize="small")
+    return ax
+
+
+def plot_survival(runs: AnyRun | Mapping[str, AnyRun], *, ax: Axes | None = None) -> Axes:
+    """Plots the share of trials that have not failed yet (Kaplan-Meier). Ticks mark trials that ended without a failure.
+
+    Parameters
+    ----------
+    runs : Run, Falsification, path, or dict of them
+        One run, or several with their names for the legend, such as one for each search.
+    ax : matplotlib.axes.Axes, optional
+        Where to plot.
+
+    Examples
+    --------
+    >>> import tempfile, mishandle
+    >>> path = tempfile.mkdtemp() + "/run.sqlite"
+    >>> system = lambda scenario: {"gap": [10.0, 10.0 - scenario["speed"]]}
+    >>> space = [mishandle.Axis("speed", 0, 10, "m/s")]
+    >>> found = mishandle.falsify(system, "always(gap >= 2)", space, trials=4, budget=50, search="random", out=path)
+    >>> ax = plot_survival({"random": found})
+    >>> (ax.get_legend_handles_labels()[1], float(ax.lines[0].get_ydata()[-1]))
+    (['random: 4 of 4 failed'], 0.0)
+    """
+    named = dict(runs) if isinstance(runs, Mapping) else {"": runs}
+    ax = _axes(ax)
+    styles = ["-", "--", ":", "-."]
+    for index, (name, run) in enumerate(named.items()):
+        path = run if isinstance(run, (str, os.PathLike)) else run.path
+        steps, censored, trials = _native.survival(os.fspath(path))
+        numbers, shares = [number for number, _ in steps], [share for _, share in steps]
+        label = f"{name + ': ' if name else ''}{trials - len(censored)} of {trials} failed"
+        style = styles[index % len(styles)]
+        [line] = ax.step(numbers, shares, where="post", linestyle=style, label=label)
+        # The share at a time is that of the last step up to it.
+        ticks = [shares[bisect.bisect_right(numbers, number) - 1] for number in censored]
+        ax.plot(censored, ticks, "|", color=line.get_color(), markersize=9)
+    ax.set_ylim(-0.03, 1.03)
+    ax.set_xlabel("simulations of the trial")
+    ax.set_ylabel("share of trials without a failure")
+    ax.legend(loc="best", fontsize="small")
+    return ax
+
+
+def plot_comparison(comparison: Comparison, *, ax: Axes | None = None) -> Axes:
+    """Plots the robustness of the second evaluation over that of the first. Crosses are new failures, rings are fixed ones.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Result of :func:`mishandle.compare`.
+    ax : matplotlib.axes.Axes, optional
+        Where to plot.
+    """
+    ax = _axes(ax)
+    kinds: list[tuple[tuple[bool, bool], str, dict[str, Any]]] = [
+        ((True, True), "both succeed", {"s": 8, "color": _SATISFIED}),
+        ((False, False), "both fail", {"s": 18, "color": _OTHER, "marker": "s"}),
+        ((False, True), "fixed", {"s": 28, "facecolors": "none", "edgecolors": _SATISFIED}),
+        ((True, False), "new", {"s": 28, "color": _VIOLATED, "marker": "x"}),
+    ]
+    for outcome, name, style in kinds:
+        chosen = [
+            (pair.first_robustness, pair.second_robustness)
+            for pair in comparison.compared
+            if (pair.first_succeeds, pair.second_succeeds) == outcome
+        ]
+        shown = [(a, b) for a, b in chosen if a is not None and b is not None and math.isfinite(a) and math.isfinite(b)]
+        if shown:
+            ax.scatter([a for a, _ in shown], [b for _, b in shown], label=f"{name} ({len(chosen)})", **style)
+    ax.axline((0.0, 0.0), slope=1.0, color=_OTHER, linewidth=0.8)
+    ax.axhline(0.0, color="black", linewidth=0.8, linestyle="--")
+    ax.axvline(0.0, color="black", linewidth=0.8, linestyle="--")
+    ax.set_xlabel("robustness of the first")
+    ax.set_ylabel("robustness of the second")
+    ax.legend(loc="best", fontsize="small")
     return ax
 
 

@@ -51,6 +51,8 @@ class Run:
 
     Attributes
     ----------
+    path : pathlib.Path
+        The file.
     target, formula, search : str
         Name of the system, text of the requirement, and name of the search; the last is empty for an evaluation.
     seed : int
@@ -69,6 +71,7 @@ class Run:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._native = _native.Run(os.fspath(path))
+        self.path = pathlib.Path(path)
         header = self._native.header()
         self.target: str = header["target"]
         self.formula: str = header["formula"]
@@ -123,7 +126,8 @@ class Run:
             File to write; an existing file is replaced.
         simulate : bool
             Whether to measure what takes simulations: sizes of failing patches, repeats with other seeds, noise, pictures. Only
-            Mishandle's own tasks can be simulated from a run file; the page says so if another system cannot.
+            Mishandle's own tasks can be simulated from a run file; the page says so if another system cannot. The method `report`
+            of the result of `falsify` and `evaluate` simulates your system.
         probes : int
             Number of random scenarios that estimate the size of a failing patch.
         """

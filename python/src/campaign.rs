@@ -270,7 +270,7 @@ fn in_run<T: Send>(
 }
 
 /// Calls `work` without the interpreter lock. An exception that Python raised meanwhile is raised again.
-fn detached<T: Send>(
+pub(crate) fn detached<T: Send>(
     py: Python<'_>,
     target: &PyTarget,
     work: impl FnOnce() -> Result<T, Error> + Send,

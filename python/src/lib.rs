@@ -5,6 +5,7 @@
 #![allow(clippy::needless_pass_by_value, reason = "PyO3 passes arguments by value")]
 #![allow(clippy::result_large_err, reason = "closures return the error of the library")]
 
+mod artifacts;
 mod camera;
 mod campaign;
 mod controller;
@@ -67,6 +68,11 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(search::search_names, module)?)?;
     module.add_function(wrap_pyfunction!(explanation::compare, module)?)?;
     module.add_function(wrap_pyfunction!(explanation::comparison_page, module)?)?;
+    module.add_function(wrap_pyfunction!(artifacts::report, module)?)?;
+    module.add_function(wrap_pyfunction!(artifacts::repeat_report, module)?)?;
+    module.add_function(wrap_pyfunction!(artifacts::survival, module)?)?;
+    module.add_function(wrap_pyfunction!(artifacts::counterexample, module)?)?;
+    module.add_function(wrap_pyfunction!(artifacts::regress, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::check_falsify, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::check_evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::falsify, module)?)?;

@@ -1,6 +1,7 @@
 """Explanations, failure modes, reports and comparisons of runs."""
 
 import pathlib
+import pickle
 import tempfile
 import unittest
 
@@ -61,8 +62,35 @@ class Explanations(unittest.TestCase):
         result.report(self.folder / "report.html")
         page = (self.folder / "report.html").read_text()
         self.assertIn("x &gt;= -0.8", page)
+        # The result knows its system, so the page has the size of the failing patch and the corners.
+        self.assertIn("random scenarios in a box around these failures", page)
+        self.assertIn("corners of the initial box", page)
         # A function in Python cannot be simulated from the file alone, and the page says so.
-        self.assertIn("they take simulations", page)
+        mishandle.open_run(result.path).report(self.folder / "file.html")
+        self.assertIn("they take simulations", (self.folder / "file.html").read_text())
+        copied = pickle.loads(pickle.dumps(result))
+        self.assertEqual(copied, result)
+        copied.report(self.folder / "copied.html")
+        self.assertIn("they take simulations", (self.folder / "copied.html").read_text())
+
+    def test_exported_counterexamples_are_a_regression_suite(self) -> None:
+        result = self.falsify()
+        files = result.export(self.folder / "suite")
+        self.assertEqual(len(files), len(mishandle.open_run(result.path).failure_modes()))
+        arguments = {"control_dt": 0.1, "name": "oscillator"}
+        tests = mishandle.regress(self.folder / "suite", oscillator, FORMULA, SPACE, **arguments)
+        self.assertTrue(all(test.fails for test in tests))
+        for test in tests:
+            self.assertEqual(test.robustness, test.recorded_robustness)
+            self.assertEqual(test.robustness, min(oscillator(test.scenario)["x"]) + 0.8)
+
+        def damped(scenario):
+            return oscillator({**scenario, "amplitude": 0.1 * scenario["amplitude"]})
+
+        tests = mishandle.regress(self.folder / "suite", damped, FORMULA, SPACE, **arguments)
+        self.assertFalse(any(test.fails for test in tests))
+        with self.assertRaises(mishandle.InvalidValueError):
+            mishandle.regress(self.folder / "nothing", oscillator, FORMULA, SPACE, **arguments)
 
     def test_two_evaluations_are_compared_pair_by_pair(self) -> None:
         def worse(scenario):

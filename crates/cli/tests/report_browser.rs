@@ -166,14 +166,32 @@ const FACTS: &str = "(() => {
         chart: charts.length ? luminance(style(charts[0].querySelector('rect'), 'fill')) : null,
         scripts: document.scripts.length,
         repeated: ids.length - new Set(ids).size,
-        dead: hrefs.filter(href => !href.startsWith('#') || !document.getElementById(href.slice(1))).length,
+        dead: hrefs.filter(href => href.startsWith('#') && !document.getElementById(href.slice(1))).length,
+        files: hrefs.filter(href => !href.startsWith('#')),
         heading: document.querySelector('h2').textContent,
     };
 })()";
 
-/// Checks a page in both themes at three widths.
+/// Starts the browser and makes the folder of the screenshots. Says so if there is no browser.
+fn start(bench: &Bench) -> Option<(Browser, PathBuf)> {
+    let Some(browser) = Browser::start(bench) else {
+        eprintln!("skipped: there is no Chromium; install it with `apt install chromium`");
+        return None;
+    };
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("report");
+    std::fs::create_dir_all(&folder).unwrap();
+    Some((browser, folder))
+}
+
+/// Checks a page with at least two charts.
 #[track_caller]
-fn check(browser: &mut Browser, folder: &Path, page: &Path, has_failures: bool) -> Value {
+fn check(browser: &mut Browser, folder: &Path, page: &Path, has_marks: bool) -> Value {
+    check_page(browser, folder, page, 2, has_marks)
+}
+
+/// Checks a page with at least `charts` charts in both themes at two widths, and on paper.
+#[track_caller]
+fn check_page(browser: &mut Browser, folder: &Path, page: &Path, charts: u32, has_marks: bool) -> Value {
     let name = page.file_stem().unwrap().to_string_lossy().into_owned();
     let mut facts = Value::Null;
     for (theme, width) in [("light", 1200), ("dark", 1200), ("light", 375), ("dark", 375)] {
@@ -182,15 +200,19 @@ fn check(browser: &mut Browser, folder: &Path, page: &Path, has_failures: bool) 
         assert!(problems.is_empty(), "{what}: {problems:?}");
         facts = browser.evaluate(FACTS);
         let fact = |key: &str| facts[key].as_f64().unwrap_or(f64::NAN);
-        assert!(fact("charts") >= 2.0, "{what}: {facts}");
+        assert!(fact("charts") >= f64::from(charts), "{what}: {facts}");
+        for file in facts["files"].as_array().unwrap() {
+            let linked = page.parent().unwrap().join(file.as_str().unwrap());
+            assert!(linked.is_file(), "{what}: {file} does not exist");
+        }
         for key in ["small", "unlabeled", "broken", "overflow", "scripts", "repeated", "dead"] {
             assert_eq!(fact(key), 0.0, "{what}: {key}: {facts}");
         }
         let is_dark = fact("background") < 0.5;
         assert_eq!(is_dark, theme == "dark", "{what}: {facts}");
         assert!((fact("background") - fact("ink")).abs() > 0.6, "{what}: {facts}");
-        assert_eq!(fact("chart") < 0.5, is_dark, "{what}: {facts}");
-        assert!(!has_failures || fact("marks") > 0.0, "{what}: {facts}");
+        assert!(charts == 0 || (fact("chart") < 0.5) == is_dark, "{what}: {facts}");
+        assert!(!has_marks || fact("marks") > 0.0, "{what}: {facts}");
         browser.screenshot(&folder.join(format!("{name}-{theme}-{width}.png")));
     }
     // The box switches the theme.
@@ -259,12 +281,7 @@ fn foreign_run(bench: &Bench, source: &str, name: &str) {
 #[test]
 fn reports_are_readable_in_both_themes_and_on_a_phone() {
     let bench = Bench::new();
-    let Some(mut browser) = Browser::start(&bench) else {
-        eprintln!("skipped: there is no Chromium; install it with `apt install chromium`");
-        return;
-    };
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("report");
-    std::fs::create_dir_all(&folder).unwrap();
+    let Some((mut browser, folder)) = start(&bench) else { return };
     bench.check("falsify toy/sphere-2d --trials 12 --budget 60 --seed 1 --out sphere.sqlite", 1);
     bench.check("falsify toy/car-following --space events+dynamics --trials 10 --out car.sqlite", 1);
     bench.check("falsify toy/noisy --trials 5 --budget 100 --seed 1 --out noisy.sqlite", 1);
@@ -281,14 +298,35 @@ fn reports_are_readable_in_both_themes_and_on_a_phone() {
 }
 
 #[test]
+fn pages_of_comparisons_and_campaigns_are_readable() {
+    let bench = Bench::new();
+    let Some((mut browser, folder)) = start(&bench) else { return };
+    let evaluate = "evaluate point-reaching --controller expert --seed 3 --episodes 30";
+    bench.check(&format!("{evaluate} --out good.sqlite"), 0);
+    bench.check(&format!("{evaluate} --action-noise 1.2 --out worse.sqlite"), 0);
+    bench.check("compare good.sqlite worse.sqlite --out worse.html", 1);
+    // Robustness, and three maps of pairs of axes.
+    check_page(&mut browser, &folder, &bench.path("worse.html"), 4, true);
+    bench.check("compare good.sqlite good.sqlite --out same.html", 0);
+    check_page(&mut browser, &folder, &bench.path("same.html"), 4, false);
+    let plan = "target = \"toy/sphere-2d\"\nseed = [1, 2]\n[falsify]\ntrials = 6\nbudget = 40\n[evaluate]\nepisodes = 30\n";
+    std::fs::write(bench.path("plan.toml"), plan).unwrap();
+    bench.check("campaign plan.toml --out spheres --pages pages", 1);
+    for (name, charts, has_marks) in [
+        ("index", 0, false),
+        ("falsification", 2, false),
+        ("performance", 0, false),
+        ("runs/1_falsify", 2, true),
+        ("runs/2_evaluate", 2, true),
+    ] {
+        check_page(&mut browser, &folder, &bench.path(&format!("pages/{name}.html")), charts, has_marks);
+    }
+}
+
+#[test]
 fn reports_of_all_tasks_have_charts_and_pictures() {
     let bench = Bench::new();
-    let Some(mut browser) = Browser::start(&bench) else {
-        eprintln!("skipped: there is no Chromium; install it with `apt install chromium`");
-        return;
-    };
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("report");
-    std::fs::create_dir_all(&folder).unwrap();
+    let Some((mut browser, folder)) = start(&bench) else { return };
     let can_render = bench.run("render point-reaching --out probe.png --size 32x24").status.success();
     let tasks = bench.json("tasks --json", 0);
     for task in tasks.as_array().unwrap() {

@@ -207,7 +207,7 @@ impl RunReport {
 
     /// Returns the lifetimes of the trials that ended. A search that gave up finds nothing within its budget, so its trial is
     /// censored at the budget.
-    pub(crate) fn lifetimes(&self) -> Vec<Lifetime> {
+    pub fn lifetimes(&self) -> Vec<Lifetime> {
         let budget =
             self.plan.as_ref().and_then(|plan| plan.falsify.as_ref()).map_or(0, |falsify| falsify.budget);
         let lifetime = |trial: &Trial| {

@@ -61,16 +61,40 @@ impl RunReport {
         probes: u32,
         watch: impl FnMut(u64, u64),
     ) -> Result<Option<String>, MishandleError> {
-        let resolved = match mishandle::recorded_plan(run.header(), controller) {
-            Ok(resolved) => resolved,
-            Err(error) => return Ok(Some(error.to_string())),
-        };
+        match mishandle::recorded_plan(run.header(), controller) {
+            Ok(resolved) => self.measure_target(run, &resolved, controller, probes, watch),
+            Err(error) => Ok(Some(error.to_string())),
+        }
+    }
+
+    /// Like [`measure`](Self::measure), with a target that is no part of this program, such as a Python system.
+    ///
+    /// # Errors
+    /// If a simulation cannot be run.
+    pub fn measure_with(
+        &mut self,
+        run: &RunFile,
+        resolved: &ResolvedPlan,
+        probes: u32,
+        watch: impl FnMut(u64, u64),
+    ) -> Result<Option<String>, MishandleError> {
+        self.measure_target(run, resolved, None, probes, watch)
+    }
+
+    fn measure_target(
+        &mut self,
+        run: &RunFile,
+        resolved: &ResolvedPlan,
+        controller: Option<&str>,
+        probes: u32,
+        watch: impl FnMut(u64, u64),
+    ) -> Result<Option<String>, MishandleError> {
         let (then, now) = (&run.header().target, &resolved.target.identity);
         // A file of format version 1 has no hash.
         if then.kind != now.kind || (then.hash != now.hash && !then.hash.is_empty()) {
             return Ok(Some(format!("the target {} is not the one of the run any more", then.name)));
         }
-        self.measure_in(run, &resolved, controller, probes, watch)?;
+        self.measure_in(run, resolved, controller, probes, watch)?;
         Ok(None)
     }
 

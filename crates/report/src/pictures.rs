@@ -58,6 +58,10 @@ pub fn strips(
     simulations: &[ExplainedSimulation],
     controller: Option<&str>,
 ) -> Result<Vec<Pictures>, PictureError> {
+    // A Python system can have the name of a task.
+    if run.header().target.kind == "python" {
+        return Ok(Vec::new());
+    }
     let Ok(task) = mishandle::task(&run.header().target.name) else { return Ok(Vec::new()) };
     let Some(size) = Size::new(PICTURE.0, PICTURE.1) else { return Ok(Vec::new()) };
     if simulations.is_empty() {
