@@ -123,7 +123,7 @@ fn film(
     let shown =
         |sample: &usize| (*sample - from).is_multiple_of(stride) || is_marked(*sample) || *sample == to;
     let samples: Vec<usize> = (from..=to).filter(shown).collect();
-    renderer.fit(samples.iter().map(|sample| states[*sample].as_slice()));
+    renderer.fit(&samples.iter().map(|sample| states[*sample].as_slice()));
     let mut frames = Vec::with_capacity(samples.len());
     for (index, sample) in samples.iter().enumerate() {
         let held = if is_marked(*sample) || *sample == to { HOLD } else { 0.0 };
