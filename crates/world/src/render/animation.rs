@@ -3,11 +3,16 @@
 use png::{BitDepth, BlendOp, ColorType, Compression, DisposeOp, Encoder, EncodingError};
 
 use super::Picture;
+use super::palette::Palette;
 use crate::WorldError;
+
+/// Index of the transparent color.
+const TRANSPARENT: u8 = u8::MAX;
 
 /// Encodes pictures of the same size as an animated PNG, which repeats. Each picture is shown for a number of milliseconds.
 ///
-/// A frame contains only the rectangle that differs from the frame before it, and its other pixels are transparent.
+/// The film has 255 colors, which keeps it small. A frame contains only the rectangle that differs from the frame before it, and
+/// its other pixels are transparent.
 ///
 /// # Errors
 /// If there is no picture, or the sizes differ.
@@ -26,7 +31,14 @@ fn encode(frames: &[(Picture, u16)]) -> Result<Vec<u8>, EncodingError> {
     let (width, height) = (first.width() as u32, first.height() as u32);
     let mut file = Vec::new();
     let mut encoder = Encoder::new(&mut file, width, height);
-    encoder.set_color(ColorType::Rgba);
+    encoder.set_color(ColorType::Indexed);
+    let palette = Palette::new(frames.iter().map(|(picture, _)| picture));
+    let mut colors = palette.colors.clone();
+    colors.resize(usize::from(TRANSPARENT) + 1, [0; 3]);
+    encoder.set_palette(colors.into_flattened());
+    let mut opacity = vec![u8::MAX; usize::from(TRANSPARENT)];
+    opacity.push(0);
+    encoder.set_trns(opacity);
     encoder.set_depth(BitDepth::Eight);
     encoder.set_compression(Compression::High);
     encoder.set_animated(frames.len() as u32, 0)?;
@@ -34,16 +46,17 @@ fn encode(frames: &[(Picture, u16)]) -> Result<Vec<u8>, EncodingError> {
     encoder.set_blend_op(BlendOp::Over)?;
     encoder.set_dispose_op(DisposeOp::None)?;
     let mut writer = encoder.write_header()?;
-    let opaque: Vec<u8> = first.pixels().chunks(3).flat_map(|p| [p[0], p[1], p[2], 255]).collect();
-    writer.write_image_data(&opaque)?;
-    for pair in frames.windows(2) {
-        let [(before, _), (picture, delay)] = pair else { continue };
-        let changed = Changed::new(before, picture);
+    let mut before = palette.indices(first);
+    writer.write_image_data(&before)?;
+    for (picture, delay) in frames.iter().skip(1) {
+        let after = palette.indices(picture);
+        let changed = Changed::new(&before, &after, width as usize);
         writer.set_frame_delay(*delay, 1000)?;
         writer.reset_frame_position()?;
         writer.set_frame_dimension(changed.size.0 as u32, changed.size.1 as u32)?;
         writer.set_frame_position(changed.corner.0 as u32, changed.corner.1 as u32)?;
         writer.write_image_data(&changed.pixels)?;
+        before = after;
     }
     writer.finish()?;
     Ok(file)
@@ -53,19 +66,15 @@ fn encode(frames: &[(Picture, u16)]) -> Result<Vec<u8>, EncodingError> {
 struct Changed {
     corner: (usize, usize),
     size: (usize, usize),
-    /// Red, green, blue and opacity, 0 for a pixel that is the same.
+    /// Indices of colors, transparent where the pictures are the same.
     pixels: Vec<u8>,
 }
 
 impl Changed {
-    fn new(before: &Picture, after: &Picture) -> Changed {
-        let width = after.width();
-        let pixel = |picture: &Picture, index: usize| -> [u8; 3] {
-            std::array::from_fn(|i| picture.pixels()[3 * index + i])
-        };
-        let differs = |index: usize| pixel(before, index) != pixel(after, index);
-        let (mut left, mut top, mut right, mut bottom) = (width, after.height(), 0, 0);
-        for index in (0..width * after.height()).filter(|index| differs(*index)) {
+    fn new(before: &[u8], after: &[u8], width: usize) -> Changed {
+        let (mut left, mut top, mut right, mut bottom) = (width, after.len() / width, 0, 0);
+        for (index, _) in before.iter().zip(after).enumerate().filter(|(_, (before, after))| before != after)
+        {
             let (column, row) = (index % width, index / width);
             (left, right) = (left.min(column), right.max(column + 1));
             (top, bottom) = (top.min(row), bottom.max(row + 1));
@@ -75,10 +84,7 @@ impl Changed {
         }
         let pixels = (top..bottom)
             .flat_map(|row| (left..right).map(move |column| row * width + column))
-            .flat_map(|index| {
-                let [red, green, blue] = pixel(after, index);
-                if differs(index) { [red, green, blue, 255] } else { [0; 4] }
-            })
+            .map(|index| if before[index] == after[index] { TRANSPARENT } else { after[index] })
             .collect();
         Changed { corner: (left, top), size: (right - left, bottom - top), pixels }
     }
@@ -91,7 +97,9 @@ mod tests {
 
     /// Decodes an animated PNG to the pixels of each frame on its canvas, and the delays.
     fn decoded(file: &[u8]) -> Vec<(Vec<u8>, u16)> {
-        let mut reader = png::Decoder::new(std::io::Cursor::new(file)).read_info().unwrap();
+        let mut decoder = png::Decoder::new(std::io::Cursor::new(file));
+        decoder.set_transformations(png::Transformations::EXPAND);
+        let mut reader = decoder.read_info().unwrap();
         let frames = reader.info().animation_control.unwrap().num_frames;
         let width = reader.info().width as usize;
         let mut canvas = vec![0; width * reader.info().height as usize * 3];
@@ -115,7 +123,7 @@ mod tests {
     #[test]
     fn each_frame_is_the_picture_again() {
         let mut pictures = vec![Picture::new(20, 10, [9, 8, 7])];
-        for (corner, color) in [((3, 4), [1, 2, 3]), ((19, 9), [0, 0, 0]), ((0, 0), [255, 0, 255])] {
+        for (corner, color) in [((3, 4), [1, 2, 3]), ((19, 9), [80, 0, 0]), ((0, 0), [255, 0, 255])] {
             let mut next = pictures[pictures.len() - 1].clone();
             next.fill(corner, (5, 2), color);
             pictures.push(next.clone());

@@ -8,6 +8,8 @@ mod animation;
 mod caption;
 #[cfg(feature = "render")]
 mod enabled;
+#[cfg(feature = "render")]
+mod palette;
 mod picture;
 #[cfg(feature = "render")]
 mod view;
