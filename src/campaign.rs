@@ -1,13 +1,13 @@
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use mishandle_files::{AtomicFile, limits, read_text_bounded};
-use mishandle_store::RunWriter;
+use mishandle_files::{AtomicFolder, NewFolders, limits, read_text_bounded, write_atomically};
+use mishandle_store::{RunWriter, StoreError};
 
 use crate::target::is_path;
 use crate::{GridRun, MishandleError, Plan, ResolvedPlan, create_run, read_grid, recorded_plan};
 
-/// File of a campaign's folder that contains the campaign. It is written last, so a folder with it is complete.
+/// File of a campaign's folder that contains the campaign.
 const CAMPAIGN_FILE: &str = "campaign.toml";
 
 /// A run of a campaign.
@@ -58,7 +58,8 @@ fn is_same_plan(recorded: &Plan, planned: &Plan) -> bool {
 
 /// Creates the folder of a campaign, with a run file for each run. `text` is the campaign file: see [`read_grid`].
 ///
-/// No run file contains a simulation yet. All plans are resolved before the folder is created.
+/// No run file contains a simulation yet. All plans are resolved before the folder is created, and the folder appears when it is
+/// complete.
 ///
 /// # Errors
 /// If the text or one of its plans is invalid, the folder exists, or a file cannot be written.
@@ -68,21 +69,26 @@ pub fn create_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, Mi
         resolve(run)?;
     }
     let write = |source| MishandleError::Write { what: "folder", path: folder.to_path_buf(), source };
-    if let Some(parent) = folder.parent() {
-        std::fs::create_dir_all(parent).map_err(write)?;
+    // Removes them again if the campaign cannot be created.
+    let mut folders = NewFolders::default();
+    if let Some(parent) = folder.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+        folders.create(parent).map_err(write)?;
     }
-    std::fs::create_dir(folder).map_err(write)?;
-    let mut created = Vec::new();
+    // Thousands of runs take a while: a process that is killed meanwhile must not leave a folder that cannot be resumed.
+    let created = AtomicFolder::create_new(folder).map_err(write)?;
     for run in &runs {
-        let path = run_path(folder, &run.name);
-        create_run(&resolve(run)?, Some(&path))?.close()?;
-        created.push(CampaignRun { name: run.name.clone(), path, plan: run.plan.clone() });
+        let run_file = create_run(&resolve(run)?, Some(&run_path(created.path(), &run.name)))?;
+        run_file.close().map_err(|error| match error {
+            // Its message is about recorded simulations, and there are none.
+            StoreError::DiskFull { .. } => write(ErrorKind::StorageFull.into()),
+            error => error.into(),
+        })?;
     }
-    let path = folder.join(CAMPAIGN_FILE);
-    let write = |source| MishandleError::Write { what: "campaign", path: path.clone(), source };
-    let mut file = AtomicFile::create_new(&path).map_err(write)?;
-    std::io::Write::write_all(&mut file, text.as_bytes()).and_then(|()| file.persist()).map_err(write)?;
-    Ok(created)
+    write_atomically(&created.path().join(CAMPAIGN_FILE), text.as_bytes()).map_err(write)?;
+    created.persist().map_err(write)?;
+    let run =
+        |run: GridRun| CampaignRun { path: run_path(folder, &run.name), name: run.name, plan: run.plan };
+    Ok(runs.into_iter().map(run).collect())
 }
 
 /// Returns the runs of the campaign in a folder, in the order of its file.
@@ -129,4 +135,27 @@ fn resolve(run: &GridRun) -> Result<ResolvedPlan, MishandleError> {
 
 fn run_path(folder: &Path, name: &str) -> PathBuf {
     folder.join(format!("{name}.sqlite"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_campaign_that_cannot_be_created_leaves_no_folder() {
+        let home = tempfile::tempdir().unwrap();
+        let text = "target = \"toy/sphere-2d\"\nseed = [1, 2]\n[evaluate]\nepisodes = 3\n";
+        let folder = home.path().join("new/campaign");
+        let runs = create_campaign(text, &folder).unwrap();
+        assert_eq!(runs, campaign_runs(&folder).unwrap());
+        let entries = |folder: &Path| std::fs::read_dir(folder).unwrap().count();
+        assert_eq!((entries(&folder), entries(&home.path().join("new"))), (3, 1));
+        // The folder exists already.
+        assert!(create_campaign(text, &folder).is_err());
+        assert_eq!(entries(&home.path().join("new")), 1);
+        // A file has the name of the folder around it.
+        std::fs::write(home.path().join("file"), "").unwrap();
+        assert!(create_campaign(text, &home.path().join("file/campaign")).is_err());
+        assert_eq!(entries(home.path()), 2);
+    }
 }

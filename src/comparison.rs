@@ -6,7 +6,8 @@ use mishandle_evaluation::{Corners, Estimate, PairedCounts, paired_mean_differen
 use mishandle_rollout::{Episode, Seed};
 use mishandle_store::{AxisRecord, RunFile, RunHeader, RunKind, Simulation};
 
-use crate::{MishandleError, Plan, plural, record};
+use crate::replay_command::PYTHON;
+use crate::{MishandleError, Plan, plural, record, shell_quote, unfinished};
 
 /// Trial of the random simulations of an evaluation.
 const RANDOM_TRIAL: u32 = 1;
@@ -25,6 +26,8 @@ pub struct Comparison {
     pub differences: Vec<String>,
     /// Name of the target.
     pub target: String,
+    /// Kind of the target: `task`, `toy` or `python`.
+    pub target_kind: String,
     /// Text of the formula for success.
     pub formula: String,
     /// Axes of the scenarios.
@@ -191,6 +194,17 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
     if let Some(problem) = problem(a, b) {
         return Err(MishandleError::NotComparable { problem });
     }
+    for (name, run) in [("A", first), ("B", second)] {
+        if let Some(missing) = unfinished(run)? {
+            let path = run.path().to_string_lossy();
+            let command = match run.header().target.kind.as_str() {
+                PYTHON => "the same call of `mishandle.evaluate` in Python with `resume=True`".to_string(),
+                _ => format!("mishandle evaluate --resume {}", shell_quote(&path)),
+            };
+            let problem = format!("{name} is not complete: {missing}; complete it with: {command}");
+            return Err(MishandleError::NotComparable { problem });
+        }
+    }
     let seed = Seed(a.seed);
     let mut pairs = Vec::new();
     for (row_a, row_b) in random_rows(first, second)? {
@@ -226,6 +240,7 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
         second: compared_run(second),
         differences,
         target: a.target.name.clone(),
+        target_kind: a.target.kind.clone(),
         formula: a.formula.clone(),
         axes: a.axes.clone(),
         pairs: random.len() as u64,
@@ -348,6 +363,7 @@ fn differences(a: &RunHeader, b: &RunHeader) -> Vec<String> {
         let versions =
             header.versions.iter().map(|(name, version)| (format!("version of {name}"), version.clone()));
         let mut facts = vec![
+            ("task preset".to_string(), of_plan(|plan| plan.preset.clone())),
             ("action noise".to_string(), of_plan(|plan| plan.action_noise.to_string())),
             ("observation noise".to_string(), of_plan(|plan| plan.observation_noise.to_string())),
             ("sampled actions".to_string(), of_plan(|plan| plan.stochastic.to_string())),

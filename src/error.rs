@@ -197,6 +197,22 @@ pub enum MishandleError {
         /// Largest number that is explained.
         limit: usize,
     },
+    /// The trace of a simulation of a Python system is not stored.
+    #[error(
+        "simulation {number} of trial {trial} has no recorded trace, because it is no counterexample{}. The system of the run is \
+         written in Python, so replay it there: {replay}",
+        if *run_has_counterexamples { "" } else { ", and the run has none" }
+    )]
+    TraceNotStored {
+        /// Number of the trial.
+        trial: u32,
+        /// Number of the simulation.
+        number: u32,
+        /// Whether the run has counterexamples, whose traces are stored.
+        run_has_counterexamples: bool,
+        /// The call in Python that replays the simulation.
+        replay: String,
+    },
     /// Two runs cannot be compared pair by pair.
     #[error("the runs cannot be compared: {problem}")]
     NotComparable {
@@ -274,6 +290,14 @@ pub enum MishandleError {
         low: f64,
         /// Upper bound of task preset `paper`.
         high: f64,
+    },
+    /// The formula has no signal.
+    #[error(
+        "`{formula}` contains no signal, so every episode has the same verdict; use signals of the target, which `mishandle targets` lists"
+    )]
+    ConstantFormula {
+        /// Text of the formula.
+        formula: String,
     },
     /// The formula reaches past the end of an episode, so that no episode can decide it.
     #[error("`{formula}` needs {needed} control step{}, an episode has {steps}: no episode can decide it",

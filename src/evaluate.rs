@@ -12,7 +12,7 @@ use crate::replay::header;
 use crate::{EvaluatePlan, MishandleError, Plan, ResolvedPlan, StartRegion, plural};
 
 /// Number of the trial of the random simulations. [`Corners::TRIAL`] is the other one.
-const TRIAL: u32 = 1;
+pub(crate) const TRIAL: u32 = 1;
 
 /// The task preset whose completion times include failed episodes, as in the code of the original benchmark.
 const COUNTS_FAILURES: &str = "code";

@@ -8,6 +8,7 @@ use mishandle_store::{RunFile, RunHeader, Simulation, StoredTrace};
 
 use crate::record;
 use crate::replay::recorded_plan;
+use crate::replay_command::{PYTHON, replay_command};
 use crate::{MishandleError, ResolvedPlan};
 
 /// Largest number of conjuncts that are evaluated alone, and of predicates that are listed.
@@ -299,6 +300,14 @@ pub fn explain(
     }
     let trace = match &recorded.trace {
         Some(stored) => trace(run.header(), stored),
+        None if run.header().target.kind == PYTHON => {
+            return Err(MishandleError::TraceNotStored {
+                trial,
+                number,
+                run_has_counterexamples: run.counts()?.falsified > 0,
+                replay: replay_command(PYTHON, run.path(), trial, number),
+            });
+        }
         None => replayed_trace(&recorded, &recorded_plan(run.header(), controller)?)?,
     };
     explain_recorded(run.header(), recorded, trace)

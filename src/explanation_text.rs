@@ -3,7 +3,7 @@
 use mishandle_stl::DecisivePredicate;
 
 use crate::explanation::OperatorEvent;
-use crate::{Explanation, PredicateHistory, plural};
+use crate::{Explanation, PredicateHistory, decimal, plural};
 
 /// Largest number of characters of an operand that a sentence repeats.
 const MAX_OPERAND: usize = 80;
@@ -55,24 +55,24 @@ pub fn instant(sample: usize, control_dt: f64) -> String {
 
 /// Describes the values of the two sides of a predicate, such as `gap is 1.2000, the threshold 2.0000`.
 pub fn compared_values(predicate: &DecisivePredicate) -> String {
-    let [left, right] = predicate.values;
+    let [left, right] = predicate.values.map(|value| decimal(value, 4));
     let [left_text, right_text] = &predicate.sides;
     let is_number = |side: &str| side.parse::<f64>().is_ok();
     match [is_number(left_text), is_number(right_text)] {
-        [false, true] => format!("{left_text} is {left:.4}, the threshold {right:.4}"),
-        [true, false] => format!("{right_text} is {right:.4}, the threshold {left:.4}"),
-        _ => format!("{left_text} is {left:.4}, {right_text} is {right:.4}"),
+        [false, true] => format!("{left_text} is {left}, the threshold {right}"),
+        [true, false] => format!("{right_text} is {right}, the threshold {left}"),
+        _ => format!("{left_text} is {left}, {right_text} is {right}"),
     }
 }
 
 fn decision(predicate: &DecisivePredicate, at: &dyn Fn(usize) -> String) -> String {
     let compared = compared_values(predicate);
-    let margin = predicate.robustness.abs();
+    let margin = decimal(predicate.robustness.abs(), 4);
     let side = match (predicate.robustness < 0.0, predicate.is_negated) {
-        (true, false) => format!("violates it by {margin:.4}"),
-        (false, false) => format!("satisfies it by {margin:.4}"),
-        (true, true) => format!("violates it by {margin:.4}, as the formula requires"),
-        (false, true) => format!("satisfies it by {margin:.4}, which the formula forbids"),
+        (true, false) => format!("violates it by {margin}"),
+        (false, false) => format!("satisfies it by {margin}"),
+        (true, true) => format!("violates it by {margin}, as the formula requires"),
+        (false, true) => format!("satisfies it by {margin}, which the formula forbids"),
     };
     format!("Decisive: {} at {}: {compared}. The trace {side}.", predicate.text, at(predicate.sample))
 }

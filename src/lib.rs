@@ -22,6 +22,7 @@
 mod build;
 mod campaign;
 mod comparison;
+mod completion;
 mod counterexample;
 mod curve;
 mod error;
@@ -40,11 +41,12 @@ mod import;
 mod invisible;
 mod masking;
 mod minimize;
+mod number_text;
 mod plan;
-mod plural;
 mod record;
 mod regress;
 mod replay;
+mod replay_command;
 mod search_options;
 mod shell_quote;
 mod simulate;
@@ -59,6 +61,7 @@ pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_fo
 pub use comparison::{
     ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates, compare, p_value_text,
 };
+pub use completion::unfinished;
 pub use counterexample::{
     AxisValue, Counterexample, CounterexampleReplay, Decisive, Expected, MinimizedFrom,
 };
@@ -87,11 +90,12 @@ pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
 pub use invisible::is_invisible;
 pub use masking::{EvaluatedCount, MaskedConjunct, Masking, masking};
 pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
+pub use number_text::{decimal, plural};
 pub use plan::{EvaluatePlan, FalsifyPlan, GridRun, Plan, StartRegion, read_grid};
-pub use plural::plural;
 pub use record::{create_run, recorded_episode};
 pub use regress::{Regression, regress, regress_with};
 pub use replay::{ReplayResult, build_differences, recorded_plan, replay, replay_with, select_simulation};
+pub use replay_command::replay_command;
 pub use search_options::search_option_value;
 pub use shell_quote::shell_quote;
 pub use simulate::{Noise, depends_on_seed, measure_noise, repeat, repeat_seeds};

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use mishandle_files::NewFolders;
 use mishandle_rollout::{AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Target, Verdict};
 use mishandle_stl::{SubformulaMinimum, Trace};
 use mishandle_store as store;
@@ -85,7 +86,7 @@ fn axis(axis: &mishandle_rollout::Axis) -> store::AxisRecord {
     }
 }
 
-/// Creates the run file of a plan at `path`. Without a path, chooses the first free name in the folder `runs`.
+/// Creates the run file of a plan at `path`, with its folder. Without a path, chooses the first free name in the folder `runs`.
 ///
 /// # Errors
 /// If the file exists already or cannot be written.
@@ -94,6 +95,15 @@ pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWri
         Some(path) => path.to_path_buf(),
         None => free_path(&resolved.plan)?,
     };
+    // Removes them again if the run cannot be created.
+    let mut folders = NewFolders::default();
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        folders.create(folder).map_err(|source| MishandleError::Write {
+            what: "folder",
+            path: folder.to_path_buf(),
+            source,
+        })?;
+    }
     Ok(RunWriter::create(path, &header(resolved), IfExists::Refuse)?)
 }
 

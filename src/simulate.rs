@@ -35,18 +35,19 @@ pub fn repeat(
     seeds: impl Iterator<Item = Seed>,
     mut watch: impl FnMut(&Episode),
 ) -> Result<RepeatReport, MishandleError> {
-    let requests: Vec<Request> = (1..)
-        .zip(seeds)
-        .map(|(number, seed)| Request { number, ..Request::new(scenario.clone(), seed) })
-        .collect();
-    let mut robustness = Vec::with_capacity(requests.len());
-    for batch in requests.chunks(BATCH) {
-        for episode in system.rollout(batch)? {
+    let mut requests =
+        (1..).zip(seeds).map(|(number, seed)| Request { number, ..Request::new(scenario.clone(), seed) });
+    let mut robustness = Vec::new();
+    loop {
+        let batch: Vec<Request> = requests.by_ref().take(BATCH).collect();
+        if batch.is_empty() {
+            return Ok(RepeatReport::new(&robustness));
+        }
+        for episode in system.rollout(&batch)? {
             robustness.push(episode.robustness());
             watch(&episode);
         }
     }
-    Ok(RepeatReport::new(&robustness))
 }
 
 /// The share of the variance of the robustness that comes from the scenario.
@@ -88,4 +89,26 @@ pub fn measure_noise(
     // A scenario with an undecided simulation has a smaller group and leaves the analysis.
     groups.retain(|group| group.len() as u64 == repeats);
     Ok(Noise { scenario_share: variance_share(&groups), scenarios, repeats })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+    use crate::Plan;
+
+    #[test]
+    fn seeds_are_drawn_as_they_are_needed() {
+        let resolved = ResolvedPlan::new(&Plan::new("toy/noisy", "")).unwrap();
+        let mut system = resolved.system().unwrap();
+        let (drawn, done) = (Cell::new(0), Cell::new(0));
+        let seeds = repeat_seeds(Seed(1), 150).inspect(|_| drawn.set(drawn.get() + 1));
+        let scenario = resolved.space.nominal();
+        let report = repeat(&mut *system, &scenario, seeds, |_| {
+            done.set(done.get() + 1);
+            assert!(drawn.get() < done.get() + BATCH, "{} drawn, {} done", drawn.get(), done.get());
+        });
+        assert_eq!((report.unwrap().simulations, done.get()), (150, 150));
+    }
 }

@@ -133,8 +133,11 @@ fn requirement(text: &str, target: &Target) -> Result<Formula, MishandleError> {
     Ok(formula)
 }
 
-/// Checks that the formula does not reach past the end of an episode.
+/// Checks that the formula depends on the episode, and does not reach past its end.
 fn check_decidable(formula: &Formula, target: &Target) -> Result<(), MishandleError> {
+    if formula.signals().is_empty() {
+        return Err(MishandleError::ConstantFormula { formula: formula.to_string() });
+    }
     let clock = Clock::steps(target.control_dt);
     let monitor = Monitor::new(formula, &target.signal_names(), clock).map_err(|source| {
         MishandleError::Rollout(RolloutError::Monitor { formula: formula.to_string(), source })

@@ -2,15 +2,16 @@
 
 use std::borrow::Cow;
 use std::ffi::OsString;
-use std::io::{BufWriter, ErrorKind, IsTerminal, Write};
+use std::fs::File;
+use std::io::{BufWriter, ErrorKind, IsTerminal, Read, Write};
 use std::path::Path;
 
-use anyhow::{Chain, Context, Error, Result, anyhow, bail};
+use anyhow::{Chain, Context, Error, Result, anyhow, bail, ensure};
 use clap::Parser;
 use console::Term;
 use mishandle::MishandleError;
 use mishandle::evaluation::Estimate;
-use mishandle::files::AtomicFile;
+use mishandle::files::{AtomicFile, is_same_file};
 use mishandle::rollout::RolloutError;
 use mishandle::stl::{Formula, MonitorError};
 use serde_json::{Number, Value, json};
@@ -55,8 +56,34 @@ pub fn json_with_numbers(head: Value, key: &str, values: &[f64]) -> Result<()> {
 
 /// Creates a file that appears under its name when it is complete. An existing file is replaced only with `force`.
 pub fn create(path: &Path, force: bool) -> Result<AtomicFile> {
+    ensure!(
+        !force || !is_database(path),
+        "{} is a run file or another SQLite database, which no file of another format replaces; choose another path, or remove it first",
+        path.display()
+    );
     let created = if force { AtomicFile::replace(path) } else { AtomicFile::create_new(path) };
     with_path(path, created, "choose another --out, or overwrite it with --force")
+}
+
+/// Returns whether there is an SQLite database, such as a run file.
+fn is_database(path: &Path) -> bool {
+    let mut start = [0; 16];
+    // Opening a FIFO would block.
+    path.is_file()
+        && File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok()
+        && start == *b"SQLite format 3\0"
+}
+
+/// Refuses an output that is one of the inputs of the command, also under another name.
+pub fn refuse_inputs<'a>(path: &Path, flag: &str, inputs: impl IntoIterator<Item = &'a Path>) -> Result<()> {
+    match inputs.into_iter().find(|input| is_same_file(path, input)) {
+        None => Ok(()),
+        Some(input) => bail!(
+            "{flag} is {}, the same file as the input {}; choose another {flag}",
+            path.display(),
+            input.display()
+        ),
+    }
 }
 
 fn with_path(path: &Path, created: std::io::Result<AtomicFile>, advice: &str) -> Result<AtomicFile> {
@@ -229,15 +256,31 @@ pub fn table_in(rows: &[Vec<String>], width: usize) -> String {
     let lines = head.iter().zip(rows).map(|(head, row)| {
         let last = row.last().map_or("", String::as_str);
         let text = wrapped(last, width.saturating_sub(indent).max(16));
-        format!("{head:indent$}{}", indented(&text, indent)).trim_end().to_string()
+        format!("{}{}", padded(head, indent), indented(&text, indent)).trim_end().to_string()
     });
     lines.collect::<Vec<_>>().join("\n")
+}
+
+/// Largest number of characters of a cell. Names and formulas from files can be longer, and every row is as wide as the widest.
+const MAX_CELL: usize = 200;
+
+/// Shortens a text to [`MAX_CELL`] characters. The last of a longer text is `…`.
+fn cell(text: &str) -> String {
+    match text.char_indices().nth(MAX_CELL) {
+        None => text.to_string(),
+        Some(_) => text.chars().take(MAX_CELL - 1).chain(['…']).collect(),
+    }
+}
+
+/// Appends spaces up to `width` characters. The widths of `format!` end at 65,535.
+fn padded(text: &str, width: usize) -> String {
+    format!("{text}{}", " ".repeat(width.saturating_sub(text.chars().count())))
 }
 
 /// Aligns the cells of each row, with two spaces after each cell. Escapes them first, so that a cell has one line and the
 /// width that is printed.
 fn table_cells(rows: &[Vec<String>]) -> Vec<String> {
-    let escaped = |row: &Vec<String>| row.iter().map(|cell| escape::name(cell)).collect();
+    let escaped = |row: &Vec<String>| row.iter().map(|text| cell(&escape::name(text))).collect();
     let rows: Vec<Vec<String>> = rows.iter().map(escaped).collect();
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |column: usize| {
@@ -245,7 +288,7 @@ fn table_cells(rows: &[Vec<String>]) -> Vec<String> {
     };
     let widths: Vec<usize> = (0..columns).map(width).collect();
     let line = |row: &Vec<String>| -> String {
-        row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}  ")).collect()
+        row.iter().zip(&widths).map(|(cell, width)| padded(cell, width + 2)).collect()
     };
     rows.iter().map(line).collect()
 }
@@ -312,6 +355,17 @@ mod tests {
     fn a_cell_has_one_line_and_its_printed_width() {
         let rows = [["a\nb", "x"], ["\u{1b}", "x"]].map(|row| row.map(String::from).to_vec());
         assert_eq!(table(&rows), "a\\nb    x\n\\u{1b}  x");
+    }
+
+    #[test]
+    fn a_huge_cell_is_cut_and_many_columns_are_aligned() {
+        let rows = [vec!["é".repeat(70_000), "x".to_string()], vec!["a".to_string(), "y".to_string()]];
+        let lines: Vec<String> = table(&rows).lines().map(String::from).collect();
+        assert_eq!(lines[0], format!("{}…  x", "é".repeat(199)));
+        assert_eq!(lines[1], format!("a{}  y", " ".repeat(199)));
+        // 400 columns of 200 characters are wider than the widths of `format!`.
+        let wide = vec![vec!["a".repeat(200); 400], vec!["b".to_string(); 400]];
+        assert_eq!(table_in(&wide, 80).lines().nth(1).unwrap().chars().count(), 399 * 202 + 1);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use mishandle::stl::Trace;
 use mishandle::store::{
     self, AxisRecord, RunFile, RunHeader, RunKind, RunWriter, Simulation, StoredTrace, TraceColumn,
 };
-use mishandle::{Plan, ResolvedPlan, plural};
+use mishandle::{Plan, ResolvedPlan, decimal, plural};
 use serde_json::{Value, json};
 
 use crate::progress::Bar;
@@ -233,8 +233,8 @@ pub fn value_text(axis: &Axis, value: Option<f64>) -> String {
             let name = names.get((value - axis.low) as usize);
             name.map_or(value.to_string(), |name| escape::name(name))
         }
-        (Some(value), _) if axis.levels().is_some() => value.to_string(),
-        (Some(value), _) => format!("{value:.4}"),
+        (Some(value), _) if axis.levels().is_some() && value.abs() < 1e9 => value.to_string(),
+        (Some(value), _) => decimal(value, 4),
     }
 }
 

@@ -141,3 +141,93 @@ fn against_evaluates_both_controllers_first() {
     assert_eq!(digest(found["first"]["run"].as_str().unwrap()), digest("single.sqlite"));
     bench.refuses("compare point-reaching --controller expert --against pppo", &["pppo"]);
 }
+
+#[test]
+fn an_evaluation_that_is_not_complete_is_not_compared() {
+    use mishandle::store::{IfExists, RunWriter};
+    let bench = Bench::new();
+    bench.check("evaluate toy/noisy --episodes 12 --out whole.sqlite", 0);
+    let whole = RunFile::open(bench.path("whole.sqlite")).unwrap();
+    let empty = RunWriter::create(bench.path("empty.sqlite"), whole.header(), IfExists::Refuse).unwrap();
+    empty.close().unwrap();
+    let mut part = RunWriter::create(bench.path("part.sqlite"), whole.header(), IfExists::Refuse).unwrap();
+    part.start_trial(1, 0).unwrap();
+    part.record(&whole.trial_simulations(1).take(7).map(Result::unwrap).collect::<Vec<_>>()).unwrap();
+    part.close().unwrap();
+    for (name, found) in [("empty", "it has 0 of 12"), ("part", "it has 7 of 12")] {
+        for command in
+            [format!("compare {name}.sqlite {name}.sqlite"), format!("compare {name}.sqlite whole.sqlite")]
+        {
+            let resume = format!("mishandle evaluate --resume {name}.sqlite");
+            bench.refuses(&command, &["A is not complete", found, &resume]);
+        }
+        let listed = bench.json(&format!("runs {name}.sqlite --json"), 0);
+        assert_eq!(listed[0]["is_complete"], false);
+        assert!(bench.check(&format!("runs {name}.sqlite"), 0).contains("not finished"));
+        bench.check(&format!("evaluate --resume {name}.sqlite"), 0);
+        bench.check(&format!("compare whole.sqlite {name}.sqlite"), 0);
+        assert_eq!(bench.json(&format!("runs {name}.sqlite --json"), 0)[0]["is_complete"], true);
+    }
+}
+
+#[test]
+fn another_preset_is_listed_and_the_opposite_comparison_has_the_opposite_interval() {
+    let bench = bench();
+    bench.check(&format!("{EXPERT} --episodes 40 --action-noise 0.6 --out third.sqlite"), 0);
+    let difference = |a: &str, b: &str, code| {
+        let found = bench.json(&format!("compare {a}.sqlite {b}.sqlite --json"), code);
+        let difference = &found["robustness"]["difference"];
+        ["value", "low", "high"].map(|key| difference[key].as_f64().unwrap())
+    };
+    let [value, low, high] = difference("worse", "third", 0);
+    assert_eq!(difference("third", "worse", 1), [-value, -high, -low]);
+    // The formulas of the presets differ in most tasks; in this one only the box of the start does.
+    bench.check("evaluate toy/noisy --episodes 12 --out paper.sqlite", 0);
+    let run = RunFile::open(bench.path("paper.sqlite")).unwrap();
+    let mut header = run.header().clone();
+    header.plan = header.plan.replace("preset = \"paper\"", "preset = \"code\"");
+    let writer = mishandle::store::IfExists::Refuse;
+    let mut other = mishandle::store::RunWriter::create(bench.path("code.sqlite"), &header, writer).unwrap();
+    for trial in run.trials().unwrap() {
+        other.start_trial(trial.trial.number, trial.trial.seed).unwrap();
+        for row in run.trial_simulations(trial.trial.number) {
+            let row = row.unwrap();
+            other.record(&[run.simulation(row.trial, row.number).unwrap()]).unwrap();
+        }
+        other.end_trial(trial.trial.number, trial.trial.status).unwrap();
+    }
+    other.close().unwrap();
+    let found = bench.json("compare paper.sqlite code.sqlite --json", 0);
+    let listed = found["differences"].as_array().unwrap();
+    assert!(listed.contains(&"task preset: A has paper, B has code".into()), "{listed:?}");
+}
+
+#[test]
+fn an_interrupted_comparison_prints_commands_that_work() {
+    let bench = Bench::new();
+    let compare = "compare point-reaching --controller expert --against ppo --episodes 3000 --seed 3";
+    let child = bench
+        .command(compare)
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    while !bench.path("runs/evaluate-point-reaching-ppo-s3.sqlite").exists() {
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    std::thread::sleep(std::time::Duration::from_millis(100));
+    bench::signal(&child, "INT");
+    let output = child.wait_with_output().unwrap();
+    let err = bench::text(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{err}");
+    let commands: Vec<&str> = err.lines().filter_map(|line| line.trim().strip_prefix("mishandle ")).collect();
+    assert!(commands.len() >= 2 && commands.last().unwrap().starts_with("compare "), "{err}");
+    // Each of them runs: the files exist, and have the plans of the interrupted command.
+    for command in &commands[..commands.len() - 1] {
+        let path = command.strip_prefix("evaluate --resume ").unwrap();
+        let run = RunFile::open(bench.path(path)).unwrap();
+        assert!(run.header().plan.contains("episodes = 3000"), "{}", run.header().plan);
+    }
+    let compared: Vec<&str> = commands.last().unwrap().split(' ').skip(1).collect();
+    assert!(compared.iter().all(|path| bench.path(path).exists()), "{compared:?}");
+}

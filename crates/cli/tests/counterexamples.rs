@@ -291,3 +291,117 @@ fn a_shipped_controller_given_by_path_has_its_name_in_the_file() {
     std::fs::remove_file(bench.path("ppo.safetensors")).unwrap();
     bench.check("replay a.json", 0);
 }
+
+#[test]
+fn a_repeat_without_a_verdict_makes_the_test_an_error() {
+    let bench = Bench::new();
+    // The formula has a value only if the height is not negative. At x = 0.8 that is so for 84 % of the seeds.
+    let falsify = "falsify toy/noisy --trials 1 --budget 200 --seed 1 --repeats 0 --formula";
+    let output =
+        bench.command(falsify).arg("sqrt(height) >= 10").args(["--out", "run.sqlite"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    std::fs::create_dir(bench.path("suite")).unwrap();
+    bench.check("counterexamples export run.sqlite --out suite/a.json", 0);
+    let mut document = read(&bench, "suite/a.json");
+    document["scenario"][0]["value"] = 0.8.into();
+    write(&bench, "suite/a.json", &document);
+    let output = bench.run("regress suite --repeat 50 --max-failure-rate 1 --json");
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let test = &found["tests"][0];
+    let with_verdict = test["repeats"]["failure_rate"]["n"].as_u64().unwrap();
+    assert!(0 < with_verdict && with_verdict < 50, "{test}");
+    let reason = format!("{} of 50 repeats without a verdict", 50 - with_verdict);
+    assert_eq!((&test["result"], &test["reason"]), (&"error".into(), &reason.as_str().into()));
+    assert!(text(&output.stderr).contains(&reason), "{}", text(&output.stderr));
+}
+
+#[test]
+fn a_baseline_tells_new_failures_from_old_ones() {
+    let bench = Bench::new();
+    worse(&bench, "old.safetensors", 1.0);
+    worse(&bench, "same.safetensors", 1.0);
+    worse(&bench, "worse.safetensors", 1.5);
+    let falsify =
+        "falsify point-reaching --controller ./old.safetensors --trials 2 --budget 64 --out run.sqlite";
+    bench.check(falsify, 1);
+    bench.check("counterexamples export run.sqlite --all --out suite", 0);
+    let regress = |new: &str, old: &str, code: i32| {
+        let flags = format!("--controller {new} --baseline {old} --junit report.xml");
+        (
+            bench.json(&format!("regress suite {flags} --json"), code),
+            bench.check(&format!("regress suite {flags}"), code),
+        )
+    };
+    let attributes = |junit: &Bench| {
+        xml(&junit.path("report.xml"), "[root[0].get(k) for k in ('failures', 'errors', 'skipped')]")
+    };
+    // As bad as the old one: nothing is new.
+    let (found, table) = regress("./same.safetensors", "./old.safetensors", 0);
+    let n = found["tests"].as_array().unwrap().len();
+    assert_eq!((&found["fails"], &found["new_failures"], &found["fixed"]), (&n.into(), &0.into(), &0.into()));
+    assert_eq!(found["tests"][0]["result"], "still fails");
+    assert_eq!(found["tests"][0]["baseline"]["robustness"], found["tests"][0]["robustness"]);
+    assert!(
+        table.contains(&format!("lower than with the baseline in 0, higher in 0, equal in {n}")),
+        "{table}"
+    );
+    assert_eq!(attributes(&bench), format!("['0', '0', '{n}']"));
+    // Worse on purpose, although every test fails with both.
+    let (found, table) = regress("./worse.safetensors", "./old.safetensors", 0);
+    assert_eq!(found["fails"], n);
+    assert!(
+        table.contains("lower than with the baseline in") && !table.contains("in 0, higher in 0"),
+        "{table}"
+    );
+    // The shipped controller passes, so it fixes the old one, and the worse one has new failures against it.
+    let (found, _) = regress("ppo", "./old.safetensors", 0);
+    assert_eq!((&found["fixed"], &found["passes"]), (&n.into(), &n.into()));
+    assert_eq!(found["tests"][0]["result"], "fixed");
+    let (found, table) = regress("./worse.safetensors", "ppo", 1);
+    assert_eq!((&found["new_failures"], &found["tests"][0]["result"]), (&n.into(), &"new failure".into()));
+    assert!(table.contains("baseline robustness") && table.contains("new failure"), "{table}");
+    assert_eq!(attributes(&bench), format!("['{n}', '0', '0']"));
+    let (found, _) = regress("ppo", "ppo", 0);
+    assert_eq!(found["tests"][0]["result"], "passes");
+    bench.check("regress suite --controller ppo --baseline ./missing.safetensors", 2);
+}
+
+#[test]
+fn a_report_never_replaces_a_counterexample_and_an_export_is_whole_or_absent() {
+    let bench = suite();
+    bench.refuses(
+        "regress suite --junit suite/run-mode-1.json",
+        &["--junit is suite/run-mode-1.json", "same file"],
+    );
+    assert_eq!(read(&bench, "suite/run-mode-1.json")["counterexample_format"], 1);
+    bench.refuses("regress suite --junit run.sqlite", &["run.sqlite is a run file"]);
+    // The same command is refused before the simulations, and repeated with --force.
+    let export = "counterexamples export run.sqlite --all --out suite";
+    bench.refuses(export, &["run-mode-1.json exists already", "--force"]);
+    std::fs::write(bench.path("suite/run-mode-1.json"), "old").unwrap();
+    bench.check(&format!("{export} --force"), 0);
+    assert_eq!(read(&bench, "suite/run-mode-1.json")["counterexample_format"], 1);
+    // One that cannot be written leaves none of the others, and no folder.
+    bench.refuses(
+        "counterexamples export run.sqlite --all --out run.sqlite/suite",
+        &["cannot create the folder"],
+    );
+    bench.check("counterexamples export run.sqlite --out new/folder/a.json", 0);
+}
+
+#[test]
+fn an_interrupted_export_leaves_nothing() {
+    let bench = Bench::new();
+    let falsify =
+        "falsify ball-balancing --controller ppo --space delay --trials 1 --budget 5 --out run.sqlite";
+    bench.check(falsify, 1);
+    let export = "counterexamples export run.sqlite --all --minimize --budget 300 --out failures";
+    let mut child = bench.command(export).stderr(std::process::Stdio::null()).spawn().unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    bench::signal(&child, "INT");
+    let status = child.wait().unwrap();
+    // It may have finished before the signal.
+    assert_eq!(bench.path("failures").exists(), status.success());
+    bench.check(&format!("{export} --force"), 0);
+}

@@ -112,3 +112,34 @@ fn masking_counts_what_the_explanations_of_all_simulations_say() {
         (&simulations[1].into(), &0.into())
     );
 }
+
+#[test]
+fn a_python_run_without_a_counterexample_says_that_passing_traces_are_not_stored() {
+    use mishandle::store::{IfExists, RunFile, RunWriter};
+    let bench = Bench::new();
+    bench.check("evaluate toy/sphere-2d --episodes 3 --seed 1 --out toy.sqlite", 0);
+    let run = RunFile::open(bench.path("toy.sqlite")).unwrap();
+    assert_eq!(run.counts().unwrap().falsified, 0);
+    let mut header = run.header().clone();
+    header.target.kind = "python".to_string();
+    header.target.name = "cart".to_string();
+    header.plan = header.plan.replace("toy/sphere-2d", "cart");
+    let mut writer = RunWriter::create(bench.path("python.sqlite"), &header, IfExists::Refuse).unwrap();
+    for trial in run.trials().unwrap() {
+        writer.start_trial(trial.trial.number, trial.trial.seed).unwrap();
+        for row in run.trial_simulations(trial.trial.number) {
+            writer.record(&[row.unwrap()]).unwrap();
+        }
+        writer.end_trial(trial.trial.number, trial.trial.status).unwrap();
+    }
+    writer.close().unwrap();
+    bench.refuses(
+        "explain python.sqlite",
+        &[
+            "no counterexample, and the run has none",
+            "in Python",
+            "mishandle.replay(\"python.sqlite\", system",
+        ],
+    );
+    bench.check("explain toy.sqlite", 0);
+}

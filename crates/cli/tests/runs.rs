@@ -51,3 +51,36 @@ fn exports_have_one_row_per_simulation_and_never_overwrite() {
     bench.check("export run.sqlite --out rows.csv --force", 0);
     bench.refuses("export run.sqlite --out rows.txt", &["rows.txt", ".csv or .parquet"]);
 }
+
+#[test]
+fn an_output_never_replaces_an_input_or_a_run_file() {
+    let bench = Bench::new();
+    // A run file may have any name.
+    bench.check("evaluate toy/noisy --episodes 7 --out a.csv", 0);
+    bench.check("evaluate toy/noisy --episodes 7 --out b.png", 0);
+    std::fs::hard_link(bench.path("a.csv"), bench.path("linked.csv")).unwrap();
+    let bytes = std::fs::read(bench.path("a.csv")).unwrap();
+    for command in [
+        "export a.csv --out a.csv --force",
+        "export a.csv --out linked.csv --force",
+        "report a.csv --no-simulations --out a.csv --force",
+        "render --run b.png --out b.png --force",
+    ] {
+        bench.refuses(command, &["the same file as the input"]);
+    }
+    bench.refuses("render point-reaching --out b.png --force", &["b.png is a run file"]);
+    bench.refuses("report b.png --no-simulations --out a.csv --force", &["a.csv is a run file"]);
+    assert_eq!(std::fs::read(bench.path("a.csv")).unwrap(), bytes);
+    bench.check("runs a.csv b.png", 0);
+}
+
+#[test]
+fn the_folder_of_a_new_run_is_created_and_removed_after_an_error() {
+    let bench = Bench::new();
+    bench.check("evaluate toy/noisy --episodes 2 --out new/folder/a.sqlite", 0);
+    bench.check("runs new/folder", 0);
+    bench.refuses("evaluate toy/noisi --episodes 2 --out other/a.sqlite", &["toy/noisi"]);
+    assert!(!bench.path("other").exists());
+    bench.write("file", "");
+    bench.refuses("evaluate toy/noisy --episodes 2 --out file/a.sqlite", &["cannot write", "file"]);
+}

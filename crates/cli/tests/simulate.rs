@@ -99,3 +99,25 @@ fn axes_are_set_in_order_or_by_name() {
         bench.refuses(&format!("simulate toy/sphere-2d --at {at}"), &[message]);
     }
 }
+
+#[test]
+fn a_formula_without_a_signal_is_refused_with_this_reason() {
+    let bench = Bench::new();
+    for formula in ["true", "always(false)", "1 < 2"] {
+        for command in
+            ["falsify toy/sphere-2d --trials 1 --budget 3 --out a.sqlite", "simulate toy/sphere-2d"]
+        {
+            bench.refuses(
+                &format!("{command} --formula '{formula}'"),
+                &["contains no signal", "same verdict"],
+            );
+        }
+    }
+}
+
+#[test]
+fn huge_robustness_has_an_exponent_instead_of_300_digits() {
+    let bench = Bench::new();
+    let text = bench.check("simulate toy/sphere-2d --formula 'distance * 1e307 <= -1e307'", 1);
+    assert!(text.contains("e307") && text.lines().all(|line| line.len() < 200), "{text}");
+}

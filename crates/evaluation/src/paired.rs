@@ -1,5 +1,7 @@
 //! Differences of pairs: two controllers on the same scenarios and seeds.
 
+use std::cmp::Ordering;
+
 use mishandle_random::Seed;
 
 use crate::{Estimate, bootstrap_mean, wilson};
@@ -102,7 +104,35 @@ impl PairedCounts {
 /// ```
 pub fn paired_mean_difference(first: &[f64], second: &[f64], seed: Seed) -> Estimate {
     let differences: Vec<f64> = first.iter().zip(second).map(|(first, second)| second - first).collect();
-    bootstrap_mean(&differences, seed)
+    // The resamples pick sorted values, so those of the negated sample would be others. The bootstrap gets the same sample for
+    // both directions: of the sorted differences and their negatives, the one that is larger in lexicographic order.
+    let sorted = |sign: f64| {
+        // Adding 0 makes -0 positive.
+        let mut values: Vec<f64> = differences.iter().map(|difference| sign * difference + 0.0).collect();
+        values.sort_by(f64::total_cmp);
+        values
+    };
+    let (forward, backward) = (sorted(1.0), sorted(-1.0));
+    let order = forward.iter().zip(&backward).map(|(a, b)| a.total_cmp(b)).find(|order| order.is_ne());
+    let direct = || bootstrap_mean(&forward, seed);
+    let Estimate { low, high, n, .. } = match order {
+        Some(Ordering::Less) => mirrored(bootstrap_mean(&backward, seed)),
+        Some(_) => direct(),
+        // The sample is symmetric, and so is its interval.
+        None => {
+            let found = direct();
+            let half = found.low.zip(found.high).map(|(low, high)| 0.5 * (high - low));
+            Estimate { low: half.map(|half| -half), high: half, ..found }
+        }
+    };
+    let value = (n > 0).then(|| differences.iter().sum::<f64>() / n as f64);
+    Estimate { value, low, high, n }
+}
+
+/// Returns the estimate of the negated sample.
+fn mirrored(found: Estimate) -> Estimate {
+    let negated = |value: Option<f64>| value.map(|value| -value);
+    Estimate { value: negated(found.value), low: negated(found.high), high: negated(found.low), n: found.n }
 }
 
 #[cfg(test)]
@@ -134,6 +164,22 @@ mod tests {
             assert!(found.low.unwrap() < found.high.unwrap(), "{found:?}");
         }
         assert_eq!(PairedCounts::default().difference(), Estimate::default());
+    }
+
+    #[test]
+    fn the_interval_of_a_mean_is_the_mirror_image_of_the_opposite_one() {
+        let first: Vec<f64> = (0..40).map(|i| f64::from(i * i % 17)).collect();
+        let other: Vec<f64> = (0..40).map(|i| f64::from(i * 7 % 23)).collect();
+        // A sample whose differences are symmetric: 1 and -1 alternate.
+        let alternating: Vec<f64> =
+            first.iter().zip(0..).map(|(value, i)| value + if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        for second in [&other, &alternating] {
+            let found = paired_mean_difference(&first, second, Seed(3));
+            let mirror = paired_mean_difference(second, &first, Seed(3));
+            assert_eq!(mirrored(found), mirror);
+            assert!(found.low < found.value && found.value < found.high, "{found:?}");
+        }
+        assert_eq!(paired_mean_difference(&[], &[], Seed(3)), Estimate::default());
     }
 
     /// Five standard errors of a rate of 0.95 in 2000 samples are 0.024.

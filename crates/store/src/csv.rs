@@ -14,6 +14,9 @@ use crate::{Result, RunFile, RunHeader, StoreError, StoredTrace};
 /// `trace_digest` in hexadecimal. Numbers have enough digits to be read back exactly, infinities are `inf` and `-inf`,
 /// and missing values are empty.
 ///
+/// Control characters in names become escapes such as `\n`. Names that start with `=`, `+`, `-` or `@` are written as they are,
+/// because programs find columns by their names; import the file of a stranger into a spreadsheet as text.
+///
 /// # Errors
 /// [`Io`](StoreError::Io) if `writer` fails, or an error of the run file.
 pub fn export_csv(run: &RunFile, writer: &mut impl Write) -> Result<()> {
@@ -78,12 +81,18 @@ fn number(value: f64) -> String {
     format!("{value:?}")
 }
 
+/// Quotes a name. Control characters become visible escapes, because a line break or an escape sequence in a header breaks
+/// what reads it line by line or prints it.
 fn quoted(name: &str) -> String {
-    if name.contains(['"', ',', '\n', '\r']) {
-        format!("\"{}\"", name.replace('"', "\"\""))
-    } else {
-        name.to_owned()
-    }
+    let name = name.chars().fold(String::with_capacity(name.len()), |mut out, c| {
+        if c.is_control() {
+            out.extend(c.escape_default());
+        } else {
+            out.push(c);
+        }
+        out
+    });
+    if name.contains(['"', ',']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name }
 }
 
 fn line(writer: &mut impl Write, mut fields: impl Iterator<Item = String>) -> io::Result<()> {
@@ -98,4 +107,17 @@ fn line(writer: &mut impl Write, mut fields: impl Iterator<Item = String>) -> io
 
 fn failed(source: io::Error) -> StoreError {
     StoreError::Io { what: "cannot write the CSV".into(), source }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_header_has_one_line_and_prints_safely() {
+        assert_eq!(quoted("gap_m"), "gap_m");
+        assert_eq!(quoted("a,\"b\""), "\"a,\"\"b\"\"\"");
+        assert_eq!(quoted("a\r\nb\u{1b}[2J"), "a\\r\\nb\\u{1b}[2J");
+        assert_eq!(quoted("=cmd|'/C calc'!A0"), "=cmd|'/C calc'!A0");
+    }
 }

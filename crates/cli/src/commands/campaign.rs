@@ -10,7 +10,7 @@ use mishandle::evaluation::Estimate;
 use mishandle::falsification::CampaignOutcome;
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::store::RunKind;
-use mishandle::{CampaignRun, EvaluationOutcome, ResolvedPlan, plural, shell_quote};
+use mishandle::{CampaignRun, EvaluationOutcome, ResolvedPlan, decimal, plural, shell_quote};
 use serde_json::{Value, json};
 
 use super::{evaluate, falsify, report};
@@ -314,7 +314,7 @@ fn falsification_row(name: &str, found: &CampaignOutcome) -> Vec<String> {
         percent(&found.falsification_rate),
         interval(&found.falsification_rate),
         found.mean_simulations.map_or("-".to_string(), |mean| format!("{mean:.1}")),
-        minimum.map_or("-".to_string(), |minimum| format!("{minimum:.4}")),
+        minimum.map_or("-".to_string(), |minimum| decimal(minimum, 4)),
         (found.diverged + found.invalid + found.failed + found.undecided).to_string(),
     ]
 }

@@ -1,11 +1,11 @@
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use clap::Args;
 use mishandle::evaluation::{Corners, Estimate};
 use mishandle::{
     ComparedPair, ComparedRun, Comparison, EvaluatePlan, PairedMeans, PairedRates, Plan, ResolvedPlan,
-    p_value_text, plural, shell_quote,
+    decimal, p_value_text, plural, shell_quote,
 };
 use mishandle_report::comparison_page;
 use serde_json::{Value, json};
@@ -122,29 +122,30 @@ fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
     let plans = [ResolvedPlan::new(&plan)?, ResolvedPlan::new(&other)?];
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
-    let mut paths = Vec::new();
-    for resolved in &plans {
-        let file = mishandle::create_run(resolved, None)?;
-        let path = file.file().path().to_path_buf();
+    // Both files, so that the commands that resume them work after an interruption.
+    let [first, second] = &plans;
+    let files = [mishandle::create_run(first, None)?, mishandle::create_run(second, None)?];
+    let paths = files.each_ref().map(|run| run.file().path().to_path_buf());
+    let names = paths.each_ref().map(|path| shell_quote(&path.to_string_lossy()));
+    for (index, (resolved, file)) in plans.iter().zip(files).enumerate() {
         bar.set_length(mishandle::evaluation_simulations(resolved));
         bar.set_note(resolved.plan.controller.clone());
         let outcome = mishandle::evaluate(resolved, file, |done| {
             bar.set_position(done);
             run::control_flow()
         })?;
-        let name = shell_quote(&path.to_string_lossy());
         if !outcome.is_complete {
             bar.clear();
-            output::message(&format!(
-                "interrupted; resume with: mishandle evaluate --resume {name}, then compare the run files"
-            ));
+            let resume = names[index..].iter().map(|name| format!("mishandle evaluate --resume {name}"));
+            let compare = format!("mishandle compare {}", names.join(" "));
+            let commands: Vec<String> = resume.chain([compare]).collect();
+            output::message(&format!("interrupted; continue with:\n{}", commands.join("\n")));
             return Ok(None);
         }
-        output::message(&format!("Run file: {name}"));
-        paths.push(path);
+        output::message(&format!("Run file: {}", names[index]));
     }
     bar.clear();
-    Ok(paths.try_into().ok())
+    Ok(Some(paths))
 }
 
 /// Returns the JSON document.
@@ -189,7 +190,7 @@ pub fn document(found: &Comparison) -> Value {
                 "scenario": named.map(|(axis, value)| (axis.name.clone(), json!(value))).collect::<Value>(),
                 "first_robustness": pair.first_robustness.map(number),
                 "second_robustness": pair.second_robustness.map(number),
-                "replay": replay(&run.path, pair),
+                "replay": replay(found, run, pair),
             })
         });
         entries.collect::<Vec<_>>()
@@ -212,9 +213,8 @@ pub fn document(found: &Comparison) -> Value {
 }
 
 /// Returns the command that replays the failure.
-fn replay(path: &Path, pair: &ComparedPair) -> String {
-    let name = shell_quote(&path.to_string_lossy());
-    format!("mishandle replay {name} --trial {} --simulation {}", pair.trial, pair.number)
+fn replay(found: &Comparison, run: &ComparedRun, pair: &ComparedPair) -> String {
+    mishandle::replay_command(&found.target_kind, &run.path, pair.trial, pair.number)
 }
 
 fn text(found: &Comparison) -> String {
@@ -278,8 +278,11 @@ fn table(found: &Comparison) -> Vec<Vec<String>> {
         ("completion step, if both succeed", 2, found.completion_step.as_ref()),
     ];
     for (name, decimals, means) in means.into_iter().filter_map(|(name, n, means)| Some((name, n, means?))) {
-        let mean = |value: Option<f64>| value.map_or("-".to_string(), |mean| format!("{mean:.decimals$}"));
-        let signed = |value: f64| format!("{value:+.decimals$}");
+        let mean = |value: Option<f64>| value.map_or("-".to_string(), |mean| decimal(mean, decimals));
+        let signed = |value: f64| {
+            let sign = if value.is_sign_negative() { "" } else { "+" };
+            format!("{sign}{}", decimal(value, decimals))
+        };
         rows.push(vec![
             name.to_string(),
             mean(means.first),
@@ -304,7 +307,7 @@ fn list(found: &Comparison, title: &str, pairs: &[ComparedPair], run: &ComparedR
             .map(String::from)
             .to_vec(),
     ];
-    let robustness = |value: Option<f64>| value.map_or("no verdict".to_string(), |rho| format!("{rho:.4}"));
+    let robustness = |value: Option<f64>| value.map_or("no verdict".to_string(), |rho| decimal(rho, 4));
     for pair in pairs.iter().take(MAX_LISTED) {
         rows.push(vec![
             pair.trial.to_string(),
@@ -317,7 +320,7 @@ fn list(found: &Comparison, title: &str, pairs: &[ComparedPair], run: &ComparedR
     }
     let more = pairs.len().saturating_sub(MAX_LISTED);
     let more = if more > 0 { format!("\n… and {more} more: --json lists all") } else { String::new() };
-    let example = pairs.first().map_or(String::new(), |pair| replay(&run.path, pair));
+    let example = pairs.first().map_or(String::new(), |pair| replay(found, run, pair));
     let has_corners = pairs.iter().any(|pair| pair.trial == Corners::TRIAL);
     let corners = if has_corners { "; trial 2: corners and center of the initial box" } else { "" };
     format!("{title} ({}){corners}\n{}{more}\nReplay the first: {example}", pairs.len(), output::table(&rows))

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::{Args, Subcommand};
 use mishandle::store::{AxisRecord, RunHeader};
-use mishandle::{Counterexample, CounterexampleReplay, FailureMode, FailureModes, plural};
+use mishandle::{Counterexample, CounterexampleReplay, FailureMode, FailureModes, decimal, plural};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
@@ -180,7 +180,7 @@ fn table(header: &RunHeader, modes: &[FailureMode]) -> Vec<Vec<String>> {
             predicate.to_string(),
             times,
             format!("trial {}, simulation {}", failure.trial, failure.number),
-            format!("{:.4}", failure.robustness),
+            decimal(failure.robustness, 4),
             format!("{:.0} % of the widths", 100.0 * failure.distance_from_nominal),
         ]
     };

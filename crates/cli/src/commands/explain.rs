@@ -2,7 +2,7 @@ use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::stl::{DecisivePredicate, Formula};
 use mishandle::store::{RunFile, RunHeader};
-use mishandle::{EvaluatedCount, ExplainedSimulation, Explanation, instant, plural};
+use mishandle::{EvaluatedCount, ExplainedSimulation, Explanation, decimal, instant, plural};
 use serde_json::{Value, json};
 
 use super::counterexamples;
@@ -217,11 +217,11 @@ pub fn text(header: &RunHeader, explained: &ExplainedSimulation) -> String {
         _ => "on the border between satisfied and violated",
     };
     let mut parts = vec![format!(
-        "{}, seed {}\nformula {}\n{verdict}: robustness {:.4}",
+        "{}, seed {}\nformula {}\n{verdict}: robustness {}",
         scenario,
         recorded.seed,
         escape::name(&header.formula),
-        diagnosis.robustness(),
+        decimal(diagnosis.robustness(), 4),
     )];
     let sentences: Vec<String> =
         explanation.sentences(header.control_dt).iter().map(|sentence| escape::name(sentence)).collect();
@@ -236,7 +236,7 @@ pub fn text(header: &RunHeader, explained: &ExplainedSimulation) -> String {
             let decided = conjunct.decided.map(|sample| instant(sample, header.control_dt));
             vec![
                 escape::name(&conjunct.text),
-                format!("{:.4}", conjunct.robustness),
+                decimal(conjunct.robustness, 4),
                 decided.unwrap_or("-".to_string()),
             ]
         }));
@@ -265,7 +265,7 @@ fn path_table(header: &RunHeader, explained: &ExplainedSimulation) -> Vec<Vec<St
             escape::name(&found.text),
             instant(found.sample, header.control_dt),
             window,
-            format!("{:.4}", found.robustness),
+            decimal(found.robustness, 4),
         ]
     }));
     rows
@@ -296,10 +296,7 @@ fn signal_table(
     for sample in shown_samples(predicate.sample, explanation.decided, trace.len()) {
         let mut row = vec![instant(sample, header.control_dt)];
         row.extend(names.iter().map(|name| {
-            trace
-                .signal(name)
-                .and_then(|values| values.get(sample))
-                .map_or(String::new(), |x| format!("{x:.4}"))
+            trace.signal(name).and_then(|values| values.get(sample)).map_or(String::new(), |x| decimal(*x, 4))
         }));
         rows.push(row);
     }

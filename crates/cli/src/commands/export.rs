@@ -36,6 +36,7 @@ type Writer = fn(&RunFile, &mut AtomicFile) -> store::Result<()>;
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let write = writer(&command.out)?;
+    output::refuse_inputs(&command.out, "--out", [command.file.as_path()])?;
     let file = run::read(&command.file, command.skip_check)?;
     let mut out = output::create(&command.out, command.force)?;
     let failed = || format!("cannot write {}", command.out.display());

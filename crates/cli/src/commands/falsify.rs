@@ -6,7 +6,7 @@ use mishandle::evaluation::RepeatReport;
 use mishandle::falsification::{CampaignOutcome, Minimum, TrialEnd, TrialOutcome};
 use mishandle::search::OptionValue;
 use mishandle::store::RunKind;
-use mishandle::{FalsifyPlan, Plan, ResolvedPlan, plural};
+use mishandle::{FalsifyPlan, Plan, ResolvedPlan, decimal, plural};
 use serde_json::{Value, json};
 
 use super::simulate;
@@ -300,7 +300,7 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) -> 
             trial.trial.to_string(),
             trial.end.map_or("interrupted", end).to_string(),
             trial.simulations.to_string(),
-            minimum.map_or("-".to_string(), |minimum| format!("{:.4}", minimum.robustness)),
+            minimum.map_or("-".to_string(), |minimum| decimal(minimum.robustness, 4)),
             minimum.map_or(String::new(), at),
         ];
         if !repeats.is_empty() {
@@ -330,11 +330,11 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) -> 
         first.filter_map(|trial| Some((trial.trial, trial.minimum.as_ref()?))).next()
     {
         text.push_str(&format!(
-            "\ncounterexample: {}, seed {} (trial {trial}, simulation {}): robustness {:.4}",
+            "\ncounterexample: {}, seed {} (trial {trial}, simulation {}): robustness {}",
             run::scenario_text(resolved.space.axes(), first.scenario.values()),
             first.seed.0,
             first.number,
-            first.robustness
+            decimal(first.robustness, 4)
         ));
     }
     if !repeats.is_empty() {

@@ -3,9 +3,10 @@ mod junit;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Chain, Context, Result, ensure};
+use anyhow::{Chain, Context, Result, anyhow, ensure};
 use clap::Args;
-use mishandle::{Counterexample, Regression, plural};
+use mishandle::evaluation::RepeatReport;
+use mishandle::{Counterexample, Regression, decimal, plural};
 use serde_json::{Value, json};
 
 use super::{counterexamples, simulate};
@@ -26,9 +27,11 @@ fn is_rate(rate: f64) -> bool {
   mishandle regress failures --controller my_controller.safetensors
   mishandle regress failures --controller ppo --junit report.xml
   mishandle regress failures --controller ppo --repeat 100 --max-failure-rate 0.05
+  mishandle regress failures --controller new.safetensors --baseline old.safetensors
 
 Each file *.json in the folder is one test. It passes if the scenario satisfies the formula. Exit
-code 0 means that all pass, 1 that at least one still fails, 2 that a test could not run.")]
+code 0 means that all pass, 1 that at least one still fails, 2 that a test could not run. With
+--baseline, 1 means that at least one fails that passes with the baseline.")]
 pub struct Arguments {
     /// Folder with files of `mishandle counterexamples export`
     #[arg(value_name = "DIR")]
@@ -37,6 +40,10 @@ pub struct Arguments {
     /// [default: the one of each counterexample]
     #[arg(long, value_name = "C")]
     pub controller: Option<String>,
+    /// Controller to compare with, simulated like the one of --controller: only a test that fails although it passes with the
+    /// baseline counts as a failure
+    #[arg(long, value_name = "C")]
+    pub baseline: Option<String>,
     /// Number of simulations with other random seeds, which decide the test; without it, the recorded seed does
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(args::REPEATS))]
     pub repeat: Option<u32>,
@@ -63,6 +70,8 @@ struct Test {
     /// `None` if the file could not be read.
     recorded: Option<Counterexample>,
     result: Result<Regression>,
+    /// The same test with the baseline; `None` without one.
+    baseline: Option<Result<Regression>>,
     outcome: Outcome,
     time: Duration,
 }
@@ -70,7 +79,11 @@ struct Test {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Outcome {
     Passes,
+    /// It passes, and fails with the baseline.
+    Fixed,
     Fails,
+    /// It fails, and passes with the baseline.
+    NewFailure,
     Error,
 }
 
@@ -78,9 +91,26 @@ impl Outcome {
     fn name(self) -> &'static str {
         match self {
             Outcome::Passes => "passes",
+            Outcome::Fixed => "fixed",
             Outcome::Fails => "still fails",
+            Outcome::NewFailure => "new failure",
             Outcome::Error => "error",
         }
+    }
+
+    /// Returns the outcome of a test that does or does not fail, now and with the baseline.
+    fn new(fails: bool, fails_with_baseline: Option<bool>) -> Outcome {
+        match (fails, fails_with_baseline) {
+            (false, Some(true)) => Outcome::Fixed,
+            (false, _) => Outcome::Passes,
+            (true, Some(false)) => Outcome::NewFailure,
+            (true, _) => Outcome::Fails,
+        }
+    }
+
+    /// Returns whether the outcome is a failure of the suite, which the exit code and JUnit report.
+    fn is_failure(self, has_baseline: bool) -> bool {
+        self == Outcome::NewFailure || (self == Outcome::Fails && !has_baseline)
     }
 }
 
@@ -92,11 +122,16 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         "there is no counterexample (*.json) in {}; write some with `mishandle counterexamples export`",
         command.folder.display()
     );
+    if let Some(path) = &command.junit {
+        let controllers = [&command.controller, &command.baseline].into_iter().flatten().map(Path::new);
+        output::refuse_inputs(path, "--junit", files.iter().map(PathBuf::as_path).chain(controllers))?;
+    }
     let repeats = u64::from(command.repeat.unwrap_or(0));
-    let bar = Bar::new(files.len() as u64 * (1 + repeats), "simulations");
+    let simulations = (1 + repeats) * if command.baseline.is_some() { 2 } else { 1 };
+    let bar = Bar::new(files.len() as u64 * simulations, "simulations");
     let mut tests = Vec::new();
     for (index, path) in files.iter().enumerate() {
-        tests.push(test(command, path, &bar, index as u64 * (1 + repeats)));
+        tests.push(test(command, path, &bar, index as u64 * simulations));
     }
     bar.clear();
     if let Some(path) = &command.junit {
@@ -109,12 +144,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         output::line(&text(&tests))?;
     }
     report_problems(&tests);
-    let has = |outcome| tests.iter().any(|test| test.outcome == outcome);
-    if has(Outcome::Error) {
-        let errors = tests.iter().filter(|test| test.outcome == Outcome::Error).count();
-        anyhow::bail!("{} of {} could not run", errors, plural(tests.len(), "test"));
-    }
-    Ok(if has(Outcome::Fails) { ExitStatus::Violated } else { ExitStatus::Done })
+    let errors = count(&tests, &[Outcome::Error]);
+    ensure!(errors == 0, "{errors} of {} could not run", plural(tests.len(), "test"));
+    let fails = tests.iter().any(|test| test.outcome.is_failure(command.baseline.is_some()));
+    Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
 /// Returns the files *.json of a folder, sorted by name, except for descriptions of ONNX models (NAME.onnx.json).
@@ -136,50 +169,56 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>> {
 fn test(command: &Arguments, path: &Path, bar: &Bar, mut done: u64) -> Test {
     let start = Instant::now();
     let file_name = |name: Option<&std::ffi::OsStr>| name.unwrap_or_default().to_string_lossy().into_owned();
-    let mut recorded = None;
-    let result = counterexamples::read(path).and_then(|counterexample| {
-        let found = mishandle::regress(
-            &counterexample,
-            &command.folder,
-            command.controller.as_deref(),
-            u64::from(command.repeat.unwrap_or(0)),
-            |_| {
-                done += 1;
-                bar.set_position(done);
-            },
-        );
-        recorded = Some(counterexample);
+    let recorded = counterexamples::read(path);
+    let mut simulated = |controller: Option<&str>| -> Result<Regression> {
+        let counterexample =
+            recorded.as_ref().map_err(|error| anyhow!(output::with_causes(error.chain())))?;
+        let repeats = u64::from(command.repeat.unwrap_or(0));
+        let found = mishandle::regress(counterexample, &command.folder, controller, repeats, |_| {
+            done += 1;
+            bar.set_position(done);
+        });
         Ok(found?)
-    });
+    };
+    let result = simulated(command.controller.as_deref());
+    let baseline = command.baseline.as_deref().map(|controller| simulated(Some(controller)));
+    let max_failure_rate = command.max_failure_rate.unwrap_or(0.0);
+    let outcome = match (&result, &baseline) {
+        (Ok(found), None) => fails(found, max_failure_rate).map(|fails| Outcome::new(fails, None)),
+        (Ok(found), Some(Ok(other))) => fails(found, max_failure_rate)
+            .zip(fails(other, max_failure_rate))
+            .map(|(now, before)| Outcome::new(now, Some(before))),
+        _ => None,
+    };
     Test {
         name: file_name(path.file_stem()),
         file: file_name(path.file_name()),
-        outcome: outcome(&result, command.max_failure_rate.unwrap_or(0.0)),
-        recorded,
+        outcome: outcome.unwrap_or(Outcome::Error),
+        recorded: recorded.ok(),
         result,
+        baseline,
         time: start.elapsed(),
     }
 }
 
-/// Returns the outcome: by the failure rate with other seeds, or without repeats by the robustness with the recorded seed.
-fn outcome(result: &Result<Regression>, max_failure_rate: f64) -> Outcome {
-    let Ok(found) = result else { return Outcome::Error };
-    let fails = match &found.repeats {
-        None => found.episode.robustness().is_none_or(|rho| rho < 0.0),
-        Some(repeats) => match repeats.failure_rate.value {
-            Some(rate) => rate > max_failure_rate,
-            None => return Outcome::Error,
-        },
-    };
-    if fails { Outcome::Fails } else { Outcome::Passes }
+/// Returns whether a test fails: by the failure rate with other seeds, or without repeats by the robustness with the recorded seed.
+/// `None` if a simulation has no verdict, because a rate of the others would say nothing about it.
+fn fails(found: &Regression, max_failure_rate: f64) -> Option<bool> {
+    match &found.repeats {
+        None => found.episode.robustness().map(|rho| rho < 0.0),
+        Some(repeats) if repeats.failure_rate.n < repeats.simulations => None,
+        Some(repeats) => repeats.failure_rate.value.map(|rate| rate > max_failure_rate),
+    }
 }
 
 /// Describes why a test fails or could not run: the decisive predicate with its values, the failure rate, or the error.
 fn reason(test: &Test) -> String {
-    let found = match &test.result {
-        Ok(found) => found,
-        Err(error) => return output::with_causes(Chain::new(error.as_ref())),
-    };
+    let of_baseline =
+        test.baseline.as_ref().and_then(problem).map(|problem| format!("with the baseline: {problem}"));
+    if let Some(problem) = problem(&test.result).or(of_baseline) {
+        return problem;
+    }
+    let Ok(found) = &test.result else { return String::new() };
     let robustness = found.episode.robustness().unwrap_or(f64::NAN);
     let decisive = found.explained.explanation.diagnosis.predicate.as_ref().map(|predicate| {
         format!(
@@ -190,28 +229,51 @@ fn reason(test: &Test) -> String {
         )
     });
     let rate = found.repeats.as_ref().map(simulate::failure_text);
-    let parts = [rate, Some(format!("robustness {robustness:.4}")), decisive];
+    let parts = [rate, Some(format!("robustness {}", decimal(robustness, 4))), decisive];
     parts.into_iter().flatten().collect::<Vec<_>>().join("; ")
+}
+
+/// Describes why simulations give no outcome; `None` if they do.
+fn problem(result: &Result<Regression>) -> Option<String> {
+    match result {
+        Err(error) => Some(output::with_causes(Chain::new(error.as_ref()))),
+        Ok(Regression { repeats: Some(RepeatReport { simulations, failure_rate, .. }), .. })
+            if failure_rate.n < *simulations =>
+        {
+            Some(format!(
+                "{} of {} without a verdict",
+                simulations - failure_rate.n,
+                plural(*simulations, "repeat")
+            ))
+        }
+        Ok(_) => None,
+    }
 }
 
 /// Reports on stderr what is uncertain about the results.
 fn report_problems(tests: &[Test]) {
     for test in tests {
         match &test.result {
-            Err(_) => output::message(&format!("error: {}: {}", escape::name(&test.file), reason(test))),
+            _ if test.outcome == Outcome::Error => {
+                output::message(&format!("error: {}: {}", escape::name(&test.file), reason(test)));
+            }
             Ok(found) if found.has_other_target == Some(true) => output::message(&format!(
                 "warning: {}: the target has changed since the counterexample was recorded, so its scenario may have \
                  another meaning",
                 escape::name(&test.file)
             )),
-            Ok(_) => {}
+            _ => {}
         }
     }
 }
 
-fn count(tests: &[Test], outcome: Outcome) -> usize {
-    tests.iter().filter(|test| test.outcome == outcome).count()
+fn count(tests: &[Test], outcomes: &[Outcome]) -> usize {
+    tests.iter().filter(|test| outcomes.contains(&test.outcome)).count()
 }
+
+/// Outcomes of tests that pass and that fail.
+const PASSES: [Outcome; 2] = [Outcome::Passes, Outcome::Fixed];
+const FAILS: [Outcome; 2] = [Outcome::Fails, Outcome::NewFailure];
 
 fn document(command: &Arguments, tests: &[Test]) -> Value {
     let test = |test: &Test| {
@@ -228,51 +290,95 @@ fn document(command: &Arguments, tests: &[Test]) -> Value {
             "values": predicate.map(|predicate| predicate.values.map(number)),
             "same_target": found.and_then(|found| found.has_other_target).map(|is_other| !is_other),
             "repeats": found.and_then(|found| found.repeats.as_ref()).map(simulate::repeats_document),
-            "reason": if test.outcome == Outcome::Passes { Value::Null } else { json!(reason(test)) },
+            "reason": if PASSES.contains(&test.outcome) { Value::Null } else { json!(reason(test)) },
+            "baseline": test.baseline.as_ref().map(|baseline| {
+                let found = baseline.as_ref().ok();
+                json!({
+                    "robustness": found.and_then(|found| found.episode.robustness()).map(number),
+                    "repeats": found.and_then(|found| found.repeats.as_ref()).map(simulate::repeats_document),
+                })
+            }),
         })
     };
+    let with_baseline = |outcome| command.baseline.as_ref().map(|_| count(tests, &[outcome]));
     json!({
         "folder": command.folder.to_string_lossy(),
         "controller": command.controller,
-        "passes": count(tests, Outcome::Passes),
-        "fails": count(tests, Outcome::Fails),
-        "errors": count(tests, Outcome::Error),
+        "baseline": command.baseline,
+        "passes": count(tests, &PASSES),
+        "fails": count(tests, &FAILS),
+        "errors": count(tests, &[Outcome::Error]),
+        "new_failures": with_baseline(Outcome::NewFailure),
+        "fixed": with_baseline(Outcome::Fixed),
         "tests": tests.iter().map(test).collect::<Vec<_>>(),
     })
 }
 
 fn text(tests: &[Test]) -> String {
-    let has_repeats =
-        tests.iter().any(|test| test.result.as_ref().is_ok_and(|found| found.repeats.is_some()));
-    let mut columns = vec!["file", "recorded robustness", "robustness now"];
-    columns.extend(has_repeats.then_some("failure rate"));
+    let has_baseline = tests.iter().any(|test| test.baseline.is_some());
+    let repeats = |result: &Result<Regression>| result.as_ref().ok().and_then(|found| found.repeats.clone());
+    let has_repeats = tests.iter().any(|test| repeats(&test.result).is_some());
+    let mut columns = vec!["file", "recorded robustness"];
+    columns.extend(has_baseline.then_some("baseline robustness"));
+    columns.push("robustness now");
+    if has_repeats {
+        columns.extend(has_baseline.then_some("baseline failure rate"));
+        columns.push("failure rate");
+    }
     columns.push("result");
     let mut rows = vec![columns.into_iter().map(String::from).collect::<Vec<_>>()];
     for test in tests {
-        let value = |value: Option<f64>| value.map_or("-".to_string(), |value| format!("{value:.4}"));
-        let found = test.result.as_ref().ok();
-        let mut row = vec![
-            test.file.clone(),
-            value(test.recorded.as_ref().map(|recorded| recorded.expected.robustness)),
-            value(found.and_then(|found| found.episode.robustness())),
-        ];
+        let value = |value: Option<f64>| value.map_or("-".to_string(), |value| decimal(value, 4));
+        let results: Vec<&Result<Regression>> = test.baseline.iter().chain([&test.result]).collect();
+        let recorded = test.recorded.as_ref().map(|recorded| recorded.expected.robustness);
+        let mut row = vec![test.file.clone(), value(recorded)];
+        row.extend(results.iter().map(|result| value(robustness(result))));
         if has_repeats {
-            let rate = found.and_then(|found| found.repeats.as_ref()?.failure_rate.value);
-            row.push(rate.map_or("-".to_string(), |rate| format!("{:.1} %", 100.0 * rate)));
+            row.extend(results.iter().map(|result| {
+                let rate = repeats(result).and_then(|found| found.failure_rate.value);
+                rate.map_or("-".to_string(), |rate| format!("{:.1} %", 100.0 * rate))
+            }));
         }
         row.push(test.outcome.name().to_string());
         rows.push(row);
     }
-    let failing = tests.iter().filter(|test| test.outcome == Outcome::Fails);
+    let failing = tests.iter().filter(|test| FAILS.contains(&test.outcome));
     let reasons: String =
         failing.map(|test| format!("\n{}: {}", escape::name(&test.file), reason(test))).collect();
     let gap = if reasons.is_empty() { "" } else { "\n" };
-    format!(
-        "{}\n\n{}: {} pass, {} still fail, {}{gap}{reasons}",
-        output::table(&rows),
-        plural(tests.len(), "counterexample"),
-        count(tests, Outcome::Passes),
-        count(tests, Outcome::Fails),
-        plural(count(tests, Outcome::Error), "error"),
-    )
+    format!("{}\n\n{}{gap}{reasons}", output::table(&rows), summary(tests, has_baseline))
+}
+
+fn robustness(result: &Result<Regression>) -> Option<f64> {
+    result.as_ref().ok().and_then(|found| found.episode.robustness())
+}
+
+/// Returns the numbers of tests by outcome. With a baseline also how far the tests that fail with both controllers are from it: a
+/// worse controller violates them by more.
+fn summary(tests: &[Test], has_baseline: bool) -> String {
+    let n = |outcomes: &[Outcome]| count(tests, outcomes);
+    let head = plural(tests.len(), "counterexample");
+    let errors = plural(n(&[Outcome::Error]), "error");
+    if !has_baseline {
+        return format!("{head}: {} pass, {} still fail, {errors}", n(&PASSES), n(&FAILS));
+    }
+    let mut text = format!(
+        "{head}: {}, {} still fail, {} fixed, {} pass with both, {errors}",
+        plural(n(&[Outcome::NewFailure]), "new failure"),
+        n(&[Outcome::Fails]),
+        n(&[Outcome::Fixed]),
+        n(&[Outcome::Passes]),
+    );
+    let still = tests.iter().filter(|test| test.outcome == Outcome::Fails);
+    let pairs = still.filter_map(|test| robustness(&test.result).zip(robustness(test.baseline.as_ref()?)));
+    let pairs: Vec<(f64, f64)> = pairs.collect();
+    if !pairs.is_empty() {
+        let lower = pairs.iter().filter(|(now, before)| now < before).count();
+        let higher = pairs.iter().filter(|(now, before)| now > before).count();
+        text.push_str(&format!(
+            "\nOf those that still fail, the robustness is lower than with the baseline in {lower}, higher in {higher}, equal in {}",
+            pairs.len() - lower - higher
+        ));
+    }
+    text
 }

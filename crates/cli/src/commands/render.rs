@@ -138,6 +138,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         size.width(),
         Size::RANGE.end()
     );
+    let controller = command.controller.as_deref().map(Path::new);
+    output::refuse_inputs(&command.out, "--out", command.run.as_deref().into_iter().chain(controller))?;
     // Fails before the simulation if the output cannot be written.
     drop(output::create(&command.out, command.force)?);
     if kind == Kind::Mp4 {

@@ -71,6 +71,9 @@ const NO_SIMULATIONS: &str = "they were not requested (--no-simulations)";
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
+    let controller = command.controller.as_deref().map(Path::new);
+    let inputs = command.runs.iter().map(PathBuf::as_path).chain(controller);
+    output::refuse_inputs(&command.out, "--out", inputs)?;
     let options = Options {
         probes: (!command.no_simulations).then_some(command.probes),
         controller: command.controller.as_deref(),

@@ -142,7 +142,13 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitStatus> {
     let quoted = shell_quote(&folder.to_string_lossy());
     if finished.len() < runs.len() {
         output::message(&format!("interrupted; {} of {} runs finished", finished.len(), runs.len()));
-        output::message(&format!("The same command continues: mishandle reproduce {name} --out {quoted}"));
+        let plan = table
+            .plan
+            .as_ref()
+            .map_or(String::new(), |plan| format!(" --plan {}", shell_quote(&plan.to_string_lossy())));
+        output::message(&format!(
+            "The same command continues: mishandle reproduce {name} --out {quoted}{plan}"
+        ));
         return Ok(ExitStatus::Interrupted);
     }
     output::message(&format!("Run files: {quoted}"));

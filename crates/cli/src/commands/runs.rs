@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use mishandle::store::{RunFile, RunHeader, RunKind, TrialStatus};
-use mishandle::{Plan, controller_name};
+use mishandle::{controller_name, decimal};
 use serde_json::{Value, json};
 
 use crate::output::{self, number};
@@ -115,17 +115,13 @@ fn contents(path: &Path) -> Result<Contents> {
     let trials = file.trials()?;
     let counts = file.counts()?;
     let with_status = |status| trials.iter().filter(|trial| trial.trial.status == status).count();
-    // A run can be stopped between two trials, so the plan says how many there are.
-    let planned =
-        Plan::from_toml(&file.header().plan).ok().and_then(|plan| plan.falsify).map(|plan| plan.trials);
-    let is_short = planned.is_some_and(|planned| trials.len() < planned as usize);
     Ok(Contents {
         controller: controller(file.header()),
         simulations: counts.simulations,
         failures: counts.falsified,
         trials: trials.len(),
         falsified_trials: with_status(TrialStatus::Falsified),
-        is_running: is_short || with_status(TrialStatus::Running) > 0,
+        is_running: mishandle::unfinished(&file)?.is_some(),
         minimum_robustness: trials.iter().filter_map(|trial| trial.minimum_robustness).reduce(f64::min),
         header: file.header().clone(),
     })
@@ -155,7 +151,7 @@ fn row(entry: &Entry) -> Vec<String> {
         header.search.clone(),
         contents.simulations.to_string(),
         contents.failures.to_string(),
-        contents.minimum_robustness.map_or("-".to_string(), |rho| format!("{rho:.4}")),
+        contents.minimum_robustness.map_or("-".to_string(), |rho| decimal(rho, 4)),
         if *is_running { format!("{result}, not finished") } else { result },
     ]
 }

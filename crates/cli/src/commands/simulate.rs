@@ -2,7 +2,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::evaluation::{Estimate, QUANTILES, RepeatReport};
 use mishandle::rollout::{Axis, AxisValues, Request, Scenario, Seed, Space};
-use mishandle::{FalsifyPlan, Noise, ResolvedPlan};
+use mishandle::{FalsifyPlan, Noise, ResolvedPlan, decimal, plural};
 use serde_json::{Value, json};
 
 use super::explain;
@@ -83,7 +83,7 @@ fn scenario(space: &Space, words: &[String]) -> Result<Scenario> {
         ensure!(
             words.len() == axes.len(),
             "--at has {} and the space {} {}: {}; give one value for each, or some as NAME=VALUE",
-            mishandle::plural(words.len(), "value"),
+            plural(words.len(), "value"),
             space.name(),
             run::axes(axes.len()),
             names.join(", ")
@@ -262,15 +262,16 @@ fn text(
         let mut rows = vec![vec!["robustness".to_string()]];
         rows[0].extend(["minimum", "5 %", "median", "95 %", "maximum"].map(String::from));
         rows.push(vec![String::new()]);
-        rows[1].extend(values.iter().map(|value| format!("{value:.4}")));
+        rows[1].extend(values.iter().map(|value| decimal(*value, 4)));
         text.push_str(&format!("\n\n{}", output::table(&rows)));
     }
     let without = report.simulations - report.failure_rate.n;
     if without > 0 {
-        text.push_str(&format!("\n\n{} without a verdict", mishandle::plural(without, "simulation")));
+        text.push_str(&format!("\n\n{} without a verdict", plural(without, "simulation")));
     }
     if let Some(Noise { scenario_share, scenarios, repeats }) = noise {
-        let of = format!("{scenarios} random scenarios, {repeats} simulations each");
+        let of =
+            format!("{}, {} each", plural(*scenarios, "random scenario"), plural(*repeats, "simulation"));
         text.push_str(&match scenario_share.value {
             Some(share) => format!(
                 "\n\nvariance of the robustness: {:.0} % from the scenario{}, {:.0} % from noise ({of})",
@@ -299,7 +300,7 @@ pub fn failure_text(report: &RepeatReport) -> String {
         _ => format!(
             "fails in {} of {}: {:.1} % [{:.1}, {:.1}]",
             report.failures,
-            mishandle::plural(n, "repeat"),
+            plural(n, "repeat"),
             percent(value),
             percent(low),
             percent(high)

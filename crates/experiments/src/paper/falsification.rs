@@ -8,7 +8,7 @@ use mishandle::{Plan, plural};
 use mishandle_report::{SurvivalLine, survival_figure};
 
 use super::notes::{Notes, Row};
-use super::page::inline;
+use super::page::{code, inline};
 use super::performance::failing_corners;
 use super::{
     Block, NOTHING, PAPER_BUDGET, PAPER_TRIALS, Page, PaperFalsification, REPEATED_TASK, Results, RunResults,
@@ -64,7 +64,7 @@ pub(super) fn page(results: &Results, notes: &Notes) -> Option<Page> {
 
 fn section(results: &Results, notes: &Notes, preset: &str, runs: &[&Falsified<'_>]) -> Vec<Block> {
     let mut blocks = vec![
-        Block::Heading(format!("Falsified trials, preset `{preset}`")),
+        Block::Heading(format!("Falsified trials, preset {}", code(preset))),
         Block::Table(Table {
             caption: format!("Falsified trials and simulations to the first violation, preset {preset}"),
             columns: columns(&[
@@ -88,12 +88,12 @@ fn section(results: &Results, notes: &Notes, preset: &str, runs: &[&Falsified<'_
     blocks.extend(survival(preset, runs));
     let remarks = remarks(results, notes, runs);
     if !remarks.is_empty() {
-        blocks.push(Block::Heading(format!("Where the values differ, and why, preset `{preset}`")));
+        blocks.push(Block::Heading(format!("Where the values differ, and why, preset {}", code(preset))));
         blocks.push(Block::List(remarks));
     }
     let comparisons = comparisons(runs);
     if !comparisons.is_empty() {
-        blocks.push(Block::Heading(format!("Comparison of our searches, preset `{preset}`")));
+        blocks.push(Block::Heading(format!("Comparison of our searches, preset {}", code(preset))));
         blocks.push(Block::Paragraph(format!(
             "Log-rank tests of the simulations to the first violation, corrected by Holm's method for all {} on this table. A: Vargha \
              and Delaney's effect size, the probability that the first search needs more simulations than the second (ties count \
@@ -109,7 +109,7 @@ fn section(results: &Results, notes: &Notes, preset: &str, runs: &[&Falsified<'_
     }
     let rates: Vec<Vec<String>> = runs.iter().filter_map(|run| run.random_rate()).collect();
     if !rates.is_empty() {
-        blocks.push(Block::Heading(format!("Violations per random simulation, preset `{preset}`")));
+        blocks.push(Block::Heading(format!("Violations per random simulation, preset {}", code(preset))));
         blocks.push(Block::Paragraph(
             "Random search draws its scenarios as an evaluation does, so its violations per simulation estimate the failure rate of \
              the controller. For the paper, one column follows from its table of falsification (falsified trials by all simulations) \
@@ -239,7 +239,8 @@ fn remark(results: &Results, notes: &Notes, group: &[&Falsified<'_>]) -> Option<
             }
         }
     }
-    (!parts.is_empty()).then(|| format!("`{}` `{}`: {}", plan.target, plan.controller, sentences(parts)))
+    (!parts.is_empty())
+        .then(|| format!("{} {}: {}", code(&plan.target), code(&plan.controller), sentences(parts)))
 }
 
 /// Returns sentences on the rows that differ significantly from the paper's, and what our simulations say about the reason.
@@ -251,7 +252,7 @@ fn differing(results: &Results, group: &[&Falsified<'_>]) -> Vec<String> {
             let differs = run.p_value()? < SIGNIFICANT && run.is_less_than(&paper) == is_less;
             differs.then(|| {
                 let (ours, n) = (run.falsified(), run.lifetimes.len());
-                format!("`{}` ({ours} of {n} against {} of {PAPER_TRIALS})", run.search, paper.falsified)
+                format!("{} ({ours} of {n} against {} of {PAPER_TRIALS})", code(run.search), paper.falsified)
             })
         });
         let rows: Vec<String> = rows.collect();
@@ -400,8 +401,8 @@ impl Falsified<'_> {
         let restricted = SurvivalCurve::new(&self.lifetimes).restricted_mean(self.budget);
         vec![
             target_cell(plan),
-            format!("`{}`", plan.controller),
-            format!("`{}`", self.search),
+            code(&plan.controller),
+            code(self.search),
             falsified,
             percent_with_interval(&self.rate(), 0),
             self.paper.map_or(NOTHING.to_string(), |paper| format!("{} of {PAPER_TRIALS}", paper.falsified)),
@@ -427,7 +428,7 @@ impl Falsified<'_> {
             paper_performance(&plan.target, &plan.controller).map(|found| 100.0 - found[0].success);
         Some(vec![
             target_cell(plan),
-            format!("`{}`", plan.controller),
+            code(&plan.controller),
             percent_with_interval(&wilson(self.violations() as u64, n), 2),
             n.to_string(),
             self.paper.map_or(NOTHING.to_string(), |paper| {
@@ -463,8 +464,8 @@ fn comparisons(runs: &[&Falsified<'_>]) -> Vec<Vec<String>> {
         let effect = vargha_delaney(&simulations(first), &simulations(second));
         vec![
             target_cell(&first.run.plan),
-            format!("`{}`", first.run.plan.controller),
-            format!("`{}`, `{}`", first.search, second.search),
+            code(&first.run.plan.controller),
+            format!("{}, {}", code(first.search), code(second.search)),
             format!("{:.2}", test.chi_squared),
             p_text(test.p_value),
             p_text(adjusted),

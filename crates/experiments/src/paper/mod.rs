@@ -20,6 +20,7 @@ use mishandle::evaluation::Estimate;
 use mishandle::{Plan, p_value_text as p_text, plural};
 
 use notes::{Notes, PaperNote};
+use page::{code, value};
 
 /// An empty cell.
 const NOTHING: &str = "-";
@@ -46,26 +47,27 @@ fn provenance<'a>(results: &Results, runs: impl Iterator<Item = &'a RunResults> 
         });
         found.join(", ")
     };
-    let commits = distinct(&mut runs.clone().map(|run| run.facts.commit.clone()));
+    let commits = distinct(&mut runs.clone().map(|run| value(&run.facts.commit)));
     let versions = distinct(
         &mut runs
             .clone()
             .flat_map(|run| &run.facts.versions)
-            .map(|(name, version)| format!("{name} {version}")),
+            .map(|(name, version)| value(&format!("{name} {version}"))),
     );
     let simulations: usize = runs.clone().map(|run| run.simulations.len()).sum();
     let is_shown = |campaign: &&CampaignResults| {
         runs.clone().any(|shown| campaign.runs.iter().any(|run| std::ptr::eq(run, shown)))
     };
-    let commands =
-        results.campaigns.iter().filter(is_shown).map(|campaign| format!("`{}`", campaign.command));
+    let commands = results.campaigns.iter().filter(is_shown).map(|campaign| code(&campaign.command));
     let commands = distinct(&mut { commands });
     let mut facts = vec![
         format!("{} in {}", plural(simulations, "simulation"), plural(runs.clone().count(), "run")),
         format!("commit {commits}"),
         versions,
     ];
-    facts.extend([&results.machine, &results.date].into_iter().filter(|fact| !fact.is_empty()).cloned());
+    facts.extend(
+        [&results.machine, &results.date].into_iter().filter(|fact| !fact.is_empty()).map(|fact| value(fact)),
+    );
     let mut blocks = vec![Block::Paragraph(format!("{}. Commands: {commands}.", facts.join("; ")))];
     let incomplete = runs.clone().filter(|run| !run.is_complete()).count();
     if incomplete > 0 {
@@ -112,14 +114,14 @@ fn on_the_paper(notes: &Notes, table: &str) -> Vec<Block> {
 
 /// Names the target of a run, with what differs from the runs of the paper.
 fn target_cell(plan: &Plan) -> String {
-    let mut text = format!("`{}`", plan.target);
+    let mut text = code(&plan.target);
     if plan.space != PAPER_SPACE {
-        text += &format!(", space `{}`", plan.space);
+        text += &format!(", space {}", code(&plan.space));
     }
     if let Some(formula) = plan.falsify.as_ref().and_then(|falsify| falsify.formula.as_ref())
         && formula != PAPER_FORMULA
     {
-        text += &format!(", `{}`", formula.replace('|', "\\|"));
+        text += &format!(", {}", code(formula));
     }
     let noises = [("action noise", plan.action_noise), ("observation noise", plan.observation_noise)];
     // Evaluations have a table for each level of action noise.

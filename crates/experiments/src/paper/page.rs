@@ -1,4 +1,7 @@
-//! Pages with tables, written as Markdown and as HTML from the same content.
+//! Pages with tables, written as Markdown and as HTML from the same content. Values from files pass through [`value`] or
+//! [`code`].
+
+use mishandle::is_invisible;
 
 use mishandle_report::{Document, escaped};
 
@@ -49,15 +52,17 @@ pub struct Table {
 impl Page {
     /// Returns the page as Markdown.
     pub fn markdown(&self) -> String {
-        let mut text = format!("# {}\n", self.title);
+        let mut text = format!("# {}\n", markdown(&self.title));
         for block in &self.blocks {
             if !matches!(block, Block::Charts { .. }) {
                 text.push('\n');
             }
             match block {
-                Block::Heading(heading) => text += &format!("## {heading}\n"),
-                Block::Paragraph(paragraph) => text += &format!("{paragraph}\n"),
-                Block::List(entries) => entries.iter().for_each(|entry| text += &format!("- {entry}\n")),
+                Block::Heading(heading) => text += &format!("## {}\n", markdown(heading)),
+                Block::Paragraph(paragraph) => text += &format!("{}\n", markdown(paragraph)),
+                Block::List(entries) => {
+                    entries.iter().for_each(|entry| text += &format!("- {}\n", markdown(entry)));
+                }
                 Block::Table(table) => text += &table.markdown(),
                 Block::Charts { .. } => {}
             }
@@ -89,11 +94,14 @@ impl Page {
 
 impl Table {
     fn markdown(&self) -> String {
-        let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+        // A bar ends a cell, also within code.
+        let cell = |cell: &String| markdown(cell).replace('|', "\\|");
+        let line =
+            |cells: &[String]| format!("| {} |\n", cells.iter().map(cell).collect::<Vec<_>>().join(" | "));
         let rule: String =
             (0..self.columns.len()).map(|i| if i < self.left { "|---" } else { "|--:" }).collect();
         let rows: String = self.rows.iter().map(|row| line(row)).collect();
-        format!("{}\n\n{}{rule}|\n{rows}", self.caption, line(&self.columns))
+        format!("{}\n\n{}{rule}|\n{rows}", markdown(&self.caption), line(&self.columns))
     }
 
     fn html(&self) -> String {
@@ -113,6 +121,48 @@ impl Table {
             row(&self.columns, "th")
         )
     }
+}
+
+/// Formats a value from a file as part of a text. A backtick would start code, so it becomes an apostrophe.
+pub(super) fn value(text: &str) -> String {
+    text.replace('`', "'")
+}
+
+/// Formats a value from a file as code.
+pub(super) fn code(text: &str) -> String {
+    if text.is_empty() { "-".to_string() } else { format!("`{}`", value(text)) }
+}
+
+/// Makes characters visible that control the output or that nobody sees.
+fn visible(text: &str) -> String {
+    text.chars().fold(String::with_capacity(text.len()), |mut out, c| {
+        match c {
+            c if c.is_control() || is_invisible(c) => out.extend(c.escape_default()),
+            c => out.push(c),
+        }
+        out
+    })
+}
+
+/// Escapes what Markdown would take for HTML or a link, outside of code. A less-than sign before a space is none.
+fn markdown(text: &str) -> String {
+    let plain = |text: &str| {
+        let mut out = String::new();
+        let mut rest = text.chars().peekable();
+        while let Some(c) = rest.next() {
+            let next = rest.peek().copied().unwrap_or(' ');
+            match c {
+                '<' if !next.is_whitespace() && !next.is_ascii_digit() => out.push_str("&lt;"),
+                '&' if next.is_alphanumeric() || next == '#' => out.push_str("&amp;"),
+                ']' if matches!(next, '(' | '[' | ':') => out.push_str("\\]"),
+                c => out.push(c),
+            }
+        }
+        out
+    };
+    let text = visible(text);
+    let parts = text.split('`').enumerate();
+    parts.map(|(i, part)| if i % 2 == 0 { plain(part) } else { format!("`{part}`") }).collect()
 }
 
 /// Escapes a text and marks what is between backticks as code.
@@ -150,6 +200,56 @@ mod tests {
         assert!(html.contains("<td><code>a&lt;b</code></td><td class=\"n\">3</td>"), "{html}");
         assert!(
             html.contains("<title>Mishandle: T &amp; U</title>") && html.contains("<caption>Rates</caption>")
+        );
+    }
+
+    #[test]
+    fn a_value_from_a_file_stays_text_in_both_formats() {
+        let hostile = "a`<img src=x onerror=alert(1)>|&lt;[x](javascript:1)\n# b\u{202e}\u{1b}";
+        let table = Table {
+            caption: value(hostile),
+            columns: vec!["n".to_string()],
+            left: 0,
+            rows: vec![vec![value(hostile)], vec![code(hostile)]],
+        };
+        let page = Page {
+            title: value(hostile),
+            blocks: vec![
+                Block::Heading(value(hostile)),
+                Block::Paragraph(value(hostile)),
+                Block::List(vec![value(hostile)]),
+                Block::Table(table),
+            ],
+        };
+        let markdown = page.markdown();
+        let outside: String = markdown.split('`').step_by(2).collect();
+        for part in ["<img", "[x](", "&lt;[", "\u{202e}", "\u{1b}", "\n# b"] {
+            assert!(!outside.contains(part), "{part}:\n{markdown}");
+        }
+        assert!(
+            outside.contains(
+                "a'&lt;img src=x onerror=alert(1)>|&amp;lt;[x\\](javascript:1)\\n# b\\u{202e}\\u{1b}"
+            ),
+            "{markdown}"
+        );
+        // Each row has one cell: two bars are not escaped.
+        let rows: Vec<&str> =
+            markdown.lines().filter(|line| line.starts_with("| a") || line.starts_with("| `")).collect();
+        assert!(
+            rows.len() == 2 && rows.iter().all(|row| row.replace("\\|", "").matches('|').count() == 2),
+            "{rows:?}"
+        );
+        let html = page.html();
+        assert!(!html.contains("<img") && !html.contains('\u{202e}') && !html.contains('\u{1b}'), "{html}");
+        assert!(html.contains("<code>a'&lt;img"), "{html}");
+        assert!(html.contains("Content-Security-Policy") && html.contains("default-src 'none'"));
+    }
+
+    #[test]
+    fn comparisons_and_intervals_stay_readable() {
+        assert_eq!(
+            markdown("p < 0.0001, <0.5, 98.0 [97.1, 99.0] & more"),
+            "p < 0.0001, <0.5, 98.0 [97.1, 99.0] & more"
         );
     }
 

@@ -4,6 +4,7 @@ use mishandle::evaluation::{Estimate, EvaluationReport, fisher_test};
 use mishandle::store::Simulation;
 
 use super::notes::{Notes, Row};
+use super::page::code;
 use super::{
     Block, NOTHING, PAPER_STARTS, Page, PaperPerformance, Results, RunResults, SIGNIFICANT, Table, columns,
     differences, is_of_paper, on_the_paper, p_text, paper_performance, paper_training_time,
@@ -55,7 +56,7 @@ pub(super) fn page(results: &Results, notes: &Notes) -> Option<Page> {
             0.0 => "without noise".to_string(),
             noise => format!("with Gaussian action noise of standard deviation {noise}, variance {variance}"),
         };
-        blocks.push(Block::Heading(format!("Performance {noise}, preset `{preset}`")));
+        blocks.push(Block::Heading(format!("Performance {noise}, preset {}", code(preset))));
         blocks.push(Block::Table(Table {
             caption: format!("Performance {noise}. n: number of our starts"),
             columns: columns(&[
@@ -128,7 +129,7 @@ impl Measured<'_> {
         };
         vec![
             target_cell(plan),
-            format!("`{}`", plan.controller),
+            code(&plan.controller),
             first.success_rate.value.map_or(NOTHING.to_string(), |rate| format!("{:.0}", 100.0 * rate)),
             percent_with_interval(&all.success_rate, 1),
             n,
@@ -165,7 +166,7 @@ impl Measured<'_> {
         let found =
             sentences([self.differences()].into_iter().flatten().chain(notes.on(&row).map(str::to_string)));
         let noise = if plan.action_noise == 0.0 { "" } else { ", with noise" };
-        let name = format!("`{}` `{}`{noise}: ", plan.target, plan.controller);
+        let name = format!("{} {}{noise}: ", code(&plan.target), code(&plan.controller));
         (!found.is_empty() && self.all.simulations > 0).then_some(name + &found)
     }
 

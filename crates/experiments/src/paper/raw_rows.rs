@@ -1,7 +1,7 @@
 //! Results as files: `manifest.json`, and per campaign `trials.csv` and one compressed CSV file per run.
 
 use std::io::{Read, Write};
-use std::path::Path;
+use std::path::{Component, Path};
 
 use flate2::read::GzDecoder;
 use flate2::{Compression, GzBuilder};
@@ -22,6 +22,9 @@ const TRIALS: &str = "trials.csv";
 
 /// Largest size of the uncompressed rows of a run.
 const MAX_ROWS: u64 = 1 << 30;
+
+/// Largest number of characters of a cell: the smallest numbers have more than 300 decimals.
+const MAX_CELL: usize = 400;
 
 /// Columns of the rows of a run, before those of the axes. Those of the verdicts are at the end.
 const FIXED: [&str; 8] =
@@ -129,6 +132,10 @@ impl Results {
 }
 
 fn read_campaign(folder: &Path, entry: CampaignEntry) -> Result<CampaignResults, ExperimentError> {
+    if !is_inside(&entry.name) {
+        let problem = format!("the campaign `{}` has no name of a folder", entry.name);
+        return Err(ExperimentError::results(&folder.join(MANIFEST), &problem));
+    }
     let folder = folder.join(&entry.name);
     let path = folder.join(TRIALS);
     let bytes = read(&path)?;
@@ -136,6 +143,12 @@ fn read_campaign(folder: &Path, entry: CampaignEntry) -> Result<CampaignResults,
         .deserialize()
         .collect::<Result<_, _>>()
         .map_err(|error| ExperimentError::results(&path, &error))?;
+    let names: Vec<&str> = entry.runs.iter().map(|facts| facts.name.as_str()).collect();
+    if let Some(name) =
+        names.iter().enumerate().find_map(|(i, name)| names[..i].contains(name).then_some(*name))
+    {
+        return Err(ExperimentError::results(&path, &format!("the manifest lists the run `{name}` twice")));
+    }
     let runs = entry.runs.into_iter().map(|facts| read_run(&folder, facts, &trials));
     Ok(CampaignResults { name: entry.name, command: entry.command, runs: runs.collect::<Result<_, _>>()? })
 }
@@ -143,6 +156,9 @@ fn read_campaign(folder: &Path, entry: CampaignEntry) -> Result<CampaignResults,
 fn read_run(folder: &Path, facts: RunFacts, trials: &[TrialRow]) -> Result<RunResults, ExperimentError> {
     let path = folder.join(format!("{}.csv.gz", facts.name));
     let wrong = |problem: String| ExperimentError::results(&path, &problem);
+    if !is_inside(&facts.name) {
+        return Err(wrong("it is not in the folder of the results".to_string()));
+    }
     let plan = Plan::from_toml(&facts.plan)?;
     let of_run: Vec<&TrialRow> = trials.iter().filter(|trial| trial.run == facts.name).collect();
     let record = |row: &TrialRow| {
@@ -151,14 +167,34 @@ fn read_run(folder: &Path, facts: RunFacts, trials: &[TrialRow]) -> Result<RunRe
     };
     let trial_records =
         of_run.iter().copied().map(record).collect::<Result<Vec<TrialRecord>, ExperimentError>>()?;
-    let mut text = String::new();
+    for (i, trial) in of_run.iter().enumerate() {
+        if of_run[..i].iter().any(|other| other.trial == trial.trial) {
+            return Err(wrong(format!("{TRIALS} lists trial {} twice", trial.trial)));
+        }
+        let budget = plan.falsify.as_ref().map(|falsify| falsify.budget as usize);
+        if let Some(budget) = budget.filter(|budget| trial.simulations > *budget) {
+            let problem = format!(
+                "trial {} has {} simulations, its budget is {budget}",
+                trial.trial, trial.simulations
+            );
+            return Err(wrong(problem));
+        }
+    }
+    // A small file can decompress to gigabytes, so nothing is read that the list of trials does not promise.
+    let listed = of_run.iter().fold(0_usize, |sum, trial| sum.saturating_add(trial.simulations));
+    let columns = FIXED.len() + facts.axes.len() + VERDICTS.len();
+    let names = facts.axes.iter().fold(0, |sum, (name, _)| sum + 2 * name.len());
+    let limit =
+        (listed as u64).saturating_mul((columns * MAX_CELL) as u64).saturating_add((names + 1000) as u64);
     let bytes = read(&path)?;
-    let mut decoder = GzDecoder::new(&bytes[..]).take(MAX_ROWS);
-    decoder.read_to_string(&mut text).map_err(ExperimentError::file(&path))?;
+    let decoder = GzDecoder::new(&bytes[..]).take(limit.min(MAX_ROWS));
     let mut run = RunResults { facts, plan, trials: trial_records, simulations: Vec::new() };
-    let mut reader = csv::Reader::from_reader(text.as_bytes());
+    let mut reader = csv::Reader::from_reader(decoder);
     for (line, row) in (2..).zip(reader.records()) {
         let row = row.map_err(|error| wrong(error.to_string()))?;
+        if run.simulations.len() == listed {
+            return Err(wrong(format!("it has more simulations than the {listed} that {TRIALS} lists")));
+        }
         let found = simulation(&run, &row).ok_or_else(|| wrong(format!("line {line} is no simulation")))?;
         run.simulations.push(found);
     }
@@ -173,6 +209,11 @@ fn read_run(folder: &Path, facts: RunFacts, trials: &[TrialRow]) -> Result<RunRe
     Ok(run)
 }
 
+/// Returns whether a name from the manifest leads into the folder of the results.
+fn is_inside(name: &str) -> bool {
+    !name.is_empty() && Path::new(name).components().all(|part| matches!(part, Component::Normal(_)))
+}
+
 /// Returns the rows of a run as CSV. Numbers have enough digits to be read back exactly.
 fn rows_text(run: &RunResults) -> Result<Vec<u8>, ExperimentError> {
     let is_evaluation = run.plan.falsify.is_none();
@@ -181,7 +222,13 @@ fn rows_text(run: &RunResults) -> Result<Vec<u8>, ExperimentError> {
     if is_evaluation {
         names.extend(VERDICTS[..KEPT_VERDICTS].iter().map(ToString::to_string));
     }
-    let mut text = names.join(",") + "\n";
+    let mut header = csv::Writer::from_writer(Vec::new());
+    header
+        .write_record(&names)
+        .map_err(|error| ExperimentError::results(Path::new(&run.facts.name), &error))?;
+    let header = header.into_inner();
+    let header = header.map_err(|error| ExperimentError::results(Path::new(&run.facts.name), &error))?;
+    let mut text = String::from_utf8_lossy(&header).into_owned();
     let optional = |value: Option<String>| value.unwrap_or_default();
     for row in &run.simulations {
         let planned = run
@@ -217,7 +264,7 @@ fn simulation(run: &RunResults, row: &csv::StringRecord) -> Option<Simulation> {
     let optional = |index: usize| -> Option<Option<f64>> {
         match row.get(index)? {
             "" => Some(None),
-            text => text.parse().ok().map(Some),
+            text => text.parse().ok().filter(|value: &f64| !value.is_nan()).map(Some),
         }
     };
     let (trial, simulation) = (number(0)?, number(1)?);
@@ -288,4 +335,106 @@ fn status_name(status: TrialStatus) -> &'static str {
 
 fn status(name: &str) -> Option<TrialStatus> {
     STATUSES.iter().find(|(_, known)| *known == name).map(|(status, _)| *status)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    /// Returns the results of a campaign with one run of three simulations in two trials.
+    fn results() -> Results {
+        let falsify = mishandle::FalsifyPlan { budget: 2, trials: 2, ..mishandle::FalsifyPlan::default() };
+        let plan = Plan { falsify: Some(falsify), ..Plan::new("toy/sphere-2d", "") };
+        let facts = RunFacts {
+            name: "run".to_string(),
+            plan: plan.to_toml(),
+            formula: "always(distance >= 0.1)".to_string(),
+            formulas: vec!["success".to_string()],
+            axes: vec![("x, \"y\"".to_string(), "m".to_string())],
+            target_hash: String::new(),
+            controller_hash: String::new(),
+            commit: String::new(),
+            build: String::new(),
+            versions: Vec::new(),
+            training_steps: None,
+        };
+        let simulation = |(trial, number, robustness): (u32, u32, f64)| Simulation {
+            trial,
+            number,
+            seed: 1,
+            unit_point: Vec::new(),
+            scenario: vec![Some(0.5)],
+            robustness: Some(robustness),
+            robustness_low: Some(robustness),
+            robustness_high: Some(robustness),
+            stop_threshold: None,
+            end: SimulationEnd::Completed,
+            steps: 1,
+            verdicts: Vec::new(),
+            trace_digest: None,
+            trace: None,
+        };
+        let simulations = [(1, 1, 5e-324), (1, 2, f64::MAX), (2, 1, -1.0)].map(simulation).to_vec();
+        let trial = |(number, status)| TrialRecord { number, seed: 0, status };
+        let trials = [(1, TrialStatus::BudgetSpent), (2, TrialStatus::Falsified)].map(trial).to_vec();
+        let run = RunResults { facts, plan, trials, simulations };
+        let campaign = CampaignResults { name: "c".to_string(), command: String::new(), runs: vec![run] };
+        Results { date: String::new(), machine: String::new(), campaigns: vec![campaign] }
+    }
+
+    /// Writes the results, changes a file, and returns the error of reading them.
+    fn error(change: impl Fn(&Path)) -> String {
+        let folder = tempfile::tempdir().unwrap();
+        results().write(folder.path()).unwrap();
+        change(folder.path());
+        Results::read(folder.path()).unwrap_err().to_string()
+    }
+
+    fn replace(path: &Path, from: &str, to: &str) {
+        let text = fs::read_to_string(path).unwrap();
+        assert!(text.contains(from), "{text}");
+        fs::write(path, text.replace(from, to)).unwrap();
+    }
+
+    fn rows(folder: &Path, change: impl Fn(String) -> String) {
+        let text = String::from_utf8(rows_text(&results().campaigns[0].runs[0]).unwrap()).unwrap();
+        fs::write(folder.join("c/run.csv.gz"), compressed(change(text).as_bytes()).unwrap()).unwrap();
+    }
+
+    #[test]
+    fn rows_with_an_axis_of_any_name_and_the_longest_numbers_are_read_back() {
+        let folder = tempfile::tempdir().unwrap();
+        results().write(folder.path()).unwrap();
+        assert_eq!(Results::read(folder.path()).unwrap(), results());
+    }
+
+    #[test]
+    fn rows_beyond_the_listed_ones_are_not_read() {
+        // 100 MB of rows in a file of 100 kB.
+        let many =
+            error(|folder| rows(folder, |text| text + &"2,2,1,-1,completed,,,1,0.5\n".repeat(4_000_000)));
+        assert!(many.contains("more simulations than the 3 that trials.csv lists"), "{many}");
+        let long = error(|folder| rows(folder, |text| text + &"1".repeat(50_000_000)));
+        assert!(long.contains("run.csv.gz"), "{long}");
+    }
+
+    #[test]
+    fn contradictions_are_errors() {
+        let nan = error(|folder| rows(folder, |text| text.replace("-1,completed", "NaN,completed")));
+        assert!(nan.contains("line 4 is no simulation"), "{nan}");
+        let budget = error(|folder| replace(&folder.join("c/trials.csv"), "spent,2", "spent,3"));
+        assert!(budget.contains("trial 1 has 3 simulations, its budget is 2"), "{budget}");
+        let trial = error(|folder| replace(&folder.join("c/trials.csv"), "run,2,", "run,1,"));
+        assert!(trial.contains("lists trial 1 twice"), "{trial}");
+        let mut twice = results();
+        let run = twice.campaigns[0].runs[0].clone();
+        twice.campaigns[0].runs.push(run);
+        let twice = error(|folder| twice.write(folder).unwrap());
+        assert!(twice.contains("the manifest lists the run `run` twice"), "{twice}");
+        let outside =
+            error(|folder| replace(&folder.join(MANIFEST), "\"name\": \"run\"", "\"name\": \"../run\""));
+        assert!(outside.contains("not in the folder"), "{outside}");
+    }
 }

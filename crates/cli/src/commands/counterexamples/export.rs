@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::evaluation::RepeatReport;
+use mishandle::files::NewFolders;
 use mishandle::rollout::{Scenario, Seed, Space};
 use mishandle::store::RunFile;
 use mishandle::{
-    AxisValue, Counterexample, Minimized, MinimizedFrom, Plan, ResolvedPlan, axes_off_nominal, is_close,
-    minimize, plural,
+    AxisValue, Counterexample, Minimized, MinimizedFrom, Plan, ResolvedPlan, axes_off_nominal, decimal,
+    is_close, minimize, plural,
 };
 use serde_json::{Value, json};
 
@@ -59,6 +60,9 @@ pub struct Arguments {
     /// With --minimize: new path of the run's controller, if the file was moved
     #[arg(long, value_name = "C", requires = "minimize")]
     pub controller: Option<String>,
+    /// Overwrite existing files
+    #[arg(long)]
+    pub force: bool,
     /// Do not check the whole run file before reading it; a record is still checked when it is read
     #[arg(long)]
     pub skip_check: bool,
@@ -133,11 +137,19 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if let Some(resolved) = &resolved {
         run::report_build_differences("made", &mishandle::build_differences(file.header(), resolved));
     }
-    if command.all {
-        std::fs::create_dir_all(&command.out)
-            .with_context(|| format!("cannot create the folder {}", command.out.display()))?;
+    // Before the simulations of --minimize.
+    let inputs = [Some(command.file.as_path()), command.controller.as_deref().map(Path::new)];
+    for Chosen { path, .. } in &chosen {
+        output::refuse_inputs(path, "--out", inputs.into_iter().flatten())?;
+        ensure!(
+            command.force || path.symlink_metadata().is_err(),
+            "{} exists already; choose another --out, or overwrite it with --force",
+            path.display()
+        );
     }
     let mut written: Vec<Written> = Vec::new();
+    let mut files: Vec<(PathBuf, String)> = Vec::new();
+    let mut texts = Vec::new();
     let mut documents = Vec::new();
     for Chosen { path, mode, trial, simulation } in chosen {
         let mut counterexample = Counterexample::from_run(&file, trial, simulation)?;
@@ -150,12 +162,12 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         let same_as = written.iter().find(|other| other.is_same(scenario, resolved.as_ref()));
         let same_as = same_as.map(|other| other.path.clone());
         if same_as.is_none() {
-            output::write_new(&path, |out| Ok(out.write_all(counterexample.to_json().as_bytes())?))?;
+            files.push((path.clone(), counterexample.to_json()));
         }
         if command.json {
             documents.push(document(&path, same_as.as_deref(), mode, &counterexample, shrunk.as_ref()));
         } else {
-            output::line(&text(&path, same_as.as_deref(), mode, &counterexample, shrunk.as_ref()))?;
+            texts.push(text(&path, same_as.as_deref(), mode, &counterexample, shrunk.as_ref()));
         }
         if same_as.is_none() {
             written.push(Written {
@@ -164,6 +176,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
                 controller: counterexample.plan.controller,
             });
         }
+    }
+    write_all(command, &files)?;
+    if !command.json {
+        output::line(&texts.join("\n"))?;
     }
     if let Some(name) = written.first().and_then(|written| written.controller.strip_prefix("./")) {
         output::message(&format!(
@@ -175,6 +191,26 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         output::json(json!({ "run": command.file.to_string_lossy(), "files": documents }))?;
     }
     Ok(ExitStatus::Done)
+}
+
+/// Writes the files when all are known: an interruption never leaves a part of a suite, which would look complete.
+fn write_all(command: &Arguments, files: &[(PathBuf, String)]) -> Result<()> {
+    // Removes them again if nothing is written.
+    let mut folders = NewFolders::default();
+    let folder = if command.all { Some(command.out.as_path()) } else { command.out.parent() };
+    if let Some(folder) = folder.filter(|folder| !folder.as_os_str().is_empty()) {
+        folders.create(folder).with_context(|| format!("cannot create the folder {}", folder.display()))?;
+    }
+    let mut complete = Vec::new();
+    for (path, text) in files {
+        let mut file = output::create(path, command.force)?;
+        file.write_all(text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
+        complete.push((path, file));
+    }
+    for (path, file) in complete {
+        file.persist().with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
 }
 
 /// Returns the counterexamples that the flags select.
@@ -291,21 +327,21 @@ fn text(
     let mut lines = vec![format!("{}: {found}", name(path))];
     let Some(Shrunk { minimized, space, has_same_predicate, repeats }) = shrunk else {
         let values = scenario_text(known);
-        lines.push(format!("  {values}: robustness {:.4}", known.expected.robustness));
+        lines.push(format!("  {values}: robustness {}", decimal(known.expected.robustness, 4)));
         return lines.join("\n");
     };
     let off = |scenario: &Scenario| run::axes(axes_off_nominal(space, scenario));
     let recorded = &minimized.original.request.scenario;
     lines.push(format!(
-        "  recorded   {}: robustness {:.4}, {} off nominal",
+        "  recorded   {}: robustness {}, {} off nominal",
         run::scenario_summary(space.axes(), recorded.values()),
-        minimized.original.robustness().unwrap_or(f64::NAN),
+        decimal(minimized.original.robustness().unwrap_or(f64::NAN), 4),
         off(recorded),
     ));
     lines.push(format!(
-        "  minimized  {}: robustness {:.4}, {} off nominal",
+        "  minimized  {}: robustness {}, {} off nominal",
         scenario_text(known),
-        known.expected.robustness,
+        decimal(known.expected.robustness, 4),
         off(&minimized.episode.request.scenario),
     ));
     lines.push(format!("  {}", result_text(minimized)));
@@ -323,8 +359,8 @@ fn scenario_text(known: &Counterexample) -> String {
     let is_off = |axis: &&AxisValue| axis.value != axis.nominal;
     let value = |axis: &AxisValue| {
         let value = axis.value.map_or("random".to_string(), |value| match value.fract() == 0.0 {
-            true => value.to_string(),
-            false => format!("{value:.4}"),
+            true if value.abs() < 1e9 => value.to_string(),
+            _ => decimal(value, 4),
         });
         run::axis_value(&escape::name(&axis.axis), &value, &escape::name(&axis.unit))
     };

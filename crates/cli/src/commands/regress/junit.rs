@@ -1,16 +1,18 @@
 //! JUnit XML, which continuous integration shows as tests.
 
-use super::{Outcome, Test, count, reason};
+use super::{FAILS, Outcome, Test, count, reason};
 use crate::escape;
 
 /// Returns the report of a folder.
 pub(super) fn report(folder: &str, tests: &[Test]) -> String {
     let seconds: f64 = tests.iter().map(|test| test.time.as_secs_f64()).sum();
+    let has_baseline = tests.iter().any(|test| test.baseline.is_some());
+    let failures = tests.iter().filter(|test| test.outcome.is_failure(has_baseline)).count();
     let counts = format!(
-        "tests=\"{}\" failures=\"{}\" errors=\"{}\" skipped=\"0\" time=\"{seconds:.3}\"",
+        "tests=\"{}\" failures=\"{failures}\" errors=\"{}\" skipped=\"{}\" time=\"{seconds:.3}\"",
         tests.len(),
-        count(tests, Outcome::Fails),
-        count(tests, Outcome::Error)
+        count(tests, &[Outcome::Error]),
+        count(tests, &FAILS) - failures,
     );
     let cases: String = tests.iter().map(case).collect();
     format!(
@@ -29,11 +31,16 @@ fn case(test: &Test) -> String {
         test.time.as_secs_f64()
     );
     let element = match test.outcome {
-        Outcome::Passes => return open + "/>\n",
-        Outcome::Fails => "failure",
+        Outcome::Passes | Outcome::Fixed => return open + "/>\n",
+        // It fails with the baseline, too, so it is no failure of the new controller.
+        Outcome::Fails if test.baseline.is_some() => "skipped",
+        Outcome::Fails | Outcome::NewFailure => "failure",
         Outcome::Error => "error",
     };
-    let message = escaped(&reason(test));
+    let message = match &test.baseline {
+        Some(_) => escaped(&format!("{}: {}", test.outcome.name(), reason(test))),
+        None => escaped(&reason(test)),
+    };
     format!("{open}>\n      <{element} message=\"{message}\">{message}</{element}>\n    </testcase>\n")
 }
 
