@@ -114,6 +114,8 @@ fn the_page_documents_the_keys_that_every_command_prints() {
         ("replay", "replay failures/g-mode-1.json", 0),
         ("explain", "explain failures/g-mode-1.json", 1),
         ("regress", "regress failures --repeat 5", 1),
+        ("counterexamples export", "counterexamples export n.sqlite --out noisy/a.json", 0),
+        ("regress", "regress noisy --controller expert --baseline expert", 0),
         ("train --dry-run", "train point-reaching --settings small.toml --out b.safetensors --dry-run", 0),
         ("train", "train point-reaching --settings small.toml --out a.safetensors --csv c.csv", 0),
         ("curve", "curve c.csv", 0),
