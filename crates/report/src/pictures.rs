@@ -94,8 +94,12 @@ fn strip(
     let event = explained.explanation.event();
     let decisive = event.map_or(last, |event| event.sample);
     let header = run.header();
-    let captions = FrameCaptions::new(header.control_dt, &header.signals, Some(&explained.explanation), last);
-    let mut renderer = FrameRenderer::new(document, size, Quality::Fine, &CAMERAS[..1], Some(captions))?;
+    let renderer_of = |quality: Quality| {
+        let captions =
+            FrameCaptions::new(header.control_dt, &header.signals, Some(&explained.explanation), last);
+        FrameRenderer::new(document, size, quality, &CAMERAS[..1], Some(captions))
+    };
+    let mut renderer = renderer_of(Quality::Fine)?;
     let samples = mishandle::strip_samples(event.and_then(|event| event.start), decisive, (0, last));
     renderer.fit(&samples.iter().map(|sample| states[*sample].as_slice()));
     let picture = |sample: usize| -> Result<Frame, PictureError> {
@@ -103,6 +107,9 @@ fn strip(
         Ok(Frame { sample, png: png(PICTURE.0, PICTURE.1, picture.pixels())? })
     };
     let frames = samples.into_iter().map(picture).collect::<Result<_, _>>()?;
+    drop(renderer);
+    // A film has many frames; fine ones would take most of the time of the report.
+    let mut renderer = renderer_of(Quality::Fast)?;
     let film = film(&mut renderer, states, event.as_ref(), header.control_dt)?;
     Ok(Pictures { frames, film: Some(film) })
 }
