@@ -15,7 +15,7 @@ use crate::{ExitStatus, args, numbers, output, run};
 #[command(after_help = "Examples:
   mishandle report runs/RUN.sqlite --out report.html
   mishandle report runs/A.sqlite runs/B.sqlite --out report.html     one section each, and a table
-  mishandle report runs/campaign-1 --out pages                       a campaign: index and a page for each run
+  mishandle report runs/campaign-1 --out pages          index and a page for each run of a campaign
   mishandle report runs/RUN.sqlite --no-simulations --out report.html
 
 The page is one HTML file that loads nothing and runs no script. docs/report.md explains its
