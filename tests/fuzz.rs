@@ -8,6 +8,8 @@ mod bytes;
 mod checkpoint;
 #[path = "../fuzz/src/controller.rs"]
 mod controller;
+#[path = "../fuzz/src/counterexample.rs"]
+mod counterexample;
 #[path = "../fuzz/src/csv.rs"]
 mod csv;
 #[path = "../fuzz/src/curve.rs"]
@@ -124,6 +126,11 @@ fn checkpoints() {
 #[test]
 fn controllers() {
     check_target("controller", controller::check, controller::seeds);
+}
+
+#[test]
+fn counterexamples() {
+    check_target("counterexample", counterexample::check, counterexample::seeds);
 }
 
 #[test]

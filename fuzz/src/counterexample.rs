@@ -26,13 +26,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
     // Formulas that every scenario violates.
     let seed = |target: &str, space: &str, formula: &str| {
         let falsify = FalsifyPlan { formula: Some(formula.to_string()), ..FalsifyPlan::default() };
-        let plan = Plan {
-            target: target.to_string(),
-            controller: String::new(),
-            space: space.to_string(),
-            falsify: Some(falsify),
-            ..Plan::default()
-        };
+        let plan = Plan { space: space.to_string(), falsify: Some(falsify), ..Plan::new(target, "") };
         let resolved = ResolvedPlan::new(&plan).expect("the toy exists");
         let request = Request::new(resolved.space.nominal(), Seed(u64::MAX));
         let episode = resolved.system().expect("a toy").rollout(&[request]).expect("a scenario").remove(0);
