@@ -122,7 +122,7 @@ fn signals_clear_the_bar() {
 #[test]
 fn an_error_clears_the_bar() {
     let bench = Bench::new();
-    let output = in_terminal(&bench, 80, "", &format!("{EVALUATE} 20 --out none/a.sqlite"));
+    let output = in_terminal(&bench, 80, "", &format!("{EVALUATE} 20 --out /dev/null/a.sqlite"));
     let (lines, _) = shown(&output.stdout, 200);
     assert_eq!(output.status.code(), Some(2), "{lines:?}");
     assert!(lines.iter().any(|line| line.starts_with("error: ")), "{lines:?}");

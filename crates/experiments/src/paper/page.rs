@@ -241,7 +241,7 @@ mod tests {
         );
         let html = page.html();
         assert!(!html.contains("<img") && !html.contains('\u{202e}') && !html.contains('\u{1b}'), "{html}");
-        assert!(html.contains("<code>a'&lt;img"), "{html}");
+        assert!(html.contains("<code>a&#39;&lt;img"), "{html}");
         assert!(html.contains("Content-Security-Policy") && html.contains("default-src 'none'"));
     }
 
