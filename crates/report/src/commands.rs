@@ -26,10 +26,7 @@ pub fn details(report: &RunReport, trial: u32, number: u32) -> String {
 
 /// Returns the command that replays a simulation; a line of Python if the target is a Python system.
 pub fn replay_command(header: &RunHeader, path: &str, trial: u32, number: u32) -> String {
-    match is_python(header) {
-        true => format!("mishandle.replay({path:?}, system, formula, space, trial={trial}, number={number})"),
-        false => format!("mishandle replay {} --trial {trial} --simulation {number}", shell_quote(path)),
-    }
+    mishandle::replay_command(&header.target.kind, path.as_ref(), trial, number)
 }
 
 fn is_python(header: &RunHeader) -> bool {
