@@ -102,7 +102,34 @@ fn an_incomplete_campaign_is_shown_as_such_and_not_collected() {
     bench.check("reproduce tables f --pages pages", 0);
     let page = std::fs::read_to_string(bench.path("pages/falsification.md")).unwrap();
     assert!(page.contains("2 of 2 runs are incomplete"), "{page}");
-    bench.refuses("reproduce collect f --out 2026-11-22", &["run random is not complete"]);
+    bench.refuses("reproduce collect f --out 2026-11-22", &["no run is complete"]);
+}
+
+#[test]
+fn a_table_collected_in_parts_is_the_table_of_the_whole_campaign() {
+    let bench = bench();
+    bench.check("reproduce falsification --plan f.toml --out runs/f", 0);
+    bench.check("reproduce collect runs/f --out whole/2026-11-22", 0);
+    // The runs of the campaign, one in each part. The other one of the first part has not started.
+    let text = std::fs::read_to_string(bench.path("f.toml")).unwrap();
+    for (part, finished) in [("first", "random"), ("second", "nelder-mead")] {
+        let folder = bench.path(&format!("{part}/f"));
+        mishandle::create_campaign(&text, &folder).unwrap();
+        let file = format!("{finished}.sqlite");
+        std::fs::copy(bench.path(&format!("runs/f/{file}")), folder.join(file)).unwrap();
+    }
+    let said = bench::text(&bench.run("reproduce collect first/f --out parts/2026-11-21").stderr);
+    assert!(said.contains("1 of 2 runs left out, because they are not complete"), "{said}");
+    bench.check("reproduce collect parts/2026-11-21 second/f --out merged/2026-11-22", 0);
+    let tables = |folder| bench.json(&format!("reproduce tables {folder}/2026-11-22 --json"), 0);
+    assert_eq!(tables("merged"), tables("whole"));
+    let machine = |folder| {
+        let manifest = std::fs::read_to_string(bench.path(&format!("{folder}/2026-11-22/manifest.json")));
+        serde_json::from_str::<Value>(&manifest.unwrap()).unwrap()["machine"].clone()
+    };
+    assert_eq!(machine("merged"), machine("whole"), "one machine is listed once");
+    let twice = "reproduce collect merged/2026-11-22 second/f --out twice/2026-11-23";
+    bench.refuses(twice, &["two folders have the run nelder-mead of f"]);
 }
 
 #[test]

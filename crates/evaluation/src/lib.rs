@@ -10,7 +10,8 @@
 //!
 //! Two controllers on the same scenarios are compared by [`PairedCounts`], [`sign_test`] and [`paired_mean_difference`]. The
 //! numbers of simulations to a failure are analyzed by [`SurvivalCurve`], [`log_rank`] and [`vargha_delaney`], and several
-//! tests are corrected by [`holm()`](holm()). [`kolmogorov_smirnov()`](kolmogorov_smirnov()) compares two distributions.
+//! tests are corrected by [`holm()`](holm()). [`kolmogorov_smirnov()`](kolmogorov_smirnov()) compares two distributions,
+//! [`kruskal_wallis()`](kruskal_wallis()) several.
 //!
 //! # Example
 //! ```
@@ -30,6 +31,7 @@ mod f_distribution;
 mod holm;
 mod interval;
 mod kolmogorov_smirnov;
+mod kruskal_wallis;
 mod metrics;
 mod paired;
 mod repeats;
@@ -45,6 +47,7 @@ pub use exact::{fisher_test, sign_test};
 pub use holm::holm;
 pub use interval::{Estimate, bootstrap_mean, wilson};
 pub use kolmogorov_smirnov::kolmogorov_smirnov;
+pub use kruskal_wallis::{KruskalWallis, kruskal_wallis};
 pub use metrics::{EvaluationReport, FormulaRoles, Metrics};
 pub use paired::{PairedCounts, paired_mean_difference};
 pub use repeats::{QUANTILES, RepeatReport, variance_share};

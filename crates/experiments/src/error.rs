@@ -34,6 +34,14 @@ pub enum ExperimentError {
         /// Why.
         source: serde_json::Error,
     },
+    /// Two parts of a campaign contain the same run.
+    #[error("two folders have the run {run} of {campaign}; leave one out")]
+    DuplicateRun {
+        /// Name of the campaign.
+        campaign: String,
+        /// Name of the run.
+        run: String,
+    },
     /// A learning curve cannot be used.
     #[error("{}: {problem}", path.display())]
     Curve {

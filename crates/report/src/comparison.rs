@@ -8,8 +8,9 @@ use mishandle_charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
 
 use crate::commands::replay_command;
 use crate::html::{figure, number, percent, short, table, text, visible};
-use crate::map::{SIZE, axis_label, ranked};
+use crate::map::{SIZE, axis_label};
 use crate::page::Document;
+use crate::ranking::Ranking;
 use crate::space::{around, chart_axis, linear, value_text};
 use crate::{color, section, words};
 
@@ -64,12 +65,12 @@ impl Outcome {
 fn html(found: &Comparison, headers: [&RunHeader; 2]) -> String {
     let header = headers[0];
     let axes: Vec<Axis> = header.axes.iter().map(recorded_axis).collect();
-    let ranked = ranked_axes(found, axes.len());
+    let ranking = ranking(found, &axes);
     let mut columns: Vec<usize> = (0..axes.len()).collect();
     if columns.len() > MAX_COLUMNS {
-        columns = ranked.iter().take(MAX_COLUMNS).map(|(axis, _)| *axis).collect();
+        columns = ranking.first(MAX_COLUMNS);
     }
-    let view = View { found, headers, axes: &axes, ranked, columns };
+    let view = View { found, headers, axes: &axes, ranking, columns };
     let target = text(&short(&found.target, 60));
     let mut out = format!(
         "<section class=\"run\">\n<h2>{target}: {}.</h2>\n<p class=\"requirement\"><b>A</b> is {}. <b>B</b> is {}. Both ran the \
@@ -190,19 +191,20 @@ struct View<'a> {
     found: &'a Comparison,
     headers: [&'a RunHeader; 2],
     axes: &'a [Axis],
-    /// The axes with the rank correlations between their value and the change of the robustness, the largest first.
-    ranked: Vec<(usize, f64)>,
+    /// The axes by their effect on the change of the robustness.
+    ranking: Ranking,
     /// The axes in tables and in texts of marks: all, or the first of the ranked ones.
     columns: Vec<usize>,
 }
 
-fn ranked_axes(found: &Comparison, axes: usize) -> Vec<(usize, f64)> {
+fn ranking(found: &Comparison, space: &[Axis]) -> Ranking {
     let value = |pair: &ComparedPair, axis: usize| pair.scenario.get(axis).copied().flatten();
     let has_values =
         |axis: &usize| found.compared.iter().any(|pair| value(pair, *axis).is_some_and(f64::is_finite));
-    let axes: Vec<usize> = (0..axes).filter(has_values).collect();
+    let axes: Vec<usize> = (0..space.len()).filter(has_values).collect();
     let change = |pair: &ComparedPair| Some(pair.second_robustness? - pair.first_robustness?);
-    ranked(&axes, &found.compared, value, |pair| change(pair).filter(|change| change.is_finite()))
+    let change = |pair: &ComparedPair| change(pair).filter(|change| change.is_finite());
+    Ranking::new(space, &axes, &found.compared, value, change)
 }
 
 impl View<'_> {
@@ -251,14 +253,9 @@ impl View<'_> {
     }
 
     fn ranking(&self) -> Option<String> {
-        (self.ranked.len() > 2).then(|| {
-            format!(
-                "The space has {} axes; the maps show the {PAIR_AXES} whose rank correlation with the change of the robustness is largest \
-                 (Spearman): {}.",
-                self.axes.len(),
-                words::correlations(self.axes, &self.ranked[..PAIR_AXES])
-            )
-        })
+        let shown = self.ranking.shown(PAIR_AXES).len();
+        (self.ranking.len() > 2)
+            .then(|| self.ranking.sentence(self.axes, shown, "the change of the robustness"))
     }
 
     fn maps(&self) -> Vec<String> {
@@ -273,9 +270,9 @@ impl View<'_> {
             let title = format!("{} and {}.", text(&short(&first.name, 40)), text(&short(&second.name, 40)));
             figure(&svg, &title, "")
         };
-        match self.ranked[..] {
+        match self.ranking.shown(PAIR_AXES)[..] {
             [] => Vec::new(),
-            [(axis, _)] => {
+            [axis] => {
                 let at = |pair: &ComparedPair| {
                     let change = pair.second_robustness? - pair.first_robustness?;
                     Some([value(pair, axis)?, Some(change).filter(|change| change.is_finite())?])
@@ -288,9 +285,8 @@ impl View<'_> {
                 let svg = self.chart([x, y], Vec::new(), vec![limit], &at, &what);
                 vec![figure(&svg, "Change over the space.", "Above the dashed line B is better.")]
             }
-            [(x, _), (y, _)] => vec![map(x.min(y), x.max(y))],
-            _ => {
-                let chosen: Vec<usize> = self.ranked.iter().take(PAIR_AXES).map(|(axis, _)| *axis).collect();
+            [x, y] => vec![map(x.min(y), x.max(y))],
+            ref chosen => {
                 let pairs = (0..chosen.len()).flat_map(|i| (i + 1..chosen.len()).map(move |j| (i, j)));
                 pairs.map(|(i, j)| map(chosen[i], chosen[j])).collect()
             }

@@ -22,6 +22,7 @@ mod measure;
 mod modes;
 mod page;
 mod pictures;
+mod ranking;
 mod section;
 mod space;
 mod survival;

@@ -5,8 +5,9 @@ use mishandle_charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
 
 use crate::html::{figure, number, short};
 use crate::load::{Point, RunReport};
+use crate::ranking::Ranking;
 use crate::space::{around, cells, chart_axis, edges, label, linear, value_text};
-use crate::{color, tables, words};
+use crate::{color, tables};
 
 /// Size of a chart, pixels. Small, so that the text stays readable on a phone.
 pub const SIZE: [u32; 2] = [440, 330];
@@ -110,19 +111,22 @@ pub fn figures(report: &RunReport, id: usize) -> String {
             format!("{}<div class=\"grid\">{figure}</div>\n", scale.legend())
         }
         _ => {
-            let ranked = ranked(&axes, &decided, |point, axis| value(point, axis), |point| point.robustness);
-            let chosen: Vec<usize> = ranked.iter().take(PAIR_AXES).map(|(axis, _)| *axis).collect();
+            let ranking = Ranking::new(
+                &report.axes,
+                &axes,
+                &decided,
+                |point, axis| value(point, axis),
+                |point| point.robustness,
+            );
+            let chosen = ranking.shown(PAIR_AXES);
             let failing = match report.counts.falsified {
                 0 => "",
                 _ => " an outlined cell contains a failure;",
             };
             let mut out = format!(
-                "<p>The space has {} axes. The maps show pairs of the {} whose rank correlation with robustness is largest \
-                 (Spearman): {}. A cell has the color of the lowest robustness of the simulations in it, whatever the values \
-                 of the other axes;{failing} an unpainted cell contains no simulation.{shown} {HINT}</p>\n",
-                axes.len(),
-                chosen.len(),
-                words::correlations(&report.axes, &ranked[..chosen.len()]),
+                "<p>{} A cell has the color of the lowest robustness of the simulations in it, whatever the values of the other \
+                 axes;{failing} an unpainted cell contains no simulation.{shown} {HINT}</p>\n",
+                ranking.sentence(&report.axes, chosen.len(), "robustness"),
             );
             out.push_str(&scale.legend());
             out.push_str("<div class=\"grid\">");
@@ -146,51 +150,6 @@ fn name(report: &RunReport, axis: usize) -> String {
 
 fn value(point: &Point, axis: usize) -> Option<f64> {
     point.scenario.get(axis).copied().flatten().filter(|value| value.is_finite())
-}
-
-/// Returns the axes with the rank correlations between their value and a result, the largest magnitude first.
-pub fn ranked<T>(
-    axes: &[usize],
-    rows: &[T],
-    value: impl Fn(&T, usize) -> Option<f64>,
-    result: impl Fn(&T) -> Option<f64>,
-) -> Vec<(usize, f64)> {
-    let correlation = |axis: usize| {
-        let pairs: Vec<(f64, f64)> =
-            rows.iter().filter_map(|row| Some((value(row, axis)?, result(row)?))).collect();
-        let x = ranks(&pairs.iter().map(|(x, _)| *x).collect::<Vec<_>>());
-        let y = ranks(&pairs.iter().map(|(_, y)| *y).collect::<Vec<_>>());
-        pearson(&x, &y)
-    };
-    let mut ranked: Vec<(usize, f64)> = axes.iter().map(|axis| (*axis, correlation(*axis))).collect();
-    ranked.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-    ranked
-}
-
-/// Returns the ranks of values; equal values share the mean of their ranks.
-fn ranks(values: &[f64]) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..values.len()).collect();
-    order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
-    let mut ranks = vec![0.0; values.len()];
-    let mut first = 0;
-    while first < order.len() {
-        let group =
-            order[first..].iter().take_while(|index| values[**index] == values[order[first]]).count().max(1);
-        let mean = first as f64 + (group as f64 - 1.0) / 2.0;
-        order[first..first + group].iter().for_each(|index| ranks[*index] = mean);
-        first += group;
-    }
-    ranks
-}
-
-/// Returns the correlation of two lists; 0 if one of them is constant.
-fn pearson(x: &[f64], y: &[f64]) -> f64 {
-    let n = x.len().max(1) as f64;
-    let (mean_x, mean_y) = (x.iter().sum::<f64>() / n, y.iter().sum::<f64>() / n);
-    let sum =
-        |f: &dyn Fn(f64, f64) -> f64| x.iter().zip(y).map(|(x, y)| f(x - mean_x, y - mean_y)).sum::<f64>();
-    let (xy, xx, yy) = (sum(&|x, y| x * y), sum(&|x, _| x * x), sum(&|_, y| y * y));
-    if xx > 0.0 && yy > 0.0 { xy / (xx * yy).sqrt() } else { 0.0 }
 }
 
 /// What the maps of a run share.
@@ -404,15 +363,6 @@ pub fn axis_label(axis: &Axis) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn rank_correlation_is_that_of_a_worked_example() {
-        // Spearman's rho of 1, 2, 3, 4, 5 and 2, 1, 4, 3, 5: 1 - 6 * 4 / (5 * 24) = 0.8.
-        let (x, y) = (ranks(&[1.0, 2.0, 3.0, 4.0, 5.0]), ranks(&[20.0, 10.0, 40.0, 30.0, 50.0]));
-        assert!((pearson(&x, &y) - 0.8).abs() < 1e-12);
-        assert_eq!(ranks(&[5.0, 1.0, 5.0]), [1.5, 0.0, 1.5]);
-        assert_eq!(pearson(&ranks(&[1.0, 1.0]), &ranks(&[1.0, 2.0])), 0.0);
-    }
 
     #[test]
     fn the_interpolation_meets_the_simulations_and_leaves_the_rest_blank() {

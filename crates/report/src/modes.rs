@@ -37,7 +37,11 @@ pub fn section(report: &RunReport, id: usize) -> String {
         }
     );
     if described < modes.modes.len() {
-        out.push_str(&format!("<p>The {described} modes with the most failures are described.</p>\n"));
+        out.push_str(&format!(
+            "<p>Only the {} with the most failures {} described.</p>\n",
+            mishandle::plural(described as u64, "mode"),
+            if described == 1 { "is" } else { "are" }
+        ));
     }
     for (index, (mode, explained)) in modes.modes.iter().zip(&report.representatives).enumerate() {
         out.push_str(&card(report, id, index, mode, explained));

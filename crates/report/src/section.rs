@@ -76,7 +76,8 @@ fn tiles(report: &RunReport) -> String {
         let median = words::median(report).map_or("–".to_string(), |median| median.to_string());
         tiles.push((median, "simulations to a failure (median)".to_string()));
     }
-    tiles.push((report.modes.modes.len().to_string(), "failure modes".to_string()));
+    let modes = report.modes.modes.len();
+    tiles.push((modes.to_string(), if modes == 1 { "failure mode" } else { "failure modes" }.to_string()));
     tiles.push((words::worst(report).map_or("–".to_string(), number), "lowest robustness".to_string()));
     tiles.push((report.counts.simulations.to_string(), "simulations".to_string()));
     let share = report
@@ -154,8 +155,8 @@ fn facts(report: &RunReport) -> String {
     facts.push((
         "episode".into(),
         format!(
-            "{} control steps of {} s ({} s)",
-            header.episode_steps,
+            "{} of {} s ({} s)",
+            mishandle::plural(header.episode_steps, "control step"),
             number(header.control_dt),
             number(seconds)
         ),

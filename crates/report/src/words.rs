@@ -1,7 +1,6 @@
 //! The verdict in sentences.
 
 use mishandle::evaluation::{SurvivalCurve, wilson};
-use mishandle::rollout::Axis;
 use mishandle::store::TrialStatus;
 
 use crate::html::{number, percent, short, text};
@@ -24,15 +23,6 @@ pub fn subject(report: &RunReport) -> String {
 /// Returns the last part of a path.
 pub fn file_name(path: &str) -> &str {
     path.rsplit('/').next().filter(|name| !name.is_empty()).unwrap_or(path)
-}
-
-/// Returns the rank correlations of axes as HTML, in the order of the list.
-pub fn correlations(axes: &[Axis], ranked: &[(usize, f64)]) -> String {
-    let one = |(axis, rho): &(usize, f64)| {
-        let name = text(&short(&axes[*axis].name, 40));
-        format!("<code>{name}</code> {}", number((rho * 100.0).round() / 100.0))
-    };
-    ranked.iter().map(one).collect::<Vec<_>>().join(", ")
 }
 
 /// Returns the numbers of failing and of decided random simulations of an evaluation.

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::{Args, Subcommand};
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::shell_quote;
+use mishandle::{plural, shell_quote};
 use mishandle_experiments::{
-    Block, CampaignResults, ExperimentError, NamedPage, Results, Table, ZooFolder, pages,
+    Block, CampaignResults, ExperimentError, NamedPage, Results, RunResults, Table, ZooFolder, pages,
 };
 use serde_json::{Value, json};
 
@@ -53,12 +53,14 @@ get the same tables.")]
         #[arg(long)]
         json: bool,
     },
-    /// Store the rows of complete campaigns as compressed CSV files with a manifest
+    /// Store the rows of complete runs as compressed CSV files with a manifest
     #[command(after_help = "Examples:
-  mishandle reproduce collect runs/performance runs/falsification \\
-      --out experiments/paper/results/2026-11-22")]
+  mishandle reproduce collect runs/performance runs/falsification --out results/2026-11-22
+  mishandle reproduce collect results/2026-11-22 more/falsification --out results/2026-11-24
+
+Incomplete runs are left out. Campaigns of the same name are merged, so a table can be run in parts.")]
     Collect {
-        /// Folders of campaigns
+        /// Folders of campaigns or of collected results
         #[arg(value_name = "DIR", required = true)]
         folders: Vec<PathBuf>,
         /// Folder to create, named by the date of the results
@@ -169,7 +171,7 @@ fn load(folders: &[PathBuf]) -> Result<Results> {
         if Results::is_in(folder) {
             let Results { date, machine, campaigns } = Results::read(folder).map_err(converted)?;
             all.date = date;
-            all.machine = machine;
+            add_machine(&mut all.machine, &machine);
             all.campaigns.extend(campaigns);
         } else {
             let zoo = ZooFolder::new(&mishandle::home().unwrap_or_default());
@@ -240,7 +242,7 @@ fn document(pages: &[NamedPage]) -> Value {
     json!({ "pages": pages.iter().map(page).collect::<Vec<_>>() })
 }
 
-/// Reads complete campaigns, to be stored as results.
+/// Reads the complete runs of campaigns, and results to add them to.
 fn collect(folders: &[PathBuf], out: &Path) -> Result<Results> {
     ensure!(!out.exists(), "{} exists already; choose another --out", out.display());
     let date = out.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());
@@ -249,17 +251,37 @@ fn collect(folders: &[PathBuf], out: &Path) -> Result<Results> {
         && date.bytes().all(|byte| byte.is_ascii_digit() || byte == b'-');
     ensure!(is_date, "the folder of results is named by its date, such as 2026-11-22; found `{date}`");
     let mut results = load(folders)?;
-    for run in results.campaigns.iter().flat_map(|campaign| &campaign.runs) {
-        ensure!(run.is_complete(), "run {} is not complete; resume its campaign first", run.facts.name);
+    for campaign in &mut results.campaigns {
+        let all = campaign.runs.len();
+        campaign.runs.retain(RunResults::is_complete);
+        let left_out = all - campaign.runs.len();
+        if left_out > 0 {
+            output::message(&format!(
+                "{}: {left_out} of {} left out, because they are not complete",
+                campaign.name,
+                plural(all as u64, "run")
+            ));
+        }
     }
-    let mut names: Vec<&str> = results.campaigns.iter().map(|campaign| campaign.name.as_str()).collect();
-    names.sort_unstable();
-    if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
-        bail!("two folders have the name `{}`; results are stored by it, so rename one", pair[0]);
-    }
+    results.campaigns.retain(|campaign| !campaign.runs.is_empty());
+    ensure!(!results.campaigns.is_empty(), "no run is complete; resume the campaigns first");
+    results.merge_campaigns().map_err(converted)?;
     results.date = date;
-    results.machine = machine();
+    if !folders.iter().all(|folder| Results::is_in(folder)) {
+        add_machine(&mut results.machine, &machine());
+    }
     Ok(results)
+}
+
+/// Adds a machine to a list, once.
+fn add_machine(list: &mut String, machine: &str) {
+    if list.split("; ").any(|known| known == machine) {
+        return;
+    }
+    if !list.is_empty() {
+        list.push_str("; ");
+    }
+    list.push_str(machine);
 }
 
 /// Describes the machine: processor, number of cores and operating system.

@@ -1,4 +1,4 @@
-"""Values of other statistics packages for the tests of `survival`, `exact`, `holm` and `effect`.
+"""Values of other statistics packages for the tests of `survival`, `exact`, `holm`, `effect` and `kruskal_wallis`.
 
     python -m venv venv && venv/bin/pip install scipy==1.17.1 statsmodels==0.15.0 lifelines==0.30.3
     venv/bin/python statistics.py
@@ -76,6 +76,12 @@ def effect():
     print("a12", interval([300] * 20 + list(range(10, 110, 10)), [300] * 5 + list(range(1, 26))))
 
 
+def kruskal_wallis():
+    print("kruskal", stats.kruskal([2.9, 3.0, 2.5, 2.6, 3.2], [3.8, 2.7, 4.0, 2.4], [2.8, 3.4, 3.7, 2.2, 2.0]))
+    print("kruskal", stats.kruskal([1, 1, 2, 5], [2, 2, 3], [7, 7, 8, 9], [5, 1]))
+
+
 survival()
 exact()
 effect()
+kruskal_wallis()

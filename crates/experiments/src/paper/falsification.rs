@@ -11,15 +11,15 @@ use super::notes::{Notes, Row};
 use super::page::{code, inline};
 use super::performance::failing_corners;
 use super::{
-    Block, NOTHING, PAPER_BUDGET, PAPER_TRIALS, Page, PaperFalsification, REPEATED_TASK, Results, RunResults,
-    SIGNIFICANT, Table, columns, differences, is_of_paper, on_the_paper, p_text, paper_falsification,
-    paper_performance, percent_with_interval, provenance, sentences, target_cell, with_interval,
+    Block, NOTHING, PAPER_BUDGET, PAPER_TRIALS, Page, PaperFalsification, Results, RunResults, SIGNIFICANT,
+    Table, columns, differences, is_of_paper, on_the_paper, p_text, paper_falsification, paper_performance,
+    percent_with_interval, provenance, sentences, target_cell, with_interval,
 };
 
 /// Returns the page; `None` without falsifications.
 pub(super) fn page(results: &Results, notes: &Notes) -> Option<Page> {
     let runs = results.campaigns.iter().flat_map(|campaign| &campaign.runs);
-    let runs: Vec<Falsified<'_>> = runs.filter_map(Falsified::new).collect();
+    let runs: Vec<Falsified<'_>> = runs.filter_map(|run| Falsified::new(run, notes)).collect();
     if runs.is_empty() {
         return None;
     }
@@ -226,14 +226,7 @@ fn remark(results: &Results, notes: &Notes, group: &[&Falsified<'_>]) -> Option<
     let plan = &group[0].run.plan;
     let mut parts = differing(results, group);
     for falsified in group {
-        let row = Row {
-            table: "falsification",
-            task: &plan.target,
-            controller: &plan.controller,
-            search: falsified.search,
-            preset: &plan.preset,
-        };
-        for note in notes.on(&row) {
+        for note in notes.on(&row(plan, falsified.search)) {
             if !parts.iter().any(|part| part == note) {
                 parts.push(note.to_string());
             }
@@ -241,6 +234,12 @@ fn remark(results: &Results, notes: &Notes, group: &[&Falsified<'_>]) -> Option<
     }
     (!parts.is_empty())
         .then(|| format!("{} {}: {}", code(&plan.target), code(&plan.controller), sentences(parts)))
+}
+
+/// Returns the row of a search, as notes name it.
+fn row<'a>(plan: &'a Plan, search: &'a str) -> Row<'a> {
+    let Plan { target, controller, preset, .. } = plan;
+    Row { table: "falsification", task: target, controller, search, preset }
 }
 
 /// Returns sentences on the rows that differ significantly from the paper's, and what our simulations say about the reason.
@@ -321,11 +320,13 @@ struct Falsified<'a> {
     ended_early: usize,
     planned: usize,
     paper: Option<PaperFalsification>,
+    /// Whether the paper's values are compared with ours; otherwise they are only shown.
+    is_compared: bool,
 }
 
 impl Falsified<'_> {
     /// Returns the trials of a run; `None` if it is no falsification.
-    fn new(run: &RunResults) -> Option<Falsified<'_>> {
+    fn new<'a>(run: &'a RunResults, notes: &Notes) -> Option<Falsified<'a>> {
         let falsify = run.plan.falsify.as_ref()?;
         let lifetimes = run.ended().map(|trial| match trial.status {
             TrialStatus::Falsified => Lifetime::failed(run.simulations_of(trial.number).count() as u32),
@@ -340,6 +341,7 @@ impl Falsified<'_> {
             planned: falsify.trials as usize,
             paper: paper_falsification(&run.plan.target, &run.plan.controller, &falsify.search)
                 .filter(|_| is_of_paper(&run.plan) && run.plan.action_noise == 0.0),
+            is_compared: notes.compares(&row(&run.plan, &falsify.search)),
         })
     }
 
@@ -380,8 +382,7 @@ impl Falsified<'_> {
 
     fn p_value(&self) -> Option<f64> {
         // With another budget, the rates cannot be compared.
-        let is_compared =
-            self.is_complete() && self.budget == PAPER_BUDGET && self.run.plan.target != REPEATED_TASK;
+        let is_compared = self.is_complete() && self.budget == PAPER_BUDGET && self.is_compared;
         let paper = self.paper.filter(|_| is_compared)?;
         let ours = (self.falsified(), self.lifetimes.len() as u64);
         Some(fisher_test(ours, (paper.falsified, PAPER_TRIALS)))

@@ -11,8 +11,8 @@ mod results;
 
 pub use page::{Block, Page, Table};
 pub use published::{
-    PAPER_BUDGET, PAPER_STARTS, PAPER_TRIALS, PaperFalsification, PaperPerformance, REPEATED_TASK,
-    paper_falsification, paper_performance, paper_training_time,
+    PAPER_BUDGET, PAPER_STARTS, PAPER_TRIALS, PaperFalsification, PaperPerformance, paper_falsification,
+    paper_performance, paper_training_time,
 };
 pub use results::{CampaignResults, Results, RunFacts, RunResults};
 

@@ -28,6 +28,13 @@ struct Note {
     search: Option<String>,
     preset: Option<String>,
     text: String,
+    /// Whether the paper's values of these rows are compared with ours; otherwise they are only shown.
+    #[serde(default = "yes")]
+    compare: bool,
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// A difference between the experiments.
@@ -68,24 +75,43 @@ impl Notes {
         toml::from_str(NOTES).unwrap_or_default()
     }
 
-    /// Returns the notes on a row.
+    /// Returns the texts of the notes on a row.
     pub fn on(&self, row: &Row<'_>) -> impl Iterator<Item = &str> {
+        self.fitting(row).map(|note| note.text.as_str())
+    }
+
+    /// Returns whether the paper's values of a row are compared with ours.
+    pub fn compares(&self, row: &Row<'_>) -> bool {
+        self.fitting(row).all(|note| note.compare)
+    }
+
+    fn fitting(&self, row: &Row<'_>) -> impl Iterator<Item = &Note> {
         let row = *row;
         let fits = |key: &Option<String>, value: &str| key.as_deref().is_none_or(|key| key == value);
-        let notes = self.notes.iter().filter(move |note| {
+        self.notes.iter().filter(move |note| {
             note.table == row.table
                 && note.task == row.task
                 && fits(&note.controller, row.controller)
                 && fits(&note.search, row.search)
                 && fits(&note.preset, row.preset)
-        });
-        notes.map(|note| note.text.as_str())
+        })
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The paper prints the same values for both tasks, and they fit `ball-pushing` better.
+    #[test]
+    fn the_repeated_rows_of_peg_in_hole_are_not_compared() {
+        let notes: Notes = toml::from_str(NOTES).unwrap();
+        let row =
+            |task| Row { table: "falsification", task, controller: "ppo", search: "random", preset: "paper" };
+        assert!(!notes.compares(&row("peg-in-hole")));
+        assert!(notes.compares(&row("ball-pushing")));
+        assert!(notes.compares(&Row { table: "performance", ..row("peg-in-hole") }));
+    }
 
     #[test]
     fn the_notes_are_read_and_name_known_rows() {

@@ -5,7 +5,7 @@ use std::path::Path;
 use mishandle::evaluation::{EvaluationReport, FormulaRoles, Metrics};
 use mishandle::rollout::Seed;
 use mishandle::store::{RunFile, RunKind, Simulation, TrialRecord, TrialStatus};
-use mishandle::{Plan, campaign_runs, recorded_episode};
+use mishandle::{Plan, campaign_runs, recorded_episode, shell_quote};
 use serde::{Deserialize, Serialize};
 
 use crate::folder::ZooFolder;
@@ -74,6 +74,34 @@ pub struct RunFacts {
     pub training_steps: Option<u64>,
 }
 
+impl Results {
+    /// Merges campaigns of the same name, so that parts of a campaign that ran at different times become one. The runs keep
+    /// their order.
+    ///
+    /// # Errors
+    /// Two parts contain the same run.
+    pub fn merge_campaigns(&mut self) -> Result<(), ExperimentError> {
+        let mut merged: Vec<CampaignResults> = Vec::new();
+        for campaign in std::mem::take(&mut self.campaigns) {
+            let Some(first) = merged.iter_mut().find(|other| other.name == campaign.name) else {
+                merged.push(campaign);
+                continue;
+            };
+            let is_known =
+                |run: &&RunResults| first.runs.iter().any(|other| other.facts.name == run.facts.name);
+            if let Some(run) = campaign.runs.iter().find(is_known) {
+                return Err(ExperimentError::DuplicateRun {
+                    campaign: campaign.name.clone(),
+                    run: run.facts.name.clone(),
+                });
+            }
+            first.runs.extend(campaign.runs);
+        }
+        self.campaigns = merged;
+        Ok(())
+    }
+}
+
 impl CampaignResults {
     /// Reads the run files of a campaign, which may be incomplete. `zoo` has the training times of shipped controllers.
     ///
@@ -86,7 +114,11 @@ impl CampaignResults {
             .map(|run| read_run(&run.name, &run.path, zoo))
             .collect::<Result<Vec<RunResults>, ExperimentError>>()?;
         let plan = format!("experiments/paper/{name}.toml");
-        let plan = if zoo.path(&plan).is_file() { plan } else { format!("{name}.toml") };
+        let plan = if zoo.path(&plan).is_file() {
+            plan
+        } else {
+            shell_quote(&folder.join("campaign.toml").to_string_lossy())
+        };
         Ok(CampaignResults { command: format!("mishandle campaign {plan}"), name, runs })
     }
 }
