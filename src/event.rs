@@ -1,12 +1,14 @@
 //! The event of a simulation that pictures center on.
 
+use mishandle_stl::Trace;
+
 use crate::Explanation;
 use crate::explanation_text::instant;
 
 /// An instant of a simulation that pictures center on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Event {
-    /// The decisive sample.
+    /// The sample of the event.
     pub sample: usize,
     /// The first sample of the window that violates the predicate, if the event is a violation that starts earlier.
     pub start: Option<usize>,
@@ -23,6 +25,10 @@ pub enum EventKind {
     ClosestApproach,
     /// The formula is satisfied, and here it is closest to a violation.
     SmallestMargin,
+    /// Two parts of the scene touch that do not touch in the first 0.1 s.
+    Contact,
+    /// The gripper releases the held object.
+    Release,
 }
 
 impl EventKind {
@@ -32,6 +38,8 @@ impl EventKind {
             EventKind::Violation => "violation",
             EventKind::ClosestApproach => "closest approach",
             EventKind::SmallestMargin => "smallest margin",
+            EventKind::Contact => "contact",
+            EventKind::Release => "release",
         }
     }
 
@@ -42,6 +50,8 @@ impl EventKind {
                 "the formula asks for one instant that satisfies it, and this one comes closest"
             }
             EventKind::SmallestMargin => "the formula is satisfied, and here it is closest to a violation",
+            EventKind::Contact => "two parts touch for the first time that do not touch in the first 0.1 s",
+            EventKind::Release => "the gripper releases the held object",
         }
     }
 }
@@ -59,6 +69,31 @@ impl Event {
         let (name, reason) = (self.kind.name(), self.kind.reason());
         format!("the pictures center on the {name} at {}: {reason}", instant(self.sample, control_dt))
     }
+}
+
+/// Returns the release of the held object: the first sample at which a signal `…_held` falls below 0.5, or a signal `…_released`
+/// reaches 0.5. `None` without such a signal, or if the object is not released.
+///
+/// # Example
+/// ```
+/// use mishandle::stl::Trace;
+/// let mut trace = Trace::new(&["cube_height", "cube_held"]);
+/// [[0.2, 1.0], [0.1, 1.0], [0.1, 0.0]].iter().for_each(|row| trace.push(row));
+/// assert_eq!(mishandle::release(&trace).map(|event| event.sample), Some(2));
+/// ```
+pub fn release(trace: &Trace) -> Option<Event> {
+    let first = |(column, name): (usize, &String)| {
+        let values = trace.column(column);
+        let is_released = |value: &f64| match name {
+            name if name.ends_with("_held") => *value < 0.5,
+            name if name.ends_with("_released") => *value >= 0.5,
+            _ => false,
+        };
+        values.first().filter(|value| !is_released(value))?;
+        values.iter().position(is_released)
+    };
+    let sample = trace.names().iter().enumerate().filter_map(first).min()?;
+    Some(Event { sample, start: None, kind: EventKind::Release })
 }
 
 impl Explanation {

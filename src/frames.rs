@@ -42,11 +42,12 @@ struct CaptionPredicate {
 
 impl FrameCaptions {
     /// Makes the captions of a simulation with samples 0 to `last`, `control_dt` seconds apart. Without an explanation they
-    /// show the time only. `signals` gives the units.
+    /// show the time only. `signals` gives the units, and `event` is marked.
     pub fn new(
         control_dt: f64,
         signals: &[SignalRecord],
         explanation: Option<&Explanation>,
+        event: Option<&Event>,
         last: usize,
     ) -> FrameCaptions {
         let history = explanation.and_then(|explanation| explanation.history.as_ref());
@@ -54,7 +55,7 @@ impl FrameCaptions {
         FrameCaptions {
             control_dt,
             last,
-            marks: explanation.and_then(Explanation::event).as_ref().map_or(Vec::new(), Event::marks),
+            marks: event.map_or(Vec::new(), Event::marks),
             mark_color: if is_violated { FAIL } else { PASS },
             predicate: explanation.and_then(|explanation| predicate(signals, explanation)),
             spans: history.map_or(Vec::new(), |history| spans(history, last)),
@@ -255,7 +256,7 @@ mod tests {
         values.iter().for_each(|value| trace.push(&[*value]));
         let explanation = explain_trace(&Formula::parse(formula).unwrap(), &trace, 0.5).unwrap();
         let signals = [SignalRecord { name: "gap".to_string(), unit: "m".to_string() }];
-        FrameCaptions::new(0.5, &signals, Some(&explanation), values.len() - 1)
+        FrameCaptions::new(0.5, &signals, Some(&explanation), explanation.event().as_ref(), values.len() - 1)
     }
 
     fn text(caption: &Caption) -> String {

@@ -71,7 +71,7 @@ pub use evaluate::{
     EvaluationOutcome, check_evaluate, evaluate, evaluation_request, evaluation_simulations,
     rejects_scenarios,
 };
-pub use event::{Event, EventKind};
+pub use event::{Event, EventKind, release};
 pub use explanation::{
     Conjunct, ExplainedSimulation, Explanation, PredicateHistory, explain, explain_episode, explain_recorded,
     explain_trace,

@@ -8,7 +8,10 @@ use mishandle_tasks::{Definition, Preset, Reward, Task, TaskEnvironment, compose
 
 use crate::replay::{recorded_plan, replay_in};
 use crate::target::task_target;
-use crate::{MishandleError, ReplayResult};
+use crate::{Event, EventKind, MishandleError, ReplayResult};
+
+/// Time in which objects settle into their first contacts, in seconds.
+const SETTLING: f64 = 0.1;
 
 /// The simulation states of an episode, one per control step.
 pub struct StateTrajectory {
@@ -16,6 +19,37 @@ pub struct StateTrajectory {
     pub states: Vec<Vec<f64>>,
     /// Time between two states, in seconds.
     pub control_dt: f64,
+    environment: Arc<TaskEnvironment>,
+}
+
+impl StateTrajectory {
+    /// Returns the first contact between two parts of the scene that do not touch in the first 0.1 s, in which objects settle, and
+    /// its name, which is that of the column `contact_A_B` of a full trace. `None` without one. A contact between two control
+    /// steps is not seen.
+    ///
+    /// # Errors
+    /// If the scene cannot be built.
+    pub fn first_contact(&self) -> Result<Option<(Event, String)>, MishandleError> {
+        let task = self.environment.definition().name;
+        let scene_error = |source| mishandle_tasks::TaskError::Scene { task, source };
+        let mut full_state = self.environment.full_state().map_err(scene_error)?;
+        let columns = full_state.columns();
+        let is_pair = |name: &str| name.starts_with("contact_") && name != "contact_largest";
+        let pairs: Vec<usize> = (0..columns.len()).filter(|column| is_pair(&columns[*column].0)).collect();
+        let mut touching = |state: &[f64]| -> Vec<usize> {
+            let mut values = Vec::new();
+            full_state.measure(state, &mut values);
+            pairs.iter().copied().filter(|column| values[*column] > 0.0).collect()
+        };
+        let settled = 1 + (SETTLING / self.control_dt).round() as usize;
+        let (initial, later) = self.states.split_at(settled.min(self.states.len()));
+        let initial: Vec<usize> = initial.iter().flat_map(|state| touching(state)).collect();
+        let found = later.iter().zip(settled..).find_map(|(state, sample)| {
+            let column = touching(state).into_iter().find(|column| !initial.contains(column))?;
+            Some((Event { sample, start: None, kind: EventKind::Contact }, columns[column].0.clone()))
+        });
+        Ok(found)
+    }
 }
 
 /// Returns the initial state of a task, as a trajectory with one state.
@@ -37,7 +71,8 @@ pub fn initial_state(task: &dyn Task, x0: Option<&[f64]>) -> Result<StateTraject
     let mut rewards = vec![0.0; environment.reward_terms().len()];
     let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
     environment.worker().reset(&scenario, Seed(0), &mut state, sample);
-    Ok(StateTrajectory { states: vec![state], control_dt: environment.control_dt() })
+    let control_dt = environment.control_dt();
+    Ok(StateTrajectory { states: vec![state], control_dt, environment: Arc::new(environment) })
 }
 
 /// Returns the samples of a filmstrip of the samples `first` to `last`: both ends, the decisive sample, and samples between them.
@@ -103,11 +138,11 @@ pub fn replay_states(
     let resolved = recorded_plan(run.header(), controller)?;
     let target = task_target(&resolved.plan)?;
     let environment = Arc::new(target.environment(&resolved.space)?);
-    let (recorder, recording) = RecordingEnvironment::new(environment);
+    let (recorder, recording) = RecordingEnvironment::new(environment.clone());
     let mut system = target.system_in(Arc::new(recorder), &resolved.space, &resolved.specification)?;
     let replayed = replay_in(run, trial, number, &resolved, &mut system)?;
     let states = recording.take().states;
-    Ok((replayed, StateTrajectory { states, control_dt: run.header().control_dt }))
+    Ok((replayed, StateTrajectory { states, control_dt: run.header().control_dt, environment }))
 }
 
 /// Returns the MJCF document of a task's scene, with all visual elements.

@@ -8,7 +8,7 @@ use mishandle::rollout::{Environment, Request, Scenario, Seed};
 use mishandle::store::{RunFile, TraceColumn};
 use mishandle::tasks::{Preset, Reward, TaskEnvironment, tasks};
 use mishandle::world::Model;
-use mishandle::{EvaluatePlan, Plan, ResolvedPlan};
+use mishandle::{EvaluatePlan, EventKind, Plan, ResolvedPlan};
 
 /// The environment removes visual elements from the scene. Its states must still fit the scene with visual elements.
 #[test]
@@ -55,6 +55,42 @@ fn a_replayed_trajectory_has_one_state_per_sample_of_the_trace() {
     let scenario: Vec<f64> = replayed.recorded.scenario.iter().flatten().copied().collect();
     assert_eq!(first.1, scenario);
     assert_eq!(last.1, first.1);
+}
+
+/// The expert of cube stacking lowers the held cube until it touches the target, or drops it from just above.
+#[test]
+fn the_first_contact_and_the_release_are_those_of_the_trace() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    let plan = Plan {
+        evaluate: Some(EvaluatePlan { episodes: 1, ..EvaluatePlan::default() }),
+        ..Plan::new("cube-stacking", "expert")
+    };
+    let resolved = ResolvedPlan::new(&plan).unwrap();
+    let run = mishandle::create_run(&resolved, Some(&path)).unwrap();
+    mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+    let (replayed, trajectory) =
+        mishandle::replay_states(&RunFile::open(&path).unwrap(), 1, 1, None).unwrap();
+    let trace = &replayed.episode.trace;
+    let held = trace.names().iter().position(|name| name == "cube_held").unwrap();
+    let release = mishandle::release(trace).unwrap();
+    assert_eq!((release.kind, trace.column(held)[release.sample - 1]), (EventKind::Release, 1.0));
+    assert_eq!(trace.column(held)[release.sample], 0.0);
+
+    let columns = mishandle::full_trace(&resolved, &replayed.episode).unwrap();
+    let (contact, pair) = trajectory.first_contact().unwrap().unwrap();
+    assert_eq!(contact.kind, EventKind::Contact);
+    let force = &columns.iter().find(|column| column.name == pair).unwrap().values;
+    assert!(force[contact.sample].unwrap() > 0.0, "{pair}");
+    // No pair that is apart in the first 0.1 s touches before.
+    for column in columns.iter().filter(|column| column.name.matches('_').count() == 2) {
+        let is_apart = column.name.starts_with("contact_")
+            && column.values[..=6].iter().all(|force| *force == Some(0.0));
+        let touches = column.values[..contact.sample].iter().any(|force| *force != Some(0.0));
+        assert!(!is_apart || !touches, "{}", column.name);
+    }
+    let arm = mishandle::initial_state(mishandle::task("point-reaching").unwrap(), None).unwrap();
+    assert_eq!(arm.first_contact().unwrap(), None);
 }
 
 /// The expert puts the cube on the target. Both have 0.02 kg.

@@ -151,6 +151,10 @@ fn an_episode_is_rendered_as_a_video_or_a_filmstrip() {
     bench.check("render --run run.sqlite --simulation 2 --size 32x24 --out strip.png");
     assert_eq!(size(&bench.path("strip.png")), (3 * 32, 2 * 24));
 
+    let reach = "render --run run.sqlite --out event.png --event";
+    bench.refuses(&mut bench.command(&format!("{reach} release")), &["nothing is released"]);
+    bench.refuses(&mut bench.command(&format!("{reach} contact")), &["no contact"]);
+
     let render =
         || bench.command("render --run run.sqlite --simulation 2 --size 32x24 --fast --out video.mp4");
     let nothing = bench.path("nothing");

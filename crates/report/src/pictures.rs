@@ -95,8 +95,9 @@ fn strip(
     let decisive = event.map_or(last, |event| event.sample);
     let header = run.header();
     let renderer_of = |quality: Quality| {
+        let explanation = Some(&explained.explanation);
         let captions =
-            FrameCaptions::new(header.control_dt, &header.signals, Some(&explained.explanation), last);
+            FrameCaptions::new(header.control_dt, &header.signals, explanation, event.as_ref(), last);
         FrameRenderer::new(document, size, quality, &CAMERAS[..1], Some(captions))
     };
     let mut renderer = renderer_of(Quality::Fine)?;

@@ -1,7 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use mishandle::world::{CAMERAS, Picture, Quality, Size, png};
 use mishandle::{Event, Explanation, Film, FrameCaptions, FrameRenderer, StateTrajectory, plural};
 
@@ -32,7 +32,8 @@ const SPEED: &str = "a number from 0.01 to 100, such as 0.25";
 Pictures of a simulation center on its event, and `render` says which one it is and why. If the
 formula is violated by something that must always hold, it is the violation. If the formula needs
 one good instant (`eventually`), it is the closest approach. If the formula is satisfied, it is the
-instant with the smallest margin. A video holds the event for a second.
+instant with the smallest margin. A video holds the event for a second. `--event contact` and
+`--event release` center on something else.
 
 Rendering needs no display. Videos need the program ffmpeg.")]
 pub struct Arguments {
@@ -59,6 +60,9 @@ pub struct Arguments {
     /// Do not check the whole run file before reading it; a record is still checked when it is read
     #[arg(long, requires = "run")]
     pub skip_check: bool,
+    /// Event of a simulation to center on
+    #[arg(long, value_name = "EVENT", requires = "run", default_value = "decisive")]
+    pub event: CenterEvent,
     /// Show only this many seconds before and after the event [default: all of an episode of up to 10 s, otherwise 5]
     #[arg(long, value_name = "SECONDS", requires = "run", allow_negative_numbers = true)]
     #[arg(value_parser = numbers::number(AROUND, |seconds| seconds > 0.0 && seconds.is_finite()))]
@@ -93,6 +97,18 @@ impl Arguments {
     fn quality(&self) -> Quality {
         if self.fast { Quality::Fast } else { Quality::Fine }
     }
+}
+
+/// What pictures of a simulation center on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum CenterEvent {
+    /// The violation, closest approach or smallest margin
+    #[default]
+    Decisive,
+    /// The first contact of two parts that do not touch in the first 0.1 s
+    Contact,
+    /// The release of the held object
+    Release,
 }
 
 /// The camera is placed by every second state, which is enough to show all motions.
@@ -233,6 +249,7 @@ fn recorded(
         plural(replayed.episode.steps, "control step")
     ));
     let last = trajectory.states.len() - 1;
+    let released = mishandle::release(&replayed.episode.trace);
     // An undecided simulation has no explanation.
     let explained = replayed.recorded.robustness.and_then(|_| {
         mishandle::explain_recorded(run.header(), replayed.recorded, replayed.episode.trace).ok()
@@ -241,11 +258,25 @@ fn recorded(
     for sentence in explanation.map_or(Vec::new(), |found| found.sentences(run.header().control_dt)) {
         output::message(&sentence);
     }
-    let event = explanation.and_then(Explanation::event);
+    let event = match command.event {
+        CenterEvent::Decisive => explanation.and_then(Explanation::event),
+        CenterEvent::Contact => match trajectory.first_contact()? {
+            Some((event, pair)) => {
+                output::message(&format!("first contact: {pair}"));
+                Some(event)
+            }
+            None => bail!("this simulation has no contact but those of the first 0.1 s; leave out --event"),
+        },
+        CenterEvent::Release => match released {
+            Some(event) => Some(event),
+            None => bail!("nothing is released in this simulation; leave out --event"),
+        },
+    };
     if let Some(event) = event {
         output::message(&event.sentence(run.header().control_dt));
     }
-    let captions = FrameCaptions::new(run.header().control_dt, &run.header().signals, explanation, last);
+    let captions =
+        FrameCaptions::new(run.header().control_dt, &run.header().signals, explanation, event.as_ref(), last);
     let renderer = FrameRenderer::new(&document, size, quality, &cameras, Some(captions))?;
     if !renderer.has_captions() {
         output::message("frames of this size are too small for captions; try --size 320x240");
@@ -276,8 +307,8 @@ fn filmstrip(
     }
     if count > 1 {
         let time = |step: &usize| {
-            let note = if event.is_some() && *step == decisive { " (decisive)" } else { "" };
-            format!("{:.2} s{note}", *step as f64 * trajectory.control_dt)
+            let name = event.filter(|_| *step == decisive).map(|event| format!(" ({})", event.kind.name()));
+            format!("{:.2} s{}", *step as f64 * trajectory.control_dt, name.unwrap_or_default())
         };
         let times: Vec<String> = steps.iter().map(time).collect();
         output::message(&format!("frames at {}, row by row", times.join(", ")));
@@ -293,7 +324,7 @@ fn video(
     event: Option<Event>,
     command: &Arguments,
 ) -> Result<ExitStatus> {
-    let StateTrajectory { states, control_dt } = trajectory;
+    let StateTrajectory { states, control_dt, .. } = trajectory;
     let (last, speed) = (states.len() - 1, command.speed.unwrap_or(1.0));
     let film = Film::new(*control_dt, last, event.as_ref(), command.around, speed);
     let (first, end) = film.window;
