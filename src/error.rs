@@ -7,7 +7,7 @@ use mishandle_training::TrainingError;
 #[non_exhaustive]
 pub enum MishandleError {
     /// The name is unknown.
-    #[error("there is no {kind} `{name}`; choose from: {}", known.join(", "))]
+    #[error("there is no {kind} `{name}`; choose from: {}", names(known))]
     UnknownName {
         /// Kind of the named object, such as `task`.
         kind: &'static str,
@@ -458,6 +458,17 @@ pub enum MishandleError {
     /// A run file cannot be read or written.
     #[error(transparent)]
     Store(#[from] mishandle_store::StoreError),
+}
+
+/// Largest number of known names that an error lists.
+const LISTED: usize = 24;
+
+/// Lists known names, the first ones if they are many.
+fn names(known: &[String]) -> String {
+    match known.len().saturating_sub(LISTED) {
+        0 => known.join(", "),
+        more => format!("{}, and {more} more", known[..LISTED].join(", ")),
+    }
 }
 
 /// Lists the known keys in the table of an unknown key. The keys outside of tables include the names of the tables.

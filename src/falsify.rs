@@ -199,6 +199,7 @@ pub fn search_entry(name: &str) -> Result<&'static SearchEntry, MishandleError> 
 /// Returns the type of each coordinate of the search.
 fn coordinates(space: &Space) -> Vec<Coordinate> {
     let coordinate = |axis: &Axis| match (&axis.values, axis.levels()) {
+        _ if axis.is_fixed() => Coordinate::Integer { levels: 1 },
         (AxisValues::Categorical(_), Some(levels)) => Coordinate::Categorical { levels },
         (_, Some(levels)) => Coordinate::Integer { levels },
         (_, None) => Coordinate::Continuous,

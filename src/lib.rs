@@ -19,6 +19,7 @@
 //! assert!(episodes[0].verdict.success.unwrap() > 0.0);
 //! ```
 
+mod axis_setting;
 mod build;
 mod campaign;
 mod comparison;
@@ -56,6 +57,7 @@ mod train;
 mod training_facts;
 mod trajectory;
 
+pub use axis_setting::AxisSetting;
 pub use build::{VERSION, VERSION_AND_COMMIT, build};
 pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 pub use comparison::{

@@ -1,13 +1,14 @@
 mod grid;
 mod read;
 
+use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
 use mishandle_rollout::DEFAULT_BATCH_SIZE;
 use mishandle_search::SearchOptions;
 use serde::{Deserialize, Serialize};
 
-use crate::MishandleError;
+use crate::{AxisSetting, MishandleError};
 
 pub use grid::{GridRun, read_grid};
 
@@ -37,6 +38,9 @@ pub struct Plan {
     /// Name of the scenario space, or several names joined by `+`.
     #[serde(default = "starts")]
     pub space: String,
+    /// Axes with a narrower range or a fixed value, by name. Axes that the space lacks are added to it.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub axes: BTreeMap<String, AxisSetting>,
     /// Task preset: the initial boxes and formulas of the benchmark's `paper` or of its `code`.
     #[serde(default = "paper")]
     pub preset: String,
@@ -204,6 +208,7 @@ impl Plan {
             format: FORMAT,
             target: target.to_string(),
             space: starts(),
+            axes: BTreeMap::new(),
             preset: paper(),
             controller: controller.to_string(),
             stochastic: false,

@@ -1,6 +1,6 @@
 # Types of the extension module, which the modules of the package use. It is not part of the public interface.
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -127,7 +127,9 @@ class Target:
         simulate: Callable[[list[tuple[dict[str, Any], int]]], list[Outcome]],
     ) -> Target: ...
     @staticmethod
-    def of_task(task: str, controller: str, preset: str, space: str) -> Target: ...
+    def of_task(
+        task: str, controller: str, preset: str, space: str, axes: Mapping[str, float | tuple[float, float] | str]
+    ) -> Target: ...
     @property
     def axes(self) -> list[AxisTuple]: ...
     @property

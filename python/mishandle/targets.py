@@ -103,6 +103,9 @@ class TargetOptions(TypedDict, total=False):
     """Wall-clock time limit of a simulation, in seconds."""
     preset: str
     """Task preset: ``"paper"`` or ``"code"``."""
+    axes: Mapping[str, float | tuple[float, float] | str]
+    """Axes of a task with one of our controllers that have a narrower range ``(low, high)``, a fixed value or a fixed category, by
+    name. Axes that the space lacks are added to it."""
     rows: int
     """Number of simulations of a task that are stepped together."""
     name: str
@@ -164,6 +167,8 @@ def make_target(
             raise InvalidValueError(f"there is no ONNX file {policy}")
     if isinstance(system, str) and policy is None:
         raise InvalidValueError(f"the task {system} needs a policy")
+    if isinstance(system, str) and options.get("axes") and space is None:
+        space = "starts"
     if isinstance(system, str) and isinstance(space, str):
         return _task_in_space(system, formula, space, options, check)
     if isinstance(system, str):
@@ -232,14 +237,14 @@ def _task_in_space(
     task: str, formula: Formulas, space: str, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
 ) -> Target:
     """Returns a task with one of our controllers, which the Rust core simulates: only it has the axes of all spaces."""
-    check_applicable(options, ("policy", "preset"), f"a task in the space {space!r}")
+    check_applicable(options, ("policy", "preset", "axes"), f"a task in the space {space!r}")
     policy = options.get("policy")
     if not isinstance(policy, (str, os.PathLike)):
         raise InvalidTypeError(
             f"the space {space!r} of a task needs the name or path of a controller, not a {type(policy).__name__}; leave out the "
             "space to test another policy from the initial states"
         )
-    native = _native.Target.of_task(task, os.fspath(policy), options.get("preset", "paper"), space)
+    native = _native.Target.of_task(task, os.fspath(policy), options.get("preset", "paper"), space, _settings(options))
     if formula is not None and not isinstance(formula, (str, Formula)):
         raise InvalidTypeError(f"formulas by name are not possible in the space {space!r} of a task; pass one formula")
     requirement = None if formula is None else str(formula)
@@ -250,6 +255,11 @@ def _task_in_space(
     check(axes)
     nominal = [nominal for *_, nominal, _, _ in native.axes]
     return Target(native, NativeSystem(native.signals), axes, 0.0, requirement, nominal)
+
+
+def _settings(options: TargetOptions) -> dict[str, Any]:
+    """Returns the settings of axes as the native code takes them."""
+    return {name: tuple(setting) if isinstance(setting, list) else setting for name, setting in options.get("axes", {}).items()}
 
 
 def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOptions) -> System:

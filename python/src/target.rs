@@ -1,5 +1,6 @@
 //! A target whose episodes a Python function simulates.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use mishandle::rollout::{
@@ -7,7 +8,7 @@ use mishandle::rollout::{
     RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target, Verdict,
 };
 use mishandle::stl::{MonitorError, Trace};
-use mishandle::{FalsifyPlan, Plan, ResolvedPlan};
+use mishandle::{AxisSetting, FalsifyPlan, Plan, ResolvedPlan};
 use numpy::PyReadonlyArray2;
 use numpy::ndarray::ArrayView2;
 use pyo3::exceptions::PyRuntimeError;
@@ -21,6 +22,24 @@ pub(crate) const SPACE: &str = "scenarios";
 
 /// An exception that must end the run, kept while errors of Rust pass it.
 pub(crate) type Pending = Arc<Mutex<Option<PyErr>>>;
+
+/// What an argument sets for an axis.
+#[derive(FromPyObject)]
+pub(crate) enum SettingArgument {
+    Value(f64),
+    Range([f64; 2]),
+    Category(String),
+}
+
+impl From<SettingArgument> for AxisSetting {
+    fn from(setting: SettingArgument) -> AxisSetting {
+        match setting {
+            SettingArgument::Value(value) => AxisSetting::Value(value),
+            SettingArgument::Range(range) => AxisSetting::Range(range),
+            SettingArgument::Category(name) => AxisSetting::Category(name),
+        }
+    }
+}
 
 /// How the formulas see an episode that its target terminated before the last control step.
 #[derive(Clone, Copy, PartialEq)]
@@ -128,9 +147,20 @@ impl PyTarget {
 
     /// Returns a task with one of our controllers in a space of the task, as the command line simulates it.
     #[staticmethod]
-    fn of_task(py: Python<'_>, task: &str, controller: &str, preset: &str, space: &str) -> PyResult<Self> {
-        let plan =
-            Plan { preset: preset.to_string(), space: space.to_string(), ..Plan::new(task, controller) };
+    fn of_task(
+        py: Python<'_>,
+        task: &str,
+        controller: &str,
+        preset: &str,
+        space: &str,
+        axes: BTreeMap<String, SettingArgument>,
+    ) -> PyResult<Self> {
+        let plan = Plan {
+            preset: preset.to_string(),
+            space: space.to_string(),
+            axes: axes.into_iter().map(|(name, setting)| (name, setting.into())).collect(),
+            ..Plan::new(task, controller)
+        };
         let resolved = py.detach(|| {
             let checked = Plan { falsify: Some(FalsifyPlan::default()), ..plan.clone() };
             ResolvedPlan::new(&checked)

@@ -189,6 +189,15 @@ class Arguments(unittest.TestCase):
         found = mishandle.falsify(task, None, space, out=self.out.with_name("sensing.sqlite"), **options)
         self.assertGreater(len(found.trials[0].scenario), len(named.trials[0].scenario))
         self.assertEqual(mishandle.evaluate(task, None, space, policy="ppo", episodes=2, out=self.out.with_name("e")).success_rate.n, 2)
+        axes = {"target_x": (0.5, 0.6), "action_delay": 2}
+        found = mishandle.falsify(task, None, axes=axes, out=self.out.with_name("axes.sqlite"), **options)
+        values = found.trials[0].scenario
+        self.assertEqual(values["action_delay"], 2)
+        self.assertTrue(0.5 <= values["target_x"] <= 0.6, values)
+        with self.assertRaisesRegex(ValueError, "no axis `target_w`"):
+            mishandle.simulate(task, policy="ppo", axes={"target_w": 0.1})
+        with self.assertRaisesRegex(ValueError, "action_delay"):
+            mishandle.simulate(task, policy="ppo", axes={"action_delay": [2, 7]})
         for formula, given, message in [
             ("strct", None, "no formula or signal `strct`; did you mean `strict`"),
             ("strct", "starts", "no formula or signal `strct`"),

@@ -10,14 +10,20 @@ use toml::de::{DeTable, DeValue, ValueDeserializer};
 
 use super::seed::SeedValue;
 use super::{FORMAT, Plan, StartRegion};
-use crate::MishandleError;
 use crate::search_options::TomlValue;
+use crate::{AxisSetting, MishandleError};
 
 /// Largest number of characters of a value that an error repeats.
 const SHOWN: usize = 60;
 
 /// Table whose keys are the options of any search.
 const OPTIONS: &str = "falsify.options";
+
+/// Table whose keys are names of axes.
+const AXES: &str = "axes";
+
+/// Allowed settings of an axis.
+const AXIS: &str = "a number, a list of two numbers, or the name of a category in quotes";
 
 /// A key of a plan.
 struct Key {
@@ -42,10 +48,11 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, alias: None, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 19] = [
+const KEYS: [Key; 20] = [
     key::<u32>("format", "an integer from 1 to 2"),
     Key { alias: Some("task"), ..key::<String>("target", "a string, such as \"ball-balancing\"") },
     key::<String>("space", "a string, such as \"starts\""),
+    Key { alias: None, name: AXES, allowed: "a table of axes, as [axes]", reads: is_table },
     key::<String>("preset", "\"paper\" or \"code\""),
     key::<String>("controller", "a string, such as \"ppo\""),
     key::<bool>("stochastic", "true or false"),
@@ -96,7 +103,7 @@ pub(super) fn read_lists(text: &str) -> Result<toml::Table, MishandleError> {
 /// Returns whether a key of a plan may have a list of values in a campaign.
 pub(super) fn may_be_list(name: &str) -> bool {
     // The other values are lists or tables already.
-    !["format", "falsify.initial-simplex", OPTIONS].contains(&name)
+    !["format", "falsify.initial-simplex", AXES, OPTIONS].contains(&name)
 }
 
 /// Returns the names of all keys with their tables, former names included.
@@ -158,6 +165,14 @@ impl Reader<'_> {
                 }
                 (Some(known), DeValue::Table(options)) if known.name == OPTIONS => {
                     self.check_options(options)?;
+                }
+                (Some(known), DeValue::Table(axes)) if known.name == AXES => {
+                    for (key, value) in axes {
+                        if !reads::<AxisSetting>(value) {
+                            let name = format!("{AXES}.{}", key.get_ref());
+                            return Err(self.wrong(&name, key, value, AXIS));
+                        }
+                    }
                 }
                 (Some(known), _) if (known.reads)(value) => {}
                 (Some(known), DeValue::Array(items))

@@ -6,6 +6,7 @@ use mishandle_rollout::{RolloutError, Space, Specification, SpecificationMonitor
 use mishandle_stl::{Clock, Formula, Monitor};
 use mishandle_toys::TOYS;
 
+use crate::axis_setting::with_settings;
 use crate::{MishandleError, Plan};
 
 pub(crate) use task::{EXPERT, is_path, split_task};
@@ -85,6 +86,7 @@ impl ResolvedPlan {
             }
             error => error.into(),
         })?;
+        let space = with_settings(space, &plan.axes, &target.axes)?;
         let mut needs_subformulas = false;
         if let Some(evaluate) = &plan.evaluate {
             crate::evaluate::check(evaluate, &target, &space)?;

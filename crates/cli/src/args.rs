@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use clap::{Args, Parser, Subcommand};
-use mishandle::Plan;
 use mishandle::rollout::Noise;
+use mishandle::{AxisSetting, Plan};
 
 use crate::commands::{
     campaign, compare, completions, controller, counterexamples, curve, evaluate, explain, export, falsify,
@@ -128,9 +128,11 @@ pub struct OpenRun {
 }
 
 /// Arguments of all commands that a resumed run takes from its own plan. The path of the controller is not among them.
-const PLANNED: [&str; 10] = [
+const PLANNED: [&str; 12] = [
     "target",
     "space",
+    "axis",
+    "set",
     "preset",
     "action_noise",
     "observation_noise",
@@ -153,6 +155,12 @@ pub struct Subject {
     /// Scenario space of the target, or several joined by + [default: starts]
     #[arg(long, value_name = "NAME")]
     pub space: Option<String>,
+    /// Vary this axis only from LOW to HIGH; repeat the flag for several axes. An axis outside of the space is added to it
+    #[arg(long, value_name = "NAME=LOW:HIGH", allow_hyphen_values = true, value_parser = axis_range)]
+    pub axis: Vec<(String, AxisSetting)>,
+    /// Fix this axis at a value, or at a category; repeat the flag for several axes. It may be outside of the space
+    #[arg(long, value_name = "NAME=VALUE", allow_hyphen_values = true, value_parser = axis_value)]
+    pub set: Vec<(String, AxisSetting)>,
     /// Batch size: number of simulations run at once [default: 64]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(Plan::BATCH))]
     pub batch: Option<u32>,
@@ -171,6 +179,25 @@ pub struct Subject {
     /// Read a plan (TOML); other flags override it
     #[arg(long, value_name = "FILE")]
     pub plan: Option<PathBuf>,
+}
+
+/// Parses `NAME=LOW:HIGH`.
+fn axis_range(text: &str) -> Result<(String, AxisSetting), String> {
+    let parsed = text.split_once('=').and_then(|(name, range)| {
+        let (low, high) = range.split_once(':')?;
+        Some((name.to_string(), AxisSetting::Range([low.parse().ok()?, high.parse().ok()?])))
+    });
+    parsed.ok_or_else(|| "expected the name of an axis and two numbers, such as ball_x=0.2:0.3".to_string())
+}
+
+/// Parses `NAME=VALUE`.
+fn axis_value(text: &str) -> Result<(String, AxisSetting), String> {
+    let (name, value) = text
+        .split_once('=')
+        .filter(|(_, value)| !value.is_empty())
+        .ok_or("expected the name of an axis and a value, such as action_delay=2")?;
+    let setting = value.parse().map_or_else(|_| AxisSetting::Category(value.to_string()), AxisSetting::Value);
+    Ok((name.to_string(), setting))
 }
 
 /// Flags that choose a simulation of a run file, or an exported counterexample.

@@ -1,5 +1,6 @@
 //! Code shared by `evaluate` and `falsify`: plan, run file and messages.
 
+use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -11,7 +12,7 @@ use mishandle::stl::Trace;
 use mishandle::store::{
     self, AxisRecord, RunFile, RunHeader, RunKind, RunWriter, Simulation, StoredTrace, TraceColumn,
 };
-use mishandle::{Plan, ResolvedPlan, decimal, plural};
+use mishandle::{AxisSetting, Plan, ResolvedPlan, decimal, plural};
 use serde_json::{Value, json};
 
 use crate::progress::Bar;
@@ -44,12 +45,23 @@ pub fn plan(subject: &args::Subject, run: &args::Run) -> Result<Plan> {
     edit(&mut plan.space, &subject.space);
     edit(&mut plan.controller, &subject.controller);
     edit(&mut plan.preset, &subject.preset);
+    plan.axes.extend(settings(subject)?);
     plan.action_noise = subject.action_noise.unwrap_or(plan.action_noise);
     plan.observation_noise = subject.observation_noise.unwrap_or(plan.observation_noise);
     plan.stochastic |= subject.stochastic;
     plan.seed = run.seed.unwrap_or(plan.seed);
     ensure!(!plan.target.is_empty(), "there is no target: name one in the plan or as an argument");
     Ok(plan)
+}
+
+/// Returns the settings of axes, each of which may be given once.
+fn settings(subject: &args::Subject) -> Result<BTreeMap<String, AxisSetting>> {
+    let mut settings = BTreeMap::new();
+    for (name, setting) in subject.axis.iter().chain(&subject.set) {
+        let earlier = settings.insert(name.clone(), setting.clone());
+        ensure!(earlier.is_none(), "the axis {name} is set twice by --axis and --set");
+    }
+    Ok(settings)
 }
 
 /// Opens a run file of this kind and returns it with its resolved plan: the run to resume, or else a new run with the plan
@@ -130,7 +142,16 @@ pub fn heading(resolved: &ResolvedPlan) -> String {
         ));
     }
     if plan.space != "starts" {
-        text.push_str(&format!(", space {} ({})", plan.space, axes(space.dimension())));
+        text.push_str(&format!(", space {} ({})", plan.space, axes(space.free_dimension())));
+    }
+    for axis in space.axes().iter().filter(|axis| plan.axes.contains_key(&axis.name)) {
+        text.push_str(&match axis.is_fixed() {
+            true => format!(", {}", axis_text(axis, Some(axis.low))),
+            false => {
+                let unit = if axis.unit.is_empty() { String::new() } else { format!(" {}", axis.unit) };
+                format!(", {} from {} to {}{unit}", axis.name, axis.low, axis.high)
+            }
+        });
     }
     if plan.action_noise > 0.0 {
         text.push_str(&format!(", action noise {}", plan.action_noise));

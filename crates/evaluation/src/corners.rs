@@ -50,8 +50,11 @@ impl Corners {
     ///
     /// Each point is simulated with 20 seeds if an episode depends on its seed, otherwise once.
     pub fn new(space: &Space, depends_on_seed: bool, seed: Seed) -> Option<Corners> {
-        let is_varied =
-            |axis: &Axis| axis.kind == AxisKind::Start && !matches!(axis.values, AxisValues::Categorical(_));
+        let is_varied = |axis: &Axis| {
+            axis.kind == AxisKind::Start
+                && !axis.is_fixed()
+                && !matches!(axis.values, AxisValues::Categorical(_))
+        };
         let varied = space.axes().iter().filter(|axis| is_varied(axis)).count();
         if varied == 0 {
             return None;

@@ -201,7 +201,8 @@ fn ranking(found: &Comparison, space: &[Axis]) -> Ranking {
     let value = |pair: &ComparedPair, axis: usize| pair.scenario.get(axis).copied().flatten();
     let has_values =
         |axis: &usize| found.compared.iter().any(|pair| value(pair, *axis).is_some_and(f64::is_finite));
-    let axes: Vec<usize> = (0..space.len()).filter(has_values).collect();
+    let axes: Vec<usize> =
+        (0..space.len()).filter(|axis| !space[*axis].is_fixed() && has_values(axis)).collect();
     let change = |pair: &ComparedPair| Some(pair.second_robustness? - pair.first_robustness?);
     let change = |pair: &ComparedPair| change(pair).filter(|change| change.is_finite());
     Ranking::new(space, &axes, &found.compared, value, change)

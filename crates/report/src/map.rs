@@ -84,7 +84,9 @@ fn variable(name: &str) -> String {
 /// Returns the robustness maps of a run: HTML. `id` is the number of the run on the page.
 pub fn figures(report: &RunReport, id: usize) -> String {
     let decided: Vec<&Point> = report.points.iter().filter(|point| point.robustness.is_some()).collect();
-    let has_values = |index: &usize| decided.iter().any(|point| value(point, *index).is_some());
+    let has_values = |index: &usize| {
+        !report.axes[*index].is_fixed() && decided.iter().any(|point| value(point, *index).is_some())
+    };
     let axes: Vec<usize> = (0..report.axes.len()).filter(has_values).collect();
     if decided.is_empty() || axes.is_empty() {
         return "<p>No simulation has a verdict, so there is nothing to show.</p>\n".to_string();

@@ -141,9 +141,15 @@ impl Axis {
         }
     }
 
+    /// Returns whether the axis has a single value.
+    pub fn is_fixed(&self) -> bool {
+        self.low == self.high
+    }
+
     /// Returns the value at `u` in \[0, 1\]. The bounds are exact at 0 and 1.
     pub fn at(&self, u: f64) -> f64 {
         match (&self.values, self.levels()) {
+            _ if self.is_fixed() => self.low,
             (_, Some(levels)) => self.low + (u * levels as f64).floor().min((levels - 1) as f64),
             (AxisValues::Logarithmic, _) if u > 0.0 && u < 1.0 => self.low * (self.high / self.low).powf(u),
             _ => self.low * (1.0 - u) + self.high * u,
@@ -154,6 +160,7 @@ impl Axis {
     /// of the interval that maps to the value.
     pub fn unit_coordinate(&self, value: f64) -> f64 {
         match (&self.values, self.levels()) {
+            _ if self.is_fixed() => 0.5,
             (_, Some(levels)) => (value - self.low + 0.5) / levels as f64,
             (AxisValues::Logarithmic, _) => (value / self.low).ln() / (self.high / self.low).ln(),
             _ => (value - self.low) / (self.high - self.low),
@@ -161,7 +168,7 @@ impl Axis {
     }
 
     /// Returns whether `value` is allowed. An initial state may be outside its bounds, because a user may ask for one.
-    fn accepts(&self, value: f64) -> bool {
+    pub fn accepts(&self, value: f64) -> bool {
         let within = (self.low..=self.high).contains(&value);
         match self.levels() {
             Some(_) => within && value.fract() == 0.0,
@@ -171,7 +178,7 @@ impl Axis {
 
     fn check(&self) -> Result<(), RolloutError> {
         let error = |what| RolloutError::Axis { axis: self.name.clone(), what };
-        if !(self.low < self.high && self.low.is_finite() && self.high.is_finite()) {
+        if !(self.low <= self.high && self.low.is_finite() && self.high.is_finite()) {
             return Err(RolloutError::Bounds { axis: self.name.clone(), low: self.low, high: self.high });
         }
         if self.values == AxisValues::Logarithmic && self.low <= 0.0 {
@@ -293,6 +300,11 @@ impl Space {
         self.axes.len()
     }
 
+    /// Returns the number of axes with more than one value.
+    pub fn free_dimension(&self) -> usize {
+        self.axes.iter().filter(|axis| !axis.is_fixed()).count()
+    }
+
     /// Returns the scenario at the point `u` of \[0,1\]^d. The bounds are exact at 0 and 1.
     pub fn at(&self, u: &[f64]) -> Scenario {
         Scenario(self.axes.iter().zip(u).map(|(axis, u)| Some(axis.at(*u))).collect())
@@ -315,6 +327,7 @@ impl Space {
     /// Returns random scenario number `index` of `seed`. Each axis has its own distribution.
     pub fn sample(&self, seed: Seed, index: u64) -> Scenario {
         let draw = |(number, axis): (u32, &Axis)| match axis.distribution {
+            _ if axis.is_fixed() => axis.low,
             Distribution::Uniform => axis.at(seed.uniform(Stream::InitialConfiguration, index, number)),
             Distribution::Normal => normal_within(axis, seed.child(index).child(u64::from(number))),
         };
@@ -396,10 +409,28 @@ mod tests {
     }
 
     #[test]
+    fn an_axis_with_equal_bounds_has_exactly_this_value() {
+        let mut draw = Axis::new(AxisKind::Noise, "z", "", [0.1; 2], None);
+        draw.distribution = Distribution::Normal;
+        let fixed = [AxisValues::Continuous, AxisValues::Logarithmic, AxisValues::Integer].map(|values| {
+            let value = if values == AxisValues::Integer { 2.0 } else { 0.1 };
+            Axis { name: format!("{values:?}"), ..axis(values, value, value) }
+        });
+        let space = Space::new("s", fixed.into_iter().chain([draw]).collect()).unwrap();
+        assert_eq!(space.free_dimension(), 0);
+        let expected = Scenario::from([0.1, 0.1, 2.0, 0.1]);
+        for u in [0.0, 0.3, 0.7, 1.0] {
+            assert_eq!(space.at(&[u; 4]), expected);
+        }
+        assert_eq!(space.sample(Seed(1), 2), expected);
+        assert_eq!(space.unit_point(&expected), Some(vec![0.5; 4]));
+    }
+
+    #[test]
     fn invalid_axes_are_errors() {
         let none = Axis::new(AxisKind::Model, "a", "", [0.0, 1.0], None);
         for (axis, expected) in [
-            (axis(AxisValues::Continuous, 1.0, 1.0), "from 1 to 1"),
+            (axis(AxisValues::Continuous, 1.0, 0.5), "from 1 to 0.5"),
             (axis(AxisValues::Continuous, 0.0, f64::NAN), "from 0 to NaN"),
             (axis(AxisValues::Logarithmic, 0.0, 1.0), "logarithmic"),
             (axis(AxisValues::Integer, 0.0, 1.5), "whole"),

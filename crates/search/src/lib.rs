@@ -26,6 +26,7 @@ mod ask_tell;
 mod coordinate;
 mod dual_annealing;
 mod error;
+mod free;
 pub mod functions;
 mod lbfgsb;
 mod nelder_mead;

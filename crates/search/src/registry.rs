@@ -1,5 +1,6 @@
 //! The list of searches, by name.
 
+use crate::free::{FreeSearch, is_free};
 use crate::{
     Coordinate, OptionSpec, Search, SearchError, SearchOptions, coordinate, dual_annealing, nelder_mead,
     random,
@@ -41,7 +42,8 @@ pub fn find_search(name: &str) -> Result<&'static SearchEntry, SearchError> {
     })
 }
 
-/// Creates the search called `name` on `[0,1]^d`, given the type of each of the d coordinates.
+/// Creates the search called `name` on `[0,1]^d`, given the type of each of the d coordinates. A coordinate with one level is 0.5
+/// in each point; the search and its options have the other coordinates only.
 ///
 /// # Errors
 /// [`SearchError::UnknownSearch`] with the known names, [`SearchError::Dimension`] without coordinates,
@@ -67,5 +69,11 @@ pub fn by_name(
 ) -> Result<Box<dyn Search>, SearchError> {
     let entry = find_search(name)?;
     coordinate::dimension(coordinates)?;
-    (entry.make)(coordinates, seed, options)
+    let free: Vec<Coordinate> = coordinates.iter().copied().filter(is_free).collect();
+    if free.len() == coordinates.len() {
+        return (entry.make)(coordinates, seed, options);
+    }
+    coordinate::check_dimension(free.len())?;
+    let inner = (entry.make)(&free, seed, options)?;
+    Ok(Box::new(FreeSearch::new(inner, coordinates)))
 }

@@ -73,23 +73,24 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
 }
 
-/// Returns the scenario with the values of `--at`: all values in order, or some by name.
+/// Returns the scenario with the values of `--at`: those of all axes without a fixed value in order, or some by name.
 fn scenario(space: &Space, words: &[String]) -> Result<Scenario> {
     let axes = space.axes();
     let mut values = space.nominal().values().to_vec();
     let by_name = words.iter().filter(|word| word.contains('=')).count();
     if by_name == 0 && !words.is_empty() {
-        let names: Vec<&str> = axes.iter().map(|axis| axis.name.as_str()).collect();
+        let free: Vec<usize> = (0..axes.len()).filter(|index| !axes[*index].is_fixed()).collect();
+        let names: Vec<&str> = free.iter().map(|index| axes[*index].name.as_str()).collect();
         ensure!(
-            words.len() == axes.len(),
+            words.len() == free.len(),
             "--at has {} and the space {} {}: {}; give one value for each, or some as NAME=VALUE",
             plural(words.len(), "value"),
             space.name(),
-            run::axes(axes.len()),
+            run::axes(free.len()),
             names.join(", ")
         );
-        for ((value, axis), word) in values.iter_mut().zip(axes).zip(words) {
-            *value = Some(axis_value(axis, word)?);
+        for (index, word) in free.into_iter().zip(words) {
+            values[index] = Some(axis_value(&axes[index], word)?);
         }
         return Ok(Scenario::new(values));
     }

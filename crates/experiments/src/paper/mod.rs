@@ -17,7 +17,7 @@ pub use published::{
 pub use results::{CampaignResults, Results, RunFacts, RunResults};
 
 use mishandle::evaluation::Estimate;
-use mishandle::{Plan, p_value_text as p_text, plural};
+use mishandle::{AxisSetting, Plan, p_value_text as p_text, plural};
 
 use notes::{Notes, PaperNote};
 use page::{code, value};
@@ -118,6 +118,14 @@ fn target_cell(plan: &Plan) -> String {
     if plan.space != PAPER_SPACE {
         text += &format!(", space {}", code(&plan.space));
     }
+    for (name, setting) in &plan.axes {
+        let setting = match setting {
+            AxisSetting::Value(value) => value.to_string(),
+            AxisSetting::Range([low, high]) => format!("{low} to {high}"),
+            AxisSetting::Category(name) => name.clone(),
+        };
+        text += &format!(", {} {}", code(name), value(&setting));
+    }
     if let Some(formula) = plan.falsify.as_ref().and_then(|falsify| falsify.formula.as_ref())
         && formula != PAPER_FORMULA
     {
@@ -147,6 +155,7 @@ const PAPER_FORMULA: &str = "success";
 fn is_of_paper(plan: &Plan) -> bool {
     let formula = plan.falsify.as_ref().and_then(|falsify| falsify.formula.as_deref());
     plan.space == PAPER_SPACE
+        && plan.axes.is_empty()
         && plan.observation_noise == 0.0
         && formula.is_none_or(|name| name == PAPER_FORMULA)
 }
