@@ -28,6 +28,7 @@ mod dual_annealing;
 mod error;
 mod free;
 pub mod functions;
+mod indexed;
 mod lbfgsb;
 mod nelder_mead;
 mod observation;
@@ -36,6 +37,7 @@ mod pending;
 mod random;
 mod registry;
 mod search;
+mod sobol;
 
 pub use ask_tell::{AskTell, RoundBased};
 pub use coordinate::Coordinate;
@@ -48,3 +50,6 @@ pub use options::{OptionSpec, OptionType, OptionValue, SearchOptions};
 pub use random::Random;
 pub use registry::{SEARCHES, SearchConstructor, SearchEntry, by_name, find_search};
 pub use search::{Search, SearchEnd};
+
+pub use indexed::{InSequence, PointSequence};
+pub use sobol::{Sobol, SobolOptions};

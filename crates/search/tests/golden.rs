@@ -7,7 +7,7 @@ use std::path::Path;
 use mishandle_random::Sequence;
 use mishandle_search::{
     AskTell, DualAnnealing, DualAnnealingOptions, Lbfgsb, LbfgsbOptions, NelderMead, NelderMeadOptions,
-    Search, SearchEnd, VisitingDistribution, functions,
+    PointSequence, Search, SearchEnd, Sobol, SobolOptions, VisitingDistribution, functions,
 };
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -344,5 +344,27 @@ fn visits_have_the_distribution_of_scipy() {
         };
         check_same_distribution(&format!("first of all at {name}"), visit(0, 0), visits.first_of_all);
         check_same_distribution(&format!("last alone at {name}"), visit(5, 2), visits.last_alone);
+    }
+}
+
+// --- Sobol ---
+
+#[derive(Deserialize)]
+struct SobolRun {
+    d: usize,
+    n: u64,
+    hash: String,
+    last: Vec<f64>,
+}
+
+/// Without a scramble, all points equal SciPy's bit for bit, in up to 1024 dimensions.
+#[test]
+fn sobol_proposes_the_points_of_scipy() {
+    for run in golden::<SobolRun>("sobol.json") {
+        let sequence =
+            Sobol::new(run.d, 0, &SobolOptions { scramble: false }).expect("at least one coordinate");
+        let points: Vec<Vec<f64>> = (0..run.n).map(|i| sequence.point(i)).collect();
+        assert_eq!(points.last(), Some(&run.last), "last point for d = {}", run.d);
+        assert_eq!(fnv1a(&points), run.hash, "all points for d = {}", run.d);
     }
 }

@@ -8,6 +8,7 @@ nelder_mead.json     the points of many runs of `minimize(method="Nelder-Mead")`
 lbfgsb.json          the points and values of runs of `minimize(method="L-BFGS-B")` with finite differences
 dual_annealing.json  for 200 seeds and six functions, the number of evaluations of `dual_annealing` to a threshold
 visiting.json        samples of the visiting distribution
+sobol.json           the first points of `scipy.stats.qmc.Sobol` without a scramble: a hash of all, one in full
 """
 
 import os
@@ -28,6 +29,7 @@ import numpy as np
 import scipy
 from scipy.optimize import dual_annealing, minimize
 from scipy.optimize._dual_annealing import VisitingDistribution
+from scipy.stats import qmc
 
 # --- the test functions of src/functions.rs, operation for operation ---
 
@@ -302,6 +304,17 @@ def visiting():
     return samples
 
 
+# --- Sobol ---
+
+
+def sobol():
+    runs = []
+    for d in (1, 2, 3, 10, 128, 1024):
+        points = qmc.Sobol(d, scramble=False, bits=53).random(512)
+        runs.append({"d": d, "n": len(points), "hash": fnv1a(points.tolist()), "last": points[-1].tolist()})
+    return runs
+
+
 def write(name, content):
     versions = {"scipy": scipy.__version__, "numpy": np.__version__}
     rows = ",\n".join(json.dumps(row) for row in content)
@@ -315,3 +328,4 @@ if __name__ == "__main__":
     write("lbfgsb.json", lbfgsb())
     write("visiting.json", visiting())
     write("dual_annealing.json", benchmarks())
+    write("sobol.json", sobol())
