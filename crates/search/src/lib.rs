@@ -24,6 +24,7 @@
 
 mod ask_tell;
 mod coordinate;
+mod corners;
 mod dual_annealing;
 mod error;
 mod free;
@@ -51,5 +52,6 @@ pub use random::Random;
 pub use registry::{SEARCHES, SearchConstructor, SearchEntry, by_name, find_search};
 pub use search::{Search, SearchEnd};
 
+pub use corners::Corners;
 pub use indexed::{InSequence, PointSequence};
 pub use sobol::{Sobol, SobolOptions};

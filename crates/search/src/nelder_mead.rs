@@ -20,7 +20,7 @@ const STEP_FROM_ZERO: f64 = 0.00025;
 
 pub(crate) const ENTRY: SearchEntry = SearchEntry {
     name: NAME,
-    summary: "the simplex search of Nelder and Mead from one start, as in SciPy",
+    summary: "the simplex search of Nelder and Mead as in SciPy, from one start or with restarts",
     reference: "Nelder and Mead, \"A simplex method for function minimization\", The Computer Journal 7, 1965. Gao and \
                 Han, \"Implementing the Nelder-Mead simplex algorithm with adaptive parameters\", Comput. Optim. Appl. \
                 51, 2012.",
@@ -49,7 +49,7 @@ options! {
         /// Absolute tolerance on values. The search ends when every value is within `fatol` of the best one and `xatol`
         /// holds too.
         pub fatol: f64 = 1e-4, in NOT_NEGATIVE;
-        /// Maximum number of iterations, counted from 1 as SciPy does.
+        /// Maximum number of iterations from one start, counted from 1 as SciPy does.
         pub max_iterations: Option<usize> = None, or "200 d, or no limit if `max-evaluations` is set",
             in AT_LEAST_1;
         /// Maximum number of evaluations. `falsify` sets it to the budget of a trial.
@@ -57,6 +57,9 @@ options! {
             in AT_LEAST_1;
         /// Chooses the coefficients by dimension (Gao and Han) instead of 2, 1/2, 1/2.
         pub adaptive: bool = false, in ANY;
+        /// Number of restarts: each one starts from a new point, drawn uniformly, after the tolerances are met or
+        /// `max-iterations` is reached. SciPy has none. A large number spends the whole budget of a trial.
+        pub restarts: usize = 0, in ANY;
     }
 }
 
@@ -73,7 +76,12 @@ options! {
 /// Given the same first simplex and values, the points equal SciPy's bit for bit. Vertices of equal value keep their
 /// order. SciPy's order of ties depends on the processor, since NumPy's vectorized sort is not stable; it is the same
 /// as here if NumPy runs without that sort and d < 16. If all values are +∞, the simplex shrinks until a limit is
-/// reached, as in SciPy. There are no restarts. Every coordinate is treated as continuous.
+/// reached, as in SciPy. Every coordinate is treated as continuous.
+///
+/// Use it to improve a point that is nearly a counterexample (`start`), on robustness without steps, in up to about ten
+/// dimensions. It is a local search: set `restarts` to search globally. A restart keeps nothing but the count of
+/// evaluations. While restarts are left, a simplex within `xatol` of its best vertex without a finite value ends a start,
+/// too.
 ///
 /// # Units
 /// All lengths are fractions of the box: the `xatol` of 1e-4 and the first simplex, which raises a coordinate u by 5 % of its
@@ -89,6 +97,11 @@ pub struct NelderMead {
     fatol: f64,
     max_iterations: usize,
     max_evaluations: usize,
+    seed: u64,
+    simplex_origin: f64,
+    /// Restarts so far, and at most.
+    n_restarts: usize,
+    max_restarts: usize,
     expansion: f64,
     contraction: f64,
     shrinkage: f64,
@@ -132,7 +145,7 @@ impl NelderMead {
         let simplex = match &options.initial_simplex {
             Some(simplex) => simplex.clone(),
             None => {
-                let start = options.start.clone().unwrap_or_else(|| uniform_point(dimension, seed));
+                let start = options.start.clone().unwrap_or_else(|| uniform_point(dimension, seed, 0));
                 simplex_around(&start, options.simplex_origin)
             }
         };
@@ -152,6 +165,10 @@ impl NelderMead {
             fatol: options.fatol,
             max_iterations: options.max_iterations.unwrap_or(default_iterations),
             max_evaluations: options.max_evaluations.unwrap_or(default_evaluations),
+            seed,
+            simplex_origin: options.simplex_origin,
+            n_restarts: 0,
+            max_restarts: options.restarts,
             expansion,
             contraction,
             shrinkage,
@@ -206,10 +223,16 @@ impl NelderMead {
         } else {
             None
         };
-        if end.is_some() {
-            self.end = end;
-            self.round.clear();
-            return;
+        match end {
+            Some(end) if end != SearchEnd::EvaluationLimit && self.n_restarts < self.max_restarts => {
+                return self.restart();
+            }
+            Some(_) => {
+                self.end = end;
+                self.round.clear();
+                return;
+            }
+            None => {}
         }
         let d = self.centroid.len();
         self.centroid.fill(0.0);
@@ -220,13 +243,23 @@ impl NelderMead {
         self.propose_on_line(1.0, Step::Reflection);
     }
 
-    /// Returns whether the simplex meets both tolerances. If all values are +∞, their differences are NaN, so it does
-    /// not.
+    /// Proposes a simplex around a new random point.
+    fn restart(&mut self) {
+        self.n_restarts += 1;
+        self.iteration = 1;
+        let start = uniform_point(self.centroid.len(), self.seed, self.n_restarts as u64);
+        let simplex = simplex_around(&start, self.simplex_origin);
+        self.propose(simplex.into_iter().map(reflected_into_box).collect(), Step::FirstSimplex);
+    }
+
+    /// Returns whether the simplex meets both tolerances. If all values are +∞, their differences are NaN, so it meets
+    /// them only while restarts are left.
     fn has_converged(&self) -> bool {
         let best = &self.vertices[0];
+        let values_are_irrelevant = best.value == f64::INFINITY && self.n_restarts < self.max_restarts;
         self.vertices[1..].iter().all(|v| {
             v.u.iter().zip(&best.u).all(|(x, b)| (x - b).abs() <= self.xatol)
-                && (best.value - v.value).abs() <= self.fatol
+                && (values_are_irrelevant || (best.value - v.value).abs() <= self.fatol)
         })
     }
 
@@ -321,8 +354,9 @@ fn check(dimension: usize, options: &NelderMeadOptions) -> Result<(), SearchErro
     options.check_ranges()
 }
 
-fn uniform_point(dimension: usize, seed: u64) -> Vec<f64> {
-    let mut stream = Sequence::new(seed, 0);
+/// Returns the random point from which start number `start` begins, counted from 0.
+fn uniform_point(dimension: usize, seed: u64, start: u64) -> Vec<f64> {
+    let mut stream = Sequence::new(seed, start);
     (0..dimension).map(|_| stream.uniform()).collect()
 }
 

@@ -2,8 +2,8 @@
 
 use crate::free::{FreeSearch, is_free};
 use crate::{
-    Coordinate, OptionSpec, Search, SearchError, SearchOptions, coordinate, dual_annealing, nelder_mead,
-    random, sobol,
+    Coordinate, OptionSpec, Search, SearchError, SearchOptions, coordinate, corners, dual_annealing,
+    nelder_mead, random, sobol,
 };
 
 /// An entry of [`SEARCHES`].
@@ -30,6 +30,7 @@ pub const SEARCHES: &[SearchEntry] = &[
     nelder_mead::ENTRY,
     dual_annealing::ENTRY,
     sobol::ENTRY,
+    corners::ENTRY,
 ];
 
 /// Returns the entry of the search with this name.

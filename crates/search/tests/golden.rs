@@ -128,6 +128,7 @@ impl NelderMeadRun {
             max_iterations: self.options.maxiter,
             max_evaluations: self.options.maxfev,
             adaptive: self.options.adaptive,
+            restarts: 0,
         }
     }
 }

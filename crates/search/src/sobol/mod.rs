@@ -66,6 +66,7 @@ impl Sobol {
     /// [`SearchError::Dimension`] if `dimension` is 0.
     pub fn new(dimension: usize, seed: u64, options: &SobolOptions) -> Result<Self, SearchError> {
         check_dimension(dimension)?;
+        options.check_ranges()?;
         let scramble = options.scramble.then(|| Sequence::new(seed, 0));
         let sequence = SobolSequence::new(dimension.min(MAX_DIMENSION), scramble);
         Ok(Self { dimension, seed, sequence })
