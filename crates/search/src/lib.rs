@@ -23,14 +23,18 @@
 //! ```
 
 mod ask_tell;
+mod categories;
 mod coordinate;
 mod corners;
+mod cross_entropy;
+mod differential_evolution;
 mod dual_annealing;
 mod error;
 mod free;
 pub mod functions;
 mod indexed;
 mod lbfgsb;
+mod line;
 mod nelder_mead;
 mod observation;
 mod options;
@@ -53,5 +57,8 @@ pub use registry::{SEARCHES, SearchConstructor, SearchEntry, by_name, find_searc
 pub use search::{Search, SearchEnd};
 
 pub use corners::Corners;
+pub use cross_entropy::{CrossEntropy, CrossEntropyOptions};
+pub use differential_evolution::{DifferentialEvolution, DifferentialEvolutionOptions};
 pub use indexed::{InSequence, PointSequence};
+pub use line::{Line, LineOptions};
 pub use sobol::{Sobol, SobolOptions};

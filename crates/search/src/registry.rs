@@ -2,9 +2,10 @@
 
 use crate::free::{FreeSearch, is_free};
 use crate::{
-    Coordinate, OptionSpec, Search, SearchError, SearchOptions, coordinate, corners, dual_annealing,
-    nelder_mead, random, sobol,
+    Coordinate, OptionSpec, Search, SearchError, SearchOptions, coordinate, dual_annealing, nelder_mead,
+    random,
 };
+use crate::{corners, cross_entropy, differential_evolution, line, sobol};
 
 /// An entry of [`SEARCHES`].
 #[derive(Debug, Clone, Copy)]
@@ -31,6 +32,9 @@ pub const SEARCHES: &[SearchEntry] = &[
     dual_annealing::ENTRY,
     sobol::ENTRY,
     corners::ENTRY,
+    line::ENTRY,
+    cross_entropy::ENTRY,
+    differential_evolution::ENTRY,
 ];
 
 /// Returns the entry of the search with this name.

@@ -57,7 +57,19 @@ fn trace(search: &mut dyn Search, f: fn(&[f64]) -> f64, budget: usize, batch: us
 #[test]
 fn listed_searches_have_distinct_names() {
     let listed: Vec<&str> = SEARCHES.iter().map(|entry| entry.name).collect();
-    assert_eq!(listed, ["random", "nelder-mead", "dual-annealing", "sobol", "corners"]);
+    assert_eq!(
+        listed,
+        [
+            "random",
+            "nelder-mead",
+            "dual-annealing",
+            "sobol",
+            "corners",
+            "line",
+            "cross-entropy",
+            "differential-evolution"
+        ]
+    );
     for entry in SEARCHES {
         let search = make(entry.name, 3, 1);
         assert_eq!((search.name(), search.dimension()), (entry.name, 3));
@@ -151,7 +163,7 @@ fn pending_points_never_block_the_caller() {
 fn wrong_observations_are_errors_and_change_nothing() {
     for name in names() {
         let mut search = make(name, 2, 3);
-        let point = vec![0.5, 0.5];
+        let point = vec![0.1234, 0.5678];
         assert_eq!(
             search.tell(&point, &1.0.into()),
             Err(SearchError::NotAsked { point: point.clone() }),

@@ -6,8 +6,9 @@ use std::path::Path;
 
 use mishandle_random::Sequence;
 use mishandle_search::{
-    AskTell, DualAnnealing, DualAnnealingOptions, Lbfgsb, LbfgsbOptions, NelderMead, NelderMeadOptions,
-    PointSequence, Search, SearchEnd, Sobol, SobolOptions, VisitingDistribution, functions,
+    AskTell, Coordinate, DifferentialEvolution, DifferentialEvolutionOptions, DualAnnealing,
+    DualAnnealingOptions, Lbfgsb, LbfgsbOptions, NelderMead, NelderMeadOptions, PointSequence, Search,
+    SearchEnd, Sobol, SobolOptions, VisitingDistribution, functions,
 };
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -345,6 +346,50 @@ fn visits_have_the_distribution_of_scipy() {
         };
         check_same_distribution(&format!("first of all at {name}"), visit(0, 0), visits.first_of_all);
         check_same_distribution(&format!("last alone at {name}"), visit(5, 2), visits.last_alone);
+    }
+}
+
+// --- differential evolution ---
+
+#[derive(Deserialize)]
+struct Evolution {
+    function: String,
+    d: usize,
+    strategy: String,
+    population: usize,
+    threshold: f64,
+    most: usize,
+    evaluations: Vec<f64>,
+}
+
+/// On four functions, the number of evaluations to a threshold has the same distribution as SciPy's, over 200 seeds each,
+/// by the two-sample Kolmogorov-Smirnov test at the 1 % level.
+#[test]
+fn differential_evolution_needs_as_many_evaluations_as_scipy() {
+    for run in golden::<Evolution>("evolution.json") {
+        let f = function(&run.function);
+        let options = DifferentialEvolutionOptions {
+            strategy: run.strategy.clone(),
+            population: Some(run.population),
+            tol: 0.0,
+            ..Default::default()
+        };
+        let evaluations = |seed| {
+            let space = vec![Coordinate::Continuous; run.d];
+            let machine = DifferentialEvolution::new(&space, seed, &options).expect("valid options");
+            let mut search = AskTell::new(machine);
+            for count in 1..=run.most {
+                let u = search.ask().expect("it does not end");
+                let value = f(&u);
+                if value <= run.threshold {
+                    return count as f64;
+                }
+                search.tell(&u, &value.into()).expect("a pending point");
+            }
+            (run.most + 1) as f64
+        };
+        let ours = (0..run.evaluations.len() as u64).map(evaluations).collect();
+        check_same_distribution(&format!("{} by {}", run.function, run.strategy), ours, run.evaluations);
     }
 }
 

@@ -8,6 +8,7 @@ nelder_mead.json     the points of many runs of `minimize(method="Nelder-Mead")`
 lbfgsb.json          the points and values of runs of `minimize(method="L-BFGS-B")` with finite differences
 dual_annealing.json  for 200 seeds and six functions, the number of evaluations of `dual_annealing` to a threshold
 visiting.json        samples of the visiting distribution
+evolution.json       for 200 seeds and four runs, the number of evaluations of `differential_evolution` to a threshold
 sobol.json           the first points of `scipy.stats.qmc.Sobol` without a scramble: a hash of all, one in full
 """
 
@@ -27,7 +28,7 @@ import struct
 
 import numpy as np
 import scipy
-from scipy.optimize import dual_annealing, minimize
+from scipy.optimize import differential_evolution, dual_annealing, minimize
 from scipy.optimize._dual_annealing import VisitingDistribution
 from scipy.stats import qmc
 
@@ -304,6 +305,45 @@ def visiting():
     return samples
 
 
+# --- differential evolution ---
+
+# (function, d, strategy, members per coordinate, threshold, maximum number of evaluations)
+EVOLUTIONS = [
+    ("sphere", 4, "best1bin", 5, 1e-3, 4000),
+    ("rosenbrock", 3, "rand1bin", 10, 1e-2, 8000),
+    ("rastrigin", 3, "best1bin", 15, 1.0, 8000),
+    ("edge", 3, "rand1bin", 8, 0.21, 4000),
+]
+
+
+def evolution_to(name, d, strategy, popsize, threshold, most, seed):
+    """As evaluations_to, for `differential_evolution`."""
+    function, count = FUNCTIONS[name], 0
+
+    def objective(x):
+        nonlocal count
+        count += 1
+        value = function([float(v) for v in x])
+        if count > most or value <= threshold:
+            raise Over
+        return value
+
+    try:
+        differential_evolution(objective, [(0.0, 1.0)] * d, strategy=strategy, popsize=popsize, tol=0.0, maxiter=100_000,
+                               updating="deferred", polish=False, rng=np.random.default_rng(seed))
+    except Over:
+        return count
+    raise AssertionError("the limit is reached first")
+
+
+def evolutions(n_seeds=200):
+    return [
+        {"function": name, "d": d, "strategy": strategy, "population": popsize * d, "threshold": threshold, "most": most,
+         "evaluations": [evolution_to(name, d, strategy, popsize, threshold, most, seed) for seed in range(n_seeds)]}
+        for name, d, strategy, popsize, threshold, most in EVOLUTIONS
+    ]
+
+
 # --- Sobol ---
 
 
@@ -329,3 +369,4 @@ if __name__ == "__main__":
     write("visiting.json", visiting())
     write("dual_annealing.json", benchmarks())
     write("sobol.json", sobol())
+    write("evolution.json", evolutions())
