@@ -5,7 +5,7 @@ use crate::{
     Coordinate, OptionSpec, Search, SearchError, SearchOptions, coordinate, dual_annealing, nelder_mead,
     random,
 };
-use crate::{corners, cross_entropy, differential_evolution, line, sobol};
+use crate::{corners, cross_entropy, differential_evolution, direct, line, sobol};
 
 /// An entry of [`SEARCHES`].
 #[derive(Debug, Clone, Copy)]
@@ -35,6 +35,7 @@ pub const SEARCHES: &[SearchEntry] = &[
     line::ENTRY,
     cross_entropy::ENTRY,
     differential_evolution::ENTRY,
+    direct::ENTRY,
 ];
 
 /// Returns the entry of the search with this name.

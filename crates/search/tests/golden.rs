@@ -1,4 +1,4 @@
-//! Agreement with SciPy: `golden/scipy/make.py` runs SciPy and writes the golden files.
+//! Agreement with SciPy and NLopt: `make.py` in their folders of `golden` runs them and writes the golden files.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -6,9 +6,9 @@ use std::path::Path;
 
 use mishandle_random::Sequence;
 use mishandle_search::{
-    AskTell, Coordinate, DifferentialEvolution, DifferentialEvolutionOptions, DualAnnealing,
-    DualAnnealingOptions, Lbfgsb, LbfgsbOptions, NelderMead, NelderMeadOptions, PointSequence, Search,
-    SearchEnd, Sobol, SobolOptions, VisitingDistribution, functions,
+    AskTell, Coordinate, DifferentialEvolution, DifferentialEvolutionOptions, Direct, DirectOptions,
+    DualAnnealing, DualAnnealingOptions, Lbfgsb, LbfgsbOptions, NelderMead, NelderMeadOptions, PointSequence,
+    Search, SearchEnd, Sobol, SobolOptions, VisitingDistribution, functions,
 };
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -19,7 +19,11 @@ struct Golden<T> {
 }
 
 fn golden<T: DeserializeOwned>(name: &str) -> Vec<T> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/scipy").join(name);
+    golden_of("scipy", name)
+}
+
+fn golden_of<T: DeserializeOwned>(program: &str, name: &str) -> Vec<T> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(program).join(name);
     let text = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     serde_json::from_str::<Golden<T>>(&text).unwrap_or_else(|error| panic!("{name}: {error}")).runs
 }
@@ -390,6 +394,42 @@ fn differential_evolution_needs_as_many_evaluations_as_scipy() {
         };
         let ours = (0..run.evaluations.len() as u64).map(evaluations).collect();
         check_same_distribution(&format!("{} by {}", run.function, run.strategy), ours, run.evaluations);
+    }
+}
+
+// --- DIRECT ---
+
+#[derive(Deserialize)]
+struct DirectRun {
+    function: String,
+    d: usize,
+    locally_biased: bool,
+    n: usize,
+    hash: String,
+    points: BTreeMap<usize, Vec<f64>>,
+}
+
+/// All points of all runs equal those of NLopt's DIRECT and DIRECT-L bit for bit, in the same order.
+#[test]
+fn direct_proposes_the_points_of_nlopt() {
+    for run in golden_of::<DirectRun>("nlopt", "direct.json") {
+        let name =
+            format!("{} in {} dimensions, locally biased: {}", run.function, run.d, run.locally_biased);
+        let f = function(&run.function);
+        let options = DirectOptions { eps: 0.0, locally_biased: run.locally_biased };
+        let machine = Direct::new(&vec![Coordinate::Continuous; run.d], &options).expect("valid options");
+        let mut search = AskTell::new(machine);
+        let mut points = Vec::new();
+        for _ in 0..run.n {
+            let u = search.ask().expect("it does not end");
+            let tilt: f64 = u.iter().zip(1..).map(|(x, i)| 0.001 * f64::from(i) * x).sum();
+            search.tell(&u, &(f(&u) + tilt).into()).expect("a pending point");
+            points.push(u);
+        }
+        for (i, expected) in &run.points {
+            assert_eq!(points[*i], *expected, "point {i} of {name}");
+        }
+        assert_eq!(fnv1a(&points), run.hash, "all points of {name}");
     }
 }
 
