@@ -21,6 +21,11 @@ impl Categories {
         Self { probabilities: vec![1.0 / n; levels], floor: (1.0 / (samples as f64 * others)).min(0.5 / n) }
     }
 
+    /// Returns the number of levels.
+    pub(crate) fn n_levels(&self) -> usize {
+        self.probabilities.len()
+    }
+
     /// Returns a random level as a coordinate in (0, 1): the middle of its interval.
     pub(crate) fn sample(&self, random: &mut Sequence) -> f64 {
         let mut rest = random.uniform();

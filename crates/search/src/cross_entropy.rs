@@ -47,7 +47,7 @@ options! {
 /// samples of each generation.
 ///
 /// Use it with large batches: a generation of `population` points is proposed at once. It tolerates noise and steps, needs
-/// no scale of the values, and handles categories. It is slower than `cma-es` where coordinates interact,
+/// no scale of the values, and handles categories. It is slower than [`cma-es`](crate::CmaEs) where coordinates interact,
 /// because it knows no correlations.
 ///
 /// ```text

@@ -24,6 +24,7 @@
 
 mod ask_tell;
 mod categories;
+mod cma_es;
 mod coordinate;
 mod corners;
 mod cross_entropy;
@@ -57,6 +58,7 @@ pub use random::Random;
 pub use registry::{SEARCHES, SearchConstructor, SearchEntry, by_name, find_search};
 pub use search::{Search, SearchEnd};
 
+pub use cma_es::{CmaEs, CmaEsOptions};
 pub use corners::Corners;
 pub use cross_entropy::{CrossEntropy, CrossEntropyOptions};
 pub use differential_evolution::{DifferentialEvolution, DifferentialEvolutionOptions};

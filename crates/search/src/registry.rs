@@ -5,7 +5,7 @@ use crate::{
     Coordinate, OptionSpec, Search, SearchError, SearchOptions, coordinate, dual_annealing, nelder_mead,
     random,
 };
-use crate::{corners, cross_entropy, differential_evolution, direct, line, sobol};
+use crate::{cma_es, corners, cross_entropy, differential_evolution, direct, line, sobol};
 
 /// An entry of [`SEARCHES`].
 #[derive(Debug, Clone, Copy)]
@@ -36,6 +36,7 @@ pub const SEARCHES: &[SearchEntry] = &[
     cross_entropy::ENTRY,
     differential_evolution::ENTRY,
     direct::ENTRY,
+    cma_es::ENTRY,
 ];
 
 /// Returns the entry of the search with this name.

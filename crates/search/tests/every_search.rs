@@ -68,7 +68,8 @@ fn listed_searches_have_distinct_names() {
             "line",
             "cross-entropy",
             "differential-evolution",
-            "direct"
+            "direct",
+            "cma-es"
         ]
     );
     for entry in SEARCHES {
@@ -219,7 +220,7 @@ fn unknown_names_and_invalid_options_are_reported_with_the_allowed_values() {
         assert_eq!(message, "the dimension of the search is 0; it must be at least 1");
     }
     let nan = f64::NAN;
-    let cases: [(&str, &str, OptionValue); 15] = [
+    let cases: [(&str, &str, OptionValue); 32] = [
         ("nelder-mead", "start", vec![0.5].into()),
         ("nelder-mead", "start", vec![0.5, 1.5].into()),
         ("nelder-mead", "initial-simplex", vec![vec![0.5; 2]; 2].into()),
@@ -235,6 +236,23 @@ fn unknown_names_and_invalid_options_are_reported_with_the_allowed_values() {
         ("dual-annealing", "visit", 3.0.into()),
         ("dual-annealing", "accept", (-1.0).into()),
         ("dual-annealing", "max-iterations", 0.into()),
+        ("nelder-mead", "restarts", (-1).into()),
+        ("sobol", "scramble", 1.into()),
+        ("line", "start", vec![0.5].into()),
+        ("line", "threshold", nan.into()),
+        ("line", "amplitude-tolerance", 0.0.into()),
+        ("line", "lines", 0.into()),
+        ("cross-entropy", "population", 1.into()),
+        ("cross-entropy", "elite-fraction", 0.0.into()),
+        ("cross-entropy", "smoothing", 1.5.into()),
+        ("differential-evolution", "strategy", "rand2bin".into()),
+        ("differential-evolution", "population", 4.into()),
+        ("differential-evolution", "mutation-max", 0.1.into()),
+        ("differential-evolution", "recombination", (-0.1).into()),
+        ("direct", "eps", (-1.0).into()),
+        ("cma-es", "bounds", "penalty".into()),
+        ("cma-es", "initial-deviation", 2.0.into()),
+        ("cma-es", "population", 3.into()),
     ];
     for (name, option, value) in cases {
         let message = message_of(name, 2, &SearchOptions::new().with(option, value));
@@ -287,6 +305,75 @@ fn the_types_of_coordinates_do_not_change_the_points_of_continuous_searches() {
         let mut search = by_name(name, &typed, 7, &SearchOptions::new()).expect("a typed space");
         let points = trace(&mut *search, rough, 200, 1);
         assert_eq!(points, trace(&mut *make(name, 3, 7), rough, 200, 1), "{name}");
+    }
+}
+
+/// A space with all types of coordinates.
+const MIXED: [Coordinate; 5] = [
+    Coordinate::Integer { levels: 5 },
+    Coordinate::Categorical { levels: 6 },
+    Coordinate::Continuous,
+    Coordinate::Integer { levels: 1 },
+    Coordinate::Categorical { levels: 2 },
+];
+
+/// Returns a function of the levels of a mixed space: 0 for the integer 3, the fourth category, about 0.3, and the first
+/// of two categories.
+fn of_levels(u: &[f64]) -> f64 {
+    let level = |x: f64, levels: f64| (levels * x).floor().min(levels - 1.0);
+    let wrong_category = if level(u[1], 6.0) == 3.0 { 0.0 } else { 0.5 };
+    (level(u[0], 5.0) - 3.0).abs() / 4.0 + wrong_category + (u[2] - 0.3).abs() + level(u[4], 2.0)
+}
+
+#[test]
+fn points_in_mixed_spaces_are_in_the_cube_and_do_not_depend_on_batches_or_resumption() {
+    for entry in SEARCHES {
+        let make = || by_name(entry.name, &MIXED, 2, &SearchOptions::new()).expect("a mixed space");
+        let one_by_one = trace(&mut *make(), of_levels, 200, 1);
+        assert!(one_by_one.iter().all(|(u, _)| u.iter().all(|x| (0.0..=1.0).contains(x))), "{}", entry.name);
+        assert_eq!(trace(&mut *make(), of_levels, 200, 64), one_by_one, "{}", entry.name);
+        let mut resumed = make();
+        for (u, value) in &one_by_one {
+            assert_eq!(resumed.ask().as_ref(), Some(u), "{}", entry.name);
+            resumed.tell(u, &(*value).into()).expect("a pending point");
+        }
+    }
+}
+
+/// Searches that treat integers and categories as such find the best levels: any other level adds at least 0.25.
+#[test]
+fn the_best_levels_of_a_mixed_space_are_found() {
+    for name in ["cross-entropy", "differential-evolution", "direct", "cma-es"] {
+        for seed in 0..10 {
+            let mut search = by_name(name, &MIXED, seed, &SearchOptions::new()).expect("a mixed space");
+            trace(&mut *search, of_levels, 1000, 16);
+            let (u, value) = search.best().expect("values were reported");
+            assert!(value < 0.1, "{name}, seed {seed}: {value} at {u:?}");
+        }
+    }
+}
+
+/// In spaces of one type only, and in many dimensions, searches go on to the end of the budget or end by their criterion.
+#[test]
+fn searches_accept_spaces_of_one_type_and_many_dimensions() {
+    let spaces = [
+        vec![Coordinate::Categorical { levels: 3 }; 2],
+        vec![Coordinate::Integer { levels: 2 }; 3],
+        vec![Coordinate::Integer { levels: 1 }],
+        vec![Coordinate::Continuous; 100],
+        vec![Coordinate::Categorical { levels: 40 }; 30],
+    ];
+    for space in spaces {
+        for entry in SEARCHES {
+            for f in [functions::sphere as fn(&[f64]) -> f64, |_| 1.0] {
+                let mut search = by_name(entry.name, &space, 3, &SearchOptions::new()).expect("a space");
+                let points = trace(&mut *search, f, 300, 64);
+                let all_inside = points
+                    .iter()
+                    .all(|(u, _)| u.len() == space.len() && u.iter().all(|x| (0.0..=1.0).contains(x)));
+                assert!(all_inside && (points.len() == 300 || search.finished().is_some()), "{}", entry.name);
+            }
+        }
     }
 }
 
@@ -353,6 +440,12 @@ fn known_optima_are_approached_within_the_budget() {
         ("dual-annealing", "sphere", 1e-9),
         ("dual-annealing", "rosenbrock", 1e-3),
         ("dual-annealing", "min-max", 0.15),
+        ("sobol", "sphere", 5e-3),
+        ("cross-entropy", "sphere", 1e-2),
+        ("differential-evolution", "sphere", 1e-2),
+        ("direct", "sphere", 1e-6),
+        ("direct", "min-max", 0.05),
+        ("cma-es", "sphere", 1e-5),
         ("l-bfgs-b", "sphere", 1e-9),
         ("l-bfgs-b", "rosenbrock", 1e-3),
     ];
