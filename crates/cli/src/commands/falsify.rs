@@ -29,7 +29,7 @@ Exit code 1 means that a counterexample was found.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: args::Subject,
-    /// Search algorithm: random, nelder-mead or dual-annealing [default: random]
+    /// Search algorithm, a name of `mishandle searches` [default: random]
     #[arg(long, value_name = "S", conflicts_with = "resume")]
     pub search: Option<String>,
     /// Option of the search algorithm (repeatable); `mishandle searches SEARCH` lists them

@@ -43,7 +43,7 @@ options! {
 /// takes 2 d + 1 points. It uses no random numbers: all seeds give the same points.
 ///
 /// The points are those of NLopt 2.11.0 (`GN_ORIG_DIRECT_L`, `GN_ORIG_DIRECT`), in its order, if no two values are equal. SciPy
-/// 1.17.1 also divides rectangles above the convex hull, so its points differ. There are no tolerances: the search goes on
+/// 1.17.1 also divides rectangles above the convex hull, so its points differ. There are no tolerances: the search continues
 /// until all sides are shorter than 3e-12 of the box. The sides of integers and categories are divided until each level has a point. The levels of a category
 /// are taken in their order. A value of +∞ counts as the largest finite value plus 1. Memory grows by 9 d bytes and more
 /// for each point.
@@ -55,7 +55,7 @@ options! {
 pub struct Direct {
     epsilon: f64,
     rectangles: Rectangles,
-    /// The rectangles that the round divides. Before the first one is evaluated, there is none.
+    /// The rectangles that the round divides. Empty until the whole box is evaluated.
     divisions: Vec<Division>,
     round: Vec<Vec<f64>>,
     end: Option<SearchEnd>,
