@@ -5,8 +5,8 @@
 //! cargo run --release -p mishandle-search --example compare_searches -- sobol   # these searches only
 //! ```
 //!
-//! A trial ends at the first value below 0 or after 300 evaluations, which then counts as 300. Each seed has its own random
-//! target t, so that no search meets it by its construction, for example because it starts in the center:
+//! A trial ends at the first value below 0 or after 300 evaluations, which then counts as 300. Each seed has its own
+//! random target t, so that no search meets it by its construction, for example because it starts in the center:
 //!
 //! | problem | value | violations |
 //! |---|---|---|

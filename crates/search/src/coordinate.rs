@@ -7,9 +7,10 @@ use crate::SearchError;
 /// Every coordinate of a point is a number in [0, 1], whatever its type. The caller maps it to a value with a unit, or
 /// to one of `levels` levels: level `min(⌊levels u⌋, levels - 1)`.
 ///
-/// A search may exploit the type, for example to avoid two points of the same level. Its documentation says how it treats
-/// each type. The searches [`random`](crate::Random), [`sobol`](crate::Sobol), [`nelder-mead`](crate::NelderMead) and
-/// [`dual-annealing`](crate::DualAnnealing) treat every coordinate as continuous in [0, 1].
+/// A search may exploit the type, for example to avoid two points of the same level. Its documentation says how it
+/// treats each type. The searches [`random`](crate::Random), [`sobol`](crate::Sobol),
+/// [`nelder-mead`](crate::NelderMead) and [`dual-annealing`](crate::DualAnnealing) treat every coordinate as continuous
+/// in [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Coordinate {
     /// A real number.

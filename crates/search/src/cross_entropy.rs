@@ -43,12 +43,12 @@ options! {
     }
 }
 
-/// The cross-entropy method in `[0,1]^d`: samples of independent coordinates, whose distributions are fitted to the best
-/// samples of each generation.
+/// The cross-entropy method in `[0,1]^d`: samples of independent coordinates, whose distributions are fitted to the
+/// best samples of each generation.
 ///
-/// Use it with large batches: a generation of `population` points is proposed at once. It tolerates noise and steps, needs
-/// no scale of the values, and handles categories. It is slower than [`cma-es`](crate::CmaEs) where coordinates interact,
-/// because it knows no correlations.
+/// Use it with large batches: a generation of `population` points is proposed at once. It tolerates noise and steps,
+/// needs no scale of the values, and handles categories. It is slower than [`cma-es`](crate::CmaEs) where coordinates
+/// interact, because it knows no correlations.
 ///
 /// ```text
 /// uᵢ = clip(μᵢ + σᵢ z, 0, 1)            z standard normal
@@ -56,15 +56,15 @@ options! {
 /// μᵢ ← α mean(elite) + (1 - α) μᵢ       σᵢ ← α std(elite) + (1 - α) σᵢ       α: smoothing
 /// ```
 ///
-/// The first mean is the center. Samples outside the box are clipped, so that the bounds, at which controllers often fail, have
-/// positive probability. A category has one probability per level, fitted to the elite in the same way. It and an integer
-/// axis keep a small probability of other levels. If all values are equal, all samples are the elite, so the distribution
-/// does not move on average. If some values are +∞, only samples with finite ones are. When all deviations are below the
-/// tolerance, the search restarts from a random mean. It never ends.
+/// The first mean is the center. Samples outside the box are clipped, so that the bounds, at which controllers often
+/// fail, have positive probability. A category has one probability per level, fitted to the elite in the same way. It
+/// and an integer axis keep a small probability of other levels. If all values are equal, all samples are the elite, so
+/// the distribution does not move on average. If some values are +∞, only samples with finite ones are. When all
+/// deviations are below the tolerance, the search restarts from a random mean. It never ends.
 ///
 /// # Reference
-/// Rubinstein and Kroese, "The Cross-Entropy Method", Springer, 2004. Kroese, Porotsky and Rubinstein, "The cross-entropy
-/// method for continuous multi-extremal optimization", Methodol. Comput. Appl. Probab. 8, 2006.
+/// Rubinstein and Kroese, "The Cross-Entropy Method", Springer, 2004. Kroese, Porotsky and Rubinstein, "The
+/// cross-entropy method for continuous multi-extremal optimization", Methodol. Comput. Appl. Probab. 8, 2006.
 #[derive(Debug, Clone)]
 pub struct CrossEntropy {
     options: CrossEntropyOptions,

@@ -63,13 +63,13 @@ options! {
 /// the trial replaces the member if its value is not higher
 /// ```
 ///
-/// The first population is a Latin hypercube. A mutated coordinate outside [0, 1] is replaced by a uniform number, as in
-/// SciPy, so bounds are approached but hardly ever proposed. Trials of a generation use the members of the previous one
-/// (SciPy's `updating="deferred"`). There is no final local search (`polish=False`).
+/// The first population is a Latin hypercube. A mutated coordinate outside [0, 1] is replaced by a uniform number, as
+/// in SciPy, so bounds are approached but hardly ever proposed. Trials of a generation use the members of the previous
+/// one (SciPy's `updating="deferred"`). There is no final local search (`polish=False`).
 ///
 /// Integer axes are treated as continuous. In a category, two equal levels have the difference 0, so the base keeps its
-/// level; for different levels the mutation draws one uniformly. A population with a value of +∞ has not converged, unless
-/// all are.
+/// level; for different levels the mutation draws one uniformly. A population with a value of +∞ has not converged,
+/// unless all are.
 ///
 /// # Reference
 /// Storn and Price, "Differential evolution: a simple and efficient heuristic for global optimization over continuous

@@ -41,10 +41,10 @@ options! {
 
 /// Line search: points `s + a (c - s)` on the lines from a start s to random corners c, with amplitudes a in [0, 1].
 ///
-/// Use it for disturbances, whose axes have the undisturbed value in the middle: worst cases of many small disturbances tend
-/// to have all of them at their bounds, with unknown signs. And use it for the question how small a disturbance may be: after
-/// a violation, the amplitude is bisected, and from then on a line is tried at the smallest violating amplitude so far, less
-/// the tolerance. So each further violation is a smaller one.
+/// Use it for disturbances, whose axes have the undisturbed value in the middle: worst cases of many small disturbances
+/// tend to have all of them at their bounds, with unknown signs. And use it for the question how small a disturbance
+/// may be: after a violation, the amplitude is bisected, and from then on a line is tried at the smallest violating
+/// amplitude so far, less the tolerance. So each further violation is a smaller one.
 ///
 /// ```text
 /// 1. evaluate the start
@@ -55,10 +55,10 @@ options! {
 /// 4. after all 2^d directions without a violation, repeat them at the amplitudes a/2, a/4, 3a/4, a/8, ...
 /// ```
 ///
-/// The bisection finds the smallest amplitude if violations do not end at larger ones. It ends with `Converged` only if the start
-/// violates or the smallest amplitude is below the tolerance. A category has no amplitude: a direction contains a random
-/// level of it. The best point of the search has the lowest value, often at amplitude 1; [`smallest`](Line::smallest)
-/// returns the violation of smallest amplitude.
+/// The bisection finds the smallest amplitude if violations do not end at larger ones. It ends with `Converged` only if
+/// the start violates or the smallest amplitude is below the tolerance. A category has no amplitude: a direction
+/// contains a random level of it. The best point of the search has the lowest value, often at amplitude 1;
+/// [`smallest`](Line::smallest) returns the violation of smallest amplitude.
 ///
 /// # Reference
 /// Chen and Gu, "RayS: a ray searching method for hard-label adversarial attack", KDD 2020, with random instead of
@@ -252,8 +252,8 @@ mod tests {
         search.machine().clone()
     }
 
-    /// With weights w, the sum Σ wᵢ (2 uᵢ - 1) exceeds b on a line with signs s from the amplitude b / Σ wᵢ sᵢ on. Of 2^6
-    /// sign vectors, that with all signs positive has the smallest one, here 0.5.
+    /// With weights w, the sum Σ wᵢ (2 uᵢ - 1) exceeds b on a line with signs s from the amplitude b / Σ wᵢ sᵢ on. Of
+    /// 2^6 sign vectors, that with all signs positive has the smallest one, here 0.5.
     #[test]
     fn the_smallest_amplitude_of_a_half_space_is_found() {
         let weights = [1.0, 2.0, 0.5, 1.5, 3.0, 2.0];

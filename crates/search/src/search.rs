@@ -20,8 +20,8 @@ pub trait Search: Send {
 
     /// Returns the next points to evaluate, at most `n`, each of length d with coordinates in [0, 1].
     ///
-    /// It returns fewer than `n` points if the next point depends on pending values. `random`, `sobol` and `corners` propose
-    /// any number of points, the searches with generations up to one of them. `nelder-mead` proposes several
+    /// It returns fewer than `n` points if the next point depends on pending values. `random`, `sobol` and `corners`
+    /// propose any number of points, the searches with generations up to one of them. `nelder-mead` proposes several
     /// points only for its first or a shrunken simplex, `dual-annealing` only for a point with its neighbors for a
     /// gradient. It returns no point if all further points depend on pending values, or if the search has ended; see
     /// [`finished`](Search::finished). The sequence of points does not depend on the batch sizes.

@@ -317,8 +317,8 @@ const MIXED: [Coordinate; 5] = [
     Coordinate::Categorical { levels: 2 },
 ];
 
-/// Returns a function of the levels of a mixed space: 0 for the integer 3, the fourth category, about 0.3, and the first
-/// of two categories.
+/// Returns a function of the levels of a mixed space: 0 for the integer 3, the fourth category, about 0.3, and the
+/// first of two categories.
 fn of_levels(u: &[f64]) -> f64 {
     let level = |x: f64, levels: f64| (levels * x).floor().min(levels - 1.0);
     let wrong_category = if level(u[1], 6.0) == 3.0 { 0.0 } else { 0.5 };
@@ -353,7 +353,8 @@ fn the_best_levels_of_a_mixed_space_are_found() {
     }
 }
 
-/// In spaces of one type only, and in many dimensions, searches go on to the end of the budget or end by their criterion.
+/// In spaces of one type only, and in many dimensions, searches go on to the end of the budget or end by their
+/// criterion.
 #[test]
 fn searches_accept_spaces_of_one_type_and_many_dimensions() {
     let spaces = [
@@ -507,9 +508,10 @@ fn searches_end_by_the_reported_criterion() {
     assert_eq!(ended(&ten, "dual-annealing", functions::sphere, 100), (41, Some(SearchEnd::IterationLimit)));
 }
 
-/// With restarts, Nelder-Mead spends its budget, also where no value is finite, and leaves local minima. Each coordinate
-/// has a local minimum at 0.2 and the global one at 0.8, in a basin of 0.55, so a start finds the global minimum of two
-/// coordinates in 3 of 10 cases. 3000 evaluations are about 30 starts, which all miss it with a probability of 2e-5.
+/// With restarts, Nelder-Mead spends its budget, also where no value is finite, and leaves local minima. Each
+/// coordinate has a local minimum at 0.2 and the global one at 0.8, in a basin of 0.55, so a start finds the global
+/// minimum of two coordinates in 3 of 10 cases. 3000 evaluations are about 30 starts, which all miss it with a
+/// probability of 2e-5.
 #[test]
 fn nelder_mead_restarts_after_convergence_and_spends_its_budget() {
     let valleys = |u: &[f64]| u.iter().map(|x| (x - 0.2).abs().min((x - 0.8).abs() - 0.1)).sum::<f64>();

@@ -163,8 +163,8 @@ impl Gaussian {
         self.limit_deviations();
     }
 
-    /// Returns whether the standard deviations of all coordinates are below `tolerance` or, for integers, at their least
-    /// value; or the covariance matrix is nearly singular.
+    /// Returns whether the standard deviations of all coordinates are below `tolerance` or, for integers, at their
+    /// least value; or the covariance matrix is nearly singular.
     pub(super) fn is_exhausted(&self, tolerance: f64) -> bool {
         let is_narrow = |(deviation, least): (f64, &f64)| deviation <= tolerance.max(1.001 * least);
         let largest = self.scales.iter().fold(0.0, |a, b| f64::max(a, *b));

@@ -2,8 +2,8 @@
 
 /// A Hadamard matrix: signs in which each two columns agree in half of the rows. The first column is all +1.
 ///
-/// Its other columns are a two-level orthogonal array of strength 2, a Plackett-Burman design. With the rows of opposite
-/// signs added (foldover) the strength is 3: each combination of signs of three columns occurs equally often.
+/// Its other columns are a two-level orthogonal array of strength 2, a Plackett-Burman design. With the rows of
+/// opposite signs added (foldover) the strength is 3: each combination of signs of three columns occurs equally often.
 ///
 /// # Reference
 /// Paley, "On orthogonal matrices", J. Math. Phys. 12, 1933. Plackett and Burman, "The design of optimum multifactorial

@@ -6,8 +6,8 @@ const ROUNDS: usize = 6;
 
 /// A random permutation of 0, ..., n - 1, computed entry by entry in constant memory.
 ///
-/// It is a Feistel network on the smallest even number of bits that holds n - 1. An output of n or more is permuted again
-/// until it is below n, which takes less than four attempts on average.
+/// It is a Feistel network on the smallest even number of bits that holds n - 1. An output of n or more is permuted
+/// again until it is below n, which takes less than four attempts on average.
 ///
 /// # Reference
 /// Black and Rogaway, "Ciphers with arbitrary finite domains", CT-RSA 2002.

@@ -11,8 +11,8 @@ const MAX_NUMBERED: u64 = 1 << 62;
 
 /// The corners of a space in random order.
 ///
-/// In a corner, every continuous or integer coordinate is at a bound, 0 or 1. The levels of a category have no order, so
-/// each of them counts as a bound; its coordinate is the middle of the level's interval.
+/// In a corner, every continuous or integer coordinate is at a bound, 0 or 1. The levels of a category have no order,
+/// so each of them counts as a bound; its coordinate is the middle of the level's interval.
 #[derive(Debug, Clone)]
 pub(crate) struct CornerSet {
     coordinates: Vec<Coordinate>,

@@ -106,8 +106,8 @@ impl Rectangles {
         self.depths[range][k] += 1;
     }
 
-    /// Returns the number of divisions of the longest divisible sides; `None` if no side is divisible. The sides of an integer or
-    /// a category are divisible while they are longer than the interval of a level.
+    /// Returns the number of divisions of the longest divisible sides; `None` if no side is divisible. The sides of an
+    /// integer or a category are divisible while they are longer than the interval of a level.
     fn longest(&self, rectangle: usize) -> Option<u8> {
         let sides = self.coordinates.iter().zip(self.depths(rectangle));
         let divisible = sides.filter(|(coordinate, depth)| {

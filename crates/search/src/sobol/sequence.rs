@@ -12,9 +12,9 @@ const BITS: usize = 53;
 /// The Sobol sequence on `[0,1)^d` in Gray-code order: the first 2^m points are a (t, m, d)-net for every m.
 ///
 /// Point i is the exclusive or of one direction number per set bit of the Gray code i ⊕ ⌊i/2⌋, and of a shift. The
-/// scramble is that of Matoušek: every direction number is multiplied by a random lower triangular matrix over GF(2) with
-/// ones on the diagonal, and the shift is random. Both keep the net property. SciPy's `qmc.Sobol` scrambles in the same
-/// way, with other random numbers; without a scramble its points are the same bit for bit.
+/// scramble is that of Matoušek: every direction number is multiplied by a random lower triangular matrix over GF(2)
+/// with ones on the diagonal, and the shift is random. Both keep the net property. SciPy's `qmc.Sobol` scrambles in the
+/// same way, with other random numbers; without a scramble its points are the same bit for bit.
 ///
 /// # Reference
 /// Joe and Kuo, "Constructing Sobol sequences with better two-dimensional projections", SIAM J. Sci. Comput. 30, 2008.
@@ -32,7 +32,8 @@ struct SobolAxis {
 }
 
 impl SobolSequence {
-    /// Creates the sequence in at most [`MAX_DIMENSION`] dimensions, scrambled with random numbers of `scramble`, if any.
+    /// Creates the sequence in at most [`MAX_DIMENSION`] dimensions, scrambled with random numbers of `scramble`, if
+    /// any.
     pub(crate) fn new(dimension: usize, mut scramble: Option<Sequence>) -> Self {
         let rows = DIRECTION_NUMBERS.lines().filter(|line| line.starts_with(|c: char| c.is_ascii_digit()));
         let first = SobolAxis { directions: std::array::from_fn(|k| 1 << (BITS - 1 - k)), shift: 0 };
@@ -116,8 +117,8 @@ mod tests {
         (0..n).map(point).collect()
     }
 
-    /// The first two dimensions are a (0, 2)-sequence (Sobol 1967): each box of 2^-a by 2^-b, a + b = m, has exactly one
-    /// of the first 2^m points, scrambled or not.
+    /// The first two dimensions are a (0, 2)-sequence (Sobol 1967): each box of 2^-a by 2^-b, a + b = m, has exactly
+    /// one of the first 2^m points, scrambled or not.
     #[test]
     fn each_elementary_box_of_the_first_two_dimensions_has_one_point() {
         let m = 8;
