@@ -360,7 +360,7 @@ fn searches_accept_spaces_of_one_type_and_many_dimensions() {
     let spaces = [
         vec![Coordinate::Categorical { levels: 3 }; 2],
         vec![Coordinate::Integer { levels: 2 }; 3],
-        vec![Coordinate::Integer { levels: 1 }],
+        vec![Coordinate::Integer { levels: 2 }],
         vec![Coordinate::Continuous; 100],
         vec![Coordinate::Categorical { levels: 40 }; 30],
     ];
