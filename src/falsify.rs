@@ -145,6 +145,15 @@ pub(crate) fn new_trial(resolved: &ResolvedPlan, number: u32) -> Result<Option<T
     Ok(Some(Trial::new(number, seed, falsify.budget, search, space.clone())))
 }
 
+/// Returns an upper bound of the failure rate in the space if no simulation fails, with 95 % confidence: see
+/// [`CampaignOutcome::failure_rate_bound`]. `None` unless the search draws independent uniform samples, because the points of other
+/// searches are no random sample.
+pub fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &CampaignOutcome) -> Option<f64> {
+    let falsify = resolved.plan.falsify.as_ref()?;
+    let search = by_name(&falsify.search, &coordinates(&resolved.space), 0, &search_options(falsify)).ok()?;
+    outcome.failure_rate_bound().filter(|_| search.samples_uniformly())
+}
+
 /// Returns the recorded status of a trial with this end.
 pub(crate) fn status(end: TrialEnd) -> TrialStatus {
     match end {

@@ -80,7 +80,7 @@ pub use explanation::{
 };
 pub use explanation_text::{compared_values, instant};
 pub use failure_modes::{Failure, FailureMode, FailureModes, axis as recorded_axis, failure_modes};
-pub use falsify::{FalsifyProgress, check_falsify, falsify, search_entry};
+pub use falsify::{FalsifyProgress, check_falsify, failure_rate_bound, falsify, search_entry};
 pub use film::Film;
 pub use frames::{FrameCaptions, FrameRenderer};
 pub use full_trace::full_trace;

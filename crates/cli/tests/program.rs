@@ -167,6 +167,25 @@ fn search_options_come_from_the_plan_and_flags_override_it() {
     assert_ne!(falsify("--search nelder-mead")["trials"], new["trials"]);
 }
 
+/// Only random search draws a sample of the space.
+#[test]
+fn without_a_failure_a_random_sample_bounds_the_failure_rate() {
+    let bench = Bench::new();
+    let safe = "falsify toy/sphere-2d --formula always(distance>=-1) --trials 2 --budget 149 --json --search";
+    let bound = |search: &str| bench.json(&format!("{safe} {search}"), 0)["failure_rate_bound"].clone();
+    // 1 - 0.05^(1/298)
+    assert!(
+        (bound("random").as_f64().unwrap() - 0.010_002_432_437_677_7).abs() < 1e-9,
+        "{}",
+        bound("random")
+    );
+    assert!(bound("sobol").is_null());
+    let said = bench.check(&safe.replace(" --json --search", ""), 0);
+    assert!(said.contains("no violation in 298 uniform random samples of the space: failure rate below 1.1 % (95 % confidence)"), "{said}");
+    let found = bench.json("falsify toy/sphere-2d --trials 2 --json", 1);
+    assert!(found["failure_rate_bound"].is_null());
+}
+
 #[test]
 fn an_invalid_search_option_is_an_error_that_names_it() {
     let bench = Bench::new();

@@ -24,6 +24,25 @@ pub struct Estimate {
     pub n: u64,
 }
 
+/// Returns the one-sided 95 % upper bound of a failure rate after `n` independent simulations without a failure: 1 - 0.05^(1/n).
+/// It is 1 for `n` = 0, and about 3/n for large `n`.
+///
+/// # Example
+/// ```
+/// use mishandle_evaluation::bound_without_failures;
+/// // 299 simulations without a failure are the fewest that show a rate below 1 %.
+/// assert!(bound_without_failures(299) < 0.01 && bound_without_failures(298) > 0.01);
+/// assert!((bound_without_failures(1_000_000) - 3.0e-6).abs() < 1e-8);
+/// assert_eq!(bound_without_failures(0), 1.0);
+/// ```
+///
+/// # Reference
+/// Clopper and Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial", Biometrika 26, 1934.
+pub fn bound_without_failures(n: u64) -> f64 {
+    // `exp_m1` is exact where the power is close to 1.
+    -(0.05_f64.ln() / n as f64).exp_m1()
+}
+
 /// Returns the rate `successes` / `n` with its Wilson score interval.
 ///
 /// ```text

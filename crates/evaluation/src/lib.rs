@@ -45,7 +45,7 @@ pub use effect::vargha_delaney;
 pub use error::EvaluationError;
 pub use exact::{fisher_test, sign_test};
 pub use holm::holm;
-pub use interval::{Estimate, bootstrap_mean, wilson};
+pub use interval::{Estimate, bootstrap_mean, bound_without_failures, wilson};
 pub use kolmogorov_smirnov::kolmogorov_smirnov;
 pub use kruskal_wallis::{KruskalWallis, kruskal_wallis};
 pub use metrics::{EvaluationReport, FormulaRoles, Metrics};

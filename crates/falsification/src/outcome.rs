@@ -1,6 +1,6 @@
 //! Outcomes of trials and campaigns.
 
-use mishandle_evaluation::{Estimate, wilson};
+use mishandle_evaluation::{Estimate, bound_without_failures, wilson};
 use mishandle_rollout::{Episode, EpisodeEnd, Scenario, Seed};
 
 use crate::TrialEnd;
@@ -150,6 +150,16 @@ pub struct CampaignOutcome {
 }
 
 impl CampaignOutcome {
+    /// Returns the [`bound_without_failures`] of the failure rate. It holds if the simulations are independent random samples.
+    /// `None` with a failure, with a simulation without a verdict, or if a trial was interrupted.
+    pub fn failure_rate_bound(&self) -> Option<f64> {
+        let without_verdict = self.diverged + self.invalid + self.failed + self.undecided;
+        let is_complete = self.trials.iter().all(|trial| trial.end.is_some());
+        let applies =
+            self.falsified_trials == 0 && without_verdict == 0 && is_complete && self.simulations > 0;
+        applies.then(|| bound_without_failures(self.simulations))
+    }
+
     /// Summarizes trials with this budget.
     pub fn new(trials: Vec<TrialOutcome>, budget: u32) -> CampaignOutcome {
         let ended = trials.iter().filter(|trial| trial.end.is_some()).count() as u64;

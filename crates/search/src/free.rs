@@ -59,6 +59,10 @@ impl Search for FreeSearch {
         self.inner.needs_subformulas()
     }
 
+    fn samples_uniformly(&self) -> bool {
+        self.inner.samples_uniformly()
+    }
+
     fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError> {
         self.pending.resolve(u, observation.robustness)?;
         let free = u.iter().zip(&self.is_free).filter(|(_, is_free)| **is_free).map(|(u, _)| *u);

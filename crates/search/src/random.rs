@@ -68,6 +68,10 @@ impl Search for Random {
         self.pending.resolve(u, observation.robustness).map(drop)
     }
 
+    fn samples_uniformly(&self) -> bool {
+        true
+    }
+
     fn finished(&self) -> Option<SearchEnd> {
         None
     }

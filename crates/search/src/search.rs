@@ -39,6 +39,12 @@ pub trait Search: Send {
         false
     }
 
+    /// Returns whether the points are independent and uniform in the unit cube, whatever the observations, so that frequencies among
+    /// them estimate probabilities.
+    fn samples_uniformly(&self) -> bool {
+        false
+    }
+
     /// Passes the observation at a proposed point to the search. Observations must be in the order of the points.
     ///
     /// # Errors

@@ -210,6 +210,7 @@ pub fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repe
         "mean_simulations": found.mean_simulations,
         "median_simulations": found.median_simulations,
         "restricted_mean_simulations": found.restricted_mean_simulations,
+        "failure_rate_bound": mishandle::failure_rate_bound(resolved, found),
         "trials": trials,
     });
     output::joined(run::document(resolved, path), own)
@@ -325,6 +326,13 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) -> 
         output::table(&rows),
         summary(found),
     );
+    if let Some(bound) = mishandle::failure_rate_bound(resolved, found) {
+        text.push_str(&format!(
+            "\nno violation in {} of the space: failure rate below {} (95 % confidence)",
+            plural(found.simulations, "uniform random sample"),
+            percent(bound)
+        ));
+    }
     let first = found.trials.iter().filter(|trial| trial.falsified());
     if let Some((trial, first)) =
         first.filter_map(|trial| Some((trial.trial, trial.minimum.as_ref()?))).next()
@@ -349,6 +357,14 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) -> 
         text.push_str(&format!("\n{counts}; they do not count as counterexamples"));
     }
     text
+}
+
+/// Formats a small rate in percent, rounded up to two digits.
+fn percent(rate: f64) -> String {
+    let percent = 100.0 * rate;
+    let decimals = (1.0 - percent.log10().floor()).clamp(0.0, 12.0) as usize;
+    let scale = 10_f64.powi(decimals as i32);
+    format!("{:.decimals$} %", (percent * scale).ceil() / scale)
 }
 
 /// Returns the number of falsified trials, and the simulations up to the counterexample.
