@@ -83,6 +83,9 @@ fn searches_lists_the_options_of_each_search() {
         "differential-evolution",
         "direct",
         "cma-es",
+        "bayesian",
+        "turbo",
+        "portfolio",
     ];
     assert_eq!(names, expected);
     for search in searches.as_array().unwrap() {

@@ -2,8 +2,8 @@
 
 use crate::free::{FreeSearch, is_free};
 use crate::{
-    Coordinate, OptionSpec, Search, SearchError, SearchOptions, coordinate, dual_annealing, nelder_mead,
-    random,
+    Coordinate, OptionSpec, Search, SearchError, SearchOptions, bayesian, coordinate, dual_annealing,
+    nelder_mead, portfolio, random, turbo,
 };
 use crate::{cma_es, corners, cross_entropy, differential_evolution, direct, line, sobol};
 
@@ -37,6 +37,9 @@ pub const SEARCHES: &[SearchEntry] = &[
     differential_evolution::ENTRY,
     direct::ENTRY,
     cma_es::ENTRY,
+    bayesian::ENTRY,
+    turbo::ENTRY,
+    portfolio::ENTRY,
 ];
 
 /// Returns the entry of the search with this name.

@@ -26,6 +26,10 @@ fn names() -> impl Iterator<Item = &'static str> {
     SEARCHES.iter().map(|entry| entry.name).chain(["l-bfgs-b"])
 }
 
+/// The searches that fit a Gaussian process, which take about a millisecond per evaluation. Tests of many evaluations use
+/// fewer for them.
+const MODEL_BASED: [&str; 3] = ["bayesian", "turbo", "portfolio"];
+
 /// Returns a function with a slope, steps, ties and infinite values.
 fn rough(u: &[f64]) -> f64 {
     let value = functions::min_max(u) + 0.1 * u[0];
@@ -69,7 +73,10 @@ fn listed_searches_have_distinct_names() {
             "cross-entropy",
             "differential-evolution",
             "direct",
-            "cma-es"
+            "cma-es",
+            "bayesian",
+            "turbo",
+            "portfolio"
         ]
     );
     for entry in SEARCHES {
@@ -83,9 +90,10 @@ fn listed_searches_have_distinct_names() {
 #[test]
 fn every_point_is_in_the_unit_cube() {
     for name in names() {
+        let budget = if MODEL_BASED.contains(&name) { 150 } else { 600 };
         for d in 1..=5 {
             for f in [rough as fn(&[f64]) -> f64, functions::sphere, |_| 1.0, |_| f64::INFINITY, |u| -u[0]] {
-                let points = trace(&mut *make(name, d, d as u64), f, 600, 7);
+                let points = trace(&mut *make(name, d, d as u64), f, budget, 7);
                 assert!(!points.is_empty());
                 for (u, _) in points {
                     let inside = u.len() == d && u.iter().all(|x| (0.0..=1.0).contains(x));
@@ -294,15 +302,16 @@ fn the_listed_defaults_are_the_defaults() {
 
 // --- coordinates and observations ---
 
+const TYPED: [Coordinate; 3] =
+    [Coordinate::Integer { levels: 5 }, Coordinate::Categorical { levels: 2 }, Coordinate::Continuous];
+
 /// Searches that treat every coordinate as continuous.
 const CONTINUOUS: [&str; 4] = ["random", "nelder-mead", "dual-annealing", "sobol"];
 
 #[test]
 fn the_types_of_coordinates_do_not_change_the_points_of_continuous_searches() {
-    let typed =
-        [Coordinate::Integer { levels: 5 }, Coordinate::Categorical { levels: 2 }, Coordinate::Continuous];
     for name in CONTINUOUS {
-        let mut search = by_name(name, &typed, 7, &SearchOptions::new()).expect("a typed space");
+        let mut search = by_name(name, &TYPED, 7, &SearchOptions::new()).expect("a typed space");
         let points = trace(&mut *search, rough, 200, 1);
         assert_eq!(points, trace(&mut *make(name, 3, 7), rough, 200, 1), "{name}");
     }
@@ -368,13 +377,39 @@ fn searches_accept_spaces_of_one_type_and_many_dimensions() {
         for entry in SEARCHES {
             for f in [functions::sphere as fn(&[f64]) -> f64, |_| 1.0] {
                 let mut search = by_name(entry.name, &space, 3, &SearchOptions::new()).expect("a space");
-                let points = trace(&mut *search, f, 300, 64);
+                let budget = if MODEL_BASED.contains(&entry.name) { 60 } else { 300 };
+                let points = trace(&mut *search, f, budget, 64);
                 let all_inside = points
                     .iter()
                     .all(|(u, _)| u.len() == space.len() && u.iter().all(|x| (0.0..=1.0).contains(x)));
-                assert!(all_inside && (points.len() == 300 || search.finished().is_some()), "{}", entry.name);
+                assert!(
+                    all_inside && (points.len() == budget || search.finished().is_some()),
+                    "{}",
+                    entry.name
+                );
             }
         }
+    }
+}
+
+/// Searches with a Gaussian process propose the centers of levels only, and a point of a discrete space again only after
+/// all of its points.
+#[test]
+fn model_based_searches_propose_levels_and_repeat_none_of_them_early() {
+    let discrete = [Coordinate::Integer { levels: 5 }, Coordinate::Categorical { levels: 4 }];
+    for name in ["bayesian", "portfolio"] {
+        let mut search = by_name(name, &TYPED, 7, &SearchOptions::new()).expect("a typed space");
+        for (u, _) in trace(&mut *search, rough, 100, 1) {
+            let centers = [(5.0 * u[0]).fract(), (2.0 * u[1]).fract()];
+            assert!(centers.iter().all(|x| (x - 0.5).abs() < 1e-12), "{name} proposes {u:?}");
+        }
+        let mut search = by_name(name, &discrete, 7, &SearchOptions::new()).expect("a typed space");
+        let mut points: Vec<Vec<f64>> =
+            trace(&mut *search, rough, 60, 1).into_iter().map(|(u, _)| u).collect();
+        assert_eq!(points.len(), 60);
+        points.sort_by(|a, b| a.partial_cmp(b).expect("numbers"));
+        points.dedup();
+        assert_eq!(points.len(), 20, "{name} evaluates all points of a small space");
     }
 }
 
@@ -430,7 +465,8 @@ fn invalid_options_of_the_local_search_are_errors() {
 /// With the budget of a falsification trial, 300 evaluations, each search approaches the minimum of suitable functions.
 ///
 /// Tolerances depend on the method: random points in two dimensions have a distance of about 300^(-1/2), Nelder-Mead
-/// ends at value differences of 1e-4, and a local search moves slowly along Rosenbrock's valley.
+/// ends at value differences of 1e-4, a local search moves slowly along Rosenbrock's valley, and a Gaussian process sees
+/// the lowest of its values, which span five orders of magnitude, as equal.
 #[test]
 fn known_optima_are_approached_within_the_budget() {
     let cases = [
@@ -447,12 +483,19 @@ fn known_optima_are_approached_within_the_budget() {
         ("direct", "sphere", 1e-6),
         ("direct", "min-max", 0.05),
         ("cma-es", "sphere", 1e-5),
+        ("bayesian", "sphere", 1e-4),
+        ("bayesian", "rosenbrock", 0.1),
+        ("turbo", "sphere", 1e-4),
+        ("turbo", "rosenbrock", 0.1),
+        ("portfolio", "sphere", 1e-4),
+        ("portfolio", "rosenbrock", 0.1),
+        ("portfolio", "min-max", 0.15),
         ("l-bfgs-b", "sphere", 1e-9),
         ("l-bfgs-b", "rosenbrock", 1e-3),
     ];
     for (name, function, tolerance) in cases {
         let function = FUNCTIONS.iter().find(|f| f.name == function).expect("a listed function");
-        for seed in 0..10 {
+        for seed in 0..if MODEL_BASED.contains(&name) { 3 } else { 10 } {
             let mut search = make(name, 2, seed);
             trace(&mut *search, function.at, 300, 1);
             let (_, found) = search.best().expect("values were reported");

@@ -169,6 +169,19 @@ impl Lbfgsb {
         (&self.current.x, self.last_evaluated.value)
     }
 
+    /// Takes value and gradient at the first point of the round, instead of the values of all its points.
+    pub(crate) fn receive_gradient(&mut self, value: f64, gradient: Vec<f64>) {
+        self.n_evaluations += 1;
+        let Some(x) = mem::take(&mut self.round).into_iter().next() else { return };
+        self.take(EvaluatedPoint { x, value, gradient });
+    }
+
+    fn take(&mut self, evaluated: EvaluatedPoint) {
+        self.last_evaluated = evaluated;
+        self.current.clone_from(&self.last_evaluated);
+        while self.advance() == Flow::Continue {}
+    }
+
     fn stop(&mut self, end: SearchEnd) -> Flow {
         self.end = Some(end);
         self.round.clear();
@@ -304,9 +317,7 @@ impl RoundBased for Lbfgsb {
         let Some((x, &value)) = round.next() else { return };
         let differences = round.enumerate().map(|(i, (u, v))| (v - value) / (u[i] - x[i]));
         let gradient = differences.collect();
-        self.last_evaluated = EvaluatedPoint { x, value, gradient };
-        self.current.clone_from(&self.last_evaluated);
-        while self.advance() == Flow::Continue {}
+        self.take(EvaluatedPoint { x, value, gradient });
     }
 
     fn finished(&self) -> Option<SearchEnd> {

@@ -71,6 +71,16 @@ impl Sobol {
         let sequence = SobolSequence::new(dimension.min(MAX_DIMENSION), scramble);
         Ok(Self { dimension, seed, sequence })
     }
+
+    /// Writes point `i`.
+    fn write(&self, i: u64, point: &mut [f64]) {
+        self.sequence.write(i, point);
+        if let Some(rest) = point.get_mut(MAX_DIMENSION..) {
+            // Stream 0 made the scramble.
+            let mut padding = Sequence::new(self.seed, i + 1);
+            rest.iter_mut().for_each(|x| *x = padding.uniform());
+        }
+    }
 }
 
 impl PointSequence for Sobol {
@@ -83,11 +93,36 @@ impl PointSequence for Sobol {
     }
 
     fn point(&self, i: u64) -> Vec<f64> {
-        let mut u = Vec::with_capacity(self.dimension);
-        self.sequence.extend(i, &mut u);
-        // Stream 0 made the scramble.
-        let mut padding = Sequence::new(self.seed, i + 1);
-        u.extend((MAX_DIMENSION..self.dimension).map(|_| padding.uniform()));
+        let mut u = vec![0.0; self.dimension];
+        self.write(i, &mut u);
         u
+    }
+}
+
+/// The points of a Sobol search, one after another, for searches that need some of them.
+#[derive(Debug, Clone)]
+pub(crate) struct SobolPoints {
+    points: Sobol,
+    next: u64,
+}
+
+impl SobolPoints {
+    /// Starts with the first point of the scrambled sequence.
+    pub(crate) fn new(dimension: usize, seed: u64) -> Self {
+        let sequence = SobolSequence::new(dimension.min(MAX_DIMENSION), Some(Sequence::new(seed, 0)));
+        Self { points: Sobol { dimension, seed, sequence }, next: 0 }
+    }
+
+    /// Writes the next point to `point`, which has one number per dimension.
+    pub(crate) fn write_next(&mut self, point: &mut [f64]) {
+        self.points.write(self.next, point);
+        self.next += 1;
+    }
+
+    /// Returns the next point.
+    pub(crate) fn next_point(&mut self) -> Vec<f64> {
+        let mut point = vec![0.0; self.points.dimension];
+        self.write_next(&mut point);
+        point
     }
 }

@@ -46,6 +46,12 @@ impl SobolSequence {
     }
 
     /// Appends the coordinates of point number `i`, counted from 0, to `out`.
+    /// Writes the first coordinates of point `i` to `point`.
+    pub(crate) fn write(&self, i: u64, point: &mut [f64]) {
+        let gray = i ^ (i >> 1);
+        self.axes.iter().zip(point).for_each(|(axis, x)| *x = axis.at(gray));
+    }
+
     pub(crate) fn extend(&self, i: u64, out: &mut Vec<f64>) {
         let gray = i ^ (i >> 1);
         out.extend(self.axes.iter().map(|axis| axis.at(gray)));

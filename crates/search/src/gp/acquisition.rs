@@ -1,0 +1,129 @@
+//! The choice of the next points among candidates.
+
+use std::ops::Range;
+
+use super::candidates::{Candidates, Region};
+use super::history::History;
+use super::kernel::{ScaledPoints, correlation};
+use super::pathwise::posterior_samples;
+use super::refine::refined;
+use super::regression::Posterior;
+use super::surrogate::Surrogate;
+use mishandle_random::Sequence;
+
+/// A batch of candidates under construction. The variance shrinks around each chosen candidate as if its value were known;
+/// the mean does not change.
+///
+/// # Reference
+/// Desautels, Krause and Burdick, "Parallelizing exploration-exploitation tradeoffs in Gaussian process bandit
+/// optimization", JMLR 15, 2014.
+pub(crate) struct Batch {
+    scaled: ScaledPoints,
+    posterior: Posterior,
+    variance: f64,
+    noise: f64,
+    /// For each chosen candidate, its posterior covariance with all others over its standard deviation.
+    columns: Vec<Vec<f64>>,
+    taken: Vec<bool>,
+}
+
+impl Batch {
+    /// Computes the posterior of all candidates. `None` without a model.
+    pub(crate) fn new(surrogate: &Surrogate, candidates: &Candidates) -> Option<Self> {
+        let model = surrogate.model()?;
+        let scaled = model.scaled(&surrogate.space().features(candidates.points()));
+        let posterior = model.posterior(&scaled);
+        let taken = vec![false; candidates.len()];
+        let (variance, noise) = (model.variance, model.noise);
+        Some(Self { scaled, posterior, variance, noise, columns: Vec::new(), taken })
+    }
+
+    /// Chooses the candidate among `range` with the lowest mean minus `kappa` standard deviations. `None` if all are taken.
+    pub(crate) fn choose(&mut self, range: Range<usize>, kappa: f64) -> Option<usize> {
+        let chosen = self.lowest(range, kappa)?;
+        self.take(chosen);
+        Some(chosen)
+    }
+
+    fn lowest(&self, range: Range<usize>, kappa: f64) -> Option<usize> {
+        let bound = |i: usize| self.posterior.means[i] - kappa * self.posterior.variances[i].sqrt();
+        let free = range.filter(|&i| !self.taken[i]);
+        free.min_by(|&i, &j| bound(i).total_cmp(&bound(j)))
+    }
+
+    /// Moves the candidate among `range` with the lowest mean minus `kappa` standard deviations to the nearest local minimizer
+    /// in `region`, unless that is in `history`.
+    pub(crate) fn refine(
+        &mut self,
+        surrogate: &Surrogate,
+        candidates: &mut Candidates,
+        history: &History,
+        (range, region): (Range<usize>, &Region),
+        kappa: f64,
+    ) {
+        let (Some(model), Some(start)) = (surrogate.model(), self.lowest(range, kappa)) else { return };
+        let Some(point) = refined(surrogate, candidates.point(start), region, kappa) else { return };
+        if history.contains(&point) {
+            return;
+        }
+        candidates.replace(start, &point);
+        let scaled = model.scaled(&surrogate.space().features(std::iter::once(point.as_slice())));
+        let moved = model.posterior(&scaled);
+        self.scaled.rows.row_mut(start).copy_from(&scaled.rows.row(0));
+        self.scaled.squared_norms[start] = scaled.squared_norms[0];
+        self.posterior.means[start] = moved.means[0];
+        self.posterior.variances[start] = moved.variances[0];
+        self.posterior.whitened.column_mut(start).copy_from(&moved.whitened.column(0));
+    }
+
+    /// Returns how many standard deviations the mean of a candidate is above `level`: the least number of all candidates.
+    pub(crate) fn distance(&self, level: f64) -> f64 {
+        let Posterior { means, variances, .. } = &self.posterior;
+        let distances =
+            means.iter().zip(variances).map(|(m, v)| (m - level) / v.sqrt().max(f64::MIN_POSITIVE));
+        distances.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Shrinks the variances around candidate `j`.
+    fn take(&mut self, j: usize) {
+        self.taken[j] = true;
+        let deviation = (self.posterior.variances[j] + self.variance * self.noise).sqrt();
+        let whitened = &self.posterior.whitened;
+        let (rows, norms) = (&self.scaled.rows, &self.scaled.squared_norms);
+        let products = rows * rows.row(j).transpose();
+        let explained = whitened.tr_mul(&whitened.column(j));
+        let mut column: Vec<f64> = (0..self.taken.len())
+            .map(|i| {
+                let squared = (norms[i] + norms[j] - 2.0 * products[i]).max(0.0);
+                self.variance * (correlation(squared) - explained[i])
+            })
+            .collect();
+        for earlier in &self.columns {
+            let factor = earlier[j];
+            column.iter_mut().zip(earlier).for_each(|(c, e)| *c -= factor * e);
+        }
+        for (c, variance) in column.iter_mut().zip(&mut self.posterior.variances) {
+            *c /= deviation;
+            *variance = (*variance - *c * *c).max(0.0);
+        }
+        self.columns.push(column);
+    }
+}
+
+/// Returns, for each of `n` samples of the posterior, the candidate with its lowest value; each candidate at most once.
+pub(crate) fn thompson(
+    surrogate: &Surrogate,
+    candidates: &Candidates,
+    n: usize,
+    stream: &mut Sequence,
+) -> Vec<usize> {
+    let Some(model) = surrogate.model() else { return Vec::new() };
+    let features = surrogate.space().features(candidates.points());
+    let samples = posterior_samples(model, &features, n, stream);
+    let mut chosen: Vec<usize> = Vec::with_capacity(n);
+    for sample in samples.column_iter() {
+        let free = (0..candidates.len()).filter(|i| !chosen.contains(i));
+        chosen.extend(free.min_by(|&i, &j| sample[i].total_cmp(&sample[j])));
+    }
+    chosen
+}

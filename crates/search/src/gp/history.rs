@@ -1,0 +1,117 @@
+//! The evaluated points of a search.
+
+use std::collections::HashSet;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+/// The number of evaluations that are kept. Beyond it the best and the latest halves of this number remain, so that the
+/// memory is bounded.
+const CAPACITY: usize = 4096;
+
+/// Evaluated points with their robustness, oldest first.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct History {
+    points: Vec<Vec<f64>>,
+    values: Vec<f64>,
+    /// Hashes of all points.
+    seen: HashSet<u64>,
+    /// The number of evaluations that were dropped.
+    n_dropped: usize,
+}
+
+impl History {
+    /// Adds an evaluation.
+    pub(crate) fn push(&mut self, point: &[f64], value: f64) {
+        if self.values.len() == CAPACITY {
+            self.drop_some();
+        }
+        self.seen.insert(hash(point));
+        self.points.push(point.to_vec());
+        self.values.push(value);
+    }
+
+    /// Returns the number of kept evaluations.
+    pub(crate) fn len(&self) -> usize {
+        self.values.len()
+    }
+
+    /// Returns the number of dropped evaluations.
+    pub(crate) fn n_dropped(&self) -> usize {
+        self.n_dropped
+    }
+
+    /// Returns the kept points.
+    pub(crate) fn points(&self) -> &[Vec<f64>] {
+        &self.points
+    }
+
+    /// Returns the values of the kept points.
+    pub(crate) fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// Returns whether a kept evaluation is at this point.
+    pub(crate) fn contains(&self, point: &[f64]) -> bool {
+        self.seen.contains(&hash(point))
+    }
+
+    /// Returns the indices of the kept evaluations, lowest value first; of equal values the latest first, so that a search
+    /// moves on plateaus.
+    pub(crate) fn by_value(&self) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.len()).rev().collect();
+        order.sort_by(|&i, &j| self.values[i].total_cmp(&self.values[j]));
+        order
+    }
+
+    /// Returns the indices of at most `most` evaluations in order of time: the best half, and the latest of the others.
+    pub(crate) fn selection(&self, most: usize) -> Vec<usize> {
+        if self.len() <= most {
+            return (0..self.len()).collect();
+        }
+        let order = self.by_value();
+        let (best, others) = order.split_at(most / 2);
+        let mut others = others.to_vec();
+        others.sort_unstable_by(|i, j| j.cmp(i));
+        let mut chosen: Vec<usize> = best.iter().chain(&others[..most - best.len()]).copied().collect();
+        chosen.sort_unstable();
+        chosen
+    }
+
+    fn drop_some(&mut self) {
+        let kept = self.selection(CAPACITY / 2);
+        self.n_dropped += self.len() - kept.len();
+        self.points = kept.iter().map(|&i| std::mem::take(&mut self.points[i])).collect();
+        self.values = kept.iter().map(|&i| self.values[i]).collect();
+        self.seen = self.points.iter().map(|point| hash(point)).collect();
+    }
+}
+
+fn hash(point: &[f64]) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    point.iter().for_each(|x| x.to_bits().hash(&mut hasher));
+    hasher.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_is_bounded_and_keeps_the_best_and_the_latest() {
+        let mut history = History::default();
+        for i in 0..20_000 {
+            let x = f64::from(i);
+            history.push(&[x], if i == 17 { -1.0 } else { x });
+        }
+        assert!(history.len() <= CAPACITY && history.len() + history.n_dropped() == 20_000);
+        assert!(history.contains(&[17.0]) && history.contains(&[19_999.0]) && !history.contains(&[9_000.0]));
+        assert_eq!(history.points()[history.by_value()[0]], [17.0]);
+    }
+
+    #[test]
+    fn selection_is_in_order_of_time() {
+        let mut history = History::default();
+        [5.0, 1.0, 4.0, 0.0, 3.0, 2.0].iter().enumerate().for_each(|(i, y)| history.push(&[i as f64], *y));
+        assert_eq!(history.selection(4), [1, 3, 4, 5]);
+        assert_eq!(history.selection(9), [0, 1, 2, 3, 4, 5]);
+    }
+}

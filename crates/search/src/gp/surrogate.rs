@@ -1,0 +1,151 @@
+//! The model of a search: when to refit its hyperparameters, when to extend it.
+
+use super::fit::{Data, LogParameters, fit, negative_log_posterior};
+use super::history::History;
+use super::regression::GaussianProcess;
+use super::space::TypedSpace;
+use super::transform::{Transform, rank_correlation};
+
+/// The number of evaluations that a new model uses at most, so that the time of a proposal is bounded.
+const MAX_ACTIVE: usize = 384;
+/// The number of evaluations that determine the hyperparameters at most.
+const MAX_FITTED: usize = 128;
+/// The number of evaluations between two fits is this fraction of the evaluations so far, within these bounds.
+const GAP: f64 = 0.3;
+const GAPS: (usize, usize) = (4, 64);
+/// Evaluations of the likelihood in the first and in later fits.
+const FIRST_EFFORT: usize = 16;
+const EFFORT: usize = 8;
+
+/// A Gaussian process of the robustness of the evaluated points.
+#[derive(Debug, Clone)]
+pub(crate) struct Surrogate {
+    space: TypedSpace,
+    transform: Transform,
+    parameters: LogParameters,
+    is_first: bool,
+    /// The indices of the modeled evaluations in the history, and how many evaluations it had dropped then.
+    active: Vec<usize>,
+    n_dropped: usize,
+    /// The number of evaluations that triggers the next fit.
+    next_fit: usize,
+    model: Option<GaussianProcess>,
+    level: f64,
+    rank_correlation: f64,
+}
+
+impl Surrogate {
+    /// Creates a model without evaluations.
+    pub(crate) fn new(space: TypedSpace, transform: Transform) -> Self {
+        Self {
+            parameters: LogParameters::prior_means(space.dimension()),
+            space,
+            transform,
+            is_first: true,
+            active: Vec::new(),
+            n_dropped: 0,
+            next_fit: 0,
+            model: None,
+            level: 0.0,
+            rank_correlation: 0.0,
+        }
+    }
+
+    /// Takes all evaluations of `history` into account. Refits hyperparameters if many are new.
+    pub(crate) fn update(&mut self, history: &History) {
+        if history.n_dropped() + history.len() >= self.next_fit || !self.extend(history) {
+            self.rebuild(history);
+        } else {
+            self.condition(history);
+        }
+    }
+
+    /// Returns the model; `None` before the first update, or if no factorization succeeded.
+    pub(super) fn model(&self) -> Option<&GaussianProcess> {
+        self.model.as_ref()
+    }
+
+    /// Returns the typed coordinates.
+    pub(crate) fn space(&self) -> &TypedSpace {
+        &self.space
+    }
+
+    /// Returns the lengths of the coordinates.
+    pub(crate) fn lengths(&self) -> Vec<f64> {
+        self.parameters.lengths()
+    }
+
+    /// Returns the target of a robustness of 0.
+    pub(crate) fn level(&self) -> f64 {
+        self.level
+    }
+
+    /// Returns the rank correlation of targets with the leave-one-out predictions of the last fit: about 0 if the model has
+    /// learned nothing.
+    pub(crate) fn rank_correlation(&self) -> f64 {
+        self.rank_correlation
+    }
+
+    /// Adds the evaluations since the last update. Returns whether the model is still valid.
+    fn extend(&mut self, history: &History) -> bool {
+        let Some(model) = &mut self.model else { return false };
+        if self.n_dropped != history.n_dropped() {
+            return false;
+        }
+        let first = self.active.last().map_or(0, |i| i + 1);
+        let new = &history.points()[first..];
+        if new.is_empty() {
+            return true;
+        }
+        self.active.extend(first..first + new.len());
+        model.extend(&self.space.features(new.iter().map(Vec::as_slice)))
+    }
+
+    fn values(&self, history: &History) -> Vec<f64> {
+        self.active.iter().map(|&i| history.values()[i]).collect()
+    }
+
+    fn condition(&mut self, history: &History) {
+        let (targets, level) = self.transform.targets(&self.values(history), 0.0);
+        self.level = level;
+        if let Some(model) = &mut self.model {
+            model.condition(&targets);
+        }
+    }
+
+    /// Chooses the modeled evaluations, fits the hyperparameters and factors the correlation matrix.
+    fn rebuild(&mut self, history: &History) {
+        let n = history.n_dropped() + history.len();
+        self.next_fit = n + ((GAP * n as f64) as usize).clamp(GAPS.0, GAPS.1);
+        self.fit(history);
+        let chosen = history.selection(MAX_ACTIVE);
+        let features = self.space.features(chosen.iter().map(|&i| history.points()[i].as_slice()));
+        self.active = chosen;
+        self.n_dropped = history.n_dropped();
+        self.model =
+            GaussianProcess::new(&features, &self.parameters.correlation(self.space.coordinate_of()));
+        self.condition(history);
+        if let Some(model) = &self.model {
+            self.rank_correlation = rank_correlation(&model.leave_one_out(), model.targets().as_slice());
+        }
+    }
+
+    fn fit(&mut self, history: &History) {
+        let chosen = history.selection(MAX_FITTED);
+        let features = self.space.features(chosen.iter().map(|&i| history.points()[i].as_slice()));
+        let values: Vec<f64> = chosen.iter().map(|&i| history.values()[i]).collect();
+        let (targets, _) = self.transform.targets(&values, 0.0);
+        let dimension = self.space.dimension();
+        let coordinate_of = self.space.coordinate_of();
+        let data = Data { features: &features, coordinate_of, targets: &targets, dimension };
+        // The posterior density may have several maxima: starting at the prior as well leaves a poor one.
+        let density = |parameters: &LogParameters| {
+            negative_log_posterior(&data, parameters).map_or(f64::INFINITY, |(value, _)| value)
+        };
+        let prior = LogParameters::prior_means(dimension);
+        let restart = self.is_first || density(&prior) < density(&self.parameters);
+        let start = if restart { &prior } else { &self.parameters };
+        self.parameters = fit(&data, start, if restart { FIRST_EFFORT } else { EFFORT });
+        self.is_first = false;
+    }
+}
