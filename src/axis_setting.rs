@@ -154,6 +154,16 @@ mod tests {
     }
 
     #[test]
+    fn settings_survive_a_round_trip_through_toml() {
+        let category = AxisSetting::Category("ice".to_string());
+        let axes =
+            [("x", AxisSetting::Range([0.1, 1e-9])), ("delay", AxisSetting::Value(2.0)), ("s", category)];
+        let axes = axes.into_iter().map(|(name, setting)| (name.to_string(), setting)).collect();
+        let plan = crate::Plan { axes, ..crate::Plan::new("toy/sphere-2d", "") };
+        assert_eq!(crate::Plan::from_toml(&plan.to_toml()).unwrap(), plan);
+    }
+
+    #[test]
     fn impossible_settings_are_errors() {
         let range = |low, high| AxisSetting::Range([low, high]);
         for (name, setting, part) in [
