@@ -207,13 +207,17 @@ pub fn search_entry(name: &str) -> Result<&'static SearchEntry, MishandleError> 
 
 /// Returns the type of each coordinate of the search.
 fn coordinates(space: &Space) -> Vec<Coordinate> {
-    let coordinate = |axis: &Axis| match (&axis.values, axis.levels()) {
+    space.axes().iter().map(coordinate).collect()
+}
+
+/// Returns the type of the coordinate of an axis.
+pub(crate) fn coordinate(axis: &Axis) -> Coordinate {
+    match (&axis.values, axis.levels()) {
         _ if axis.is_fixed() => Coordinate::Integer { levels: 1 },
         (AxisValues::Categorical(_), Some(levels)) => Coordinate::Categorical { levels },
         (_, Some(levels)) => Coordinate::Integer { levels },
         (_, None) => Coordinate::Continuous,
-    };
-    space.axes().iter().map(coordinate).collect()
+    }
 }
 
 /// Returns the options of the plan, completed by the defaults that depend on the plan.

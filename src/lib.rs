@@ -40,6 +40,7 @@ mod hint;
 mod home;
 mod import;
 mod invisible;
+mod margin;
 mod masking;
 mod minimize;
 mod number_text;
@@ -90,6 +91,7 @@ pub use home::{
 };
 pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
 pub use invisible::is_invisible;
+pub use margin::{Level, Margin, Norms, Witness, margin};
 pub use masking::{EvaluatedCount, MaskedConjunct, Masking, masking};
 pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
 pub use number_text::{decimal, plural};

@@ -11,6 +11,7 @@ pub mod explain;
 pub mod export;
 pub mod falsify;
 pub mod man;
+pub mod margin;
 pub mod monitor;
 pub mod regress;
 pub mod render;

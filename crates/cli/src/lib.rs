@@ -70,6 +70,7 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Campaign(command) => commands::campaign::run(command),
         Command::Reproduce(command) => commands::reproduce::run(command),
         Command::Compare(command) => commands::compare::run(command),
+        Command::Margin(command) => commands::margin::run(command),
         Command::Simulate(command) => commands::simulate::run(command),
         Command::Runs(command) => commands::runs::run(command),
         Command::Export(command) => commands::export::run(command),

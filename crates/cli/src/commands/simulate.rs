@@ -223,7 +223,7 @@ fn repeated(
 }
 
 /// Returns the keys that describe target and plan.
-fn document(resolved: &ResolvedPlan) -> Value {
+pub fn document(resolved: &ResolvedPlan) -> Value {
     let mut document = run::document(resolved, "");
     if let Some(keys) = document.as_object_mut() {
         keys.remove("run");

@@ -1,0 +1,212 @@
+//! `mishandle margin`: the smallest disturbance that makes a controller fail.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, ensure};
+use clap::Args;
+use mishandle::evaluation::RepeatReport;
+use mishandle::rollout::{Axis, AxisKind, Seed};
+use mishandle::{
+    Counterexample, FalsifyPlan, Level, Margin, Plan, ResolvedPlan, Witness, decimal, plural, shell_quote,
+};
+use serde_json::{Value, json};
+
+use super::{counterexamples, simulate};
+use crate::output::{self, number};
+use crate::progress::Bar;
+use crate::{ExitStatus, args, numbers, run};
+
+/// Search for the smallest disturbance that violates a formula
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle margin ball-balancing --controller ppo
+  mishandle margin ball-balancing --controller ppo --space starts+disturbance --out smallest.json
+  mishandle margin toy/car-following --space dynamics+events
+
+An amplitude of 1 is the largest disturbance of the space: each axis at a bound. The initial state,
+if it is in the space, varies in its whole box. The result is an upper bound with a witness: smaller
+disturbances that violate the formula may exist. Exit code 1 means that a violation was found.")]
+pub struct Arguments {
+    #[command(flatten)]
+    pub subject: args::Subject,
+    /// Requirement: the name of a formula of the target, or the text of a formula [default: the target's first formula]
+    #[arg(long, allow_hyphen_values = true)]
+    pub formula: Option<String>,
+    /// Largest number of simulations [default: 3000]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::BUDGET))]
+    pub budget: Option<u64>,
+    /// Write the witness to this .json file, which `mishandle replay` runs again
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Overwrite FILE if it exists
+    #[arg(long)]
+    pub force: bool,
+    #[command(flatten)]
+    pub run: args::Run,
+}
+
+/// Default number of simulations.
+const BUDGET: u64 = 3000;
+
+/// Number of simulations with other seeds of a witness whose target depends on the seed.
+const REPEATS: u64 = 100;
+
+/// Space without `--space` and `--plan`.
+const SPACE: &str = "disturbance";
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
+    run::set_threads(command.run.threads)?;
+    let resolved = ResolvedPlan::new(&plan(command)?)?;
+    output::warn_of_chained_comparisons(&resolved.specification.requirement);
+    if let Some(out) = &command.out {
+        ensure!(counterexamples::is_file(out), "--out is {}; it must end with .json", out.display());
+        let controller = Path::new(&resolved.plan.controller);
+        output::refuse_inputs(out, "--out", [controller])?;
+        drop(output::create(out, command.force)?);
+    }
+    let budget = command.budget.unwrap_or(BUDGET);
+    let bar = Bar::new(budget, "simulations");
+    let mut system = resolved.system()?;
+    let seed = Seed(resolved.plan.seed);
+    let found = mishandle::margin(&mut *system, seed, budget, |done| bar.set_position(done))?;
+    bar.clear();
+    let repeats = match &found.witness {
+        Some(witness) => repeats(&resolved, witness)?,
+        None => None,
+    };
+    if let (Some(out), Some(witness)) = (&command.out, &found.witness) {
+        let counterexample = Counterexample::from_episode(&resolved, &witness.episode)?;
+        output::write_atomically(out, command.force, counterexample.to_json().as_bytes())?;
+    }
+    match command.run.json {
+        true => output::json(document(&resolved, &found, repeats.as_ref()))?,
+        false => output::line(&text(&resolved, &found, repeats.as_ref()))?,
+    }
+    match (&command.out, &found.witness) {
+        (Some(out), Some(_)) => {
+            output::message(&format!("Witness: mishandle replay {}", shell_quote(&out.to_string_lossy())));
+        }
+        (Some(_), None) => output::message("there is no witness to write"),
+        (None, _) => {}
+    }
+    Ok(if found.witness.is_some() { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
+fn plan(command: &Arguments) -> Result<Plan> {
+    let mut plan = run::plan(&command.subject, &command.run)?;
+    if command.subject.space.is_none() && command.subject.plan.is_none() {
+        plan.space = SPACE.to_string();
+    }
+    let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
+    falsify.formula = command.formula.clone().or(falsify.formula);
+    Ok(Plan { falsify: Some(falsify), evaluate: None, ..plan })
+}
+
+/// Simulates the witness with other seeds, if they can change the result.
+fn repeats(resolved: &ResolvedPlan, witness: &Witness) -> Result<Option<RepeatReport>> {
+    let request = &witness.episode.request;
+    if !mishandle::depends_on_seed(resolved, &request.scenario) {
+        return Ok(None);
+    }
+    let seeds = mishandle::repeat_seeds(request.seed, REPEATS);
+    let mut system = resolved.system()?;
+    Ok(Some(mishandle::repeat(&mut *system, &request.scenario, seeds, |_| {})?))
+}
+
+fn text(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatReport>) -> String {
+    let header = ["amplitude", "simulations", "lowest robustness", "result"].map(String::from).to_vec();
+    let row = |level: &Level| {
+        vec![
+            decimal(level.amplitude, 4),
+            level.simulations.to_string(),
+            level.robustness.map_or("-".to_string(), |rho| decimal(rho, 4)),
+            if level.is_violated() { "violated" } else { "no violation" }.to_string(),
+        ]
+    };
+    let rows: Vec<Vec<String>> = std::iter::once(header).chain(found.levels.iter().map(row)).collect();
+    let mut text = format!(
+        "{}\nformula {}\n\n{}\n\n",
+        run::heading(resolved),
+        resolved.specification.requirement,
+        output::table(&rows)
+    );
+    match &found.witness {
+        None => text.push_str(&format!(
+            "no violation in {}, up to the largest disturbance of the space",
+            plural(found.simulations, "simulation")
+        )),
+        Some(witness) => text.push_str(&witness_text(resolved, found, witness)),
+    }
+    if let Some(report) = repeats {
+        text.push_str(&format!(
+            "\nwith other seeds, the witness fails in {} of {}",
+            report.failures,
+            plural(report.failure_rate.n, "repeat")
+        ));
+    }
+    text
+}
+
+fn witness_text(resolved: &ResolvedPlan, found: &Margin, witness: &Witness) -> String {
+    let (norms, request) = (&witness.norms, &witness.episode.request);
+    let mut text = format!(
+        "smallest disturbance found: amplitude {} (L2 {}, L1 {}) on {}, after {}\nwitness: {}, seed {}: robustness {}",
+        decimal(norms.largest, 4),
+        decimal(norms.euclidean, 4),
+        decimal(norms.sum, 4),
+        run::axes(witness.axes),
+        plural(found.simulations, "simulation"),
+        witness_scenario(resolved.space.axes(), request.scenario.values()),
+        request.seed.0,
+        decimal(witness.episode.robustness().unwrap_or(f64::NAN), 4),
+    );
+    if let Some(level) = found.largest_without_violation() {
+        text.push_str(&format!(
+            "\nup to amplitude {}, no violation in {}",
+            decimal(level.amplitude, 4),
+            plural(level.simulations, "simulation")
+        ));
+    }
+    text
+}
+
+/// Formats the initial state and the disturbed axes.
+fn witness_scenario(axes: &[Axis], values: &[Option<f64>]) -> String {
+    let is_shown =
+        |(axis, value): &(&Axis, &Option<f64>)| axis.kind == AxisKind::Start || **value != axis.nominal;
+    let (axes, values): (Vec<Axis>, Vec<Option<f64>>) =
+        axes.iter().zip(values).filter(is_shown).map(|(axis, value)| (axis.clone(), *value)).unzip();
+    run::scenario_text(&axes, &values)
+}
+
+fn document(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatReport>) -> Value {
+    let level = |level: &Level| {
+        json!({
+            "amplitude": level.amplitude,
+            "simulations": level.simulations,
+            "minimum_robustness": level.robustness.map(number),
+            "is_violated": level.is_violated(),
+        })
+    };
+    let witness = found.witness.as_ref().map(|witness| {
+        let Witness { episode, norms, axes } = witness;
+        json!({
+            "amplitude": norms.largest,
+            "l2": norms.euclidean,
+            "l1": norms.sum,
+            "axes": axes,
+            "scenario": run::scenario(resolved.space.axes(), episode.request.scenario.values()),
+            "seed": episode.request.seed.0.to_string(),
+            "robustness": episode.robustness().map(number),
+            "repeats": repeats.map(simulate::repeats_document),
+        })
+    });
+    let own = json!({
+        "formula": resolved.specification.requirement.to_string(),
+        "simulations": found.simulations,
+        "levels": found.levels.iter().map(level).collect::<Vec<_>>(),
+        "no_violation_up_to": found.largest_without_violation().map(|level| level.amplitude),
+        "witness": witness,
+    });
+    output::joined(simulate::document(resolved), own)
+}
