@@ -77,8 +77,10 @@ impl Event {
 /// # Example
 /// ```
 /// use mishandle::stl::Trace;
-/// let mut trace = Trace::new(&["cube_height", "cube_held"]);
-/// [[0.2, 1.0], [0.1, 1.0], [0.1, 0.0]].iter().for_each(|row| trace.push(row));
+/// let mut trace = Trace::new(["cube_height".to_string(), "cube_held".to_string()].into());
+/// for sample in [[0.2, 1.0], [0.1, 1.0], [0.1, 0.0]] {
+///     trace.push(&sample);
+/// }
 /// assert_eq!(mishandle::release(&trace).map(|event| event.sample), Some(2));
 /// ```
 pub fn release(trace: &Trace) -> Option<Event> {

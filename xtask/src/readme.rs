@@ -1,4 +1,4 @@
-//! `cargo xtask readme`: runs the commands shown in README.md, docs/tour.md and docs/explain.md and checks their output.
+//! `cargo xtask readme`: runs the commands shown in the README and in pages of `docs`, and checks their output.
 //!
 //! In a code block marked `console`, a line that starts with `$ ` is a command (`\` at its end continues it on the next
 //! line), and the lines below are its output. The blocks of a page run in order, each command in its own shell, in an
@@ -15,7 +15,8 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::process::{cargo, run};
 
-const PAGES: [&str; 3] = ["README.md", "docs/tour.md", "docs/explain.md"];
+const PAGES: [&str; 5] =
+    ["README.md", "docs/tour.md", "docs/scenarios.md", "docs/explain.md", "docs/margin.md"];
 /// Time limit for one command, s.
 const LIMIT_SECS: u32 = 180;
 /// Exit code of `timeout` at the limit.
