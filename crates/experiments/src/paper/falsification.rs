@@ -273,6 +273,7 @@ fn differing(results: &Results, group: &[&Falsified<'_>]) -> Vec<String> {
             "None of our {} violates the formula: their robustness is between {low:.4} and {high:.4}.",
             plural(n, "simulation")
         ),
+        1 => format!("One of our {} violates the formula.", plural(n, "simulation")),
         _ => format!("{violations} of our {} violate the formula.", plural(n, "simulation")),
     });
     parts.extend(failure_rates(group));
