@@ -112,9 +112,9 @@ impl Corners {
     }
 
     fn face_point(&self, i: u64, random: &mut Sequence) -> Vec<f64> {
-        let mut u = Vec::with_capacity(self.coordinates.len());
-        self.sobol.extend(i, &mut u);
-        u.extend((u.len()..self.coordinates.len()).map(|_| random.uniform()));
+        let mut u = vec![0.0; self.coordinates.len()];
+        self.sobol.write(i, &mut u);
+        u.iter_mut().skip(MAX_DIMENSION).for_each(|x| *x = random.uniform());
         let ordered = self.ordered();
         let always_free = random.below(ordered.len() as u64) as usize;
         for (j, k) in ordered.into_iter().enumerate() {

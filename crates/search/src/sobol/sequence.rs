@@ -45,16 +45,10 @@ impl SobolSequence {
         Self { axes }
     }
 
-    /// Appends the coordinates of point number `i`, counted from 0, to `out`.
-    /// Writes the first coordinates of point `i` to `point`.
+    /// Writes the coordinates of point number `i`, counted from 0, to `point`, which may have more coordinates.
     pub(crate) fn write(&self, i: u64, point: &mut [f64]) {
         let gray = i ^ (i >> 1);
         self.axes.iter().zip(point).for_each(|(axis, x)| *x = axis.at(gray));
-    }
-
-    pub(crate) fn extend(&self, i: u64, out: &mut Vec<f64>) {
-        let gray = i ^ (i >> 1);
-        out.extend(self.axes.iter().map(|axis| axis.at(gray)));
     }
 }
 
@@ -116,8 +110,8 @@ mod tests {
     fn points(dimension: usize, n: u64, seed: u64) -> Vec<Vec<f64>> {
         let sequence = SobolSequence::new(dimension, Some(Sequence::new(seed, 0)));
         let point = |i| {
-            let mut u = Vec::new();
-            sequence.extend(i, &mut u);
+            let mut u = vec![0.0; dimension];
+            sequence.write(i, &mut u);
             u
         };
         (0..n).map(point).collect()
