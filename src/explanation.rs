@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use mishandle_rollout::{Episode, Request, RolloutError};
+use mishandle_rollout::{Episode, EpisodeEnd, Request, RolloutError};
 use mishandle_stl::{Clock, Diagnosis, Formula, Monitor, Trace};
 use mishandle_store::{RunFile, RunHeader, Simulation, StoredTrace};
 
@@ -355,16 +355,22 @@ pub(crate) fn trace(header: &RunHeader, stored: &StoredTrace) -> Trace {
     trace
 }
 
-/// Simulates a recorded simulation again and returns its trace, which must be the recorded one.
+/// Simulates a recorded simulation again and returns its trace, which must be the recorded one, or the whole episode if the
+/// simulation was stopped early.
 fn replayed_trace(recorded: &Simulation, resolved: &ResolvedPlan) -> Result<Trace, MishandleError> {
     let request: Request = record::request(recorded, resolved.stored_subformulas > 0);
     let mut system = resolved.system()?;
-    let episode = system.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode)?;
+    let whole = Request { stop_threshold: None, ..request.clone() };
+    let mut simulate = |request| system.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode);
+    let episode = simulate(request)?;
     let again = record::record(&episode, resolved.stored_subformulas);
     if again.trace_digest != recorded.trace_digest {
         let (trial, number) = (recorded.trial, recorded.number);
         let difference = format!("trace of simulation {number} of trial {trial}");
         return Err(MishandleError::RunMismatch { differences: vec![difference] });
     }
-    Ok(episode.trace)
+    match episode.end {
+        EpisodeEnd::Stopped { .. } => Ok(simulate(whole)?.trace),
+        _ => Ok(episode.trace),
+    }
 }

@@ -25,8 +25,9 @@ pub fn falsify(
     let ResolvedPlan { plan, space, .. } = resolved;
     let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
     header::check(run.file().header(), resolved)?;
-    let FalsifyPlan { trials, budget, batch, .. } = *falsify;
-    let settings = CampaignSettings { trials, budget, seed: Seed(plan.seed), batch: batch as usize };
+    let FalsifyPlan { trials, budget, batch, early_stopping, .. } = *falsify;
+    let settings =
+        CampaignSettings { trials, budget, seed: Seed(plan.seed), batch: batch as usize, early_stopping };
     let (coordinates, options) = (coordinates(space), search_options(falsify));
     let new_search = |seed| by_name(&falsify.search, &coordinates, seed, &options);
     let mut campaign = Campaign::new(settings, space, new_search)?;
@@ -142,7 +143,8 @@ pub(crate) fn new_trial(resolved: &ResolvedPlan, number: u32) -> Result<Option<T
     let seed = settings.trial_seed(number);
     let search_seed = Trial::search_seed(seed);
     let search = by_name(&falsify.search, &coordinates(space), search_seed, &search_options(falsify))?;
-    Ok(Some(Trial::new(number, seed, falsify.budget, search, space.clone())))
+    let trial = Trial::new(number, seed, falsify.budget, search, space.clone());
+    Ok(Some(trial.with_early_stopping(falsify.early_stopping)))
 }
 
 /// Returns an upper bound of the failure rate in the space if no simulation fails, with 95 % confidence: see

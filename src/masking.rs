@@ -1,6 +1,6 @@
 //! Masking: which conjuncts of a formula set the robustness of a run, and which ones fail.
 
-use mishandle_rollout::RolloutError;
+use mishandle_rollout::{Request, RolloutError};
 use mishandle_stl::{Clock, Formula, Monitor, Trace};
 use mishandle_store::{RunFile, Simulation};
 
@@ -95,8 +95,10 @@ pub fn masking(
         Some(resolved) => {
             let mut system = resolved.system()?;
             for batch in chosen.chunks(BATCH) {
-                let requests: Vec<_> =
-                    batch.iter().map(|simulation| record::request(simulation, false)).collect();
+                // The whole episode, also of a simulation that was stopped early.
+                let whole =
+                    |simulation| Request { stop_threshold: None, ..record::request(simulation, false) };
+                let requests: Vec<_> = batch.iter().map(whole).collect();
                 system.rollout(&requests)?.iter().try_for_each(|episode| count(&episode.trace))?;
             }
         }

@@ -113,6 +113,8 @@ pub struct FalsifyPlan {
     pub budget: u32,
     /// Batch size: number of simulations run at once.
     pub batch: u32,
+    /// End simulations as soon as the search does not need the rest.
+    pub early_stopping: bool,
     /// Alias of the option `initial-simplex` of `nelder-mead`, for plans from before searches had options. Other
     /// searches ignore it, and `options` overrides it.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -126,10 +128,11 @@ impl Default for FalsifyPlan {
     fn default() -> Self {
         FalsifyPlan {
             formula: None,
-            search: "random".to_string(),
+            search: "portfolio".to_string(),
             trials: 30,
             budget: 300,
             batch: DEFAULT_BATCH_SIZE as u32,
+            early_stopping: false,
             initial_simplex: None,
             options: SearchOptions::new(),
         }

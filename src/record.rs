@@ -146,6 +146,9 @@ pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
         verdict.completion_step.map(|step| step as f64),
         episode.total_reward.is_finite().then_some(episode.total_reward),
     ];
+    // The value is a lower bound if the simulation stopped because it is above the threshold.
+    let is_bound = matches!(episode.end, EpisodeEnd::Stopped { .. })
+        && request.stop_threshold.is_some_and(|threshold| verdict.robustness > Some(threshold));
     Simulation {
         trial: request.trial,
         number: request.number,
@@ -154,8 +157,8 @@ pub(crate) fn record(episode: &Episode, subformulas: usize) -> Simulation {
         scenario: request.scenario.values().to_vec(),
         robustness: verdict.robustness,
         robustness_low: verdict.robustness,
-        robustness_high: verdict.robustness,
-        stop_threshold: None,
+        robustness_high: if is_bound { Some(f64::INFINITY) } else { verdict.robustness },
+        stop_threshold: request.stop_threshold,
         end: stored_end(episode.end),
         steps: episode.steps as u32,
         verdicts: verdicts.into_iter().chain(minima).collect(),
@@ -331,5 +334,6 @@ pub(crate) fn request(simulation: &Simulation, needs_subformulas: bool) -> Reque
         scenario: Scenario::new(simulation.scenario.clone()),
         seed: Seed(simulation.seed),
         needs_subformulas,
+        stop_threshold: simulation.stop_threshold,
     }
 }

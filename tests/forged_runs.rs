@@ -185,7 +185,7 @@ fn a_replay_names_every_forged_value_of_a_counterexample() {
         ("robustness: recorded -1.0", |run| run.chosen().robustness = Some(-1.0)),
         ("lower bound of the robustness: recorded none", |run| run.chosen().robustness_low = None),
         ("upper bound of the robustness: recorded 9.0", |run| run.chosen().robustness_high = Some(9.0)),
-        ("stop threshold: recorded 0.0", |run| run.chosen().stop_threshold = Some(0.0)),
+        ("stop threshold of simulation", |run| run.chosen().stop_threshold = Some(0.0)),
         ("end: recorded stopped, step 1", |run| run.chosen().end = SimulationEnd::Stopped { step: 1 }),
         ("number of control steps: recorded 1,", |run| run.chosen().steps = 1),
         ("verdict `success`: recorded 9.0", |run| run.chosen().verdicts[0] = Some(9.0)),

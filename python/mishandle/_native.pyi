@@ -137,7 +137,7 @@ class Target:
     @property
     def formulas(self) -> list[tuple[str, str]]: ...
 
-RequestTuple = tuple[list[float | None], int, bool]
+RequestTuple = tuple[list[float | None], int, bool, float | None]
 
 class PlanWorker:
     def __new__(cls, plan: str, hashes: list[str], threads: int) -> PlanWorker: ...
@@ -170,6 +170,7 @@ def falsify(
     trials: int,
     budget: int,
     batch: int,
+    early_stopping: bool,
     seed: int,
     out: Out,
     progress: Callable[[int, int], None] | None,

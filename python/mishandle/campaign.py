@@ -166,11 +166,12 @@ def falsify(
     formula: Formulas = None,
     space: Space = None,
     *,
-    search: str = "dual-annealing",
+    search: str = "portfolio",
     options: Mapping[str, Any] | None = None,
     trials: int = 10,
     budget: int = 300,
     batch: int = 1,
+    early_stopping: bool = False,
     seed: int = 0,
     out: PathLike | None = None,
     resume: bool = False,
@@ -197,6 +198,8 @@ def falsify(
         Number of trials, and largest number of simulations of each.
     batch : int
         Number of simulations that a search proposes at once. It receives the values in the order of its points.
+    early_stopping : bool
+        Whether simulations of our tasks end as soon as the search does not need the rest. Your own systems run to the end.
     seed : int
         Random seed of the campaign.
     out : path, optional
@@ -255,6 +258,7 @@ def falsify(
         trials=trials,
         budget=budget,
         batch=batch,
+        early_stopping=early_stopping,
         seed=seed,
         out=(None if out is None else os.fspath(out), resume, durable),
         progress=progress,

@@ -91,7 +91,7 @@ def minimize(
     function: Callable[[Point], float],
     bounds: Sequence[tuple[float, float]],
     *,
-    search: str = "dual-annealing",
+    search: str = "portfolio",
     budget: int = 1000,
     seed: int = 0,
     options: Mapping[str, Any] | None = None,

@@ -85,7 +85,7 @@ fn search_options(given: Vec<(String, SearchOption)>) -> SearchOptions {
 /// Searches for counterexamples. Returns the outcome as a dictionary.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
-#[pyo3(signature = (target, *, formula, search, options, trials, budget, batch, seed, out, progress))]
+#[pyo3(signature = (target, *, formula, search, options, trials, budget, batch, early_stopping, seed, out, progress))]
 pub fn falsify<'py>(
     py: Python<'py>,
     target: &PyTarget,
@@ -95,6 +95,7 @@ pub fn falsify<'py>(
     trials: u32,
     budget: u32,
     batch: u32,
+    early_stopping: bool,
     seed: u64,
     out: Out,
     progress: Option<Py<PyAny>>,
@@ -105,6 +106,7 @@ pub fn falsify<'py>(
         trials,
         budget,
         batch,
+        early_stopping,
         initial_simplex: None,
         options: search_options(options),
     };

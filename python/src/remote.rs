@@ -20,7 +20,7 @@ use crate::target::{Pending, end_of, end_parts, keep, trace};
 use crate::{InvalidStateError, raised};
 
 /// A simulation to run: scenario, seed, and whether the minima of sub-formulas are needed.
-type RequestTuple = (Vec<Option<f64>>, u64, bool);
+type RequestTuple = (Vec<Option<f64>>, u64, bool, Option<f64>);
 
 /// Robustness of requirement, success and strict success, dangerous steps, completion step, and minimum and sample of each
 /// sub-formula.
@@ -64,8 +64,9 @@ impl PlanWorker {
     ) -> PyResult<Vec<EpisodeTuple<Bound<'py, PyArray2<f64>>>>> {
         let requests: Vec<Request> = requests
             .into_iter()
-            .map(|(values, seed, needs_subformulas)| Request {
+            .map(|(values, seed, needs_subformulas, stop_threshold)| Request {
                 needs_subformulas,
+                stop_threshold,
                 ..Request::new(Scenario::new(values), Seed(seed))
             })
             .collect();
@@ -118,7 +119,10 @@ impl System for RemoteSystem {
     fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
         let sent: Vec<RequestTuple> = requests
             .iter()
-            .map(|request| (request.scenario.values().to_vec(), request.seed.0, request.needs_subformulas))
+            .map(|request| {
+                let Request { scenario, seed, needs_subformulas, stop_threshold, .. } = request;
+                (scenario.values().to_vec(), seed.0, *needs_subformulas, *stop_threshold)
+            })
             .collect();
         let episodes = Python::attach(|py| {
             py.check_signals()?;

@@ -119,8 +119,12 @@ fn request_differences(recorded: &Simulation, expected: &Request) -> Vec<String>
         )];
     }
     // The text of a float has all digits and the sign of a zero.
+    let threshold = |request: &Request| {
+        request.stop_threshold.map_or("none".to_string(), |threshold| format!("{threshold:?}"))
+    };
     let parts = [
         ("seed", recorded.seed.0.to_string(), expected.seed.0.to_string()),
+        ("stop threshold", threshold(&recorded), threshold(expected)),
         ("unit point", format!("{:?}", recorded.unit_point), format!("{:?}", expected.unit_point)),
         (
             "scenario",

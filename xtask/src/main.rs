@@ -58,9 +58,9 @@ const CHORES: &[Chore] = &[
     },
     Chore {
         name: "readme",
-        arguments: "",
-        about: "run the commands in README.md and compare their output",
-        run: |root, _| readme::check(root),
+        arguments: "[--update]",
+        about: "run the commands in README.md and compare their output; --update writes it to the page",
+        run: readme::check_or_update,
     },
     Chore {
         name: "external",

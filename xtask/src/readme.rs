@@ -1,4 +1,5 @@
-//! `cargo xtask readme`: runs the commands shown in the README and in pages of `docs`, and checks their output.
+//! `cargo xtask readme`: runs the commands shown in the README and in pages of `docs`, and checks their output. With `--update`,
+//! it writes the printed lines to the pages in place of the shown ones, which brings their numbers up to date.
 //!
 //! In a code block marked `console`, a line that starts with `$ ` is a command (`\` at its end continues it on the next
 //! line), and the lines below are its output. The blocks of a page run in order, each command in its own shell, in an
@@ -37,8 +38,8 @@ struct Shown {
     line: usize,
     command: String,
     exit: i32,
-    /// Output lines that the page shows, blank ones left out.
-    output: Vec<String>,
+    /// Output lines that the page shows with their lines of the page, blank ones left out.
+    output: Vec<(usize, String)>,
 }
 
 /// Builds the program, then runs every command of the pages.
@@ -46,11 +47,47 @@ struct Shown {
 /// # Errors
 /// The first command that differs from its page, with its line.
 pub fn check(root: &Path) -> Result<()> {
-    run(&mut cargo(root, &["build", "--release"]), &[0])?;
-    PAGES.iter().try_for_each(|page| check_page(root, page))
+    build(root)?;
+    PAGES.iter().try_for_each(|page| check_page(root, page).map(drop))
 }
 
-fn check_page(root: &Path, page: &str) -> Result<()> {
+/// Does the same as [`check`] and, with `--update`, writes the printed lines to the pages.
+///
+/// # Errors
+/// As for [`check`], or for other arguments. Pages before the one that differs are updated.
+pub fn check_or_update(root: &Path, arguments: &[String]) -> Result<()> {
+    match arguments {
+        [] => check(root),
+        [update] if update == "--update" => {
+            build(root)?;
+            PAGES.iter().try_for_each(|page| update_page(root, page))
+        }
+        _ => bail!("`cargo xtask readme` takes no argument but --update"),
+    }
+}
+
+fn build(root: &Path) -> Result<()> {
+    run(&mut cargo(root, &["build", "--release"]), &[0])
+}
+
+fn update_page(root: &Path, page: &str) -> Result<()> {
+    let printed = check_page(root, page)?;
+    let path = root.join(page);
+    let text = fs::read_to_string(&path).with_context(|| format!("cannot read {page}"))?;
+    fs::write(&path, replace_lines(&text, &printed)).with_context(|| format!("cannot write {page}"))
+}
+
+/// Replaces lines of a text, numbered from 1.
+fn replace_lines(text: &str, new: &[(usize, String)]) -> String {
+    let mut lines: Vec<&str> = text.lines().collect();
+    for (number, line) in new {
+        lines[number - 1] = line;
+    }
+    lines.join("\n") + "\n"
+}
+
+/// Runs the commands of a page. Returns what they printed in place of each shown line, with its line of the page.
+fn check_page(root: &Path, page: &str) -> Result<Vec<(usize, String)>> {
     let text = fs::read_to_string(root.join(page)).with_context(|| format!("cannot read {page}"))?;
     let shown = commands(&text).with_context(|| page.to_string())?;
     // An empty folder, so that files of an earlier run cannot interfere.
@@ -59,6 +96,7 @@ fn check_page(root: &Path, page: &str) -> Result<()> {
         fs::remove_dir_all(&folder).with_context(|| format!("cannot empty {}", folder.display()))?;
     }
     fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    let mut printed = Vec::new();
     for shown in &shown {
         let place = format!("{page}:{}: `{}`", shown.line, shown.command);
         if let Some((_, reason)) = SKIPPED.iter().find(|(start, _)| shown.command.starts_with(start)) {
@@ -66,10 +104,10 @@ fn check_page(root: &Path, page: &str) -> Result<()> {
             continue;
         }
         let started = Instant::now();
-        try_out(root, &folder, shown).with_context(|| place.clone())?;
+        printed.extend(try_out(root, &folder, shown).with_context(|| place.clone())?);
         eprintln!("{place}: as shown, {:.1} s", started.elapsed().as_secs_f64());
     }
-    Ok(())
+    Ok(printed)
 }
 
 /// Returns the commands of all blocks marked `console`, in order.
@@ -110,7 +148,7 @@ fn commands_of_block(number: usize, block: &[(usize, &str)], above: &str) -> Res
         } else if let Some(last) = last
             && !text.trim().is_empty()
         {
-            last.output.push((*text).to_owned());
+            last.output.push((*line, (*text).to_owned()));
         }
     }
     if let Some(codes) = above.trim().strip_prefix("<!-- exit:").and_then(|rest| rest.strip_suffix("-->")) {
@@ -131,8 +169,9 @@ fn commands_of_block(number: usize, block: &[(usize, &str)], above: &str) -> Res
     Ok(found)
 }
 
-/// Runs a command in `folder`, with the repository's programs, controllers and settings.
-fn try_out(root: &Path, folder: &Path, shown: &Shown) -> Result<()> {
+/// Runs a command in `folder`, with the repository's programs, controllers and settings. Returns what it printed in place of each
+/// shown line, with its line of the page.
+fn try_out(root: &Path, folder: &Path, shown: &Shown) -> Result<Vec<(usize, String)>> {
     let old = std::env::var_os("PATH").unwrap_or_default();
     let path =
         std::env::join_paths([root.join("target/release")].into_iter().chain(std::env::split_paths(&old)))?;
@@ -157,15 +196,20 @@ fn try_out(root: &Path, folder: &Path, shown: &Shown) -> Result<()> {
         }
         _ => {}
     }
-    let lines: Vec<String> = written.lines().map(without_numbers).collect();
-    for line in &shown.output {
-        ensure!(
-            lines.contains(&without_numbers(line)),
-            "the page shows a line that the command does not print:\n{line}\nit printed:\n{}",
-            written.trim()
-        );
+    let mut lines: Vec<&str> = written.lines().map(str::trim_end).collect();
+    let mut printed = Vec::new();
+    for (number, line) in &shown.output {
+        let Some(found) = lines.iter().position(|printed| without_numbers(printed) == without_numbers(line))
+        else {
+            bail!(
+                "the page shows a line that the command does not print:\n{line}\nit printed:\n{}",
+                written.trim()
+            );
+        };
+        // Lines can differ in numbers only, so each printed line stands for one shown line.
+        printed.push((*number, lines.remove(found).to_owned()));
     }
-    Ok(())
+    Ok(printed)
 }
 
 /// Replaces each number (sign, digits, point, exponent) with `#` and each gap with one space.
@@ -208,8 +252,9 @@ fn number_length(text: &str) -> usize {
 mod tests {
     use super::*;
 
+    /// The output is on the lines below the command.
     fn shown(line: usize, command: &str, exit: i32, output: &[&str]) -> Shown {
-        let output = output.iter().map(|line| (*line).to_owned()).collect();
+        let output = (line + 1..).zip(output.iter().map(|line| (*line).to_owned())).collect();
         Shown { line, command: command.into(), exit, output }
     }
 
@@ -218,6 +263,15 @@ mod tests {
         let text = "```sh\n$ no\n```\n\n<!-- exit: 0 1 -->\n\n```console\n$ one\nout\nmore\n$ two \\\n    --long\n```\n$ no\n";
         let expected = vec![shown(8, "one", 0, &["out", "more"]), shown(11, "two --long", 1, &[])];
         assert_eq!(commands(text).unwrap(), expected);
+    }
+
+    #[test]
+    fn an_update_replaces_shown_lines_in_order_and_keeps_the_others() {
+        let page = "text\n```console\n$ printf 'a 1\\nb\\na 22\\na 3\\n'\na 7\nb\na 8\n```\nend\n";
+        let root = std::env::temp_dir();
+        let printed = try_out(&root, &root, &commands(page).unwrap()[0]).unwrap();
+        let expected = page.replace("a 7", "a 1").replace("a 8", "a 22");
+        assert_eq!(replace_lines(page, &printed), expected);
     }
 
     #[test]

@@ -78,7 +78,10 @@ fn the_page_documents_the_keys_that_every_command_prints() {
     let bench = Bench::new();
     bench.write("d.csv", "time,d\n0.0,0.2\n0.1,0.3\n");
     bench.write("small.toml", SMALL);
-    bench.write("grid.toml", "target = 'toy/sphere-2d'\n[falsify]\ntrials = 1\n[evaluate]\nepisodes = 5\n");
+    bench.write(
+        "grid.toml",
+        "target = 'toy/sphere-2d'\n[falsify]\nsearch = 'random'\ntrials = 1\n[evaluate]\nepisodes = 5\n",
+    );
     let linear = concat!(env!("CARGO_MANIFEST_DIR"), "/../interchange/tests/data/point_reaching.pt");
     let import = format!(
         "controller import {linear} --task point-reaching --output-activation identity --out i.safetensors"

@@ -184,7 +184,7 @@ fn without_a_failure_a_random_sample_bounds_the_failure_rate() {
         bound("random")
     );
     assert!(bound("sobol").is_null());
-    let said = bench.check(&safe.replace(" --json --search", ""), 0);
+    let said = bench.check(&safe.replace(" --json --search", " --search random"), 0);
     assert!(said.contains("no violation in 298 uniform random samples of the space: failure rate below 1.1 % (95 % confidence)"), "{said}");
     let found = bench.json("falsify toy/sphere-2d --trials 2 --json", 1);
     assert!(found["failure_rate_bound"].is_null());
@@ -200,7 +200,7 @@ fn an_invalid_search_option_is_an_error_that_names_it() {
         "--search nelder-mead --search-option xtol=1",
         &["nelder-mead has no option `xtol`", "max-evaluations", "hint: did you mean `xatol`?"],
     );
-    refuses("--search-option xatol=1", &["random has no option `xatol`; it has no options"]);
+    refuses("--search random --search-option xatol=1", &["random has no option `xatol`; it has no options"]);
     refuses(
         "--search nelder-mead --search-option xatol=small",
         &["option `xatol` of nelder-mead is \"small\"; it must be a number, at least 0"],
@@ -464,7 +464,7 @@ fn flags_complete_a_plan_and_missing_keys_have_defaults() {
     assert_eq!((&found["simulations"], &found["seed"]), (&20.into(), &"3".into()));
     // The plan has no table [falsify].
     let found = bench.json(&format!("falsify {flags} --trials 1 --budget 2"), 0);
-    assert_eq!((&found["search"], &found["budget"]), (&"random".into(), &2.into()));
+    assert_eq!((&found["search"], &found["budget"]), (&"portfolio".into(), &2.into()));
 }
 
 #[test]
@@ -548,7 +548,7 @@ fn a_replay_says_that_a_simulation_is_at_a_corner_or_the_center() {
 fn resuming_a_run_with_the_other_command_names_the_right_one() {
     let bench = Bench::new();
     bench.check("evaluate toy/sphere-2d --episodes 3 --out e.sqlite", 0);
-    bench.check("falsify toy/sphere-2d --trials 1 --out f.sqlite", 0);
+    bench.check("falsify toy/sphere-2d --search random --trials 1 --out f.sqlite", 0);
     bench.refuses(
         "evaluate --resume f.sqlite",
         &["f.sqlite is a run of `falsify`, not of `evaluate`; resume it with: mishandle falsify --resume f.sqlite"],

@@ -13,7 +13,7 @@ fn page(bench: &Bench, name: &str) -> String {
 #[test]
 fn a_page_has_the_verdict_the_modes_and_their_patches() {
     let bench = Bench::new();
-    bench.check("falsify toy/sphere-2d --trials 12 --budget 60 --seed 1 --out run.sqlite", 1);
+    bench.check("falsify toy/sphere-2d --search random --trials 12 --budget 60 --seed 1 --out run.sqlite", 1);
     bench.check("report run.sqlite --out a.html", 0);
     let html = page(&bench, "a.html");
     for part in [
@@ -62,7 +62,7 @@ fn several_runs_share_a_page() {
 #[test]
 fn a_campaign_has_an_index_and_a_page_for_each_run() {
     let bench = Bench::new();
-    let plan = "target = \"toy/sphere-2d\"\nseed = [1, 2]\n[falsify]\ntrials = 6\nbudget = 40\n[evaluate]\nepisodes = 30\n";
+    let plan = "target = \"toy/sphere-2d\"\nseed = [1, 2]\n[falsify]\nsearch = \"random\"\ntrials = 6\nbudget = 40\n[evaluate]\nepisodes = 30\n";
     std::fs::write(bench.path("plan.toml"), plan).unwrap();
     bench.check("campaign plan.toml --out spheres --pages first", 1);
     bench.check("report spheres --out second --probes 8", 0);
@@ -175,7 +175,7 @@ fn the_verdict_counts_only_simulations_with_one() {
 #[test]
 fn a_random_search_has_a_failure_rate_and_a_target_that_always_fails_is_named() {
     let bench = Bench::new();
-    bench.check("falsify toy/sphere-2d --trials 12 --budget 60 --seed 1 --out run.sqlite", 1);
+    bench.check("falsify toy/sphere-2d --search random --trials 12 --budget 60 --seed 1 --out run.sqlite", 1);
     bench.check("report run.sqlite --no-simulations --out a.html", 0);
     let run = mishandle::store::RunFile::open(bench.path("run.sqlite")).unwrap();
     let counts = run.counts().unwrap();

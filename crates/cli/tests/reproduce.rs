@@ -52,7 +52,7 @@ fn a_table_of_falsification_matches_a_count_of_the_rows() {
     assert_eq!((&table[0][5], &table[0][6]), (&"-".to_string(), &"-".to_string()));
     bench.write(
         "s.toml",
-        "target = 'point-reaching'\ncontroller = 'ppo'\n[falsify]\ntrials = 2\nbudget = 3\n",
+        "target = 'point-reaching'\ncontroller = 'ppo'\n[falsify]\nsearch = 'random'\ntrials = 2\nbudget = 3\n",
     );
     let success = bench.json("reproduce falsification --plan s.toml --out runs/s --json", 0);
     let row = &rows(&success, "Falsified trials")[0];

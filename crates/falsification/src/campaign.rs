@@ -18,12 +18,20 @@ pub struct CampaignSettings {
     pub seed: Seed,
     /// Number of simulations per batch. 0 counts as 1.
     pub batch: usize,
+    /// Whether simulations end as soon as the search does not need the rest.
+    pub early_stopping: bool,
 }
 
 impl Default for CampaignSettings {
     /// Returns the settings of the paper: 30 trials with 300 simulations each.
     fn default() -> Self {
-        CampaignSettings { trials: 30, budget: 300, seed: Seed(0), batch: DEFAULT_BATCH_SIZE }
+        CampaignSettings {
+            trials: 30,
+            budget: 300,
+            seed: Seed(0),
+            batch: DEFAULT_BATCH_SIZE,
+            early_stopping: false,
+        }
     }
 }
 
@@ -140,8 +148,9 @@ impl<'a> Campaign<'a> {
         };
         if !is_same(&expected, &recorded.request) {
             let describe = |request: &Request| {
-                let Request { unit_point, scenario, seed, .. } = request;
-                format!("at {unit_point:?}, with scenario {:?} and seed {}", scenario.values(), seed.0)
+                let Request { unit_point, scenario, seed, stop_threshold, .. } = request;
+                let stop = stop_threshold.map_or(String::new(), |rho| format!(" and stop threshold {rho:?}"));
+                format!("at {unit_point:?}, with scenario {:?}, seed {}{stop}", scenario.values(), seed.0)
             };
             return Err(FalsificationError::RecordMismatch {
                 trial,
@@ -258,7 +267,8 @@ impl<'a> Campaign<'a> {
         if found != expected {
             return Err(FalsificationError::Dimension { search: search.name(), found, expected });
         }
-        Ok(Trial::new(number, seed, self.settings.budget, search, self.space.clone()))
+        let CampaignSettings { budget, early_stopping, .. } = self.settings;
+        Ok(Trial::new(number, seed, budget, search, self.space.clone()).with_early_stopping(early_stopping))
     }
 
     /// Reports an episode to its running trial and returns the end of the trial if this episode ended it.
@@ -287,5 +297,9 @@ impl<'a> Campaign<'a> {
 /// Returns whether both requests have the same bits.
 fn is_same(a: &Request, b: &Request) -> bool {
     let bits = |point: &[f64]| point.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
-    a.seed == b.seed && bits(&a.unit_point) == bits(&b.unit_point) && a.scenario.is_same(&b.scenario)
+    let stop = |request: &Request| request.stop_threshold.map(f64::to_bits);
+    a.seed == b.seed
+        && stop(a) == stop(b)
+        && bits(&a.unit_point) == bits(&b.unit_point)
+        && a.scenario.is_same(&b.scenario)
 }

@@ -44,6 +44,8 @@ pub struct TrialOutcome {
     pub end: Option<TrialEnd>,
     /// Number of simulations, including the falsifying one.
     pub simulations: u32,
+    /// Number of control steps of all simulations.
+    pub control_steps: u64,
     /// Number of diverged simulations.
     pub diverged: u32,
     /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
@@ -68,6 +70,7 @@ impl TrialOutcome {
             seed,
             end: None,
             simulations: 0,
+            control_steps: 0,
             diverged: 0,
             invalid: 0,
             failed: 0,
@@ -86,6 +89,7 @@ impl TrialOutcome {
     /// Adds a simulation.
     pub(crate) fn add(&mut self, episode: &Episode) {
         self.simulations += 1;
+        self.control_steps += episode.steps as u64;
         let request = &episode.request;
         let (number, seed) = (request.number, request.seed);
         match episode.robustness() {
@@ -135,6 +139,8 @@ pub struct CampaignOutcome {
     pub restricted_mean_simulations: Option<f64>,
     /// Number of simulations of all trials.
     pub simulations: u64,
+    /// Number of control steps of all simulations.
+    pub control_steps: u64,
     /// Number of diverged simulations.
     pub diverged: u64,
     /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
@@ -180,6 +186,7 @@ impl CampaignOutcome {
                 .flatten(),
             restricted_mean_simulations: is_complete.then(|| total_with_budget as f64 / trials.len() as f64),
             simulations: total(|trial| trial.simulations),
+            control_steps: trials.iter().map(|trial| trial.control_steps).sum(),
             diverged: total(|trial| trial.diverged),
             invalid: total(|trial| trial.invalid),
             failed: total(|trial| trial.failed),

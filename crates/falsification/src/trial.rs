@@ -30,6 +30,7 @@ pub struct Trial {
     search: Box<dyn Search>,
     space: Space,
     budget: u32,
+    stops_early: bool,
     outcome: TrialOutcome,
 }
 
@@ -37,7 +38,13 @@ impl Trial {
     /// Makes trial `number`, counted from 1. The search must have the seed [`search_seed`](Self::search_seed) and the
     /// dimension of `space`.
     pub fn new(number: u32, seed: Seed, budget: u32, search: Box<dyn Search>, space: Space) -> Trial {
-        Trial { search, space, budget, outcome: TrialOutcome::new(number, seed) }
+        Trial { search, space, budget, stops_early: false, outcome: TrialOutcome::new(number, seed) }
+    }
+
+    /// Lets simulations end as soon as the search does not need the rest: see [`Search::stop_threshold`].
+    pub fn with_early_stopping(mut self, stops_early: bool) -> Trial {
+        self.stops_early = stops_early;
+        self
     }
 
     /// Returns the seed of the search of a trial with this seed.
@@ -75,6 +82,7 @@ impl Trial {
             trial,
             number,
             scenario: self.space.at(&unit_point),
+            stop_threshold: self.stops_early.then(|| self.search.stop_threshold(&unit_point)),
             unit_point,
             seed: self.outcome.seed.child(u64::from(number)),
             needs_subformulas: self.search.needs_subformulas(),

@@ -66,7 +66,7 @@ fn walk(points: &[f64], trials: u32, budget: u32) -> Campaign<'_> {
 }
 
 fn walk_in_batches(points: &[f64], trials: u32, budget: u32, batch: usize) -> Campaign<'_> {
-    let settings = CampaignSettings { trials, budget, seed: Seed(3), batch };
+    let settings = CampaignSettings { trials, budget, seed: Seed(3), batch, ..CampaignSettings::default() };
     let make = move |_| {
         Ok(Box::new(Walk { points: points.to_vec(), proposed: 0, observed: vec![] }) as Box<dyn Search>)
     };
@@ -226,6 +226,7 @@ fn recorded(number: u32, u: f64, x0: f64) -> Episode {
             scenario: [x0].into(),
             seed: Seed(3).child(0).child(number.into()),
             needs_subformulas: false,
+            stop_threshold: None,
         },
         end: EpisodeEnd::Completed,
         steps: 1,

@@ -60,7 +60,7 @@ fn system() -> FunctionSystem {
 }
 
 fn campaign(search: &'static str, trials: u32, budget: u32, batch: usize) -> Campaign<'static> {
-    let settings = CampaignSettings { trials, budget, seed: Seed(11), batch };
+    let settings = CampaignSettings { trials, budget, seed: Seed(11), batch, ..CampaignSettings::default() };
     let make = move |seed| by_name(search, &[Coordinate::Continuous; 2], seed, &SearchOptions::default());
     Campaign::new(settings, &space(), make).unwrap()
 }

@@ -41,7 +41,7 @@ pub use environment_batch::{BatchFactory, EnvironmentBatch, EnvironmentSpec};
 pub use error::RolloutError;
 pub use noise::Noise;
 pub use request::{Episode, EpisodeEnd, Request};
-pub use rollout::{Rollout, StopCondition};
+pub use rollout::Rollout;
 pub use space::{Axis, AxisKind, AxisValues, Distribution, Scenario, Space};
 pub use specification::{Specification, SpecificationMonitor, Verdict};
 pub use system::{DEFAULT_BATCH_SIZE, System};

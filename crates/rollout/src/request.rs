@@ -17,6 +17,9 @@ pub struct Request {
     pub seed: Seed,
     /// Whether the verdict must contain the minimum robustness of each sub-formula of the requirement.
     pub needs_subformulas: bool,
+    /// With a threshold, which is at least 0, the system may end the simulation as soon as the trace determines the robustness or
+    /// shows that it is above the threshold. Without one, it runs to the end.
+    pub stop_threshold: Option<f64>,
 }
 
 impl Request {
@@ -29,6 +32,7 @@ impl Request {
             scenario: scenario.into(),
             seed,
             needs_subformulas: false,
+            stop_threshold: None,
         }
     }
 }

@@ -13,8 +13,8 @@ use crate::{
 /// their states still fit into the cache.
 const ROWS: usize = 16;
 
-/// Decides from the control step and the signals whether an episode ends early.
-pub type StopCondition = dyn Fn(usize, &[f64]) -> bool + Send + Sync;
+/// Number of control steps between two checks of the [stop threshold](Request::stop_threshold).
+const CHECK_PERIOD: usize = 10;
 
 /// The [`System`] of a controller in an environment, with noise and a specification.
 ///
@@ -27,7 +27,6 @@ pub struct Rollout {
     noise: Noise,
     space: Space,
     routing: AxisRouting,
-    stop: Option<Box<StopCondition>>,
     workers: Mutex<Vec<RolloutWorker>>,
 }
 
@@ -64,7 +63,6 @@ impl Rollout {
             controller,
             specification,
             noise,
-            stop: None,
             workers: Mutex::new(Vec::new()),
         })
     }
@@ -82,12 +80,6 @@ impl Rollout {
         self.routing = AxisRouting::new(&space, self.environment.space(), disturbances)?;
         self.space = space;
         Ok(self)
-    }
-
-    /// Ends an episode early where `stop` returns `true`. Formulas that the shorter trace does not cover are undecided.
-    pub fn with_stop(mut self, stop: Box<StopCondition>) -> Rollout {
-        self.stop = Some(stop);
-        self
     }
 
     /// Returns the specification that is evaluated on the episodes.
@@ -321,7 +313,10 @@ impl RolloutWorker {
         episode.trace.push(&self.signals);
         episode.steps = step + 1;
         episode.total_reward += self.rewards.iter().sum::<f64>();
-        if rollout.stop.as_ref().is_some_and(|stop| stop(step + 1, &self.signals)) {
+        if let Some(threshold) = episode.request.stop_threshold
+            && (step + 1).is_multiple_of(CHECK_PERIOD)
+            && self.monitor.can_stop(&episode.trace, rollout.environment.episode_steps() + 1, threshold)
+        {
             episode.end = EpisodeEnd::Stopped { step: step + 1 };
         }
     }

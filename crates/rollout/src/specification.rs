@@ -166,6 +166,18 @@ impl SpecificationMonitor {
         })
     }
 
+    /// Returns whether `trace`, the start of an episode with `samples` samples, determines the robustness of the requirement at
+    /// time 0, or shows that it is above `threshold`, which is at least 0.
+    ///
+    /// An error, such as a signal that is NaN, stops nothing: the verdict reports it.
+    pub(crate) fn can_stop(&mut self, trace: &Trace, samples: usize, threshold: f64) -> bool {
+        let monitor = &mut self.requirement.monitor;
+        let is_determined = monitor.horizon().is_some_and(|horizon| trace.len() > horizon);
+        let is_above = |bounds: Option<(f64, f64)>| bounds.is_some_and(|(low, _)| low > threshold);
+        trace.len() < samples
+            && (is_determined || monitor.robustness_bounds(trace, samples).is_ok_and(is_above))
+    }
+
     /// Returns the minimum robustness of each sub-formula of the requirement on `trace`.
     ///
     /// The list is empty if a sub-formula has no finite value at some sample. This is not an error, because the

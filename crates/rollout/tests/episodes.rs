@@ -228,14 +228,45 @@ fn a_diverged_simulation_is_undecided_and_does_not_affect_others() {
     assert!(diverged > 0 && completed > 0);
 }
 
+/// Runs requests to the end and with a stop threshold. The requirement is `formula`, and positions are random walks.
+fn whole_and_stopped(formula: &str, threshold: f64) -> Vec<(Episode, Episode)> {
+    let specification = Specification::parse(formula, "x < 9", "x < 9", "x < 9").unwrap();
+    let parts = (Arc::new(Line::new(9.0)), Arc::new(Gain { gain: -1.0, inputs: 1 }));
+    let mut system = Rollout::new(parts.0, parts.1, specification, NOISE).unwrap();
+    let stopping: Vec<Request> = requests(21)
+        .into_iter()
+        .map(|request| Request { stop_threshold: Some(threshold), ..request })
+        .collect();
+    let whole = system.rollout(&requests(21)).unwrap();
+    whole.into_iter().zip(system.rollout(&stopping).unwrap()).collect()
+}
+
 #[test]
-fn a_stopped_episode_has_its_last_step_and_undecided_formulas() {
-    let stop = Box::new(|step: usize, _signals: &[f64]| step == 7);
-    let mut system = rollout(Line::new(9.0), -1.0, Noise::default()).with_stop(stop);
-    for episode in system.rollout(&requests(3)).unwrap() {
-        assert_eq!(episode.end, EpisodeEnd::Stopped { step: 7 });
-        assert_eq!(episode.steps, 7);
-        assert_eq!(episode.verdict.success, None);
+fn a_stopped_episode_is_the_start_of_the_whole_and_bounds_its_robustness() {
+    let mut stopped = 0;
+    for (whole, early) in whole_and_stopped("eventually[0:20](x >= 0)", 0.1) {
+        let samples = early.trace.len();
+        assert_eq!(early.trace.column(0), &whole.trace.column(0)[..samples]);
+        let (rho, bound) = (whole.verdict.robustness.unwrap(), early.verdict.robustness.unwrap());
+        match early.end {
+            EpisodeEnd::Stopped { step } => {
+                stopped += 1;
+                assert_eq!((step, early.steps, samples), (10, 10, 11), "bounds are checked every 10 steps");
+                assert!(0.1 < bound && bound <= rho, "{bound} {rho}");
+            }
+            _ => assert_eq!((early.steps, bound), (20, rho)),
+        }
+        let highest = whole.trace.column(0)[..11].iter().copied().fold(f64::MIN, f64::max);
+        assert_eq!(early.steps == 10, highest > 0.1);
+    }
+    assert!((1..21).contains(&stopped), "{stopped}");
+}
+
+#[test]
+fn an_episode_stops_with_the_exact_robustness_when_the_trace_determines_it() {
+    for (whole, early) in whole_and_stopped("always[0:8](x <= 0.5)", f64::INFINITY) {
+        assert_eq!(early.end, EpisodeEnd::Stopped { step: 10 });
+        assert_eq!(early.verdict.robustness, whole.verdict.robustness);
     }
 }
 

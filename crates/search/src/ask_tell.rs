@@ -21,6 +21,11 @@ pub trait RoundBased: Send {
     /// `values` has one number, not NaN, for each point of [`round`](RoundBased::round), in the same order.
     fn receive(&mut self, values: &[f64]);
 
+    /// Returns the [stop threshold](Search::stop_threshold) of point `i` of the round.
+    fn stop_threshold(&self, _i: usize) -> f64 {
+        f64::INFINITY
+    }
+
     /// Returns why the search has ended; `None` if it has not.
     fn finished(&self) -> Option<SearchEnd>;
 }
@@ -75,6 +80,12 @@ impl<M: RoundBased> Search for AskTell<M> {
         self.n_asked += points.len();
         points.iter().for_each(|u| self.pending.push(u.clone()));
         points
+    }
+
+    fn stop_threshold(&self, u: &[f64]) -> f64 {
+        // Equal points have different thresholds if their rank in the round matters.
+        let thresholds = self.machine.round().iter().enumerate().filter(|(_, point)| *point == u);
+        thresholds.map(|(i, _)| self.machine.stop_threshold(i)).fold(0.0, f64::max)
     }
 
     fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError> {

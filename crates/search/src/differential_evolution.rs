@@ -218,6 +218,11 @@ impl RoundBased for DifferentialEvolution {
         &self.round
     }
 
+    /// A trial with a higher value than its member is dropped, whatever the value.
+    fn stop_threshold(&self, i: usize) -> f64 {
+        self.values.get(i).map_or(f64::INFINITY, |value| value.max(0.0))
+    }
+
     fn receive(&mut self, values: &[f64]) {
         if self.values.is_empty() {
             self.values.extend_from_slice(values);

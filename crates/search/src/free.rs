@@ -37,6 +37,11 @@ impl FreeSearch {
             .map(|is_free| if *is_free { values.next().unwrap_or(FIXED) } else { FIXED })
             .collect()
     }
+
+    /// Returns the free coordinates of a point.
+    fn free(&self, u: &[f64]) -> Vec<f64> {
+        u.iter().zip(&self.is_free).filter(|(_, is_free)| **is_free).map(|(u, _)| *u).collect()
+    }
 }
 
 impl Search for FreeSearch {
@@ -59,14 +64,17 @@ impl Search for FreeSearch {
         self.inner.needs_subformulas()
     }
 
+    fn stop_threshold(&self, u: &[f64]) -> f64 {
+        self.inner.stop_threshold(&self.free(u))
+    }
+
     fn samples_uniformly(&self) -> bool {
         self.inner.samples_uniformly()
     }
 
     fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError> {
         self.pending.resolve(u, observation.robustness)?;
-        let free = u.iter().zip(&self.is_free).filter(|(_, is_free)| **is_free).map(|(u, _)| *u);
-        self.inner.tell(&free.collect::<Vec<f64>>(), observation)
+        self.inner.tell(&self.free(u), observation)
     }
 
     fn finished(&self) -> Option<SearchEnd> {

@@ -62,6 +62,10 @@ impl<P: PointSequence> Search for InSequence<P> {
         points
     }
 
+    fn stop_threshold(&self, _u: &[f64]) -> f64 {
+        0.0
+    }
+
     fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError> {
         self.pending.resolve(u, observation.robustness).map(drop)
     }

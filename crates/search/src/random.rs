@@ -68,6 +68,10 @@ impl Search for Random {
         self.pending.resolve(u, observation.robustness).map(drop)
     }
 
+    fn stop_threshold(&self, _u: &[f64]) -> f64 {
+        0.0
+    }
+
     fn samples_uniformly(&self) -> bool {
         true
     }

@@ -45,6 +45,14 @@ pub trait Search: Send {
         false
     }
 
+    /// Returns a number that is at least 0, such that all robustness values above it have the same effect on the further points if the
+    /// pending point `u` has them. A simulation can end as soon as its robustness is certain to be above it.
+    ///
+    /// +∞ is always correct, and the value for a search that needs exact values.
+    fn stop_threshold(&self, _u: &[f64]) -> f64 {
+        f64::INFINITY
+    }
+
     /// Passes the observation at a proposed point to the search. Observations must be in the order of the points.
     ///
     /// # Errors

@@ -29,7 +29,7 @@ Exit code 1 means that a counterexample was found.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: args::Subject,
-    /// Search algorithm, a name of `mishandle searches` [default: random]
+    /// Search algorithm, a name of `mishandle searches` [default: portfolio]
     #[arg(long, value_name = "S", conflicts_with = "resume")]
     pub search: Option<String>,
     /// Option of the search algorithm (repeatable); `mishandle searches SEARCH` lists them
@@ -47,6 +47,9 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::BUDGET))]
     #[arg(conflicts_with = "resume")]
     pub budget: Option<u32>,
+    /// End simulations as soon as the search does not need the rest, which saves time. The result of the search is the same
+    #[arg(long, conflicts_with = "resume")]
+    pub early_stopping: bool,
     /// If the target is random: number of simulations of each counterexample with other seeds, which measure how often it
     /// fails; at most as many in total as the run has; 0 skips this [default: 100]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(0..=10_000_000))]
@@ -182,6 +185,7 @@ fn plan(command: &Arguments) -> Result<Plan> {
     falsify.trials = command.trials.unwrap_or(falsify.trials);
     falsify.budget = command.budget.unwrap_or(falsify.budget);
     falsify.batch = command.subject.batch.unwrap_or(falsify.batch);
+    falsify.early_stopping |= command.early_stopping;
     plan.evaluate = None;
     plan.falsify = Some(falsify);
     Ok(plan)
@@ -205,6 +209,8 @@ pub fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repe
         "formula": resolved.specification.requirement.to_string(),
         "budget": falsify.budget,
         "batch": falsify.batch,
+        "early_stopping": falsify.early_stopping,
+        "control_steps": found.control_steps,
         "falsified_trials": found.falsified_trials,
         "falsification_rate": output::estimate(&found.falsification_rate),
         "mean_simulations": found.mean_simulations,
@@ -326,6 +332,13 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) -> 
         output::table(&rows),
         summary(found),
     );
+    if falsify.early_stopping && found.simulations > 0 {
+        let whole = found.simulations * resolved.target.episode_steps as u64;
+        text.push_str(&format!(
+            "\nearly stopping: {:.0} % of {whole} control steps saved; some values of robustness are lower bounds",
+            100.0 * (1.0 - found.control_steps as f64 / whole as f64)
+        ));
+    }
     if let Some(bound) = mishandle::failure_rate_bound(resolved, found) {
         text.push_str(&format!(
             "\nno violation in {} of the space: failure rate below {} (95 % confidence)",

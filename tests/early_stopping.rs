@@ -1,0 +1,59 @@
+//! Early stopping changes neither the points of a search nor the trials that it falsifies.
+
+#![allow(clippy::unwrap_used)]
+
+use std::ops::ControlFlow;
+
+use mishandle::search::SEARCHES;
+use mishandle::store::{RunFile, Simulation, SimulationEnd};
+use mishandle::{FalsifyPlan, Plan, ResolvedPlan};
+use tempfile::TempDir;
+
+/// Returns the simulations of a campaign.
+fn simulations(folder: &TempDir, task: &str, search: &str, early_stopping: bool) -> Vec<Simulation> {
+    let falsify = FalsifyPlan {
+        search: search.to_string(),
+        trials: 2,
+        budget: 30,
+        early_stopping,
+        ..FalsifyPlan::default()
+    };
+    let plan = Plan { action_noise: 0.5, seed: 2, falsify: Some(falsify), ..Plan::new(task, "ppo") };
+    let resolved = ResolvedPlan::new(&plan).unwrap();
+    let path = folder.path().join(format!("{task}-{search}-{early_stopping}.sqlite"));
+    let run = mishandle::create_run(&resolved, Some(&path)).unwrap();
+    mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+    let run = RunFile::open(&path).unwrap();
+    let found: Vec<Simulation> = run.simulations().map(Result::unwrap).collect();
+    let last = found.last().unwrap();
+    let replayed = mishandle::replay(&run, last.trial, last.number, None).unwrap();
+    assert_eq!(replayed.differences, Vec::<String>::new(), "{task} {search}");
+    found
+}
+
+/// The formula of ball balancing ends at step 200 of 300, that of ball pushing holds once the ball is near the hole.
+#[test]
+fn every_search_proposes_the_same_points_and_robustness_is_bounded() {
+    let folder = tempfile::tempdir().unwrap();
+    for (task, search) in ["ball-balancing", "ball-pushing"]
+        .into_iter()
+        .flat_map(|task| SEARCHES.iter().map(move |entry| (task, entry.name)))
+    {
+        let whole = simulations(&folder, task, search, false);
+        let early = simulations(&folder, task, search, true);
+        assert_eq!(whole.len(), early.len(), "{task} {search}");
+        for (whole, early) in whole.iter().zip(&early) {
+            let place = format!("{task} {search} simulation {} of trial {}", early.number, early.trial);
+            assert_eq!((&whole.scenario, &whole.unit_point), (&early.scenario, &early.unit_point), "{place}");
+            let [low, exact, high] =
+                [early.robustness_low, whole.robustness, early.robustness_high].map(Option::unwrap);
+            assert!(low <= exact && exact <= high, "{place}: {low} {exact} {high}");
+            assert!(low == high || low > early.stop_threshold.unwrap(), "{place}");
+            assert_eq!(matches!(early.end, SimulationEnd::Stopped { .. }), early.steps < 300, "{place}");
+            assert_eq!(early.robustness, early.robustness_low, "{place}");
+        }
+        let steps = |rows: &[Simulation]| rows.iter().map(|row| row.steps).sum::<u32>();
+        let saves = task == "ball-balancing" || matches!(search, "random" | "sobol" | "corners");
+        assert!(steps(&early) < steps(&whole) || !saves, "{task} {search}");
+    }
+}
