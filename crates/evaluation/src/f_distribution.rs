@@ -21,7 +21,11 @@ pub(crate) fn beta_quantile(probability: f64, (first, second): (u32, u32)) -> f6
     let (mut low, mut high) = (0.0_f64, 1.0_f64);
     for _ in 0..BISECTIONS {
         let middle = 0.5 * (low + high);
-        if incomplete_beta(middle, (first, second), ln_beta) < probability { low = middle } else { high = middle }
+        if incomplete_beta(middle, (first, second), ln_beta) < probability {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     low
 }

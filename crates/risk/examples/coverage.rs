@@ -44,7 +44,8 @@ fn percent(count: usize, n: usize) -> String {
 
 fn row(known: &Known, reports: &[Report]) {
     let p = known.probability;
-    let covers = |estimate: &mishandle_evaluation::Estimate| estimate.low <= Some(p) && estimate.high >= Some(p);
+    let covers =
+        |estimate: &mishandle_evaluation::Estimate| estimate.low <= Some(p) && estimate.high >= Some(p);
     let answers: Vec<_> = reports.iter().map(|report| &report.answer).collect();
     let stated: Vec<_> = answers.iter().filter(|answer| answer.source.is_some()).collect();
     let ratios: Vec<f64> = stated.iter().map(|answer| answer.estimate.value.unwrap() / p).collect();
@@ -65,7 +66,10 @@ fn row(known: &Known, reports: &[Report]) {
         100.0 * (mean(&ratios) - 1.0),
         100.0 * error,
         percent(stated.iter().filter(|answer| covers(&answer.estimate)).count(), stated.len()),
-        percent(answers.iter().filter(|answer| answer.bounds[0] <= p && p <= answer.bounds[1]).count(), reports.len()),
+        percent(
+            answers.iter().filter(|answer| answer.bounds[0] <= p && p <= answer.bounds[1]).count(),
+            reports.len()
+        ),
         percent(from(Source::Importance), reports.len()),
         percent(weighted.iter().filter(|importance| covers(&importance.regions)).count(), weighted.len()),
         percent(from(Source::Splitting), reports.len()),

@@ -12,6 +12,12 @@ const CHECK: f64 = 0.99;
 /// An interval of importance sampling that spans more than this factor is no estimate.
 const USEFUL_RATIO: f64 = 10.0;
 
+/// Importance sampling with fewer equally weighted failures is no estimate: a draw with a large weight may be missing.
+const FEWEST_EFFECTIVE: f64 = 20.0;
+
+/// Largest probability outside of the regions, as a fraction of that inside, with which the regions are an estimate.
+const MOST_OUTSIDE: f64 = 0.2;
+
 /// Bounds that span at most this factor are the interval of the answer: it then needs no assumption.
 const TIGHT_RATIO: f64 = 3.0;
 
@@ -67,6 +73,7 @@ impl Answer {
         // Chains that agree on more than the regions contain have seen a mode that the regions lack, or both are wrong.
         let is_contradicted = splitting_refusal == Some(Refusal::Importance);
         let weighted = importance
+            .filter(|importance| is_reliable(importance))
             .map(|importance| with_outside(importance, monte_carlo, bounds))
             .filter(|estimate| is_useful(estimate) && !is_contradicted);
         let (source, estimate) = if monte_carlo.failures >= FREQUENT && importance.is_none() {
@@ -111,6 +118,11 @@ fn with_outside(importance: &Importance, monte_carlo: &MonteCarlo, [low, high]: 
     Estimate { value, low: Some(low), high: Some(high), n: importance.simulations + monte_carlo.simulations }
 }
 
+fn is_reliable(importance: &Importance) -> bool {
+    let inside = importance.regions.value.unwrap_or(0.0);
+    importance.effective_failures >= FEWEST_EFFECTIVE && importance.outside <= MOST_OUTSIDE * inside
+}
+
 fn is_useful(estimate: &Estimate) -> bool {
     matches!((estimate.low, estimate.high), (Some(low), Some(high)) if low > 0.0 && high <= USEFUL_RATIO * low)
 }
@@ -126,7 +138,12 @@ fn checked(
         return Err(Refusal::MonteCarlo);
     }
     if importance.is_some_and(|importance| {
-        is_useful(&importance.regions) && are_apart(&estimate, &with_outside(importance, monte_carlo, bounds(monte_carlo, Some(importance))))
+        is_reliable(importance)
+            && is_useful(&importance.regions)
+            && are_apart(
+                &estimate,
+                &with_outside(importance, monte_carlo, bounds(monte_carlo, Some(importance))),
+            )
     }) {
         return Err(Refusal::Importance);
     }

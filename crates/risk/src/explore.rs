@@ -4,9 +4,10 @@ use mishandle_random::{Seed, Sequence};
 use mishandle_search::{Observation, SearchOptions, by_name};
 
 use crate::experiment::Experiment;
+use crate::moves::Walk;
 use crate::proposal::centers;
 use crate::scenarios::latent;
-use crate::{Draw, RiskError, moves};
+use crate::{Draw, RiskError};
 
 /// Fraction of the simulations that search for failures. The others sample around them.
 const SEARCH: f64 = 0.6;
@@ -48,7 +49,11 @@ pub(crate) fn explore(
 
 /// Moves each failure toward the center of the distribution while it still fails: searches find failures far out, but most of the
 /// probability is at the near end of a failure mode.
-fn approach(experiment: &mut Experiment<'_>, mut draws: Vec<Draw>, budget: u64) -> Result<Vec<Draw>, RiskError> {
+fn approach(
+    experiment: &mut Experiment<'_>,
+    mut draws: Vec<Draw>,
+    budget: u64,
+) -> Result<Vec<Draw>, RiskError> {
     if u64::from(BISECTIONS) * draws.len() as u64 > budget {
         return Ok(draws);
     }
@@ -138,13 +143,13 @@ fn relax(
     budget: u64,
 ) -> Result<Vec<Draw>, RiskError> {
     let steps = budget.checked_div(starts.len() as u64).unwrap_or(0);
-    let depends_on_seed = experiment.scenarios.depends_on_seed();
+    let mut walk = Walk::new(experiment.scenarios.depends_on_seed());
     let mut states = starts.to_vec();
     let mut kept = if steps < 2 { starts.to_vec() } else { Vec::new() };
     for step in 0..steps {
-        let proposals: Vec<Draw> =
-            states.iter().map(|draw| moves::proposal(draw, depends_on_seed, random)).collect();
+        let proposals: Vec<Draw> = states.iter().map(|draw| walk.proposal(draw, random)).collect();
         let robustness = experiment.robustness(&proposals)?;
+        walk.adapt(robustness.iter().filter(|rho| **rho < 0.0).count() as f64 / states.len() as f64);
         for ((state, proposal), rho) in states.iter_mut().zip(proposals).zip(robustness) {
             if rho < 0.0 {
                 *state = proposal;

@@ -56,6 +56,9 @@ impl Gaussian {
             row.iter_mut().for_each(|value| *value *= enlarged * effective / (effective + PRIOR));
             row[i] = (enlarged * variance).max(SMALLEST);
         }
+        if is_diagonal {
+            forget_noise(&mut mean, &mut covariance, effective);
+        }
         cholesky(&mut covariance);
         Some(Gaussian { mean, factor: covariance })
     }
@@ -63,9 +66,8 @@ impl Gaussian {
     /// Draws a point.
     pub(crate) fn draw(&self, random: &mut Sequence) -> Vec<f64> {
         let normal = normals(self.mean.len(), random);
-        let coordinate = |(mean, row): (&f64, &Vec<f64>)| {
-            mean + row.iter().zip(&normal).map(|(l, x)| l * x).sum::<f64>()
-        };
+        let coordinate =
+            |(mean, row): (&f64, &Vec<f64>)| mean + row.iter().zip(&normal).map(|(l, x)| l * x).sum::<f64>();
         self.mean.iter().zip(&self.factor).map(coordinate).collect()
     }
 
@@ -81,6 +83,19 @@ impl Gaussian {
             log += 0.5 * (z * z - x[i] * x[i]) - row[i].ln();
         }
         log
+    }
+}
+
+/// Sets means that are within two standard errors of 0 to 0, and variances that are within two standard errors of 1 to 1. Few points in many
+/// dimensions would otherwise move the coordinates that do not matter, each a little, and together far from the distribution.
+fn forget_noise(mean: &mut [f64], covariance: &mut [Vec<f64>], points: f64) {
+    for (i, (mean, row)) in mean.iter_mut().zip(covariance).enumerate() {
+        if (row[i] - 1.0).abs() < 2.0 * (2.0 / points).sqrt() {
+            row[i] = 1.0;
+        }
+        if mean.abs() < 2.0 * (row[i] / points).sqrt() {
+            *mean = 0.0;
+        }
     }
 }
 

@@ -27,8 +27,10 @@ pub struct Importance {
     pub fitting: u64,
     /// Number of components of the proposal.
     pub components: usize,
-    /// Number of equally weighted failures with the same precision.
+    /// Number of equally weighted failures with the same precision as all failures, outside of the regions too.
     pub effective_failures: f64,
+    /// Estimate of the probability of failures outside of the regions, from the few draws there. It has no valid interval.
+    pub outside: f64,
     /// Number of failures of Monte Carlo in the regions, and outside of them.
     pub monte_carlo_inside: u64,
     /// See [`monte_carlo_inside`](Self::monte_carlo_inside).
@@ -60,8 +62,9 @@ pub(crate) fn importance(
     for round in 0..ROUNDS {
         let draws = fitting / ROUNDS;
         let values = simulate(experiment, &proposal, &mut Sequence::new(seed.0, round), draws)?;
-        let failures: Vec<(&[f64], f64)> =
+        let mut failures: Vec<(&[f64], f64)> =
             values.iter().flatten().map(|(latent, weight)| (latent.as_slice(), *weight)).collect();
+        clip(&mut failures);
         proposal.update(&failures);
         largest = failures.iter().map(|(latent, _)| proposal.weight(latent)).fold(0.0, f64::max);
     }
@@ -69,31 +72,45 @@ pub(crate) fn importance(
     let bound = if largest > 0.0 { (REACH * largest).min(1.0 / NOMINAL) } else { 1.0 / NOMINAL };
     let n = experiment.left();
     let values = simulate(experiment, &proposal, &mut Sequence::new(seed.0, ROUNDS), n)?;
-    let value = |failure: &Option<(Vec<f64>, f64)>| match failure {
-        Some((_, weight)) if *weight <= bound => *weight,
-        _ => 0.0,
-    };
-    let values: Vec<f64> = values.iter().map(value).collect();
-    let count = values.iter().filter(|value| **value > 0.0).count() as u64;
-    let effective = effective_size(values.iter().copied());
-    let fractions: Vec<f64> = values.iter().map(|value| value / bound).collect();
+    let all: Vec<f64> =
+        values.iter().map(|failure| failure.as_ref().map_or(0.0, |(_, weight)| *weight)).collect();
+    let inside: Vec<f64> = all.iter().map(|weight| if *weight <= bound { *weight } else { 0.0 }).collect();
+    let fractions: Vec<f64> = inside.iter().map(|value| value / bound).collect();
     let interval = |confidence| {
         let Estimate { value, low, high, n } = betting_mean_at(&fractions, confidence);
         let scaled = |fraction: Option<f64>| fraction.map(|fraction| fraction * bound);
         Estimate { value: scaled(value), low: scaled(low), high: scaled(high), n }
     };
-    let inside = failed.iter().filter(|draw| proposal.weight(&draw.latent) <= bound).count() as u64;
+    let monte_carlo_inside =
+        failed.iter().filter(|draw| proposal.weight(&draw.latent) <= bound).count() as u64;
     Ok(Some(Importance {
         simulations: n,
-        failures: count,
+        failures: inside.iter().filter(|value| **value > 0.0).count() as u64,
         fitting,
         components: proposal.components(),
-        effective_failures: effective,
-        monte_carlo_inside: inside,
-        monte_carlo_outside: failed.len() as u64 - inside,
+        effective_failures: effective_size(all.iter().copied()),
+        outside: mean(&all) - mean(&inside),
+        monte_carlo_inside,
+        monte_carlo_outside: failed.len() as u64 - monte_carlo_inside,
         regions: interval(CONFIDENCE),
         wide: interval(0.5 + 0.5 * CONFIDENCE),
     }))
+}
+
+/// Limits the largest √n of n weights to the least of them. A step from a poor proposal would otherwise follow a single point.
+///
+/// # Reference
+/// Koblents and Míguez, "A population Monte Carlo scheme with transformed weights and its application to stochastic kinetic models",
+/// Statistics and Computing 25, 2015.
+fn clip(failures: &mut [(&[f64], f64)]) {
+    let mut weights: Vec<f64> = failures.iter().map(|(_, weight)| *weight).collect();
+    weights.sort_by(|a, b| b.total_cmp(a));
+    let limit = weights.get(weights.len().isqrt().saturating_sub(1)).copied().unwrap_or(f64::INFINITY);
+    failures.iter_mut().for_each(|(_, weight)| *weight = weight.min(limit));
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
 /// Simulates `n` draws of the proposal. Returns for each the latent point and the weight, or `None` if it does not fail.

@@ -8,8 +8,7 @@ use mishandle_rollout::{Axis, AxisValues, Distribution};
 use crate::{RiskError, normal};
 
 /// The distributions, for messages.
-const KNOWN: &str =
-    "uniform, log-uniform, normal:MEAN:STD, triangular:MODE, or weights:W0:W1:... with a weight for each value";
+const KNOWN: &str = "uniform, log-uniform, normal:MEAN:STD, triangular:MODE, or weights:W0:W1:... with a weight for each value";
 
 /// The distribution of the values of an axis, truncated to its bounds.
 ///
@@ -52,8 +51,7 @@ impl FromStr for Marginal {
         let error = || RiskError::Syntax { text: text.to_string(), expected: KNOWN };
         let mut words = text.split(':');
         let name = words.next().unwrap_or_default();
-        let numbers =
-            words.map(str::parse).collect::<Result<Vec<f64>, _>>().map_err(|_| error())?;
+        let numbers = words.map(str::parse).collect::<Result<Vec<f64>, _>>().map_err(|_| error())?;
         match (name, numbers.as_slice()) {
             ("uniform", []) => Ok(Marginal::Uniform),
             ("log-uniform", []) => Ok(Marginal::LogUniform),
@@ -146,7 +144,9 @@ impl Marginal {
             Marginal::Uniform => return axis_uniform(axis, u),
             Marginal::LogUniform => axis.low * (axis.high / axis.low).powf(u),
             // Tails have digits on the negative side only, so the upper half is mirrored.
-            Marginal::Normal { mean, std } if z > 0.0 => -truncated_normal(-mean, *std, [-b, -a], normal::cdf(-z)),
+            Marginal::Normal { mean, std } if z > 0.0 => {
+                -truncated_normal(-mean, *std, [-b, -a], normal::cdf(-z))
+            }
             Marginal::Normal { mean, std } => truncated_normal(*mean, *std, [a, b], u),
             Marginal::Triangular { mode } => triangular(*mode, [a, b], u),
             Marginal::Weights(weights) => return axis.low + level(weights, u) as f64,

@@ -42,7 +42,7 @@ impl Method {
 
     pub(crate) fn shares(self) -> Shares {
         let [monte_carlo, exploration, splitting, fitting, importance] = match self {
-            Method::Auto => [0.25, 0.15, 0.3, 0.1, 0.2],
+            Method::Auto => [0.25, 0.1, 0.35, 0.1, 0.2],
             Method::MonteCarlo => [1.0, 0.0, 0.0, 0.0, 0.0],
             Method::Importance => [0.25, 0.25, 0.0, 0.15, 0.35],
             Method::Splitting => [0.25, 0.0, 0.75, 0.0, 0.0],

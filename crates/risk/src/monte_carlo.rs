@@ -37,7 +37,8 @@ impl MonteCarlo {
             let robustness = experiment.simulate(&draws)?;
             self.simulations += count;
             self.without_verdict += robustness.iter().filter(|rho| rho.is_none()).count() as u64;
-            let failed = draws.into_iter().zip(&robustness).filter(|(_, rho)| **rho < Some(0.0) && rho.is_some());
+            let failed =
+                draws.into_iter().zip(&robustness).filter(|(_, rho)| **rho < Some(0.0) && rho.is_some());
             self.failed.extend(failed.map(|(draw, _)| draw));
             self.failures = self.failed.len() as u64;
         }

@@ -6,7 +6,7 @@ use mishandle_rollout::System;
 use crate::experiment::{Experiment, Failure};
 use crate::explore::explore;
 use crate::importance::{Importance, importance};
-use crate::splitting::{Splitting, split};
+use crate::splitting::{self, Splitting, split};
 use crate::{Answer, Method, MonteCarlo, RiskError, Scenarios};
 
 /// Monte Carlo alone answers if its part of the budget has this many failures. The other simulations are then Monte Carlo, too.
@@ -37,7 +37,7 @@ pub struct Report {
     pub monte_carlo: MonteCarlo,
     /// Number of simulations that searched for failures and sampled around them.
     pub exploration: u64,
-    /// The multilevel splitting part; `None` if it was not needed or has no budget.
+    /// The multilevel splitting part; `None` if it was not needed or its budget is too small.
     pub splitting: Option<Splitting>,
     /// The importance sampling part; `None` if it was not needed, has no budget, or no failure was found before.
     pub importance: Option<Importance>,
@@ -81,7 +81,7 @@ pub fn risk(
         let before = experiment.done();
         let mut found = explore(&mut experiment, seed.child(1), of(shares.exploration))?;
         exploration = experiment.done() - before;
-        if shares.splitting > 0.0 {
+        if of(shares.splitting) >= splitting::FEWEST {
             let (result, failing) = split(&mut experiment, seed.child(2), of(shares.splitting))?;
             splitting = Some(result);
             found.extend(failing);

@@ -49,10 +49,11 @@ impl Scenarios {
         let axes = space.axes();
         let mut marginals: Vec<Marginal> = axes.iter().map(Marginal::of).collect();
         for (name, marginal) in declared {
-            let index = axes.iter().position(|axis| axis.name == *name).ok_or_else(|| RiskError::UnknownAxis {
-                name: name.clone(),
-                known: axes.iter().map(|axis| axis.name.clone()).collect(),
-            })?;
+            let index =
+                axes.iter().position(|axis| axis.name == *name).ok_or_else(|| RiskError::UnknownAxis {
+                    name: name.clone(),
+                    known: axes.iter().map(|axis| axis.name.clone()).collect(),
+                })?;
             marginal.check(&axes[index])?;
             marginals[index] = marginal.clone();
         }
@@ -98,7 +99,9 @@ impl Scenarios {
             let axis = &self.space.axes()[*index];
             match (&axis.values, axis.levels(), &self.marginals[*index]) {
                 // Only then has each level an equal part of the quantiles.
-                (AxisValues::Categorical(_), Some(levels), Marginal::Uniform) => Coordinate::Categorical { levels },
+                (AxisValues::Categorical(_), Some(levels), Marginal::Uniform) => {
+                    Coordinate::Categorical { levels }
+                }
                 (_, Some(levels), Marginal::Uniform) => Coordinate::Integer { levels },
                 _ => Coordinate::Continuous,
             }

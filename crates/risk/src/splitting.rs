@@ -4,8 +4,9 @@ use mishandle_evaluation::Estimate;
 use mishandle_random::{Seed, Sequence};
 
 use crate::experiment::Experiment;
+use crate::moves::Walk;
 use crate::strata::Strata;
-use crate::{Draw, RiskError, moves};
+use crate::{Draw, RiskError};
 
 /// Number of independent chains.
 pub const CHAINS: usize = 5;
@@ -16,11 +17,14 @@ const REMOVED: f64 = 0.25;
 /// Number of moves of each copied particle.
 const MOVES: usize = 5;
 
-/// Simulations of a chain per particle, down to a probability of about 1e-6: 48 levels that remove a quarter, with 5 moves each.
-const PER_PARTICLE: u64 = 61;
+/// Simulations of a chain per particle, down to a probability of about 1e-8: 64 levels that remove a quarter.
+const PER_PARTICLE: u64 = 1 + 16 * MOVES as u64;
 
-/// Smallest population of a chain.
-const SMALLEST_POPULATION: u64 = 12;
+/// Smallest population of a chain. The estimates of smaller ones differ by more than their mean.
+const SMALLEST_POPULATION: u64 = 30;
+
+/// Fewest simulations of multilevel splitting.
+pub const FEWEST: u64 = CHAINS as u64 * PER_PARTICLE * SMALLEST_POPULATION;
 
 /// Chains disagree if the largest estimate is more than this multiple of the smallest.
 pub const LARGEST_RATIO: f64 = 10.0;
@@ -118,6 +122,7 @@ struct Particle {
 
 struct Population {
     particles: Vec<Particle>,
+    walk: Walk,
     random: Sequence,
     /// Product of the fractions of survivors of all levels.
     survived: f64,
@@ -131,7 +136,7 @@ struct Population {
 /// Runs independent chains of adaptive multilevel splitting, and returns them with the failing particles of all chains.
 ///
 /// A chain is a population of draws. A level is the robustness that the worst quarter of the population reaches; these particles and
-/// all that tie with them are removed, and replaced by copies of random survivors, each of which then makes 5 moves that stay below the
+/// all that tie with them are removed, and replaced by copies of random survivors, each of which then makes [`MOVES`] moves that stay below the
 /// level. The product of the fractions of survivors, times the weighted fraction of failures at the end, estimates the failure
 /// probability; its mean is exact for a level sequence that does not depend on the particles, and in the idealized and the dynamic setting
 /// of the references for adaptive ones. If all particles tie, the chain is extinct and its estimate is 0.
@@ -140,7 +145,8 @@ struct Population {
 /// weights that compensate for that ([`Strata`]). So a mode in a corner that the robustness leads away from is in the population from
 /// the beginning.
 ///
-/// All chains take their next level together, so that batches are large. The simulations are at most `budget`.
+/// All chains take their next level together, so that batches are large. The simulations are at most `budget`,
+/// which must be at least [`FEWEST`].
 ///
 /// # Reference
 /// Cérou and Guyader, "Adaptive multilevel splitting for rare event analysis", Stochastic Analysis and Applications 25, 2007. Bréhier,
@@ -153,12 +159,9 @@ pub(crate) fn split(
     budget: u64,
 ) -> Result<(Splitting, Vec<Draw>), RiskError> {
     let before = experiment.done();
-    let size = (budget / (CHAINS as u64 * PER_PARTICLE)).max(SMALLEST_POPULATION);
+    let size = budget / (CHAINS as u64 * PER_PARTICLE);
     let spent = |experiment: &Experiment<'_>| experiment.done() - before;
-    let mut populations = Vec::new();
-    if CHAINS as u64 * size <= budget {
-        populations = initial(experiment, seed, size)?;
-    }
+    let mut populations = initial(experiment, seed, size)?;
     let per_level = |population: &Population| (population.removed().len() * MOVES) as u64;
     loop {
         populations.iter_mut().for_each(Population::find_level);
@@ -191,6 +194,7 @@ fn initial(experiment: &mut Experiment<'_>, seed: Seed, size: u64) -> Result<Vec
             particles.map(|((draw, robustness), weight)| Particle { draw, robustness, weight }).collect();
         populations.push(Population {
             particles,
+            walk: Walk::new(experiment.scenarios.depends_on_seed()),
             random,
             survived: 1.0,
             level: f64::INFINITY,
@@ -209,26 +213,27 @@ fn next_level(experiment: &mut Experiment<'_>, populations: &mut [Population]) -
         populations.iter_mut().filter(|population| !population.is_done).collect();
     // The indices of the copies of each chain.
     let copies: Vec<Vec<usize>> = unfinished.iter_mut().map(|population| population.replace()).collect();
-    let depends_on_seed = experiment.scenarios.depends_on_seed();
     for _ in 0..MOVES {
         let mut proposals = Vec::new();
         for (population, copies) in unfinished.iter_mut().zip(&copies) {
             for index in copies {
                 let draw = &population.particles[*index].draw;
-                proposals.push(moves::proposal(draw, depends_on_seed, &mut population.random));
+                proposals.push(population.walk.proposal(draw, &mut population.random));
             }
         }
         let robustness = experiment.robustness(&proposals)?;
         let mut proposed = proposals.into_iter().zip(robustness);
         for (population, copies) in unfinished.iter_mut().zip(&copies) {
+            let before = population.accepted;
             for (index, (draw, robustness)) in copies.iter().zip(proposed.by_ref()) {
-                population.moved += 1;
                 if robustness < population.level {
                     population.accepted += 1;
                     let particle = &mut population.particles[*index];
                     (particle.draw, particle.robustness) = (draw, robustness);
                 }
             }
+            population.moved += copies.len() as u64;
+            population.walk.adapt((population.accepted - before) as f64 / copies.len() as f64);
         }
     }
     Ok(())

@@ -31,7 +31,8 @@ impl Known {
         let bounds = if self.is_normal { [-9.0, 9.0] } else { [0.0, 1.0] };
         let axis = |i: usize| Axis::new(AxisKind::Model, &format!("x{i}"), "", bounds, Some(0.5));
         let space = Space::new("model", (0..self.dimension).map(axis).collect()).unwrap();
-        let marginal = if self.is_normal { Marginal::Normal { mean: 0.0, std: 1.0 } } else { Marginal::Uniform };
+        let marginal =
+            if self.is_normal { Marginal::Normal { mean: 0.0, std: 1.0 } } else { Marginal::Uniform };
         let declared: Vec<(String, Marginal)> =
             space.axes().iter().map(|axis| (axis.name.clone(), marginal.clone())).collect();
         let pairs = declared.iter().map(|(name, marginal)| (name, marginal));
@@ -86,8 +87,20 @@ fn union(p: f64) -> f64 {
 
 /// The systems, in the order of the table of docs/risk.md.
 pub fn systems() -> Vec<Known> {
-    let normal = |name, probability, dimension, robustness| Known { name, probability, dimension, is_normal: true, robustness };
-    let uniform = |name, probability, dimension, robustness| Known { name, probability, dimension, is_normal: false, robustness };
+    let normal = |name, probability, dimension, robustness| Known {
+        name,
+        probability,
+        dimension,
+        is_normal: true,
+        robustness,
+    };
+    let uniform = |name, probability, dimension, robustness| Known {
+        name,
+        probability,
+        dimension,
+        is_normal: false,
+        robustness,
+    };
     vec![
         normal("half-space, 1e-2, 10 axes", 1e-2, 10, |x| TAIL_2 - diagonal(x)),
         normal("half-space, 1e-4, 10 axes", 1e-4, 10, |x| TAIL_4 - diagonal(x)),
