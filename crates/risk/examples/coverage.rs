@@ -20,7 +20,7 @@ fn main() {
     let method = arguments.get(2).map_or(Method::Auto, |name| name.parse().unwrap());
     println!(
         "{replications} replications of {simulations} simulations, method {}\n\n\
-         | system | estimates | bias | error | 95 % covers | bounds cover | importance | regions cover | splitting | its bias | covers | refused: chains, MC, importance |\n\
+         | system | estimates | bias | error | 95 % covers | bounds cover | importance | regions cover | splitting | its bias | covers | refused: chains, MC, below, above |\n\
          |---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|",
         method.name()
     );
@@ -60,7 +60,7 @@ fn row(known: &Known, reports: &[Report]) {
         refused.filter(|refusal| format!("{refusal:?}").starts_with(kind)).count()
     };
     println!(
-        "| {} | {} | {:+.0} % | {:.0} % | {} | {} | {} | {} | {} | {:+.0} % | {} | {}, {}, {} |",
+        "| {} | {} | {:+.0} % | {:.0} % | {} | {} | {} | {} | {} | {:+.0} % | {} | {}, {}, {}, {} |",
         known.name,
         percent(stated.len(), reports.len()),
         100.0 * (mean(&ratios) - 1.0),
@@ -77,6 +77,7 @@ fn row(known: &Known, reports: &[Report]) {
         percent(agreed.iter().filter(|estimate| covers(estimate)).count(), agreed.len()),
         kinds("Chains"),
         kinds("MonteCarlo"),
-        kinds("Importance"),
+        kinds("BelowImportance"),
+        kinds("AboveImportance"),
     );
 }

@@ -12,12 +12,6 @@ const CHECK: f64 = 0.99;
 /// An interval of importance sampling that spans more than this factor is no estimate.
 const USEFUL_RATIO: f64 = 10.0;
 
-/// Importance sampling with fewer equally weighted failures is no estimate: a draw with a large weight may be missing.
-const FEWEST_EFFECTIVE: f64 = 20.0;
-
-/// Largest probability outside of the regions, as a fraction of that inside, with which the regions are an estimate.
-const MOST_OUTSIDE: f64 = 0.2;
-
 /// Bounds that span at most this factor are the interval of the answer: it then needs no assumption.
 const TIGHT_RATIO: f64 = 3.0;
 
@@ -26,8 +20,10 @@ const TIGHT_RATIO: f64 = 3.0;
 pub struct Answer {
     /// The part that the estimate is from; `None` without an estimate.
     pub source: Option<Source>,
-    /// Estimate with a 95 % interval, which holds under the assumption of its source; no value without an estimate.
+    /// Estimate with a 95 % interval; no value without an estimate.
     pub estimate: Estimate,
+    /// Whether the interval holds only under the assumption of its source.
+    pub has_assumption: bool,
     /// Bounds (95 %) that hold without an assumption.
     pub bounds: [f64; 2],
     /// Why multilevel splitting is not trusted; `None` if it is, or was not run.
@@ -53,8 +49,10 @@ pub enum Refusal {
     Chains(Disagreement),
     /// The interval is apart from that of Monte Carlo.
     MonteCarlo,
-    /// The interval is apart from that of importance sampling.
-    Importance,
+    /// The interval is below the lower bound of importance sampling, which holds without an assumption: the chains lost a failure mode.
+    BelowImportance,
+    /// The interval is above that of importance sampling: the searches missed a failure mode, or the chains are wrong. Neither is trusted.
+    AboveImportance,
 }
 
 impl Answer {
@@ -64,30 +62,31 @@ impl Answer {
         importance: Option<&Importance>,
     ) -> Answer {
         let bounds = bounds(monte_carlo, importance);
-        let splitting = splitting.map(|splitting| checked(splitting, monte_carlo, importance));
+        let weighted = importance.and_then(|importance| weighted(importance, monte_carlo, bounds));
+        let splitting = splitting.map(|splitting| {
+            checked(splitting, monte_carlo, importance, weighted.map(|(estimate, _)| estimate))
+        });
         let (accepted, splitting_refusal) = match splitting {
             Some(Ok(estimate)) => (Some(estimate), None),
             Some(Err(refusal)) => (None, Some(refusal)),
             None => (None, None),
         };
-        // Chains that agree on more than the regions contain have seen a mode that the regions lack, or both are wrong.
-        let is_contradicted = splitting_refusal == Some(Refusal::Importance);
-        let weighted = importance
-            .filter(|importance| is_reliable(importance))
-            .map(|importance| with_outside(importance, monte_carlo, bounds))
-            .filter(|estimate| is_useful(estimate) && !is_contradicted);
-        let (source, estimate) = if monte_carlo.failures >= FREQUENT && importance.is_none() {
-            (Some(Source::MonteCarlo), monte_carlo.estimate())
-        } else if let Some(estimate) = weighted {
-            (Some(Source::Importance), estimate)
+        // Chains that agree on more than the regions contain have seen a mode that the regions lack, or are wrong.
+        let weighted = weighted.filter(|_| splitting_refusal != Some(Refusal::AboveImportance));
+        let plain = |failures: u64| (monte_carlo.failures >= failures).then(|| monte_carlo.estimate());
+        let frequent = plain(FREQUENT).filter(|_| importance.is_none());
+        let (source, estimate, has_assumption) = if let Some(estimate) = frequent {
+            (Some(Source::MonteCarlo), estimate, false)
+        } else if let Some((estimate, has_assumption)) = weighted {
+            (Some(Source::Importance), estimate, has_assumption)
         } else if let Some(estimate) = accepted {
-            (Some(Source::Splitting), estimate)
-        } else if monte_carlo.failures > 0 {
-            (Some(Source::MonteCarlo), monte_carlo.estimate())
+            (Some(Source::Splitting), estimate, true)
+        } else if let Some(estimate) = plain(1) {
+            (Some(Source::MonteCarlo), estimate, false)
         } else {
-            (None, Estimate::default())
+            (None, Estimate::default(), false)
         };
-        Answer { source, estimate, bounds, splitting_refusal }
+        Answer { source, estimate, has_assumption, bounds, splitting_refusal }
     }
 }
 
@@ -97,8 +96,7 @@ fn bounds(monte_carlo: &MonteCarlo, importance: Option<&Importance>) -> [f64; 2]
     let pair = |estimate: Estimate| [estimate.low.unwrap_or(0.0), estimate.high.unwrap_or(1.0)];
     let Some(importance) = importance else { return pair(monte_carlo.estimate()) };
     let inside = pair(importance.wide);
-    let outside = outside(importance, monte_carlo, 0.5 + 0.5 * CONFIDENCE);
-    let outside = pair(outside);
+    let outside = pair(outside(importance, monte_carlo, 0.5 + 0.5 * CONFIDENCE));
     [inside[0] + outside[0], (inside[1] + outside[1]).min(1.0)]
 }
 
@@ -107,20 +105,23 @@ fn outside(importance: &Importance, monte_carlo: &MonteCarlo, confidence: f64) -
     clopper_pearson(importance.monte_carlo_outside, monte_carlo.simulations, confidence)
 }
 
-/// Returns the estimate of importance sampling. If Monte Carlo has failures outside of the regions, they are added. The interval is that of
-/// the regions, or else the one without an assumption.
-fn with_outside(importance: &Importance, monte_carlo: &MonteCarlo, [low, high]: [f64; 2]) -> Estimate {
-    if importance.monte_carlo_outside == 0 && high > TIGHT_RATIO * low {
-        return importance.regions;
-    }
+/// Returns the estimate of importance sampling and whether its interval has an assumption; `None` if it is too uncertain.
+///
+/// If Monte Carlo has failures outside of the regions, they are added. Otherwise the estimate is that of the regions. Bounds without an
+/// assumption are the interval if they are tight, or if the failures outside make the assumption wrong.
+fn weighted(
+    importance: &Importance,
+    monte_carlo: &MonteCarlo,
+    [low, high]: [f64; 2],
+) -> Option<(Estimate, bool)> {
+    let has_outside = importance.monte_carlo_outside > 0;
+    let n = importance.simulations + monte_carlo.simulations;
     let more = outside(importance, monte_carlo, CONFIDENCE).value.unwrap_or(0.0);
     let value = importance.regions.value.map(|inside| inside + more);
-    Estimate { value, low: Some(low), high: Some(high), n: importance.simulations + monte_carlo.simulations }
-}
-
-fn is_reliable(importance: &Importance) -> bool {
-    let inside = importance.regions.value.unwrap_or(0.0);
-    importance.effective_failures >= FEWEST_EFFECTIVE && importance.outside <= MOST_OUTSIDE * inside
+    let free = Estimate { value, low: Some(low), high: Some(high), n };
+    let has_assumption = !has_outside && high > TIGHT_RATIO * low;
+    let estimate = if has_assumption { importance.regions } else { free };
+    (importance.is_reliable() && is_useful(&estimate)).then_some((estimate, has_assumption))
 }
 
 fn is_useful(estimate: &Estimate) -> bool {
@@ -132,20 +133,18 @@ fn checked(
     splitting: &Splitting,
     monte_carlo: &MonteCarlo,
     importance: Option<&Importance>,
+    weighted: Option<Estimate>,
 ) -> Result<Estimate, Refusal> {
     let estimate = splitting.estimate().map_err(Refusal::Chains)?;
-    if are_apart(&estimate, &monte_carlo.estimate_at(CHECK)) {
+    let wide = splitting.wide_estimate().map_err(Refusal::Chains)?;
+    if are_apart(&wide, &monte_carlo.estimate_at(CHECK)) {
         return Err(Refusal::MonteCarlo);
     }
-    if importance.is_some_and(|importance| {
-        is_reliable(importance)
-            && is_useful(&importance.regions)
-            && are_apart(
-                &estimate,
-                &with_outside(importance, monte_carlo, bounds(monte_carlo, Some(importance))),
-            )
-    }) {
-        return Err(Refusal::Importance);
+    if importance.is_some_and(|importance| wide.high < importance.wide.low) {
+        return Err(Refusal::BelowImportance);
+    }
+    if weighted.is_some_and(|weighted| wide.low > weighted.high) {
+        return Err(Refusal::AboveImportance);
     }
     Ok(estimate)
 }

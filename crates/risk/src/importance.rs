@@ -13,6 +13,12 @@ const ROUNDS: u64 = 3;
 /// The regions contain the points with weights up to this multiple of the largest weight of a failure in the last round.
 const REACH: f64 = 4.0;
 
+/// Importance sampling with fewer equally weighted failures is no estimate: a draw with a large weight may be missing.
+const FEWEST_EFFECTIVE: f64 = 20.0;
+
+/// Largest probability outside of the regions, as a fraction of that inside, with which the regions are an estimate.
+const MOST_OUTSIDE: f64 = 0.2;
+
 /// Number of draws that are made at once.
 const CHUNK: u64 = 4096;
 
@@ -39,6 +45,14 @@ pub struct Importance {
     pub regions: Estimate,
     /// The same with 97.5 %, for sums of two intervals.
     pub(crate) wide: Estimate,
+}
+
+impl Importance {
+    /// Returns whether enough failures carry the estimate, and few of them are outside of the regions.
+    pub fn is_reliable(&self) -> bool {
+        let inside = self.regions.value.unwrap_or(0.0);
+        self.effective_failures >= FEWEST_EFFECTIVE && self.outside <= MOST_OUTSIDE * inside
+    }
 }
 
 /// Fits a mixture to failing draws, refines it with `fitting` simulations, and then estimates the probability of failures where the mixture

@@ -29,8 +29,8 @@ pub const FEWEST: u64 = CHAINS as u64 * PER_PARTICLE * SMALLEST_POPULATION;
 /// Chains disagree if the largest estimate is more than this multiple of the smallest.
 pub const LARGEST_RATIO: f64 = 10.0;
 
-/// 97.5 % quantile of the t distribution with [`CHAINS`] - 1 degrees of freedom.
-const T: f64 = 2.776_445;
+/// Quantiles of the t distribution with [`CHAINS`] - 1 degrees of freedom: 97.5 % and 99.5 %.
+const T: [f64; 2] = [2.776_445, 4.604_095];
 
 /// Results of multilevel splitting.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,6 +87,15 @@ impl Splitting {
     /// # Errors
     /// If the chains disagree.
     pub fn estimate(&self) -> Result<Estimate, Disagreement> {
+        self.estimate_within(T[0])
+    }
+
+    /// Returns the same with a 99 % interval.
+    pub(crate) fn wide_estimate(&self) -> Result<Estimate, Disagreement> {
+        self.estimate_within(T[1])
+    }
+
+    fn estimate_within(&self, quantile: f64) -> Result<Estimate, Disagreement> {
         let complete = self.chains.iter().filter(|chain| chain.is_complete).count();
         let extinct = self.chains.iter().filter(|chain| chain.probability == 0.0).count();
         let values: Vec<f64> = self.chains.iter().map(|chain| chain.probability).collect();
@@ -101,7 +110,7 @@ impl Splitting {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
         let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        let factor = (T * (variance / n).sqrt() / mean).exp();
+        let factor = (quantile * (variance / n).sqrt() / mean).exp();
         let bounds = (Some(mean / factor), Some((mean * factor).min(1.0)));
         Ok(Estimate { value: Some(mean), low: bounds.0, high: bounds.1, n: self.simulations })
     }

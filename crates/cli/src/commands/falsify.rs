@@ -182,7 +182,7 @@ fn plan(command: &Arguments) -> Result<Plan> {
     falsify.trials = command.trials.unwrap_or(falsify.trials);
     falsify.budget = command.budget.unwrap_or(falsify.budget);
     falsify.batch = command.subject.batch.unwrap_or(falsify.batch);
-    plan.evaluate = None;
+    (plan.evaluate, plan.risk) = (None, None);
     plan.falsify = Some(falsify);
     Ok(plan)
 }
