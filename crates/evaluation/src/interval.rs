@@ -268,6 +268,25 @@ mod tests {
         assert!(bootstrap_mean(&rising, Seed(0)).low.is_some());
     }
 
+    /// SciPy 1.17.1, with t = (1 - c) / 2: `beta.ppf(t, k, n - k + 1)` and `beta.ppf(1 - t, k + 1, n - k)`.
+    #[test]
+    fn exact_intervals_match_scipy() {
+        for (k, n, confidence, low, high) in [
+            (0, 1000, 0.95, 0.0, 0.003_682_083_896_865_671),
+            (3, 5000, 0.95, 0.000_123_751_520_469_312_9, 0.001_752_443_603_396_047_1),
+            (20, 12_500, 0.99, 0.000_828_548_066_331_153_5, 0.002_771_812_680_727_355_4),
+            (112, 60_000, 0.95, 0.001_537_248_235_175_438_3, 0.002_245_658_812_611_499),
+            (5, 5, 0.95, 0.478_176_249_895_018_56, 1.0),
+        ] {
+            let found = clopper_pearson(k, n, confidence);
+            let is_close =
+                |found: Option<f64>, expected: f64| (found.unwrap() - expected).abs() < 1e-9 * expected;
+            assert!(found.low == Some(low) || is_close(found.low, low), "{k} of {n}: {found:?}");
+            assert!(is_close(found.high, high), "{k} of {n}: {found:?}");
+        }
+        assert_eq!(clopper_pearson(0, 0, 0.95), Estimate::default());
+    }
+
     /// Five standard errors of a rate of 0.9 in 2000 samples are 0.034.
     #[test]
     fn the_bootstrap_interval_of_10_normal_values_has_a_coverage_of_90_percent() {

@@ -200,3 +200,99 @@ fn level(weights: &[f64], u: f64) -> usize {
     // Rounding: the last value that has a probability.
     weights.iter().rposition(|weight| *weight > 0.0).unwrap_or(0)
 }
+
+#[cfg(test)]
+mod tests {
+    use mishandle_rollout::AxisKind;
+
+    use super::*;
+
+    fn axis(bounds: [f64; 2], values: AxisValues) -> Axis {
+        Axis::new(AxisKind::Model, "a", "", bounds, Some(bounds[0])).with_values(values)
+    }
+
+    /// Quantiles from SciPy 1.17.1: `truncnorm((0 - 1) / 0.5, (1.2 - 1) / 0.5, 1, 0.5)`, `triang(0.25, 0, 4)` and
+    /// `loguniform(0.5, 8)`, each `.ppf([0.01, 0.3, 0.9])`.
+    #[test]
+    fn quantiles_match_scipy() {
+        const TRUNCATED: [f64; 3] =
+            [0.052_731_228_706_439_09, 0.601_200_498_416_738_7, 1.116_545_438_632_265_3];
+        const TRIANGULAR: [f64; 3] = [0.2, 1.101_724_650_762_112_6, 2.904_554_884_989_668];
+        const LOGARITHMIC: [f64; 3] = [0.514_056_913_328_033_3, 1.148_698_354_997_035, 6.062_866_266_041_591];
+        let zs = [0.01, 0.3, 0.9].map(normal::quantile);
+        let of = |text: &str, bounds, values| {
+            let marginal: Marginal = text.parse().unwrap();
+            let axis = axis(bounds, values);
+            marginal.check(&axis).unwrap();
+            zs.map(|z| marginal.value(&axis, z))
+        };
+        for (found, expected) in [
+            (of("normal:1:0.5", [0.0, 1.2], AxisValues::Continuous), TRUNCATED),
+            (of("triangular:1", [0.0, 4.0], AxisValues::Continuous), TRIANGULAR),
+            (of("log-uniform", [0.5, 8.0], AxisValues::Logarithmic), LOGARITHMIC),
+        ] {
+            for (found, expected) in found.into_iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-9, "{found}, not {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_upper_tail_of_a_normal_distribution_is_as_exact_as_the_lower_one() {
+        let axis = axis([-9.0, 9.0], AxisValues::Continuous);
+        let marginal = Marginal::Normal { mean: 0.0, std: 1.0 };
+        // The truncation removes 1e-19 of the tail, which is 6e-16 beyond 8 and 3e-7 beyond 5.
+        for (z, tolerance) in [(0.0, 1e-15), (2.0, 1e-12), (5.0, 1e-11), (8.0, 1e-4)] {
+            let (upper, lower) = (marginal.value(&axis, z), marginal.value(&axis, -z));
+            assert!((upper - z).abs() < tolerance && lower == -upper, "{z}: {upper}, {lower}");
+        }
+        // Bounds far on one side of the mean.
+        let far = Marginal::Normal { mean: 5.0, std: 1.0 };
+        let narrow = Axis { low: -1.0, high: 0.0, ..axis };
+        assert!(
+            (-1.0..=0.0).contains(&far.value(&narrow, 3.0))
+                && far.value(&narrow, 3.0) > far.value(&narrow, -3.0)
+        );
+    }
+
+    #[test]
+    fn discrete_values_have_their_probabilities() {
+        let delay = axis([0.0, 3.0], AxisValues::Integer);
+        let share = |text: &str, level: f64| {
+            let marginal: Marginal = text.parse().unwrap();
+            marginal.check(&delay).unwrap();
+            let n = 20_000;
+            let at = |i: u32| marginal.value(&delay, normal::quantile((f64::from(i) + 0.5) / f64::from(n)));
+            (0..n).filter(|i| at(*i) == level).count() as f64 / f64::from(n)
+        };
+        for (text, level, expected) in [
+            ("weights:6:3:0:1", 0.0, 0.6),
+            ("weights:6:3:0:1", 2.0, 0.0),
+            ("weights:6:3:0:1", 3.0, 0.1),
+            ("uniform", 1.0, 0.25),
+            // The part of N(1, 1) from 0.5 to 1.5, of that from -0.5 to 3.5: 0.382925 / 0.926983.
+            ("normal:1:1", 1.0, 0.413_087),
+        ] {
+            assert!((share(text, level) - expected).abs() < 2e-4, "{text} {level}: {}", share(text, level));
+        }
+    }
+
+    #[test]
+    fn distributions_that_do_not_fit_their_axis_are_errors() {
+        let categories = AxisValues::Categorical(["a", "b"].map(String::from).to_vec().into());
+        for (text, bounds, values, part) in [
+            ("normal:0:1", [0.0, 1.0], categories, "use weights"),
+            ("weights:1:2:3", [0.0, 3.0], AxisValues::Integer, "it has 4 values"),
+            ("weights:0:0", [0.0, 1.0], AxisValues::Integer, "one must be positive"),
+            ("triangular:2", [0.0, 1.0], AxisValues::Continuous, "the mode must be from 0 to 1"),
+            ("normal:nan:1", [0.0, 1.0], AxisValues::Continuous, "must be finite"),
+        ] {
+            let error =
+                text.parse::<Marginal>().unwrap().check(&axis(bounds, values)).unwrap_err().to_string();
+            assert!(error.contains(part), "{error}");
+        }
+        for text in ["", "normal", "normal:1:x", "uniform:1", "weights"] {
+            assert!(text.parse::<Marginal>().is_err(), "{text}");
+        }
+    }
+}

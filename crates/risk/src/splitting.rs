@@ -167,10 +167,20 @@ pub(crate) fn split(
     seed: Seed,
     budget: u64,
 ) -> Result<(Splitting, Vec<Draw>), RiskError> {
+    let strata = Strata::new(experiment.scenarios.dimension());
+    split_from(experiment, seed, budget, &strata)
+}
+
+fn split_from(
+    experiment: &mut Experiment<'_>,
+    seed: Seed,
+    budget: u64,
+    strata: &Strata,
+) -> Result<(Splitting, Vec<Draw>), RiskError> {
     let before = experiment.done();
     let size = budget / (CHAINS as u64 * PER_PARTICLE);
     let spent = |experiment: &Experiment<'_>| experiment.done() - before;
-    let mut populations = initial(experiment, seed, size)?;
+    let mut populations = initial(experiment, seed, size, strata)?;
     let per_level = |population: &Population| (population.removed().len() * MOVES) as u64;
     loop {
         populations.iter_mut().for_each(Population::find_level);
@@ -190,8 +200,12 @@ pub(crate) fn split(
 }
 
 /// Draws the initial populations of all chains.
-fn initial(experiment: &mut Experiment<'_>, seed: Seed, size: u64) -> Result<Vec<Population>, RiskError> {
-    let strata = Strata::new(experiment.scenarios.dimension());
+fn initial(
+    experiment: &mut Experiment<'_>,
+    seed: Seed,
+    size: u64,
+    strata: &Strata,
+) -> Result<Vec<Population>, RiskError> {
     let mut populations = Vec::new();
     for chain in 0..CHAINS as u64 {
         let mut random = Sequence::new(seed.0, chain);
@@ -305,5 +319,69 @@ impl Population {
             levels,
             acceptance: self.accepted as f64 / self.moved.max(1) as f64,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use mishandle_rollout::{Request, Specification, System};
+
+    use super::*;
+    use crate::Scenarios;
+
+    /// Returns the chains of splitting on the toy with the hidden corner, for each seed.
+    fn chains(strata: &Strata) -> Vec<Splitting> {
+        let target = mishandle_toys::target("toy/hidden-corner").unwrap().unwrap();
+        let space = target.space("starts").unwrap();
+        let formula = mishandle_stl::Formula::parse(&target.formulas[0].text).unwrap();
+        let mut system = target.system(&space, &Specification::new(formula)).unwrap();
+        let scenarios = Scenarios::new(&space, [], false).unwrap();
+        let mut watch = |_| {};
+        let mut experiment = Experiment::new(&mut *system, &scenarios, (u64::MAX, 64), &mut watch);
+        (0..20).map(|seed| split_from(&mut experiment, Seed(seed), FEWEST, strata).unwrap().0).collect()
+    }
+
+    /// Returns how many estimates there are, and how many of their intervals contain 2e-3.
+    fn estimates(splittings: &[Splitting]) -> (usize, usize) {
+        let estimates: Vec<Estimate> =
+            splittings.iter().filter_map(|splitting| splitting.estimate().ok()).collect();
+        let covers = |estimate: &&Estimate| estimate.low < Some(2e-3) && Some(2e-3) < estimate.high;
+        (estimates.len(), estimates.iter().filter(covers).count())
+    }
+
+    /// The defect that strata are against: chains of a population without them agree on a wrong probability, because none of them has a
+    /// particle in the corner.
+    #[test]
+    fn chains_without_strata_agree_on_a_probability_that_lacks_the_corner() {
+        let (stated, right) = estimates(&chains(&Strata::whole()));
+        assert!(stated >= 5 && right <= 1, "{right} of {stated}");
+        let (stated, right) = estimates(&chains(&Strata::new(2)));
+        assert!(stated - right <= 1, "{right} of {stated}");
+    }
+
+    /// A population of exact conditional draws: the mean of many chains is the probability.
+    #[test]
+    fn the_mean_of_many_chains_is_the_probability() {
+        let axis = mishandle_rollout::Axis::start("x", "", 0.0, 1.0);
+        let space = mishandle_rollout::Space::new("starts", vec![axis]).unwrap();
+        let outcome = |request: &Request| {
+            mishandle_toys::SimulatedEnd::Robustness(request.scenario.get(0).unwrap_or(1.0) - 0.01)
+        };
+        let mut system = mishandle_toys::FunctionSystem::new(space, outcome);
+        let scenarios = Scenarios::new(System::space(&system), [], false).unwrap();
+        let mut watch = |_| {};
+        let mut experiment = Experiment::new(&mut system, &scenarios, (u64::MAX, 64), &mut watch);
+        let mut values = Vec::new();
+        for seed in 0..60 {
+            let (splitting, failing) = split(&mut experiment, Seed(seed), FEWEST).unwrap();
+            assert!(splitting.simulations <= FEWEST && !failing.is_empty());
+            values.extend(splitting.chains.iter().map(|chain| chain.probability));
+        }
+        let n = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        // Four standard errors, which are about 2.5 % of the probability each.
+        assert!((mean - 0.01).abs() < 4.0 * (variance / n).sqrt(), "{mean} and {}", variance.sqrt());
+        assert!(variance.sqrt() < 0.01);
     }
 }

@@ -30,6 +30,12 @@ impl Strata {
         Strata { threshold: normal::quantile(0.5 + 0.5 * inner), probabilities }
     }
 
+    /// Returns a single stratum, which is everything.
+    #[cfg(test)]
+    pub(crate) fn whole() -> Strata {
+        Strata { threshold: f64::INFINITY, probabilities: vec![1.0] }
+    }
+
     /// Returns the index of the stratum of a latent point.
     fn of(&self, latent: &[f64]) -> usize {
         let extreme = latent.iter().filter(|z| z.abs() > self.threshold).count();

@@ -128,8 +128,7 @@ fn document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> 
     let Report { answer, monte_carlo, importance, splitting, .. } = report;
     let distribution = |(axis, marginal): (&Axis, &mishandle::risk::Marginal)| {
         let text = if axis.is_fixed() { "fixed".to_string() } else { marginal.to_string() };
-        let object = json!({ "distribution": text, "low": axis.low, "high": axis.high, "unit": axis.unit });
-        (axis.name.clone(), object)
+        json!({ "axis": axis.name, "distribution": text, "low": axis.low, "high": axis.high, "unit": axis.unit })
     };
     let failure = |failure: &Failure| {
         let scenario = scenarios.scenario(&failure.draw.latent);
@@ -142,7 +141,7 @@ fn document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> 
     let own = json!({
         "formula": resolved.specification.requirement.to_string(),
         "method": resolved.plan.risk.as_ref().map(|risk| &risk.method),
-        "distribution": scenarios.axes().map(distribution).collect::<serde_json::Map<_, _>>(),
+        "distribution": scenarios.axes().map(distribution).collect::<Vec<_>>(),
         "simulations": report.simulations,
         "probability": answer.source.map(|source| json!({
             "value": answer.estimate.value,
