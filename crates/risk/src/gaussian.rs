@@ -7,7 +7,7 @@ use crate::scenarios::normals;
 /// A covariance from fewer points per dimension is diagonal.
 const POINTS_PER_DIMENSION: f64 = 10.0;
 
-/// Few points underestimate variances and overestimate correlations. So many points without correlations, and with
+/// Few points underestimate variances and overestimate correlations. This number of points without correlations, and with
 /// [`WIDER`] times the variances, are added to them.
 const PRIOR: f64 = 2.0;
 const WIDER: f64 = 4.0;

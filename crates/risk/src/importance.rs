@@ -11,7 +11,7 @@ use crate::{CONFIDENCE, Draw, RiskError};
 const ROUNDS: u64 = 3;
 
 /// The regions contain the points with weights up to this multiple of the largest weight of a failure in the last round.
-const REACH: f64 = 4.0;
+const REACH: f64 = 20.0;
 
 /// Importance sampling with fewer equally weighted failures is no estimate: a draw with a large weight may be missing.
 const FEWEST_EFFECTIVE: f64 = 20.0;

@@ -22,9 +22,9 @@ use crate::{ExitStatus, args, numbers, risk_text, run};
   mishandle risk ball-balancing --controller ppo --space starts+dynamics \\
       --distribution ball_mass_scale=normal:1:0.1
 
-Distributions: uniform, log-uniform, normal:MEAN:STD, triangular:MODE, weights:W0:W1:... (one weight for
-each value of a discrete axis); all are truncated to the bounds of the axis. Exit code 1 means that a
-simulation violated the formula.")]
+Distributions: uniform, log-uniform, normal:MEAN:STD, triangular:MODE, and weights:W0:W1:... with a
+weight for each value of a discrete axis. All are truncated to the bounds of the axis. Exit code 1
+means that a simulation violated the formula.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: args::Subject,
