@@ -1,6 +1,6 @@
 //! The standard normal distribution.
 
-use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
+use std::f64::consts::SQRT_2;
 
 /// Returns the probability that a standard normal number is at most `z`. The relative error is about 1e-13 down to z = -37, below
 /// which the result is 0.
@@ -32,7 +32,7 @@ pub(crate) fn cdf(z: f64) -> f64 {
     let exponential = (-0.5 * x * x).exp();
     let tail = if x > 37.0 {
         0.0
-    } else if x < 10.0 * FRAC_1_SQRT_2 {
+    } else if x < 3.0 {
         exponential * polynomial(&NUMERATOR, x) / polynomial(&DENOMINATOR, x)
     } else {
         // Laplace's continued fraction, from the back.
