@@ -74,6 +74,7 @@ const KEYS: [Key; 25] = [
     key::<u32>("falsify.budget", "an integer from 1 to 1000000"),
     key::<u32>("falsify.batch", "an integer from 1 to 65536"),
     key::<Vec<Vec<f64>>>("falsify.initial-simplex", "a list of lists of numbers, as [[0, 1], [0.5, 1]]"),
+    Key { alias: None, name: OPTIONS, allowed: "a table, as [falsify.options]", reads: is_table },
     key::<String>("risk.formula", "a string, such as \"strict\""),
     key::<u64>("risk.simulations", "an integer from 100 to 1000000000"),
     key::<String>("risk.method", "\"auto\", \"monte-carlo\", \"importance\" or \"splitting\""),
@@ -82,7 +83,6 @@ const KEYS: [Key; 25] = [
         DISTRIBUTIONS,
         "a table of distributions of axes, as [risk.distributions], each a string, such as \"normal:1:0.1\"",
     ),
-    Key { alias: None, name: OPTIONS, allowed: "a table, as [falsify.options]", reads: is_table },
 ];
 
 /// Allowed values of a search option, whose type depends on the search.
@@ -341,7 +341,7 @@ mod tests {
                 "\nbatch = 1",
                 "batch",
                 "seed, evaluate, falsify",
-                "did you mean `evaluate.batch` or `falsify.batch`?",
+                "did you mean `evaluate.batch` or `falsify.batch` or `risk.batch`?",
             ),
             (
                 "\naction_noise = 1",
