@@ -314,6 +314,7 @@ fn describe(header: &RunHeader, explained: &ExplainedSimulation) -> Result<Count
         seed: recorded.seed,
         evaluate: None,
         falsify: Some(falsify),
+        risk: None,
         ..recorded_plan
     };
     let value = |(axis, value): (&AxisRecord, &Option<f64>)| AxisValue {

@@ -438,6 +438,9 @@ pub enum MishandleError {
     /// An evaluation cannot run.
     #[error(transparent)]
     Evaluation(#[from] mishandle_evaluation::EvaluationError),
+    /// A failure probability cannot be estimated.
+    #[error(transparent)]
+    Risk(#[from] mishandle_risk::RiskError),
     /// A falsification cannot run.
     #[error(transparent)]
     Falsification(#[from] mishandle_falsification::FalsificationError),

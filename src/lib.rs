@@ -32,6 +32,7 @@ mod event;
 mod explanation;
 mod explanation_text;
 mod failure_modes;
+mod failure_probability;
 mod falsify;
 mod film;
 mod frames;
@@ -81,6 +82,7 @@ pub use explanation::{
 };
 pub use explanation_text::{compared_values, instant};
 pub use failure_modes::{Failure, FailureMode, FailureModes, axis as recorded_axis, failure_modes};
+pub use failure_probability::{RiskPlan, risk, risk_scenarios};
 pub use falsify::{FalsifyProgress, check_falsify, failure_rate_bound, falsify, search_entry};
 pub use film::Film;
 pub use frames::{FrameCaptions, FrameRenderer};
@@ -111,7 +113,7 @@ pub use trajectory::{StateTrajectory, initial_state, replay_states, scene_mjcf, 
 pub use {
     mishandle_controllers as controllers, mishandle_evaluation as evaluation,
     mishandle_falsification as falsification, mishandle_files as files, mishandle_interchange as interchange,
-    mishandle_random as random, mishandle_rollout as rollout, mishandle_search as search,
-    mishandle_stl as stl, mishandle_store as store, mishandle_tasks as tasks, mishandle_toys as toys,
-    mishandle_training as training, mishandle_world as world,
+    mishandle_random as random, mishandle_risk as risk, mishandle_rollout as rollout,
+    mishandle_search as search, mishandle_stl as stl, mishandle_store as store, mishandle_tasks as tasks,
+    mishandle_toys as toys, mishandle_training as training, mishandle_world as world,
 };

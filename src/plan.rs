@@ -8,14 +8,14 @@ use mishandle_rollout::DEFAULT_BATCH_SIZE;
 use mishandle_search::SearchOptions;
 use serde::{Deserialize, Serialize};
 
-use crate::{AxisSetting, MishandleError};
+use crate::{AxisSetting, MishandleError, RiskPlan};
 
 pub use grid::{GridRun, read_grid};
 
 /// Version of the plan format.
 const FORMAT: u32 = 2;
 
-/// An evaluation or falsification: read from TOML, edited by flags, and stored with the results.
+/// An evaluation, a falsification or an estimation of the failure probability: read from TOML, edited by flags, and stored with the results.
 ///
 /// A plan contains names only. [`ResolvedPlan::new`](crate::ResolvedPlan::new) looks them up and checks them.
 ///
@@ -65,6 +65,9 @@ pub struct Plan {
     /// Settings of a falsification.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub falsify: Option<FalsifyPlan>,
+    /// Settings of an estimation of the failure probability.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub risk: Option<RiskPlan>,
 }
 
 /// Region from which an evaluation draws initial states.
@@ -220,6 +223,7 @@ impl Plan {
             seed: 0,
             evaluate: None,
             falsify: None,
+            risk: None,
         }
     }
 
@@ -253,12 +257,14 @@ mod tests {
         let plan = Plan::from_toml(documented_plan()).unwrap();
         // The default formula is the target's first, which is `success` for a task.
         let falsify = FalsifyPlan { formula: Some("success".to_string()), ..FalsifyPlan::default() };
+        let risk = RiskPlan { formula: Some("success".to_string()), ..RiskPlan::default() };
         let evaluate = EvaluatePlan::default();
-        let defaults = Plan { evaluate: Some(evaluate), falsify: Some(falsify), ..plan.clone() };
+        let defaults =
+            Plan { evaluate: Some(evaluate), falsify: Some(falsify), risk: Some(risk), ..plan.clone() };
         let named = Plan { target: plan.target.clone(), controller: plan.controller.clone(), ..defaults };
         assert_eq!(plan, named);
         assert_eq!(
-            Plan { evaluate: None, falsify: None, ..plan.clone() },
+            Plan { evaluate: None, falsify: None, risk: None, ..plan.clone() },
             Plan::new("ball-balancing", "ppo")
         );
         // `to_toml` writes every key, so the example must contain the same keys.

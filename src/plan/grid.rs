@@ -51,7 +51,7 @@ pub fn read_grid(text: &str) -> Result<Vec<GridRun>, MishandleError> {
     let mut runs = Vec::new();
     for kind in &kinds {
         let mut own = table.clone();
-        own.retain(|key, _| key == *kind || !kinds.contains(&key));
+        own.retain(|key, _| key == *kind || !kinds.contains(&key) && key != "risk");
         for (values, plan) in combinations(own)? {
             let parts = values.iter().map(part);
             let kind = (kinds.len() > 1 || values.is_empty()).then(|| kind.to_string());

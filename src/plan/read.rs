@@ -1,6 +1,6 @@
 //! Reads plans from TOML and reports mistakes with their line and with what is allowed.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use mishandle_files::limits;
 use serde::Deserialize;
@@ -21,6 +21,9 @@ const OPTIONS: &str = "falsify.options";
 
 /// Table whose keys are names of axes.
 const AXES: &str = "axes";
+
+/// Table whose keys are names of axes, and whose values are distributions.
+const DISTRIBUTIONS: &str = "risk.distributions";
 
 /// Allowed settings of an axis.
 const AXIS: &str = "a number, a list of two numbers, or the name of a category in quotes";
@@ -48,7 +51,7 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, alias: None, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 21] = [
+const KEYS: [Key; 26] = [
     key::<u32>("format", "an integer from 1 to 2"),
     Key { alias: Some("task"), ..key::<String>("target", "a string, such as \"ball-balancing\"") },
     key::<String>("space", "a string, such as \"starts\""),
@@ -73,6 +76,14 @@ const KEYS: [Key; 21] = [
     key::<bool>("falsify.early-stopping", "true or false"),
     key::<Vec<Vec<f64>>>("falsify.initial-simplex", "a list of lists of numbers, as [[0, 1], [0.5, 1]]"),
     Key { alias: None, name: OPTIONS, allowed: "a table, as [falsify.options]", reads: is_table },
+    key::<String>("risk.formula", "a string, such as \"strict\""),
+    key::<u64>("risk.simulations", "an integer from 100 to 1000000000"),
+    key::<String>("risk.method", "\"auto\", \"monte-carlo\", \"importance\" or \"splitting\""),
+    key::<u32>("risk.batch", "an integer from 1 to 65536"),
+    key::<BTreeMap<String, String>>(
+        DISTRIBUTIONS,
+        "a table of distributions of axes, as [risk.distributions], each a string, such as \"normal:1:0.1\"",
+    ),
 ];
 
 /// Allowed values of a search option, whose type depends on the search.
@@ -104,7 +115,7 @@ pub(super) fn read_lists(text: &str) -> Result<toml::Table, MishandleError> {
 /// Returns whether a key of a plan may have a list of values in a campaign.
 pub(super) fn may_be_list(name: &str) -> bool {
     // The other values are lists or tables already.
-    !["format", "falsify.initial-simplex", AXES, OPTIONS].contains(&name)
+    !["format", "falsify.initial-simplex", AXES, OPTIONS, DISTRIBUTIONS].contains(&name)
 }
 
 /// Returns the names of all keys with their tables, former names included.
@@ -331,7 +342,7 @@ mod tests {
                 "\nbatch = 1",
                 "batch",
                 "seed, evaluate, falsify",
-                "did you mean `evaluate.batch` or `falsify.batch`?",
+                "did you mean `evaluate.batch` or `falsify.batch` or `risk.batch`?",
             ),
             (
                 "\naction_noise = 1",

@@ -92,6 +92,10 @@ impl ResolvedPlan {
             crate::evaluate::check(evaluate, &target, &space)?;
         }
         let mut text = target.formulas.first().map_or("", |formula| &formula.name).to_string();
+        if let Some(risk) = &plan.risk {
+            crate::failure_probability::check(risk, &space)?;
+            text = risk.formula.clone().unwrap_or(text);
+        }
         if let Some(falsify) = &plan.falsify {
             needs_subformulas = crate::falsify::check_falsify(falsify, &space)?;
             text = falsify.formula.clone().unwrap_or(text);

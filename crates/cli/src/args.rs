@@ -10,8 +10,8 @@ use mishandle::{AxisSetting, Plan};
 
 use crate::commands::{
     campaign, compare, completions, controller, counterexamples, curve, evaluate, explain, export, falsify,
-    man, margin, monitor, regress, render, replay, report, reproduce, runs, searches, simulate, targets,
-    tasks, train, zoo,
+    man, margin, monitor, regress, render, replay, report, reproduce, risk, runs, searches, simulate,
+    targets, tasks, train, zoo,
 };
 use crate::numbers::{integer, number};
 
@@ -82,6 +82,7 @@ pub enum Command {
     Reproduce(reproduce::Arguments),
     Compare(compare::Arguments),
     Margin(margin::Arguments),
+    Risk(risk::Arguments),
     Simulate(simulate::Arguments),
     Runs(runs::Arguments),
     Export(export::Arguments),

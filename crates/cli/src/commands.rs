@@ -18,6 +18,7 @@ pub mod render;
 pub mod replay;
 pub mod report;
 pub mod reproduce;
+pub mod risk;
 pub mod runs;
 pub mod searches;
 pub mod simulate;

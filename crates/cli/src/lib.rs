@@ -12,6 +12,7 @@ mod live_curve;
 mod numbers;
 mod output;
 mod progress;
+mod risk_text;
 mod run;
 mod train_reporter;
 mod training_time;
@@ -71,6 +72,7 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Reproduce(command) => commands::reproduce::run(command),
         Command::Compare(command) => commands::compare::run(command),
         Command::Margin(command) => commands::margin::run(command),
+        Command::Risk(command) => commands::risk::run(command),
         Command::Simulate(command) => commands::simulate::run(command),
         Command::Runs(command) => commands::runs::run(command),
         Command::Export(command) => commands::export::run(command),

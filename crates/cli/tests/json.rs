@@ -95,8 +95,8 @@ fn the_page_documents_the_keys_that_every_command_prints() {
         ("campaign", "campaign grid.toml --out grid", 0),
         ("evaluate", "evaluate point-reaching --controller expert --episodes 12 --out e.sqlite", 0),
         ("falsify", "falsify point-reaching --controller expert --trials 1 --budget 3 --out f.sqlite", 0),
-        ("falsify", "falsify toy/noisy --trials 2 --budget 200 --seed 1 --out g.sqlite", 1),
-        ("falsify", "falsify toy/noisy --trials 1 --budget 200 --seed 1 --repeats 5 --out h.sqlite", 1),
+        ("falsify", "falsify toy/noisy --search random --trials 2 --budget 200 --seed 1 --out g.sqlite", 1),
+        ("falsify", "falsify toy/noisy --search random --trials 1 --budget 200 --seed 1 --repeats 5 --out h.sqlite", 1),
         (
             "evaluate",
             "evaluate point-reaching --controller expert --episodes 12 --action-noise 3 --out n.sqlite",
@@ -108,6 +108,7 @@ fn the_page_documents_the_keys_that_every_command_prints() {
         ("simulate", "simulate toy/noisy --repeat 5 --scenarios 3", 0),
         ("simulate", "simulate toy/noisy", 0),
         ("margin", "margin toy/car-following --space dynamics+events --budget 400", 1),
+        ("risk", "risk toy/sphere-2d --formula 'always(distance >= 0.02)' --simulations 60000", 1),
         ("replay", "replay g.sqlite", 0),
         ("replay", "replay e.sqlite --trial 2", 0),
         ("explain", "explain g.sqlite", 1),

@@ -31,6 +31,7 @@ fn the_help_of_every_command_has_examples() {
         "evaluate",
         "falsify",
         "margin",
+        "risk",
         "compare",
         "reproduce",
         "replay",

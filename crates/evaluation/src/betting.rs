@@ -1,8 +1,8 @@
-//! Confidence interval (95 %) of the mean of numbers in [0, 1], valid for every distribution and every sample size.
+//! Confidence interval of the mean of numbers in [0, 1], valid for every distribution and every sample size.
 
 use crate::Estimate;
 
-/// Error probability α of the interval.
+/// Error probability α of [`betting_mean`].
 const ALPHA: f64 = 0.05;
 
 /// Largest bet, as a fraction of the bet that can lose the whole capital.
@@ -11,7 +11,7 @@ const LARGEST_BET: f64 = 0.75;
 /// Number of bisections of each bound; their error is at most 2^-40.
 const BISECTIONS: u32 = 40;
 
-/// Returns the mean of `fractions`, numbers in [0, 1], with its betting interval (hedged capital).
+/// Returns the mean of `fractions`, numbers in [0, 1], with its betting interval (hedged capital) of 95 %.
 ///
 /// The interval contains the mean of the distribution with a probability of at least 0.95 for **every** distribution on
 /// [0, 1] and every n, because it follows from Ville's inequality and not from an approximation. In particular it holds
@@ -47,22 +47,27 @@ const BISECTIONS: u32 = 40;
 /// Waudby-Smith and Ramdas, "Estimating means of bounded random variables by betting", Journal of the Royal Statistical
 /// Society B 86, 2024: hedged capital with the predictable plug-in bets for a fixed n.
 pub fn betting_mean(fractions: &[f64]) -> Estimate {
+    betting_mean_at(fractions, 1.0 - ALPHA)
+}
+
+/// Returns the mean of `fractions` with its betting interval of another confidence: see [`betting_mean`].
+pub fn betting_mean_at(fractions: &[f64], confidence: f64) -> Estimate {
+    let log_threshold = (2.0 / (1.0 - confidence)).ln();
     let n = fractions.len() as u64;
     if n == 0 {
         return Estimate::default();
     }
     let mean = (fractions.iter().sum::<f64>() / n as f64).clamp(0.0, 1.0);
-    let bets = bets(fractions);
+    let bets = bets(fractions, log_threshold);
     let mirrored: Vec<f64> = fractions.iter().map(|x| 1.0 - x).collect();
     // The observed mean belongs to the interval even if an early drift of the values excludes it.
-    let low = lower_bound(fractions, &bets).min(mean);
-    let high = (1.0 - lower_bound(&mirrored, &bets)).max(mean);
+    let low = lower_bound(fractions, &bets, log_threshold).min(mean);
+    let high = (1.0 - lower_bound(&mirrored, &bets, log_threshold)).max(mean);
     Estimate { value: Some(mean), low: Some(low), high: Some(high), n }
 }
 
 /// Returns the bets λᵢ before they are limited by c / m.
-fn bets(fractions: &[f64]) -> Vec<f64> {
-    let log_threshold = (2.0 / ALPHA).ln();
+fn bets(fractions: &[f64], log_threshold: f64) -> Vec<f64> {
     let (mut sum, mut squares, mut variance) = (0.5, 0.25, 0.25);
     let n = fractions.len() as f64;
     (2..)
@@ -81,8 +86,7 @@ fn bets(fractions: &[f64]) -> Vec<f64> {
 ///
 /// The upper bound of a mean is 1 minus the lower bound of the mirrored values 1 - x, because K⁻ of x at m is K⁺ of
 /// 1 - x at 1 - m, and both have the same bets.
-fn lower_bound(fractions: &[f64], bets: &[f64]) -> f64 {
-    let log_threshold = (2.0 / ALPHA).ln();
+fn lower_bound(fractions: &[f64], bets: &[f64], log_threshold: f64) -> f64 {
     let is_excluded = |m: f64| {
         let mut log_capital = 0.0;
         fractions.iter().zip(bets).any(|(x, bet)| {

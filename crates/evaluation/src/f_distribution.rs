@@ -1,4 +1,4 @@
-//! Quantiles of the F distribution.
+//! Quantiles of the beta and F distributions.
 
 use crate::chi_squared::ln_gamma_of_half;
 
@@ -11,26 +11,36 @@ const BISECTIONS: usize = 200;
 /// Returns the value that an F variable with these degrees of freedom, at least 1 each, exceeds with probability `tail`.
 pub(crate) fn f_upper_quantile(tail: f64, (first, second): (u32, u32)) -> f64 {
     // x / (1 - x) = first / second F has a beta distribution.
+    let x = beta_quantile(1.0 - tail, (first, second));
+    f64::from(second) / f64::from(first) * x / (1.0 - x)
+}
+
+/// Returns the value below which a beta variable with the parameters first / 2 and second / 2 is with this probability.
+pub(crate) fn beta_quantile(probability: f64, (first, second): (u32, u32)) -> f64 {
+    let ln_beta = ln_gamma_of_half(first) + ln_gamma_of_half(second) - ln_gamma_of_half(first + second);
     let (mut low, mut high) = (0.0_f64, 1.0_f64);
     for _ in 0..BISECTIONS {
         let middle = 0.5 * (low + high);
-        if incomplete_beta(middle, first, second) < 1.0 - tail { low = middle } else { high = middle }
+        if incomplete_beta(middle, (first, second), ln_beta) < probability {
+            low = middle
+        } else {
+            high = middle
+        }
     }
-    f64::from(second) / f64::from(first) * low / (1.0 - low)
+    low
 }
 
 /// Returns the regularized incomplete beta function I_x(first / 2, second / 2) (Abramowitz and Stegun, "Handbook of
-/// Mathematical Functions", 26.5.8).
-fn incomplete_beta(x: f64, first: u32, second: u32) -> f64 {
+/// Mathematical Functions", 26.5.8). `ln_beta` is the logarithm of the complete one.
+fn incomplete_beta(x: f64, (first, second): (u32, u32), ln_beta: f64) -> f64 {
     if x <= 0.0 || x >= 1.0 {
         return x.clamp(0.0, 1.0);
     }
     let (a, b) = (f64::from(first) / 2.0, f64::from(second) / 2.0);
     // The fraction converges fast below the mean; above it, the complement is computed.
     if x > a / (a + b) {
-        return 1.0 - incomplete_beta(1.0 - x, second, first);
+        return 1.0 - incomplete_beta(1.0 - x, (second, first), ln_beta);
     }
-    let ln_beta = ln_gamma_of_half(first) + ln_gamma_of_half(second) - ln_gamma_of_half(first + second);
     (a * x.ln() + b * (-x).ln_1p() - ln_beta).exp() / a * fraction(x, a, b)
 }
 

@@ -2,6 +2,8 @@
 
 use mishandle_random::{Seed, Sequence};
 
+use crate::f_distribution::beta_quantile;
+
 /// The 0.975 quantile of the standard normal distribution.
 pub(crate) const Z: f64 = 1.959_963_984_540_054;
 
@@ -78,6 +80,37 @@ pub fn wilson(successes: u64, n: u64) -> Estimate {
     let low = if successes == 0 { 0.0 } else { center - half };
     let high = if successes == n { 1.0 } else { center + half };
     Estimate { value: Some(p), low: Some(low), high: Some(high), n }
+}
+
+/// Returns the rate `successes` / `n` with its exact interval, which contains the true rate with a probability of at least
+/// `confidence` for every rate and every n. For `n` = 0 every value is `None`. `successes` must be at most `n`, and `n` at most 10⁹.
+///
+/// The bounds are quantiles of beta distributions, which are found by bisection.
+///
+/// # Example
+/// ```
+/// use mishandle_evaluation::clopper_pearson;
+/// let rate = clopper_pearson(0, 1000, 0.95);
+/// // 1 - 0.025^(1/1000)
+/// assert!((rate.high.unwrap() - 0.003_682_1).abs() < 1e-7 && rate.low == Some(0.0));
+/// ```
+///
+/// # Reference
+/// Clopper and Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial", Biometrika 26, 1934.
+pub fn clopper_pearson(successes: u64, n: u64, confidence: f64) -> Estimate {
+    if n == 0 {
+        return Estimate::default();
+    }
+    let tail = 0.5 * (1.0 - confidence);
+    let (k, others) = (successes as u32, (n - successes) as u32);
+    let low = if k == 0 { 0.0 } else { beta_quantile(tail, (2 * k, 2 * (others + 1))) };
+    let high = match (k, others) {
+        (_, 0) => 1.0,
+        // `exp_m1` is exact where the power is close to 1.
+        (0, _) => -(tail.ln() / n as f64).exp_m1(),
+        _ => beta_quantile(1.0 - tail, (2 * (k + 1), 2 * others)),
+    };
+    Estimate { value: Some(successes as f64 / n as f64), low: Some(low), high: Some(high), n }
 }
 
 /// Returns the mean of `values` with its percentile bootstrap interval.
@@ -233,6 +266,25 @@ mod tests {
         let rising: Vec<f64> = (0..10).map(f64::from).collect();
         assert_eq!(bootstrap_mean(&rising[..9], Seed(0)).low, None);
         assert!(bootstrap_mean(&rising, Seed(0)).low.is_some());
+    }
+
+    /// SciPy 1.17.1, with t = (1 - c) / 2: `beta.ppf(t, k, n - k + 1)` and `beta.ppf(1 - t, k + 1, n - k)`.
+    #[test]
+    fn exact_intervals_match_scipy() {
+        for (k, n, confidence, low, high) in [
+            (0, 1000, 0.95, 0.0, 0.003_682_083_896_865_671),
+            (3, 5000, 0.95, 0.000_123_751_520_469_312_9, 0.001_752_443_603_396_047_1),
+            (20, 12_500, 0.99, 0.000_828_548_066_331_153_5, 0.002_771_812_680_727_355_4),
+            (112, 60_000, 0.95, 0.001_537_248_235_175_438_3, 0.002_245_658_812_611_499),
+            (5, 5, 0.95, 0.478_176_249_895_018_56, 1.0),
+        ] {
+            let found = clopper_pearson(k, n, confidence);
+            let is_close =
+                |found: Option<f64>, expected: f64| (found.unwrap() - expected).abs() < 1e-9 * expected;
+            assert!(found.low == Some(low) || is_close(found.low, low), "{k} of {n}: {found:?}");
+            assert!(is_close(found.high, high), "{k} of {n}: {found:?}");
+        }
+        assert_eq!(clopper_pearson(0, 0, 0.95), Estimate::default());
     }
 
     /// Five standard errors of a rate of 0.9 in 2000 samples are 0.034.

@@ -38,14 +38,14 @@ mod repeats;
 mod run;
 mod survival;
 
-pub use betting::betting_mean;
+pub use betting::{betting_mean, betting_mean_at};
 pub use chi_squared::chi_squared_tail;
 pub use corners::{CornerReport, CornerResult, Corners, evaluate_corners};
 pub use effect::vargha_delaney;
 pub use error::EvaluationError;
 pub use exact::{fisher_test, sign_test};
 pub use holm::holm;
-pub use interval::{Estimate, bootstrap_mean, bound_without_failures, wilson};
+pub use interval::{Estimate, bootstrap_mean, bound_without_failures, clopper_pearson, wilson};
 pub use kolmogorov_smirnov::kolmogorov_smirnov;
 pub use kruskal_wallis::{KruskalWallis, kruskal_wallis};
 pub use metrics::{EvaluationReport, FormulaRoles, Metrics};

@@ -20,6 +20,7 @@
 
 mod car_following;
 mod function_system;
+mod hidden_corner;
 mod needle;
 mod noisy;
 mod plateau;
@@ -30,5 +31,11 @@ pub use function_system::{FunctionSystem, SimulatedEnd};
 pub use toy::{Toy, target};
 
 /// All toys, in the order of the list.
-pub static TOYS: &[&dyn Toy] =
-    &[&sphere::Sphere, &needle::Needle, &plateau::Plateau, &noisy::Noisy, &car_following::CarFollowing];
+pub static TOYS: &[&dyn Toy] = &[
+    &sphere::Sphere,
+    &needle::Needle,
+    &plateau::Plateau,
+    &hidden_corner::HiddenCorner,
+    &noisy::Noisy,
+    &car_following::CarFollowing,
+];

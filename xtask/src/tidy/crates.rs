@@ -16,7 +16,7 @@ const UNLISTED: [&str; 1] = ["xtask"];
 /// The crate that links MuJoCo.
 const MUJOCO: &str = "world";
 /// Crates that must not link MuJoCo, directly or through another crate, because they serve any simulator.
-const WITHOUT_MUJOCO: [&str; 12] = [
+const WITHOUT_MUJOCO: [&str; 13] = [
     "random",
     "files",
     "stl",
@@ -29,6 +29,7 @@ const WITHOUT_MUJOCO: [&str; 12] = [
     "evaluation",
     "training",
     "falsification",
+    "risk",
 ];
 /// A package of the workspace, as cargo sees it.
 pub struct Package {

@@ -110,7 +110,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
     let mut plan = run::plan(&command.subject, &command.run)?;
     let evaluate = plan.evaluate.take().unwrap_or_default();
-    plan.falsify = None;
+    (plan.falsify, plan.risk) = (None, None);
     plan.evaluate = Some(EvaluatePlan {
         episodes: command.episodes.unwrap_or(evaluate.episodes),
         batch: command.subject.batch.unwrap_or(evaluate.batch),

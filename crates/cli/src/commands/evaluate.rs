@@ -86,7 +86,7 @@ fn plan(command: &Arguments) -> Result<Plan> {
             other => anyhow::bail!("--box is `{other}`; it must be whole or reachable"),
         };
     }
-    plan.falsify = None;
+    (plan.falsify, plan.risk) = (None, None);
     plan.evaluate = Some(EvaluatePlan { ..evaluate });
     Ok(plan)
 }

@@ -186,7 +186,7 @@ fn plan(command: &Arguments) -> Result<Plan> {
     falsify.budget = command.budget.unwrap_or(falsify.budget);
     falsify.batch = command.subject.batch.unwrap_or(falsify.batch);
     falsify.early_stopping |= command.early_stopping;
-    plan.evaluate = None;
+    (plan.evaluate, plan.risk) = (None, None);
     plan.falsify = Some(falsify);
     Ok(plan)
 }

@@ -99,7 +99,7 @@ fn plan(command: &Arguments) -> Result<Plan> {
     }
     let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
     falsify.formula = command.formula.clone().or(falsify.formula);
-    Ok(Plan { falsify: Some(falsify), evaluate: None, ..plan })
+    Ok(Plan { falsify: Some(falsify), evaluate: None, risk: None, ..plan })
 }
 
 /// Simulates the witness with other seeds, if they can change the result.

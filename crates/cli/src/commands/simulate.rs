@@ -52,7 +52,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
     falsify.formula = command.formula.clone().or(falsify.formula);
     plan.falsify = Some(falsify);
-    plan.evaluate = None;
+    (plan.evaluate, plan.risk) = (None, None);
     let resolved = ResolvedPlan::new(&plan)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
     let scenario = scenario(&resolved.space, &command.at)?;

@@ -1,0 +1,188 @@
+//! `mishandle risk`: the probability that a controller fails under a distribution of scenarios.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use mishandle::risk::{Failure, Report, Scenarios};
+use mishandle::rollout::{Axis, Request};
+use mishandle::{Counterexample, Plan, ResolvedPlan, RiskPlan, shell_quote};
+use serde_json::{Value, json};
+
+use super::{counterexamples, simulate};
+use crate::output::{self, number};
+use crate::progress::Bar;
+use crate::{ExitStatus, args, numbers, risk_text, run};
+
+/// Estimate the probability that a simulation violates a formula
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle risk toy/hidden-corner
+  mishandle risk ball-balancing --controller ppo --simulations 100000
+  mishandle risk ball-balancing --controller ppo --space starts+dynamics \\
+      --distribution ball_mass_scale=normal:1:0.1
+
+Distributions: uniform, log-uniform, normal:MEAN:STD, triangular:MODE, and weights:W0:W1:... with a
+weight for each value of a discrete axis. All are truncated to the bounds of the axis. Exit code 1
+means that a simulation violated the formula.")]
+pub struct Arguments {
+    #[command(flatten)]
+    pub subject: args::Subject,
+    /// Requirement: the name of a formula of the target, or the text of a formula [default: the target's first formula]
+    #[arg(long, allow_hyphen_values = true)]
+    pub formula: Option<String>,
+    /// Distribution of an axis, for instance friction_scale=normal:1:0.1; repeat the flag for several axes [default: the
+    /// distribution that the axis declares, mostly uniform]
+    #[arg(long, value_name = "NAME=DISTRIBUTION", allow_hyphen_values = true, value_parser = distribution)]
+    pub distribution: Vec<(String, String)>,
+    /// Number of simulations [default: 50000]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(value_parser = numbers::integer::<u64>(RiskPlan::SIMULATIONS))]
+    pub simulations: Option<u64>,
+    /// Parts of the estimation besides Monte Carlo: auto (all), monte-carlo (none), importance or splitting
+    /// [default: auto]
+    #[arg(long, value_name = "METHOD")]
+    pub method: Option<String>,
+    /// Write the first of the shown failures to this .json file, which `mishandle replay` runs again
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Overwrite FILE if it exists
+    #[arg(long)]
+    pub force: bool,
+    #[command(flatten)]
+    pub run: args::Run,
+}
+
+/// Parses `NAME=DISTRIBUTION`.
+fn distribution(text: &str) -> Result<(String, String), String> {
+    let (name, distribution) = text
+        .split_once('=')
+        .ok_or("expected the name of an axis and a distribution, such as friction_scale=normal:1:0.1")?;
+    Ok((name.to_string(), distribution.to_string()))
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
+    run::set_threads(command.run.threads)?;
+    let resolved = ResolvedPlan::new(&plan(command)?)?;
+    output::warn_of_chained_comparisons(&resolved.specification.requirement);
+    if let Some(out) = &command.out {
+        ensure!(counterexamples::is_file(out), "--out is {}; it must end with .json", out.display());
+        output::refuse_inputs(out, "--out", [Path::new(&resolved.plan.controller)])?;
+        drop(output::create(out, command.force)?);
+    }
+    let scenarios = mishandle::risk_scenarios(&resolved)?;
+    let bar = Bar::new(resolved.plan.risk.as_ref().map_or(0, |risk| risk.simulations), "simulations");
+    let report = mishandle::risk(&resolved, |done| bar.set_position(done))?;
+    bar.clear();
+    if let (Some(out), Some(failure)) = (&command.out, report.failures.first()) {
+        write_failure(&resolved, &scenarios, failure, out, command.force)?;
+    }
+    match command.run.json {
+        true => output::json(document(&resolved, &scenarios, &report))?,
+        false => output::line(&risk_text::text(&resolved, &scenarios, &report))?,
+    }
+    match (&command.out, report.failures.first()) {
+        (Some(out), Some(_)) => {
+            output::message(&format!("Failure: mishandle replay {}", shell_quote(&out.to_string_lossy())));
+        }
+        (Some(_), None) => output::message("there is no failure to write"),
+        (None, _) => {}
+    }
+    let undecided = report.monte_carlo.without_verdict;
+    ensure!(
+        undecided < report.monte_carlo.simulations,
+        "no simulation of Monte Carlo has a verdict, so the controller was not tested"
+    );
+    Ok(if report.failures.is_empty() { ExitStatus::Done } else { ExitStatus::Violated })
+}
+
+fn plan(command: &Arguments) -> Result<Plan> {
+    let mut plan = run::plan(&command.subject, &command.run)?;
+    let mut risk = plan.risk.take().unwrap_or_default();
+    risk.formula = command.formula.clone().or(risk.formula);
+    risk.simulations = command.simulations.unwrap_or(risk.simulations);
+    risk.method = command.method.clone().unwrap_or(risk.method);
+    risk.batch = command.subject.batch.unwrap_or(risk.batch);
+    for (index, (name, distribution)) in command.distribution.iter().enumerate() {
+        let earlier = command.distribution[..index].iter().any(|(other, _)| other == name);
+        ensure!(!earlier, "the axis {name} has two distributions; give --distribution {name}=... once");
+        risk.distributions.insert(name.clone(), distribution.clone());
+    }
+    Ok(Plan { risk: Some(risk), evaluate: None, falsify: None, ..plan })
+}
+
+fn write_failure(
+    resolved: &ResolvedPlan,
+    scenarios: &Scenarios,
+    failure: &Failure,
+    out: &Path,
+    force: bool,
+) -> Result<()> {
+    let request = Request::new(scenarios.scenario(&failure.draw.latent), failure.draw.seed);
+    let episode = resolved.system()?.rollout(&[request])?.pop().context("the target returned no episode")?;
+    let counterexample = Counterexample::from_episode(resolved, &episode)?;
+    output::write_atomically(out, force, counterexample.to_json().as_bytes())
+}
+
+fn document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> Value {
+    let Report { answer, monte_carlo, importance, splitting, .. } = report;
+    let distribution = |(axis, marginal): (&Axis, &mishandle::risk::Marginal)| {
+        let text = if axis.is_fixed() { "fixed".to_string() } else { marginal.to_string() };
+        json!({ "axis": axis.name, "distribution": text, "low": axis.low, "high": axis.high, "unit": axis.unit })
+    };
+    let failure = |failure: &Failure| {
+        let scenario = scenarios.scenario(&failure.draw.latent);
+        json!({
+            "scenario": run::scenario(resolved.space.axes(), scenario.values()),
+            "seed": failure.draw.seed.0.to_string(),
+            "robustness": number(failure.robustness),
+        })
+    };
+    let own = json!({
+        "formula": resolved.specification.requirement.to_string(),
+        "method": resolved.plan.risk.as_ref().map(|risk| &risk.method),
+        "distribution": scenarios.axes().map(distribution).collect::<Vec<_>>(),
+        "simulations": report.simulations,
+        "probability": answer.source.map(|source| json!({
+            "value": answer.estimate.value,
+            "low": answer.estimate.low,
+            "high": answer.estimate.high,
+            "source": risk_text::source(source),
+            "assumption": risk_text::assumption(report),
+        })),
+        "bounds": answer.bounds,
+        "refusals": risk_text::refusals(report),
+        "monte_carlo": {
+            "simulations": monte_carlo.simulations,
+            "failures": monte_carlo.failures,
+            "without_verdict": monte_carlo.without_verdict,
+            "failure_rate": output::estimate(&monte_carlo.estimate()),
+        },
+        "exploration": { "simulations": report.exploration },
+        "importance": importance.as_ref().map(|importance| json!({
+            "fitting_simulations": importance.fitting,
+            "simulations": importance.simulations,
+            "failures": importance.failures,
+            "effective_failures": importance.effective_failures,
+            "components": importance.components,
+            "regions": output::estimate(&importance.regions),
+            "outside": importance.outside,
+            "monte_carlo_inside": importance.monte_carlo_inside,
+            "monte_carlo_outside": importance.monte_carlo_outside,
+        })),
+        "splitting": splitting.as_ref().map(|splitting| json!({
+            "simulations": splitting.simulations,
+            "population": splitting.population,
+            "estimate": splitting.estimate().ok().map(|estimate| output::estimate(&estimate)),
+            "chains": splitting.chains.iter().map(|chain| json!({
+                "probability": chain.probability,
+                "level": number(chain.level),
+                "is_complete": chain.is_complete,
+                "levels": chain.levels,
+                "acceptance": chain.acceptance,
+            })).collect::<Vec<_>>(),
+        })),
+        "failures": report.failures.iter().map(failure).collect::<Vec<_>>(),
+    });
+    output::joined(simulate::document(resolved), own)
+}

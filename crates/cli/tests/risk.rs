@@ -1,0 +1,101 @@
+//! The probability of a failure, with what it assumes.
+
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use bench::Bench;
+use serde_json::Value;
+
+/// A disc with 7.9e-5 of the square: π 0.01² / 4.
+const RARE: &str = "risk toy/sphere-2d --formula 'always(distance >= 0.01)' --simulations 10000";
+const DISC: f64 = 7.853_981_633_974_483e-5;
+
+#[test]
+fn a_rare_failure_has_an_estimate_with_its_assumption_and_a_failure_that_replays() {
+    let bench = Bench::new();
+    let report = bench.json(&format!("{RARE} --out failure.json --json"), 1);
+    let number = |key: &str| report["probability"][key].as_f64().unwrap();
+    assert!((number("value") / DISC - 1.0).abs() < 0.2, "{}", report["probability"]);
+    assert!(number("low") < DISC && DISC < number("high"));
+    assert_eq!(
+        (&report["probability"]["source"], &report["simulations"]),
+        (&"importance".into(), &10000.into())
+    );
+    assert!(report["probability"]["assumption"].is_string());
+    // Without the assumption, 2,500 simulations of Monte Carlo do not exclude 1e-3.
+    assert!(report["bounds"][1].as_f64().unwrap() > 1e-3);
+    let replayed = bench.json("replay failure.json --json", 0);
+    assert_eq!(replayed["robustness"], report["failures"][0]["robustness"]);
+    bench.refuses(&format!("{RARE} --out failure.json"), &["failure.json exists already"]);
+}
+
+#[test]
+fn a_frequent_failure_is_answered_by_monte_carlo_alone() {
+    let bench = Bench::new();
+    let said = bench.check("risk toy/sphere-2d --simulations 20000", 1);
+    assert!(said.contains("which assumes nothing") && said.contains("enough for an answer"), "{said}");
+}
+
+#[test]
+fn the_declared_distribution_changes_the_probability_and_is_printed() {
+    let bench = Bench::new();
+    // At x = 0.3 and y around -0.4 with a standard deviation of 0.05, half a width of 0.1 fails: 95.45 %.
+    let command = "risk toy/sphere-2d --set x=0.3 --distribution y=normal:-0.4:0.05 --simulations 4000";
+    let report = bench.json(&format!("{command} --json"), 1);
+    let value = report["probability"]["value"].as_f64().unwrap();
+    // Five standard errors.
+    assert!((value - 0.9545).abs() < 0.0165, "{value}");
+    let distribution = |axis: usize| report["distribution"][axis]["distribution"].clone();
+    assert_eq!((distribution(0), distribution(1)), ("fixed".into(), "normal:-0.4:0.05".into()));
+    assert!(bench.check(command, 1).contains("distribution of y: normal:-0.4:0.05 from -1 to 1 m"));
+    bench.write(
+        "plan.toml",
+        "target = 'toy/sphere-2d'\n[axes]\nx = 0.3\n[risk]\nsimulations = 4000\n[risk.distributions]\ny = 'normal:-0.4:0.05'\n",
+    );
+    assert_eq!(bench.json("risk --plan plan.toml --json", 1), report);
+}
+
+#[test]
+fn a_system_without_failures_has_an_upper_bound_and_no_estimate() {
+    let bench = Bench::new();
+    let command = "risk toy/sphere-2d --formula 'always(distance >= -1)' --simulations 3000";
+    let report = bench.json(&format!("{command} --json"), 0);
+    assert_eq!((&report["probability"], &report["failures"]), (&Value::Null, &Value::Array(Vec::new())));
+    // The searches do not count.
+    let n = report["monte_carlo"]["simulations"].as_f64().unwrap();
+    assert!(n < 3000.0);
+    let bound = 1.0 - 0.025_f64.powf(1.0 / n);
+    assert!((report["bounds"][1].as_f64().unwrap() / bound - 1.0).abs() < 1e-9);
+    assert!(bench.check(command, 0).contains("no estimate; from 0 to 0.001"));
+}
+
+#[test]
+fn results_do_not_depend_on_threads_or_batches() {
+    let bench = Bench::new();
+    let of = |flags: &str| bench.check(&format!("{RARE} --json {flags}"), 1);
+    let report = of("--threads 1");
+    assert_eq!(report, of("--threads 2 --batch 7"));
+    assert_ne!(report, of("--seed 1"));
+}
+
+#[test]
+fn impossible_requests_are_errors() {
+    let bench = Bench::new();
+    for (flags, parts) in [
+        ("--distribution z=uniform", &["no axis `z`", "x, y"][..]),
+        ("--distribution x=gamma:1", &["`gamma:1` is unknown", "triangular:MODE"]),
+        ("--distribution x=normal:1:-1", &["the axis x", "the standard deviation positive"]),
+        ("--distribution x=normal:900:1", &["almost no probability from -1 to 1"]),
+        ("--distribution x=uniform --distribution x=uniform", &["has two distributions"]),
+        ("--distribution x=log-uniform", &["its lower bound is not positive"]),
+        ("--distribution x=weights:1:2", &["its values are not discrete"]),
+        ("--distribution x", &["such as friction_scale=normal:1:0.1"]),
+        ("--simulations 0", &["too small"]),
+        ("--method exact", &["no method `exact`", "splitting"]),
+        ("--set x=0 --set y=0", &["without a fixed value"]),
+        ("--out failure.txt", &["it must end with .json"]),
+    ] {
+        bench.refuses(&format!("risk toy/sphere-2d {flags}"), parts);
+    }
+}

@@ -1,0 +1,103 @@
+//! Runs simulations of draws and counts them.
+
+use mishandle_rollout::{Request, System};
+
+use crate::{Draw, RiskError, Scenarios};
+
+/// Largest number of failures that are kept.
+const KEPT: usize = 1000;
+
+/// A simulation that violates the requirement.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Failure {
+    /// Scenario and seed.
+    pub draw: Draw,
+    /// Robustness, below 0.
+    pub robustness: f64,
+}
+
+/// The simulations of an estimation.
+pub(crate) struct Experiment<'a> {
+    system: &'a mut dyn System,
+    pub(crate) scenarios: &'a Scenarios,
+    batch: usize,
+    budget: u64,
+    done: u64,
+    /// Failures nearest to the center of the latent space, unordered.
+    failures: Vec<Failure>,
+    watch: &'a mut dyn FnMut(u64),
+}
+
+impl<'a> Experiment<'a> {
+    pub(crate) fn new(
+        system: &'a mut dyn System,
+        scenarios: &'a Scenarios,
+        (budget, batch): (u64, usize),
+        watch: &'a mut dyn FnMut(u64),
+    ) -> Experiment<'a> {
+        Experiment { system, scenarios, batch: batch.max(1), budget, done: 0, failures: Vec::new(), watch }
+    }
+
+    /// Returns the number of simulations so far.
+    pub(crate) fn done(&self) -> u64 {
+        self.done
+    }
+
+    /// Returns the number of simulations that the budget still allows.
+    pub(crate) fn left(&self) -> u64 {
+        self.budget.saturating_sub(self.done)
+    }
+
+    /// Returns the robustness of each draw; `None` without a verdict.
+    pub(crate) fn simulate(&mut self, draws: &[Draw]) -> Result<Vec<Option<f64>>, RiskError> {
+        let mut robustness = Vec::with_capacity(draws.len());
+        for batch in draws.chunks(self.batch) {
+            let request = |draw: &Draw| Request::new(self.scenarios.scenario(&draw.latent), draw.seed);
+            let requests: Vec<Request> = batch.iter().map(request).collect();
+            let episodes = self.system.rollout(&requests)?;
+            if episodes.len() != requests.len() {
+                return Err(RiskError::EpisodeCount { requested: requests.len(), returned: episodes.len() });
+            }
+            robustness.extend(episodes.iter().map(mishandle_rollout::Episode::robustness));
+            self.done += batch.len() as u64;
+            (self.watch)(self.done);
+        }
+        for (draw, rho) in draws.iter().zip(&robustness) {
+            if let Some(robustness) = rho.filter(|rho| *rho < 0.0) {
+                self.failures.push(Failure { draw: draw.clone(), robustness });
+            }
+        }
+        if self.failures.len() > 2 * KEPT {
+            self.sort_failures();
+            self.failures.truncate(KEPT);
+        }
+        Ok(robustness)
+    }
+
+    /// Returns the robustness of each draw, the worst possible one without a verdict.
+    pub(crate) fn robustness(&mut self, draws: &[Draw]) -> Result<Vec<f64>, RiskError> {
+        Ok(self.simulate(draws)?.into_iter().map(|rho| rho.unwrap_or(f64::INFINITY)).collect())
+    }
+
+    /// Returns up to `n` failures, the ones nearest to the center of the distribution first, each at a distance of at least `apart`
+    /// from the ones before it.
+    pub(crate) fn distinct_failures(mut self, n: usize, apart: f64) -> Vec<Failure> {
+        self.sort_failures();
+        let mut chosen: Vec<Failure> = Vec::new();
+        for failure in self.failures {
+            let is_new = chosen.iter().all(|other| distance(&other.draw, &failure.draw) >= apart);
+            if chosen.len() < n && is_new {
+                chosen.push(failure);
+            }
+        }
+        chosen
+    }
+
+    fn sort_failures(&mut self) {
+        self.failures.sort_by(|a, b| a.draw.squared_radius().total_cmp(&b.draw.squared_radius()));
+    }
+}
+
+fn distance(a: &Draw, b: &Draw) -> f64 {
+    a.latent.iter().zip(&b.latent).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
