@@ -23,6 +23,11 @@ pub trait RoundBased: Send {
 
     /// Returns why the search has ended; `None` if it has not.
     fn finished(&self) -> Option<SearchEnd>;
+
+    /// Returns whether searches with different seeds propose different points.
+    fn depends_on_seed(&self) -> bool {
+        true
+    }
 }
 
 /// Adapts a round-based search to the [`Search`] interface.
@@ -92,6 +97,10 @@ impl<M: RoundBased> Search for AskTell<M> {
 
     fn finished(&self) -> Option<SearchEnd> {
         self.machine.finished()
+    }
+
+    fn depends_on_seed(&self) -> bool {
+        self.machine.depends_on_seed()
     }
 
     fn best(&self) -> Option<(&[f64], f64)> {

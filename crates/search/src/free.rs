@@ -63,6 +63,10 @@ impl Search for FreeSearch {
         self.inner.samples_uniformly()
     }
 
+    fn depends_on_seed(&self) -> bool {
+        self.inner.depends_on_seed()
+    }
+
     fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError> {
         self.pending.resolve(u, observation.robustness)?;
         let free = u.iter().zip(&self.is_free).filter(|(_, is_free)| **is_free).map(|(u, _)| *u);

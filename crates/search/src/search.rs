@@ -45,6 +45,11 @@ pub trait Search: Send {
         false
     }
 
+    /// Returns whether searches with different seeds propose different points. Another seed is of no use if they do not.
+    fn depends_on_seed(&self) -> bool {
+        true
+    }
+
     /// Passes the observation at a proposed point to the search. Observations must be in the order of the points.
     ///
     /// # Errors

@@ -22,6 +22,7 @@ mod car_following;
 mod function_system;
 mod needle;
 mod noisy;
+mod pits;
 mod plateau;
 mod sphere;
 mod toy;
@@ -30,5 +31,11 @@ pub use function_system::{FunctionSystem, SimulatedEnd};
 pub use toy::{Toy, target};
 
 /// All toys, in the order of the list.
-pub static TOYS: &[&dyn Toy] =
-    &[&sphere::Sphere, &needle::Needle, &plateau::Plateau, &noisy::Noisy, &car_following::CarFollowing];
+pub static TOYS: &[&dyn Toy] = &[
+    &sphere::Sphere,
+    &needle::Needle,
+    &plateau::Plateau,
+    &noisy::Noisy,
+    &pits::Pits,
+    &car_following::CarFollowing,
+];

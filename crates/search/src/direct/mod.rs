@@ -155,6 +155,10 @@ impl RoundBased for Direct {
     fn finished(&self) -> Option<SearchEnd> {
         self.end
     }
+
+    fn depends_on_seed(&self) -> bool {
+        false
+    }
 }
 
 #[cfg(test)]
