@@ -23,14 +23,14 @@ import tempfile
 
 SEEDS = range(10)
 SYSTEMS = {
-    "pits-2": ("toy/pits", [], 300),
-    "pits-6": ("toy/pits", ["--space", "starts+dynamics"], 1000),
-    "car": ("toy/car-following", ["--space", "events+dynamics"], 300),
-    "balance": ("ball-balancing", ["--controller", "ppo", "--space", "events"], 300),
-    "push": ("ball-pushing", ["--controller", "ppo", "--space", "starts+events"], 300),
-    "reach": ("point-reaching", ["--controller", "ppo", "--space", "starts+events"], 300),
+    "pits": ("toy/pits", [], 300),
+    "small-pits": ("toy/pits", ["--formula", "always(height >= -0.02 and clearance >= -0.02)"], 500),
+    "idle-axes": ("toy/pits", ["--space", "starts+dynamics"], 500),
+    "balance": ("ball-balancing", ["--controller", "ppo", "--space", "events"], 200),
+    "reach": ("point-reaching", ["--controller", "ppo", "--space", "starts+events"], 200),
 }
 SEARCHES = ["portfolio", "turbo", "cma-es", "nelder-mead"]
+SEARCHES_OF_TASKS = ["portfolio", "turbo"]
 CENTERS = [(0.2, 0.2), (0.75, 0.25), (0.25, 0.75), (0.55, 0.55), (0.85, 0.6), (0.8, 0.9)]
 
 
@@ -65,11 +65,11 @@ def measure(program, target, run):
 def repeated(program, target, arguments, budget, search, seed, folder):
     """Runs plain trials, and keeps those whose simulations together are at most the budget."""
     plain = [*arguments, "--search", search, "--seed", str(seed), "--budget", str(budget)]
-    trials = falsify(program, target, [*plain, "--trials", "60"], folder / "all.sqlite")["trials"]
+    trials = falsify(program, target, [*plain, "--trials", "200"], folder / "all.sqlite")["trials"]
     sums = list(itertools.accumulate(trial["simulations"] for trial in trials))
     count = sum(total <= budget for total in sums)
     if count == len(trials):
-        print(f"  {search}: 60 trials took only {sums[-1]} of {budget} simulations", file=sys.stderr)
+        print(f"  {search}: 200 trials took only {sums[-1]} of {budget} simulations", file=sys.stderr)
     run = folder / "repeated.sqlite"
     if count == 0:
         return {"failures": 0, "modes": 0, "cells": 0, **({"pits": 0} if target == "toy/pits" else {})}
@@ -83,7 +83,8 @@ def main():
     for name in chosen or SYSTEMS:
         target, arguments, budget = SYSTEMS[name]
         print(f"{name}: {target} {' '.join(arguments)}, {budget} simulations, seeds {SEEDS.start} to {SEEDS.stop - 1}")
-        for method, search in [("random", "random"), *itertools.product(["repeated", "keep-going"], SEARCHES)]:
+        searches = SEARCHES if target.startswith("toy/") else SEARCHES_OF_TASKS
+        for method, search in [("random", "random"), *itertools.product(["repeated", "keep-going"], searches)]:
             results = []
             for seed in SEEDS:
                 with tempfile.TemporaryDirectory() as folder:

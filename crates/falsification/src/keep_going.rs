@@ -1,13 +1,14 @@
 //! Trials that continue after their first violation and collect failure modes.
 //!
-//! The search of such a trial is steered away from known failures, so that it does not stay in the first failing patch. It
-//! works for every search, because only the reported values change:
+//! Such a trial is a sequence of searches. Each ends at a failure, as in a plain trial, and is steered away from the failures of
+//! those before it, so that the trial does not stay in the first failing patch. It works for every search, because only the
+//! reported values change:
 //!
-//! - A failure is reported as the *fill level*, the median of |ρ| in the trial so far. So is a better value near a known failure.
-//!   The known wells of the landscape are filled, and the search sees the others.
-//! - After a failure at a new place, a new search with another seed continues. The old one has points of the well in memory.
-//! - A search without such a failure is replaced, too: after 50 simulations times the next number of Luby's sequence 1, 1, 2, 1,
-//!   1, 2, 4, ..., which starts again at each such failure. A search that ignores its seed is never replaced.
+//! - Near a known failure a search observes at least m (2 - d / r), with the median m of |ρ| in the trial so far, the distance d
+//!   to the failure and the radius r. The known wells of the landscape are filled, with a slope away from them.
+//! - A search without a failure is replaced after 50 simulations times the next number of Luby's sequence 1, 1, 2, 1, 1, 2, 4,
+//!   ..., which starts again at each failure at a new place.
+//! - A search that ignores its seed is never replaced.
 //!
 //! This is the sequential niche technique of Beasley, Bull and Martin, "A sequential niche technique for multimodal function
 //! optimization", Evolutionary Computation 1(2), 1993, with the restarts of Luby, Sinclair and Zuckerman, "Optimal speedup of Las
@@ -33,14 +34,14 @@ use crate::{
     unit_scenario,
 };
 
-/// Root mean square distance from a known failure within which values are filled: half of the distance within which two
+/// Root mean square distance r from a known failure within which values are raised: half of the distance within which two
 /// failures belong to one mode, so that a patch is covered before the search leaves it.
 const RADIUS: f64 = 0.075;
 
 /// Number of simulations of a search without a failure at a new place, times a number of Luby's sequence.
 const RESTART_AFTER: u32 = 50;
 
-/// Number of values of which the fill level is the median; later ones do not count.
+/// Number of values that count for the median; later ones do not.
 const MAX_VALUES: usize = 1000;
 
 /// Probability that the stopping rule stops too early: see [`simulations_without_mode`].
@@ -91,13 +92,14 @@ pub(crate) struct Archive<'a> {
     numbers: Vec<u32>,
     /// Scenarios that do not fail.
     others: Vec<UnitScenario>,
-    /// Filled regions, by predicate.
+    /// Known failures, by predicate.
     wells: BTreeMap<String, Well>,
     /// Absolute values of the robustness, sorted.
     magnitudes: Vec<f64>,
     /// Number of searches since the last failure at a new place.
     searches: u32,
-    /// Whether the last simulation failed at a new place.
+    /// Whether the last simulation failed, and whether at a new place.
+    has_failed: bool,
     has_discovered: bool,
     /// Number of the simulation before which the trial cannot end for lack of new modes.
     next_check: u32,
@@ -123,6 +125,7 @@ impl<'a> Archive<'a> {
             wells: BTreeMap::new(),
             magnitudes: Vec::new(),
             searches: 1,
+            has_failed: false,
             has_discovered: false,
             next_check: 0,
         }
@@ -131,18 +134,17 @@ impl<'a> Archive<'a> {
     /// Adds an episode and returns what the search observes.
     pub(crate) fn observe(&mut self, episode: &Episode) -> Result<Observation, FalsificationError> {
         self.simulations += 1;
-        self.has_discovered = false;
+        (self.has_failed, self.has_discovered) = (false, false);
         let Some(robustness) = episode.robustness() else {
             return Ok(observation(episode));
         };
         self.add_magnitude(robustness.abs());
         let point = unit_scenario(self.space.axes(), episode.request.scenario.values());
         if robustness < 0.0 {
-            self.add_failure(point, episode)?;
-            return Ok(self.fill_level().into());
+            self.add_failure(&point, episode)?;
         }
-        let level = if self.is_known(&point) { self.fill_level() } else { f64::NEG_INFINITY };
-        if self.others.len() < MAX_OTHERS {
+        let level = self.level(&point);
+        if robustness >= 0.0 && self.others.len() < MAX_OTHERS {
             self.others.push(point);
         }
         Ok(if robustness < level { level.into() } else { observation(episode) })
@@ -168,9 +170,9 @@ impl<'a> Archive<'a> {
         !self.failures.is_empty()
     }
 
-    /// Returns whether another search must continue, because the present one failed at a new place.
-    pub(crate) fn has_discovered(&self) -> bool {
-        self.has_discovered
+    /// Returns whether the last simulation failed, so that another search must continue.
+    pub(crate) fn has_failed(&self) -> bool {
+        self.has_failed
     }
 
     /// Returns the number of simulations after which another search must continue; `None` before the first violation.
@@ -183,13 +185,14 @@ impl<'a> Archive<'a> {
         self.searches = if self.has_discovered { 1 } else { self.searches + 1 };
     }
 
-    fn add_failure(&mut self, point: UnitScenario, episode: &Episode) -> Result<(), FalsificationError> {
+    fn add_failure(&mut self, point: &UnitScenario, episode: &Episode) -> Result<(), FalsificationError> {
         let (trial, number) = (episode.request.trial, episode.request.number);
         if episode.trace.is_empty() {
             return Err(FalsificationError::NoTrace { trial, number });
         }
         let signature = (self.settings.signature)(&episode.trace)?;
         let Signature { predicate, sample } = signature.clone();
+        self.has_failed = true;
         if self.failures.len() < MAX_FAILURES {
             self.failures.push(FailurePoint { point: point.clone(), signature });
             self.numbers.push(number);
@@ -197,12 +200,12 @@ impl<'a> Archive<'a> {
         let (axes, steps) = (self.space.axes(), self.settings.episode_steps);
         let well = self.wells.entry(predicate.clone()).or_default();
         let is_known = |(known, at): &(UnitScenario, usize)| {
-            is_same_time(*at, sample, steps) && distance(axes, &well.axes, known, &point) <= RADIUS
+            is_same_time(*at, sample, steps) && distance(axes, &well.axes, known, point) <= RADIUS
         };
         if well.known.iter().any(is_known) {
             return Ok(());
         }
-        well.known.push((point, sample));
+        well.known.push((point.clone(), sample));
         self.has_discovered = true;
         let own = self.failures.iter().filter(|failure| failure.signature.predicate == predicate);
         let points: Vec<&UnitScenario> = own.map(|failure| &failure.point).collect();
@@ -214,13 +217,18 @@ impl<'a> Archive<'a> {
         Ok(())
     }
 
-    /// Returns whether the scenario is near a known failure.
-    fn is_known(&self, point: &UnitScenario) -> bool {
+    /// Returns the least value that a search observes at a scenario; -∞ far from all known failures.
+    fn level(&self, point: &UnitScenario) -> f64 {
         let axes = self.space.axes();
-        let in_well = |well: &Well| {
-            well.known.iter().any(|(known, _)| distance(axes, &well.axes, known, point) <= RADIUS)
-        };
-        self.wells.values().any(in_well)
+        let to = |well: &Well, known: &UnitScenario| distance(axes, &well.axes, known, point);
+        let distances =
+            self.wells.values().flat_map(|well| well.known.iter().map(|(known, _)| to(well, known)));
+        let nearest = distances.fold(f64::INFINITY, f64::min);
+        let median = self.magnitudes.get(self.magnitudes.len() / 2);
+        match median.filter(|_| nearest <= RADIUS) {
+            Some(median) => median * (2.0 - nearest / RADIUS),
+            None => f64::NEG_INFINITY,
+        }
     }
 
     fn add_magnitude(&mut self, value: f64) {
@@ -228,10 +236,6 @@ impl<'a> Archive<'a> {
             let index = self.magnitudes.partition_point(|other| *other < value);
             self.magnitudes.insert(index, value);
         }
-    }
-
-    fn fill_level(&self) -> f64 {
-        self.magnitudes.get(self.magnitudes.len() / 2).copied().unwrap_or(f64::INFINITY)
     }
 }
 

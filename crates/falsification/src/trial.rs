@@ -82,8 +82,8 @@ impl<'a> Trial<'a> {
     }
 
     /// Continues after the first violation: until the budget is spent, or new failure modes dry up. The search is steered away
-    /// from known failures. After a failure at a new place, and if the search ends or finds none for a while, another one
-    /// continues, with child k of the seed of the first one, for k = 1, 2, ...
+    /// from known failures. After a failure, and if the search ends or finds none for a while, another one continues, with child k
+    /// of the seed of the first one, for k = 1, 2, ...
     pub fn keep_going(mut self, settings: KeepGoing<'a>) -> Trial<'a> {
         self.archive = Some(Archive::new(settings, self.space.clone()));
         self
@@ -191,7 +191,7 @@ impl<'a> Trial<'a> {
     fn must_restart(&self) -> bool {
         let own = self.outcome.simulations - self.search_start;
         self.replacing_archive().is_some_and(|archive| {
-            archive.has_discovered() || archive.search_limit().is_some_and(|limit| own >= limit)
+            archive.has_failed() || archive.search_limit().is_some_and(|limit| own >= limit)
         })
     }
 
