@@ -1,6 +1,6 @@
 //! Trials that continue after their first violation and collect failure modes.
 //!
-//! Such a trial is a sequence of searches. Each ends at a failure, as in a plain trial, and is steered away from the failures of
+//! Such a trial is a sequence of searches. A local search ends at a failure, as in a plain trial, and is steered away from the failures of
 //! those before it, so that the trial does not stay in the first failing patch. It works for every search, because only the
 //! reported values change:
 //!
@@ -8,7 +8,8 @@
 //!   to the failure and the radius r. The known wells of the landscape are filled, with a slope away from them.
 //! - A search without a failure is replaced after 50 simulations times the next number of Luby's sequence 1, 1, 2, 1, 1, 2, 4,
 //!   ..., which starts again at each failure at a new place.
-//! - A search that ignores its seed is never replaced.
+//! - A search that keeps exploring the whole box, such as `random` or `portfolio`, is not replaced, neither after a failure nor
+//!   later. It keeps what it knows.
 //!
 //! This is the sequential niche technique of Beasley, Bull and Martin, "A sequential niche technique for multimodal function
 //! optimization", Evolutionary Computation 1(2), 1993, with the restarts of Luby, Sinclair and Zuckerman, "Optimal speedup of Las

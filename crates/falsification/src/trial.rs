@@ -83,7 +83,8 @@ impl<'a> Trial<'a> {
 
     /// Continues after the first violation: until the budget is spent, or new failure modes dry up. The search is steered away
     /// from known failures. After a failure, and if the search ends or finds none for a while, another one continues, with child k
-    /// of the seed of the first one, for k = 1, 2, ...
+    /// of the seed of the first one, for k = 1, 2, ...; but a search that
+    /// [keeps exploring](Search::keeps_exploring) is not replaced.
     pub fn keep_going(mut self, settings: KeepGoing<'a>) -> Trial<'a> {
         self.archive = Some(Archive::new(settings, self.space.clone()));
         self
@@ -205,9 +206,9 @@ impl<'a> Trial<'a> {
         Ok(must)
     }
 
-    /// Returns the archive if it decides when another search continues.
+    /// Returns the archive if the search is one that another replaces.
     fn replacing_archive(&self) -> Option<&Archive<'a>> {
-        self.archive.as_ref().filter(|_| self.search.depends_on_seed())
+        self.archive.as_ref().filter(|_| !self.search.keeps_exploring())
     }
 
     fn replace_search(&mut self) -> Result<(), FalsificationError> {

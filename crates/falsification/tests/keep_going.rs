@@ -221,9 +221,20 @@ fn the_stopping_rule_ends_with_one_mode_and_seldom_misses_one_of_six() {
 }
 
 #[test]
-fn a_search_that_ignores_its_seed_is_not_replaced() {
+fn a_search_that_keeps_exploring_is_not_replaced() {
     let mut setup = setup("toy/pits");
-    let (_, rows) = whole("direct", &mut setup, settings(1, 400, 1), 0.0);
-    let points: BTreeSet<String> = rows.iter().map(|row| format!("{:?}", row.request.unit_point)).collect();
-    assert_eq!(points.len(), rows.len());
+    let coordinates = [Coordinate::Continuous; 2];
+    for search in ["random", "sobol", "direct"] {
+        let (_, rows) = whole(search, &mut setup, settings(1, 400, 1), 0.0);
+        let seed = settings(1, 400, 1).trial_seed(1).child(0).0;
+        let mut alone = by_name(search, &coordinates, seed, &SearchOptions::default()).unwrap();
+        // Values decide the points of `direct`, so only the others are compared.
+        if search != "direct" {
+            let points: Vec<_> = rows.iter().map(|row| row.request.unit_point.clone()).collect();
+            assert_eq!(points, alone.ask_batch(400), "{search}");
+        }
+        let points: BTreeSet<String> =
+            rows.iter().map(|row| format!("{:?}", row.request.unit_point)).collect();
+        assert_eq!(points.len(), rows.len(), "{search}");
+    }
 }

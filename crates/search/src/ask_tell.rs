@@ -24,9 +24,9 @@ pub trait RoundBased: Send {
     /// Returns why the search has ended; `None` if it has not.
     fn finished(&self) -> Option<SearchEnd>;
 
-    /// Returns whether searches with different seeds propose different points.
-    fn depends_on_seed(&self) -> bool {
-        true
+    /// Returns whether the search explores the whole box as long as it runs: see [`Search::keeps_exploring`].
+    fn keeps_exploring(&self) -> bool {
+        false
     }
 }
 
@@ -99,8 +99,8 @@ impl<M: RoundBased> Search for AskTell<M> {
         self.machine.finished()
     }
 
-    fn depends_on_seed(&self) -> bool {
-        self.machine.depends_on_seed()
+    fn keeps_exploring(&self) -> bool {
+        self.machine.keeps_exploring()
     }
 
     fn best(&self) -> Option<(&[f64], f64)> {

@@ -63,8 +63,8 @@ impl Search for FreeSearch {
         self.inner.samples_uniformly()
     }
 
-    fn depends_on_seed(&self) -> bool {
-        self.inner.depends_on_seed()
+    fn keeps_exploring(&self) -> bool {
+        self.inner.keeps_exploring()
     }
 
     fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError> {

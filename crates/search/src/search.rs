@@ -45,9 +45,10 @@ pub trait Search: Send {
         false
     }
 
-    /// Returns whether searches with different seeds propose different points. Another seed is of no use if they do not.
-    fn depends_on_seed(&self) -> bool {
-        true
+    /// Returns whether the search explores the whole box as long as it runs, whatever the values. A local search converges, so a
+    /// new one with another seed finds other minima.
+    fn keeps_exploring(&self) -> bool {
+        false
     }
 
     /// Passes the observation at a proposed point to the search. Observations must be in the order of the points.

@@ -156,8 +156,8 @@ impl RoundBased for Direct {
         self.end
     }
 
-    fn depends_on_seed(&self) -> bool {
-        false
+    fn keeps_exploring(&self) -> bool {
+        true
     }
 }
 
