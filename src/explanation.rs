@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use mishandle_falsification::Signature;
 use mishandle_rollout::{Episode, EpisodeEnd, Request, RolloutError};
 use mishandle_stl::{Clock, Diagnosis, Formula, Monitor, Trace};
 use mishandle_store::{RunFile, RunHeader, Simulation, StoredTrace};
@@ -144,38 +145,45 @@ pub fn explain_trace(
     Ok(Explanation { diagnosis, history, decided, conjuncts, predicates, events })
 }
 
-/// What groups violations: a part of their explanation that takes little time.
+/// A part of the explanation of a violation that takes little time.
 pub(crate) struct Violation {
-    /// Robustness of the formula.
+    /// Robustness of the formula; NaN if the formula is too long to be explained.
     pub robustness: f64,
-    /// Text of the decisive predicate; empty if the formula has none, or is too long to be explained.
-    pub predicate: String,
-    /// First sample after which nothing can satisfy the formula; the decisive one if the trace does not decide the formula.
-    pub sample: usize,
+    /// Predicate and time. A formula that is too long to be explained has an empty predicate.
+    pub signature: Signature,
 }
 
 /// Returns when and by which predicate a trace violates the formula of a run.
 ///
 /// # Errors
 /// If the formula has no finite value on the trace.
-pub(crate) fn violation(header: &RunHeader, trace: &Trace) -> Result<Violation, MishandleError> {
+pub(crate) fn violation(header: &RunHeader, trace: &Trace) -> Result<Violation, RolloutError> {
     let formula = Formula::parse(&header.formula)
         .map_err(|source| RolloutError::Parse { formula: header.formula.clone(), source })?;
-    let clock = Clock::steps(header.control_dt);
-    let final_sample = decided(&formula, trace, clock, -1.0)?;
+    violation_of(&formula, trace, header.control_dt)
+}
+
+/// Returns when and by which predicate a trace violates `formula`.
+///
+/// # Errors
+/// If the formula has no finite value on the trace.
+pub(crate) fn violation_of(
+    formula: &Formula,
+    trace: &Trace,
+    control_dt: f64,
+) -> Result<Violation, RolloutError> {
+    let clock = Clock::steps(control_dt);
+    let final_sample = decided(formula, trace, clock, -1.0)?;
     if formula.subformulas().len() > MAX_SUBFORMULAS {
-        let sample = final_sample.unwrap_or(0);
-        return Ok(Violation { robustness: f64::NAN, predicate: String::new(), sample });
+        let signature = Signature { predicate: String::new(), sample: final_sample.unwrap_or(0) };
+        return Ok(Violation { robustness: f64::NAN, signature });
     }
     let monitor_error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
     let diagnosis = formula.diagnose(trace, &clock).map_err(monitor_error)?;
     let robustness = diagnosis.robustness();
     let sample = final_sample.or(diagnosis.path.last().map(|last| last.sample)).unwrap_or(0);
-    Ok(Violation {
-        robustness,
-        predicate: diagnosis.predicate.map_or(String::new(), |found| found.text),
-        sample,
-    })
+    let predicate = diagnosis.predicate.map_or(String::new(), |found| found.text);
+    Ok(Violation { robustness, signature: Signature { predicate, sample } })
 }
 
 /// Returns the first sample after which no continuation of the trace changes the sign of the robustness.
@@ -184,7 +192,7 @@ fn decided(
     trace: &Trace,
     clock: Clock,
     robustness: f64,
-) -> Result<Option<usize>, MishandleError> {
+) -> Result<Option<usize>, RolloutError> {
     let monitor_error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
     let mut monitor = Monitor::new(formula, trace.names(), clock).map_err(monitor_error)?;
     // An episode that ended early may be shorter than the windows.
@@ -192,7 +200,7 @@ fn decided(
     if samples > MAX_SAMPLES {
         return Ok(None);
     }
-    let mut is_decided = |len: usize| -> Result<bool, MishandleError> {
+    let mut is_decided = |len: usize| -> Result<bool, RolloutError> {
         let bounds = monitor.robustness_bounds(&prefix(trace, len), samples).map_err(monitor_error)?;
         Ok(bounds.is_some_and(|(low, high)| if robustness < 0.0 { high < 0.0 } else { low > 0.0 }))
     };
@@ -344,15 +352,7 @@ pub fn explain_episode(
 
 /// Returns a recorded trace with the names of the run's signals.
 pub(crate) fn trace(header: &RunHeader, stored: &StoredTrace) -> Trace {
-    let names: Arc<[String]> = header.signals.iter().map(|signal| signal.name.clone()).collect();
-    let samples = stored.columns.first().map_or(0, Vec::len);
-    let mut trace = Trace::with_capacity(names, samples);
-    let mut sample = vec![0.0; stored.columns.len()];
-    for step in 0..samples {
-        sample.iter_mut().zip(&stored.columns).for_each(|(value, column)| *value = column[step]);
-        trace.push(&sample);
-    }
-    trace
+    record::trace(header.signals.iter().map(|signal| signal.name.clone()).collect(), stored)
 }
 
 /// Simulates a recorded simulation again and returns its trace, which must be the recorded one, or the whole episode if the

@@ -1,10 +1,17 @@
 use std::ops::{ControlFlow, RangeInclusive};
+use std::rc::Rc;
 
-use mishandle_falsification::{Campaign, CampaignOutcome, CampaignSettings, Trial, TrialEnd};
+use mishandle_falsification::{
+    Campaign, CampaignOutcome, CampaignSettings, KeepGoing, Trial, TrialEnd, TrialOutcome,
+};
 use mishandle_rollout::{Axis, AxisValues, Seed, Space};
-use mishandle_search::{Coordinate, SEARCHES, SearchEntry, SearchOptions, by_name, find_search};
-use mishandle_store::{RunWriter, TrialRecord, TrialStatus};
+use mishandle_search::{
+    Coordinate, SEARCHES, Search, SearchEntry, SearchError, SearchOptions, by_name, find_search,
+};
+use mishandle_stl::Trace;
+use mishandle_store::{RunFile, RunWriter, Simulation, TrialRecord, TrialStatus};
 
+use crate::explanation::violation_of;
 use crate::record;
 use crate::replay::header;
 use crate::{FalsifyPlan, MishandleError, Plan, ResolvedPlan};
@@ -28,15 +35,17 @@ pub fn falsify(
     let FalsifyPlan { trials, budget, batch, early_stopping, .. } = *falsify;
     let settings =
         CampaignSettings { trials, budget, seed: Seed(plan.seed), batch: batch as usize, early_stopping };
-    let (coordinates, options) = (coordinates(space), search_options(falsify));
-    let new_search = |seed| by_name(&falsify.search, &coordinates, seed, &options);
-    let mut campaign = Campaign::new(settings, space, new_search)?;
+    let mut campaign = Campaign::new(settings, space, new_search(falsify, space))?;
+    if let Some(settings) = keep_going(resolved) {
+        campaign = campaign.keep_going(settings);
+    }
     let mut progress = FalsifyProgress {
         max_simulations: u64::from(trials) * u64::from(budget),
         ..FalsifyProgress::default()
     };
     for simulation in run.file().simulations() {
-        campaign.replay(&record::episode(&simulation?, &resolved.target)?)?;
+        let simulation = with_needed_trace(run.file(), simulation?, falsify)?;
+        campaign.replay(&record::episode(&simulation, &resolved.target)?)?;
         progress.simulations += 1;
     }
     let mut started = vec![false; trials as usize];
@@ -63,10 +72,10 @@ pub fn falsify(
         }
         let record = |episode| record::record(episode, resolved.stored_subformulas);
         run.record(&batch.episodes.iter().map(record).collect::<Vec<_>>())?;
-        for &(trial, end) in batch.ended {
-            run.end_trial(trial, status(end))?;
+        for trial in batch.ended {
+            run.end_trial(trial.trial, status(trial))?;
             progress.ended += 1;
-            progress.falsified += u32::from(end == TrialEnd::Falsified);
+            progress.falsified += u32::from(trial.falsified());
         }
         progress.simulations += batch.episodes.len() as u64;
         progress.max_simulations -= batch.unspent(budget);
@@ -75,10 +84,9 @@ pub fn falsify(
     // A search can end without another simulation, and a run can be killed between the last simulation of a trial and
     // the record of its end.
     for trial in &outcome.trials {
-        let Some(end) = trial.end else { continue };
-        let has_started = started[trial.trial as usize - 1];
-        if has_started && run.file().trial(trial.trial)?.status == TrialStatus::Running {
-            run.end_trial(trial.trial, status(end))?;
+        let must_end = trial.end.is_some() && started[trial.trial as usize - 1];
+        if must_end && run.file().trial(trial.trial)?.status == TrialStatus::Running {
+            run.end_trial(trial.trial, status(trial))?;
         }
     }
     run.close()?;
@@ -105,16 +113,20 @@ fn check_trial(
     recorded: &CampaignOutcome,
 ) -> Result<(), MishandleError> {
     let mut differences: Vec<String> = seed_difference(resolved, trial).into_iter().collect();
-    let end =
-        recorded.trials.iter().find(|outcome| outcome.trial == trial.number).and_then(|outcome| outcome.end);
+    let outcome = recorded.trials.iter().find(|outcome| outcome.trial == trial.number);
+    let expected = outcome.map_or(TrialStatus::Running, status);
+    // The process can have been killed before it recorded the end, and a search can end without another simulation.
+    let ended_between = |status: TrialStatus| match status {
+        TrialStatus::Converged => true,
+        TrialStatus::Falsified => outcome.is_some_and(TrialOutcome::falsified),
+        _ => false,
+    };
     let is_consistent = match trial.status {
-        // The process can have been killed before it recorded the end, and a search can end without another simulation.
         TrialStatus::Running => true,
-        TrialStatus::Converged => end.is_none_or(|end| status(end) == TrialStatus::Converged),
-        recorded => end.map(status) == Some(recorded),
+        recorded if expected == TrialStatus::Running => ended_between(recorded),
+        recorded => recorded == expected,
     };
     if !is_consistent {
-        let expected = end.map_or(TrialStatus::Running, status);
         differences.push(format!(
             "status of trial {}: recorded {:?}, expected {expected:?}",
             trial.number, trial.status
@@ -134,17 +146,57 @@ pub(crate) fn seed_difference(resolved: &ResolvedPlan, trial: &TrialRecord) -> O
 }
 
 /// Returns trial `number` of the plan before its first simulation; `None` if the plan has no such trial.
-pub(crate) fn new_trial(resolved: &ResolvedPlan, number: u32) -> Result<Option<Trial>, MishandleError> {
+pub(crate) fn new_trial(
+    resolved: &ResolvedPlan,
+    number: u32,
+) -> Result<Option<Trial<'static>>, MishandleError> {
     let ResolvedPlan { plan, space, .. } = resolved;
     let Some(falsify) = plan.falsify.as_ref().filter(|falsify| (1..=falsify.trials).contains(&number)) else {
         return Ok(None);
     };
     let settings = CampaignSettings { seed: Seed(plan.seed), ..CampaignSettings::default() };
     let seed = settings.trial_seed(number);
-    let search_seed = Trial::search_seed(seed);
-    let search = by_name(&falsify.search, &coordinates(space), search_seed, &search_options(falsify))?;
-    let trial = Trial::new(number, seed, falsify.budget, search, space.clone());
-    Ok(Some(trial.with_early_stopping(falsify.early_stopping)))
+    let make = Rc::new(new_search(falsify, space));
+    let trial = Trial::new(number, seed, falsify.budget, space.clone(), make)?;
+    let trial = trial.with_early_stopping(falsify.early_stopping);
+    Ok(Some(match keep_going(resolved) {
+        Some(settings) => trial.keep_going(settings),
+        None => trial,
+    }))
+}
+
+/// Returns the function that makes a search of the plan from its seed.
+fn new_search(
+    falsify: &FalsifyPlan,
+    space: &Space,
+) -> impl Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'static {
+    let (name, coordinates, options) = (falsify.search.clone(), coordinates(space), search_options(falsify));
+    move |seed| by_name(&name, &coordinates, seed, &options)
+}
+
+/// Returns the settings of trials that continue after a violation; `None` if they do not.
+fn keep_going(resolved: &ResolvedPlan) -> Option<KeepGoing<'static>> {
+    let falsify = resolved.plan.falsify.as_ref().filter(|falsify| falsify.keep_going)?;
+    let (formula, control_dt) = (resolved.specification.requirement.clone(), resolved.target.control_dt);
+    let signature =
+        move |trace: &Trace| violation_of(&formula, trace, control_dt).map(|violation| violation.signature);
+    Some(KeepGoing {
+        signature: Rc::new(signature),
+        episode_steps: resolved.target.episode_steps,
+        new_mode_rate: falsify.new_mode_rate,
+    })
+}
+
+/// Returns a recorded simulation, with its trace if the failure mode matters to the search.
+pub(crate) fn with_needed_trace(
+    run: &RunFile,
+    recorded: Simulation,
+    falsify: &FalsifyPlan,
+) -> Result<Simulation, MishandleError> {
+    if falsify.keep_going && recorded.robustness.is_some_and(|rho| rho < 0.0) {
+        return Ok(run.simulation(recorded.trial, recorded.number)?);
+    }
+    Ok(recorded)
 }
 
 /// Returns an upper bound of the failure rate in the space if no simulation fails, with 95 % confidence: see
@@ -156,12 +208,13 @@ pub fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &CampaignOutcome) ->
     outcome.failure_rate_bound().filter(|_| search.samples_uniformly())
 }
 
-/// Returns the recorded status of a trial with this end.
-pub(crate) fn status(end: TrialEnd) -> TrialStatus {
-    match end {
-        TrialEnd::Falsified => TrialStatus::Falsified,
-        TrialEnd::BudgetSpent => TrialStatus::BudgetSpent,
-        TrialEnd::SearchEnded(_) => TrialStatus::Converged,
+/// Returns the recorded status of a trial.
+pub(crate) fn status(trial: &TrialOutcome) -> TrialStatus {
+    match trial.end {
+        None => TrialStatus::Running,
+        Some(_) if trial.falsified() => TrialStatus::Falsified,
+        Some(TrialEnd::SearchEnded(_)) => TrialStatus::Converged,
+        Some(_) => TrialStatus::BudgetSpent,
     }
 }
 
@@ -189,6 +242,14 @@ pub fn check_falsify(falsify: &FalsifyPlan, space: &Space) -> Result<bool, Misha
     if let Some((what, value, _)) = numbers.into_iter().find(is_outside) {
         let expected = "from 1 to 1000000";
         return Err(MishandleError::InvalidValue { what, value: value.to_string(), expected });
+    }
+    if !(0.0..1.0).contains(&falsify.new_mode_rate) {
+        let (what, expected) = ("the rate of new failure modes", "from 0 to less than 1");
+        return Err(MishandleError::InvalidValue {
+            what,
+            value: falsify.new_mode_rate.to_string(),
+            expected,
+        });
     }
     search_entry(&falsify.search)?;
     let search = by_name(&falsify.search, &coordinates(space), 0, &search_options(falsify))?;

@@ -118,6 +118,11 @@ pub struct FalsifyPlan {
     pub batch: u32,
     /// End simulations as soon as the search does not need the rest.
     pub early_stopping: bool,
+    /// Continue a trial after its first violation, to find other failure modes.
+    pub keep_going: bool,
+    /// With `keep_going`, a trial ends when less than this fraction of its simulations finds a new failure mode, from 0 to less
+    /// than 1. With 0, it spends its budget.
+    pub new_mode_rate: f64,
     /// Alias of the option `initial-simplex` of `nelder-mead`, for plans from before searches had options. Other
     /// searches ignore it, and `options` overrides it.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -136,6 +141,8 @@ impl Default for FalsifyPlan {
             budget: 300,
             batch: DEFAULT_BATCH_SIZE as u32,
             early_stopping: false,
+            keep_going: false,
+            new_mode_rate: 0.01,
             initial_simplex: None,
             options: SearchOptions::new(),
         }

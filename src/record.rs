@@ -1,6 +1,7 @@
 //! Conversion between episodes and stored simulations. No other module does this.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use mishandle_files::NewFolders;
 use mishandle_rollout::{AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Target, Verdict};
@@ -219,7 +220,7 @@ fn episode_end(end: store::SimulationEnd) -> EpisodeEnd {
     }
 }
 
-/// Converts a stored simulation of `target` to an episode without a trace.
+/// Converts a stored simulation of `target` to an episode, with a trace if the simulation has one.
 ///
 /// # Errors
 /// If the episode has too many steps.
@@ -256,7 +257,21 @@ pub(crate) fn episode(simulation: &Simulation, target: &Target) -> Result<Episod
     }
     let episode = recorded_episode(simulation);
     let verdict = Verdict { dangerous_steps, completion_step, ..episode.verdict };
-    Ok(Episode { steps: steps.unwrap_or_default(), verdict, ..episode })
+    let names = || target.signals.iter().map(|signal| signal.name.clone()).collect();
+    let trace = simulation.trace.as_ref().map_or(episode.trace, |stored| trace(names(), stored));
+    Ok(Episode { trace, steps: steps.unwrap_or_default(), verdict, ..episode })
+}
+
+/// Returns a recorded trace with the names of its signals.
+pub(crate) fn trace(names: Arc<[String]>, stored: &store::StoredTrace) -> Trace {
+    let samples = stored.columns.first().map_or(0, Vec::len);
+    let mut trace = Trace::with_capacity(names, samples);
+    let mut sample = vec![0.0; stored.columns.len()];
+    for step in 0..samples {
+        sample.iter_mut().zip(&stored.columns).for_each(|(value, column)| *value = column[step]);
+        trace.push(&sample);
+    }
+    trace
 }
 
 /// Converts a stored simulation to an episode without a trace, and checks none of its values.

@@ -93,7 +93,7 @@ def main():
     target = dict(policy=pusher, signals=SIGNALS)
     evaluation = mishandle.evaluate(ENV, FORMULA, SPACE, episodes=100, out=fresh("fetch_evaluation"), **target)
     run, started = fresh("fetch"), time.time()
-    found = mishandle.falsify(ENV, FORMULA, SPACE, trials=5, budget=100, out=run, **target)
+    found = mishandle.falsify(ENV, FORMULA, SPACE, search="dual-annealing", trials=5, budget=100, out=run, **target)
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]

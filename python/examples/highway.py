@@ -89,7 +89,7 @@ def main():
     target = dict(policy=drive, signals=SIGNALS, steps=30, control_dt=0.5, termination="hold")
     evaluation = mishandle.evaluate(env, FORMULAS, SPACE, episodes=40, out=fresh("highway_evaluation"), **target)
     run, started = fresh("highway"), time.time()
-    found = mishandle.falsify(env, FORMULAS, SPACE, trials=5, budget=30, out=run, **target)
+    found = mishandle.falsify(env, FORMULAS, SPACE, search="dual-annealing", trials=5, budget=30, out=run, **target)
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]

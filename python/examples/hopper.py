@@ -77,7 +77,7 @@ def main():
     evaluation = mishandle.evaluate(env, FORMULAS, SPACE, episodes=100, out=fresh("hopper_evaluation"), **target)
     started = time.time()
     run = fresh("hopper")
-    found = mishandle.falsify(env, FORMULAS, SPACE, trials=10, budget=50, out=run, **target)
+    found = mishandle.falsify(env, FORMULAS, SPACE, search="dual-annealing", trials=10, budget=50, out=run, **target)
     seconds = time.time() - started
     replay = None
     if found.counterexamples:

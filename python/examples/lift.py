@@ -112,7 +112,7 @@ def main():
     # A simulation takes seconds, so there are few, and no evaluation.
     [nominal] = mishandle.simulate(ENV, FORMULA, SPACE, **target)
     run, started = fresh("lift"), time.time()
-    found = mishandle.falsify(ENV, FORMULA, SPACE, trials=3, budget=15, out=run, **target)
+    found = mishandle.falsify(ENV, FORMULA, SPACE, search="dual-annealing", trials=3, budget=15, out=run, **target)
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]

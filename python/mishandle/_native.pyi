@@ -158,7 +158,7 @@ def complete_run(
 Out = tuple[str | None, bool, bool]
 
 def check_falsify(
-    axes: list[AxisTuple], *, search: str, options: list[tuple[str, Any]], trials: int, budget: int, batch: int
+    axes: list[AxisTuple], *, search: str, options: list[tuple[str, Any]], trials: int, budget: int, batch: int, new_mode_rate: float
 ) -> None: ...
 def check_evaluate(axes: list[AxisTuple], *, episodes: int, batch: int) -> None: ...
 def falsify(
@@ -171,6 +171,8 @@ def falsify(
     budget: int,
     batch: int,
     early_stopping: bool,
+    keep_going: bool,
+    new_mode_rate: float,
     seed: int,
     out: Out,
     progress: Callable[[int, int], None] | None,

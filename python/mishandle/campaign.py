@@ -30,6 +30,7 @@ class Trial:
     trial: int
     end: str
     simulations: int
+    first_violation: int | None = None
     robustness: float | None = None
     scenario: Scenario | None = None
     seed: int | None = None
@@ -38,7 +39,7 @@ class Trial:
     @property
     def falsified(self) -> bool:
         """Whether the trial found a counterexample."""
-        return self.end == "falsified"
+        return self.first_violation is not None
 
 
 class _Result:
@@ -172,6 +173,8 @@ def falsify(
     budget: int = 300,
     batch: int = 1,
     early_stopping: bool = False,
+    keep_going: bool = False,
+    new_mode_rate: float = 0.01,
     seed: int = 0,
     out: PathLike | None = None,
     resume: bool = False,
@@ -200,6 +203,11 @@ def falsify(
         Number of simulations that a search proposes at once. It receives the values in the order of its points.
     early_stopping : bool
         Whether simulations of our tasks end as soon as the search does not need the rest. Your own systems run to the end.
+    keep_going : bool
+        Whether a trial continues after its first counterexample, to find other failure modes.
+    new_mode_rate : float
+        With ``keep_going``, a trial ends when less than this fraction of its simulations finds a new failure mode; 0 spends the
+        budget.
     seed : int
         Random seed of the campaign.
     out : path, optional
@@ -247,7 +255,8 @@ def falsify(
 
     def check(space: Sequence[Axis]) -> None:
         axes = [axis.to_native() for axis in space]
-        _native.check_falsify(axes, search=search, options=search_options, trials=trials, budget=budget, batch=batch)
+        numbers = {"trials": trials, "budget": budget, "batch": batch}
+        _native.check_falsify(axes, search=search, options=search_options, new_mode_rate=new_mode_rate, **numbers)
 
     found = make_target(system, formula, space, target, check)
     outcome = _native.falsify(
@@ -259,6 +268,8 @@ def falsify(
         budget=budget,
         batch=batch,
         early_stopping=early_stopping,
+        keep_going=keep_going,
+        new_mode_rate=new_mode_rate,
         seed=seed,
         out=(None if out is None else os.fspath(out), resume, durable),
         progress=progress,

@@ -47,7 +47,7 @@ impl From<SearchOption> for OptionValue {
 
 /// Checks the settings of a falsification in the space of these axes, before the system is simulated.
 #[pyfunction]
-#[pyo3(signature = (axes, *, search, options, trials, budget, batch))]
+#[pyo3(signature = (axes, *, search, options, trials, budget, batch, new_mode_rate))]
 pub fn check_falsify(
     axes: Vec<AxisTuple>,
     search: String,
@@ -55,13 +55,14 @@ pub fn check_falsify(
     trials: u64,
     budget: u64,
     batch: u64,
+    new_mode_rate: f64,
 ) -> PyResult<()> {
     let space = space(axes)?;
     // A number that does not fit is out of the range, too.
     let [trials, budget, batch] =
         [trials, budget, batch].map(|number| u32::try_from(number).unwrap_or(u32::MAX));
-    let falsify =
-        FalsifyPlan { search, trials, budget, batch, options: search_options(options), ..Default::default() };
+    let options = search_options(options);
+    let falsify = FalsifyPlan { search, trials, budget, batch, new_mode_rate, options, ..Default::default() };
     mishandle::check_falsify(&falsify, &space).map(drop).map_err(raised)
 }
 
@@ -85,7 +86,9 @@ fn search_options(given: Vec<(String, SearchOption)>) -> SearchOptions {
 /// Searches for counterexamples. Returns the outcome as a dictionary.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
-#[pyo3(signature = (target, *, formula, search, options, trials, budget, batch, early_stopping, seed, out, progress))]
+#[pyo3(signature = (
+    target, *, formula, search, options, trials, budget, batch, early_stopping, keep_going, new_mode_rate, seed, out, progress
+))]
 pub fn falsify<'py>(
     py: Python<'py>,
     target: &PyTarget,
@@ -96,6 +99,8 @@ pub fn falsify<'py>(
     budget: u32,
     batch: u32,
     early_stopping: bool,
+    keep_going: bool,
+    new_mode_rate: f64,
     seed: u64,
     out: Out,
     progress: Option<Py<PyAny>>,
@@ -107,6 +112,8 @@ pub fn falsify<'py>(
         budget,
         batch,
         early_stopping,
+        keep_going,
+        new_mode_rate,
         initial_simplex: None,
         options: search_options(options),
     };
@@ -336,11 +343,13 @@ fn trial<'py>(py: Python<'py>, space: &Space, outcome: &TrialOutcome) -> PyResul
         None => "interrupted",
         Some(TrialEnd::Falsified) => "falsified",
         Some(TrialEnd::BudgetSpent) => "budget spent",
+        Some(TrialEnd::ModesDriedUp) => "modes dried up",
         Some(TrialEnd::SearchEnded(_)) => "search ended",
     };
     dict.set_item("trial", outcome.trial)?;
     dict.set_item("end", end)?;
     dict.set_item("simulations", outcome.simulations)?;
+    dict.set_item("first_violation", outcome.first_violation)?;
     let Some(minimum) = &outcome.minimum else { return Ok(dict) };
     dict.set_item("robustness", minimum.robustness)?;
     dict.set_item("scenario", scenario(py, space, minimum.scenario.values())?)?;

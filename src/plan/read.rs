@@ -51,7 +51,7 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, alias: None, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 26] = [
+const KEYS: [Key; 28] = [
     key::<u32>("format", "an integer from 1 to 2"),
     Key { alias: Some("task"), ..key::<String>("target", "a string, such as \"ball-balancing\"") },
     key::<String>("space", "a string, such as \"starts\""),
@@ -74,6 +74,8 @@ const KEYS: [Key; 26] = [
     key::<u32>("falsify.budget", "an integer from 1 to 1000000"),
     key::<u32>("falsify.batch", "an integer from 1 to 65536"),
     key::<bool>("falsify.early-stopping", "true or false"),
+    key::<bool>("falsify.keep-going", "true or false"),
+    key::<f64>("falsify.new-mode-rate", "a number from 0 to less than 1"),
     key::<Vec<Vec<f64>>>("falsify.initial-simplex", "a list of lists of numbers, as [[0, 1], [0.5, 1]]"),
     Key { alias: None, name: OPTIONS, allowed: "a table, as [falsify.options]", reads: is_table },
     key::<String>("risk.formula", "a string, such as \"strict\""),

@@ -52,7 +52,8 @@ fn of_falsification(
     };
     let mut found = Vec::new();
     // A forged run can have a trial that the plan does not have.
-    let planned = resolved.plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
+    let plan = resolved.plan.falsify.clone().unwrap_or_default();
+    let planned = plan.trials;
     let foreign = run.trials()?.into_iter().map(|summary| summary.trial.number);
     found.extend(
         foreign
@@ -75,6 +76,7 @@ fn of_falsification(
             found.extend(differences);
             return Ok(found);
         }
+        let simulation = falsify::with_needed_trace(run, simulation, &plan)?;
         let episode = match record::episode(&simulation, &resolved.target) {
             Ok(episode) => episode,
             Err(error) => {
@@ -93,14 +95,14 @@ fn of_falsification(
 
 /// Compares the status of a trial with its rows. A trial can have been killed before its end was recorded.
 fn status_difference(
-    trial: &mut Trial,
+    trial: &mut Trial<'_>,
     recorded: &TrialRecord,
 ) -> Result<Option<String>, FalsificationError> {
     if trial.outcome().end.is_none() {
         // A search that has ended proposes no point.
         trial.ask(1)?;
     }
-    let expected = trial.outcome().end.map_or(TrialStatus::Running, falsify::status);
+    let expected = falsify::status(trial.outcome());
     let is_same = recorded.status == expected || recorded.status == TrialStatus::Running;
     Ok((!is_same).then(|| {
         format!("status of trial {}: recorded {:?}, expected {expected:?}", recorded.number, recorded.status)

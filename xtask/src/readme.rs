@@ -16,8 +16,14 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::process::{cargo, run};
 
-const PAGES: [&str; 5] =
-    ["README.md", "docs/tour.md", "docs/scenarios.md", "docs/explain.md", "docs/margin.md"];
+const PAGES: [&str; 6] = [
+    "README.md",
+    "docs/tour.md",
+    "docs/scenarios.md",
+    "docs/explain.md",
+    "docs/margin.md",
+    "docs/keep_going.md",
+];
 /// Time limit for one command, s.
 const LIMIT_SECS: u32 = 180;
 /// Exit code of `timeout` at the limit.

@@ -96,7 +96,12 @@ fn the_page_documents_the_keys_that_every_command_prints() {
         ("evaluate", "evaluate point-reaching --controller expert --episodes 12 --out e.sqlite", 0),
         ("falsify", "falsify point-reaching --controller expert --trials 1 --budget 3 --out f.sqlite", 0),
         ("falsify", "falsify toy/noisy --search random --trials 2 --budget 200 --seed 1 --out g.sqlite", 1),
-        ("falsify", "falsify toy/noisy --search random --trials 1 --budget 200 --seed 1 --repeats 5 --out h.sqlite", 1),
+        (
+            "falsify",
+            "falsify toy/noisy --search random --trials 1 --budget 200 --seed 1 --repeats 5 --out h.sqlite",
+            1,
+        ),
+        ("falsify", "falsify toy/pits --search random --keep-going --trials 2 --budget 90 --out k.sqlite", 1),
         (
             "evaluate",
             "evaluate point-reaching --controller expert --episodes 12 --action-noise 3 --out n.sqlite",

@@ -360,6 +360,7 @@ impl From<&TrialOutcome> for TrialMeasurement {
         let end = |end| match end {
             TrialEnd::Falsified => "falsified",
             TrialEnd::BudgetSpent => "budget spent",
+            TrialEnd::ModesDriedUp => "modes dried up",
             TrialEnd::SearchEnded(_) => "search ended",
         };
         TrialMeasurement {

@@ -1,11 +1,12 @@
 //! Many trials of one search against one system, run together.
 
 use std::ops::ControlFlow;
+use std::rc::Rc;
 
 use mishandle_rollout::{DEFAULT_BATCH_SIZE, Episode, Request, Seed, Space, System};
 use mishandle_search::{Search, SearchError};
 
-use crate::{CampaignOutcome, FalsificationError, Trial, TrialEnd, TrialOutcome};
+use crate::{CampaignOutcome, FalsificationError, KeepGoing, SearchFactory, Trial, TrialOutcome};
 
 /// Size and seed of a campaign.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,26 +43,19 @@ impl CampaignSettings {
     }
 }
 
-/// Makes the search of a trial from its seed.
-pub type SearchFactory<'a> = dyn Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'a;
-
 /// The results of one batch of simulations.
 #[derive(Clone, Copy, Debug)]
 pub struct CampaignBatch<'a> {
     /// The episodes of the batch without surplus. The episodes of a trial are in order.
     pub episodes: &'a [Episode],
-    /// Numbers and ends of the trials that ended in this batch.
-    pub ended: &'a [(u32, TrialEnd)],
+    /// Outcomes of the trials that ended in this batch.
+    pub ended: &'a [TrialOutcome],
 }
 
 impl CampaignBatch<'_> {
     /// Returns the number of unspent simulations of the trials that ended in this batch.
     pub fn unspent(&self, budget: u32) -> u64 {
-        let last = |trial: &u32| {
-            let own = self.episodes.iter().map(|episode| &episode.request).filter(|own| own.trial == *trial);
-            own.map(|request| request.number).max().unwrap_or(budget)
-        };
-        self.ended.iter().map(|(trial, _)| u64::from(budget - last(trial))).sum()
+        self.ended.iter().map(|trial| u64::from(budget - trial.simulations)).sum()
     }
 }
 
@@ -69,24 +63,25 @@ impl CampaignBatch<'_> {
 ///
 /// The trials run in lockstep. A batch contains the next simulation of every running trial. If there are more trials than
 /// simulations in a batch, it contains the trials with the lowest numbers. If there are fewer, it contains several
-/// simulations of each trial, as far as the search can propose them in advance. Simulations that follow a violation of
-/// their trial in the same batch are counted as surplus and dropped. So each trial has the same simulations as if it ran
+/// simulations of each trial, as far as the search can propose them in advance. Simulations that follow the end of
+/// their trial in the same batch, or of its search, are counted as surplus and dropped. So each trial has the same simulations as if it ran
 /// alone, for any batch size. Only the order of simulations of different trials depends on the batch size.
 ///
 /// Memory contains the outcome of every trial and the searches of the running trials, but no simulations.
 pub struct Campaign<'a> {
     settings: CampaignSettings,
     space: Space,
-    make: Box<SearchFactory<'a>>,
-    slots: Vec<Slot>,
+    make: Rc<SearchFactory<'a>>,
+    keep_going: Option<KeepGoing<'a>>,
+    slots: Vec<Slot<'a>>,
     /// All trials before this index have ended.
     first_running: usize,
     surplus: u64,
 }
 
-enum Slot {
+enum Slot<'a> {
     NotStarted,
-    Running(Box<Trial>),
+    Running(Box<Trial<'a>>),
     Ended(TrialOutcome),
 }
 
@@ -108,11 +103,18 @@ impl<'a> Campaign<'a> {
         Ok(Campaign {
             settings,
             space: space.clone(),
-            make: Box::new(make),
+            make: Rc::new(make),
+            keep_going: None,
             slots: (0..settings.trials).map(|_| Slot::NotStarted).collect(),
             first_running: 0,
             surplus: 0,
         })
+    }
+
+    /// Lets trials continue after their first violation: see [`Trial::keep_going`].
+    pub fn keep_going(mut self, settings: KeepGoing<'a>) -> Campaign<'a> {
+        self.keep_going = Some(settings);
+        self
     }
 
     /// Replays a recorded simulation before the campaign runs. The records of a trial must be in order; records of
@@ -127,6 +129,7 @@ impl<'a> Campaign<'a> {
     ///   trial.
     /// - [`FalsificationError::UnknownTrial`], [`FalsificationError::OutOfOrder`] or
     ///   [`FalsificationError::AfterTrialEnd`] if the record does not belong to this campaign.
+    /// - [`FalsificationError::NoTrace`] if the trials [keep going](Self::keep_going) and the record of a violation has no trace.
     pub fn replay(&mut self, recorded: &Episode) -> Result<(), FalsificationError> {
         let Request { trial, number, .. } = recorded.request;
         if !(1..=self.settings.trials).contains(&trial) {
@@ -196,7 +199,7 @@ impl<'a> Campaign<'a> {
 
     /// Returns the outcome so far.
     pub fn outcome(&self) -> CampaignOutcome {
-        let outcome = |slot: &Slot| match slot {
+        let outcome = |slot: &Slot<'_>| match slot {
             Slot::NotStarted => None,
             Slot::Running(trial) => Some(trial.outcome().clone()),
             Slot::Ended(outcome) => Some(outcome.clone()),
@@ -223,7 +226,7 @@ impl<'a> Campaign<'a> {
 
     /// Returns the indices of the first trials that have not ended, at most `n`.
     fn running_slots(&mut self, n: usize) -> Vec<usize> {
-        let ended = |slot: &Slot| matches!(slot, Slot::Ended(_));
+        let ended = |slot: &Slot<'_>| matches!(slot, Slot::Ended(_));
         self.first_running += self.slots[self.first_running..].iter().take_while(|slot| ended(slot)).count();
         (self.first_running..self.slots.len()).filter(|&index| !ended(&self.slots[index])).take(n).collect()
     }
@@ -232,16 +235,19 @@ impl<'a> Campaign<'a> {
     fn receive(
         &mut self,
         episodes: Vec<Episode>,
-        ended: &mut Vec<(u32, TrialEnd)>,
+        ended: &mut Vec<TrialOutcome>,
     ) -> Result<Vec<Episode>, FalsificationError> {
         let mut kept = Vec::with_capacity(episodes.len());
         for episode in episodes {
-            let trial = episode.request.trial;
-            if matches!(self.slots[trial as usize - 1], Slot::Ended(_)) {
+            let is_surplus = match &self.slots[episode.request.trial as usize - 1] {
+                Slot::Running(trial) => trial.is_stale(),
+                Slot::NotStarted | Slot::Ended(_) => true,
+            };
+            if is_surplus {
                 self.surplus += 1;
                 continue;
             }
-            ended.extend(self.tell(&episode)?.map(|end| (trial, end)));
+            ended.extend(self.tell(&episode)?);
             kept.push(episode);
         }
         Ok(kept)
@@ -260,19 +266,19 @@ impl<'a> Campaign<'a> {
         Ok(requests)
     }
 
-    fn start_trial(&self, number: u32) -> Result<Trial, FalsificationError> {
-        let seed = self.settings.trial_seed(number);
-        let search = (self.make)(Trial::search_seed(seed))?;
-        let (found, expected) = (search.dimension(), self.space.dimension());
-        if found != expected {
-            return Err(FalsificationError::Dimension { search: search.name(), found, expected });
-        }
+    fn start_trial(&self, number: u32) -> Result<Trial<'a>, FalsificationError> {
         let CampaignSettings { budget, early_stopping, .. } = self.settings;
-        Ok(Trial::new(number, seed, budget, search, self.space.clone()).with_early_stopping(early_stopping))
+        let (seed, make) = (self.settings.trial_seed(number), Rc::clone(&self.make));
+        let trial = Trial::new(number, seed, budget, self.space.clone(), make)?;
+        let trial = trial.with_early_stopping(early_stopping);
+        Ok(match &self.keep_going {
+            Some(settings) => trial.keep_going(settings.clone()),
+            None => trial,
+        })
     }
 
-    /// Reports an episode to its running trial and returns the end of the trial if this episode ended it.
-    fn tell(&mut self, episode: &Episode) -> Result<Option<TrialEnd>, FalsificationError> {
+    /// Reports an episode to its running trial and returns the outcome of the trial if this episode ended it.
+    fn tell(&mut self, episode: &Episode) -> Result<Option<TrialOutcome>, FalsificationError> {
         let index = episode.request.trial as usize - 1;
         if let Slot::Running(trial) = &mut self.slots[index] {
             trial.tell(episode)?;
@@ -280,17 +286,15 @@ impl<'a> Campaign<'a> {
         Ok(self.close_if_ended(index))
     }
 
-    /// Replaces an ended trial by its outcome and returns its end.
-    fn close_if_ended(&mut self, index: usize) -> Option<TrialEnd> {
+    /// Replaces an ended trial by its outcome and returns the outcome.
+    fn close_if_ended(&mut self, index: usize) -> Option<TrialOutcome> {
         let Slot::Running(trial) = &self.slots[index] else {
             return None;
         };
-        let outcome = trial.outcome();
-        let end = outcome.end;
-        if end.is_some() {
-            self.slots[index] = Slot::Ended(outcome.clone());
-        }
-        end
+        let outcome = trial.outcome().clone();
+        outcome.end?;
+        self.slots[index] = Slot::Ended(outcome.clone());
+        Some(outcome)
     }
 }
 

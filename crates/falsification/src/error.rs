@@ -70,6 +70,17 @@ pub enum FalsificationError {
         /// Scenario of the simulation.
         scenario: Vec<Option<f64>>,
     },
+    /// The record of a violation has no trace, which determines its failure mode.
+    #[error(
+        "simulation {number} of trial {trial} violates the requirement but has no recorded trace; a trial that keeps going \
+         needs it"
+    )]
+    NoTrace {
+        /// Number of the trial.
+        trial: u32,
+        /// Number of the simulation.
+        number: u32,
+    },
     /// A record belongs to a trial that the campaign does not have.
     #[error(
         "simulation {number} of trial {trial} is recorded, but the trials of the campaign are 1 to {trials}"

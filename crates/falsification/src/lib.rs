@@ -35,10 +35,17 @@
 
 mod campaign;
 mod error;
+mod keep_going;
+mod modes;
 mod outcome;
 mod trial;
 
-pub use campaign::{Campaign, CampaignBatch, CampaignSettings, SearchFactory};
+pub use campaign::{Campaign, CampaignBatch, CampaignSettings};
 pub use error::FalsificationError;
+pub use keep_going::{KeepGoing, SignatureOf, simulations_without_mode};
+pub use modes::{
+    FailurePoint, MAX_FAILURES, MAX_OTHERS, ModeMembers, Signature, UnitScenario, group_failures,
+    unit_scenario,
+};
 pub use outcome::{CampaignOutcome, Minimum, TrialOutcome, Unevaluated};
-pub use trial::{Trial, TrialEnd};
+pub use trial::{SearchFactory, Trial, TrialEnd};

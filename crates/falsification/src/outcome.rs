@@ -42,10 +42,12 @@ pub struct TrialOutcome {
     pub seed: Seed,
     /// How the trial ended; `None` if it was interrupted.
     pub end: Option<TrialEnd>,
-    /// Number of simulations, including the falsifying one.
+    /// Number of simulations. The falsifying one is the last, unless the trial keeps going.
     pub simulations: u32,
     /// Number of control steps of all simulations.
     pub control_steps: u64,
+    /// Number of the first simulation with a robustness below 0.
+    pub first_violation: Option<u32>,
     /// Number of diverged simulations.
     pub diverged: u32,
     /// Number of simulations that ended because the controller or the environment returned a value that is not finite.
@@ -71,6 +73,7 @@ impl TrialOutcome {
             end: None,
             simulations: 0,
             control_steps: 0,
+            first_violation: None,
             diverged: 0,
             invalid: 0,
             failed: 0,
@@ -83,7 +86,7 @@ impl TrialOutcome {
 
     /// Returns whether the trial found a violation.
     pub fn falsified(&self) -> bool {
-        self.end == Some(TrialEnd::Falsified)
+        self.first_violation.is_some()
     }
 
     /// Adds a simulation.
@@ -94,6 +97,9 @@ impl TrialOutcome {
         let (number, seed) = (request.number, request.seed);
         match episode.robustness() {
             Some(robustness) => {
+                if robustness < 0.0 {
+                    self.first_violation.get_or_insert(number);
+                }
                 if self.minimum.as_ref().is_none_or(|minimum| robustness < minimum.robustness) {
                     let scenario = request.scenario.clone();
                     self.minimum = Some(Minimum { robustness, scenario, seed, number });
@@ -151,7 +157,7 @@ pub struct CampaignOutcome {
     pub undecided: u64,
     /// Number of undecided simulations without a finite value of the formula.
     pub undefined: u64,
-    /// Number of surplus simulations, which belong to no trial: in their batch they follow a violation of their trial.
+    /// Number of surplus simulations, which belong to no trial: in their batch they follow the end of their trial or its search.
     pub surplus: u64,
 }
 
@@ -171,9 +177,10 @@ impl CampaignOutcome {
         let ended = trials.iter().filter(|trial| trial.end.is_some()).count() as u64;
         let total =
             |count: fn(&TrialOutcome) -> u32| trials.iter().map(|trial| u64::from(count(trial))).sum();
-        let falsified = || trials.iter().filter(|trial| trial.falsified());
+        // A trial that keeps going is interrupted after its first violation; it does not count before it ends.
+        let falsified = || trials.iter().filter(|trial| trial.end.is_some() && trial.falsified());
         let falsified_trials = falsified().count() as u32;
-        let spent: u64 = falsified().map(|trial| u64::from(trial.simulations)).sum();
+        let spent: u64 = falsified().filter_map(|trial| trial.first_violation).map(u64::from).sum();
         let is_complete = !trials.is_empty() && ended == trials.len() as u64;
         let unfalsified = trials.len() as u64 - u64::from(falsified_trials);
         let total_with_budget = spent + unfalsified * u64::from(budget);
@@ -182,7 +189,7 @@ impl CampaignOutcome {
             falsification_rate: wilson(falsified_trials.into(), ended),
             mean_simulations: (falsified_trials > 0).then(|| spent as f64 / f64::from(falsified_trials)),
             median_simulations: is_complete
-                .then(|| median(falsified().map(|trial| trial.simulations), trials.len()))
+                .then(|| median(falsified().filter_map(|trial| trial.first_violation), trials.len()))
                 .flatten(),
             restricted_mean_simulations: is_complete.then(|| total_with_budget as f64 / trials.len() as f64),
             simulations: total(|trial| trial.simulations),
@@ -215,7 +222,15 @@ mod tests {
     use super::*;
 
     fn trial(simulations: u32, end: Option<TrialEnd>) -> TrialOutcome {
-        TrialOutcome { end, simulations, diverged: 1, undecided: 2, ..TrialOutcome::new(1, Seed(0)) }
+        let first_violation = (end == Some(TrialEnd::Falsified)).then_some(simulations);
+        TrialOutcome {
+            end,
+            simulations,
+            first_violation,
+            diverged: 1,
+            undecided: 2,
+            ..TrialOutcome::new(1, Seed(0))
+        }
     }
 
     #[test]

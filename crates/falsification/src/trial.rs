@@ -1,55 +1,101 @@
 //! One seeded search with a budget of simulations.
 
-use mishandle_rollout::{Episode, EpisodeEnd, Request, Seed, Space};
-use mishandle_search::{Observation, Search, SearchEnd, SubformulaMinimum};
+use std::rc::Rc;
 
-use crate::{FalsificationError, TrialOutcome};
+use mishandle_rollout::{Episode, EpisodeEnd, Request, Seed, Space};
+use mishandle_search::{Observation, Search, SearchEnd, SearchError, SubformulaMinimum};
+
+use crate::keep_going::Archive;
+use crate::{FalsificationError, KeepGoing, TrialOutcome};
+
+/// Makes a search from its seed.
+pub type SearchFactory<'a> = dyn Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'a;
 
 /// How a trial ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrialEnd {
     /// The last simulation has a robustness below 0.
     Falsified,
-    /// The budget was spent without a violation.
+    /// The budget was spent. Only a trial that [keeps going](Trial::keep_going) can have found a violation.
     BudgetSpent,
-    /// The search ended by its own criterion, without a violation and before the budget was spent.
+    /// The search ended by its own criterion before the budget was spent. Only a trial that [keeps going](Trial::keep_going)
+    /// can have found a violation.
     SearchEnded(SearchEnd),
+    /// New failure modes became rarer than the settings of a trial that [keeps going](Trial::keep_going) require.
+    ModesDriedUp,
 }
 
 /// One seeded search. It ends at the first robustness below 0, when its budget of simulations is spent, or when the search
 /// ends by its own criterion.
 ///
 /// The search has the seed child 0 of the trial's seed, and simulation m, counted from 1, has child m. A violation in
-/// simulation m counts as m simulations. A trial stores the minimum robustness but no history.
+/// simulation m counts as m simulations. A trial stores the minimum robustness but no history, unless it
+/// [keeps going](Self::keep_going).
 ///
 /// The search observes +∞, the worst value, for a simulation that diverged, was stopped with the formula undecided, or has
 /// no finite value of the formula, because none of them is a counterexample. All of them count against the budget. A
 /// complete episode that leaves the formula undecided is an error: the formula is longer than the episode, so no
 /// simulation could have a robustness.
-pub struct Trial {
+pub struct Trial<'a> {
+    make: Rc<SearchFactory<'a>>,
     search: Box<dyn Search>,
+    /// Number of searches before the present one, and of simulations before its first.
+    restarts: u64,
+    search_start: u32,
+    /// Whether proposed points wait for a search that was replaced.
+    is_stale: bool,
     space: Space,
     budget: u32,
     stops_early: bool,
     outcome: TrialOutcome,
+    archive: Option<Archive<'a>>,
 }
 
-impl Trial {
-    /// Makes trial `number`, counted from 1. The search must have the seed [`search_seed`](Self::search_seed) and the
-    /// dimension of `space`.
-    pub fn new(number: u32, seed: Seed, budget: u32, search: Box<dyn Search>, space: Space) -> Trial {
-        Trial { search, space, budget, stops_early: false, outcome: TrialOutcome::new(number, seed) }
+impl<'a> Trial<'a> {
+    /// Makes trial `number`, counted from 1. `make` makes its search.
+    ///
+    /// # Errors
+    /// If the search cannot be made, or its dimension is not that of `space`.
+    pub fn new(
+        number: u32,
+        seed: Seed,
+        budget: u32,
+        space: Space,
+        make: Rc<SearchFactory<'a>>,
+    ) -> Result<Trial<'a>, FalsificationError> {
+        let search = make(seed.child(0).0)?;
+        let (found, expected) = (search.dimension(), space.dimension());
+        if found != expected {
+            return Err(FalsificationError::Dimension { search: search.name(), found, expected });
+        }
+        let outcome = TrialOutcome::new(number, seed);
+        Ok(Trial {
+            make,
+            search,
+            restarts: 0,
+            search_start: 0,
+            is_stale: false,
+            space,
+            budget,
+            stops_early: false,
+            outcome,
+            archive: None,
+        })
     }
 
     /// Lets simulations end as soon as the search does not need the rest: see [`Search::stop_threshold`].
-    pub fn with_early_stopping(mut self, stops_early: bool) -> Trial {
+    pub fn with_early_stopping(mut self, stops_early: bool) -> Trial<'a> {
         self.stops_early = stops_early;
         self
     }
 
-    /// Returns the seed of the search of a trial with this seed.
-    pub fn search_seed(seed: Seed) -> u64 {
-        seed.child(0).0
+    /// Continues after the first violation: until the budget is spent, or new failure modes dry up. The search is steered away
+    /// from known failures. After a failure, and if the search ends or finds none for a while, another one continues, with child k
+    /// of the seed of the first one, for k = 1, 2, ...; but a search that
+    /// [keeps exploring](Search::keeps_exploring) is not replaced.
+    pub fn keep_going(mut self, settings: KeepGoing<'a>) -> Trial<'a> {
+        self.archive = Some(Archive::new(settings, self.space.clone()));
+        self
     }
 
     /// Returns the outcome so far.
@@ -60,8 +106,8 @@ impl Trial {
     /// Returns the next simulations to run, at most `n`. The list is empty if the trial has ended.
     ///
     /// The list is longer than 1 only if the search can propose points before it observes the first of them. Its length
-    /// is at most one more than the number of completed simulations. Simulations after a violation are surplus, so this
-    /// limit keeps the surplus below the cost of the trial.
+    /// is at most one more than the number of completed simulations of the search. Simulations after a violation are surplus, so
+    /// this limit keeps the surplus below the cost of the trial.
     ///
     /// # Errors
     /// [`FalsificationError::Stalled`] if the search proposes no point and has not ended.
@@ -70,8 +116,15 @@ impl Trial {
             return Ok(Vec::new());
         }
         let (trial, done) = (self.outcome.trial, self.outcome.simulations);
-        let n = n.min((self.budget - done) as usize).min(done as usize + 1);
-        let points = self.search.ask_batch(n);
+        let own = done - self.search_start;
+        let limit = self.replacing_archive().and_then(Archive::search_limit);
+        let limit = limit.map_or(u32::MAX, |limit| limit - own);
+        let n = n.min((self.budget - done).min(own + 1).min(limit) as usize);
+        self.is_stale = false;
+        let mut points = self.search.ask_batch(n);
+        if points.is_empty() && self.replace_ended_search()? {
+            points = self.search.ask_batch(n);
+        }
         if points.is_empty() {
             match self.search.finished() {
                 Some(end) => self.outcome.end = Some(TrialEnd::SearchEnded(end)),
@@ -109,21 +162,76 @@ impl Trial {
             }
             _ => {}
         }
-        self.search.tell(unit_point, &observation(episode))?;
-        self.outcome.add(episode);
-        self.outcome.end = if robustness.is_some_and(|rho| rho < 0.0) {
-            Some(TrialEnd::Falsified)
-        } else if self.outcome.simulations == self.budget {
-            Some(TrialEnd::BudgetSpent)
-        } else {
-            self.search.finished().map(TrialEnd::SearchEnded)
+        let observed = match &mut self.archive {
+            Some(archive) => archive.observe(episode)?,
+            None => observation(episode),
         };
+        self.search.tell(unit_point, &observed)?;
+        self.outcome.add(episode);
+        self.outcome.end = self.end()?;
+        Ok(())
+    }
+
+    /// Returns whether the requests that have no episode yet are void, because the search that proposed them was replaced.
+    pub(crate) fn is_stale(&self) -> bool {
+        self.is_stale
+    }
+
+    /// Returns the end of the trial after an observation. Replaces the search if the trial continues without it.
+    fn end(&mut self) -> Result<Option<TrialEnd>, FalsificationError> {
+        if self.archive.is_none() && self.outcome.falsified() {
+            return Ok(Some(TrialEnd::Falsified));
+        }
+        if self.outcome.simulations == self.budget {
+            return Ok(Some(TrialEnd::BudgetSpent));
+        }
+        if self.archive.as_mut().is_some_and(Archive::is_dry) {
+            return Ok(Some(TrialEnd::ModesDriedUp));
+        }
+        if self.must_restart() {
+            self.replace_search()?;
+        }
+        if self.replace_ended_search()? {
+            return Ok(None);
+        }
+        Ok(self.search.finished().map(TrialEnd::SearchEnded))
+    }
+
+    /// Returns whether another search must continue, although the present one has not ended.
+    fn must_restart(&self) -> bool {
+        let own = self.outcome.simulations - self.search_start;
+        self.replacing_archive().is_some_and(|archive| {
+            archive.has_failed() || archive.search_limit().is_some_and(|limit| own >= limit)
+        })
+    }
+
+    /// Replaces the search if it has ended and another one could find something. Returns whether it did.
+    fn replace_ended_search(&mut self) -> Result<bool, FalsificationError> {
+        let is_over = self.search.finished().is_some();
+        let must = is_over && self.replacing_archive().is_some_and(Archive::has_failures);
+        if must {
+            self.replace_search()?;
+        }
+        Ok(must)
+    }
+
+    /// Returns the archive if the search is one that another replaces.
+    fn replacing_archive(&self) -> Option<&Archive<'a>> {
+        self.archive.as_ref().filter(|_| !self.search.keeps_exploring())
+    }
+
+    fn replace_search(&mut self) -> Result<(), FalsificationError> {
+        self.restarts += 1;
+        self.search_start = self.outcome.simulations;
+        self.search = (self.make)(self.outcome.seed.child(0).child(self.restarts).0)?;
+        self.is_stale = true;
+        self.archive.as_mut().map(Archive::restart);
         Ok(())
     }
 }
 
 /// Returns the search's observation of an episode: +∞ if the episode has no robustness.
-fn observation(episode: &Episode) -> Observation {
+pub(crate) fn observation(episode: &Episode) -> Observation {
     let minimum = |found: &mishandle_stl::SubformulaMinimum| SubformulaMinimum {
         minimum: found.minimum,
         step: found.step,

@@ -81,8 +81,8 @@ fn run(
             assert_eq!(seed, Seed(11).child(u64::from(trial) - 1).child(number.into()));
             rows.entry(trial).or_default().push(Row { episode: episode.clone(), trial_end: None });
         }
-        for (trial, end) in batch.ended {
-            rows.get_mut(trial).unwrap().last_mut().unwrap().trial_end = Some(*end);
+        for trial in batch.ended {
+            rows.get_mut(&trial.trial).unwrap().last_mut().unwrap().trial_end = trial.end;
         }
         Ok::<_, FalsificationError>(if count < limit {
             ControlFlow::Continue(())
@@ -194,6 +194,7 @@ fn no_trial_exceeds_its_budget_and_the_count_includes_the_violation() {
                 TrialEnd::Falsified => assert!(violated(last)),
                 TrialEnd::BudgetSpent => assert!(!violated(last) && rows.len() == BUDGET as usize),
                 TrialEnd::SearchEnded(_) => assert!(!violated(last) && rows.len() < BUDGET as usize),
+                TrialEnd::ModesDriedUp => panic!("the trials do not keep going"),
             }
         }
     }

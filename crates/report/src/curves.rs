@@ -53,7 +53,10 @@ fn progress(report: &RunReport) -> String {
     let range = around(values);
     let x = simulations_axis(report);
     let lines = trials.iter().map(|trial| {
-        let end = trial.first_failure.map_or(trial.summary.counts.simulations as f64, f64::from);
+        let end = match trial.first_failure {
+            Some(first) if report.survey.is_none() => f64::from(first),
+            _ => trial.summary.counts.simulations as f64,
+        };
         let last = trial.improvements.last().map(|(_, rho)| [end, *rho]);
         let points = trial.improvements.iter().map(|(number, rho)| [f64::from(*number), *rho]).chain(last);
         let (color, mark) = match trial.first_failure {
@@ -71,7 +74,7 @@ fn progress(report: &RunReport) -> String {
         false => Vec::new(),
     };
     let svg = chart(x, linear("lowest robustness so far", range), areas, series, &text);
-    let caption = "One line for each trial: the lowest robustness it has found so far. A thick line ends in a failure, in the \
+    let caption = "One line for each trial: the lowest robustness it has found so far. A thick line goes to a failure, in the \
                    shaded half.";
     figure(&svg, "Progress of the search.", caption)
 }

@@ -25,6 +25,7 @@ mod pictures;
 mod ranking;
 mod section;
 mod space;
+mod survey;
 mod survival;
 mod tables;
 mod trace;

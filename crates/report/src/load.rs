@@ -4,7 +4,8 @@ use mishandle::evaluation::{Corners, EvaluationReport, FormulaRoles, Lifetime, M
 use mishandle::rollout::{Axis, Seed};
 use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialStatus, TrialSummary};
 use mishandle::{
-    ExplainedSimulation, FailureModes, MishandleError, Plan, explain, failure_modes, recorded_axis,
+    ExplainedSimulation, FailureModes, MishandleError, ModeSurvey, Plan, explain, failure_modes, mode_survey,
+    recorded_axis,
 };
 
 use crate::measure::Measured;
@@ -40,6 +41,8 @@ pub struct RunReport {
     /// Of an evaluation: the rates over all random simulations.
     pub(crate) rates: Option<EvaluationReport>,
     pub(crate) modes: FailureModes,
+    /// Of a falsification whose trials keep going.
+    pub(crate) survey: Option<ModeSurvey>,
     /// The representatives of the first modes, explained.
     pub(crate) representatives: Vec<ExplainedSimulation>,
     pub(crate) measured: Option<Measured>,
@@ -104,7 +107,16 @@ impl RunReport {
             .into_iter()
             .map(|summary| Trial { summary, first_failure: None, worst: None, improvements: Vec::new() })
             .collect();
-        let modes = failure_modes(run)?;
+        let plan = Plan::from_toml(&header.plan).ok();
+        let falsify = plan.as_ref().and_then(|plan| plan.falsify.as_ref());
+        let survey = match falsify.is_some_and(|falsify| falsify.keep_going) {
+            true => Some(mode_survey(run)?),
+            false => None,
+        };
+        let modes = match &survey {
+            Some(survey) => survey.modes.clone(),
+            None => failure_modes(run)?,
+        };
         let shown = modes.modes.iter().take(MAX_MODES);
         let representatives: Vec<ExplainedSimulation> = shown
             .map(|mode| explain(run, mode.representative().trial, mode.representative().number, None))
@@ -118,7 +130,6 @@ impl RunReport {
         let every = others.div_ceil((MAX_POINTS - MAX_FAILURES) as u64).max(1);
         let every_linked =
             others.min((MAX_POINTS - MAX_FAILURES) as u64).div_ceil(LINKED_OTHERS as u64).max(1);
-        let plan = Plan::from_toml(&header.plan).ok();
         let has = |name: &str| header.formulas.iter().any(|formula| formula.name == name);
         let roles = FormulaRoles { strict: has("strict"), safe: has("safe"), completion: has("completion") };
         let counts_failures = plan.as_ref().is_some_and(|plan| plan.preset == "code");
@@ -177,6 +188,7 @@ impl RunReport {
             robustness,
             corners,
             modes,
+            survey,
             representatives,
             measured: None,
             notes: Vec::new(),

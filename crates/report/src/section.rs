@@ -6,7 +6,7 @@ use mishandle::store::RunHeader;
 
 use crate::html::{number, percent, short, text};
 use crate::load::RunReport;
-use crate::{curves, map, modes, tables, words};
+use crate::{curves, map, modes, survey, tables, words};
 
 /// Returns the section of a run. `id` is its number on the page, from 1.
 pub fn section(report: &RunReport, id: usize) -> String {
@@ -35,6 +35,7 @@ pub fn section(report: &RunReport, id: usize) -> String {
     let heading = if report.is_evaluation() { "How robust it is" } else { "How the search went" };
     out.push_str(&format!("<h3 id=\"r{id}-search\">{heading}</h3>\n{}", curves::figures(report)));
     if !report.is_evaluation() {
+        out.push_str(&survey::section(report));
         out.push_str(&tables::trials(report, id));
     }
     out.push_str(&format!(

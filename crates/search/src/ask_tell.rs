@@ -28,6 +28,11 @@ pub trait RoundBased: Send {
 
     /// Returns why the search has ended; `None` if it has not.
     fn finished(&self) -> Option<SearchEnd>;
+
+    /// Returns whether the search explores the whole box as long as it runs: see [`Search::keeps_exploring`].
+    fn keeps_exploring(&self) -> bool {
+        false
+    }
 }
 
 /// Adapts a round-based search to the [`Search`] interface.
@@ -103,6 +108,10 @@ impl<M: RoundBased> Search for AskTell<M> {
 
     fn finished(&self) -> Option<SearchEnd> {
         self.machine.finished()
+    }
+
+    fn keeps_exploring(&self) -> bool {
+        self.machine.keeps_exploring()
     }
 
     fn best(&self) -> Option<(&[f64], f64)> {

@@ -150,6 +150,10 @@ impl RoundBased for Bayesian {
     fn finished(&self) -> Option<SearchEnd> {
         None
     }
+
+    fn keeps_exploring(&self) -> bool {
+        true
+    }
 }
 
 /// Returns the next Sobol point that is not in `history`; in a discrete space with few points left, any point.

@@ -72,6 +72,10 @@ impl Search for FreeSearch {
         self.inner.samples_uniformly()
     }
 
+    fn keeps_exploring(&self) -> bool {
+        self.inner.keeps_exploring()
+    }
+
     fn tell(&mut self, u: &[f64], observation: &Observation) -> Result<(), SearchError> {
         self.pending.resolve(u, observation.robustness)?;
         self.inner.tell(&self.free(u), observation)

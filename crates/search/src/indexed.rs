@@ -74,6 +74,10 @@ impl<P: PointSequence> Search for InSequence<P> {
         None
     }
 
+    fn keeps_exploring(&self) -> bool {
+        true
+    }
+
     fn best(&self) -> Option<(&[f64], f64)> {
         self.pending.best()
     }

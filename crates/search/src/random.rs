@@ -76,6 +76,10 @@ impl Search for Random {
         true
     }
 
+    fn keeps_exploring(&self) -> bool {
+        true
+    }
+
     fn finished(&self) -> Option<SearchEnd> {
         None
     }

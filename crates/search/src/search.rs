@@ -53,6 +53,12 @@ pub trait Search: Send {
         f64::INFINITY
     }
 
+    /// Returns whether the search explores the whole box as long as it runs, whatever the values. A local search converges, so a
+    /// new one with another seed finds other minima.
+    fn keeps_exploring(&self) -> bool {
+        false
+    }
+
     /// Passes the observation at a proposed point to the search. Observations must be in the order of the points.
     ///
     /// # Errors

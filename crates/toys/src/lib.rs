@@ -23,6 +23,7 @@ mod function_system;
 mod hidden_corner;
 mod needle;
 mod noisy;
+mod pits;
 mod plateau;
 mod sphere;
 mod toy;
@@ -37,5 +38,6 @@ pub static TOYS: &[&dyn Toy] = &[
     &plateau::Plateau,
     &hidden_corner::HiddenCorner,
     &noisy::Noisy,
+    &pits::Pits,
     &car_following::CarFollowing,
 ];

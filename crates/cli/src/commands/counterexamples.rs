@@ -99,8 +99,8 @@ pub fn read(path: &Path) -> Result<Counterexample> {
     }
 }
 
-fn document(path: &Path, header: &RunHeader, found: &FailureModes) -> Value {
-    let FailureModes { modes, failures, not_grouped } = found;
+/// Returns the modes as JSON.
+pub fn mode_documents(header: &RunHeader, found: &FailureModes) -> Vec<Value> {
     let time = |sample: usize| sample as f64 * header.control_dt;
     let named = |values: Vec<Value>| -> Value {
         header.axes.iter().map(|axis| axis.name.clone()).zip(values).collect()
@@ -124,25 +124,30 @@ fn document(path: &Path, header: &RunHeader, found: &FailureModes) -> Value {
             "distance_from_nominal": failure.distance_from_nominal,
         })
     };
+    found.modes.iter().enumerate().map(mode).collect()
+}
+
+fn document(path: &Path, header: &RunHeader, found: &FailureModes) -> Value {
     json!({
         "run": path.to_string_lossy(),
         "target": header.target.name,
         "formula": header.formula,
-        "failures": failures,
-        "not_grouped": not_grouped,
-        "modes": modes.iter().enumerate().map(mode).collect::<Vec<_>>(),
+        "failures": found.failures,
+        "not_grouped": found.not_grouped,
+        "modes": mode_documents(header, found),
     })
 }
 
 fn text(header: &RunHeader, found: &FailureModes) -> String {
+    let (target, formula) = (escape::name(&header.target.name), escape::name(&header.formula));
+    format!("{target}\nformula {formula}\n{}", modes_text(header, found))
+}
+
+/// Describes the modes: their number, a table, and their regions.
+pub fn modes_text(header: &RunHeader, found: &FailureModes) -> String {
     let FailureModes { modes, failures, not_grouped } = found;
-    let mut parts = vec![format!(
-        "{}\nformula {}\n{} in {}",
-        escape::name(&header.target.name),
-        escape::name(&header.formula),
-        plural(*failures, "failure"),
-        plural(modes.len(), "failure mode"),
-    )];
+    let mut parts =
+        vec![format!("{} in {}", plural(*failures, "failure"), plural(modes.len(), "failure mode"))];
     if !modes.is_empty() {
         parts.push(output::table(&table(header, modes)));
         let lines =

@@ -1,12 +1,15 @@
+mod modes;
+
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use anyhow::Result;
 use clap::Args;
 use mishandle::evaluation::RepeatReport;
 use mishandle::falsification::{CampaignOutcome, Minimum, TrialEnd, TrialOutcome};
 use mishandle::search::OptionValue;
-use mishandle::store::RunKind;
-use mishandle::{FalsifyPlan, Plan, ResolvedPlan, decimal, plural};
+use mishandle::store::{RunFile, RunHeader, RunKind};
+use mishandle::{FalsifyPlan, ModeSurvey, Plan, ResolvedPlan, decimal, plural};
 use serde_json::{Value, json};
 
 use super::simulate;
@@ -23,6 +26,7 @@ use crate::{ExitStatus, args, numbers, run};
   mishandle falsify ball-balancing --controller ppo --space events
   mishandle falsify toy/car-following --space events+dynamics
   mishandle falsify ball-balancing --controller ppo --search nelder-mead --search-option xatol=1e-6
+  mishandle falsify toy/pits --search portfolio --keep-going --trials 3 --budget 1000
   mishandle falsify --resume runs/RUN.sqlite
 
 Exit code 1 means that a counterexample was found.")]
@@ -50,6 +54,13 @@ pub struct Arguments {
     /// End simulations as soon as the search does not need the rest, which saves time. The result of the search is the same
     #[arg(long, conflicts_with = "resume")]
     pub early_stopping: bool,
+    /// Continue each trial after its first counterexample, to find other failure modes
+    #[arg(long, conflicts_with = "resume")]
+    pub keep_going: bool,
+    /// With --keep-going, end a trial when less than this fraction of its simulations finds a new failure mode; 0 spends the
+    /// whole budget [default: 0.01]
+    #[arg(long, value_name = "RATE", allow_negative_numbers = true, conflicts_with = "resume")]
+    pub new_mode_rate: Option<f64>,
     /// If the target is random: number of simulations of each counterexample with other seeds, which measure how often it
     /// fails; at most as many in total as the run has; 0 skips this [default: 100]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(0..=10_000_000))]
@@ -91,22 +102,29 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     })?;
     bar.clear();
     report_unevaluated(&resolved, &found);
+    let keeps_going = resolved.plan.falsify.as_ref().is_some_and(|falsify| falsify.keep_going);
+    let survey = if keeps_going { Some(survey(&path)?) } else { None };
     if !is_complete(&resolved, &found) {
         run::report_interruption(RunKind::Falsify, found.simulations, &name);
         if command.run.json {
-            output::json(document(&resolved, &found, &Repeats::new(), &path.to_string_lossy()))?;
+            let document = document(&resolved, &found, &Repeats::new(), &path.to_string_lossy());
+            output::json(with_modes(document, survey.as_ref()))?;
         }
         return Ok(ExitStatus::Interrupted);
     }
     let repeats = counterexample_repeats(&resolved, &found, command.repeats.unwrap_or(REPEATS))?;
     if command.run.json {
-        output::json(document(&resolved, &found, &repeats, &path.to_string_lossy()))?;
+        let document = document(&resolved, &found, &repeats, &path.to_string_lossy());
+        output::json(with_modes(document, survey.as_ref()))?;
     } else {
         output::line(&text(&resolved, &found, &repeats))?;
+        if let Some((header, survey)) = &survey {
+            output::line(&modes::text(header, survey))?;
+        }
     }
     if found.surplus > 0 {
         output::message(&format!(
-            "discarded {} that ran in the same batch after a counterexample",
+            "discarded {} that ran in the same batch after the end of a trial or of its search",
             plural(found.surplus, "simulation")
         ));
     }
@@ -186,6 +204,8 @@ fn plan(command: &Arguments) -> Result<Plan> {
     falsify.budget = command.budget.unwrap_or(falsify.budget);
     falsify.batch = command.subject.batch.unwrap_or(falsify.batch);
     falsify.early_stopping |= command.early_stopping;
+    falsify.keep_going |= command.keep_going;
+    falsify.new_mode_rate = command.new_mode_rate.unwrap_or(falsify.new_mode_rate);
     (plan.evaluate, plan.risk) = (None, None);
     plan.falsify = Some(falsify);
     Ok(plan)
@@ -222,12 +242,27 @@ pub fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repe
     output::joined(run::document(resolved, path), own)
 }
 
+/// Surveys the failure modes of a run file. Returns its header, too.
+fn survey(path: &Path) -> Result<(RunHeader, ModeSurvey)> {
+    let run = RunFile::open_unchecked(path)?;
+    Ok((run.header().clone(), mishandle::mode_survey(&run)?))
+}
+
+/// Adds what a survey of the failure modes found to the document of a run.
+fn with_modes(document: Value, survey: Option<&(RunHeader, ModeSurvey)>) -> Value {
+    match survey {
+        Some((header, survey)) => output::joined(document, modes::document(header, survey)),
+        None => document,
+    }
+}
+
 fn trial_document(resolved: &ResolvedPlan, trial: &TrialOutcome) -> Value {
     let minimum = trial.minimum.as_ref();
     json!({
         "trial": trial.trial,
         "falsified": trial.falsified(),
         "simulations": trial.simulations,
+        "first_violation": trial.first_violation,
         "minimum_robustness": minimum.map_or(Value::Null, |minimum| number(minimum.robustness)),
         "initial_configuration": minimum.map(|minimum| minimum.scenario.values()),
         "scenario": minimum.map(|minimum| run::scenario(resolved.space.axes(), minimum.scenario.values())),
@@ -289,6 +324,7 @@ fn end(end: TrialEnd) -> &'static str {
     match end {
         TrialEnd::Falsified => "falsified",
         TrialEnd::BudgetSpent => "budget spent",
+        TrialEnd::ModesDriedUp => "modes dried up",
         TrialEnd::SearchEnded(_) => "search ended",
     }
 }

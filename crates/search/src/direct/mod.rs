@@ -155,6 +155,10 @@ impl RoundBased for Direct {
     fn finished(&self) -> Option<SearchEnd> {
         self.end
     }
+
+    fn keeps_exploring(&self) -> bool {
+        true
+    }
 }
 
 #[cfg(test)]

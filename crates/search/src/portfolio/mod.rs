@@ -290,4 +290,8 @@ impl RoundBased for Portfolio {
     fn finished(&self) -> Option<SearchEnd> {
         None
     }
+
+    fn keeps_exploring(&self) -> bool {
+        true
+    }
 }
