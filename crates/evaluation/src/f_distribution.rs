@@ -22,9 +22,9 @@ pub(crate) fn beta_quantile(probability: f64, (first, second): (u32, u32)) -> f6
     for _ in 0..BISECTIONS {
         let middle = 0.5 * (low + high);
         if incomplete_beta(middle, (first, second), ln_beta) < probability {
-            low = middle
+            low = middle;
         } else {
-            high = middle
+            high = middle;
         }
     }
     low

@@ -19,7 +19,7 @@ use crate::{ExitStatus, args, numbers, risk_text, run};
 #[command(after_help = "Examples:
   mishandle risk toy/hidden-corner
   mishandle risk ball-balancing --controller ppo --simulations 100000
-  mishandle risk ball-balancing --controller ppo --space dynamics --distribution ball_mass_scale=normal:1:0.1
+  mishandle risk ball-balancing --controller ppo --distribution ball_x=normal:0.35:0.05
 
 Distributions: uniform, log-uniform, normal:MEAN:STD, triangular:MODE, and weights:W0:W1:... with a
 weight for each value of a discrete axis. All are truncated to the bounds of the axis. Exit code 1
