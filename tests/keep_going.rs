@@ -52,7 +52,7 @@ fn a_resumed_run_has_the_records_of_an_uninterrupted_one_and_replays() {
     assert_eq!(records(&parts), expected);
 
     let file = RunFile::open(&whole).unwrap();
-    let last = expected.0.iter().filter(|row| row.robustness < Some(0.0)).next_back().unwrap();
+    let last = expected.0.iter().rfind(|row| row.robustness < Some(0.0)).unwrap();
     let result = replay(&file, last.trial, last.number, None).unwrap();
     assert!(result.differences.is_empty(), "{:?}", result.differences);
 }

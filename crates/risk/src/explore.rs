@@ -116,7 +116,7 @@ fn search_once(
     let mut search = by_name(name, &coordinates, seed.child(0).0, &SearchOptions::default())?;
     let end = experiment.done() + budget;
     let mut found = Vec::new();
-    while experiment.done() < end && !(ends && !found.is_empty()) {
+    while experiment.done() < end && (found.is_empty() || !ends) {
         let points = search.ask_batch(BATCH.min((end - experiment.done()) as usize));
         if points.is_empty() {
             break;

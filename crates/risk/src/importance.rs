@@ -127,13 +127,16 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
+/// Latent point and weight of a failure.
+type Failure = (Vec<f64>, f64);
+
 /// Simulates `n` draws of the proposal. Returns for each the latent point and the weight, or `None` if it does not fail.
 fn simulate(
     experiment: &mut Experiment<'_>,
     proposal: &Proposal,
     random: &mut Sequence,
     n: u64,
-) -> Result<Vec<Option<(Vec<f64>, f64)>>, RiskError> {
+) -> Result<Vec<Option<Failure>>, RiskError> {
     let mut values = Vec::with_capacity(n as usize);
     let end = experiment.done() + n;
     while experiment.done() < end {
