@@ -790,6 +790,7 @@ fn invalid_arguments_are_errors_before_any_simulation() {
     );
     let toy = "toy/sphere-2d";
     bench.refuses(&format!("falsify {toy} --preset code"), &["does not support a task preset"]);
+    bench.refuses(&format!("falsify {toy} --new-mode-rate 0.1"), &["--keep-going"]);
     bench.refuses(&format!("evaluate {toy} --box reachable"), &["does not support `--box reachable`"]);
     bench.refuses(
         "evaluate point-reaching --controller expert --box reachable --space delay",

@@ -205,6 +205,10 @@ fn plan(command: &Arguments) -> Result<Plan> {
     falsify.batch = command.subject.batch.unwrap_or(falsify.batch);
     falsify.early_stopping |= command.early_stopping;
     falsify.keep_going |= command.keep_going;
+    anyhow::ensure!(
+        falsify.keep_going || command.new_mode_rate.is_none(),
+        "--new-mode-rate has no effect without --keep-going; give both"
+    );
     falsify.new_mode_rate = command.new_mode_rate.unwrap_or(falsify.new_mode_rate);
     (plan.evaluate, plan.risk) = (None, None);
     plan.falsify = Some(falsify);
