@@ -17,7 +17,7 @@ pub(crate) fn f_upper_quantile(tail: f64, (first, second): (u32, u32)) -> f64 {
 
 /// Returns the value below which a beta variable with the parameters first / 2 and second / 2 is with this probability.
 pub(crate) fn beta_quantile(probability: f64, (first, second): (u32, u32)) -> f64 {
-    let ln_beta = ln_gamma_of_half(first) + ln_gamma_of_half(second) - ln_gamma_of_half(first + second);
+    let ln_beta = ln_beta((first, second));
     let (mut low, mut high) = (0.0_f64, 1.0_f64);
     for _ in 0..BISECTIONS {
         let middle = 0.5 * (low + high);
@@ -30,9 +30,14 @@ pub(crate) fn beta_quantile(probability: f64, (first, second): (u32, u32)) -> f6
     low
 }
 
+/// Returns the logarithm of the beta function of first / 2 and second / 2.
+pub(crate) fn ln_beta((first, second): (u32, u32)) -> f64 {
+    ln_gamma_of_half(first) + ln_gamma_of_half(second) - ln_gamma_of_half(first + second)
+}
+
 /// Returns the regularized incomplete beta function I_x(first / 2, second / 2) (Abramowitz and Stegun, "Handbook of
 /// Mathematical Functions", 26.5.8). `ln_beta` is the logarithm of the complete one.
-fn incomplete_beta(x: f64, (first, second): (u32, u32), ln_beta: f64) -> f64 {
+pub(crate) fn incomplete_beta(x: f64, (first, second): (u32, u32), ln_beta: f64) -> f64 {
     if x <= 0.0 || x >= 1.0 {
         return x.clamp(0.0, 1.0);
     }

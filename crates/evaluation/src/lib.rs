@@ -37,6 +37,7 @@ mod paired;
 mod repeats;
 mod run;
 mod survival;
+mod two_stage;
 
 pub use betting::{betting_mean, betting_mean_at};
 pub use chi_squared::chi_squared_tail;
@@ -53,3 +54,4 @@ pub use paired::{PairedCounts, paired_mean_difference};
 pub use repeats::{QUANTILES, RepeatReport, variance_share};
 pub use run::{Evaluation, ScenarioFilter, evaluate};
 pub use survival::{Lifetime, LogRank, SurvivalCurve, SurvivalStep, log_rank};
+pub use two_stage::{TwoStage, two_stage};
