@@ -25,6 +25,7 @@ const BESIDE: &str = "./";
 ///
 /// # Example
 /// ```
+/// use std::ops::ControlFlow;
 /// use mishandle::rollout::{Request, Seed};
 /// use mishandle::{Counterexample, Plan, ResolvedPlan, minimize};
 /// # let folder = tempfile::tempdir().unwrap();
@@ -32,7 +33,7 @@ const BESIDE: &str = "./";
 /// let mut system = resolved.system().unwrap();
 /// // The point that must be avoided is (0.3, -0.4), by 0.1 m.
 /// let found = Request::new([0.35, -0.42], Seed(0));
-/// let minimized = minimize(&mut *system, &found, 300, |_| {}).unwrap();
+/// let minimized = minimize(&mut *system, &found, 300, |_| ControlFlow::Continue(())).unwrap();
 /// let counterexample = Counterexample::from_episode(&resolved, &minimized.episode).unwrap();
 /// let distance = |axis: usize, center: f64| counterexample.scenario[axis].value.unwrap() - center;
 /// assert!((distance(0, 0.3).hypot(distance(1, -0.4)) - 0.1).abs() < 0.02);

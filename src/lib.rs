@@ -84,7 +84,10 @@ pub use explanation::{
 };
 pub use explanation_text::{compared_values, instant};
 pub use failure_modes::{Failure, FailureMode, FailureModes, axis as recorded_axis, failure_modes};
-pub use failure_probability::{RiskPlan, risk, risk_scenarios};
+pub use failure_probability::{
+    RiskPlan, check_risk, probability_text, risk, risk_assumption, risk_counterexample, risk_refusals,
+    risk_scenarios,
+};
 pub use falsify::{FalsifyProgress, check_falsify, failure_rate_bound, falsify, search_entry};
 pub use film::Film;
 pub use frames::{FrameCaptions, FrameRenderer};
@@ -95,7 +98,7 @@ pub use home::{
 };
 pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
 pub use invisible::is_invisible;
-pub use margin::{Level, Margin, Norms, Witness, margin};
+pub use margin::{Level, Margin, Norms, Witness, check_margin, margin, witness_repeats};
 pub use masking::{EvaluatedCount, MaskedConjunct, Masking, masking};
 pub use minimize::{Minimized, axes_off_nominal, is_close, minimize};
 pub use mode_survey::{ModeSurvey, UnseenModes, mode_survey};

@@ -1,11 +1,14 @@
 //! The smallest disturbance that makes a system violate its requirement.
 
+use std::ops::ControlFlow;
+
+use mishandle_evaluation::RepeatReport;
 use mishandle_random::Sequence;
 use mishandle_rollout::{Axis, AxisKind, AxisValues, Episode, Request, Scenario, Seed, Space, System};
 use mishandle_search::{Coordinate, SearchOptions, by_name};
 
 use crate::falsify::coordinate;
-use crate::{MishandleError, minimize};
+use crate::{MishandleError, Plan, ResolvedPlan, depends_on_seed, minimize, repeat, repeat_seeds};
 
 /// The bisection of the amplitude ends at an interval of this length.
 const RESOLUTION: f64 = 0.01;
@@ -28,6 +31,8 @@ pub struct Margin {
     pub levels: Vec<Level>,
     /// Number of all simulations.
     pub simulations: u64,
+    /// Whether it was not interrupted.
+    pub is_complete: bool,
 }
 
 /// A violation and the size of its disturbance.
@@ -72,6 +77,20 @@ impl Level {
 }
 
 impl Margin {
+    /// Default of the largest number of simulations.
+    pub const BUDGET: u64 = 3000;
+
+    /// Space that is searched by default.
+    pub const SPACE: &str = "disturbance";
+
+    /// Number of simulations with other seeds of a witness whose target depends on the seed.
+    pub const REPEATS: u64 = 100;
+
+    /// Returns whether a simulation has a verdict. Without one, the system was not tested.
+    pub fn has_verdict(&self) -> bool {
+        self.levels.iter().any(|level| level.robustness.is_some())
+    }
+
     /// Returns the largest amplitude below that of the witness at which no simulation violates the requirement. The number of
     /// its simulations is evidence, not a proof, that smaller disturbances are harmless.
     pub fn largest_without_violation(&self) -> Option<Level> {
@@ -92,7 +111,7 @@ impl Margin {
 /// tried from random corners of the box of initial states, and then CMA-ES searches jointly with the initial state. Last,
 /// [`minimize`] removes as many axes as possible from the witness. Half of `budget` is for that.
 ///
-/// `watch` gets the number of simulations after each batch.
+/// `watch` gets the number of simulations after each batch. It can end the search: the witness is then the one so far.
 ///
 /// # Errors
 /// If the space has no disturbed axis, or a simulation cannot be run.
@@ -100,17 +119,20 @@ pub fn margin(
     system: &mut dyn System,
     seed: Seed,
     budget: u64,
-    mut watch: impl FnMut(u64),
+    mut watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<Margin, MishandleError> {
     let space = system.space().clone();
-    if !space.axes().iter().any(is_disturbed) {
-        let (what, expected) =
-            ("the number of disturbed axes", "at least 1: an axis with a nominal value that is no start");
-        return Err(MishandleError::InvalidValue { what, value: "0".to_string(), expected });
-    }
+    check_margin(budget, &space)?;
     let per_level = (budget / 2 / LEVELS).max(1);
-    let mut attempt =
-        Attempt { system, space, seed, random: Sequence::new(seed.0, 0), simulations: 0, watch: &mut watch };
+    let mut attempt = Attempt {
+        system,
+        space,
+        seed,
+        random: Sequence::new(seed.0, 0),
+        simulations: 0,
+        watch: &mut watch,
+        is_interrupted: false,
+    };
     let mut levels = Vec::new();
     let mut witness: Option<Episode> = None;
     let (mut passes, mut fails) = (0.0, 1.0);
@@ -126,25 +148,72 @@ pub fn margin(
             None if witness.is_none() => break,
             None => passes = amplitude,
         }
-        if fails - passes <= RESOLUTION {
+        if fails - passes <= RESOLUTION || attempt.is_interrupted {
             break;
         }
         amplitude = f64::midpoint(passes, fails);
     }
     let Some(found) = witness else {
-        return Ok(Margin { witness: None, levels, simulations: attempt.simulations });
+        let (simulations, is_complete) = (attempt.simulations, !attempt.is_interrupted);
+        return Ok(Margin { witness: None, levels, simulations, is_complete });
     };
-    let Attempt { system, space, simulations, watch, .. } = attempt;
+    let Attempt { system, space, simulations, watch, mut is_interrupted, .. } = attempt;
+    if is_interrupted {
+        let witness = Some(Witness::new(&space, found));
+        return Ok(Margin { witness, levels, simulations, is_complete: false });
+    }
     let rest = budget.saturating_sub(simulations).max(1);
-    let minimized = minimize(system, &found.request, rest, |done| watch(simulations + done))?;
-    let scenario = &minimized.episode.request.scenario;
-    let norms = norms(&space, scenario);
-    let axes = offsets(&space, scenario).filter(|offset| *offset > 0.0).count();
+    let minimized = minimize(system, &found.request, rest, |done| {
+        let flow = watch(simulations + done);
+        is_interrupted |= flow.is_break();
+        flow
+    })?;
     Ok(Margin {
-        witness: Some(Witness { episode: minimized.episode, norms, axes }),
+        witness: Some(Witness::new(&space, minimized.episode)),
         levels,
         simulations: simulations + minimized.simulations,
+        is_complete: !is_interrupted,
     })
+}
+
+/// Checks the budget of a [`margin`] and that its space has a disturbed axis.
+///
+/// # Errors
+/// If not.
+pub fn check_margin(budget: u64, space: &Space) -> Result<(), MishandleError> {
+    let (what, value, expected) = if !Plan::BUDGET.contains(&budget) {
+        ("the budget", budget, "from 1 to 1000000")
+    } else if !space.axes().iter().any(is_disturbed) {
+        ("the number of disturbed axes", 0, "at least 1: an axis with a nominal value that is no start")
+    } else {
+        return Ok(());
+    };
+    Err(MishandleError::InvalidValue { what, value: value.to_string(), expected })
+}
+
+/// Simulates a witness with other seeds. Returns `None` if they cannot change the result.
+///
+/// # Errors
+/// If a simulation cannot be run.
+pub fn witness_repeats(
+    resolved: &ResolvedPlan,
+    witness: &Witness,
+    watch: impl FnMut(&Episode) -> ControlFlow<()>,
+) -> Result<Option<RepeatReport>, MishandleError> {
+    let Request { scenario, seed, .. } = &witness.episode.request;
+    if !depends_on_seed(resolved, scenario) {
+        return Ok(None);
+    }
+    let mut system = resolved.system()?;
+    Ok(Some(repeat(&mut *system, scenario, repeat_seeds(*seed, Margin::REPEATS), watch)?))
+}
+
+impl Witness {
+    fn new(space: &Space, episode: Episode) -> Witness {
+        let scenario = &episode.request.scenario;
+        let axes = offsets(space, scenario).filter(|offset| *offset > 0.0).count();
+        Witness { norms: norms(space, scenario), axes, episode }
+    }
 }
 
 /// Returns whether the amplitude limits an axis.
@@ -183,7 +252,8 @@ struct Attempt<'a> {
     seed: Seed,
     random: Sequence,
     simulations: u64,
-    watch: &'a mut dyn FnMut(u64),
+    watch: &'a mut dyn FnMut(u64) -> ControlFlow<()>,
+    is_interrupted: bool,
 }
 
 impl Attempt<'_> {
@@ -206,14 +276,15 @@ impl Attempt<'_> {
         let signs = ((SIGNS * budget as f64) as u64).max(1);
         first.extend((first.len() as u64..signs).map(|_| self.random_signs(amplitude)));
         for batch in first.chunks(BATCH) {
-            if let Some(found) = self.simulate(batch, &mut level)? {
-                return Ok((level, Some(found)));
+            let found = self.simulate(batch, &mut level)?;
+            if found.is_some() || self.is_interrupted {
+                return Ok((level, found));
             }
         }
         let coordinates: Vec<Coordinate> = self.space.axes().iter().map(coordinate).collect();
         let seed = self.seed.child(self.simulations).0;
         let mut search = by_name("cma-es", &coordinates, seed, &SearchOptions::default())?;
-        while level.simulations < budget {
+        while level.simulations < budget && !self.is_interrupted {
             let n = (budget - level.simulations).min(BATCH as u64) as usize;
             let points = search.ask_batch(n);
             if points.is_empty() {
@@ -247,7 +318,7 @@ impl Attempt<'_> {
         level.robustness = least.reduce(f64::min);
         level.simulations += episodes.len() as u64;
         self.simulations += episodes.len() as u64;
-        (self.watch)(self.simulations);
+        self.is_interrupted = (self.watch)(self.simulations).is_break();
         Ok(episodes)
     }
 
@@ -328,7 +399,7 @@ mod tests {
             SimulatedEnd::Robustness(robustness(&values))
         };
         let mut system = FunctionSystem::new(space, outcome);
-        let found = margin(&mut system, Seed(1), BUDGET, |_| {}).unwrap();
+        let found = margin(&mut system, Seed(1), BUDGET, |_| ControlFlow::Continue(())).unwrap();
         (found, system.simulations() as u64)
     }
 
@@ -391,7 +462,24 @@ mod tests {
             Space::new("starts", vec![Axis::start("x", "m", 0.0, 1.0)]).unwrap(),
             |_: &Request| SimulatedEnd::Robustness(1.0),
         );
-        let error = margin(&mut system, Seed(0), 10, |_| {}).unwrap_err().to_string();
+        let error = margin(&mut system, Seed(0), 10, |_| ControlFlow::Continue(())).unwrap_err().to_string();
         assert!(error.contains("number of disturbed axes"), "{error}");
+    }
+
+    #[test]
+    fn an_interruption_keeps_the_witness_so_far() {
+        let outcome = |request: &Request| SimulatedEnd::Robustness(0.3 - request.scenario.get(0).unwrap());
+        let mut largest = f64::INFINITY;
+        for stop in [1, 100, 400, 1600] {
+            let mut system = FunctionSystem::new(Space::new("disturbance", inputs(4)).unwrap(), outcome);
+            let watch = |done| if done >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+            let found = margin(&mut system, Seed(1), BUDGET, watch).unwrap();
+            assert!(!found.is_complete && found.simulations < stop + 2 * BATCH as u64, "{stop}");
+            assert_eq!(system.simulations() as u64, found.simulations);
+            let witness = found.witness.unwrap();
+            assert!(witness.episode.robustness() < Some(0.0) && witness.norms.largest <= largest);
+            largest = witness.norms.largest;
+        }
+        assert!(largest < 0.32, "{largest}");
     }
 }

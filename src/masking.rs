@@ -1,5 +1,7 @@
 //! Masking: which conjuncts of a formula set the robustness of a run, and which ones fail.
 
+use std::ops::ControlFlow;
+
 use mishandle_rollout::{Request, RolloutError};
 use mishandle_stl::{Clock, Formula, Monitor, Trace};
 use mishandle_store::{RunFile, Simulation};
@@ -53,7 +55,7 @@ pub struct Masking {
 /// Counts which conjuncts set the robustness of a run and which ones fail, over at most `limit` of its simulations: all violated
 /// ones, or that many evenly chosen, and satisfied ones, evenly chosen, up to the limit. They are simulated again with `resolved`;
 /// without it, only the simulations with a recorded trace are evaluated, which are violated ones. `watch` gets the number of
-/// evaluated simulations and the number of all that will be evaluated.
+/// evaluated simulations and the number of all that will be evaluated; it can end the count, which then has nothing to say: `None`.
 ///
 /// # Errors
 /// If the run cannot be read, a simulation cannot be run, or the formula has no finite value on a trace.
@@ -61,8 +63,8 @@ pub fn masking(
     run: &RunFile,
     resolved: Option<&ResolvedPlan>,
     limit: u64,
-    mut watch: impl FnMut(u64, u64),
-) -> Result<Masking, MishandleError> {
+    mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
+) -> Result<Option<Masking>, MishandleError> {
     let header = run.header();
     let parse = |source| RolloutError::Parse { formula: header.formula.clone(), source };
     let formula = Formula::parse(&header.formula).map_err(parse)?;
@@ -88,8 +90,7 @@ pub fn masking(
     let total = chosen.len() as u64;
     let mut count = |trace: &Trace| {
         masking.add(&formula, trace, header.control_dt)?;
-        watch(masking.satisfied.evaluated + masking.violated.evaluated, total);
-        Ok::<_, MishandleError>(())
+        Ok::<_, MishandleError>(watch(masking.satisfied.evaluated + masking.violated.evaluated, total))
     };
     match resolved {
         Some(resolved) => {
@@ -99,16 +100,22 @@ pub fn masking(
                 let whole =
                     |simulation| Request { stop_threshold: None, ..record::request(simulation, false) };
                 let requests: Vec<_> = batch.iter().map(whole).collect();
-                system.rollout(&requests)?.iter().try_for_each(|episode| count(&episode.trace))?;
+                for episode in system.rollout(&requests)? {
+                    if count(&episode.trace)?.is_break() {
+                        return Ok(None);
+                    }
+                }
             }
         }
         None => {
             for stored in chosen.iter().filter_map(|simulation| simulation.trace.as_ref()) {
-                count(&trace(header, stored))?;
+                if count(&trace(header, stored))?.is_break() {
+                    return Ok(None);
+                }
             }
         }
     }
-    Ok(masking)
+    Ok(Some(masking))
 }
 
 impl Masking {

@@ -1,5 +1,7 @@
 //! Moves a counterexample toward the nominal scenario while it still fails.
 
+use std::ops::ControlFlow;
+
 use mishandle_rollout::{Axis, AxisValues, Episode, Request, Scenario, Space, System};
 
 use crate::MishandleError;
@@ -19,7 +21,7 @@ pub struct Minimized {
     pub original: Episode,
     /// Number of simulations.
     pub simulations: u64,
-    /// Whether the budget was enough: no axis can go to nominal alone, and none can move by more than 1 % of its width.
+    /// Whether the minimization came to its end: no axis can go to nominal alone, and none can move by more than 1 % of its width.
     pub is_complete: bool,
     /// Whether all smaller sets of axes were tried: with the other axes at nominal and these at their original values, every
     /// simulation passes.
@@ -34,7 +36,7 @@ pub struct Minimized {
 /// toward nominal by bisection, jointly and one at a time, until none can move by more than 1 % of its width (an integer axis: by
 /// one). Random draws, which have no nominal value, stay. Any violation counts, also of another predicate.
 ///
-/// `watch` gets the number of simulations after each batch.
+/// `watch` gets the number of simulations after each batch. It can end the minimization, which then returns the failure so far.
 ///
 /// # Errors
 /// If the request does not fail, or a simulation cannot be run.
@@ -42,7 +44,7 @@ pub fn minimize(
     system: &mut dyn System,
     request: &Request,
     budget: u64,
-    watch: impl FnMut(u64),
+    watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<Minimized, MishandleError> {
     let original = system.rollout(std::slice::from_ref(request))?.pop().ok_or(MishandleError::NoEpisode)?;
     if original.robustness().is_none_or(|rho| rho >= 0.0) {
@@ -61,7 +63,7 @@ pub fn minimize(
     };
     let is_complete = match search.run() {
         Ok(()) => true,
-        Err(Stop::Budget) => false,
+        Err(Stop::Budget | Stop::Interrupted) => false,
         Err(Stop::Error(error)) => return Err(*error),
     };
     let Search { best, simulations, has_fewest_axes, .. } = search;
@@ -94,6 +96,7 @@ pub fn is_close(space: &Space, a: &Scenario, b: &Scenario) -> bool {
 /// Why a search ends early.
 enum Stop {
     Budget,
+    Interrupted,
     Error(Box<MishandleError>),
 }
 
@@ -114,7 +117,7 @@ struct Search<'a, W> {
     has_fewest_axes: bool,
 }
 
-impl<W: FnMut(u64)> Search<'_, W> {
+impl<W: FnMut(u64) -> ControlFlow<()>> Search<'_, W> {
     fn run(&mut self) -> Result<(), Stop> {
         let smallest = self.smallest_set()?;
         if self.off_axes().len() > smallest {
@@ -171,7 +174,10 @@ impl<W: FnMut(u64)> Search<'_, W> {
                 }
             }
             self.simulations += batch.len() as u64;
-            (self.watch)(self.simulations);
+            if (self.watch)(self.simulations).is_break() {
+                self.best = found.unwrap_or_else(|| self.best.clone());
+                return Err(Stop::Interrupted);
+            }
         }
         let has_failed = found.is_some();
         self.best = found.unwrap_or_else(|| self.best.clone());
@@ -355,7 +361,7 @@ mod tests {
         };
         let mut system = FunctionSystem::new(space, outcome);
         let request = Request::new(scenario, Seed(3));
-        let minimized = minimize(&mut system, &request, budget, |_| {}).unwrap();
+        let minimized = minimize(&mut system, &request, budget, |_| ControlFlow::Continue(())).unwrap();
         assert_eq!(system.simulations() as u64, minimized.simulations);
         assert!(minimized.simulations <= budget);
         assert_eq!(minimized.episode.request.seed, Seed(3));
@@ -472,7 +478,9 @@ mod tests {
         };
         let mut system = FunctionSystem::new(space.clone(), outcome);
         let mut of = |values: Vec<Option<f64>>| {
-            minimize(&mut system, &Request::new(Scenario::new(values), Seed(0)), 100, |_| {})
+            minimize(&mut system, &Request::new(Scenario::new(values), Seed(0)), 100, |_| {
+                ControlFlow::Continue(())
+            })
         };
         let found = of(vec![Some(0.25), Some(0.9)]).unwrap();
         assert_eq!(found.episode.request.scenario.get(0), Some(0.25));

@@ -1,5 +1,6 @@
 //! Counterexamples as a regression suite: the same scenarios with another controller.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use mishandle_evaluation::RepeatReport;
@@ -38,7 +39,7 @@ pub fn regress(
     folder: &Path,
     controller: Option<&str>,
     repeats: u64,
-    watch: impl FnMut(&Episode),
+    watch: impl FnMut(&Episode) -> ControlFlow<()>,
 ) -> Result<Regression, MishandleError> {
     let resolved: ResolvedPlan = match controller {
         Some(controller) => counterexample.resolve_with(controller)?,
@@ -62,7 +63,7 @@ pub fn regress_with(
     counterexample: &Counterexample,
     resolved: &ResolvedPlan,
     repeats: u64,
-    watch: impl FnMut(&Episode),
+    watch: impl FnMut(&Episode) -> ControlFlow<()>,
 ) -> Result<Regression, MishandleError> {
     let request = counterexample.request(&resolved.space)?;
     let mut system = resolved.system()?;

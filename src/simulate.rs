@@ -1,5 +1,7 @@
 //! Simulations of chosen scenarios, repeated with other random seeds.
 
+use std::ops::ControlFlow;
+
 use mishandle_evaluation::{Estimate, RepeatReport, variance_share};
 use mishandle_rollout::{Episode, Request, Scenario, Seed, System};
 
@@ -25,7 +27,8 @@ pub fn repeat_seeds(seed: Seed, n: u64) -> impl Iterator<Item = Seed> {
     (0..n).map(move |index| seed.child(index))
 }
 
-/// Simulates `scenario` once per seed and calls `watch` with each episode.
+/// Simulates `scenario` once per seed and calls `watch` with each episode. It can end the repeats: the report then has those of the
+/// batches so far.
 ///
 /// # Errors
 /// If the scenario is not in the space of the system, or a simulation cannot be run.
@@ -33,19 +36,20 @@ pub fn repeat(
     system: &mut dyn System,
     scenario: &Scenario,
     seeds: impl Iterator<Item = Seed>,
-    mut watch: impl FnMut(&Episode),
+    mut watch: impl FnMut(&Episode) -> ControlFlow<()>,
 ) -> Result<RepeatReport, MishandleError> {
     let mut requests =
         (1..).zip(seeds).map(|(number, seed)| Request { number, ..Request::new(scenario.clone(), seed) });
     let mut robustness = Vec::new();
     loop {
         let batch: Vec<Request> = requests.by_ref().take(BATCH).collect();
-        if batch.is_empty() {
-            return Ok(RepeatReport::new(&robustness));
-        }
+        let mut is_last = batch.is_empty();
         for episode in system.rollout(&batch)? {
             robustness.push(episode.robustness());
-            watch(&episode);
+            is_last |= watch(&episode).is_break();
+        }
+        if is_last {
+            return Ok(RepeatReport::new(&robustness));
         }
     }
 }
@@ -63,7 +67,7 @@ pub struct Noise {
 }
 
 /// Measures how much of the variance of the robustness comes from the scenario and how much from noise: simulates random
-/// scenarios of the space, each of them `repeats` times.
+/// scenarios of the space, each of them `repeats` times. Returns `None` if `watch` ends the measurement.
 ///
 /// # Errors
 /// If a simulation cannot be run.
@@ -73,22 +77,27 @@ pub fn measure_noise(
     seed: Seed,
     scenarios: u64,
     repeats: u64,
-    mut watch: impl FnMut(&Episode),
-) -> Result<Noise, MishandleError> {
+    mut watch: impl FnMut(&Episode) -> ControlFlow<()>,
+) -> Result<Option<Noise>, MishandleError> {
     let mut groups = Vec::new();
     for index in 0..scenarios {
         let scenario = resolved.space.sample(seed, index);
-        let mut group = Vec::new();
+        let (mut group, mut is_interrupted) = (Vec::new(), false);
         let seeds = repeat_seeds(seed.child(index), repeats);
         repeat(system, &scenario, seeds, |episode| {
             group.extend(episode.robustness());
-            watch(episode);
+            let flow = watch(episode);
+            is_interrupted |= flow.is_break();
+            flow
         })?;
+        if is_interrupted {
+            return Ok(None);
+        }
         groups.push(group);
     }
     // A scenario with an undecided simulation has a smaller group and leaves the analysis.
     groups.retain(|group| group.len() as u64 == repeats);
-    Ok(Noise { scenario_share: variance_share(&groups), scenarios, repeats })
+    Ok(Some(Noise { scenario_share: variance_share(&groups), scenarios, repeats }))
 }
 
 #[cfg(test)]
@@ -108,7 +117,13 @@ mod tests {
         let report = repeat(&mut *system, &scenario, seeds, |_| {
             done.set(done.get() + 1);
             assert!(drawn.get() < done.get() + BATCH, "{} drawn, {} done", drawn.get(), done.get());
+            ControlFlow::Continue(())
         });
         assert_eq!((report.unwrap().simulations, done.get()), (150, 150));
+        // An interruption keeps the batch that was running.
+        let report = repeat(&mut *system, &scenario, repeat_seeds(Seed(1), 150), |_| ControlFlow::Break(()));
+        assert_eq!(report.unwrap().simulations, BATCH as u64);
+        let stopped = |_: &Episode| ControlFlow::Break(());
+        assert_eq!(measure_noise(&resolved, &mut *system, Seed(1), 5, 5, stopped).unwrap(), None);
     }
 }

@@ -93,7 +93,7 @@ impl ResolvedPlan {
         }
         let mut text = target.formulas.first().map_or("", |formula| &formula.name).to_string();
         if let Some(risk) = &plan.risk {
-            crate::failure_probability::check(risk, &space)?;
+            crate::failure_probability::check_risk(risk, &space)?;
             text = risk.formula.clone().unwrap_or(text);
         }
         if let Some(falsify) = &plan.falsify {

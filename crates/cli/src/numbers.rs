@@ -9,13 +9,24 @@ pub fn integer<T: TryFrom<u64>>(range: RangeInclusive<u64>) -> impl Fn(&str) -> 
     move |text| {
         let (low, high) = (range.start(), range.end());
         let error = |why: &str| {
-            format!("the value is {why}; expected an integer from {low} to {high}, such as 10, 1_000 or 1e3")
+            format!("the value is {why}; expected an integer from {low} to {high}{}", examples(&range))
         };
         let number = parse(text).map_err(error)?;
         if number < *low {
             return Err(error("too small"));
         }
         T::try_from(number).ok().filter(|_| number <= *high).ok_or_else(|| error("too large"))
+    }
+}
+
+/// Returns examples of a number in its notations, from those that the range allows.
+fn examples(range: &RangeInclusive<u64>) -> String {
+    let notations = [(10, "10"), (1000, "1_000"), (1000, "1e3"), (100_000, "100_000"), (100_000, "1e5")];
+    let allowed = notations.into_iter().filter(|(number, _)| range.contains(number)).take(3);
+    match allowed.map(|(_, text)| text).collect::<Vec<_>>()[..] {
+        [first, second, third] => format!(", such as {first}, {second} or {third}"),
+        [first, ..] => format!(", such as {first}"),
+        [] => String::new(),
     }
 }
 
@@ -130,6 +141,18 @@ mod tests {
                 "{error}"
             );
         }
+    }
+
+    #[test]
+    fn the_examples_of_an_error_are_in_the_range() {
+        let examples = |range| {
+            let error = integer::<u64>(range)("-1").unwrap_err();
+            error.split_once(", such as ").map_or(String::new(), |(_, examples)| examples.to_string())
+        };
+        assert_eq!(examples(1..=1_000_000), "10, 1_000 or 1e3");
+        assert_eq!(examples(100..=1_000_000_000), "1_000, 1e3 or 100_000");
+        assert_eq!(examples(1..=200), "10");
+        assert_eq!(examples(1..=3), "");
     }
 
     #[test]

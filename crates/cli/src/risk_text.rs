@@ -1,12 +1,9 @@
 //! Texts about a failure probability.
 
 use mishandle::evaluation::Estimate;
-use mishandle::risk::{
-    Answer, Disagreement, FREQUENT, Failure, Importance, LARGEST_RATIO, Refusal, Report, Scenarios, Source,
-    Splitting,
-};
+use mishandle::risk::{Answer, FREQUENT, Failure, Importance, Report, Scenarios, Splitting};
 use mishandle::rollout::Axis;
-use mishandle::{ResolvedPlan, decimal, plural};
+use mishandle::{ResolvedPlan, decimal, plural, probability_text as probability};
 
 use crate::{escape, output, run};
 
@@ -23,7 +20,7 @@ pub fn text(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> 
         answer(report),
         output::table(&parts(report)),
     );
-    for refusal in refusals(report) {
+    for refusal in mishandle::risk_refusals(report) {
         text.push_str(&format!("\n\nno estimate: {refusal}"));
     }
     let undecided = report.monte_carlo.without_verdict;
@@ -93,32 +90,13 @@ fn answer(report: &Report) -> String {
                 probability(estimate.value.unwrap_or(f64::NAN)),
                 interval(estimate)
             );
-            match assumption(report) {
+            match mishandle::risk_assumption(report) {
                 None => format!("{value}, which assumes nothing"),
                 Some(assumption) => {
                     format!("{value}, if {assumption}\nwithout that assumption: {bounds} (95 %)")
                 }
             }
         }
-    }
-}
-
-/// Returns what the interval of the estimate assumes; `None` if nothing.
-pub fn assumption(report: &Report) -> Option<&'static str> {
-    match report.answer.source? {
-        _ if !report.answer.has_assumption => None,
-        Source::MonteCarlo => None,
-        Source::Importance => Some("the failures outside of the regions found are negligible"),
-        Source::Splitting => Some("the chains lost no failure mode"),
-    }
-}
-
-/// Returns the name of the part that an estimate is from.
-pub fn source(source: Source) -> &'static str {
-    match source {
-        Source::MonteCarlo => "monte-carlo",
-        Source::Importance => "importance",
-        Source::Splitting => "splitting",
     }
 }
 
@@ -172,60 +150,7 @@ fn splitting_note(splitting: &Splitting) -> String {
     format!("chains: {}; {mean:.0} % of moves accepted", chains.join(", "))
 }
 
-/// Returns why parts have no estimate.
-pub fn refusals(report: &Report) -> Vec<String> {
-    let answer = &report.answer;
-    let splitting = answer.splitting_refusal.as_ref().map(|refusal| match refusal {
-        Refusal::Chains(Disagreement::Incomplete { complete }) => format!(
-            "multilevel splitting: {} of {} chains reached a failure within the budget; a larger budget lets all of them",
-            complete,
-            chains(report)
-        ),
-        Refusal::Chains(Disagreement::Extinct { extinct }) => format!(
-            "multilevel splitting: {extinct} of {} chains found no failure, because all their particles have the same robustness",
-            chains(report)
-        ),
-        Refusal::Chains(Disagreement::Spread { ratio }) => format!(
-            "multilevel splitting: the chains disagree by a factor of {ratio:.0}; more than {LARGEST_RATIO} is refused"
-        ),
-        Refusal::MonteCarlo => {
-            "multilevel splitting: the exact interval of Monte Carlo (99 %) contradicts the chains".to_string()
-        }
-        Refusal::BelowImportance => {
-            "multilevel splitting: the failures of importance sampling alone are more probable; the chains lost a failure mode"
-                .to_string()
-        }
-        Refusal::AboveImportance => {
-            "importance sampling and multilevel splitting: the chains agree on a larger probability than that of the regions, \
-             so a failure mode was missed, or the chains are wrong"
-                .to_string()
-        }
-    });
-    let importance = report.importance.as_ref().filter(|importance| !importance.is_reliable()).map(|importance| {
-        format!(
-            "importance sampling: its failures are worth {:.0} equally weighted ones, and {} of the probability is \
-             estimated outside of the regions",
-            importance.effective_failures,
-            probability(importance.outside)
-        )
-    });
-    splitting.into_iter().chain(importance).collect()
-}
-
-fn chains(report: &Report) -> usize {
-    report.splitting.as_ref().map_or(0, |splitting| splitting.chains.len())
-}
-
 fn interval(estimate: &Estimate) -> String {
     let end = |value: Option<f64>| value.map_or("-".to_string(), probability);
     format!("[{}, {}]", end(estimate.low), end(estimate.high))
-}
-
-/// Formats a probability with three digits.
-fn probability(p: f64) -> String {
-    match p {
-        0.0 => "0".to_string(),
-        0.001.. => decimal(p, 5),
-        _ => format!("{p:.2e}"),
-    }
 }

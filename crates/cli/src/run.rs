@@ -350,6 +350,11 @@ pub fn report_interruption(kind: RunKind, simulations: u64, name: &str) {
     output::message(&format!("Resume with: mishandle {} --resume {name}", command_of(kind)));
 }
 
+/// Reports an interrupted command that writes no run file: what is kept, and what is lost.
+pub fn report_loss(simulations: u64, kept_and_lost: &str) {
+    output::message(&format!("interrupted after {}: {kept_and_lost}", plural(simulations, "simulation")));
+}
+
 /// Makes signals end the run after the current batch. The first signal prints a message immediately.
 pub fn stop_on_signals(bar: &Bar) -> Result<()> {
     let (announced, cleared) = (bar.line(), bar.line());

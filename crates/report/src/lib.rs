@@ -35,6 +35,7 @@ pub use campaign::{RunSummary, campaign_page, run_page};
 pub use comparison::comparison_page;
 pub use html::text as escaped;
 pub use load::RunReport;
+pub use measure::Measurement;
 pub use page::{Document, page};
 pub use survival::{SurvivalLine, survival_figure};
 

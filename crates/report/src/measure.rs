@@ -1,5 +1,8 @@
 //! What takes simulations: failing patches, repeats under noise, corners and pictures.
 
+use std::cell::Cell;
+use std::ops::ControlFlow;
+
 use mishandle::evaluation::{Corners, Estimate, RepeatReport, wilson};
 use mishandle::rollout::{Axis, Episode, Request, Scenario, Seed, Stream, System};
 use mishandle::store::RunFile;
@@ -32,6 +35,20 @@ pub struct Measured {
     pub corners: Vec<Point>,
 }
 
+/// How the simulations of a report ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Measurement {
+    /// The report has the results.
+    Done,
+    /// The target of the run cannot be simulated.
+    Skipped {
+        /// Why.
+        reason: String,
+    },
+    /// The caller ended them, and the report has no results.
+    Interrupted,
+}
+
 /// Random scenarios in a box around the failures of a mode.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patch {
@@ -46,11 +63,10 @@ pub struct Patch {
 impl RunReport {
     /// Adds what takes simulations: the size of each mode's failing patch, how often its representative
     /// fails with other seeds, the share of noise, corners, and pictures of tasks. Calls `watch` after each simulation with
-    /// the number of simulations so far and in total.
+    /// the number of simulations so far and in total; it can end them after the running batch.
     ///
     /// `probes` is the number of random scenarios that estimate the size of a patch; 0 skips it. `controller` is the present path
-    /// of the run's controller, if the file was moved. Returns why nothing was simulated, if the target of the run cannot be
-    /// simulated.
+    /// of the run's controller, if the file was moved. Nothing is simulated if the target of the run cannot be.
     ///
     /// # Errors
     /// If a simulation cannot be run.
@@ -59,11 +75,11 @@ impl RunReport {
         run: &RunFile,
         controller: Option<&str>,
         probes: u32,
-        watch: impl FnMut(u64, u64),
-    ) -> Result<Option<String>, MishandleError> {
+        watch: impl FnMut(u64, u64) -> ControlFlow<()>,
+    ) -> Result<Measurement, MishandleError> {
         match mishandle::recorded_plan(run.header(), controller) {
             Ok(resolved) => self.measure_target(run, &resolved, controller, probes, watch),
-            Err(error) => Ok(Some(error.to_string())),
+            Err(error) => Ok(Measurement::Skipped { reason: error.to_string() }),
         }
     }
 
@@ -76,8 +92,8 @@ impl RunReport {
         run: &RunFile,
         resolved: &ResolvedPlan,
         probes: u32,
-        watch: impl FnMut(u64, u64),
-    ) -> Result<Option<String>, MishandleError> {
+        watch: impl FnMut(u64, u64) -> ControlFlow<()>,
+    ) -> Result<Measurement, MishandleError> {
         self.measure_target(run, resolved, None, probes, watch)
     }
 
@@ -87,15 +103,15 @@ impl RunReport {
         resolved: &ResolvedPlan,
         controller: Option<&str>,
         probes: u32,
-        watch: impl FnMut(u64, u64),
-    ) -> Result<Option<String>, MishandleError> {
+        watch: impl FnMut(u64, u64) -> ControlFlow<()>,
+    ) -> Result<Measurement, MishandleError> {
         let (then, now) = (&run.header().target, &resolved.target.identity);
         // A file of format version 1 has no hash.
         if then.kind != now.kind || (then.hash != now.hash && !then.hash.is_empty()) {
-            return Ok(Some(format!("the target {} is not the one of the run any more", then.name)));
+            let reason = format!("the target {} is not the one of the run any more", then.name);
+            return Ok(Measurement::Skipped { reason });
         }
-        self.measure_in(run, resolved, controller, probes, watch)?;
-        Ok(None)
+        self.measure_in(run, resolved, controller, probes, watch)
     }
 
     fn measure_in(
@@ -104,8 +120,8 @@ impl RunReport {
         resolved: &ResolvedPlan,
         controller: Option<&str>,
         probes: u32,
-        mut watch: impl FnMut(u64, u64),
-    ) -> Result<(), MishandleError> {
+        mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
+    ) -> Result<Measurement, MishandleError> {
         let mut system = resolved.system()?;
         let axes = resolved.space.axes();
         let seed = Seed(self.header.seed).child(u64::MAX);
@@ -120,10 +136,12 @@ impl RunReport {
         let total = modes * (u64::from(probes) + repeats)
             + noise
             + corners.as_ref().map_or(0, |corners| u64::from(corners.simulations()));
-        let mut done = 0;
+        let (mut done, is_interrupted) = (0, Cell::new(false));
         let mut count = |_: &Episode| {
             done += 1;
-            watch(done, total);
+            let flow = watch(done, total);
+            is_interrupted.set(is_interrupted.get() || flow.is_break());
+            flow
         };
         let mut measured = Measured::default();
         for (index, mode) in (0..).zip(self.modes.modes.iter().take(MAX_MODES)) {
@@ -138,33 +156,43 @@ impl RunReport {
             let scenario = Scenario::from(mode.representative());
             measured.repeats.push(match repeats {
                 0 => None,
+                _ if is_interrupted.get() => None,
                 _ => {
                     let seeds = mishandle::repeat_seeds(seed.child(index), repeats);
                     Some(mishandle::repeat(&mut *system, &scenario, seeds, &mut count)?)
                 }
             });
+            if is_interrupted.get() {
+                return Ok(Measurement::Interrupted);
+            }
         }
         if noise > 0 {
             let (scenarios, repeats) = NOISE;
             measured.noise =
-                Some(mishandle::measure_noise(resolved, &mut *system, seed, scenarios, repeats, &mut count)?);
+                mishandle::measure_noise(resolved, &mut *system, seed, scenarios, repeats, &mut count)?;
         }
         if let Some(corners) = corners {
             let requests: Vec<Request> =
                 (1..=corners.simulations()).filter_map(|number| corners.request(number)).collect();
             for batch in requests.chunks(BATCH) {
+                if is_interrupted.get() {
+                    break;
+                }
                 for episode in system.rollout(batch)? {
-                    count(&episode);
+                    let _ = count(&episode);
                     measured.corners.push(point(&episode));
                 }
             }
+        }
+        if is_interrupted.get() {
+            return Ok(Measurement::Interrupted);
         }
         match pictures::strips(run, &self.representatives, controller) {
             Ok(strips) => measured.strips = strips,
             Err(error) => self.notes.push(format!("There are no pictures of the failures: {error}.")),
         }
         self.measured = Some(measured);
-        Ok(())
+        Ok(Measurement::Done)
     }
 }
 
@@ -192,7 +220,7 @@ fn patch(
     axes: &[Axis],
     bounds: &[[f64; 2]],
     (seed, probes): (Seed, u32),
-    mut watch: impl FnMut(&Episode),
+    mut watch: impl FnMut(&Episode) -> ControlFlow<()>,
 ) -> Result<Patch, MishandleError> {
     let scenario = |probe: u32| {
         let value = |(number, (axis, [low, high])): (u32, (&Axis, &[f64; 2]))| {
@@ -205,9 +233,13 @@ fn patch(
         .map(|number| Request { number, ..Request::new(scenario(number), seed.child(u64::from(number))) })
         .collect();
     let (mut failing, mut decided) = (0, 0);
+    let mut is_interrupted = false;
     for batch in requests.chunks(BATCH) {
+        if is_interrupted {
+            break;
+        }
         for episode in system.rollout(batch)? {
-            watch(&episode);
+            is_interrupted |= watch(&episode).is_break();
             decided += u64::from(episode.robustness().is_some());
             failing += u64::from(episode.robustness().is_some_and(|rho| rho < 0.0));
         }

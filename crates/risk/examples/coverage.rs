@@ -9,6 +9,8 @@
 #[path = "../tests/systems/mod.rs"]
 mod systems;
 
+use std::ops::ControlFlow;
+
 use mishandle_random::Seed;
 use mishandle_risk::{Method, Report, Settings, Source, risk};
 use systems::{Known, systems};
@@ -29,7 +31,7 @@ fn main() {
         for seed in 1..=replications {
             let (mut system, scenarios) = known.system();
             let settings = Settings { simulations, method, seed: Seed(seed), batch: 64 };
-            let report = risk(&mut system, &scenarios, &settings, |_| {}).unwrap();
+            let report = risk(&mut system, &scenarios, &settings, |_| ControlFlow::Continue(())).unwrap();
             assert_eq!(report.simulations, simulations);
             assert_eq!(system.simulations() as u64, simulations);
             reports.push(report);

@@ -4,7 +4,7 @@ use mishandle_evaluation::{Estimate, clopper_pearson};
 
 use crate::importance::Importance;
 use crate::splitting::{Disagreement, Splitting};
-use crate::{CONFIDENCE, FREQUENT, MonteCarlo};
+use crate::{CONFIDENCE, FREQUENT, Method, MonteCarlo};
 
 /// Confidence of the intervals that are compared. Two correct ones are apart with a probability of at most 2 %.
 const CHECK: f64 = 0.99;
@@ -26,7 +26,7 @@ pub struct Answer {
     pub has_assumption: bool,
     /// Bounds (95 %) that hold without an assumption.
     pub bounds: [f64; 2],
-    /// Why multilevel splitting is not trusted; `None` if it is, or was not run.
+    /// Why multilevel splitting has no estimate; `None` if it has one, or was not needed.
     pub splitting_refusal: Option<Refusal>,
 }
 
@@ -42,9 +42,28 @@ pub enum Source {
     Splitting,
 }
 
+impl Source {
+    /// Returns the name, which is that of a method.
+    pub fn name(self) -> &'static str {
+        match self {
+            Source::MonteCarlo => Method::MonteCarlo,
+            Source::Importance => Method::Importance,
+            Source::Splitting => Method::Splitting,
+        }
+        .name()
+    }
+}
+
 /// Why an estimate is refused.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Refusal {
+    /// Its part of the budget is too small.
+    Budget {
+        /// Number of simulations of its part.
+        simulations: u64,
+        /// Fewest simulations of the whole estimation.
+        needed: u64,
+    },
     /// The chains disagree.
     Chains(Disagreement),
     /// The interval is apart from that of Monte Carlo.

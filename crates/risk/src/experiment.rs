@@ -1,8 +1,24 @@
 //! Runs simulations of draws and counts them.
 
+use std::ops::ControlFlow;
+
 use mishandle_rollout::{Request, System};
 
 use crate::{Draw, RiskError, Scenarios};
+
+/// Why a part of an estimation ends early.
+pub(crate) enum Stop {
+    /// The caller stops the estimation.
+    Interrupted,
+    /// A simulation cannot be run.
+    Error(RiskError),
+}
+
+impl<E: Into<RiskError>> From<E> for Stop {
+    fn from(error: E) -> Stop {
+        Stop::Error(error.into())
+    }
+}
 
 /// Largest number of failures that are kept.
 const KEPT: usize = 1000;
@@ -25,7 +41,8 @@ pub(crate) struct Experiment<'a> {
     done: u64,
     /// Failures nearest to the center of the latent space, unordered.
     failures: Vec<Failure>,
-    watch: &'a mut dyn FnMut(u64),
+    watch: &'a mut dyn FnMut(u64) -> ControlFlow<()>,
+    is_interrupted: bool,
 }
 
 impl<'a> Experiment<'a> {
@@ -33,9 +50,10 @@ impl<'a> Experiment<'a> {
         system: &'a mut dyn System,
         scenarios: &'a Scenarios,
         (budget, batch): (u64, usize),
-        watch: &'a mut dyn FnMut(u64),
+        watch: &'a mut dyn FnMut(u64) -> ControlFlow<()>,
     ) -> Experiment<'a> {
-        Experiment { system, scenarios, batch: batch.max(1), budget, done: 0, failures: Vec::new(), watch }
+        let (batch, failures) = (batch.max(1), Vec::new());
+        Experiment { system, scenarios, batch, budget, done: 0, failures, watch, is_interrupted: false }
     }
 
     /// Returns the number of simulations so far.
@@ -48,10 +66,13 @@ impl<'a> Experiment<'a> {
         self.budget.saturating_sub(self.done)
     }
 
-    /// Returns the robustness of each draw; `None` without a verdict.
+    /// Returns the robustness of each draw; `None` without a verdict. After an interruption, the last draws are missing.
     pub(crate) fn simulate(&mut self, draws: &[Draw]) -> Result<Vec<Option<f64>>, RiskError> {
         let mut robustness = Vec::with_capacity(draws.len());
         for batch in draws.chunks(self.batch) {
+            if self.is_interrupted {
+                break;
+            }
             let request = |draw: &Draw| Request::new(self.scenarios.scenario(&draw.latent), draw.seed);
             let requests: Vec<Request> = batch.iter().map(request).collect();
             let episodes = self.system.rollout(&requests)?;
@@ -60,7 +81,7 @@ impl<'a> Experiment<'a> {
             }
             robustness.extend(episodes.iter().map(mishandle_rollout::Episode::robustness));
             self.done += batch.len() as u64;
-            (self.watch)(self.done);
+            self.is_interrupted = (self.watch)(self.done).is_break();
         }
         for (draw, rho) in draws.iter().zip(&robustness) {
             if let Some(robustness) = rho.filter(|rho| *rho < 0.0) {
@@ -75,8 +96,12 @@ impl<'a> Experiment<'a> {
     }
 
     /// Returns the robustness of each draw, the worst possible one without a verdict.
-    pub(crate) fn robustness(&mut self, draws: &[Draw]) -> Result<Vec<f64>, RiskError> {
-        Ok(self.simulate(draws)?.into_iter().map(|rho| rho.unwrap_or(f64::INFINITY)).collect())
+    pub(crate) fn robustness(&mut self, draws: &[Draw]) -> Result<Vec<f64>, Stop> {
+        let robustness = self.simulate(draws)?;
+        if robustness.len() < draws.len() {
+            return Err(Stop::Interrupted);
+        }
+        Ok(robustness.into_iter().map(|rho| rho.unwrap_or(f64::INFINITY)).collect())
     }
 
     /// Returns up to `n` failures, the ones nearest to the center of the distribution first, each at a distance of at least `apart`

@@ -3,17 +3,24 @@
 use mishandle_random::{Seed, Sequence};
 use mishandle_search::{Observation, SearchOptions, by_name};
 
-use crate::experiment::Experiment;
+use crate::Draw;
+use crate::experiment::{Experiment, Stop};
 use crate::moves::Walk;
 use crate::proposal::centers;
 use crate::scenarios::latent;
-use crate::{Draw, RiskError};
 
 /// Fraction of the simulations that search for failures. The others sample around them.
 const SEARCH: f64 = 0.6;
 
-/// The searches, with their fractions of the search. The last one has what is left, and starts again after each failure.
-const SEARCHES: [(&str, f64); 4] = [("corners", 0.2), ("line", 0.2), ("sobol", 0.2), ("cma-es", 1.0)];
+/// Searches that run one after the other, with their fractions of the simulations that search.
+const SEARCHES: [(&str, f64); 3] = [("corners", 0.2), ("line", 0.2), ("sobol", 0.2)];
+
+/// The search that has the other simulations. It starts again after each failure.
+const RESTARTED: &str = "cma-es";
+
+/// Random streams besides those of [`SEARCHES`], which are their indices.
+const RESTARTS: u64 = 0x100;
+const RELAXATION: u64 = 0x101;
 
 /// Simulations of a search per coordinate before it starts again.
 const PER_COORDINATE: u64 = 60;
@@ -30,11 +37,7 @@ const BISECTIONS: u32 = 6;
 
 /// Returns failing draws: those that the searches found, followed by draws of the distribution within the failure modes that contain
 /// them. The simulations are at most `budget`.
-pub(crate) fn explore(
-    experiment: &mut Experiment<'_>,
-    seed: Seed,
-    budget: u64,
-) -> Result<Vec<Draw>, RiskError> {
+pub(crate) fn explore(experiment: &mut Experiment<'_>, seed: Seed, budget: u64) -> Result<Vec<Draw>, Stop> {
     let end = experiment.done() + budget;
     let found = search(experiment, seed, (SEARCH * budget as f64) as u64)?;
     let left = end.saturating_sub(experiment.done());
@@ -44,16 +47,12 @@ pub(crate) fn explore(
     let starts = chosen.into_iter().map(|index| found[index].clone()).collect();
     let starts = approach(experiment, starts, left)?;
     let left = end.saturating_sub(experiment.done());
-    relax(experiment, &mut Sequence::new(seed.child(u64::MAX).0, 0), &starts, left)
+    relax(experiment, &mut Sequence::new(seed.child(RELAXATION).0, 0), &starts, left)
 }
 
 /// Moves each failure toward the center of the distribution while it still fails: searches find failures far out, but most of the
 /// probability is at the near end of a failure mode.
-fn approach(
-    experiment: &mut Experiment<'_>,
-    mut draws: Vec<Draw>,
-    budget: u64,
-) -> Result<Vec<Draw>, RiskError> {
+fn approach(experiment: &mut Experiment<'_>, mut draws: Vec<Draw>, budget: u64) -> Result<Vec<Draw>, Stop> {
     if u64::from(BISECTIONS) * draws.len() as u64 > budget {
         return Ok(draws);
     }
@@ -81,42 +80,47 @@ fn approach(
 }
 
 /// Runs searches one after the other and returns their failures.
-fn search(experiment: &mut Experiment<'_>, seed: Seed, budget: u64) -> Result<Vec<Draw>, RiskError> {
+fn search(experiment: &mut Experiment<'_>, seed: Seed, budget: u64) -> Result<Vec<Draw>, Stop> {
     let end = experiment.done() + budget;
     let mut found = Vec::new();
-    for (name, share) in SEARCHES {
-        let stop = end.min(experiment.done() + (share * budget as f64) as u64);
-        let restarts = share == 1.0;
-        let mut trial = 0;
-        while experiment.done() < stop {
-            let cap = PER_COORDINATE * (experiment.scenarios.dimension() as u64 + 1);
-            let n = if restarts { cap.min(stop - experiment.done()) } else { stop - experiment.done() };
-            let own = seed.child(u64::from(name.len() as u8) << 32 | trial);
-            let before = experiment.done();
-            found.extend(search_once(experiment, name, own, n, restarts)?);
-            trial += 1;
-            if !restarts || experiment.done() == before {
-                break;
-            }
+    for (stream, (name, share)) in (0..).zip(SEARCHES) {
+        let n = (share * budget as f64) as u64;
+        found.extend(search_once(experiment, name, seed.child(stream), n, Until::Budget)?);
+    }
+    let most = PER_COORDINATE * (experiment.scenarios.dimension() as u64 + 1);
+    for trial in 0.. {
+        let before = experiment.done();
+        let (own, n) = (seed.child(RESTARTS).child(trial), most.min(end.saturating_sub(before)));
+        found.extend(search_once(experiment, RESTARTED, own, n, Until::Failure)?);
+        if experiment.done() == before {
+            break;
         }
     }
     Ok(found)
 }
 
-/// Runs a search and returns its failures; with `ends` it ends at the first batch with one.
+/// When a search ends.
+#[derive(Clone, Copy, PartialEq)]
+enum Until {
+    Budget,
+    /// At the first batch with a failure, or when the budget is spent.
+    Failure,
+}
+
+/// Runs a search and returns its failures.
 fn search_once(
     experiment: &mut Experiment<'_>,
     name: &str,
     seed: Seed,
     budget: u64,
-    ends: bool,
-) -> Result<Vec<Draw>, RiskError> {
+    until: Until,
+) -> Result<Vec<Draw>, Stop> {
     let mut random = Sequence::new(seed.0, 0);
     let coordinates = experiment.scenarios.coordinates();
     let mut search = by_name(name, &coordinates, seed.child(0).0, &SearchOptions::default())?;
     let end = experiment.done() + budget;
     let mut found = Vec::new();
-    while experiment.done() < end && (found.is_empty() || !ends) {
+    while experiment.done() < end && (found.is_empty() || until == Until::Budget) {
         let points = search.ask_batch(BATCH.min((end - experiment.done()) as usize));
         if points.is_empty() {
             break;
@@ -141,7 +145,7 @@ fn relax(
     random: &mut Sequence,
     starts: &[Draw],
     budget: u64,
-) -> Result<Vec<Draw>, RiskError> {
+) -> Result<Vec<Draw>, Stop> {
     let steps = budget.checked_div(starts.len() as u64).unwrap_or(0);
     let mut walk = Walk::new(experiment.scenarios.depends_on_seed());
     let mut states = starts.to_vec();

@@ -3,9 +3,9 @@
 use mishandle_evaluation::{Estimate, betting_mean_at};
 use mishandle_random::{Seed, Sequence};
 
-use crate::experiment::Experiment;
+use crate::experiment::{Experiment, Stop};
 use crate::proposal::{NOMINAL, Proposal, effective_size};
-use crate::{CONFIDENCE, Draw, RiskError};
+use crate::{CONFIDENCE, Draw};
 
 /// Number of rounds that refine the proposal.
 const ROUNDS: u64 = 3;
@@ -68,7 +68,7 @@ pub(crate) fn importance(
     found: &[Draw],
     fitting: u64,
     failed: &[Draw],
-) -> Result<Option<Importance>, RiskError> {
+) -> Result<Option<Importance>, Stop> {
     let points: Vec<Vec<f64>> = found.iter().map(|draw| draw.latent.clone()).collect();
     let Some(mut proposal) = Proposal::fit(&points) else { return Ok(None) };
     let before = experiment.done();
@@ -136,7 +136,7 @@ fn simulate(
     proposal: &Proposal,
     random: &mut Sequence,
     n: u64,
-) -> Result<Vec<Option<Failure>>, RiskError> {
+) -> Result<Vec<Option<Failure>>, Stop> {
     let mut values = Vec::with_capacity(n as usize);
     let end = experiment.done() + n;
     while experiment.done() < end {

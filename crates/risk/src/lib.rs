@@ -11,6 +11,7 @@
 //! # Example
 //! A system with the robustness 3 - x for a standard normal x fails with the probability 0.00135:
 //! ```
+//! use std::ops::ControlFlow;
 //! use mishandle_random::Seed;
 //! use mishandle_risk::{Method, Scenarios, Settings, risk};
 //! use mishandle_rollout::{Axis, AxisKind, Space};
@@ -25,7 +26,7 @@
 //! };
 //! let mut system = FunctionSystem::new(space, outcome);
 //! let settings = Settings { simulations: 4000, method: Method::Auto, seed: Seed(1), batch: 64 };
-//! let report = risk(&mut system, &scenarios, &settings, |_| {})?;
+//! let report = risk(&mut system, &scenarios, &settings, |_| ControlFlow::Continue(()))?;
 //! assert!((report.answer.estimate.value.unwrap() / 1.35e-3 - 1.0).abs() < 0.2);
 //! # Ok::<(), mishandle_risk::RiskError>(())
 //! ```

@@ -1,13 +1,15 @@
 //! The whole estimation: which simulations are run, and in which order.
 
+use std::ops::ControlFlow;
+
 use mishandle_random::{Seed, Sequence};
 use mishandle_rollout::System;
 
-use crate::experiment::{Experiment, Failure};
+use crate::experiment::{Experiment, Failure, Stop};
 use crate::explore::explore;
 use crate::importance::{Importance, importance};
 use crate::splitting::{self, Splitting, split};
-use crate::{Answer, Method, MonteCarlo, RiskError, Scenarios};
+use crate::{Answer, Method, MonteCarlo, Refusal, RiskError, Scenarios};
 
 /// Monte Carlo alone answers if its part of the budget has this many failures. The other simulations are then Monte Carlo, too.
 pub const FREQUENT: u64 = 20;
@@ -45,6 +47,8 @@ pub struct Report {
     pub failures: Vec<Failure>,
     /// Number of all simulations.
     pub simulations: u64,
+    /// Whether it was not interrupted.
+    pub is_complete: bool,
 }
 
 /// Estimates the probability that a simulation violates the requirement, under a distribution of scenarios.
@@ -58,7 +62,8 @@ pub struct Report {
 /// 4. Importance sampling with a mixture that is fitted to the failures of 2 and 3, but not to those of 1, which test it.
 ///
 /// What a part does not spend goes to the later ones, and to Monte Carlo if no failure was found. The number of simulations is exactly that of
-/// the settings. `watch` gets it after each batch.
+/// the settings. `watch` gets it after each batch, and can interrupt the estimation. Then the answer is that of the finished parts and of the
+/// simulations of Monte Carlo so far, and a part that is not finished is lost.
 ///
 /// # Errors
 /// If a simulation cannot be run.
@@ -66,42 +71,72 @@ pub fn risk(
     system: &mut dyn System,
     scenarios: &Scenarios,
     settings: &Settings,
-    mut watch: impl FnMut(u64),
+    mut watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<Report, RiskError> {
-    let Settings { simulations, method, seed, batch } = *settings;
-    let mut experiment = Experiment::new(system, scenarios, (simulations, batch), &mut watch);
-    let of = |share: f64| (share * simulations as f64) as u64;
-    // Without axes there is nothing to search or to move.
-    let shares = if scenarios.dimension() == 0 { Method::MonteCarlo.shares() } else { method.shares() };
-    let mut random = Sequence::new(seed.child(0).0, 0);
-    let mut monte_carlo = MonteCarlo::default();
-    monte_carlo.run(&mut experiment, &mut random, of(shares.monte_carlo))?;
-    let (mut exploration, mut splitting, mut weighted) = (0, None, None);
-    if monte_carlo.failures < FREQUENT {
-        let before = experiment.done();
-        let mut found = explore(&mut experiment, seed.child(1), of(shares.exploration))?;
-        exploration = experiment.done() - before;
-        if of(shares.splitting) >= splitting::FEWEST {
-            let (result, failing) = split(&mut experiment, seed.child(2), of(shares.splitting))?;
-            splitting = Some(result);
-            found.extend(failing);
-        }
-        if shares.importance > 0.0 {
-            let fitting = of(shares.fitting);
-            weighted = importance(&mut experiment, seed.child(3), &found, fitting, &monte_carlo.failed)?;
-        }
-    }
-    let left = experiment.left();
-    if weighted.is_none() {
-        monte_carlo.run(&mut experiment, &mut random, left)?;
-    }
+    let mut experiment =
+        Experiment::new(system, scenarios, (settings.simulations, settings.batch), &mut watch);
+    let mut parts = Parts::default();
+    let is_complete = match parts.run(&mut experiment, settings) {
+        Ok(()) => true,
+        Err(Stop::Interrupted) => false,
+        Err(Stop::Error(error)) => return Err(error),
+    };
+    let Parts { monte_carlo, exploration, splitting, splitting_refusal, importance } = parts;
+    let mut answer = Answer::new(&monte_carlo, splitting.as_ref(), importance.as_ref());
+    answer.splitting_refusal = answer.splitting_refusal.or(splitting_refusal);
     Ok(Report {
-        answer: Answer::new(&monte_carlo, splitting.as_ref(), weighted.as_ref()),
+        answer,
         monte_carlo,
         exploration,
         splitting,
-        importance: weighted,
+        importance,
         simulations: experiment.done(),
         failures: experiment.distinct_failures(SHOWN.0, SHOWN.1),
+        is_complete,
     })
+}
+
+/// Results of the parts.
+#[derive(Default)]
+struct Parts {
+    monte_carlo: MonteCarlo,
+    exploration: u64,
+    splitting: Option<Splitting>,
+    splitting_refusal: Option<Refusal>,
+    importance: Option<Importance>,
+}
+
+impl Parts {
+    fn run(&mut self, experiment: &mut Experiment<'_>, settings: &Settings) -> Result<(), Stop> {
+        let Settings { simulations, method, seed, .. } = *settings;
+        let of = |share: f64| (share * simulations as f64) as u64;
+        // Without axes there is nothing to search or to move.
+        let is_fixed = experiment.scenarios.dimension() == 0;
+        let shares = if is_fixed { Method::MonteCarlo.shares() } else { method.shares() };
+        let mut random = Sequence::new(seed.child(0).0, 0);
+        self.monte_carlo.run(experiment, &mut random, of(shares.monte_carlo))?;
+        if !self.monte_carlo.decide() {
+            let before = experiment.done();
+            let found = explore(experiment, seed.child(1), of(shares.exploration));
+            self.exploration = experiment.done() - before;
+            let mut found = found?;
+            if of(shares.splitting) >= splitting::FEWEST {
+                let (result, failing) = split(experiment, seed.child(2), of(shares.splitting))?;
+                self.splitting = Some(result);
+                found.extend(failing);
+            } else if shares.splitting > 0.0 {
+                let needed = (splitting::FEWEST as f64 / shares.splitting).ceil() as u64;
+                self.splitting_refusal = Some(Refusal::Budget { simulations: of(shares.splitting), needed });
+            }
+            if shares.importance > 0.0 {
+                let (fitting, failed) = (of(shares.fitting), &self.monte_carlo.failed);
+                self.importance = importance(experiment, seed.child(3), &found, fitting, failed)?;
+            }
+        }
+        if self.importance.is_none() {
+            let left = experiment.left();
+            self.monte_carlo.run(experiment, &mut random, left)?;
+        }
+        Ok(())
+    }
 }

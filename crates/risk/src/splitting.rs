@@ -3,10 +3,10 @@
 use mishandle_evaluation::Estimate;
 use mishandle_random::{Seed, Sequence};
 
-use crate::experiment::Experiment;
+use crate::Draw;
+use crate::experiment::{Experiment, Stop};
 use crate::moves::Walk;
 use crate::strata::Strata;
-use crate::{Draw, RiskError};
 
 /// Number of independent chains.
 pub const CHAINS: usize = 5;
@@ -166,7 +166,7 @@ pub(crate) fn split(
     experiment: &mut Experiment<'_>,
     seed: Seed,
     budget: u64,
-) -> Result<(Splitting, Vec<Draw>), RiskError> {
+) -> Result<(Splitting, Vec<Draw>), Stop> {
     let strata = Strata::new(experiment.scenarios.dimension());
     split_from(experiment, seed, budget, &strata)
 }
@@ -176,7 +176,7 @@ fn split_from(
     seed: Seed,
     budget: u64,
     strata: &Strata,
-) -> Result<(Splitting, Vec<Draw>), RiskError> {
+) -> Result<(Splitting, Vec<Draw>), Stop> {
     let before = experiment.done();
     let size = budget / (CHAINS as u64 * PER_PARTICLE);
     let spent = |experiment: &Experiment<'_>| experiment.done() - before;
@@ -205,7 +205,7 @@ fn initial(
     seed: Seed,
     size: u64,
     strata: &Strata,
-) -> Result<Vec<Population>, RiskError> {
+) -> Result<Vec<Population>, Stop> {
     let mut populations = Vec::new();
     for chain in 0..CHAINS as u64 {
         let mut random = Sequence::new(seed.0, chain);
@@ -231,7 +231,7 @@ fn initial(
 }
 
 /// Removes the worst particles of every unfinished chain and replaces them by moved copies of survivors.
-fn next_level(experiment: &mut Experiment<'_>, populations: &mut [Population]) -> Result<(), RiskError> {
+fn next_level(experiment: &mut Experiment<'_>, populations: &mut [Population]) -> Result<(), Stop> {
     let mut unfinished: Vec<&mut Population> =
         populations.iter_mut().filter(|population| !population.is_done).collect();
     // The indices of the copies of each chain.
@@ -336,9 +336,9 @@ mod tests {
         let formula = mishandle_stl::Formula::parse(&target.formulas[0].text).unwrap();
         let mut system = target.system(&space, &Specification::new(formula)).unwrap();
         let scenarios = Scenarios::new(&space, [], false).unwrap();
-        let mut watch = |_| {};
+        let mut watch = |_| std::ops::ControlFlow::Continue(());
         let mut experiment = Experiment::new(&mut *system, &scenarios, (u64::MAX, 64), &mut watch);
-        (0..20).map(|seed| split_from(&mut experiment, Seed(seed), FEWEST, strata).unwrap().0).collect()
+        (0..20).map(|seed| split_from(&mut experiment, Seed(seed), FEWEST, strata).ok().unwrap().0).collect()
     }
 
     /// Returns how many estimates there are, and how many of their intervals contain 2e-3.
@@ -369,11 +369,11 @@ mod tests {
         };
         let mut system = mishandle_toys::FunctionSystem::new(space, outcome);
         let scenarios = Scenarios::new(System::space(&system), [], false).unwrap();
-        let mut watch = |_| {};
+        let mut watch = |_| std::ops::ControlFlow::Continue(());
         let mut experiment = Experiment::new(&mut system, &scenarios, (u64::MAX, 64), &mut watch);
         let mut values = Vec::new();
         for seed in 0..60 {
-            let (splitting, failing) = split(&mut experiment, Seed(seed), FEWEST).unwrap();
+            let (splitting, failing) = split(&mut experiment, Seed(seed), FEWEST).ok().unwrap();
             assert!(splitting.simulations <= FEWEST && !failing.is_empty());
             values.extend(splitting.chains.iter().map(|chain| chain.probability));
         }

@@ -5,10 +5,11 @@
 mod systems;
 
 use std::cell::Cell;
+use std::ops::ControlFlow;
 
 use mishandle_evaluation::Estimate;
 use mishandle_random::Seed;
-use mishandle_risk::{Method, Report, Scenarios, Settings, Source, risk};
+use mishandle_risk::{Method, Refusal, Report, Scenarios, Settings, Source, risk};
 use mishandle_rollout::{Axis, Request, Space, Stream};
 use mishandle_toys::{FunctionSystem, SimulatedEnd};
 use systems::{Known, systems};
@@ -23,7 +24,8 @@ fn reports(name: &str, simulations: u64, method: Method) -> (f64, Vec<Report>) {
     let known: Known = systems().into_iter().find(|known| known.name == name).unwrap();
     let report = |seed| {
         let (mut system, scenarios) = known.system();
-        risk(&mut system, &scenarios, &settings(simulations, method, seed), |_| {}).unwrap()
+        risk(&mut system, &scenarios, &settings(simulations, method, seed), |_| ControlFlow::Continue(()))
+            .unwrap()
     };
     (known.probability, (1..=SEEDS).map(report).collect())
 }
@@ -71,7 +73,7 @@ fn a_hidden_corner_is_found_or_the_chains_are_refused() {
     let (p, reports) = reports("hidden corner, 2e-3, 2 axes", 20_000, Method::Splitting);
     let (estimates, hits) = counted(p, &reports, Source::Splitting);
     assert!(estimates - hits <= 1, "{} of {estimates} wrong", estimates - hits);
-    check("hidden corner, 2e-3, 2 axes", 6000, Method::Importance, Source::Importance, 15);
+    check("hidden corner, 2e-3, 2 axes", 10_000, Method::Importance, Source::Importance, 15);
 }
 
 #[test]
@@ -94,6 +96,7 @@ fn the_budget_is_spent_exactly_and_batches_do_not_matter() {
                 let settings = Settings { batch, ..settings(simulations, method, 3) };
                 let report = risk(&mut system, &scenarios, &settings, |done| {
                     assert!(last.replace(done) < done);
+                    ControlFlow::Continue(())
                 })
                 .unwrap();
                 assert_eq!((report.simulations, system.simulations() as u64), (simulations, simulations));
@@ -116,7 +119,9 @@ fn noise_that_only_the_seed_changes_is_part_of_the_probability() {
     };
     let scenarios = Scenarios::new(&line(), [], true).unwrap();
     let mut system = FunctionSystem::new(line(), outcome);
-    let report = risk(&mut system, &scenarios, &settings(20_000, Method::Auto, 1), |_| {}).unwrap();
+    let report =
+        risk(&mut system, &scenarios, &settings(20_000, Method::Auto, 1), |_| ControlFlow::Continue(()))
+            .unwrap();
     assert!(covers(&report.answer.estimate, 0.01), "{:?}", report.answer);
     // The failures are the simulations of their seeds.
     for failure in &report.failures {
@@ -134,10 +139,53 @@ fn simulations_without_a_verdict_are_counted_apart() {
     for method in [Method::Auto, Method::Splitting] {
         let scenarios = Scenarios::new(&line(), [], false).unwrap();
         let mut system = FunctionSystem::new(line(), outcome);
-        let report = risk(&mut system, &scenarios, &settings(40_800, method, 1), |_| {}).unwrap();
+        let report =
+            risk(&mut system, &scenarios, &settings(40_800, method, 1), |_| ControlFlow::Continue(()))
+                .unwrap();
         let monte_carlo = &report.monte_carlo;
         let share = monte_carlo.without_verdict as f64 / monte_carlo.simulations as f64;
         assert!((share - 0.5).abs() < 0.025 && monte_carlo.failures == 0 && report.failures.is_empty());
         assert!(report.answer.source.is_none() && monte_carlo.bound_with_undecided() > Some(0.5));
+    }
+}
+
+#[test]
+fn splitting_with_a_small_budget_says_so() {
+    let known = &systems()[4];
+    let report = |method, simulations| {
+        let (mut system, scenarios) = known.system();
+        let settings = settings(simulations, method, 1);
+        risk(&mut system, &scenarios, &settings, |_| ControlFlow::Continue(())).unwrap()
+    };
+    // 5 chains of 81 simulations for each of 30 particles are 12,150; 75 % of 16,200, and 35 % of 34,715.
+    for (method, needed, part) in [(Method::Splitting, 16_200, 12_149), (Method::Auto, 34_715, 12_149)] {
+        let found = report(method, needed - 1);
+        let expected = Refusal::Budget { simulations: part, needed };
+        assert_eq!((found.answer.splitting_refusal, found.splitting), (Some(expected), None));
+        assert!(report(method, needed).splitting.is_some());
+    }
+    // No budget helps a method without splitting.
+    assert_eq!(report(Method::Importance, 1000).answer.splitting_refusal, None);
+}
+
+#[test]
+fn an_interruption_keeps_the_simulations_of_monte_carlo_and_the_failures() {
+    let known = &systems()[0];
+    for stop in [64, 640, 4_992, 5_056, 8_000] {
+        let (mut system, scenarios) = known.system();
+        let settings = settings(20_000, Method::Auto, 1);
+        let watch = |done| if done >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+        let report = risk(&mut system, &scenarios, &settings, watch).unwrap();
+        // The batch that was running is finished.
+        assert!(
+            !report.is_complete && (stop..stop + 64).contains(&report.simulations),
+            "{}",
+            report.simulations
+        );
+        assert_eq!(system.simulations() as u64, report.simulations);
+        // 1 % fails: the first 5,000 decide that all are Monte Carlo.
+        assert_eq!(report.monte_carlo.simulations, report.simulations);
+        assert!(report.answer.source.is_none() || covers(&report.answer.estimate, known.probability));
+        assert_eq!(report.monte_carlo.failures > 0, !report.failures.is_empty());
     }
 }

@@ -101,7 +101,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         return Ok(ExitStatus::Interrupted);
     }
     if let Some(pages) = &command.pages {
-        let options = report::Options { probes: None, controller: None, skip_check: false, force: true };
+        let options = report::Options { simulations: None, controller: None, skip_check: false, force: true };
         report::write_campaign(&folder, pages, &options)?;
         output::message(&format!(
             "To add what takes simulations: mishandle report {name} --out {} --force",

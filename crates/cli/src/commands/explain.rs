@@ -77,11 +77,19 @@ fn masking(command: &Arguments, file: &RunFile, limit: u64) -> Result<ExitStatus
         }
     };
     let bar = Bar::new(0, "simulations");
+    run::stop_on_signals(&bar)?;
+    let mut evaluated = 0;
     let found = mishandle::masking(file, resolved.as_ref(), limit, |done, total| {
         bar.set_length(total);
         bar.set_position(done);
+        evaluated = done;
+        run::control_flow()
     })?;
     bar.clear();
+    let Some(found) = found else {
+        run::report_loss(evaluated, "nothing is kept, the counts of the conjuncts are lost");
+        return Ok(ExitStatus::Interrupted);
+    };
     let (satisfied, violated) = (found.satisfied, found.violated);
     ensure!(
         satisfied.evaluated + violated.evaluated > 0,

@@ -170,6 +170,7 @@ fn counterexample_repeats(resolved: &ResolvedPlan, found: &CampaignOutcome, repe
         let report = mishandle::repeat(&mut *system, &minimum.scenario, seeds, |_| {
             done += 1;
             bar.set_position(done);
+            run::control_flow()
         })?;
         reports.insert(trial, report);
         if run::control_flow().is_break() {

@@ -1,6 +1,6 @@
 //! `mishandle margin`: the smallest disturbance that makes a controller fail.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
@@ -45,35 +45,27 @@ pub struct Arguments {
     pub run: args::Run,
 }
 
-/// Default number of simulations.
-const BUDGET: u64 = 3000;
-
-/// Number of simulations with other seeds of a witness whose target depends on the seed.
-const REPEATS: u64 = 100;
-
-/// Space without `--space` and `--plan`.
-const SPACE: &str = "disturbance";
-
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
+    let budget = command.budget.unwrap_or(Margin::BUDGET);
+    let bar = Bar::new(budget, "simulations");
+    run::stop_on_signals(&bar)?;
     let resolved = ResolvedPlan::new(&plan(command)?)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
-    if let Some(out) = &command.out {
-        ensure!(counterexamples::is_file(out), "--out is {}; it must end with .json", out.display());
-        let controller = Path::new(&resolved.plan.controller);
-        output::refuse_inputs(out, "--out", [controller])?;
-        drop(output::create(out, command.force)?);
-    }
-    let budget = command.budget.unwrap_or(BUDGET);
-    let bar = Bar::new(budget, "simulations");
+    counterexamples::check_out(command.out.as_deref(), &resolved, command.force)?;
     let mut system = resolved.system()?;
     let seed = Seed(resolved.plan.seed);
-    let found = mishandle::margin(&mut *system, seed, budget, |done| bar.set_position(done))?;
-    bar.clear();
+    let found = mishandle::margin(&mut *system, seed, budget, |done| {
+        bar.set_position(done);
+        run::control_flow()
+    })?;
     let repeats = match &found.witness {
-        Some(witness) => repeats(&resolved, witness)?,
-        None => None,
+        Some(witness) if found.is_complete => {
+            mishandle::witness_repeats(&resolved, witness, |_| run::control_flow())?
+        }
+        _ => None,
     };
+    bar.clear();
     if let (Some(out), Some(witness)) = (&command.out, &found.witness) {
         let counterexample = Counterexample::from_episode(&resolved, &witness.episode)?;
         output::write_atomically(out, command.force, counterexample.to_json().as_bytes())?;
@@ -89,28 +81,31 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         (Some(_), None) => output::message("there is no witness to write"),
         (None, _) => {}
     }
+    if !found.is_complete || repeats.is_some_and(|repeats| repeats.simulations < Margin::REPEATS) {
+        run::report_loss(found.simulations, kept_and_lost(&found));
+        return Ok(ExitStatus::Interrupted);
+    }
+    ensure!(found.has_verdict(), "no simulation has a verdict, so the controller was not tested");
     Ok(if found.witness.is_some() { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {
     let mut plan = run::plan(&command.subject, &command.run)?;
     if command.subject.space.is_none() && command.subject.plan.is_none() {
-        plan.space = SPACE.to_string();
+        plan.space = Margin::SPACE.to_string();
     }
     let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
     falsify.formula = command.formula.clone().or(falsify.formula);
     Ok(Plan { falsify: Some(falsify), evaluate: None, risk: None, ..plan })
 }
 
-/// Simulates the witness with other seeds, if they can change the result.
-fn repeats(resolved: &ResolvedPlan, witness: &Witness) -> Result<Option<RepeatReport>> {
-    let request = &witness.episode.request;
-    if !mishandle::depends_on_seed(resolved, &request.scenario) {
-        return Ok(None);
+/// Describes what is left of an interrupted search.
+fn kept_and_lost(found: &Margin) -> &'static str {
+    match (&found.witness, found.is_complete) {
+        (Some(_), true) => "the witness is kept, its repeats with other seeds are incomplete",
+        (Some(_), false) => "the witness so far is kept, the search for a smaller disturbance is lost",
+        (None, _) => "no violation was found so far, the search is lost",
     }
-    let seeds = mishandle::repeat_seeds(request.seed, REPEATS);
-    let mut system = resolved.system()?;
-    Ok(Some(mishandle::repeat(&mut *system, &request.scenario, seeds, |_| {})?))
 }
 
 fn text(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatReport>) -> String {
@@ -204,6 +199,7 @@ fn document(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatRepo
     let own = json!({
         "formula": resolved.specification.requirement.to_string(),
         "simulations": found.simulations,
+        "is_complete": found.is_complete,
         "levels": found.levels.iter().map(level).collect::<Vec<_>>(),
         "no_violation_up_to": found.largest_without_violation().map(|level| level.amplitude),
         "witness": witness,

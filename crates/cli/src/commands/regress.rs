@@ -1,5 +1,6 @@
 mod junit;
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -177,6 +178,7 @@ fn test(command: &Arguments, path: &Path, bar: &Bar, mut done: u64) -> Test {
         let found = mishandle::regress(counterexample, &command.folder, controller, repeats, |_| {
             done += 1;
             bar.set_position(done);
+            ControlFlow::Continue(())
         });
         Ok(found?)
     };

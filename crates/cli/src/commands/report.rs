@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use mishandle::store::RunFile;
 use mishandle::{CampaignRun, plural, shell_quote};
-use mishandle_report::{RunReport, RunSummary, campaign_page, page, run_page};
+use mishandle_report::{Measurement, RunReport, RunSummary, campaign_page, page, run_page};
 
 use super::reproduce;
 use crate::progress::Bar;
@@ -57,13 +57,22 @@ const RUNS: &str = "runs";
 
 /// What pages contain.
 pub struct Options<'a> {
-    /// Random scenarios around each failure mode; `None` to simulate nothing.
-    pub probes: Option<u32>,
+    /// Random scenarios around each failure mode, and the progress bar; `None` to simulate nothing.
+    pub simulations: Option<(u32, &'a Bar)>,
     /// Present path of the runs' controller, if the file was moved.
     pub controller: Option<&'a str>,
     pub skip_check: bool,
     /// Whether existing files are replaced.
     pub force: bool,
+}
+
+impl Options<'_> {
+    /// Clears the progress bar.
+    fn clear(&self) {
+        if let Some((_, bar)) = self.simulations {
+            bar.clear();
+        }
+    }
 }
 
 /// Why nothing is simulated.
@@ -74,8 +83,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let controller = command.controller.as_deref().map(Path::new);
     let inputs = command.runs.iter().map(PathBuf::as_path).chain(controller);
     output::refuse_inputs(&command.out, "--out", inputs)?;
+    let bar = Bar::new(0, "simulations");
+    run::stop_on_signals(&bar)?;
     let options = Options {
-        probes: (!command.no_simulations).then_some(command.probes),
+        simulations: (!command.no_simulations).then_some((command.probes, &bar)),
         controller: command.controller.as_deref(),
         skip_check: command.skip_check,
         force: command.force,
@@ -83,8 +94,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if let [folder] = &command.runs[..]
         && folder.is_dir()
     {
-        write_campaign(folder, &command.out, &options)?;
-        return Ok(ExitStatus::Done);
+        return write_campaign(folder, &command.out, &options);
     }
     if let Some(folder) = command.runs.iter().find(|path| path.is_dir()) {
         bail!("{} is a folder; name run files, or one folder of a campaign alone", folder.display());
@@ -95,8 +105,17 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     for path in &command.runs {
         let file = run::read(path, options.skip_check)?;
         let report = report(&file, path, &options).with_context(|| path.display().to_string())?;
+        let Some(report) = report else {
+            bar.clear();
+            output::message(&format!(
+                "interrupted: nothing is kept, {} is not written",
+                command.out.display()
+            ));
+            return Ok(ExitStatus::Interrupted);
+        };
         reports.push(report);
     }
+    bar.clear();
     let page = page(&reports);
     output::write_atomically(&command.out, command.force, page.as_bytes())?;
     let size = page.len().div_ceil(1000);
@@ -105,7 +124,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 }
 
 /// Writes the pages of a campaign to the folder `out`: an index, the tables, and a page for each run.
-pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Result<()> {
+pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Result<ExitStatus> {
     let runs = mishandle::campaign_runs(campaign)?;
     let index = out.join(INDEX);
     if index.exists() && !options.force {
@@ -122,6 +141,16 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
     for CampaignRun { name, path, .. } in &runs {
         let file = run::read(path, options.skip_check)?;
         let report = report(&file, path, options).with_context(|| path.display().to_string())?;
+        let Some(report) = report else {
+            options.clear();
+            output::message(&format!(
+                "interrupted: {} of {} are kept in {}, the others and the index are not written",
+                summaries.len(),
+                plural(runs.len() as u64, "page"),
+                pages.display()
+            ));
+            return Ok(ExitStatus::Interrupted);
+        };
         write(pages.join(format!("{name}.html")), &run_page(&report, &format!("../{INDEX}")))?;
         summaries.push(RunSummary::new(&report, name, &format!("{RUNS}/{name}.html")));
     }
@@ -129,6 +158,7 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
     let name = campaign.canonicalize().unwrap_or_else(|_| campaign.to_path_buf());
     let name = name.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());
     write(index.clone(), &campaign_page(&name, &summaries, &tables))?;
+    options.clear();
     output::message(&format!(
         "Pages: {} ({} in {}, {} kB)",
         shell_quote(&index.to_string_lossy()),
@@ -136,25 +166,30 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
         shell_quote(&pages.to_string_lossy()),
         size.div_ceil(1000)
     ));
-    Ok(())
+    Ok(ExitStatus::Done)
 }
 
-fn report(file: &RunFile, path: &Path, options: &Options<'_>) -> Result<RunReport> {
+/// Returns the report of a run; `None` after an interruption.
+fn report(file: &RunFile, path: &Path, options: &Options<'_>) -> Result<Option<RunReport>> {
     let mut report = RunReport::load(file, &path.to_string_lossy())?;
-    let Some(probes) = options.probes else {
+    let Some((probes, bar)) = options.simulations else {
         report.note_no_simulations(NO_SIMULATIONS);
-        return Ok(report);
+        return Ok(Some(report));
     };
-    let bar = Bar::new(0, "simulations");
     bar.set_note(path.display().to_string());
-    let skipped = report.measure(file, options.controller, probes, |done, total| {
+    let measured = report.measure(file, options.controller, probes, |done, total| {
         bar.set_length(total);
         bar.set_position(done);
+        run::control_flow()
     })?;
-    bar.clear();
-    if let Some(reason) = skipped {
-        report.note_no_simulations(&reason);
-        output::message(&format!("{}: no simulations: {reason}", path.display()));
+    match measured {
+        Measurement::Interrupted => return Ok(None),
+        Measurement::Skipped { reason } => {
+            report.note_no_simulations(&reason);
+            let said = format!("{}: no simulations: {reason}", path.display());
+            bar.line().suspend(|| output::message(&said));
+        }
+        Measurement::Done => {}
     }
-    Ok(report)
+    Ok(Some(report))
 }

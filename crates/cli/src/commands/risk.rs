@@ -1,12 +1,12 @@
 //! `mishandle risk`: the probability that a controller fails under a distribution of scenarios.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use clap::Args;
 use mishandle::risk::{Failure, Report, Scenarios};
-use mishandle::rollout::{Axis, Request};
-use mishandle::{Counterexample, Plan, ResolvedPlan, RiskPlan, shell_quote};
+use mishandle::rollout::Axis;
+use mishandle::{Plan, ResolvedPlan, RiskPlan, plural, shell_quote};
 use serde_json::{Value, json};
 
 use super::{counterexamples, simulate};
@@ -62,19 +62,22 @@ fn distribution(text: &str) -> Result<(String, String), String> {
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
+    let bar = Bar::new(0, "simulations");
+    run::stop_on_signals(&bar)?;
     let resolved = ResolvedPlan::new(&plan(command)?)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
-    if let Some(out) = &command.out {
-        ensure!(counterexamples::is_file(out), "--out is {}; it must end with .json", out.display());
-        output::refuse_inputs(out, "--out", [Path::new(&resolved.plan.controller)])?;
-        drop(output::create(out, command.force)?);
-    }
+    counterexamples::check_out(command.out.as_deref(), &resolved, command.force)?;
     let scenarios = mishandle::risk_scenarios(&resolved)?;
-    let bar = Bar::new(resolved.plan.risk.as_ref().map_or(0, |risk| risk.simulations), "simulations");
-    let report = mishandle::risk(&resolved, |done| bar.set_position(done))?;
+    let planned = resolved.plan.risk.as_ref().map_or(0, |risk| risk.simulations);
+    bar.set_length(planned);
+    let report = mishandle::risk(&resolved, |done| {
+        bar.set_position(done);
+        run::control_flow()
+    })?;
     bar.clear();
     if let (Some(out), Some(failure)) = (&command.out, report.failures.first()) {
-        write_failure(&resolved, &scenarios, failure, out, command.force)?;
+        let counterexample = mishandle::risk_counterexample(&resolved, &scenarios, failure)?;
+        output::write_atomically(out, command.force, counterexample.to_json().as_bytes())?;
     }
     match command.run.json {
         true => output::json(document(&resolved, &scenarios, &report))?,
@@ -86,6 +89,15 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         }
         (Some(_), None) => output::message("there is no failure to write"),
         (None, _) => {}
+    }
+    if !report.is_complete {
+        let kept = plural(report.monte_carlo.simulations, "simulation");
+        let lost = "unfinished parts are lost, and the estimate cannot be resumed";
+        run::report_loss(
+            report.simulations,
+            &format!("{kept} of Monte Carlo and the failures found are kept, {lost}"),
+        );
+        return Ok(ExitStatus::Interrupted);
     }
     let undecided = report.monte_carlo.without_verdict;
     ensure!(
@@ -110,19 +122,6 @@ fn plan(command: &Arguments) -> Result<Plan> {
     Ok(Plan { risk: Some(risk), evaluate: None, falsify: None, ..plan })
 }
 
-fn write_failure(
-    resolved: &ResolvedPlan,
-    scenarios: &Scenarios,
-    failure: &Failure,
-    out: &Path,
-    force: bool,
-) -> Result<()> {
-    let request = Request::new(scenarios.scenario(&failure.draw.latent), failure.draw.seed);
-    let episode = resolved.system()?.rollout(&[request])?.pop().context("the target returned no episode")?;
-    let counterexample = Counterexample::from_episode(resolved, &episode)?;
-    output::write_atomically(out, force, counterexample.to_json().as_bytes())
-}
-
 fn document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> Value {
     let Report { answer, monte_carlo, importance, splitting, .. } = report;
     let distribution = |(axis, marginal): (&Axis, &mishandle::risk::Marginal)| {
@@ -142,15 +141,16 @@ fn document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> 
         "method": resolved.plan.risk.as_ref().map(|risk| &risk.method),
         "distribution": scenarios.axes().map(distribution).collect::<Vec<_>>(),
         "simulations": report.simulations,
+        "is_complete": report.is_complete,
         "probability": answer.source.map(|source| json!({
             "value": answer.estimate.value,
             "low": answer.estimate.low,
             "high": answer.estimate.high,
-            "source": risk_text::source(source),
-            "assumption": risk_text::assumption(report),
+            "source": source.name(),
+            "assumption": mishandle::risk_assumption(report),
         })),
         "bounds": answer.bounds,
-        "refusals": risk_text::refusals(report),
+        "refusals": mishandle::risk_refusals(report),
         "monte_carlo": {
             "simulations": monte_carlo.simulations,
             "failures": monte_carlo.failures,

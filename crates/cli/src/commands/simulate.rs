@@ -176,11 +176,14 @@ fn repeated(
         output::message("nothing is random in this target and plan, so the scenario is simulated once");
         (1, 0)
     };
-    let bar = Bar::new(repeat + scenarios * NOISE_REPEATS, "simulations");
+    let total = repeat + scenarios * NOISE_REPEATS;
+    let bar = Bar::new(total, "simulations");
+    run::stop_on_signals(&bar)?;
     let mut done = 0;
     let mut count = |_: &_| {
         done += 1;
         bar.set_position(done);
+        run::control_flow()
     };
     let mut system = resolved.system()?;
     let seed = Seed(resolved.plan.seed);
@@ -188,14 +191,8 @@ fn repeated(
     let report = mishandle::repeat(&mut *system, scenario, seeds, &mut count)?;
     let noise = match scenarios {
         0 => None,
-        _ => Some(mishandle::measure_noise(
-            resolved,
-            &mut *system,
-            seed,
-            scenarios,
-            NOISE_REPEATS,
-            &mut count,
-        )?),
+        _ if run::control_flow().is_break() => None,
+        _ => mishandle::measure_noise(resolved, &mut *system, seed, scenarios, NOISE_REPEATS, &mut count)?,
     };
     bar.clear();
     if command.run.json {
@@ -217,6 +214,12 @@ fn repeated(
         output::json(output::joined(document(resolved), own))?;
     } else {
         output::line(&text(resolved, scenario, &report, noise.as_ref()))?;
+    }
+    if done < total {
+        let kept = plural(report.simulations, "repeat");
+        let lost = if scenarios > 0 { ", the measurement of noise is lost" } else { "" };
+        run::report_loss(done, &format!("{kept} of {repeat} are kept{lost}"));
+        return Ok(ExitStatus::Interrupted);
     }
     ensure!(report.failure_rate.n > 0, "no simulation has a verdict, so the scenario was not tested");
     Ok(if report.failures > 0 { ExitStatus::Violated } else { ExitStatus::Done })

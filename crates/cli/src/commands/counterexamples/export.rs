@@ -1,4 +1,5 @@
 use std::io::Write;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -253,12 +254,15 @@ fn shrink(
     let mut system = resolved.system()?;
     let request = counterexample.request(&resolved.space)?;
     let bar = Bar::new(budget, "simulations");
-    let minimized = minimize(&mut *system, &request, budget, |done| bar.set_position(done))?;
+    let minimized = minimize(&mut *system, &request, budget, |done| {
+        bar.set_position(done);
+        ControlFlow::Continue(())
+    })?;
     let scenario = &minimized.episode.request.scenario;
     let repeats = match mishandle::depends_on_seed(resolved, scenario) {
         true => {
             let seeds = mishandle::repeat_seeds(Seed(counterexample.seed), REPEATS);
-            Some(mishandle::repeat(&mut *system, scenario, seeds, |_| {})?)
+            Some(mishandle::repeat(&mut *system, scenario, seeds, |_| ControlFlow::Continue(()))?)
         }
         false => None,
     };

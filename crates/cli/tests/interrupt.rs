@@ -1,0 +1,72 @@
+//! Ctrl-C in commands that write no run file: they finish the running simulations and say what is kept and what is lost.
+
+#![allow(clippy::unwrap_used)]
+
+#[allow(dead_code, reason = "not every test uses all functions")]
+mod bench;
+
+use std::process::Stdio;
+use std::time::Duration;
+
+use bench::{Bench, signal, text};
+use serde_json::Value;
+
+/// Runs a command, sends it SIGINT, and returns stdout and the last line of stderr.
+#[track_caller]
+fn interrupted(bench: &Bench, arguments: &str) -> (String, String) {
+    let mut command = bench.command(arguments);
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    std::thread::sleep(Duration::from_secs(2));
+    signal(&child, "INT");
+    let output = child.wait_with_output().unwrap();
+    let (out, err) = (text(&output.stdout), text(&output.stderr));
+    assert_eq!(output.status.code(), Some(130), "mishandle {arguments}\n{out}\n{err}");
+    assert!(err.contains("finishing the running simulations"), "{err}");
+    (out, err.lines().last().unwrap().to_string())
+}
+
+#[test]
+fn risk_keeps_the_simulations_of_monte_carlo() {
+    let bench = Bench::new();
+    let command = "risk toy/sphere-2d --simulations 1e9 --json --out failure.json";
+    let (out, said) = interrupted(&bench, command);
+    let report: Value = serde_json::from_str(&out).unwrap();
+    let n = report["simulations"].as_u64().unwrap();
+    assert_eq!((&report["is_complete"], n > 0), (&Value::Bool(false), true));
+    assert_eq!(report["monte_carlo"]["simulations"], n);
+    assert!(said.contains("of Monte Carlo and the failures found are kept"), "{said}");
+    bench.check("replay failure.json", 0);
+    assert_eq!(bench.json("risk toy/sphere-2d --simulations 1000 --json", 1)["is_complete"], true);
+}
+
+#[test]
+fn margin_keeps_the_witness_so_far() {
+    let bench = Bench::new();
+    let task = "margin ball-balancing --controller td3 --budget 1000000 --json --space starts+disturbance";
+    let (out, said) = interrupted(&bench, &format!("{task} --out witness.json"));
+    let found: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(found["is_complete"], false);
+    assert!(said.contains("the witness so far is kept"), "{said}");
+    let replayed = bench.json("replay witness.json --json", 0);
+    assert_eq!(replayed["robustness"], found["witness"]["robustness"]);
+    let (out, said) = interrupted(&bench, &format!("{task} --formula ball_speed>=-1 --out none.json"));
+    let found: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((&found["witness"], bench.path("none.json").exists()), (&Value::Null, false));
+    assert!(said.contains("the search is lost"), "{said}");
+}
+
+#[test]
+fn simulate_keeps_the_repeats_and_a_report_is_not_written() {
+    let bench = Bench::new();
+    let repeat = "simulate ball-balancing --controller ppo --action-noise 0.5 --repeat 1000000 --json";
+    let (out, said) = interrupted(&bench, repeat);
+    let found: Value = serde_json::from_str(&out).unwrap();
+    let n = found["repeats"]["simulations"].as_u64().unwrap();
+    assert!((1..1_000_000).contains(&n) && said.contains("repeats of 1000000 are kept"), "{n}, {said}");
+    bench.check("falsify ball-balancing --controller ppo --space events --formula always(ball_speed<=0.1) --trials 1 --out r.sqlite", 1);
+    let (_, said) = interrupted(&bench, "report r.sqlite --probes 1000000 --out r.html");
+    assert!(said.contains("r.html is not written") && !bench.path("r.html").exists(), "{said}");
+    bench.check("evaluate ball-balancing --controller ppo --episodes 2000 --out e.sqlite", 0);
+    let (out, said) = interrupted(&bench, "explain e.sqlite --masking=2000 --skip-check");
+    assert!(out.is_empty() && said.contains("the counts of the conjuncts are lost"), "{out}{said}");
+}
