@@ -29,8 +29,21 @@ from mishandle.errors import (
 )
 from mishandle.explanations import ComparedPair, Comparison, Estimate, Explanation, FailureMode, compare
 from mishandle.formulas import Formula, robustness
+from mishandle.margins import Margin, MarginLevel, Witness, margin
 from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
 from mishandle.ray import RayExecutor
+from mishandle.risks import (
+    AxisDistribution,
+    Exploration,
+    Importance,
+    MonteCarlo,
+    Probability,
+    Risk,
+    RiskFailure,
+    Splitting,
+    SplittingChain,
+    risk,
+)
 from mishandle.runs import Run, open_run
 from mishandle.searches import Minimum, Search, minimize, search_names
 from mishandle.targets import Simulation
@@ -38,6 +51,7 @@ from mishandle.targets import Simulation
 __all__ = [
     "Attribute",
     "Axis",
+    "AxisDistribution",
     "ComparedPair",
     "Comparison",
     "Controller",
@@ -45,33 +59,45 @@ __all__ = [
     "Estimate",
     "Evaluation",
     "Explanation",
+    "Exploration",
     "FailureMode",
     "Falsification",
     "Formula",
+    "Importance",
     "InvalidScenario",
     "InvalidStateError",
     "InvalidTypeError",
     "InvalidValueError",
+    "Margin",
+    "MarginLevel",
     "Minimum",
     "MishandleError",
     "MissingPackageError",
+    "MonteCarlo",
+    "Probability",
     "RayExecutor",
     "Regression",
     "Repeats",
     "Replay",
     "ResetOption",
+    "Risk",
+    "RiskFailure",
     "Run",
     "Search",
     "Simulation",
+    "Splitting",
+    "SplittingChain",
     "TaskEnv",
     "TaskVectorEnv",
     "Trial",
     "VectorEnv",
+    "Witness",
     "__version__",
     "compare",
     "evaluate",
     "falsify",
     "load_controller",
+    "margin",
     "minimize",
     "open_run",
     "plot_comparison",
@@ -82,6 +108,7 @@ __all__ = [
     "regress",
     "repeat",
     "replay",
+    "risk",
     "robustness",
     "search_names",
     "simulate",

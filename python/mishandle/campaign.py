@@ -42,17 +42,21 @@ class Trial:
         return self.first_violation is not None
 
 
-class _Result:
-    """A result that remembers its system, so that its report can simulate more. A copy from pickle has forgotten it."""
-
-    path: pathlib.Path
+class Remembering:
+    """A result that remembers its system, so that it can simulate more. A copy from pickle has forgotten it."""
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_target"}
+        return {name: value for name, value in self.__dict__.items() if not name.startswith("_")}
 
     def _remember(self, target: _native.Target) -> None:
         # The dataclasses are frozen, and the system is no field: it cannot be compared or copied.
         self.__dict__["_target"] = target
+
+
+class _Result(Remembering):
+    """A result with a run file."""
+
+    path: pathlib.Path
 
     def report(self, path: PathLike, *, simulate: bool = True, probes: int = 64) -> None:
         """Writes a page about the run: one HTML file that loads nothing, for a browser or to send.
@@ -70,7 +74,7 @@ class _Result:
         if target is None or not simulate:
             open_run(self.path).report(path, simulate=simulate, probes=probes)
             return
-        html, _ = _native.report(target, os.fspath(self.path), probes)
+        html = _native.report(target, os.fspath(self.path), probes)
         pathlib.Path(path).write_text(html, encoding="utf-8")
 
 
@@ -398,6 +402,13 @@ class Repeats:
     quantiles: dict[float, float] | None
     """Quantiles of the robustness by probability; ``None`` without a verdict."""
 
+    @classmethod
+    def of(cls, report: _native.RepeatTuple) -> Repeats:
+        """Returns the repeats of a report of the extension module."""
+        count, failures, rate, quantiles = report
+        probabilities = (0.0, 0.05, 0.5, 0.95, 1.0)
+        return cls(count, failures, Estimate(*rate), None if quantiles is None else dict(zip(probabilities, quantiles)))
+
 
 def repeat(
     system: Any,
@@ -421,9 +432,7 @@ def repeat(
     True
     """
     simulations = simulate(system, formula, space, at=at, repeat=repeats, seed=seed, **target)
-    count, failures, rate, quantiles = _native.repeat_report([found.robustness for found in simulations])
-    probabilities = (0.0, 0.05, 0.5, 0.95, 1.0)
-    return Repeats(count, failures, Estimate(*rate), None if quantiles is None else dict(zip(probabilities, quantiles)))
+    return Repeats.of(_native.repeat_report([found.robustness for found in simulations]))
 
 
 @dataclass(frozen=True)
@@ -504,9 +513,16 @@ def replay(
 ) -> Replay:
     """Repeats a recorded simulation and compares everything recorded.
 
-    A run file never imports code: pass the system, formula and space of the run.
+    ``path`` is a run file, or a counterexample file (``.json``) of an ``export``, which has one simulation. A file never imports code:
+    pass the system, formula and space of the run.
     """
+    is_counterexample = os.fspath(path).lower().endswith(".json")
+    if is_counterexample and not (trial is None and number is None):
+        raise InvalidValueError("a counterexample file has one simulation; leave out `trial` and `number`")
     found = make_target(system, formula, space, target, lambda space: None)
-    again = _native.replay(found.native, path=os.fspath(path), trial=trial, number=number)
+    if is_counterexample:
+        again = _native.replay_counterexample(found.native, os.fspath(path))
+    else:
+        again = _native.replay(found.native, path=os.fspath(path), trial=trial, number=number)
     keys = ("trial", "number", "recorded_robustness", "differences", "build_differences")
     return Replay(simulation=found.simulation(again), **{key: again[key] for key in keys})

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mishandle import _native
+from mishandle.axes import Value
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,8 @@ class FailureMode:
     predicate: str
     samples: tuple[int, int]
     """First and last sample at which the violation of a failure is final: nothing can satisfy the formula after it."""
-    region: dict[str, tuple[float, float] | None]
-    """Smallest and largest value of each axis."""
+    region: dict[str, tuple[Value, Value] | None]
+    """Smallest and largest value of each axis; the names of a categorical axis, in the order of the axis."""
     axes: list[str]
     """Axes by which failures with this predicate were grouped. In a space of more than two axes, these are the axes along which
     they are distributed differently from the other simulations; there may be none."""

@@ -10,9 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from typing_extensions import Unpack
+
 from mishandle import _native
+from mishandle.axes import Value
 from mishandle.errors import MissingPackageError
 from mishandle.explanations import Explanation, FailureMode, explanation
+from mishandle.targets import Formulas, Space, TargetOptions, make_target
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-not-found, import-untyped, unused-ignore]
@@ -30,13 +34,13 @@ class RunAxis:
     values: str = "continuous"
     names: tuple[str, ...] = ()
 
-    def value(self, number: float | None) -> float | int | str | None:
+    def value(self, number: float) -> Value:
         """Returns the value of a recorded number: a name of a categorical axis, an integer of an integer axis.
 
         >>> RunAxis("surface", "", 0, 1, "categorical", ("dry", "wet")).value(1.0)
         'wet'
         """
-        if number is None or self.values in ("continuous", "logarithmic"):
+        if self.values in ("continuous", "logarithmic"):
             return number
         return self.names[int(number)] if self.names else int(number)
 
@@ -90,7 +94,7 @@ class Run:
         """
         columns = self._native.simulations()
         for axis in self.axes:
-            columns[axis.name] = [axis.value(number) for number in columns[axis.name]]
+            columns[axis.name] = [None if number is None else axis.value(number) for number in columns[axis.name]]
         return columns
 
     @property
@@ -117,28 +121,48 @@ class Run:
         """
         return explanation(self._native.explain(trial, number), self.control_dt)
 
-    def report(self, path: str | os.PathLike[str], *, simulate: bool = True, probes: int = 64) -> None:
+    def report(
+        self,
+        path: str | os.PathLike[str],
+        system: Any = None,
+        formula: Formulas = None,
+        space: Space = None,
+        *,
+        simulate: bool = True,
+        probes: int = 64,
+        **target: Unpack[TargetOptions],
+    ) -> None:
         """Writes a page about the run: one HTML file that loads nothing, for a browser or to send.
 
         Parameters
         ----------
         path : path
             File to write; an existing file is replaced.
+        system, formula, space, **target
+            The system of the run, as in :func:`falsify`. A run file never imports code: without a system, only Mishandle's own tasks
+            can be simulated; the page says so if another system cannot.
         simulate : bool
-            Whether to measure what takes simulations: sizes of failing patches, repeats with other seeds, noise, pictures. Only
-            Mishandle's own tasks can be simulated from a run file; the page says so if another system cannot. The method `report`
-            of the result of `falsify` and `evaluate` simulates your system.
+            Whether to measure what takes simulations: sizes of failing patches, repeats with other seeds, noise, pictures.
         probes : int
             Number of random scenarios that estimate the size of a failing patch.
         """
-        html, _ = self._native.report(probes if simulate else None)
+        if system is None or not simulate:
+            html = self._native.report(probes if simulate else None)
+        else:
+            made = make_target(system, formula, space, target, lambda space: None)
+            html = _native.report(made.native, os.fspath(self.path), probes)
         pathlib.Path(path).write_text(html, encoding="utf-8")
 
     def failure_modes(self) -> list[FailureMode]:
         """Groups the failures by decisive predicate, region and time, the largest group first."""
         names = [axis.name for axis in self.axes]
+
+        def values(region: list[tuple[float, float] | None]) -> dict[str, tuple[Value, Value] | None]:
+            ends = [None if ends is None else (axis.value(ends[0]), axis.value(ends[1])) for axis, ends in zip(self.axes, region)]
+            return dict(zip(names, ends))
+
         return [
-            FailureMode(predicate, samples, dict(zip(names, region)), [names[axis] for axis in axes], failures)
+            FailureMode(predicate, samples, values(region), [names[axis] for axis in axes], failures)
             for predicate, samples, region, axes, failures in self._native.failure_modes()
         ]
 

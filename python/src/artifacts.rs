@@ -1,45 +1,34 @@
 //! Reports, survival curves, counterexample files and regression tests of Python systems.
 
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use mishandle::evaluation::{Estimate, Lifetime, RepeatReport, SurvivalCurve};
+use mishandle::evaluation::{Lifetime, RepeatReport, SurvivalCurve};
 use mishandle::rollout::{Scenario, Seed, Space};
 use mishandle::store::RunFile;
 use mishandle::{Counterexample, MishandleError as Error, Plan, ResolvedPlan};
-use mishandle_report::{RunReport, page};
+use mishandle_report::{Measurement, RunReport, page};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::campaign::detached;
+use crate::campaign::{EstimateFields, detached, estimate};
 use crate::raised;
 use crate::target::PyTarget;
 
-/// Value, lower and upper bound, and sample size.
-type EstimateFields = (Option<f64>, Option<f64>, Option<f64>, u64);
-
-fn estimate(found: &Estimate) -> EstimateFields {
-    (found.value, found.low, found.high, found.n)
-}
-
-/// Returns a report of a run as HTML, measured with the target, and why nothing was simulated, if so.
+/// Returns a report of a run as HTML, measured with the target.
 #[pyfunction]
-pub fn report(
-    py: Python<'_>,
-    target: &PyTarget,
-    path: PathBuf,
-    probes: u32,
-) -> PyResult<(String, Option<String>)> {
+pub fn report(py: Python<'_>, target: &PyTarget, path: PathBuf, probes: u32) -> PyResult<String> {
     detached(py, target, || {
         let run = RunFile::open(&path)?;
         let mut found = target.target.clone();
         found.is_deterministic = run.header().target.is_deterministic;
         let resolved = ResolvedPlan::with_target(&Plan::from_toml(&run.header().plan)?, found)?;
         let mut report = RunReport::load(&run, &path.to_string_lossy())?;
-        let skipped = report.measure_with(&run, &resolved, probes, |_, _| ())?;
-        if let Some(reason) = &skipped {
+        let measured = report.measure_with(&run, &resolved, probes, |_, _| ControlFlow::Continue(()))?;
+        if let Measurement::Skipped { reason } = &measured {
             report.note_no_simulations(reason);
         }
-        Ok((page(&[report]), skipped))
+        Ok(page(&[report]))
     })
 }
 
@@ -85,7 +74,7 @@ pub fn regress<'py>(
         let recorded = Counterexample::read(&path)?;
         let plan = Plan { seed: 0, ..recorded.plan.clone() };
         let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
-        let found = mishandle::regress_with(&recorded, &resolved, repeats, |_| ())?;
+        let found = mishandle::regress_with(&recorded, &resolved, repeats, |_| ControlFlow::Continue(()))?;
         Ok((recorded, found))
     })?;
     let dict = PyDict::new(py);

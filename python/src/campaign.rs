@@ -9,7 +9,7 @@ use mishandle::falsification::{CampaignOutcome, TrialEnd, TrialOutcome};
 use mishandle::rollout::{Episode, EpisodeEnd, Request, Scenario, Seed, Space};
 use mishandle::search::{OptionValue, SearchOptions};
 use mishandle::store::{RunFile, RunWriter};
-use mishandle::{EvaluatePlan, FalsifyPlan, MishandleError as Error, Plan, ResolvedPlan};
+use mishandle::{Counterexample, EvaluatePlan, FalsifyPlan, MishandleError as Error, Plan, ResolvedPlan};
 use numpy::PyArray2;
 use numpy::ndarray::Array2;
 use pyo3::prelude::*;
@@ -248,7 +248,8 @@ pub fn replay<'py>(
     Ok(dict)
 }
 
-fn plan(target: &PyTarget, seed: u64) -> Plan {
+/// Returns the plan of a target with this seed.
+pub(crate) fn plan(target: &PyTarget, seed: u64) -> Plan {
     Plan { seed, ..target.plan.clone() }
 }
 
@@ -294,7 +295,12 @@ pub(crate) fn detached<T: Send>(
 }
 
 /// Reports the progress after a batch. An exception, also of Ctrl-C, ends the run.
-fn report(target: &PyTarget, progress: Option<&Py<PyAny>>, done: u64, total: u64) -> ControlFlow<()> {
+pub(crate) fn report(
+    target: &PyTarget,
+    progress: Option<&Py<PyAny>>,
+    done: u64,
+    total: u64,
+) -> ControlFlow<()> {
     let reported = Python::attach(|py| {
         py.check_signals()?;
         progress.map_or(Ok(()), |progress| progress.call1(py, (done, total)).map(drop))
@@ -308,8 +314,11 @@ fn report(target: &PyTarget, progress: Option<&Py<PyAny>>, done: u64, total: u64
     }
 }
 
-/// Value, bounds of the interval and sample size.
-fn estimate(estimate: &Estimate) -> (Option<f64>, Option<f64>, Option<f64>, u64) {
+/// Value, lower and upper bound, and sample size.
+pub(crate) type EstimateFields = (Option<f64>, Option<f64>, Option<f64>, u64);
+
+/// Returns the fields of an estimate.
+pub(crate) fn estimate(estimate: &Estimate) -> EstimateFields {
     let Estimate { value, low, high, n } = *estimate;
     (value, low, high, n)
 }
@@ -355,6 +364,28 @@ fn trial<'py>(py: Python<'py>, space: &Space, outcome: &TrialOutcome) -> PyResul
     dict.set_item("scenario", scenario(py, space, minimum.scenario.values())?)?;
     dict.set_item("seed", minimum.seed.0)?;
     dict.set_item("number", minimum.number)?;
+    Ok(dict)
+}
+
+/// Replays a counterexample file.
+#[pyfunction]
+pub fn replay_counterexample<'py>(
+    py: Python<'py>,
+    target: &PyTarget,
+    path: PathBuf,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (recorded, replayed) = detached(py, target, || {
+        let recorded = Counterexample::read(&path)?;
+        let resolved = ResolvedPlan::with_target(&recorded.plan, target.target.clone())?;
+        let replayed = recorded.replay(&resolved)?;
+        Ok((recorded, replayed))
+    })?;
+    let dict = episode(py, &target.space, &replayed.episode)?;
+    dict.set_item("trial", recorded.trial)?;
+    dict.set_item("number", recorded.simulation)?;
+    dict.set_item("recorded_robustness", recorded.expected.robustness)?;
+    dict.set_item("differences", replayed.differences)?;
+    dict.set_item("build_differences", replayed.build_differences)?;
     Ok(dict)
 }
 

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use mishandle::evaluation::Estimate;
 use mishandle::store::{RunFile, RunHeader};
 use mishandle::{ComparedPair, ExplainedSimulation, FailureMode, PairedMeans, PairedRates};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::campaign::estimate;
 use crate::raised;
 
 /// Returns an explanation.
@@ -53,13 +53,6 @@ pub(crate) fn mode(mode: FailureMode) -> Mode {
     let failures = mode.failures.iter().map(|failure| (failure.trial, failure.number)).collect();
     let predicate = mode.representative().predicate.clone();
     (predicate, mode.samples, mode.region, mode.axes, failures)
-}
-
-/// Value, lower and upper bound, and sample size.
-type EstimateFields = (Option<f64>, Option<f64>, Option<f64>, u64);
-
-fn estimate(found: &Estimate) -> EstimateFields {
-    (found.value, found.low, found.high, found.n)
 }
 
 /// Compares two evaluations of the same scenarios and seeds.

@@ -11,8 +11,10 @@ mod campaign;
 mod controller;
 mod explanation;
 mod formula;
+mod margin;
 mod pool;
 mod remote;
+mod risk;
 mod run;
 mod search;
 mod simulator;
@@ -73,11 +75,17 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(artifacts::survival, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::counterexample, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::regress, module)?)?;
+    module.add_function(wrap_pyfunction!(margin::check_margin, module)?)?;
+    module.add_function(wrap_pyfunction!(margin::margin, module)?)?;
+    module.add_function(wrap_pyfunction!(risk::check_risk, module)?)?;
+    module.add_function(wrap_pyfunction!(risk::risk, module)?)?;
+    module.add_function(wrap_pyfunction!(risk::simulated_counterexample, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::check_falsify, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::check_evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::falsify, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::simulate, module)?)?;
+    module.add_function(wrap_pyfunction!(campaign::replay_counterexample, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::replay, module)?)
 }
 

@@ -1,11 +1,12 @@
 //! Reading of run files.
 
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 use mishandle::MishandleError;
 use mishandle::store::RunFile;
-use mishandle_report::{RunReport, page};
+use mishandle_report::{Measurement, RunReport, page};
 use numpy::PyArray2;
 use numpy::ndarray::Array2;
 use pyo3::prelude::*;
@@ -119,19 +120,19 @@ impl PyRun {
         PyList::new(py, found.modes.into_iter().map(mode))
     }
 
-    /// Returns a report as HTML, and why nothing was simulated, if so.
-    fn report(&self, py: Python<'_>, probes: Option<u32>) -> PyResult<(String, Option<String>)> {
+    /// Returns a report as HTML.
+    fn report(&self, py: Python<'_>, probes: Option<u32>) -> PyResult<String> {
         py.detach(|| {
             let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
             let mut report = RunReport::load(&run, &run.path().to_string_lossy())?;
-            let skipped = match probes {
-                Some(probes) => report.measure(&run, None, probes, |_, _| ())?,
-                None => Some("simulate=False was given".to_string()),
+            let measured = match probes {
+                Some(probes) => report.measure(&run, None, probes, |_, _| ControlFlow::Continue(()))?,
+                None => Measurement::Skipped { reason: "simulate=False was given".to_string() },
             };
-            if let Some(reason) = &skipped {
+            if let Measurement::Skipped { reason } = &measured {
                 report.note_no_simulations(reason);
             }
-            Ok((page(&[report]), skipped))
+            Ok(page(&[report]))
         })
         .map_err(|error: MishandleError| raised(error))
     }

@@ -1,0 +1,165 @@
+"""The smallest disturbance that makes a system fail."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from typing_extensions import Unpack
+
+from mishandle import _native
+from mishandle.arguments import check_number
+from mishandle.axes import Axis
+from mishandle.campaign import PathLike, Progress, Repeats
+from mishandle.errors import MishandleError
+from mishandle.systems import Scenario
+from mishandle.targets import Formulas, Space, TargetOptions, make_target
+
+
+@dataclass(frozen=True)
+class MarginLevel:
+    """The simulations with disturbances up to an amplitude."""
+
+    amplitude: float
+    """Largest offset of an axis, as a fraction of the distance from its nominal value to its bound."""
+    simulations: int
+    minimum_robustness: float | None
+    is_violated: bool
+
+
+@dataclass(frozen=True)
+class Witness:
+    """A violation and the size of its disturbance."""
+
+    amplitude: float
+    """Largest offset of an axis (L∞); 1 at its bound."""
+    l2: float
+    l1: float
+    axes: int
+    """Number of disturbed axes."""
+    scenario: Scenario
+    seed: int
+    robustness: float
+    repeats: Repeats | None
+    """Simulations with other seeds; ``None`` if the seed has no effect."""
+    counterexample: str = field(repr=False)
+    """Text of its counterexample file."""
+
+
+@dataclass(frozen=True)
+class Margin:
+    """The smallest disturbance that was found, and what was tried."""
+
+    formula: str
+    simulations: int
+    levels: list[MarginLevel]
+    """The amplitudes in the order in which they were tried."""
+    no_violation_up_to: float | None
+    """Largest amplitude below that of the witness at which no simulation violates the formula: evidence, not a proof."""
+    witness: Witness | None
+    """``None`` if no simulation violates the formula."""
+    largest_difference: float = 0.0
+    exceptions: list[str] = field(default_factory=list)
+
+    def export(self, path: PathLike) -> pathlib.Path:
+        """Writes the witness as a counterexample file (``.json``), for :func:`replay` and :func:`regress`.
+
+        An existing file is replaced. Returns the path.
+        """
+        if self.witness is None:
+            raise MishandleError("there is no witness to export: no simulation violates the formula")
+        return write_counterexample(path, self.witness.counterexample)
+
+
+def write_counterexample(path: PathLike, text: str) -> pathlib.Path:
+    """Writes a counterexample file. Its name must end with ``.json``."""
+    file = pathlib.Path(path)
+    if file.suffix.lower() != ".json":
+        raise MishandleError(f"the counterexample file is {os.fspath(path)}; its name must end with .json")
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def margin(
+    system: Any,
+    formula: Formulas = None,
+    space: Space = None,
+    *,
+    budget: int = 3000,
+    seed: int = 0,
+    progress: Progress | None = None,
+    **target: Unpack[TargetOptions],
+) -> Margin:
+    """Searches for the smallest disturbance with which a system violates a formula.
+
+    The disturbed axes are those of the space with a nominal value, except for initial states (``kind="start"``) and categories.
+    Initial states vary in their whole range. The result is an upper bound with a witness: a smaller disturbance that violates the
+    formula may exist. ``docs/margin.md`` explains the search.
+
+    Parameters
+    ----------
+    system, formula, space, **target
+        See :func:`falsify`. The default space of a task with one of our controllers is ``"disturbance"``.
+    budget : int
+        Largest number of simulations. A system that depends on its seed is simulated up to 100 times more: the witness with other
+        seeds.
+    seed : int
+        Seed of all simulations but the repeats.
+    progress : callable, optional
+        Gets the numbers of finished and of all simulations after each batch. Its exceptions, and Ctrl-C, end the search; its
+        results are lost then.
+
+    Returns
+    -------
+    Margin
+
+    Raises
+    ------
+    MishandleError
+        If a name, a number or a formula is invalid, the space has no disturbed axis, or no simulation has a verdict.
+    ValueError, TypeError
+        If the system, its trace or its signals do not have the stated form.
+
+    Examples
+    --------
+    The gap is too small above 8 m/s, which is 80 % of the way from 0 to 10 m/s:
+
+    >>> system = lambda scenario: {"gap": [10.0, 10.0 - scenario["speed"]]}
+    >>> space = [Axis("speed", 0, 10, "m/s", nominal=0, kind="input")]
+    >>> found = margin(system, "always(gap >= 2)", space, budget=300)
+    >>> 0.8 < found.witness.amplitude < 0.82
+    True
+    """
+    check_number("seed", seed, 0)
+    check_number("budget", budget, 1)
+    if isinstance(system, str) and space is None and isinstance(target.get("policy", ""), (str, os.PathLike)):
+        space = "disturbance"
+
+    def check(space: Sequence[Axis]) -> None:
+        _native.check_margin([axis.to_native() for axis in space], budget=budget)
+
+    made = make_target(system, formula, space, target, check)
+    found = _native.margin(made.native, formula=made.formula, budget=budget, seed=seed, progress=progress)
+    levels = [MarginLevel(*level) for level in found.pop("levels")]
+    if all(level.minimum_robustness is None for level in levels):
+        raise untested(made.system.exceptions)
+    witness = found.pop("witness")
+    if witness is not None:
+        repeats = witness.pop("repeats")
+        witness = Witness(repeats=None if repeats is None else Repeats.of(repeats), **witness)
+    return Margin(
+        levels=levels,
+        witness=witness,
+        largest_difference=made.largest_difference,
+        exceptions=made.system.exceptions,
+        **found,
+    )
+
+
+def untested(exceptions: list[str]) -> MishandleError:
+    """Returns the error for simulations that all have no verdict."""
+    cause = f"; the first exception:\n{exceptions[0]}" if exceptions else "; `simulate` shows the end of one of them"
+    return MishandleError(f"no simulation has a verdict, so the system was not tested{cause}")

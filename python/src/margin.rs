@@ -1,0 +1,74 @@
+//! The smallest disturbance that makes a Python target fail.
+
+use mishandle::evaluation::RepeatReport;
+use mishandle::rollout::Seed;
+use mishandle::{Counterexample, FalsifyPlan, Level, Plan, ResolvedPlan};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::campaign::{detached, estimate, plan, report};
+use crate::raised;
+use crate::target::{AxisTuple, PyTarget, scenario, space};
+
+/// Checks the settings of a margin in the space of these axes, before the system is simulated.
+#[pyfunction]
+#[pyo3(signature = (axes, *, budget))]
+pub fn check_margin(axes: Vec<AxisTuple>, budget: u64) -> PyResult<()> {
+    mishandle::check_margin(budget, &space(axes)?).map_err(raised)
+}
+
+/// Searches for the smallest disturbance that violates the requirement. Returns the outcome as a dictionary.
+#[pyfunction]
+#[pyo3(signature = (target, *, formula, budget, seed, progress))]
+pub fn margin<'py>(
+    py: Python<'py>,
+    target: &PyTarget,
+    formula: Option<String>,
+    budget: u64,
+    seed: u64,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let falsify = FalsifyPlan { formula, ..FalsifyPlan::default() };
+    let plan = Plan { falsify: Some(falsify), ..plan(target, seed) };
+    let (found, repeats, counterexample, formula) = detached(py, target, || {
+        let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
+        let mut system = resolved.system()?;
+        let watch = |done| report(target, progress.as_ref(), done, budget);
+        let found = mishandle::margin(&mut *system, Seed(seed), budget, watch)?;
+        // An interruption is raised as an exception.
+        let witness = found.witness.as_ref().filter(|_| found.is_complete);
+        let repeats = match witness {
+            Some(witness) => mishandle::witness_repeats(&resolved, witness, |_| report(target, None, 0, 0))?,
+            None => None,
+        };
+        let counterexample =
+            witness.map(|witness| Counterexample::from_episode(&resolved, &witness.episode)).transpose()?;
+        Ok((found, repeats, counterexample, resolved.specification.requirement.to_string()))
+    })?;
+    let dict = PyDict::new(py);
+    dict.set_item("formula", formula)?;
+    dict.set_item("simulations", found.simulations)?;
+    let level = |level: &Level| (level.amplitude, level.simulations, level.robustness, level.is_violated());
+    dict.set_item("levels", found.levels.iter().map(level).collect::<Vec<_>>())?;
+    dict.set_item("no_violation_up_to", found.largest_without_violation().map(|level| level.amplitude))?;
+    let Some(witness) = &found.witness else {
+        dict.set_item("witness", py.None())?;
+        return Ok(dict);
+    };
+    let request = &witness.episode.request;
+    let fields = PyDict::new(py);
+    fields.set_item("amplitude", witness.norms.largest)?;
+    fields.set_item("l2", witness.norms.euclidean)?;
+    fields.set_item("l1", witness.norms.sum)?;
+    fields.set_item("axes", witness.axes)?;
+    fields.set_item("scenario", scenario(py, &target.space, request.scenario.values())?)?;
+    fields.set_item("seed", request.seed.0)?;
+    fields.set_item("robustness", witness.episode.robustness())?;
+    let repeats = repeats.map(|RepeatReport { simulations, failures, failure_rate, quantiles }| {
+        (simulations, failures, estimate(&failure_rate), quantiles.map(Vec::from))
+    });
+    fields.set_item("repeats", repeats)?;
+    fields.set_item("counterexample", counterexample.map(|counterexample| counterexample.to_json()))?;
+    dict.set_item("witness", fields)?;
+    Ok(dict)
+}

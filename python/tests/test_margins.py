@@ -1,0 +1,181 @@
+"""The smallest disturbance, from Python."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import pathlib
+import pickle
+import random
+import subprocess
+import tempfile
+import unittest
+from typing import Any
+
+import gymnasium
+import mishandle
+import numpy as np
+from mishandle import Axis
+
+PROGRAM = pathlib.Path(__file__).parents[2] / "target/debug/mishandle"
+
+
+def command(arguments: str) -> dict[str, Any]:
+    """Returns the JSON document of the program."""
+    if not PROGRAM.exists():
+        raise unittest.SkipTest(f"{PROGRAM} is not built")
+    done = subprocess.run([PROGRAM, *arguments.split(), "--json"], capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 1):
+        raise AssertionError(done.stderr)
+    document: dict[str, Any] = json.loads(done.stdout)
+    return document
+
+
+def half_space(scenario: dict[str, Any]) -> dict[str, list[float]]:
+    return {"y": [0.3 - (0.5 * scenario["a"] - 0.3 * scenario["b"] + 0.2 * scenario["c"])]}
+
+
+INPUTS = [Axis(name, -1, 1, kind="input") for name in "abc"]
+
+
+class Push(gymnasium.Env[Any, Any]):
+    """A mass that a push moves; the policy can hold it up to a force of 1."""
+
+    def __init__(self) -> None:
+        self.action_space = gymnasium.spaces.Box(-1, 1, (1,))
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (1,))
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        self.push, self.x = float((options or {}).get("push", 0.0)), 0.0
+        return np.array([self.push]), {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        self.x += self.push + float(np.clip(action[0], -1, 1))
+        return np.array([self.push]), 0.0, False, False, {}
+
+
+class Margins(unittest.TestCase):
+    def test_the_margin_of_a_half_space_is_that_of_a_hand_calculation(self) -> None:
+        # The smallest L-infinity disturbance with w x >= c is c / |w|_1 = 0.3 / (0.5 + 0.3 + 0.2).
+        found = mishandle.margin(half_space, "always(y >= 0)", INPUTS, seed=1)
+        witness = found.witness
+        assert witness is not None
+        self.assertTrue(0.3 <= witness.amplitude < 0.312, witness)
+        self.assertEqual((witness.axes, witness.seed), (3, 1))
+        values = [abs(value) for value in witness.scenario.values()]
+        self.assertAlmostEqual(witness.amplitude, max(values), places=12)
+        self.assertAlmostEqual(witness.l1, sum(values), places=12)
+        self.assertAlmostEqual(witness.l2, math.sqrt(sum(value * value for value in values)), places=12)
+        self.assertLess(witness.robustness, 0)
+        self.assertIsNone(witness.repeats)
+        assert found.no_violation_up_to is not None
+        self.assertTrue(0.28 <= found.no_violation_up_to < 0.3)
+        self.assertLessEqual(found.simulations, 3000)
+        self.assertEqual(sum(level.simulations for level in found.levels) < found.simulations, True)
+
+    def test_the_figures_are_those_of_the_program(self) -> None:
+        for name, arguments, options in [
+            ("toy/car-following", "--space dynamics+events --budget 600 --seed 3", {"space": "dynamics+events", "seed": 3}),
+            ("ball-balancing", "--controller td3 --budget 200", {"policy": "td3"}),
+        ]:
+            expected = command(f"margin {name} {arguments}")
+            budget = 600 if name.startswith("toy") else 200
+            found = mishandle.margin(name, budget=budget, **options)  # type: ignore[arg-type]
+            witness = found.witness
+            assert witness is not None
+            with self.subTest(name):
+                for key in ("amplitude", "l2", "l1", "axes", "robustness", "scenario"):
+                    self.assertEqual(getattr(witness, key), expected["witness"][key], key)
+                for key in ("formula", "simulations", "no_violation_up_to"):
+                    self.assertEqual(getattr(found, key), expected[key], key)
+                self.assertEqual([vars(level) for level in found.levels], expected["levels"])
+                self.assertEqual(str(witness.seed), expected["witness"]["seed"])
+
+    def test_the_witness_is_a_counterexample(self) -> None:
+        found = mishandle.margin(half_space, "always(y >= 0)", INPUTS, budget=500, name="half")
+        with tempfile.TemporaryDirectory() as folder:
+            file = pickle.loads(pickle.dumps(found)).export(os.path.join(folder, "witness.json"))
+            again = mishandle.replay(file, half_space, "always(y >= 0)", INPUTS, name="half")
+            self.assertEqual((again.differences, again.build_differences), ([], []))
+            assert found.witness is not None
+            self.assertEqual(again.simulation.scenario, found.witness.scenario)
+            self.assertEqual(again.recorded_robustness, found.witness.robustness)
+            [test] = mishandle.regress(folder, lambda scenario: {"y": [1.0]}, "always(y >= 0)", INPUTS, name="half")
+            self.assertFalse(test.fails)
+            with self.assertRaisesRegex(mishandle.InvalidValueError, "leave out `trial`"):
+                mishandle.replay(file, half_space, "always(y >= 0)", INPUTS, trial=1)
+            with self.assertRaisesRegex(mishandle.MishandleError, "must end with .json"):
+                found.export(os.path.join(folder, "witness.txt"))
+
+    def test_a_policy_in_an_environment_has_the_margin_of_its_actuator(self) -> None:
+        # The policy cancels a push of up to 1; x exceeds 1 after 10 steps if the rest is more than 0.1: 1.1 of 2 is 0.55.
+        space = [Axis("push", -2, 2, kind="event")]
+        policy = lambda observation: -observation
+        found = mishandle.margin(
+            Push(), "always(abs(x) <= 1)", space, policy=policy, signals={"x": "x"}, steps=10, budget=300
+        )
+        assert found.witness is not None
+        self.assertTrue(0.55 <= found.witness.amplitude < 0.56, found.witness)
+
+    def test_a_random_system_is_repeated_with_other_seeds(self) -> None:
+        def system(scenario: dict[str, Any], seed: int) -> dict[str, list[float]]:
+            return {"y": [0.5 - scenario["a"] + random.Random(seed).uniform(-0.1, 0.1)]}
+
+        found = mishandle.margin(system, "always(y >= 0)", INPUTS[:1], budget=300)
+        assert found.witness is not None and found.witness.repeats is not None
+        self.assertEqual(found.witness.repeats.simulations, 100)
+
+    def test_a_safe_system_has_no_witness(self) -> None:
+        found = mishandle.margin(half_space, "always(y >= -2)", INPUTS, budget=200)
+        self.assertEqual((found.witness, found.no_violation_up_to, len(found.levels)), (None, 1.0, 1))
+        with self.assertRaisesRegex(mishandle.MishandleError, "no witness"):
+            found.export("witness.json")
+
+    def test_impossible_requests_are_errors_before_the_first_simulation(self) -> None:
+        calls: list[Any] = []
+
+        def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
+            calls.append(scenario)
+            return {"y": [1.0]}
+
+        for space, options, text in [
+            ([Axis("a", 0, 1)], {}, "the number of disturbed axes is 0"),
+            (INPUTS, {"budget": 0}, "budget is 0"),
+            (INPUTS, {"budget": 2_000_000}, "the budget is 2000000"),
+            (INPUTS, {"seed": -1}, "seed is -1"),
+        ]:
+            with self.subTest(text), self.assertRaisesRegex(mishandle.InvalidValueError, text):
+                mishandle.margin(system, "always(y >= 0)", space, **options)  # type: ignore[arg-type]
+        self.assertEqual(calls, [])
+        with self.assertRaisesRegex(mishandle.InvalidTypeError, "no argument `budgets`"):
+            mishandle.margin(system, "always(y >= 0)", INPUTS, budgets=3)  # type: ignore[call-arg]
+
+    def test_a_system_without_a_verdict_was_not_tested(self) -> None:
+        with self.assertWarnsRegex(UserWarning, "no verdict"), self.assertRaisesRegex(
+            mishandle.MishandleError, "no simulation has a verdict"
+        ):
+            mishandle.margin(lambda scenario: {"y": [float("nan")]}, "always(y >= 0)", INPUTS, budget=50)
+
+    def test_an_exception_of_the_progress_ends_the_search(self) -> None:
+        def progress(done: int, total: int) -> None:
+            if done > 100:
+                raise KeyboardInterrupt
+
+        with self.assertRaises(KeyboardInterrupt):
+            mishandle.margin(half_space, "always(y >= 0)", INPUTS, progress=progress)
+
+    def test_exceptions_are_kept(self) -> None:
+        def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
+            if scenario["a"] > 0.5:
+                raise ValueError("too far")
+            return {"y": [1.0 + scenario["a"]]}
+
+        found = mishandle.margin(system, "always(y >= 0.2)", INPUTS[:1], budget=100)
+        self.assertIn("too far", found.exceptions[0])
+        self.assertIsNotNone(found.witness)
+
+
+if __name__ == "__main__":
+    unittest.main()

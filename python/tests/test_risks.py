@@ -1,0 +1,170 @@
+"""The probability of a failure, from Python."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import random
+import tempfile
+import unittest
+from typing import Any
+
+import mishandle
+from mishandle import Axis
+from test_margins import Push, command
+
+SPEED = [Axis("speed", 0, 10, "m/s")]
+
+
+def gap(scenario: dict[str, Any]) -> dict[str, list[float]]:
+    return {"gap": [10.0, 10.0 - scenario["speed"]]}
+
+
+class Risks(unittest.TestCase):
+    def test_a_closed_form_is_in_the_interval(self) -> None:
+        # Uniform from 0 to 10 m/s, the gap is too small above 8 m/s: 2 / 10.
+        found = mishandle.risk(gap, "always(gap >= 2)", SPEED, simulations=2000, seed=1)
+        assert found.probability is not None
+        self.assertTrue(found.probability.low < 0.2 < found.probability.high, found.probability)
+        self.assertEqual((found.probability.source, found.probability.assumption), ("monte-carlo", None))
+        self.assertEqual((found.monte_carlo.simulations, found.simulations), (2000, 2000))
+        self.assertEqual(found.monte_carlo.failures / 2000, found.probability.value)
+        self.assertEqual(found.bounds, (found.probability.low, found.probability.high))
+        self.assertEqual(vars(found.distribution[0])["distribution"], "uniform")
+
+    def test_a_rare_closed_form_needs_importance_sampling(self) -> None:
+        # Triangular with the mode 0: P(speed > x) = (1 - x / 10)^2, which is 1e-4 at 9.9 m/s.
+        found = mishandle.risk(
+            gap, "always(gap >= 0.1)", SPEED, distribution={"speed": "triangular:0"}, simulations=8000, seed=2
+        )
+        assert found.probability is not None and found.importance is not None
+        self.assertTrue(found.probability.low < 1e-4 < found.probability.high, found.probability)
+        self.assertEqual(found.probability.source, "importance")
+        self.assertIn("outside of the regions", str(found.probability.assumption))
+        self.assertTrue(found.bounds[0] < 1e-4 < found.bounds[1])
+        parts = found.monte_carlo.simulations + found.exploration.simulations
+        parts += found.importance.fitting_simulations + found.importance.simulations
+        self.assertEqual(parts, 8000)
+        # The budget is too small for multilevel splitting, which says so.
+        self.assertIsNone(found.splitting)
+        self.assertTrue(any("at least 34,715 simulations" in refusal for refusal in found.refusals), found.refusals)
+        self.assertGreater(found.failures[0].scenario["speed"], 9.9)
+
+    def test_the_figures_are_those_of_the_program(self) -> None:
+        for name, arguments, options in [
+            ("toy/hidden-corner", "--simulations 20000 --method splitting --seed 4", {"method": "splitting", "seed": 4}),
+            ("toy/sphere-2d", "--simulations 20000 --distribution y=normal:-0.4:0.05", {"distribution": {"y": "normal:-0.4:0.05"}}),
+            ("ball-balancing", "--controller ppo --simulations 100 --space starts", {"policy": "ppo", "space": "starts"}),
+        ]:
+            expected = command(f"risk {name} {arguments}")
+            simulations = 20000 if name.startswith("toy") else 100
+            found = mishandle.risk(name, simulations=simulations, **options)  # type: ignore[arg-type]
+            with self.subTest(name):
+                for key in ("formula", "method", "simulations", "refusals"):
+                    self.assertEqual(getattr(found, key), expected[key], key)
+                self.assertEqual(list(found.bounds), expected["bounds"])
+                self.assertEqual(found.probability and vars(found.probability), expected["probability"])
+                self.assertEqual([vars(axis) for axis in found.distribution], expected["distribution"])
+                self.assertEqual(found.exploration.simulations, expected["exploration"]["simulations"])
+                for key in ("simulations", "failures", "without_verdict"):
+                    self.assertEqual(getattr(found.monte_carlo, key), expected["monte_carlo"][key])
+                self.assertEqual(vars(found.monte_carlo.failure_rate), expected["monte_carlo"]["failure_rate"])
+                self.assertEqual(found.splitting is None, expected["splitting"] is None)
+                if found.splitting is not None:
+                    chains = [vars(chain) for chain in found.splitting.chains]
+                    self.assertEqual(chains, expected["splitting"]["chains"])
+                    self.assertEqual(found.splitting.population, expected["splitting"]["population"])
+                failures = [{**vars(failure), "seed": str(failure.seed)} for failure in found.failures]
+                self.assertEqual(failures, expected["failures"])
+
+    def test_importance_sampling_has_the_figures_of_the_program(self) -> None:
+        expected = command("risk toy/hidden-corner --simulations 20000 --method importance")["importance"]
+        found = mishandle.risk("toy/hidden-corner", simulations=20000, method="importance").importance
+        assert found is not None
+        self.assertEqual({**vars(found), "regions": vars(found.regions)}, expected)
+
+    def test_noise_of_the_seed_is_part_of_the_probability(self) -> None:
+        def system(scenario: dict[str, Any], seed: int) -> dict[str, list[float]]:
+            return {"y": [random.Random(seed).random() - 0.1]}
+
+        found = mishandle.risk(system, "always(y >= 0)", [Axis("x", 0, 1)], simulations=1000, method="monte-carlo")
+        self.assertTrue(found.bounds[0] < 0.1 < found.bounds[1], found.bounds)
+        # The failure is the simulation of its seed.
+        [failure, *_] = found.failures
+        self.assertEqual(failure.robustness, random.Random(failure.seed).random() - 0.1)
+
+    def test_a_policy_in_an_environment(self) -> None:
+        # The policy cancels pushes of up to 1: |push| > 1.1 of a uniform push from -2 to 2 fails, 45 %.
+        found = mishandle.risk(
+            Push(),
+            "always(abs(x) <= 1)",
+            [Axis("push", -2, 2, kind="event")],
+            policy=lambda observation: -observation,
+            signals={"x": "x"},
+            steps=10,
+            simulations=400,
+        )
+        self.assertTrue(found.bounds[0] < 0.45 < found.bounds[1], found.bounds)
+
+    def test_a_failure_is_a_counterexample(self) -> None:
+        found = mishandle.risk(gap, "always(gap >= 2)", SPEED, simulations=200, name="car")
+        with tempfile.TemporaryDirectory() as folder:
+            file = found.export(os.path.join(folder, "failure.json"))
+            again = mishandle.replay(file, gap, "always(gap >= 2)", SPEED, name="car")
+            self.assertEqual((again.differences, again.simulation.scenario), ([], found.failures[0].scenario))
+            with self.assertRaisesRegex(mishandle.InvalidValueError, "failure is 9"):
+                found.export(file, failure=9)
+            with self.assertRaisesRegex(mishandle.MishandleError, "does not know its system"):
+                pickle.loads(pickle.dumps(found)).export(file)
+
+    def test_batches_do_not_matter_and_the_progress_is_reported(self) -> None:
+        done: list[tuple[int, int]] = []
+        report = lambda *numbers: done.append(numbers)
+        of = lambda batch: mishandle.risk(gap, "always(gap >= 0.05)", SPEED, simulations=500, batch=batch, progress=report)
+        self.assertEqual(of(64), of(7))
+        self.assertEqual(done[-1], (500, 500))
+
+    def test_impossible_requests_are_errors_before_the_first_simulation(self) -> None:
+        calls: list[Any] = []
+
+        def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
+            calls.append(scenario)
+            return {"gap": [1.0]}
+
+        for options, text in [
+            ({"distribution": {"mass": "uniform"}}, "no axis `mass`"),
+            ({"distribution": {"speed": "gamma:1"}}, "`gamma:1` is unknown"),
+            ({"distribution": {"speed": "normal:nan:1"}}, "speed|nan"),
+            ({"distribution": {"speed": "normal:900:1"}}, "almost no probability from 0 to 10"),
+            ({"simulations": 99}, "from 100 to 1000000000"),
+            ({"simulations": 0}, "simulations is 0"),
+            ({"method": "exact"}, "no method `exact`"),
+            ({"batch": 100_000}, "the batch size is 100000"),
+        ]:
+            with self.subTest(text), self.assertRaisesRegex(mishandle.InvalidValueError, text):
+                mishandle.risk(system, "always(gap >= 0)", SPEED, **options)  # type: ignore[arg-type]
+        with self.assertRaisesRegex(mishandle.InvalidTypeError, "expected a dictionary"):
+            mishandle.risk(system, "always(gap >= 0)", SPEED, distribution="normal:5:1")  # type: ignore[arg-type]
+        self.assertEqual(calls, [])
+
+    def test_a_system_without_a_verdict_was_not_tested(self) -> None:
+        def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
+            if scenario["speed"] != 5.0:
+                raise ValueError("only the nominal speed")
+            return {"gap": [1.0]}
+
+        with self.assertRaisesRegex(mishandle.MishandleError, "no simulation has a verdict(.|\n)*only the nominal speed"):
+            mishandle.risk(system, "always(gap >= 0)", SPEED, simulations=100)
+
+    def test_an_exception_of_the_progress_ends_the_estimation(self) -> None:
+        def progress(done: int, total: int) -> None:
+            raise KeyboardInterrupt
+
+        for system, options in [(gap, {"space": SPEED}), ("toy/sphere-2d", {})]:
+            with self.assertRaises(KeyboardInterrupt):
+                formula = None if isinstance(system, str) else "always(gap >= 2)"
+                mishandle.risk(system, formula, simulations=10**9, progress=progress, **options)  # type: ignore[arg-type]
+
+
+if __name__ == "__main__":
+    unittest.main()
