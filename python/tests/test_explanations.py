@@ -51,6 +51,16 @@ class Explanations(unittest.TestCase):
         with self.assertRaisesRegex(mishandle.InvalidValueError, "trial 9"):
             result.explain(9)
 
+    def test_the_region_of_a_mode_has_the_names_of_categories(self) -> None:
+        space = [mishandle.Axis("surface", values=["dry", "wet", "ice"]), mishandle.Axis("gear", 1, 5, values="integer", nominal=1)]
+        grip = {"dry": 1.0, "wet": 0.8, "ice": 0.2}
+        system = lambda scenario: {"grip": [grip[scenario["surface"]]] * 2}
+        out = self.folder / "grip.sqlite"
+        mishandle.falsify(system, "always(grip >= 0.5)", space, search="random", trials=5, budget=50, out=out)
+        [mode] = mishandle.open_run(out).failure_modes()
+        self.assertEqual(mode.region["surface"], ("ice", "ice"))
+        self.assertTrue(all(isinstance(gear, int) for gear in mode.region["gear"]))
+
     def test_failures_are_grouped_and_reported(self) -> None:
         result = self.falsify()
         modes = mishandle.open_run(result.path).failure_modes()
@@ -68,6 +78,10 @@ class Explanations(unittest.TestCase):
         # A function in Python cannot be simulated from the file alone, and the page says so.
         mishandle.open_run(result.path).report(self.folder / "file.html")
         self.assertIn("they take simulations", (self.folder / "file.html").read_text())
+        # With the system, the file is enough for the page of the result.
+        run = mishandle.open_run(result.path)
+        run.report(self.folder / "again.html", oscillator, FORMULA, SPACE, control_dt=0.1)
+        self.assertEqual((self.folder / "again.html").read_text(), page)
         copied = pickle.loads(pickle.dumps(result))
         self.assertEqual(copied, result)
         copied.report(self.folder / "copied.html")

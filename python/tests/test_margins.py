@@ -33,7 +33,7 @@ def command(arguments: str) -> dict[str, Any]:
 
 
 def half_space(scenario: dict[str, Any]) -> dict[str, list[float]]:
-    return {"y": [0.3 - (0.5 * scenario["a"] - 0.3 * scenario["b"] + 0.2 * scenario["c"])]}
+    return {"y": [0.3 - (0.5 * scenario["a"] - 0.3 * scenario["b"] + 0.2 * scenario["c"])] * 2}
 
 
 INPUTS = [Axis(name, -1, 1, kind="input") for name in "abc"]
@@ -83,15 +83,13 @@ class Margins(unittest.TestCase):
             expected = command(f"margin {name} {arguments}")
             budget = 600 if name.startswith("toy") else 200
             found = mishandle.margin(name, budget=budget, **options)  # type: ignore[arg-type]
-            witness = found.witness
-            assert witness is not None
             with self.subTest(name):
-                for key in ("amplitude", "l2", "l1", "axes", "robustness", "scenario"):
-                    self.assertEqual(getattr(witness, key), expected["witness"][key], key)
+                self.assertEqual(found.witness is None, expected["witness"] is None)
+                for key in ("amplitude", "l2", "l1", "axes", "robustness", "scenario") if found.witness is not None else ():
+                    self.assertEqual(getattr(found.witness, key), expected["witness"][key], key)
                 for key in ("formula", "simulations", "no_violation_up_to"):
                     self.assertEqual(getattr(found, key), expected[key], key)
                 self.assertEqual([vars(level) for level in found.levels], expected["levels"])
-                self.assertEqual(str(witness.seed), expected["witness"]["seed"])
 
     def test_the_witness_is_a_counterexample(self) -> None:
         found = mishandle.margin(half_space, "always(y >= 0)", INPUTS, budget=500, name="half")
@@ -102,7 +100,7 @@ class Margins(unittest.TestCase):
             assert found.witness is not None
             self.assertEqual(again.simulation.scenario, found.witness.scenario)
             self.assertEqual(again.recorded_robustness, found.witness.robustness)
-            [test] = mishandle.regress(folder, lambda scenario: {"y": [1.0]}, "always(y >= 0)", INPUTS, name="half")
+            [test] = mishandle.regress(folder, lambda scenario: {"y": [1.0] * 2}, "always(y >= 0)", INPUTS, name="half")
             self.assertFalse(test.fails)
             with self.assertRaisesRegex(mishandle.InvalidValueError, "leave out `trial`"):
                 mishandle.replay(file, half_space, "always(y >= 0)", INPUTS, trial=1)
@@ -121,7 +119,7 @@ class Margins(unittest.TestCase):
 
     def test_a_random_system_is_repeated_with_other_seeds(self) -> None:
         def system(scenario: dict[str, Any], seed: int) -> dict[str, list[float]]:
-            return {"y": [0.5 - scenario["a"] + random.Random(seed).uniform(-0.1, 0.1)]}
+            return {"y": [0.5 - scenario["a"] + random.Random(seed).uniform(-0.1, 0.1)] * 2}
 
         found = mishandle.margin(system, "always(y >= 0)", INPUTS[:1], budget=300)
         assert found.witness is not None and found.witness.repeats is not None
@@ -138,7 +136,7 @@ class Margins(unittest.TestCase):
 
         def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
             calls.append(scenario)
-            return {"y": [1.0]}
+            return {"y": [1.0] * 2}
 
         for space, options, text in [
             ([Axis("a", 0, 1)], {}, "the number of disturbed axes is 0"),
@@ -156,7 +154,7 @@ class Margins(unittest.TestCase):
         with self.assertWarnsRegex(UserWarning, "no verdict"), self.assertRaisesRegex(
             mishandle.MishandleError, "no simulation has a verdict"
         ):
-            mishandle.margin(lambda scenario: {"y": [float("nan")]}, "always(y >= 0)", INPUTS, budget=50)
+            mishandle.margin(lambda scenario: {"y": [float("nan")] * 2}, "always(y >= 0)", INPUTS, budget=50)
 
     def test_an_exception_of_the_progress_ends_the_search(self) -> None:
         def progress(done: int, total: int) -> None:
@@ -170,9 +168,9 @@ class Margins(unittest.TestCase):
         def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
             if scenario["a"] > 0.5:
                 raise ValueError("too far")
-            return {"y": [1.0 + scenario["a"]]}
+            return {"y": [1.0 + scenario["a"]] * 2}
 
-        found = mishandle.margin(system, "always(y >= 0.2)", INPUTS[:1], budget=100)
+        found = mishandle.margin(system, "always(y >= 0.2)", INPUTS[:1], budget=1000)
         self.assertIn("too far", found.exceptions[0])
         self.assertIsNotNone(found.witness)
 
