@@ -6,7 +6,7 @@ use crate::{Estimate, clopper_pearson};
 /// Bisections, each of which halves the error of a bound.
 const BISECTIONS: usize = 100;
 
-/// The decision of a measurement with two stages: with at least `threshold` successes in the first `first` trials, it goes on with more
+/// The decision of a measurement with two stages: with at least `threshold` successes in the first `first` trials, it continues with more
 /// trials than without.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TwoStage {
@@ -213,7 +213,7 @@ mod tests {
             let stages = TwoStage { is_reached, ..STAGES };
             assert_eq!(two_stage(30, 12_500, stages, 0.95), clopper_pearson(30, 12_500, 0.95));
         }
-        // No threshold: every outcome goes on.
+        // No threshold: every outcome continues.
         let always = TwoStage { first: 100, threshold: 0, is_reached: true };
         let (found, fixed) = (two_stage(7, 400, always, 0.95), clopper_pearson(7, 400, 0.95));
         assert!((found.high.unwrap() - fixed.high.unwrap()).abs() < 1e-9);
