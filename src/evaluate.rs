@@ -64,8 +64,7 @@ fn with_requests<T>(
 
 /// Returns the corner simulations of the plan.
 fn corners(resolved: &ResolvedPlan) -> Option<Corners> {
-    let ResolvedPlan { plan, target, space, .. } = resolved;
-    Corners::new(space, target.depends_on_seed || plan.stochastic, Seed(plan.seed))
+    Corners::new(&resolved.space, crate::space_depends_on_seed(resolved), Seed(resolved.plan.seed))
 }
 
 /// Returns the number of simulations of an evaluation: the random ones, and those of the corners and the center.

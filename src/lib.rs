@@ -54,6 +54,7 @@ mod replay_command;
 mod search_options;
 mod shell_quote;
 mod simulate;
+mod smooth_region;
 mod space_coverage;
 mod target;
 mod tensorboard;
@@ -110,7 +111,8 @@ pub use replay::{ReplayResult, build_differences, recorded_plan, replay, replay_
 pub use replay_command::replay_command;
 pub use search_options::search_option_value;
 pub use shell_quote::shell_quote;
-pub use simulate::{Noise, depends_on_seed, measure_noise, repeat, repeat_seeds};
+pub use simulate::{Noise, depends_on_seed, measure_noise, repeat, repeat_seeds, space_depends_on_seed};
+pub use smooth_region::smooth_region_of;
 pub use space_coverage::{SpaceCoverage, space_coverage};
 pub use target::{ResolvedPlan, preset, target, target_names, task, task_target};
 pub use train::{TrainObserver, TrainPlan, TrainReport, default_out, reward, train, uses_default_settings};

@@ -19,6 +19,19 @@ pub fn depends_on_seed(resolved: &ResolvedPlan, scenario: &Scenario) -> bool {
         || plan.action_noise > 0.0
         || plan.observation_noise > 0.0
         || scenario.values().contains(&None)
+        || random_values(resolved).any(|(place, nominal)| scenario.get(place) != nominal)
+}
+
+/// Returns whether two simulations of a scenario of the plan's space with different seeds can differ.
+pub fn space_depends_on_seed(resolved: &ResolvedPlan) -> bool {
+    depends_on_seed(resolved, &resolved.space.nominal()) || random_values(resolved).next().is_some()
+}
+
+/// Returns the index in the space and the nominal value of each axis that adds randomness.
+fn random_values(resolved: &ResolvedPlan) -> impl Iterator<Item = (usize, Option<f64>)> {
+    let axes = resolved.space.axes().iter().enumerate();
+    axes.filter(|(_, axis)| resolved.target.random_axes.contains(&axis.name))
+        .map(|(i, axis)| (i, axis.nominal))
 }
 
 /// Returns `n` seeds for repeated simulations: children of `seed`. `seed` itself is not among them, so the counterexample of a

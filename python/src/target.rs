@@ -137,6 +137,7 @@ impl PyTarget {
             is_deterministic,
             can_fail: true,
             depends_on_seed: depends_on_seed || !is_deterministic,
+            random_axes: Vec::new(),
             versions,
             reachable: None,
             factory: Arc::new(factory),

@@ -128,8 +128,13 @@ fn a_table_collected_in_parts_is_the_table_of_the_whole_campaign() {
         serde_json::from_str::<Value>(&manifest.unwrap()).unwrap()["machine"].clone()
     };
     assert_eq!(machine("merged"), machine("whole"), "one machine is listed once");
-    let twice = "reproduce collect merged/2026-11-22 second/f --out twice/2026-11-23";
-    bench.refuses(twice, &["two folders have the run nelder-mead of f"]);
+    // The same rows again add nothing; other rows of the same run are refused.
+    bench.check("reproduce collect merged/2026-11-22 second/f --out twice/2026-11-22", 0);
+    assert_eq!(tables("twice"), tables("whole"));
+    bench.write("other.toml", &text.replace("[falsify]", "seed = 1\n[falsify]"));
+    bench.check("reproduce falsification --plan other.toml --out other/f", 0);
+    let different = "reproduce collect merged/2026-11-22 other/f --out different/2026-11-23";
+    bench.refuses(different, &["two folders have different results of the run random of f"]);
 }
 
 #[test]

@@ -36,6 +36,7 @@ mod metrics;
 mod paired;
 mod repeats;
 mod run;
+mod smooth_region;
 mod survival;
 mod two_stage;
 
@@ -53,5 +54,6 @@ pub use metrics::{EvaluationReport, FormulaRoles, Metrics};
 pub use paired::{PairedCounts, paired_mean_difference};
 pub use repeats::{QUANTILES, RepeatReport, variance_share};
 pub use run::{Evaluation, ScenarioFilter, evaluate};
+pub use smooth_region::{NotSmooth, SmoothRegion, smooth_region};
 pub use survival::{Lifetime, LogRank, SurvivalCurve, SurvivalStep, log_rank};
 pub use two_stage::{TwoStage, two_stage};

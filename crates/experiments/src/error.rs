@@ -34,8 +34,8 @@ pub enum ExperimentError {
         /// Why.
         source: serde_json::Error,
     },
-    /// Two parts of a campaign contain the same run.
-    #[error("two folders have the run {run} of {campaign}; leave one out")]
+    /// Two parts of a campaign contain a run of the same name, with different rows or facts.
+    #[error("two folders have different results of the run {run} of {campaign}; leave one out")]
     DuplicateRun {
         /// Name of the campaign.
         campaign: String,

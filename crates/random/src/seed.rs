@@ -45,6 +45,8 @@ pub enum Stream {
     Weights = 8,
     /// Shuffling of minibatches.
     Shuffle = 9,
+    /// Noise of a sensor, whose standard deviation is part of the scenario.
+    SensorNoise = 10,
 }
 
 impl Seed {

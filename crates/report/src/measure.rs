@@ -125,7 +125,7 @@ impl RunReport {
         let mut system = resolved.system()?;
         let axes = resolved.space.axes();
         let seed = Seed(self.header.seed).child(u64::MAX);
-        let depends_on_seed = mishandle::depends_on_seed(resolved, &resolved.space.nominal());
+        let depends_on_seed = mishandle::space_depends_on_seed(resolved);
         let corners = match self.is_evaluation() {
             true => None,
             false => Corners::new(&resolved.space, depends_on_seed, seed),

@@ -18,12 +18,19 @@ pub struct Disturbance {
 /// Effect of the value of an axis on observations or actions.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
-    /// Adds the value to one entry of the controller's observation, in the unit of the entry, before the noise.
+    /// Adds the value to one entry of the controller's observation before the noise.
     Observation {
         /// Index of the entry.
         entry: usize,
+        /// Factor from the unit of the value to that of the entry.
+        factor: f64,
         /// Weight of the value in each control step.
         profile: TimeProfile,
+    },
+    /// Adds white noise to entries of the controller's observation. The value is the standard deviation.
+    ObservationNoise {
+        /// Index of each entry, and the factor from the unit of the value to that of the entry.
+        entries: Vec<(usize, f64)>,
     },
     /// Adds the value to one entry of the clipped and delayed action, before the noise.
     Action {
@@ -134,11 +141,16 @@ impl AxisRouting {
 }
 
 /// Disturbances of one simulation, with its delayed observations and actions.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct ActiveDisturbances {
     /// Entry, profile and value of each offset.
     observation: Vec<(usize, TimeProfile, f64)>,
     action: Vec<(usize, TimeProfile, f64)>,
+    /// Entry and standard deviation of the sensor noise.
+    sensor_noise: Vec<(usize, f64)>,
+    /// Scratch buffer of the draws of the sensor noise.
+    sensor_draws: Vec<f64>,
+    seed: Seed,
     /// Entry, control steps and offset of the draws.
     draws: Vec<(usize, Range<usize>, f64)>,
     observation_delay: usize,
@@ -155,7 +167,18 @@ impl ActiveDisturbances {
         seed: Seed,
         action_size: usize,
     ) -> ActiveDisturbances {
-        let mut disturbed = ActiveDisturbances::default();
+        let mut disturbed = ActiveDisturbances {
+            observation: Vec::new(),
+            action: Vec::new(),
+            sensor_noise: Vec::new(),
+            sensor_draws: Vec::new(),
+            seed,
+            draws: Vec::new(),
+            observation_delay: 0,
+            action_delay: 0,
+            past_observations: VecDeque::new(),
+            past_actions: VecDeque::new(),
+        };
         for (place, effect) in &routing.effects {
             let Some(value) = scenario.get(*place) else { continue };
             match effect {
@@ -165,8 +188,13 @@ impl ActiveDisturbances {
                     disturbed.draws.push((*entry, steps.clone(), value / count.sqrt() - mean));
                 }
                 _ if value == 0.0 => {}
-                Effect::Observation { entry, profile } => {
-                    disturbed.observation.push((*entry, profile.clone(), value));
+                Effect::Observation { entry, factor, profile } => {
+                    disturbed.observation.push((*entry, profile.clone(), factor * value));
+                }
+                Effect::ObservationNoise { entries } => {
+                    disturbed
+                        .sensor_noise
+                        .extend(entries.iter().map(|(entry, factor)| (*entry, factor * value)));
                 }
                 Effect::Action { entry, profile } => disturbed.action.push((*entry, profile.clone(), value)),
                 Effect::ObservationDelay => disturbed.observation_delay = value as usize,
@@ -191,6 +219,13 @@ impl ActiveDisturbances {
             let added = value * profile.weight(step);
             if added != 0.0 {
                 observation[*entry] += added as f32;
+            }
+        }
+        if !self.sensor_noise.is_empty() {
+            self.sensor_draws.resize(observation.len(), 0.0);
+            self.seed.normals(Stream::SensorNoise, step as u64, &mut self.sensor_draws);
+            for (entry, deviation) in &self.sensor_noise {
+                observation[*entry] += (deviation * self.sensor_draws[*entry]) as f32;
             }
         }
     }

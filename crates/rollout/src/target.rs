@@ -94,6 +94,9 @@ pub struct Target {
     /// Whether an episode depends on the seed of its request when every axis is nominal: the initial state, the
     /// observations or the actions contain random numbers.
     pub depends_on_seed: bool,
+    /// Names of the axes that add randomness, such as the standard deviation of a sensor's noise: with another value than the
+    /// nominal one, an episode depends on its seed.
+    pub random_axes: Vec<String>,
     /// Names and versions of the software that its episodes depend on, except this program.
     pub versions: Vec<(String, String)>,
     /// Check whether the requirement can be satisfied under a scenario. `None` means that it always can.

@@ -498,8 +498,9 @@ fn a_nominal_disturbance_changes_no_bit() {
     let undisturbed = rollout(Line::new(1e9), -0.4, NOISE).rollout(&[Request::new([0.5], Seed(3))]).unwrap();
     let whole = TimeProfile::Constant(0..20);
     for effect in [
-        Effect::Observation { entry: 0, profile: whole.clone() },
+        Effect::Observation { entry: 0, factor: 1.0, profile: whole.clone() },
         Effect::Action { entry: 0, profile: whole },
+        Effect::ObservationNoise { entries: vec![(0, 1.0)] },
         Effect::ObservationDelay,
         Effect::ActionDelay,
         Effect::ActionDraw { entry: 0, steps: 0..20 },
@@ -527,7 +528,7 @@ fn an_offset_of_the_action_moves_the_point_by_its_integral() {
 
 #[test]
 fn an_observation_bias_affects_the_controller_but_not_the_trace() {
-    let effect = Effect::Observation { entry: 0, profile: TimeProfile::Constant(0..20) };
+    let effect = Effect::Observation { entry: 0, factor: 1.0, profile: TimeProfile::Constant(0..20) };
     let (with, without) = (
         disturbed(effect.clone(), Some(0.5), -0.1, Noise::default()),
         disturbed(effect, Some(0.0), -0.1, Noise::default()),
@@ -536,6 +537,22 @@ fn an_observation_bias_affects_the_controller_but_not_the_trace() {
     assert_eq!(with[0], without[0]);
     // The action is lower by 0.1 times the bias, and the point moves by a tenth of the action.
     assert!((without[1] - with[1] - 0.1 * 0.1 * 0.5).abs() < 1e-8);
+}
+
+#[test]
+fn sensor_noise_has_the_deviation_of_its_axis_and_another_draw_in_each_step() {
+    // Without a gain but with one of -0.1 on the noisy observation, the point moves by a tenth of the action.
+    let noise = |value| {
+        let effect = Effect::ObservationNoise { entries: vec![(0, 2.0)] };
+        positions(&disturbed(effect, Some(value), -0.1, Noise::default()))
+    };
+    let (without, with) = (noise(0.0), noise(0.5));
+    let mut draws = [0.0];
+    Seed(3).normals(Stream::SensorNoise, 0, &mut draws);
+    // Value 0.5 times the factor 2 is a standard deviation of 1.
+    assert!((with[1] - without[1] + 0.1 * 0.1 * draws[0]).abs() < 1e-8);
+    let moves: Vec<f64> = with.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    assert!(moves.windows(2).all(|pair| pair[0] != pair[1]), "the draws differ: {moves:?}");
 }
 
 #[test]

@@ -141,11 +141,16 @@ pub struct Variations {
     pub push: Option<(&'static str, f64)>,
     /// Name of a mocap body that may jump.
     pub jump: Option<&'static str>,
+    /// Names of bodies with primitive geoms whose size may vary.
+    pub sizes: &'static [&'static str],
+    /// Name of the free joint of an object that is thrown at the start, whose initial speed may vary.
+    pub thrown: Option<&'static str>,
 }
 
 impl Variations {
     /// No variations except those of the robot.
-    pub const NONE: Variations = Variations { friction: false, masses: &[], push: None, jump: None };
+    pub const NONE: Variations =
+        Variations { friction: false, masses: &[], push: None, jump: None, sizes: &[], thrown: None };
 }
 
 /// Control of the gripper.

@@ -5,7 +5,7 @@ use mishandle_rollout::{
 };
 use mishandle_world::{Change, Model, World, WorldError};
 
-use crate::axes::{self, Constant, Elements, JUMP_SIZE, PUSH_SIZE, Parameter, Push};
+use crate::axes::{self, Constant, Elements, JUMP_SIZE, PUSH_SIZE, Parameter, Push, SLIP_SIZE};
 use crate::check::{check_definition, check_scene, check_substeps, compile};
 use crate::definition::{Definition, GripperMode, Preset, Reward, Scene, Task};
 use crate::document::compose;
@@ -157,12 +157,19 @@ impl TaskEnvironment {
             constants: Vec::new(),
             push: [0.0; PUSH_SIZE],
             jump: [0.0; JUMP_SIZE],
+            slip: [0.0; SLIP_SIZE],
+            throw_speed: 1.0,
             start_draws: [None; ARM_JOINTS],
         };
         for (axis, parameter) in &self.parameters {
             values.set(*parameter, axis.nominal);
         }
         values
+    }
+
+    /// Returns the robot's elements.
+    pub(crate) fn panda(&self) -> &Panda {
+        &self.panda
     }
 
     /// Returns the elements of the model that axes modify.
@@ -174,16 +181,17 @@ impl TaskEnvironment {
     pub(crate) fn world_cache(&self) -> WorldCache {
         let nominal = self.nominal();
         WorldCache {
-            worlds: vec![(nominal.constant_values(), self.model.world())],
+            worlds: vec![([nominal.constant_values().as_slice(), &[0.0; 2]].concat(), self.model.world())],
             nominal: nominal.constants,
             next: 1,
+            wanted: Vec::new(),
         }
     }
 
     /// Returns whether a state row contains parameters, because an axis of the space affects steps after the reset.
     fn has_tail(&self) -> bool {
         let affects_steps = |parameter: &Parameter| {
-            matches!(parameter, Parameter::Constant(_) | Parameter::Push(_) | Parameter::Jump(_))
+            !matches!(parameter, Parameter::Start(_) | Parameter::StartDraw(_) | Parameter::ThrowSpeed)
         };
         self.space_parameters.iter().any(affects_steps)
     }
@@ -255,6 +263,8 @@ struct ParameterValues {
     constants: Vec<(Constant, f64)>,
     push: [f64; PUSH_SIZE],
     jump: [f64; JUMP_SIZE],
+    slip: [f64; SLIP_SIZE],
+    throw_speed: f64,
     start_draws: [Option<f64>; ARM_JOINTS],
 }
 
@@ -272,6 +282,8 @@ impl ParameterValues {
             }
             Parameter::Push(index) => self.push[index] = number,
             Parameter::Jump(index) => self.jump[index] = number,
+            Parameter::Slip(index) => self.slip[index] = number,
+            Parameter::ThrowSpeed => self.throw_speed = number,
             Parameter::StartDraw(joint) => self.start_draws[joint] = value,
         }
     }
@@ -281,9 +293,10 @@ impl ParameterValues {
         self.constants.iter().map(|(_, value)| *value).collect()
     }
 
-    /// Returns the tail of a state row, which follows physics and joint targets: control step 0, constants, push, jump.
+    /// Returns the tail of a state row, which follows physics and joint targets: control step 0, constants, push, jump,
+    /// slip.
     fn tail(&self) -> Vec<f64> {
-        [&[0.0], self.constant_values().as_slice(), &self.push, &self.jump].concat()
+        [&[0.0], self.constant_values().as_slice(), &self.push, &self.jump, &self.slip].concat()
     }
 }
 
@@ -291,10 +304,12 @@ impl ParameterValues {
 /// state row determine its world, so that one worker can step rows with different constants.
 pub(crate) struct WorldCache {
     nominal: Vec<(Constant, f64)>,
-    /// Values of the constants, in the order of `nominal`, and the world with these values. The nominal one is first.
+    /// Values of the constants, in the order of `nominal`, the slip, and the world with these values. The nominal one is first.
     worlds: Vec<(Vec<f64>, World)>,
     /// Index of the world that is replaced next.
     next: usize,
+    /// Scratch buffer of the values of the wanted world.
+    wanted: Vec<f64>,
 }
 
 impl WorldCache {
@@ -310,18 +325,25 @@ impl WorldCache {
         if tail.is_empty() {
             return 0;
         }
-        self.find(&tail[1..][..self.nominal.len()], elements)
+        let (values, slip) = (&tail[1..][..self.nominal.len()], &tail[tail.len() - SLIP_SIZE..]);
+        self.wanted.clear();
+        self.wanted.extend(values);
+        self.wanted.extend(axes::slip(slip, tail[0] as usize));
+        self.find(elements)
     }
 
-    /// Returns the index of the world with these constants; makes the world if necessary.
-    fn find(&mut self, values: &[f64], elements: &Elements) -> usize {
-        if let Some(index) = self.worlds.iter().position(|(known, _)| known == values) {
+    /// Returns the index of the wanted world; makes the world if necessary.
+    fn find(&mut self, elements: &Elements) -> usize {
+        if let Some(index) = self.worlds.iter().position(|(known, _)| *known == self.wanted) {
             return index;
         }
+        let (values, slip) = self.wanted.split_at(self.nominal.len());
         let changed = self.nominal.iter().zip(values).filter(|((_, nominal), value)| nominal != *value);
-        let changes: Vec<Change> =
-            changed.map(|((constant, _), value)| elements.change(*constant, *value)).collect();
-        let made = (values.to_vec(), self.worlds[0].1.model().changed(&changes).world());
+        let changes: Vec<Change> = changed
+            .map(|((constant, _), value)| elements.change(*constant, *value))
+            .chain(elements.slip([slip[0], slip[1]]))
+            .collect();
+        let made = (self.wanted.clone(), self.worlds[0].1.model().changed(&changes).world());
         if self.worlds.len() <= CHANGED_WORLDS {
             self.worlds.push(made);
             return self.worlds.len() - 1;
@@ -372,8 +394,8 @@ impl TaskWorker {
     /// Applies the jump of this control step and returns the push.
     fn start_events(&mut self, world_index: usize, tail: &[f64]) -> Option<Push> {
         let events = tail.get(1 + self.worlds.nominal.len()..)?;
-        let (push, jump) = events.split_at(PUSH_SIZE);
-        let offset = axes::jump(jump, tail[0] as usize);
+        let (push, events) = events.split_at(PUSH_SIZE);
+        let offset = axes::jump(&events[..JUMP_SIZE], tail[0] as usize);
         if let (Some(mocap), Some(offset)) = (self.elements.jump, offset) {
             self.worlds.worlds[world_index].1.shift(mocap, offset);
         }
@@ -415,6 +437,9 @@ impl EnvironmentWorker for TaskWorker {
         world.reset();
         self.panda.place(&start, world);
         self.scene.place(&self.values.start, world);
+        if let Some(thrown) = self.elements.thrown {
+            world.qvel_mut()[thrown.dof..][..3].iter_mut().for_each(|v| *v *= self.values.throw_speed);
+        }
         self.write_sample(world_index, &mut sample);
         sample.rewards.fill(0.0);
         self.worlds.worlds[world_index].1.read_state(physics);

@@ -70,6 +70,7 @@ impl TaskTarget {
             depends_on_seed: definition.start_noise > 0.0
                 || self.noise.action_std > 0.0
                 || self.noise.observation_std > 0.0,
+            random_axes: axes::random_axes(&disturbances),
             versions: vec![("MuJoCo".to_string(), mishandle_world::mujoco_version())],
             reachable: Some(self.reachability_check()),
             factory: self.clone().factory(),
@@ -115,7 +116,7 @@ impl TaskTarget {
     }
 
     fn disturbances(&self) -> Vec<Disturbance> {
-        axes::disturbances(self.task.definition(), self.noise.action_std > 0.0)
+        axes::disturbances(self.task.definition(), self.starts.panda(), self.noise.action_std > 0.0)
     }
 
     fn identity(&self) -> Result<Identity, TaskError> {

@@ -11,6 +11,7 @@ use mishandle_rollout::{
 };
 use mishandle_tasks::{Preset, Reward, TASKS, Task, TaskEnvironment, TaskTarget, task};
 use mishandle_world::Model;
+use mishandle_world::frame::{rotate_back, sub};
 
 const NOISE: Noise = Noise { action_std: 0.2, observation_std: 0.0 };
 
@@ -73,7 +74,7 @@ fn a_nominal_scenario_has_the_bits_of_an_undisturbed_episode() {
         let mut system = system(&target, *task, &all);
         assert!(bits(&run(&mut *system, all.nominal())) == bits(&undisturbed), "{name}");
         // An event without magnitude has no effect at any time.
-        let times = [("push_time", 1.3), ("push_duration", 0.17), ("jump_time", 2.1)];
+        let times = [("push_time", 1.3), ("push_duration", 0.17), ("jump_time", 2.1), ("slip_time", 0.7)];
         assert!(bits(&run(&mut *system, with(&all, &times))) == bits(&undisturbed), "{name}: times");
     }
 }
@@ -122,7 +123,7 @@ fn every_axis_changes_the_trace() {
         let mut system = system(&target, *task, &all);
         // Times and durations have an effect only if an event has a magnitude.
         let force = target.axes.iter().find(|axis| axis.name == "push_force_x").map_or(0.0, |axis| axis.high);
-        let events = [("push_force_x", force), ("jump_x", 0.05)];
+        let events = [("push_force_x", force), ("jump_x", 0.05), ("slip_z", 0.01)];
         let nominal = bits(&run(&mut *system, all.nominal()));
         let disturbed = bits(&run(&mut *system, with(&all, &events)));
         assert!(nominal != disturbed, "{name}: the events have no effect");
@@ -186,7 +187,7 @@ impl Stepper {
         let task = task(name).unwrap();
         let target = target(task);
         let of_loop = |axis: &Axis| {
-            let loops = ["bias", "drift", "disturbance", "draw", "action", "observation"];
+            let loops = ["bias", "noise", "drift", "disturbance", "draw", "action", "observation"];
             loops.contains(&axis.name.split('_').next().unwrap())
         };
         let axes = target.axes.iter().filter(|axis| !of_loop(axis)).cloned().collect();
@@ -316,6 +317,52 @@ fn a_target_jumps_by_its_offset_in_the_control_step_of_its_time() {
         let expected = if step > 6 { [0.04, -0.03, 0.02] } else { [0.0; 3] };
         for (moved, expected) in moved.iter().zip(expected) {
             assert!((moved - expected).abs() < 1e-6, "after step {step}: {moved:?}");
+        }
+    }
+}
+
+#[test]
+fn a_tilt_of_gravity_accelerates_a_free_ball_sideways() {
+    let (tilt, steps) = (0.03, 12);
+    let ball = |axis: &str| Stepper::new("ball-catching", &[(axis, tilt)]).steps(steps).velocity("ball");
+    let level = Stepper::new("ball-catching", &[]).steps(steps).velocity("ball");
+    let gained = 9.81 * tilt.sin() * steps as f64 / 60.0;
+    // A rotation about x turns -z towards y, and one about y turns -z towards -x.
+    let (about_x, about_y) = (ball("gravity_tilt_x"), ball("gravity_tilt_y"));
+    assert!((about_x[1] - level[1] - gained).abs() < 1e-9, "{about_x:?}");
+    assert!((about_y[0] - level[0] + gained).abs() < 1e-9, "{about_y:?}");
+}
+
+#[test]
+fn a_thrown_ball_starts_with_the_scaled_velocity() {
+    let [nominal, fast] = [1.0, 1.25]
+        .map(|scale| Stepper::new("ball-catching", &[("throw_speed_scale", scale)]).velocity("ball"));
+    assert!(nominal[0] != 0.0 && fast == nominal.map(|v| 1.25 * v), "{nominal:?} {fast:?}");
+}
+
+#[test]
+fn a_held_object_slips_by_the_offset_in_the_hand_and_stays_there() {
+    for (name, object) in [("cube-stacking", "cube"), ("peg-in-hole", "peg")] {
+        for (axis, along) in [("slip_x", 0), ("slip_z", 2)] {
+            let in_hand = |stepper: Stepper| {
+                let mut world = stepper.model().world();
+                world.set_state(&stepper.state);
+                world.refresh();
+                let (rows, hand) = (world.rows(), stepper.model().body("hand").unwrap());
+                let from_hand = sub(stepper.position(object), rows.position(hand));
+                rotate_back(rows.quaternion(hand), from_hand)
+            };
+            let slipped = |steps| {
+                let start = Stepper::new(name, &[("slip_time", 0.2), (axis, 0.01)]);
+                let still = Stepper::new(name, &[]);
+                sub(in_hand(start.steps(steps)), in_hand(still.steps(steps)))
+            };
+            assert_eq!(slipped(12), [0.0; 3], "{name}: before the slip");
+            let after = slipped(40);
+            for i in 0..3 {
+                let expected = if i == along { 0.01 } else { 0.0 };
+                assert!((after[i] - expected).abs() < 5e-4, "{name} {axis}: {after:?}");
+            }
         }
     }
 }

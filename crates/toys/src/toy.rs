@@ -77,6 +77,7 @@ fn target_of(toy: &'static dyn Toy) -> Result<Target, RolloutError> {
         is_deterministic: true,
         can_fail: false,
         // Toys have no random numbers except those that their noise axes make explicit.
+        random_axes: Vec::new(),
         depends_on_seed: axes.iter().any(|axis| axis.nominal.is_none()),
         versions: Vec::new(),
         reachable: None,

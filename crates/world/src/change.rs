@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use mujoco_rs::prelude::*;
 
-use crate::{Actuator, Body, Joint, Model};
+use crate::{Actuator, Body, Equality, Joint, Model};
 
 /// A change of a model's physical parameters.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,6 +17,14 @@ pub enum Change {
     Damping(Vec<Joint>, f64),
     /// Multiplies the stiffness and damping of these position servos, so that their ratio is unchanged.
     Gain(Vec<Actuator>, f64),
+    /// Multiplies the lengths of these bodies, whose geoms have primitive shapes. Their masses do not change.
+    Size(Vec<Body>, f64),
+    /// Adds a point mass to a body at its center of mass, kg. Its gravity is not compensated.
+    Payload(Body, f64),
+    /// Rotates gravity about an axis of the world (0 is x, 1 is y, 2 is z), rad.
+    GravityTilt(usize, f64),
+    /// Shifts the pose in which a weld holds its second body, along an axis of its first body, m.
+    WeldShift(Equality, usize, f64),
 }
 
 impl Model {
@@ -37,7 +45,7 @@ impl Model {
         for change in changes {
             apply(change, &mut inner);
         }
-        if changes.iter().any(|change| matches!(change, Change::Mass(..))) {
+        if changes.iter().any(Change::changes_inertia) {
             let mut data = MjData::new(Box::new(inner));
             data.set_const();
             inner = data.model().clone();
@@ -48,6 +56,12 @@ impl Model {
     /// Returns the mass of a body without its children, kg.
     pub fn mass(&self, body: Body) -> f64 {
         self.inner.body_mass()[body.0]
+    }
+}
+
+impl Change {
+    fn changes_inertia(&self) -> bool {
+        matches!(self, Change::Mass(..) | Change::Size(..) | Change::Payload(..))
     }
 }
 
@@ -70,6 +84,27 @@ fn apply(change: &Change, model: &mut MjModel) {
         Change::Damping(joints, damping) => {
             joints.iter().for_each(|joint| model.dof_damping_mut()[joint.dof] += damping);
         }
+        Change::Size(bodies, factor) => bodies.iter().for_each(|body| resize(*body, *factor, model)),
+        Change::Payload(Body(id), mass) => {
+            let own = model.body_mass()[*id];
+            model.body_mass_mut()[*id] = own + mass;
+            // MuJoCo compensates a share of the whole weight.
+            model.body_gravcomp_mut()[*id] *= own / (own + mass);
+        }
+        Change::GravityTilt(axis, angle) => {
+            let (sin, cos) = angle.sin_cos();
+            let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
+            let gravity = &mut model.opt_mut().gravity;
+            (gravity[i], gravity[j]) =
+                (cos * gravity[i] - sin * gravity[j], sin * gravity[i] + cos * gravity[j]);
+        }
+        Change::WeldShift(Equality(id), axis, shift) => {
+            // SAFETY: the numbers of a weld are lengths and a quaternion; none of them is an index or a size.
+            #[allow(unsafe_code)]
+            let data = unsafe { &mut model.eq_data_mut()[*id] };
+            // Numbers 3 to 5 are the position of the second body in the frame of the first.
+            data[3 + axis] += shift;
+        }
         Change::Gain(actuators, factor) => {
             for Actuator(id) in actuators {
                 // SAFETY: a position servo's gain and bias are plain numbers; none of them is an index or a size.
@@ -80,5 +115,95 @@ fn apply(change: &Change, model: &mut MjModel) {
                 }
             }
         }
+    }
+}
+
+/// Scales a body about the origin of its frame.
+fn resize(Body(id): Body, factor: f64, model: &mut MjModel) {
+    let range = |first: i32, count: i32| first.max(0) as usize..(first.max(0) + count) as usize;
+    let scale = |values: &mut [f64]| values.iter_mut().for_each(|value| *value *= factor);
+    for geom in range(model.body_geomadr()[id], model.body_geomnum()[id]) {
+        scale(&mut model.geom_size_mut()[geom]);
+        scale(&mut model.geom_pos_mut()[geom]);
+        scale(&mut model.geom_aabb_mut()[geom]);
+        model.geom_rbound_mut()[geom] *= factor;
+    }
+    for volume in range(model.body_bvhadr()[id], model.body_bvhnum()[id]) {
+        scale(&mut model.bvh_aabb_mut()[volume]);
+    }
+    let sites = model.site_bodyid().iter().enumerate().filter(|(_, body)| **body as usize == id);
+    for site in sites.map(|(site, _)| site).collect::<Vec<_>>() {
+        scale(&mut model.site_pos_mut()[site]);
+    }
+    scale(&mut model.body_ipos_mut()[id]);
+    // An inertia of the same mass is proportional to the square of the lengths.
+    model.body_inertia_mut()[id].iter_mut().for_each(|inertia| *inertia *= factor * factor);
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    fn simulate(model: &Model, steps: usize) -> Vec<f64> {
+        let mut world = model.world();
+        world.reset();
+        (0..steps).for_each(|_| world.step());
+        world.qpos().to_vec()
+    }
+
+    fn assert_close(a: &[f64], b: &[f64]) {
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9), "{a:?}\n{b:?}");
+    }
+
+    #[test]
+    fn a_resized_body_moves_like_one_that_was_compiled_with_this_size() {
+        let xml = |s: f64| {
+            format!(
+                r#"<mujoco><worldbody><geom type="plane" size="1 1 0.1"/>
+                <body name="thing" pos="0 0 0.2" euler="20 30 0"><freejoint/>
+                <geom type="box" size="{} {} {}" pos="{} 0 0" mass="0.3"/>
+                <geom type="cylinder" size="{} {}" pos="0 0 {}" mass="0.2"/></body></worldbody></mujoco>"#,
+                0.03 * s,
+                0.02 * s,
+                0.04 * s,
+                0.05 * s,
+                0.02 * s,
+                0.06 * s,
+                0.03 * s
+            )
+        };
+        let plain = Model::from_xml(&xml(1.0)).unwrap();
+        let thing = plain.body("thing").unwrap();
+        let (changed, compiled) =
+            (plain.changed(&[Change::Size(vec![thing], 1.3)]), Model::from_xml(&xml(1.3)).unwrap());
+        // It falls, hits the ground after 0.15 s and comes to rest.
+        for steps in [50, 120, 400] {
+            assert_close(&simulate(&changed, steps), &simulate(&compiled, steps));
+        }
+        assert!((simulate(&changed, 400)[2] - simulate(&plain, 400)[2]).abs() > 1e-3, "the size matters");
+    }
+
+    #[test]
+    fn a_payload_hangs_on_the_arm_like_a_body_without_gravity_compensation() {
+        let xml = |payload: &str| {
+            format!(
+                r#"<mujoco><worldbody><body name="arm" gravcomp="1"><joint name="j" axis="0 1 0" damping="0.1"/>
+                <geom type="capsule" fromto="0 0 0 0.5 0 0" size="0.02" mass="2"/>{payload}</body></worldbody></mujoco>"#
+            )
+        };
+        let plain = Model::from_xml(&xml("")).unwrap();
+        let changed = plain.changed(&[Change::Payload(plain.body("arm").unwrap(), 0.4)]);
+        // The center of mass of the capsule is in its middle. A tiny sphere is a point mass.
+        let attached = Model::from_xml(&xml(
+            r#"<body pos="0.25 0 0"><geom size="1e-6" mass="0.4" contype="0" conaffinity="0"/></body>"#,
+        ));
+        let (found, expected) = (simulate(&changed, 200), simulate(&attached.unwrap(), 200));
+        assert_close(&found, &expected);
+        assert!(
+            found[0] > 0.1 && simulate(&plain, 200)[0].abs() < 1e-9,
+            "only the payload moves the arm: {found:?}"
+        );
     }
 }

@@ -5,11 +5,11 @@ use std::path::Path;
 
 use anyhow::Result;
 use clap::Args;
-use mishandle::evaluation::RepeatReport;
+use mishandle::evaluation::{NotSmooth, RepeatReport, SmoothRegion};
 use mishandle::falsification::{CampaignOutcome, Minimum, TrialEnd, TrialOutcome};
 use mishandle::search::OptionValue;
 use mishandle::store::{RunFile, RunHeader, RunKind};
-use mishandle::{FalsifyPlan, ModeSurvey, Plan, ResolvedPlan, decimal, plural};
+use mishandle::{FalsifyPlan, MishandleError, ModeSurvey, Plan, ResolvedPlan, decimal, plural};
 use serde_json::{Value, json};
 
 use super::simulate;
@@ -113,11 +113,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         return Ok(ExitStatus::Interrupted);
     }
     let repeats = counterexample_repeats(&resolved, &found, command.repeats.unwrap_or(REPEATS))?;
+    let region = smooth_region(&resolved, &found, &path)?;
     if command.run.json {
-        let document = document(&resolved, &found, &repeats, &path.to_string_lossy());
+        let mut document = document(&resolved, &found, &repeats, &path.to_string_lossy());
+        document["smooth_region"] = region.map_or(Value::Null, region_document);
         output::json(with_modes(document, survey.as_ref()))?;
     } else {
-        output::line(&text(&resolved, &found, &repeats))?;
+        output::line(&(text(&resolved, &found, &repeats) + &region.map_or(String::new(), region_text)))?;
         if let Some((header, survey)) = &survey {
             output::line(&modes::text(header, survey))?;
         }
@@ -181,6 +183,39 @@ fn counterexample_repeats(resolved: &ResolvedPlan, found: &CampaignOutcome, repe
     Ok(reports)
 }
 
+/// Returns the region that cannot fail if the robustness is smooth: see [`mishandle::smooth_region_of`].
+fn smooth_region(
+    resolved: &ResolvedPlan,
+    found: &CampaignOutcome,
+    path: &Path,
+) -> Result<Option<Result<SmoothRegion, NotSmooth>>> {
+    let run = RunFile::open(path).map_err(MishandleError::from)?;
+    Ok(mishandle::smooth_region_of(resolved, found, &run)?)
+}
+
+fn region_text(region: Result<SmoothRegion, NotSmooth>) -> String {
+    match region {
+        Ok(SmoothRegion { slope, covered, .. }) => format!(
+            "\nif the robustness is as smooth as its samples, it changes by at most {} per width of the space (95 % confidence), and {:.0} % of \
+             the space cannot fail",
+            decimal(slope, 4),
+            (100.0 * covered).floor()
+        ),
+        Err(reason) => format!("\nno statement about the space between the samples: {reason}"),
+    }
+}
+
+fn region_document(region: Result<SmoothRegion, NotSmooth>) -> Value {
+    match region {
+        Ok(SmoothRegion { slope, largest_slope, covered }) => {
+            json!({ "slope": slope, "largest_slope": largest_slope, "covered": covered, "refusal": Value::Null })
+        }
+        Err(reason) => {
+            json!({ "slope": Value::Null, "largest_slope": Value::Null, "covered": Value::Null, "refusal": reason.to_string() })
+        }
+    }
+}
+
 /// Returns whether all trials of the plan have ended.
 pub fn is_complete(resolved: &ResolvedPlan, found: &CampaignOutcome) -> bool {
     let trials = resolved.plan.falsify.as_ref().map_or(0, |falsify| falsify.trials);
@@ -241,6 +276,7 @@ pub fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repe
         "mean_simulations": found.mean_simulations,
         "median_simulations": found.median_simulations,
         "restricted_mean_simulations": found.restricted_mean_simulations,
+        "smooth_region": Value::Null,
         "failure_rate_bound": mishandle::failure_rate_bound(resolved, found),
         "trials": trials,
     });

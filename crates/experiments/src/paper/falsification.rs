@@ -3,7 +3,7 @@
 use mishandle::evaluation::{
     Estimate, Lifetime, SurvivalCurve, fisher_test, holm, log_rank, vargha_delaney, wilson,
 };
-use mishandle::store::TrialStatus;
+use mishandle::store::{SimulationEnd, TrialStatus};
 use mishandle::{Plan, plural};
 use mishandle_report::{SurvivalLine, survival_figure};
 
@@ -262,20 +262,7 @@ fn differing(results: &Results, group: &[&Falsified<'_>]) -> Vec<String> {
     if parts.is_empty() {
         return parts;
     }
-    let rows = || group.iter().flat_map(|run| &run.run.simulations);
-    let n = rows().count();
-    let robustness = || rows().filter_map(|row| row.robustness);
-    let violations = robustness().filter(|rho| *rho < 0.0).count();
-    let (low, high) = robustness()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), rho| (low.min(rho), high.max(rho)));
-    parts.push(match violations {
-        0 => format!(
-            "None of our {} violates the formula: their robustness is between {low:.4} and {high:.4}.",
-            plural(n, "simulation")
-        ),
-        1 => format!("One of our {} violates the formula.", plural(n, "simulation")),
-        _ => format!("{violations} of our {} violate the formula.", plural(n, "simulation")),
-    });
+    parts.push(violations(group));
     parts.extend(failure_rates(group));
     parts.extend(corners(results, group[0]));
     let early: usize = group.iter().map(|run| run.ended_early).sum();
@@ -283,6 +270,31 @@ fn differing(results: &Results, group: &[&Falsified<'_>]) -> Vec<String> {
         parts.push(format!("{} ended by the criterion of the search.", plural(early, "trial")));
     }
     parts
+}
+
+/// Returns how many simulations violate the formula, or how close they come to it.
+fn violations(group: &[&Falsified<'_>]) -> String {
+    let rows = || group.iter().flat_map(|run| &run.run.simulations);
+    let n = rows().count();
+    match rows().filter_map(|row| row.robustness).filter(|rho| *rho < 0.0).count() {
+        0 => {}
+        1 => return format!("One of our {} violates the formula.", plural(n, "simulation")),
+        violations => return format!("{violations} of our {} violate the formula.", plural(n, "simulation")),
+    }
+    // The robustness of a simulation that early stopping ended is a bound.
+    let is_stopped = |end| matches!(end, SimulationEnd::Stopped { .. });
+    let (low, high) = rows()
+        .filter(|row| !is_stopped(row.end))
+        .filter_map(|row| row.robustness)
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), rho| (low.min(rho), high.max(rho)));
+    let none = format!("None of our {} violates the formula", plural(n, "simulation"));
+    match rows().filter(|row| is_stopped(row.end)).count() {
+        0 => format!("{none}: their robustness is between {low:.4} and {high:.4}."),
+        stopped if stopped == n => format!("{none}."),
+        stopped => format!(
+            "{none}: {stopped} of them ended as soon as they met it, and the robustness of the others is between {low:.4} and {high:.4}."
+        ),
+    }
 }
 
 /// Returns how often our controller and the paper's fail in random simulations: the main reason for different rows.

@@ -42,7 +42,8 @@ pub struct RunResults {
     pub plan: Plan,
     /// The started trials.
     pub trials: Vec<TrialRecord>,
-    /// The simulations, by trial and number. Unit points, trace digests and traces are left out.
+    /// The simulations, by trial and number. Unit points, bounds of the robustness, trace
+    /// digests and traces are left out; the robustness of a simulation that did not complete its episode is a bound.
     pub simulations: Vec<Simulation>,
 }
 
@@ -76,10 +77,10 @@ pub struct RunFacts {
 
 impl Results {
     /// Merges campaigns of the same name, so that parts of a campaign that ran at different times become one. The runs keep
-    /// their order.
+    /// their order. A run that two parts have with the same rows is kept once.
     ///
     /// # Errors
-    /// Two parts contain the same run.
+    /// Two parts contain a run of the same name with different rows or facts.
     pub fn merge_campaigns(&mut self) -> Result<(), ExperimentError> {
         let mut merged: Vec<CampaignResults> = Vec::new();
         for campaign in std::mem::take(&mut self.campaigns) {
@@ -87,15 +88,18 @@ impl Results {
                 merged.push(campaign);
                 continue;
             };
-            let is_known =
-                |run: &&RunResults| first.runs.iter().any(|other| other.facts.name == run.facts.name);
-            if let Some(run) = campaign.runs.iter().find(is_known) {
-                return Err(ExperimentError::DuplicateRun {
-                    campaign: campaign.name.clone(),
-                    run: run.facts.name.clone(),
-                });
+            for run in campaign.runs {
+                match first.runs.iter().find(|known| known.facts.name == run.facts.name) {
+                    None => first.runs.push(run),
+                    Some(known) if *known == run => {}
+                    Some(_) => {
+                        return Err(ExperimentError::DuplicateRun {
+                            campaign: campaign.name,
+                            run: run.facts.name,
+                        });
+                    }
+                }
             }
-            first.runs.extend(campaign.runs);
         }
         self.campaigns = merged;
         Ok(())
@@ -148,6 +152,9 @@ fn read_run(name: &str, path: &Path, zoo: &ZooFolder) -> Result<RunResults, Expe
     let row = |row: mishandle::store::Result<Simulation>| {
         row.map(|row| Simulation {
             unit_point: Vec::new(),
+            robustness_low: None,
+            robustness_high: None,
+            stop_threshold: None,
             trace_digest: None,
             // The verdict of a falsification is its robustness.
             verdicts: if is_falsification { Vec::new() } else { row.verdicts },

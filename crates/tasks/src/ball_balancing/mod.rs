@@ -97,6 +97,8 @@ const DEFINITION: Definition = Definition {
         masses: &["ball", "tray"],
         push: Some(("ball", 1.0)),
         jump: None,
+        sizes: &["ball"],
+        thrown: None,
     },
     paper: TaskFormulas {
         success: "always[50:200](ball_tray_horizontal_distance <= 0.25)",

@@ -118,6 +118,8 @@ const DEFINITION: Definition = Definition {
         masses: &["ball", "box"],
         push: Some(("ball", 0.005)),
         jump: None,
+        sizes: &["ball"],
+        thrown: Some("ball"),
     },
     paper: FORMULAS,
     code: FORMULAS,

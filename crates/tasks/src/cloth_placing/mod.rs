@@ -162,6 +162,8 @@ const DEFINITION: Definition = Definition {
         masses: &["cloth"],
         push: Some(("cloth", 0.02)),
         jump: Some("table"),
+        sizes: &[],
+        thrown: None,
     },
     paper: FORMULAS,
     code: FORMULAS,

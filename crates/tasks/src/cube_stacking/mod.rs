@@ -130,6 +130,8 @@ const DEFINITION: Definition = Definition {
         masses: &["cube", "target"],
         push: Some(("target", 0.5)),
         jump: None,
+        sizes: &["cube", "target"],
+        thrown: None,
     },
     paper: FORMULAS,
     code: FORMULAS,

@@ -113,6 +113,8 @@ const DEFINITION: Definition = Definition {
         masses: &["peg"],
         push: Some(("peg", 5.0)),
         jump: Some("block"),
+        sizes: &["peg"],
+        thrown: None,
     },
     paper: TaskFormulas {
         success: "always[250:300](peg_hole_horizontal_distance <= 0.12)",
