@@ -188,7 +188,30 @@ fn without_a_failure_a_random_sample_bounds_the_failure_rate() {
     let said = bench.check(&safe.replace(" --json --search", " --search random"), 0);
     assert!(said.contains("no violation in 298 uniform random samples of the space: failure rate below 1.1 % (95 % confidence)"), "{said}");
     let found = bench.json("falsify toy/sphere-2d --trials 2 --json", 1);
-    assert!(found["failure_rate_bound"].is_null());
+    assert!(found["failure_rate_bound"].is_null() && found["smooth_region"].is_null());
+}
+
+/// The robustness of the sphere is 1 plus a distance, in a square of 2 m: it changes by at most 2 per width of the space.
+#[test]
+fn without_a_failure_a_smooth_robustness_excludes_failures_between_the_samples() {
+    let bench = Bench::new();
+    let safe = "falsify toy/sphere-2d --formula always(distance>=-1) --trials 2 --budget 149 --search random";
+    let region = bench.json(&format!("{safe} --json"), 0)["smooth_region"].clone();
+    let slope = region["slope"].as_f64().unwrap();
+    assert!(slope > 1.9 && slope < 3.0 && region["covered"].as_f64().unwrap() > 0.99, "{region}");
+    let said = bench.check(safe, 0);
+    assert!(
+        said.contains("per width of the space (95 % confidence), and") && said.contains("cannot fail"),
+        "{said}"
+    );
+    for (target, reason) in [
+        ("toy/noisy --formula always(height>=-9)", "random"),
+        ("toy/sphere-2d --formula always(distance>=-1) --early-stopping", "bounds"),
+        ("toy/car-following --formula always(gap>=-99) --space dynamics", "whole numbers"),
+    ] {
+        let said = bench.json(&format!("falsify {target} --trials 1 --budget 60 --search random --json"), 0);
+        assert!(said["smooth_region"]["refusal"].as_str().unwrap().contains(reason), "{target}: {said}");
+    }
 }
 
 #[test]
