@@ -29,6 +29,7 @@ from mishandle.errors import (
 )
 from mishandle.explanations import ComparedPair, Comparison, Estimate, Explanation, FailureMode, compare
 from mishandle.formulas import Formula, robustness
+from mishandle.objectives import Objective
 from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
 from mishandle.ray import RayExecutor
 from mishandle.runs import Run, open_run
@@ -55,6 +56,7 @@ __all__ = [
     "Minimum",
     "MishandleError",
     "MissingPackageError",
+    "Objective",
     "RayExecutor",
     "Regression",
     "Repeats",

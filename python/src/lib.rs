@@ -11,6 +11,7 @@ mod campaign;
 mod controller;
 mod explanation;
 mod formula;
+mod objective;
 mod pool;
 mod remote;
 mod run;
@@ -29,6 +30,7 @@ use pyo3::prelude::*;
 
 use controller::PyController;
 use formula::PyFormula;
+use objective::Objective;
 use remote::PlanWorker;
 use run::PyRun;
 use search::PySearch;
@@ -57,6 +59,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyTarget>()?;
     module.add_class::<PyFormula>()?;
     module.add_class::<PySearch>()?;
+    module.add_class::<Objective>()?;
     module.add_class::<PyRun>()?;
     module.add_class::<PyController>()?;
     module.add_class::<Simulator>()?;
