@@ -1,5 +1,6 @@
 """The systems of the benchmark: tasks with a shipped controller (systems.toml) and functions (functions.py)."""
 
+import functools
 import pathlib
 import tomllib
 from collections.abc import Callable
@@ -72,6 +73,7 @@ def function_value(function: Function) -> Value:
     return lambda point, threshold: float(function.values(point[None, :])[0])
 
 
+@functools.cache
 def load() -> list[System]:
     """Returns all systems of systems.toml, in its order."""
     functions = {function.name: function for function in FUNCTIONS}
