@@ -1,6 +1,7 @@
-"""Chooses and classifies the systems of the benchmark, without any search, and writes systems.toml.
+"""Chooses and classifies the systems of the benchmark, without any search, and writes systems/TASK.toml and systems/functions.toml.
 
-    python experiments/falsifiers/survey.py --jobs 2
+    python experiments/falsifiers/survey.py                     # all of them, which takes an hour on one core
+    python experiments/falsifiers/survey.py --of ball-pushing functions
 
 The rule, written before any search was run on the systems:
 
@@ -29,15 +30,13 @@ A system is a corner case if a corner fails. These are reported apart.
 
 import argparse
 import itertools
-import multiprocessing
 import os
-import pathlib
 import subprocess
 import time
 from collections.abc import Sequence
 from typing import Any
 
-# One process per job.
+# Processor time is measured.
 os.environ.setdefault("RAYON_NUM_THREADS", "1")
 
 import mishandle
@@ -45,9 +44,8 @@ import numpy as np
 from functions import FUNCTIONS, Function
 from numpy.typing import NDArray
 from scipy import stats
-from systems import NO_VERDICT, SYSTEMS, function_value, of_task, task_value
+from systems import FUNCTIONS_FILE, NO_VERDICT, SYSTEMS, TASKS, function_value, of_task, task_value
 
-TASKS = ["point-reaching", "ball-balancing", "ball-catching", "ball-pushing", "door-opening", "peg-in-hole", "cube-stacking"]
 SPACES = ["starts", "delay", "sensing", "drift", "dynamics", "events", "disturbance", "noise", "all"]
 FORMULAS = ["success", "strict"]
 CONTROLLERS = ["ppo", "trpo", "sac", "td3", "ddpg"]
@@ -191,7 +189,7 @@ def survey_function(function: Function) -> dict[str, Any]:
     random = np.random.default_rng(SEED)
     corners = corner_points(levels, random, 2**20)
     failing_corners = int((function.values(corners) < 0).sum())
-    points = random.random((1_000_000, function.dimension))
+    points = random.random((300_000, function.dimension))
     values = function.values(points)
     failing = points[values < 0][:1000]
     facts = classify(value, levels, points[:UNIFORM], values[:UNIFORM], failing, random)
@@ -203,28 +201,33 @@ def toml(value: Any) -> str:
     return f'"{value}"' if isinstance(value, str) else str(value)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description="chooses and classifies the systems of the benchmark")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=pathlib.Path, default=SYSTEMS)
-    arguments = parser.parse_args()
-    pairs = [(number, task, space) for number, (task, space) in enumerate(itertools.product(TASKS, SPACES))]
-    rows = [survey_function(function) for function in FUNCTIONS]
-    write(arguments.out, rows)
-    with multiprocessing.get_context("spawn").Pool(arguments.jobs) as pool:
-        for row, log in pool.imap(survey_pair, pairs):
+def survey(of: str) -> None:
+    """Writes the file of a task or of the functions."""
+    if of == FUNCTIONS_FILE:
+        write(of, [survey_function(function) for function in FUNCTIONS])
+        return
+    rows = []
+    for number, (task, space) in enumerate(itertools.product(TASKS, SPACES)):
+        if task == of:
+            row, log = survey_pair((number, task, space))
             print("\n".join(log), flush=True)
             rows += [row] if row else []
-            write(arguments.out, rows)
+    write(of, rows)
 
 
-def write(path: pathlib.Path, rows: list[dict[str, Any]]) -> None:
-    commit = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=SYSTEMS.parent, stdout=subprocess.PIPE, text=True)
+def main() -> None:
+    known = [FUNCTIONS_FILE, *TASKS]
+    parser = argparse.ArgumentParser(description="chooses and classifies the systems of the benchmark")
+    parser.add_argument("--of", nargs="+", choices=known, default=known, metavar="NAME", help="tasks, or functions; by default all")
+    for of in parser.parse_args().of:
+        survey(of)
+
+
+def write(of: str, rows: list[dict[str, Any]]) -> None:
+    commit = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=SYSTEMS, stdout=subprocess.PIPE, text=True)
     head = f"# Written by survey.py, which states the rule. Commit {commit.stdout.strip()}, {time.strftime('%Y-%m-%d')}.\n"
-    body = ["[[system]]\n" + "\n".join(f"{key} = {toml(value)}" for key, value in row.items()) for row in rows]
-    part = path.with_suffix(".part")
-    part.write_text(head + "\n" + "\n\n".join(body) + "\n", encoding="utf-8")
-    part.replace(path)
+    body = ["\n[[system]]\n" + "".join(f"{key} = {toml(value)}\n" for key, value in row.items()) for row in rows]
+    (SYSTEMS / f"{of}.toml").write_text(head + "".join(body), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The systems of the benchmark: tasks with a shipped controller (systems.toml) and functions (functions.py)."""
+"""The systems of the benchmark: functions (functions.py) and tasks with a shipped controller. The folder systems has their facts."""
 
 import functools
 import pathlib
@@ -13,7 +13,9 @@ from functions import FUNCTIONS, Function
 from numpy.typing import NDArray
 
 HERE = pathlib.Path(__file__).parent
-SYSTEMS = HERE / "systems.toml"
+SYSTEMS = HERE / "systems"
+FUNCTIONS_FILE = "functions"
+TASKS = ["point-reaching", "ball-balancing", "ball-catching", "ball-pushing", "door-opening", "peg-in-hole", "cube-stacking"]
 # Stands for infinity, for searches of other libraries that need finite values.
 NO_VERDICT = 1e3
 
@@ -75,10 +77,11 @@ def function_value(function: Function) -> Value:
 
 @functools.cache
 def load() -> list[System]:
-    """Returns all systems of systems.toml, in its order."""
+    """Returns all systems: the functions, then those of each task that was surveyed."""
     functions = {function.name: function for function in FUNCTIONS}
+    files = [SYSTEMS / f"{name}.toml" for name in (FUNCTIONS_FILE, *TASKS)]
     found = []
-    for row in tomllib.loads(SYSTEMS.read_text(encoding="utf-8"))["system"]:
+    for row in (row for file in files if file.exists() for row in tomllib.loads(file.read_text(encoding="utf-8")).get("system", [])):
         if row["group"] == "function":
             function = functions[row["name"]]
             levels = function.axis_levels()

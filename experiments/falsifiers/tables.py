@@ -184,7 +184,7 @@ def bars(results: Results) -> str:
         "Systems where `portfolio` is worse than `random` before Holm's correction",
         "Systems where `portfolio` differs significantly from the best search",
     ]
-    lists = [f"{head}: {', '.join(each) or 'none'}." for head, (_, _, each) in zip(heads, found)]
+    lists = [f"{head}: {', '.join(each) or 'none'}." for head, (_, (_, _, each)) in zip(heads, found)]
     return table + "\n\n" + "\n\n".join(lists)
 
 
