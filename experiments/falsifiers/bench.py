@@ -70,11 +70,11 @@ def recorded(results: pathlib.Path, search: str, batch: int) -> set[tuple[str, i
 
 
 def jobs(arguments: argparse.Namespace, chosen: list[systems.System]) -> list[Job]:
-    """Returns the missing trials, all systems of a search together, in the order of the list of searches."""
+    """Returns the missing trials, all systems of a search together, in the order of the given searches or of the list."""
+    by_name = {search.name: search for search in searches.SEARCHES}
     found = []
-    for search in searches.SEARCHES:
-        is_here = search.environment == arguments.environment
-        if not is_here or (arguments.searches and search.name not in arguments.searches):
+    for search in [by_name[name] for name in arguments.searches or by_name]:
+        if search.environment != arguments.environment:
             continue
         of = evenly(chosen, SLOW_SYSTEMS) if search.slow else chosen
         count = min(arguments.seeds, SLOW_SEEDS) if search.slow else arguments.seeds
