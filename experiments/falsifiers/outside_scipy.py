@@ -12,7 +12,8 @@ def dual_annealing(trial: Trial) -> None:
 
 
 def direct(trial: Trial) -> None:
-    optimize.direct(trial.one, [(0, 1)] * trial.system.dimension, maxfun=NO_LIMIT, maxiter=NO_LIMIT)
+    # SciPy reserves memory for `maxfun` points.
+    optimize.direct(trial.one, [(0, 1)] * trial.system.dimension, maxfun=trial.budget, maxiter=NO_LIMIT)
 
 
 def differential_evolution(trial: Trial) -> None:
