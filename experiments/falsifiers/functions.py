@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 Points = NDArray[np.float64]
 COUNT_POINTS, COUNT_SEED = 4_000_000, 1
 PLACE_SEED = 2026
+# Draws of a place. With the first one, these functions fail in the center of the box, where some searches start.
+DRAWS = {"levy-5": 2, "griewank-8": 2}
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,8 @@ class Function:
 
 def place(name: str, dimension: int, margin: float) -> Points:
     """Returns a random point that is `margin` away from the faces."""
-    seed = [PLACE_SEED, *name.encode()]
-    return margin + (1 - 2 * margin) * np.random.default_rng(seed).random(dimension)
+    draws = np.random.default_rng([PLACE_SEED, *name.encode()]).random((DRAWS.get(name, 1), dimension))
+    return margin + (1 - 2 * margin) * np.asarray(draws[-1])
 
 
 def ball_radius(dimension: int, volume: float) -> float:
@@ -155,7 +157,7 @@ def needle(far: Points, radius: float) -> Points:
 CLOSED_FORM = [
     in_ball("ball-2", 2, 0.003, slope),
     in_ball("ball-5", 5, 1e-3, slope),
-    in_ball("ball-10", 10, 1e-4, slope),
+    in_ball("ball-10", 10, 1e-6, slope),
     in_ball("stairs-5", 5, 1e-3, stairs),
     in_ball("plateau-3", 3, 1e-3, plateau),
     in_ball("needle-2", 2, 0.01, needle),
@@ -248,12 +250,12 @@ USUAL: list[tuple[str, Callable[[Points], Points], Box, float, int]] = [
     ("goldstein-price-2", goldstein_price, [(-2, 2)] * 2, 4.418, 4_292),
     ("rosenbrock-4", rosenbrock, [(-5, 10)] * 4, 48.24, 4_085),
     ("rastrigin-4", rastrigin, [(-5.12, 5.12)] * 4, 11.76, 3_860),
-    ("levy-5", levy, [(-10, 10)] * 5, 0.7975, 3_825),
+    ("levy-5", levy, [(-10, 10)] * 5, 0.8247, 4_061),
     ("michalewicz-5", michalewicz, [(0, math.pi)] * 5, -3.011, 4_268),
     ("schwefel-3", schwefel, [(-500, 500)] * 3, 379.5, 3_926),
     ("styblinski-tang-6", styblinski_tang, [(-5, 5)] * 6, -157.2, 4_019),
     ("hartmann-6", hartmann6, [(0, 1)] * 6, -1.878, 4_221),
-    ("griewank-8", griewank, [(-600, 600)] * 8, 12.36, 4_011),
+    ("griewank-8", griewank, [(-600, 600)] * 8, 14.35, 3_884),
     ("ackley-10", ackley, [(-32.768, 32.768)] * 10, 14.68, 4_362),
 ]
 

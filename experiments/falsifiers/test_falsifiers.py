@@ -78,6 +78,10 @@ class Functions(unittest.TestCase):
             slack = 4 * math.sqrt(expected * (1 + points / functions.COUNT_POINTS)) + 1
             self.assertLess(abs(found - expected), slack, function.name)
 
+    def test_no_function_fails_in_the_center(self):
+        for function in functions.FUNCTIONS:
+            self.assertGreaterEqual(function.values(np.full((1, function.dimension), 0.5))[0], 0, function.name)
+
     def test_tails_of_sums_of_uniform_numbers(self):
         self.assertAlmostEqual(functions.uniform_sum_tail(2, 1.5), 0.125)
         self.assertAlmostEqual(functions.uniform_sum_tail(3, 2.5), 0.5**3 / 6)
