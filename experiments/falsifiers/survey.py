@@ -123,7 +123,7 @@ def boundary_jump(value: Any, levels: Levels, failing: Points, passing: Points, 
         # Discrete axes jump by nature, so that they keep the value of the failing point.
         outside = np.where([count is None for count in levels], outside, inside)
         ends = [value(inside, np.inf), min(value(outside, np.inf), NO_VERDICT)]
-        if ends[1] < 0:
+        if ends[0] >= 0 or ends[1] < 0:
             continue
         for _ in range(HALVINGS):
             middle = (inside + outside) / 2
@@ -191,7 +191,8 @@ def survey_function(function: Function) -> dict[str, Any]:
     failing_corners = int((function.values(corners) < 0).sum())
     points = random.random((300_000, function.dimension))
     values = function.values(points)
-    failing = points[values < 0][:1000]
+    # In the smallest volumes, no point fails; the lowest ones are next to them.
+    failing = points[values < 0][:1000] if (values < 0).any() else points[np.argsort(values)[:10]]
     facts = classify(value, levels, points[:UNIFORM], values[:UNIFORM], failing, random)
     row = {"name": function.name, "group": "function", "dimension": function.dimension, "volume": function.volume}
     return {**row, "corners": len(corners), "failing_corners": failing_corners, **facts}

@@ -13,7 +13,7 @@ The bars were set before the benchmark was run. All are about our default search
    of a system is known only after the trials, which favors it.
 
 A comparison of two searches uses the seeds that both have. A system takes part in a bar if both searches have at least five seeds, and
-in the third bar if all searches have them but the slow ones.
+in the third bar if all searches but the slow ones have five seeds in common, which are then compared.
 """
 
 import argparse
@@ -142,27 +142,27 @@ def random_bar(results: Results) -> Bar:
     return f"worse on {len(worse)} of {len(names)} systems; before Holm's correction on {len(alone)}", not worse, listed
 
 
-def best_search(results: Results, system: str, batch: int) -> Key | None:
-    """Returns the search with the least restricted mean among those with as many seeds as ours; None if a fast one has no trials."""
-    fast = [(search.name, batch if batch in search.batches else 1) for search in searches.SEARCHES if not search.slow]
-    if any(results.mean(key, system) is None for key in fast):
+def best_search(results: Results, system: str, batch: int) -> tuple[Key, list[int]] | None:
+    """Returns the search with the least restricted mean over the seeds that all fast searches have; None without enough of them."""
+    keys = [(search.name, batch if batch in search.batches else 1) for search in searches.SEARCHES if not search.slow]
+    found = [set(results.trials.get(key, {}).get(system, {})) for key in keys]
+    seeds = sorted(set.intersection(*found))
+    if len(seeds) < FEWEST_SEEDS:
         return None
-    needed = len(results.trials.get((OURS, batch), {}).get(system, {}))
-    known = [key for key in results.keys(batch) if len(results.trials[key].get(system, {})) >= max(needed, FEWEST_SEEDS)]
-    return min(known, key=lambda key: (results.mean(key, system), key[0] != OURS)) if known else None
+    return min(keys, key=lambda key: (results.values(key, system, seeds).mean(), key[0] != OURS)), seeds
 
 
 def best_bar(results: Results) -> Bar:
     names, ratios, p_values, listed = [], [], [], []
     for system in results.systems:
         best = best_search(results, system.name, 1)
-        pair = results.pair((OURS, 1), best, system.name) if best else None
-        if best is None or pair is None:
+        if best is None:
             continue
+        pair = results.values((OURS, 1), system.name, best[1]), results.values(best[0], system.name, best[1])
         names.append(system.name)
         ratios.append(float(pair[0].mean() / pair[1].mean()))
         p_values.append(measures.paired_p(*pair))
-        listed.append(f"`{system.name}` ({pair[0].mean():.1f} against {pair[1].mean():.1f} of `{best[0]}`)")
+        listed.append(f"`{system.name}` ({pair[0].mean():.1f} against {pair[1].mean():.1f} of `{best[0][0]}`)")
     if not names:
         return "no trials", None, []
     adjusted = measures.holm(p_values)
@@ -259,7 +259,7 @@ def comparison(results: Results) -> str:
             cells.append("" if pair is None else f"{pair[1].mean():.1f}")
             cells.append("" if pair is None else f"{measures.a12(*pair):.2f}")
         best = best_search(results, system.name, 1)
-        cells.append("" if best is None else f"`{best[0]}` {results.mean(best, system.name):.1f}")
+        cells.append("" if best is None else f"`{best[0][0]}` {results.values(best[0], system.name, best[1]).mean():.1f}")
         rows.append(cells)
     head = ["system", "kind", "axes", "seeds", "portfolio", "random", "A12", "dual annealing", "A12", "best search"]
     return markdown(head, rows, 2)
