@@ -16,5 +16,6 @@ class Robustness(staliro.CostFunc[float, None]):
 
 def dual_annealing(trial: Trial) -> None:
     inputs = {f"x{index}": (0.0, 1.0) for index in range(trial.system.dimension)}
-    options = staliro.TestOptions(runs=1, iterations=trial.budget, seed=trial.seed, static_inputs=inputs)
+    # A seed must be positive.
+    options = staliro.TestOptions(runs=1, iterations=trial.budget, seed=trial.seed + 1, static_inputs=inputs)
     staliro.staliro(Robustness(trial), DualAnnealing(min_cost=0.0), options)
