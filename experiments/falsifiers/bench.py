@@ -152,14 +152,16 @@ def start_run(arguments: argparse.Namespace) -> int:
 def estimate(todo: list[Job], chosen: list[systems.System], results: pathlib.Path) -> float:
     """Returns the seconds of the missing trials on one core: simulations at their measured time, and proposals of recorded trials.
 
-    A trial without a recorded one of its search on its system counts as the mean of the search, or else as half the budget.
+    Without a recorded trial of its search on its system, a trial has half the budget. Without one of its search, its proposals take
+    0.1 s, or 100 s if the search is slow.
     """
+    slow = {search.name for search in searches.SEARCHES if search.slow}
     facts = {system.name: system.facts for system in chosen}
     total = 0.0
     for search, batch in sorted({(job.search, job.batch) for job in todo}):
         file = path(results, search, batch)
         rows = list(csv.DictReader(open(file, newline="", encoding="utf-8"))) if file.exists() else []
-        proposals = sum(float(row["proposal_ms"]) for row in rows) / len(rows) if rows else 100.0
+        proposals = sum(float(row["proposal_ms"]) for row in rows) / len(rows) if rows else 1e5 if search in slow else 100.0
         for job in (job for job in todo if (job.search, job.batch) == (search, batch)):
             own = [int(row["simulations"]) for row in rows if row["system"] == job.system] or [job.budget // 2]
             simulations = sum(own) / len(own)
