@@ -71,7 +71,7 @@ class Objective:
 
     def scenario(self, point: Sequence[float] | NDArray[np.float64]) -> Scenario:
         """Returns the scenario at a point."""
-        [row] = self._rows([point])
+        [row] = self._rows(np.asarray([point], dtype=np.float64))
         return self._native.scenario(row)
 
     def _rows(self, points: ArrayLike) -> list[list[float]]:
