@@ -29,7 +29,7 @@ import measures
 import numpy as np
 import searches
 import systems
-from bench import BUDGET, HERE, QUICK_RESULTS
+from bench import BUDGET, HERE, QUICK_RESULTS, SEEDS
 from numpy.typing import NDArray
 
 PAGE = HERE.parent.parent / "docs/falsifiers.md"
@@ -127,11 +127,12 @@ def ratio_bar(results: Results, groups: Sequence[str], corner: bool, most: float
 
 
 def random_bar(results: Results) -> Bar:
-    names, p_values, means = [], [], []
+    names, p_values, means, full = [], [], [], 0
     for system in results.systems:
         pair = results.pair((OURS, 1), (RANDOM, 1), system.name)
         if pair is not None:
             names.append(system.name)
+            full += len(pair[0]) >= SEEDS
             p_values.append(measures.paired_p(*pair, alternative="greater"))
             means.append([float(side.mean()) for side in pair])
     if not names:
@@ -139,7 +140,8 @@ def random_bar(results: Results) -> Bar:
     worse = [index for index, p in enumerate(measures.holm(p_values)) if p < LEVEL]
     alone = [index for index, p in enumerate(p_values) if p < LEVEL]
     listed = [f"`{names[i]}` ({means[i][0]:.1f} against {means[i][1]:.1f}, p = {p_values[i]:.2g} before Holm)" for i in alone]
-    return f"worse on {len(worse)} of {len(names)} systems; before Holm's correction on {len(alone)}", not worse, listed
+    text = f"worse on {len(worse)} of {len(names)} systems, of which {full} have {SEEDS} seeds; before Holm's correction on {len(alone)}"
+    return text, not worse, listed
 
 
 def best_search(results: Results, system: str, batch: int) -> tuple[Key, list[int]] | None:
