@@ -35,7 +35,8 @@ from trial import Trial
 HERE = pathlib.Path(__file__).parent
 BUDGET, SEEDS, SLOW_SEEDS, SLOW_SYSTEMS = 300, 30, 10, 10
 COLUMNS = ["system", "seed", "simulations", "violated", "minimum", "rounds", "simulation_ms", "proposal_ms", "run"]
-QUICK_SYSTEMS, QUICK_SEEDS, QUICK_SECONDS = 8, 5, 180.0
+QUICK_SYSTEMS, QUICK_SEEDS, QUICK_SECONDS, QUICK_MILLISECONDS = 8, 5, 300.0, 10.0
+QUICK_SEARCHES = ["portfolio", "random", "scipy-dual-annealing", "scipy-direct", "cma", "optuna-cma-es"]
 QUICK_RESULTS = HERE.parent.parent / "target/falsifier-bench"
 
 
@@ -194,13 +195,15 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, help="stop after this time; the same command continues")
     parser.add_argument("--environment", default="requirements", help="file of requirements whose searches run")
     parser.add_argument("--results", type=pathlib.Path, default=HERE / "results")
-    parser.add_argument("--quick", action="store_true", help="some systems and seeds, in target/falsifier-bench")
+    parser.add_argument("--quick", action="store_true", help="some cheap systems, searches and seeds, in target/falsifier-bench")
     parser.add_argument("--estimate", action="store_true", help="print the cost of the missing trials and end")
     arguments = parser.parse_args()
     if arguments.quick:
         arguments.results = QUICK_RESULTS
         arguments.seeds = min(arguments.seeds, QUICK_SEEDS)
         arguments.seconds = arguments.seconds or QUICK_SECONDS
+        if arguments.environment == "requirements":
+            arguments.searches = arguments.searches or QUICK_SEARCHES
     return arguments
 
 
@@ -215,7 +218,7 @@ def main() -> None:
     if not chosen:
         sys.exit(f"error: no system starts with {' or '.join(arguments.systems)}")
     if arguments.quick:
-        chosen = evenly(chosen, QUICK_SYSTEMS)
+        chosen = evenly([system for system in chosen if system.facts.get("simulation_ms", 0.0) < QUICK_MILLISECONDS], QUICK_SYSTEMS)
     todo = jobs(arguments, chosen)
     seconds = estimate(todo, chosen, arguments.results)
     trials = sum(len(job.seeds) for job in todo)
