@@ -30,6 +30,7 @@ from mishandle.errors import (
 from mishandle.explanations import ComparedPair, Comparison, Estimate, Explanation, FailureMode, compare
 from mishandle.formulas import Formula, robustness
 from mishandle.margins import Margin, MarginLevel, Witness, margin
+from mishandle.objectives import Objective
 from mishandle.plots import plot_comparison, plot_robustness_map, plot_search_progress, plot_survival, plot_trace
 from mishandle.ray import RayExecutor
 from mishandle.risks import (
@@ -74,6 +75,7 @@ __all__ = [
     "MishandleError",
     "MissingPackageError",
     "MonteCarlo",
+    "Objective",
     "Probability",
     "RayExecutor",
     "Regression",

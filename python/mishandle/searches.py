@@ -27,6 +27,8 @@ class Search:
         Lower and upper bound of each coordinate.
     seed : int
         Random seed.
+    integrality : sequence of bool, optional
+        Whether each coordinate is a whole number, bounds included, as in :func:`scipy.optimize.differential_evolution`.
     **options
         Options of the search; ``mishandle searches NAME`` lists them.
 
@@ -39,17 +41,26 @@ class Search:
     3.5
     """
 
-    def __init__(self, name: str, bounds: Sequence[tuple[float, float]], seed: int = 0, **options: Any) -> None:
+    def __init__(
+        self,
+        name: str,
+        bounds: Sequence[tuple[float, float]],
+        seed: int = 0,
+        *,
+        integrality: Sequence[bool] | None = None,
+        **options: Any,
+    ) -> None:
         self._low, self._high = np.asarray(bounds, dtype=np.float64).reshape(-1, 2).T
         if not (np.isfinite(self._low).all() and np.isfinite(self._high).all() and (self._low < self._high).all()):
             raise InvalidValueError(f"bounds must be finite pairs with the lower one first, got {list(bounds)}")
-        self._native = _native.Search(name, len(self._low), seed, list(options.items()))
+        self._levels = _levels(bounds, integrality)
+        self._native = _native.Search(name, self._levels, seed, list(options.items()))
         self._asked: list[tuple[Point, list[float]]] = []
 
     def ask(self, points: int = 1) -> list[Point]:
         """Returns up to ``points`` points to evaluate. Fewer if the next ones depend on pending values."""
         found = self._native.ask(points)
-        scaled = [self._low * (1 - np.asarray(u)) + self._high * np.asarray(u) for u in found]
+        scaled = [self._scaled(np.asarray(u)) for u in found]
         self._asked += list(zip(scaled, found))
         return scaled
 
@@ -74,8 +85,25 @@ class Search:
         found = self._native.best
         if found is None:
             return None
-        unit = np.asarray(found[0])
-        return self._low * (1 - unit) + self._high * unit, found[1]
+        return self._scaled(np.asarray(found[0])), found[1]
+
+    def _scaled(self, unit: Point) -> Point:
+        scaled: Point = self._low * (1 - unit) + self._high * unit
+        for index, levels in enumerate(self._levels):
+            if levels is not None:
+                scaled[index] = self._low[index] + min(math.floor(unit[index] * levels), levels - 1)
+        return scaled
+
+
+def _levels(bounds: Sequence[tuple[float, float]], integrality: Sequence[bool] | None) -> list[int | None]:
+    """Returns the number of whole numbers between the bounds of each coordinate; ``None`` for a real number."""
+    whole = [False] * len(bounds) if integrality is None else list(integrality)
+    if len(whole) != len(bounds):
+        raise InvalidValueError(f"integrality has {len(whole)} entries; expected one for each of the {len(bounds)} coordinates")
+    for (low, high), is_whole in zip(bounds, whole):
+        if is_whole and not (float(low).is_integer() and float(high).is_integer()):
+            raise InvalidValueError(f"the bounds of a whole number must be whole numbers, got {(low, high)}")
+    return [int(high - low) + 1 if is_whole else None for (low, high), is_whole in zip(bounds, whole)]
 
 
 @dataclass(frozen=True)

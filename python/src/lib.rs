@@ -12,6 +12,7 @@ mod controller;
 mod explanation;
 mod formula;
 mod margin;
+mod objective;
 mod pool;
 mod remote;
 mod risk;
@@ -31,6 +32,7 @@ use pyo3::prelude::*;
 
 use controller::PyController;
 use formula::PyFormula;
+use objective::Objective;
 use remote::PlanWorker;
 use run::PyRun;
 use search::PySearch;
@@ -59,6 +61,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyTarget>()?;
     module.add_class::<PyFormula>()?;
     module.add_class::<PySearch>()?;
+    module.add_class::<Objective>()?;
     module.add_class::<PyRun>()?;
     module.add_class::<PyController>()?;
     module.add_class::<Simulator>()?;

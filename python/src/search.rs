@@ -16,13 +16,22 @@ pub struct PySearch {
 
 #[pymethods]
 impl PySearch {
+    /// Makes a search. `levels` has an entry for each coordinate: the number of levels of an integer, `None` for a real number.
     #[new]
-    fn new(name: &str, dimension: usize, seed: u64, options: Vec<(String, SearchOption)>) -> PyResult<Self> {
+    fn new(
+        name: &str,
+        levels: Vec<Option<usize>>,
+        seed: u64,
+        options: Vec<(String, SearchOption)>,
+    ) -> PyResult<Self> {
         let mut given = SearchOptions::new();
         for (option, value) in options {
             given.set(&option, value);
         }
-        let coordinates = vec![Coordinate::Continuous; dimension];
+        let coordinate = |levels: Option<usize>| {
+            levels.map_or(Coordinate::Continuous, |levels| Coordinate::Integer { levels })
+        };
+        let coordinates: Vec<Coordinate> = levels.into_iter().map(coordinate).collect();
         let search = by_name(name, &coordinates, seed, &given).map_err(plain)?;
         Ok(PySearch { search: Mutex::new(search) })
     }

@@ -506,6 +506,53 @@ class Tools(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "order of the points"):
             search.tell(second, 1.0)
 
+    def test_whole_numbers_of_a_search_are_whole_and_within_their_bounds(self):
+        for name in mishandle.search_names():
+            search = mishandle.Search(name, [(-1, 2), (0.0, 1.0)], seed=3, integrality=[True, False])
+            for _ in range(40):
+                for point in search.ask(1):
+                    self.assertIn(point[0], (-1.0, 0.0, 1.0, 2.0), name)
+                    search.tell(point, float(point.sum()))
+        with self.assertRaisesRegex(ValueError, "one for each of the 1 coordinates"):
+            mishandle.Search("random", [(0, 1)], integrality=[True, False])
+        with self.assertRaisesRegex(ValueError, "must be whole numbers"):
+            mishandle.Search("random", [(0, 1.5)], integrality=[True])
+
+    def test_a_search_that_knows_whole_numbers_rarely_repeats_a_point(self):
+        search = mishandle.Search("portfolio", [(0, 3), (0, 3)], integrality=[True, True])
+        found = set()
+        for _ in range(16):
+            [point] = search.ask(1)
+            found.add(tuple(point))
+            search.tell(point, 1.0)
+        self.assertGreater(len(found), 12)
+
+    def test_an_objective_is_the_robustness_of_a_simulation(self):
+        objective = mishandle.Objective(distance, "always(distance >= 0.1)", SQUARE)
+        points = np.random.default_rng(1).random((4, 2))
+        expected = [np.hypot(2 * u - 1.3, 2 * v - 0.6) - 0.1 for u, v in points]
+        np.testing.assert_allclose(objective(points), expected, atol=1e-12)
+        self.assertEqual(objective.scenario([0.0, 1.0]), {"x": -1.0, "y": 1.0})
+        for wrong, message in [([0.5, 0.5], "coordinates each"), ([[0.5, 1.5]], "from 0 to 1"), ([[0.5, np.nan]], "from 0 to 1")]:
+            with self.assertRaisesRegex(ValueError, message):
+                objective(wrong)
+        with self.assertRaisesRegex(ValueError, "at least 0"):
+            objective(points, threshold=-1.0)
+
+    def test_an_objective_of_a_task_has_levels_and_bounds_above_a_threshold(self):
+        delay = mishandle.Objective("point-reaching", "success", "delay", policy="ppo")
+        self.assertEqual([axis.name for axis in delay.space], ["action_delay", "observation_delay"])
+        self.assertEqual(delay.levels, [axis.high - axis.low + 1 for axis in delay.space])
+        objective = mishandle.Objective("door-opening", "success", "starts", policy="ppo", seed=4)
+        points = np.random.default_rng(0).random((3, len(objective.space)))
+        exact = objective(points)
+        [found] = mishandle.simulate(
+            "door-opening", "success", "starts", policy="ppo", at=objective.scenario(points[0]), seed=4
+        )
+        self.assertEqual(exact[0], found.robustness)
+        bounds = objective(points, threshold=0.0)
+        self.assertTrue(((bounds == exact) | ((bounds > 0) & (bounds <= exact))).all(), (bounds, exact))
+
     def test_controllers_give_the_actions_of_each_row(self):
         controller = mishandle.load_controller("ball-catching/ppo")
         observations = np.random.default_rng(0).normal(size=(5, controller.observation_size)).astype(np.float32)

@@ -4,13 +4,14 @@
 //! is named after uses `requirements.txt`.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use anyhow::{Context, Result, bail, ensure};
 
 use crate::mujoco;
 use crate::process::run;
+use crate::venv::environment;
 
 /// Examples whose packages exclude those of `requirements.txt`, with their file of requirements.
 const OTHER_REQUIREMENTS: &[(&str, &str)] =
@@ -33,7 +34,8 @@ pub fn examples(root: &Path, arguments: &[String]) -> Result<()> {
     let chosen = if names.is_empty() { known } else { names };
     mujoco::fetch(root)?;
     for name in &chosen {
-        let python = environment(root, &folder, requirements_of(name))?;
+        let python =
+            environment(root, &root.join("target/examples-venv"), &folder.join(requirements_of(name)))?;
         eprintln!("running python/examples/{name}.py");
         run(Command::new(python).arg(format!("{name}.py")).args(&options).current_dir(&folder), &[0])?;
     }
@@ -59,30 +61,4 @@ fn find(folder: &Path) -> Result<Vec<String>> {
 
 fn requirements_of(example: &str) -> &'static str {
     OTHER_REQUIREMENTS.iter().find(|(name, _)| *name == example).map_or("requirements.txt", |(_, file)| file)
-}
-
-/// Returns the Python of the virtual environment for a file of requirements, with this checkout's package in it. Creates the
-/// environment if the file changed.
-fn environment(root: &Path, folder: &Path, file: &str) -> Result<PathBuf> {
-    let stem = Path::new(file).file_stem().unwrap_or_default();
-    let venv = root.join("target/examples-venv").join(stem);
-    let python = venv.join("bin/python");
-    let path = folder.join(file);
-    let required = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    let installed = venv.join("installed.txt");
-    let pip = || {
-        let mut command = Command::new(&python);
-        command.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
-        command
-    };
-    if !fs::read(&installed).is_ok_and(|bytes| bytes == required) {
-        eprintln!("installing python/examples/{file} into {}", venv.display());
-        run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&venv), &[0])
-            .context("cannot make a virtual environment (Debian: `apt install python3-venv`)")?;
-        run(pip().arg("--requirement").arg(&path), &[0])?;
-        fs::write(&installed, required).with_context(|| format!("cannot write {}", installed.display()))?;
-    }
-    eprintln!("installing this checkout's package (a release build, which takes minutes the first time)");
-    run(pip().args(["--no-deps", "--force-reinstall"]).arg(root), &[0])?;
-    Ok(python)
 }

@@ -7,6 +7,7 @@ mod demo;
 mod deny;
 mod examples;
 mod external;
+mod falsifier_bench;
 mod fuzz;
 mod golden;
 mod mujoco;
@@ -16,6 +17,7 @@ mod readme;
 mod sanitize;
 mod settings;
 mod tidy;
+mod venv;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -73,6 +75,12 @@ const CHORES: &[Chore] = &[
         arguments: "[NAME...] [--record] [--train]",
         about: "run python/examples in a virtual environment with PyTorch (gigabytes the first time)",
         run: examples::examples,
+    },
+    Chore {
+        name: "falsifier-bench",
+        arguments: "[--quick] [--estimate] [--large] ...",
+        about: "compare our searches with those of other libraries (docs/falsifiers.md); --quick: minutes",
+        run: falsifier_bench::bench,
     },
     Chore {
         name: "fuzz",
