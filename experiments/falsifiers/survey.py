@@ -170,6 +170,7 @@ def survey_pair(arguments: tuple[int, str, str]) -> tuple[dict[str, Any] | None,
         if facts is not None:
             row: dict[str, Any] = {"name": name, "group": "task", "task": task, "controller": controller, "space": space, "formula": formula}
             # TOML has no null: 0 is a continuous axis.
+            row["axes"] = [axis.name for axis in objective.space]
             row |= {"dimension": len(objective.levels), "levels": [count or 0 for count in objective.levels]}
             return {**row, **facts, "simulation_ms": simulation_ms(objective)}, log
     return None, log
@@ -200,7 +201,7 @@ def survey_function(function: Function) -> dict[str, Any]:
 
 
 def toml(value: Any) -> str:
-    return f'"{value}"' if isinstance(value, str) else str(value)
+    return f'"{value}"' if isinstance(value, str) else str(value).replace("'", '"')
 
 
 def survey(of: str) -> None:

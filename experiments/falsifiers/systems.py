@@ -45,8 +45,14 @@ class System:
         return bool(self.facts["failing_corners"] > 0)
 
 
-def of_task(task: str, controller: str, space: str, formula: str) -> mishandle.Objective:
-    return mishandle.Objective(task, formula, space, policy=controller)
+def of_task(task: str, controller: str, space: str, formula: str, axes: list[str] | None = None) -> mishandle.Objective:
+    """Returns the objective of a system that varies these axes of a space, by default all. The others keep their nominal values, so that
+    a system stays the same when its space gets more axes."""
+    whole = mishandle.Objective(task, formula, space, policy=controller)
+    if axes is None:
+        return whole
+    fixed = {axis.name: axis.nominal for axis in whole.space if axis.name not in axes and axis.nominal is not None}
+    return mishandle.Objective(task, formula, space, policy=controller, axes=fixed) if fixed else whole
 
 
 def discrete_key(levels: list[int | None], point: Point) -> tuple[int, ...] | None:
@@ -57,16 +63,24 @@ def discrete_key(levels: list[int | None], point: Point) -> tuple[int, ...] | No
 
 
 def task_value(objective: mishandle.Objective) -> Value:
-    """Simulations do not depend on the seed of a trial, so that those of a discrete space are simulated once."""
+    """Simulations do not depend on the seed of a trial, so that those of a discrete space are simulated once. A point has one coordinate
+    for each axis that is not fixed."""
     known: dict[tuple[int, ...], float] = {}
+    free = np.array([axis.low < axis.high for axis in objective.space])
+    levels = [count for count, is_free in zip(objective.levels, free) if is_free]
+
+    def whole(point: Point) -> Point:
+        coordinates = np.full(len(free), 0.5)
+        coordinates[free] = point
+        return coordinates
 
     def value(point: Point, threshold: float) -> float:
-        key = discrete_key(objective.levels, point)
+        key = discrete_key(levels, point)
         if key is not None:
             if key not in known:
-                known[key] = float(objective([point])[0])
+                known[key] = float(objective([whole(point)])[0])
             return known[key]
-        return float(objective([point], threshold=threshold)[0])
+        return float(objective([whole(point)], threshold=threshold)[0])
 
     return value
 
@@ -88,7 +102,7 @@ def load() -> list[System]:
             make = lambda function=function: function_value(function)
         else:
             levels = [count or None for count in row["levels"]]
-            names = [row[key] for key in ("task", "controller", "space", "formula")]
+            names = [row[key] for key in ("task", "controller", "space", "formula", "axes")]
             make = lambda names=names: task_value(of_task(*names))
         found.append(System(row["name"], row["group"], levels, row, make))
     return found
