@@ -469,9 +469,11 @@ mod tests {
     #[test]
     fn an_interruption_keeps_the_witness_so_far() {
         let outcome = |request: &Request| SimulatedEnd::Robustness(0.3 - request.scenario.get(0).unwrap());
+        let system = || FunctionSystem::new(Space::new("disturbance", inputs(4)).unwrap(), outcome);
+        let all = margin(&mut system(), Seed(1), BUDGET, |_| ControlFlow::Continue(())).unwrap().simulations;
         let mut largest = f64::INFINITY;
-        for stop in [1, 100, 400, 1600] {
-            let mut system = FunctionSystem::new(Space::new("disturbance", inputs(4)).unwrap(), outcome);
+        for stop in [1, all / 8, all / 2, 3 * all / 4] {
+            let mut system = system();
             let watch = |done| if done >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
             let found = margin(&mut system, Seed(1), BUDGET, watch).unwrap();
             assert!(!found.is_complete && found.simulations < stop + 2 * BATCH as u64, "{stop}");

@@ -48,13 +48,7 @@ const DEFINITION: Definition = Definition {
         axis("cube_y", "m", [-0.15, 0.15], "y position of the cube"),
         axis("cube_yaw", "rad", [-0.3, 0.3], "yaw angle of the cube"),
     ],
-    variations: Variations {
-        friction: true,
-        masses: &["cube"],
-        push: Some(("cube", 1.0)),
-        sizes: &["cube"],
-        ..Variations::NONE
-    },
+    variations: Variations { friction: true, masses: &["cube"], sizes: &["cube"], ..Variations::NONE },
     paper: FORMULAS,
     code: FORMULAS,
     termination: "the cube has fallen off the table",

@@ -16,13 +16,14 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::process::{cargo, run};
 
-const PAGES: [&str; 6] = [
+const PAGES: [&str; 7] = [
     "README.md",
     "docs/tour.md",
     "docs/scenarios.md",
     "docs/explain.md",
     "docs/margin.md",
     "docs/keep_going.md",
+    "docs/risk.md",
 ];
 /// Time limit for one command, s.
 const LIMIT_SECS: u32 = 180;

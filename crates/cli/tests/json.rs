@@ -101,6 +101,11 @@ fn the_page_documents_the_keys_that_every_command_prints() {
             "falsify toy/noisy --search random --trials 1 --budget 200 --seed 1 --repeats 5 --out h.sqlite",
             1,
         ),
+        (
+            "falsify",
+            "falsify toy/sphere-2d --formula 'always(distance >= -1)' --search random --trials 1 --budget 60 --out s.sqlite",
+            0,
+        ),
         ("falsify", "falsify toy/pits --search random --keep-going --trials 2 --budget 90 --out k.sqlite", 1),
         (
             "evaluate",

@@ -207,7 +207,10 @@ fn without_a_failure_a_smooth_robustness_excludes_failures_between_the_samples()
     for (target, reason) in [
         ("toy/noisy --formula always(height>=-9)", "random"),
         ("toy/sphere-2d --formula always(distance>=-1) --early-stopping", "bounds"),
-        ("toy/car-following --formula always(gap>=-99) --space dynamics", "whole numbers"),
+        (
+            "point-reaching --controller expert --formula always(finger_target_distance>=-1) --space delay",
+            "whole numbers",
+        ),
     ] {
         let said = bench.json(&format!("falsify {target} --trials 1 --budget 60 --search random --json"), 0);
         assert!(said["smooth_region"]["refusal"].as_str().unwrap().contains(reason), "{target}: {said}");

