@@ -97,8 +97,8 @@ pub fn smooth_region(points: &[Vec<f64>], robustness: &[f64], seed: u64) -> Resu
     }
     let far: Vec<Pair> = (0..n).map(|a| pair(a, quarter_neighbor(points, a))).collect();
     let growth = (largest(&far) / largest(&near)).ln() / (median(&far) / median(&near)).ln();
-    // A comparison with NaN is false, so samples at one point are refused.
-    if !(growth >= SMOOTH) {
+    // It is not a number if all samples are at one point.
+    if growth.is_nan() || growth < SMOOTH {
         return Err(NotSmooth::Cliffs);
     }
     let mut slopes: Vec<f64> = near.iter().map(|pair| pair.difference / pair.distance).collect();
@@ -200,8 +200,11 @@ mod tests {
         };
         let tent = |u: &[f64]| 1.0 + 2.0 * u.iter().map(|x| x.min(1.0 - x)).fold(0.0, f64::max);
         for d in 1..4 {
-            let functions: [(&dyn Fn(&[f64]) -> f64, f64); 3] =
-                [(&bowl, 1.4 * (d as f64).sqrt()), (&pit, 9.0 * (-0.5_f64).exp()), (&tent, 2.0)];
+            let functions = [
+                (&bowl as &dyn Fn(&[f64]) -> f64, 1.4 * (d as f64).sqrt()),
+                (&pit, 9.0 * (-0.5_f64).exp()),
+                (&tent, 2.0),
+            ];
             for (number, (function, slope)) in functions.into_iter().enumerate() {
                 let bounds: Vec<f64> = (0..40)
                     .filter_map(|seed| region(&uniform(300, d, seed), function).ok())
