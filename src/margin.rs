@@ -219,7 +219,17 @@ impl Witness {
 /// Returns whether the amplitude limits an axis.
 fn is_disturbed(axis: &Axis) -> bool {
     let is_ordered = !matches!(axis.values, AxisValues::Categorical(_));
-    axis.kind != AxisKind::Start && axis.nominal.is_some() && !axis.is_fixed() && is_ordered
+    !varies_freely(axis) && axis.nominal.is_some() && !axis.is_fixed() && is_ordered
+}
+
+/// Returns whether an axis varies in its whole range at any amplitude: the initial state, and times of events, since an event disturbs
+/// by its magnitude.
+fn varies_freely(axis: &Axis) -> bool {
+    axis.kind == AxisKind::Start || is_time(axis)
+}
+
+fn is_time(axis: &Axis) -> bool {
+    axis.kind == AxisKind::Event && axis.unit == "s"
 }
 
 /// Returns the offsets of the disturbed axes, each from 0 to 1.
@@ -327,16 +337,20 @@ impl Attempt<'_> {
         let value = |(axis, u): (&Axis, &f64)| match axis.nominal {
             None => None,
             Some(nominal) if is_disturbed(axis) => Some(at_amplitude(axis, nominal, *u, amplitude)),
-            Some(_) if axis.kind == AxisKind::Start => Some(axis.at(*u)),
+            Some(_) if varies_freely(axis) => Some(axis.at(*u)),
             nominal => nominal,
         };
         Scenario::new(self.space.axes().iter().zip(u).map(value).collect())
     }
 
-    /// Returns a scenario with each disturbed axis at one of its ends, and each initial state at a bound.
+    /// Returns a scenario with each disturbed axis at one of its ends, each initial state at a bound, and random times of events.
     fn random_signs(&mut self, amplitude: f64) -> Scenario {
-        let u: Vec<f64> =
-            self.space.axes().iter().map(|_| f64::from(u8::from(self.random.bits() & 1 == 1))).collect();
+        let random = &mut self.random;
+        let end = |axis: &Axis| match is_time(axis) {
+            true => random.uniform(),
+            false => f64::from(u8::from(random.bits() & 1 == 1)),
+        };
+        let u: Vec<f64> = self.space.axes().iter().map(end).collect();
         self.scenario_at(&u, amplitude)
     }
 
@@ -464,6 +478,18 @@ mod tests {
         );
         let error = margin(&mut system, Seed(0), 10, |_| ControlFlow::Continue(())).unwrap_err().to_string();
         assert!(error.contains("number of disturbed axes"), "{error}");
+    }
+
+    #[test]
+    fn the_time_of_an_event_is_no_disturbance() {
+        let event = |name: &str, unit: &str, high: f64| {
+            Axis::new(AxisKind::Event, name, unit, [0.0, high], Some(0.0))
+        };
+        // A push of 0.3 is enough, but only after 3 s.
+        let axes = vec![event("time", "s", 4.0), event("force", "N", 1.0)];
+        let (margin, _) = found(axes, |x| if x[0] > 3.0 { 0.3 - x[1] } else { 1.0 });
+        let witness = margin.witness.unwrap();
+        assert!(witness.norms.largest < 0.32 && witness.axes == 1, "{:?}", witness.norms);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use mishandle_evaluation::{Estimate, RepeatReport, variance_share};
-use mishandle_rollout::{Episode, Request, Scenario, Seed, System};
+use mishandle_rollout::{Axis, Episode, Request, Scenario, Seed, System};
 
 use crate::{MishandleError, ResolvedPlan};
 
@@ -29,9 +29,10 @@ pub fn space_depends_on_seed(resolved: &ResolvedPlan) -> bool {
 
 /// Returns the index in the space and the nominal value of each axis that adds randomness.
 fn random_values(resolved: &ResolvedPlan) -> impl Iterator<Item = (usize, Option<f64>)> {
+    let is_off = |axis: &Axis| axis.is_fixed() && Some(axis.low) == axis.nominal;
+    let is_random = move |axis: &Axis| resolved.target.random_axes.contains(&axis.name) && !is_off(axis);
     let axes = resolved.space.axes().iter().enumerate();
-    axes.filter(|(_, axis)| resolved.target.random_axes.contains(&axis.name))
-        .map(|(i, axis)| (i, axis.nominal))
+    axes.filter(move |(_, axis)| is_random(axis)).map(|(i, axis)| (i, axis.nominal))
 }
 
 /// Returns `n` seeds for repeated simulations: children of `seed`. `seed` itself is not among them, so the counterexample of a

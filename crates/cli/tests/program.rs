@@ -201,7 +201,8 @@ fn without_a_failure_a_smooth_robustness_excludes_failures_between_the_samples()
     assert!(slope > 1.9 && slope < 3.0 && region["covered"].as_f64().unwrap() > 0.99, "{region}");
     let said = bench.check(safe, 0);
     assert!(
-        said.contains("per width of the space (95 % confidence), and") && said.contains("cannot fail"),
+        said.contains("if the samples missed no cliff")
+            && said.contains("no scenario in 99 % of the space fails"),
         "{said}"
     );
     for (target, reason) in [

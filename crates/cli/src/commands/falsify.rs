@@ -195,11 +195,15 @@ fn smooth_region(
 
 fn region_text(region: Result<SmoothRegion, NotSmooth>) -> String {
     match region {
+        Ok(SmoothRegion { covered, .. }) if covered < 0.01 => {
+            "\nno statement about the space between the samples: they are too far apart for such steep changes of the robustness".into()
+        }
         Ok(SmoothRegion { slope, covered, .. }) => format!(
-            "\nif the robustness is as smooth as its samples, it changes by at most {} per width of the space (95 % confidence), and {:.0} % of \
-             the space cannot fail",
+            "\nif the samples missed no cliff, the robustness changes by at most {} per width of the space (estimate, 95 % confidence); then \
+             no scenario in {:.0} % of the space fails",
             decimal(slope, 4),
-            (100.0 * covered).floor()
+            // A share that was measured at random points is never 100 %.
+            (100.0 * covered).floor().min(99.0)
         ),
         Err(reason) => format!("\nno statement about the space between the samples: {reason}"),
     }
