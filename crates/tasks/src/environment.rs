@@ -184,7 +184,7 @@ impl TaskEnvironment {
             worlds: vec![([nominal.constant_values().as_slice(), &[0.0; 2]].concat(), self.model.world())],
             nominal: nominal.constants,
             next: 1,
-            wanted: Vec::new(),
+            required: Vec::new(),
         }
     }
 
@@ -308,8 +308,8 @@ pub(crate) struct WorldCache {
     worlds: Vec<(Vec<f64>, World)>,
     /// Index of the world that is replaced next.
     next: usize,
-    /// Scratch buffer of the values of the wanted world.
-    wanted: Vec<f64>,
+    /// Scratch buffer of the values of the required world.
+    required: Vec<f64>,
 }
 
 impl WorldCache {
@@ -326,24 +326,24 @@ impl WorldCache {
             return 0;
         }
         let (values, slip) = (&tail[1..][..self.nominal.len()], &tail[tail.len() - SLIP_SIZE..]);
-        self.wanted.clear();
-        self.wanted.extend(values);
-        self.wanted.extend(axes::slip(slip, tail[0] as usize));
+        self.required.clear();
+        self.required.extend(values);
+        self.required.extend(axes::slip(slip, tail[0] as usize));
         self.find(elements)
     }
 
-    /// Returns the index of the wanted world; makes the world if necessary.
+    /// Returns the index of the required world; makes the world if necessary.
     fn find(&mut self, elements: &Elements) -> usize {
-        if let Some(index) = self.worlds.iter().position(|(known, _)| *known == self.wanted) {
+        if let Some(index) = self.worlds.iter().position(|(known, _)| *known == self.required) {
             return index;
         }
-        let (values, slip) = self.wanted.split_at(self.nominal.len());
+        let (values, slip) = self.required.split_at(self.nominal.len());
         let changed = self.nominal.iter().zip(values).filter(|((_, nominal), value)| nominal != *value);
         let changes: Vec<Change> = changed
             .map(|((constant, _), value)| elements.change(*constant, *value))
             .chain(elements.slip([slip[0], slip[1]]))
             .collect();
-        let made = (self.wanted.clone(), self.worlds[0].1.model().changed(&changes).world());
+        let made = (self.required.clone(), self.worlds[0].1.model().changed(&changes).world());
         if self.worlds.len() <= CHANGED_WORLDS {
             self.worlds.push(made);
             return self.worlds.len() - 1;
