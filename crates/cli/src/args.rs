@@ -154,7 +154,7 @@ pub struct Subject {
     /// expert
     #[arg(long, value_name = "C")]
     pub controller: Option<String>,
-    /// Scenario space of the target, or several joined by + [default: starts]
+    /// Scenario space of the target, or several joined by + [default: starts; of margin: disturbance]
     #[arg(long, value_name = "NAME")]
     pub space: Option<String>,
     /// Vary this axis only from LOW to HIGH; repeat the flag for several axes. An axis outside of the space is added to it
