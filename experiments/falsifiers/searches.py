@@ -63,8 +63,6 @@ def outside(module: str, function: str) -> Callable[[Trial], None]:
 
 SEARCHES = [
     *(Search(name, ours(name), batches=(1, 16) if name in WITH_ROUNDS else (1,)) for name in mishandle.search_names()),
-    # Our default search without rounds, as a user with slow sequential simulations can set it.
-    Search("portfolio-rounds-of-1", ours("portfolio", **{"round-size": 1})),
     Search("scipy-dual-annealing", outside("outside_scipy", "dual_annealing"), packages=("scipy",)),
     Search("scipy-differential-evolution", outside("outside_scipy", "differential_evolution"), batches=(1, 16), packages=("scipy",)),
     Search("scipy-direct", outside("outside_scipy", "direct"), packages=("scipy",)),

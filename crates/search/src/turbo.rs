@@ -87,7 +87,7 @@ impl Turbo {
             transform,
             history: History::default(),
             surrogate: Surrogate::new(space.clone(), transform),
-            region: TrustRegion::new(d, options.round_size),
+            region: TrustRegion::new(d),
             generator: CandidateGenerator::new(space.clone(), seed, 1),
             space,
             sobol: SobolPoints::new(d, seed),
@@ -103,7 +103,7 @@ impl Turbo {
         let d = self.space.dimension();
         self.history = History::default();
         self.surrogate = Surrogate::new(self.space.clone(), self.transform);
-        self.region = TrustRegion::new(d, self.options.round_size);
+        self.region = TrustRegion::new(d);
         self.is_initial = true;
         let n = self.options.initial.unwrap_or((2 * d).clamp(4, 40));
         self.round = (0..n).map(|_| snapped_point(&mut self.sobol, &self.space)).collect();
@@ -140,7 +140,7 @@ impl RoundBased for Turbo {
         if mem::take(&mut self.is_initial) {
             self.region.set_best(lowest);
         } else {
-            self.region.receive(lowest);
+            self.region.receive(lowest, values.len());
         }
         if self.region.has_collapsed() { self.restart() } else { self.propose() }
     }

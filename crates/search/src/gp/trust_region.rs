@@ -20,31 +20,30 @@ pub(crate) struct TrustRegion {
     edge: f64,
     successes: usize,
     failures: usize,
-    /// The number of consecutive failed rounds that halves the edge.
+    /// The number of points of consecutive failed rounds that halves the edge.
     patience: usize,
     best: f64,
 }
 
 impl TrustRegion {
-    /// Creates a region for rounds of `batch` points.
-    pub(crate) fn new(dimension: usize, batch: usize) -> Self {
-        let patience = dimension.max(4).div_ceil(batch.max(1));
-        Self { edge: FIRST_EDGE, successes: 0, failures: 0, patience, best: f64::INFINITY }
+    /// Creates a region.
+    pub(crate) fn new(dimension: usize) -> Self {
+        Self { edge: FIRST_EDGE, successes: 0, failures: 0, patience: dimension.max(4), best: f64::INFINITY }
     }
 
-    /// Takes the lowest value of a round into account.
-    pub(crate) fn receive(&mut self, value: f64) {
+    /// Takes the lowest value of a round with `n` points into account.
+    pub(crate) fn receive(&mut self, value: f64, n: usize) {
         if value < self.best - IMPROVEMENT * self.best.abs() || (self.best.is_infinite() && value.is_finite())
         {
             (self.successes, self.failures) = (self.successes + 1, 0);
         } else {
-            (self.successes, self.failures) = (0, self.failures + 1);
+            (self.successes, self.failures) = (0, self.failures + n);
         }
         self.best = self.best.min(value);
         if self.successes == SUCCESSES {
             self.edge = (2.0 * self.edge).min(LONGEST_EDGE);
             self.successes = 0;
-        } else if self.failures == self.patience {
+        } else if self.failures >= self.patience {
             self.edge *= 0.5;
             self.failures = 0;
         }
@@ -76,15 +75,15 @@ mod tests {
     /// With d = 8 and rounds of 2 points, four failures halve the edge; three successes double it, at most to 1.6.
     #[test]
     fn edge_follows_the_rules_of_turbo() {
-        let mut region = TrustRegion::new(8, 2);
-        region.receive(1.0);
+        let mut region = TrustRegion::new(8);
+        region.receive(1.0, 2);
         for failures in 1..=8 {
-            region.receive(1.0);
+            region.receive(1.0, 2);
             assert_eq!(region.edge, 0.8 * 0.5_f64.powi(failures / 4), "{failures}");
         }
         for (successes, edge) in [(1, 0.2), (2, 0.2), (3, 0.4), (6, 0.8), (9, 1.6), (12, 1.6)] {
             while region.best > 1.0 - 0.01 * f64::from(successes) + 1e-9 {
-                region.receive(region.best - 0.01);
+                region.receive(region.best - 0.01, 2);
             }
             assert_eq!(region.edge, edge, "{successes}");
         }
@@ -92,20 +91,20 @@ mod tests {
 
     #[test]
     fn region_collapses_after_seven_halvings() {
-        let mut region = TrustRegion::new(1, 4);
-        region.receive(0.0);
+        let mut region = TrustRegion::new(1);
+        region.receive(0.0, 4);
         for _ in 0..6 {
-            region.receive(0.0);
+            region.receive(0.0, 4);
             assert!(!region.has_collapsed());
         }
-        region.receive(0.0);
+        region.receive(0.0, 4);
         assert!(region.has_collapsed());
     }
 
     /// The product of the half edges is that of a cube: (0.4)³.
     #[test]
     fn longer_lengths_give_longer_edges_and_the_same_volume() {
-        let Region { half_edges, .. } = TrustRegion::new(3, 1).around(&[0.5; 3], &[1.0, 2.0, 0.5]);
+        let Region { half_edges, .. } = TrustRegion::new(3).around(&[0.5; 3], &[1.0, 2.0, 0.5]);
         assert!((half_edges.iter().product::<f64>() - 0.064).abs() < 1e-12);
         assert!((half_edges[1] / half_edges[2] - 4.0).abs() < 1e-12);
     }

@@ -1,7 +1,10 @@
-//! Corners of the box: all of them, or a designed sample.
+//! Corners of the box: all of them or a designed sample first, then the remaining ones in random order.
 
 use mishandle_random::Sequence;
 
+use crate::Coordinate;
+use crate::corners::CornerSet;
+use crate::gp::history::History;
 use crate::gp::space::TypedSpace;
 
 /// The number of corners of a designed sample, a power of 2.
@@ -31,6 +34,38 @@ pub(super) fn corners(space: &TypedSpace, stream: &mut Sequence) -> Vec<Vec<f64>
         }
     }
     corners
+}
+
+/// The corners of the box in random order, each once.
+#[derive(Debug, Clone)]
+pub(super) struct RemainingCorners {
+    all: CornerSet,
+    next: u64,
+}
+
+impl RemainingCorners {
+    /// Creates the sequence; `seed` determines the order.
+    pub(super) fn new(coordinates: &[Coordinate], seed: u64) -> Self {
+        Self { all: CornerSet::new(coordinates, seed), next: 0 }
+    }
+
+    /// Returns whether all corners have been proposed.
+    pub(super) fn is_empty(&self) -> bool {
+        self.all.count().is_some_and(|n| self.next >= n)
+    }
+
+    /// Returns the next corner that is not in `history`; `None` if no corner remains.
+    pub(super) fn next(&mut self, space: &TypedSpace, history: &History) -> Option<Vec<f64>> {
+        while !self.is_empty() {
+            let mut corner = self.all.corner(self.next);
+            space.snap(&mut corner);
+            self.next += 1;
+            if !history.contains(&corner) {
+                return Some(corner);
+            }
+        }
+        None
+    }
 }
 
 fn all_signs(d: usize) -> Vec<Vec<bool>> {
@@ -67,7 +102,6 @@ fn shuffle<T>(items: &mut [T], stream: &mut Sequence) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Coordinate;
 
     fn corners_of(d: usize) -> Vec<Vec<f64>> {
         corners(&TypedSpace::new(&vec![Coordinate::Continuous; d]), &mut Sequence::new(3, 0))
@@ -103,5 +137,23 @@ mod tests {
         for k in 0..100 {
             assert_eq!(found.iter().map(|corner| corner[k]).sum::<f64>(), 4.0);
         }
+    }
+
+    /// Eight of 2^6 corners are evaluated; the other 56 follow, each once.
+    #[test]
+    fn remaining_corners_are_the_others() {
+        let coordinates = [Coordinate::Continuous; 6];
+        let space = TypedSpace::new(&coordinates);
+        let mut history = History::default();
+        corners_of(6).iter().for_each(|corner| history.push(corner, 1.0));
+        let mut remaining = RemainingCorners::new(&coordinates, 5);
+        let mut count = 0;
+        while let Some(corner) = remaining.next(&space, &history) {
+            assert!(!history.contains(&corner));
+            history.push(&corner, 1.0);
+            count += 1;
+        }
+        assert_eq!(count, 56);
+        assert!(remaining.is_empty());
     }
 }

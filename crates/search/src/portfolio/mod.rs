@@ -3,6 +3,7 @@
 mod corners;
 mod polish;
 mod shares;
+mod steps;
 
 use std::collections::VecDeque;
 use std::mem;
@@ -20,20 +21,28 @@ use crate::options::{ANY, AT_LEAST_1, NOT_NEGATIVE, options};
 use crate::registry::SearchEntry;
 use crate::sobol::SobolPoints;
 use crate::{AskTell, Coordinate, RoundBased, SearchEnd, SearchError, coordinate};
-use corners::corners;
+use corners::{RemainingCorners, corners};
 use polish::Polish;
-use shares::{Credits, Source, exploration};
+use shares::{Credits, EXPLORATION, Evidence, Source, exploration};
+use steps::{SuccessRate, changed_coordinate};
 
 const NAME: &str = "portfolio";
 
-/// Sobol points of the first round: one per coordinate, within these bounds.
-const SOBOL: (usize, usize) = (4, 8);
+/// Sobol points of the first round. The corners and the center show a slope; few other points suffice for a first model.
+const SOBOL: usize = 2;
 /// Numbers of candidates of each kind: a constant, and more per point of a round.
 const CANDIDATES: (usize, usize) = (96, 8);
 const MAX_CANDIDATES: usize = 192;
-/// The share of polish and, of the rest, of the trust region, without exploration.
-const POLISH: f64 = 0.1;
+/// The share of the trust region among the model's points.
 const LOCAL: f64 = 0.5;
+/// The share of corners among the points that neither a model nor a step proposes, as long as there are corners.
+const CORNERS: f64 = 0.25;
+/// Without the option, a round has one point for this number of evaluations, at most [`MAX_ROUND`]: a round waits for values
+/// that are few beside those that are known.
+const EVALUATIONS_PER_POINT: usize = 16;
+const MAX_ROUND: usize = 8;
+/// The fraction of the lowest value by which an improvement is lower.
+const IMPROVEMENT: f64 = 1e-3;
 /// A new trust region keeps this distance from the centers of collapsed ones, as a fraction of the diagonal.
 const APART: f64 = 0.05;
 /// The number of collapsed trust regions that are remembered.
@@ -55,8 +64,8 @@ options! {
     /// The options of [`Portfolio`].
     pub struct PortfolioOptions of NAME {
         /// Points per round. The points of a round are chosen together, without each other's values.
-        pub round_size: usize = 8, in AT_LEAST_1;
-        /// Evaluates corners of the box first: all for up to 4 coordinates, otherwise 8.
+        pub round_size: Option<usize> = None, or "a sixteenth of the evaluations, at most 8", in AT_LEAST_1;
+        /// Evaluates corners of the box: first all for up to 4 coordinates, otherwise 8, and the others later.
         pub corners: bool = true, in ANY;
         /// Proposes points on exact faces and corners of the box, too.
         pub faces: bool = true, in ANY;
@@ -64,7 +73,9 @@ options! {
         pub trust_region: bool = true, in ANY;
         /// Takes random steps from the best point.
         pub polish: bool = true, in ANY;
-        /// Raises the share of Sobol points when the model is of no use.
+        /// Changes single coordinates of the best point.
+        pub single_coordinates: bool = true, in ANY;
+        /// Takes points from the model that is of no use, and gives them to the other sources.
         pub exploration: bool = true, in ANY;
         /// Minimizes the lower confidence bound with gradients.
         pub refine: bool = true, in ANY;
@@ -77,19 +88,24 @@ options! {
 
 /// The portfolio search: corners first, then a Gaussian process in the whole box and in a trust region, beside exploration.
 ///
-/// The first round is corners (all 2^d for d ≤ 4, otherwise a balanced sample of 8), the center and scrambled Sobol
-/// points. Each point of a further round comes from one of four sources, in proportion to their shares:
+/// The first round is corners (all 2^d for d ≤ 4, otherwise a balanced sample of 8), the center and two scrambled Sobol
+/// points. Each point of a further round comes from one of six sources, in proportion to their shares:
 ///
 /// | source | point | share |
 /// |---|---|---|
-/// | exploration | next Sobol point | e = 0.1 to 0.95 |
-/// | model, global | lowest confidence bound of the box, its faces, corners and neighborhoods of the best points | 0.45 (1 - e) |
-/// | model, local | lowest confidence bound in a trust region around the best point | 0.45 (1 - e) |
-/// | polish | random step from the best point, with the one-fifth rule | 0.1 (1 - e) |
+/// | model, global | lowest confidence bound of the box, its faces, corners and neighborhoods of the best points | (1 - e) / 2 |
+/// | model, local | lowest confidence bound in a trust region around the best point | (1 - e) / 2 |
+/// | polish | random step from the best point, with the one-fifth rule | e s |
+/// | coordinate | the best point with a new value of one coordinate | e s' |
+/// | corners | next corner, as long as there are any | e (1 - s - s') / 4 |
+/// | Sobol | next Sobol point | the rest of e |
 ///
-/// The share e rises when the model is of no use: its leave-one-out predictions do not correlate with the values, or it
-/// is certain that no point violates the requirement. So a violation in a small region without a slope towards it is found
-/// about as fast as by random points.
+/// - The share e = 0.1 to 0.95 rises when the model is of no use: its leave-one-out predictions do not correlate with the
+///   values, or it is certain that no point violates the requirement and finds no lower values either.
+/// - The shares s and s' follow the rates at which these steps find a new lowest value. They are at most 0.9 in total. When
+///   a Sobol point or corner finds one, they start again, because the values around it are unknown.
+///
+/// So a violation in a small region without a slope towards it is found nearly as fast as by random points.
 ///
 /// The model is a Gaussian process (Matérn-5/2, one length per coordinate) of asinh-transformed robustness. The most
 /// promising candidates are moved to local minima of the bound by gradients; within a round, the variance shrinks around
@@ -113,6 +129,11 @@ pub struct Portfolio {
     exhausted: VecDeque<Vec<f64>>,
     polish: Polish,
     credits: Credits,
+    /// The rates of success of single coordinates and of the polish.
+    step_rates: [SuccessRate; 2],
+    /// The number of evaluations after the last improvement.
+    since_improvement: usize,
+    corners: RemainingCorners,
     generator: CandidateGenerator,
     sobol: SobolPoints,
     stream: Sequence,
@@ -140,10 +161,13 @@ impl Portfolio {
             options: options.clone(),
             history: History::default(),
             surrogate: Surrogate::new(space.clone(), transform),
-            region: new_region(d, options),
+            region: TrustRegion::new(d),
             exhausted: VecDeque::new(),
             polish: Polish::new(),
             credits: Credits::default(),
+            step_rates: [SuccessRate::default(); 2],
+            since_improvement: 0,
+            corners: RemainingCorners::new(coordinates, seed),
             generator: CandidateGenerator::new(space.clone(), seed, 1),
             sobol: SobolPoints::new(d, seed),
             stream: Sequence::new(seed, 2),
@@ -154,7 +178,7 @@ impl Portfolio {
             search.round = corners(&space, &mut search.stream);
         }
         search.round.push(space.center());
-        search.round.extend((0..d.clamp(SOBOL.0, SOBOL.1)).map(|_| snapped_point(&mut search.sobol, &space)));
+        search.round.extend((0..SOBOL).map(|_| snapped_point(&mut search.sobol, &space)));
         Ok(search)
     }
 
@@ -174,32 +198,48 @@ impl Portfolio {
             }
         }
         let distance = batch.as_ref().map_or(0.0, |batch| batch.distance(self.surrogate.level()));
-        self.sources = self.credits.divide(self.options.round_size, &self.shares(distance));
-        for slot in 0..self.sources.len() {
-            let range = match self.sources[slot] {
-                Source::Global => Some(0..n_global),
-                Source::Local => Some(n_global..candidates.len()),
-                Source::Exploration | Source::Polish => None,
+        for source in self.credits.divide(self.round_size(), &self.shares(distance)) {
+            let range = match source {
+                Source::Global => 0..n_global,
+                Source::Local => n_global..candidates.len(),
+                _ => 0..0,
             };
-            let chosen =
-                range.zip(batch.as_mut()).and_then(|(range, batch)| batch.choose(range, self.options.kappa));
-            let point = match chosen {
+            let chosen = batch.as_mut().and_then(|batch| batch.choose(range, self.options.kappa));
+            let proposed = match chosen {
                 Some(i) => Some(candidates.point(i).to_vec()),
-                None if self.sources[slot] == Source::Polish => self.polished(),
-                None => None,
+                None => self.without_model(source),
             };
-            let point = point.unwrap_or_else(|| {
-                // Also without a model, and if all candidates in a discrete space are evaluated.
-                self.sources[slot] = Source::Exploration;
-                new_point(&mut self.sobol, self.surrogate.space(), &self.history)
-            });
+            // Also without a model, and if all candidates in a discrete space are evaluated.
+            let (source, point) = proposed.map_or_else(
+                || (Source::Sobol, new_point(&mut self.sobol, self.surrogate.space(), &self.history)),
+                |point| (source, point),
+            );
+            self.sources.push(source);
             self.round.push(point);
         }
     }
 
+    fn round_size(&self) -> usize {
+        let n = self.history.n_dropped() + self.history.len();
+        self.options.round_size.unwrap_or((n / EVALUATIONS_PER_POINT).clamp(1, MAX_ROUND))
+    }
+
+    /// Returns a point of a source that needs no model. `None` if it leads to an evaluated point, or for other sources.
+    fn without_model(&mut self, source: Source) -> Option<Vec<f64>> {
+        let best = &self.history.points()[self.history.by_value()[0]];
+        let space = self.surrogate.space();
+        let point = match source {
+            Source::Corner => self.corners.next(space, &self.history)?,
+            Source::Coordinate => changed_coordinate(best, space, &mut self.stream),
+            Source::Polish => self.polish.propose(best, space, &mut self.stream),
+            Source::Sobol | Source::Global | Source::Local => return None,
+        };
+        Some(point).filter(|point| !self.history.contains(point))
+    }
+
     /// Returns candidates of the whole box, followed by those of the trust region, and the number of the former.
     fn candidates(&mut self, region: &Region) -> (Candidates, usize) {
-        let n = (CANDIDATES.0 + CANDIDATES.1 * self.options.round_size).min(MAX_CANDIDATES);
+        let n = (CANDIDATES.0 + CANDIDATES.1 * self.round_size()).min(MAX_CANDIDATES);
         let mut candidates = self.generator.global(&self.history, n, self.options.faces);
         let n_global = candidates.len();
         if self.options.trust_region {
@@ -208,23 +248,26 @@ impl Portfolio {
         (candidates, n_global)
     }
 
-    /// Returns a random step from the best point; `None` if it leads to an evaluated point.
-    fn polished(&mut self) -> Option<Vec<f64>> {
-        let best = &self.history.points()[self.history.by_value()[0]];
-        let point = self.polish.propose(best, self.surrogate.space(), &mut self.stream);
-        Some(point).filter(|point| !self.history.contains(point))
-    }
-
-    fn shares(&self, distance: f64) -> [f64; 4] {
-        let explored = if self.options.exploration {
-            exploration(self.surrogate.rank_correlation(), self.history.len(), distance)
-        } else {
-            0.0
+    /// Returns the shares of the sources, given the distance of the most promising candidate from a violation.
+    fn shares(&self, distance: f64) -> [f64; 6] {
+        let evidence = Evidence {
+            rank_correlation: self.surrogate.rank_correlation(),
+            distance,
+            n: self.history.len(),
+            since_improvement: self.since_improvement,
+            dimension: self.surrogate.space().dimension(),
         };
-        let polish = if self.options.polish { POLISH } else { 0.0 };
+        let free = if self.options.exploration { exploration(evidence) } else { EXPLORATION.0 };
         let local = if self.options.trust_region { LOCAL } else { 0.0 };
-        let rest = 1.0 - explored;
-        [explored, rest * (1.0 - polish) * (1.0 - local), rest * (1.0 - polish) * local, rest * polish]
+        let [coordinate, polish] = steps::shares(self.step_rates);
+        let coordinate = if self.options.single_coordinates { coordinate } else { 0.0 };
+        let polish = if self.options.polish { polish } else { 0.0 };
+        let covering = 1.0 - coordinate - polish;
+        let corner = if self.options.corners && !self.corners.is_empty() { CORNERS * covering } else { 0.0 };
+        let sobol = covering - corner;
+        let [sobol, corner, coordinate, polish] =
+            [sobol, corner, coordinate, polish].map(|share| free * share);
+        [sobol, corner, coordinate, polish, (1.0 - free) * (1.0 - local), (1.0 - free) * local]
     }
 
     /// Returns the index of the best point that is not near a collapsed trust region; of the best point if all are near one.
@@ -238,14 +281,30 @@ impl Portfolio {
         order.iter().copied().find(|&i| !is_near(i)).unwrap_or(order[0])
     }
 
-    /// Adapts the polish and the trust region to the values of a round.
+    /// Adapts shares, steps and trust region to the values of a round.
     fn adapt(&mut self, values: &[f64]) {
-        let best = self.history.values()[self.history.by_value()[0]];
-        let of =
-            |source| self.sources.iter().zip(values).filter(move |(s, _)| **s == source).map(|(_, v)| *v);
-        of(Source::Polish).for_each(|value| self.polish.receive(value < best));
-        if let Some(lowest) = of(Source::Local).min_by(f64::total_cmp) {
-            self.region.receive(lowest);
+        let mut best = self.history.values()[self.history.by_value()[0]];
+        let (mut lowest, mut n_local) = (f64::INFINITY, 0);
+        for (source, &value) in mem::take(&mut self.sources).into_iter().zip(values) {
+            let is_success = value < best - IMPROVEMENT * best.abs();
+            best = best.min(value);
+            self.since_improvement = if is_success { 0 } else { self.since_improvement + 1 };
+            match source {
+                Source::Sobol | Source::Corner if is_success => {
+                    self.step_rates = [SuccessRate::default(); 2];
+                    self.polish = Polish::new();
+                }
+                Source::Coordinate => self.step_rates[0].receive(is_success),
+                Source::Polish => {
+                    self.step_rates[1].receive(is_success);
+                    self.polish.receive(is_success);
+                }
+                Source::Local => (lowest, n_local) = (value.min(lowest), n_local + 1),
+                Source::Sobol | Source::Corner | Source::Global => (),
+            }
+        }
+        if n_local > 0 {
+            self.region.receive(lowest, n_local);
         }
         if self.region.has_collapsed() {
             let center = self.center();
@@ -253,14 +312,9 @@ impl Portfolio {
             if self.exhausted.len() > MAX_EXHAUSTED {
                 self.exhausted.pop_front();
             }
-            self.region = new_region(self.surrogate.space().dimension(), &self.options);
+            self.region = TrustRegion::new(self.surrogate.space().dimension());
         }
     }
-}
-
-/// Returns a trust region that expects its share of each round.
-fn new_region(dimension: usize, options: &PortfolioOptions) -> TrustRegion {
-    TrustRegion::new(dimension, (LOCAL * options.round_size as f64).ceil() as usize)
 }
 
 fn distance(a: &[f64], b: &[f64]) -> f64 {
@@ -280,6 +334,9 @@ impl RoundBased for Portfolio {
         let round = mem::take(&mut self.round);
         if self.history.len() > 0 {
             self.adapt(values);
+        } else {
+            let best = (0..values.len()).min_by(|&i, &j| values[i].total_cmp(&values[j])).unwrap_or_default();
+            self.since_improvement = values.len() - 1 - best;
         }
         round.iter().zip(values).for_each(|(point, value)| self.history.push(point, *value));
         let center = self.center();

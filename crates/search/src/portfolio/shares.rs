@@ -1,34 +1,40 @@
-//! How a round is divided among the parts of the portfolio.
+//! How the points are divided among the parts of the portfolio.
 
 /// A part of the portfolio that proposes points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Source {
     /// The next Sobol point.
-    Exploration,
+    Sobol,
+    /// The next corner that has not been evaluated.
+    Corner,
+    /// The best point with a new value of one coordinate.
+    Coordinate,
+    /// A random step from the best point.
+    Polish,
     /// The model, in the whole box.
     Global,
     /// The model, in the trust region.
     Local,
-    /// A random step from the best point.
-    Polish,
 }
 
-pub(super) const SOURCES: [Source; 4] = [Source::Exploration, Source::Global, Source::Local, Source::Polish];
+const SOURCES: [Source; 6] =
+    [Source::Sobol, Source::Corner, Source::Coordinate, Source::Polish, Source::Global, Source::Local];
 
 /// Divides points among the sources in proportion to shares that may change from round to round.
 ///
 /// Each source earns its share of every point, and the source with the largest credit proposes the point. So rounds of one
 /// point have the same proportions as large rounds, without random numbers.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Credits([f64; 4]);
+pub(super) struct Credits([f64; 6]);
 
 impl Credits {
-    /// Returns the sources of the next `n` points. Shares sum to 1, in the order of [`SOURCES`].
-    pub(super) fn divide(&mut self, n: usize, shares: &[f64; 4]) -> Vec<Source> {
+    /// Returns the sources of the next `n` points. Shares sum to 1, in the order of [`Source`].
+    pub(super) fn divide(&mut self, n: usize, shares: &[f64; 6]) -> Vec<Source> {
         let next = |_| {
             self.0.iter_mut().zip(shares).for_each(|(credit, share)| *credit += share);
-            // Of equal credits the last source, a model, comes first.
-            let richest = (0..4).max_by(|&i, &j| self.0[i].total_cmp(&self.0[j])).unwrap_or_default();
+            // Of equal credits the last source, a model, comes first. A source without a share keeps its credit.
+            let open = (0..6).filter(|&i| shares[i] > 0.0);
+            let richest = open.max_by(|&i, &j| self.0[i].total_cmp(&self.0[j])).unwrap_or_default();
             self.0[richest] -= 1.0;
             SOURCES[richest]
         };
@@ -36,26 +42,43 @@ impl Credits {
     }
 }
 
-/// The least and the largest share of exploration.
-const EXPLORATION: (f64, f64) = (0.1, 0.95);
+/// The least and the largest share of points without the model.
+pub(super) const EXPLORATION: (f64, f64) = (0.1, 0.95);
 /// The increase of the rank correlation, beyond what chance explains, at which the model counts as useful.
 const USEFUL: f64 = 0.3;
 /// Distances of the most promising candidate from a violation, in standard deviations, at which the model counts as
 /// undecided and as certain that no point violates the requirement.
 const DISTANCES: (f64, f64) = (2.5, 5.0);
+/// The number of evaluations without an improvement after which a model that is certain loses its share: a constant, and more
+/// per coordinate.
+const PATIENCE: (f64, f64) = (4.0, 2.0);
 
-/// Returns the share of exploration, given the leave-one-out rank correlation of `n` evaluations and the distance of the
-/// most promising candidate from a violation in standard deviations.
+/// What decides about the share of the model.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Evidence {
+    /// The leave-one-out rank correlation of the model.
+    pub rank_correlation: f64,
+    /// The distance of the most promising candidate from a violation in standard deviations.
+    pub distance: f64,
+    /// The number of evaluations, and how many of them came after the last improvement.
+    pub n: usize,
+    pub since_improvement: usize,
+    pub dimension: usize,
+}
+
+/// Returns the share of points without the model.
 ///
 /// A model is of no use in two cases. If it has learned nothing, its leave-one-out predictions do not correlate with the
 /// values; without a relation, the standard deviation of the correlation is about 1 / √n. If it is certain that no point
-/// violates the requirement, it can only confirm itself; a violation, if there is one, is where the model is wrong. In both
-/// cases nearly all points are Sobol points, which find a small region about as fast as random ones.
-pub(super) fn exploration(rank_correlation: f64, n: usize, distance: f64) -> f64 {
-    let chance = (n.max(1) as f64).sqrt().recip();
-    let useful = ((rank_correlation - chance) / USEFUL).clamp(0.0, 1.0);
-    let certain = ((distance - DISTANCES.0) / (DISTANCES.1 - DISTANCES.0)).clamp(0.0, 1.0);
-    EXPLORATION.0 + (EXPLORATION.1 - EXPLORATION.0) * (1.0 - useful).max(certain)
+/// violates the requirement, and it no longer finds lower values, it can only confirm itself; a violation, if there is one, is
+/// where the model is wrong. In both cases nearly all points come from the other sources.
+pub(super) fn exploration(evidence: Evidence) -> f64 {
+    let chance = (evidence.n.max(1) as f64).sqrt().recip();
+    let useful = ((evidence.rank_correlation - chance) / USEFUL).clamp(0.0, 1.0);
+    let certain = ((evidence.distance - DISTANCES.0) / (DISTANCES.1 - DISTANCES.0)).clamp(0.0, 1.0);
+    let patience = PATIENCE.0 + PATIENCE.1 * evidence.dimension as f64;
+    let stalled = (evidence.since_improvement as f64 / patience).min(1.0);
+    EXPLORATION.0 + (EXPLORATION.1 - EXPLORATION.0) * (1.0 - useful).max(certain * stalled)
 }
 
 #[cfg(test)]
@@ -64,23 +87,28 @@ mod tests {
 
     #[test]
     fn credits_follow_the_shares_for_any_round_size() {
+        let shares = [0.5, 0.0, 0.125, 0.125, 0.125, 0.125];
         for n in [1, 3, 16] {
-            let (mut credits, mut counts) = (Credits::default(), [0; 4]);
+            let (mut credits, mut counts) = (Credits::default(), [0; 6]);
             for _ in 0..960 / n {
-                for source in credits.divide(n, &[0.5, 0.25, 0.125, 0.125]) {
-                    counts[SOURCES.iter().position(|s| *s == source).expect("listed")] += 1;
-                }
+                credits.divide(n, &shares).iter().for_each(|source| counts[*source as usize] += 1);
             }
-            assert_eq!(counts, [480, 240, 120, 120], "rounds of {n}");
+            assert_eq!(counts, [480, 0, 120, 120, 120, 120], "rounds of {n}");
         }
     }
 
+    /// In 3 dimensions the patience is 10 evaluations; with n = 100 chance explains a correlation of 0.1.
     #[test]
     fn exploration_rises_when_the_model_is_useless_or_certain() {
-        assert_eq!(exploration(0.9, 100, 1.0), 0.1);
-        assert_eq!(exploration(0.1, 100, 1.0), 0.95);
-        assert_eq!(exploration(0.9, 100, 8.0), 0.95);
-        assert!((exploration(0.25, 100, 1.0) - 0.525).abs() < 1e-12);
-        assert!((exploration(0.9, 100, 3.75) - 0.525).abs() < 1e-12);
+        let share = |rank_correlation, distance, since_improvement| {
+            exploration(Evidence { rank_correlation, distance, n: 100, since_improvement, dimension: 3 })
+        };
+        assert_eq!(share(0.9, 1.0, 50), 0.1);
+        assert_eq!(share(0.1, 1.0, 0), 0.95);
+        assert_eq!(share(0.9, 8.0, 10), 0.95);
+        assert_eq!(share(0.9, 8.0, 0), 0.1, "a certain model that still finds lower values keeps its share");
+        assert!((share(0.25, 1.0, 0) - 0.525).abs() < 1e-12);
+        assert!((share(0.9, 3.75, 10) - 0.525).abs() < 1e-12);
+        assert!((share(0.9, 8.0, 5) - 0.525).abs() < 1e-12);
     }
 }
