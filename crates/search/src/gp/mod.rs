@@ -17,7 +17,7 @@
 
 pub(crate) mod acquisition;
 pub(crate) mod candidates;
-mod elementary;
+pub(crate) mod elementary;
 mod fit;
 pub(crate) mod history;
 mod kernel;

@@ -101,7 +101,7 @@ options! {
 /// | Sobol | next Sobol point | the rest of e |
 ///
 /// - The share e = 0.1 to 0.95 rises when the model is of no use: its leave-one-out predictions do not correlate with the
-///   values, or it is certain that no point violates the requirement and finds no lower values either.
+///   values, or it finds no lower values and believes in a violation less than the number of points without one suggests.
 /// - The shares s and s' follow the rates at which these steps find a new lowest value. They are at most 0.9 in total. When
 ///   a Sobol point or corner finds one, they start again, because the values around it are unknown.
 ///

@@ -5,7 +5,7 @@ use mishandle_random::Sequence;
 use crate::gp::space::TypedSpace;
 
 /// Pseudo-counts of successes and trials.
-const PRIOR: (f64, f64) = (1.0, 4.0);
+const PRIOR: (f64, f64) = (0.5, 2.0);
 /// Counts are halved at this number of trials, so that old results fade.
 const MEMORY: f64 = 32.0;
 /// The share of a kind of step is this multiple of its rate of success: below a rate of 1/2, two kinds leave room.
@@ -60,26 +60,27 @@ pub(super) fn changed_coordinate(best: &[f64], space: &TypedSpace, stream: &mut 
 mod tests {
     use super::*;
 
-    /// Without trials each rate is 1/4: twice that are 0.5 each, scaled to 0.9 in total. After 12 failures it is 1/16.
+    /// Without trials each rate is 1/4: twice that are 0.5 each, scaled to 0.9 in total. After 6 failures it is 0.5/8.
     #[test]
     fn shares_follow_success() {
         assert_eq!(shares([SuccessRate::default(); 2]), [0.45, 0.45]);
         let mut failed = SuccessRate::default();
-        (0..12).for_each(|_| failed.receive(false));
+        (0..6).for_each(|_| failed.receive(false));
         assert_eq!(shares([failed; 2]), [0.125, 0.125]);
         let mut successful = SuccessRate::default();
         (0..4).for_each(|i| successful.receive(i % 2 == 0));
-        // 2 · 3/8 beside 2 · 1/16.
-        assert_eq!(shares([successful, failed]), [0.75, 0.125]);
+        // 2 · 2.5/6 beside 2 · 1/16, scaled to 0.9.
+        let scale = 0.9 / (5.0 / 6.0 + 0.125);
+        assert!((shares([successful, failed])[0] - 5.0 / 6.0 * scale).abs() < 1e-15);
     }
 
-    /// After 32 failures a success has the weight of 1 of 17: (1 + 1) / (17 + 4).
+    /// After 32 failures a success has the weight of 1 of 17: (1 + 0.5) / (17 + 2).
     #[test]
     fn old_results_fade() {
         let mut rate = SuccessRate::default();
         (0..32).for_each(|_| rate.receive(false));
         rate.receive(true);
-        assert!((rate.rate() - 2.0 / 21.0).abs() < 1e-15);
+        assert!((rate.rate() - 1.5 / 19.0).abs() < 1e-15);
     }
 
     #[test]
