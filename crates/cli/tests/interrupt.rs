@@ -52,6 +52,7 @@ fn margin_keeps_the_witness_so_far() {
     let (out, said) = interrupted(&bench, &format!("{task} --formula ball_speed>=-1 --out none.json"));
     let found: Value = serde_json::from_str(&out).unwrap();
     assert_eq!((&found["witness"], bench.path("none.json").exists()), (&Value::Null, false));
+    assert_eq!((&found["levels"][0]["is_complete"], &found["no_violation_up_to"]), (&false.into(), &Value::Null));
     assert!(said.contains("the search is lost"), "{said}");
 }
 
