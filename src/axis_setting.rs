@@ -70,9 +70,15 @@ fn restricted(axis: &Axis, setting: &AxisSetting) -> Result<Axis, MishandleError
         AxisSetting::Value(value) => [*value; 2],
         AxisSetting::Range(range) => *range,
         AxisSetting::Category(name) => {
-            let names = match &axis.values {
-                AxisValues::Categorical(names) => &names[..],
-                _ => &[],
+            let AxisValues::Categorical(names) = &axis.values else {
+                let number = name.replace(',', ".");
+                let written = match number.parse::<f64>() {
+                    Ok(_) => format!(", written {number}"),
+                    Err(_) => String::new(),
+                };
+                let expected = values_text(axis) + &written;
+                let (axis, setting) = (axis.name.clone(), name.clone());
+                return Err(MishandleError::AxisSetting { axis, setting, expected });
             };
             let index = names.iter().position(|known| known == name);
             let index = index.ok_or_else(|| MishandleError::UnknownName {
@@ -88,8 +94,11 @@ fn restricted(axis: &Axis, setting: &AxisSetting) -> Result<Axis, MishandleError
     }
     let outside = [low, high].into_iter().find(|value| !axis.accepts(*value));
     if let Some(value) = outside {
-        let Axis { name, low, high, .. } = axis;
-        return Err(RolloutError::OutOfRange { axis: name.clone(), value, low: *low, high: *high }.into());
+        return Err(MishandleError::AxisSetting {
+            axis: axis.name.clone(),
+            setting: value.to_string(),
+            expected: values_text(axis),
+        });
     }
     let nominal = axis.nominal.map(|nominal| match axis.kind {
         AxisKind::Start if !(low..=high).contains(&nominal) => f64::midpoint(low, high),
@@ -106,6 +115,17 @@ fn restricted(axis: &Axis, setting: &AxisSetting) -> Result<Axis, MishandleError
     Ok(Axis { low, high, nominal, values, ..axis.clone() })
 }
 
+/// Describes the values that an axis may be set to.
+fn values_text(axis: &Axis) -> String {
+    let Axis { low, high, .. } = axis;
+    match (&axis.values, axis.kind) {
+        (AxisValues::Categorical(names), _) => format!("one of the categories {}", names.join(", ")),
+        (AxisValues::Integer, _) => format!("a whole number from {low} to {high}"),
+        (_, AxisKind::Start) => "a number".to_string(),
+        _ => format!("a number from {low} to {high}"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -119,6 +139,7 @@ mod tests {
             Axis::new(AxisKind::Model, "surface", "", [0.0, 1.0], Some(0.0))
                 .with_values(AxisValues::Categorical(surfaces.into())),
             Axis::new(AxisKind::Noise, "draw", "", [-4.0, 4.0], None),
+            Axis::new(AxisKind::Model, "gain", "", [0.0, 0.5], Some(0.0)),
         ]
     }
 
@@ -168,11 +189,17 @@ mod tests {
         let range = |low, high| AxisSetting::Range([low, high]);
         for (name, setting, part) in [
             ("delai", AxisSetting::Value(1.0), "delai"),
-            ("delay", AxisSetting::Value(4.0), "from 0 to 3"),
+            ("delay", AxisSetting::Value(4.0), "delay cannot be 4: expected a whole number from 0 to 3"),
             ("delay", range(0.5, 2.0), "delay"),
             ("x", range(0.5, 0.2), "from 0.5 to 0.2"),
             ("x", range(0.5, f64::NAN), "from 0.5 to NaN"),
-            ("x", AxisSetting::Category("ice".to_string()), "ice"),
+            ("gain", AxisSetting::Value(2.0), "gain cannot be 2: expected a number from 0 to 0.5"),
+            (
+                "x",
+                AxisSetting::Category("0,01".to_string()),
+                "x cannot be 0,01: expected a number, written 0.01",
+            ),
+            ("surface", range(0.0, 3.0), "surface cannot be 3: expected one of the categories wood, ice"),
             ("surface", AxisSetting::Category("sand".to_string()), "sand"),
             ("x", AxisSetting::Value(0.5), "without a fixed value"),
         ] {

@@ -64,6 +64,16 @@ pub enum MishandleError {
         /// Allowed values.
         expected: String,
     },
+    /// A plan sets an axis to a value that it cannot have.
+    #[error("the axis {axis} cannot be {setting}: expected {expected}")]
+    AxisSetting {
+        /// Name of the axis.
+        axis: String,
+        /// The value as written.
+        setting: String,
+        /// Allowed values.
+        expected: String,
+    },
     /// The plan has a newer format.
     #[error("the plan has format {found}, this program reads formats up to {known}: use a newer Mishandle")]
     NewerPlan {

@@ -1,17 +1,19 @@
 //! The smallest disturbance that makes a system violate its requirement.
 
+mod amplitude;
+#[cfg(test)]
+mod tests;
+
 use std::ops::ControlFlow;
 
 use mishandle_evaluation::RepeatReport;
 use mishandle_random::Sequence;
-use mishandle_rollout::{Axis, AxisKind, AxisValues, Episode, Request, Scenario, Seed, Space, System};
-use mishandle_search::{Coordinate, SearchOptions, by_name};
+use mishandle_rollout::{Axis, Episode, Request, Scenario, Seed, Space, System};
+use mishandle_search::{Coordinate, OptionValue, SearchOptions, by_name};
 
 use crate::falsify::coordinate;
 use crate::{MishandleError, Plan, ResolvedPlan, depends_on_seed, minimize, repeat, repeat_seeds};
-
-/// The bisection of the amplitude ends at an interval of this length.
-const RESOLUTION: f64 = 0.01;
+use amplitude::{all_scenarios, between, is_disturbed, is_time, norms, offsets, scaled, scenario_at};
 
 /// Largest number of amplitudes that a bisection down to the resolution tries.
 const LEVELS: u64 = 8;
@@ -67,9 +69,17 @@ pub struct Level {
     pub simulations: u64,
     /// Lowest robustness; `None` if no simulation has one.
     pub robustness: Option<f64>,
+    /// Whether the search came to its end: a violation, or its share of the budget. Otherwise it was interrupted.
+    pub is_complete: bool,
+    /// Whether the simulations are those of all scenarios up to the amplitude, which is possible if all axes are discrete.
+    pub is_exhaustive: bool,
 }
 
 impl Level {
+    fn new(amplitude: f64) -> Level {
+        Level { amplitude, simulations: 0, robustness: None, is_complete: false, is_exhaustive: false }
+    }
+
     /// Returns whether a simulation violates the requirement.
     pub fn is_violated(&self) -> bool {
         self.robustness.is_some_and(|rho| rho < 0.0)
@@ -91,12 +101,15 @@ impl Margin {
         self.levels.iter().any(|level| level.robustness.is_some())
     }
 
-    /// Returns the largest amplitude below that of the witness at which no simulation violates the requirement. The number of
-    /// its simulations is evidence, not a proof, that smaller disturbances are harmless.
+    /// Returns the largest amplitude below that of the witness at which a finished search found no violation. The number of its
+    /// simulations is evidence, not a proof, that smaller disturbances are harmless.
     pub fn largest_without_violation(&self) -> Option<Level> {
         let amplitude = |level: &Level| level.amplitude;
         let below = self.witness.as_ref().map_or(f64::INFINITY, |witness| witness.norms.largest);
-        let passed = self.levels.iter().filter(|level| !level.is_violated() && level.amplitude < below);
+        let has_passed = |level: &&Level| {
+            level.is_complete && level.robustness.is_some_and(|rho| rho >= 0.0) && level.amplitude < below
+        };
+        let passed = self.levels.iter().filter(has_passed);
         passed.copied().max_by(|a, b| amplitude(a).total_cmp(&amplitude(b)))
     }
 }
@@ -108,8 +121,12 @@ impl Margin {
 /// draws keep their random streams. All simulations have the same seed.
 ///
 /// The amplitude is bisected, beginning with 1. At each amplitude, the last witness is scaled down, then random vectors of signs are
-/// tried from random corners of the box of initial states, and then CMA-ES searches jointly with the initial state. Last,
-/// [`minimize`] removes as many axes as possible from the witness. Half of `budget` is for that.
+/// tried from random corners of the box of initial states, and then CMA-ES searches jointly with the initial state. If all axes are
+/// discrete and the scenarios are few, all of them are tried instead, and only amplitudes with other scenarios. Last, [`minimize`]
+/// removes as many axes as possible from the witness.
+///
+/// A sixteenth of `budget` is for each of eight amplitudes, half of it for the last part. If there is no violation at amplitude 1, the
+/// rest of the budget is spent there. If there is one later, the next amplitudes share half of what is left.
 ///
 /// `watch` gets the number of simulations after each batch. It can end the search: the witness is then the one so far.
 ///
@@ -123,57 +140,37 @@ pub fn margin(
 ) -> Result<Margin, MishandleError> {
     let space = system.space().clone();
     check_margin(budget, &space)?;
-    let per_level = (budget / 2 / LEVELS).max(1);
     let mut attempt = Attempt {
         system,
         space,
         seed,
         random: Sequence::new(seed.0, 0),
+        budget,
         simulations: 0,
         watch: &mut watch,
         is_interrupted: false,
     };
-    let mut levels = Vec::new();
-    let mut witness: Option<Episode> = None;
-    let (mut passes, mut fails) = (0.0, 1.0);
-    let mut amplitude = 1.0;
-    while levels.len() < LEVELS as usize {
-        let (level, found) = attempt.try_amplitude(amplitude, witness.as_ref(), per_level)?;
-        levels.push(level);
-        match found {
-            Some(episode) => {
-                fails = attempt.norms(&episode.request.scenario).largest;
-                witness = Some(episode);
-            }
-            None if witness.is_none() => break,
-            None => passes = amplitude,
-        }
-        if fails - passes <= RESOLUTION || attempt.is_interrupted {
-            break;
-        }
-        amplitude = f64::midpoint(passes, fails);
-    }
-    let Some(found) = witness else {
-        let (simulations, is_complete) = (attempt.simulations, !attempt.is_interrupted);
-        return Ok(Margin { witness: None, levels, simulations, is_complete });
-    };
+    let (levels, witness) = attempt.bisect()?;
     let Attempt { system, space, simulations, watch, mut is_interrupted, .. } = attempt;
-    if is_interrupted {
-        let witness = Some(Witness::new(&space, found));
-        return Ok(Margin { witness, levels, simulations, is_complete: false });
-    }
-    let rest = budget.saturating_sub(simulations).max(1);
-    let minimized = minimize(system, &found.request, rest, |done| {
-        let flow = watch(simulations + done);
-        is_interrupted |= flow.is_break();
-        flow
-    })?;
-    Ok(Margin {
-        witness: Some(Witness::new(&space, minimized.episode)),
+    let ended = |witness: Option<Episode>, simulations, is_interrupted: bool| Margin {
+        witness: witness.map(|found| Witness::new(&space, found)),
         levels,
-        simulations: simulations + minimized.simulations,
+        simulations,
         is_complete: !is_interrupted,
-    })
+    };
+    let rest = budget.saturating_sub(simulations);
+    match witness {
+        // The first simulation of a minimization repeats the witness.
+        Some(found) if rest > 1 && !is_interrupted => {
+            let minimized = minimize(system, &found.request, rest, |done| {
+                let flow = watch(simulations + done);
+                is_interrupted |= flow.is_break();
+                flow
+            })?;
+            Ok(ended(Some(minimized.episode), simulations + minimized.simulations, is_interrupted))
+        }
+        witness => Ok(ended(witness, simulations, is_interrupted)),
+    }
 }
 
 /// Checks the budget of a [`margin`] and that its space has a disturbed axis.
@@ -216,108 +213,137 @@ impl Witness {
     }
 }
 
-/// Returns whether the amplitude limits an axis.
-fn is_disturbed(axis: &Axis) -> bool {
-    let is_ordered = !matches!(axis.values, AxisValues::Categorical(_));
-    !varies_freely(axis) && axis.nominal.is_some() && !axis.is_fixed() && is_ordered
-}
-
-/// Returns whether an axis varies in its whole range at any amplitude: the initial state, and times of events, since an event disturbs
-/// by its magnitude.
-fn varies_freely(axis: &Axis) -> bool {
-    axis.kind == AxisKind::Start || is_time(axis)
-}
-
-fn is_time(axis: &Axis) -> bool {
-    axis.kind == AxisKind::Event && axis.unit == "s"
-}
-
-/// Returns the offsets of the disturbed axes, each from 0 to 1.
-fn offsets<'a>(space: &'a Space, scenario: &'a Scenario) -> impl Iterator<Item = f64> + 'a {
-    let pairs = space.axes().iter().zip(scenario.values()).filter(|(axis, _)| is_disturbed(axis));
-    pairs.filter_map(|(axis, value)| {
-        let (nominal, value) = (axis.unit_coordinate(axis.nominal?), axis.unit_coordinate((*value)?));
-        let room = if value < nominal { nominal - lowest(axis) } else { 1.0 - lowest(axis) - nominal };
-        Some(if value == nominal { 0.0 } else { (value - nominal).abs() / room })
-    })
-}
-
-/// Returns the unit coordinate of the lower bound: half a level for a discrete axis. The upper bound is at 1 minus that.
-fn lowest(axis: &Axis) -> f64 {
-    axis.unit_coordinate(axis.low)
-}
-
-fn norms(space: &Space, scenario: &Scenario) -> Norms {
-    offsets(space, scenario).fold(Norms::default(), |norms, offset| Norms {
-        largest: norms.largest.max(offset),
-        euclidean: norms.euclidean.hypot(offset),
-        sum: norms.sum + offset,
-    })
-}
-
 /// Simulations at one amplitude after the other.
 struct Attempt<'a> {
     system: &'a mut dyn System,
     space: Space,
     seed: Seed,
     random: Sequence,
+    budget: u64,
     simulations: u64,
     watch: &'a mut dyn FnMut(u64) -> ControlFlow<()>,
     is_interrupted: bool,
 }
 
 impl Attempt<'_> {
-    fn norms(&self, scenario: &Scenario) -> Norms {
-        norms(&self.space, scenario)
-    }
-
-    /// Searches for a violation with disturbances up to `amplitude`. Ends at the first batch with one.
-    fn try_amplitude(
-        &mut self,
-        amplitude: f64,
-        witness: Option<&Episode>,
-        budget: u64,
-    ) -> Result<(Level, Option<Episode>), MishandleError> {
-        let mut level = Level { amplitude, simulations: 0, robustness: None };
-        let mut first: Vec<Scenario> = Vec::new();
-        if let Some(witness) = witness {
-            first.push(self.scaled(&witness.request.scenario, amplitude));
-        }
-        let signs = ((SIGNS * budget as f64) as u64).max(1);
-        first.extend((first.len() as u64..signs).map(|_| self.random_signs(amplitude)));
-        for batch in first.chunks(BATCH) {
-            let found = self.simulate(batch, &mut level)?;
-            if found.is_some() || self.is_interrupted {
-                return Ok((level, found));
+    /// Bisects the amplitude. Returns the amplitudes that were tried, and the violation at the smallest one.
+    fn bisect(&mut self) -> Result<(Vec<Level>, Option<Episode>), MishandleError> {
+        let share = (self.budget / 2 / LEVELS).max(1);
+        let (level, mut witness) = self.try_largest(share)?;
+        let mut levels = vec![level];
+        let (mut passes, mut fails) = (0.0, 1.0);
+        while let Some(found) = &witness {
+            if levels.last().is_some_and(Level::is_violated) {
+                fails = norms(&self.space, &found.request.scenario).largest;
+            }
+            let Some(amplitude) = between(&self.space, passes, fails) else { break };
+            let left = LEVELS - levels.len() as u64;
+            let share = share.min(self.budget.saturating_sub(self.simulations) / 2 / left.max(1));
+            if left == 0 || share == 0 || self.is_interrupted {
+                break;
+            }
+            let mut level = Level::new(amplitude);
+            let smaller = self.search(&mut level, Some(found), share)?;
+            level.is_complete = smaller.is_some() || level.is_exhaustive || level.simulations >= share;
+            levels.push(level);
+            match smaller {
+                Some(smaller) => witness = Some(smaller),
+                None => passes = amplitude,
             }
         }
+        Ok((levels, witness))
+    }
+
+    /// Searches at the largest amplitude until a violation or the end of the budget, in rounds: each has new starts and is twice as long
+    /// as the one before.
+    fn try_largest(&mut self, first: u64) -> Result<(Level, Option<Episode>), MishandleError> {
+        let mut level = Level::new(1.0);
+        let mut share = first;
+        loop {
+            let round = share.min(self.budget - self.simulations);
+            let found = self.search(&mut level, None, round)?;
+            level.is_complete = found.is_some() || level.is_exhaustive || self.simulations >= self.budget;
+            if level.is_complete || self.is_interrupted {
+                return Ok((level, found));
+            }
+            share *= 2;
+        }
+    }
+
+    /// Searches for a violation at the amplitude of `level` with `share` simulations. Ends at the first batch with one.
+    fn search(
+        &mut self,
+        level: &mut Level,
+        witness: Option<&Episode>,
+        share: u64,
+    ) -> Result<Option<Episode>, MishandleError> {
+        let before = level.simulations;
+        if let Some(all) = all_scenarios(&self.space, level.amplitude, share) {
+            let found = self.simulate(&all, level)?;
+            level.is_exhaustive = level.simulations - before == all.len() as u64;
+            return Ok(found);
+        }
+        let known = witness.map(|witness| scaled(&self.space, &witness.request.scenario, level.amplitude));
+        let mut scenarios: Vec<Scenario> = known.into_iter().collect();
+        let signs = ((SIGNS * share as f64) as u64).max(1);
+        scenarios.extend((scenarios.len() as u64..signs).map(|_| self.random_signs(level.amplitude)));
+        let found = self.simulate(&scenarios, level)?;
+        if found.is_some() || self.is_interrupted {
+            return Ok(found);
+        }
+        let is_first_round = before == 0;
+        let start = (!is_first_round).then(|| {
+            let random = self.space.axes().iter().map(|_| self.random.uniform());
+            random.collect()
+        });
+        self.evolve(level, before + share, start)
+    }
+
+    /// Searches by CMA-ES up to `end` simulations of the level, from `start` or else from the center of the cube.
+    fn evolve(
+        &mut self,
+        level: &mut Level,
+        end: u64,
+        start: Option<Vec<f64>>,
+    ) -> Result<Option<Episode>, MishandleError> {
         let coordinates: Vec<Coordinate> = self.space.axes().iter().map(coordinate).collect();
-        let seed = self.seed.child(self.simulations).0;
-        let mut search = by_name("cma-es", &coordinates, seed, &SearchOptions::default())?;
-        while level.simulations < budget && !self.is_interrupted {
-            let n = (budget - level.simulations).min(BATCH as u64) as usize;
-            let points = search.ask_batch(n);
+        let mut options = SearchOptions::default();
+        if let Some(start) = start {
+            options.set("start", OptionValue::Point(start));
+        }
+        let mut search = by_name("cma-es", &coordinates, self.seed.child(self.simulations).0, &options)?;
+        while level.simulations < end && !self.is_interrupted {
+            let points = search.ask_batch((end - level.simulations).min(BATCH as u64) as usize);
             if points.is_empty() {
                 break;
             }
-            let scenarios: Vec<Scenario> = points.iter().map(|u| self.scenario_at(u, amplitude)).collect();
-            let values = self.rollout(&scenarios, &mut level)?;
+            let scenarios: Vec<Scenario> =
+                points.iter().map(|u| scenario_at(&self.space, u, level.amplitude)).collect();
+            let values = self.rollout(&scenarios, level)?;
             for (u, episode) in points.iter().zip(&values) {
                 search.tell(u, &episode.robustness().unwrap_or(f64::INFINITY).into())?;
             }
-            if let Some(found) = violation(values) {
-                return Ok((level, Some(found)));
+            let found = violation(values);
+            if found.is_some() {
+                return Ok(found);
             }
         }
-        Ok((level, None))
+        Ok(None)
     }
 
+    /// Simulates in batches, up to the first one with a violation.
     fn simulate(
         &mut self,
         scenarios: &[Scenario],
         level: &mut Level,
     ) -> Result<Option<Episode>, MishandleError> {
-        Ok(violation(self.rollout(scenarios, level)?))
+        for batch in scenarios.chunks(BATCH) {
+            let found = violation(self.rollout(batch, level)?);
+            if found.is_some() || self.is_interrupted {
+                return Ok(found);
+            }
+        }
+        Ok(None)
     }
 
     fn rollout(&mut self, scenarios: &[Scenario], level: &mut Level) -> Result<Vec<Episode>, MishandleError> {
@@ -332,17 +358,6 @@ impl Attempt<'_> {
         Ok(episodes)
     }
 
-    /// Returns the scenario at a point of the unit cube: disturbed axes are scaled to the amplitude.
-    fn scenario_at(&self, u: &[f64], amplitude: f64) -> Scenario {
-        let value = |(axis, u): (&Axis, &f64)| match axis.nominal {
-            None => None,
-            Some(nominal) if is_disturbed(axis) => Some(at_amplitude(axis, nominal, *u, amplitude)),
-            Some(_) if varies_freely(axis) => Some(axis.at(*u)),
-            nominal => nominal,
-        };
-        Scenario::new(self.space.axes().iter().zip(u).map(value).collect())
-    }
-
     /// Returns a scenario with each disturbed axis at one of its ends, each initial state at a bound, and random times of events.
     fn random_signs(&mut self, amplitude: f64) -> Scenario {
         let random = &mut self.random;
@@ -351,37 +366,7 @@ impl Attempt<'_> {
             false => f64::from(u8::from(random.bits() & 1 == 1)),
         };
         let u: Vec<f64> = self.space.axes().iter().map(end).collect();
-        self.scenario_at(&u, amplitude)
-    }
-
-    /// Moves the disturbed axes of a scenario toward nominal, so that the largest offset is the amplitude.
-    fn scaled(&self, scenario: &Scenario, amplitude: f64) -> Scenario {
-        let factor = (amplitude / self.norms(scenario).largest).min(1.0);
-        let value = |(axis, value): (&Axis, &Option<f64>)| match (*value, axis.nominal) {
-            (Some(value), Some(nominal)) if is_disturbed(axis) && value != nominal => {
-                let (from, to) = (axis.unit_coordinate(nominal), axis.unit_coordinate(value));
-                Some(match axis.levels() {
-                    Some(_) => nominal + (factor * (value - nominal)).trunc(),
-                    None => axis.at(from + factor * (to - from)),
-                })
-            }
-            (value, _) => value,
-        };
-        Scenario::new(self.space.axes().iter().zip(scenario.values()).map(value).collect())
-    }
-}
-
-/// Returns the value of a disturbed axis at `u` of \[0, 1\]: nominal at 0.5, and the fraction `amplitude` of the way to the lower and
-/// the upper bound at 0 and 1.
-fn at_amplitude(axis: &Axis, nominal: f64, u: f64, amplitude: f64) -> f64 {
-    let (center, low) = (axis.unit_coordinate(nominal), lowest(axis));
-    let side = amplitude * (2.0 * u - 1.0);
-    let room = if side < 0.0 { center - low } else { 1.0 - low - center };
-    match axis.levels() {
-        _ if side == 0.0 || room == 0.0 => nominal,
-        // Rounded toward nominal, so that the offset is not larger than the amplitude.
-        Some(levels) => nominal + (levels as f64 * side * room).trunc(),
-        None => axis.at(center + side * room),
+        scenario_at(&self.space, &u, amplitude)
     }
 }
 
@@ -392,122 +377,4 @@ fn violation(episodes: Vec<Episode>) -> Option<Episode> {
         .into_iter()
         .min_by(|a, b| robustness(a).total_cmp(&robustness(b)))
         .filter(|episode| robustness(episode) < 0.0)
-}
-
-#[cfg(test)]
-mod tests {
-    use mishandle_toys::{FunctionSystem, SimulatedEnd};
-
-    use super::*;
-
-    const BUDGET: u64 = 4000;
-
-    fn inputs(n: usize) -> Vec<Axis> {
-        (0..n).map(|i| Axis::new(AxisKind::Input, &format!("x{i}"), "", [-1.0, 1.0], Some(0.0))).collect()
-    }
-
-    fn found(axes: Vec<Axis>, robustness: impl Fn(&[f64]) -> f64 + 'static) -> (Margin, u64) {
-        let space = Space::new("disturbance", axes).unwrap();
-        let outcome = move |request: &Request| {
-            let values: Vec<f64> = request.scenario.values().iter().map(|value| value.unwrap()).collect();
-            SimulatedEnd::Robustness(robustness(&values))
-        };
-        let mut system = FunctionSystem::new(space, outcome);
-        let found = margin(&mut system, Seed(1), BUDGET, |_| ControlFlow::Continue(())).unwrap();
-        (found, system.simulations() as u64)
-    }
-
-    /// The smallest L∞ disturbance with w x >= c is c / |w|₁: 0.3 / (0.5 + 0.3 + 0.2).
-    #[test]
-    fn the_margin_of_a_half_space_is_that_of_a_hand_calculation() {
-        let (margin, simulations) = found(inputs(3), |x| 0.3 - (0.5 * x[0] - 0.3 * x[1] + 0.2 * x[2]));
-        let witness = margin.witness.as_ref().unwrap();
-        let norms = witness.norms;
-        assert!((0.3..0.312).contains(&norms.largest), "{norms:?}");
-        assert!(witness.episode.robustness().unwrap() < 0.0 && witness.axes == 3);
-        assert!((norms.sum - 3.0 * norms.largest).abs() < 0.02 && norms.euclidean < norms.sum);
-        let passed = margin.largest_without_violation().unwrap();
-        assert!((0.28..0.3).contains(&passed.amplitude) && passed.simulations > 100, "{passed:?}");
-        assert_eq!(margin.simulations, simulations);
-        assert!(simulations <= BUDGET);
-    }
-
-    /// From the start 0 the disturbance 0.3 is enough, from the nominal start 0.5 it takes 0.8.
-    #[test]
-    fn the_initial_state_is_searched_with_the_disturbance() {
-        let axes = [vec![Axis::start("s", "m", 0.0, 1.0)], inputs(1)].concat();
-        let (margin, _) = found(axes, |x| 0.3 + x[0] - x[1]);
-        let largest = margin.witness.unwrap().norms.largest;
-        assert!((0.3..0.33).contains(&largest), "{largest}");
-    }
-
-    #[test]
-    fn axes_without_effect_are_not_in_the_witness() {
-        let (margin, _) = found(inputs(10), |x| 0.2 - x[4]);
-        let witness = margin.witness.unwrap();
-        assert_eq!(witness.axes, 1, "{:?}", witness.episode.request.scenario);
-        assert!((0.2..0.212).contains(&witness.norms.largest));
-    }
-
-    #[test]
-    fn integers_keep_their_steps_and_bounds_on_one_side_their_range() {
-        let delay = Axis::new(AxisKind::Model, "delay", "control steps", [0.0, 3.0], Some(0.0));
-        let (margin, _) = found(vec![delay.with_values(AxisValues::Integer)], |x| 1.5 - x[0]);
-        let witness = margin.witness.unwrap();
-        assert_eq!(witness.episode.request.scenario.get(0), Some(2.0));
-        assert!((witness.norms.largest - 2.0 / 3.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_requirement_that_is_never_violated_has_no_witness() {
-        let (margin, simulations) = found(inputs(2), |x| 3.0 - x[0] - x[1]);
-        assert!(margin.witness.is_none());
-        assert_eq!((margin.levels.len(), margin.levels[0].amplitude), (1, 1.0));
-        assert_eq!(
-            (margin.levels[0].simulations, margin.largest_without_violation().unwrap().amplitude),
-            (simulations, 1.0)
-        );
-        assert!(margin.levels[0].robustness.unwrap() < 1.1, "a corner was tried");
-    }
-
-    #[test]
-    fn a_space_of_initial_states_only_is_an_error() {
-        let mut system = FunctionSystem::new(
-            Space::new("starts", vec![Axis::start("x", "m", 0.0, 1.0)]).unwrap(),
-            |_: &Request| SimulatedEnd::Robustness(1.0),
-        );
-        let error = margin(&mut system, Seed(0), 10, |_| ControlFlow::Continue(())).unwrap_err().to_string();
-        assert!(error.contains("number of disturbed axes"), "{error}");
-    }
-
-    #[test]
-    fn the_time_of_an_event_is_no_disturbance() {
-        let event = |name: &str, unit: &str, high: f64| {
-            Axis::new(AxisKind::Event, name, unit, [0.0, high], Some(0.0))
-        };
-        // A push of 0.3 is enough, but only after 3 s.
-        let axes = vec![event("time", "s", 4.0), event("force", "N", 1.0)];
-        let (margin, _) = found(axes, |x| if x[0] > 3.0 { 0.3 - x[1] } else { 1.0 });
-        let witness = margin.witness.unwrap();
-        assert!(witness.norms.largest < 0.32 && witness.axes == 1, "{:?}", witness.norms);
-    }
-
-    #[test]
-    fn an_interruption_keeps_the_witness_so_far() {
-        let outcome = |request: &Request| SimulatedEnd::Robustness(0.3 - request.scenario.get(0).unwrap());
-        let system = || FunctionSystem::new(Space::new("disturbance", inputs(4)).unwrap(), outcome);
-        let all = margin(&mut system(), Seed(1), BUDGET, |_| ControlFlow::Continue(())).unwrap().simulations;
-        let mut largest = f64::INFINITY;
-        for stop in [1, all / 8, all / 2, 3 * all / 4] {
-            let mut system = system();
-            let watch = |done| if done >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-            let found = margin(&mut system, Seed(1), BUDGET, watch).unwrap();
-            assert!(!found.is_complete && found.simulations < stop + 2 * BATCH as u64, "{stop}");
-            assert_eq!(system.simulations() as u64, found.simulations);
-            let witness = found.witness.unwrap();
-            assert!(witness.episode.robustness() < Some(0.0) && witness.norms.largest <= largest);
-            largest = witness.norms.largest;
-        }
-        assert!(largest < 0.32, "{largest}");
-    }
 }

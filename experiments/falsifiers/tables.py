@@ -185,7 +185,7 @@ def best_bar(results: Results) -> Bar:
 
 
 def bars(results: Results) -> str:
-    third = ("1, no corner fails: at most a third of dual annealing", False, 1 / 3)
+    third = ("1, no corner fails: at most a third of SciPy's dual annealing", False, 1 / 3)
     twentieth = ("1, a corner fails: at most a twentieth", True, 1 / 20)
     found = [(name, ratio_bar(results, BOTH, corner, most)) for name, corner, most in (third, twentieth)]
     found += [
@@ -252,7 +252,7 @@ def overview(results: Results, batch: int, slow: bool) -> str:
 
 
 def comparison(results: Results) -> str:
-    """Returns a row for each system: our default search against random search, dual annealing and the best search."""
+    """Returns a row for each system: our default search against random search, SciPy's dual annealing and the best search."""
     rows = []
     for system in results.systems:
         if results.mean((OURS, 1), system.name) is None:
@@ -268,7 +268,7 @@ def comparison(results: Results) -> str:
         best = best_search(results, system.name, 1)
         cells.append("" if best is None else f"`{best[0][0]}` {results.values(best[0], system.name, best[1]).mean():.1f}")
         rows.append(cells)
-    head = ["system", "kind", "axes", "seeds", "portfolio", "random", "A12", "dual annealing", "A12", "best search"]
+    head = ["system", "kind", "axes", "seeds", "portfolio", "random", "A12", "SciPy's dual annealing", "A12", "best search"]
     return markdown(head, rows, 2)
 
 

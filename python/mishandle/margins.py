@@ -15,6 +15,7 @@ from mishandle.arguments import check_number
 from mishandle.axes import Axis
 from mishandle.campaign import PathLike, Progress, Repeats
 from mishandle.errors import MishandleError
+from mishandle.interruption import after_the_batch, deliver
 from mishandle.systems import Scenario
 from mishandle.targets import Formulas, Space, TargetOptions, make_target
 
@@ -28,6 +29,10 @@ class MarginLevel:
     simulations: int
     minimum_robustness: float | None
     is_violated: bool
+    is_complete: bool
+    """Whether the search at this amplitude was not interrupted."""
+    is_exhaustive: bool
+    """Whether all scenarios up to the amplitude were simulated."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,9 @@ class Witness:
     seed: int
     robustness: float
     repeats: Repeats | None
-    """Simulations with other seeds; ``None`` if the seed has no effect."""
+    """Simulations with other seeds; ``None`` if the seed has no effect, or after an interruption."""
+    fails_in_most_repeats: bool | None
+    """Whether more than half of the repeats fail. Otherwise the failure is the luck of its seed."""
     counterexample: str = field(repr=False)
     """Text of its counterexample file."""
 
@@ -58,9 +65,13 @@ class Margin:
     levels: list[MarginLevel]
     """The amplitudes in the order in which they were tried."""
     no_violation_up_to: float | None
-    """Largest amplitude below that of the witness at which no simulation violates the formula: evidence, not a proof."""
+    """Largest amplitude below that of the witness at which a finished search found no violation: evidence, not a proof."""
+    no_violation_simulations: int | None
+    """Number of simulations on which ``no_violation_up_to`` rests."""
     witness: Witness | None
     """``None`` if no simulation violates the formula."""
+    is_complete: bool
+    """Whether the search was not interrupted."""
     largest_difference: float = 0.0
     exceptions: list[str] = field(default_factory=list)
 
@@ -109,8 +120,8 @@ def margin(
     seed : int
         Seed of all simulations but the repeats.
     progress : callable, optional
-        Gets the numbers of finished and of all simulations after each batch. Its exceptions, and Ctrl-C, end the search; its
-        results are lost then.
+        Gets the numbers of finished and of all simulations after each batch. Its exceptions, and Ctrl-C, end the search after the
+        running batch. The exception has the result so far as its attribute ``result``.
 
     Returns
     -------
@@ -142,21 +153,24 @@ def margin(
         _native.check_margin([axis.to_native() for axis in space], budget=budget)
 
     made = make_target(system, formula, space, target, check)
-    found = _native.margin(made.native, formula=made.formula, budget=budget, seed=seed, progress=progress)
+    with after_the_batch(progress) as report:
+        found = _native.margin(made.native, formula=made.formula, budget=budget, seed=seed, progress=report)
+    interruption = found.pop("interruption")
     levels = [MarginLevel(*level) for level in found.pop("levels")]
-    if all(level.minimum_robustness is None for level in levels):
+    if interruption is None and all(level.minimum_robustness is None for level in levels):
         raise untested(made.system.exceptions)
     witness = found.pop("witness")
     if witness is not None:
         repeats = witness.pop("repeats")
         witness = Witness(repeats=None if repeats is None else Repeats.of(repeats), **witness)
-    return Margin(
+    result = Margin(
         levels=levels,
         witness=witness,
         largest_difference=made.largest_difference,
         exceptions=made.system.exceptions,
         **found,
     )
+    return deliver(result, interruption)
 
 
 def untested(exceptions: list[str]) -> MishandleError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pathlib
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,6 +16,7 @@ from mishandle.axes import Axis
 from mishandle.campaign import PathLike, Progress, Remembering
 from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
 from mishandle.explanations import Estimate
+from mishandle.interruption import after_the_batch, deliver
 from mishandle.margins import untested, write_counterexample
 from mishandle.systems import Scenario
 from mishandle.targets import Formulas, Space, TargetOptions, make_target
@@ -134,6 +136,8 @@ class Risk(Remembering):
     splitting: Splitting | None
     failures: list[RiskFailure]
     """Up to three failures, those nearest to the center of the distribution first."""
+    is_complete: bool
+    """Whether the estimation was not interrupted; otherwise the answer is that of the finished parts."""
     largest_difference: float = 0.0
     exceptions: list[str] = field(default_factory=list)
 
@@ -194,8 +198,8 @@ def risk(
     seed : int
         Random seed, of which scenarios and seeds of simulations are derived.
     progress : callable, optional
-        Gets the numbers of finished and of all simulations after each batch. Its exceptions, and Ctrl-C, end the estimation; its
-        results are lost then.
+        Gets the numbers of finished and of all simulations after each batch. Its exceptions, and Ctrl-C, end the estimation after
+        the running batch. The exception has the result so far as its attribute ``result``.
 
     Returns
     -------
@@ -232,19 +236,23 @@ def risk(
         _native.check_risk(axes, simulations=simulations, method=method, batch=batch, distributions=distributions)
 
     made = make_target(system, formula, space, target, check)
-    found = _native.risk(
-        made.native,
-        formula=made.formula,
-        simulations=simulations,
-        method=method,
-        batch=batch,
-        distributions=distributions,
-        seed=seed,
-        progress=progress,
-    )
+    with after_the_batch(progress) as report:
+        found = _native.risk(
+            made.native,
+            formula=made.formula,
+            simulations=simulations,
+            method=method,
+            batch=batch,
+            distributions=distributions,
+            seed=seed,
+            progress=report,
+        )
+    for text in found.pop("warnings"):
+        warnings.warn(text, stacklevel=2)
+    interruption = found.pop("interruption")
     (number, failed, without_verdict), rate = found.pop("monte_carlo")
     monte_carlo = MonteCarlo(number, failed, without_verdict, Estimate(*rate))
-    if monte_carlo.without_verdict == monte_carlo.simulations:
+    if interruption is None and monte_carlo.without_verdict == monte_carlo.simulations:
         raise untested(made.system.exceptions)
     probability, failures = found.pop("probability"), found.pop("failures")
     result = Risk(
@@ -263,7 +271,7 @@ def risk(
     result._remember(made.native)
     # One number for each axis: a scenario by name leaves random draws out.
     result.__dict__["_values"] = [values for *_, values in failures]
-    return result
+    return deliver(result, interruption)
 
 
 def _importance(found: tuple[Any, ...] | None) -> Importance | None:

@@ -285,12 +285,26 @@ pub(crate) fn detached<T: Send>(
     target: &PyTarget,
     work: impl FnOnce() -> Result<T, Error> + Send,
 ) -> PyResult<T> {
+    match detached_until(py, target, work)? {
+        (_, Some(exception)) => Err(exception),
+        (done, None) => Ok(done),
+    }
+}
+
+/// Calls `work` without the interpreter lock. Returns its result also if an exception that Python raised meanwhile ended it early,
+/// with that exception.
+pub(crate) fn detached_until<T: Send>(
+    py: Python<'_>,
+    target: &PyTarget,
+    work: impl FnOnce() -> Result<T, Error> + Send,
+) -> PyResult<(T, Option<PyErr>)> {
     target.check_process()?;
     let done = py.detach(work);
     let pending = target.pending.lock().unwrap_or_else(PoisonError::into_inner).take();
-    match pending {
-        Some(exception) => Err(exception),
-        None => done.map_err(raised),
+    match (done, pending) {
+        (Ok(done), pending) => Ok((done, pending)),
+        (Err(_), Some(exception)) => Err(exception),
+        (Err(error), None) => Err(raised(error)),
     }
 }
 

@@ -2,11 +2,11 @@
 
 use mishandle::evaluation::RepeatReport;
 use mishandle::rollout::Seed;
-use mishandle::{Counterexample, FalsifyPlan, Level, Plan, ResolvedPlan};
+use mishandle::{Counterexample, FalsifyPlan, Level, Margin, Plan, ResolvedPlan};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::campaign::{detached, estimate, plan, report};
+use crate::campaign::{detached_until, estimate, plan, report};
 use crate::raised;
 use crate::target::{AxisTuple, PyTarget, scenario, space};
 
@@ -17,7 +17,8 @@ pub fn check_margin(axes: Vec<AxisTuple>, budget: u64) -> PyResult<()> {
     mishandle::check_margin(budget, &space(axes)?).map_err(raised)
 }
 
-/// Searches for the smallest disturbance that violates the requirement. Returns the outcome as a dictionary.
+/// Searches for the smallest disturbance that violates the requirement. Returns the outcome as a dictionary, with the exception that
+/// ended the search early.
 #[pyfunction]
 #[pyo3(signature = (target, *, formula, budget, seed, progress))]
 pub fn margin<'py>(
@@ -30,27 +31,39 @@ pub fn margin<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let falsify = FalsifyPlan { formula, ..FalsifyPlan::default() };
     let plan = Plan { falsify: Some(falsify), ..plan(target, seed) };
-    let (found, repeats, counterexample, formula) = detached(py, target, || {
+    let work = || {
         let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
         let mut system = resolved.system()?;
         let watch = |done| report(target, progress.as_ref(), done, budget);
         let found = mishandle::margin(&mut *system, Seed(seed), budget, watch)?;
-        // An interruption is raised as an exception.
-        let witness = found.witness.as_ref().filter(|_| found.is_complete);
-        let repeats = match witness {
-            Some(witness) => mishandle::witness_repeats(&resolved, witness, |_| report(target, None, 0, 0))?,
-            None => None,
+        let mut done = found.simulations;
+        let total = done + Margin::REPEATS;
+        let repeats = match &found.witness {
+            Some(witness) if found.is_complete => mishandle::witness_repeats(&resolved, witness, |_| {
+                done += 1;
+                report(target, progress.as_ref(), done, total)
+            })?,
+            _ => None,
         };
+        let counterexample = found.witness.as_ref().map(|witness| &witness.episode);
         let counterexample =
-            witness.map(|witness| Counterexample::from_episode(&resolved, &witness.episode)).transpose()?;
+            counterexample.map(|episode| Counterexample::from_episode(&resolved, episode)).transpose()?;
         Ok((found, repeats, counterexample, resolved.specification.requirement.to_string()))
-    })?;
+    };
+    let ((found, repeats, counterexample, formula), exception) = detached_until(py, target, work)?;
     let dict = PyDict::new(py);
+    dict.set_item("interruption", exception)?;
+    dict.set_item("is_complete", found.is_complete)?;
     dict.set_item("formula", formula)?;
     dict.set_item("simulations", found.simulations)?;
-    let level = |level: &Level| (level.amplitude, level.simulations, level.robustness, level.is_violated());
+    let level = |level: &Level| {
+        let Level { amplitude, simulations, robustness, is_complete, is_exhaustive } = *level;
+        (amplitude, simulations, robustness, level.is_violated(), is_complete, is_exhaustive)
+    };
     dict.set_item("levels", found.levels.iter().map(level).collect::<Vec<_>>())?;
-    dict.set_item("no_violation_up_to", found.largest_without_violation().map(|level| level.amplitude))?;
+    let passed = found.largest_without_violation();
+    dict.set_item("no_violation_up_to", passed.map(|level| level.amplitude))?;
+    dict.set_item("no_violation_simulations", passed.map(|level| level.simulations))?;
     let Some(witness) = &found.witness else {
         dict.set_item("witness", py.None())?;
         return Ok(dict);
@@ -64,6 +77,7 @@ pub fn margin<'py>(
     fields.set_item("scenario", scenario(py, &target.space, request.scenario.values())?)?;
     fields.set_item("seed", request.seed.0)?;
     fields.set_item("robustness", witness.episode.robustness())?;
+    fields.set_item("fails_in_most_repeats", repeats.as_ref().map(RepeatReport::fails_in_most))?;
     let repeats = repeats.map(|RepeatReport { simulations, failures, failure_rate, quantiles }| {
         (simulations, failures, estimate(&failure_rate), quantiles.map(Vec::from))
     });

@@ -8,7 +8,7 @@ use mishandle::{Counterexample, FalsifyPlan, MishandleError as Error, Plan, Reso
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
-use crate::campaign::{detached, estimate, plan, report};
+use crate::campaign::{detached, detached_until, estimate, plan, report};
 use crate::raised;
 use crate::target::{AxisTuple, PyTarget, scenario, space};
 
@@ -27,7 +27,7 @@ pub fn check_risk(
     mishandle::check_risk(&risk, &space(axes)?).map_err(raised)
 }
 
-/// Estimates the probability of a violation. Returns the outcome as a dictionary.
+/// Estimates the probability of a violation. Returns the outcome as a dictionary, with the exception that ended the estimation early.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
 #[pyo3(signature = (target, *, formula, simulations, method, batch, distributions, seed, progress))]
@@ -44,14 +44,18 @@ pub fn risk<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let risk = RiskPlan { formula, simulations, method, batch, distributions };
     let plan = Plan { risk: Some(risk), ..plan(target, seed) };
-    let (found, scenarios, formula) = detached(py, target, || {
+    let work = || {
         let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
         let scenarios = mishandle::risk_scenarios(&resolved)?;
         let watch = |done| report(target, progress.as_ref(), done, simulations);
         let found = mishandle::risk(&resolved, watch)?;
         Ok((found, scenarios, resolved.specification.requirement.to_string()))
-    })?;
+    };
+    let ((found, scenarios, formula), exception) = detached_until(py, target, work)?;
     let dict = PyDict::new(py);
+    dict.set_item("warnings", scenarios.warnings())?;
+    dict.set_item("interruption", exception)?;
+    dict.set_item("is_complete", found.is_complete)?;
     dict.set_item("formula", formula)?;
     let distribution = |(axis, marginal): (&Axis, &Marginal)| {
         let text = if axis.is_fixed() { "fixed".to_string() } else { marginal.to_string() };

@@ -8,6 +8,7 @@ import os
 import pathlib
 import pickle
 import random
+import signal
 import subprocess
 import tempfile
 import unittest
@@ -124,10 +125,27 @@ class Margins(unittest.TestCase):
         found = mishandle.margin(system, "always(y >= 0)", INPUTS[:1], budget=300)
         assert found.witness is not None and found.witness.repeats is not None
         self.assertEqual(found.witness.repeats.simulations, 100)
+        # Bisected to where seed 0 fails: y < 0 if a > 0.5 + noise. A draw below that of seed 0 fails, too.
+        noise = random.Random(0).uniform(-0.1, 0.1)
+        self.assertTrue(0.5 + noise <= found.witness.amplitude < 0.512 + noise, found.witness)
+        self.assertEqual(found.witness.fails_in_most_repeats, found.witness.repeats.failures > 50)
+
+    def test_a_failure_of_few_seeds_is_not_confirmed(self) -> None:
+        def system(scenario: dict[str, Any], seed: int) -> dict[str, list[float]]:
+            return {"y": [scenario["a"] if seed == 3 else 1.0] * 2}
+
+        found = mishandle.margin(system, "always(y >= 0)", INPUTS[:1], budget=300, seed=3)
+        assert found.witness is not None and found.witness.repeats is not None
+        self.assertEqual((found.witness.repeats.failures, found.witness.fails_in_most_repeats), (0, False))
+        always = lambda scenario, seed: {"y": [scenario["a"]] * 2}
+        found = mishandle.margin(always, "always(y >= 0)", INPUTS[:1], budget=300, seed=3)
+        assert found.witness is not None and found.witness.repeats is not None
+        self.assertEqual((found.witness.repeats.failures, found.witness.fails_in_most_repeats), (100, True))
 
     def test_a_safe_system_has_no_witness(self) -> None:
         found = mishandle.margin(half_space, "always(y >= -2)", INPUTS, budget=200)
         self.assertEqual((found.witness, found.no_violation_up_to, len(found.levels)), (None, 1.0, 1))
+        self.assertEqual((found.no_violation_simulations, found.simulations, found.is_complete), (200, 200, True))
         with self.assertRaisesRegex(mishandle.MishandleError, "no witness"):
             found.export("witness.json")
 
@@ -161,8 +179,50 @@ class Margins(unittest.TestCase):
             if done > 100:
                 raise KeyboardInterrupt
 
-        with self.assertRaises(KeyboardInterrupt):
+        with self.assertRaises(KeyboardInterrupt) as raised:
             mishandle.margin(half_space, "always(y >= 0)", INPUTS, progress=progress)
+        result: mishandle.Margin = raised.exception.result  # type: ignore[attr-defined]
+        self.assertTrue(100 < result.simulations < 100 + 2 * 64 and not result.is_complete)
+
+    def test_ctrl_c_ends_the_search_after_the_batch_and_keeps_the_witness_so_far(self) -> None:
+        # A shell starts background jobs with SIGINT ignored.
+        self.addCleanup(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler))
+        calls = 0
+
+        def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
+            nonlocal calls
+            calls += 1
+            # After the first violations, in the middle of a batch.
+            if calls == 400:
+                os.kill(os.getpid(), signal.SIGINT)
+            return half_space(scenario)
+
+        with self.assertRaises(KeyboardInterrupt) as raised:
+            mishandle.margin(system, "always(y >= 0)", INPUTS)
+        result: mishandle.Margin = raised.exception.result  # type: ignore[attr-defined]
+        # The probe for determinism also calls the system.
+        self.assertTrue(300 < result.simulations <= calls < 400 + 64, (result.simulations, calls))
+        self.assertFalse(result.is_complete)
+        assert result.witness is not None
+        self.assertLess(result.witness.robustness, 0)
+        self.assertIs(signal.getsignal(signal.SIGINT), signal.default_int_handler)
+        with tempfile.TemporaryDirectory() as folder:
+            self.assertTrue(result.export(os.path.join(folder, "witness.json")).exists())
+
+    def test_a_second_ctrl_c_interrupts_at_once(self) -> None:
+        self.addCleanup(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler))
+        calls = 0
+
+        def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
+            nonlocal calls
+            calls += 1
+            if calls in (400, 402):
+                os.kill(os.getpid(), signal.SIGINT)
+            return half_space(scenario)
+
+        with self.assertRaises(KeyboardInterrupt) as raised:
+            mishandle.margin(system, "always(y >= 0)", INPUTS)
+        self.assertEqual((calls, hasattr(raised.exception, "result")), (402, False))
 
     def test_exceptions_are_kept(self) -> None:
         def system(scenario: dict[str, Any]) -> dict[str, list[float]]:

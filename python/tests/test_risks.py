@@ -156,14 +156,21 @@ class Risks(unittest.TestCase):
         with self.assertRaisesRegex(mishandle.MishandleError, "no simulation has a verdict(.|\n)*only the nominal speed"):
             mishandle.risk(system, "always(gap >= 0)", SPEED, simulations=100)
 
+    def test_a_mean_outside_of_the_bounds_is_warned_of(self) -> None:
+        with self.assertWarnsRegex(UserWarning, "the mean of the distribution normal:12:3 of speed is outside of its bounds, 0 to 10"):
+            mishandle.risk(gap, "always(gap >= 2)", SPEED, distribution={"speed": "normal:12:3"}, simulations=100)
+
     def test_an_exception_of_the_progress_ends_the_estimation(self) -> None:
         def progress(done: int, total: int) -> None:
             raise KeyboardInterrupt
 
         for system, options in [(gap, {"space": SPEED}), ("toy/sphere-2d", {})]:
-            with self.assertRaises(KeyboardInterrupt):
+            with self.assertRaises(KeyboardInterrupt) as raised:
                 formula = None if isinstance(system, str) else "always(gap >= 2)"
                 mishandle.risk(system, formula, simulations=10**9, progress=progress, **options)  # type: ignore[arg-type]
+            result: mishandle.Risk = raised.exception.result  # type: ignore[attr-defined]
+            self.assertEqual((result.is_complete, result.simulations), (False, 64))
+            self.assertEqual(result.monte_carlo.simulations, 64)
 
 
 if __name__ == "__main__":

@@ -189,7 +189,8 @@ fn axis_range(text: &str) -> Result<(String, AxisSetting), String> {
         let (low, high) = range.split_once(':')?;
         Some((name.to_string(), AxisSetting::Range([low.parse().ok()?, high.parse().ok()?])))
     });
-    parsed.ok_or_else(|| "expected the name of an axis and two numbers, such as ball_x=0.2:0.3".to_string())
+    let expected = "expected the name of an axis and two numbers with decimal points, such as ball_x=0.2:0.3";
+    parsed.ok_or_else(|| expected.to_string())
 }
 
 /// Parses `NAME=VALUE`.
@@ -198,6 +199,12 @@ fn axis_value(text: &str) -> Result<(String, AxisSetting), String> {
         .split_once('=')
         .filter(|(_, value)| !value.is_empty())
         .ok_or("expected the name of an axis and a value, such as action_delay=2")?;
+    if let Some((low, high)) = value.split_once(':')
+        && low.parse::<f64>().is_ok()
+        && high.parse::<f64>().is_ok()
+    {
+        return Err(format!("expected one value, found a range; give --axis {name}={value}"));
+    }
     let setting = value.parse().map_or_else(|_| AxisSetting::Category(value.to_string()), AxisSetting::Value);
     Ok((name.to_string(), setting))
 }

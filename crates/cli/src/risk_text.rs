@@ -1,7 +1,7 @@
 //! Texts about a failure probability.
 
 use mishandle::evaluation::Estimate;
-use mishandle::risk::{Answer, FREQUENT, Failure, Importance, Report, Scenarios, Splitting};
+use mishandle::risk::{Answer, FREQUENT, Failure, Importance, Method, Refusal, Report, Scenarios, Splitting};
 use mishandle::rollout::Axis;
 use mishandle::{ResolvedPlan, decimal, plural, probability_text as probability};
 
@@ -12,17 +12,24 @@ const NAMED: usize = 3;
 
 /// Returns the answer, its parts and the failures.
 pub fn text(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> String {
+    let refusals: String = mishandle::risk_refusals(report)
+        .iter()
+        .map(|refusal| format!("no estimate: {refusal}\n\n"))
+        .collect();
+    // The chosen method was not run: the answer is that of another one.
+    let is_leading = resolved.plan.risk.as_ref().is_some_and(|risk| risk.method == Method::Splitting.name())
+        && matches!(report.answer.splitting_refusal, Some(Refusal::Budget { .. }));
+    let (before, after) = if is_leading { (refusals.as_str(), "") } else { ("", refusals.as_str()) };
     let mut text = format!(
-        "{}\nformula {}\n{}\n\n{}\n\n{}",
+        "{}\nformula {}\n{}\n\n{}{before}{}\n\n{}\n\n{after}",
         run::heading(resolved),
         escape::name(&resolved.specification.requirement.to_string()),
         distribution(scenarios),
+        if report.is_complete { "" } else { "interrupted: the answer is that of the simulations so far\n\n" },
         answer(report),
         output::table(&parts(report)),
     );
-    for refusal in mishandle::risk_refusals(report) {
-        text.push_str(&format!("\n\nno estimate: {refusal}"));
-    }
+    text.truncate(text.trim_end().len());
     let undecided = report.monte_carlo.without_verdict;
     if undecided > 0 {
         text.push_str(&format!(

@@ -68,7 +68,17 @@ fn impossible_settings_are_errors() {
         ("--axis speed=30:20", vec!["speed", "from 30 to 20"]),
         ("--set sped=20", vec!["no axis `sped`", "did you mean `speed`"]),
         ("--set speed=20 --axis speed=20:25", vec!["speed is set twice"]),
-        ("--set speed=fast", vec!["no category `fast`"]),
+        ("--set speed=fast", vec!["the axis speed cannot be fast: expected a number"]),
+        (
+            "--set brake_time=0,5",
+            vec!["brake_time cannot be 0,5: expected a number from 0 to 15, written 0.5"],
+        ),
+        ("--set brake_time=1:2", vec!["found a range; give --axis brake_time=1:2"]),
+        ("--axis brake_time=1:20", vec!["brake_time cannot be 20: expected a number from 0 to 15"]),
+        (
+            "--set reaction_delay=1.5",
+            vec!["reaction_delay cannot be 1.5: expected a whole number from 0 to 10"],
+        ),
     ] {
         bench.refuses(&format!("{CAR} {flags}"), &parts);
     }

@@ -54,8 +54,71 @@ fn the_witness_is_the_result_and_replays_to_the_same_bits() {
 fn a_safe_system_has_no_witness_and_impossible_requests_are_errors() {
     let bench = Bench::new();
     let said = bench.check(&format!("{CAR} --formula gap>=-1000"), 0);
-    assert!(said.contains("up to the largest disturbance of the space"), "{said}");
+    assert!(said.contains("no violation in 600 simulations, up to the largest disturbance"), "{said}");
+    let found = bench.json(&format!("{CAR} --formula gap>=-1000 --json"), 0);
+    let claim = ["no_violation_up_to", "no_violation_simulations", "simulations"];
+    assert_eq!(claim.map(|key| found[key].as_f64().unwrap()), [1.0, 600.0, 600.0]);
     bench.refuses("margin toy/car-following --space starts", &["number of disturbed axes is 0"]);
     bench.refuses("margin toy/sphere-2d", &["no space `disturbance`"]);
     bench.refuses(&format!("{CAR} --out witness.txt"), &["it must end with .json"]);
+}
+
+/// The delay has 10 steps from 0 to its bound. With k of them there are k + 1 scenarios.
+#[test]
+fn whole_numbers_are_bisected_by_steps_and_all_their_scenarios_are_simulated() {
+    let bench = Bench::new();
+    let delay = "margin toy/car-following --space dynamics --set braking_scale=1";
+    let found = bench.json(&format!("{delay} --json"), 0);
+    assert_eq!(found["simulations"], 11);
+    let said = bench.check(delay, 0);
+    assert!(said.contains("no violation in 11 simulations, which are all scenarios, up to"), "{said}");
+    // Worse with each step: the gap of a car that brakes hard.
+    let braking = "--set brake_time=1 --set brake_duration=5 --set brake_deceleration=8 --set speed=30";
+    let found = bench.json(&format!("{delay} {braking} --formula always(gap>=1) --json"), 1);
+    let mut steps = Vec::new();
+    for level in found["levels"].as_array().unwrap() {
+        let k = 10.0 * level["amplitude"].as_f64().unwrap();
+        assert!((k - k.round()).abs() < 1e-9 && level["is_complete"] == true, "{level}");
+        assert!(!steps.contains(&(k.round() as u64)), "{level}");
+        assert_eq!(
+            (level["simulations"].as_f64().unwrap(), &level["is_exhaustive"]),
+            (k.round() + 1.0, &true.into())
+        );
+        steps.push(k.round() as u64);
+    }
+}
+
+/// The gap is 37.5 m in the nominal scenario, in each seed.
+#[test]
+fn a_failure_without_a_disturbance_is_called_so() {
+    let bench = Bench::new();
+    let said = bench.check(&format!("{CAR} --formula gap>=60"), 1);
+    assert!(said.contains("the controller fails without a disturbance, after"), "{said}");
+    assert!(said.contains("witness: the nominal scenario, seed 0: robustness -22.5000"), "{said}");
+    assert!(said.contains("the witness fails in 100 of 100 repeats") && !said.contains("luck"), "{said}");
+    let found = bench.json(&format!("{CAR} --formula gap>=60 --json"), 1);
+    assert_eq!(
+        (&found["witness"]["axes"], &found["witness"]["fails_in_most_repeats"]),
+        (&0.into(), &true.into())
+    );
+}
+
+/// The error of the measured gap is the noise of the car: whether the car comes too near depends on the seed.
+#[test]
+fn a_witness_that_fails_with_few_other_seeds_is_called_luck() {
+    let bench = Bench::new();
+    let mut outcomes = Vec::new();
+    for seed in 0..6 {
+        let found = bench.json(&format!("{CAR} --seed {seed} --json"), 1);
+        let repeats = &found["witness"]["repeats"];
+        let is_most = 2 * repeats["failures"].as_u64().unwrap() > repeats["simulations"].as_u64().unwrap();
+        assert_eq!(found["witness"]["fails_in_most_repeats"], is_most);
+        let said = bench.check(&format!("{CAR} --seed {seed}"), 1);
+        let headline = said.lines().find(|line| line.starts_with("smallest disturbance")).unwrap();
+        assert_eq!(headline.contains(", but not with most other seeds, after"), !is_most, "{said}");
+        assert_eq!(said.contains("the luck of its seed"), !is_most, "{said}");
+        assert!(said.contains(&format!("fails in {} of 100 repeats", repeats["failures"])), "{said}");
+        outcomes.push(is_most);
+    }
+    assert!(outcomes.contains(&true) && outcomes.contains(&false), "{outcomes:?}");
 }

@@ -99,3 +99,35 @@ fn impossible_requests_are_errors() {
         bench.refuses(&format!("risk toy/sphere-2d {flags}"), parts);
     }
 }
+
+#[test]
+fn a_method_that_was_not_run_is_named_before_the_answer() {
+    let bench = Bench::new();
+    let said = bench.check("risk toy/sphere-2d --method splitting --simulations 2000", 1);
+    let place = |text: &str| said.find(text).unwrap_or_else(|| panic!("no `{text}`: {said}"));
+    assert!(
+        place("no estimate: multilevel splitting: it was not run") < place("probability of a violation"),
+        "{said}"
+    );
+    // With the default method, the other parts were to answer, too.
+    let said = bench.check("risk toy/hidden-corner --simulations 2000", 1);
+    let place = |text: &str| said.find(text).unwrap_or_else(|| panic!("no `{text}`: {said}"));
+    assert!(
+        place("no estimate: multilevel splitting: it was not run") > place("probability of a violation"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_normal_distribution_whose_mean_is_outside_of_the_bounds_is_warned_of() {
+    let bench = Bench::new();
+    let said = |distribution: &str| {
+        let arguments = format!("risk toy/sphere-2d --simulations 100 --distribution {distribution}");
+        bench::text(&bench.run(&arguments).stderr)
+    };
+    let warning = "warning: the mean of the distribution normal:1.5:1 of x is outside of its bounds, -1 to 1";
+    assert!(said("x=normal:1.5:1").contains(warning), "{}", said("x=normal:1.5:1"));
+    for inside in ["x=normal:1:0.5", "x=normal:0:3", "x=uniform"] {
+        assert!(!said(inside).contains("warning"), "{inside}");
+    }
+}

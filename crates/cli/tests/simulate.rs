@@ -121,3 +121,13 @@ fn huge_robustness_has_an_exponent_instead_of_300_digits() {
     let text = bench.check("simulate toy/sphere-2d --formula 'distance * 1e307 <= -1e307'", 1);
     assert!(text.contains("e307") && text.lines().all(|line| line.len() < 200), "{text}");
 }
+
+#[test]
+fn an_axis_of_another_space_is_said_to_be_there() {
+    let bench = Bench::new();
+    let simulate = "simulate ball-balancing --controller ppo --at";
+    let hint = "the axis noise_ball is not in the space starts but in sensing; give --space starts+sensing";
+    bench.refuses(&format!("{simulate} noise_ball=0.01"), &[hint]);
+    bench.refuses(&format!("{simulate} nois_ball=0.01"), &["no axis `nois_ball`"]);
+    bench.refuses(&format!("{simulate} ball_x=0,35"), &["--at mixes values", "decimal points"]);
+}

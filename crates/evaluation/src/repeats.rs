@@ -41,6 +41,18 @@ impl RepeatReport {
             quantiles,
         }
     }
+
+    /// Returns whether more than half of the simulations violate the requirement. One without a verdict counts as one that does not.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_evaluation::RepeatReport;
+    /// assert!(RepeatReport::new(&[Some(-1.0), Some(-1.0), Some(1.0)]).fails_in_most());
+    /// assert!(!RepeatReport::new(&[Some(-1.0), Some(-1.0), Some(1.0), None]).fails_in_most());
+    /// ```
+    pub fn fails_in_most(&self) -> bool {
+        2 * self.failures > self.simulations
+    }
 }
 
 /// Returns the quantile of sorted values. Two infinities of one sign are not interpolated.

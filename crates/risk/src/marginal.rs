@@ -133,6 +133,19 @@ impl Marginal {
         problem.map_or(Ok(()), |problem| Err(error(problem)))
     }
 
+    /// Describes what is unlikely to be meant; `None` if nothing.
+    pub(crate) fn warning(&self, axis: &Axis) -> Option<String> {
+        let Axis { name, low, high, .. } = axis;
+        match self {
+            Marginal::Normal { mean, .. } if !axis.is_fixed() && !(low..=high).contains(&mean) => {
+                Some(format!(
+                    "the mean of the distribution {self} of {name} is outside of its bounds, {low} to {high}: only a tail is left"
+                ))
+            }
+            _ => None,
+        }
+    }
+
     /// Returns the value whose quantile is that of `z` in the standard normal distribution.
     pub(crate) fn value(&self, axis: &Axis, z: f64) -> f64 {
         if axis.is_fixed() {

@@ -69,6 +69,11 @@ impl Scenarios {
         self.space.axes().iter().zip(&self.marginals)
     }
 
+    /// Describes distributions that are unlikely to be meant.
+    pub fn warnings(&self) -> Vec<String> {
+        self.axes().filter_map(|(axis, marginal)| marginal.warning(axis)).collect()
+    }
+
     /// Returns the number of free axes.
     pub fn dimension(&self) -> usize {
         self.free.len()

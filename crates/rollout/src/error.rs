@@ -30,7 +30,8 @@ pub enum RolloutError {
     },
     /// A value outside the bounds of its axis, or a fraction where a whole number is required.
     #[error(
-        "the scenario's `{axis}` is {value}; expected a value from {low} to {high}, a whole number if the axis is discrete"
+        "the scenario's `{axis}` is {value}; expected a {} from {low} to {high}",
+        if *is_discrete { "whole number" } else { "number" }
     )]
     OutOfRange {
         /// Name of the axis.
@@ -41,6 +42,8 @@ pub enum RolloutError {
         low: f64,
         /// Upper bound.
         high: f64,
+        /// Whether the axis has whole numbers only.
+        is_discrete: bool,
     },
     /// The target has no space with this name.
     #[error("there is no space `{name}`; available spaces: {}", known.join(", "))]

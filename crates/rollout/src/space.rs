@@ -360,6 +360,7 @@ impl Space {
                         value,
                         low: *low,
                         high: *high,
+                        is_discrete: axis.levels().is_some(),
                     });
                 }
                 _ => {}

@@ -115,51 +115,83 @@ fn text(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatReport>)
             decimal(level.amplitude, 4),
             level.simulations.to_string(),
             level.robustness.map_or("-".to_string(), |rho| decimal(rho, 4)),
-            if level.is_violated() { "violated" } else { "no violation" }.to_string(),
+            result(level).to_string(),
         ]
     };
     let rows: Vec<Vec<String>> = std::iter::once(header).chain(found.levels.iter().map(row)).collect();
-    let mut text = format!(
-        "{}\nformula {}\n\n{}\n\n",
+    let conclusion = match (&found.witness, found.largest_without_violation()) {
+        (Some(witness), _) => witness_text(resolved, found, witness, repeats),
+        (None, Some(level)) => {
+            format!("no violation in {}, up to the largest disturbance of the space", evidence(&level))
+        }
+        (None, None) => "no violation so far, but the search is not finished".to_string(),
+    };
+    format!(
+        "{}\nformula {}\n\n{}\n\n{conclusion}",
         run::heading(resolved),
         resolved.specification.requirement,
         output::table(&rows)
-    );
-    match &found.witness {
-        None => text.push_str(&format!(
-            "no violation in {}, up to the largest disturbance of the space",
-            plural(found.simulations, "simulation")
-        )),
-        Some(witness) => text.push_str(&witness_text(resolved, found, witness)),
-    }
-    if let Some(report) = repeats {
-        text.push_str(&format!(
-            "\nwith other seeds, the witness fails in {} of {}",
-            report.failures,
-            plural(report.failure_rate.n, "repeat")
-        ));
-    }
-    text
+    )
 }
 
-fn witness_text(resolved: &ResolvedPlan, found: &Margin, witness: &Witness) -> String {
+fn result(level: &Level) -> &'static str {
+    match level {
+        _ if level.is_violated() => "violated",
+        Level { is_complete: false, .. } => "interrupted",
+        Level { robustness: None, .. } => "no verdict",
+        _ => "no violation",
+    }
+}
+
+/// Describes the simulations on which a claim that nothing fails rests.
+fn evidence(level: &Level) -> String {
+    let all = if level.is_exhaustive { ", which are all scenarios" } else { "" };
+    format!("{}{all}", plural(level.simulations, "simulation"))
+}
+
+fn witness_text(
+    resolved: &ResolvedPlan,
+    found: &Margin,
+    witness: &Witness,
+    repeats: Option<&RepeatReport>,
+) -> String {
     let (norms, request) = (&witness.norms, &witness.episode.request);
+    let size = match witness.axes {
+        0 => "the controller fails without a disturbance".to_string(),
+        axes => format!(
+            "smallest disturbance found: amplitude {} (L2 {}, L1 {}) on {}",
+            decimal(norms.largest, 4),
+            decimal(norms.euclidean, 4),
+            decimal(norms.sum, 4),
+            run::axes(axes),
+        ),
+    };
+    let doubt = match repeats {
+        Some(report) if !report.fails_in_most() => ", but not with most other seeds",
+        _ => "",
+    };
     let mut text = format!(
-        "smallest disturbance found: amplitude {} (L2 {}, L1 {}) on {}, after {}\nwitness: {}, seed {}: robustness {}",
-        decimal(norms.largest, 4),
-        decimal(norms.euclidean, 4),
-        decimal(norms.sum, 4),
-        run::axes(witness.axes),
+        "{size}{doubt}, after {}\nwitness: {}, seed {}: robustness {}",
         plural(found.simulations, "simulation"),
         witness_scenario(resolved.space.axes(), request.scenario.values()),
         request.seed.0,
         decimal(witness.episode.robustness().unwrap_or(f64::NAN), 4),
     );
+    if let Some(report) = repeats {
+        text.push_str(&format!(
+            "\nwith other seeds, the witness fails in {} of {}",
+            report.failures,
+            plural(report.simulations, "repeat")
+        ));
+        if !report.fails_in_most() {
+            text.push_str(": the failure is the luck of its seed");
+        }
+    }
     if let Some(level) = found.largest_without_violation() {
         text.push_str(&format!(
             "\nup to amplitude {}, no violation in {}",
             decimal(level.amplitude, 4),
-            plural(level.simulations, "simulation")
+            evidence(&level)
         ));
     }
     text
@@ -171,7 +203,7 @@ fn witness_scenario(axes: &[Axis], values: &[Option<f64>]) -> String {
         |(axis, value): &(&Axis, &Option<f64>)| axis.kind == AxisKind::Start || **value != axis.nominal;
     let (axes, values): (Vec<Axis>, Vec<Option<f64>>) =
         axes.iter().zip(values).filter(is_shown).map(|(axis, value)| (axis.clone(), *value)).unzip();
-    run::scenario_text(&axes, &values)
+    if axes.is_empty() { "the nominal scenario".to_string() } else { run::scenario_text(&axes, &values) }
 }
 
 fn document(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatReport>) -> Value {
@@ -181,6 +213,8 @@ fn document(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatRepo
             "simulations": level.simulations,
             "minimum_robustness": level.robustness.map(number),
             "is_violated": level.is_violated(),
+            "is_complete": level.is_complete,
+            "is_exhaustive": level.is_exhaustive,
         })
     };
     let witness = found.witness.as_ref().map(|witness| {
@@ -194,14 +228,17 @@ fn document(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatRepo
             "seed": episode.request.seed.0.to_string(),
             "robustness": episode.robustness().map(number),
             "repeats": repeats.map(simulate::repeats_document),
+            "fails_in_most_repeats": repeats.map(RepeatReport::fails_in_most),
         })
     });
+    let passed = found.largest_without_violation();
     let own = json!({
         "formula": resolved.specification.requirement.to_string(),
         "simulations": found.simulations,
         "is_complete": found.is_complete,
         "levels": found.levels.iter().map(level).collect::<Vec<_>>(),
-        "no_violation_up_to": found.largest_without_violation().map(|level| level.amplitude),
+        "no_violation_up_to": passed.map(|level| level.amplitude),
+        "no_violation_simulations": passed.map(|level| level.simulations),
         "witness": witness,
     });
     output::joined(simulate::document(resolved), own)

@@ -1,6 +1,5 @@
 mod junit;
 
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -130,21 +129,37 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let repeats = u64::from(command.repeat.unwrap_or(0));
     let simulations = (1 + repeats) * if command.baseline.is_some() { 2 } else { 1 };
     let bar = Bar::new(files.len() as u64 * simulations, "simulations");
+    run::stop_on_signals(&bar)?;
     let mut tests = Vec::new();
     for (index, path) in files.iter().enumerate() {
-        tests.push(test(command, path, &bar, index as u64 * simulations));
+        let done = test(command, path, &bar, index as u64 * simulations);
+        // A test that was interrupted has no result.
+        if run::control_flow().is_break() {
+            break;
+        }
+        tests.push(done);
     }
     bar.clear();
-    if let Some(path) = &command.junit {
+    let is_complete = tests.len() == files.len();
+    if let (Some(path), true) = (&command.junit, is_complete) {
         let name = command.folder.to_string_lossy();
         output::write_atomically(path, true, junit::report(&name, &tests).as_bytes())?;
     }
     if command.json {
-        output::json(document(command, &tests))?;
+        output::json(document(command, &tests, is_complete))?;
     } else {
         output::line(&text(&tests))?;
     }
     report_problems(&tests);
+    if !is_complete {
+        let junit = if command.junit.is_some() { "; the JUnit file is not written" } else { "" };
+        output::message(&format!(
+            "interrupted: the results of {} of {} are printed, the others are lost{junit}",
+            tests.len(),
+            plural(files.len(), "counterexample")
+        ));
+        return Ok(ExitStatus::Interrupted);
+    }
     let errors = count(&tests, &[Outcome::Error]);
     ensure!(errors == 0, "{errors} of {} could not run", plural(tests.len(), "test"));
     let fails = tests.iter().any(|test| test.outcome.is_failure(command.baseline.is_some()));
@@ -178,7 +193,7 @@ fn test(command: &Arguments, path: &Path, bar: &Bar, mut done: u64) -> Test {
         let found = mishandle::regress(counterexample, &command.folder, controller, repeats, |_| {
             done += 1;
             bar.set_position(done);
-            ControlFlow::Continue(())
+            run::control_flow()
         });
         Ok(found?)
     };
@@ -277,7 +292,7 @@ fn count(tests: &[Test], outcomes: &[Outcome]) -> usize {
 const PASSES: [Outcome; 2] = [Outcome::Passes, Outcome::Fixed];
 const FAILS: [Outcome; 2] = [Outcome::Fails, Outcome::NewFailure];
 
-fn document(command: &Arguments, tests: &[Test]) -> Value {
+fn document(command: &Arguments, tests: &[Test], is_complete: bool) -> Value {
     let test = |test: &Test| {
         let found = test.result.as_ref().ok();
         let predicate = found.and_then(|found| found.explained.explanation.diagnosis.predicate.as_ref());
@@ -312,6 +327,7 @@ fn document(command: &Arguments, tests: &[Test]) -> Value {
         "errors": count(tests, &[Outcome::Error]),
         "new_failures": with_baseline(Outcome::NewFailure),
         "fixed": with_baseline(Outcome::Fixed),
+        "is_complete": is_complete,
         "tests": tests.iter().map(test).collect::<Vec<_>>(),
     })
 }

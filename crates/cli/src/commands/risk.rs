@@ -68,6 +68,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
     counterexamples::check_out(command.out.as_deref(), &resolved, command.force)?;
     let scenarios = mishandle::risk_scenarios(&resolved)?;
+    for warning in scenarios.warnings() {
+        output::message(&format!("warning: {warning}"));
+    }
     let planned = resolved.plan.risk.as_ref().map_or(0, |risk| risk.simulations);
     bar.set_length(planned);
     let report = mishandle::risk(&resolved, |done| {
@@ -91,12 +94,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         (None, _) => {}
     }
     if !report.is_complete {
-        let kept = plural(report.monte_carlo.simulations, "simulation");
-        let lost = "unfinished parts are lost, and the estimate cannot be resumed";
-        run::report_loss(
-            report.simulations,
-            &format!("{kept} of Monte Carlo and the failures found are kept, {lost}"),
-        );
+        let n = plural(report.monte_carlo.simulations, "simulation");
+        let answer = format!("the answer is that of {n} of Monte Carlo and of the finished parts");
+        run::report_loss(report.simulations, &format!("{answer}; it cannot be resumed"));
         return Ok(ExitStatus::Interrupted);
     }
     let undecided = report.monte_carlo.without_verdict;

@@ -55,7 +55,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     (plan.evaluate, plan.risk) = (None, None);
     let resolved = ResolvedPlan::new(&plan)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
-    let scenario = scenario(&resolved.space, &command.at)?;
+    let scenario = scenario(&resolved.space, &resolved.target.spaces, &command.at)?;
     resolved.space.check(&scenario)?;
     for (axis, value) in resolved.space.axes().iter().zip(scenario.values()) {
         if let Some(value) = value.filter(|value| !(axis.low..=axis.high).contains(value)) {
@@ -73,8 +73,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
 }
 
-/// Returns the scenario with the values of `--at`: those of all axes without a fixed value in order, or some by name.
-fn scenario(space: &Space, words: &[String]) -> Result<Scenario> {
+/// Returns the scenario with the values of `--at`: those of all axes without a fixed value in order, or some by name. `spaces` are
+/// those of the target.
+fn scenario(space: &Space, spaces: &[Space], words: &[String]) -> Result<Scenario> {
     let axes = space.axes();
     let mut values = space.nominal().values().to_vec();
     let by_name = words.iter().filter(|word| word.contains('=')).count();
@@ -94,13 +95,21 @@ fn scenario(space: &Space, words: &[String]) -> Result<Scenario> {
         }
         return Ok(Scenario::new(values));
     }
-    ensure!(by_name == words.len(), "--at mixes values with NAME=VALUE; use one of the two forms");
+    ensure!(
+        by_name == words.len(),
+        "--at mixes values with NAME=VALUE; use one of the two forms, and decimal points"
+    );
     let mut given = vec![false; axes.len()];
     for word in words {
         let (name, text) = word.split_once('=').unwrap_or_default();
         let Some(index) = axes.iter().position(|axis| axis.name == name.trim()) else {
-            let known = axes.iter().map(|axis| axis.name.clone()).collect();
             let name = name.trim().to_string();
+            let has_axis = |other: &&Space| other.axes().iter().any(|axis| axis.name == name);
+            if let Some(other) = spaces.iter().find(has_axis) {
+                let (own, other) = (space.name(), other.name());
+                bail!("the axis {name} is not in the space {own} but in {other}; give --space {own}+{other}");
+            }
+            let known = axes.iter().map(|axis| axis.name.clone()).collect();
             return Err(mishandle::MishandleError::UnknownName { kind: "axis", name, known }.into());
         };
         ensure!(!std::mem::replace(&mut given[index], true), "--at sets {} twice", axes[index].name);
@@ -216,9 +225,12 @@ fn repeated(
         output::line(&text(resolved, scenario, &report, noise.as_ref()))?;
     }
     if done < total {
-        let kept = plural(report.simulations, "repeat");
-        let lost = if scenarios > 0 { ", the measurement of noise is lost" } else { "" };
-        run::report_loss(done, &format!("{kept} of {repeat} are kept{lost}"));
+        let repeats = match report.simulations {
+            n if n < repeat => format!("the result is that of {n} of {}", plural(repeat, "repeat")),
+            _ => "all repeats are done".to_string(),
+        };
+        let lost = if scenarios > 0 { ", the noise was not measured" } else { "" };
+        run::report_loss(done, &format!("{repeats}{lost}"));
         return Ok(ExitStatus::Interrupted);
     }
     ensure!(report.failure_rate.n > 0, "no simulation has a verdict, so the scenario was not tested");

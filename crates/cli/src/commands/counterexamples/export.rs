@@ -1,5 +1,4 @@
 use std::io::Write;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -96,9 +95,16 @@ struct Shrunk {
     /// Whether the decisive predicate is the recorded one.
     has_same_predicate: bool,
     repeats: Option<RepeatReport>,
+    /// Whether a signal ended it early.
+    is_interrupted: bool,
 }
 
 impl Shrunk {
+    /// Returns the number of simulations.
+    fn simulations(&self) -> u64 {
+        self.minimized.simulations + self.repeats.as_ref().map_or(0, |repeats| repeats.simulations)
+    }
+
     /// Returns the minimized scenario; `None` if its failure depends on the seed.
     fn scenario(&self) -> Option<&Scenario> {
         self.repeats.is_none().then_some(&self.minimized.episode.request.scenario)
@@ -148,6 +154,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             path.display()
         );
     }
+    let bar = Bar::new(0, "simulations");
+    if command.minimize {
+        run::stop_on_signals(&bar)?;
+    }
+    let mut simulations = 0;
     let mut written: Vec<Written> = Vec::new();
     let mut files: Vec<(PathBuf, String)> = Vec::new();
     let mut texts = Vec::new();
@@ -155,9 +166,18 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     for Chosen { path, mode, trial, simulation } in chosen {
         let mut counterexample = Counterexample::from_run(&file, trial, simulation)?;
         let shrunk = match &resolved {
-            Some(resolved) => Some(shrink(command, resolved, &mut counterexample)?),
+            Some(resolved) => Some(shrink(command, resolved, &bar, &mut counterexample)?),
             None => None,
         };
+        simulations += shrunk.as_ref().map_or(0, Shrunk::simulations);
+        let is_interrupted = shrunk.as_ref().is_some_and(|shrunk| shrunk.is_interrupted);
+        if is_interrupted && command.all {
+            run::report_loss(
+                simulations,
+                "no file is written, because a part of a suite would look complete",
+            );
+            return Ok(ExitStatus::Interrupted);
+        }
         // Several modes can have the same minimized scenario.
         let scenario = shrunk.as_ref().and_then(Shrunk::scenario);
         let same_as = written.iter().find(|other| other.is_same(scenario, resolved.as_ref()));
@@ -178,6 +198,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             });
         }
     }
+    bar.clear();
     write_all(command, &files)?;
     if !command.json {
         output::line(&texts.join("\n"))?;
@@ -190,6 +211,14 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     if command.json {
         output::json(json!({ "run": command.file.to_string_lossy(), "files": documents }))?;
+    }
+    // The only counterexample; a suite is not written then.
+    if run::control_flow().is_break() {
+        run::report_loss(
+            simulations,
+            "the scenario so far is written, which fails, but can be nearer to nominal",
+        );
+        return Ok(ExitStatus::Interrupted);
     }
     Ok(ExitStatus::Done)
 }
@@ -248,25 +277,25 @@ fn choose(command: &Arguments, file: &RunFile) -> Result<Vec<Chosen>> {
 fn shrink(
     command: &Arguments,
     resolved: &ResolvedPlan,
+    bar: &Bar,
     counterexample: &mut Counterexample,
 ) -> Result<Shrunk> {
     let budget = command.budget.unwrap_or(BUDGET);
     let mut system = resolved.system()?;
     let request = counterexample.request(&resolved.space)?;
-    let bar = Bar::new(budget, "simulations");
+    bar.set_length(budget);
     let minimized = minimize(&mut *system, &request, budget, |done| {
         bar.set_position(done);
-        ControlFlow::Continue(())
+        run::control_flow()
     })?;
     let scenario = &minimized.episode.request.scenario;
     let repeats = match mishandle::depends_on_seed(resolved, scenario) {
-        true => {
+        true if run::control_flow().is_continue() => {
             let seeds = mishandle::repeat_seeds(Seed(counterexample.seed), REPEATS);
-            Some(mishandle::repeat(&mut *system, scenario, seeds, |_| ControlFlow::Continue(()))?)
+            Some(mishandle::repeat(&mut *system, scenario, seeds, |_| run::control_flow())?)
         }
-        false => None,
+        _ => None,
     };
-    bar.clear();
     let origin = MinimizedFrom {
         scenario: request.scenario.values().to_vec(),
         robustness: counterexample.expected.robustness,
@@ -278,7 +307,8 @@ fn shrink(
     *counterexample = Counterexample::from_episode(resolved, &minimized.episode)?;
     counterexample.minimized_from = Some(origin);
     let has_same_predicate = predicate(counterexample) == recorded;
-    Ok(Shrunk { minimized, space: resolved.space.clone(), has_same_predicate, repeats })
+    let is_interrupted = run::control_flow().is_break();
+    Ok(Shrunk { minimized, space: resolved.space.clone(), has_same_predicate, repeats, is_interrupted })
 }
 
 fn document(
@@ -299,7 +329,7 @@ fn document(
         "scenario": scenario.collect::<Value>(),
         "robustness": number(known.expected.robustness),
         "predicate": known.decisive.as_ref().map(|decisive| &decisive.predicate),
-        "minimized": shrunk.map(|Shrunk { minimized, space, has_same_predicate, repeats }| json!({
+        "minimized": shrunk.map(|Shrunk { minimized, space, has_same_predicate, repeats, .. }| json!({
             "scenario": run::scenario(space.axes(), minimized.original.request.scenario.values()),
             "robustness": minimized.original.robustness().map(number),
             "axes_off_nominal": [
@@ -329,7 +359,7 @@ fn text(
         return format!("{found}: not written, its minimized scenario is within 1 % of {}", name(same));
     }
     let mut lines = vec![format!("{}: {found}", name(path))];
-    let Some(Shrunk { minimized, space, has_same_predicate, repeats }) = shrunk else {
+    let Some(Shrunk { minimized, space, has_same_predicate, repeats, is_interrupted }) = shrunk else {
         let values = scenario_text(known);
         lines.push(format!("  {values}: robustness {}", decimal(known.expected.robustness, 4)));
         return lines.join("\n");
@@ -348,7 +378,7 @@ fn text(
         decimal(known.expected.robustness, 4),
         off(&minimized.episode.request.scenario),
     ));
-    lines.push(format!("  {}", result_text(minimized)));
+    lines.push(format!("  {}", result_text(minimized, *is_interrupted)));
     if let (false, Some(decisive)) = (has_same_predicate, &known.decisive) {
         lines.push(format!("  its decisive predicate is another one: {}", escape::name(&decisive.predicate)));
     }
@@ -378,7 +408,7 @@ fn scenario_text(known: &Counterexample) -> String {
 }
 
 /// Describes how far a minimization came.
-fn result_text(minimized: &Minimized) -> String {
+fn result_text(minimized: &Minimized, is_interrupted: bool) -> String {
     let simulations = plural(minimized.simulations, "simulation");
     let axes = match minimized.has_fewest_axes {
         true => "no smaller set of axes fails at the recorded values",
@@ -386,6 +416,7 @@ fn result_text(minimized: &Minimized) -> String {
     };
     match minimized.is_complete {
         true => format!("{simulations}: {axes}; no axis can move by 1 % of its width toward nominal"),
+        false if is_interrupted => format!("{simulations}: interrupted before the end of the minimization"),
         false => format!("{simulations}: the budget ended before the minimization; give a larger --budget"),
     }
 }

@@ -1,0 +1,158 @@
+//! Disturbances up to an amplitude: the scenarios that they reach, and their norms.
+
+use mishandle_rollout::{Axis, AxisKind, AxisValues, Scenario, Space};
+
+use super::Norms;
+
+/// The bisection of the amplitude ends at an interval of this length.
+const RESOLUTION: f64 = 0.01;
+
+/// Amplitudes that differ by less have the same whole steps: 2/3 of 3 steps are 2, whatever the rounding.
+const TOLERANCE: f64 = 1e-9;
+
+/// Returns whether the amplitude limits an axis.
+pub(super) fn is_disturbed(axis: &Axis) -> bool {
+    let is_ordered = !matches!(axis.values, AxisValues::Categorical(_));
+    !varies_freely(axis) && axis.nominal.is_some() && !axis.is_fixed() && is_ordered
+}
+
+/// Returns whether an axis varies in its whole range at any amplitude: the initial state, and times of events, since an event disturbs
+/// by its magnitude.
+fn varies_freely(axis: &Axis) -> bool {
+    axis.kind == AxisKind::Start || is_time(axis)
+}
+
+pub(super) fn is_time(axis: &Axis) -> bool {
+    axis.kind == AxisKind::Event && axis.unit == "s"
+}
+
+/// Returns the norms of the disturbance of a scenario.
+pub(super) fn norms(space: &Space, scenario: &Scenario) -> Norms {
+    offsets(space, scenario).fold(Norms::default(), |norms, offset| Norms {
+        largest: norms.largest.max(offset),
+        euclidean: norms.euclidean.hypot(offset),
+        sum: norms.sum + offset,
+    })
+}
+
+/// Returns the offsets of the disturbed axes, each from 0 to 1.
+pub(super) fn offsets<'a>(space: &'a Space, scenario: &'a Scenario) -> impl Iterator<Item = f64> + 'a {
+    let pairs = space.axes().iter().zip(scenario.values()).filter(|(axis, _)| is_disturbed(axis));
+    pairs.filter_map(|(axis, value)| {
+        let (nominal, value) = (axis.unit_coordinate(axis.nominal?), axis.unit_coordinate((*value)?));
+        let room = if value < nominal { nominal - lowest(axis) } else { 1.0 - lowest(axis) - nominal };
+        Some(if value == nominal { 0.0 } else { (value - nominal).abs() / room })
+    })
+}
+
+/// Returns the unit coordinate of the lower bound: half a level for a discrete axis. The upper bound is at 1 minus that.
+fn lowest(axis: &Axis) -> f64 {
+    axis.unit_coordinate(axis.low)
+}
+
+/// Returns the number of whole steps from the nominal value that an amplitude allows, of `room` steps up to the bound.
+fn whole_steps(amplitude: f64, room: f64) -> f64 {
+    (amplitude * room + TOLERANCE).floor()
+}
+
+/// Returns the lowest and the highest value of a discrete disturbed axis at an amplitude.
+fn discrete_range(axis: &Axis, nominal: f64, amplitude: f64) -> [f64; 2] {
+    let [down, up] = [nominal - axis.low, axis.high - nominal].map(|room| whole_steps(amplitude, room));
+    [nominal - down, nominal + up]
+}
+
+/// Returns the next amplitude of the bisection between one without a violation and one with a violation; `None` at its end.
+///
+/// It is their midpoint. If all disturbed axes are discrete, most amplitudes have the same scenarios: then it is the amplitude of the
+/// largest offset up to the midpoint, or else of the smallest one above `passes`.
+pub(super) fn between(space: &Space, passes: f64, fails: f64) -> Option<f64> {
+    if fails - passes <= RESOLUTION {
+        return None;
+    }
+    let middle = f64::midpoint(passes, fails);
+    let disturbed = || space.axes().iter().filter(|axis| is_disturbed(axis));
+    if disturbed().any(|axis| axis.levels().is_none()) {
+        return Some(middle);
+    }
+    let rooms = || {
+        let of = |axis: &Axis| axis.nominal.map_or([0.0; 2], |x| [x - axis.low, axis.high - x]);
+        disturbed().flat_map(of).filter(|room| *room > 0.0)
+    };
+    let below = rooms().map(|room| whole_steps(middle, room) / room).fold(0.0, f64::max);
+    let above = rooms().map(|room| (whole_steps(passes, room) + 1.0) / room).fold(f64::INFINITY, f64::min);
+    let amplitude = if below > passes + TOLERANCE { below } else { above };
+    (amplitude < fails - TOLERANCE).then_some(amplitude)
+}
+
+/// Returns the scenario at a point of the unit cube: disturbed axes are scaled to the amplitude.
+pub(super) fn scenario_at(space: &Space, u: &[f64], amplitude: f64) -> Scenario {
+    let value = |(axis, u): (&Axis, &f64)| match axis.nominal {
+        None => None,
+        Some(nominal) if is_disturbed(axis) => Some(at_amplitude(axis, nominal, *u, amplitude)),
+        Some(_) if varies_freely(axis) => Some(axis.at(*u)),
+        nominal => nominal,
+    };
+    Scenario::new(space.axes().iter().zip(u).map(value).collect())
+}
+
+/// Returns the value of a disturbed axis at `u` of \[0, 1\]. At 0 and 1 it is the fraction `amplitude` of the way to the lower and the
+/// upper bound. A continuous axis is nominal at 0.5, the values of a discrete one have equal parts of \[0, 1\].
+fn at_amplitude(axis: &Axis, nominal: f64, u: f64, amplitude: f64) -> f64 {
+    if axis.levels().is_some() {
+        let [low, high] = discrete_range(axis, nominal, amplitude);
+        return low + (u * (high - low + 1.0)).floor().min(high - low);
+    }
+    let (center, low) = (axis.unit_coordinate(nominal), lowest(axis));
+    let side = amplitude * (2.0 * u - 1.0);
+    let room = if side < 0.0 { center - low } else { 1.0 - low - center };
+    if side == 0.0 || room == 0.0 { nominal } else { axis.at(center + side * room) }
+}
+
+/// Moves the disturbed axes of a scenario toward nominal, so that the largest offset is the amplitude.
+pub(super) fn scaled(space: &Space, scenario: &Scenario, amplitude: f64) -> Scenario {
+    let factor = (amplitude / norms(space, scenario).largest).min(1.0);
+    let value = |(axis, value): (&Axis, &Option<f64>)| match (*value, axis.nominal) {
+        (Some(value), Some(nominal)) if is_disturbed(axis) && value != nominal => {
+            let (from, to) = (axis.unit_coordinate(nominal), axis.unit_coordinate(value));
+            let offset: f64 = value - nominal;
+            Some(match axis.levels() {
+                Some(_) => nominal + whole_steps(factor, offset.abs()).copysign(offset),
+                None => axis.at(from + factor * (to - from)),
+            })
+        }
+        (value, _) => value,
+    };
+    Scenario::new(space.axes().iter().zip(scenario.values()).map(value).collect())
+}
+
+/// Returns all scenarios up to an amplitude, if there are at most `limit`.
+pub(super) fn all_scenarios(space: &Space, amplitude: f64, limit: u64) -> Option<Vec<Scenario>> {
+    let range = |axis: &Axis| match axis.nominal {
+        Some(nominal) if is_disturbed(axis) => {
+            axis.levels().map(|_| discrete_range(axis, nominal, amplitude))
+        }
+        Some(_) if varies_freely(axis) && !axis.is_fixed() => axis.levels().map(|_| [axis.low, axis.high]),
+        nominal => nominal.map(|nominal| [nominal; 2]),
+    };
+    let is_drawn = |axis: &Axis| axis.nominal.is_none();
+    let count = |axis: &Axis| match range(axis) {
+        _ if is_drawn(axis) => 1.0,
+        Some([low, high]) => high - low + 1.0,
+        None => f64::INFINITY,
+    };
+    if space.axes().iter().map(count).product::<f64>() > limit as f64 {
+        return None;
+    }
+    let mut all: Vec<Vec<Option<f64>>> = vec![Vec::new()];
+    for axis in space.axes() {
+        let values: Vec<Option<f64>> = match range(axis) {
+            Some([low, _]) => (0..count(axis) as u64).map(|step| Some(low + step as f64)).collect(),
+            None => vec![None],
+        };
+        let extended = |begin: &Vec<Option<f64>>| {
+            values.iter().map(|value| [begin.as_slice(), &[*value]].concat()).collect::<Vec<_>>()
+        };
+        all = all.iter().flat_map(extended).collect();
+    }
+    Some(all.into_iter().map(Scenario::new).collect())
+}

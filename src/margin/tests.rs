@@ -1,0 +1,262 @@
+use mishandle_rollout::{AxisKind, AxisValues};
+use mishandle_toys::{FunctionSystem, SimulatedEnd};
+
+use super::*;
+
+const BUDGET: u64 = 4000;
+
+fn inputs(n: usize) -> Vec<Axis> {
+    (0..n).map(|i| Axis::new(AxisKind::Input, &format!("x{i}"), "", [-1.0, 1.0], Some(0.0))).collect()
+}
+
+fn found(axes: Vec<Axis>, robustness: impl Fn(&[f64]) -> f64 + 'static) -> (Margin, u64) {
+    let space = Space::new("disturbance", axes).unwrap();
+    let outcome = move |request: &Request| {
+        let values: Vec<f64> = request.scenario.values().iter().map(|value| value.unwrap()).collect();
+        SimulatedEnd::Robustness(robustness(&values))
+    };
+    let mut system = FunctionSystem::new(space, outcome);
+    let found = margin(&mut system, Seed(1), BUDGET, |_| ControlFlow::Continue(())).unwrap();
+    (found, system.simulations() as u64)
+}
+
+/// The smallest L∞ disturbance with w x >= c is c / |w|₁: 0.3 / (0.5 + 0.3 + 0.2).
+#[test]
+fn the_margin_of_a_half_space_is_that_of_a_hand_calculation() {
+    let (margin, simulations) = found(inputs(3), |x| 0.3 - (0.5 * x[0] - 0.3 * x[1] + 0.2 * x[2]));
+    let witness = margin.witness.as_ref().unwrap();
+    let norms = witness.norms;
+    assert!((0.3..0.312).contains(&norms.largest), "{norms:?}");
+    assert!(witness.episode.robustness().unwrap() < 0.0 && witness.axes == 3);
+    assert!((norms.sum - 3.0 * norms.largest).abs() < 0.02 && norms.euclidean < norms.sum);
+    let passed = margin.largest_without_violation().unwrap();
+    assert!((0.28..0.3).contains(&passed.amplitude) && passed.simulations > 100, "{passed:?}");
+    assert_eq!(margin.simulations, simulations);
+    assert!(simulations <= BUDGET);
+}
+
+/// From the start 0 the disturbance 0.3 is enough, from the nominal start 0.5 it takes 0.8.
+#[test]
+fn the_initial_state_is_searched_with_the_disturbance() {
+    let axes = [vec![Axis::start("s", "m", 0.0, 1.0)], inputs(1)].concat();
+    let (margin, _) = found(axes, |x| 0.3 + x[0] - x[1]);
+    let largest = margin.witness.unwrap().norms.largest;
+    assert!((0.3..0.33).contains(&largest), "{largest}");
+}
+
+#[test]
+fn axes_without_effect_are_not_in_the_witness() {
+    let (margin, _) = found(inputs(10), |x| 0.2 - x[4]);
+    let witness = margin.witness.unwrap();
+    assert_eq!(witness.axes, 1, "{:?}", witness.episode.request.scenario);
+    assert!((0.2..0.212).contains(&witness.norms.largest));
+}
+
+fn integer(name: &str, low: f64, high: f64) -> Axis {
+    Axis::new(AxisKind::Model, name, "control steps", [low, high], Some(0.0)).with_values(AxisValues::Integer)
+}
+
+/// Delays of 2 and 3 steps fail. Offsets are thirds of the range: 1/3 passes, 2/3 and 1 fail, and between 1/3 and 2/3 is no delay.
+#[test]
+fn integers_are_bisected_by_whole_steps_and_each_scenario_is_simulated_once() {
+    let (margin, _) = found(vec![integer("delay", 0.0, 3.0)], |x| 1.5 - x[0]);
+    let tried: Vec<(f64, u64)> =
+        margin.levels.iter().map(|level| (level.amplitude, level.simulations)).collect();
+    let thirds = [(1.0, 4), (1.0 / 3.0, 2), (2.0 / 3.0, 3)];
+    assert!(tried.len() == 3 && margin.levels.iter().all(|level| level.is_exhaustive), "{tried:?}");
+    for ((amplitude, simulations), (expected, scenarios)) in tried.into_iter().zip(thirds) {
+        assert!((amplitude - expected).abs() < 1e-12 && simulations == scenarios, "{amplitude}");
+    }
+    let passed = margin.largest_without_violation().unwrap();
+    assert!((passed.amplitude - 1.0 / 3.0).abs() < 1e-12 && passed.simulations == 2);
+    let witness = margin.witness.unwrap();
+    assert_eq!(witness.episode.request.scenario.get(0), Some(2.0));
+    assert!((witness.norms.largest - 2.0 / 3.0).abs() < 1e-12);
+}
+
+/// Two axes with 2 steps down and 3 up have the amplitudes 1/3, 1/2, 2/3 and 1.
+#[test]
+fn the_bisection_skips_amplitudes_with_the_same_scenarios() {
+    let space = Space::new("s", vec![integer("a", -2.0, 3.0), integer("b", -2.0, 3.0)]).unwrap();
+    let third = 1.0 / 3.0;
+    for (passes, fails, expected) in [
+        (0.0, 1.0, Some(0.5)),
+        (0.0, 0.5, Some(third)),
+        (0.0, third, None),
+        (0.5, 1.0, Some(2.0 * third)),
+        (0.51, 1.0, Some(2.0 * third)),
+        (2.0 * third, 1.0, None),
+    ] {
+        let found = between(&space, passes, fails);
+        let is_near = found
+            .zip(expected)
+            .map_or(found == expected, |(found, expected)| (found - expected).abs() < 1e-12);
+        assert!(is_near, "{found:?} between {passes} and {fails}");
+    }
+    let mixed = Space::new("s", [vec![integer("a", -2.0, 3.0)], inputs(1)].concat()).unwrap();
+    assert_eq!(between(&mixed, 0.5, 1.0), Some(0.75));
+    assert_eq!(between(&mixed, 0.5, 0.509), None);
+}
+
+#[test]
+fn all_scenarios_are_those_of_a_filtered_grid() {
+    let fixed = Axis { nominal: Some(1.0), low: 1.0, high: 1.0, ..inputs(1).remove(0) };
+    let noise = Axis::new(AxisKind::Noise, "draw", "", [-4.0, 4.0], None);
+    let axes = vec![integer("a", -2.0, 3.0), fixed, integer("b", 0.0, 5.0), noise];
+    let space = Space::new("s", axes).unwrap();
+    let mut grid = Vec::new();
+    for a in -2_i32..=3 {
+        for b in 0..=5 {
+            let scenario = [Some(f64::from(a)), Some(1.0), Some(f64::from(b)), None];
+            let down_or_up = if a < 0 { 2.0 } else { 3.0 };
+            grid.push((
+                f64::from(a.abs()) / down_or_up,
+                f64::from(b) / 5.0,
+                Scenario::new(scenario.to_vec()),
+            ));
+        }
+    }
+    for amplitude in [0.0, 0.2, 0.34, 0.5, 2.0 / 3.0, 0.8, 1.0] {
+        let within = |(a, b, _): &&(f64, f64, Scenario)| a.max(*b) <= amplitude + 1e-9;
+        let expected: Vec<&Scenario> = grid.iter().filter(within).map(|(.., scenario)| scenario).collect();
+        let found = all_scenarios(&space, amplitude, 36).unwrap();
+        assert_eq!(found.iter().collect::<Vec<_>>(), expected, "{amplitude}");
+        assert_eq!(all_scenarios(&space, amplitude, expected.len() as u64 - 1), None);
+    }
+    assert_eq!(all_scenarios(&Space::new("s", inputs(1)).unwrap(), 0.5, u64::MAX), None);
+}
+
+/// The nominal 0 of 6 steps: at amplitude k / 6 the ends are -k and k, and no point leads further.
+#[test]
+fn every_step_within_the_amplitude_is_reached_and_no_other() {
+    let space = Space::new("s", vec![integer("a", -6.0, 6.0)]).unwrap();
+    for k in 0..=6 {
+        let amplitude = f64::from(k) / 6.0;
+        let at = |u: f64| scenario_at(&space, &[u], amplitude).get(0).unwrap();
+        let mut reached: Vec<i32> = (0..=1000).map(|i| at(f64::from(i) / 1000.0) as i32).collect();
+        assert_eq!((reached[0], reached[1000]), (-k, k));
+        reached.dedup();
+        assert_eq!(reached, (-k..=k).collect::<Vec<_>>());
+        let moved = scaled(&space, &Scenario::from([-6.0]), amplitude).get(0);
+        assert_eq!(moved, Some(f64::from(-k)));
+    }
+}
+
+#[test]
+fn a_requirement_that_is_never_violated_has_no_witness_after_the_whole_budget() {
+    let (margin, simulations) = found(inputs(2), |x| 3.0 - x[0] - x[1]);
+    assert!(margin.witness.is_none() && margin.is_complete);
+    let [level] = margin.levels[..] else { panic!("{:?}", margin.levels) };
+    assert_eq!((level.amplitude, level.simulations, simulations), (1.0, BUDGET, BUDGET));
+    assert_eq!(margin.largest_without_violation(), Some(level));
+    assert!((1.0..1.1).contains(&level.robustness.unwrap()), "a corner was tried");
+    // All scenarios of two integers are simulated once instead.
+    let (margin, simulations) = found(vec![integer("a", 0.0, 3.0), integer("b", 0.0, 1.0)], |_| 1.0);
+    assert!(margin.is_complete && margin.levels[0].is_exhaustive && margin.levels[0].is_complete);
+    assert_eq!(simulations, 8);
+}
+
+/// One of 2⁸ vectors of signs fails, and only above 0.9. A sixteenth of the budget tries 62 of them: found with a probability of 22 %. The
+/// whole budget tries 1000: 98 %.
+#[test]
+fn a_violation_that_the_first_sixteenth_of_the_budget_misses_is_found_by_the_rest() {
+    let is_hit = |x: &[f64]| x.iter().zip(0..).all(|(x, i)| if i % 3 == 0 { *x > 0.9 } else { *x < -0.9 });
+    let (margin, simulations) = found(inputs(8), move |x| if is_hit(x) { -1.0 } else { 1.0 });
+    assert!((BUDGET / 16..BUDGET).contains(&margin.levels[0].simulations), "{:?}", margin.levels);
+    assert!(margin.levels[0].is_violated() && margin.levels[0].is_complete && simulations <= BUDGET);
+    let witness = margin.witness.unwrap();
+    assert!((0.9..0.95).contains(&witness.norms.largest) && witness.axes == 8, "{:?}", witness.norms);
+}
+
+/// The half-space fails at 1 and 0.5 and passes at 0.25, where the search is interrupted.
+#[test]
+fn an_interrupted_amplitude_is_not_finished() {
+    let axes = inputs(3);
+    let run = |stop: u64, robustness: fn(&Request) -> f64| {
+        let outcome = move |request: &Request| SimulatedEnd::Robustness(robustness(request));
+        let mut system = FunctionSystem::new(Space::new("disturbance", axes.clone()).unwrap(), outcome);
+        let watch = |done| if done >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+        margin(&mut system, Seed(1), BUDGET, watch).unwrap()
+    };
+    let sum = |request: &Request| 0.9 - request.scenario.values().iter().flatten().sum::<f64>();
+    let all = run(u64::MAX, sum);
+    assert_eq!(all.levels[2].amplitude, 0.25);
+    assert!(!all.levels[2].is_violated() && all.levels[2].is_complete);
+    let before: u64 = all.levels[..2].iter().map(|level| level.simulations).sum();
+    let stopped = run(before + 100, sum);
+    assert_eq!(stopped.levels.len(), 3);
+    assert!(!stopped.levels[2].is_complete && stopped.levels[..2].iter().all(|level| level.is_complete));
+    assert_eq!(stopped.largest_without_violation(), None);
+    assert!(stopped.witness.is_some() && !stopped.is_complete);
+    // Nor is the largest amplitude, without a violation.
+    let stopped = run(500, |_| 1.0);
+    assert_eq!((stopped.levels.len(), stopped.levels[0].is_complete), (1, false));
+    assert_eq!(stopped.largest_without_violation(), None);
+    // It is if the interruption comes with the last batch.
+    let stopped = run(BUDGET, |_| 1.0);
+    assert_eq!(stopped.largest_without_violation().map(|level| level.simulations), Some(BUDGET));
+}
+
+#[test]
+fn an_amplitude_without_any_verdict_says_nothing() {
+    let outcome = |_: &Request| SimulatedEnd::Diverged;
+    let mut system = FunctionSystem::new(Space::new("disturbance", inputs(2)).unwrap(), outcome);
+    let found = margin(&mut system, Seed(1), 50, |_| ControlFlow::Continue(())).unwrap();
+    assert_eq!((found.largest_without_violation(), found.has_verdict()), (None, false));
+}
+
+#[test]
+fn no_budget_is_exceeded() {
+    for budget in [1, 2, 3, 7, 16, 17, 33, 100] {
+        for limit in [-2.0, 0.3, 0.9, 5.0] {
+            let outcome = move |request: &Request| {
+                SimulatedEnd::Robustness(limit - request.scenario.values().iter().flatten().sum::<f64>())
+            };
+            let mut system = FunctionSystem::new(Space::new("disturbance", inputs(4)).unwrap(), outcome);
+            let found = margin(&mut system, Seed(1), budget, |_| ControlFlow::Continue(())).unwrap();
+            assert!(found.simulations <= budget && found.is_complete, "{budget}: {}", found.simulations);
+            assert_eq!(system.simulations() as u64, found.simulations);
+            assert!(found.levels.iter().all(|level| level.is_complete && level.simulations > 0));
+        }
+    }
+}
+
+#[test]
+fn a_space_of_initial_states_only_is_an_error() {
+    let mut system = FunctionSystem::new(
+        Space::new("starts", vec![Axis::start("x", "m", 0.0, 1.0)]).unwrap(),
+        |_: &Request| SimulatedEnd::Robustness(1.0),
+    );
+    let error = margin(&mut system, Seed(0), 10, |_| ControlFlow::Continue(())).unwrap_err().to_string();
+    assert!(error.contains("number of disturbed axes"), "{error}");
+}
+
+#[test]
+fn the_time_of_an_event_is_no_disturbance() {
+    let event =
+        |name: &str, unit: &str, high: f64| Axis::new(AxisKind::Event, name, unit, [0.0, high], Some(0.0));
+    // A push of 0.3 is enough, but only after 3 s.
+    let axes = vec![event("time", "s", 4.0), event("force", "N", 1.0)];
+    let (margin, _) = found(axes, |x| if x[0] > 3.0 { 0.3 - x[1] } else { 1.0 });
+    let witness = margin.witness.unwrap();
+    assert!(witness.norms.largest < 0.32 && witness.axes == 1, "{:?}", witness.norms);
+}
+
+#[test]
+fn an_interruption_keeps_the_witness_so_far() {
+    let outcome = |request: &Request| SimulatedEnd::Robustness(0.3 - request.scenario.get(0).unwrap());
+    let system = || FunctionSystem::new(Space::new("disturbance", inputs(4)).unwrap(), outcome);
+    let all = margin(&mut system(), Seed(1), BUDGET, |_| ControlFlow::Continue(())).unwrap().simulations;
+    let mut largest = f64::INFINITY;
+    for stop in [1, all / 8, all / 2, 3 * all / 4] {
+        let mut system = system();
+        let watch = |done| if done >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+        let found = margin(&mut system, Seed(1), BUDGET, watch).unwrap();
+        assert!(!found.is_complete && found.simulations < stop + 2 * BATCH as u64, "{stop}");
+        assert_eq!(system.simulations() as u64, found.simulations);
+        let witness = found.witness.unwrap();
+        assert!(witness.episode.robustness() < Some(0.0) && witness.norms.largest <= largest);
+        largest = witness.norms.largest;
+    }
+    assert!(largest < 0.32, "{largest}");
+}
