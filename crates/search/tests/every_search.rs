@@ -446,8 +446,8 @@ fn sub_formulas_do_not_change_the_points_of_a_search_that_does_not_need_them() {
 /// A value above the stop threshold of its point has the same effect as any other value above it.
 #[test]
 fn values_above_the_stop_threshold_do_not_change_the_points() {
-    let mut replaced = 0;
     for name in names() {
+        let mut replaced = 0;
         let (mut plain, mut bounded) = (make(name, 2, 3), make(name, 2, 3));
         for i in 0..300 {
             let (Some(u), v) = (plain.ask(), bounded.ask()) else { break };
@@ -455,12 +455,14 @@ fn values_above_the_stop_threshold_do_not_change_the_points() {
             let (value, threshold) = (rough(&u), bounded.stop_threshold(&u));
             assert!(threshold >= 0.0, "{name}");
             let bound = if value > threshold { f64::midpoint(threshold, value) } else { value };
-            replaced += u32::from(bound < value && name == "differential-evolution");
+            replaced += u32::from(bound < value);
             plain.tell(&u, &Observation::from(value)).expect("a pending point");
             bounded.tell(&u, &Observation::from(bound)).expect("a pending point");
         }
+        let needs_exact_values =
+            !["random", "sobol", "corners", "differential-evolution", "portfolio"].contains(&name);
+        assert!(if needs_exact_values { replaced == 0 } else { replaced > 40 }, "{name}: {replaced}");
     }
-    assert!(replaced > 100, "{replaced}");
 }
 
 #[test]

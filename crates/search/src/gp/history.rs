@@ -62,6 +62,16 @@ impl History {
         order
     }
 
+    /// Returns the value that at least the fraction `q` of the kept evaluations does not exceed; `+∞` without evaluations.
+    pub(crate) fn quantile(&self, q: f64) -> f64 {
+        let mut values = self.values.clone();
+        if values.is_empty() {
+            return f64::INFINITY;
+        }
+        let rank = ((q * values.len() as f64).ceil() as usize).clamp(1, values.len());
+        *values.select_nth_unstable_by(rank - 1, f64::total_cmp).1
+    }
+
     /// Returns the indices of at most `most` evaluations in order of time: the best half, and the latest of the others.
     pub(crate) fn selection(&self, most: usize) -> Vec<usize> {
         if self.len() <= most {
@@ -113,5 +123,14 @@ mod tests {
         [5.0, 1.0, 4.0, 0.0, 3.0, 2.0].iter().enumerate().for_each(|(i, y)| history.push(&[i as f64], *y));
         assert_eq!(history.selection(4), [1, 3, 4, 5]);
         assert_eq!(history.selection(9), [0, 1, 2, 3, 4, 5]);
+    }
+
+    /// Three of four values are at most 3; two of four are at most 2.
+    #[test]
+    fn quantiles_are_values() {
+        let mut history = History::default();
+        assert_eq!(history.quantile(0.75), f64::INFINITY);
+        [4.0, 1.0, 3.0, 2.0].iter().enumerate().for_each(|(i, y)| history.push(&[i as f64], *y));
+        assert_eq!((history.quantile(0.75), history.quantile(0.5), history.quantile(0.0)), (3.0, 2.0, 1.0));
     }
 }

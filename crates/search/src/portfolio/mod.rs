@@ -43,6 +43,9 @@ const EVALUATIONS_PER_POINT: usize = 16;
 const MAX_ROUND: usize = 8;
 /// The fraction of the lowest value by which an improvement is lower.
 const IMPROVEMENT: f64 = 1e-3;
+/// Values above this quantile of the earlier ones count as equal to it. How bad a bad point is matters little, and simulations of
+/// such points can end early.
+const CAP: f64 = 0.75;
 /// A new trust region keeps this distance from the centers of collapsed ones, as a fraction of the diagonal.
 const APART: f64 = 0.05;
 /// The number of collapsed trust regions that are remembered.
@@ -112,6 +115,8 @@ options! {
 /// chosen points as if they were evaluated. The trust region has the rules of TuRBO-1. When it collapses, a new one starts
 /// at the best point that is not near the centers of collapsed ones; the model keeps all evaluations.
 ///
+/// Values above the 75 % quantile of the earlier ones count as this quantile, so simulations of such points can end early.
+///
 /// Integer coordinates are modeled by the centers of their levels, categories by one feature per level. The search never
 /// ends. Beyond a few hundred evaluations it models the best and the latest.
 ///
@@ -131,6 +136,8 @@ pub struct Portfolio {
     credits: Credits,
     /// The rates of success of single coordinates and of the polish.
     step_rates: [SuccessRate; 2],
+    /// Higher values of the round count as this one.
+    cap: f64,
     /// The number of evaluations after the last improvement.
     since_improvement: usize,
     corners: RemainingCorners,
@@ -166,6 +173,7 @@ impl Portfolio {
             polish: Polish::new(),
             credits: Credits::default(),
             step_rates: [SuccessRate::default(); 2],
+            cap: f64::INFINITY,
             since_improvement: 0,
             corners: RemainingCorners::new(coordinates, seed),
             generator: CandidateGenerator::new(space.clone(), seed, 1),
@@ -338,10 +346,15 @@ impl RoundBased for Portfolio {
             let best = (0..values.len()).min_by(|&i, &j| values[i].total_cmp(&values[j])).unwrap_or_default();
             self.since_improvement = values.len() - 1 - best;
         }
-        round.iter().zip(values).for_each(|(point, value)| self.history.push(point, *value));
+        round.iter().zip(values).for_each(|(point, value)| self.history.push(point, value.min(self.cap)));
+        self.cap = self.history.quantile(CAP).max(0.0);
         let center = self.center();
         self.region.set_best(self.history.values()[center]);
         self.propose();
+    }
+
+    fn stop_threshold(&self, _i: usize) -> f64 {
+        self.cap
     }
 
     fn finished(&self) -> Option<SearchEnd> {
