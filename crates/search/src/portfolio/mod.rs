@@ -28,8 +28,9 @@ use steps::{SuccessRate, changed_coordinate};
 
 const NAME: &str = "portfolio";
 
-/// Sobol points of the first round. The corners and the center show a slope; few other points suffice for a first model.
-const SOBOL: usize = 2;
+/// Sobol points of the first round: one for three coordinates, within these bounds. Corners and center show the slopes of a few
+/// coordinates, so that few other points suffice for a first model.
+const SOBOL: (usize, usize) = (2, 8);
 /// Numbers of candidates of each kind: a constant, and more per point of a round.
 const CANDIDATES: (usize, usize) = (96, 8);
 const MAX_CANDIDATES: usize = 192;
@@ -91,8 +92,8 @@ options! {
 
 /// The portfolio search: corners first, then a Gaussian process in the whole box and in a trust region, beside exploration.
 ///
-/// The first round is corners (all 2^d for d ≤ 4, otherwise a balanced sample of 8), the center and two scrambled Sobol
-/// points. Each point of a further round comes from one of six sources, in proportion to their shares:
+/// The first round is corners (all 2^d for d ≤ 4, otherwise a balanced sample of 8), the center and 2 to 8 scrambled
+/// Sobol points. Each point of a further round comes from one of six sources, in proportion to their shares:
 ///
 /// | source | point | share |
 /// |---|---|---|
@@ -186,7 +187,9 @@ impl Portfolio {
             search.round = corners(&space, &mut search.stream);
         }
         search.round.push(space.center());
-        search.round.extend((0..SOBOL).map(|_| snapped_point(&mut search.sobol, &space)));
+        search.round.extend(
+            (0..d.div_ceil(3).clamp(SOBOL.0, SOBOL.1)).map(|_| snapped_point(&mut search.sobol, &space)),
+        );
         Ok(search)
     }
 
