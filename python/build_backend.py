@@ -20,6 +20,9 @@ OVERRIDES = ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_TARGET_DIR"]
 
 def build_wheel(directory: str, settings: Any = None, metadata: str | None = None) -> str:
     prepare()
+    # maturin renames MuJoCo's library in cargo's own output, and fails on a renamed one. Without this file, cargo links again.
+    for linked in (ROOT / "target/release/deps").glob("libmishandle_python*.so"):
+        linked.unlink()
     return maturin.build_wheel(directory, settings, metadata)
 
 
