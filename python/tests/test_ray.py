@@ -24,6 +24,9 @@ from ray.cluster_utils import Cluster
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
 os.environ["RAY_AUTH_MODE"] = "disabled"
+# A shell starts jobs in the background with SIGINT ignored, which the programs of these tests would inherit.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SPACE = [Axis("speed", 0, 10, "m/s")]
 FORMULA = "always(gap >= 0.5)"
