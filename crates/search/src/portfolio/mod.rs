@@ -79,7 +79,7 @@ options! {
         pub polish: bool = true, in ANY;
         /// Changes single coordinates of the best point.
         pub single_coordinates: bool = true, in ANY;
-        /// Takes points from the model that is of no use, and gives them to the other sources.
+        /// Gives points of the model to the other sources while it is of no use.
         pub exploration: bool = true, in ANY;
         /// Minimizes the lower confidence bound with gradients.
         pub refine: bool = true, in ANY;
