@@ -7,8 +7,13 @@ const LONGEST_EDGE: f64 = 1.6;
 const SHORTEST_EDGE: f64 = 0.007_812_5; // 2^-7
 /// The number of consecutive successful rounds that doubles the edge.
 const SUCCESSES: usize = 3;
-/// The factor of the best value that a success must improve by.
+/// The fraction of the best value that a success must improve by.
 const IMPROVEMENT: f64 = 1e-3;
+
+/// Returns whether a value is so much lower than the best one that it counts as a success. Any finite value improves `+∞`.
+pub(crate) fn is_success(value: f64, best: f64) -> bool {
+    if best.is_infinite() { value < best } else { value < best - IMPROVEMENT * best.abs() }
+}
 
 /// A trust region with the rules of TuRBO-1.
 ///
@@ -33,8 +38,7 @@ impl TrustRegion {
 
     /// Takes the lowest value of a round with `n` points into account.
     pub(crate) fn receive(&mut self, value: f64, n: usize) {
-        if value < self.best - IMPROVEMENT * self.best.abs() || (self.best.is_infinite() && value.is_finite())
-        {
+        if is_success(value, self.best) {
             (self.successes, self.failures) = (self.successes + 1, 0);
         } else {
             (self.successes, self.failures) = (0, self.failures + n);
@@ -107,5 +111,11 @@ mod tests {
         let Region { half_edges, .. } = TrustRegion::new(3).around(&[0.5; 3], &[1.0, 2.0, 0.5]);
         assert!((half_edges.iter().product::<f64>() - 0.064).abs() < 1e-12);
         assert!((half_edges[1] / half_edges[2] - 4.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_success_improves_by_a_thousandth_or_is_the_first_finite_value() {
+        assert!(is_success(0.998, 1.0) && !is_success(0.9995, 1.0) && is_success(-1.002, -1.0));
+        assert!(is_success(5.0, f64::INFINITY) && !is_success(f64::INFINITY, f64::INFINITY));
     }
 }

@@ -16,7 +16,7 @@ use crate::gp::candidates::{CandidateGenerator, Candidates, Region};
 use crate::gp::history::History;
 use crate::gp::space::TypedSpace;
 use crate::gp::surrogate::Surrogate;
-use crate::gp::trust_region::TrustRegion;
+use crate::gp::trust_region::{TrustRegion, is_success};
 use crate::options::{ANY, AT_LEAST_1, NOT_NEGATIVE, options};
 use crate::registry::SearchEntry;
 use crate::sobol::SobolPoints;
@@ -42,8 +42,6 @@ const CORNERS: f64 = 0.25;
 /// that are few beside those that are known.
 const EVALUATIONS_PER_POINT: usize = 16;
 const MAX_ROUND: usize = 8;
-/// The fraction of the lowest value by which an improvement is lower.
-const IMPROVEMENT: f64 = 1e-3;
 /// Values above this quantile of the earlier ones count as equal to it. How bad a bad point is matters little, and simulations of
 /// such points can end early.
 const CAP: f64 = 0.75;
@@ -297,7 +295,7 @@ impl Portfolio {
         let mut best = self.history.values()[self.history.by_value()[0]];
         let (mut lowest, mut n_local) = (f64::INFINITY, 0);
         for (source, &value) in mem::take(&mut self.sources).into_iter().zip(values) {
-            let is_success = value < best - IMPROVEMENT * best.abs();
+            let is_success = is_success(value, best);
             best = best.min(value);
             self.since_improvement = if is_success { 0 } else { self.since_improvement + 1 };
             match source {
@@ -343,13 +341,14 @@ impl RoundBased for Portfolio {
 
     fn receive(&mut self, values: &[f64]) {
         let round = mem::take(&mut self.round);
+        let values: Vec<f64> = values.iter().map(|value| value.min(self.cap)).collect();
         if self.history.len() > 0 {
-            self.adapt(values);
+            self.adapt(&values);
         } else {
             let best = (0..values.len()).min_by(|&i, &j| values[i].total_cmp(&values[j])).unwrap_or_default();
             self.since_improvement = values.len() - 1 - best;
         }
-        round.iter().zip(values).for_each(|(point, value)| self.history.push(point, value.min(self.cap)));
+        round.iter().zip(&values).for_each(|(point, value)| self.history.push(point, *value));
         self.cap = self.history.quantile(CAP).max(0.0);
         let center = self.center();
         self.region.set_best(self.history.values()[center]);
