@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::ops::{ControlFlow, RangeInclusive};
 
 use mishandle_risk::{
-    Disagreement, Failure, LARGEST_RATIO, Marginal, Method, Refusal, Report, Scenarios, Settings, Source,
+    Disagreement, Failure, LARGEST_RATIO, Marginal, Method, POPULATION_FOR_ESTIMATE, Refusal, Report,
+    Scenarios, Settings, Source,
 };
 use mishandle_rollout::{Request, Seed, Space};
 use serde::{Deserialize, Serialize};
@@ -153,6 +154,10 @@ pub fn risk_refusals(report: &Report) -> Vec<String> {
         ),
         Refusal::Chains(Disagreement::Spread { ratio }) => format!(
             "multilevel splitting: the chains disagree by a factor of {ratio:.0}; more than {LARGEST_RATIO} is refused"
+        ),
+        Refusal::Chains(Disagreement::Small { population }) => format!(
+            "multilevel splitting: the chains agree, but an interval needs {POPULATION_FOR_ESTIMATE} particles in each; they have \
+             {population}"
         ),
         Refusal::MonteCarlo => {
             "multilevel splitting: the exact interval of Monte Carlo (99 %) contradicts the chains".to_string()

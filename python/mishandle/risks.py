@@ -103,7 +103,7 @@ class Splitting:
     simulations: int
     population: int
     estimate: Estimate | None
-    """Mean of the chains; ``None`` if they disagree."""
+    """Mean of the chains; ``None`` if they disagree or are too small."""
     chains: list[SplittingChain]
 
 

@@ -64,7 +64,7 @@ pub enum Refusal {
         /// Fewest simulations of the whole estimation.
         needed: u64,
     },
-    /// The chains disagree.
+    /// The chains disagree or are too small.
     Chains(Disagreement),
     /// The interval is apart from that of Monte Carlo.
     MonteCarlo,
@@ -180,7 +180,7 @@ mod tests {
     fn chains(probabilities: [f64; 5]) -> Splitting {
         let chain =
             |probability| Chain { level: 0.0, probability, is_complete: true, levels: 9, acceptance: 0.4 };
-        Splitting { simulations: 1000, population: 50, chains: probabilities.map(chain).to_vec() }
+        Splitting { simulations: 1000, population: 200, chains: probabilities.map(chain).to_vec() }
     }
 
     fn monte_carlo(failures: u64) -> MonteCarlo {
@@ -231,6 +231,8 @@ mod tests {
         );
         let extinct = refusal(&chains([1e-6, 2e-6, 0.0, 3e-6, 2e-6]));
         assert_eq!(extinct, Some(Refusal::Chains(Disagreement::Extinct { extinct: 1 })));
+        let small = Splitting { population: 179, ..chains([1e-6; 5]) };
+        assert_eq!(refusal(&small), Some(Refusal::Chains(Disagreement::Small { population: 179 })));
         let mut incomplete = chains([1e-6; 5]);
         incomplete.chains[2].is_complete = false;
         let expected = Some(Refusal::Chains(Disagreement::Incomplete { complete: 4 }));

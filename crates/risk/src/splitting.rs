@@ -23,6 +23,10 @@ const PER_PARTICLE: u64 = 1 + 16 * MOVES as u64;
 /// Smallest population of a chain. The estimates of smaller ones differ by more than their mean.
 const SMALLEST_POPULATION: u64 = 30;
 
+/// Smallest population of a chain for an estimate. With 185 particles, 95 % intervals contain the probability in 92 to 97 % of the
+/// replications of the known systems, with 111 in 80 to 97 %, with 62 in 75 to 97 %: docs/risk.md. Smaller populations only find failures.
+pub const POPULATION_FOR_ESTIMATE: u64 = 180;
+
 /// Fewest simulations of multilevel splitting.
 pub const FEWEST: u64 = CHAINS as u64 * PER_PARTICLE * SMALLEST_POPULATION;
 
@@ -76,13 +80,20 @@ pub enum Disagreement {
         /// Largest estimate divided by the smallest.
         ratio: f64,
     },
+    /// The chains agree, but have fewer than [`POPULATION_FOR_ESTIMATE`] particles.
+    Small {
+        /// Number of particles of a chain.
+        population: u64,
+    },
 }
 
 impl Splitting {
     /// Returns the mean of the chains with a 95 % interval.
     ///
-    /// The interval is that of the mean of independent numbers, on a logarithmic scale: m exp(± t s / (m √n)), where m and s are mean and
-    /// standard deviation of the n chains, and t the quantile of Student's distribution.
+    /// The estimates of chains vary by factors, nearly log-normally, so the interval is that of a log-normal mean (Cox's method; Zhou and
+    /// Gao 1997) around the mean m: m exp(± t √(s² / n + s⁴ / (2 (n - 1)))), where s² is the variance of the logarithms of the n
+    /// estimates, and t the quantile of Student's distribution. That of a normal mean is too narrow: large estimates are rare, and without
+    /// one, mean and spread are both too small.
     ///
     /// # Errors
     /// If the chains disagree.
@@ -96,6 +107,13 @@ impl Splitting {
     }
 
     fn estimate_within(&self, quantile: f64) -> Result<Estimate, Disagreement> {
+        let estimate = self.agreement(quantile)?;
+        let is_small = self.population < POPULATION_FOR_ESTIMATE;
+        if is_small { Err(Disagreement::Small { population: self.population }) } else { Ok(estimate) }
+    }
+
+    /// Returns the estimate of chains of any size.
+    fn agreement(&self, quantile: f64) -> Result<Estimate, Disagreement> {
         let complete = self.chains.iter().filter(|chain| chain.is_complete).count();
         let extinct = self.chains.iter().filter(|chain| chain.probability == 0.0).count();
         let values: Vec<f64> = self.chains.iter().map(|chain| chain.probability).collect();
@@ -109,8 +127,10 @@ impl Splitting {
         }
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
-        let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        let factor = (quantile * (variance / n).sqrt() / mean).exp();
+        let logarithms: Vec<f64> = values.iter().map(|value| value.ln()).collect();
+        let center = logarithms.iter().sum::<f64>() / n;
+        let variance = logarithms.iter().map(|x| (x - center).powi(2)).sum::<f64>() / (n - 1.0);
+        let factor = (quantile * (variance / n + variance.powi(2) / (2.0 * (n - 1.0))).sqrt()).exp();
         let bounds = (Some(mean / factor), Some((mean * factor).min(1.0)));
         Ok(Estimate { value: Some(mean), low: bounds.0, high: bounds.1, n: self.simulations })
     }
@@ -329,6 +349,32 @@ mod tests {
     use super::*;
     use crate::Scenarios;
 
+    /// Estimates of chains that are log-normal, as those of splitting nearly are: 95 % intervals contain the mean in at least 91 % of the
+    /// replications, those that the spread refuses left out. The interval of a normal mean contains it in 88 % (an independent computation
+    /// with NumPy).
+    #[test]
+    fn intervals_contain_the_mean_of_log_normal_chains() {
+        let mut random = Sequence::new(3, 0);
+        let (mut stated, mut hits) = (0, 0);
+        for _ in 0..20_000 {
+            let chain = |z: f64| Chain {
+                level: 0.0,
+                probability: 1e-6 * (0.8 * z - 0.32).exp(),
+                is_complete: true,
+                levels: 40,
+                acceptance: 0.3,
+            };
+            let chains = (0..CHAINS).map(|_| chain(random.normal_pair().0)).collect();
+            let splitting = Splitting { simulations: FEWEST, population: POPULATION_FOR_ESTIMATE, chains };
+            if let Ok(estimate) = splitting.estimate() {
+                stated += 1;
+                hits += u32::from(estimate.low < Some(1e-6) && Some(1e-6) < estimate.high);
+            }
+        }
+        let share = f64::from(hits) / f64::from(stated);
+        assert!(stated > 14_000 && (0.905..0.96).contains(&share), "{share} of {stated}");
+    }
+
     /// Returns the chains of splitting on the toy with the hidden corner, for each seed.
     fn chains(strata: &Strata) -> Vec<Splitting> {
         let target = mishandle_toys::target("toy/hidden-corner").unwrap().unwrap();
@@ -344,7 +390,7 @@ mod tests {
     /// Returns how many estimates there are, and how many of their intervals contain 2e-3.
     fn estimates(splittings: &[Splitting]) -> (usize, usize) {
         let estimates: Vec<Estimate> =
-            splittings.iter().filter_map(|splitting| splitting.estimate().ok()).collect();
+            splittings.iter().filter_map(|splitting| splitting.agreement(T[0]).ok()).collect();
         let covers = |estimate: &&Estimate| estimate.low < Some(2e-3) && Some(2e-3) < estimate.high;
         (estimates.len(), estimates.iter().filter(covers).count())
     }

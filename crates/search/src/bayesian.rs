@@ -143,7 +143,7 @@ impl RoundBased for Bayesian {
 
     fn receive(&mut self, values: &[f64]) {
         let round = mem::take(&mut self.round);
-        round.iter().zip(values).for_each(|(point, value)| self.history.push(point, *value));
+        self.history.extend(&round, values);
         self.propose();
     }
 

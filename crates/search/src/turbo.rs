@@ -54,6 +54,9 @@ options! {
 /// max(4, d) / `round-size` failed ones. When its edge falls below 2^-7, the search restarts from new Sobol points and forgets
 /// the old evaluations.
 ///
+/// Values above the 75 % quantile of the earlier ones since the restart count as this quantile, so simulations of such points can
+/// end early.
+///
 /// It differs from the original in the priors of the hyperparameters, in samples by random features instead of a joint
 /// factorization, in fewer candidates and, from 21 coordinates on, in fewer initial points.
 #[derive(Debug, Clone)]
@@ -135,7 +138,8 @@ impl RoundBased for Turbo {
 
     fn receive(&mut self, values: &[f64]) {
         let round = mem::take(&mut self.round);
-        round.iter().zip(values).for_each(|(point, value)| self.history.push(point, *value));
+        let values = self.history.capped(values);
+        self.history.extend(&round, &values);
         let lowest = values.iter().copied().fold(f64::INFINITY, f64::min);
         if mem::take(&mut self.is_initial) {
             self.region.set_best(lowest);
@@ -143,6 +147,10 @@ impl RoundBased for Turbo {
             self.region.receive(lowest, values.len());
         }
         if self.region.has_collapsed() { self.restart() } else { self.propose() }
+    }
+
+    fn stop_threshold(&self, _i: usize) -> f64 {
+        self.history.cap()
     }
 
     fn finished(&self) -> Option<SearchEnd> {

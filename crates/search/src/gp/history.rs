@@ -7,8 +7,12 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 /// memory is bounded.
 const CAPACITY: usize = 4096;
 
+/// Values above this quantile of the earlier ones count as equal to it. How bad a bad point is matters little, and simulations of
+/// such points can end early.
+const CAP: f64 = 0.75;
+
 /// Evaluated points with their robustness, oldest first.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct History {
     points: Vec<Vec<f64>>,
     values: Vec<f64>,
@@ -16,9 +20,38 @@ pub(crate) struct History {
     seen: HashSet<u64>,
     /// The number of evaluations that were dropped.
     n_dropped: usize,
+    cap: f64,
+}
+
+impl Default for History {
+    fn default() -> Self {
+        Self {
+            points: Vec::new(),
+            values: Vec::new(),
+            seen: HashSet::new(),
+            n_dropped: 0,
+            cap: f64::INFINITY,
+        }
+    }
 }
 
 impl History {
+    /// Returns the value that higher ones of the next round count as: not negative, and `+∞` without evaluations.
+    pub(crate) fn cap(&self) -> f64 {
+        self.cap
+    }
+
+    /// Returns the values of a round with none above the cap.
+    pub(crate) fn capped(&self, values: &[f64]) -> Vec<f64> {
+        values.iter().map(|value| value.min(self.cap)).collect()
+    }
+
+    /// Adds the evaluations of a round, and sets the cap of the next one.
+    pub(crate) fn extend(&mut self, round: &[Vec<f64>], values: &[f64]) {
+        round.iter().zip(values).for_each(|(point, value)| self.push(point, *value));
+        self.cap = self.quantile(CAP).max(0.0);
+    }
+
     /// Adds an evaluation.
     pub(crate) fn push(&mut self, point: &[f64], value: f64) {
         if self.values.len() == CAPACITY {
@@ -63,7 +96,7 @@ impl History {
     }
 
     /// Returns the value that at least the fraction `q` of the kept evaluations does not exceed; `+∞` without evaluations.
-    pub(crate) fn quantile(&self, q: f64) -> f64 {
+    fn quantile(&self, q: f64) -> f64 {
         let mut values = self.values.clone();
         if values.is_empty() {
             return f64::INFINITY;

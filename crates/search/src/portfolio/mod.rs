@@ -42,9 +42,6 @@ const CORNERS: f64 = 0.25;
 /// that are few beside those that are known.
 const EVALUATIONS_PER_POINT: usize = 16;
 const MAX_ROUND: usize = 8;
-/// Values above this quantile of the earlier ones count as equal to it. How bad a bad point is matters little, and simulations of
-/// such points can end early.
-const CAP: f64 = 0.75;
 /// A new trust region keeps this distance from the centers of collapsed ones, as a fraction of the diagonal.
 const APART: f64 = 0.05;
 /// The number of collapsed trust regions that are remembered.
@@ -135,8 +132,6 @@ pub struct Portfolio {
     credits: Credits,
     /// The rates of success of single coordinates and of the polish.
     step_rates: [SuccessRate; 2],
-    /// Higher values of the round count as this one.
-    cap: f64,
     /// The number of evaluations after the last improvement.
     since_improvement: usize,
     corners: RemainingCorners,
@@ -172,7 +167,6 @@ impl Portfolio {
             polish: Polish::new(),
             credits: Credits::default(),
             step_rates: [SuccessRate::default(); 2],
-            cap: f64::INFINITY,
             since_improvement: 0,
             corners: RemainingCorners::new(coordinates, seed),
             generator: CandidateGenerator::new(space.clone(), seed, 1),
@@ -341,22 +335,21 @@ impl RoundBased for Portfolio {
 
     fn receive(&mut self, values: &[f64]) {
         let round = mem::take(&mut self.round);
-        let values: Vec<f64> = values.iter().map(|value| value.min(self.cap)).collect();
+        let values = self.history.capped(values);
         if self.history.len() > 0 {
             self.adapt(&values);
         } else {
             let best = (0..values.len()).min_by(|&i, &j| values[i].total_cmp(&values[j])).unwrap_or_default();
             self.since_improvement = values.len() - 1 - best;
         }
-        round.iter().zip(&values).for_each(|(point, value)| self.history.push(point, *value));
-        self.cap = self.history.quantile(CAP).max(0.0);
+        self.history.extend(&round, &values);
         let center = self.center();
         self.region.set_best(self.history.values()[center]);
         self.propose();
     }
 
     fn stop_threshold(&self, _i: usize) -> f64 {
-        self.cap
+        self.history.cap()
     }
 
     fn finished(&self) -> Option<SearchEnd> {
