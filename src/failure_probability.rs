@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::{ControlFlow, RangeInclusive};
 
 use mishandle_risk::{
-    Disagreement, Failure, LARGEST_RATIO, Marginal, Method, POPULATION_FOR_ESTIMATE, Refusal, Report,
-    Scenarios, Settings, Source,
+    Disagreement, Failure, LARGEST_RATIO, Marginal, Method, Refusal, Report, Scenarios, Settings, Source,
 };
 use mishandle_rollout::{Request, Seed, Space};
 use serde::{Deserialize, Serialize};
@@ -142,7 +141,7 @@ pub fn risk_refusals(report: &Report) -> Vec<String> {
     let chains = report.splitting.as_ref().map_or(0, |splitting| splitting.chains.len());
     let splitting = report.answer.splitting_refusal.as_ref().map(|refusal| match refusal {
         Refusal::Budget { simulations, needed } => format!(
-            "multilevel splitting: it was not run, because its part of the budget is {}; it needs at least {} in all",
+            "multilevel splitting: its part of the budget is {}, too few for an estimate, which needs at least {} in all",
             plural(*simulations, "simulation"),
             plural(*needed, "simulation")
         ),
@@ -156,8 +155,7 @@ pub fn risk_refusals(report: &Report) -> Vec<String> {
             "multilevel splitting: the chains disagree by a factor of {ratio:.0}; more than {LARGEST_RATIO} is refused"
         ),
         Refusal::Chains(Disagreement::Small { population }) => format!(
-            "multilevel splitting: the chains agree, but an interval needs {POPULATION_FOR_ESTIMATE} particles in each; they have \
-             {population}"
+            "multilevel splitting: the chains agree, but have only {}", plural(*population, "particle")
         ),
         Refusal::MonteCarlo => {
             "multilevel splitting: the exact interval of Monte Carlo (99 %) contradicts the chains".to_string()

@@ -47,7 +47,7 @@ class Risks(unittest.TestCase):
         self.assertEqual(parts, 8000)
         # The budget is too small for multilevel splitting, which says so.
         self.assertIsNone(found.splitting)
-        self.assertTrue(any("at least 34715 simulations" in refusal for refusal in found.refusals), found.refusals)
+        self.assertTrue(any("at least 208286 simulations" in refusal for refusal in found.refusals), found.refusals)
         self.assertGreater(found.failures[0].scenario["speed"], 9.9)
 
     def test_the_figures_are_those_of_the_program(self) -> None:

@@ -57,11 +57,11 @@ impl Source {
 /// Why an estimate is refused.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Refusal {
-    /// Its part of the budget is too small.
+    /// Its part of the budget is too small for an estimate. If it is large enough for chains, they only find failures.
     Budget {
         /// Number of simulations of its part.
         simulations: u64,
-        /// Fewest simulations of the whole estimation.
+        /// Fewest simulations of the whole estimation for an estimate of this part.
         needed: u64,
     },
     /// The chains disagree or are too small.

@@ -57,7 +57,7 @@ pub use method::Method;
 pub use monte_carlo::MonteCarlo;
 pub use risk::{FREQUENT, Report, Settings, risk};
 pub use scenarios::{Draw, Scenarios};
-pub use splitting::{CHAINS, Chain, Disagreement, LARGEST_RATIO, POPULATION_FOR_ESTIMATE, Splitting};
+pub use splitting::{CHAINS, Chain, Disagreement, LARGEST_RATIO, Splitting};
 
 /// Confidence of intervals.
 const CONFIDENCE: f64 = 0.95;

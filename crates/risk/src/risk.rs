@@ -83,7 +83,10 @@ pub fn risk(
     };
     let Parts { monte_carlo, exploration, splitting, splitting_refusal, importance } = parts;
     let mut answer = Answer::new(&monte_carlo, splitting.as_ref(), importance.as_ref());
-    answer.splitting_refusal = answer.splitting_refusal.or(splitting_refusal);
+    // A larger budget is the cure for chains that are missing, small, or disagree.
+    if let None | Some(Refusal::Chains(_)) = answer.splitting_refusal {
+        answer.splitting_refusal = splitting_refusal.or(answer.splitting_refusal);
+    }
     Ok(Report {
         answer,
         monte_carlo,
@@ -124,8 +127,9 @@ impl Parts {
                 let (result, failing) = split(experiment, seed.child(2), of(shares.splitting))?;
                 self.splitting = Some(result);
                 found.extend(failing);
-            } else if shares.splitting > 0.0 {
-                let needed = (splitting::FEWEST as f64 / shares.splitting).ceil() as u64;
+            }
+            if shares.splitting > 0.0 && of(shares.splitting) < splitting::FEWEST_FOR_ESTIMATE {
+                let needed = (splitting::FEWEST_FOR_ESTIMATE as f64 / shares.splitting).ceil() as u64;
                 self.splitting_refusal = Some(Refusal::Budget { simulations: of(shares.splitting), needed });
             }
             if shares.importance > 0.0 {

@@ -25,10 +25,13 @@ const SMALLEST_POPULATION: u64 = 30;
 
 /// Smallest population of a chain for an estimate. With 185 particles, 95 % intervals contain the probability in 92 to 97 % of the
 /// replications of the known systems, with 111 in 80 to 97 %, with 62 in 75 to 97 %: docs/risk.md. Smaller populations only find failures.
-pub const POPULATION_FOR_ESTIMATE: u64 = 180;
+const POPULATION_FOR_ESTIMATE: u64 = 180;
 
 /// Fewest simulations of multilevel splitting.
 pub const FEWEST: u64 = CHAINS as u64 * PER_PARTICLE * SMALLEST_POPULATION;
+
+/// Fewest simulations for an estimate.
+pub const FEWEST_FOR_ESTIMATE: u64 = CHAINS as u64 * PER_PARTICLE * POPULATION_FOR_ESTIMATE;
 
 /// Chains disagree if the largest estimate is more than this multiple of the smallest.
 pub const LARGEST_RATIO: f64 = 10.0;
@@ -80,7 +83,7 @@ pub enum Disagreement {
         /// Largest estimate divided by the smallest.
         ratio: f64,
     },
-    /// The chains agree, but have fewer than [`POPULATION_FOR_ESTIMATE`] particles.
+    /// The chains agree, but have fewer than 180 particles.
     Small {
         /// Number of particles of a chain.
         population: u64,
