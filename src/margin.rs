@@ -67,6 +67,8 @@ pub struct Level {
     pub amplitude: f64,
     /// Number of simulations.
     pub simulations: u64,
+    /// Number of simulations without a verdict.
+    pub without_verdict: u64,
     /// Lowest robustness; `None` if no simulation has one.
     pub robustness: Option<f64>,
     /// Whether the search came to its end: a violation, or its share of the budget. Otherwise it was interrupted.
@@ -77,7 +79,19 @@ pub struct Level {
 
 impl Level {
     fn new(amplitude: f64) -> Level {
-        Level { amplitude, simulations: 0, robustness: None, is_complete: false, is_exhaustive: false }
+        Level {
+            amplitude,
+            simulations: 0,
+            without_verdict: 0,
+            robustness: None,
+            is_complete: false,
+            is_exhaustive: false,
+        }
+    }
+
+    /// Returns the number of simulations with a verdict.
+    pub fn verdicts(&self) -> u64 {
+        self.simulations - self.without_verdict
     }
 
     /// Returns whether a simulation violates the requirement.
@@ -101,13 +115,15 @@ impl Margin {
         self.levels.iter().any(|level| level.robustness.is_some())
     }
 
-    /// Returns the largest amplitude below that of the witness at which a finished search found no violation. The number of its
-    /// simulations is evidence, not a proof, that smaller disturbances are harmless.
+    /// Returns the largest amplitude below that of the witness at which a finished search found no violation, and at which most simulations
+    /// have a verdict. Their number is evidence, not a proof, that smaller disturbances are harmless.
     pub fn largest_without_violation(&self) -> Option<Level> {
         let amplitude = |level: &Level| level.amplitude;
         let below = self.witness.as_ref().map_or(f64::INFINITY, |witness| witness.norms.largest);
         let has_passed = |level: &&Level| {
-            level.is_complete && level.robustness.is_some_and(|rho| rho >= 0.0) && level.amplitude < below
+            let has_evidence =
+                level.robustness.is_some_and(|rho| rho >= 0.0) && level.verdicts() > level.without_verdict;
+            level.is_complete && has_evidence && level.amplitude < below
         };
         let passed = self.levels.iter().filter(has_passed);
         passed.copied().max_by(|a, b| amplitude(a).total_cmp(&amplitude(b)))
@@ -280,7 +296,8 @@ impl Attempt<'_> {
         let before = level.simulations;
         if let Some(all) = all_scenarios(&self.space, level.amplitude, share) {
             let found = self.simulate(&all, level)?;
-            level.is_exhaustive = level.simulations - before == all.len() as u64;
+            level.is_exhaustive =
+                level.simulations - before == all.len() as u64 && level.without_verdict == 0;
             return Ok(found);
         }
         let known = witness.map(|witness| scaled(&self.space, &witness.request.scenario, level.amplitude));
@@ -353,6 +370,8 @@ impl Attempt<'_> {
         let least = episodes.iter().filter_map(Episode::robustness).chain(level.robustness);
         level.robustness = least.reduce(f64::min);
         level.simulations += episodes.len() as u64;
+        level.without_verdict +=
+            episodes.iter().filter(|episode| episode.robustness().is_none()).count() as u64;
         self.simulations += episodes.len() as u64;
         self.is_interrupted = (self.watch)(self.simulations).is_break();
         Ok(episodes)

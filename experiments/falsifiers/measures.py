@@ -24,6 +24,25 @@ def mean_interval(values: NDArray[np.float64]) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def ratio_intervals(pairs: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]) -> list[tuple[float, float]]:
+    """Returns 95 % percentile bootstrap intervals of the sum of the first means over the sum of the second ones.
+
+    A pair has the trials of two searches on a system, by seed. The first interval resamples seeds: it is about these systems. The second
+    one resamples the systems, too: it is about systems like these.
+    """
+    random = np.random.default_rng(SEED)
+    intervals = []
+    for chosen in (np.tile(np.arange(len(pairs)), (RESAMPLES, 1)), random.integers(0, len(pairs), (RESAMPLES, len(pairs)))):
+        means = np.empty((RESAMPLES, len(pairs), 2))
+        for index, pair in enumerate(pairs):
+            seeds = random.integers(0, len(pair[0]), (RESAMPLES, len(pair[0])))
+            means[:, index] = np.stack([side[seeds].mean(axis=1) for side in pair], axis=1)
+        sums = np.take_along_axis(means, chosen[:, :, None], axis=1).sum(axis=1)
+        low, high = np.percentile(sums[:, 0] / sums[:, 1], [2.5, 97.5])
+        intervals.append((float(low), float(high)))
+    return intervals
+
+
 def wilson_interval(successes: int, count: int) -> tuple[float, float]:
     """Returns the 95 % interval of a rate (Wilson 1927)."""
     z = float(stats.norm.ppf(0.975))

@@ -105,12 +105,13 @@ def interval(low: float, high: float, digits: int = 0) -> str:
 
 def ratio_bar(results: Results, groups: Sequence[str], corner: bool, most: float) -> Bar:
     """Returns the first bar over the systems with or without a failing corner: text, verdict, and the systems that miss it alone."""
-    ours, theirs, missed = [], [], []
+    ours, theirs, missed, pairs = [], [], [], []
     for system in results.systems:
         pair = results.pair((OURS, 1), (ANNEALING, 1), system.name)
         if system.group not in groups or system.corner != corner or pair is None:
             continue
         means = [float(side.mean()) for side in pair]
+        pairs.append(pair)
         ours.append(means[0])
         theirs.append(means[1])
         if means[0] > most * means[1]:
@@ -119,9 +120,10 @@ def ratio_bar(results: Results, groups: Sequence[str], corner: bool, most: float
         return "no trials", None, []
     ratio = sum(ours) / sum(theirs)
     alone = [first / second for first, second in zip(ours, theirs)]
+    these, like_these = (interval(*each, 2) for each in measures.ratio_intervals(pairs))
     text = (
-        f"{np.mean(ours):.1f} of {np.mean(theirs):.1f} simulations over {len(ours)} systems: ratio {ratio:.3f}, median of the systems "
-        f"{statistics.median(alone):.3f}; {len(ours) - len(missed)} of {len(ours)} systems meet it alone"
+        f"{np.mean(ours):.1f} of {np.mean(theirs):.1f} simulations over {len(ours)} systems: ratio {ratio:.3f} ({these} over seeds, "
+        f"{like_these} over seeds and systems), median of the systems {statistics.median(alone):.3f}; {len(ours) - len(missed)} of {len(ours)} systems meet it alone"
     )
     return text, ratio <= most, missed
 
@@ -245,26 +247,33 @@ def overview(results: Results, batch: int, slow: bool) -> str:
             rate = measures.wilson_interval(sum(row.violated for row in found), len(found))
             share = sum(row.violated for row in found) / len(found)
             cells.append(f"{values.mean():.1f} ({interval(low, high)}); {100 * share:.0f} % ({interval(100 * rate[0], 100 * rate[1])})")
-        every = [row.proposal_ms for of in results.trials[key].values() for row in of.values()]
-        rows.append([f"`{key[0]}`", *cells, f"{statistics.mean(every):.0f}"])
+        every = [row for of in results.trials[key].values() for row in of.values()]
+        each = sum(row.proposal_ms for row in every) / sum(row.simulations for row in every)
+        rows.append([f"`{key[0]}`", *cells, f"{each:.2f}"])
     counts = [f"{name}: {len(seeds)} systems, {sum(map(len, seeds.values()))} trials" for name, seeds in columns]
-    return markdown(["search", *counts, "ms of proposals"], rows)
+    return markdown(["search", *counts, "ms per proposal"], rows)
 
 
 def comparison(results: Results) -> str:
-    """Returns a row for each system: our default search against random search, SciPy's dual annealing and the best search."""
+    """Returns a row for each system: our default search against random search, SciPy's dual annealing and the best search.
+
+    The first three have the seeds in common that a row states, and the best search those of all searches.
+    """
     rows = []
     for system in results.systems:
         if results.mean((OURS, 1), system.name) is None:
             continue
-        ours = results.values((OURS, 1), system.name)
+        others = [name for name in (RANDOM, ANNEALING) if results.mean((name, 1), system.name) is not None]
+        found = [set(results.trials[name, 1][system.name]) for name in (OURS, *others)]
+        seeds = sorted(set.intersection(*found))
+        ours = results.values((OURS, 1), system.name, seeds)
         low, high = measures.mean_interval(ours)
         cells = [f"`{system.name}`", system.facts["kind"] + (", corner" if system.corner else ""), system.dimension, len(ours)]
         cells.append(f"{ours.mean():.1f} ({interval(low, high, 1)})")
         for other in (RANDOM, ANNEALING):
-            pair = results.pair((OURS, 1), (other, 1), system.name)
-            cells.append("" if pair is None else f"{pair[1].mean():.1f}")
-            cells.append("" if pair is None else f"{measures.a12(*pair):.2f}")
+            theirs = results.values((other, 1), system.name, seeds) if other in others else None
+            cells.append("" if theirs is None else f"{theirs.mean():.1f}")
+            cells.append("" if theirs is None else f"{measures.a12(ours, theirs):.2f}")
         best = best_search(results, system.name, 1)
         cells.append("" if best is None else f"`{best[0][0]}` {results.values(best[0], system.name, best[1]).mean():.1f}")
         rows.append(cells)

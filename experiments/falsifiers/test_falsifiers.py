@@ -39,6 +39,13 @@ class Measures(unittest.TestCase):
             found = measures.wilson_interval(successes, count)
             np.testing.assert_allclose(found, (low, high), atol=6e-5)
 
+    def test_intervals_of_a_ratio_of_constants_have_no_width_over_seeds(self):
+        # Ratios of 1/2 and 3/4: (1 + 3) / (2 + 4) of both systems, and at most 3/4 of two of the same.
+        pairs = [(np.full(5, 1.0), np.full(5, 2.0)), (np.full(5, 3.0), np.full(5, 4.0))]
+        seeds, like_these = measures.ratio_intervals(pairs)
+        np.testing.assert_allclose(seeds, (2 / 3, 2 / 3))
+        np.testing.assert_allclose(like_these, (0.5, 0.75))
+
     def test_a12_counts_pairs_and_half_of_the_ties(self):
         # Of nine pairs, 1 < 2, 3, 4 and 2 < 3, 4 and 3 < 4 are six, and 2 = 2 and 3 = 3 are ties.
         self.assertAlmostEqual(measures.a12(np.array([1, 2, 3]), np.array([2, 3, 4])), 7 / 9)

@@ -27,7 +27,7 @@ def read(path: Path) -> tuple[tuple[str, str, str], str, str]:
             if len(values) < plan["evaluate"]["episodes"]:
                 return key, "rate", "?"
             failures = sum(value is not None and value < 0 for value in values)
-            return key, "rate", f"{100 * failures / len(values):.0f} %"
+            return key, "rate", f"{100 * failures / len(values):g} %"
         trials = list(run.execute("SELECT status, simulations FROM trials"))
         if len(trials) < plan["falsify"]["trials"] or any(status == "running" for status, _ in trials):
             return key, "search", "?"

@@ -27,12 +27,14 @@ class MarginLevel:
     amplitude: float
     """Largest offset of an axis, as a fraction of the distance from its nominal value to its bound."""
     simulations: int
+    without_verdict: int
+    """Number of simulations without a verdict."""
     minimum_robustness: float | None
     is_violated: bool
     is_complete: bool
     """Whether the search at this amplitude was not interrupted."""
     is_exhaustive: bool
-    """Whether all scenarios up to the amplitude were simulated."""
+    """Whether all scenarios up to the amplitude were simulated and have a verdict."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +67,10 @@ class Margin:
     levels: list[MarginLevel]
     """The amplitudes in the order in which they were tried."""
     no_violation_up_to: float | None
-    """Largest amplitude below that of the witness at which a finished search found no violation: evidence, not a proof."""
+    """Largest amplitude below that of the witness at which a finished search found no violation and most simulations have a
+    verdict: evidence, not a proof."""
     no_violation_simulations: int | None
-    """Number of simulations on which ``no_violation_up_to`` rests."""
+    """Number of simulations with a verdict on which ``no_violation_up_to`` rests."""
     witness: Witness | None
     """``None`` if no simulation violates the formula."""
     is_complete: bool

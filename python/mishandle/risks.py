@@ -56,6 +56,8 @@ class MonteCarlo:
     without_verdict: int
     """Number of simulations without a verdict, which count as passed."""
     failure_rate: Estimate
+    bound_with_undecided: float | None
+    """Upper bound of the probability (97.5 %) if the simulations without a verdict are failures."""
 
 
 @dataclass(frozen=True)
@@ -250,8 +252,8 @@ def risk(
     for text in found.pop("warnings"):
         warnings.warn(text, stacklevel=2)
     interruption = found.pop("interruption")
-    (number, failed, without_verdict), rate = found.pop("monte_carlo")
-    monte_carlo = MonteCarlo(number, failed, without_verdict, Estimate(*rate))
+    (number, failed, without_verdict), rate, bound = found.pop("monte_carlo")
+    monte_carlo = MonteCarlo(number, failed, without_verdict, Estimate(*rate), bound)
     if interruption is None and monte_carlo.without_verdict == monte_carlo.simulations:
         raise untested(made.system.exceptions)
     probability, failures = found.pop("probability"), found.pop("failures")

@@ -57,13 +57,14 @@ pub fn margin<'py>(
     dict.set_item("formula", formula)?;
     dict.set_item("simulations", found.simulations)?;
     let level = |level: &Level| {
-        let Level { amplitude, simulations, robustness, is_complete, is_exhaustive } = *level;
-        (amplitude, simulations, robustness, level.is_violated(), is_complete, is_exhaustive)
+        let Level { amplitude, simulations, without_verdict, robustness, is_complete, is_exhaustive } =
+            *level;
+        (amplitude, simulations, without_verdict, robustness, level.is_violated(), is_complete, is_exhaustive)
     };
     dict.set_item("levels", found.levels.iter().map(level).collect::<Vec<_>>())?;
     let passed = found.largest_without_violation();
     dict.set_item("no_violation_up_to", passed.map(|level| level.amplitude))?;
-    dict.set_item("no_violation_simulations", passed.map(|level| level.simulations))?;
+    dict.set_item("no_violation_simulations", passed.map(|level| level.verdicts()))?;
     let Some(witness) = &found.witness else {
         dict.set_item("witness", py.None())?;
         return Ok(dict);

@@ -85,7 +85,8 @@ fn set_parts(dict: &Bound<'_, PyDict>, found: &Report) -> PyResult<()> {
     dict.set_item("bounds", <(f64, f64)>::from(answer.bounds))?;
     dict.set_item("refusals", mishandle::risk_refusals(found))?;
     let counts = (monte_carlo.simulations, monte_carlo.failures, monte_carlo.without_verdict);
-    dict.set_item("monte_carlo", (counts, estimate(&monte_carlo.estimate())))?;
+    let bound = monte_carlo.bound_with_undecided();
+    dict.set_item("monte_carlo", (counts, estimate(&monte_carlo.estimate()), bound))?;
     dict.set_item("exploration", found.exploration)?;
     let importance = importance.as_ref().map(|importance| {
         let Importance { fitting, simulations, failures, effective_failures, components, .. } = *importance;

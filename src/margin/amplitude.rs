@@ -87,6 +87,7 @@ pub(super) fn between(space: &Space, passes: f64, fails: f64) -> Option<f64> {
 /// Returns the scenario at a point of the unit cube: disturbed axes are scaled to the amplitude.
 pub(super) fn scenario_at(space: &Space, u: &[f64], amplitude: f64) -> Scenario {
     let value = |(axis, u): (&Axis, &f64)| match axis.nominal {
+        _ if axis.is_fixed() => Some(axis.low),
         None => None,
         Some(nominal) if is_disturbed(axis) => Some(at_amplitude(axis, nominal, *u, amplitude)),
         Some(_) if varies_freely(axis) => Some(axis.at(*u)),
@@ -128,13 +129,14 @@ pub(super) fn scaled(space: &Space, scenario: &Scenario, amplitude: f64) -> Scen
 /// Returns all scenarios up to an amplitude, if there are at most `limit`.
 pub(super) fn all_scenarios(space: &Space, amplitude: f64, limit: u64) -> Option<Vec<Scenario>> {
     let range = |axis: &Axis| match axis.nominal {
+        _ if axis.is_fixed() => Some([axis.low; 2]),
         Some(nominal) if is_disturbed(axis) => {
             axis.levels().map(|_| discrete_range(axis, nominal, amplitude))
         }
-        Some(_) if varies_freely(axis) && !axis.is_fixed() => axis.levels().map(|_| [axis.low, axis.high]),
+        Some(_) if varies_freely(axis) => axis.levels().map(|_| [axis.low, axis.high]),
         nominal => nominal.map(|nominal| [nominal; 2]),
     };
-    let is_drawn = |axis: &Axis| axis.nominal.is_none();
+    let is_drawn = |axis: &Axis| axis.nominal.is_none() && !axis.is_fixed();
     let count = |axis: &Axis| match range(axis) {
         _ if is_drawn(axis) => 1.0,
         Some([low, high]) => high - low + 1.0,

@@ -205,6 +205,35 @@ fn an_amplitude_without_any_verdict_says_nothing() {
     assert_eq!((found.largest_without_violation(), found.has_verdict()), (None, false));
 }
 
+/// Without a verdict at all but the nominal value, an amplitude is neither without a violation nor exhausted.
+#[test]
+fn simulations_without_a_verdict_are_counted_and_are_no_evidence() {
+    for axis in [inputs(1).remove(0), integer("k", 0.0, 5.0)] {
+        let outcome = |request: &Request| match request.scenario.values()[0] {
+            Some(0.0) => SimulatedEnd::Robustness(1.0),
+            _ => SimulatedEnd::Diverged,
+        };
+        let mut system = FunctionSystem::new(Space::new("disturbance", vec![axis]).unwrap(), outcome);
+        let found = margin(&mut system, Seed(1), 60, |_| ControlFlow::Continue(())).unwrap();
+        assert_eq!(found.largest_without_violation(), None, "{:?}", found.levels);
+        assert!(found.levels.iter().all(|level| level.without_verdict > 0 && !level.is_exhaustive));
+    }
+}
+
+/// An axis of one value is not searched: the margin is that of the other, 0.3 / 0.5.
+#[test]
+fn a_fixed_axis_is_not_searched() {
+    let mut axes = inputs(2);
+    // The second one is a random draw that is fixed, so that it has no nominal value.
+    axes[1] = Axis::new(AxisKind::Noise, "x1", "", [0.1, 0.1], None);
+    let (margin, _) = found(axes, |x| 0.2 + x[1] - 0.5 * x[0]);
+    assert!((0.6..0.612).contains(&margin.witness.unwrap().norms.largest));
+    let mut axes = inputs(2);
+    axes[1] = Axis::new(AxisKind::Input, "x1", "", [0.5, 0.5], Some(0.5));
+    let (margin, simulations) = found(axes, |x| x[1]);
+    assert_eq!((margin.witness.is_none(), simulations), (true, BUDGET));
+}
+
 #[test]
 fn no_budget_is_exceeded() {
     for budget in [1, 2, 3, 7, 16, 17, 33, 100] {

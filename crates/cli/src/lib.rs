@@ -26,6 +26,9 @@ use mishandle::tasks::Task;
 
 use args::{Command, CommandLine};
 
+/// Exit code after the reader of stdout closed the pipe: 128 plus the number of the signal SIGPIPE.
+const BROKEN_PIPE: u8 = 141;
+
 /// Name of the program.
 const PROGRAM: &str = "mishandle";
 
@@ -90,7 +93,8 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Ok(ExitStatus::Done) => ExitCode::SUCCESS,
         Ok(ExitStatus::Violated) => ExitCode::from(1),
         Ok(ExitStatus::Interrupted) => ExitCode::from(interrupt::EXIT_CODE),
-        Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
+        // As programs that the signal ends: 0 would hide a violation.
+        Err(error) if output::is_broken_pipe(&error) => ExitCode::from(BROKEN_PIPE),
         Err(error) => {
             output::report_error(&error);
             ExitCode::from(2)

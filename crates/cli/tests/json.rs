@@ -118,7 +118,7 @@ fn the_page_documents_the_keys_that_every_command_prints() {
         ("simulate", "simulate toy/noisy --repeat 5 --scenarios 3", 0),
         ("simulate", "simulate toy/noisy", 0),
         ("margin", "margin toy/car-following --space dynamics+events --budget 400", 1),
-        ("risk", "risk toy/sphere-2d --formula 'always(distance >= 0.02)' --simulations 60000", 1),
+        ("risk", "risk toy/sphere-2d --formula 'always(distance >= 0.02)' --simulations 210000", 1),
         ("replay", "replay g.sqlite", 0),
         ("replay", "replay e.sqlite --trial 2", 0),
         ("explain", "explain g.sqlite", 1),

@@ -957,3 +957,17 @@ fn policies_of_other_tools_run_and_replay() {
         &["1 means and 2 variances", "docs/import.md"],
     );
 }
+
+/// The exit code of a run that finds a counterexample is 1, or 141 if the reader of stdout is gone: never 0, which would say that nothing failed.
+#[test]
+fn a_closed_pipe_does_not_end_with_success() {
+    let bench = Bench::new();
+    let mut child = bench
+        .command("falsify toy/sphere-2d --trials 1 --budget 50 --json")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    assert_eq!(child.wait().unwrap().code(), Some(141));
+}

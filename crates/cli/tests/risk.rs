@@ -106,14 +106,16 @@ fn a_method_that_was_not_run_is_named_before_the_answer() {
     let said = bench.check("risk toy/sphere-2d --method splitting --simulations 2000", 1);
     let place = |text: &str| said.find(text).unwrap_or_else(|| panic!("no `{text}`: {said}"));
     assert!(
-        place("no estimate: multilevel splitting: its part of the budget") < place("probability of a violation"),
+        place("no estimate: multilevel splitting: its part of the budget")
+            < place("probability of a violation"),
         "{said}"
     );
     // With the default method, the other parts were to answer, too.
     let said = bench.check("risk toy/hidden-corner --simulations 2000", 1);
     let place = |text: &str| said.find(text).unwrap_or_else(|| panic!("no `{text}`: {said}"));
     assert!(
-        place("no estimate: multilevel splitting: its part of the budget") > place("probability of a violation"),
+        place("no estimate: multilevel splitting: its part of the budget")
+            > place("probability of a violation"),
         "{said}"
     );
 }

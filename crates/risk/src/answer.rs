@@ -105,6 +105,11 @@ impl Answer {
         } else {
             (None, Estimate::default(), false)
         };
+        // If Monte Carlo answers, its interval has no assumption, so it is the bounds, too.
+        let bounds = match (source, estimate.low, estimate.high) {
+            (Some(Source::MonteCarlo), Some(low), Some(high)) => [low, high],
+            _ => bounds,
+        };
         Answer { source, estimate, has_assumption, bounds, splitting_refusal }
     }
 }
@@ -219,6 +224,15 @@ mod tests {
         assert_eq!(answer.source, Some(Source::MonteCarlo));
         // Without failures, Monte Carlo does not contradict them.
         assert_eq!(Answer::new(&monte_carlo(0), Some(&agreeing), None).source, Some(Source::Splitting));
+    }
+
+    /// Two intervals that both assume nothing would leave the choice to the reader.
+    #[test]
+    fn the_bounds_are_the_interval_of_monte_carlo_if_it_answers() {
+        let unreliable = Importance { effective_failures: 1.0, ..regions(1e-3, 5) };
+        let answer = Answer::new(&monte_carlo(5), None, Some(&unreliable));
+        assert_eq!(answer.source, Some(Source::MonteCarlo));
+        assert_eq!([answer.estimate.low, answer.estimate.high], answer.bounds.map(Some));
     }
 
     #[test]

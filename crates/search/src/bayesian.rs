@@ -10,7 +10,7 @@ use crate::gp::history::History;
 use crate::gp::space::TypedSpace;
 use crate::gp::surrogate::Surrogate;
 use crate::gp::transform::Transform;
-use crate::options::{ANY, AT_LEAST_1, NOT_NEGATIVE, Range, options};
+use crate::options::{ANY, NOT_NEGATIVE, POINTS, Range, options};
 use crate::registry::SearchEntry;
 use crate::sobol::SobolPoints;
 use crate::{AskTell, Coordinate, RoundBased, SearchEnd, SearchError, coordinate};
@@ -41,9 +41,9 @@ options! {
     /// The options of [`Bayesian`].
     pub struct BayesianOptions of NAME {
         /// Points per round. The points of a round are chosen together, without each other's values.
-        pub round_size: usize = 8, in AT_LEAST_1;
+        pub round_size: usize = 8, in POINTS;
         /// Points of the first round: Sobol points and the center of the box.
-        pub initial: Option<usize> = None, or "2 (d + 1), at most 20", in AT_LEAST_1;
+        pub initial: Option<usize> = None, or "2 (d + 1), at most 20", in POINTS;
         /// How a round is chosen: lower confidence bound (lcb) or samples of the posterior (thompson).
         pub acquisition: String = "lcb".to_owned(), in ACQUISITION;
         /// Standard deviations that the lower confidence bound is below the mean.

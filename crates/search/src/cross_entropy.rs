@@ -4,7 +4,7 @@ use mishandle_random::Sequence;
 
 use crate::categories::{Categories, Normals, least_deviation, n_categories};
 use crate::coordinate::dimension;
-use crate::options::{Range, options};
+use crate::options::{MOST_POINTS, Range, options};
 use crate::registry::SearchEntry;
 use crate::{AskTell, Coordinate, RoundBased, SearchEnd, SearchError};
 
@@ -23,7 +23,7 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
     },
 };
 
-const AT_LEAST_2: Range = Range { words: "at least 2", holds: |x| x >= 2.0 };
+const FROM_2: Range = Range { words: "from 2 to 100000", holds: |x| (2.0..=MOST_POINTS).contains(&x) };
 const POSITIVE: Range = Range { words: "a positive number", holds: |x| x > 0.0 && x.is_finite() };
 const FRACTION: Range = Range { words: "in (0, 1]", holds: |x| x > 0.0 && x <= 1.0 };
 
@@ -31,7 +31,7 @@ options! {
     /// The options of [`CrossEntropy`].
     pub struct CrossEntropyOptions of NAME {
         /// Number of samples in a generation.
-        pub population: usize = 40, in AT_LEAST_2;
+        pub population: usize = 40, in FROM_2;
         /// Fraction of the samples that the next distribution is fitted to. Ties with the worst of them are included.
         pub elite_fraction: f64 = 0.2, in FRACTION;
         /// Weight of the fitted distribution; the previous one has the rest. 1 is no smoothing.

@@ -4,7 +4,7 @@ use mishandle_random::Sequence;
 
 use crate::categories::level_of;
 use crate::coordinate::dimension;
-use crate::options::{ANY, FROM_0_TO_1, NOT_NEGATIVE, Range, options};
+use crate::options::{ANY, FROM_0_TO_1, MOST_POINTS, NOT_NEGATIVE, Range, options};
 use crate::registry::SearchEntry;
 use crate::{AskTell, Coordinate, RoundBased, SearchEnd, SearchError};
 
@@ -26,7 +26,8 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
 
 const STRATEGIES: [(&str, Strategy); 2] = [("best1bin", Strategy::Best), ("rand1bin", Strategy::Random)];
 const STRATEGY: Range = Range::described("\"best1bin\" or \"rand1bin\"");
-const POPULATION: Range = Range { words: "at least 5", holds: |x| x >= MIN_POPULATION as f64 };
+const POPULATION: Range =
+    Range { words: "from 5 to 100000", holds: |x| (MIN_POPULATION as f64..=MOST_POINTS).contains(&x) };
 const MUTATION: Range = Range { words: "in [0, 2)", holds: |x| (0.0..2.0).contains(&x) };
 
 options! {

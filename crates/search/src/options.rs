@@ -5,7 +5,8 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use crate::SearchError;
+use crate::free::is_free;
+use crate::{Coordinate, SearchError};
 
 /// The value of an option.
 #[derive(Debug, Clone, PartialEq)]
@@ -99,6 +100,20 @@ impl SearchOptions {
     /// Returns all options that are set, sorted by name.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &OptionValue)> {
         self.values.iter().map(|(name, value)| (name.as_str(), value))
+    }
+
+    /// Returns the same options with points of the free coordinates. Points of another dimension stay, so that their search refuses them.
+    pub(crate) fn projected(&self, coordinates: &[Coordinate]) -> Self {
+        let free = |point: &Vec<f64>| match point.len() == coordinates.len() {
+            true => point.iter().zip(coordinates).filter(|(_, of)| is_free(of)).map(|(x, _)| *x).collect(),
+            false => point.clone(),
+        };
+        let projected = |value: &OptionValue| match value {
+            OptionValue::Point(point) => OptionValue::Point(free(point)),
+            OptionValue::Points(points) => OptionValue::Points(points.iter().map(free).collect()),
+            value => value.clone(),
+        };
+        Self { values: self.values.iter().map(|(name, value)| (name.clone(), projected(value))).collect() }
     }
 
     /// Returns whether no option is set.
@@ -197,6 +212,10 @@ pub(crate) const ANY: Range = Range::described("");
 pub(crate) const NOT_NEGATIVE: Range = Range { words: "at least 0", holds: |x| x >= 0.0 };
 pub(crate) const FROM_0_TO_1: Range = Range { words: "in [0, 1]", holds: |x| (0.0..=1.0).contains(&x) };
 pub(crate) const AT_LEAST_1: Range = Range { words: "at least 1", holds: |x| x >= 1.0 };
+/// The most points that a search makes at once: more need gigabytes of memory.
+pub(crate) const MOST_POINTS: f64 = 100_000.0;
+pub(crate) const POINTS: Range =
+    Range { words: "from 1 to 100000", holds: |x| (1.0..=MOST_POINTS).contains(&x) };
 /// For [`check_start`].
 pub(crate) const POINT_OF_THE_BOX: Range = Range::described("d numbers in [0, 1]");
 

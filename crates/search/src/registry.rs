@@ -85,6 +85,6 @@ pub fn by_name(
         return (entry.make)(coordinates, seed, options);
     }
     coordinate::check_dimension(free.len())?;
-    let inner = (entry.make)(&free, seed, options)?;
+    let inner = (entry.make)(&free, seed, &options.projected(coordinates))?;
     Ok(Box::new(FreeSearch::new(inner, coordinates)))
 }

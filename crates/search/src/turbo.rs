@@ -12,7 +12,7 @@ use crate::gp::space::TypedSpace;
 use crate::gp::surrogate::Surrogate;
 use crate::gp::transform::Transform;
 use crate::gp::trust_region::TrustRegion;
-use crate::options::{AT_LEAST_1, options};
+use crate::options::{POINTS, options};
 use crate::registry::SearchEntry;
 use crate::sobol::SobolPoints;
 use crate::{AskTell, Coordinate, RoundBased, SearchEnd, SearchError, coordinate};
@@ -39,9 +39,9 @@ options! {
     /// The options of [`Turbo`].
     pub struct TurboOptions of NAME {
         /// Points per round. The points of a round are chosen together, without each other's values.
-        pub round_size: usize = 8, in AT_LEAST_1;
+        pub round_size: usize = 8, in POINTS;
         /// Sobol points at the start and after a restart.
-        pub initial: Option<usize> = None, or "2 d, from 4 to 40", in AT_LEAST_1;
+        pub initial: Option<usize> = None, or "2 d, from 4 to 40", in POINTS;
         /// How robustness is transformed for the model: asinh, rank (normal scores) or standard (mean and variance).
         pub transform: String = "standard".to_owned(), in TRANSFORM;
     }

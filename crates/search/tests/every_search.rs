@@ -334,6 +334,38 @@ fn of_levels(u: &[f64]) -> f64 {
     (level(u[0], 5.0) - 3.0).abs() / 4.0 + wrong_category + (u[2] - 0.3).abs() + level(u[4], 2.0)
 }
 
+/// A start has all coordinates, also those with one value; and it is the first point, or one of the first.
+#[test]
+fn a_start_in_a_space_with_a_fixed_coordinate_is_accepted() {
+    let space = [Coordinate::Continuous, Coordinate::Integer { levels: 1 }, Coordinate::Continuous];
+    let mut options = SearchOptions::new();
+    options.set("start", OptionValue::Point(vec![0.25, 0.5, 0.75]));
+    let mut search = by_name("nelder-mead", &space, 1, &options).expect("a start");
+    assert_eq!(search.ask(), Some(vec![0.25, 0.5, 0.75]));
+    options.set("start", OptionValue::Point(vec![0.25]));
+    let error = by_name("nelder-mead", &space, 1, &options).err().expect("a point of one number");
+    assert!(error.to_string().contains("start"), "{error}");
+}
+
+/// Numbers of points that would need gigabytes of memory.
+#[test]
+fn more_points_at_once_than_memory_has_are_refused() {
+    for (name, option) in [
+        ("bayesian", "round-size"),
+        ("bayesian", "initial"),
+        ("turbo", "round-size"),
+        ("turbo", "initial"),
+        ("portfolio", "round-size"),
+        ("cross-entropy", "population"),
+        ("differential-evolution", "population"),
+        ("cma-es", "population"),
+    ] {
+        let options: SearchOptions = [(option, OptionValue::Integer(100_001))].into_iter().collect();
+        let error = by_name(name, &TYPED, 1, &options).err();
+        assert!(matches!(error, Some(SearchError::Option { .. })), "{name} {option}: {error:?}");
+    }
+}
+
 #[test]
 fn points_in_mixed_spaces_are_in_the_cube_and_do_not_depend_on_batches_or_resumption() {
     for entry in SEARCHES {

@@ -51,7 +51,8 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::BUDGET))]
     #[arg(conflicts_with = "resume")]
     pub budget: Option<u32>,
-    /// End simulations as soon as the search does not need the rest, which saves time. The result of the search is the same
+    /// End simulations as soon as the search does not need the rest. The scenarios and violations are the same, but a trial
+    /// without a violation can have a lower bound as lowest robustness
     #[arg(long, conflicts_with = "resume")]
     pub early_stopping: bool,
     /// Continue each trial after its first counterexample, to find other failure modes
@@ -146,10 +147,15 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 /// Default number of repeated simulations of a counterexample.
 const REPEATS: u32 = 100;
 
+/// Fewest simulations of a counterexample with other seeds, unless fewer are requested. Fewer say little: of 20, none fails with a
+/// probability of 36 % if 5 % do.
+const FEWEST_REPEATS: u64 = 20;
+
 /// Repeated simulations of counterexamples, by trial.
 pub type Repeats = BTreeMap<u32, RepeatReport>;
 
-/// Simulates each counterexample `repeats` times with other seeds; in total at most as often as the run has simulations.
+/// Simulates each counterexample `repeats` times with other seeds; in total at most as often as the run has simulations, but each at
+/// least [`FEWEST_REPEATS`] times.
 /// Returns nothing for a target without randomness, whose counterexamples always fail.
 fn counterexample_repeats(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: u32) -> Result<Repeats> {
     let counterexamples: Vec<(u32, &Minimum)> = found
@@ -159,7 +165,8 @@ fn counterexample_repeats(resolved: &ResolvedPlan, found: &CampaignOutcome, repe
         .filter_map(|trial| Some((trial.trial, trial.minimum.as_ref()?)))
         .filter(|(_, minimum)| mishandle::depends_on_seed(resolved, &minimum.scenario))
         .collect();
-    let each = u64::from(repeats).min(found.simulations / (counterexamples.len() as u64).max(1));
+    let share = found.simulations / (counterexamples.len() as u64).max(1);
+    let each = u64::from(repeats).min(share.max(FEWEST_REPEATS));
     if counterexamples.is_empty() || each == 0 {
         return Ok(Repeats::new());
     }
@@ -416,7 +423,7 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) -> 
     if falsify.early_stopping && found.simulations > 0 {
         let whole = found.simulations * resolved.target.episode_steps as u64;
         text.push_str(&format!(
-            "\nearly stopping: {:.0} % of {whole} control steps saved; some values of robustness are lower bounds",
+            "\nearly stopping: {:.0} % of {whole} control steps saved; robustness values of simulations that ended early are lower bounds",
             100.0 * (1.0 - found.control_steps as f64 / whole as f64)
         ));
     }

@@ -115,7 +115,7 @@ fn text(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatReport>)
             decimal(level.amplitude, 4),
             level.simulations.to_string(),
             level.robustness.map_or("-".to_string(), |rho| decimal(rho, 4)),
-            result(level).to_string(),
+            result(level),
         ]
     };
     let rows: Vec<Vec<String>> = std::iter::once(header).chain(found.levels.iter().map(row)).collect();
@@ -124,6 +124,7 @@ fn text(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatReport>)
         (None, Some(level)) => {
             format!("no violation in {}, up to the largest disturbance of the space", evidence(&level))
         }
+        (None, None) if found.is_complete => "no violation, but most simulations have no verdict".to_string(),
         (None, None) => "no violation so far, but the search is not finished".to_string(),
     };
     format!(
@@ -134,19 +135,23 @@ fn text(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatReport>)
     )
 }
 
-fn result(level: &Level) -> &'static str {
-    match level {
+fn result(level: &Level) -> String {
+    let result = match level {
         _ if level.is_violated() => "violated",
         Level { is_complete: false, .. } => "interrupted",
         Level { robustness: None, .. } => "no verdict",
         _ => "no violation",
+    };
+    match level.without_verdict {
+        0 => result.to_string(),
+        n => format!("{result}, {n} without a verdict"),
     }
 }
 
 /// Describes the simulations on which a claim that nothing fails rests.
 fn evidence(level: &Level) -> String {
     let all = if level.is_exhaustive { ", which are all scenarios" } else { "" };
-    format!("{}{all}", plural(level.simulations, "simulation"))
+    format!("{}{all}", plural(level.verdicts(), "simulation"))
 }
 
 fn witness_text(
@@ -211,6 +216,7 @@ fn document(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatRepo
         json!({
             "amplitude": level.amplitude,
             "simulations": level.simulations,
+            "without_verdict": level.without_verdict,
             "minimum_robustness": level.robustness.map(number),
             "is_violated": level.is_violated(),
             "is_complete": level.is_complete,
@@ -238,7 +244,7 @@ fn document(resolved: &ResolvedPlan, found: &Margin, repeats: Option<&RepeatRepo
         "is_complete": found.is_complete,
         "levels": found.levels.iter().map(level).collect::<Vec<_>>(),
         "no_violation_up_to": passed.map(|level| level.amplitude),
-        "no_violation_simulations": passed.map(|level| level.simulations),
+        "no_violation_simulations": passed.map(|level| level.verdicts()),
         "witness": witness,
     });
     output::joined(simulate::document(resolved), own)

@@ -155,6 +155,7 @@ fn document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> 
             "simulations": monte_carlo.simulations,
             "failures": monte_carlo.failures,
             "without_verdict": monte_carlo.without_verdict,
+            "bound_with_undecided": monte_carlo.bound_with_undecided().map(number),
             "failure_rate": output::estimate(&monte_carlo.estimate()),
         },
         "exploration": { "simulations": report.exploration },

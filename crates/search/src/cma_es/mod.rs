@@ -31,7 +31,8 @@ pub(crate) const ENTRY: SearchEntry = SearchEntry {
 /// The largest population after restarts.
 const MAX_POPULATION: usize = 100_000;
 
-const POPULATION: Range = Range { words: "at least 4", holds: |x| x >= 4.0 };
+const POPULATION: Range =
+    Range { words: "from 4 to 100000", holds: |x| (4.0..=MAX_POPULATION as f64).contains(&x) };
 const DEVIATION: Range = Range { words: "in (0, 1]", holds: |x| x > 0.0 && x <= 1.0 };
 const BOUNDS: Range = Range::described("\"clip\" or \"mirror\"");
 

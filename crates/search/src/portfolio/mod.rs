@@ -17,7 +17,7 @@ use crate::gp::history::History;
 use crate::gp::space::TypedSpace;
 use crate::gp::surrogate::Surrogate;
 use crate::gp::trust_region::{TrustRegion, is_success};
-use crate::options::{ANY, AT_LEAST_1, NOT_NEGATIVE, options};
+use crate::options::{ANY, NOT_NEGATIVE, POINTS, options};
 use crate::registry::SearchEntry;
 use crate::sobol::SobolPoints;
 use crate::{AskTell, Coordinate, RoundBased, SearchEnd, SearchError, coordinate};
@@ -63,7 +63,7 @@ options! {
     /// The options of [`Portfolio`].
     pub struct PortfolioOptions of NAME {
         /// Points per round. The points of a round are chosen together, without each other's values.
-        pub round_size: Option<usize> = None, or "a sixteenth of the evaluations, at most 8", in AT_LEAST_1;
+        pub round_size: Option<usize> = None, or "a sixteenth of the evaluations, at most 8", in POINTS;
         /// Evaluates corners of the box: first all for up to 4 coordinates, otherwise 8, and the others later.
         pub corners: bool = true, in ANY;
         /// Proposes points on exact faces and corners of the box, too.
