@@ -60,15 +60,24 @@ fn repeats_have_other_seeds_than_the_counterexample_and_depend_on_the_seed_only(
     assert!(trial["repeats"]["failures"].as_u64().unwrap() < n, "{trial}");
 }
 
+/// In total at most as many as the run has simulations, but at least 20 for each counterexample: an early find is repeated, too.
 #[test]
-fn repeats_are_at_most_as_many_as_the_simulations_of_the_run() {
+fn repeats_are_limited_by_the_simulations_of_the_run_and_not_fewer_than_20() {
     let bench = Bench::new();
-    let run = bench
-        .json("falsify toy/noisy --trials 3 --budget 60 --seed 1 --json --repeats 1000000 --out a.sqlite", 1);
-    let trials = run["trials"].as_array().unwrap();
-    let sum = |key: fn(&serde_json::Value) -> u64| trials.iter().map(key).sum::<u64>();
-    let repeats = sum(|trial| trial["repeats"]["simulations"].as_u64().unwrap_or(0));
-    assert!(repeats > 0 && repeats <= sum(|trial| trial["simulations"].as_u64().unwrap()), "{run}");
+    for repeats in [7, 1_000_000] {
+        let run = bench.json(
+            &format!(
+                "falsify toy/noisy --trials 3 --budget 60 --seed 1 --json --repeats {repeats} --out {repeats}.sqlite"
+            ),
+            1,
+        );
+        let trials = run["trials"].as_array().unwrap();
+        let of =
+            |key: fn(&serde_json::Value) -> Option<u64>| trials.iter().filter_map(key).collect::<Vec<u64>>();
+        let repeated = of(|trial| trial["repeats"]["simulations"].as_u64());
+        let share = of(|trial| trial["simulations"].as_u64()).iter().sum::<u64>() / repeated.len() as u64;
+        assert_eq!(repeated, vec![repeats.min(share.max(20)); repeated.len()], "{run}");
+    }
 }
 
 #[test]
