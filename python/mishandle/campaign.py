@@ -284,6 +284,13 @@ def falsify(
             'termination="hold" or "evaluate" decides them',
             stacklevel=2,
         )
+    untested = outcome["diverged"] + outcome["invalid"] + outcome["failed"]
+    if untested > outcome["simulations"] / 2:
+        warnings.warn(
+            f"{untested} of {outcome['simulations']} simulations crashed, diverged or have invalid signals: they have no verdict, so they "
+            "are no counterexamples and no evidence of safety",
+            stacklevel=2,
+        )
     result = Falsification(
         path=pathlib.Path(outcome.pop("path")),
         trials=[Trial(**trial) for trial in outcome.pop("trials")],

@@ -78,6 +78,14 @@ class Arguments(unittest.TestCase):
         self.assertIsNone(found.robustness)
         self.assertIn("invalid signal", found.end)
 
+    def test_simulations_without_a_verdict_are_no_evidence(self):
+        def only_nominal(scenario):
+            return {"gap": [10.0, 9.0 if scenario["speed"] == 5.0 else np.nan]}
+
+        with self.assertWarnsRegex(UserWarning, "no evidence of safety"):
+            found = self.falsify(only_nominal)
+        self.assertEqual((found.falsified_trials, found.simulations), (0, 3))
+
     def test_an_empty_trace_is_a_crash_and_not_the_end_of_the_run(self):
         calls = []
 
