@@ -334,7 +334,7 @@ fn of_levels(u: &[f64]) -> f64 {
     (level(u[0], 5.0) - 3.0).abs() / 4.0 + wrong_category + (u[2] - 0.3).abs() + level(u[4], 2.0)
 }
 
-/// A start has all coordinates, also those with one value; and it is the first point, or one of the first.
+/// A start has all coordinates, also those with one value.
 #[test]
 fn a_start_in_a_space_with_a_fixed_coordinate_is_accepted() {
     let space = [Coordinate::Continuous, Coordinate::Integer { levels: 1 }, Coordinate::Continuous];
@@ -493,7 +493,9 @@ fn values_above_the_stop_threshold_do_not_change_the_points() {
         }
         let needs_exact_values =
             !["random", "sobol", "corners", "differential-evolution", "turbo", "portfolio"].contains(&name);
-        assert!(if needs_exact_values { replaced == 0 } else { replaced > 20 }, "{name}: {replaced}");
+        // `turbo` evaluates few points above the quantile, because it stays near the best one.
+        let least = if name == "turbo" { 20 } else { 40 };
+        assert!(if needs_exact_values { replaced == 0 } else { replaced > least }, "{name}: {replaced}");
     }
 }
 
