@@ -155,7 +155,8 @@ pub fn risk_refusals(report: &Report) -> Vec<String> {
             "multilevel splitting: the chains disagree by a factor of {ratio:.0}; more than {LARGEST_RATIO} is refused"
         ),
         Refusal::Chains(Disagreement::Small { population }) => format!(
-            "multilevel splitting: the chains agree, but have only {}", plural(*population, "particle")
+            "multilevel splitting: the chains agree, but have only {}",
+            plural(*population, "particle")
         ),
         Refusal::MonteCarlo => {
             "multilevel splitting: the exact interval of Monte Carlo (99 %) contradicts the chains".to_string()
