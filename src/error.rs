@@ -16,6 +16,11 @@ pub enum MishandleError {
         /// Known names.
         known: Vec<String>,
     },
+    /// The program has no backend for a GPU.
+    #[error(
+        "--backend gpu needs the Python package with its extra: pip install 'mishandle[gpu]', and run its command `mishandle`"
+    )]
+    NoGpuBackend,
     /// A task needs a controller, and the plan names none.
     #[error("{target} needs a controller: give --controller NAME or FILE; shipped are: {}", known.join(", "))]
     NoController {

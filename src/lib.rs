@@ -20,6 +20,7 @@
 //! ```
 
 mod axis_setting;
+mod backend;
 mod build;
 mod campaign;
 mod comparison;
@@ -63,6 +64,7 @@ mod training_facts;
 mod trajectory;
 
 pub use axis_setting::AxisSetting;
+pub use backend::{gpu_backend, install_gpu_backend, risk_on_backend, screening};
 pub use build::{VERSION, VERSION_AND_COMMIT, build};
 pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 pub use comparison::{

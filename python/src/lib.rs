@@ -11,6 +11,7 @@ mod campaign;
 mod controller;
 mod explanation;
 mod formula;
+mod gpu;
 mod margin;
 mod objective;
 mod pool;
@@ -56,6 +57,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
              LD_PRELOAD and LD_LIBRARY_PATH, and reinstall mishandle"
         )));
     }
+    gpu::install();
     module.add("__version__", mishandle::VERSION)?;
     module.add_class::<VectorEnv>()?;
     module.add_class::<PyTarget>()?;
@@ -89,7 +91,14 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(campaign::evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::simulate, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::replay_counterexample, module)?)?;
-    module.add_function(wrap_pyfunction!(campaign::replay, module)?)
+    module.add_function(wrap_pyfunction!(campaign::replay, module)?)?;
+    module.add_function(wrap_pyfunction!(run_command, module)?)
+}
+
+/// Runs the command line with these arguments, of which the first is the name of the program, and returns its exit code.
+#[pyfunction]
+fn run_command(py: Python<'_>, arguments: Vec<std::ffi::OsString>) -> u8 {
+    py.detach(|| mishandle_cli::exit_code_of(arguments))
 }
 
 /// Converts an error in a formula or search, with its causes.

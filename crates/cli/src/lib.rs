@@ -52,13 +52,18 @@ pub fn main_with_tasks(tasks: &[&'static dyn Task]) -> ExitCode {
 
 /// Runs the program with the given arguments. The first one is the name of the program.
 pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    ExitCode::from(exit_code_of(arguments))
+}
+
+/// As [`run_with`], but returns the exit code as a number.
+pub fn exit_code_of(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     interrupt::report_file_size_limits();
     let words: Vec<OsString> = arguments.into_iter().collect();
     let arguments = match CommandLine::try_parse_from(&words) {
         Ok(arguments) => arguments,
         Err(error) => {
             output::usage(&error, &words);
-            return ExitCode::from(error.exit_code() as u8);
+            return error.exit_code() as u8;
         }
     };
     let status = match &arguments.command {
@@ -90,14 +95,14 @@ pub fn run_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Man(command) => commands::man::run(command),
     };
     match status {
-        Ok(ExitStatus::Done) => ExitCode::SUCCESS,
-        Ok(ExitStatus::Violated) => ExitCode::from(1),
-        Ok(ExitStatus::Interrupted) => ExitCode::from(interrupt::EXIT_CODE),
+        Ok(ExitStatus::Done) => 0,
+        Ok(ExitStatus::Violated) => 1,
+        Ok(ExitStatus::Interrupted) => interrupt::EXIT_CODE,
         // As programs that the signal ends: 0 would hide a violation.
-        Err(error) if output::is_broken_pipe(&error) => ExitCode::from(BROKEN_PIPE),
+        Err(error) if output::is_broken_pipe(&error) => BROKEN_PIPE,
         Err(error) => {
             output::report_error(&error);
-            ExitCode::from(2)
+            2
         }
     }
 }

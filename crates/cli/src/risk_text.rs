@@ -1,7 +1,9 @@
 //! Texts about a failure probability.
 
 use mishandle::evaluation::Estimate;
-use mishandle::risk::{Answer, FREQUENT, Failure, Importance, Method, Refusal, Report, Scenarios, Splitting};
+use mishandle::risk::{
+    Answer, FREQUENT, Failure, Importance, Method, Refusal, Report, Scenarios, ScreenedReport, Splitting,
+};
 use mishandle::rollout::Axis;
 use mishandle::{ResolvedPlan, decimal, plural, probability_text as probability};
 
@@ -38,13 +40,60 @@ pub fn text(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> 
             probability(report.monte_carlo.bound_with_undecided().unwrap_or(1.0)),
         ));
     }
-    if !report.failures.is_empty() {
-        text.push_str("\n\nfailures, those nearest to the center of the distribution first:");
-    }
-    for failure in &report.failures {
-        text.push_str(&format!("\n{}", failure_text(resolved, scenarios, failure)));
-    }
+    text.push_str(&failures_text(resolved, scenarios, &report.failures));
     text
+}
+
+/// Returns the answer of a screened estimation, the disagreements of the two engines, and the failures.
+pub fn screened_text(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &ScreenedReport) -> String {
+    let (counts, estimate) = (report.counts, report.estimate());
+    let bound = |bound: Option<f64>| bound.map_or("-".to_string(), probability);
+    let repeated = |name: &str, screened: u64, repeated: u64, failures: u64| {
+        [name.to_string(), screened.to_string(), repeated.to_string(), failures.to_string()].to_vec()
+    };
+    let rows = [
+        ["screened by MuJoCo Warp", "simulations", "repeated by MuJoCo C", "failures there"]
+            .map(String::from)
+            .to_vec(),
+        repeated("violated or no verdict", counts.flagged, counts.flagged, counts.flagged_events),
+        repeated("satisfied", counts.trials - counts.flagged, counts.sampled, counts.sampled_events),
+    ];
+    let mut text = format!(
+        "{}\nformula {}\n{}\n\n{}failure probability: {} [{}, {}] (95 %, from simulations of MuJoCo C; assumes nothing of \
+         MuJoCo Warp)\n\n{}",
+        run::heading(resolved),
+        escape::name(&resolved.specification.requirement.to_string()),
+        distribution(scenarios),
+        if report.is_complete { "" } else { "interrupted: the answer is that of the simulations so far\n\n" },
+        bound(estimate.value),
+        bound(estimate.low),
+        bound(estimate.high),
+        output::table(&rows),
+    );
+    if report.screened_without_verdict > 0 {
+        text.push_str(&format!(
+            "\n\n{} without a verdict on the GPU, {} of them for lack of memory for contacts or constraints",
+            plural(report.screened_without_verdict, "simulation"),
+            report.overflows,
+        ));
+    }
+    if report.without_verdict > 0 {
+        let undecided = plural(report.without_verdict, "simulation");
+        text.push_str(&format!("\n\n{undecided} of MuJoCo C without a verdict count as passed"));
+    }
+    text.push_str(&failures_text(resolved, scenarios, &report.failures));
+    text
+}
+
+fn failures_text(resolved: &ResolvedPlan, scenarios: &Scenarios, failures: &[Failure]) -> String {
+    if failures.is_empty() {
+        return String::new();
+    }
+    let lines = failures.iter().map(|failure| format!("\n{}", failure_text(resolved, scenarios, failure)));
+    format!(
+        "\n\nfailures, those nearest to the center of the distribution first:{}",
+        lines.collect::<String>()
+    )
 }
 
 fn failure_text(resolved: &ResolvedPlan, scenarios: &Scenarios, failure: &Failure) -> String {

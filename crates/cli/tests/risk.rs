@@ -133,3 +133,9 @@ fn a_normal_distribution_whose_mean_is_outside_of_the_bounds_is_warned_of() {
         assert!(!said(inside).contains("warning"), "{inside}");
     }
 }
+
+#[test]
+fn the_backend_gpu_of_the_plain_program_says_what_to_install() {
+    let command = "risk point-reaching --controller ppo --backend gpu";
+    Bench::new().refuses(command, &["pip install 'mishandle[gpu]'"]);
+}

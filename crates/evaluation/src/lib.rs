@@ -38,6 +38,7 @@ mod repeats;
 mod run;
 mod smooth_region;
 mod survival;
+mod two_phase;
 mod two_stage;
 
 pub use betting::{betting_mean, betting_mean_at};
@@ -56,4 +57,5 @@ pub use repeats::{QUANTILES, RepeatReport, variance_share};
 pub use run::{Evaluation, ScenarioFilter, evaluate};
 pub use smooth_region::{NotSmooth, SmoothRegion, smooth_region};
 pub use survival::{Lifetime, LogRank, SurvivalCurve, SurvivalStep, log_rank};
+pub use two_phase::TwoPhase;
 pub use two_stage::{TwoStage, two_stage};

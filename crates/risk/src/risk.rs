@@ -15,7 +15,7 @@ use crate::{Answer, Method, MonteCarlo, Refusal, RiskError, Scenarios};
 pub const FREQUENT: u64 = 20;
 
 /// Largest number of failures in a report, and their smallest distance in the latent space.
-const SHOWN: (usize, f64) = (3, 1.0);
+pub(crate) const SHOWN: (usize, f64) = (3, 1.0);
 
 /// Settings of an estimation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

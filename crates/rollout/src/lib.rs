@@ -14,6 +14,9 @@
 //! [`ControllerWorker`]. The state of a simulation is a row of numbers, so any worker can step any simulation, and the
 //! results do not depend on the number of threads. This crate contains no physics.
 //!
+//! A [`Screening`] runs simulations on a [`ScenarioBatch`], which another physics engine steps. Its outcomes propose scenarios; they
+//! are no [`Episode`]s and no evidence.
+//!
 //! Training steps an [`EnvironmentBatch`], which a [`BatchFactory`] makes. [`CpuBatch`] runs on the CPU. Other
 //! implementations may run on a GPU or in another process.
 
@@ -23,9 +26,11 @@ mod disturbance;
 mod environment;
 mod environment_batch;
 mod error;
+mod lane;
 mod noise;
 mod request;
 mod rollout;
+mod screening;
 mod space;
 mod specification;
 mod system;
@@ -42,6 +47,7 @@ pub use error::RolloutError;
 pub use noise::Noise;
 pub use request::{Episode, EpisodeEnd, Request};
 pub use rollout::Rollout;
+pub use screening::{BatchSamples, BatchStatus, ScenarioBatch, ScreenedEpisode, Screening};
 pub use space::{Axis, AxisKind, AxisValues, Distribution, Scenario, Space};
 pub use specification::{Specification, SpecificationMonitor, Verdict};
 pub use system::{DEFAULT_BATCH_SIZE, System};

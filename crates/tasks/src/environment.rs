@@ -3,7 +3,7 @@ use std::sync::Arc;
 use mishandle_rollout::{
     Axis, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, Space, StepStatus, Stream,
 };
-use mishandle_world::{Change, Model, World, WorldError};
+use mishandle_world::{Change, Model, Rows, World, WorldError};
 
 use crate::axes::{self, Constant, Elements, JUMP_SIZE, PUSH_SIZE, Parameter, Push, SLIP_SIZE};
 use crate::check::{check_definition, check_scene, check_substeps, compile};
@@ -177,6 +177,30 @@ impl TaskEnvironment {
         &self.elements
     }
 
+    /// Returns the functions that map a view of a state to targets, samples and rewards.
+    pub(crate) fn functions(&self) -> SceneFunctions {
+        let TaskEnvironment { definition, panda, scene, reward, .. } = self;
+        SceneFunctions { definition, panda: *panda, scene: scene.clone(), reward: *reward }
+    }
+
+    /// Returns the number of physics steps per control step.
+    pub(crate) fn substeps(&self) -> usize {
+        (CONTROL_DT / self.model.timestep()).round() as usize
+    }
+
+    /// Makes a worker for one thread.
+    pub(crate) fn task_worker(&self) -> TaskWorker {
+        TaskWorker {
+            functions: self.functions(),
+            n_substeps: self.substeps(),
+            space_parameters: self.space_parameters.clone(),
+            elements: self.elements.clone(),
+            worlds: self.world_cache(),
+            values: self.nominal(),
+            observation: vec![0.0; self.observation_size()],
+        }
+    }
+
     /// Makes the worlds of a worker.
     pub(crate) fn world_cache(&self) -> WorldCache {
         let nominal = self.nominal();
@@ -189,7 +213,7 @@ impl TaskEnvironment {
     }
 
     /// Returns whether a state row contains parameters, because an axis of the space affects steps after the reset.
-    fn has_tail(&self) -> bool {
+    pub(crate) fn has_tail(&self) -> bool {
         let affects_steps = |parameter: &Parameter| {
             !matches!(parameter, Parameter::Start(_) | Parameter::StartDraw(_) | Parameter::ThrowSpeed)
         };
@@ -241,18 +265,7 @@ impl Environment for TaskEnvironment {
     }
 
     fn worker(&self) -> Box<dyn EnvironmentWorker> {
-        Box::new(TaskWorker {
-            definition: self.definition,
-            panda: self.panda,
-            scene: self.scene.clone(),
-            reward: self.reward,
-            n_substeps: (CONTROL_DT / self.model.timestep()).round() as usize,
-            space_parameters: self.space_parameters.clone(),
-            elements: self.elements.clone(),
-            worlds: self.world_cache(),
-            values: self.nominal(),
-            observation: vec![0.0; self.observation_size()],
-        })
+        Box::new(self.task_worker())
     }
 }
 
@@ -355,11 +368,71 @@ impl WorldCache {
     }
 }
 
-struct TaskWorker {
+/// The functions of a task that map a view of a state to targets, samples and rewards. Every engine uses them.
+#[derive(Clone)]
+pub(crate) struct SceneFunctions {
     definition: &'static Definition,
     panda: Panda,
     scene: Arc<dyn Scene>,
     reward: Reward,
+}
+
+impl SceneFunctions {
+    /// Returns whether [`move_fingers`](Self::move_fingers) reads the state.
+    fn reads_state_to_grip(&self) -> bool {
+        matches!(self.definition.grip, GripperMode::Scene(_))
+    }
+
+    /// Moves the targets of the joints by an action. Returns whether the gripper releases the held object.
+    pub(crate) fn move_targets(&self, rows: &Rows<'_>, action: &[f64], targets: &mut [f64]) -> bool {
+        self.panda.move_targets(action, targets);
+        self.move_fingers(rows, action, &mut targets[ARM_JOINTS..])
+    }
+
+    /// Sets the targets of the fingers. Returns whether the gripper releases the held object.
+    fn move_fingers(&self, rows: &Rows<'_>, action: &[f64], fingers: &mut [f64]) -> bool {
+        match self.definition.grip {
+            GripperMode::Fixed(opening) => {
+                fingers.fill(opening);
+                false
+            }
+            GripperMode::Scene(_) => {
+                let releases = self.scene.grip(rows, action, fingers);
+                self.panda.limit_fingers(fingers);
+                releases
+            }
+        }
+    }
+
+    /// Writes the signals and the observation of a state.
+    fn write_sample(&self, rows: &Rows<'_>, buffer: &mut [f64], sample: &mut Sample<'_>) {
+        self.scene.signals(rows, sample.signals);
+        self.panda.observe(rows, self.definition.velocity_scale, &mut buffer[..2 * JOINTS]);
+        self.scene.observe(rows, &mut buffer[2 * JOINTS..]);
+        for (clipped, value) in sample.observation.iter_mut().zip(buffer) {
+            *clipped = value.clamp(-OBSERVATION_LIMIT, OBSERVATION_LIMIT) as f32;
+        }
+    }
+
+    /// Writes the sample after a control step and returns its status.
+    pub(crate) fn write_step(
+        &self,
+        rows: &Rows<'_>,
+        action: &[f64],
+        buffer: &mut [f64],
+        mut sample: Sample<'_>,
+    ) -> StepStatus {
+        self.write_sample(rows, buffer, &mut sample);
+        self.scene.reward(self.reward, rows, sample.signals, action, sample.rewards);
+        match self.scene.is_terminal(rows, sample.signals) {
+            true => StepStatus::Terminated,
+            false => StepStatus::Running,
+        }
+    }
+}
+
+pub(crate) struct TaskWorker {
+    functions: SceneFunctions,
     n_substeps: usize,
     space_parameters: Arc<[Parameter]>,
     elements: Elements,
@@ -375,20 +448,9 @@ impl TaskWorker {
         self.worlds.of_tail(tail, &self.elements)
     }
 
-    /// Sets the targets of the fingers, and releases the held object if the scene requests it.
-    fn move_fingers(&mut self, world_index: usize, action: &[f64], fingers: &mut [f64]) {
-        match self.definition.grip {
-            GripperMode::Fixed(opening) => fingers.fill(opening),
-            GripperMode::Scene(_) => {
-                let world = &mut self.worlds.worlds[world_index].1;
-                // The derived poses may belong to another row.
-                world.refresh();
-                if self.scene.grip(&world.rows(), action, fingers) {
-                    world.switch_all(false);
-                }
-                self.panda.limit_fingers(fingers);
-            }
-        }
+    /// Returns the world of the last reset. Its poses are those of the new state.
+    pub(crate) fn nominal_world(&self) -> &World {
+        &self.worlds.worlds[0].1
     }
 
     /// Applies the jump of this control step and returns the push.
@@ -406,13 +468,7 @@ impl TaskWorker {
     fn write_sample(&mut self, world_index: usize, sample: &mut Sample<'_>) {
         let world = &mut self.worlds.worlds[world_index].1;
         world.refresh();
-        let rows = world.rows();
-        self.scene.signals(&rows, sample.signals);
-        self.panda.observe(&rows, self.definition.velocity_scale, &mut self.observation[..2 * JOINTS]);
-        self.scene.observe(&rows, &mut self.observation[2 * JOINTS..]);
-        for (clipped, value) in sample.observation.iter_mut().zip(&self.observation) {
-            *clipped = value.clamp(-OBSERVATION_LIMIT, OBSERVATION_LIMIT) as f32;
-        }
+        self.functions.write_sample(&world.rows(), &mut self.observation, sample);
     }
 }
 
@@ -421,11 +477,12 @@ impl EnvironmentWorker for TaskWorker {
         for (parameter, value) in self.space_parameters.iter().zip(scenario.values()) {
             self.values.set(*parameter, *value);
         }
-        let mut start = self.definition.start;
-        for (i, (q, joint)) in start[..ARM_JOINTS].iter_mut().zip(self.panda.joints()).enumerate() {
+        let SceneFunctions { definition, panda, .. } = self.functions.clone();
+        let mut start = definition.start;
+        for (i, (q, joint)) in start[..ARM_JOINTS].iter_mut().zip(panda.joints()).enumerate() {
             let drawn = || 2.0 * seed.uniform(Stream::Reset, 0, i as u32) - 1.0;
             let offset = self.values.start_draws[i].unwrap_or_else(drawn);
-            *q = (*q + self.definition.start_noise * offset).clamp(joint.low, joint.high);
+            *q = (*q + definition.start_noise * offset).clamp(joint.low, joint.high);
         }
         let (physics, rest) = state.split_at_mut(self.worlds.worlds[0].1.model().state_size());
         let (targets, tail) = rest.split_at_mut(JOINTS);
@@ -435,8 +492,8 @@ impl EnvironmentWorker for TaskWorker {
         let world_index = self.world_index(tail);
         let world = &mut self.worlds.worlds[world_index].1;
         world.reset();
-        self.panda.place(&start, world);
-        self.scene.place(&self.values.start, world);
+        panda.place(&start, world);
+        self.functions.scene.place(&self.values.start, world);
         if let Some(thrown) = self.elements.thrown {
             world.qvel_mut()[thrown.dof..][..3].iter_mut().for_each(|v| *v *= self.values.throw_speed);
         }
@@ -446,15 +503,20 @@ impl EnvironmentWorker for TaskWorker {
         targets.copy_from_slice(&start);
     }
 
-    fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {
+    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
         let (physics, rest) = state.split_at_mut(self.worlds.worlds[0].1.model().state_size());
         let (targets, tail) = rest.split_at_mut(JOINTS);
         let world_index = self.world_index(tail);
         self.worlds.worlds[world_index].1.set_state(physics);
-        self.panda.move_targets(action, targets);
         let push = self.start_events(world_index, tail);
-        self.move_fingers(world_index, action, &mut targets[ARM_JOINTS..]);
         let world = &mut self.worlds.worlds[world_index].1;
+        if self.functions.reads_state_to_grip() {
+            // The derived poses may belong to another row.
+            world.refresh();
+        }
+        if self.functions.move_targets(&world.rows(), action, targets) {
+            world.switch_all(false);
+        }
         for substep in 0..self.n_substeps {
             if let Some(push) = &push {
                 let step = world.model().timestep();
@@ -462,7 +524,7 @@ impl EnvironmentWorker for TaskWorker {
                 let force = push.force(time, step);
                 self.elements.push.iter().for_each(|body| world.push(*body, force));
             }
-            self.panda.set_servos(targets, world);
+            self.functions.panda.set_servos(targets, world);
             world.step();
         }
         if world.take_divergence() {
@@ -472,12 +534,7 @@ impl EnvironmentWorker for TaskWorker {
         if let Some(step) = tail.first_mut() {
             *step += 1.0;
         }
-        self.write_sample(world_index, &mut sample);
-        let rows = self.worlds.worlds[world_index].1.rows();
-        self.scene.reward(self.reward, &rows, sample.signals, action, sample.rewards);
-        match self.scene.is_terminal(&rows, sample.signals) {
-            true => StepStatus::Terminated,
-            false => StepStatus::Running,
-        }
+        world.refresh();
+        self.functions.write_step(&world.rows(), action, &mut self.observation, sample)
     }
 }

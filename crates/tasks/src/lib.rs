@@ -11,6 +11,7 @@ mod axes;
 mod ball_balancing;
 mod ball_catching;
 mod ball_pushing;
+mod batch;
 mod check;
 mod cloth_placing;
 mod cube_stacking;
@@ -29,6 +30,7 @@ mod reward;
 mod robot;
 mod target;
 
+pub use batch::TaskBatch;
 pub use definition::{
     Attachment, BoxAxis, Definition, GripperMode, HeldObject, Preset, Quantity, Reward, Scene, Task,
     TaskFormulas, Variations, scalar, vector3,

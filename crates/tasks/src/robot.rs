@@ -1,6 +1,6 @@
 //! The Franka Panda arm: joints, effect of actions, and velocity limits of the servos.
 
-use mishandle_world::{Body, Joint, Model, Rows, Site, World, WorldError};
+use mishandle_world::{Body, Joint, Model, Rows, Servo, Site, World, WorldError};
 
 /// Number of joints: seven of the arm and two of the fingers. Equals the number of actions.
 pub const JOINTS: usize = 9;
@@ -117,18 +117,14 @@ impl Panda {
         }
     }
 
+    /// Returns the servos of the joints. Their setpoints stay so near the joint positions that the velocity limits hold.
+    pub fn servos(&self) -> [Servo; JOINTS] {
+        std::array::from_fn(|i| Servo { qpos: self.joints[i].qpos, max_lead: MAX_LEAD[i] })
+    }
+
     /// Sets the setpoints of the servos for one physics step towards `targets`.
-    ///
-    /// MuJoCo has no velocity limits. A servo with a setpoint at `v_max` times its lag ahead of the joint position settles
-    /// at the velocity `v_max`. So this function limits the distance of the setpoint from the joint position to
-    /// `v_max` times the lag.
     pub fn set_servos(&self, targets: &[f64], world: &mut World) {
-        let qpos = world.qpos();
-        let setpoints: [f64; JOINTS] = std::array::from_fn(|i| {
-            let q = qpos[self.joints[i].qpos];
-            q + (targets[i] - q).clamp(-MAX_LEAD[i], MAX_LEAD[i])
-        });
-        world.ctrl_mut()[..JOINTS].copy_from_slice(&setpoints);
+        world.set_servos(&self.servos(), targets);
     }
 
     /// Writes the first 18 numbers of an observation: joint positions mapped from their limits to [-1, 1], and joint

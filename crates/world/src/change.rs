@@ -50,7 +50,7 @@ impl Model {
             data.set_const();
             inner = data.model().clone();
         }
-        Model { inner: Arc::new(inner), state_size: self.state_size }
+        Model { inner: Arc::new(inner), ..self.clone() }
     }
 
     /// Returns the mass of a body without its children, kg.

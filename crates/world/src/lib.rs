@@ -4,9 +4,13 @@
 //! physics steps and returns the new state. All worlds of a model give the same bits. Bodies, joints and other elements
 //! are looked up by name once, when a task is loaded, and are then plain indices.
 //!
+//! A [`WorldBatch`] steps many worlds together, one per row. A [`Backend`] makes it: [`CpuBackend`], or another physics engine that
+//! reads the same MJCF document.
+//!
 //! Units are SI, quaternions are (w, x, y, z), vectors and rotations are in the world frame, whose origin is the base
 //! of the robot. This is the only crate with `unsafe` code. It knows no tasks.
 
+mod batch;
 mod change;
 mod contacts;
 mod coordinates;
@@ -19,6 +23,9 @@ mod render;
 mod rows;
 mod state;
 
+pub use batch::{
+    Backend, BatchBuffers, BatchLayout, BatchSpec, CpuBackend, CpuWorlds, RowStatus, Servo, WorldBatch,
+};
 pub use change::Change;
 pub use contacts::ContactParts;
 pub use coordinates::Coordinate;

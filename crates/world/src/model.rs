@@ -15,6 +15,8 @@ pub(crate) const INTEGRATION: u32 = MjtState::mjSTATE_INTEGRATION as u32;
 pub struct Model {
     pub(crate) inner: Arc<MjModel>,
     pub(crate) state_size: usize,
+    /// The MJCF document.
+    pub(crate) document: Arc<str>,
 }
 
 impl Model {
@@ -42,7 +44,12 @@ impl Model {
             ));
         }
         let state_size = inner.state_size(INTEGRATION);
-        Ok(Model { inner: Arc::new(inner), state_size })
+        Ok(Model { inner: Arc::new(inner), state_size, document: xml.into() })
+    }
+
+    /// Returns the MJCF document from which the model was compiled. Later changes of the model are not in it.
+    pub fn document(&self) -> &str {
+        &self.document
     }
 
     /// Creates a world of this model, for one thread.
@@ -79,7 +86,7 @@ impl Model {
     pub fn with_timestep(&self, timestep: f64) -> Model {
         let mut inner = (*self.inner).clone();
         inner.opt_mut().timestep = timestep;
-        Model { inner: Arc::new(inner), state_size: self.state_size }
+        Model { inner: Arc::new(inner), ..self.clone() }
     }
 
     /// Returns the body with this name.

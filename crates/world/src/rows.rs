@@ -1,7 +1,7 @@
 use mujoco_rs::prelude::MjtJoint;
 
 use crate::frame::{add, cross, rotate, scale, sub};
-use crate::{Body, Equality, Flex, Joint, Site};
+use crate::{Body, Equality, Flex, Joint, Model, Site};
 
 /// A read-only view of a world for tasks: the state and the quantities computed from it.
 ///
@@ -33,6 +33,19 @@ pub(crate) struct Tree<'a> {
     pub joint_counts: &'a [i32],
     pub joint_kinds: &'a [MjtJoint],
     pub joint_dofs: &'a [i32],
+}
+
+impl Tree<'_> {
+    /// Returns the tree of a model.
+    pub(crate) fn of(model: &Model) -> Tree<'_> {
+        Tree {
+            parents: model.inner.body_parentid(),
+            first_joints: model.inner.body_jntadr(),
+            joint_counts: model.inner.body_jntnum(),
+            joint_kinds: model.inner.jnt_type(),
+            joint_dofs: model.inner.jnt_dofadr(),
+        }
+    }
 }
 
 impl Rows<'_> {

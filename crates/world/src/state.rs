@@ -4,7 +4,7 @@ use mujoco_rs::prelude::*;
 
 use crate::model::INTEGRATION;
 use crate::rows::Tree;
-use crate::{Actuator, Body, Equality, Joint, Mocap, Model, Rows};
+use crate::{Actuator, Body, Equality, Joint, Mocap, Model, Rows, Servo};
 
 /// A simulation of a [`Model`] on one thread.
 ///
@@ -147,13 +147,7 @@ impl World {
             site_rotations: self.data.site_xmat(),
             joint_anchors: self.data.xanchor(),
             joint_axes: self.data.xaxis(),
-            tree: Tree {
-                parents: self.model.inner.body_parentid(),
-                first_joints: self.model.inner.body_jntadr(),
-                joint_counts: self.model.inner.body_jntnum(),
-                joint_kinds: self.model.inner.jnt_type(),
-                joint_dofs: self.model.inner.jnt_dofadr(),
-            },
+            tree: Tree::of(&self.model),
         }
     }
 
@@ -193,18 +187,46 @@ impl World {
         self.data.eq_active_mut()[equality.0] = on;
     }
 
+    /// Switches each equality constraint on or off.
+    pub fn set_active(&mut self, active: &[bool]) {
+        self.data.eq_active_mut().copy_from_slice(active);
+    }
+
+    /// Sets the controls of the first actuators to the setpoints of `servos` for one physics step towards `targets`, rad or m.
+    pub fn set_servos(&mut self, servos: &[Servo], targets: &[f64]) {
+        for (actuator, (servo, target)) in servos.iter().zip(targets).enumerate() {
+            let setpoint = servo.setpoint(self.qpos()[servo.qpos], *target);
+            self.ctrl_mut()[actuator] = setpoint;
+        }
+    }
+
+    /// Returns whether each equality constraint is active.
+    pub fn active(&self) -> &[bool] {
+        self.data.eq_active()
+    }
+
     /// Switches all equality constraints on or off, except the edge constraints of flexes, which hold a cloth together.
     pub fn switch_all(&mut self, on: bool) {
-        let kinds = self.model.inner.eq_type();
-        for (active, kind) in self.data.eq_active_mut().iter_mut().zip(kinds) {
-            if *kind != MjtEq::mjEQ_FLEX {
-                *active = on;
-            }
-        }
+        switch(&self.model, self.data.eq_active_mut(), on);
     }
 
     /// Returns the maximum penetration depth of all contacts, m; 0 without contacts.
     pub fn penetration(&self) -> f64 {
         self.data.contact().iter().map(|contact| -contact.dist).fold(0.0, f64::max)
+    }
+}
+
+impl Model {
+    /// Switches off all equality constraints in `active`, except the edge constraints of flexes, which hold a cloth together.
+    pub fn release(&self, active: &mut [bool]) {
+        switch(self, active, false);
+    }
+}
+
+fn switch(model: &Model, active: &mut [bool], on: bool) {
+    for (active, kind) in active.iter_mut().zip(model.inner.eq_type()) {
+        if *kind != MjtEq::mjEQ_FLEX {
+            *active = on;
+        }
     }
 }

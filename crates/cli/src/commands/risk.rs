@@ -1,10 +1,11 @@
 //! `mishandle risk`: the probability that a controller fails under a distribution of scenarios.
 
 use std::path::PathBuf;
+use std::time::Instant;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use mishandle::risk::{Failure, Report, Scenarios};
+use mishandle::risk::{Failure, Report, Scenarios, ScreenedReport};
 use mishandle::rollout::Axis;
 use mishandle::{Plan, ResolvedPlan, RiskPlan, plural, shell_quote};
 use serde_json::{Value, json};
@@ -42,6 +43,18 @@ pub struct Arguments {
     /// [default: auto]
     #[arg(long, value_name = "METHOD")]
     pub method: Option<String>,
+    /// Physics engine of the simulations: cpu (MuJoCo C), or gpu (MuJoCo Warp; MuJoCo C repeats every violation and a random
+    /// sample of the others, and only these count) [default: cpu]
+    #[arg(long, value_name = "NAME")]
+    pub backend: Option<Backend>,
+    /// With --backend gpu: number of worlds on the GPU
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "16384")]
+    #[arg(value_parser = numbers::integer::<u32>(1..=1_048_576), requires = "backend")]
+    pub rows: u32,
+    /// With --backend gpu: share of the simulations without a violation that MuJoCo C repeats, above 0 and up to 1
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, default_value = "0.1", value_parser = share)]
+    #[arg(requires = "backend")]
+    pub confirm: f64,
     /// Write the first of the shown failures to this .json file, which `mishandle replay` runs again
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -50,6 +63,22 @@ pub struct Arguments {
     pub force: bool,
     #[command(flatten)]
     pub run: args::Run,
+}
+
+/// Physics engine of the simulations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Backend {
+    /// MuJoCo C
+    Cpu,
+    /// MuJoCo Warp
+    Gpu,
+}
+
+/// Parses a share above 0.
+fn share(text: &str) -> Result<f64, String> {
+    let number: Option<f64> = text.parse().ok();
+    let expected = || "expected a number above 0 and up to 1, such as 0.1".to_string();
+    number.filter(|share| *share > 0.0 && *share <= 1.0).ok_or_else(expected)
 }
 
 /// Parses `NAME=DISTRIBUTION`.
@@ -73,6 +102,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let planned = resolved.plan.risk.as_ref().map_or(0, |risk| risk.simulations);
     bar.set_length(planned);
+    if command.backend == Some(Backend::Gpu) {
+        return on_gpu(command, &resolved, &scenarios, &bar);
+    }
     let report = mishandle::risk(&resolved, |done| {
         bar.set_position(done);
         run::control_flow()
@@ -107,6 +139,53 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     Ok(if report.failures.is_empty() { ExitStatus::Done } else { ExitStatus::Violated })
 }
 
+/// Estimates the probability by screening on the GPU.
+fn on_gpu(
+    command: &Arguments,
+    resolved: &ResolvedPlan,
+    scenarios: &Scenarios,
+    bar: &Bar,
+) -> Result<ExitStatus> {
+    let method = resolved.plan.risk.as_ref().map_or("auto", |risk| &risk.method);
+    ensure!(
+        matches!(method, "auto" | "monte-carlo"),
+        "--backend gpu runs Monte Carlo; it cannot run --method {method}"
+    );
+    let backend = mishandle::gpu_backend()?;
+    let mut screening = mishandle::screening(resolved, &*backend, command.rows as usize)?;
+    let start = Instant::now();
+    let report =
+        mishandle::risk_on_backend(resolved, scenarios, &mut screening, command.confirm, &mut |progress| {
+            bar.set_position(progress.screened);
+            run::control_flow()
+        })?;
+    bar.clear();
+    let seconds = start.elapsed().as_secs_f64();
+    if let (Some(out), Some(failure)) = (&command.out, report.failures.first()) {
+        let counterexample = mishandle::risk_counterexample(resolved, scenarios, failure)?;
+        output::write_atomically(out, command.force, counterexample.to_json().as_bytes())?;
+    }
+    match command.run.json {
+        true => output::json(screened_document(resolved, scenarios, &report))?,
+        false => output::line(&risk_text::screened_text(resolved, scenarios, &report))?,
+    }
+    let screened = plural(report.counts.trials, "simulation");
+    output::message(&format!("{screened} screened and confirmed in {seconds:.1} s"));
+    if !report.is_complete {
+        run::report_loss(report.counts.trials, "the answer is that of these; it cannot be resumed");
+        return Ok(ExitStatus::Interrupted);
+    }
+    ensure!(
+        report.estimate().value.is_some(),
+        "MuJoCo C repeated no satisfied simulation, so there is no estimate; give a larger --confirm"
+    );
+    ensure!(
+        report.without_verdict < report.confirmed(),
+        "no simulation of MuJoCo C has a verdict, so the controller was not tested"
+    );
+    Ok(if report.failures.is_empty() { ExitStatus::Done } else { ExitStatus::Violated })
+}
+
 fn plan(command: &Arguments) -> Result<Plan> {
     let mut plan = run::plan(&command.subject, &command.run)?;
     let mut risk = plan.risk.take().unwrap_or_default();
@@ -124,22 +203,10 @@ fn plan(command: &Arguments) -> Result<Plan> {
 
 fn document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> Value {
     let Report { answer, monte_carlo, importance, splitting, .. } = report;
-    let distribution = |(axis, marginal): (&Axis, &mishandle::risk::Marginal)| {
-        let text = if axis.is_fixed() { "fixed".to_string() } else { marginal.to_string() };
-        json!({ "axis": axis.name, "distribution": text, "low": axis.low, "high": axis.high, "unit": axis.unit })
-    };
-    let failure = |failure: &Failure| {
-        let scenario = scenarios.scenario(&failure.draw.latent);
-        json!({
-            "scenario": run::scenario(resolved.space.axes(), scenario.values()),
-            "seed": failure.draw.seed.0.to_string(),
-            "robustness": number(failure.robustness),
-        })
-    };
     let own = json!({
         "formula": resolved.specification.requirement.to_string(),
         "method": resolved.plan.risk.as_ref().map(|risk| &risk.method),
-        "distribution": scenarios.axes().map(distribution).collect::<Vec<_>>(),
+        "distribution": distributions(scenarios),
         "simulations": report.simulations,
         "is_complete": report.is_complete,
         "probability": answer.source.map(|source| json!({
@@ -182,7 +249,53 @@ fn document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Report) -> 
                 "acceptance": chain.acceptance,
             })).collect::<Vec<_>>(),
         })),
-        "failures": report.failures.iter().map(failure).collect::<Vec<_>>(),
+        "failures": failures(resolved, scenarios, &report.failures),
+    });
+    output::joined(simulate::document(resolved), own)
+}
+
+/// Returns the distribution of each axis.
+fn distributions(scenarios: &Scenarios) -> Vec<Value> {
+    let distribution = |(axis, marginal): (&Axis, &mishandle::risk::Marginal)| {
+        let text = if axis.is_fixed() { "fixed".to_string() } else { marginal.to_string() };
+        json!({ "axis": axis.name, "distribution": text, "low": axis.low, "high": axis.high, "unit": axis.unit })
+    };
+    scenarios.axes().map(distribution).collect()
+}
+
+fn failures(resolved: &ResolvedPlan, scenarios: &Scenarios, failures: &[Failure]) -> Vec<Value> {
+    let failure = |failure: &Failure| {
+        let scenario = scenarios.scenario(&failure.draw.latent);
+        json!({
+            "scenario": run::scenario(resolved.space.axes(), scenario.values()),
+            "seed": failure.draw.seed.0.to_string(),
+            "robustness": number(failure.robustness),
+        })
+    };
+    failures.iter().map(failure).collect()
+}
+
+fn screened_document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &ScreenedReport) -> Value {
+    let counts = report.counts;
+    let own = json!({
+        "formula": resolved.specification.requirement.to_string(),
+        "backend": "gpu",
+        "distribution": distributions(scenarios),
+        "is_complete": report.is_complete,
+        "failure_rate": output::estimate(&report.estimate()),
+        "screening": {
+            "simulations": counts.trials,
+            "flagged": counts.flagged,
+            "without_verdict": report.screened_without_verdict,
+            "overflows": report.overflows,
+        },
+        "confirmation": {
+            "flagged_failures": counts.flagged_events,
+            "sampled": counts.sampled,
+            "sampled_failures": counts.sampled_events,
+            "without_verdict": report.without_verdict,
+        },
+        "failures": failures(resolved, scenarios, &report.failures),
     });
     output::joined(simulate::document(resolved), own)
 }

@@ -1,0 +1,140 @@
+//! Rate of an event whose cheap indicator is known for every trial, and which is observed for some of them.
+
+use crate::{Estimate, clopper_pearson};
+
+/// Share of the probability of a miss for each of the three intervals that [`TwoPhase::estimate`] combines.
+const SHARES: [f64; 3] = [0.5, 0.4, 0.1];
+
+/// Counts of a two-phase sample. The first phase applies a cheap indicator to independent trials. The second phase observes the event
+/// itself in every trial that the indicator flags, and in a random sample of the others.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TwoPhase {
+    /// Number of trials of the first phase.
+    pub trials: u64,
+    /// Number of trials that the indicator flags.
+    pub flagged: u64,
+    /// Number of flagged trials with the event.
+    pub flagged_events: u64,
+    /// Number of trials in the sample of the others.
+    pub sampled: u64,
+    /// Number of sampled trials with the event: the indicator missed them.
+    pub sampled_events: u64,
+}
+
+impl TwoPhase {
+    /// Returns the rate of the event with an interval that contains the true rate with a probability of at least `confidence`.
+    ///
+    /// The estimate, flagged events / n + (1 - flagged / n) * sampled events / sampled, is unbiased whatever the indicator is worth. A
+    /// useless indicator makes the interval wide, not wrong. The interval adds exact intervals of the rate of flagged events and of the
+    /// event among the others, each with a share of the probability of a miss. It does not assume that any count is large. Without
+    /// events in the sample, its upper bound exceeds the estimate by about 3.9 / sampled.
+    ///
+    /// The estimate is `None` if there are other trials and no sample of them.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_evaluation::TwoPhase;
+    /// // 1,000 of 100,000 trials are flagged, 900 of them rightly. The indicator missed 2 events of 10,000 sampled trials.
+    /// let counts =
+    ///     TwoPhase { trials: 100_000, flagged: 1_000, flagged_events: 900, sampled: 10_000, sampled_events: 2 };
+    /// let rate = counts.estimate(0.95);
+    /// assert!((rate.value.unwrap() - (0.009 + 0.99 * 0.0002)).abs() < 1e-12);
+    /// assert!(rate.low.unwrap() > 0.008 && rate.high.unwrap() < 0.011);
+    /// ```
+    ///
+    /// # Reference
+    /// Neyman, "Contribution to the Theory of Sampling Human Populations", Journal of the American Statistical Association 33, 1938
+    /// (double sampling).
+    pub fn estimate(&self, confidence: f64) -> Estimate {
+        let TwoPhase { trials, flagged, flagged_events, sampled, sampled_events } = *self;
+        let others = trials - flagged;
+        let unknown = Estimate { value: None, low: None, high: None, n: trials };
+        if trials == 0 || (others > 0 && sampled == 0) {
+            return unknown;
+        }
+        let (n, share) =
+            (trials as f64, if sampled == 0 { 0.0 } else { sampled_events as f64 / sampled as f64 });
+        let value = flagged_events as f64 / n + others as f64 / n * share;
+        if others == 0 {
+            return clopper_pearson(flagged_events, trials, confidence);
+        }
+        let miss = 1.0 - confidence;
+        let [first, second, third] = [
+            clopper_pearson(flagged_events, trials, 1.0 - SHARES[0] * miss),
+            clopper_pearson(sampled_events, sampled, 1.0 - SHARES[1] * miss),
+            clopper_pearson(others, trials, 1.0 - SHARES[2] * miss),
+        ];
+        let sum = |bound: fn(&Estimate) -> Option<f64>| {
+            Some(bound(&first)? + bound(&second)? * bound(&third)?).map(|rate| rate.clamp(0.0, 1.0))
+        };
+        Estimate { value: Some(value), low: sum(|e| e.low), high: sum(|e| e.high), n: trials }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use mishandle_random::Sequence;
+
+    use super::*;
+
+    /// Draws counts: an event has probability `rate`. The indicator flags an event with probability `power`, and another trial with
+    /// probability `false_rate`.
+    fn draw(random: &mut Sequence, trials: u64, [rate, power, false_rate, sample]: [f64; 4]) -> TwoPhase {
+        let mut counts = TwoPhase { trials, ..TwoPhase::default() };
+        for _ in 0..trials {
+            let is_event = random.uniform() < rate;
+            let is_flagged = random.uniform() < if is_event { power } else { false_rate };
+            let is_sampled = random.uniform() < sample;
+            let event = u64::from(is_event);
+            match (is_flagged, is_sampled) {
+                (true, _) => {
+                    counts.flagged += 1;
+                    counts.flagged_events += event;
+                }
+                (false, true) => {
+                    counts.sampled += 1;
+                    counts.sampled_events += event;
+                }
+                (false, false) => {}
+            }
+        }
+        counts
+    }
+
+    #[test]
+    fn the_estimate_is_unbiased_and_its_interval_covers_for_good_and_useless_indicators() {
+        let mut random = Sequence::new(5, 0);
+        for (case, rate) in [
+            ([0.02, 0.95, 0.001, 0.1], 0.02),
+            ([0.02, 0.3, 0.05, 0.1], 0.02),
+            ([0.3, 0.0, 0.0, 0.2], 0.3),
+            ([0.001, 1.0, 0.0, 0.05], 0.001),
+            ([0.5, 0.99, 0.02, 0.05], 0.5),
+        ] {
+            let (replications, mut covered, mut sum) = (1000, 0, 0.0);
+            for _ in 0..replications {
+                let estimate = draw(&mut random, 1000, case).estimate(0.95);
+                sum += estimate.value.unwrap();
+                covered += u32::from(estimate.low.unwrap() <= rate && rate <= estimate.high.unwrap());
+            }
+            let mean = sum / f64::from(replications);
+            // Three standard errors of the mean, with the variance of the sampled part.
+            let deviation = (rate / 1000.0 + rate * (1.0 - case[1]) / (1000.0 * case[3])).sqrt();
+            assert!(
+                (mean - rate).abs() < 3.0 * deviation / f64::from(replications).sqrt(),
+                "{case:?}: {mean}"
+            );
+            assert!(covered >= 950, "{case:?}: {covered} of {replications}");
+        }
+    }
+
+    #[test]
+    fn without_a_sample_of_the_others_there_is_no_estimate() {
+        let counts = TwoPhase { trials: 10, flagged: 4, flagged_events: 3, ..TwoPhase::default() };
+        assert_eq!(counts.estimate(0.95).value, None);
+        let all = TwoPhase { trials: 4, ..counts };
+        assert_eq!(all.estimate(0.95), clopper_pearson(3, 4, 0.95));
+    }
+}

@@ -1,0 +1,162 @@
+//! Monte Carlo on another physics engine, corrected by simulations of the target's own system.
+
+use std::ops::ControlFlow;
+use std::sync::Mutex;
+
+use mishandle_evaluation::{Estimate, TwoPhase};
+use mishandle_random::{Seed, Sequence};
+use mishandle_rollout::{Request, Screening, System};
+
+use crate::experiment::Experiment;
+use crate::risk::SHOWN;
+use crate::{CONFIDENCE, Draw, Failure, RiskError, Scenarios};
+
+/// Number of draws that are screened at once.
+const CHUNK: u64 = 131_072;
+
+/// Settings of a screened estimation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ScreenedSettings {
+    /// Number of simulations on the other engine.
+    pub simulations: u64,
+    /// Probability, from 0 to 1, with which a simulation that passes on the other engine is repeated by the system.
+    pub sample_rate: f64,
+    /// Random seed. The simulations are those of Monte Carlo with this seed.
+    pub seed: Seed,
+    /// Batch size of the system. Results do not depend on it.
+    pub batch: usize,
+}
+
+/// Progress of a screened estimation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ScreenedProgress {
+    /// Number of simulations on the other engine.
+    pub screened: u64,
+    /// Number of simulations of the system.
+    pub confirmed: u64,
+}
+
+/// Result of a screened estimation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScreenedReport {
+    /// Simulations on the other engine and those of the system. Flagged are those that the other engine reports as violated or gives no
+    /// verdict. A simulation of the system without a verdict counts as passed.
+    pub counts: TwoPhase,
+    /// Number of simulations without a verdict on the other engine.
+    pub screened_without_verdict: u64,
+    /// Number of these in which the other engine had too little memory for contacts or constraints.
+    pub overflows: u64,
+    /// Number of simulations of the system without a verdict.
+    pub without_verdict: u64,
+    /// Violations of the system, those nearest to the center of the distribution first.
+    pub failures: Vec<Failure>,
+    /// Whether all simulations are finished. Simulations of an interrupted chunk do not count.
+    pub is_complete: bool,
+}
+
+impl ScreenedReport {
+    /// Returns the failure rate of the system with its 95 % interval: see [`TwoPhase::estimate`].
+    pub fn estimate(&self) -> Estimate {
+        self.counts.estimate(CONFIDENCE)
+    }
+
+    /// Returns the number of simulations of the system.
+    pub fn confirmed(&self) -> u64 {
+        self.counts.flagged + self.counts.sampled
+    }
+}
+
+/// Estimates the probability that a simulation of `system` violates the requirement. `screening` simulates all draws; `system`
+/// repeats those that it reports as violated or gives no verdict, and a random sample of the others. Only repeated simulations are
+/// evidence; the others only decide what is repeated.
+///
+/// `watch` gets the progress now and then, and can interrupt the estimation.
+///
+/// # Errors
+/// If a simulation cannot be run, or the other engine fails.
+pub fn screened_risk(
+    screening: &mut Screening,
+    system: &mut dyn System,
+    scenarios: &Scenarios,
+    settings: &ScreenedSettings,
+    watch: &mut (dyn FnMut(ScreenedProgress) -> ControlFlow<()> + Send),
+) -> Result<ScreenedReport, RiskError> {
+    let ScreenedSettings { simulations, sample_rate, seed, batch } = *settings;
+    let watch = Mutex::new(watch);
+    let call = |progress: ScreenedProgress| watch.lock().is_ok_and(|mut watch| watch(progress).is_continue());
+    let mut counts = TwoPhase::default();
+    let (mut screened_without_verdict, mut overflows, mut without_verdict) = (0, 0, 0);
+    // The stream of the draws is that of Monte Carlo.
+    let (mut random, mut sample) = (Sequence::new(seed.child(0).0, 0), Sequence::new(seed.child(0).0, 1));
+    let mut confirmed = 0;
+    let screened = std::cell::Cell::new(0);
+    let mut on_confirmed =
+        |done: u64| match call(ScreenedProgress { screened: screened.get(), confirmed: done }) {
+            true => ControlFlow::Continue(()),
+            false => ControlFlow::Break(()),
+        };
+    let mut experiment = Experiment::new(system, scenarios, (u64::MAX, batch), &mut on_confirmed);
+    let mut is_complete = true;
+    while counts.trials < simulations && is_complete {
+        let count = CHUNK.min(simulations - counts.trials);
+        let draws: Vec<Draw> = (0..count).map(|_| scenarios.draw(&mut random)).collect();
+        let requests: Vec<Request> =
+            draws.iter().map(|draw| Request::new(scenarios.scenario(&draw.latent), draw.seed)).collect();
+        let base = counts.trials;
+        let outcomes = screening
+            .run(&requests, &|done| call(ScreenedProgress { screened: base + done as u64, confirmed }))?;
+        drop(requests);
+        let (mut flagged, mut sampled) = (Vec::new(), Vec::new());
+        let (mut undecided, mut overflowed) = (0, 0);
+        for (draw, outcome) in draws.into_iter().zip(outcomes) {
+            // The sample does not depend on the outcomes.
+            let is_sampled = sample.uniform() < sample_rate;
+            let Some(outcome) = outcome else {
+                is_complete = false;
+                break;
+            };
+            overflowed += u64::from(outcome.has_overflowed);
+            match outcome.robustness() {
+                Some(robustness) if robustness >= 0.0 && is_sampled => sampled.push(draw),
+                Some(robustness) if robustness >= 0.0 => {}
+                verdict => {
+                    undecided += u64::from(verdict.is_none());
+                    flagged.push(draw);
+                }
+            }
+        }
+        if !is_complete {
+            break;
+        }
+        screened.set(base + count);
+        let mut undecided_by_system = 0;
+        let mut simulate = |draws: &[Draw]| -> Result<u64, RiskError> {
+            let robustness = experiment.simulate(draws)?;
+            is_complete &= robustness.len() == draws.len();
+            undecided_by_system += robustness.iter().filter(|rho| rho.is_none()).count() as u64;
+            Ok(robustness.iter().flatten().filter(|rho| **rho < 0.0).count() as u64)
+        };
+        let (flagged_events, sampled_events) = (simulate(&flagged)?, simulate(&sampled)?);
+        // A part of a chunk would be biased: its flagged trials are repeated first.
+        if !is_complete {
+            break;
+        }
+        counts.trials += count;
+        counts.flagged += flagged.len() as u64;
+        counts.flagged_events += flagged_events;
+        counts.sampled += sampled.len() as u64;
+        counts.sampled_events += sampled_events;
+        screened_without_verdict += undecided;
+        overflows += overflowed;
+        without_verdict += undecided_by_system;
+        confirmed = counts.flagged + counts.sampled;
+    }
+    Ok(ScreenedReport {
+        counts,
+        screened_without_verdict,
+        overflows,
+        without_verdict,
+        failures: experiment.distinct_failures(SHOWN.0, SHOWN.1),
+        is_complete,
+    })
+}

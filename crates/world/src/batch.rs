@@ -1,0 +1,267 @@
+//! Many worlds of one model that are stepped together, one per row: by [`CpuWorlds`], or by another physics engine.
+
+use crate::rows::Tree;
+use crate::{Model, Rows, World, WorldError};
+
+/// A position servo whose setpoint stays near the joint position. MuJoCo has no velocity limits: a servo whose setpoint is at most
+/// `max_lead` ahead of the joint settles at `max_lead` divided by its lag.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Servo {
+    /// Index of the joint's generalized position.
+    pub qpos: usize,
+    /// Maximum distance of the setpoint from the joint position, rad or m.
+    pub max_lead: f64,
+}
+
+impl Servo {
+    /// Returns the setpoint of a physics step that starts at position `q`, for a target.
+    pub fn setpoint(&self, q: f64, target: f64) -> f64 {
+        q + (target - q).clamp(-self.max_lead, self.max_lead)
+    }
+}
+
+/// What a backend must know to make a batch.
+#[derive(Clone, Debug)]
+pub struct BatchSpec {
+    /// Model of all worlds. Its constants equal those of its document, except the physics step.
+    pub model: Model,
+    /// Number of worlds.
+    pub rows: usize,
+    /// Number of physics steps per control step.
+    pub substeps: usize,
+    /// Servos, in the order of the first actuators.
+    pub servos: Vec<Servo>,
+}
+
+/// Makes batches of worlds.
+pub trait Backend: Send + Sync {
+    /// Makes a batch. Every row must be [started](WorldBatch::write_states) before its first step.
+    ///
+    /// # Errors
+    /// If the engine or its device is not available, or it cannot simulate the model.
+    fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError>;
+}
+
+/// Many worlds of one model that are stepped together.
+///
+/// All buffers are row-major. Inputs and outputs have the lengths of a [`BatchLayout`].
+pub trait WorldBatch: Send {
+    /// Replaces the states of some rows by state vectors, `[rows, state_size]`. No row may occur twice.
+    ///
+    /// # Errors
+    /// If the batch fails as a whole.
+    fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError>;
+
+    /// Returns the buffers.
+    fn buffers(&mut self) -> BatchBuffers<'_>;
+
+    /// Advances all rows by the physics steps of one control step under their inputs, and updates their outputs.
+    ///
+    /// # Errors
+    /// If the batch fails as a whole, for instance because the device is lost. A failure of one row is its [`RowStatus`].
+    fn step(&mut self) -> Result<(), WorldError>;
+}
+
+/// Buffers of a batch.
+#[derive(Debug)]
+pub struct BatchBuffers<'a> {
+    /// Targets of the servos, rad or m, `[rows, servos]`.
+    pub targets: &'a mut [f64],
+    /// Whether each equality constraint is active, `[rows, constraints]`.
+    pub active: &'a mut [bool],
+    /// Position (m) and quaternion of each mocap body, `[rows, 7 mocap bodies]`.
+    pub mocap: &'a mut [f64],
+    /// State and poses after the control step, and [`RowStatus`], `[rows, output_size]`.
+    pub outputs: &'a mut [f64],
+}
+
+/// Status of a row after a control step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RowStatus {
+    /// The simulation continues.
+    Running,
+    /// A number is not finite or exceeds MuJoCo's limit.
+    Diverged,
+    /// The engine had too little memory for all contacts or constraints of the row, so its numbers are wrong.
+    Overflow,
+}
+
+impl RowStatus {
+    /// Returns the status from its code in an output row: 0, 1 or 2.
+    fn from_code(code: f64) -> RowStatus {
+        match code {
+            0.0 => RowStatus::Running,
+            2.0 => RowStatus::Overflow,
+            _ => RowStatus::Diverged,
+        }
+    }
+}
+
+/// Lengths of the parts of an output row: qpos, qvel, body positions and quaternions, site positions and rotations, joint anchors and
+/// axes, status.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BatchLayout {
+    lengths: [usize; 9],
+    /// Number of equality constraints.
+    pub constraints: usize,
+    /// Number of mocap bodies.
+    pub mocaps: usize,
+}
+
+impl BatchLayout {
+    /// Returns the layout for a model.
+    pub fn new(model: &Model) -> BatchLayout {
+        let model = &*model.inner;
+        let [nq, nv, bodies, sites, joints] =
+            [model.nq(), model.nv(), model.nbody(), model.nsite(), model.njnt()].map(|n| n as usize);
+        BatchLayout {
+            lengths: [nq, nv, 3 * bodies, 4 * bodies, 3 * sites, 9 * sites, 3 * joints, 3 * joints, 1],
+            constraints: model.neq() as usize,
+            mocaps: model.nmocap() as usize,
+        }
+    }
+
+    /// Returns the length of an output row.
+    pub fn output_size(&self) -> usize {
+        self.lengths.iter().sum()
+    }
+
+    fn split<'a>(&self, mut output: &'a [f64]) -> [&'a [f64]; 9] {
+        self.lengths.map(|length| {
+            let (part, rest) = output.split_at(length);
+            output = rest;
+            part
+        })
+    }
+
+    /// Returns the view of an output row for tasks. It contains no controls.
+    pub fn rows<'a>(&self, model: &'a Model, output: &'a [f64], active: &'a [bool]) -> Rows<'a> {
+        let [qpos, qvel, positions, quaternions, site_positions, site_rotations, anchors, axes, _] =
+            self.split(output);
+        Rows {
+            qpos,
+            qvel,
+            ctrl: &[],
+            active,
+            body_positions: positions.as_chunks().0,
+            body_quaternions: quaternions.as_chunks().0,
+            site_positions: site_positions.as_chunks().0,
+            site_rotations: site_rotations.as_chunks().0,
+            joint_anchors: anchors.as_chunks().0,
+            joint_axes: axes.as_chunks().0,
+            tree: Tree::of(model),
+        }
+    }
+
+    /// Returns the status of an output row.
+    pub fn status(&self, output: &[f64]) -> RowStatus {
+        output.last().map_or(RowStatus::Diverged, |code| RowStatus::from_code(*code))
+    }
+
+    /// Writes the state and the poses of a world, which must be [refreshed](World::refresh), into an output row.
+    pub fn write(&self, world: &World, output: &mut [f64]) {
+        let rows = world.rows();
+        let parts = [
+            rows.qpos,
+            rows.qvel,
+            rows.body_positions.as_flattened(),
+            rows.body_quaternions.as_flattened(),
+            rows.site_positions.as_flattened(),
+            rows.site_rotations.as_flattened(),
+            rows.joint_anchors.as_flattened(),
+            rows.joint_axes.as_flattened(),
+            &[0.0],
+        ];
+        let mut rest = output;
+        for part in parts {
+            let (own, others) = rest.split_at_mut(part.len());
+            own.copy_from_slice(part);
+            rest = others;
+        }
+    }
+}
+
+/// The backend that steps worlds with MuJoCo on one thread. It gives the same bits as a [`World`].
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CpuBackend;
+
+impl Backend for CpuBackend {
+    fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
+        Ok(Box::new(CpuWorlds::new(spec.clone())))
+    }
+}
+
+/// The batch of [`CpuBackend`].
+#[derive(Debug)]
+pub struct CpuWorlds {
+    layout: BatchLayout,
+    world: World,
+    states: Vec<f64>,
+    targets: Vec<f64>,
+    active: Vec<bool>,
+    mocap: Vec<f64>,
+    outputs: Vec<f64>,
+    spec: BatchSpec,
+}
+
+impl CpuWorlds {
+    /// Makes a batch.
+    pub fn new(spec: BatchSpec) -> CpuWorlds {
+        let (layout, rows) = (BatchLayout::new(&spec.model), spec.rows);
+        CpuWorlds {
+            world: spec.model.world(),
+            states: vec![0.0; rows * spec.model.state_size()],
+            targets: vec![0.0; rows * spec.servos.len()],
+            active: vec![false; rows * layout.constraints],
+            mocap: vec![0.0; rows * 7 * layout.mocaps],
+            outputs: vec![0.0; rows * layout.output_size()],
+            layout,
+            spec,
+        }
+    }
+}
+
+impl WorldBatch for CpuWorlds {
+    fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
+        let size = self.spec.model.state_size();
+        for (row, state) in rows.iter().zip(states.chunks(size)) {
+            self.states[row * size..][..size].copy_from_slice(state);
+        }
+        Ok(())
+    }
+
+    fn buffers(&mut self) -> BatchBuffers<'_> {
+        BatchBuffers {
+            targets: &mut self.targets,
+            active: &mut self.active,
+            mocap: &mut self.mocap,
+            outputs: &mut self.outputs,
+        }
+    }
+
+    fn step(&mut self) -> Result<(), WorldError> {
+        let (size, servos, world) = (self.spec.model.state_size(), &self.spec.servos, &mut self.world);
+        for (row, output) in self.outputs.chunks_mut(self.layout.output_size()).enumerate() {
+            let state = &mut self.states[row * size..][..size];
+            world.set_state(state);
+            world.set_active(&self.active[row * self.layout.constraints..][..self.layout.constraints]);
+            let mocap = &self.mocap[row * 7 * self.layout.mocaps..][..7 * self.layout.mocaps];
+            for (index, pose) in mocap.as_chunks::<7>().0.iter().enumerate() {
+                let [x, y, z, quaternion @ ..] = *pose;
+                world.place(crate::Mocap(index), [x, y, z], quaternion);
+            }
+            for _ in 0..self.spec.substeps {
+                world.set_servos(servos, &self.targets[row * servos.len()..]);
+                world.step();
+            }
+            let has_diverged = world.take_divergence();
+            world.read_state(state);
+            world.refresh();
+            self.layout.write(world, output);
+            if let (Some(status), true) = (output.last_mut(), has_diverged) {
+                *status = 1.0;
+            }
+        }
+        Ok(())
+    }
+}

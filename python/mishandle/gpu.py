@@ -1,0 +1,427 @@
+"""Thousands of MuJoCo worlds on an NVIDIA GPU, stepped by MuJoCo Warp. The backend ``gpu`` of the commands uses it.
+
+Its results are close to those of MuJoCo C, but not the same bits. It proposes simulations; MuJoCo C repeats those that count.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import threading
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+try:
+    import mujoco  # type: ignore[import-not-found, unused-ignore]
+    import warp as wp  # type: ignore[import-not-found, unused-ignore]
+
+    # Warp writes to stdout, also while mujoco_warp is imported.
+    wp.config.log_level = wp.LOG_ERROR
+    import mujoco_warp as mjw  # type: ignore[import-not-found, unused-ignore]
+except ImportError as error:
+    raise ImportError(f"the backend gpu needs an extra: pip install 'mishandle[gpu]' ({error})") from error
+
+MUJOCO_VERSION = "3.17.0"
+"""Version of MuJoCo, in C and Warp, that the tasks were made for."""
+
+DEVICE_VARIABLE = "MISHANDLE_GPU_DEVICE"
+"""Environment variable with the device, such as ``cuda:1``. ``cpu`` runs the kernels on the CPU, which is slow, for tests."""
+
+CONSTRAINT_ROWS = 192
+"""Constraint rows per world. Two stacked cubes between fingers need up to 150."""
+
+FLEX_CONSTRAINT_ROWS = 1024
+"""Constraint rows per world of a model with a cloth."""
+
+CONTACTS = 64
+"""Contacts per world, on average: the worlds share one buffer."""
+
+FLEX_CONTACTS = 256
+"""Contacts per world of a model with a cloth."""
+
+_CPU_LOCK = threading.Lock()
+
+MAX_VALUE = wp.constant(1e10)
+"""MuJoCo's ``mjMAXVAL``: a larger number means that the simulation has diverged."""
+
+# Too little memory. The other bits report solver iterations, which MuJoCo C does not treat as an error either.
+_OVERFLOWS = (
+    mjw.OverflowType.NEFC
+    | mjw.OverflowType.NJMAX_NNZ
+    | mjw.OverflowType.BROADPHASE
+    | mjw.OverflowType.NARROWPHASE
+    | mjw.OverflowType.CCD
+    | mjw.OverflowType.NVMAX
+    | mjw.OverflowType.EPA_HORIZON
+)
+OVERFLOWS = wp.constant(int(_OVERFLOWS))
+
+
+@wp.kernel  # type: ignore[misc, unused-ignore]
+def _set_servos(
+    qpos: wp.array2d(dtype=float),
+    targets: wp.array2d(dtype=wp.float64),
+    address: wp.array(dtype=int),
+    lead: wp.array(dtype=wp.float64),
+    ctrl: wp.array2d(dtype=float),
+) -> None:
+    row, servo = wp.tid()
+    q = wp.float64(qpos[row, address[servo]])
+    ahead = wp.clamp(targets[row, servo] - q, -lead[servo], lead[servo])
+    ctrl[row, servo] = float(q + ahead)
+
+
+@wp.kernel  # type: ignore[misc, unused-ignore]
+def _set_forces(
+    forces: wp.array2d(dtype=wp.float64),
+    substep: int,
+    pushed: wp.array(dtype=int),
+    xfrc: wp.array3d(dtype=float),
+) -> None:
+    row, body, axis = wp.tid()
+    xfrc[row, pushed[body], axis] = float(forces[row, 3 * substep + axis])
+
+
+@wp.kernel  # type: ignore[misc, unused-ignore]
+def _set_bools(source: wp.array2d(dtype=wp.uint8), target: wp.array2d(dtype=wp.bool)) -> None:
+    row, column = wp.tid()
+    target[row, column] = source[row, column] != wp.uint8(0)
+
+
+@wp.kernel  # type: ignore[misc, unused-ignore]
+def _to_float(
+    source: wp.array2d(dtype=wp.float64), stride: int, offset: int, size: int, target: wp.array2d(dtype=float)
+) -> None:
+    row, column = wp.tid()
+    target[row, column] = float(source[row, (column // size) * stride + offset + column % size])
+
+
+@wp.kernel  # type: ignore[misc, unused-ignore]
+def _to_double(source: wp.array2d(dtype=float), offset: int, target: wp.array2d(dtype=wp.float64)) -> None:
+    row, column = wp.tid()
+    target[row, offset + column] = wp.float64(source[row, column])
+
+
+@wp.kernel  # type: ignore[misc, unused-ignore]
+def _scatter(
+    states: wp.array2d(dtype=wp.float64),
+    rows: wp.array(dtype=int),
+    offset: int,
+    target: wp.array2d(dtype=float),
+) -> None:
+    index, column = wp.tid()
+    target[rows[index], column] = float(states[index, offset + column])
+
+
+@wp.kernel  # type: ignore[misc, unused-ignore]
+def _scatter_bools(
+    states: wp.array2d(dtype=wp.float64),
+    rows: wp.array(dtype=int),
+    offset: int,
+    target: wp.array2d(dtype=wp.bool),
+) -> None:
+    index, column = wp.tid()
+    target[rows[index], column] = states[index, offset + column] != wp.float64(0.0)
+
+
+@wp.kernel  # type: ignore[misc, unused-ignore]
+def _watch(
+    qpos: wp.array2d(dtype=float),
+    qvel: wp.array2d(dtype=float),
+    overflow: wp.array(dtype=int),
+    status: wp.array(dtype=int),
+) -> None:
+    row = wp.tid()
+    # An overflow explains a divergence, so it has priority, and it lasts until the end of the control step.
+    if overflow[row] & OVERFLOWS:
+        status[row] = 2
+    if status[row] == 0:
+        for i in range(qpos.shape[1]):
+            if not (wp.abs(qpos[row, i]) < MAX_VALUE):
+                status[row] = 1
+        for i in range(qvel.shape[1]):
+            if not (wp.abs(qvel[row, i]) < MAX_VALUE):
+                status[row] = 1
+
+
+@wp.kernel  # type: ignore[misc, unused-ignore]
+def _write_status(status: wp.array(dtype=int), column: int, outputs: wp.array2d(dtype=wp.float64)) -> None:
+    row = wp.tid()
+    outputs[row, column] = wp.float64(status[row])
+
+
+def step(model: Any, data: Any) -> None:
+    """Advances all worlds by one physics step, as ``mujoco_warp.step`` with the integrator ``implicitfast``.
+
+    ``mujoco_warp.step`` 3.17.0 makes the constraints before it computes the velocities of the bodies. The bias of a weld then comes from
+    the velocities of the previous step, which are those of another state after a reset. MuJoCo C uses the current ones. Tendons,
+    sensors and sleeping bodies are left out: :func:`compile_model` rejects models with tendons.
+    """
+    mjw.fwd_kinematics(model, data)
+    mjw.crb(model, data)
+    mjw.collision(model, data)
+    mjw.com_vel(model, data)
+    mjw.make_constraint(model, data)
+    mjw.transmission(model, data)
+    mjw.fwd_velocity(model, data)
+    mjw.fwd_actuation(model, data)
+    mjw.fwd_acceleration(model, data, factorize=True)
+    mjw.solve(model, data)
+    mjw.implicit(model, data)
+
+
+def compile_model(xml: str, timestep: float) -> Any:
+    """Compiles an MJCF document for MuJoCo Warp."""
+    if mujoco.__version__ != MUJOCO_VERSION:
+        raise RuntimeError(f"expected the package mujoco {MUJOCO_VERSION}, found {mujoco.__version__}; pip install 'mishandle[gpu]'")
+    model = mujoco.MjModel.from_xml_string(xml)
+    if model.ntendon > 0 or model.opt.integrator != mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
+        raise RuntimeError("the backend gpu needs a model without tendons and with the integrator implicitfast")
+    model.opt.timestep = timestep
+    # Without this flag, MuJoCo Warp finds 4 instead of 8 contacts between two boxes.
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
+    return model
+
+
+def _floats(array: Any) -> Any:
+    """Returns a view of an array of vectors or matrices as ``[rows, numbers]``."""
+    rows = array.shape[0]
+    numbers = array.size * wp.types.type_size(array.dtype) // max(rows, 1)
+    return wp.array(ptr=array.ptr, dtype=float, shape=(rows, numbers), device=array.device)
+
+
+class _Announcement:
+    """Says on stderr that kernels are compiled, if that takes longer than three seconds."""
+
+    def __enter__(self) -> None:
+        text = "GPU: compiling kernels; the first run takes about a minute, and later runs find them in a cache"
+        self._timer = threading.Timer(3.0, lambda: print(text, file=sys.stderr, flush=True))
+        self._timer.daemon = True
+        self._timer.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._timer.cancel()
+
+
+class WarpBatch:
+    """Worlds of one model, one per row, that MuJoCo Warp steps together.
+
+    Arguments: the MJCF document, the physics step (s), the number of worlds, the number of physics steps per control step, the index of
+    each servo's joint position and the maximum distance of its setpoint from it, the bodies that ``forces`` push, and the device.
+    """
+
+    def __init__(
+        self,
+        xml: str,
+        timestep: float,
+        rows: int,
+        substeps: int,
+        servo_qpos: Sequence[int],
+        servo_lead: Sequence[float],
+        pushed: Sequence[int] = (),
+        device: str | None = None,
+        constraint_rows: int | None = None,
+    ) -> None:
+        name = device or os.environ.get(DEVICE_VARIABLE)
+        if name is None:
+            if not wp.is_cuda_available():
+                raise RuntimeError("found no NVIDIA GPU with a working driver; use --backend cpu")
+            name = "cuda"
+        self._device = wp.get_device(name)
+        self._rows, self._substeps = rows, substeps
+        with _Announcement(), wp.ScopedDevice(self._device):
+            self._allocate(compile_model(xml, timestep), servo_qpos, servo_lead, pushed, constraint_rows)
+            self._record()
+
+    def _allocate(
+        self,
+        model: Any,
+        servo_qpos: Sequence[int],
+        servo_lead: Sequence[float],
+        pushed: Sequence[int],
+        constraint_rows: int | None,
+    ) -> None:
+        rows, is_cuda = self._rows, self._device.is_cuda
+        has_flex = model.nflex > 0
+        self._model = mjw.put_model(model)
+        self._model.opt.warn_overflow = 0
+        self.data = mjw.make_data(
+            model,
+            nworld=rows,
+            nconmax=FLEX_CONTACTS if has_flex else CONTACTS,
+            njmax=constraint_rows or (FLEX_CONSTRAINT_ROWS if has_flex else CONSTRAINT_ROWS),
+        )
+        data = self.data
+        self._servo_qpos = wp.array(list(servo_qpos), dtype=int)
+        self._servo_lead = wp.array(list(servo_lead), dtype=wp.float64)
+        self._pushed = wp.array(list(pushed), dtype=int)
+        self._status = wp.zeros(rows, dtype=int)
+        self._parts = [
+            _floats(part)
+            for part in (
+                data.qpos,
+                data.qvel,
+                data.xpos,
+                data.xquat,
+                data.site_xpos,
+                data.site_xmat,
+                data.xanchor,
+                data.xaxis,
+            )
+        ]
+        self._output_size = sum(part.shape[1] for part in self._parts) + 1
+        sizes = {
+            "targets": len(servo_qpos),
+            "active": model.neq,
+            "mocap": 7 * model.nmocap,
+            "forces": 3 * self._substeps if pushed else 0,
+            "outputs": self._output_size,
+        }
+        self._host: dict[str, Any] = {}
+        self._there: dict[str, Any] = {}
+        for buffer, size in sizes.items():
+            kind = wp.uint8 if buffer == "active" else wp.float64
+            self._host[buffer] = wp.zeros((rows, size), dtype=kind, device="cpu", pinned=is_cuda)
+            # On the CPU, the kernels read and write the host's buffers.
+            self._there[buffer] = wp.zeros((rows, size), dtype=kind) if is_cuda else self._host[buffer]
+        self._allocate_states(model)
+
+    def _allocate_states(self, model: Any) -> None:
+        specification = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+        offsets, self._state_size = {}, 0
+        for bit in range(int(mujoco.mjtState.mjNSTATE)):
+            if specification & (1 << bit):
+                offsets[1 << bit] = self._state_size
+                self._state_size += mujoco.mj_stateSize(model, 1 << bit)
+        assert self._state_size == mujoco.mj_stateSize(model, specification)
+        states, data = mujoco.mjtState, self.data
+        parts = {
+            states.mjSTATE_QPOS: data.qpos,
+            states.mjSTATE_QVEL: data.qvel,
+            states.mjSTATE_WARMSTART: data.qacc_warmstart,
+            states.mjSTATE_CTRL: data.ctrl,
+            states.mjSTATE_XFRC_APPLIED: data.xfrc_applied,
+            states.mjSTATE_MOCAP_POS: data.mocap_pos,
+            states.mjSTATE_MOCAP_QUAT: data.mocap_quat,
+        }
+        self._state_parts = [(offsets[int(kind)], _floats(part)) for kind, part in parts.items() if part.size > 0]
+        self._active_offset = offsets[int(states.mjSTATE_EQ_ACTIVE)]
+        shape, is_cuda = (self._rows, self._state_size), self._device.is_cuda
+        self._host_states = wp.zeros(shape, dtype=wp.float64, device="cpu", pinned=is_cuda)
+        self._host_rows = wp.zeros(self._rows, dtype=int, device="cpu", pinned=is_cuda)
+        self._states = wp.zeros(shape, dtype=wp.float64) if is_cuda else self._host_states
+        self._indices = wp.zeros(self._rows, dtype=int) if is_cuda else self._host_rows
+
+    def _record(self) -> None:
+        """Records the control step as a CUDA graph, after a first run that compiles the kernels."""
+        self._stream: Any = None
+        self._graph: Any = None
+        if not self._device.is_cuda:
+            self._control_step()
+            return
+        self._stream = wp.Stream(self._device)
+        with wp.ScopedStream(self._stream):
+            self._control_step()
+            wp.synchronize_stream(self._stream)
+            # Other threads may use the device meanwhile.
+            with wp.ScopedCapture(stream=self._stream, force_module_load=False) as capture:
+                self._control_step()
+            self._graph = capture.graph
+
+    def _control_step(self) -> None:
+        data, rows, there = self.data, self._rows, self._there
+        if self._device.is_cuda:
+            for name in ("targets", "active", "mocap", "forces"):
+                if there[name].size > 0:
+                    wp.copy(there[name], self._host[name])
+        self._status.zero_()
+        data.overflow.zero_()
+        if there["active"].size > 0:
+            wp.launch(_set_bools, data.eq_active.shape, inputs=[there["active"]], outputs=[data.eq_active])
+        if there["mocap"].size > 0:
+            for pose, offset, size in ((data.mocap_pos, 0, 3), (data.mocap_quat, 3, 4)):
+                view = _floats(pose)
+                wp.launch(_to_float, view.shape, inputs=[there["mocap"], 7, offset, size], outputs=[view])
+        for substep in range(self._substeps):
+            if self._pushed.size > 0:
+                force = wp.array(
+                    ptr=data.xfrc_applied.ptr, dtype=float, shape=(*data.xfrc_applied.shape, 6), device=self._device
+                )
+                dim = (rows, self._pushed.size, 3)
+                wp.launch(_set_forces, dim, inputs=[there["forces"], substep, self._pushed], outputs=[force])
+            servos = (rows, self._servo_qpos.size)
+            inputs = [data.qpos, there["targets"], self._servo_qpos, self._servo_lead]
+            wp.launch(_set_servos, servos, inputs=inputs, outputs=[data.ctrl])
+            step(self._model, data)
+            wp.launch(_watch, rows, inputs=[data.qpos, data.qvel, data.overflow], outputs=[self._status])
+        # The poses of the step belong to its start.
+        mjw.kinematics(self._model, data)
+        offset = 0
+        for part in self._parts:
+            if part.size > 0:
+                wp.launch(_to_double, part.shape, inputs=[part, offset], outputs=[there["outputs"]])
+            offset += part.shape[1]
+        wp.launch(_write_status, rows, inputs=[self._status, offset], outputs=[there["outputs"]])
+        if self._device.is_cuda:
+            wp.copy(self._host["outputs"], there["outputs"])
+
+    def buffers(self) -> dict[str, tuple[int, int]]:
+        """Returns the address and the number of elements of each buffer of the host. All are row-major; ``active`` has bytes, the others
+        doubles:
+
+        - ``targets``: target of each servo
+        - ``active``: 1 for each active equality constraint, otherwise 0
+        - ``mocap``: position and quaternion of each mocap body
+        - ``forces``: force on the pushed bodies in each physics step, N
+        - ``outputs``: qpos, qvel, body positions and quaternions, site positions and rotations, joint anchors and axes; then 0, 1 if
+          the world has diverged, or 2 if it had too little memory for contacts or constraints
+        """
+        return {name: (int(buffer.ptr or 0), int(buffer.size)) for name, buffer in self._host.items()}
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Returns the buffers as NumPy arrays."""
+        return {name: buffer.numpy() for name, buffer in self._host.items()}
+
+    def write_states(self, rows: NDArray[np.int32], states: NDArray[np.float64]) -> None:
+        """Replaces the states of some rows by MuJoCo's state vectors (``mjSTATE_INTEGRATION``)."""
+        count = len(rows)
+        with contextlib.nullcontext() if self._device.is_cuda else _CPU_LOCK:
+            self._write_states(rows, states, count)
+
+    def _write_states(self, rows: NDArray[np.int32], states: NDArray[np.float64], count: int) -> None:
+        self._host_rows.numpy()[:count] = rows
+        self._host_states.numpy()[:count] = np.reshape(states, (count, self._state_size))
+        if self._device.is_cuda:
+            wp.copy(self._indices, self._host_rows, count=count, stream=self._stream)
+            wp.copy(self._states, self._host_states, count=count * self._state_size, stream=self._stream)
+        for offset, part in self._state_parts:
+            self._launch(_scatter, (count, part.shape[1]), [self._states, self._indices, offset, part])
+        active = self.data.eq_active
+        if active.size > 0:
+            self._launch(
+                _scatter_bools, (count, active.shape[1]), [self._states, self._indices, self._active_offset, active]
+            )
+        if self._device.is_cuda:
+            # The next call overwrites the page-locked buffers.
+            wp.synchronize_stream(self._stream)
+
+    def _launch(self, kernel: Any, dim: tuple[int, int], inputs: list[Any]) -> None:
+        wp.launch(kernel, dim, inputs=inputs, device=self._device, stream=self._stream)
+
+    def step(self) -> None:
+        """Advances all rows by one control step. Waits for the GPU without the interpreter lock."""
+        if self._graph is None:
+            # The kernels of the CPU are not made for several threads.
+            with _CPU_LOCK, wp.ScopedDevice(self._device):
+                self._control_step()
+            return
+        wp.capture_launch(self._graph, stream=self._stream)
+        wp.synchronize_stream(self._stream)
+
+

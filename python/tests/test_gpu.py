@@ -1,0 +1,120 @@
+"""Tests of the backend ``gpu``, with the kernels of MuJoCo Warp on the CPU."""
+
+import os
+import subprocess
+import sys
+import unittest
+
+import numpy as np
+
+os.environ["MISHANDLE_GPU_DEVICE"] = "cpu"
+try:
+    import mujoco
+    import mujoco_warp as mjw
+    from mishandle import gpu, gpu_audit
+except ImportError:
+    gpu = None
+
+TWO_BOXES = """<mujoco><option integrator="implicitfast"/><worldbody>
+<body pos="0 0 0.1"><geom type="box" size="0.1 0.1 0.1"/></body>
+<body pos="0 0 0.299" euler="0 0 45"><freejoint/><geom type="box" size="0.1 0.1 0.1"/></body>
+</worldbody></mujoco>"""
+
+WELDED = """<mujoco><option integrator="implicitfast"/><worldbody>
+<body name="arm"><joint name="hinge" axis="0 0 1"/><geom type="capsule" fromto="0 0 0 0.5 0 0" size="0.02" contype="0" conaffinity="0"/></body>
+<body name="held" pos="0.5 0 0"><freejoint/><geom type="box" size="0.02 0.02 0.02" contype="0" conaffinity="0"/></body>
+</worldbody><equality><weld body1="arm" body2="held"/></equality></mujoco>"""
+
+
+def state_of(model, data):
+    state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    return state
+
+
+@unittest.skipIf(gpu is None, "needs the extra gpu")
+class Physics(unittest.TestCase):
+    def contacts(self, flag):
+        model = gpu.compile_model(TWO_BOXES, 0.002)
+        if not flag:
+            model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
+        warp_model, data = mjw.put_model(model), mjw.put_data(model, mujoco.MjData(model))
+        gpu.step(warp_model, data)
+        return int(data.nacon.numpy()[0])
+
+    def test_two_boxes_have_as_many_contacts_as_in_mujoco_c(self):
+        plain = mujoco.MjModel.from_xml_string(TWO_BOXES)
+        data = mujoco.MjData(plain)
+        mujoco.mj_forward(plain, data)
+        with gpu.wp.ScopedDevice("cpu"):
+            without, corrected = self.contacts(False), self.contacts(True)
+        # The overlap of the two faces is an octagon.
+        self.assertEqual((data.ncon, without, corrected), (8, 4, 8))
+
+    def test_a_weld_uses_the_velocities_of_the_present_state(self):
+        model = gpu.compile_model(WELDED, 1 / 240)
+        slow, fast, rotated = mujoco.MjData(model), mujoco.MjData(model), 5.0
+        for data, speed in ((slow, 0.0), (fast, rotated)):
+            data.qvel[0] = speed
+            data.qvel[1:4] = [0.0, 0.5 * speed, 0.0]
+            data.qvel[6] = speed
+        expected = mujoco.MjData(model)
+        mujoco.mj_setState(model, expected, state_of(model, fast), mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_step(model, expected)
+        found = {}
+        with gpu.wp.ScopedDevice("cpu"):
+            for name, step in (("corrected", gpu.step), ("plain", mjw.step)):
+                # The data hold the velocities of another state, as after a reset of the row.
+                warp_model, data = mjw.put_model(model), mjw.put_data(model, slow)
+                step(warp_model, data)
+                for target, value in ((data.qpos, fast.qpos), (data.qvel, fast.qvel), (data.qacc_warmstart, 0 * fast.qvel)):
+                    target.assign(np.array([value], dtype=np.float32))
+                step(warp_model, data)
+                found[name] = np.abs(data.qvel.numpy()[0] - expected.qvel).max()
+        self.assertLess(found["corrected"], 1e-4)
+        self.assertGreater(found["plain"], 100 * found["corrected"])
+
+    def test_an_overflow_is_the_status_of_its_row_and_lasts_one_control_step(self):
+        model = mujoco.MjModel.from_xml_string(TWO_BOXES)
+        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], device="cpu", constraint_rows=8)
+        data = mujoco.MjData(model)
+        touching = state_of(model, data)
+        data.qpos[2] = 2.0
+        flying = state_of(model, data)
+        batch.write_states(np.array([0, 1], dtype=np.int32), np.array([touching, flying]))
+        batch.step()
+        self.assertEqual(list(batch.arrays()["outputs"][:, -1]), [2.0, 0.0])
+        batch.write_states(np.array([0], dtype=np.int32), np.array([flying]))
+        batch.step()
+        self.assertEqual(list(batch.arrays()["outputs"][:, -1]), [0.0, 0.0])
+
+    def test_a_divergence_is_the_status_of_its_row(self):
+        model = mujoco.MjModel.from_xml_string(TWO_BOXES)
+        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], device="cpu")
+        data = mujoco.MjData(model)
+        data.qpos[2] = 2.0
+        flying = state_of(model, data)
+        data.qvel[0] = np.nan
+        batch.write_states(np.array([0, 1], dtype=np.int32), np.array([state_of(model, data), flying]))
+        batch.step()
+        self.assertEqual(list(batch.arrays()["outputs"][:, -1]), [1.0, 0.0])
+
+    def test_one_step_from_states_of_episodes_agrees_with_mujoco_c(self):
+        # Bounds: about five times the largest difference of 1,000 states; 32-bit numbers have 6e-8.
+        for task, qpos, qvel in (("point-reaching", 6e-7, 6e-6), ("ball-balancing", 4e-5, 1e-2)):
+            found = gpu_audit.audit(task, period=30)
+            self.assertGreaterEqual(found.states, 900)
+            self.assertEqual(found.overflows, 0)
+            self.assertLess(found.summary()["qpos"][2], qpos, task)
+            self.assertLess(found.summary()["qvel"][2], qvel, task)
+
+
+class WithoutTheExtra(unittest.TestCase):
+    def test_the_error_says_what_to_install(self):
+        code = "import sys; sys.modules['warp'] = None; import mishandle.gpu"
+        result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        self.assertIn("pip install 'mishandle[gpu]'", result.stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,73 @@
+//! Physics engines besides MuJoCo C. They propose scenarios; MuJoCo C gives every verdict.
+
+use std::ops::ControlFlow;
+use std::sync::{Arc, OnceLock};
+
+use mishandle_risk::{Scenarios, ScreenedProgress, ScreenedReport, ScreenedSettings, screened_risk};
+use mishandle_rollout::{RolloutError, ScenarioBatch, Screening, Seed};
+use mishandle_tasks::TaskBatch;
+use mishandle_world::Backend;
+
+use crate::{MishandleError, ResolvedPlan, task_target};
+
+static GPU: OnceLock<Arc<dyn Backend>> = OnceLock::new();
+
+/// Makes a backend available as `gpu`. The first call of a process counts; the Python package calls it.
+pub fn install_gpu_backend(backend: Arc<dyn Backend>) {
+    let _ = GPU.set(backend);
+}
+
+/// Returns the backend `gpu`.
+///
+/// # Errors
+/// If no backend is installed, because this program is not the one of the Python package.
+pub fn gpu_backend() -> Result<Arc<dyn Backend>, MishandleError> {
+    GPU.get().cloned().ok_or(MishandleError::NoGpuBackend)
+}
+
+/// Makes the screening of a plan's simulations on a backend, in two batches of half of `rows` worlds each: while the engine steps
+/// one of them, the CPU computes the samples and actions of the other.
+///
+/// # Errors
+/// If the target is no task, its space changes the model during an episode, or the backend cannot simulate it.
+pub fn screening(
+    resolved: &ResolvedPlan,
+    backend: &dyn Backend,
+    rows: usize,
+) -> Result<Screening, MishandleError> {
+    if resolved.target.identity.kind != "task" {
+        let target = resolved.plan.target.clone();
+        return Err(MishandleError::UnsupportedOption { target, option: "another backend than cpu" });
+    }
+    let target = task_target(&resolved.plan)?;
+    let environment = target.environment(&resolved.space)?;
+    let halves = [rows.div_ceil(2), rows / 2];
+    let batches = halves
+        .into_iter()
+        .filter(|rows| *rows > 0)
+        .map(|rows| Ok(Box::new(TaskBatch::new(&environment, backend, rows)?) as Box<dyn ScenarioBatch>))
+        .collect::<Result<Vec<_>, RolloutError>>()?;
+    let rollout = target.system_in(Arc::new(environment), &resolved.space, &resolved.specification)?;
+    Ok(Screening::new(rollout, batches))
+}
+
+/// Estimates the failure probability of a plan by screening on a backend: see [`screened_risk`](mishandle_risk::screened_risk()).
+///
+/// # Errors
+/// If the plan has no table `[risk]`, or a simulation cannot be run.
+pub fn risk_on_backend(
+    resolved: &ResolvedPlan,
+    scenarios: &Scenarios,
+    screening: &mut Screening,
+    sample_rate: f64,
+    watch: &mut (dyn FnMut(ScreenedProgress) -> ControlFlow<()> + Send),
+) -> Result<ScreenedReport, MishandleError> {
+    let table = resolved.plan.risk.as_ref().ok_or(MishandleError::MissingPlanTable { table: "risk" })?;
+    let settings = ScreenedSettings {
+        simulations: table.simulations,
+        sample_rate,
+        seed: Seed(resolved.plan.seed),
+        batch: table.batch as usize,
+    };
+    Ok(screened_risk(screening, &mut *resolved.system()?, scenarios, &settings, watch)?)
+}
