@@ -6,6 +6,7 @@ Its results are close to those of MuJoCo C, but not the same bits. It proposes s
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import sys
 import threading
@@ -18,12 +19,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 try:
-    import mujoco  # type: ignore[import-not-found, unused-ignore]
-    import warp as wp  # type: ignore[import-not-found, unused-ignore]
-
+    # The packages have no types.
+    mujoco: Any = importlib.import_module("mujoco")
+    wp: Any = importlib.import_module("warp")
     # Warp writes to stdout, also while mujoco_warp is imported.
     wp.config.log_level = wp.LOG_ERROR
-    import mujoco_warp as mjw  # type: ignore[import-not-found, unused-ignore]
+    mjw: Any = importlib.import_module("mujoco_warp")
+    kernels: Any = importlib.import_module("mishandle.gpu_kernels")
 except ImportError as error:
     raise ImportError(f"the backend gpu needs an extra: pip install 'mishandle[gpu]' ({error})") from error
 
@@ -46,114 +48,6 @@ FLEX_CONTACTS = 256
 """Contacts per world of a model with a cloth."""
 
 _CPU_LOCK = threading.Lock()
-
-MAX_VALUE = wp.constant(1e10)
-"""MuJoCo's ``mjMAXVAL``: a larger number means that the simulation has diverged."""
-
-# Too little memory. The other bits report solver iterations, which MuJoCo C does not treat as an error either.
-_OVERFLOWS = (
-    mjw.OverflowType.NEFC
-    | mjw.OverflowType.NJMAX_NNZ
-    | mjw.OverflowType.BROADPHASE
-    | mjw.OverflowType.NARROWPHASE
-    | mjw.OverflowType.CCD
-    | mjw.OverflowType.NVMAX
-    | mjw.OverflowType.EPA_HORIZON
-)
-OVERFLOWS = wp.constant(int(_OVERFLOWS))
-
-
-@wp.kernel  # type: ignore[misc, unused-ignore]
-def _set_servos(
-    qpos: wp.array2d(dtype=float),
-    targets: wp.array2d(dtype=wp.float64),
-    address: wp.array(dtype=int),
-    lead: wp.array(dtype=wp.float64),
-    ctrl: wp.array2d(dtype=float),
-) -> None:
-    row, servo = wp.tid()
-    q = wp.float64(qpos[row, address[servo]])
-    ahead = wp.clamp(targets[row, servo] - q, -lead[servo], lead[servo])
-    ctrl[row, servo] = float(q + ahead)
-
-
-@wp.kernel  # type: ignore[misc, unused-ignore]
-def _set_forces(
-    forces: wp.array2d(dtype=wp.float64),
-    substep: int,
-    pushed: wp.array(dtype=int),
-    xfrc: wp.array3d(dtype=float),
-) -> None:
-    row, body, axis = wp.tid()
-    xfrc[row, pushed[body], axis] = float(forces[row, 3 * substep + axis])
-
-
-@wp.kernel  # type: ignore[misc, unused-ignore]
-def _set_bools(source: wp.array2d(dtype=wp.uint8), target: wp.array2d(dtype=wp.bool)) -> None:
-    row, column = wp.tid()
-    target[row, column] = source[row, column] != wp.uint8(0)
-
-
-@wp.kernel  # type: ignore[misc, unused-ignore]
-def _to_float(
-    source: wp.array2d(dtype=wp.float64), stride: int, offset: int, size: int, target: wp.array2d(dtype=float)
-) -> None:
-    row, column = wp.tid()
-    target[row, column] = float(source[row, (column // size) * stride + offset + column % size])
-
-
-@wp.kernel  # type: ignore[misc, unused-ignore]
-def _to_double(source: wp.array2d(dtype=float), offset: int, target: wp.array2d(dtype=wp.float64)) -> None:
-    row, column = wp.tid()
-    target[row, offset + column] = wp.float64(source[row, column])
-
-
-@wp.kernel  # type: ignore[misc, unused-ignore]
-def _scatter(
-    states: wp.array2d(dtype=wp.float64),
-    rows: wp.array(dtype=int),
-    offset: int,
-    target: wp.array2d(dtype=float),
-) -> None:
-    index, column = wp.tid()
-    target[rows[index], column] = float(states[index, offset + column])
-
-
-@wp.kernel  # type: ignore[misc, unused-ignore]
-def _scatter_bools(
-    states: wp.array2d(dtype=wp.float64),
-    rows: wp.array(dtype=int),
-    offset: int,
-    target: wp.array2d(dtype=wp.bool),
-) -> None:
-    index, column = wp.tid()
-    target[rows[index], column] = states[index, offset + column] != wp.float64(0.0)
-
-
-@wp.kernel  # type: ignore[misc, unused-ignore]
-def _watch(
-    qpos: wp.array2d(dtype=float),
-    qvel: wp.array2d(dtype=float),
-    overflow: wp.array(dtype=int),
-    status: wp.array(dtype=int),
-) -> None:
-    row = wp.tid()
-    # An overflow explains a divergence, so it has priority, and it lasts until the end of the control step.
-    if overflow[row] & OVERFLOWS:
-        status[row] = 2
-    if status[row] == 0:
-        for i in range(qpos.shape[1]):
-            if not (wp.abs(qpos[row, i]) < MAX_VALUE):
-                status[row] = 1
-        for i in range(qvel.shape[1]):
-            if not (wp.abs(qvel[row, i]) < MAX_VALUE):
-                status[row] = 1
-
-
-@wp.kernel  # type: ignore[misc, unused-ignore]
-def _write_status(status: wp.array(dtype=int), column: int, outputs: wp.array2d(dtype=wp.float64)) -> None:
-    row = wp.tid()
-    outputs[row, column] = wp.float64(status[row])
 
 
 def step(model: Any, data: Any) -> None:
@@ -343,31 +237,31 @@ class WarpBatch:
         self._status.zero_()
         data.overflow.zero_()
         if there["active"].size > 0:
-            wp.launch(_set_bools, data.eq_active.shape, inputs=[there["active"]], outputs=[data.eq_active])
+            wp.launch(kernels.set_bools, data.eq_active.shape, inputs=[there["active"]], outputs=[data.eq_active])
         if there["mocap"].size > 0:
             for pose, offset, size in ((data.mocap_pos, 0, 3), (data.mocap_quat, 3, 4)):
                 view = _floats(pose)
-                wp.launch(_to_float, view.shape, inputs=[there["mocap"], 7, offset, size], outputs=[view])
+                wp.launch(kernels.to_float, view.shape, inputs=[there["mocap"], 7, offset, size], outputs=[view])
         for substep in range(self._substeps):
             if self._pushed.size > 0:
                 force = wp.array(
                     ptr=data.xfrc_applied.ptr, dtype=float, shape=(*data.xfrc_applied.shape, 6), device=self._device
                 )
                 dim = (rows, self._pushed.size, 3)
-                wp.launch(_set_forces, dim, inputs=[there["forces"], substep, self._pushed], outputs=[force])
+                wp.launch(kernels.set_forces, dim, inputs=[there["forces"], substep, self._pushed], outputs=[force])
             servos = (rows, self._servo_qpos.size)
             inputs = [data.qpos, there["targets"], self._servo_qpos, self._servo_lead]
-            wp.launch(_set_servos, servos, inputs=inputs, outputs=[data.ctrl])
+            wp.launch(kernels.set_servos, servos, inputs=inputs, outputs=[data.ctrl])
             step(self._model, data)
-            wp.launch(_watch, rows, inputs=[data.qpos, data.qvel, data.overflow], outputs=[self._status])
+            wp.launch(kernels.watch, rows, inputs=[data.qpos, data.qvel, data.overflow], outputs=[self._status])
         # The poses of the step belong to its start.
         mjw.kinematics(self._model, data)
         offset = 0
         for part in self._parts:
             if part.size > 0:
-                wp.launch(_to_double, part.shape, inputs=[part, offset], outputs=[there["outputs"]])
+                wp.launch(kernels.to_double, part.shape, inputs=[part, offset], outputs=[there["outputs"]])
             offset += part.shape[1]
-        wp.launch(_write_status, rows, inputs=[self._status, offset], outputs=[there["outputs"]])
+        wp.launch(kernels.write_status, rows, inputs=[self._status, offset], outputs=[there["outputs"]])
         if self._device.is_cuda:
             wp.copy(self._host["outputs"], there["outputs"])
 
@@ -401,11 +295,11 @@ class WarpBatch:
             wp.copy(self._indices, self._host_rows, count=count, stream=self._stream)
             wp.copy(self._states, self._host_states, count=count * self._state_size, stream=self._stream)
         for offset, part in self._state_parts:
-            self._launch(_scatter, (count, part.shape[1]), [self._states, self._indices, offset, part])
+            self._launch(kernels.scatter, (count, part.shape[1]), [self._states, self._indices, offset, part])
         active = self.data.eq_active
         if active.size > 0:
             self._launch(
-                _scatter_bools, (count, active.shape[1]), [self._states, self._indices, self._active_offset, active]
+                kernels.scatter_bools, (count, active.shape[1]), [self._states, self._indices, self._active_offset, active]
             )
         if self._device.is_cuda:
             # The next call overwrites the page-locked buffers.

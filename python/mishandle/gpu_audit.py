@@ -12,11 +12,11 @@ import argparse
 import os
 from typing import Any
 
-import mujoco  # type: ignore[import-not-found, unused-ignore]
 import numpy as np
 
 from mishandle import gpu
 from mishandle._native import run_command
+from mishandle.gpu import mujoco
 
 TASKS = [
     "point-reaching",
@@ -53,9 +53,10 @@ class Audit:
 def audit(task: str, controller: str = "ppo", simulations: int = 100, period: int = 30) -> Audit:
     """Audits a task on the states that a controller visits, with action noise 0.3."""
     result = Audit()
-    original = gpu.WarpBatch
+    original: Any = gpu.WarpBatch
+    module: Any = gpu
 
-    class Audited(original):  # type: ignore[misc, valid-type]
+    class Audited(original):  # type: ignore[misc]
         def __init__(self, *arguments: Any) -> None:
             super().__init__(*arguments)
             xml, timestep, rows, substeps, servo_qpos, servo_lead, pushed = arguments
@@ -72,7 +73,7 @@ def audit(task: str, controller: str = "ppo", simulations: int = 100, period: in
             self.steps += 1
             super().step()
 
-    gpu.WarpBatch = Audited  # type: ignore[misc]
+    module.WarpBatch = Audited
     stdout, null = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)
     try:
@@ -84,7 +85,7 @@ def audit(task: str, controller: str = "ppo", simulations: int = 100, period: in
         os.dup2(stdout, 1)
         os.close(stdout)
         os.close(null)
-        gpu.WarpBatch = original  # type: ignore[misc]
+        module.WarpBatch = original
     if code not in (0, 1):
         raise RuntimeError(f"the screening of {task} ended with exit code {code}")
     return result
