@@ -17,17 +17,9 @@ import time
 import numpy as np
 import warp as wp
 
-from mishandle import _native, gpu
+from mishandle import _native, gpu, gpu_audit
 
-TASKS = [
-    "point-reaching",
-    "cube-stacking",
-    "peg-in-hole",
-    "ball-balancing",
-    "ball-catching",
-    "ball-pushing",
-    "door-opening",
-]
+TASKS = [task for task in gpu_audit.TASKS if task != "cloth-placing"]
 EPISODE_STEPS = 300
 
 made: list[Recorder] = []
