@@ -3,11 +3,16 @@
 use std::ops::ControlFlow;
 use std::sync::{Arc, OnceLock};
 
-use mishandle_risk::{Scenarios, ScreenedProgress, ScreenedReport, ScreenedSettings, screened_risk};
+use mishandle_evaluation::{
+    CornerReport, EvaluationError, FormulaRoles, ScreenedEvaluation, ScreenedProgress, evaluate_corners,
+    evaluate_screened,
+};
+use mishandle_risk::{Scenarios, ScreenedReport, ScreenedSettings, screened_risk};
 use mishandle_rollout::{RolloutError, ScenarioBatch, Screening, Seed};
 use mishandle_tasks::TaskBatch;
 use mishandle_world::Backend;
 
+use crate::evaluate::{corner_report, with_requests};
 use crate::{MishandleError, ResolvedPlan, task_target};
 
 static GPU: OnceLock<Arc<dyn Backend>> = OnceLock::new();
@@ -70,4 +75,47 @@ pub fn risk_on_backend(
         batch: table.batch as usize,
     };
     Ok(screened_risk(screening, &mut *resolved.system()?, scenarios, &settings, watch)?)
+}
+
+/// Results of an evaluation on a backend.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScreenedEvaluationOutcome {
+    /// Results of the random simulations.
+    pub report: ScreenedEvaluation,
+    /// Results at the corners and the center of the initial box, all from the target's system; `None` if the space has no numeric axis
+    /// of kind `start`, or the evaluation was interrupted.
+    pub corners: Option<CornerReport>,
+}
+
+/// Evaluates a plan by screening on a backend: see [`evaluate_screened`](mishandle_evaluation::evaluate_screened()).
+///
+/// # Errors
+/// If the plan has no table `[evaluate]`, or a simulation cannot be run.
+pub fn evaluate_on_backend(
+    resolved: &ResolvedPlan,
+    screening: &mut Screening,
+    sample_rate: f64,
+    watch: &mut (dyn FnMut(ScreenedProgress) -> ControlFlow<()> + Send),
+) -> Result<ScreenedEvaluationOutcome, MishandleError> {
+    with_requests(resolved, |requests| {
+        let (mut system, roles) = (resolved.system()?, FormulaRoles::of(&resolved.specification));
+        let report = evaluate_screened(screening, &mut *system, &requests.random, roles, sample_rate, watch)?;
+        let mut outcome = ScreenedEvaluationOutcome { report, corners: None };
+        if let (Some(corners), true) = (&requests.corners, outcome.report.is_complete) {
+            let progress = ScreenedProgress {
+                screened: outcome.report.failures.trials,
+                confirmed: outcome.report.confirmed(),
+            };
+            let mut report = corner_report(resolved, corners);
+            let mut is_stopped = false;
+            evaluate_corners(&mut *system, corners, requests.random.batch, &mut report, |_| {
+                let flow = watch(progress);
+                is_stopped |= flow.is_break();
+                Ok::<_, EvaluationError>(flow)
+            })?;
+            outcome.report.is_complete = !is_stopped;
+            outcome.corners = (!is_stopped).then_some(report);
+        }
+        Ok(outcome)
+    })
 }

@@ -29,9 +29,9 @@ pub struct EvaluationOutcome {
 }
 
 /// The simulations of an evaluation: a function of the plan and the space.
-struct Requests<'a> {
-    random: Evaluation<'a>,
-    corners: Option<Corners>,
+pub(crate) struct Requests<'a> {
+    pub random: Evaluation<'a>,
+    pub corners: Option<Corners>,
     space: &'a Space,
 }
 
@@ -47,7 +47,7 @@ impl Requests<'_> {
 }
 
 /// Calls `with` with the simulations of the plan.
-fn with_requests<T>(
+pub(crate) fn with_requests<T>(
     resolved: &ResolvedPlan,
     with: impl FnOnce(&Requests<'_>) -> Result<T, MishandleError>,
 ) -> Result<T, MishandleError> {
@@ -122,15 +122,7 @@ fn run_requests(
     check_trials(resolved, run.file())?;
     let (plan, roles) = (&resolved.plan, FormulaRoles::of(&resolved.specification));
     let mut metrics = Metrics::new(roles).with_completion_times_of_failures(plan.preset == COUNTS_FAILURES);
-    let excludes_unreachable =
-        plan.evaluate.as_ref().is_some_and(|evaluate| evaluate.starts == StartRegion::Reachable);
-    let reachable = |scenario: &Scenario| {
-        resolved.target.reachable.as_ref().map(|reachable| reachable(&resolved.space, scenario))
-    };
-    let mut corners = requests
-        .corners
-        .as_ref()
-        .map(|corners| (corners, corners.report(roles.strict, excludes_unreachable, reachable)));
+    let mut corners = requests.corners.as_ref().map(|corners| (corners, corner_report(resolved, corners)));
     let total = evaluation_simulations(resolved);
     let outcome = |metrics: &Metrics, corners: Option<CornerReport>, done: u64| EvaluationOutcome {
         report: metrics.report(Seed(plan.seed)),
@@ -191,6 +183,16 @@ fn run_requests(
     }
     run.close()?;
     Ok(outcome)
+}
+
+/// Returns the report on the corners before their simulations.
+pub(crate) fn corner_report(resolved: &ResolvedPlan, corners: &Corners) -> CornerReport {
+    let starts = resolved.plan.evaluate.as_ref().map(|evaluate| evaluate.starts);
+    let reachable = |scenario: &Scenario| {
+        resolved.target.reachable.as_ref().map(|reachable| reachable(&resolved.space, scenario))
+    };
+    let has_strict = resolved.specification.strict.is_some();
+    corners.report(has_strict, starts == Some(StartRegion::Reachable), reachable)
 }
 
 /// Checks that a run has no trials but those of an evaluation.

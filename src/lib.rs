@@ -64,7 +64,10 @@ mod training_facts;
 mod trajectory;
 
 pub use axis_setting::AxisSetting;
-pub use backend::{gpu_backend, install_gpu_backend, risk_on_backend, screening};
+pub use backend::{
+    ScreenedEvaluationOutcome, evaluate_on_backend, gpu_backend, install_gpu_backend, risk_on_backend,
+    screening,
+};
 pub use build::{VERSION, VERSION_AND_COMMIT, build};
 pub use campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 pub use comparison::{

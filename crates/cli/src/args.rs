@@ -129,6 +129,46 @@ pub struct OpenRun {
     pub durable: bool,
 }
 
+/// Where simulations are screened.
+#[derive(Debug, Args)]
+pub struct Screen {
+    /// Physics engine of the simulations: cpu (MuJoCo C), or gpu (MuJoCo Warp; MuJoCo C repeats every violation and a random
+    /// sample of the others, and only these count) [default: cpu]
+    #[arg(long, value_name = "NAME")]
+    pub backend: Option<Backend>,
+    /// With --backend gpu: number of worlds on the GPU
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "16384")]
+    #[arg(value_parser = integer::<u32>(1..=1_048_576), requires = "backend")]
+    pub rows: u32,
+    /// With --backend gpu: share of the simulations without a violation that MuJoCo C repeats, above 0 and up to 1
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, default_value = "0.1", value_parser = share)]
+    #[arg(requires = "backend")]
+    pub confirm: f64,
+}
+
+impl Screen {
+    /// Returns whether a GPU screens the simulations.
+    pub fn is_gpu(&self) -> bool {
+        self.backend == Some(Backend::Gpu)
+    }
+}
+
+/// Physics engine of the simulations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Backend {
+    /// MuJoCo C
+    Cpu,
+    /// MuJoCo Warp
+    Gpu,
+}
+
+/// Parses a share above 0.
+fn share(text: &str) -> Result<f64, String> {
+    let number: Option<f64> = text.parse().ok();
+    let expected = || "expected a number above 0 and up to 1, such as 0.1".to_string();
+    number.filter(|share| *share > 0.0 && *share <= 1.0).ok_or_else(expected)
+}
+
 /// Arguments of all commands that a resumed run takes from its own plan. The path of the controller is not among them.
 const PLANNED: [&str; 12] = [
     "target",

@@ -14,6 +14,7 @@ mod output;
 mod progress;
 mod risk_text;
 mod run;
+mod screened_text;
 mod train_reporter;
 mod training_time;
 mod video;

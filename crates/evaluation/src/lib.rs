@@ -36,6 +36,7 @@ mod metrics;
 mod paired;
 mod repeats;
 mod run;
+mod screened;
 mod smooth_region;
 mod survival;
 mod two_phase;
@@ -55,6 +56,9 @@ pub use metrics::{EvaluationReport, FormulaRoles, Metrics};
 pub use paired::{PairedCounts, paired_mean_difference};
 pub use repeats::{QUANTILES, RepeatReport, variance_share};
 pub use run::{Evaluation, ScenarioFilter, evaluate};
+pub use screened::{
+    EvaluationFailure, ScreenedEvaluation, ScreenedProgress, Selection, evaluate_screened, screen,
+};
 pub use smooth_region::{NotSmooth, SmoothRegion, smooth_region};
 pub use survival::{Lifetime, LogRank, SurvivalCurve, SurvivalStep, log_rank};
 pub use two_phase::TwoPhase;

@@ -58,7 +58,7 @@ pub use method::Method;
 pub use monte_carlo::MonteCarlo;
 pub use risk::{FREQUENT, Report, Settings, risk};
 pub use scenarios::{Draw, Scenarios};
-pub use screened::{ScreenedProgress, ScreenedReport, ScreenedSettings, screened_risk};
+pub use screened::{ScreenedReport, ScreenedSettings, screened_risk};
 pub use splitting::{CHAINS, Chain, Disagreement, LARGEST_RATIO, Splitting};
 
 /// Confidence of intervals.

@@ -3,9 +3,9 @@
 use std::ops::ControlFlow;
 use std::sync::Mutex;
 
-use mishandle_evaluation::{Estimate, TwoPhase};
+use mishandle_evaluation::{Estimate, ScreenedProgress, TwoPhase, screen};
 use mishandle_random::{Seed, Sequence};
-use mishandle_rollout::{Request, Screening, System};
+use mishandle_rollout::{Request, ScreenedEpisode, Screening, System};
 
 use crate::experiment::Experiment;
 use crate::risk::SHOWN;
@@ -25,15 +25,6 @@ pub struct ScreenedSettings {
     pub seed: Seed,
     /// Batch size of the system. Results do not depend on it.
     pub batch: usize,
-}
-
-/// Progress of a screened estimation.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ScreenedProgress {
-    /// Number of simulations on the other engine.
-    pub screened: u64,
-    /// Number of simulations of the system.
-    pub confirmed: u64,
 }
 
 /// Result of a screened estimation.
@@ -103,31 +94,17 @@ pub fn screened_risk(
         let requests: Vec<Request> =
             draws.iter().map(|draw| Request::new(scenarios.scenario(&draw.latent), draw.seed)).collect();
         let base = counts.trials;
-        let outcomes = screening
-            .run(&requests, &|done| call(ScreenedProgress { screened: base + done as u64, confirmed }))?;
+        let on_screened = |done| call(ScreenedProgress { screened: base + done as u64, confirmed });
+        let is_violated = |episode: &ScreenedEpisode| episode.robustness() < Some(0.0);
+        let selection = screen(screening, &requests, is_violated, (sample_rate, &mut sample), &on_screened)?;
         drop(requests);
-        let (mut flagged, mut sampled) = (Vec::new(), Vec::new());
-        let (mut undecided, mut overflowed) = (0, 0);
-        for (draw, outcome) in draws.into_iter().zip(outcomes) {
-            // The sample does not depend on the outcomes.
-            let is_sampled = sample.uniform() < sample_rate;
-            let Some(outcome) = outcome else {
-                is_complete = false;
-                break;
-            };
-            overflowed += u64::from(outcome.has_overflowed);
-            match outcome.robustness() {
-                Some(robustness) if robustness >= 0.0 && is_sampled => sampled.push(draw),
-                Some(robustness) if robustness >= 0.0 => {}
-                verdict => {
-                    undecided += u64::from(verdict.is_none());
-                    flagged.push(draw);
-                }
-            }
-        }
-        if !is_complete {
+        let Some(selection) = selection else {
+            is_complete = false;
             break;
-        }
+        };
+        let chosen =
+            |indices: &[usize]| indices.iter().map(|index| draws[*index].clone()).collect::<Vec<Draw>>();
+        let (flagged, sampled) = (chosen(&selection.flagged), chosen(&selection.sampled));
         screened.set(base + count);
         let mut undecided_by_system = 0;
         let mut simulate = |draws: &[Draw]| -> Result<u64, RiskError> {
@@ -146,8 +123,8 @@ pub fn screened_risk(
         counts.flagged_events += flagged_events;
         counts.sampled += sampled.len() as u64;
         counts.sampled_events += sampled_events;
-        screened_without_verdict += undecided;
-        overflows += overflowed;
+        screened_without_verdict += selection.without_verdict;
+        overflows += selection.overflows;
         without_verdict += undecided_by_system;
         confirmed = counts.flagged + counts.sampled;
     }

@@ -1,12 +1,15 @@
-use anyhow::Result;
+use std::time::Instant;
+
+use anyhow::{Result, ensure};
 use clap::Args;
 use mishandle::evaluation::Estimate;
 use mishandle::store::RunKind;
-use mishandle::{EvaluatePlan, EvaluationOutcome, Plan, ResolvedPlan, StartRegion};
+use mishandle::{EvaluatePlan, EvaluationOutcome, Plan, ResolvedPlan, StartRegion, plural};
 use serde_json::{Value, json};
 
+use super::simulate;
 use crate::progress::Bar;
-use crate::{ExitStatus, args, corners, numbers, output, run};
+use crate::{ExitStatus, args, corners, numbers, output, run, screened_text};
 
 /// Evaluate a controller: success rate, dangerous behavior rate and completion time, with 95 % intervals
 #[derive(Debug, Args)]
@@ -26,6 +29,8 @@ pub struct Arguments {
     #[arg(long = "box", value_name = "PART", conflicts_with = "resume")]
     pub starts: Option<String>,
     #[command(flatten)]
+    pub screen: args::Screen,
+    #[command(flatten)]
     pub file: args::OpenRun,
     #[command(flatten)]
     pub run: args::Run,
@@ -35,6 +40,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
+    if command.screen.is_gpu() {
+        return on_gpu(command, &bar);
+    }
     let moved = command.subject.controller.as_deref();
     let (resolved, file) = run::open(&command.file, RunKind::Evaluate, moved, || plan(command))?;
     let name = run::name(file.file());
@@ -67,9 +75,52 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     output::message(&format!("Run file: {name}"));
     // Exit status 0 would say that the success rate was measured.
     let report = &outcome.report;
-    anyhow::ensure!(
+    ensure!(
         report.diverged + report.invalid + report.undecided < report.simulations,
         "no simulation has a verdict, so the controller was not tested; the run file contains the end of each simulation"
+    );
+    Ok(ExitStatus::Done)
+}
+
+/// Evaluates the controller by screening on the GPU.
+fn on_gpu(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
+    let args::OpenRun { out, resume, durable, .. } = &command.file;
+    ensure!(
+        out.is_none() && resume.is_none() && !durable,
+        "--backend gpu writes no run file, so it does not work with --out, --resume and --durable"
+    );
+    let resolved = ResolvedPlan::new(&plan(command)?)?;
+    let backend = mishandle::gpu_backend()?;
+    let mut screening = mishandle::screening(&resolved, &*backend, command.screen.rows as usize)?;
+    bar.set_length(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes));
+    let start = Instant::now();
+    let confirm = command.screen.confirm;
+    let outcome = mishandle::evaluate_on_backend(&resolved, &mut screening, confirm, &mut |progress| {
+        bar.set_position(progress.screened);
+        run::control_flow()
+    })?;
+    bar.clear();
+    match command.run.json {
+        true => {
+            let document = screened_text::document(&resolved, &outcome);
+            output::json(output::joined(simulate::document(&resolved), document))?;
+        }
+        false => output::line(&screened_text::text(&resolved, &outcome))?,
+    }
+    let report = &outcome.report;
+    let (screened, seconds) = (plural(report.failures.trials, "simulation"), start.elapsed().as_secs_f64());
+    output::message(&format!("{screened} screened and confirmed in {seconds:.1} s"));
+    if !report.is_complete {
+        run::report_loss(report.failures.trials, "the answer is that of these; it cannot be resumed");
+        return Ok(ExitStatus::Interrupted);
+    }
+    ensure!(
+        report.success_rate().value.is_some(),
+        "MuJoCo C repeated no simulation without a violation, so there is no estimate; give a larger --confirm"
+    );
+    ensure!(
+        report.without_verdict < report.confirmed(),
+        "no simulation of MuJoCo C has a verdict, so the controller was not tested"
     );
     Ok(ExitStatus::Done)
 }

@@ -43,18 +43,8 @@ pub struct Arguments {
     /// [default: auto]
     #[arg(long, value_name = "METHOD")]
     pub method: Option<String>,
-    /// Physics engine of the simulations: cpu (MuJoCo C), or gpu (MuJoCo Warp; MuJoCo C repeats every violation and a random
-    /// sample of the others, and only these count) [default: cpu]
-    #[arg(long, value_name = "NAME")]
-    pub backend: Option<Backend>,
-    /// With --backend gpu: number of worlds on the GPU
-    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "16384")]
-    #[arg(value_parser = numbers::integer::<u32>(1..=1_048_576), requires = "backend")]
-    pub rows: u32,
-    /// With --backend gpu: share of the simulations without a violation that MuJoCo C repeats, above 0 and up to 1
-    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, default_value = "0.1", value_parser = share)]
-    #[arg(requires = "backend")]
-    pub confirm: f64,
+    #[command(flatten)]
+    pub screen: args::Screen,
     /// Write the first of the shown failures to this .json file, which `mishandle replay` runs again
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -63,22 +53,6 @@ pub struct Arguments {
     pub force: bool,
     #[command(flatten)]
     pub run: args::Run,
-}
-
-/// Physics engine of the simulations.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Backend {
-    /// MuJoCo C
-    Cpu,
-    /// MuJoCo Warp
-    Gpu,
-}
-
-/// Parses a share above 0.
-fn share(text: &str) -> Result<f64, String> {
-    let number: Option<f64> = text.parse().ok();
-    let expected = || "expected a number above 0 and up to 1, such as 0.1".to_string();
-    number.filter(|share| *share > 0.0 && *share <= 1.0).ok_or_else(expected)
 }
 
 /// Parses `NAME=DISTRIBUTION`.
@@ -102,7 +76,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let planned = resolved.plan.risk.as_ref().map_or(0, |risk| risk.simulations);
     bar.set_length(planned);
-    if command.backend == Some(Backend::Gpu) {
+    if command.screen.is_gpu() {
         return on_gpu(command, &resolved, &scenarios, &bar);
     }
     let report = mishandle::risk(&resolved, |done| {
@@ -152,13 +126,18 @@ fn on_gpu(
         "--backend gpu runs Monte Carlo; it cannot run --method {method}"
     );
     let backend = mishandle::gpu_backend()?;
-    let mut screening = mishandle::screening(resolved, &*backend, command.rows as usize)?;
+    let mut screening = mishandle::screening(resolved, &*backend, command.screen.rows as usize)?;
     let start = Instant::now();
-    let report =
-        mishandle::risk_on_backend(resolved, scenarios, &mut screening, command.confirm, &mut |progress| {
+    let report = mishandle::risk_on_backend(
+        resolved,
+        scenarios,
+        &mut screening,
+        command.screen.confirm,
+        &mut |progress| {
             bar.set_position(progress.screened);
             run::control_flow()
-        })?;
+        },
+    )?;
     bar.clear();
     let seconds = start.elapsed().as_secs_f64();
     if let (Some(out), Some(failure)) = (&command.out, report.failures.first()) {

@@ -1,0 +1,64 @@
+//! Cost of the CPU's part of a screening: observations, policy, noise, signals, rewards and formulas. The backend takes no physics
+//! steps.
+//!
+//! ```text
+//! cargo bench --bench screening -- TASK [ROWS] [EPISODES PER ROW]
+//! ```
+
+#![allow(clippy::unwrap_used, clippy::print_stdout)]
+
+use std::time::Instant;
+
+use mishandle::rollout::{Request, Seed};
+use mishandle::world::{Backend, BatchBuffers, BatchSpec, CpuBackend, WorldBatch, WorldError};
+use mishandle::{EvaluatePlan, Plan, ResolvedPlan};
+
+/// Keeps every world at its start.
+struct Still;
+
+struct StillWorlds(Box<dyn WorldBatch>);
+
+impl Backend for Still {
+    fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
+        Ok(Box::new(StillWorlds(CpuBackend.batch(spec)?)))
+    }
+}
+
+impl WorldBatch for StillWorlds {
+    fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
+        self.0.write_states(rows, states)
+    }
+
+    fn buffers(&mut self) -> BatchBuffers<'_> {
+        self.0.buffers()
+    }
+
+    fn step(&mut self) -> Result<(), WorldError> {
+        Ok(())
+    }
+}
+
+fn main() {
+    let arguments: Vec<String> =
+        std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
+    let number =
+        |index: usize, default: usize| arguments.get(index).map_or(default, |text| text.parse().unwrap());
+    let (task, rows, episodes) =
+        (arguments.first().map_or("point-reaching", String::as_str), number(1, 4096), number(2, 1));
+    let evaluate = EvaluatePlan::default();
+    let plan = Plan { action_noise: 0.1, seed: 1, evaluate: Some(evaluate), ..Plan::new(task, "ppo") };
+    let resolved = ResolvedPlan::new(&plan).unwrap();
+    let mut screening = mishandle::screening(&resolved, &Still, rows).unwrap();
+    let requests: Vec<Request> = (0..rows * episodes)
+        .map(|index| Request::new(resolved.space.sample(Seed(1), index as u64), Seed(index as u64)))
+        .collect();
+    let start = Instant::now();
+    let outcomes = screening.run(&requests, &|_| true).unwrap();
+    let seconds = start.elapsed().as_secs_f64();
+    let steps = outcomes.len() * resolved.target.episode_steps;
+    let threads = rayon::current_num_threads();
+    println!(
+        "{task}: {steps} control steps in {seconds:.2} s on {threads} threads, {:.3} µs of one thread per control step",
+        1e6 * seconds * threads as f64 / steps as f64
+    );
+}

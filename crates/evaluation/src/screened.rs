@@ -1,0 +1,248 @@
+//! Simulations that another physics engine screens: the target's own system repeats those that count.
+
+use std::ops::ControlFlow;
+use std::sync::Mutex;
+
+use mishandle_random::Sequence;
+use mishandle_rollout::{Episode, Request, RolloutError, ScreenedEpisode, Screening, System};
+
+use crate::run::simulate;
+use crate::{Estimate, Evaluation, EvaluationError, FormulaRoles, TwoPhase};
+
+/// Confidence of the intervals.
+const CONFIDENCE: f64 = 0.95;
+
+/// Number of simulations that are screened at once.
+const CHUNK: u64 = 131_072;
+
+/// Largest number of failures in a report.
+const SHOWN: usize = 100;
+
+/// Progress of a screened estimation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ScreenedProgress {
+    /// Number of simulations on the other engine.
+    pub screened: u64,
+    /// Number of simulations of the system.
+    pub confirmed: u64,
+}
+
+/// The simulations that the system repeats after a screening.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Selection {
+    /// Indices of the requests that are flagged. All of them are repeated.
+    pub flagged: Vec<usize>,
+    /// Indices of the random sample of the others.
+    pub sampled: Vec<usize>,
+    /// Number of simulations without a verdict on the other engine. They are flagged.
+    pub without_verdict: u64,
+    /// Number of these in which the other engine had too little memory for contacts or constraints.
+    pub overflows: u64,
+}
+
+/// Screens all requests and selects those to repeat: the ones without a verdict, those for which `is_flagged` is true, and each other
+/// one with the probability `sample_rate`, by the draws of `sample`.
+///
+/// `watch` gets the number of finished simulations now and then. If it returns `false`, the result is `None`.
+///
+/// # Errors
+/// If a scenario does not belong to the space, or the other engine fails.
+pub fn screen(
+    screening: &mut Screening,
+    requests: &[Request],
+    is_flagged: impl Fn(&ScreenedEpisode) -> bool,
+    (sample_rate, sample): (f64, &mut Sequence),
+    watch: &(dyn Fn(usize) -> bool + Sync),
+) -> Result<Option<Selection>, RolloutError> {
+    let mut selection = Selection::default();
+    for (index, outcome) in screening.run(requests, watch)?.into_iter().enumerate() {
+        // The sample does not depend on the outcomes.
+        let is_sampled = sample.uniform() < sample_rate;
+        let Some(outcome) = outcome else { return Ok(None) };
+        let is_undecided = outcome.robustness().is_none();
+        selection.without_verdict += u64::from(is_undecided);
+        selection.overflows += u64::from(outcome.has_overflowed);
+        if is_undecided || is_flagged(&outcome) {
+            selection.flagged.push(index);
+        } else if is_sampled {
+            selection.sampled.push(index);
+        }
+    }
+    Ok(Some(selection))
+}
+
+/// A simulation of the system without success.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EvaluationFailure {
+    /// The simulation.
+    pub request: Request,
+    /// Robustness of the success formula; `None` without a verdict.
+    pub robustness: Option<f64>,
+}
+
+/// Result of a screened evaluation. All rates are of the system.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ScreenedEvaluation {
+    /// Simulations, and those without success.
+    pub failures: TwoPhase,
+    /// Simulations, and those without strict success; `None` without this formula.
+    pub strict_failures: Option<TwoPhase>,
+    /// Simulations, and those with a sample that violates the safe condition; `None` without this condition.
+    pub dangerous: Option<TwoPhase>,
+    /// Number of simulations without a verdict on the other engine.
+    pub screened_without_verdict: u64,
+    /// Number of these in which the other engine had too little memory for contacts or constraints.
+    pub overflows: u64,
+    /// Number of simulations of the system without a verdict. They are no successes.
+    pub without_verdict: u64,
+    /// Simulations of the system without success, at most 100.
+    pub first_failures: Vec<EvaluationFailure>,
+    /// Whether all simulations are finished. Simulations of an interrupted chunk do not count.
+    pub is_complete: bool,
+}
+
+impl ScreenedEvaluation {
+    /// Returns the success rate: see [`TwoPhase::estimate`].
+    pub fn success_rate(&self) -> Estimate {
+        complement(self.failures.estimate(CONFIDENCE))
+    }
+
+    /// Returns the strict success rate; `None` without this formula.
+    pub fn strict_success_rate(&self) -> Option<Estimate> {
+        Some(complement(self.strict_failures?.estimate(CONFIDENCE)))
+    }
+
+    /// Returns the rate of simulations with a sample that violates the safe condition; `None` without this condition.
+    pub fn dangerous_episode_rate(&self) -> Option<Estimate> {
+        Some(self.dangerous?.estimate(CONFIDENCE))
+    }
+
+    /// Returns the number of simulations of the system.
+    pub fn confirmed(&self) -> u64 {
+        self.failures.flagged + self.failures.sampled
+    }
+
+    /// Adds the simulations of a chunk, of which the system repeated the flagged and the sampled ones.
+    fn add(&mut self, trials: u64, selection: &Selection, flagged: Repeated, sampled: Repeated) {
+        let counts = [Some(&mut self.failures), self.strict_failures.as_mut(), self.dangerous.as_mut()];
+        for (index, counts) in counts.into_iter().enumerate() {
+            let Some(counts) = counts else { continue };
+            counts.trials += trials;
+            counts.flagged += flagged.simulations;
+            counts.flagged_events += flagged.events[index];
+            counts.sampled += sampled.simulations;
+            counts.sampled_events += sampled.events[index];
+        }
+        self.screened_without_verdict += selection.without_verdict;
+        self.overflows += selection.overflows;
+        self.without_verdict += flagged.without_verdict + sampled.without_verdict;
+        self.first_failures.extend(flagged.first_failures);
+        self.first_failures.extend(sampled.first_failures);
+        self.first_failures.truncate(SHOWN);
+    }
+}
+
+/// Simulations of the system. Their traces would fill the memory.
+#[derive(Default)]
+struct Repeated {
+    simulations: u64,
+    /// Numbers of simulations without success, without strict success, and with any danger.
+    events: [u64; 3],
+    without_verdict: u64,
+    first_failures: Vec<EvaluationFailure>,
+}
+
+impl Repeated {
+    fn add(&mut self, episode: &Episode) {
+        self.simulations += 1;
+        let events =
+            [!episode.is_success(), !episode.is_strict_success(), episode.verdict.dangerous_steps > Some(0)];
+        for (count, event) in self.events.iter_mut().zip(events) {
+            *count += u64::from(event);
+        }
+        self.without_verdict += u64::from(episode.robustness().is_none());
+        if !episode.is_success() && self.first_failures.len() < SHOWN {
+            self.first_failures.push(EvaluationFailure {
+                request: episode.request.clone(),
+                robustness: episode.verdict.success.filter(|_| episode.end.has_verdict()),
+            });
+        }
+    }
+}
+
+/// Returns the estimate of the rate of the opposite event.
+fn complement(estimate: Estimate) -> Estimate {
+    let opposite = |rate: Option<f64>| rate.map(|rate| 1.0 - rate);
+    Estimate {
+        value: opposite(estimate.value),
+        low: opposite(estimate.high),
+        high: opposite(estimate.low),
+        n: estimate.n,
+    }
+}
+
+/// Evaluates `system` on the simulations of `evaluation`. `screening` simulates all of them; `system` repeats those that the other
+/// engine reports as unsuccessful, not strictly successful, dangerous or without a verdict, and each other one with the probability
+/// `sample_rate`. Only repeated simulations are evidence.
+///
+/// `watch` gets the progress now and then, and can interrupt the evaluation.
+///
+/// # Errors
+/// As [`evaluate`](crate::evaluate), and if the other engine fails.
+pub fn evaluate_screened(
+    screening: &mut Screening,
+    system: &mut dyn System,
+    evaluation: &Evaluation<'_>,
+    roles: FormulaRoles,
+    sample_rate: f64,
+    watch: &mut (dyn FnMut(ScreenedProgress) -> ControlFlow<()> + Send),
+) -> Result<ScreenedEvaluation, EvaluationError> {
+    let watch = Mutex::new(watch);
+    let call = |progress: ScreenedProgress| watch.lock().is_ok_and(|mut watch| watch(progress).is_continue());
+    let mut report = ScreenedEvaluation {
+        strict_failures: roles.strict.then(TwoPhase::default),
+        dangerous: roles.safe.then(TwoPhase::default),
+        ..ScreenedEvaluation::default()
+    };
+    // No simulation has this seed.
+    let mut sample = Sequence::new(evaluation.seed.child(u64::MAX).0, 0);
+    let is_flagged = |episode: &ScreenedEpisode| {
+        let verdict = &episode.verdict;
+        let is_success = verdict.success > Some(0.0) && (!roles.strict || verdict.strict > Some(0.0));
+        !is_success || verdict.dangerous_steps > Some(0)
+    };
+    while report.failures.trials < evaluation.episodes {
+        let (base, confirmed) = (report.failures.trials, report.confirmed());
+        let count = CHUNK.min(evaluation.episodes - base);
+        let requests = (base + 1..=base + count)
+            .map(|number| evaluation.request(system.space(), number as u32))
+            .collect::<Result<Vec<Request>, EvaluationError>>()?;
+        let on_screened = |done| call(ScreenedProgress { screened: base + done as u64, confirmed });
+        let Some(selection) =
+            screen(screening, &requests, is_flagged, (sample_rate, &mut sample), &on_screened)?
+        else {
+            return Ok(report);
+        };
+        let mut done = confirmed;
+        let mut repeat = |indices: &[usize]| -> Result<Option<Repeated>, EvaluationError> {
+            let mut repeated = Repeated::default();
+            for indices in indices.chunks(evaluation.batch.max(1)) {
+                let requests: Vec<Request> = indices.iter().map(|index| requests[*index].clone()).collect();
+                simulate(system, &requests)?.iter().for_each(|episode| repeated.add(episode));
+                done += indices.len() as u64;
+                if !call(ScreenedProgress { screened: base + count, confirmed: done }) {
+                    return Ok(None);
+                }
+            }
+            Ok(Some(repeated))
+        };
+        let (Some(flagged), Some(sampled)) = (repeat(&selection.flagged)?, repeat(&selection.sampled)?)
+        else {
+            // A part of a chunk would be biased: its flagged simulations are repeated first.
+            return Ok(report);
+        };
+        report.add(count, &selection, flagged, sampled);
+    }
+    report.is_complete = true;
+    Ok(report)
+}

@@ -1,0 +1,160 @@
+//! A rate from screened simulations is that of the system's own simulations, if the engines agree or every simulation is repeated.
+
+#![allow(clippy::unwrap_used)]
+
+use std::ops::ControlFlow;
+
+use mishandle::world::{Backend, BatchBuffers, BatchSpec, CpuBackend, WorldBatch, WorldError};
+use mishandle::{EvaluatePlan, Plan, ResolvedPlan, RiskPlan};
+
+fn resolved() -> ResolvedPlan {
+    let risk = RiskPlan {
+        // The controller meets this bound in a part of the simulations.
+        formula: Some("always[50:300](finger_target_distance <= 0.008)".to_string()),
+        simulations: 100,
+        method: "monte-carlo".to_string(),
+        ..RiskPlan::default()
+    };
+    let plan = Plan { action_noise: 0.3, seed: 4, risk: Some(risk), ..Plan::new("point-reaching", "ppo") };
+    ResolvedPlan::new(&plan).unwrap()
+}
+
+fn screened(backend: &dyn Backend, sample_rate: f64) -> mishandle::risk::ScreenedReport {
+    let resolved = resolved();
+    let scenarios = mishandle::risk_scenarios(&resolved).unwrap();
+    let mut screening = mishandle::screening(&resolved, backend, 24).unwrap();
+    mishandle::risk_on_backend(&resolved, &scenarios, &mut screening, sample_rate, &mut |_| {
+        ControlFlow::Continue(())
+    })
+    .unwrap()
+}
+
+#[test]
+fn an_engine_with_the_bits_of_the_system_flags_exactly_the_failures() {
+    let report = mishandle::risk(&resolved(), |_| ControlFlow::Continue(())).unwrap();
+    let failures = report.monte_carlo.failures;
+    assert!((5..95).contains(&failures), "{failures} failures: the test needs both outcomes");
+    let counts = screened(&CpuBackend, 0.3).counts;
+    assert_eq!((counts.trials, counts.flagged, counts.flagged_events), (100, failures, failures));
+    assert!(counts.sampled > 0);
+    assert_eq!(counts.sampled_events, 0);
+}
+
+/// An engine that reports every row as diverged, or moves the robot without regard to its targets.
+struct Wrong(bool);
+
+struct WrongWorlds(Box<dyn WorldBatch>, bool);
+
+impl Backend for Wrong {
+    fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
+        Ok(Box::new(WrongWorlds(CpuBackend.batch(spec)?, self.0)))
+    }
+}
+
+impl WorldBatch for WrongWorlds {
+    fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
+        self.0.write_states(rows, states)
+    }
+
+    fn buffers(&mut self) -> BatchBuffers<'_> {
+        self.0.buffers()
+    }
+
+    fn step(&mut self) -> Result<(), WorldError> {
+        if !self.1 {
+            self.0.buffers().targets.fill(0.1);
+            return self.0.step();
+        }
+        self.0.step()?;
+        self.0.buffers().outputs.fill(1.0);
+        Ok(())
+    }
+}
+
+#[test]
+fn a_wrong_engine_changes_the_effort_but_not_the_answer() {
+    let failures = mishandle::risk(&resolved(), |_| ControlFlow::Continue(())).unwrap().monte_carlo.failures;
+    for is_diverging in [false, true] {
+        let report = screened(&Wrong(is_diverging), 1.0);
+        let counts = report.counts;
+        assert_eq!(counts.flagged + counts.sampled, 100);
+        assert_eq!(counts.flagged_events + counts.sampled_events, failures);
+        assert_eq!(report.screened_without_verdict, if is_diverging { 100 } else { 0 });
+        assert!((report.estimate().value.unwrap() - failures as f64 / 100.0).abs() < 1e-12);
+    }
+}
+
+fn evaluation() -> ResolvedPlan {
+    let evaluate = EvaluatePlan { episodes: 60, batch: 16, ..EvaluatePlan::default() };
+    let plan =
+        Plan { action_noise: 1.0, seed: 4, evaluate: Some(evaluate), ..Plan::new("ball-pushing", "ppo") };
+    ResolvedPlan::new(&plan).unwrap()
+}
+
+fn evaluated(backend: &dyn Backend, sample_rate: f64) -> mishandle::ScreenedEvaluationOutcome {
+    let resolved = evaluation();
+    let mut screening = mishandle::screening(&resolved, backend, 24).unwrap();
+    mishandle::evaluate_on_backend(&resolved, &mut screening, sample_rate, &mut |_| ControlFlow::Continue(()))
+        .unwrap()
+}
+
+#[test]
+fn a_screened_evaluation_has_the_rates_of_the_plain_one_whatever_the_engine_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = mishandle::create_run(&evaluation(), Some(&folder.path().join("run.sqlite"))).unwrap();
+    let plain = mishandle::evaluate(&evaluation(), run, |_| ControlFlow::Continue(())).unwrap();
+    let value = |rate: Option<mishandle::evaluation::Estimate>| rate.and_then(|rate| rate.value).unwrap();
+    let expected = [
+        plain.report.success_rate.value.unwrap(),
+        value(plain.report.strict_success_rate),
+        value(plain.report.dangerous_episode_rate),
+    ];
+    assert!(
+        expected.iter().any(|rate| (0.05..0.95).contains(rate)),
+        "{expected:?}: both outcomes are needed"
+    );
+    for (backend, sample_rate) in
+        [(&CpuBackend as &dyn Backend, 0.2), (&Wrong(false), 1.0), (&Wrong(true), 1.0)]
+    {
+        let outcome = evaluated(backend, sample_rate);
+        let report = &outcome.report;
+        let found = [
+            report.success_rate().value.unwrap(),
+            value(report.strict_success_rate()),
+            value(report.dangerous_episode_rate()),
+        ];
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-12, "{found} and {expected}");
+        }
+        assert_eq!(outcome.corners, plain.corners);
+        assert!(report.is_complete);
+    }
+}
+
+#[test]
+fn the_failures_of_a_screened_evaluation_are_those_of_the_system() {
+    let resolved = evaluation();
+    let report = evaluated(&CpuBackend, 0.2).report;
+    let requests: Vec<_> = report.first_failures.iter().map(|failure| failure.request.clone()).collect();
+    let episodes = resolved.system().unwrap().rollout(&requests).unwrap();
+    assert!(requests.len() > 2);
+    assert_eq!(report.failures.flagged_events, requests.len() as u64);
+    for (failure, episode) in report.first_failures.iter().zip(&episodes) {
+        assert_eq!(failure.robustness, episode.verdict.success);
+        assert!(failure.robustness.unwrap() <= 0.0);
+    }
+}
+
+#[test]
+fn an_interrupted_screened_evaluation_counts_no_part_of_a_chunk() {
+    let resolved = evaluation();
+    let mut screening = mishandle::screening(&resolved, &CpuBackend, 24).unwrap();
+    let mut calls = 0;
+    let outcome = mishandle::evaluate_on_backend(&resolved, &mut screening, 0.5, &mut |_| {
+        calls += 1;
+        if calls < 2 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    })
+    .unwrap();
+    assert!(!outcome.report.is_complete);
+    assert_eq!((outcome.report.failures.trials, outcome.report.success_rate().value), (0, None));
+}
