@@ -285,6 +285,17 @@ pub fn without_verdict(diverged: u64, invalid: u64, failed: u64, undecided: u64)
     (!shown.is_empty()).then(|| shown.join(", "))
 }
 
+/// Returns a paragraph about the screened simulations without a verdict; empty if all have one.
+pub fn without_gpu_verdict(simulations: u64, overflows: u64) -> String {
+    if simulations == 0 {
+        return String::new();
+    }
+    let simulations = plural(simulations, "simulation");
+    format!(
+        "\n\n{simulations} without a verdict on the GPU, {overflows} of them for lack of memory for contacts or constraints"
+    )
+}
+
 /// Returns `corner` or `center` for a simulation at the corners of the initial box, which an evaluation runs in a trial of its
 /// own.
 pub fn box_point(header: &RunHeader, trial: u32, scenario: &[Option<f64>]) -> Option<&'static str> {

@@ -28,13 +28,7 @@ pub fn text(resolved: &ResolvedPlan, outcome: &ScreenedEvaluationOutcome) -> Str
     if let Some(report) = &outcome.corners {
         text.push_str(&format!("\n\n{}", corners::text(resolved.space.axes(), report)));
     }
-    if report.screened_without_verdict > 0 {
-        text.push_str(&format!(
-            "\n\n{} without a verdict on the GPU, {} of them for lack of memory for contacts or constraints",
-            plural(report.screened_without_verdict, "simulation"),
-            report.overflows,
-        ));
-    }
+    text.push_str(&run::without_gpu_verdict(report.screened_without_verdict, report.overflows));
     if report.without_verdict > 0 {
         let undecided = plural(report.without_verdict, "simulation");
         text.push_str(&format!("\n\n{undecided} of MuJoCo C without a verdict do not count as successes"));
