@@ -2,9 +2,9 @@ use std::ops::{ControlFlow, RangeInclusive};
 use std::rc::Rc;
 
 use mishandle_falsification::{
-    Campaign, CampaignOutcome, CampaignSettings, KeepGoing, Trial, TrialEnd, TrialOutcome,
+    Campaign, CampaignOutcome, CampaignSettings, KeepGoing, ScreenedCounts, Trial, TrialEnd, TrialOutcome,
 };
-use mishandle_rollout::{Axis, AxisValues, Seed, Space};
+use mishandle_rollout::{Axis, AxisValues, Screening, Seed, Space};
 use mishandle_search::{
     Coordinate, SEARCHES, Search, SearchEntry, SearchError, SearchOptions, by_name, find_search,
 };
@@ -32,9 +32,8 @@ pub fn falsify(
     let ResolvedPlan { plan, space, .. } = resolved;
     let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
     header::check(run.file().header(), resolved)?;
-    let FalsifyPlan { trials, budget, batch, early_stopping, .. } = *falsify;
-    let settings =
-        CampaignSettings { trials, budget, seed: Seed(plan.seed), batch: batch as usize, early_stopping };
+    let settings = settings(plan, falsify);
+    let FalsifyPlan { trials, budget, .. } = *falsify;
     let mut campaign = Campaign::new(settings, space, new_search(falsify, space))?;
     if let Some(settings) = keep_going(resolved) {
         campaign = campaign.keep_going(settings);
@@ -91,6 +90,31 @@ pub fn falsify(
     }
     run.close()?;
     Ok(outcome)
+}
+
+/// Searches for counterexamples on a backend, without a run file: see [`Campaign::run_screened`]. Counterexamples are from the
+/// target's own system.
+///
+/// # Errors
+/// If the plan has no table `[falsify]`, its trials keep going, or a simulation cannot be run.
+pub fn falsify_on_backend(
+    resolved: &ResolvedPlan,
+    screening: &mut Screening,
+    sample_rate: f64,
+    watch: &mut (dyn FnMut(&CampaignOutcome) -> ControlFlow<()> + Send),
+) -> Result<(CampaignOutcome, ScreenedCounts), MishandleError> {
+    let ResolvedPlan { plan, space, .. } = resolved;
+    let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
+    let mut campaign = Campaign::new(settings(plan, falsify), space, new_search(falsify, space))?;
+    if let Some(settings) = keep_going(resolved) {
+        campaign = campaign.keep_going(settings);
+    }
+    Ok(campaign.run_screened(screening, &mut *resolved.system()?, sample_rate, watch)?)
+}
+
+fn settings(plan: &Plan, falsify: &FalsifyPlan) -> CampaignSettings {
+    let FalsifyPlan { trials, budget, batch, early_stopping, .. } = *falsify;
+    CampaignSettings { trials, budget, seed: Seed(plan.seed), batch: batch as usize, early_stopping }
 }
 
 /// Progress of a falsification campaign.

@@ -94,7 +94,9 @@ pub use failure_probability::{
     RiskPlan, check_risk, probability_text, risk, risk_assumption, risk_counterexample, risk_refusals,
     risk_scenarios,
 };
-pub use falsify::{FalsifyProgress, check_falsify, failure_rate_bound, falsify, search_entry};
+pub use falsify::{
+    FalsifyProgress, check_falsify, failure_rate_bound, falsify, falsify_on_backend, search_entry,
+};
 pub use film::Film;
 pub use frames::{FrameCaptions, FrameRenderer};
 pub use full_trace::full_trace;

@@ -4,8 +4,9 @@
 
 use std::ops::ControlFlow;
 
+use mishandle::falsification::{CampaignOutcome, ScreenedCounts, TrialOutcome};
 use mishandle::world::{Backend, BatchBuffers, BatchSpec, CpuBackend, WorldBatch, WorldError};
-use mishandle::{EvaluatePlan, Plan, ResolvedPlan, RiskPlan};
+use mishandle::{EvaluatePlan, FalsifyPlan, Plan, ResolvedPlan, RiskPlan};
 
 fn resolved() -> ResolvedPlan {
     let risk = RiskPlan {
@@ -157,4 +158,86 @@ fn an_interrupted_screened_evaluation_counts_no_part_of_a_chunk() {
     .unwrap();
     assert!(!outcome.report.is_complete);
     assert_eq!((outcome.report.failures.trials, outcome.report.success_rate().value), (0, None));
+}
+
+/// Trials of which some are falsified soon, some late, and some not.
+fn falsification(batch: u32) -> ResolvedPlan {
+    let falsify = FalsifyPlan {
+        search: "dual-annealing".to_string(),
+        formula: Some("always[50:300](finger_target_distance <= 0.0115)".to_string()),
+        trials: 6,
+        budget: 25,
+        batch,
+        ..FalsifyPlan::default()
+    };
+    let plan =
+        Plan { action_noise: 0.3, seed: 4, falsify: Some(falsify), ..Plan::new("point-reaching", "ppo") };
+    ResolvedPlan::new(&plan).unwrap()
+}
+
+fn falsified(backend: &dyn Backend, sample_rate: f64, batch: u32) -> (CampaignOutcome, ScreenedCounts) {
+    let resolved = falsification(batch);
+    let mut screening = mishandle::screening(&resolved, backend, 24).unwrap();
+    let watch = &mut |_: &CampaignOutcome| ControlFlow::Continue(());
+    mishandle::falsify_on_backend(&resolved, &mut screening, sample_rate, watch).unwrap()
+}
+
+fn plain_falsification() -> CampaignOutcome {
+    let folder = tempfile::tempdir().unwrap();
+    let resolved = falsification(24);
+    let run = mishandle::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
+    let outcome = mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+    let falsified = outcome.falsified_trials;
+    assert!(
+        (1..6).contains(&falsified),
+        "{falsified} of 6 trials are falsified: the test needs both outcomes"
+    );
+    outcome
+}
+
+/// Returns what a screening must not change.
+fn evidence(trial: &TrialOutcome) -> impl PartialEq + std::fmt::Debug {
+    (trial.end, trial.simulations, trial.first_violation, trial.minimum.clone())
+}
+
+#[test]
+fn an_engine_with_the_bits_of_the_system_finds_the_same_counterexamples_and_minima() {
+    let plain = plain_falsification();
+    for batch in [1, 24, 64] {
+        let (found, counts) = falsified(&CpuBackend, 0.1, batch);
+        assert!(found.trials.iter().map(evidence).eq(plain.trials.iter().map(evidence)), "batch {batch}");
+        let falsified = u64::from(plain.falsified_trials);
+        assert_eq!((counts.violated.simulations, counts.violated.violations), (falsified, falsified));
+        assert_eq!((counts.minima.violations, counts.sampled.violations), (0, 0));
+        assert_eq!(found.screened, counts.not_repeated);
+        // The test needs simulations of each kind.
+        assert!(
+            counts.minima.simulations > 3 && counts.sampled.simulations > 0 && found.screened > 20,
+            "{counts:?}"
+        );
+        assert_eq!(found.failure_rate_bound(), None);
+    }
+}
+
+#[test]
+fn what_the_system_repeats_does_not_depend_on_the_batch() {
+    let expected = falsified(&Wrong(false), 0.2, 24);
+    let found = falsified(&Wrong(false), 0.2, 7);
+    assert_eq!(found.1, expected.1);
+    assert_eq!(found.0.trials, expected.0.trials);
+}
+
+#[test]
+fn a_wrong_engine_cannot_falsify_a_trial_and_with_all_repeated_it_changes_nothing() {
+    let plain = plain_falsification();
+    for is_diverging in [false, true] {
+        let (found, counts) = falsified(&Wrong(is_diverging), 1.0, 24);
+        assert!(found.trials.iter().map(evidence).eq(plain.trials.iter().map(evidence)));
+        assert_eq!((found.screened, counts.not_repeated), (0, 0));
+        let without_verdict = counts.without_verdict.simulations;
+        assert_eq!(without_verdict == found.simulations, is_diverging);
+    }
+    // The hand stays far from its target on this engine, so it reports violations that the system refutes.
+    let counts = falsified(&Wrong(false), 0.01, 24).1;
+    assert!(counts.violated.simulations > counts.violated.violations, "{counts:?}");
 }

@@ -136,10 +136,14 @@ fn a_normal_distribution_whose_mean_is_outside_of_the_bounds_is_warned_of() {
 
 #[test]
 fn the_backend_gpu_of_the_plain_program_says_what_to_install() {
-    for command in ["risk", "evaluate"] {
+    for command in ["risk", "evaluate", "falsify"] {
         let command = format!("{command} point-reaching --controller ppo --backend gpu");
         Bench::new().refuses(&command, &["pip install 'mishandle[gpu]'"]);
     }
-    let with_file = "evaluate point-reaching --controller ppo --backend gpu --out run.sqlite";
-    Bench::new().refuses(with_file, &["writes no run file"]);
+    for command in ["evaluate", "falsify"] {
+        let with_file = format!("{command} point-reaching --controller ppo --backend gpu --out run.sqlite");
+        Bench::new().refuses(&with_file, &["writes no run file"]);
+    }
+    let with_modes = "falsify point-reaching --controller ppo --backend gpu --keep-going";
+    Bench::new().refuses(with_modes, &["leave out --keep-going"]);
 }

@@ -69,14 +69,32 @@ impl CampaignBatch<'_> {
 ///
 /// Memory contains the outcome of every trial and the searches of the running trials, but no simulations.
 pub struct Campaign<'a> {
-    settings: CampaignSettings,
+    pub(crate) settings: CampaignSettings,
     space: Space,
     make: Rc<SearchFactory<'a>>,
-    keep_going: Option<KeepGoing<'a>>,
+    pub(crate) keep_going: Option<KeepGoing<'a>>,
     slots: Vec<Slot<'a>>,
     /// All trials before this index have ended.
     first_running: usize,
     surplus: u64,
+}
+
+/// A simulation that was requested.
+pub(crate) trait Simulated {
+    fn request(&self) -> &Request;
+
+    /// Reports the simulation to its trial.
+    fn report_to(&self, trial: &mut Trial<'_>) -> Result<(), FalsificationError>;
+}
+
+impl Simulated for Episode {
+    fn request(&self) -> &Request {
+        &self.request
+    }
+
+    fn report_to(&self, trial: &mut Trial<'_>) -> Result<(), FalsificationError> {
+        trial.tell(self)
+    }
 }
 
 enum Slot<'a> {
@@ -209,7 +227,7 @@ impl<'a> Campaign<'a> {
     }
 
     /// Returns the next simulations, ordered by trial, at most `batch_size`. The list is empty if all trials have ended.
-    fn next_batch(&mut self, batch_size: usize) -> Result<Vec<Request>, FalsificationError> {
+    pub(crate) fn next_batch(&mut self, batch_size: usize) -> Result<Vec<Request>, FalsificationError> {
         let mut batch = Vec::with_capacity(batch_size);
         while batch.is_empty() {
             let running = self.running_slots(batch_size);
@@ -231,15 +249,15 @@ impl<'a> Campaign<'a> {
         (self.first_running..self.slots.len()).filter(|&index| !ended(&self.slots[index])).take(n).collect()
     }
 
-    /// Reports the episodes to the searches, drops the surplus, and adds the trials that end to `ended`.
-    fn receive(
+    /// Reports the simulations to the searches, drops the surplus, and adds the trials that end to `ended`.
+    pub(crate) fn receive<S: Simulated>(
         &mut self,
-        episodes: Vec<Episode>,
+        simulations: Vec<S>,
         ended: &mut Vec<TrialOutcome>,
-    ) -> Result<Vec<Episode>, FalsificationError> {
-        let mut kept = Vec::with_capacity(episodes.len());
-        for episode in episodes {
-            let is_surplus = match &self.slots[episode.request.trial as usize - 1] {
+    ) -> Result<Vec<S>, FalsificationError> {
+        let mut kept = Vec::with_capacity(simulations.len());
+        for simulation in simulations {
+            let is_surplus = match &self.slots[simulation.request().trial as usize - 1] {
                 Slot::Running(trial) => trial.is_stale(),
                 Slot::NotStarted | Slot::Ended(_) => true,
             };
@@ -247,8 +265,8 @@ impl<'a> Campaign<'a> {
                 self.surplus += 1;
                 continue;
             }
-            ended.extend(self.tell(&episode)?);
-            kept.push(episode);
+            ended.extend(self.tell(&simulation)?);
+            kept.push(simulation);
         }
         Ok(kept)
     }
@@ -277,11 +295,11 @@ impl<'a> Campaign<'a> {
         })
     }
 
-    /// Reports an episode to its running trial and returns the outcome of the trial if this episode ended it.
-    fn tell(&mut self, episode: &Episode) -> Result<Option<TrialOutcome>, FalsificationError> {
-        let index = episode.request.trial as usize - 1;
+    /// Reports a simulation to its running trial and returns the outcome of the trial if this simulation ended it.
+    fn tell(&mut self, simulation: &impl Simulated) -> Result<Option<TrialOutcome>, FalsificationError> {
+        let index = simulation.request().trial as usize - 1;
         if let Slot::Running(trial) = &mut self.slots[index] {
-            trial.tell(episode)?;
+            simulation.report_to(trial)?;
         }
         Ok(self.close_if_ended(index))
     }

@@ -81,6 +81,11 @@ pub enum FalsificationError {
         /// Number of the simulation.
         number: u32,
     },
+    /// Trials that keep going are to run on another physics engine.
+    #[error(
+        "trials that keep going need the traces of the system, so another physics engine cannot run them"
+    )]
+    ScreenedModes,
     /// A record belongs to a trial that the campaign does not have.
     #[error(
         "simulation {number} of trial {trial} is recorded, but the trials of the campaign are 1 to {trials}"

@@ -38,6 +38,7 @@ mod error;
 mod keep_going;
 mod modes;
 mod outcome;
+mod screened;
 mod trial;
 
 pub use campaign::{Campaign, CampaignBatch, CampaignSettings};
@@ -48,4 +49,5 @@ pub use modes::{
     unit_scenario,
 };
 pub use outcome::{CampaignOutcome, Minimum, TrialOutcome, Unevaluated};
+pub use screened::{RepeatedCount, ScreenedCounts};
 pub use trial::{SearchFactory, Trial, TrialEnd};

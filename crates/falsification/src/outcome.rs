@@ -44,7 +44,10 @@ pub struct TrialOutcome {
     pub end: Option<TrialEnd>,
     /// Number of simulations. The falsifying one is the last, unless the trial keeps going.
     pub simulations: u32,
-    /// Number of control steps of all simulations.
+    /// Number of these that only another physics engine ran: see [`Campaign::run_screened`](crate::Campaign::run_screened). They
+    /// decide where the search looks, and nothing else.
+    pub screened: u32,
+    /// Number of control steps of all other simulations.
     pub control_steps: u64,
     /// Number of the first simulation with a robustness below 0.
     pub first_violation: Option<u32>,
@@ -72,6 +75,7 @@ impl TrialOutcome {
             seed,
             end: None,
             simulations: 0,
+            screened: 0,
             control_steps: 0,
             first_violation: None,
             diverged: 0,
@@ -87,6 +91,12 @@ impl TrialOutcome {
     /// Returns whether the trial found a violation.
     pub fn falsified(&self) -> bool {
         self.first_violation.is_some()
+    }
+
+    /// Adds a simulation that only another physics engine ran.
+    pub(crate) fn add_screened(&mut self) {
+        self.simulations += 1;
+        self.screened += 1;
     }
 
     /// Adds a simulation.
@@ -145,7 +155,9 @@ pub struct CampaignOutcome {
     pub restricted_mean_simulations: Option<f64>,
     /// Number of simulations of all trials.
     pub simulations: u64,
-    /// Number of control steps of all simulations.
+    /// Number of these that only another physics engine ran.
+    pub screened: u64,
+    /// Number of control steps of all other simulations.
     pub control_steps: u64,
     /// Number of diverged simulations.
     pub diverged: u64,
@@ -163,9 +175,10 @@ pub struct CampaignOutcome {
 
 impl CampaignOutcome {
     /// Returns the [`bound_without_failures`] of the failure rate. It holds if the simulations are independent random samples.
-    /// `None` with a failure, with a simulation without a verdict, or if a trial was interrupted.
+    /// `None` with a failure, with a simulation without a verdict or one that only another physics engine ran, or if a trial was
+    /// interrupted.
     pub fn failure_rate_bound(&self) -> Option<f64> {
-        let without_verdict = self.diverged + self.invalid + self.failed + self.undecided;
+        let without_verdict = self.screened + self.diverged + self.invalid + self.failed + self.undecided;
         let is_complete = self.trials.iter().all(|trial| trial.end.is_some());
         let applies =
             self.falsified_trials == 0 && without_verdict == 0 && is_complete && self.simulations > 0;
@@ -193,6 +206,7 @@ impl CampaignOutcome {
                 .flatten(),
             restricted_mean_simulations: is_complete.then(|| total_with_budget as f64 / trials.len() as f64),
             simulations: total(|trial| trial.simulations),
+            screened: total(|trial| trial.screened),
             control_steps: trials.iter().map(|trial| trial.control_steps).sum(),
             diverged: total(|trial| trial.diverged),
             invalid: total(|trial| trial.invalid),

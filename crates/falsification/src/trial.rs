@@ -172,6 +172,22 @@ impl<'a> Trial<'a> {
         Ok(())
     }
 
+    /// Adds the result of another physics engine for the first request without an episode: a robustness of at least 0. The search
+    /// observes it, but it is no evidence: it cannot become the minimum of the trial.
+    ///
+    /// # Errors
+    /// [`FalsificationError::Search`] if the search rejects the observation.
+    pub(crate) fn tell_screened(
+        &mut self,
+        request: &Request,
+        observed: &Observation,
+    ) -> Result<(), FalsificationError> {
+        self.search.tell(&request.unit_point, observed)?;
+        self.outcome.add_screened();
+        self.outcome.end = self.end()?;
+        Ok(())
+    }
+
     /// Returns whether the requests that have no episode yet are void, because the search that proposed them was replaced.
     pub(crate) fn is_stale(&self) -> bool {
         self.is_stale

@@ -1,4 +1,5 @@
 mod modes;
+mod screened;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -67,6 +68,8 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(0..=10_000_000))]
     pub repeats: Option<u32>,
     #[command(flatten)]
+    pub screen: args::Screen,
+    #[command(flatten)]
     pub file: args::OpenRun,
     #[command(flatten)]
     pub run: args::Run,
@@ -86,6 +89,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
+    if command.screen.is_gpu() {
+        return screened::run(command, &bar);
+    }
     let moved = command.subject.controller.as_deref();
     let (resolved, file) = run::open(&command.file, RunKind::Falsify, moved, || plan(command))?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
@@ -249,7 +255,10 @@ fn plan(command: &Arguments) -> Result<Plan> {
     falsify.formula = command.formula.clone().or(falsify.formula);
     falsify.trials = command.trials.unwrap_or(falsify.trials);
     falsify.budget = command.budget.unwrap_or(falsify.budget);
-    falsify.batch = command.subject.batch.unwrap_or(falsify.batch);
+    falsify.batch = command.subject.batch.unwrap_or(match command.screen.is_gpu() {
+        true => command.screen.rows.min(*Plan::BATCH.end() as u32),
+        false => falsify.batch,
+    });
     falsify.early_stopping |= command.early_stopping;
     falsify.keep_going |= command.keep_going;
     anyhow::ensure!(
@@ -264,6 +273,10 @@ fn plan(command: &Arguments) -> Result<Plan> {
 
 /// Returns the JSON document of the run.
 pub fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats, path: &str) -> Value {
+    output::joined(run::document(resolved, path), results(resolved, found, repeats))
+}
+
+fn results(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) -> Value {
     let falsify = resolved.plan.falsify.clone().unwrap_or_default();
     let trials: Vec<Value> = found
         .trials
@@ -273,7 +286,7 @@ pub fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repe
             output::joined(trial_document(resolved, trial), json!({ "repeats": repeated }))
         })
         .collect();
-    let own = json!({
+    json!({
         "is_complete": is_complete(resolved, found),
         "search": falsify.search,
         "search_options": search_options(&falsify),
@@ -290,8 +303,7 @@ pub fn document(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repe
         "smooth_region": Value::Null,
         "failure_rate_bound": mishandle::failure_rate_bound(resolved, found),
         "trials": trials,
-    });
-    output::joined(run::document(resolved, path), own)
+    })
 }
 
 /// Surveys the failure modes of a run file. Returns its header, too.
@@ -420,7 +432,7 @@ fn text(resolved: &ResolvedPlan, found: &CampaignOutcome, repeats: &Repeats) -> 
         output::table(&rows),
         summary(found),
     );
-    if falsify.early_stopping && found.simulations > 0 {
+    if falsify.early_stopping && found.simulations > 0 && found.screened == 0 {
         let whole = found.simulations * resolved.target.episode_steps as u64;
         text.push_str(&format!(
             "\nearly stopping: {:.0} % of {whole} control steps saved; robustness values of simulations that ended early are lower bounds",

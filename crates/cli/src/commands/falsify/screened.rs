@@ -1,0 +1,133 @@
+//! Falsification with simulations that a GPU screens.
+
+use std::time::Instant;
+
+use anyhow::{Result, ensure};
+use mishandle::falsification::{CampaignOutcome, RepeatedCount, ScreenedCounts};
+use mishandle::{ResolvedPlan, plural};
+use serde_json::{Value, json};
+
+use super::{Arguments, REPEATS, Repeats, simulate};
+use crate::progress::Bar;
+use crate::{ExitStatus, args, output, run};
+
+pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
+    let args::OpenRun { out, resume, durable, .. } = &command.file;
+    ensure!(
+        out.is_none() && resume.is_none() && !durable,
+        "--backend gpu writes no run file, so it does not work with --out, --resume and --durable"
+    );
+    let plan = super::plan(command)?;
+    let falsify = plan.falsify.clone().unwrap_or_default();
+    ensure!(
+        !falsify.keep_going,
+        "--backend gpu cannot tell failure modes apart; leave out --keep-going or use --backend cpu"
+    );
+    let resolved = ResolvedPlan::new(&plan)?;
+    output::warn_of_chained_comparisons(&resolved.specification.requirement);
+    let backend = mishandle::gpu_backend()?;
+    let mut screening = mishandle::screening(&resolved, &*backend, command.screen.rows as usize)?;
+    bar.set_length(u64::from(falsify.trials) * u64::from(falsify.budget));
+    let start = Instant::now();
+    let confirm = command.screen.confirm;
+    let (found, counts) =
+        mishandle::falsify_on_backend(&resolved, &mut screening, confirm, &mut |outcome| {
+            bar.set_position(outcome.simulations);
+            bar.set_note(format!("{} falsified", plural(outcome.falsified_trials, "trial")));
+            run::control_flow()
+        })?;
+    let seconds = start.elapsed().as_secs_f64();
+    bar.clear();
+    super::report_unevaluated(&resolved, &found);
+    let is_complete = super::is_complete(&resolved, &found);
+    let repeats = match is_complete {
+        true => super::counterexample_repeats(&resolved, &found, command.repeats.unwrap_or(REPEATS))?,
+        false => Repeats::new(),
+    };
+    match command.run.json {
+        true => output::json(document(&resolved, &found, &counts, &repeats))?,
+        false => {
+            let table = output::table(&engines(&counts));
+            let without = run::without_gpu_verdict(counts.without_verdict.simulations, counts.overflows);
+            output::line(&format!("{}\n\n{table}{without}", super::text(&resolved, &found, &repeats)))?;
+        }
+    }
+    output::message(&format!(
+        "{} screened and confirmed in {seconds:.1} s; only the {} of MuJoCo C are evidence",
+        plural(found.simulations, "simulation"),
+        found.simulations - found.screened
+    ));
+    if !is_complete {
+        run::report_loss(found.simulations, "the answer is that of these; it cannot be resumed");
+        return Ok(ExitStatus::Interrupted);
+    }
+    ensure!(
+        found.trials.iter().any(|trial| trial.minimum.is_some()),
+        "no simulation of MuJoCo C has a verdict, so the controller was not tested"
+    );
+    if found.falsified_trials == 0 {
+        return Ok(ExitStatus::Done);
+    }
+    if let Some(command) = first_counterexample(&resolved, &found) {
+        output::message(&format!("Simulate the first counterexample: {command}, with the same other flags"));
+    }
+    Ok(ExitStatus::Violated)
+}
+
+/// Returns the command that simulates the first counterexample.
+fn first_counterexample(resolved: &ResolvedPlan, found: &CampaignOutcome) -> Option<String> {
+    let minimum = found.trials.iter().find(|trial| trial.falsified())?.minimum.as_ref()?;
+    let axes = resolved.space.axes().iter().zip(minimum.scenario.values());
+    let values: Vec<String> = axes
+        .filter(|(axis, _)| !axis.is_fixed())
+        .filter_map(|(axis, value)| Some(format!("{}={}", axis.name, (*value)?)))
+        .collect();
+    let (target, controller) = (&resolved.plan.target, &resolved.plan.controller);
+    let (at, seed) = (values.join(","), minimum.seed.0);
+    Some(format!("mishandle simulate {target} --controller {controller} --at {at} --seed {seed}"))
+}
+
+/// Returns what MuJoCo C found in the simulations that it repeated.
+fn engines(counts: &ScreenedCounts) -> Vec<Vec<String>> {
+    let row = |name: &str, simulations: u64, repeated: RepeatedCount| {
+        [
+            name.to_string(),
+            simulations.to_string(),
+            repeated.simulations.to_string(),
+            repeated.violations.to_string(),
+        ]
+        .to_vec()
+    };
+    let all = |name: &str, repeated: RepeatedCount| row(name, repeated.simulations, repeated);
+    vec![
+        ["screened by MuJoCo Warp", "simulations", "repeated by MuJoCo C", "violations there"]
+            .map(String::from)
+            .to_vec(),
+        all("violated", counts.violated),
+        all("no verdict", counts.without_verdict),
+        all("lowest of its trial so far", counts.minima),
+        row("others", counts.sampled.simulations + counts.not_repeated, counts.sampled),
+    ]
+}
+
+fn document(
+    resolved: &ResolvedPlan,
+    found: &CampaignOutcome,
+    counts: &ScreenedCounts,
+    repeats: &Repeats,
+) -> Value {
+    let repeated =
+        |count: RepeatedCount| json!({ "simulations": count.simulations, "violations": count.violations });
+    let own = json!({
+        "backend": "gpu",
+        "screening": { "simulations": found.simulations, "overflows": counts.overflows },
+        "confirmation": {
+            "violated": repeated(counts.violated),
+            "without_verdict": repeated(counts.without_verdict),
+            "minima": repeated(counts.minima),
+            "sampled": repeated(counts.sampled),
+        },
+    });
+    let results = super::results(resolved, found, repeats);
+    output::joined(simulate::document(resolved), output::joined(results, own))
+}

@@ -1,0 +1,227 @@
+//! Campaigns whose simulations another physics engine runs first. The system repeats those that count.
+
+use std::ops::ControlFlow;
+use std::sync::Mutex;
+
+use mishandle_random::Sequence;
+use mishandle_rollout::{DEFAULT_BATCH_SIZE, Episode, Request, ScreenedEpisode, Screening, System};
+use mishandle_search::{Observation, SubformulaMinimum};
+use mishandle_stl::Trace;
+
+use crate::campaign::Simulated;
+use crate::{Campaign, CampaignOutcome, FalsificationError, Trial};
+
+/// Number of simulations that the system repeats at once.
+const REPEATED_AT_ONCE: usize = 16 * DEFAULT_BATCH_SIZE;
+
+/// Simulations that the system repeated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RepeatedCount {
+    /// Number of simulations.
+    pub simulations: u64,
+    /// Number of these that violate the requirement in the system.
+    pub violations: u64,
+}
+
+/// Simulations of a screened campaign, by their result on the other engine.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ScreenedCounts {
+    /// Violations on the other engine.
+    pub violated: RepeatedCount,
+    /// Simulations without a verdict there.
+    pub without_verdict: RepeatedCount,
+    /// Number of these in which the other engine had too little memory for contacts or constraints.
+    pub overflows: u64,
+    /// Simulations without a violation, but with a lower robustness there than all earlier ones of the trial.
+    pub minima: RepeatedCount,
+    /// Random sample of the others.
+    pub sampled: RepeatedCount,
+    /// Number of simulations that the system did not repeat.
+    pub not_repeated: u64,
+}
+
+/// Why the system repeats a simulation.
+#[derive(Clone, Copy)]
+enum Reason {
+    Violation,
+    NoVerdict { has_overflowed: bool },
+    Minimum,
+    Sample,
+}
+
+/// Result of a simulation that counts for a search.
+enum Outcome {
+    Repeated(Reason, Box<Episode>),
+    Screened(Request, Observation),
+}
+
+struct Screened {
+    outcome: Outcome,
+    /// Robustness on the other engine; +∞ without a verdict.
+    robustness: f64,
+}
+
+impl Simulated for Screened {
+    fn request(&self) -> &Request {
+        match &self.outcome {
+            Outcome::Repeated(_, episode) => &episode.request,
+            Outcome::Screened(request, _) => request,
+        }
+    }
+
+    fn report_to(&self, trial: &mut Trial<'_>) -> Result<(), FalsificationError> {
+        match &self.outcome {
+            Outcome::Repeated(_, episode) => trial.tell(episode),
+            Outcome::Screened(request, observation) => trial.tell_screened(request, observation),
+        }
+    }
+}
+
+impl ScreenedCounts {
+    fn add(&mut self, simulation: &Screened) {
+        let Outcome::Repeated(reason, episode) = &simulation.outcome else {
+            self.not_repeated += 1;
+            return;
+        };
+        let count = match reason {
+            Reason::Violation => &mut self.violated,
+            Reason::NoVerdict { has_overflowed } => {
+                self.overflows += u64::from(*has_overflowed);
+                &mut self.without_verdict
+            }
+            Reason::Minimum => &mut self.minima,
+            Reason::Sample => &mut self.sampled,
+        };
+        count.simulations += 1;
+        count.violations += u64::from(episode.robustness() < Some(0.0));
+    }
+}
+
+impl Campaign<'_> {
+    /// Runs all trials to their ends as [`run`](Self::run), but on another physics engine.
+    ///
+    /// `system` repeats each simulation that violates the requirement there, has no verdict there, or has a lower robustness there
+    /// than all earlier ones of its trial, and each other one with the probability `sample_rate`. A search observes the result of
+    /// the system where there is one, and otherwise that of the other engine. Only the system's simulations end a trial or become
+    /// its minimum.
+    ///
+    /// `watch` gets the outcome so far now and then. If it breaks, the simulations of the present batch are lost.
+    ///
+    /// # Errors
+    /// As [`run`](Self::run), if the other engine fails, and [`FalsificationError::ScreenedModes`] if the trials
+    /// [keep going](Self::keep_going).
+    pub fn run_screened(
+        &mut self,
+        screening: &mut Screening,
+        system: &mut dyn System,
+        sample_rate: f64,
+        watch: &mut (dyn FnMut(&CampaignOutcome) -> ControlFlow<()> + Send),
+    ) -> Result<(CampaignOutcome, ScreenedCounts), FalsificationError> {
+        if self.keep_going.is_some() {
+            return Err(FalsificationError::ScreenedModes);
+        }
+        let watch = Mutex::new(watch);
+        let call =
+            |outcome: &CampaignOutcome| watch.lock().is_ok_and(|mut watch| watch(outcome).is_continue());
+        let mut counts = ScreenedCounts::default();
+        // Minima of the trials on the other engine.
+        let mut lowest = vec![f64::INFINITY; self.settings.trials as usize];
+        let mut outcome = self.outcome();
+        loop {
+            let requests = self.next_batch(self.settings.batch.max(1))?;
+            if requests.is_empty() || !call(&outcome) {
+                break;
+            }
+            let outcomes = screening.run(&requests, &|_| call(&outcome))?;
+            let Some(outcomes) = outcomes.into_iter().collect::<Option<Vec<ScreenedEpisode>>>() else {
+                break;
+            };
+            let reasons = reasons(&requests, &outcomes, lowest.clone(), sample_rate);
+            let repeated = repeat(system, &requests, &reasons)?;
+            let simulations = merge(requests, &outcomes, reasons, repeated);
+            for simulation in self.receive(simulations, &mut Vec::new())? {
+                let lowest = &mut lowest[simulation.request().trial as usize - 1];
+                *lowest = lowest.min(simulation.robustness);
+                counts.add(&simulation);
+            }
+            outcome = self.outcome();
+        }
+        Ok((self.outcome(), counts))
+    }
+}
+
+/// Returns why the system repeats each simulation; `None` if it does not. `lowest` contains the minimum of each trial.
+fn reasons(
+    requests: &[Request],
+    outcomes: &[ScreenedEpisode],
+    mut lowest: Vec<f64>,
+    sample_rate: f64,
+) -> Vec<Option<Reason>> {
+    let reason = |(request, outcome): (&Request, &ScreenedEpisode)| {
+        let lowest = &mut lowest[request.trial as usize - 1];
+        // NaN is no verdict.
+        let Some(robustness) = outcome.robustness().filter(|rho| !rho.is_nan()) else {
+            return Some(Reason::NoVerdict { has_overflowed: outcome.has_overflowed });
+        };
+        let is_minimum = robustness < *lowest;
+        *lowest = lowest.min(robustness);
+        // No simulation has this seed, and the sample does not depend on the batch.
+        let is_sampled = || Sequence::new(request.seed.child(u64::MAX).0, 0).uniform() < sample_rate;
+        match robustness < 0.0 {
+            true => Some(Reason::Violation),
+            false if is_minimum => Some(Reason::Minimum),
+            false => is_sampled().then_some(Reason::Sample),
+        }
+    };
+    requests.iter().zip(outcomes).map(reason).collect()
+}
+
+/// Simulates the requests that have a reason, without their traces, which would fill the memory.
+fn repeat(
+    system: &mut dyn System,
+    requests: &[Request],
+    reasons: &[Option<Reason>],
+) -> Result<Vec<Episode>, FalsificationError> {
+    let chosen = requests.iter().zip(reasons).filter(|(_, reason)| reason.is_some());
+    let chosen: Vec<Request> = chosen.map(|(request, _)| request.clone()).collect();
+    let mut repeated = Vec::with_capacity(chosen.len());
+    for requests in chosen.chunks(REPEATED_AT_ONCE) {
+        let episodes = system.rollout(requests)?;
+        let (requested, returned) = (requests.len(), episodes.len());
+        if requested != returned {
+            return Err(FalsificationError::EpisodeCount { requested, returned });
+        }
+        repeated
+            .extend(episodes.into_iter().map(|episode| Episode { trace: Trace::new([].into()), ..episode }));
+    }
+    Ok(repeated)
+}
+
+/// Returns the result of each request: that of the system if it repeated it.
+fn merge(
+    requests: Vec<Request>,
+    outcomes: &[ScreenedEpisode],
+    reasons: Vec<Option<Reason>>,
+    repeated: Vec<Episode>,
+) -> Vec<Screened> {
+    let mut repeated = repeated.into_iter();
+    let simulations = requests.into_iter().zip(outcomes).zip(reasons);
+    simulations
+        .map(|((request, screened), reason)| {
+            let robustness = screened.robustness().unwrap_or(f64::INFINITY);
+            let outcome = match reason.and_then(|reason| Some((reason, repeated.next()?))) {
+                Some((reason, episode)) => Outcome::Repeated(reason, Box::new(episode)),
+                None => Outcome::Screened(request, observation(screened, robustness)),
+            };
+            Screened { outcome, robustness }
+        })
+        .collect()
+}
+
+fn observation(screened: &ScreenedEpisode, robustness: f64) -> Observation {
+    let minimum = |found: &mishandle_stl::SubformulaMinimum| SubformulaMinimum {
+        minimum: found.minimum,
+        step: found.step,
+    };
+    Observation { robustness, subformulas: screened.verdict.subformulas.iter().map(minimum).collect() }
+}
