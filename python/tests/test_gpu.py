@@ -1,8 +1,10 @@
 """Tests of the backend ``gpu``, with the kernels of MuJoCo Warp on the CPU."""
 
+import json
 import os
 import subprocess
 import sys
+import tempfile
 import unittest
 
 import numpy as np
@@ -107,6 +109,37 @@ class Physics(unittest.TestCase):
             self.assertEqual(found.overflows, 0)
             self.assertLess(found.summary()["qpos"][2], qpos, task)
             self.assertLess(found.summary()["qvel"][2], qvel, task)
+
+
+@unittest.skipIf(gpu is None, "needs the extra gpu")
+class Commands(unittest.TestCase):
+    def run_command(self, *arguments):
+        code = "import sys; from mishandle.command import main; sys.exit(main())"
+        subject = ["point-reaching", "--controller", "ppo", "--action-noise", "1", "--json"]
+        command = [sys.executable, "-c", code, arguments[0], *subject, *arguments[1:]]
+        result = subprocess.run(command, capture_output=True, text=True)
+        self.assertIn(result.returncode, (0, 1), result.stderr)
+        return json.loads(result.stdout)
+
+    def test_mujoco_c_has_the_robustness_of_each_counterexample_of_falsify(self):
+        options = "--search random --trials 3 --budget 8 --seed 3 --repeats 0 --backend gpu --rows 24 --confirm 0.1"
+        found = self.run_command("falsify", *options.split())
+        self.assertEqual(found["backend"], "gpu")
+        falsified = [trial for trial in found["trials"] if trial["falsified"]]
+        self.assertGreater(len(falsified), 0)
+        self.assertEqual(found["confirmation"]["violated"]["violations"], len(falsified))
+        for trial in falsified:
+            at = ",".join(f"{name}={value!r}" for name, value in trial["scenario"].items())
+            again = self.run_command("simulate", "--at", at, "--seed", trial["seed"])
+            self.assertEqual(again["robustness"], trial["minimum_robustness"])
+
+    def test_evaluate_finds_the_same_success_rate_as_mujoco_c_if_that_repeats_everything(self):
+        options = ["--episodes", "20", "--seed", "4"]
+        found = self.run_command("evaluate", *options, "--backend", "gpu", "--rows", "20", "--confirm", "1")
+        with tempfile.TemporaryDirectory() as folder:
+            expected = self.run_command("evaluate", *options, "--out", f"{folder}/run.sqlite")
+        self.assertAlmostEqual(found["success_rate"]["value"], expected["success_rate"]["value"], places=12)
+        self.assertEqual(found["corners"], expected["corners"])
 
 
 class WithoutTheExtra(unittest.TestCase):
