@@ -241,3 +241,46 @@ fn a_wrong_engine_cannot_falsify_a_trial_and_with_all_repeated_it_changes_nothin
     let counts = falsified(&Wrong(false), 0.01, 24).1;
     assert!(counts.violated.simulations > counts.violated.violations, "{counts:?}");
 }
+
+#[test]
+fn a_space_that_another_engine_cannot_simulate_is_refused_before_the_first_simulation() {
+    let plan = Plan { space: "dynamics".to_string(), ..falsification(1).plan };
+    let resolved = ResolvedPlan::new(&plan).unwrap();
+    let error = mishandle::screening(&resolved, &CpuBackend, 24).err().unwrap().to_string();
+    assert!(error.starts_with("--backend gpu cannot simulate the space `dynamics` of point-reaching"), "{error}");
+}
+
+/// A device that is lost at its first step.
+struct Lost;
+
+struct LostWorlds(Box<dyn WorldBatch>);
+
+impl Backend for Lost {
+    fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
+        Ok(Box::new(LostWorlds(CpuBackend.batch(spec)?)))
+    }
+}
+
+impl WorldBatch for LostWorlds {
+    fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
+        self.0.write_states(rows, states)
+    }
+
+    fn buffers(&mut self) -> BatchBuffers<'_> {
+        self.0.buffers()
+    }
+
+    fn step(&mut self) -> Result<(), WorldError> {
+        Err(WorldError::Backend("the device is lost".to_string()))
+    }
+}
+
+#[test]
+fn a_lost_device_ends_a_campaign_with_its_error() {
+    let resolved = falsification(24);
+    let mut screening = mishandle::screening(&resolved, &Lost, 24).unwrap();
+    let watch = &mut |_: &CampaignOutcome| ControlFlow::Continue(());
+    let error = mishandle::falsify_on_backend(&resolved, &mut screening, 0.1, watch).unwrap_err();
+    let text = error.to_string();
+    assert!(text.contains("the physics engine of the backend failed") && text.contains("the device is lost"), "{text}");
+}

@@ -61,12 +61,10 @@ impl TaskBatch {
         rows: usize,
     ) -> Result<TaskBatch, RolloutError> {
         if environment.has_tail() {
-            return Err(RolloutError::System(format!(
-                "task {}: another backend than the CPU cannot simulate space `{}`, because its axes change constants of the model or \
-                 events during an episode; use --backend cpu",
-                environment.name(),
-                environment.space().name()
-            )));
+            return Err(RolloutError::ScreenedSpace {
+                environment: environment.name().to_string(),
+                space: environment.space().name().to_string(),
+            });
         }
         let model = environment.model().clone();
         let layout = BatchLayout::new(&model);
@@ -76,7 +74,7 @@ impl TaskBatch {
             substeps: environment.substeps(),
             servos: environment.panda().servos().to_vec(),
         };
-        let worlds = backend.batch(&spec).map_err(|error| RolloutError::System(error.to_string()))?;
+        let worlds = backend.batch(&spec).map_err(|error| RolloutError::Engine(error.to_string()))?;
         let sizes = Sizes {
             observation: environment.observation_size(),
             action: environment.action_size(),
@@ -252,12 +250,12 @@ impl ScenarioBatch for TaskBatch {
             self.rewards[row * sizes.rewards..][..sizes.rewards].fill(0.0);
             self.statuses[row] = BatchStatus::Step(StepStatus::Running);
         }
-        self.worlds.write_states(&rows, &states).map_err(|error| RolloutError::System(error.to_string()))
+        self.worlds.write_states(&rows, &states).map_err(|error| RolloutError::Engine(error.to_string()))
     }
 
     fn step(&mut self, actions: &[f64]) -> Result<(), RolloutError> {
         self.command(actions);
-        self.worlds.step().map_err(|error| RolloutError::System(error.to_string()))?;
+        self.worlds.step().map_err(|error| RolloutError::Engine(error.to_string()))?;
         self.write_samples(actions);
         Ok(())
     }
