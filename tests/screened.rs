@@ -247,7 +247,10 @@ fn a_space_that_another_engine_cannot_simulate_is_refused_before_the_first_simul
     let plan = Plan { space: "dynamics".to_string(), ..falsification(1).plan };
     let resolved = ResolvedPlan::new(&plan).unwrap();
     let error = mishandle::screening(&resolved, &CpuBackend, 24).err().unwrap().to_string();
-    assert!(error.starts_with("--backend gpu cannot simulate the space `dynamics` of point-reaching"), "{error}");
+    assert!(
+        error.starts_with("--backend gpu cannot simulate the space `dynamics` of point-reaching"),
+        "{error}"
+    );
 }
 
 /// A device that is lost at its first step.
@@ -282,5 +285,8 @@ fn a_lost_device_ends_a_campaign_with_its_error() {
     let watch = &mut |_: &CampaignOutcome| ControlFlow::Continue(());
     let error = mishandle::falsify_on_backend(&resolved, &mut screening, 0.1, watch).unwrap_err();
     let text = error.to_string();
-    assert!(text.contains("the physics engine of the backend failed") && text.contains("the device is lost"), "{text}");
+    assert!(
+        text.contains("the physics engine of the backend failed") && text.contains("the device is lost"),
+        "{text}"
+    );
 }

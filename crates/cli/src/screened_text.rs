@@ -62,6 +62,16 @@ fn engines(outcome: &ScreenedEvaluationOutcome) -> Vec<Vec<String>> {
     ]
 }
 
+/// Returns the JSON of the simulations of MuJoCo Warp.
+pub fn screening(counts: &TwoPhase, without_verdict: u64, overflows: u64) -> Value {
+    json!({
+        "simulations": counts.trials,
+        "flagged": counts.flagged,
+        "without_verdict": without_verdict,
+        "overflows": overflows,
+    })
+}
+
 /// Returns the JSON document.
 pub fn document(resolved: &ResolvedPlan, outcome: &ScreenedEvaluationOutcome) -> Value {
     let report = &outcome.report;
@@ -81,12 +91,7 @@ pub fn document(resolved: &ResolvedPlan, outcome: &ScreenedEvaluationOutcome) ->
         "success_rate": output::estimate(&report.success_rate()),
         "strict_success_rate": report.strict_success_rate().as_ref().map(output::estimate),
         "dangerous_episode_rate": report.dangerous_episode_rate().as_ref().map(output::estimate),
-        "screening": {
-            "simulations": counts.trials,
-            "flagged": counts.flagged,
-            "without_verdict": report.screened_without_verdict,
-            "overflows": report.overflows,
-        },
+        "screening": screening(&counts, report.screened_without_verdict, report.overflows),
         "confirmation": {
             "flagged": counts.flagged,
             "sampled": counts.sampled,

@@ -137,7 +137,7 @@ impl<'a> Archive<'a> {
         self.simulations += 1;
         (self.has_failed, self.has_discovered) = (false, false);
         let Some(robustness) = episode.robustness() else {
-            return Ok(observation(episode));
+            return Ok(observation(None, &episode.verdict));
         };
         self.add_magnitude(robustness.abs());
         let point = unit_scenario(self.space.axes(), episode.request.scenario.values());
@@ -148,7 +148,7 @@ impl<'a> Archive<'a> {
         if robustness >= 0.0 && self.others.len() < MAX_OTHERS {
             self.others.push(point);
         }
-        Ok(if robustness < level { level.into() } else { observation(episode) })
+        Ok(if robustness < level { level.into() } else { observation(Some(robustness), &episode.verdict) })
     }
 
     /// Returns whether new modes have become rarer than the settings require.

@@ -5,10 +5,11 @@ use std::sync::Mutex;
 
 use mishandle_random::Sequence;
 use mishandle_rollout::{DEFAULT_BATCH_SIZE, Episode, Request, ScreenedEpisode, Screening, System};
-use mishandle_search::{Observation, SubformulaMinimum};
+use mishandle_search::Observation;
 use mishandle_stl::Trace;
 
 use crate::campaign::Simulated;
+use crate::trial::observation;
 use crate::{Campaign, CampaignOutcome, FalsificationError, Trial};
 
 /// Number of simulations that the system repeats at once.
@@ -211,17 +212,9 @@ fn merge(
             let robustness = screened.robustness().unwrap_or(f64::INFINITY);
             let outcome = match reason.and_then(|reason| Some((reason, repeated.next()?))) {
                 Some((reason, episode)) => Outcome::Repeated(reason, Box::new(episode)),
-                None => Outcome::Screened(request, observation(screened, robustness)),
+                None => Outcome::Screened(request, observation(screened.robustness(), &screened.verdict)),
             };
             Screened { outcome, robustness }
         })
         .collect()
-}
-
-fn observation(screened: &ScreenedEpisode, robustness: f64) -> Observation {
-    let minimum = |found: &mishandle_stl::SubformulaMinimum| SubformulaMinimum {
-        minimum: found.minimum,
-        step: found.step,
-    };
-    Observation { robustness, subformulas: screened.verdict.subformulas.iter().map(minimum).collect() }
 }

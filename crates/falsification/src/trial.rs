@@ -2,7 +2,7 @@
 
 use std::rc::Rc;
 
-use mishandle_rollout::{Episode, EpisodeEnd, Request, Seed, Space};
+use mishandle_rollout::{Episode, EpisodeEnd, Request, Seed, Space, Verdict};
 use mishandle_search::{Observation, Search, SearchEnd, SearchError, SubformulaMinimum};
 
 use crate::keep_going::Archive;
@@ -164,7 +164,7 @@ impl<'a> Trial<'a> {
         }
         let observed = match &mut self.archive {
             Some(archive) => archive.observe(episode)?,
-            None => observation(episode),
+            None => observation(robustness, &episode.verdict),
         };
         self.search.tell(unit_point, &observed)?;
         self.outcome.add(episode);
@@ -246,15 +246,15 @@ impl<'a> Trial<'a> {
     }
 }
 
-/// Returns the search's observation of an episode: +∞ if the episode has no robustness.
-pub(crate) fn observation(episode: &Episode) -> Observation {
+/// Returns the search's observation of a simulation: +∞ if it has no robustness.
+pub(crate) fn observation(robustness: Option<f64>, verdict: &Verdict) -> Observation {
     let minimum = |found: &mishandle_stl::SubformulaMinimum| SubformulaMinimum {
         minimum: found.minimum,
         step: found.step,
     };
-    match episode.robustness() {
+    match robustness {
         Some(robustness) => {
-            let subformulas = episode.verdict.subformulas.iter().map(minimum).collect();
+            let subformulas = verdict.subformulas.iter().map(minimum).collect();
             Observation { robustness, subformulas }
         }
         None => Observation::from(f64::INFINITY),

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use super::{counterexamples, simulate};
 use crate::output::{self, number};
 use crate::progress::Bar;
-use crate::{ExitStatus, args, numbers, risk_text, run};
+use crate::{ExitStatus, args, numbers, risk_text, run, screened_text};
 
 /// Estimate the probability that a simulation violates a formula
 #[derive(Debug, Args)]
@@ -262,12 +262,7 @@ fn screened_document(resolved: &ResolvedPlan, scenarios: &Scenarios, report: &Sc
         "distribution": distributions(scenarios),
         "is_complete": report.is_complete,
         "failure_rate": output::estimate(&report.estimate()),
-        "screening": {
-            "simulations": counts.trials,
-            "flagged": counts.flagged,
-            "without_verdict": report.screened_without_verdict,
-            "overflows": report.overflows,
-        },
+        "screening": screened_text::screening(&counts, report.screened_without_verdict, report.overflows),
         "confirmation": {
             "flagged_failures": counts.flagged_events,
             "sampled": counts.sampled,
