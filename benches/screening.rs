@@ -19,6 +19,10 @@ struct Still;
 struct StillWorlds(Box<dyn WorldBatch>);
 
 impl Backend for Still {
+    fn engine(&self) -> &'static str {
+        "no physics"
+    }
+
     fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
         Ok(Box::new(StillWorlds(CpuBackend.batch(spec)?)))
     }
@@ -27,6 +31,10 @@ impl Backend for Still {
 impl WorldBatch for StillWorlds {
     fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
         self.0.write_states(rows, states)
+    }
+
+    fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {
+        self.0.read_states(states)
     }
 
     fn buffers(&mut self) -> BatchBuffers<'_> {

@@ -211,9 +211,10 @@ pub fn controller_name(controller: &str) -> String {
     Path::new(controller).file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Returns the shipped training settings of an algorithm for a task, if they exist.
-pub fn shipped_settings(definition: &Definition, algorithm: &str) -> Option<ShippedFile> {
-    ShippedFile::find(&format!("experiments/training/{}/{algorithm}.toml", base(definition)))
+/// Returns the shipped training settings of an algorithm for a task on a backend (`cpu` or `gpu`), if they exist.
+pub fn shipped_settings(definition: &Definition, algorithm: &str, backend: &str) -> Option<ShippedFile> {
+    let suffix = if backend == "cpu" { String::new() } else { format!("-{backend}") };
+    ShippedFile::find(&format!("experiments/training/{}/{algorithm}{suffix}.toml", base(definition)))
 }
 
 /// Returns the names of a task's shipped controllers in alphabetical order, then `expert`.

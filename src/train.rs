@@ -10,8 +10,8 @@ use std::sync::Arc;
 
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
 use mishandle_files::{FileLock, NewFolders, limits, read_text_bounded};
-use mishandle_rollout::Seed;
-use mishandle_tasks::{Preset, Reward, Task, TaskEnvironment, task_hash};
+use mishandle_rollout::{BatchFactory, Seed};
+use mishandle_tasks::{Preset, Reward, Task, TaskBatches, TaskEnvironment, task_hash};
 use mishandle_training::{
     ALGORITHMS, AlgorithmSettings, BEST, Checkpoint, PRESETS, TrainingControl, TrainingProgress,
     TrainingResult, Validation,
@@ -19,7 +19,7 @@ use mishandle_training::{
 
 use crate::curve::{Curve, CurveRow, NoTrainingTime};
 use crate::home::check_home;
-use crate::{MishandleError, build, shipped_settings, task};
+use crate::{MishandleError, build, gpu_backend, shipped_settings, task};
 pub(crate) use output_check::check as check_outputs;
 use plan::with_suffix;
 use recorder::TrainingRecorder;
@@ -88,7 +88,8 @@ pub fn train(plan: &TrainPlan, observer: &mut dyn TrainObserver) -> Result<Train
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
     let mut recorder =
         TrainingRecorder::new(plan, environment.clone(), specification, resumed.as_ref(), observer)?;
-    let trained = settings.train(&environment, Seed(plan.seed), resumed.as_ref(), &mut recorder);
+    let batches = batches(plan, environment)?;
+    let trained = settings.train(&*batches, Seed(plan.seed), resumed.as_ref(), &mut recorder);
     let result = match recorder.take_error().map_or(trained.map_err(MishandleError::from), Err) {
         Ok(result) => result,
         Err(error) => {
@@ -141,6 +142,18 @@ pub(crate) fn environment(plan: &TrainPlan) -> Result<TaskEnvironment, Mishandle
     Ok(TaskEnvironment::new(task(&plan.task)?, Preset::Paper, reward)?)
 }
 
+/// Returns the factory of a plan's training environments.
+pub(crate) fn batches(
+    plan: &TrainPlan,
+    environment: Arc<TaskEnvironment>,
+) -> Result<Box<dyn BatchFactory>, MishandleError> {
+    known("backend", &plan.backend, &["cpu", "gpu"])?;
+    Ok(match plan.backend == "gpu" {
+        true => Box::new(TaskBatches::new(environment, gpu_backend()?)),
+        false => Box::new(environment),
+    })
+}
+
 /// Reads the settings of a plan.
 pub(crate) fn settings(plan: &TrainPlan) -> Result<AlgorithmSettings, MishandleError> {
     known_algorithm(&plan.algorithm)?;
@@ -173,7 +186,7 @@ fn given_settings(path: &Path) -> Result<String, MishandleError> {
 fn shipped(plan: &TrainPlan) -> Result<Option<(PathBuf, String)>, MishandleError> {
     let definition = task(&plan.task)?.definition();
     check_home("experiments/training")?;
-    let Some(file) = shipped_settings(definition, &plan.algorithm) else { return Ok(None) };
+    let Some(file) = shipped_settings(definition, &plan.algorithm, &plan.backend) else { return Ok(None) };
     let text = String::from_utf8_lossy(&file.bytes()?).into_owned();
     Ok(Some((file.path().to_path_buf(), text)))
 }

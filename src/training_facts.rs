@@ -5,7 +5,7 @@ use mishandle_rollout::{Environment, Seed};
 use mishandle_tasks::task_hash;
 use mishandle_training::{AlgorithmSettings, Checkpoint};
 
-use crate::train::{check_outputs, environment, reward, settings};
+use crate::train::{batches, check_outputs, environment, reward, settings};
 use crate::{MishandleError, TrainPlan, task};
 
 /// Facts that determine the result of a training run and the format of its controller files.
@@ -35,7 +35,7 @@ pub fn training_facts(plan: &TrainPlan) -> Result<TrainingFacts, MishandleError>
     let resumed = resumed.then(|| Checkpoint::load(&checkpoint)).transpose()?;
     check_outputs(plan, environment.reward_terms(), resumed.as_ref())?;
     if let Some(checkpoint) = &resumed {
-        settings.check_resumption(&environment, Seed(plan.seed), checkpoint)?;
+        settings.check_resumption(&*batches(plan, environment)?, Seed(plan.seed), checkpoint)?;
     }
     Ok(TrainingFacts {
         task_hash: task_hash(task, reward(&plan.reward)?)?,

@@ -47,6 +47,10 @@ struct Wrong(bool);
 struct WrongWorlds(Box<dyn WorldBatch>, bool);
 
 impl Backend for Wrong {
+    fn engine(&self) -> &'static str {
+        "wrong"
+    }
+
     fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
         Ok(Box::new(WrongWorlds(CpuBackend.batch(spec)?, self.0)))
     }
@@ -55,6 +59,10 @@ impl Backend for Wrong {
 impl WorldBatch for WrongWorlds {
     fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
         self.0.write_states(rows, states)
+    }
+
+    fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {
+        self.0.read_states(states)
     }
 
     fn buffers(&mut self) -> BatchBuffers<'_> {
@@ -259,6 +267,10 @@ struct Lost;
 struct LostWorlds(Box<dyn WorldBatch>);
 
 impl Backend for Lost {
+    fn engine(&self) -> &'static str {
+        "lost"
+    }
+
     fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
         Ok(Box::new(LostWorlds(CpuBackend.batch(spec)?)))
     }
@@ -267,6 +279,10 @@ impl Backend for Lost {
 impl WorldBatch for LostWorlds {
     fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
         self.0.write_states(rows, states)
+    }
+
+    fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {
+        self.0.read_states(states)
     }
 
     fn buffers(&mut self) -> BatchBuffers<'_> {

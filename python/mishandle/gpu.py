@@ -90,6 +90,16 @@ def _floats(array: Any) -> Any:
     return wp.array(ptr=array.ptr, dtype=float, shape=(rows, numbers), device=array.device)
 
 
+def find_device(name: str | None) -> Any:
+    """Returns a device of Warp by its name, or the one of the environment variable, or the default GPU."""
+    name = name or os.environ.get(DEVICE_VARIABLE)
+    if name is None:
+        if not wp.is_cuda_available():
+            raise RuntimeError("found no NVIDIA GPU with a working driver; use --backend cpu")
+        name = "cuda"
+    return wp.get_device(name)
+
+
 class _Announcement:
     """Says on stderr that kernels are compiled, if that takes longer than three seconds."""
 
@@ -122,12 +132,7 @@ class WarpBatch:
         device: str | None = None,
         constraint_rows: int | None = None,
     ) -> None:
-        name = device or os.environ.get(DEVICE_VARIABLE)
-        if name is None:
-            if not wp.is_cuda_available():
-                raise RuntimeError("found no NVIDIA GPU with a working driver; use --backend cpu")
-            name = "cuda"
-        self._device = wp.get_device(name)
+        self._device = find_device(device)
         self._rows, self._substeps = rows, substeps
         with _Announcement(), wp.ScopedDevice(self._device):
             self._allocate(compile_model(xml, timestep), servo_qpos, servo_lead, pushed, constraint_rows)
@@ -304,6 +309,20 @@ class WarpBatch:
         if self._device.is_cuda:
             # The next call overwrites the page-locked buffers.
             wp.synchronize_stream(self._stream)
+
+    def read_states(self) -> NDArray[np.float64]:
+        """Returns the state vectors of all rows, one after another. The time is 0: the tasks do not depend on it."""
+        is_cuda = self._device.is_cuda
+        with wp.ScopedStream(self._stream) if is_cuda else _CPU_LOCK:
+            self._states.zero_()
+            for offset, part in self._state_parts:
+                self._launch(kernels.gather, (self._rows, part.shape[1]), [part, offset, self._states])
+            active = self.data.eq_active
+            if active.size > 0:
+                inputs = [active, self._active_offset, self._states]
+                self._launch(kernels.gather_bools, (self._rows, active.shape[1]), inputs)
+            states: NDArray[np.float64] = self._states.numpy()
+            return states.reshape(-1)
 
     def _launch(self, kernel: Any, dim: tuple[int, int], inputs: list[Any]) -> None:
         wp.launch(kernel, dim, inputs=inputs, device=self._device, stream=self._stream)

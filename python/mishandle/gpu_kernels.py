@@ -91,6 +91,18 @@ def scatter_bools(
 
 
 @wp.kernel
+def gather(source: wp.array2d(dtype=float), offset: int, states: wp.array2d(dtype=wp.float64)) -> None:
+    row, column = wp.tid()
+    states[row, offset + column] = wp.float64(source[row, column])
+
+
+@wp.kernel
+def gather_bools(source: wp.array2d(dtype=wp.bool), offset: int, states: wp.array2d(dtype=wp.float64)) -> None:
+    row, column = wp.tid()
+    states[row, offset + column] = wp.where(source[row, column], wp.float64(1.0), wp.float64(0.0))
+
+
+@wp.kernel
 def watch(
     qpos: wp.array2d(dtype=float),
     qvel: wp.array2d(dtype=float),

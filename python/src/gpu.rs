@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use mishandle::world::{Backend, BatchBuffers, BatchSpec, WorldBatch, WorldError};
-use numpy::PyArray1;
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 
 /// Makes batches of `mishandle.gpu.WarpBatch`.
@@ -36,6 +36,10 @@ fn failed(py: Python<'_>, error: &PyErr) -> WorldError {
 }
 
 impl Backend for WarpBackend {
+    fn engine(&self) -> &'static str {
+        "MuJoCo Warp"
+    }
+
     fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
         Python::attach(|py| make(py, spec).map_err(|error| failed(py, &error)))
             .map(|worlds| Box::new(worlds) as Box<dyn WorldBatch>)
@@ -92,6 +96,21 @@ impl WorldBatch for WarpWorlds {
             self.object.call_method1(py, "write_states", arguments).map_err(|error| failed(py, &error))
         })?;
         Ok(())
+    }
+
+    fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {
+        Python::attach(|py| {
+            let array = self.object.call_method0(py, "read_states")?;
+            let found = array.bind(py).cast::<PyArray1<f64>>()?.try_readonly()?;
+            let found = found.as_slice()?;
+            if found.len() != states.len() {
+                let problem = format!("expected {} numbers of states, found {}", states.len(), found.len());
+                return Err(pyo3::exceptions::PyRuntimeError::new_err(problem));
+            }
+            states.copy_from_slice(found);
+            Ok(())
+        })
+        .map_err(|error: PyErr| Python::attach(|py| failed(py, &error)))
     }
 
     fn buffers(&mut self) -> BatchBuffers<'_> {

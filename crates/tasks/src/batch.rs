@@ -5,7 +5,9 @@ use mishandle_rollout::{
     BatchSamples, BatchStatus, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, ScenarioBatch,
     Seed, StepStatus,
 };
-use mishandle_world::{Backend, BatchBuffers, BatchLayout, BatchSpec, Model, RowStatus, WorldBatch};
+use mishandle_world::{
+    Backend, BatchBuffers, BatchLayout, BatchSpec, Model, RowStatus, WorldBatch, WorldError,
+};
 use rayon::prelude::*;
 
 use crate::environment::{SceneFunctions, TaskEnvironment, TaskWorker};
@@ -74,7 +76,7 @@ impl TaskBatch {
             substeps: environment.substeps(),
             servos: environment.panda().servos().to_vec(),
         };
-        let worlds = backend.batch(&spec).map_err(|error| RolloutError::Engine(error.to_string()))?;
+        let worlds = backend.batch(&spec).map_err(|error| engine_error(&error))?;
         let sizes = Sizes {
             observation: environment.observation_size(),
             action: environment.action_size(),
@@ -170,9 +172,66 @@ impl TaskBatch {
                 }
             });
     }
+
+    /// Copies the states of all rows into `states`, `[rows, state_size]`.
+    pub(crate) fn read_states(&mut self, states: &mut [f64]) -> Result<(), RolloutError> {
+        let physics_size = self.model.state_size();
+        let mut physics = vec![0.0; self.rows * physics_size];
+        self.worlds.read_states(&mut physics).map_err(|error| engine_error(&error))?;
+        let targets = self.worlds.buffers().targets.chunks(JOINTS);
+        for ((state, physics), targets) in
+            states.chunks_mut(self.sizes.state).zip(physics.chunks(physics_size)).zip(targets)
+        {
+            state[..physics_size].copy_from_slice(physics);
+            state[physics_size..].copy_from_slice(targets);
+        }
+        Ok(())
+    }
+
+    /// Restores all rows from the states and observations of a checkpoint.
+    pub(crate) fn write_states(&mut self, states: &[f64], observations: &[f32]) -> Result<(), RolloutError> {
+        let (sizes, layout, physics_size) = (self.sizes, self.layout, self.model.state_size());
+        let Some(worker) = self.workers.first_mut() else { return Ok(()) };
+        let rows = states.chunks(sizes.state).zip(observations.chunks(sizes.observation)).enumerate();
+        let starts: Vec<Start> = rows
+            .map(|(row, (state, observation))| {
+                worker.set_state(&state[..physics_size]);
+                let signals = vec![0.0; sizes.signals];
+                sizes.start_at(worker, &layout, (row, state.to_vec(), observation.to_vec(), signals))
+            })
+            .collect();
+        self.write_starts(&starts)
+    }
+
+    /// Replaces the states and samples of the rows that start.
+    fn write_starts(&mut self, starts: &[Start]) -> Result<(), RolloutError> {
+        let sizes = self.sizes;
+        let (mut rows, mut states) = (Vec::with_capacity(starts.len()), Vec::new());
+        let BatchBuffers { targets, active, mocap, outputs } = self.worlds.buffers();
+        let size = self.model.state_size();
+        for start in starts {
+            let row = start.row;
+            rows.push(row);
+            states.extend_from_slice(&start.state[..size]);
+            targets[row * JOINTS..][..JOINTS].copy_from_slice(&start.state[size..][..JOINTS]);
+            active[row * sizes.active..][..sizes.active].copy_from_slice(&start.active);
+            mocap[row * sizes.mocap..][..sizes.mocap].copy_from_slice(&start.mocap);
+            outputs[row * sizes.output..][..sizes.output].copy_from_slice(&start.output);
+            self.observations[row * sizes.observation..][..sizes.observation]
+                .copy_from_slice(&start.observation);
+            self.signals[row * sizes.signals..][..sizes.signals].copy_from_slice(&start.signals);
+            self.rewards[row * sizes.rewards..][..sizes.rewards].fill(0.0);
+            self.statuses[row] = BatchStatus::Step(StepStatus::Running);
+        }
+        self.worlds.write_states(&rows, &states).map_err(|error| engine_error(&error))
+    }
 }
 
-/// The start of one row, computed by a thread.
+fn engine_error(error: &WorldError) -> RolloutError {
+    RolloutError::Engine(error.to_string())
+}
+
+/// A row at the start of an episode or at the state of a checkpoint, computed by a thread.
 struct Start {
     row: usize,
     state: Vec<f64>,
@@ -184,36 +243,46 @@ struct Start {
 }
 
 impl Sizes {
+    /// Starts an episode at a scenario.
     fn start(
         &self,
         worker: &mut TaskWorker,
         layout: &BatchLayout,
         (row, scenario, seed): (usize, &Scenario, Seed),
     ) -> Start {
-        let mut start = Start {
-            row,
-            state: vec![0.0; self.state],
-            output: vec![0.0; self.output],
-            active: Vec::new(),
-            mocap: Vec::with_capacity(self.mocap),
-            observation: vec![0.0; self.observation],
-            signals: vec![0.0; self.signals],
-        };
+        let (mut state, mut observation) = (vec![0.0; self.state], vec![0.0; self.observation]);
+        let mut signals = vec![0.0; self.signals];
         let sample = Sample {
-            observation: &mut start.observation,
-            signals: &mut start.signals,
+            observation: &mut observation,
+            signals: &mut signals,
             rewards: &mut vec![0.0; self.rewards],
         };
-        worker.reset(scenario, seed, &mut start.state, sample);
+        worker.reset(scenario, seed, &mut state, sample);
+        self.start_at(worker, layout, (row, state, observation, signals))
+    }
+
+    /// Starts at the state of the worker's world.
+    fn start_at(
+        &self,
+        worker: &TaskWorker,
+        layout: &BatchLayout,
+        (row, state, observation, signals): (usize, Vec<f64>, Vec<f32>, Vec<f64>),
+    ) -> Start {
         let world = worker.nominal_world();
-        layout.write(world, &mut start.output);
-        start.active.extend_from_slice(world.active());
+        let mut output = vec![0.0; self.output];
+        layout.write(world, &mut output);
         let (positions, quaternions) = world.mocap_poses();
-        for (position, quaternion) in positions.iter().zip(quaternions) {
-            start.mocap.extend_from_slice(position);
-            start.mocap.extend_from_slice(quaternion);
+        let poses = positions.iter().zip(quaternions);
+        let mocap = poses.flat_map(|(position, quaternion)| position.iter().chain(quaternion).copied());
+        Start {
+            row,
+            state,
+            output,
+            active: world.active().to_vec(),
+            mocap: mocap.collect(),
+            observation,
+            signals,
         }
-        start
     }
 }
 
@@ -233,29 +302,12 @@ impl ScenarioBatch for TaskBatch {
                 starts.iter().map(move |start| sizes.start(worker, &layout, *start))
             })
             .collect();
-        let (mut rows, mut states) = (Vec::with_capacity(starts.len()), Vec::new());
-        let BatchBuffers { targets, active, mocap, outputs } = self.worlds.buffers();
-        let size = self.model.state_size();
-        for start in &starts {
-            let row = start.row;
-            rows.push(row);
-            states.extend_from_slice(&start.state[..size]);
-            targets[row * JOINTS..][..JOINTS].copy_from_slice(&start.state[size..][..JOINTS]);
-            active[row * sizes.active..][..sizes.active].copy_from_slice(&start.active);
-            mocap[row * sizes.mocap..][..sizes.mocap].copy_from_slice(&start.mocap);
-            outputs[row * sizes.output..][..sizes.output].copy_from_slice(&start.output);
-            self.observations[row * sizes.observation..][..sizes.observation]
-                .copy_from_slice(&start.observation);
-            self.signals[row * sizes.signals..][..sizes.signals].copy_from_slice(&start.signals);
-            self.rewards[row * sizes.rewards..][..sizes.rewards].fill(0.0);
-            self.statuses[row] = BatchStatus::Step(StepStatus::Running);
-        }
-        self.worlds.write_states(&rows, &states).map_err(|error| RolloutError::Engine(error.to_string()))
+        self.write_starts(&starts)
     }
 
     fn step(&mut self, actions: &[f64]) -> Result<(), RolloutError> {
         self.command(actions);
-        self.worlds.step().map_err(|error| RolloutError::Engine(error.to_string()))?;
+        self.worlds.step().map_err(|error| engine_error(&error))?;
         self.write_samples(actions);
         Ok(())
     }

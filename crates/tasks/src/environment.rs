@@ -448,9 +448,17 @@ impl TaskWorker {
         self.worlds.of_tail(tail, &self.elements)
     }
 
-    /// Returns the world of the last reset. Its poses are those of the new state.
+    /// Returns the world of the last [reset](EnvironmentWorker::reset) or [`set_state`](Self::set_state). Its poses are those of the
+    /// new state.
     pub(crate) fn nominal_world(&self) -> &World {
         &self.worlds.worlds[0].1
+    }
+
+    /// Sets the state of the nominal world to MuJoCo's state vector.
+    pub(crate) fn set_state(&mut self, physics: &[f64]) {
+        let world = &mut self.worlds.worlds[0].1;
+        world.set_state(physics);
+        world.refresh();
     }
 
     /// Applies the jump of this control step and returns the push.

@@ -29,6 +29,7 @@ mod point_reaching;
 mod reward;
 mod robot;
 mod target;
+mod training_batch;
 
 pub use batch::TaskBatch;
 pub use definition::{
@@ -46,6 +47,7 @@ pub use robot::{
     CONTROL_DT, EPISODE_STEPS, FINGER_STEP, JOINT_NAMES, JOINTS, Panda, TARGET_STEP, VELOCITY_LIMIT,
 };
 pub use target::TaskTarget;
+pub use training_batch::TaskBatches;
 
 /// The tasks of the benchmark, in the order of their listing.
 pub static TASKS: &[&dyn Task] = &[

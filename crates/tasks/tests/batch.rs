@@ -5,9 +5,10 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{
-    Component, Environment, EpisodeEnd, Noise, Request, ScenarioBatch, Screening, Seed, Specification,
+    BatchFactory, Component, Environment, EnvironmentBatch, EpisodeEnd, Noise, Request, ScenarioBatch,
+    Screening, Seed, Specification, StepStatus, Stream,
 };
-use mishandle_tasks::{Preset, TaskBatch, TaskTarget, tasks};
+use mishandle_tasks::{Preset, Reward, TaskBatch, TaskBatches, TaskEnvironment, TaskTarget, tasks};
 use mishandle_world::{Backend, BatchSpec, CpuBackend, WorldBatch, WorldError};
 
 fn target(task: &str, noise: Noise) -> TaskTarget {
@@ -78,6 +79,10 @@ struct Faulty(f64);
 struct FaultyWorlds(Box<dyn WorldBatch>, usize, f64);
 
 impl Backend for Faulty {
+    fn engine(&self) -> &'static str {
+        "faulty"
+    }
+
     fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
         Ok(Box::new(FaultyWorlds(CpuBackend.batch(spec)?, 0, self.0)))
     }
@@ -86,6 +91,10 @@ impl Backend for Faulty {
 impl WorldBatch for FaultyWorlds {
     fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
         self.0.write_states(rows, states)
+    }
+
+    fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {
+        self.0.read_states(states)
     }
 
     fn buffers(&mut self) -> mishandle_world::BatchBuffers<'_> {
@@ -143,4 +152,67 @@ fn a_space_that_changes_the_model_is_an_error_with_a_way_out() {
     let error = TaskBatch::new(&environment, &CpuBackend, 2).err().unwrap().to_string();
     assert!(error.contains("dynamics") && error.contains("--backend cpu"), "{error}");
     assert_eq!(environment.name(), "point-reaching");
+}
+
+/// Steps a batch with random actions from `first` to `last`, and resets a row in every step. Returns all samples.
+fn samples(
+    batch: &mut dyn EnvironmentBatch,
+    steps: std::ops::Range<u64>,
+) -> Vec<(Vec<f32>, Vec<f64>, Vec<StepStatus>)> {
+    let mut actions = vec![0.0; batch.rows() * 9];
+    let mut after = |step: u64| {
+        Seed(5).normals(Stream::Policy, step, &mut actions);
+        batch.step(&actions).unwrap();
+        let sample = (batch.observations().to_vec(), batch.rewards().to_vec(), batch.statuses().to_vec());
+        batch.reset(&[(step as usize % batch.rows(), Seed(1000 + step))]).unwrap();
+        sample
+    };
+    steps.map(&mut after).collect()
+}
+
+#[test]
+fn training_environments_on_the_cpu_have_the_bits_of_the_environment() {
+    for task in tasks() {
+        if task.definition().name.starts_with("cloth") {
+            continue; // Its steps take ten times as long as those of the others.
+        }
+        let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap());
+        let factory = TaskBatches::new(environment.clone(), Arc::new(CpuBackend));
+        let starts: Vec<_> = (0..5).map(|row| (row, Seed(10 + row as u64))).collect();
+        let mut expected = environment.batch(5).unwrap();
+        let mut found = factory.batch(5).unwrap();
+        expected.reset(&starts).unwrap();
+        found.reset(&starts).unwrap();
+        assert_eq!(found.observations(), expected.observations());
+        assert_eq!(samples(&mut *found, 0..40), samples(&mut *expected, 0..40), "{}", task.definition().name);
+
+        // Restored from their states, as from a checkpoint, they continue to the same bits.
+        let mut states = vec![0.0; 5 * factory.spec().state_size];
+        found.read_states(&mut states).unwrap();
+        let mut restored = factory.batch(5).unwrap();
+        restored.write_states(&states, found.observations()).unwrap();
+        assert_eq!(restored.observations(), found.observations());
+        assert_eq!(
+            samples(&mut *restored, 40..80),
+            samples(&mut *expected, 40..80),
+            "{}",
+            task.definition().name
+        );
+    }
+}
+
+#[test]
+fn a_training_environment_with_too_little_memory_diverges() {
+    let task = mishandle_tasks::task("point-reaching").unwrap();
+    let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap());
+    let mut batch = TaskBatches::new(environment, Arc::new(Faulty(2.0))).batch(2).unwrap();
+    batch.reset(&[(0, Seed(1)), (1, Seed(2))]).unwrap();
+    let statuses: Vec<_> = (0..3)
+        .map(|_| {
+            batch.step(&[0.0; 18]).unwrap();
+            batch.statuses().to_vec()
+        })
+        .collect();
+    use StepStatus::{Diverged, Running};
+    assert_eq!(statuses, [[Running, Running], [Running, Running], [Running, Diverged]]);
 }

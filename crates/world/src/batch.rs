@@ -35,6 +35,9 @@ pub struct BatchSpec {
 
 /// Makes batches of worlds.
 pub trait Backend: Send + Sync {
+    /// Returns the name of the physics engine.
+    fn engine(&self) -> &'static str;
+
     /// Makes a batch. Every row must be [started](WorldBatch::write_states) before its first step.
     ///
     /// # Errors
@@ -51,6 +54,12 @@ pub trait WorldBatch: Send {
     /// # Errors
     /// If the batch fails as a whole.
     fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError>;
+
+    /// Copies the states of all rows into `states`, `[rows, state_size]`.
+    ///
+    /// # Errors
+    /// If the batch fails as a whole.
+    fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError>;
 
     /// Returns the buffers.
     fn buffers(&mut self) -> BatchBuffers<'_>;
@@ -186,6 +195,10 @@ impl BatchLayout {
 pub struct CpuBackend;
 
 impl Backend for CpuBackend {
+    fn engine(&self) -> &'static str {
+        "MuJoCo C"
+    }
+
     fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
         Ok(Box::new(CpuWorlds::new(spec.clone())))
     }
@@ -227,6 +240,11 @@ impl WorldBatch for CpuWorlds {
         for (row, state) in rows.iter().zip(states.chunks(size)) {
             self.states[row * size..][..size].copy_from_slice(state);
         }
+        Ok(())
+    }
+
+    fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {
+        states.copy_from_slice(&self.states);
         Ok(())
     }
 

@@ -30,6 +30,7 @@ static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
   mishandle train ball-balancing --algorithm ppo --out my_controller.safetensors --resume
   mishandle train ball-balancing --algorithm sac --csv curve.csv --tensorboard board
   mishandle train ball-balancing --algorithm sac --dry-run      check and print all settings
+  mishandle train cube-stacking --algorithm ppo --backend gpu   thousands of worlds on a GPU
 
 The best controller by validation is written to --out, the last one beside it: FILE.safetensors and
 FILE.last.safetensors. Training also writes a checkpoint there. --resume continues from the
@@ -50,6 +51,10 @@ pub struct Arguments {
     /// Reward: shaped or original
     #[arg(long, default_value = "shaped")]
     pub reward: String,
+    /// Physics engine of the training episodes: cpu (MuJoCo C) or gpu (MuJoCo Warp) [default: cpu]. Validations always use
+    /// MuJoCo C. The setting episodes.environments is the number of worlds
+    #[arg(long, value_name = "NAME")]
+    pub backend: Option<args::Backend>,
     /// File of the best controller [default: runs/TASK-ALGORITHM-sSEED.safetensors]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -168,6 +173,7 @@ fn dry_run(plan: &TrainPlan, as_json: bool) -> Result<ExitStatus> {
         "task": plan.task,
         "algorithm": plan.algorithm,
         "reward": plan.reward,
+        "backend": plan.backend,
         "seed": plan.seed.to_string(),
         "environment_steps": total_steps,
         "command": plan.command(),
@@ -185,6 +191,10 @@ fn plan(command: &Arguments) -> TrainPlan {
         task: command.task.clone(),
         algorithm: command.algorithm.clone(),
         reward: command.reward.clone(),
+        backend: match command.backend {
+            Some(args::Backend::Gpu) => "gpu".to_string(),
+            Some(args::Backend::Cpu) | None => "cpu".to_string(),
+        },
         settings: command.settings.clone(),
         steps: command.steps,
         seed,
@@ -242,6 +252,7 @@ fn document(plan: &TrainPlan, report: &TrainReport) -> Value {
     json!({
         "task": plan.task,
         "algorithm": plan.algorithm,
+        "backend": plan.backend,
         "seed": plan.seed.to_string(),
         "environments": environments,
         "environment_steps": result.environment_steps,

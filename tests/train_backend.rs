@@ -1,0 +1,73 @@
+//! Training in worlds of another physics engine. Here that engine is MuJoCo C behind the interface of the engines.
+
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+use std::path::Path;
+use std::sync::Arc;
+
+use mishandle::training::{TrainingControl, TrainingProgress};
+use mishandle::world::CpuBackend;
+use mishandle::{MishandleError, TrainObserver, TrainPlan, TrainReport};
+
+struct Silent;
+
+impl TrainObserver for Silent {
+    fn iteration_finished(&mut self, _progress: &TrainingProgress) -> TrainingControl {
+        TrainingControl::Continue
+    }
+
+    fn write_failed(&mut self, error: &MishandleError) {
+        panic!("{error}");
+    }
+}
+
+const SETTINGS: &str = "
+rollout_steps = 8
+minibatch_size = 32
+run.total_steps = 256
+run.validation_episodes = 4
+episodes.environments = 8
+";
+
+fn plan(folder: &Path, backend: &str) -> TrainPlan {
+    let settings = folder.join("settings.toml");
+    std::fs::write(&settings, SETTINGS).unwrap();
+    TrainPlan {
+        task: "cube-stacking".to_string(),
+        algorithm: "ppo".to_string(),
+        reward: "shaped".to_string(),
+        backend: backend.to_string(),
+        settings: Some(settings),
+        steps: None,
+        seed: 4,
+        out: folder.join(format!("{backend}.safetensors")),
+        csv: None,
+        tensorboard: None,
+        resume: false,
+    }
+}
+
+fn train(plan: &TrainPlan) -> Result<TrainReport, Box<MishandleError>> {
+    mishandle::train(plan, &mut Silent).map_err(Box::new)
+}
+
+#[test]
+fn the_bits_of_training_do_not_depend_on_the_interface_of_the_engines() {
+    let folder = tempfile::tempdir().unwrap();
+    mishandle::install_gpu_backend(Arc::new(CpuBackend));
+    let cpu = train(&plan(folder.path(), "cpu")).unwrap();
+    let gpu = plan(folder.path(), "gpu");
+    let half = TrainPlan { steps: Some(128), ..gpu.clone() };
+    train(&half).unwrap();
+    let resumed = train(&TrainPlan { resume: true, ..gpu.clone() }).unwrap();
+    assert_eq!(resumed.result.last.hash(), cpu.result.last.hash());
+    assert_eq!(resumed.result.last_validation, cpu.result.last_validation);
+    assert!(gpu.command().contains(" --backend gpu "), "{}", gpu.command());
+
+    // A run of one engine is not resumed on another.
+    let other = TrainPlan { backend: "cpu".to_string(), resume: true, ..gpu };
+    let error = train(&other).unwrap_err().to_string();
+    assert!(error.contains("cube-stacking on MuJoCo C") && !error.contains('\n'), "{error}");
+    let unknown = train(&plan(folder.path(), "tpu")).unwrap_err().to_string();
+    assert!(unknown.contains("backend") && unknown.contains("gpu"), "{unknown}");
+}
