@@ -7,6 +7,7 @@ use mishandle_evaluation::{
     CornerReport, EvaluationError, FormulaRoles, ScreenedEvaluation, ScreenedProgress, evaluate_corners,
     evaluate_screened,
 };
+use mishandle_network::NetworkDevice;
 use mishandle_risk::{Scenarios, ScreenedReport, ScreenedSettings, screened_risk};
 use mishandle_rollout::{RolloutError, ScenarioBatch, Screening, Seed};
 use mishandle_tasks::TaskBatch;
@@ -15,11 +16,18 @@ use mishandle_world::Backend;
 use crate::evaluate::{corner_report, with_requests};
 use crate::{MishandleError, ResolvedPlan, task_target};
 
-static GPU: OnceLock<Arc<dyn Backend>> = OnceLock::new();
+static GPU: OnceLock<Gpu> = OnceLock::new();
 
-/// Makes a backend available as `gpu`. The first call of a process counts; the Python package calls it.
-pub fn install_gpu_backend(backend: Arc<dyn Backend>) {
-    let _ = GPU.set(backend);
+/// What the backend `gpu` consists of.
+struct Gpu {
+    worlds: Arc<dyn Backend>,
+    networks: Option<Arc<dyn NetworkDevice>>,
+}
+
+/// Makes a backend available as `gpu`: worlds, and networks for the learner of `train`, which otherwise computes them on the CPU. The
+/// first call of a process counts; the Python package calls it.
+pub fn install_gpu_backend(worlds: Arc<dyn Backend>, networks: Option<Arc<dyn NetworkDevice>>) {
+    let _ = GPU.set(Gpu { worlds, networks });
 }
 
 /// Returns the backend `gpu`.
@@ -27,7 +35,12 @@ pub fn install_gpu_backend(backend: Arc<dyn Backend>) {
 /// # Errors
 /// If no backend is installed, because this program is not the one of the Python package.
 pub fn gpu_backend() -> Result<Arc<dyn Backend>, MishandleError> {
-    GPU.get().cloned().ok_or(MishandleError::NoGpuBackend)
+    GPU.get().map(|gpu| gpu.worlds.clone()).ok_or(MishandleError::NoGpuBackend)
+}
+
+/// Returns the networks of the backend `gpu`, if it has some.
+pub(crate) fn gpu_networks() -> Option<&'static dyn NetworkDevice> {
+    GPU.get()?.networks.as_deref()
 }
 
 /// Makes the screening of a plan's simulations on a backend, in two batches of half of `rows` worlds each: while the engine steps

@@ -17,6 +17,7 @@ use mishandle_training::{
     TrainingResult, Validation,
 };
 
+use crate::backend::gpu_networks;
 use crate::curve::{Curve, CurveRow, NoTrainingTime};
 use crate::home::check_home;
 use crate::{MishandleError, build, gpu_backend, shipped_settings, task};
@@ -89,7 +90,11 @@ pub fn train(plan: &TrainPlan, observer: &mut dyn TrainObserver) -> Result<Train
     let mut recorder =
         TrainingRecorder::new(plan, environment.clone(), specification, resumed.as_ref(), observer)?;
     let batches = batches(plan, environment)?;
-    let trained = settings.train(&*batches, Seed(plan.seed), resumed.as_ref(), &mut recorder);
+    let (seed, resumed) = (Seed(plan.seed), resumed.as_ref());
+    let trained = match gpu_networks().filter(|_| plan.backend == "gpu") {
+        Some(networks) => settings.train_on(&*batches, networks, seed, resumed, &mut recorder),
+        None => settings.train(&*batches, seed, resumed, &mut recorder),
+    };
     let result = match recorder.take_error().map_or(trained.map_err(MishandleError::from), Err) {
         Ok(result) => result,
         Err(error) => {

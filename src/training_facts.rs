@@ -34,8 +34,9 @@ pub fn training_facts(plan: &TrainPlan) -> Result<TrainingFacts, MishandleError>
     let resumed = plan.resume && checkpoint.exists();
     let resumed = resumed.then(|| Checkpoint::load(&checkpoint)).transpose()?;
     check_outputs(plan, environment.reward_terms(), resumed.as_ref())?;
+    let batches = batches(plan, environment)?;
     if let Some(checkpoint) = &resumed {
-        settings.check_resumption(&*batches(plan, environment)?, Seed(plan.seed), checkpoint)?;
+        settings.check_resumption(&*batches, Seed(plan.seed), checkpoint)?;
     }
     Ok(TrainingFacts {
         task_hash: task_hash(task, reward(&plan.reward)?)?,

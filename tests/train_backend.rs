@@ -54,7 +54,7 @@ fn train(plan: &TrainPlan) -> Result<TrainReport, Box<MishandleError>> {
 #[test]
 fn the_bits_of_training_do_not_depend_on_the_interface_of_the_engines() {
     let folder = tempfile::tempdir().unwrap();
-    mishandle::install_gpu_backend(Arc::new(CpuBackend));
+    mishandle::install_gpu_backend(Arc::new(CpuBackend), None);
     let cpu = train(&plan(folder.path(), "cpu")).unwrap();
     let gpu = plan(folder.path(), "gpu");
     let half = TrainPlan { steps: Some(128), ..gpu.clone() };

@@ -47,7 +47,8 @@ CONTACTS = 64
 FLEX_CONTACTS = 256
 """Contacts per world of a model with a cloth."""
 
-_CPU_LOCK = threading.Lock()
+CPU_LOCK = threading.Lock()
+"""Held while kernels run on the CPU: they are not made for several threads."""
 
 
 def step(model: Any, data: Any) -> None:
@@ -290,7 +291,7 @@ class WarpBatch:
     def write_states(self, rows: NDArray[np.int32], states: NDArray[np.float64]) -> None:
         """Replaces the states of some rows by MuJoCo's state vectors (``mjSTATE_INTEGRATION``)."""
         count = len(rows)
-        with contextlib.nullcontext() if self._device.is_cuda else _CPU_LOCK:
+        with contextlib.nullcontext() if self._device.is_cuda else CPU_LOCK:
             self._write_states(rows, states, count)
 
     def _write_states(self, rows: NDArray[np.int32], states: NDArray[np.float64], count: int) -> None:
@@ -313,7 +314,7 @@ class WarpBatch:
     def read_states(self) -> NDArray[np.float64]:
         """Returns the state vectors of all rows, one after another. The time is 0: the tasks do not depend on it."""
         is_cuda = self._device.is_cuda
-        with wp.ScopedStream(self._stream) if is_cuda else _CPU_LOCK:
+        with wp.ScopedStream(self._stream) if is_cuda else CPU_LOCK:
             self._states.zero_()
             for offset, part in self._state_parts:
                 self._launch(kernels.gather, (self._rows, part.shape[1]), [part, offset, self._states])
@@ -330,8 +331,7 @@ class WarpBatch:
     def step(self) -> None:
         """Advances all rows by one control step. Waits for the GPU without the interpreter lock."""
         if self._graph is None:
-            # The kernels of the CPU are not made for several threads.
-            with _CPU_LOCK, wp.ScopedDevice(self._device):
+            with CPU_LOCK, wp.ScopedDevice(self._device):
                 self._control_step()
             return
         wp.capture_launch(self._graph, stream=self._stream)

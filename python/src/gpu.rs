@@ -1,8 +1,10 @@
-//! The backend `gpu`: worlds that MuJoCo Warp steps, through the Python module `mishandle.gpu`.
+//! The backend `gpu`: worlds that MuJoCo Warp steps, through the Python module `mishandle.gpu`, and networks, through
+//! `mishandle.gpu_networks`.
 
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use mishandle::network::{Activation, DeviceBuffers, DeviceNetwork, Mlp, NetworkDevice, NetworkError};
 use mishandle::world::{Backend, BatchBuffers, BatchSpec, WorldBatch, WorldError};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
@@ -12,7 +14,7 @@ struct WarpBackend;
 
 /// Makes the backend `gpu` available to the commands of this process.
 pub fn install() {
-    mishandle::install_gpu_backend(Arc::new(WarpBackend));
+    mishandle::install_gpu_backend(Arc::new(WarpBackend), Some(Arc::new(WarpDevice)));
 }
 
 /// Address and number of elements of a buffer that a Python object owns.
@@ -35,6 +37,19 @@ fn failed(py: Python<'_>, error: &PyErr) -> WorldError {
     WorldError::Backend(format!("GPU: {}", error.value(py)))
 }
 
+/// Returns the buffers of a Python object by name.
+fn buffers(object: &Bound<'_, PyAny>) -> PyResult<impl Fn(&str, usize) -> PyResult<Buffer> + use<>> {
+    let buffers: HashMap<String, (usize, usize)> = object.call_method0("buffers")?.extract()?;
+    Ok(move |name: &str, expected: usize| match buffers.get(name) {
+        Some((address, length)) if *length == expected && (*length == 0 || *address != 0) => {
+            Ok(Buffer { address: *address, length: *length })
+        }
+        found => Err(pyo3::exceptions::PyRuntimeError::new_err(format!(
+            "buffer {name}: expected {expected} elements, found {found:?}"
+        ))),
+    })
+}
+
 impl Backend for WarpBackend {
     fn engine(&self) -> &'static str {
         "MuJoCo Warp"
@@ -53,15 +68,7 @@ fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
     let arguments =
         (spec.model.document(), spec.model.timestep(), spec.rows, spec.substeps, qpos, lead, pushed.to_vec());
     let object = py.import("mishandle.gpu")?.getattr("WarpBatch")?.call1(arguments)?;
-    let buffers: HashMap<String, (usize, usize)> = object.call_method0("buffers")?.extract()?;
-    let buffer = |name: &str, expected: usize| match buffers.get(name) {
-        Some((address, length)) if *length == expected && (*length == 0 || *address != 0) => {
-            Ok(Buffer { address: *address, length: *length })
-        }
-        found => Err(pyo3::exceptions::PyRuntimeError::new_err(format!(
-            "buffer {name}: expected {expected} elements, found {found:?}"
-        ))),
-    };
+    let buffer = buffers(&object)?;
     let layout = mishandle::world::BatchLayout::new(&spec.model);
     Ok(WarpWorlds {
         targets: buffer("targets", spec.rows * spec.servos.len())?,
@@ -131,5 +138,81 @@ impl WorldBatch for WarpWorlds {
     fn step(&mut self) -> Result<(), WorldError> {
         Python::attach(|py| self.object.call_method0(py, "step").map_err(|error| failed(py, &error)))?;
         Ok(())
+    }
+}
+
+/// Makes networks of `mishandle.gpu_networks.WarpNetwork`.
+struct WarpDevice;
+
+/// A network that a Python object computes. The object owns the buffers and never moves them.
+struct WarpNetwork {
+    object: Py<PyAny>,
+    parameters: Buffer,
+    inputs: Buffer,
+    outputs: Buffer,
+    output_gradient: Buffer,
+    parameter_gradient: Buffer,
+}
+
+fn network_failed(py: Python<'_>, error: &PyErr) -> NetworkError {
+    NetworkError::Device { reason: format!("GPU: {}", error.value(py)) }
+}
+
+impl NetworkDevice for WarpDevice {
+    fn network(&self, network: &Mlp<f32>, rows: usize) -> Result<Box<dyn DeviceNetwork>, NetworkError> {
+        if network.output_activation() != Activation::Identity || network.has_layer_norm() {
+            let reason = "GPU: networks with layer normalization or an activation of the output layer";
+            return Err(NetworkError::Device { reason: format!("{reason} are not supported") });
+        }
+        Python::attach(|py| make_network(py, network, rows).map_err(|error| network_failed(py, &error)))
+            .map(|network| Box::new(network) as Box<dyn DeviceNetwork>)
+    }
+}
+
+fn make_network(py: Python<'_>, network: &Mlp<f32>, rows: usize) -> PyResult<WarpNetwork> {
+    let arguments = (network.sizes().to_vec(), network.hidden_activation().to_string(), rows);
+    let object = py.import("mishandle.gpu_networks")?.getattr("WarpNetwork")?.call1(arguments)?;
+    let buffer = buffers(&object)?;
+    Ok(WarpNetwork {
+        parameters: buffer("parameters", network.parameter_count())?,
+        inputs: buffer("inputs", rows * network.input_size())?,
+        outputs: buffer("outputs", rows * network.output_size())?,
+        output_gradient: buffer("output_gradient", rows * network.output_size())?,
+        parameter_gradient: buffer("parameter_gradient", network.parameter_count())?,
+        object: object.unbind(),
+    })
+}
+
+impl WarpNetwork {
+    fn call(&mut self, method: &str) -> Result<(), NetworkError> {
+        Python::attach(|py| match self.object.call_method0(py, method) {
+            Ok(_) => Ok(()),
+            Err(error) => Err(network_failed(py, &error)),
+        })
+    }
+}
+
+impl DeviceNetwork for WarpNetwork {
+    fn buffers(&mut self) -> DeviceBuffers<'_> {
+        // SAFETY: the object lives as long as `self`; its buffers hold 32-bit floats, have these lengths (`make_network` checked them), and
+        // are used by Python only in `forward` and `backward`, which borrow `self` exclusively.
+        #[allow(unsafe_code)]
+        unsafe {
+            DeviceBuffers {
+                parameters: slice(self.parameters),
+                inputs: slice(self.inputs),
+                outputs: slice(self.outputs),
+                output_gradient: slice(self.output_gradient),
+                parameter_gradient: slice(self.parameter_gradient),
+            }
+        }
+    }
+
+    fn forward(&mut self) -> Result<(), NetworkError> {
+        self.call("forward")
+    }
+
+    fn backward(&mut self) -> Result<(), NetworkError> {
+        self.call("backward")
     }
 }

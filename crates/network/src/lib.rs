@@ -34,6 +34,7 @@
 mod activation;
 mod adam;
 mod chunks;
+mod device;
 pub mod elementary;
 mod initialization;
 mod layer_norm;
@@ -46,6 +47,7 @@ mod scalar;
 pub use activation::{Activation, LEAKY_SLOPE};
 pub use adam::{Adam, clip_norm};
 pub use chunks::{CHUNK_ROWS, ChunkPool};
+pub use device::{DeviceBuffers, DeviceNetwork, NetworkDevice};
 pub use mlp::{Mlp, Tensor};
 pub use normalizer::{Moments, Normalizer, RunningNormalizer};
 pub use propagation::Workspace;
@@ -60,6 +62,12 @@ pub enum NetworkError {
     Sizes {
         /// The given sizes.
         found: Vec<usize>,
+    },
+    /// A failure of another device, or a network that it cannot compute.
+    #[error("{reason}")]
+    Device {
+        /// Reason.
+        reason: String,
     },
     /// An unknown name of an activation.
     #[error(

@@ -3,6 +3,7 @@
 use std::any::Any;
 use std::fmt::Debug;
 
+use mishandle_network::NetworkDevice;
 use mishandle_rollout::{BatchFactory, Seed};
 
 use crate::learner::Learner;
@@ -243,7 +244,23 @@ impl AlgorithmSettings {
         resume: Option<&Checkpoint>,
         observer: &mut dyn Observer,
     ) -> Result<TrainingResult, TrainingError> {
-        learner::train(self, environments, seed, resume, observer)
+        learner::train(self, environments, None, seed, resume, observer)
+    }
+
+    /// As [`train`](Self::train), with the networks of the learner on another device, where the algorithm can use one: PPO does. Another
+    /// device rounds otherwise, so the weights are not those of the CPU bit for bit.
+    ///
+    /// # Errors
+    /// As for [`train`](Self::train), and if the device fails.
+    pub fn train_on(
+        &self,
+        environments: &dyn BatchFactory,
+        networks: &dyn NetworkDevice,
+        seed: Seed,
+        resume: Option<&Checkpoint>,
+        observer: &mut dyn Observer,
+    ) -> Result<TrainingResult, TrainingError> {
+        learner::train(self, environments, Some(networks), seed, resume, observer)
     }
 
     /// Builds the learner in its state before the first iteration.

@@ -8,6 +8,7 @@ mod toy;
 
 use harness::{RecordingObserver, best_return, check_resumption, check_threads, mean_return, run};
 use line::Line;
+use mishandle_network::{DeviceBuffers, DeviceNetwork, Mlp, NetworkDevice, NetworkError, Workspace};
 use mishandle_rollout::Seed;
 use mishandle_training::{AlgorithmSettings, TrainingError};
 
@@ -228,4 +229,76 @@ fn diverging_weights_are_an_error() {
     let error =
         settings.train(&Line::new(0.0), Seed(1), None, &mut RecordingObserver::default()).unwrap_err();
     assert!(matches!(error, TrainingError::NotFinite { .. } | TrainingError::Network(_)), "{error}");
+}
+
+/// Computes networks with their own passes, all rows at once. Fails after a number of backward passes.
+struct OtherDevice {
+    passes: usize,
+}
+
+struct OtherNetwork {
+    network: Mlp<f32>,
+    workspace: Workspace<f32>,
+    buffers: [Vec<f32>; 5],
+    passes: usize,
+}
+
+impl NetworkDevice for OtherDevice {
+    fn network(&self, network: &Mlp<f32>, rows: usize) -> Result<Box<dyn DeviceNetwork>, NetworkError> {
+        let (inputs, outputs) = (rows * network.input_size(), rows * network.output_size());
+        let parameters = network.parameter_count();
+        Ok(Box::new(OtherNetwork {
+            network: network.clone(),
+            workspace: Workspace::default(),
+            buffers: [parameters, inputs, outputs, outputs, parameters].map(|length| vec![0.0; length]),
+            passes: self.passes,
+        }))
+    }
+}
+
+impl DeviceNetwork for OtherNetwork {
+    fn buffers(&mut self) -> DeviceBuffers<'_> {
+        let [parameters, inputs, outputs, output_gradient, parameter_gradient] = &mut self.buffers;
+        DeviceBuffers { parameters, inputs, outputs, output_gradient, parameter_gradient }
+    }
+
+    fn forward(&mut self) -> Result<(), NetworkError> {
+        let OtherNetwork { network, workspace, buffers: [parameters, inputs, outputs, ..], .. } = self;
+        network.update(|own| own.copy_from_slice(parameters));
+        outputs.copy_from_slice(network.forward(inputs, workspace));
+        Ok(())
+    }
+
+    fn backward(&mut self) -> Result<(), NetworkError> {
+        let lost = || NetworkError::Device { reason: "the device is lost".to_string() };
+        self.passes = self.passes.checked_sub(1).ok_or_else(lost)?;
+        let OtherNetwork { network, workspace, buffers: [.., output_gradient, parameter_gradient], .. } =
+            self;
+        parameter_gradient.fill(0.0);
+        network.backward(output_gradient, workspace, Some(parameter_gradient), None);
+        Ok(())
+    }
+}
+
+#[test]
+fn networks_on_another_device_give_the_same_training_up_to_rounding() {
+    // Minibatches of 300, 300 and 168 rows.
+    let settings = settings_of("ppo", "run.total_steps = 2304\nentropy_coef = 0.01\n");
+    let train_on = |device: &dyn NetworkDevice| {
+        settings.train_on(&Line::new(0.05), device, Seed(5), None, &mut RecordingObserver::default())
+    };
+    let expected =
+        settings.train(&Line::new(0.05), Seed(5), None, &mut RecordingObserver::default()).unwrap();
+    let found = train_on(&OtherDevice { passes: usize::MAX }).unwrap();
+    let numbers = |policy: &mishandle_controllers::Policy| {
+        let (weights, log_std) = (policy.network().parameters().to_vec(), policy.log_std().to_vec());
+        [weights, log_std].concat()
+    };
+    let (expected, found) = (numbers(&expected.last), numbers(&found.last));
+    let largest = expected.iter().zip(&found).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(largest < 1e-4, "largest difference of a parameter: {largest}");
+    assert!(largest > 0.0, "the device was not used: its sums have another order");
+
+    let error = train_on(&OtherDevice { passes: 7 }).unwrap_err().to_string();
+    assert!(error.contains("the device is lost"), "{error}");
 }

@@ -6,7 +6,7 @@ pub(crate) mod selection;
 use std::time::Instant;
 
 use mishandle_controllers::Policy;
-use mishandle_network::Mlp;
+use mishandle_network::{Mlp, NetworkDevice};
 use mishandle_rollout::{BatchFactory, Seed};
 
 use crate::{
@@ -16,6 +16,14 @@ use crate::{
 
 /// An algorithm with the state of a training run.
 pub(crate) trait Learner {
+    /// Computes networks on another device than the CPU, where the algorithm can. By default, it is not used.
+    ///
+    /// # Errors
+    /// If the device is not available, or it cannot compute these networks.
+    fn use_device(&mut self, _device: &dyn NetworkDevice) -> Result<(), TrainingError> {
+        Ok(())
+    }
+
     /// Returns the number of completed iterations.
     fn iteration(&self) -> u64;
 
@@ -56,6 +64,7 @@ pub(crate) fn iterations(run: &RunSettings, iteration_steps: u64) -> u64 {
 pub(crate) fn train(
     settings: &AlgorithmSettings,
     environments: &dyn BatchFactory,
+    networks: Option<&dyn NetworkDevice>,
     seed: Seed,
     resume: Option<&Checkpoint>,
     observer: &mut dyn Observer,
@@ -63,6 +72,9 @@ pub(crate) fn train(
     settings.check()?;
     let run = settings.run();
     let mut learner = settings.learner(environments, seed)?;
+    if let Some(device) = networks {
+        learner.use_device(device)?;
+    }
     let iterations = iterations(run, learner.iteration_steps());
     let environment_steps = |learner: &dyn Learner| learner.iteration() * learner.iteration_steps();
     let mut stopwatch = Stopwatch { start: Instant::now(), secs_before: 0.0, steps_before: 0 };

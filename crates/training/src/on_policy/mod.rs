@@ -12,7 +12,7 @@ pub mod trpo;
 use std::time::Instant;
 
 use mishandle_controllers::Policy;
-use mishandle_network::Mlp;
+use mishandle_network::{Mlp, NetworkDevice, NetworkError};
 use mishandle_rollout::{BatchFactory, Seed};
 
 use crate::algorithm::{BuildLearner, CommonSettings};
@@ -34,15 +34,27 @@ pub(crate) trait PolicyOptimizer: Sized + 'static {
     /// Creates the optimizer in its state before the first update.
     fn new(settings: &Self::Settings, actor_critic: &mut ActorCritic, minibatches: Minibatches) -> Self;
 
+    /// Computes the networks' passes of the following updates on another device than the CPU. By default, it is not used.
+    ///
+    /// # Errors
+    /// If the device is not available, or it cannot compute these networks.
+    fn use_device(
+        &mut self,
+        _device: &dyn NetworkDevice,
+        _actor_critic: &ActorCritic,
+    ) -> Result<(), TrainingError> {
+        Ok(())
+    }
+
     /// Updates policy and critic from the collected rollout; `iteration` counts from 0.
     ///
     /// # Errors
-    /// If a loss or gradient is NaN or infinite; returns its name.
+    /// If a loss or gradient is NaN or infinite, or a device fails.
     fn update(
         &mut self,
         actor_critic: &mut ActorCritic,
         iteration: u64,
-    ) -> Result<UpdateStatistics, &'static str>;
+    ) -> Result<UpdateStatistics, UpdateError>;
 
     /// Saves the state besides policy and critic to a checkpoint; by default no state.
     fn save(&self, _checkpoint: &mut Checkpoint) {}
@@ -53,6 +65,27 @@ pub(crate) trait PolicyOptimizer: Sized + 'static {
     /// If the checkpoint contains arrays of other sizes.
     fn load(&mut self, _checkpoint: &Checkpoint) -> Result<(), TrainingError> {
         Ok(())
+    }
+}
+
+/// Reason why a policy update fails.
+#[derive(Debug)]
+pub(crate) enum UpdateError {
+    /// Name of a loss or gradient that is NaN or infinite.
+    NotFinite(&'static str),
+    /// Failure of a device that computes networks.
+    Device(NetworkError),
+}
+
+impl From<&'static str> for UpdateError {
+    fn from(what: &'static str) -> UpdateError {
+        UpdateError::NotFinite(what)
+    }
+}
+
+impl From<NetworkError> for UpdateError {
+    fn from(error: NetworkError) -> UpdateError {
+        UpdateError::Device(error)
     }
 }
 
@@ -92,6 +125,10 @@ impl<A: PolicyOptimizer> BuildLearner for OnPolicy<A> {
 }
 
 impl<A: PolicyOptimizer> Learner for OnPolicy<A> {
+    fn use_device(&mut self, device: &dyn NetworkDevice) -> Result<(), TrainingError> {
+        self.optimizer.use_device(device, &self.actor_critic)
+    }
+
     fn iteration(&self) -> u64 {
         self.iteration
     }
@@ -108,7 +145,10 @@ impl<A: PolicyOptimizer> Learner for OnPolicy<A> {
         actor_critic.compute_advantages(&normalizer);
         let updated = optimizer.update(actor_critic, *iteration);
         *iteration += 1;
-        let statistics = updated.map_err(|what| TrainingError::NotFinite { iteration: *iteration, what })?;
+        let statistics = updated.map_err(|error| match error {
+            UpdateError::NotFinite(what) => TrainingError::NotFinite { iteration: *iteration, what },
+            UpdateError::Device(error) => TrainingError::Network(error),
+        })?;
         actor_critic.update_normalizer_from_rollout();
         Ok(TrainingProgress {
             kl: Some(statistics.kl),

@@ -107,7 +107,6 @@ impl Minibatch<'_> {
     /// Adds the contribution of the chunk `chunk` to the gradient of the mean loss with respect to the policy's parameters,
     /// log σ and the critic's parameters, followed by the [metrics](METRICS).
     pub fn add_gradient(&self, chunk: std::ops::Range<usize>, scratch: &mut Scratch, gradient: &mut [f32]) {
-        let share = 1.0 / self.rows.len() as f64;
         let rows = &self.rows[chunk];
         let actions = self.policy.output_size();
         let (policy_gradient, rest) = gradient.split_at_mut(self.policy.parameter_count());
@@ -115,16 +114,41 @@ impl Minibatch<'_> {
         let (critic_gradient, metrics) = rest.split_at_mut(self.critic.parameter_count());
         let columns = self.policy.input_size();
         let Scratch { inputs, policy, critic, mean_gradient, value_gradient } = scratch;
+        inputs.resize(rows.len() * columns, 0.0);
+        self.fill_inputs(rows, inputs);
 
-        inputs.clear();
-        for row in rows {
-            inputs.extend_from_slice(&self.buffer.observations[*row as usize * columns..][..columns]);
-        }
-        self.normalizer.normalize(inputs);
-
-        let (mut kl, mut policy_loss, mut critic_loss) = (0.0, 0.0, 0.0);
         mean_gradient.resize(rows.len() * actions, 0.0);
         let means = self.policy.forward(inputs, policy);
+        self.add_policy_loss(rows, means, mean_gradient, log_std_gradient, metrics);
+        self.policy.backward(mean_gradient, policy, Some(policy_gradient), None);
+
+        value_gradient.resize(rows.len(), 0.0);
+        let values = self.critic.forward(inputs, critic);
+        self.add_critic_loss(rows, values, value_gradient, metrics);
+        self.critic.backward(value_gradient, critic, Some(critic_gradient), None);
+    }
+
+    /// Fills `inputs`, `[rows, observation_size]`, with the normalized observations of some rows of the buffer.
+    pub fn fill_inputs(&self, rows: &[u32], inputs: &mut [f32]) {
+        let columns = self.policy.input_size();
+        for (row, inputs) in rows.iter().zip(inputs.chunks_exact_mut(columns)) {
+            inputs.copy_from_slice(&self.buffer.observations[*row as usize * columns..][..columns]);
+        }
+        self.normalizer.normalize(inputs);
+    }
+
+    /// Writes the derivatives of the mean loss with respect to the `means` of some rows, `[rows, actions]`. Adds those with respect to
+    /// log σ, and the metrics.
+    pub fn add_policy_loss(
+        &self,
+        rows: &[u32],
+        means: &[f32],
+        mean_gradient: &mut [f32],
+        log_std_gradient: &mut [f32],
+        metrics: &mut [f32],
+    ) {
+        let (actions, share) = (self.policy.output_size(), 1.0 / self.rows.len() as f64);
+        let (mut kl, mut policy_loss) = (0.0, 0.0);
         for ((row, mean), mean_gradient) in
             rows.iter().zip(means.chunks_exact(actions)).zip(mean_gradient.chunks_exact_mut(actions))
         {
@@ -146,21 +170,28 @@ impl Minibatch<'_> {
         for log_std_gradient in log_std_gradient {
             *log_std_gradient -= (self.entropy_slope * share * rows.len() as f64) as f32;
         }
-        self.policy.backward(mean_gradient, policy, Some(policy_gradient), None);
+        metrics[0] += (share * kl) as f32;
+        metrics[1] += (share * policy_loss) as f32;
+    }
 
-        value_gradient.clear();
-        for (row, output) in rows.iter().zip(self.critic.forward(inputs, critic)) {
+    /// Writes the derivatives of the mean loss with respect to the critic's outputs for some rows, and adds the metric.
+    pub fn add_critic_loss(
+        &self,
+        rows: &[u32],
+        outputs: &[f32],
+        value_gradient: &mut [f32],
+        metrics: &mut [f32],
+    ) {
+        let (share, mut critic_loss) = (1.0 / self.rows.len() as f64, 0.0);
+        for ((row, output), slope_of_row) in rows.iter().zip(outputs).zip(value_gradient) {
             let row = *row as usize;
             let (old, target) = (f64::from(self.old_values[row]), f64::from(self.targets[row]));
             let (loss, slope) =
                 clipped_value_loss(f64::from(*output), old, target, self.value_clip, self.loss_coef);
             critic_loss += loss;
-            value_gradient.push((share * slope) as f32);
+            *slope_of_row = (share * slope) as f32;
         }
-        self.critic.backward(value_gradient, critic, Some(critic_gradient), None);
-        for (metric, sum) in metrics.iter_mut().zip([kl, policy_loss, critic_loss]) {
-            *metric += (share * sum) as f32;
-        }
+        metrics[2] += (share * critic_loss) as f32;
     }
 }
 

@@ -21,6 +21,7 @@
 //! Schulman, Wolski, Dhariwal, Radford and Klimov, "Proximal Policy Optimization Algorithms", 2017.
 //! Andrychowicz et al., "What Matters for On-Policy Deep Actor-Critic Methods?", ICLR 2021.
 
+mod device;
 mod loss;
 mod settings;
 mod train;

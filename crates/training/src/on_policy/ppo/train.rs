@@ -1,7 +1,8 @@
 use std::ops::Range;
 
-use mishandle_network::{Adam, CHUNK_ROWS, ChunkPool, clip_norm};
+use mishandle_network::{Adam, CHUNK_ROWS, ChunkPool, NetworkDevice, clip_norm};
 
+use super::device::DeviceNetworks;
 use super::loss::{METRICS, Minibatch, Scratch};
 use super::settings::{
     AdvantageNormalization, EntropyReduction, GradientClipping, LearningRateSchedule, PpoSettings,
@@ -10,7 +11,7 @@ use crate::gaussian::DiagonalGaussian;
 use crate::learner::iterations;
 use crate::on_policy::minibatches::Minibatches;
 use crate::on_policy::settings::{OnPolicySettings, on_policy_settings};
-use crate::on_policy::{ActorCritic, PolicyOptimizer, UpdateStatistics, mean_and_inverse_std};
+use crate::on_policy::{ActorCritic, PolicyOptimizer, UpdateError, UpdateStatistics, mean_and_inverse_std};
 use crate::{Checkpoint, Critic, TrainingError};
 
 /// Factor of the adaptive learning rate schedule.
@@ -21,6 +22,8 @@ pub(crate) struct Ppo {
     network_adam: Adam<f32>,
     log_std_adam: Adam<f32>,
     pool: ChunkPool<f32, Scratch>,
+    /// The networks on another device than the CPU, if training uses one.
+    device: Option<DeviceNetworks>,
     /// Gradient of the last minibatch with respect to the policy's parameters, log σ and the critic's parameters, followed
     /// by the [metrics](METRICS).
     pub gradient: Vec<f32>,
@@ -43,7 +46,7 @@ impl Ppo {
         actor_critic: &mut ActorCritic,
         first: bool,
         rollout_moments: Option<(f64, f64)>,
-    ) -> Result<f64, &'static str> {
+    ) -> Result<f64, UpdateError> {
         let all = self.minibatches.order().len() as f64;
         let (mut kl, mut evaluated) = (0.0, 0);
         for rows in self.minibatches.ranges() {
@@ -67,8 +70,8 @@ impl Ppo {
         actor_critic: &ActorCritic,
         rows: Range<usize>,
         rollout_moments: Option<(f64, f64)>,
-    ) -> Result<f64, &'static str> {
-        let Ppo { settings, pool, gradient, minibatches, .. } = self;
+    ) -> Result<f64, UpdateError> {
+        let Ppo { settings, pool, device, gradient, minibatches, .. } = self;
         let order = &minibatches.order()[rows];
         let advantages = &actor_critic.buffer.advantages;
         let (advantage_mean, advantage_inverse_std) = rollout_moments
@@ -93,12 +96,15 @@ impl Ppo {
             value_clip: settings.value_clip,
             loss_coef: actor_critic.critic.loss_coef(),
         };
-        pool.sum(order.len(), gradient, |rows, scratch, gradient| {
-            minibatch.add_gradient(rows, scratch, gradient);
-        });
+        match device {
+            Some(device) => device.gradient(&minibatch, gradient)?,
+            None => pool.sum(order.len(), gradient, |rows, scratch, gradient| {
+                minibatch.add_gradient(rows, scratch, gradient);
+            }),
+        }
         let metrics = &gradient[gradient.len() - METRICS.len()..];
         match METRICS.iter().zip(metrics).find(|(_, number)| !number.is_finite()) {
-            Some((what, _)) => Err(what),
+            Some((what, _)) => Err(UpdateError::NotFinite(what)),
             None => Ok(f64::from(metrics[0])),
         }
     }
@@ -143,16 +149,28 @@ impl PolicyOptimizer for Ppo {
             network_adam: Adam::new(weights, settings.learning_rate),
             log_std_adam: Adam::new(actions, settings.learning_rate),
             pool: ChunkPool::new(CHUNK_ROWS),
+            device: None,
             gradient: vec![0.0; gradient],
             minibatches,
         }
+    }
+
+    fn use_device(
+        &mut self,
+        device: &dyn NetworkDevice,
+        actor_critic: &ActorCritic,
+    ) -> Result<(), TrainingError> {
+        let rows = self.minibatches.ranges().map(|rows| rows.len()).max().unwrap_or(0);
+        let (policy, critic) = (&actor_critic.network, actor_critic.critic.network());
+        self.device = Some(DeviceNetworks::new(device, policy, critic, rows)?);
+        Ok(())
     }
 
     fn update(
         &mut self,
         actor_critic: &mut ActorCritic,
         iteration: u64,
-    ) -> Result<UpdateStatistics, &'static str> {
+    ) -> Result<UpdateStatistics, UpdateError> {
         let (schedule, epochs) = (self.settings.learning_rate_schedule, self.settings.epochs as u64);
         if schedule == LearningRateSchedule::Linear {
             let all = iterations(&self.settings.run, actor_critic.rollout_size());

@@ -6,7 +6,7 @@ use super::settings::{ExpectedImprovement, LineSearchKl, TrpoSettings};
 use crate::gaussian::DiagonalGaussian;
 use crate::on_policy::minibatches::Minibatches;
 use crate::on_policy::settings::{OnPolicySettings, on_policy_settings};
-use crate::on_policy::{ActorCritic, PolicyOptimizer, UpdateStatistics, mean_and_inverse_std};
+use crate::on_policy::{ActorCritic, PolicyOptimizer, UpdateError, UpdateStatistics, mean_and_inverse_std};
 
 pub(crate) struct Trpo {
     settings: TrpoSettings,
@@ -184,7 +184,7 @@ impl PolicyOptimizer for Trpo {
         &mut self,
         actor_critic: &mut ActorCritic,
         iteration: u64,
-    ) -> Result<UpdateStatistics, &'static str> {
+    ) -> Result<UpdateStatistics, UpdateError> {
         let step = self.step_policy(actor_critic)?;
         self.train_critic(actor_critic, iteration)?;
         Ok(UpdateStatistics { kl: step.kl, learning_rate: step.fraction })
