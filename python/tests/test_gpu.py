@@ -1,5 +1,7 @@
 """Tests of the backend ``gpu``, with the kernels of MuJoCo Warp on the CPU."""
 
+import csv
+import ctypes
 import json
 import os
 import subprocess
@@ -13,7 +15,7 @@ os.environ["MISHANDLE_GPU_DEVICE"] = "cpu"
 try:
     import mujoco
     import mujoco_warp as mjw
-    from mishandle import gpu, gpu_audit
+    from mishandle import gpu, gpu_audit, gpu_networks
 except ImportError:
     gpu = None
 
@@ -109,6 +111,91 @@ class Physics(unittest.TestCase):
             self.assertEqual(found.overflows, 0)
             self.assertLess(found.summary()["qpos"][2], qpos, task)
             self.assertLess(found.summary()["qvel"][2], qvel, task)
+
+
+@unittest.skipIf(gpu is None, "needs the extra gpu")
+class Networks(unittest.TestCase):
+    ACTIVATIONS = {
+        "elu": (lambda x: np.where(x > 0, x, np.expm1(x)), lambda y: np.where(y > 0, 1, y + 1)),
+        "tanh": (np.tanh, lambda y: 1 - y * y),
+        "relu": (lambda x: np.maximum(x, 0), lambda y: np.where(y > 0, 1, 0)),
+        "leaky_relu": (lambda x: np.where(x > 0, x, 0.01 * x), lambda y: np.where(y > 0, 1, 0.01)),
+    }
+
+    def check(self, sizes, activation, rows):
+        """Compares both passes with the same ones of NumPy in 64 bits."""
+        network = gpu_networks.WarpNetwork(sizes, activation, rows)
+        floats = ctypes.POINTER(ctypes.c_float)
+        buffers = {
+            name: np.ctypeslib.as_array(ctypes.cast(address, floats), (length,))
+            for name, (address, length) in network.buffers().items()
+        }
+        random = np.random.default_rng(0)
+        for name, scale in (("parameters", 0.2), ("inputs", 1.0), ("output_gradient", 1 / rows)):
+            buffers[name][:] = scale * random.normal(size=buffers[name].size)
+        network.forward()
+        network.backward()
+
+        y, derivative = self.ACTIVATIONS[activation]
+        parameters = buffers["parameters"].astype(np.float64)
+        values, weights, offset = [buffers["inputs"].reshape(rows, -1).astype(np.float64)], [], 0
+        for layer, (inputs, outputs) in enumerate(zip(sizes[:-1], sizes[1:])):
+            weight = parameters[offset : offset + inputs * outputs].reshape(outputs, inputs)
+            offset += inputs * outputs
+            z = values[-1] @ weight.T + parameters[offset : offset + outputs]
+            offset += outputs
+            weights.append(weight)
+            values.append(z if layer == len(sizes) - 2 else y(z))
+        np.testing.assert_allclose(buffers["outputs"].reshape(rows, -1), values[-1], atol=1e-5)
+        gradient, expected = buffers["output_gradient"].reshape(rows, -1).astype(np.float64), []
+        for layer in reversed(range(len(weights))):
+            expected = [(gradient.T @ values[layer]).ravel(), gradient.sum(axis=0), *expected]
+            gradient = (gradient @ weights[layer]) * derivative(values[layer])
+        np.testing.assert_allclose(buffers["parameter_gradient"], np.concatenate(expected), atol=1e-6)
+
+    def test_both_passes_agree_with_numpy(self):
+        # Sizes below, at and above those of the tiles, and more rows than one tile for each part.
+        for sizes, activation, rows in (
+            ((30, 128, 128, 9), "elu", 1100),
+            ((30, 64, 32, 1), "tanh", 8),
+            ((5, 33, 7), "relu", 65),
+            ((40, 20, 3), "leaky_relu", 130),
+        ):
+            with self.subTest(sizes=sizes, activation=activation, rows=rows):
+                self.check(sizes, activation, rows)
+
+
+@unittest.skipIf(gpu is None, "needs the extra gpu")
+class Training(unittest.TestCase):
+    SETTINGS = """
+        rollout_steps = 8
+        minibatch_size = 100
+        run.total_steps = {steps}
+        run.validation_episodes = 4
+        episodes.environments = 32
+    """
+
+    def train(self, folder, name, steps, *options):
+        settings = f"{folder}/{name}-{steps}.toml"
+        with open(settings, "w") as file:
+            file.write(self.SETTINGS.format(steps=steps))
+        code = "import sys; from mishandle.command import main; sys.exit(main())"
+        outputs = ["--out", f"{folder}/{name}.safetensors", "--csv", f"{folder}/{name}.csv", "--json"]
+        command = ["train", "cube-stacking", "--settings", settings, *outputs, *options]
+        result = subprocess.run([sys.executable, "-c", code, *command], capture_output=True, text=True)
+        self.assertEqual(result.returncode, 0, result.stderr)
+        with open(f"{folder}/{name}.csv") as file:
+            return json.loads(result.stdout), list(csv.DictReader(file))
+
+    def test_a_training_run_is_close_to_that_of_the_cpu_and_can_be_resumed(self):
+        with tempfile.TemporaryDirectory() as folder:
+            _, expected = self.train(folder, "cpu", 512)
+            self.train(folder, "gpu", 256, "--backend", "gpu")
+            document, found = self.train(folder, "gpu", 512, "--backend", "gpu", "--resume")
+        self.assertEqual(document["backend"], "gpu")
+        for column in ("kl", "entropy", "validation_return"):
+            numbers = [float(rows[-1][column]) for rows in (found, expected)]
+            np.testing.assert_allclose(*numbers, rtol=1e-2, err_msg=column)
 
 
 @unittest.skipIf(gpu is None, "needs the extra gpu")
