@@ -105,6 +105,8 @@ fn on_gpu(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
             let document = screened_text::document(&resolved, &outcome);
             output::json(output::joined(simulate::document(&resolved), document))?;
         }
+        // Interrupted in the first chunk, it has nothing to show.
+        false if outcome.report.failures.trials == 0 => (),
         false => output::line(&screened_text::text(&resolved, &outcome))?,
     }
     let report = &outcome.report;

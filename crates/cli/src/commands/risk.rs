@@ -146,6 +146,8 @@ fn on_gpu(
     }
     match command.run.json {
         true => output::json(screened_document(resolved, scenarios, &report))?,
+        // Interrupted in the first chunk, it has nothing to show.
+        false if report.counts.trials == 0 => (),
         false => output::line(&risk_text::screened_text(resolved, scenarios, &report))?,
     }
     let screened = plural(report.counts.trials, "simulation");
