@@ -41,7 +41,11 @@ impl WorldBatch for StillWorlds {
         self.0.buffers()
     }
 
-    fn step(&mut self) -> Result<(), WorldError> {
+    fn start_step(&mut self) -> Result<(), WorldError> {
+        Ok(())
+    }
+
+    fn finish_step(&mut self) -> Result<(), WorldError> {
         Ok(())
     }
 }

@@ -5,7 +5,7 @@
 use std::ops::ControlFlow;
 
 use mishandle::falsification::{CampaignOutcome, ScreenedCounts, TrialOutcome};
-use mishandle::world::{Backend, BatchBuffers, BatchSpec, CpuBackend, WorldBatch, WorldError};
+use mishandle::world::{Backend, BatchBuffers, BatchSpec, CpuBackend, Outputs, WorldBatch, WorldError};
 use mishandle::{EvaluatePlan, FalsifyPlan, Plan, ResolvedPlan, RiskPlan};
 
 fn resolved() -> ResolvedPlan {
@@ -69,13 +69,18 @@ impl WorldBatch for WrongWorlds {
         self.0.buffers()
     }
 
-    fn step(&mut self) -> Result<(), WorldError> {
+    fn start_step(&mut self) -> Result<(), WorldError> {
         if !self.1 {
             self.0.buffers().targets.fill(0.1);
-            return self.0.step();
         }
-        self.0.step()?;
-        self.0.buffers().outputs.fill(1.0);
+        self.0.start_step()
+    }
+
+    fn finish_step(&mut self) -> Result<(), WorldError> {
+        self.0.finish_step()?;
+        if let (Outputs::Double(outputs), true) = (self.0.buffers().outputs, self.1) {
+            outputs.fill(1.0);
+        }
         Ok(())
     }
 }

@@ -1,15 +1,24 @@
 """Control steps per second on a GPU: MuJoCo Warp alone, and simulations of a controller with signals, rewards and action noise.
 
-    python python/benches/gpu_throughput.py [--rows 16384] [--waves 4] [TASK ...]
+    python python/benches/gpu_throughput.py [--rows 16384 ...] [--waves 4] [--no-c] [--profile] [TASK ...]
 
-Columns: ``bare``: the physics steps of MuJoCo Warp as a CUDA graph, from the start states of random scenarios. ``step``: the same with
-servos, poses and copies from and to the host. ``screened``: ``mishandle risk --backend gpu``, without the time to compile kernels and to
-allocate memory, with ``--confirm 0.0001``. ``C``: ``mishandle risk --method monte-carlo`` on all cores of the same host.
+Each line is a JSON object with these rates, in control steps per second:
+
+- ``bare_start``: the physics steps of MuJoCo Warp as a CUDA graph, again and again from the start states, with constant targets
+- ``bare``: the physics steps of MuJoCo Warp as a CUDA graph, over the same episodes as ``screened``, whose targets are in the GPU's memory
+- ``step``: as ``bare_start``, with servos, poses and copies from and to the host
+- ``screened``: ``mishandle risk --backend gpu``, without the time to compile kernels and to allocate memory, with ``--confirm 0.0001``
+- ``C``: ``mishandle risk --method monte-carlo`` on all cores of the same host
+
+``waited_s``: how long the CPU waited for the GPU. ``visited_s``: how long the CPU computed samples and actions; ``started_s``: the part of
+it in control steps in which episodes started. Each has one number for each batch.
+``bytes_per_world``: the GPU's memory. With ``--profile``, ``kernels`` has the time of each kernel in one control step, ms.
 """
 
 from __future__ import annotations
 
 import argparse
+import collections
 import json
 import os
 import time
@@ -21,32 +30,58 @@ from mishandle import _native, gpu, gpu_audit
 
 TASKS = [task for task in gpu_audit.TASKS if task != "cloth-placing"]
 EPISODE_STEPS = 300
+INPUTS = ("targets", "active", "mocap")
 
 made: list[Recorder] = []
 
 
 class Recorder(gpu.WarpBatch):
-    """Keeps its arguments, its first start states and the times of its steps."""
+    """Keeps its arguments, its first start states, the times of its steps, and, if ``records``, the inputs of the first episodes."""
+
+    records = False
 
     def __init__(self, *arguments: object) -> None:
-        start = time.perf_counter()
+        start, before = time.perf_counter(), free_memory()
         super().__init__(*arguments)
-        self.made_in = time.perf_counter() - start
-        self.arguments, self.starts, self.waited = arguments, None, 0.0
+        self.made_in, self.bytes = time.perf_counter() - start, before - free_memory()
+        self.arguments, self.starts, self.finished_at = arguments, None, None
+        self.waited = self.visited = self.started = 0.0
+        self.has_starts = False
+        self.inputs: dict[str, list[np.ndarray]] = {name: [] for name in INPUTS}
         made.append(self)
 
     def write_states(self, rows: np.ndarray, states: np.ndarray) -> None:
         if self.starts is None:
             self.starts = np.reshape(states, (len(rows), -1)).copy()
         super().write_states(rows, states)
+        self.has_starts = True
 
-    def step(self) -> None:
+    def start_step(self) -> None:
+        if self.finished_at is not None:
+            duration = time.perf_counter() - self.finished_at
+            self.visited += duration
+            self.started += duration if self.has_starts else 0.0
+        self.has_starts = False
+        if self.records and len(self.inputs["targets"]) < EPISODE_STEPS:
+            for name, buffer in self.arrays().items():
+                if name in self.inputs:
+                    self.inputs[name].append(buffer.copy())
+        super().start_step()
+
+    def finish_step(self) -> None:
         start = time.perf_counter()
-        super().step()
-        self.waited += time.perf_counter() - start
+        super().finish_step()
+        self.finished_at = time.perf_counter()
+        self.waited += self.finished_at - start
 
 
+PLAIN = gpu.WarpBatch
 gpu.WarpBatch = Recorder
+
+
+def free_memory() -> int:
+    device = gpu.find_device(None)
+    return device.free_memory if device.is_cuda else 0
 
 
 def command(*arguments: str) -> float:
@@ -63,6 +98,17 @@ def command(*arguments: str) -> float:
     return time.perf_counter() - start
 
 
+def screen(task: str, rows: int, waves: int, records: bool = False) -> tuple[float, list[Recorder]]:
+    """Screens ``waves`` simulations for each world. Returns control steps per second and the batches."""
+    made.clear()
+    Recorder.records = records
+    common = ["risk", task, "--controller", "ppo", "--action-noise", "0.1", "--seed", "1", "--method", "monte-carlo"]
+    options = ["--simulations", str(rows * waves), "--backend", "gpu", "--rows", str(rows), "--confirm", "0.0001"]
+    total = command(*common, *options)
+    batches = list(made)
+    return rows * waves * EPISODE_STEPS / (total - sum(batch.made_in for batch in batches)), batches
+
+
 def rate(run: object, steps: int, rows: int) -> float:
     """Returns control steps per second of a function that takes one control step."""
     run()
@@ -74,63 +120,102 @@ def rate(run: object, steps: int, rows: int) -> float:
     return rows * steps / (time.perf_counter() - start)
 
 
-def measure(task: str, rows: int, waves: int) -> dict[str, object]:
-    made.clear()
-    common = ["risk", task, "--controller", "ppo", "--action-noise", "0.1", "--seed", "1"]
-    simulations = rows * waves
+def physics_graph(whole: gpu.WarpBatch, with_servos: bool) -> object:
+    """Returns the CUDA graph of the physics steps of one control step."""
+    with wp.ScopedCapture(stream=whole._stream) as capture:
+        for _ in range(whole._substeps):
+            if with_servos:
+                servos = (whole._rows, whole._servo_qpos.size)
+                inputs = [whole.data.qpos, whole._there["targets"], whole._servo_qpos, whole._servo_lead]
+                wp.launch(gpu.kernels.set_servos, servos, inputs=inputs, outputs=[whole.data.ctrl])
+            gpu.step(whole._model, whole.data)
+    return capture.graph
+
+
+def replay(whole: gpu.WarpBatch, batches: list[Recorder]) -> float:
+    """Returns control steps per second of the physics of recorded episodes. Their inputs are in the GPU's memory."""
+    rows, data = whole._rows, whole.data
+    inputs = {
+        name: wp.array(
+            np.array([np.concatenate(step) for step in zip(*(batch.inputs[name] for batch in batches))]),
+            dtype=whole._there[name].dtype,
+        )
+        for name in INPUTS
+        if whole._there[name].size
+    }
+    whole.write_states(np.arange(rows, dtype=np.int32), np.concatenate([batch.starts for batch in batches]))
+    graph = physics_graph(whole, with_servos=True)
+    wp.synchronize()
+    start = time.perf_counter()
+    for step in range(EPISODE_STEPS):
+        for name, values in inputs.items():
+            wp.copy(whole._there[name], values[step])
+        active = whole._there["active"]
+        if active.size:
+            wp.launch(gpu.kernels.set_bools, data.eq_active.shape, inputs=[active], outputs=[data.eq_active])
+        wp.capture_launch(graph, stream=whole._stream)
+    wp.synchronize()
+    return rows * EPISODE_STEPS / (time.perf_counter() - start)
+
+
+def profile(whole: gpu.WarpBatch) -> dict[str, float]:
+    """Returns the time of each kernel and copy in one control step from the present states, ms."""
+    wp.timing_begin(cuda_filter=wp.TIMING_ALL)
+    whole._control_step()
+    times: dict[str, float] = collections.defaultdict(float)
+    for result in wp.timing_end():
+        times[result.name] += result.elapsed
+    return {name: round(ms, 4) for name, ms in sorted(times.items(), key=lambda item: -item[1])[:25]}
+
+
+def measure(task: str, rows: int, options: argparse.Namespace) -> dict[str, object]:
     begin = time.perf_counter()
-    total = command(*common, "--simulations", str(simulations), "--backend", "gpu", "--rows", str(rows), "--confirm", "0.0001")
-    first = made[0]
-    halves = list(made)
-    # The time of the screening: from the first start to the end, as the command prints it, is total less the making of the batches.
-    screened = simulations * EPISODE_STEPS / (total - sum(batch.made_in for batch in halves))
-    cpu_simulations = 200 * (os.cpu_count() or 1)
-    cpu = command(*common, "--simulations", str(cpu_simulations), "--method", "monte-carlo")
-    arguments = list(first.arguments)
-    arguments[2] = rows
-    whole = gpu.WarpBatch.__mro__[1](*arguments)
-    starts = np.concatenate([batch.starts for batch in halves])[:rows]
-    whole.write_states(np.arange(len(starts), dtype=np.int32), starts)
-    arrays = whole.arrays()
-    # The targets hold the start: the first joints of the Panda are its servos.
-    arrays["targets"][:] = whole.data.qpos.numpy()[:, list(arguments[4])]
-    arrays["active"][:] = whole.data.eq_active.numpy()
-    if arrays["mocap"].size:
-        poses = np.concatenate([whole.data.mocap_pos.numpy(), whole.data.mocap_quat.numpy()], axis=2)
-        arrays["mocap"][:] = poses.reshape(rows, -1)
-    step = rate(whole.step, 100, rows)
-    bare = None
-    if whole._device.is_cuda:
-        with wp.ScopedDevice(whole._device), wp.ScopedStream(whole._stream):
-            with wp.ScopedCapture(stream=whole._stream) as capture:
-                for _ in range(arguments[3]):
-                    gpu.mjw.step(whole._model, whole.data)
-            bare = rate(lambda: wp.capture_launch(capture.graph, stream=whole._stream), 100, rows)
-    free, all_memory = (whole._device.free_memory, whole._device.total_memory) if whole._device.is_cuda else (0, 0)
-    return {
+    screened, batches = screen(task, rows, options.waves)
+    arguments = list(batches[0].arguments)
+    found: dict[str, object] = {
         "task": task,
         "rows": rows,
         "substeps": arguments[3],
-        "bare": bare,
-        "step": step,
         "screened": screened,
-        "waited_s": [batch.waited for batch in halves],
-        "total_s": total,
-        "making_s": [batch.made_in for batch in halves],
-        "C": cpu_simulations * EPISODE_STEPS / cpu,
-        "memory_used": all_memory - free,
-        "seconds": time.perf_counter() - begin,
+        "waited_s": [round(batch.waited, 3) for batch in batches],
+        "visited_s": [round(batch.visited, 3) for batch in batches],
+        "started_s": [round(batch.started, 3) for batch in batches],
+        "making_s": [round(batch.made_in, 3) for batch in batches],
+        "bytes_per_world": sum(batch.bytes for batch in batches) // rows,
     }
+    if not options.no_c:
+        count = 200 * (os.cpu_count() or 1)
+        common = f"risk {task} --controller ppo --action-noise 0.1 --seed 1 --simulations {count} --method monte-carlo"
+        found["C"] = count * EPISODE_STEPS / command(*common.split())
+    _, batches = screen(task, rows, 1, records=True)
+    arguments[2] = rows
+    whole = PLAIN(*arguments)
+    whole.write_states(np.arange(rows, dtype=np.int32), np.concatenate([batch.starts for batch in batches]))
+    for name in INPUTS:
+        whole.arrays()[name][:] = np.concatenate([batch.inputs[name][0] for batch in batches])
+    found["step"] = rate(whole.step, 100, rows)
+    if whole._device.is_cuda:
+        with wp.ScopedDevice(whole._device), wp.ScopedStream(whole._stream):
+            graph = physics_graph(whole, with_servos=False)
+            found["bare_start"] = rate(lambda: wp.capture_launch(graph, stream=whole._stream), 100, rows)
+            found["bare"] = replay(whole, batches)
+            if options.profile:
+                found["kernels"] = profile(whole)
+    found["seconds"] = round(time.perf_counter() - begin, 1)
+    return found
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("tasks", nargs="*", default=TASKS)
-    parser.add_argument("--rows", type=int, default=16384)
+    parser.add_argument("--rows", type=int, nargs="+", default=[16384])
     parser.add_argument("--waves", type=int, default=4)
+    parser.add_argument("--no-c", action="store_true")
+    parser.add_argument("--profile", action="store_true")
     options = parser.parse_args()
     for task in options.tasks:
-        print(json.dumps(measure(task, options.rows, options.waves)), flush=True)
+        for rows in options.rows:
+            print(json.dumps(measure(task, rows, options)), flush=True)
 
 
 if __name__ == "__main__":

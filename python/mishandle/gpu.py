@@ -186,7 +186,7 @@ class WarpBatch:
         self._host: dict[str, Any] = {}
         self._there: dict[str, Any] = {}
         for buffer, size in sizes.items():
-            kind = wp.uint8 if buffer == "active" else wp.float64
+            kind = {"active": wp.uint8, "outputs": wp.float32}.get(buffer, wp.float64)
             self._host[buffer] = wp.zeros((rows, size), dtype=kind, device="cpu", pinned=is_cuda)
             # On the CPU, the kernels read and write the host's buffers.
             self._there[buffer] = wp.zeros((rows, size), dtype=kind) if is_cuda else self._host[buffer]
@@ -265,15 +265,15 @@ class WarpBatch:
         offset = 0
         for part in self._parts:
             if part.size > 0:
-                wp.launch(kernels.to_double, part.shape, inputs=[part, offset], outputs=[there["outputs"]])
+                wp.launch(kernels.copy_columns, part.shape, inputs=[part, offset], outputs=[there["outputs"]])
             offset += part.shape[1]
         wp.launch(kernels.write_status, rows, inputs=[self._status, offset], outputs=[there["outputs"]])
         if self._device.is_cuda:
             wp.copy(self._host["outputs"], there["outputs"])
 
     def buffers(self) -> dict[str, tuple[int, int]]:
-        """Returns the address and the number of elements of each buffer of the host. All are row-major; ``active`` has bytes, the others
-        doubles:
+        """Returns the address and the number of elements of each buffer of the host. All are row-major; ``active`` has bytes, ``outputs``
+        32-bit numbers, the others 64-bit numbers:
 
         - ``targets``: target of each servo
         - ``active``: 1 for each active equality constraint, otherwise 0
@@ -328,13 +328,20 @@ class WarpBatch:
     def _launch(self, kernel: Any, dim: tuple[int, int], inputs: list[Any]) -> None:
         wp.launch(kernel, dim, inputs=inputs, device=self._device, stream=self._stream)
 
-    def step(self) -> None:
-        """Advances all rows by one control step. Waits for the GPU without the interpreter lock."""
+    def start_step(self) -> None:
+        """Begins to advance all rows by one control step."""
         if self._graph is None:
             with CPU_LOCK, wp.ScopedDevice(self._device):
                 self._control_step()
             return
         wp.capture_launch(self._graph, stream=self._stream)
-        wp.synchronize_stream(self._stream)
 
+    def finish_step(self) -> None:
+        """Waits for the end of the control step, without the interpreter lock."""
+        if self._graph is not None:
+            wp.synchronize_stream(self._stream)
 
+    def step(self) -> None:
+        """Advances all rows by one control step."""
+        self.start_step()
+        self.finish_step()

@@ -63,9 +63,9 @@ def to_float(
 
 
 @wp.kernel
-def to_double(source: wp.array2d(dtype=float), offset: int, target: wp.array2d(dtype=wp.float64)) -> None:
+def copy_columns(source: wp.array2d(dtype=float), offset: int, target: wp.array2d(dtype=float)) -> None:
     row, column = wp.tid()
-    target[row, offset + column] = wp.float64(source[row, column])
+    target[row, offset + column] = source[row, column]
 
 
 @wp.kernel
@@ -123,6 +123,6 @@ def watch(
 
 
 @wp.kernel
-def write_status(status: wp.array(dtype=int), column: int, outputs: wp.array2d(dtype=wp.float64)) -> None:
+def write_status(status: wp.array(dtype=int), column: int, outputs: wp.array2d(dtype=float)) -> None:
     row = wp.tid()
-    outputs[row, column] = wp.float64(status[row])
+    outputs[row, column] = float(status[row])

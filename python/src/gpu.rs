@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use mishandle::network::{Activation, DeviceBuffers, DeviceNetwork, Mlp, NetworkDevice, NetworkError};
-use mishandle::world::{Backend, BatchBuffers, BatchSpec, WorldBatch, WorldError};
+use mishandle::world::{Backend, BatchBuffers, BatchSpec, Outputs, WorldBatch, WorldError};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 
@@ -92,6 +92,15 @@ unsafe fn slice<'a, T>(buffer: Buffer) -> &'a mut [T] {
     unsafe { std::slice::from_raw_parts_mut(buffer.address as *mut T, buffer.length) }
 }
 
+impl WarpWorlds {
+    fn call(&mut self, method: &str) -> Result<(), WorldError> {
+        Python::attach(|py| match self.object.call_method0(py, method) {
+            Ok(_) => Ok(()),
+            Err(error) => Err(failed(py, &error)),
+        })
+    }
+}
+
 impl WorldBatch for WarpWorlds {
     fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
         if rows.is_empty() {
@@ -122,7 +131,7 @@ impl WorldBatch for WarpWorlds {
 
     fn buffers(&mut self) -> BatchBuffers<'_> {
         // SAFETY: the object lives as long as `self`; its buffers have these types and lengths (`make` checked the lengths) and are
-        // used by Python only in `step` and `write_states`, which borrow `self` exclusively. `active` holds what this side writes,
+        // used by Python and the GPU only from `start_step` to `finish_step` and in `write_states`, which borrow `self` exclusively. `active` holds what this side writes,
         // 0 or 1, and starts as zeros.
         #[allow(unsafe_code)]
         unsafe {
@@ -130,14 +139,17 @@ impl WorldBatch for WarpWorlds {
                 targets: slice(self.targets),
                 active: slice(self.active),
                 mocap: slice(self.mocap),
-                outputs: slice(self.outputs),
+                outputs: Outputs::Single(slice(self.outputs)),
             }
         }
     }
 
-    fn step(&mut self) -> Result<(), WorldError> {
-        Python::attach(|py| self.object.call_method0(py, "step").map_err(|error| failed(py, &error)))?;
-        Ok(())
+    fn start_step(&mut self) -> Result<(), WorldError> {
+        self.call("start_step")
+    }
+
+    fn finish_step(&mut self) -> Result<(), WorldError> {
+        self.call("finish_step")
     }
 }
 

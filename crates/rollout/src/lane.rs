@@ -5,7 +5,7 @@ use mishandle_stl::{MonitorError, Trace};
 use crate::disturbance::ActiveDisturbances;
 use crate::rollout::Rollout;
 use crate::{
-    ControllerWorker, Episode, EpisodeEnd, Request, RolloutError, SpecificationMonitor, StepStatus, Verdict,
+    ControllerWorker, EpisodeEnd, Request, RolloutError, Sample, Seed, SpecificationMonitor, StepStatus, Verdict,
 };
 
 /// Maximum number of rows that one thread steps in lockstep. Sixteen rows share each read of the network's weights and
@@ -15,15 +15,52 @@ pub(crate) const ROWS: usize = 16;
 /// Number of control steps between two checks of the [stop threshold](Request::stop_threshold).
 const CHECK_PERIOD: usize = 10;
 
+/// Position of a simulation in its episode.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Progress {
+    pub seed: Seed,
+    /// Number of control steps taken.
+    pub steps: usize,
+    /// [`EpisodeEnd::Completed`] while the simulation runs.
+    pub end: EpisodeEnd,
+}
+
+impl Progress {
+    /// Returns the position at the start of a request's episode.
+    pub(crate) fn start(request: &Request) -> Progress {
+        Progress { seed: request.seed, steps: 0, end: EpisodeEnd::Completed }
+    }
+
+    /// The position of a row without a simulation.
+    pub(crate) const IDLE: Progress = Progress { seed: Seed(0), steps: 0, end: EpisodeEnd::Stopped { step: 0 } };
+
+    pub(crate) fn is_running(&self) -> bool {
+        self.end == EpisodeEnd::Completed
+    }
+}
+
+/// State of up to 16 rows between two control steps, besides that of their environment.
+pub(crate) struct LaneRows {
+    controller_states: Vec<f64>,
+    /// Disturbances of each row; `None` if the space has no axis of a disturbance.
+    disturbances: [Option<ActiveDisturbances>; ROWS],
+}
+
+impl LaneRows {
+    pub(crate) fn new(rollout: &Rollout) -> LaneRows {
+        LaneRows {
+            controller_states: vec![0.0; ROWS * rollout.controller.state_size()],
+            disturbances: Default::default(),
+        }
+    }
+}
+
 /// Buffers and workers of one thread. They are reused between calls, so that a control step does not allocate.
 pub(crate) struct Lane {
     controller: Box<dyn ControllerWorker>,
     monitor: SpecificationMonitor,
-    controller_states: Vec<f64>,
-    /// Disturbances of each row; `None` if the space has no axis of a disturbance.
-    disturbances: [Option<ActiveDisturbances>; ROWS],
     /// Observation of each row.
-    pub observations: Vec<f32>,
+    observations: Vec<f32>,
     actions: Vec<f32>,
     /// Action of the row that is stepped.
     pub action: Vec<f64>,
@@ -37,7 +74,7 @@ pub(crate) struct Lane {
 impl Lane {
     pub(crate) fn new(rollout: &Rollout) -> Result<Lane, RolloutError> {
         let (environment, controller) = (&rollout.environment, &rollout.controller);
-        let (observation_size, action_size) = (environment.observation_size(), environment.action_size());
+        let (observation_size, action_size) = rollout.sizes();
         Ok(Lane {
             controller: controller.worker(),
             monitor: SpecificationMonitor::new(
@@ -45,8 +82,6 @@ impl Lane {
                 environment.signals(),
                 environment.control_dt(),
             )?,
-            controller_states: vec![0.0; ROWS * controller.state_size()],
-            disturbances: Default::default(),
             observations: vec![0.0; ROWS * observation_size],
             actions: vec![0.0; ROWS * action_size],
             action: vec![0.0; action_size],
@@ -56,124 +91,129 @@ impl Lane {
         })
     }
 
-    /// Starts the episode of a row. The signals of its initial state are in the buffer.
-    pub(crate) fn start(&mut self, rollout: &Rollout, row: usize, request: &Request) -> Episode {
-        let samples = rollout.environment.episode_steps() + 1;
-        self.disturbances[row] = rollout.routing.has_effects().then(|| {
+    /// Returns the buffers of the next sample of a row.
+    pub(crate) fn sample(&mut self, row: usize) -> Sample<'_> {
+        self.action_and_sample(row).1
+    }
+
+    /// Returns the action of a row, and the buffers of the sample after it.
+    pub(crate) fn action_and_sample(&mut self, row: usize) -> (&[f64], Sample<'_>) {
+        let Lane { observations, signals, rewards, action, .. } = self;
+        let size = observations.len() / ROWS;
+        (action, Sample { observation: &mut observations[row * size..][..size], signals, rewards })
+    }
+
+    /// Resets the controller and the disturbances of a row.
+    pub(crate) fn start(&mut self, rollout: &Rollout, rows: &mut LaneRows, row: usize, request: &Request) {
+        rows.disturbances[row] = rollout.routing.has_effects().then(|| {
             ActiveDisturbances::new(&rollout.routing, &request.scenario, request.seed, self.action.len())
         });
         let size = rollout.controller.state_size();
-        self.controller.reset(&mut self.controller_states[row * size..][..size], request.seed);
-        let mut trace = Trace::with_capacity(rollout.environment.signals().clone(), samples);
-        let mut end = EpisodeEnd::Completed;
-        match first_not_finite(&self.signals) {
-            Some(index) => end = EpisodeEnd::InvalidSignal { step: 0, index },
-            None => trace.push(&self.signals),
-        }
-        Episode {
-            request: request.clone(),
-            trace,
-            trace_digest: None,
-            verdict: Verdict::default(),
-            total_reward: 0.0,
-            steps: 0,
-            end,
-        }
+        self.controller.reset(&mut rows.controller_states[row * size..][..size], request.seed);
     }
 
-    /// Computes the actions of the next control step of each episode. Ends the episodes with an invalid input or action.
-    pub(crate) fn act(&mut self, rollout: &Rollout, episodes: &mut [Episode]) {
+    /// Computes the actions of the next control step of each row. Ends the simulations with an invalid input or action.
+    pub(crate) fn act(&mut self, rollout: &Rollout, rows: &mut LaneRows, progress: &mut [Progress]) {
         let (observation_size, action_size) = rollout.sizes();
-        let rows = episodes.len();
+        let count = progress.len();
         let observations = self.observations.chunks_mut(observation_size);
-        for ((observation, disturbed), episode) in
-            observations.zip(&mut self.disturbances).zip(&mut *episodes)
+        for ((observation, disturbed), progress) in
+            observations.zip(&mut rows.disturbances).zip(&mut *progress)
         {
-            let step = episode.steps;
+            let step = progress.steps;
             if let Some(disturbed) = disturbed {
                 disturbed.observe(step, observation);
             }
             let draws = &mut self.draws[..observation_size];
-            rollout.noise.on_observation(episode.request.seed, step as u64, observation, draws);
+            rollout.noise.on_observation(progress.seed, step as u64, observation, draws);
             let invalid = observation.iter().position(|value| !value.is_finite());
-            if let (Some(index), EpisodeEnd::Completed) = (invalid, episode.end) {
-                episode.end = EpisodeEnd::InvalidObservation { step, index };
+            if let (Some(index), true) = (invalid, progress.is_running()) {
+                progress.end = EpisodeEnd::InvalidObservation { step, index };
             }
         }
         self.controller.act(
-            rows,
-            &self.observations[..rows * observation_size],
-            &mut self.controller_states[..rows * rollout.controller.state_size()],
-            &mut self.actions[..rows * action_size],
+            count,
+            &self.observations[..count * observation_size],
+            &mut rows.controller_states[..count * rollout.controller.state_size()],
+            &mut self.actions[..count * action_size],
         );
-        for (actions, episode) in self.actions.chunks(action_size).zip(episodes) {
+        for (actions, progress) in self.actions.chunks(action_size).zip(progress) {
             let invalid = actions.iter().position(|action| !action.is_finite());
-            if let (Some(index), EpisodeEnd::Completed) = (invalid, episode.end) {
-                episode.end = EpisodeEnd::InvalidAction { step: episode.steps + 1, index };
+            if let (Some(index), true) = (invalid, progress.is_running()) {
+                progress.end = EpisodeEnd::InvalidAction { step: progress.steps + 1, index };
             }
         }
     }
 
     /// Computes the action of a row with its disturbances and noise.
-    pub(crate) fn action(&mut self, rollout: &Rollout, row: usize, episode: &Episode) {
+    pub(crate) fn action(&mut self, rollout: &Rollout, rows: &mut LaneRows, row: usize, progress: &Progress) {
         let action_size = self.action.len();
         for (clipped, action) in self.action.iter_mut().zip(&self.actions[row * action_size..]) {
             *clipped = f64::from(*action).clamp(-1.0, 1.0);
         }
-        let step = episode.steps;
-        let mut disturbed = self.disturbances[row].as_mut();
+        let step = progress.steps;
+        let mut disturbed = rows.disturbances[row].as_mut();
         if let Some(disturbed) = &mut disturbed {
             disturbed.act(step, &mut self.action);
         }
-        let (seed, draws) = (episode.request.seed, &mut self.draws[..action_size]);
-        rollout.noise.on_action(seed, step as u64, &mut self.action, draws, |draws| {
+        let draws = &mut self.draws[..action_size];
+        rollout.noise.on_action(progress.seed, step as u64, &mut self.action, draws, |draws| {
             if let Some(disturbed) = disturbed {
                 disturbed.draw(step, draws);
             }
         });
     }
 
-    /// Adds a control step to an episode. Its signals and reward terms are in the buffers.
-    pub(crate) fn record(&mut self, rollout: &Rollout, status: StepStatus, episode: &mut Episode) {
-        let step = episode.steps + 1;
-        if status == StepStatus::Diverged {
-            episode.end = EpisodeEnd::Diverged { step };
-            return;
-        }
-        if let Some(index) = first_not_finite(&self.signals) {
-            episode.end = EpisodeEnd::InvalidSignal { step, index };
-            return;
-        }
-        if let Some(index) = first_not_finite(&self.rewards) {
-            episode.end = EpisodeEnd::InvalidReward { step, index };
-            return;
-        }
-        episode.trace.push(&self.signals);
-        episode.steps = step;
-        episode.total_reward += self.rewards.iter().sum::<f64>();
-        if let Some(threshold) = episode.request.stop_threshold
-            && step.is_multiple_of(CHECK_PERIOD)
-            && self.monitor.can_stop(&episode.trace, rollout.environment.episode_steps() + 1, threshold)
-        {
-            episode.end = EpisodeEnd::Stopped { step };
-        }
+    /// Returns how the signals after the reset end an episode; `None` if it runs.
+    pub(crate) fn end_of_start(&self) -> Option<EpisodeEnd> {
+        first_not_finite(&self.signals).map(|index| EpisodeEnd::InvalidSignal { step: 0, index })
     }
 
-    /// Evaluates the formulas on an episode that has ended.
-    pub(crate) fn finish(&mut self, rollout: &Rollout, episode: &mut Episode) -> Result<(), RolloutError> {
-        if !episode.end.has_verdict() {
-            return Ok(());
+    /// Returns how the sample after control step `step` ends an episode; `None` if it continues. The signals and reward terms are
+    /// in the buffers.
+    pub(crate) fn end_of_step(&self, status: StepStatus, step: usize) -> Option<EpisodeEnd> {
+        if status == StepStatus::Diverged {
+            return Some(EpisodeEnd::Diverged { step });
         }
-        match self.monitor.verdict(&episode.trace, rollout.environment.episode_steps() + 1) {
+        first_not_finite(&self.signals)
+            .map(|index| EpisodeEnd::InvalidSignal { step, index })
+            .or_else(|| first_not_finite(&self.rewards).map(|index| EpisodeEnd::InvalidReward { step, index }))
+    }
+
+    /// Returns whether an episode of `steps` control steps is checked for its [stop threshold](Request::stop_threshold).
+    pub(crate) fn checks_stop(request: &Request, steps: usize) -> bool {
+        request.stop_threshold.is_some() && steps.is_multiple_of(CHECK_PERIOD)
+    }
+
+    /// Returns whether the start of an episode may end it: see [`Request::stop_threshold`].
+    pub(crate) fn can_stop(&mut self, rollout: &Rollout, request: &Request, trace: &Trace) -> bool {
+        request.stop_threshold.is_some_and(|threshold| {
+            self.monitor.can_stop(trace, rollout.environment.episode_steps() + 1, threshold)
+        })
+    }
+
+    /// Evaluates the formulas on the trace of an episode that has ended. The end may become [`EpisodeEnd::Undefined`].
+    pub(crate) fn finish(
+        &mut self,
+        rollout: &Rollout,
+        request: &Request,
+        trace: &Trace,
+        end: &mut EpisodeEnd,
+    ) -> Result<Verdict, RolloutError> {
+        if !end.has_verdict() {
+            return Ok(Verdict::default());
+        }
+        let mut verdict = match self.monitor.verdict(trace, rollout.environment.episode_steps() + 1) {
             Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
-                episode.end = EpisodeEnd::Undefined { step };
+                *end = EpisodeEnd::Undefined { step };
+                return Ok(Verdict::default());
             }
-            verdict => episode.verdict = verdict?,
+            verdict => verdict?,
+        };
+        if request.needs_subformulas && verdict.robustness.is_some() {
+            verdict.subformulas = self.monitor.subformulas(trace)?;
         }
-        if episode.request.needs_subformulas && episode.verdict.robustness.is_some() {
-            episode.verdict.subformulas = self.monitor.subformulas(&episode.trace)?;
-        }
-        Ok(())
+        Ok(verdict)
     }
 }
 

@@ -47,7 +47,7 @@ pub use error::RolloutError;
 pub use noise::Noise;
 pub use request::{Episode, EpisodeEnd, Request};
 pub use rollout::Rollout;
-pub use screening::{BatchSamples, BatchStatus, ScenarioBatch, ScreenedEpisode, Screening};
+pub use screening::{BatchStatus, GROUP_ROWS, ScenarioBatch, ScenarioRows, ScreenedEpisode, Screening};
 pub use space::{Axis, AxisKind, AxisValues, Distribution, Scenario, Space};
 pub use specification::{Specification, SpecificationMonitor, Verdict};
 pub use system::{DEFAULT_BATCH_SIZE, System};

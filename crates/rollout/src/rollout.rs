@@ -1,13 +1,14 @@
 use std::borrow::Cow;
 use std::sync::{Arc, Mutex};
 
+use mishandle_stl::Trace;
 use rayon::prelude::*;
 
 use crate::disturbance::AxisRouting;
-use crate::lane::{Lane, ROWS};
+use crate::lane::{Lane, LaneRows, Progress, ROWS};
 use crate::{
     Controller, Disturbance, Environment, EnvironmentWorker, Episode, EpisodeEnd, Noise, Request,
-    RolloutError, Sample, Scenario, Space, Specification, SpecificationMonitor, System,
+    RolloutError, Scenario, Space, Specification, SpecificationMonitor, System, Verdict,
 };
 
 /// The [`System`] of a controller in an environment, with noise and a specification.
@@ -135,7 +136,9 @@ impl System for Rollout {
 struct RolloutWorker {
     environment: Box<dyn EnvironmentWorker>,
     lane: Lane,
+    rows: LaneRows,
     states: Vec<f64>,
+    progress: Vec<Progress>,
 }
 
 impl RolloutWorker {
@@ -143,54 +146,80 @@ impl RolloutWorker {
         Ok(RolloutWorker {
             environment: rollout.environment.worker(),
             lane: Lane::new(rollout)?,
+            rows: LaneRows::new(rollout),
             states: vec![0.0; ROWS * rollout.environment.state_size()],
+            progress: Vec::with_capacity(ROWS),
         })
     }
 
     fn run(&mut self, rollout: &Rollout, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
+        self.progress.clear();
         let mut episodes: Vec<Episode> =
             requests.iter().enumerate().map(|(row, request)| self.reset(rollout, row, request)).collect();
         for _ in 0..rollout.environment.episode_steps() {
-            self.lane.act(rollout, &mut episodes);
+            self.lane.act(rollout, &mut self.rows, &mut self.progress);
             for (row, episode) in episodes.iter_mut().enumerate() {
-                if episode.end == EpisodeEnd::Completed {
+                if self.progress[row].is_running() {
                     self.step(rollout, row, episode);
                 }
             }
-            if episodes.iter().all(|episode| episode.end != EpisodeEnd::Completed) {
+            if !self.progress.iter().any(Progress::is_running) {
                 break;
             }
         }
-        for episode in &mut episodes {
-            self.lane.finish(rollout, episode)?;
+        for (episode, progress) in episodes.iter_mut().zip(&self.progress) {
+            (episode.steps, episode.end) = (progress.steps, progress.end);
+            let Episode { request, trace, end, .. } = episode;
+            episode.verdict = self.lane.finish(rollout, request, trace, end)?;
         }
         Ok(episodes)
     }
 
     fn reset(&mut self, rollout: &Rollout, row: usize, request: &Request) -> Episode {
-        let (state_size, (observation_size, _)) = (rollout.environment.state_size(), rollout.sizes());
-        let sample = Sample {
-            observation: &mut self.lane.observations[row * observation_size..][..observation_size],
-            signals: &mut self.lane.signals,
-            rewards: &mut self.lane.rewards,
-        };
+        let state_size = rollout.environment.state_size();
         let state = &mut self.states[row * state_size..][..state_size];
-        self.environment.reset(&rollout.environment_scenario(request), request.seed, state, sample);
-        self.lane.start(rollout, row, request)
+        let scenario = rollout.environment_scenario(request);
+        self.environment.reset(&scenario, request.seed, state, self.lane.sample(row));
+        self.lane.start(rollout, &mut self.rows, row, request);
+        let mut progress = Progress::start(request);
+        let samples = rollout.environment.episode_steps() + 1;
+        let mut trace = Trace::with_capacity(rollout.environment.signals().clone(), samples);
+        match self.lane.end_of_start() {
+            Some(end) => progress.end = end,
+            None => trace.push(&self.lane.signals),
+        }
+        self.progress.push(progress);
+        Episode {
+            request: request.clone(),
+            trace,
+            trace_digest: None,
+            verdict: Verdict::default(),
+            total_reward: 0.0,
+            steps: 0,
+            end: EpisodeEnd::Completed,
+        }
     }
 
     /// Runs the next control step of one episode.
     fn step(&mut self, rollout: &Rollout, row: usize, episode: &mut Episode) {
-        let (state_size, (observation_size, _)) = (rollout.environment.state_size(), rollout.sizes());
-        self.lane.action(rollout, row, episode);
-        let Lane { observations, signals, rewards, action, .. } = &mut self.lane;
-        let sample = Sample {
-            observation: &mut observations[row * observation_size..][..observation_size],
-            signals,
-            rewards,
-        };
+        let state_size = rollout.environment.state_size();
+        let progress = &mut self.progress[row];
+        self.lane.action(rollout, &mut self.rows, row, progress);
         let state = &mut self.states[row * state_size..][..state_size];
+        let (action, sample) = self.lane.action_and_sample(row);
         let status = self.environment.step(action, state, sample);
-        self.lane.record(rollout, status, episode);
+        let step = progress.steps + 1;
+        if let Some(end) = self.lane.end_of_step(status, step) {
+            progress.end = end;
+            return;
+        }
+        episode.trace.push(&self.lane.signals);
+        progress.steps = step;
+        episode.total_reward += self.lane.rewards.iter().sum::<f64>();
+        if Lane::checks_stop(&episode.request, step)
+            && self.lane.can_stop(rollout, &episode.request, &episode.trace)
+        {
+            progress.end = EpisodeEnd::Stopped { step };
+        }
     }
 }

@@ -1,47 +1,52 @@
 //! Episodes that another physics engine simulates, many at a time. They propose; they are no evidence.
 
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use rayon::prelude::*;
+use mishandle_stl::Trace;
 
-use crate::lane::{Lane, ROWS};
-use crate::{Episode, EpisodeEnd, Request, Rollout, RolloutError, Scenario, Seed, StepStatus, Verdict};
+use crate::lane::{Lane, LaneRows, Progress, ROWS};
+use crate::{EpisodeEnd, Request, Rollout, RolloutError, Sample, Scenario, Seed, StepStatus, Verdict};
+
+/// Number of rows of a group of a [`ScenarioBatch`].
+pub const GROUP_ROWS: usize = ROWS;
 
 /// An environment whose rows start at given scenarios and are stepped together.
 ///
-/// All arrays are row-major, `[rows, …]`.
+/// A control step is a [visit](Self::visit) of all rows, which reads their samples and sets their actions, and then the physics, which
+/// may run on another device between [`start_step`](Self::start_step) and [`finish_step`](Self::finish_step).
 pub trait ScenarioBatch: Send {
     /// Returns the number of rows.
     fn rows(&self) -> usize;
 
-    /// Starts an episode in each of these rows. No row may occur twice.
+    /// Calls `visit` once for each group of [`GROUP_ROWS`] adjacent rows, with the index of the group, on all threads of the current
+    /// rayon pool. The last group may be smaller.
+    fn visit(&mut self, visit: &(dyn Fn(usize, &mut dyn ScenarioRows) + Sync));
+
+    /// Begins the physics of one control step of all rows.
     ///
     /// # Errors
     /// If the batch fails as a whole.
-    fn start(&mut self, starts: &[(usize, &Scenario, Seed)]) -> Result<(), RolloutError>;
+    fn start_step(&mut self) -> Result<(), RolloutError>;
 
-    /// Advances every row by one control step. `actions` has the shape `[rows, action_size]` and is not clipped.
+    /// Waits for the end of the physics.
     ///
     /// # Errors
     /// If the batch fails as a whole. The failure of one row is its status.
-    fn step(&mut self, actions: &[f64]) -> Result<(), RolloutError>;
-
-    /// Returns the samples after the last start or step of each row.
-    fn samples(&self) -> BatchSamples<'_>;
+    fn finish_step(&mut self) -> Result<(), RolloutError>;
 }
 
-/// Samples of all rows of a [`ScenarioBatch`].
-#[derive(Clone, Copy, Debug)]
-pub struct BatchSamples<'a> {
-    /// Observations, `[rows, observation_size]`.
-    pub observations: &'a [f32],
-    /// Signals, `[rows, signals]`.
-    pub signals: &'a [f64],
-    /// Reward terms, `[rows, reward terms]`.
-    pub rewards: &'a [f64],
-    /// Status of each row.
-    pub statuses: &'a [BatchStatus],
+/// A group of adjacent rows of a [`ScenarioBatch`] that one thread handles. Its rows count from 0.
+pub trait ScenarioRows {
+    /// Starts an episode in a row and writes its first sample.
+    fn start(&mut self, row: usize, scenario: &Scenario, seed: Seed, sample: Sample<'_>);
+
+    /// Writes the sample of a row after a control step under `action`, and returns its status. Without a
+    /// [step](BatchStatus::Step), the sample is meaningless.
+    fn sample(&mut self, row: usize, action: &[f64], sample: Sample<'_>) -> BatchStatus;
+
+    /// Sets the action of a row in the next control step. It is not clipped.
+    fn command(&mut self, row: usize, action: &[f64]);
 }
 
 /// Status of a row after a control step.
@@ -103,215 +108,337 @@ impl Screening {
         for request in requests {
             rollout.space.check(&request.scenario)?;
         }
-        let queue = Queue {
+        let shared = Shared {
+            rollout,
             requests,
             next: AtomicUsize::new(0),
-            done: AtomicUsize::new(0),
-            is_stopped: AtomicBool::new(false),
-            outcomes: Mutex::new(vec![None; requests.len()]),
+            threads: Mutex::new(Vec::new()),
         };
-        std::thread::scope(|scope| {
-            let batches = self.batches.iter_mut().map(|batch| {
-                let queue = &queue;
-                scope.spawn(move || {
-                    let result = run_batch(rollout, &mut **batch, queue, watch);
-                    if result.is_err() {
-                        queue.is_stopped.store(true, Ordering::Relaxed);
-                    }
-                    result
-                })
-            });
-            let threads: Vec<_> = batches.collect();
-            threads.into_iter().try_for_each(|thread| match thread.join() {
-                Ok(result) => result,
-                Err(panic) => std::panic::resume_unwind(panic),
-            })
+        let mut flights: Vec<Flight<'_>> =
+            self.batches.iter_mut().map(|batch| Flight::new(rollout, &mut **batch)).collect();
+        let mut outcomes = vec![None; requests.len()];
+        // Inside the pool, because each visit from outside would wait until a thread of the pool wakes up.
+        rayon::scope(|_| {
+            let result = fly(&shared, &mut flights, &mut outcomes, watch);
+            // No batch steps when the next run begins.
+            flights.iter_mut().map(Flight::wait).fold(result, Result::and)
         })?;
-        Ok(queue.outcomes.into_inner().unwrap_or_default())
+        Ok(outcomes)
     }
 }
 
-/// The requests of all batches.
-struct Queue<'a> {
-    requests: &'a [Request],
-    next: AtomicUsize,
-    done: AtomicUsize,
-    is_stopped: AtomicBool,
-    outcomes: Mutex<Vec<Option<ScreenedEpisode>>>,
+/// Runs the batches in turn until no request is left or `watch` returns `false`.
+fn fly(
+    shared: &Shared<'_>,
+    flights: &mut [Flight<'_>],
+    outcomes: &mut [Option<ScreenedEpisode>],
+    watch: &(dyn Fn(usize) -> bool + Sync),
+) -> Result<(), RolloutError> {
+    let mut done = 0;
+    while flights.iter().any(|flight| !flight.is_idle) {
+        for flight in flights.iter_mut().filter(|flight| !flight.is_idle) {
+            flight.advance(shared)?;
+            let finished = flight.collect(outcomes);
+            done += finished;
+            if finished > 0 && !watch(done) {
+                return Ok(());
+            }
+        }
+    }
+    Ok(())
 }
 
-impl Queue<'_> {
+/// What all threads of a screening share.
+struct Shared<'a> {
+    rollout: &'a Rollout,
+    requests: &'a [Request],
+    /// Index of the next request.
+    next: AtomicUsize,
+    /// Buffers and workers that no thread uses now.
+    threads: Mutex<Vec<Thread>>,
+}
+
+impl Shared<'_> {
+    /// Returns the index of a request that no row has taken yet.
     fn take(&self) -> Option<usize> {
         let index = self.next.fetch_add(1, Ordering::Relaxed);
         (index < self.requests.len()).then_some(index)
     }
+
+    /// Visits a group with the buffers and workers of a thread. A visit may be inside another one of the same thread, while that
+    /// waits for its controller.
+    fn visit(&self, group: &mut Group, environment: &mut dyn ScenarioRows) -> Result<(), RolloutError> {
+        let free = lock(&self.threads).pop();
+        let mut thread = free.map_or_else(|| Thread::new(self.rollout), Ok)?;
+        let result = group.visit(self, &mut thread, environment);
+        lock(&self.threads).push(thread);
+        result
+    }
 }
 
-/// Up to 16 adjacent rows of a batch.
-struct Group {
-    first_row: usize,
+/// Buffers and workers of one thread.
+struct Thread {
     lane: Lane,
-    episodes: Vec<Episode>,
-    /// Index of the request of each row; `None` if the row is idle.
-    indices: Vec<Option<usize>>,
-    has_overflowed: Vec<bool>,
-    /// Rows of the group that start now.
-    starting: Vec<usize>,
-    finished: Vec<(usize, ScreenedEpisode)>,
+    /// Trace of the episode that is evaluated.
+    trace: Trace,
 }
 
-fn run_batch(
-    rollout: &Rollout,
-    batch: &mut dyn ScenarioBatch,
-    queue: &Queue<'_>,
-    watch: &(dyn Fn(usize) -> bool + Sync),
-) -> Result<(), RolloutError> {
-    let (_, action_size) = rollout.sizes();
-    let mut actions = vec![0.0; batch.rows() * action_size];
-    let mut groups = (0..batch.rows())
-        .step_by(ROWS)
-        .map(|first_row| {
-            let rows = ROWS.min(batch.rows() - first_row);
-            Ok(Group {
-                first_row,
-                lane: Lane::new(rollout)?,
-                episodes: Vec::with_capacity(rows),
-                indices: vec![None; rows],
-                has_overflowed: vec![false; rows],
-                starting: Vec::with_capacity(rows),
-                finished: Vec::new(),
-            })
-        })
-        .collect::<Result<Vec<Group>, RolloutError>>()?;
-    loop {
-        groups.par_iter_mut().try_for_each(|group| group.refill(rollout, queue))?;
-        collect_finished(&mut groups, queue);
-        let starts: Vec<_> = groups.iter().flat_map(|group| group.starts(queue)).collect();
-        if !starts.is_empty() {
-            let scenarios: Vec<_> = starts
-                .iter()
-                .map(|(row, request)| (*row, rollout.environment_scenario(request), request.seed))
-                .collect();
-            let starts: Vec<_> =
-                scenarios.iter().map(|(row, scenario, seed)| (*row, &**scenario, *seed)).collect();
-            batch.start(&starts)?;
-            if !watch(queue.done.load(Ordering::Relaxed)) {
-                queue.is_stopped.store(true, Ordering::Relaxed);
+impl Thread {
+    fn new(rollout: &Rollout) -> Result<Thread, RolloutError> {
+        let (signals, samples) = (rollout.environment.signals().clone(), rollout.environment.episode_steps() + 1);
+        Ok(Thread { lane: Lane::new(rollout)?, trace: Trace::with_capacity(signals, samples) })
+    }
+}
+
+/// A batch and the simulations in its rows.
+struct Flight<'a> {
+    batch: &'a mut dyn ScenarioBatch,
+    groups: Vec<Mutex<Group>>,
+    /// Whether the engine is taking a control step.
+    is_stepping: bool,
+    /// Whether no row has a simulation, and no request is left.
+    is_idle: bool,
+}
+
+impl Flight<'_> {
+    fn new<'a>(rollout: &Rollout, batch: &'a mut dyn ScenarioBatch) -> Flight<'a> {
+        let rows = batch.rows();
+        let groups = (0..rows)
+            .step_by(ROWS)
+            .map(|first| Mutex::new(Group::new(rollout, ROWS.min(rows - first))))
+            .collect();
+        Flight { batch, groups, is_stepping: false, is_idle: false }
+    }
+
+    /// Waits for the physics of the present control step.
+    fn wait(&mut self) -> Result<(), RolloutError> {
+        match std::mem::take(&mut self.is_stepping) {
+            true => self.batch.finish_step(),
+            false => Ok(()),
+        }
+    }
+
+    /// Ends the present control step and begins the next one.
+    fn advance(&mut self, shared: &Shared<'_>) -> Result<(), RolloutError> {
+        self.wait()?;
+        let (groups, failure) = (&self.groups, Mutex::new(None));
+        self.batch.visit(&|index, rows| {
+            if let Err(error) = shared.visit(&mut lock(&groups[index]), rows) {
+                lock(&failure).get_or_insert(error);
             }
-        }
-        let is_idle = groups.iter().all(|group| group.indices.iter().all(Option::is_none));
-        if is_idle || queue.is_stopped.load(Ordering::Relaxed) {
-            return Ok(());
-        }
-        let samples = batch.samples();
-        groups.par_iter_mut().zip(actions.par_chunks_mut(ROWS * action_size)).for_each(|(group, actions)| {
-            group.start(rollout, queue, samples);
-            group.act(rollout, actions);
         });
-        batch.step(&actions)?;
-        let samples = batch.samples();
-        groups.par_iter_mut().for_each(|group| group.record(rollout, samples));
-    }
-}
-
-fn collect_finished(groups: &mut [Group], queue: &Queue<'_>) {
-    let finished: usize = groups.iter().map(|group| group.finished.len()).sum();
-    if finished > 0
-        && let Ok(mut outcomes) = queue.outcomes.lock()
-    {
-        for (index, outcome) in groups.iter_mut().flat_map(|group| group.finished.drain(..)) {
-            outcomes[index] = Some(outcome);
+        if let Some(error) = failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            return Err(error);
         }
-        queue.done.fetch_add(finished, Ordering::Relaxed);
-    }
-}
-
-impl Group {
-    /// Evaluates the episodes that have ended, and gives their rows the next requests.
-    fn refill(&mut self, rollout: &Rollout, queue: &Queue<'_>) -> Result<(), RolloutError> {
-        let steps = rollout.environment.episode_steps();
-        self.starting.clear();
-        for row in 0..self.indices.len() {
-            if let Some(index) = self.indices[row] {
-                let episode = &mut self.episodes[row];
-                if episode.end == EpisodeEnd::Completed && episode.steps < steps {
-                    continue;
-                }
-                self.lane.finish(rollout, episode)?;
-                let outcome = ScreenedEpisode {
-                    end: episode.end,
-                    verdict: std::mem::take(&mut episode.verdict),
-                    has_overflowed: self.has_overflowed[row],
-                };
-                self.finished.push((index, outcome));
-            }
-            self.indices[row] = queue.take();
-            if self.indices[row].is_some() {
-                self.starting.push(row);
-            }
+        self.is_idle = !self.groups.iter_mut().any(|group| get_mut(group).has_simulations());
+        if !self.is_idle {
+            self.batch.start_step()?;
+            self.is_stepping = true;
         }
         Ok(())
     }
 
-    fn starts<'a>(&self, queue: &Queue<'a>) -> Vec<(usize, &'a Request)> {
-        let request = |row: &usize| {
-            let index = self.indices[*row]?;
-            Some((self.first_row + row, &queue.requests[index]))
+    /// Moves the new outcomes of all rows to their places and returns their number.
+    fn collect(&mut self, outcomes: &mut [Option<ScreenedEpisode>]) -> usize {
+        let mut finished = 0;
+        for group in self.groups.iter_mut().map(get_mut) {
+            finished += group.finished.len();
+            for (index, outcome) in group.finished.drain(..) {
+                outcomes[index] = Some(outcome);
+            }
+        }
+        finished
+    }
+}
+
+/// Locks, also after a panic, which ends the screening.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn get_mut<T>(mutex: &mut Mutex<T>) -> &mut T {
+    mutex.get_mut().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The simulations of up to 16 adjacent rows of a batch.
+struct Group {
+    rows: LaneRows,
+    /// Simulation in each row; `None` if the row is idle.
+    simulations: Vec<Option<Simulation>>,
+    progress: Vec<Progress>,
+    /// Actions of the last control step.
+    actions: Vec<f64>,
+    history: History,
+    finished: Vec<(usize, ScreenedEpisode)>,
+}
+
+/// A simulation in a row.
+#[derive(Clone, Copy)]
+struct Simulation {
+    /// Index of its request.
+    index: usize,
+    /// Visit in which it started.
+    start: usize,
+    has_overflowed: bool,
+}
+
+impl Group {
+    fn new(rollout: &Rollout, rows: usize) -> Group {
+        let (signals, samples) = (rollout.environment.signals().len(), rollout.environment.episode_steps() + 1);
+        Group {
+            rows: LaneRows::new(rollout),
+            simulations: vec![None; rows],
+            progress: vec![Progress::IDLE; rows],
+            actions: vec![0.0; rows * rollout.sizes().1],
+            history: History::new(rows, signals, samples),
+            finished: Vec::with_capacity(rows),
+        }
+    }
+
+    fn has_simulations(&self) -> bool {
+        self.simulations.iter().any(Option::is_some)
+    }
+
+    /// Records the samples after a control step, replaces the simulations that have ended by new ones, and sets the next actions.
+    fn visit(
+        &mut self,
+        shared: &Shared<'_>,
+        thread: &mut Thread,
+        environment: &mut dyn ScenarioRows,
+    ) -> Result<(), RolloutError> {
+        for row in 0..self.simulations.len() {
+            self.record(shared, thread, environment, row);
+            self.finish(shared, thread, row)?;
+            if self.simulations[row].is_none() {
+                self.start(shared, thread, environment, row);
+            }
+        }
+        self.act(shared.rollout, &mut thread.lane, environment);
+        self.history.visit += 1;
+        Ok(())
+    }
+
+    /// Starts the next request in an idle row.
+    fn start(&mut self, shared: &Shared<'_>, thread: &mut Thread, environment: &mut dyn ScenarioRows, row: usize) {
+        let Some(index) = shared.take() else { return };
+        let (request, rollout, lane) = (&shared.requests[index], shared.rollout, &mut thread.lane);
+        let scenario = rollout.environment_scenario(request);
+        environment.start(row, &scenario, request.seed, lane.sample(row));
+        lane.start(rollout, &mut self.rows, row, request);
+        self.simulations[row] =
+            Some(Simulation { index, start: self.history.visit, has_overflowed: false });
+        self.progress[row] = Progress::start(request);
+        match lane.end_of_start() {
+            Some(end) => self.progress[row].end = end,
+            None => self.history.write(row, &lane.signals),
+        }
+    }
+
+    /// Adds a control step to the simulation in a row.
+    fn record(&mut self, shared: &Shared<'_>, thread: &mut Thread, environment: &mut dyn ScenarioRows, row: usize) {
+        let (Some(simulation), progress) = (&mut self.simulations[row], &mut self.progress[row]) else {
+            return;
         };
-        self.starting.iter().filter_map(request).collect()
-    }
-
-    /// Starts the episodes of the rows that the batch has started.
-    fn start(&mut self, rollout: &Rollout, queue: &Queue<'_>, samples: BatchSamples<'_>) {
-        for row in std::mem::take(&mut self.starting) {
-            let Some(index) = self.indices[row] else { continue };
-            self.copy_sample(row, samples);
-            let episode = self.lane.start(rollout, row, &queue.requests[index]);
-            self.has_overflowed[row] = false;
-            match self.episodes.get_mut(row) {
-                Some(place) => *place = episode,
-                None => self.episodes.push(episode),
+        if !progress.is_running() {
+            return;
+        }
+        let (step, Thread { lane, trace }) = (progress.steps + 1, thread);
+        let size = lane.action.len();
+        let status = match environment.sample(row, &self.actions[row * size..][..size], lane.sample(row)) {
+            BatchStatus::Step(status) => status,
+            BatchStatus::Overflow => {
+                simulation.has_overflowed = true;
+                progress.end = EpisodeEnd::Crashed { step };
+                return;
+            }
+        };
+        if let Some(end) = lane.end_of_step(status, step) {
+            progress.end = end;
+            return;
+        }
+        progress.steps = step;
+        self.history.write(row, &lane.signals);
+        let request = &shared.requests[simulation.index];
+        if Lane::checks_stop(request, step) {
+            self.history.read(row, simulation.start, step + 1, trace);
+            if lane.can_stop(shared.rollout, request, trace) {
+                progress.end = EpisodeEnd::Stopped { step };
             }
         }
     }
 
-    fn act(&mut self, rollout: &Rollout, actions: &mut [f64]) {
-        self.lane.act(rollout, &mut self.episodes);
-        let (_, action_size) = rollout.sizes();
-        for ((row, episode), actions) in self.episodes.iter().enumerate().zip(actions.chunks_mut(action_size))
-        {
-            actions.fill(0.0);
-            if self.indices[row].is_some() && episode.end == EpisodeEnd::Completed {
-                self.lane.action(rollout, row, episode);
-                actions.copy_from_slice(&self.lane.action);
+    /// Evaluates the simulation in a row, if it has ended, and makes the row idle.
+    fn finish(&mut self, shared: &Shared<'_>, thread: &mut Thread, row: usize) -> Result<(), RolloutError> {
+        let (Some(simulation), Progress { steps, mut end, .. }) = (self.simulations[row], self.progress[row])
+        else {
+            return Ok(());
+        };
+        let is_complete = steps == shared.rollout.environment.episode_steps();
+        if self.progress[row].is_running() && !is_complete {
+            return Ok(());
+        }
+        self.simulations[row] = None;
+        self.progress[row] = Progress::IDLE;
+        if end.has_verdict() {
+            self.history.read(row, simulation.start, steps + 1, &mut thread.trace);
+        }
+        let request = &shared.requests[simulation.index];
+        let verdict = thread.lane.finish(shared.rollout, request, &thread.trace, &mut end)?;
+        let outcome = ScreenedEpisode { end, verdict, has_overflowed: simulation.has_overflowed };
+        self.finished.push((simulation.index, outcome));
+        Ok(())
+    }
+
+    /// Sets the actions of the next control step.
+    fn act(&mut self, rollout: &Rollout, lane: &mut Lane, environment: &mut dyn ScenarioRows) {
+        if !self.has_simulations() {
+            return;
+        }
+        lane.act(rollout, &mut self.rows, &mut self.progress);
+        let actions = self.actions.chunks_mut(lane.action.len());
+        for (row, (progress, kept)) in self.progress.iter().zip(actions).enumerate() {
+            if progress.is_running() {
+                lane.action(rollout, &mut self.rows, row, progress);
+                environment.command(row, &lane.action);
+                kept.copy_from_slice(&lane.action);
             }
         }
     }
+}
 
-    fn record(&mut self, rollout: &Rollout, samples: BatchSamples<'_>) {
-        for row in 0..self.episodes.len() {
-            if self.indices[row].is_none() || self.episodes[row].end != EpisodeEnd::Completed {
-                continue;
-            }
-            self.copy_sample(row, samples);
-            let episode = &mut self.episodes[row];
-            match samples.statuses[self.first_row + row] {
-                BatchStatus::Step(status) => self.lane.record(rollout, status, episode),
-                BatchStatus::Overflow => {
-                    self.has_overflowed[row] = true;
-                    episode.end = EpisodeEnd::Crashed { step: episode.steps + 1 };
-                }
-            }
-        }
+/// Signals of all rows of a group in the last visits. A visit writes one block of memory, whatever the number of signals: a
+/// [`Trace`] for each row would touch a page of memory for each row and signal.
+struct History {
+    /// `[visits, rows, signals]`, in a ring.
+    samples: Vec<f64>,
+    signals: usize,
+    block: usize,
+    /// Number of the present visit.
+    visit: usize,
+}
+
+impl History {
+    fn new(rows: usize, signals: usize, visits: usize) -> History {
+        let block = rows * signals;
+        History { samples: vec![0.0; visits * block], signals, block, visit: 0 }
     }
 
-    fn copy_sample(&mut self, row: usize, samples: BatchSamples<'_>) {
-        let Lane { observations, signals, rewards, .. } = &mut self.lane;
-        let (batch_row, size) = (self.first_row + row, observations.len() / ROWS);
-        observations[row * size..][..size].copy_from_slice(&samples.observations[batch_row * size..][..size]);
-        let signal_count = signals.len();
-        signals.copy_from_slice(&samples.signals[batch_row * signal_count..][..signal_count]);
-        let reward_count = rewards.len();
-        rewards.copy_from_slice(&samples.rewards[batch_row * reward_count..][..reward_count]);
+    /// Returns the place of the first signal of a row in a visit.
+    fn place(&self, row: usize, visit: usize) -> usize {
+        (visit * self.block) % self.samples.len().max(1) + row * self.signals
+    }
+
+    /// Writes the signals of a row in the present visit.
+    fn write(&mut self, row: usize, signals: &[f64]) {
+        let place = self.place(row, self.visit);
+        self.samples[place..][..self.signals].copy_from_slice(signals);
+    }
+
+    /// Replaces the samples of `trace` by those of a row in `count` visits from `first` on.
+    fn read(&self, row: usize, first: usize, count: usize, trace: &mut Trace) {
+        trace.clear();
+        for visit in first..first + count {
+            trace.push(&self.samples[self.place(row, visit)..][..self.signals]);
+        }
     }
 }

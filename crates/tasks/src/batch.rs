@@ -1,54 +1,64 @@
 //! A task whose physics another engine steps, many rows at a time. Observations, signals and rewards are those of
 //! [`TaskEnvironment`].
 
+use std::sync::{Mutex, PoisonError};
+
 use mishandle_rollout::{
-    BatchSamples, BatchStatus, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, ScenarioBatch,
-    Seed, StepStatus,
+    BatchStatus, Environment, EnvironmentWorker, GROUP_ROWS, RolloutError, Sample, Scenario, ScenarioBatch,
+    ScenarioRows, Seed, StepStatus,
 };
 use mishandle_world::{
-    Backend, BatchBuffers, BatchLayout, BatchSpec, Model, RowStatus, WorldBatch, WorldError,
+    Backend, BatchBuffers, BatchLayout, BatchSpec, Model, Outputs, RowStatus, WorldBatch, WorldError,
 };
 use rayon::prelude::*;
 
 use crate::environment::{SceneFunctions, TaskEnvironment, TaskWorker};
 use crate::robot::JOINTS;
 
-/// Rows that one thread handles at a time.
-const CHUNK: usize = 16;
-
 /// Many rows of a [`TaskEnvironment`] whose physics a [`Backend`] steps.
 pub struct TaskBatch {
+    worlds: Box<dyn WorldBatch>,
+    rows: usize,
+    shared: Shared,
+    /// Rows of each group that have started since the last step.
+    starts: Vec<Starts>,
+}
+
+/// What all threads share.
+struct Shared {
     model: Model,
     layout: BatchLayout,
-    worlds: Box<dyn WorldBatch>,
-    chunks: Vec<Chunk>,
-    rows: usize,
-    sizes: Sizes,
-    observations: Vec<f32>,
-    signals: Vec<f64>,
-    rewards: Vec<f64>,
-    statuses: Vec<BatchStatus>,
     functions: SceneFunctions,
-    /// Workers that start episodes, one per thread.
-    workers: Vec<TaskWorker>,
+    sizes: Sizes,
+    environment: TaskEnvironment,
+    /// Buffers and workers that no thread uses now.
+    threads: Mutex<Vec<Thread>>,
 }
 
 /// Lengths of the rows of the buffers.
 #[derive(Clone, Copy)]
 struct Sizes {
     observation: usize,
-    action: usize,
-    signals: usize,
-    rewards: usize,
     state: usize,
+    physics: usize,
     output: usize,
     active: usize,
     mocap: usize,
 }
 
-/// Scratch buffer of one chunk of rows.
-struct Chunk {
+/// Buffers and the worker of one thread.
+struct Thread {
+    worker: TaskWorker,
+    state: Vec<f64>,
+    output: Vec<f64>,
     observation: Vec<f64>,
+}
+
+/// Rows that start, and their physical states, one after another.
+#[derive(Default)]
+struct Starts {
+    rows: Vec<usize>,
+    states: Vec<f64>,
 }
 
 impl TaskBatch {
@@ -76,111 +86,88 @@ impl TaskBatch {
             substeps: environment.substeps(),
             servos: environment.panda().servos().to_vec(),
         };
-        let worlds = backend.batch(&spec).map_err(|error| engine_error(&error))?;
         let sizes = Sizes {
             observation: environment.observation_size(),
-            action: environment.action_size(),
-            signals: environment.signals().len(),
-            rewards: environment.reward_terms().len(),
             state: environment.state_size(),
+            physics: model.state_size(),
             output: layout.output_size(),
             active: layout.constraints,
             mocap: 7 * layout.mocaps,
         };
-        let chunk = || Chunk { observation: vec![0.0; sizes.observation] };
         Ok(TaskBatch {
-            worlds,
-            chunks: (0..rows.div_ceil(CHUNK)).map(|_| chunk()).collect(),
+            worlds: backend.batch(&spec).map_err(|error| engine_error(&error))?,
             rows,
-            observations: vec![0.0; rows * sizes.observation],
-            signals: vec![0.0; rows * sizes.signals],
-            rewards: vec![0.0; rows * sizes.rewards],
-            statuses: vec![BatchStatus::Step(StepStatus::Running); rows],
-            functions: environment.functions(),
-            workers: (0..rayon::current_num_threads()).map(|_| environment.task_worker()).collect(),
-            model,
-            layout,
-            sizes,
+            starts: (0..rows.div_ceil(GROUP_ROWS)).map(|_| Starts::default()).collect(),
+            shared: Shared {
+                model,
+                layout,
+                functions: environment.functions(),
+                sizes,
+                environment: environment.clone(),
+                threads: Mutex::new(Vec::new()),
+            },
         })
     }
 
-    /// Moves the targets of all rows by their actions, from the states before the step.
-    fn command(&mut self, actions: &[f64]) {
-        let TaskBatch { model, layout, functions, sizes, worlds, rows, .. } = self;
-        let BatchBuffers { targets, active, outputs, .. } = worlds.buffers();
-        // Zero-sized chunks are not allowed, and a model may have no equality constraint.
-        let mut no_constraints = vec![false; if sizes.active == 0 { *rows } else { 0 }];
-        let (active, active_size) =
-            if sizes.active == 0 { (&mut no_constraints[..], 1) } else { (active, sizes.active) };
-        targets
-            .par_chunks_mut(CHUNK * JOINTS)
-            .zip(active.par_chunks_mut(CHUNK * active_size))
-            .zip(outputs.par_chunks(CHUNK * sizes.output))
-            .zip(actions.par_chunks(CHUNK * sizes.action))
-            .for_each(|(((targets, active), outputs), actions)| {
-                let rows = targets
-                    .chunks_mut(JOINTS)
-                    .zip(active.chunks_mut(active_size))
-                    .zip(outputs.chunks(sizes.output))
-                    .zip(actions.chunks(sizes.action));
-                for (((targets, active), output), action) in rows {
-                    let view = layout.rows(model, output, active);
-                    if functions.move_targets(&view, action, targets) {
-                        model.release(active);
-                    }
-                }
-            });
+    /// Calls `visit` once for each group of rows, with the index of the group and its entry of `extras`, on all threads.
+    pub(crate) fn visit_with<T: Send>(
+        &mut self,
+        extras: impl Iterator<Item = T>,
+        visit: impl Fn(usize, &mut TaskRows<'_>, T) + Sync,
+    ) {
+        let TaskBatch { worlds, rows, shared, starts } = self;
+        let BatchBuffers { targets, active, mocap, outputs } = worlds.buffers();
+        let Sizes { output, active: active_size, mocap: mocap_size, .. } = shared.sizes;
+        let parts: Vec<_> = groups(targets, JOINTS)
+            .zip(groups(active, active_size))
+            .zip(groups(mocap, mocap_size))
+            .zip(outputs.chunks_mut(GROUP_ROWS * output))
+            .zip(starts)
+            .zip(extras)
+            .collect();
+        let parts = parts.into_par_iter().with_max_len(1).enumerate();
+        parts.for_each(|(index, (((((targets, active), mocap), outputs), starts), extra))| {
+            let (shared, first_row) = (&*shared, index * GROUP_ROWS);
+            let rows = GROUP_ROWS.min(*rows - first_row);
+            let mut thread = shared.take_thread();
+            let mut group = TaskRows {
+                shared,
+                thread: &mut thread,
+                first_row,
+                rows,
+                targets,
+                active,
+                mocap,
+                outputs,
+                starts,
+            };
+            visit(index, &mut group, extra);
+            shared.return_thread(thread);
+        });
     }
 
-    /// Writes the samples of all rows after a step.
-    fn write_samples(&mut self, actions: &[f64]) {
-        let TaskBatch { model, layout, functions, sizes, worlds, chunks, .. } = self;
-        let BatchBuffers { active, outputs, .. } = worlds.buffers();
-        let active = &*active;
-        chunks
-            .par_iter_mut()
-            .zip(outputs.par_chunks(CHUNK * sizes.output))
-            .zip(actions.par_chunks(CHUNK * sizes.action))
-            .zip(self.observations.par_chunks_mut(CHUNK * sizes.observation))
-            .zip(self.signals.par_chunks_mut(CHUNK * sizes.signals))
-            .zip(self.rewards.par_chunks_mut(CHUNK * sizes.rewards))
-            .zip(self.statuses.par_chunks_mut(CHUNK))
-            .enumerate()
-            .for_each(|(index, ((((((chunk, outputs), actions), o), s), r), statuses))| {
-                for (i, status) in statuses.iter_mut().enumerate() {
-                    let output = &outputs[i * sizes.output..][..sizes.output];
-                    *status = match layout.status(output) {
-                        RowStatus::Overflow => BatchStatus::Overflow,
-                        RowStatus::Diverged => BatchStatus::Step(StepStatus::Diverged),
-                        RowStatus::Running => {
-                            let active = &active[(index * CHUNK + i) * sizes.active..][..sizes.active];
-                            let sample = Sample {
-                                observation: &mut o[i * sizes.observation..][..sizes.observation],
-                                signals: &mut s[i * sizes.signals..][..sizes.signals],
-                                rewards: &mut r[i * sizes.rewards..][..sizes.rewards],
-                            };
-                            let action = &actions[i * sizes.action..][..sizes.action];
-                            let view = layout.rows(model, output, active);
-                            BatchStatus::Step(functions.write_step(
-                                &view,
-                                action,
-                                &mut chunk.observation,
-                                sample,
-                            ))
-                        }
-                    };
-                }
-            });
+    /// Writes the states of the rows that have started since the last step to the worlds.
+    fn write_starts(&mut self) -> Result<(), RolloutError> {
+        let mut all = Starts::default();
+        for starts in &mut self.starts {
+            all.rows.append(&mut starts.rows);
+            all.states.append(&mut starts.states);
+        }
+        match all.rows.is_empty() {
+            true => Ok(()),
+            false => self.worlds.write_states(&all.rows, &all.states).map_err(|error| engine_error(&error)),
+        }
     }
 
     /// Copies the states of all rows into `states`, `[rows, state_size]`.
     pub(crate) fn read_states(&mut self, states: &mut [f64]) -> Result<(), RolloutError> {
-        let physics_size = self.model.state_size();
+        self.write_starts()?;
+        let Sizes { state: size, physics: physics_size, .. } = self.shared.sizes;
         let mut physics = vec![0.0; self.rows * physics_size];
         self.worlds.read_states(&mut physics).map_err(|error| engine_error(&error))?;
         let targets = self.worlds.buffers().targets.chunks(JOINTS);
         for ((state, physics), targets) in
-            states.chunks_mut(self.sizes.state).zip(physics.chunks(physics_size)).zip(targets)
+            states.chunks_mut(size).zip(physics.chunks(physics_size)).zip(targets)
         {
             state[..physics_size].copy_from_slice(physics);
             state[physics_size..].copy_from_slice(targets);
@@ -188,102 +175,26 @@ impl TaskBatch {
         Ok(())
     }
 
-    /// Restores all rows from the states and observations of a checkpoint.
-    pub(crate) fn write_states(&mut self, states: &[f64], observations: &[f32]) -> Result<(), RolloutError> {
-        let (sizes, layout, physics_size) = (self.sizes, self.layout, self.model.state_size());
-        let Some(worker) = self.workers.first_mut() else { return Ok(()) };
-        let rows = states.chunks(sizes.state).zip(observations.chunks(sizes.observation)).enumerate();
-        let starts: Vec<Start> = rows
-            .map(|(row, (state, observation))| {
-                worker.set_state(&state[..physics_size]);
-                let signals = vec![0.0; sizes.signals];
-                sizes.start_at(worker, &layout, (row, state.to_vec(), observation.to_vec(), signals))
-            })
-            .collect();
-        self.write_starts(&starts)
+    /// Restores all rows from the states of a checkpoint.
+    pub(crate) fn write_states(&mut self, states: &[f64]) {
+        let size = self.shared.sizes.state;
+        self.visit_with(states.chunks(GROUP_ROWS * size), |_, rows, states| {
+            states.chunks(size).enumerate().for_each(|(row, state)| rows.restore(row, state));
+        });
     }
+}
 
-    /// Replaces the states and samples of the rows that start.
-    fn write_starts(&mut self, starts: &[Start]) -> Result<(), RolloutError> {
-        let sizes = self.sizes;
-        let (mut rows, mut states) = (Vec::with_capacity(starts.len()), Vec::new());
-        let BatchBuffers { targets, active, mocap, outputs } = self.worlds.buffers();
-        let size = self.model.state_size();
-        for start in starts {
-            let row = start.row;
-            rows.push(row);
-            states.extend_from_slice(&start.state[..size]);
-            targets[row * JOINTS..][..JOINTS].copy_from_slice(&start.state[size..][..JOINTS]);
-            active[row * sizes.active..][..sizes.active].copy_from_slice(&start.active);
-            mocap[row * sizes.mocap..][..sizes.mocap].copy_from_slice(&start.mocap);
-            outputs[row * sizes.output..][..sizes.output].copy_from_slice(&start.output);
-            self.observations[row * sizes.observation..][..sizes.observation]
-                .copy_from_slice(&start.observation);
-            self.signals[row * sizes.signals..][..sizes.signals].copy_from_slice(&start.signals);
-            self.rewards[row * sizes.rewards..][..sizes.rewards].fill(0.0);
-            self.statuses[row] = BatchStatus::Step(StepStatus::Running);
-        }
-        self.worlds.write_states(&rows, &states).map_err(|error| engine_error(&error))
-    }
+/// Splits rows of `size` numbers into groups, which are empty if `size` is 0.
+fn groups<T>(numbers: &mut [T], size: usize) -> impl Iterator<Item = &mut [T]> {
+    let mut rest = numbers;
+    std::iter::repeat_with(move || {
+        let length = (GROUP_ROWS * size).min(rest.len());
+        rest.split_off_mut(..length).unwrap_or_default()
+    })
 }
 
 fn engine_error(error: &WorldError) -> RolloutError {
     RolloutError::Engine(error.to_string())
-}
-
-/// A row at the start of an episode or at the state of a checkpoint, computed by a thread.
-struct Start {
-    row: usize,
-    state: Vec<f64>,
-    output: Vec<f64>,
-    active: Vec<bool>,
-    mocap: Vec<f64>,
-    observation: Vec<f32>,
-    signals: Vec<f64>,
-}
-
-impl Sizes {
-    /// Starts an episode at a scenario.
-    fn start(
-        &self,
-        worker: &mut TaskWorker,
-        layout: &BatchLayout,
-        (row, scenario, seed): (usize, &Scenario, Seed),
-    ) -> Start {
-        let (mut state, mut observation) = (vec![0.0; self.state], vec![0.0; self.observation]);
-        let mut signals = vec![0.0; self.signals];
-        let sample = Sample {
-            observation: &mut observation,
-            signals: &mut signals,
-            rewards: &mut vec![0.0; self.rewards],
-        };
-        worker.reset(scenario, seed, &mut state, sample);
-        self.start_at(worker, layout, (row, state, observation, signals))
-    }
-
-    /// Starts at the state of the worker's world.
-    fn start_at(
-        &self,
-        worker: &TaskWorker,
-        layout: &BatchLayout,
-        (row, state, observation, signals): (usize, Vec<f64>, Vec<f32>, Vec<f64>),
-    ) -> Start {
-        let world = worker.nominal_world();
-        let mut output = vec![0.0; self.output];
-        layout.write(world, &mut output);
-        let (positions, quaternions) = world.mocap_poses();
-        let poses = positions.iter().zip(quaternions);
-        let mocap = poses.flat_map(|(position, quaternion)| position.iter().chain(quaternion).copied());
-        Start {
-            row,
-            state,
-            output,
-            active: world.active().to_vec(),
-            mocap: mocap.collect(),
-            observation,
-            signals,
-        }
-    }
 }
 
 impl ScenarioBatch for TaskBatch {
@@ -291,33 +202,115 @@ impl ScenarioBatch for TaskBatch {
         self.rows
     }
 
-    fn start(&mut self, starts: &[(usize, &Scenario, Seed)]) -> Result<(), RolloutError> {
-        let (sizes, layout) = (self.sizes, self.layout);
-        let share = starts.len().div_ceil(self.workers.len()).max(1);
-        let starts: Vec<Start> = self
-            .workers
-            .par_iter_mut()
-            .zip(starts.par_chunks(share))
-            .flat_map_iter(|(worker, starts)| {
-                starts.iter().map(move |start| sizes.start(worker, &layout, *start))
-            })
-            .collect();
-        self.write_starts(&starts)
+    fn visit(&mut self, visit: &(dyn Fn(usize, &mut dyn ScenarioRows) + Sync)) {
+        self.visit_with(std::iter::repeat(()), |index, rows, ()| visit(index, rows));
     }
 
-    fn step(&mut self, actions: &[f64]) -> Result<(), RolloutError> {
-        self.command(actions);
-        self.worlds.step().map_err(|error| engine_error(&error))?;
-        self.write_samples(actions);
-        Ok(())
+    fn start_step(&mut self) -> Result<(), RolloutError> {
+        self.write_starts()?;
+        self.worlds.start_step().map_err(|error| engine_error(&error))
     }
 
-    fn samples(&self) -> BatchSamples<'_> {
-        BatchSamples {
-            observations: &self.observations,
-            signals: &self.signals,
-            rewards: &self.rewards,
-            statuses: &self.statuses,
+    fn finish_step(&mut self) -> Result<(), RolloutError> {
+        self.worlds.finish_step().map_err(|error| engine_error(&error))
+    }
+}
+
+impl Shared {
+    /// Returns buffers and a worker for one visit. A visit may be inside another one of the same thread, while that waits.
+    fn take_thread(&self) -> Thread {
+        let free = self.threads.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        free.unwrap_or_else(|| Thread {
+            worker: self.environment.task_worker(),
+            state: vec![0.0; self.sizes.state],
+            output: vec![0.0; self.sizes.output],
+            observation: vec![0.0; self.sizes.observation],
+        })
+    }
+
+    fn return_thread(&self, thread: Thread) {
+        self.threads.lock().unwrap_or_else(PoisonError::into_inner).push(thread);
+    }
+}
+
+/// A group of rows of a [`TaskBatch`], and the thread that visits it.
+pub(crate) struct TaskRows<'a> {
+    shared: &'a Shared,
+    thread: &'a mut Thread,
+    first_row: usize,
+    rows: usize,
+    targets: &'a mut [f64],
+    active: &'a mut [bool],
+    mocap: &'a mut [f64],
+    outputs: Outputs<'a>,
+    starts: &'a mut Starts,
+}
+
+impl TaskRows<'_> {
+    /// Returns the number of rows.
+    pub(crate) fn len(&self) -> usize {
+        self.rows
+    }
+
+    /// Continues a row from a state of its environment.
+    fn restore(&mut self, row: usize, state: &[f64]) {
+        self.thread.worker.set_state(&state[..self.shared.sizes.physics]);
+        self.thread.state.copy_from_slice(state);
+        self.write_start(row);
+    }
+
+    /// Writes the state of the thread's worker to a row.
+    fn write_start(&mut self, row: usize) {
+        let Sizes { physics, active, mocap, .. } = self.shared.sizes;
+        let Thread { worker, state, output, .. } = &mut *self.thread;
+        let world = worker.nominal_world();
+        self.shared.layout.write(world, output);
+        self.outputs.write(row, output);
+        self.targets[row * JOINTS..][..JOINTS].copy_from_slice(&state[physics..][..JOINTS]);
+        self.active[row * active..][..active].copy_from_slice(world.active());
+        let (positions, quaternions) = world.mocap_poses();
+        let poses = self.mocap[row * mocap..][..mocap].as_chunks_mut::<7>().0;
+        for ((pose, position), quaternion) in poses.iter_mut().zip(positions).zip(quaternions) {
+            pose[..3].copy_from_slice(position);
+            pose[3..].copy_from_slice(quaternion);
+        }
+        self.starts.rows.push(self.first_row + row);
+        self.starts.states.extend_from_slice(&state[..physics]);
+    }
+}
+
+impl ScenarioRows for TaskRows<'_> {
+    fn start(&mut self, row: usize, scenario: &Scenario, seed: Seed, sample: Sample<'_>) {
+        let Thread { worker, state, .. } = &mut *self.thread;
+        worker.reset(scenario, seed, state, sample);
+        self.write_start(row);
+    }
+
+    fn sample(&mut self, row: usize, action: &[f64], sample: Sample<'_>) -> BatchStatus {
+        let Shared { model, layout, functions, sizes, .. } = self.shared;
+        let Thread { output, observation, .. } = &mut *self.thread;
+        self.outputs.read(row, output);
+        match layout.status(output) {
+            RowStatus::Overflow => BatchStatus::Overflow,
+            RowStatus::Diverged => BatchStatus::Step(StepStatus::Diverged),
+            RowStatus::Running => {
+                let active = &self.active[row * sizes.active..][..sizes.active];
+                let view = layout.rows(model, output, active);
+                BatchStatus::Step(functions.write_step(&view, action, observation, sample))
+            }
+        }
+    }
+
+    fn command(&mut self, row: usize, action: &[f64]) {
+        let Shared { model, layout, functions, sizes, .. } = self.shared;
+        let output = &mut self.thread.output;
+        if functions.reads_state_to_grip() {
+            self.outputs.read(row, output);
+        }
+        let active = &mut self.active[row * sizes.active..][..sizes.active];
+        let view = layout.rows(model, output, active);
+        if functions.move_targets(&view, action, &mut self.targets[row * JOINTS..][..JOINTS]) {
+            model.release(active);
         }
     }
 }

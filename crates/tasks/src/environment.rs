@@ -379,7 +379,7 @@ pub(crate) struct SceneFunctions {
 
 impl SceneFunctions {
     /// Returns whether [`move_fingers`](Self::move_fingers) reads the state.
-    fn reads_state_to_grip(&self) -> bool {
+    pub(crate) fn reads_state_to_grip(&self) -> bool {
         matches!(self.definition.grip, GripperMode::Scene(_))
     }
 

@@ -3,11 +3,12 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{
-    BatchFactory, BatchStatus, Environment, EnvironmentBatch, EnvironmentSpec, RolloutError, ScenarioBatch,
-    Seed, StepStatus,
+    BatchFactory, BatchStatus, Environment, EnvironmentBatch, EnvironmentSpec, GROUP_ROWS, RolloutError, Sample,
+    ScenarioBatch, ScenarioRows, Seed, StepStatus,
 };
 use mishandle_world::Backend;
 
+use crate::batch::TaskRows;
 use crate::{TaskBatch, TaskEnvironment};
 
 /// Makes environment batches of a task whose physics a [`Backend`] steps.
@@ -34,10 +35,19 @@ impl BatchFactory for TaskBatches {
     }
 
     fn batch(&self, rows: usize) -> Result<Box<dyn EnvironmentBatch>, RolloutError> {
+        let EnvironmentSpec { observation_size, reward_terms, .. } = EnvironmentSpec::of(&*self.environment);
         Ok(Box::new(TrainingBatch {
             batch: TaskBatch::new(&self.environment, &*self.backend, rows)?,
-            environment: self.environment.clone(),
+            observations: vec![0.0; rows * observation_size],
+            rewards: vec![0.0; rows * reward_terms.len()],
             statuses: vec![StepStatus::Running; rows],
+            sizes: Sizes {
+                observation: observation_size,
+                action: self.environment.action_size(),
+                signals: self.environment.signals().len(),
+                rewards: reward_terms.len(),
+            },
+            environment: self.environment.clone(),
         }))
     }
 }
@@ -45,7 +55,51 @@ impl BatchFactory for TaskBatches {
 struct TrainingBatch {
     batch: TaskBatch,
     environment: Arc<TaskEnvironment>,
+    observations: Vec<f32>,
+    rewards: Vec<f64>,
     statuses: Vec<StepStatus>,
+    sizes: Sizes,
+}
+
+/// Lengths of the rows of the buffers.
+#[derive(Clone, Copy)]
+struct Sizes {
+    observation: usize,
+    action: usize,
+    signals: usize,
+    rewards: usize,
+}
+
+/// Samples of a group of rows.
+struct Samples<'a> {
+    observations: &'a mut [f32],
+    rewards: &'a mut [f64],
+    statuses: &'a mut [StepStatus],
+}
+
+impl TrainingBatch {
+    /// Calls `visit` for each group of rows with the index of its first row and its samples, on all threads.
+    fn visit(&mut self, visit: impl Fn(usize, &mut TaskRows<'_>, Samples<'_>) + Sync) {
+        let Sizes { observation, rewards, .. } = self.sizes;
+        let samples = self
+            .observations
+            .chunks_mut(GROUP_ROWS * observation)
+            .zip(self.rewards.chunks_mut(GROUP_ROWS * rewards))
+            .zip(self.statuses.chunks_mut(GROUP_ROWS))
+            .map(|((observations, rewards), statuses)| Samples { observations, rewards, statuses });
+        self.batch.visit_with(samples, |index, rows, samples| visit(index * GROUP_ROWS, rows, samples));
+    }
+}
+
+impl Sizes {
+    /// Returns the buffers of the sample of a row.
+    fn sample<'a>(&self, row: usize, samples: &'a mut Samples<'_>, signals: &'a mut [f64]) -> Sample<'a> {
+        Sample {
+            observation: &mut samples.observations[row * self.observation..][..self.observation],
+            signals,
+            rewards: &mut samples.rewards[row * self.rewards..][..self.rewards],
+        }
+    }
 }
 
 impl EnvironmentBatch for TrainingBatch {
@@ -54,29 +108,47 @@ impl EnvironmentBatch for TrainingBatch {
     }
 
     fn reset(&mut self, rows: &[(usize, Seed)]) -> Result<(), RolloutError> {
-        let space = self.environment.space();
-        let scenarios: Vec<_> = rows.iter().map(|(_, seed)| space.sample(*seed, 0)).collect();
-        let starts = rows.iter().zip(&scenarios).map(|((row, seed), scenario)| (*row, scenario, *seed));
-        self.batch.start(&starts.collect::<Vec<_>>())
+        let (environment, sizes) = (self.environment.clone(), self.sizes);
+        let mut seeds = vec![None; self.rows()];
+        rows.iter().for_each(|(row, seed)| seeds[*row] = Some(*seed));
+        self.visit(|first, rows, mut samples| {
+            let mut signals = vec![0.0; sizes.signals];
+            for row in 0..rows.len() {
+                if let Some(seed) = seeds[first + row] {
+                    let scenario = environment.space().sample(seed, 0);
+                    rows.start(row, &scenario, seed, sizes.sample(row, &mut samples, &mut signals));
+                    samples.statuses[row] = StepStatus::Running;
+                }
+            }
+        });
+        Ok(())
     }
 
     fn step(&mut self, actions: &[f64]) -> Result<(), RolloutError> {
-        self.batch.step(actions)?;
-        for (status, found) in self.statuses.iter_mut().zip(self.batch.samples().statuses) {
-            *status = match found {
-                BatchStatus::Step(status) => *status,
-                BatchStatus::Overflow => StepStatus::Diverged,
-            };
-        }
+        let sizes = self.sizes;
+        let action = |row: usize| &actions[row * sizes.action..][..sizes.action];
+        self.visit(|first, rows, _| (0..rows.len()).for_each(|row| rows.command(row, action(first + row))));
+        self.batch.start_step()?;
+        self.batch.finish_step()?;
+        self.visit(|first, rows, mut samples| {
+            let mut signals = vec![0.0; sizes.signals];
+            for row in 0..rows.len() {
+                let sample = sizes.sample(row, &mut samples, &mut signals);
+                samples.statuses[row] = match rows.sample(row, action(first + row), sample) {
+                    BatchStatus::Step(status) => status,
+                    BatchStatus::Overflow => StepStatus::Diverged,
+                };
+            }
+        });
         Ok(())
     }
 
     fn observations(&self) -> &[f32] {
-        self.batch.samples().observations
+        &self.observations
     }
 
     fn rewards(&self) -> &[f64] {
-        self.batch.samples().rewards
+        &self.rewards
     }
 
     fn statuses(&self) -> &[StepStatus] {
@@ -88,6 +160,9 @@ impl EnvironmentBatch for TrainingBatch {
     }
 
     fn write_states(&mut self, states: &[f64], observations: &[f32]) -> Result<(), RolloutError> {
-        self.batch.write_states(states, observations)
+        self.batch.write_states(states);
+        self.observations.copy_from_slice(observations);
+        self.statuses.fill(StepStatus::Running);
+        Ok(())
     }
 }

@@ -9,7 +9,7 @@ use mishandle_rollout::{
     Screening, Seed, Specification, StepStatus, Stream,
 };
 use mishandle_tasks::{Preset, Reward, TaskBatch, TaskBatches, TaskEnvironment, TaskTarget, tasks};
-use mishandle_world::{Backend, BatchSpec, CpuBackend, WorldBatch, WorldError};
+use mishandle_world::{Backend, BatchSpec, CpuBackend, Outputs, WorldBatch, WorldError};
 
 fn target(task: &str, noise: Noise) -> TaskTarget {
     let task = mishandle_tasks::task(task).unwrap();
@@ -101,16 +101,20 @@ impl WorldBatch for FaultyWorlds {
         self.0.buffers()
     }
 
-    fn step(&mut self) -> Result<(), WorldError> {
-        self.0.step()?;
+    fn start_step(&mut self) -> Result<(), WorldError> {
+        self.0.start_step()
+    }
+
+    fn finish_step(&mut self) -> Result<(), WorldError> {
+        self.0.finish_step()?;
         self.1 += 1;
         if self.1 == 3 && self.2 > 2.0 {
             return Err(WorldError::Backend("the device is lost".into()));
         }
-        let outputs = self.0.buffers().outputs;
-        let end = outputs.len() - 1;
-        if self.1 == 3 {
-            outputs[end] = self.2;
+        if let (Outputs::Double(outputs), 3) = (self.0.buffers().outputs, self.1)
+            && let Some(status) = outputs.last_mut()
+        {
+            *status = self.2;
         }
         Ok(())
     }

@@ -48,6 +48,9 @@ pub trait Backend: Send + Sync {
 /// Many worlds of one model that are stepped together.
 ///
 /// All buffers are row-major. Inputs and outputs have the lengths of a [`BatchLayout`].
+///
+/// The physics may run on another device between [`start_step`](Self::start_step) and [`finish_step`](Self::finish_step). In between,
+/// nothing else may be called.
 pub trait WorldBatch: Send {
     /// Replaces the states of some rows by state vectors, `[rows, state_size]`. No row may occur twice.
     ///
@@ -64,11 +67,17 @@ pub trait WorldBatch: Send {
     /// Returns the buffers.
     fn buffers(&mut self) -> BatchBuffers<'_>;
 
-    /// Advances all rows by the physics steps of one control step under their inputs, and updates their outputs.
+    /// Begins to advance all rows by the physics steps of one control step under their inputs.
     ///
     /// # Errors
-    /// If the batch fails as a whole, for instance because the device is lost. A failure of one row is its [`RowStatus`].
-    fn step(&mut self) -> Result<(), WorldError>;
+    /// If the batch fails as a whole, for instance because the device is lost.
+    fn start_step(&mut self) -> Result<(), WorldError>;
+
+    /// Waits for the end of the step, and updates the outputs.
+    ///
+    /// # Errors
+    /// As [`start_step`](Self::start_step). A failure of one row is its [`RowStatus`].
+    fn finish_step(&mut self) -> Result<(), WorldError>;
 }
 
 /// Buffers of a batch.
@@ -81,7 +90,49 @@ pub struct BatchBuffers<'a> {
     /// Position (m) and quaternion of each mocap body, `[rows, 7 mocap bodies]`.
     pub mocap: &'a mut [f64],
     /// State and poses after the control step, and [`RowStatus`], `[rows, output_size]`.
-    pub outputs: &'a mut [f64],
+    pub outputs: Outputs<'a>,
+}
+
+/// Output rows in the precision of the engine.
+#[derive(Debug)]
+pub enum Outputs<'a> {
+    /// 32 bits.
+    Single(&'a mut [f32]),
+    /// 64 bits.
+    Double(&'a mut [f64]),
+}
+
+impl<'a> Outputs<'a> {
+    /// Splits the rows into groups of `length` numbers; the last group may be smaller.
+    pub fn chunks_mut(self, length: usize) -> impl Iterator<Item = Outputs<'a>> {
+        let (single, double) = match self {
+            Outputs::Single(numbers) => (numbers, &mut [][..]),
+            Outputs::Double(numbers) => (&mut [][..], numbers),
+        };
+        single.chunks_mut(length).map(Outputs::Single).chain(double.chunks_mut(length).map(Outputs::Double))
+    }
+
+    /// Copies row `row` into `output`.
+    pub fn read(&self, row: usize, output: &mut [f64]) {
+        let size = output.len();
+        match self {
+            Outputs::Single(numbers) => {
+                output.iter_mut().zip(&numbers[row * size..][..size]).for_each(|(to, from)| *to = f64::from(*from));
+            }
+            Outputs::Double(numbers) => output.copy_from_slice(&numbers[row * size..][..size]),
+        }
+    }
+
+    /// Replaces row `row` by `output`.
+    pub fn write(&mut self, row: usize, output: &[f64]) {
+        let size = output.len();
+        match self {
+            Outputs::Single(numbers) => {
+                numbers[row * size..][..size].iter_mut().zip(output).for_each(|(to, from)| *to = *from as f32);
+            }
+            Outputs::Double(numbers) => numbers[row * size..][..size].copy_from_slice(output),
+        }
+    }
 }
 
 /// Status of a row after a control step.
@@ -253,11 +304,11 @@ impl WorldBatch for CpuWorlds {
             targets: &mut self.targets,
             active: &mut self.active,
             mocap: &mut self.mocap,
-            outputs: &mut self.outputs,
+            outputs: Outputs::Double(&mut self.outputs),
         }
     }
 
-    fn step(&mut self) -> Result<(), WorldError> {
+    fn start_step(&mut self) -> Result<(), WorldError> {
         let (size, servos, world) = (self.spec.model.state_size(), &self.spec.servos, &mut self.world);
         for (row, output) in self.outputs.chunks_mut(self.layout.output_size()).enumerate() {
             let state = &mut self.states[row * size..][..size];
@@ -280,6 +331,10 @@ impl WorldBatch for CpuWorlds {
                 *status = 1.0;
             }
         }
+        Ok(())
+    }
+
+    fn finish_step(&mut self) -> Result<(), WorldError> {
         Ok(())
     }
 }

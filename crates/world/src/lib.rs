@@ -23,9 +23,7 @@ mod render;
 mod rows;
 mod state;
 
-pub use batch::{
-    Backend, BatchBuffers, BatchLayout, BatchSpec, CpuBackend, CpuWorlds, RowStatus, Servo, WorldBatch,
-};
+pub use batch::{Backend, BatchBuffers, BatchLayout, BatchSpec, CpuBackend, CpuWorlds, Outputs, RowStatus, Servo, WorldBatch};
 pub use change::Change;
 pub use contacts::ContactParts;
 pub use coordinates::Coordinate;
