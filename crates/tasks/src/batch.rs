@@ -6,12 +6,13 @@ use mishandle_rollout::{
     Seed, StepStatus,
 };
 use mishandle_world::{
-    Backend, BatchBuffers, BatchLayout, BatchSpec, Model, RowStatus, WorldBatch, WorldError,
+    Backend, BatchBuffers, BatchLayout, BatchSpec, Model, ModelField, RowStatus, WorldBatch, WorldError,
 };
 use rayon::prelude::*;
 
 use crate::environment::{SceneFunctions, TaskEnvironment, TaskWorker};
 use crate::robot::JOINTS;
+use crate::row_events::RowEvents;
 
 /// Rows that one thread handles at a time.
 const CHUNK: usize = 16;
@@ -29,8 +30,9 @@ pub struct TaskBatch {
     rewards: Vec<f64>,
     statuses: Vec<BatchStatus>,
     functions: SceneFunctions,
-    /// Workers that start episodes, one per thread.
+    /// Workers that start episodes and events, one per thread.
     workers: Vec<TaskWorker>,
+    events: RowEvents,
 }
 
 /// Lengths of the rows of the buffers.
@@ -55,23 +57,18 @@ impl TaskBatch {
     /// Makes a batch of `rows` rows. Every row must be started before its first step.
     ///
     /// # Errors
-    /// If the space has an axis that changes steps after the start (a constant of the model or an event), or `backend` cannot make the
-    /// worlds.
+    /// If `backend` cannot make the worlds.
     pub fn new(
         environment: &TaskEnvironment,
         backend: &dyn Backend,
         rows: usize,
     ) -> Result<TaskBatch, RolloutError> {
-        if environment.has_tail() {
-            return Err(RolloutError::ScreenedSpace {
-                environment: environment.name().to_string(),
-                space: environment.space().name().to_string(),
-            });
-        }
         let model = environment.model().clone();
-        let layout = BatchLayout::new(&model);
+        let (layout, events) = (BatchLayout::new(&model), RowEvents::new(environment, rows));
         let spec = BatchSpec {
             model: model.clone(),
+            fields: events.fields.clone(),
+            pushed: events.pushed.clone(),
             rows,
             substeps: environment.substeps(),
             servos: environment.panda().servos().to_vec(),
@@ -98,6 +95,7 @@ impl TaskBatch {
             statuses: vec![BatchStatus::Step(StepStatus::Running); rows],
             functions: environment.functions(),
             workers: (0..rayon::current_num_threads()).map(|_| environment.task_worker()).collect(),
+            events,
             model,
             layout,
             sizes,
@@ -179,25 +177,25 @@ impl TaskBatch {
         let mut physics = vec![0.0; self.rows * physics_size];
         self.worlds.read_states(&mut physics).map_err(|error| engine_error(&error))?;
         let targets = self.worlds.buffers().targets.chunks(JOINTS);
-        for ((state, physics), targets) in
-            states.chunks_mut(self.sizes.state).zip(physics.chunks(physics_size)).zip(targets)
-        {
+        let rows = states.chunks_mut(self.sizes.state).zip(physics.chunks(physics_size)).zip(targets);
+        for (row, ((state, physics), targets)) in rows.enumerate() {
             state[..physics_size].copy_from_slice(physics);
-            state[physics_size..].copy_from_slice(targets);
+            state[physics_size..][..JOINTS].copy_from_slice(targets);
+            state[physics_size + JOINTS..].copy_from_slice(self.events.tail(row));
         }
         Ok(())
     }
 
     /// Restores all rows from the states and observations of a checkpoint.
     pub(crate) fn write_states(&mut self, states: &[f64], observations: &[f32]) -> Result<(), RolloutError> {
-        let (sizes, layout, physics_size) = (self.sizes, self.layout, self.model.state_size());
+        let (sizes, layout, fields) = (self.sizes, self.layout, &self.events.fields);
         let Some(worker) = self.workers.first_mut() else { return Ok(()) };
         let rows = states.chunks(sizes.state).zip(observations.chunks(sizes.observation)).enumerate();
         let starts: Vec<Start> = rows
             .map(|(row, (state, observation))| {
-                worker.set_state(&state[..physics_size]);
+                worker.set_state(state);
                 let signals = vec![0.0; sizes.signals];
-                sizes.start_at(worker, &layout, (row, state.to_vec(), observation.to_vec(), signals))
+                sizes.start_at(worker, &layout, fields, (row, state.to_vec(), observation.to_vec(), signals))
             })
             .collect();
         self.write_starts(&starts)
@@ -206,13 +204,15 @@ impl TaskBatch {
     /// Replaces the states and samples of the rows that start.
     fn write_starts(&mut self, starts: &[Start]) -> Result<(), RolloutError> {
         let sizes = self.sizes;
-        let (mut rows, mut states) = (Vec::with_capacity(starts.len()), Vec::new());
-        let BatchBuffers { targets, active, mocap, outputs } = self.worlds.buffers();
+        let (mut rows, mut states, mut fields) = (Vec::with_capacity(starts.len()), Vec::new(), Vec::new());
+        let BatchBuffers { targets, active, mocap, outputs, .. } = self.worlds.buffers();
         let size = self.model.state_size();
         for start in starts {
             let row = start.row;
             rows.push(row);
             states.extend_from_slice(&start.state[..size]);
+            fields.extend_from_slice(&start.fields);
+            self.events.set_tail(row, &start.state[size + JOINTS..]);
             targets[row * JOINTS..][..JOINTS].copy_from_slice(&start.state[size..][..JOINTS]);
             active[row * sizes.active..][..sizes.active].copy_from_slice(&start.active);
             mocap[row * sizes.mocap..][..sizes.mocap].copy_from_slice(&start.mocap);
@@ -223,11 +223,14 @@ impl TaskBatch {
             self.rewards[row * sizes.rewards..][..sizes.rewards].fill(0.0);
             self.statuses[row] = BatchStatus::Step(StepStatus::Running);
         }
+        if !fields.is_empty() {
+            self.worlds.write_fields(&rows, &fields).map_err(|error| engine_error(&error))?;
+        }
         self.worlds.write_states(&rows, &states).map_err(|error| engine_error(&error))
     }
 }
 
-fn engine_error(error: &WorldError) -> RolloutError {
+pub(crate) fn engine_error(error: &WorldError) -> RolloutError {
     RolloutError::Engine(error.to_string())
 }
 
@@ -235,6 +238,8 @@ fn engine_error(error: &WorldError) -> RolloutError {
 struct Start {
     row: usize,
     state: Vec<f64>,
+    /// Values of the varying fields of the model.
+    fields: Vec<f64>,
     output: Vec<f64>,
     active: Vec<bool>,
     mocap: Vec<f64>,
@@ -248,6 +253,7 @@ impl Sizes {
         &self,
         worker: &mut TaskWorker,
         layout: &BatchLayout,
+        fields: &[ModelField],
         (row, scenario, seed): (usize, &Scenario, Seed),
     ) -> Start {
         let (mut state, mut observation) = (vec![0.0; self.state], vec![0.0; self.observation]);
@@ -258,7 +264,7 @@ impl Sizes {
             rewards: &mut vec![0.0; self.rewards],
         };
         worker.reset(scenario, seed, &mut state, sample);
-        self.start_at(worker, layout, (row, state, observation, signals))
+        self.start_at(worker, layout, fields, (row, state, observation, signals))
     }
 
     /// Starts at the state of the worker's world.
@@ -266,10 +272,12 @@ impl Sizes {
         &self,
         worker: &TaskWorker,
         layout: &BatchLayout,
+        fields: &[ModelField],
         (row, state, observation, signals): (usize, Vec<f64>, Vec<f32>, Vec<f64>),
     ) -> Start {
-        let world = worker.nominal_world();
-        let mut output = vec![0.0; self.output];
+        let world = worker.world();
+        let (mut output, mut values) = (vec![0.0; self.output], Vec::new());
+        world.model().read_fields(fields, &mut values);
         layout.write(world, &mut output);
         let (positions, quaternions) = world.mocap_poses();
         let poses = positions.iter().zip(quaternions);
@@ -277,6 +285,7 @@ impl Sizes {
         Start {
             row,
             state,
+            fields: values,
             output,
             active: world.active().to_vec(),
             mocap: mocap.collect(),
@@ -292,20 +301,21 @@ impl ScenarioBatch for TaskBatch {
     }
 
     fn start(&mut self, starts: &[(usize, &Scenario, Seed)]) -> Result<(), RolloutError> {
-        let (sizes, layout) = (self.sizes, self.layout);
+        let (sizes, layout, fields) = (self.sizes, self.layout, &self.events.fields);
         let share = starts.len().div_ceil(self.workers.len()).max(1);
         let starts: Vec<Start> = self
             .workers
             .par_iter_mut()
             .zip(starts.par_chunks(share))
             .flat_map_iter(|(worker, starts)| {
-                starts.iter().map(move |start| sizes.start(worker, &layout, *start))
+                starts.iter().map(move |start| sizes.start(worker, &layout, fields, *start))
             })
             .collect();
         self.write_starts(&starts)
     }
 
     fn step(&mut self, actions: &[f64]) -> Result<(), RolloutError> {
+        self.events.begin_step(&mut *self.worlds, &mut self.workers, &self.layout)?;
         self.command(actions);
         self.worlds.step().map_err(|error| engine_error(&error))?;
         self.write_samples(actions);

@@ -28,6 +28,7 @@ mod peg_in_hole;
 mod point_reaching;
 mod reward;
 mod robot;
+mod row_events;
 mod target;
 mod training_batch;
 
