@@ -2,7 +2,7 @@
 //! steps.
 //!
 //! ```text
-//! cargo bench --bench screening -- TASK [ROWS] [EPISODES PER ROW]
+//! cargo bench --bench screening -- TASK [ROWS] [EPISODES PER ROW] [SPACE]
 //! ```
 
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
@@ -24,13 +24,17 @@ impl Backend for Still {
     }
 
     fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
-        Ok(Box::new(StillWorlds(CpuBackend.batch(spec)?)))
+        Ok(Box::new(StillWorlds(CpuBackend.batch(&BatchSpec { fields: Vec::new(), ..spec.clone() })?)))
     }
 }
 
 impl WorldBatch for StillWorlds {
     fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
         self.0.write_states(rows, states)
+    }
+
+    fn write_fields(&mut self, _rows: &[usize], _values: &[f64]) -> Result<(), WorldError> {
+        Ok(())
     }
 
     fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {
@@ -58,7 +62,8 @@ fn main() {
     let (task, rows, episodes) =
         (arguments.first().map_or("point-reaching", String::as_str), number(1, 4096), number(2, 1));
     let evaluate = EvaluatePlan::default();
-    let plan = Plan { action_noise: 0.1, seed: 1, evaluate: Some(evaluate), ..Plan::new(task, "ppo") };
+    let space = arguments.get(3).map_or("starts", String::as_str).to_string();
+    let plan = Plan { action_noise: 0.1, seed: 1, space, evaluate: Some(evaluate), ..Plan::new(task, "ppo") };
     let resolved = ResolvedPlan::new(&plan).unwrap();
     let mut screening = mishandle::screening(&resolved, &Still, rows).unwrap();
     let requests: Vec<Request> = (0..rows * episodes)

@@ -47,7 +47,7 @@ pub(crate) fn gpu_networks() -> Option<&'static dyn NetworkDevice> {
 /// one of them, the CPU computes the samples and actions of the other.
 ///
 /// # Errors
-/// If the target is no task, its space changes the model during an episode, or the backend cannot simulate it.
+/// If the target is no task, or the backend cannot simulate it.
 pub fn screening(
     resolved: &ResolvedPlan,
     backend: &dyn Backend,

@@ -61,6 +61,10 @@ impl WorldBatch for WrongWorlds {
         self.0.write_states(rows, states)
     }
 
+    fn write_fields(&mut self, rows: &[usize], values: &[f64]) -> Result<(), WorldError> {
+        self.0.write_fields(rows, values)
+    }
+
     fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {
         self.0.read_states(states)
     }
@@ -256,14 +260,17 @@ fn a_wrong_engine_cannot_falsify_a_trial_and_with_all_repeated_it_changes_nothin
 }
 
 #[test]
-fn a_space_that_another_engine_cannot_simulate_is_refused_before_the_first_simulation() {
-    let plan = Plan { space: "dynamics".to_string(), ..falsification(1).plan };
+fn changed_constants_and_events_have_the_counterexamples_of_the_system() {
+    let plan = Plan { space: "starts+dynamics+events".to_string(), ..falsification(24).plan };
     let resolved = ResolvedPlan::new(&plan).unwrap();
-    let error = mishandle::screening(&resolved, &CpuBackend, 24).err().unwrap().to_string();
-    assert!(
-        error.starts_with("--backend gpu cannot simulate the space `dynamics` of point-reaching"),
-        "{error}"
-    );
+    let folder = tempfile::tempdir().unwrap();
+    let run = mishandle::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
+    let plain = mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+    let mut screening = mishandle::screening(&resolved, &CpuBackend, 24).unwrap();
+    let watch = &mut |_: &CampaignOutcome| ControlFlow::Continue(());
+    let (found, counts) = mishandle::falsify_on_backend(&resolved, &mut screening, 0.1, watch).unwrap();
+    assert!(found.trials.iter().map(evidence).eq(plain.trials.iter().map(evidence)));
+    assert_eq!(counts.sampled.violations, 0);
 }
 
 /// A device that is lost at its first step.
@@ -284,6 +291,10 @@ impl Backend for Lost {
 impl WorldBatch for LostWorlds {
     fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
         self.0.write_states(rows, states)
+    }
+
+    fn write_fields(&mut self, rows: &[usize], values: &[f64]) -> Result<(), WorldError> {
+        self.0.write_fields(rows, values)
     }
 
     fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {

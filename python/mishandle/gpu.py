@@ -6,6 +6,8 @@ Its results are close to those of MuJoCo C, but not the same bits. It proposes s
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import functools
 import importlib
 import os
 import sys
@@ -47,6 +49,15 @@ CONTACTS = 64
 FLEX_CONTACTS = 256
 """Contacts per world of a model with a cloth."""
 
+GRAVITY = "opt.gravity"
+
+UNUSED_FIELDS = {"bvh_aabb", "dof_M0", "dof_length"}
+"""Fields of MuJoCo's model that the physics step of MuJoCo Warp does not read: boxes of its collision tree, and scales for sleeping
+bodies and for models with a soft inertia."""
+
+STAGED_ROWS = 1024
+"""Rows whose fields are copied to the GPU at a time."""
+
 CPU_LOCK = threading.Lock()
 """Held while kernels run on the CPU: they are not made for several threads."""
 
@@ -84,6 +95,11 @@ def compile_model(xml: str, timestep: float) -> Any:
     return model
 
 
+def attribute(model: Any, name: str) -> Any:
+    """Returns a field of a model of MuJoCo C or Warp by its name, such as ``opt.gravity``."""
+    return functools.reduce(getattr, name.split("."), model)
+
+
 def _floats(array: Any) -> Any:
     """Returns a view of an array of vectors or matrices as ``[rows, numbers]``."""
     rows = array.shape[0]
@@ -118,7 +134,8 @@ class WarpBatch:
     """Worlds of one model, one per row, that MuJoCo Warp steps together.
 
     Arguments: the MJCF document, the physics step (s), the number of worlds, the number of physics steps per control step, the index of
-    each servo's joint position and the maximum distance of its setpoint from it, the bodies that ``forces`` push, and the device.
+    each servo's joint position and the maximum distance of its setpoint from it, the bodies that ``forces`` push, the fields of the model
+    that :meth:`write_fields` replaces, such as ``geom_friction`` or ``opt.gravity``, and the device.
     """
 
     def __init__(
@@ -130,14 +147,45 @@ class WarpBatch:
         servo_qpos: Sequence[int],
         servo_lead: Sequence[float],
         pushed: Sequence[int] = (),
+        fields: Sequence[str] = (),
         device: str | None = None,
         constraint_rows: int | None = None,
     ) -> None:
         self._device = find_device(device)
         self._rows, self._substeps = rows, substeps
         with _Announcement(), wp.ScopedDevice(self._device):
-            self._allocate(compile_model(xml, timestep), servo_qpos, servo_lead, pushed, constraint_rows)
+            model = compile_model(xml, timestep)
+            self._put_model(model, fields)
+            self._allocate(model, servo_qpos, servo_lead, pushed, constraint_rows)
             self._record()
+
+    def _put_model(self, model: Any, fields: Sequence[str]) -> None:
+        """Makes the model of MuJoCo Warp, whose varying fields have one row per world."""
+        if "dof_damping" in fields and np.any(model.actuator_damping):
+            # MuJoCo Warp adds it to the damping of the joints.
+            raise RuntimeError("cannot vary dof_damping of a model with damped actuators between worlds; use --backend cpu")
+        known = {field.name: field.type for field in dataclasses.fields(mjw.Model)}
+        varying: dict[str, int] = {}
+        self._fields_size = 0
+        for name in fields:
+            size = int(np.size(attribute(model, name)))
+            if size > 0 and name not in UNUSED_FIELDS:
+                if name != GRAVITY and getattr(known.get(name), "shape", (0,))[0] != "*":
+                    # With a cloth, masses change flexedge_invweight0, which MuJoCo Warp shares between worlds.
+                    raise RuntimeError(f"cannot vary {name} of this model between worlds; use --backend cpu")
+                varying[name] = self._fields_size
+            self._fields_size += size
+        rows = self._rows
+        self._model = mjw.put_model(model, {name: rows for name in varying if name != GRAVITY})
+        if GRAVITY in varying:
+            gravity = np.tile(model.opt.gravity, (rows, 1))
+            self._model.opt.gravity = wp.array(gravity, dtype=wp.vec3)
+            self._model.opt.gravity._is_batched = True
+        self._model.opt.warn_overflow = 0
+        self._field_parts = [(offset, _floats(attribute(self._model, name))) for name, offset in varying.items()]
+        shape, is_cuda = (min(rows, STAGED_ROWS), self._fields_size), self._device.is_cuda
+        self._host_fields = wp.zeros(shape, dtype=wp.float64, device="cpu", pinned=is_cuda)
+        self._fields = wp.zeros(shape, dtype=wp.float64) if is_cuda else self._host_fields
 
     def _allocate(
         self,
@@ -149,8 +197,6 @@ class WarpBatch:
     ) -> None:
         rows, is_cuda = self._rows, self._device.is_cuda
         has_flex = model.nflex > 0
-        self._model = mjw.put_model(model)
-        self._model.opt.warn_overflow = 0
         self.data = mjw.make_data(
             model,
             nworld=rows,
@@ -278,7 +324,7 @@ class WarpBatch:
         - ``targets``: target of each servo
         - ``active``: 1 for each active equality constraint, otherwise 0
         - ``mocap``: position and quaternion of each mocap body
-        - ``forces``: force on the pushed bodies in each physics step, N
+        - ``forces``: force on every pushed body in each physics step, N
         - ``outputs``: qpos, qvel, body positions and quaternions, site positions and rotations, joint anchors and axes; then 0, 1 if
           the world has diverged, or 2 if it had too little memory for contacts or constraints
         """
@@ -309,6 +355,27 @@ class WarpBatch:
             )
         if self._device.is_cuda:
             # The next call overwrites the page-locked buffers.
+            wp.synchronize_stream(self._stream)
+
+    def write_fields(self, rows: NDArray[np.int32], values: NDArray[np.float64]) -> None:
+        """Replaces the varying fields of the models of some rows, one field after another, each row-major."""
+        values = np.reshape(values, (len(rows), self._fields_size))
+        with contextlib.nullcontext() if self._device.is_cuda else CPU_LOCK:
+            for first in range(0, len(rows), STAGED_ROWS):
+                part = slice(first, first + STAGED_ROWS)
+                self._write_fields(rows[part], values[part])
+
+    def _write_fields(self, rows: NDArray[np.int32], values: NDArray[np.float64]) -> None:
+        count = len(rows)
+        self._host_rows.numpy()[:count] = rows
+        self._host_fields.numpy()[:count] = values
+        if self._device.is_cuda:
+            wp.copy(self._indices, self._host_rows, count=count, stream=self._stream)
+            wp.copy(self._fields, self._host_fields, count=count * self._fields_size, stream=self._stream)
+        for offset, part in self._field_parts:
+            self._launch(kernels.scatter, (count, part.shape[1]), [self._fields, self._indices, offset, part])
+        if self._device.is_cuda:
+            # The next part overwrites the page-locked buffers.
             wp.synchronize_stream(self._stream)
 
     def read_states(self) -> NDArray[np.float64]:

@@ -30,6 +30,7 @@ struct WarpWorlds {
     targets: Buffer,
     active: Buffer,
     mocap: Buffer,
+    forces: Buffer,
     outputs: Buffer,
 }
 
@@ -64,9 +65,11 @@ impl Backend for WarpBackend {
 fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
     let qpos: Vec<usize> = spec.servos.iter().map(|servo| servo.qpos).collect();
     let lead: Vec<f64> = spec.servos.iter().map(|servo| servo.max_lead).collect();
-    let pushed: [usize; 0] = [];
-    let arguments =
-        (spec.model.document(), spec.model.timestep(), spec.rows, spec.substeps, qpos, lead, pushed.to_vec());
+    let pushed: Vec<usize> = spec.pushed.iter().map(|body| body.index()).collect();
+    let fields: Vec<&str> = spec.fields.iter().map(|field| field.name()).collect();
+    let forces = if pushed.is_empty() { 0 } else { 3 * spec.rows * spec.substeps };
+    let (document, timestep) = (spec.model.document(), spec.model.timestep());
+    let arguments = (document, timestep, spec.rows, spec.substeps, qpos, lead, pushed, fields);
     let object = py.import("mishandle.gpu")?.getattr("WarpBatch")?.call1(arguments)?;
     let buffer = buffers(&object)?;
     let layout = mishandle::world::BatchLayout::new(&spec.model);
@@ -74,6 +77,7 @@ fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
         targets: buffer("targets", spec.rows * spec.servos.len())?,
         active: buffer("active", spec.rows * layout.constraints)?,
         mocap: buffer("mocap", spec.rows * 7 * layout.mocaps)?,
+        forces: buffer("forces", forces)?,
         outputs: buffer("outputs", spec.rows * layout.output_size())?,
         object: object.unbind(),
     })
@@ -99,19 +103,28 @@ impl WarpWorlds {
             Err(error) => Err(failed(py, &error)),
         })
     }
-}
 
-impl WorldBatch for WarpWorlds {
-    fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
+    /// Calls a method with indices of rows and numbers for each of them.
+    fn write(&mut self, method: &str, rows: &[usize], values: &[f64]) -> Result<(), WorldError> {
         if rows.is_empty() {
             return Ok(());
         }
         Python::attach(|py| {
             let indices: Vec<i32> = rows.iter().map(|row| *row as i32).collect();
-            let arguments = (PyArray1::from_vec(py, indices), PyArray1::from_slice(py, states));
-            self.object.call_method1(py, "write_states", arguments).map_err(|error| failed(py, &error))
+            let arguments = (PyArray1::from_vec(py, indices), PyArray1::from_slice(py, values));
+            self.object.call_method1(py, method, arguments).map_err(|error| failed(py, &error))
         })?;
         Ok(())
+    }
+}
+
+impl WorldBatch for WarpWorlds {
+    fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
+        self.write("write_states", rows, states)
+    }
+
+    fn write_fields(&mut self, rows: &[usize], values: &[f64]) -> Result<(), WorldError> {
+        self.write("write_fields", rows, values)
     }
 
     fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {
@@ -131,7 +144,8 @@ impl WorldBatch for WarpWorlds {
 
     fn buffers(&mut self) -> BatchBuffers<'_> {
         // SAFETY: the object lives as long as `self`; its buffers have these types and lengths (`make` checked the lengths) and are
-        // used by Python and the GPU only from `start_step` to `finish_step` and in `write_states`, which borrow `self` exclusively. `active` holds what this side writes,
+        // used by Python and the GPU only from `start_step` to `finish_step` and in `write_states` and `write_fields`, which borrow
+        // `self` exclusively. `active` holds what this side writes,
         // 0 or 1, and starts as zeros.
         #[allow(unsafe_code)]
         unsafe {
@@ -139,6 +153,7 @@ impl WorldBatch for WarpWorlds {
                 targets: slice(self.targets),
                 active: slice(self.active),
                 mocap: slice(self.mocap),
+                forces: slice(self.forces),
                 outputs: Outputs::Single(slice(self.outputs)),
             }
         }

@@ -29,6 +29,84 @@ WELDED = """<mujoco><option integrator="implicitfast"/><worldbody>
 <body name="held" pos="0.5 0 0"><freejoint/><geom type="box" size="0.02 0.02 0.02" contype="0" conaffinity="0"/></body>
 </worldbody><equality><weld body1="arm" body2="held"/></equality></mujoco>"""
 
+CHANGEABLE = """<mujoco><option integrator="implicitfast"/><worldbody>
+<geom name="floor" type="plane" size="1 1 0.1" friction="0.3"/>
+<body name="arm" gravcomp="1" pos="0 0 0.5"><joint name="hinge" axis="0 1 0" damping="0.1"/>
+<geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.02" mass="1" contype="0" conaffinity="0"/></body>
+<body name="held" pos="0.4 0 0.5"><freejoint/><geom type="box" size="0.02 0.02 0.02" mass="0.2" contype="0" conaffinity="0"/></body>
+<body name="box" pos="0 0.5 0.0299"><freejoint/><geom type="box" size="0.02 0.02 0.03" mass="0.1"/><site pos="0.01 0 0"/></body>
+<body name="ball" pos="0 -0.5 0.0299"><freejoint/><geom name="ball" type="sphere" size="0.03" mass="0.1"/></body>
+</worldbody><contact><pair geom1="floor" geom2="ball" friction="0.4 0.4 0.005 0.0001 0.0001"/></contact>
+<equality><weld body1="arm" body2="held" relpose="0.4 0 0 1 0 0 0"/></equality>
+<actuator><position joint="hinge" kp="20" kv="1"/></actuator></mujoco>"""
+
+DERIVED = ["body_subtreemass", "body_invweight0", "dof_invweight0", "dof_M0", "dof_length", "actuator_acc0"]
+
+
+def change_geom_friction(model):
+    model.geom_friction[:, 0] *= 1.5
+
+
+def change_pair_friction(model):
+    model.pair_friction[:, :2] *= 1.5
+
+
+def change_mass(model):
+    held = model.body("held").id
+    model.body_mass[held] *= 2
+    model.body_inertia[held] *= 2
+
+
+def change_damping(model):
+    model.dof_damping[0] += 5
+
+
+def change_gain(model):
+    model.actuator_gainprm[0, 0] *= 1.2
+    model.actuator_biasprm[0, :3] *= 1.2
+
+
+def change_size(model):
+    box = model.body("box").id
+    geom, factor = model.body_geomadr[box], 1.05
+    for array in (model.geom_size, model.geom_pos, model.geom_aabb, model.geom_rbound):
+        array[geom] *= factor
+    model.site_pos[0] *= factor
+    model.body_ipos[box] *= factor
+    model.body_inertia[box] *= factor * factor
+
+
+def change_payload(model):
+    arm = model.body("arm").id
+    own = model.body_mass[arm]
+    model.body_mass[arm] += 0.4
+    model.body_gravcomp[arm] *= own / (own + 0.4)
+
+
+def change_gravity(model):
+    (x, _, z), (sin, cos) = model.opt.gravity, (np.sin(0.04), np.cos(0.04))
+    model.opt.gravity[:] = [cos * x - sin * z, 0, sin * x + cos * z]
+
+
+def change_weld(model):
+    model.eq_data[0, 5] += 0.005
+
+
+CHANGES = [
+    (change_geom_friction, ["geom_friction"]),
+    (change_pair_friction, ["pair_friction"]),
+    (change_mass, ["body_mass", "body_inertia", *DERIVED]),
+    (change_damping, ["dof_damping"]),
+    (change_gain, ["actuator_gainprm", "actuator_biasprm"]),
+    (
+        change_size,
+        ["geom_size", "geom_pos", "geom_aabb", "geom_rbound", "body_inertia", "body_ipos", "site_pos", *DERIVED],
+    ),
+    (change_payload, ["body_mass", "body_gravcomp", *DERIVED]),
+    (change_gravity, ["opt.gravity"]),
+    (change_weld, ["eq_data"]),
+]
+
 
 def state_of(model, data):
     state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
@@ -102,6 +180,71 @@ class Physics(unittest.TestCase):
         batch.write_states(np.array([0, 1], dtype=np.int32), np.array([state_of(model, data), flying]))
         batch.step()
         self.assertEqual(list(batch.arrays()["outputs"][:, -1]), [1.0, 0.0])
+
+    def one_step(self, models, fields, force):
+        """Takes one physics step of CHANGEABLE in MuJoCo Warp and C, with one row per model. Returns the velocities of both.
+
+        Everything moves, touches something or is welded.
+        """
+        rows, pushed = len(models), [models[0].body("held").id]
+        batch = gpu.WarpBatch(CHANGEABLE, 1 / 240, rows, 1, [0], [0.1], pushed, fields, device="cpu")
+        data = mujoco.MjData(models[0])
+        data.qpos[0], data.qvel[0] = 0.1, 0.5
+        for body in ("box", "ball"):
+            data.qvel[models[0].joint(models[0].body(body).jntadr[0]).dofadr[0]] = 0.3
+        states = np.tile(state_of(models[0], data), (rows, 1))
+        batch.write_states(np.arange(rows, dtype=np.int32), states)
+        # The first row keeps the constants of the document.
+        values = [np.concatenate([gpu.attribute(model, name).ravel() for name in fields]) for model in models[1:]]
+        batch.write_fields(np.arange(1, rows, dtype=np.int32), np.array(values))
+        buffers = batch.arrays()
+        buffers["targets"][:], buffers["active"][:], buffers["forces"][:] = 0.12, 1, force
+        batch.step()
+        nq, nv = models[0].nq, models[0].nv
+        expected = np.zeros((rows, nv))
+        for row, model in enumerate(models):
+            data = mujoco.MjData(model)
+            mujoco.mj_setState(model, data, states[row], mujoco.mjtState.mjSTATE_INTEGRATION)
+            data.ctrl[0] = 0.12
+            data.xfrc_applied[pushed, :3] = force
+            mujoco.mj_step(model, data)
+            expected[row] = data.qvel
+        return buffers["outputs"][:, nq : nq + nv], expected
+
+    def test_one_step_of_changed_worlds_agrees_with_changed_models_of_mujoco_c(self):
+        for change, fields in CHANGES:
+            models = [gpu.compile_model(CHANGEABLE, 1 / 240) for _ in range(3)]
+            for model in models[1:]:
+                change(model)
+            change(models[2])
+            if "body_invweight0" in fields:
+                for model in models[1:]:
+                    mujoco.mj_setConst(model, mujoco.MjData(model))
+            found, expected = self.one_step(models, fields, [0.0, 0.0, 0.0])
+            with self.subTest(change=change.__name__):
+                # The velocities reach 0.5, and 32-bit numbers have 3e-8 there.
+                self.assertLess(np.abs(found - expected).max(), 1e-5)
+                # Otherwise a world without its constants would pass.
+                for row in (1, 2):
+                    self.assertGreater(np.abs(expected[row] - expected[row - 1]).max(), 1e-3)
+
+    def test_a_push_accelerates_a_body_as_in_mujoco_c(self):
+        models = [gpu.compile_model(CHANGEABLE, 1 / 240) for _ in range(2)]
+        found, expected = self.one_step(models, ["eq_data"], [1.0, -2.0, 0.5])
+        _, without = self.one_step(models, ["eq_data"], [0.0, 0.0, 0.0])
+        self.assertLess(np.abs(found - expected).max(), 1e-5)
+        self.assertGreater(np.abs(expected - without).max(), 1e-2)
+
+    def test_fields_that_worlds_share_are_an_error(self):
+        with self.assertRaisesRegex(RuntimeError, "cannot vary geom_type.*--backend cpu"):
+            gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], [], ["geom_type"], device="cpu")
+
+    def test_one_step_from_states_with_changed_constants_and_events_agrees_with_mujoco_c(self):
+        # Bounds: as below; a world without its constants or its push differs by more than 0.01.
+        found = gpu_audit.audit("ball-balancing", simulations=20, period=10, space="starts+dynamics+events")
+        self.assertGreaterEqual(found.states, 500)
+        self.assertEqual(found.overflows, 0)
+        self.assertLess(found.summary()["qvel"][2], 1e-2)
 
     def test_one_step_from_states_of_episodes_agrees_with_mujoco_c(self):
         # Bounds: about five times the largest difference of 1,000 states; 32-bit numbers have 6e-8.
@@ -219,6 +362,19 @@ class Commands(unittest.TestCase):
             at = ",".join(f"{name}={value!r}" for name, value in trial["scenario"].items())
             again = self.run_command("simulate", "--at", at, "--seed", trial["seed"])
             self.assertEqual(again["robustness"], trial["minimum_robustness"])
+
+    def test_mujoco_warp_and_mujoco_c_agree_on_most_simulations_with_changed_constants_and_events(self):
+        options = "--space starts+dynamics+events --simulations 24 --method monte-carlo --seed 3 --formula"
+        formula = "always[50:300](finger_target_distance <= 0.03)"
+        found = self.run_command(
+            "risk", *options.split(), formula, "--backend", "gpu", "--rows", "24", "--confirm", "1"
+        )
+        screening, confirmation = found["screening"], found["confirmation"]
+        self.assertEqual((screening["simulations"], screening["without_verdict"]), (24, 0))
+        self.assertGreater(screening["flagged"], 2)
+        self.assertGreater(confirmation["sampled"], 2)
+        refuted = screening["flagged"] - confirmation["flagged_failures"]
+        self.assertLessEqual(refuted + confirmation["sampled_failures"], 1)
 
     def test_evaluate_finds_the_same_success_rate_as_mujoco_c_if_that_repeats_everything(self):
         options = ["--episodes", "20", "--seed", "4"]

@@ -122,17 +122,6 @@ pub enum RolloutError {
         /// The monitor's error.
         source: mishandle_stl::MonitorError,
     },
-    /// Axes of the space change the model or the course of an episode, which another physics engine cannot.
-    #[error(
-        "--backend gpu cannot simulate the space `{space}` of {environment}, because its axes change constants of the model or \
-         events during an episode; use --backend cpu"
-    )]
-    ScreenedSpace {
-        /// Name of the environment.
-        environment: String,
-        /// Name of the space.
-        space: String,
-    },
     /// Another physics engine than that of the system failed.
     #[error("the physics engine of the backend failed: {0}")]
     Engine(String),

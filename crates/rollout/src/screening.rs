@@ -1,5 +1,6 @@
 //! Episodes that another physics engine simulates, many at a time. They propose; they are no evidence.
 
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -41,9 +42,9 @@ pub trait ScenarioRows {
     /// Starts an episode in a row and writes its first sample.
     fn start(&mut self, row: usize, scenario: &Scenario, seed: Seed, sample: Sample<'_>);
 
-    /// Writes the sample of a row after a control step under `action`, and returns its status. Without a
-    /// [step](BatchStatus::Step), the sample is meaningless.
-    fn sample(&mut self, row: usize, action: &[f64], sample: Sample<'_>) -> BatchStatus;
+    /// Writes the sample of a row after a control step, without rewards, and returns its status. If the engine has not simulated the
+    /// step, the sample is meaningless.
+    fn sample(&mut self, row: usize, observation: &mut [f32], signals: &mut [f64]) -> BatchStatus;
 
     /// Sets the action of a row in the next control step. It is not clipped.
     fn command(&mut self, row: usize, action: &[f64]);
@@ -135,14 +136,27 @@ fn fly(
     watch: &(dyn Fn(usize) -> bool + Sync),
 ) -> Result<(), RolloutError> {
     let mut done = 0;
-    while flights.iter().any(|flight| !flight.is_idle) {
-        for flight in flights.iter_mut().filter(|flight| !flight.is_idle) {
-            flight.advance(shared)?;
-            let finished = flight.collect(outcomes);
-            done += finished;
-            if finished > 0 && !watch(done) {
-                return Ok(());
-            }
+    // The batch whose next step has not begun. It begins while the next batch is visited.
+    let mut visited: Option<&mut Flight<'_>> = None;
+    let mut queue: VecDeque<&mut Flight<'_>> = flights.iter_mut().collect();
+    while let Some(flight) = queue.pop_front() {
+        let begin = || visited.as_mut().map_or(Ok(()), |flight| flight.begin());
+        let (begun, advanced) = rayon::join(begin, || flight.visit(shared));
+        begun.and(advanced)?;
+        queue.extend(visited.take());
+        let finished = flight.collect(outcomes);
+        done += finished;
+        if finished > 0 && !watch(done) {
+            return Ok(());
+        }
+        if flight.is_idle {
+            continue;
+        }
+        if queue.is_empty() {
+            flight.begin()?;
+            queue.push_back(flight);
+        } else {
+            visited = Some(flight);
         }
     }
     Ok(())
@@ -218,8 +232,14 @@ impl Flight<'_> {
         }
     }
 
-    /// Ends the present control step and begins the next one.
-    fn advance(&mut self, shared: &Shared<'_>) -> Result<(), RolloutError> {
+    /// Begins the physics of the next control step.
+    fn begin(&mut self) -> Result<(), RolloutError> {
+        self.is_stepping = true;
+        self.batch.start_step()
+    }
+
+    /// Waits for the physics of the present control step, and visits all rows.
+    fn visit(&mut self, shared: &Shared<'_>) -> Result<(), RolloutError> {
         self.wait()?;
         let (groups, failure) = (&self.groups, Mutex::new(None));
         self.batch.visit(&|index, rows| {
@@ -231,10 +251,6 @@ impl Flight<'_> {
             return Err(error);
         }
         self.is_idle = !self.groups.iter_mut().any(|group| get_mut(group).has_simulations());
-        if !self.is_idle {
-            self.batch.start_step()?;
-            self.is_stepping = true;
-        }
         Ok(())
     }
 
@@ -266,8 +282,6 @@ struct Group {
     /// Simulation in each row; `None` if the row is idle.
     simulations: Vec<Option<Simulation>>,
     progress: Vec<Progress>,
-    /// Actions of the last control step.
-    actions: Vec<f64>,
     history: History,
     finished: Vec<(usize, ScreenedEpisode)>,
 }
@@ -289,7 +303,6 @@ impl Group {
             rows: LaneRows::new(rollout),
             simulations: vec![None; rows],
             progress: vec![Progress::IDLE; rows],
-            actions: vec![0.0; rows * rollout.sizes().1],
             history: History::new(rows, signals, samples),
             finished: Vec::with_capacity(rows),
         }
@@ -343,8 +356,8 @@ impl Group {
             return;
         }
         let (step, Thread { lane, trace }) = (progress.steps + 1, thread);
-        let size = lane.action.len();
-        let status = match environment.sample(row, &self.actions[row * size..][..size], lane.sample(row)) {
+        let Sample { observation, signals, .. } = lane.sample(row);
+        let status = match environment.sample(row, observation, signals) {
             BatchStatus::Step(status) => status,
             BatchStatus::Overflow => {
                 simulation.has_overflowed = true;
@@ -395,12 +408,10 @@ impl Group {
             return;
         }
         lane.act(rollout, &mut self.rows, &mut self.progress);
-        let actions = self.actions.chunks_mut(lane.action.len());
-        for (row, (progress, kept)) in self.progress.iter().zip(actions).enumerate() {
+        for (row, progress) in self.progress.iter().enumerate() {
             if progress.is_running() {
                 lane.action(rollout, &mut self.rows, row, progress);
                 environment.command(row, &lane.action);
-                kept.copy_from_slice(&lane.action);
             }
         }
     }

@@ -13,6 +13,7 @@ use mishandle_world::{
 use rayon::prelude::*;
 
 use crate::environment::{SceneFunctions, TaskEnvironment, TaskWorker};
+use crate::events::Events;
 use crate::robot::JOINTS;
 
 /// Many rows of a [`TaskEnvironment`] whose physics a [`Backend`] steps.
@@ -20,8 +21,10 @@ pub struct TaskBatch {
     worlds: Box<dyn WorldBatch>,
     rows: usize,
     shared: Shared,
-    /// Rows of each group that have started since the last step.
-    starts: Vec<Starts>,
+    /// Tail of the state row of each row, which [`Events`] describe.
+    tails: Vec<f64>,
+    /// Inputs of the worlds of each group that the next step needs.
+    pending: Vec<Pending>,
 }
 
 /// What all threads share.
@@ -30,6 +33,7 @@ struct Shared {
     layout: BatchLayout,
     functions: SceneFunctions,
     sizes: Sizes,
+    events: Events,
     environment: TaskEnvironment,
     /// Buffers and workers that no thread uses now.
     threads: Mutex<Vec<Thread>>,
@@ -52,36 +56,58 @@ struct Thread {
     state: Vec<f64>,
     output: Vec<f64>,
     observation: Vec<f64>,
+    fields: Vec<f64>,
 }
 
-/// Rows that start, and their physical states, one after another.
+/// States and varying fields that the worlds have not got yet.
 #[derive(Default)]
-struct Starts {
+struct Pending {
+    states: RowValues,
+    fields: RowValues,
+}
+
+/// Numbers of some rows, one row after another.
+#[derive(Default)]
+struct RowValues {
     rows: Vec<usize>,
-    states: Vec<f64>,
+    values: Vec<f64>,
+}
+
+impl RowValues {
+    /// Sets the numbers of a row.
+    fn set(&mut self, row: usize, values: &[f64]) {
+        match self.rows.iter().position(|known| *known == row) {
+            Some(index) => self.values[index * values.len()..][..values.len()].copy_from_slice(values),
+            None => {
+                self.rows.push(row);
+                self.values.extend_from_slice(values);
+            }
+        }
+    }
+
+    /// Moves the numbers of all rows out of `others`.
+    fn append(&mut self, others: &mut RowValues) {
+        self.rows.append(&mut others.rows);
+        self.values.append(&mut others.values);
+    }
 }
 
 impl TaskBatch {
     /// Makes a batch of `rows` rows. Every row must be started before its first step.
     ///
     /// # Errors
-    /// If the space has an axis that changes steps after the start (a constant of the model or an event), or `backend` cannot make the
-    /// worlds.
+    /// If `backend` cannot make the worlds.
     pub fn new(
         environment: &TaskEnvironment,
         backend: &dyn Backend,
         rows: usize,
     ) -> Result<TaskBatch, RolloutError> {
-        if environment.has_tail() {
-            return Err(RolloutError::ScreenedSpace {
-                environment: environment.name().to_string(),
-                space: environment.space().name().to_string(),
-            });
-        }
         let model = environment.model().clone();
-        let layout = BatchLayout::new(&model);
+        let (layout, events) = (BatchLayout::new(&model), Events::new(environment));
         let spec = BatchSpec {
             model: model.clone(),
+            fields: events.fields.clone(),
+            pushed: events.pushed.clone(),
             rows,
             substeps: environment.substeps(),
             servos: environment.panda().servos().to_vec(),
@@ -97,12 +123,14 @@ impl TaskBatch {
         Ok(TaskBatch {
             worlds: backend.batch(&spec).map_err(|error| engine_error(&error))?,
             rows,
-            starts: (0..rows.div_ceil(GROUP_ROWS)).map(|_| Starts::default()).collect(),
+            tails: vec![0.0; rows * events.size],
+            pending: (0..rows.div_ceil(GROUP_ROWS)).map(|_| Pending::default()).collect(),
             shared: Shared {
                 model,
                 layout,
                 functions: environment.functions(),
                 sizes,
+                events,
                 environment: environment.clone(),
                 threads: Mutex::new(Vec::new()),
             },
@@ -115,18 +143,21 @@ impl TaskBatch {
         extras: impl Iterator<Item = T>,
         visit: impl Fn(usize, &mut TaskRows<'_>, T) + Sync,
     ) {
-        let TaskBatch { worlds, rows, shared, starts } = self;
-        let BatchBuffers { targets, active, mocap, outputs } = worlds.buffers();
+        let TaskBatch { worlds, rows, shared, tails, pending } = self;
+        let BatchBuffers { targets, active, mocap, forces, outputs } = worlds.buffers();
         let Sizes { output, active: active_size, mocap: mocap_size, .. } = shared.sizes;
         let parts: Vec<_> = groups(targets, JOINTS)
             .zip(groups(active, active_size))
             .zip(groups(mocap, mocap_size))
+            .zip(groups(forces, shared.events.force_size()))
+            .zip(groups(tails, shared.events.size))
             .zip(outputs.chunks_mut(GROUP_ROWS * output))
-            .zip(starts)
+            .zip(pending)
             .zip(extras)
             .collect();
         let parts = parts.into_par_iter().with_max_len(1).enumerate();
-        parts.for_each(|(index, (((((targets, active), mocap), outputs), starts), extra))| {
+        parts.for_each(|(index, (inputs, extra))| {
+            let ((((((targets, active), mocap), forces), tails), outputs), pending) = inputs;
             let (shared, first_row) = (&*shared, index * GROUP_ROWS);
             let rows = GROUP_ROWS.min(*rows - first_row);
             let mut thread = shared.take_thread();
@@ -138,39 +169,47 @@ impl TaskBatch {
                 targets,
                 active,
                 mocap,
+                forces,
+                tails,
                 outputs,
-                starts,
+                pending,
             };
             visit(index, &mut group, extra);
             shared.return_thread(thread);
         });
     }
 
-    /// Writes the states of the rows that have started since the last step to the worlds.
-    fn write_starts(&mut self) -> Result<(), RolloutError> {
-        let mut all = Starts::default();
-        for starts in &mut self.starts {
-            all.rows.append(&mut starts.rows);
-            all.states.append(&mut starts.states);
+    /// Writes the pending states and fields to the worlds.
+    fn write_pending(&mut self) -> Result<(), RolloutError> {
+        let mut all = Pending::default();
+        for pending in &mut self.pending {
+            all.states.append(&mut pending.states);
+            all.fields.append(&mut pending.fields);
         }
-        match all.rows.is_empty() {
-            true => Ok(()),
-            false => self.worlds.write_states(&all.rows, &all.states).map_err(|error| engine_error(&error)),
+        let Pending { states, fields } = all;
+        let mut result = Ok(());
+        if !fields.rows.is_empty() {
+            result = self.worlds.write_fields(&fields.rows, &fields.values);
         }
+        if !states.rows.is_empty() {
+            result = result.and_then(|()| self.worlds.write_states(&states.rows, &states.values));
+        }
+        result.map_err(|error| engine_error(&error))
     }
 
     /// Copies the states of all rows into `states`, `[rows, state_size]`.
     pub(crate) fn read_states(&mut self, states: &mut [f64]) -> Result<(), RolloutError> {
-        self.write_starts()?;
+        self.write_pending()?;
         let Sizes { state: size, physics: physics_size, .. } = self.shared.sizes;
         let mut physics = vec![0.0; self.rows * physics_size];
         self.worlds.read_states(&mut physics).map_err(|error| engine_error(&error))?;
         let targets = self.worlds.buffers().targets.chunks(JOINTS);
-        for ((state, physics), targets) in
-            states.chunks_mut(size).zip(physics.chunks(physics_size)).zip(targets)
-        {
+        let rows = states.chunks_mut(size).zip(physics.chunks(physics_size)).zip(targets).enumerate();
+        let tail_size = self.shared.events.size;
+        for (row, ((state, physics), targets)) in rows {
             state[..physics_size].copy_from_slice(physics);
-            state[physics_size..].copy_from_slice(targets);
+            state[physics_size..][..JOINTS].copy_from_slice(targets);
+            state[physics_size + JOINTS..].copy_from_slice(&self.tails[row * tail_size..][..tail_size]);
         }
         Ok(())
     }
@@ -207,7 +246,7 @@ impl ScenarioBatch for TaskBatch {
     }
 
     fn start_step(&mut self) -> Result<(), RolloutError> {
-        self.write_starts()?;
+        self.write_pending()?;
         self.worlds.start_step().map_err(|error| engine_error(&error))
     }
 
@@ -225,6 +264,7 @@ impl Shared {
             state: vec![0.0; self.sizes.state],
             output: vec![0.0; self.sizes.output],
             observation: vec![0.0; self.sizes.observation],
+            fields: Vec::new(),
         })
     }
 
@@ -242,8 +282,10 @@ pub(crate) struct TaskRows<'a> {
     targets: &'a mut [f64],
     active: &'a mut [bool],
     mocap: &'a mut [f64],
+    forces: &'a mut [f64],
+    tails: &'a mut [f64],
     outputs: Outputs<'a>,
-    starts: &'a mut Starts,
+    pending: &'a mut Pending,
 }
 
 impl TaskRows<'_> {
@@ -254,16 +296,16 @@ impl TaskRows<'_> {
 
     /// Continues a row from a state of its environment.
     fn restore(&mut self, row: usize, state: &[f64]) {
-        self.thread.worker.set_state(&state[..self.shared.sizes.physics]);
+        self.thread.worker.set_state(state);
         self.thread.state.copy_from_slice(state);
         self.write_start(row);
     }
 
     /// Writes the state of the thread's worker to a row.
     fn write_start(&mut self, row: usize) {
-        let Sizes { physics, active, mocap, .. } = self.shared.sizes;
-        let Thread { worker, state, output, .. } = &mut *self.thread;
-        let world = worker.nominal_world();
+        let (Sizes { physics, active, mocap, .. }, events) = (self.shared.sizes, &self.shared.events);
+        let Thread { worker, state, output, fields, .. } = &mut *self.thread;
+        let world = worker.world();
         self.shared.layout.write(world, output);
         self.outputs.write(row, output);
         self.targets[row * JOINTS..][..JOINTS].copy_from_slice(&state[physics..][..JOINTS]);
@@ -274,19 +316,22 @@ impl TaskRows<'_> {
             pose[..3].copy_from_slice(position);
             pose[3..].copy_from_slice(quaternion);
         }
-        self.starts.rows.push(self.first_row + row);
-        self.starts.states.extend_from_slice(&state[..physics]);
-    }
-}
-
-impl ScenarioRows for TaskRows<'_> {
-    fn start(&mut self, row: usize, scenario: &Scenario, seed: Seed, sample: Sample<'_>) {
-        let Thread { worker, state, .. } = &mut *self.thread;
-        worker.reset(scenario, seed, state, sample);
-        self.write_start(row);
+        self.tails[row * events.size..][..events.size].copy_from_slice(&state[physics + JOINTS..]);
+        self.pending.states.set(self.first_row + row, &state[..physics]);
+        if !events.fields.is_empty() {
+            fields.clear();
+            world.model().read_fields(&events.fields, fields);
+            self.pending.fields.set(self.first_row + row, fields);
+        }
     }
 
-    fn sample(&mut self, row: usize, action: &[f64], sample: Sample<'_>) -> BatchStatus {
+    /// Writes the sample of a row after a control step under `action`, with rewards if there is space for them, and returns its status.
+    pub(crate) fn rewarded_sample(
+        &mut self,
+        row: usize,
+        action: &[f64],
+        sample: Sample<'_>,
+    ) -> BatchStatus {
         let Shared { model, layout, functions, sizes, .. } = self.shared;
         let Thread { output, observation, .. } = &mut *self.thread;
         self.outputs.read(row, output);
@@ -301,11 +346,42 @@ impl ScenarioRows for TaskRows<'_> {
         }
     }
 
+    /// Applies the push, the jump and the slip of the control step that begins. Returns whether a body has jumped.
+    fn begin_step(&mut self, row: usize) -> bool {
+        let (Sizes { mocap, .. }, events) = (self.shared.sizes, &self.shared.events);
+        let (tail, forces) = (&mut self.tails[row * events.size..][..events.size], events.force_size());
+        events.push(tail, &mut self.forces[row * forces..][..forces]);
+        let has_jumped = events.jump(tail, &mut self.mocap[row * mocap..][..mocap]);
+        if events.slips(tail) {
+            let fields = self.thread.worker.read_fields(tail, &events.fields);
+            self.pending.fields.set(self.first_row + row, &fields);
+        }
+        tail[0] += 1.0;
+        has_jumped
+    }
+}
+
+impl ScenarioRows for TaskRows<'_> {
+    fn start(&mut self, row: usize, scenario: &Scenario, seed: Seed, sample: Sample<'_>) {
+        let Thread { worker, state, .. } = &mut *self.thread;
+        worker.reset(scenario, seed, state, sample);
+        self.write_start(row);
+    }
+
+    fn sample(&mut self, row: usize, observation: &mut [f32], signals: &mut [f64]) -> BatchStatus {
+        self.rewarded_sample(row, &[], Sample { observation, signals, rewards: &mut [] })
+    }
+
     fn command(&mut self, row: usize, action: &[f64]) {
-        let Shared { model, layout, functions, sizes, .. } = self.shared;
-        let output = &mut self.thread.output;
+        let Shared { model, layout, functions, sizes, events, .. } = self.shared;
+        let has_jumped = events.size > 0 && self.begin_step(row);
+        let Thread { worker, output, .. } = &mut *self.thread;
         if functions.reads_state_to_grip() {
             self.outputs.read(row, output);
+            if has_jumped {
+                let tail = &self.tails[row * events.size..][..events.size];
+                worker.refresh_output(tail, layout, &self.mocap[row * sizes.mocap..][..sizes.mocap], output);
+            }
         }
         let active = &mut self.active[row * sizes.active..][..sizes.active];
         let view = layout.rows(model, output, active);

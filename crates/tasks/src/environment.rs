@@ -3,7 +3,7 @@ use std::sync::Arc;
 use mishandle_rollout::{
     Axis, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, Space, StepStatus, Stream,
 };
-use mishandle_world::{Change, Model, Rows, World, WorldError};
+use mishandle_world::{BatchLayout, Change, Model, ModelField, Rows, World, WorldError};
 
 use crate::axes::{self, Constant, Elements, JUMP_SIZE, PUSH_SIZE, Parameter, Push, SLIP_SIZE};
 use crate::check::{check_definition, check_scene, check_substeps, compile};
@@ -196,6 +196,7 @@ impl TaskEnvironment {
             space_parameters: self.space_parameters.clone(),
             elements: self.elements.clone(),
             worlds: self.world_cache(),
+            current: 0,
             values: self.nominal(),
             observation: vec![0.0; self.observation_size()],
         }
@@ -212,12 +213,17 @@ impl TaskEnvironment {
         }
     }
 
-    /// Returns whether a state row contains parameters, because an axis of the space affects steps after the reset.
-    pub(crate) fn has_tail(&self) -> bool {
+    /// Returns the parameter of each axis of the space.
+    pub(crate) fn space_parameters(&self) -> &[Parameter] {
+        &self.space_parameters
+    }
+
+    /// Returns the number of parameters in a state row: 0 if no axis of the space affects steps after the reset.
+    pub(crate) fn tail_size(&self) -> usize {
         let affects_steps = |parameter: &Parameter| {
             !matches!(parameter, Parameter::Start(_) | Parameter::StartDraw(_) | Parameter::ThrowSpeed)
         };
-        self.space_parameters.iter().any(affects_steps)
+        if self.space_parameters.iter().any(affects_steps) { self.nominal().tail().len() } else { 0 }
     }
 }
 
@@ -252,8 +258,7 @@ impl Environment for TaskEnvironment {
     }
 
     fn state_size(&self) -> usize {
-        let tail = if self.has_tail() { self.nominal().tail().len() } else { 0 };
-        self.model.state_size() + JOINTS + tail
+        self.model.state_size() + JOINTS + self.tail_size()
     }
 
     fn control_dt(&self) -> f64 {
@@ -414,7 +419,7 @@ impl SceneFunctions {
         }
     }
 
-    /// Writes the sample after a control step and returns its status.
+    /// Writes the sample after a control step, with rewards if there is space for them, and returns its status.
     pub(crate) fn write_step(
         &self,
         rows: &Rows<'_>,
@@ -423,7 +428,9 @@ impl SceneFunctions {
         mut sample: Sample<'_>,
     ) -> StepStatus {
         self.write_sample(rows, buffer, &mut sample);
-        self.scene.reward(self.reward, rows, sample.signals, action, sample.rewards);
+        if !sample.rewards.is_empty() {
+            self.scene.reward(self.reward, rows, sample.signals, action, sample.rewards);
+        }
         match self.scene.is_terminal(rows, sample.signals) {
             true => StepStatus::Terminated,
             false => StepStatus::Running,
@@ -437,6 +444,8 @@ pub(crate) struct TaskWorker {
     space_parameters: Arc<[Parameter]>,
     elements: Elements,
     worlds: WorldCache,
+    /// Index of the world of the last reset or restored state.
+    current: usize,
     /// Parameters without an axis in the space keep their nominal values. Each reset overwrites the others.
     values: ParameterValues,
     observation: Vec<f64>,
@@ -450,15 +459,43 @@ impl TaskWorker {
 
     /// Returns the world of the last [reset](EnvironmentWorker::reset) or [`set_state`](Self::set_state). Its poses are those of the
     /// new state.
-    pub(crate) fn nominal_world(&self) -> &World {
-        &self.worlds.worlds[0].1
+    pub(crate) fn world(&self) -> &World {
+        &self.worlds.worlds[self.current].1
     }
 
-    /// Sets the state of the nominal world to MuJoCo's state vector.
-    pub(crate) fn set_state(&mut self, physics: &[f64]) {
-        let world = &mut self.worlds.worlds[0].1;
+    /// Loads a state row into the world with its constants.
+    pub(crate) fn set_state(&mut self, state: &[f64]) {
+        let (physics, rest) = state.split_at(self.worlds.worlds[0].1.model().state_size());
+        self.current = self.world_index(&rest[JOINTS..]);
+        let world = &mut self.worlds.worlds[self.current].1;
         world.set_state(physics);
         world.refresh();
+    }
+
+    /// Returns the values of fields of the model of a state row with this tail.
+    pub(crate) fn read_fields(&mut self, tail: &[f64], fields: &[ModelField]) -> Vec<f64> {
+        let index = self.world_index(tail);
+        let mut values = Vec::new();
+        self.worlds.worlds[index].1.model().read_fields(fields, &mut values);
+        values
+    }
+
+    /// Recomputes the poses of an output row of a batch for these poses of the mocap bodies.
+    pub(crate) fn refresh_output(
+        &mut self,
+        tail: &[f64],
+        layout: &BatchLayout,
+        mocap: &[f64],
+        output: &mut [f64],
+    ) {
+        let index = self.world_index(tail);
+        let world = &mut self.worlds.worlds[index].1;
+        let (qpos, qvel) = layout.state(output);
+        world.qpos_mut().copy_from_slice(qpos);
+        world.qvel_mut().copy_from_slice(qvel);
+        world.place_all(mocap);
+        world.refresh();
+        layout.write(world, output);
     }
 
     /// Applies the jump of this control step and returns the push.
@@ -498,6 +535,7 @@ impl EnvironmentWorker for TaskWorker {
             tail.copy_from_slice(&self.values.tail());
         }
         let world_index = self.world_index(tail);
+        self.current = world_index;
         let world = &mut self.worlds.worlds[world_index].1;
         world.reset();
         panda.place(&start, world);
@@ -527,9 +565,7 @@ impl EnvironmentWorker for TaskWorker {
         }
         for substep in 0..self.n_substeps {
             if let Some(push) = &push {
-                let step = world.model().timestep();
-                let time = tail[0] * CONTROL_DT + substep as f64 * step;
-                let force = push.force(time, step);
+                let force = push.substep_force(tail[0], substep, world.model().timestep());
                 self.elements.push.iter().for_each(|body| world.push(*body, force));
             }
             self.functions.panda.set_servos(targets, world);

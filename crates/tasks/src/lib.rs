@@ -19,6 +19,7 @@ mod definition;
 mod document;
 mod door_opening;
 mod environment;
+mod events;
 mod expert;
 mod full_state;
 mod identity;

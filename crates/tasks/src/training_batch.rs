@@ -134,7 +134,7 @@ impl EnvironmentBatch for TrainingBatch {
             let mut signals = vec![0.0; sizes.signals];
             for row in 0..rows.len() {
                 let sample = sizes.sample(row, &mut samples, &mut signals);
-                samples.statuses[row] = match rows.sample(row, action(first + row), sample) {
+                samples.statuses[row] = match rows.rewarded_sample(row, action(first + row), sample) {
                     BatchStatus::Step(status) => status,
                     BatchStatus::Overflow => StepStatus::Diverged,
                 };

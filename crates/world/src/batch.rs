@@ -1,7 +1,7 @@
 //! Many worlds of one model that are stepped together, one per row: by [`CpuWorlds`], or by another physics engine.
 
 use crate::rows::Tree;
-use crate::{Model, Rows, World, WorldError};
+use crate::{Body, Model, ModelField, Rows, World, WorldError};
 
 /// A position servo whose setpoint stays near the joint position. MuJoCo has no velocity limits: a servo whose setpoint is at most
 /// `max_lead` ahead of the joint settles at `max_lead` divided by its lag.
@@ -25,6 +25,10 @@ impl Servo {
 pub struct BatchSpec {
     /// Model of all worlds. Its constants equal those of its document, except the physics step.
     pub model: Model,
+    /// Fields of the model that differ between worlds, each once. Until [`WorldBatch::write_fields`], a world has those of `model`.
+    pub fields: Vec<ModelField>,
+    /// Bodies that [`BatchBuffers::forces`] push, each once.
+    pub pushed: Vec<Body>,
     /// Number of worlds.
     pub rows: usize,
     /// Number of physics steps per control step.
@@ -58,6 +62,13 @@ pub trait WorldBatch: Send {
     /// If the batch fails as a whole.
     fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError>;
 
+    /// Replaces the varying fields of the models of some rows, `[rows, Model::fields_size]`. The values must be those of a
+    /// [changed](Model::changed) copy of the model. No row may occur twice. The states do not change.
+    ///
+    /// # Errors
+    /// If the batch fails as a whole.
+    fn write_fields(&mut self, rows: &[usize], values: &[f64]) -> Result<(), WorldError>;
+
     /// Copies the states of all rows into `states`, `[rows, state_size]`.
     ///
     /// # Errors
@@ -89,6 +100,9 @@ pub struct BatchBuffers<'a> {
     pub active: &'a mut [bool],
     /// Position (m) and quaternion of each mocap body, `[rows, 7 mocap bodies]`.
     pub mocap: &'a mut [f64],
+    /// Force on the center of mass of every pushed body in each physics step, N, world axes, `[rows, substeps, 3]`; empty without pushed
+    /// bodies.
+    pub forces: &'a mut [f64],
     /// State and poses after the control step, and [`RowStatus`], `[rows, output_size]`.
     pub outputs: Outputs<'a>,
 }
@@ -213,6 +227,12 @@ impl BatchLayout {
         }
     }
 
+    /// Returns the generalized positions and velocities of an output row.
+    pub fn state<'a>(&self, output: &'a [f64]) -> (&'a [f64], &'a [f64]) {
+        let [qpos, qvel, ..] = self.split(output);
+        (qpos, qvel)
+    }
+
     /// Returns the status of an output row.
     pub fn status(&self, output: &[f64]) -> RowStatus {
         output.last().map_or(RowStatus::Diverged, |code| RowStatus::from_code(*code))
@@ -259,11 +279,13 @@ impl Backend for CpuBackend {
 #[derive(Debug)]
 pub struct CpuWorlds {
     layout: BatchLayout,
-    world: World,
+    /// World of each row if their models differ, otherwise one world for all rows.
+    worlds: Vec<World>,
     states: Vec<f64>,
     targets: Vec<f64>,
     active: Vec<bool>,
     mocap: Vec<f64>,
+    forces: Vec<f64>,
     outputs: Vec<f64>,
     spec: BatchSpec,
 }
@@ -272,12 +294,15 @@ impl CpuWorlds {
     /// Makes a batch.
     pub fn new(spec: BatchSpec) -> CpuWorlds {
         let (layout, rows) = (BatchLayout::new(&spec.model), spec.rows);
+        let worlds = if spec.fields.is_empty() { 1 } else { rows };
+        let forces = if spec.pushed.is_empty() { 0 } else { 3 * spec.substeps };
         CpuWorlds {
-            world: spec.model.world(),
+            worlds: (0..worlds).map(|_| spec.model.world()).collect(),
             states: vec![0.0; rows * spec.model.state_size()],
             targets: vec![0.0; rows * spec.servos.len()],
             active: vec![false; rows * layout.constraints],
             mocap: vec![0.0; rows * 7 * layout.mocaps],
+            forces: vec![0.0; rows * forces],
             outputs: vec![0.0; rows * layout.output_size()],
             layout,
             spec,
@@ -294,6 +319,15 @@ impl WorldBatch for CpuWorlds {
         Ok(())
     }
 
+    fn write_fields(&mut self, rows: &[usize], values: &[f64]) -> Result<(), WorldError> {
+        let BatchSpec { model, fields, .. } = &self.spec;
+        let size = model.fields_size(fields);
+        for (index, row) in rows.iter().enumerate() {
+            self.worlds[*row] = model.with_fields(fields, &values[index * size..][..size]).world();
+        }
+        Ok(())
+    }
+
     fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {
         states.copy_from_slice(&self.states);
         Ok(())
@@ -304,22 +338,25 @@ impl WorldBatch for CpuWorlds {
             targets: &mut self.targets,
             active: &mut self.active,
             mocap: &mut self.mocap,
+            forces: &mut self.forces,
             outputs: Outputs::Double(&mut self.outputs),
         }
     }
 
     fn start_step(&mut self) -> Result<(), WorldError> {
-        let (size, servos, world) = (self.spec.model.state_size(), &self.spec.servos, &mut self.world);
+        let BatchSpec { model, substeps, servos, pushed, .. } = &self.spec;
+        let (size, shared) = (model.state_size(), self.worlds.len().saturating_sub(1));
         for (row, output) in self.outputs.chunks_mut(self.layout.output_size()).enumerate() {
+            let world = &mut self.worlds[row.min(shared)];
             let state = &mut self.states[row * size..][..size];
             world.set_state(state);
             world.set_active(&self.active[row * self.layout.constraints..][..self.layout.constraints]);
-            let mocap = &self.mocap[row * 7 * self.layout.mocaps..][..7 * self.layout.mocaps];
-            for (index, pose) in mocap.as_chunks::<7>().0.iter().enumerate() {
-                let [x, y, z, quaternion @ ..] = *pose;
-                world.place(crate::Mocap(index), [x, y, z], quaternion);
-            }
-            for _ in 0..self.spec.substeps {
+            world.place_all(&self.mocap[row * 7 * self.layout.mocaps..][..7 * self.layout.mocaps]);
+            for substep in 0..*substeps {
+                let force = self.forces.as_chunks().0.get(row * substeps + substep);
+                if let Some(force) = force {
+                    pushed.iter().for_each(|body| world.push(*body, *force));
+                }
                 world.set_servos(servos, &self.targets[row * servos.len()..]);
                 world.step();
             }

@@ -23,7 +23,8 @@ pub enum Change {
     Payload(Body, f64),
     /// Rotates gravity about an axis of the world (0 is x, 1 is y, 2 is z), rad.
     GravityTilt(usize, f64),
-    /// Shifts the pose in which a weld holds its second body, along an axis of its first body, m.
+    /// Shifts the pose in which a weld holds its second body, along an axis of its first body, m. The document must set `relpose`,
+    /// because MuJoCo otherwise recomputes the pose with the quantities that it derives from masses.
     WeldShift(Equality, usize, f64),
 }
 
@@ -60,7 +61,8 @@ impl Model {
 }
 
 impl Change {
-    fn changes_inertia(&self) -> bool {
+    /// Returns whether MuJoCo must recompute what it derives from masses.
+    pub(crate) fn changes_inertia(&self) -> bool {
         matches!(self, Change::Mass(..) | Change::Size(..) | Change::Payload(..))
     }
 }

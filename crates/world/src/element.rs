@@ -4,6 +4,13 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Body(pub(crate) usize);
 
+impl Body {
+    /// Returns the index of the body in the model.
+    pub fn index(self) -> usize {
+        self.0
+    }
+}
+
 /// A site: a named frame on a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Site(pub(crate) usize);
@@ -19,6 +26,13 @@ pub struct Equality(pub(crate) usize);
 /// A mocap body: its pose is set and not simulated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mocap(pub(crate) usize);
+
+impl Mocap {
+    /// Returns the index of the body among the mocap bodies of the model.
+    pub fn index(self) -> usize {
+        self.0
+    }
+}
 
 /// A deformable object (flex) such as a cloth, whose vertices are bodies that translate but do not rotate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -16,6 +16,7 @@ mod contacts;
 mod coordinates;
 mod element;
 mod error;
+mod fields;
 pub mod frame;
 mod kinematics;
 mod model;
@@ -29,6 +30,7 @@ pub use contacts::ContactParts;
 pub use coordinates::Coordinate;
 pub use element::{Actuator, Body, Equality, Flex, Joint, Mocap, Site};
 pub use error::WorldError;
+pub use fields::ModelField;
 pub use kinematics::Arm;
 pub use model::Model;
 pub use render::{

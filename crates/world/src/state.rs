@@ -157,6 +157,14 @@ impl World {
         self.data.mocap_quat_mut()[mocap.0] = quaternion;
     }
 
+    /// Sets the poses of the mocap bodies: position (m) and quaternion of each.
+    pub fn place_all(&mut self, poses: &[f64]) {
+        for (index, pose) in poses.as_chunks::<7>().0.iter().enumerate() {
+            let [x, y, z, quaternion @ ..] = *pose;
+            self.place(Mocap(index), [x, y, z], quaternion);
+        }
+    }
+
     /// Returns the positions and quaternions of all mocap bodies.
     pub fn mocap_poses(&self) -> (&[[f64; 3]], &[[f64; 4]]) {
         (self.data.mocap_pos(), self.data.mocap_quat())

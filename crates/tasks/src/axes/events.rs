@@ -98,9 +98,14 @@ impl Push {
         (force != [0.0; 3]).then_some(Push { start, end: start + duration, force })
     }
 
+    /// Returns the mean force over physics step `substep` of control step `step`, N. A physics step takes `timestep`, s.
+    pub(crate) fn substep_force(&self, step: f64, substep: usize, timestep: f64) -> [f64; 3] {
+        self.force(step * CONTROL_DT + substep as f64 * timestep, timestep)
+    }
+
     /// Returns the mean force over the physics step from `time` to `time + step`, s. The push may cover a part of the
     /// step.
-    pub(crate) fn force(&self, time: f64, step: f64) -> [f64; 3] {
+    fn force(&self, time: f64, step: f64) -> [f64; 3] {
         let covered = ((time + step).min(self.end) - time.max(self.start)).max(0.0);
         mishandle_world::frame::scale(self.force, covered / step)
     }
