@@ -1,6 +1,6 @@
 """Control steps per second on a GPU: MuJoCo Warp alone, and simulations of a controller with signals, rewards and action noise.
 
-    python python/benches/gpu_throughput.py [--rows 16384 ...] [--waves 4] [--no-c] [--profile] [TASK ...]
+    python python/benches/gpu_throughput.py [--rows 16384 ...] [--waves 4] [--no-c] [--quick] [--profile] [TASK ...]
 
 Each line is a JSON object with these rates, in control steps per second:
 
@@ -183,10 +183,13 @@ def measure(task: str, rows: int, options: argparse.Namespace) -> dict[str, obje
         "making_s": [round(batch.made_in, 3) for batch in batches],
         "bytes_per_world": sum(batch.bytes for batch in batches) // rows,
     }
-    if not options.no_c:
+    if not (options.no_c or options.quick):
         count = 200 * (os.cpu_count() or 1)
         common = f"risk {task} --controller ppo --action-noise 0.1 --seed 1 --simulations {count} --method monte-carlo"
         found["C"] = count * EPISODE_STEPS / command(*common.split())
+    if options.quick:
+        found["seconds"] = round(time.perf_counter() - begin, 1)
+        return found
     _, batches = screen(task, rows, 1, records=True)
     arguments[2] = rows
     whole = PLAIN(*arguments)
@@ -212,6 +215,7 @@ def main() -> None:
     parser.add_argument("--waves", type=int, default=4)
     parser.add_argument("--no-c", action="store_true")
     parser.add_argument("--profile", action="store_true")
+    parser.add_argument("--quick", action="store_true", help="only `screened`")
     options = parser.parse_args()
     for task in options.tasks:
         for rows in options.rows:
