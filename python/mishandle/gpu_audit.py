@@ -158,7 +158,7 @@ def compare(batch: Any, result: Audit) -> None:
             continue
         batch.fields.load(row, batch.model)
         mujoco.mj_setState(batch.model, batch.c, starts[row], spec)
-        batch.c.xfrc_applied[batch.pushed, :3] = own["forces"][row]
+        push(batch, own["forces"][row])
         q = batch.c.qpos[address]
         batch.c.ctrl[: len(address)] = q + np.clip(inputs["targets"][row] - q, -lead, lead)
         mujoco.mj_step(batch.model, batch.c)
@@ -167,11 +167,17 @@ def compare(batch: Any, result: Audit) -> None:
         result.add("qvel", own["outputs"][row, nq : nq + nv] - batch.c.qvel)
         qvel, ctrl = batch.c.qvel.copy(), batch.c.ctrl.copy()
         mujoco.mj_setState(batch.model, batch.c, starts[row], spec)
-        batch.c.xfrc_applied[batch.pushed, :3] = own["forces"][row]
+        push(batch, own["forces"][row])
         batch.c.qpos[:] += MOVE * random.choice([-1.0, 1.0], nq)
         batch.c.ctrl[:] = ctrl
         mujoco.mj_step(batch.model, batch.c)
         result.add("moved", batch.c.qvel - qvel)
+
+
+def push(batch: Any, force: Any) -> None:
+    """Applies the force of a row to the pushed bodies in MuJoCo C."""
+    if batch.pushed:
+        batch.c.xfrc_applied[batch.pushed, :3] = force
 
 
 def main() -> None:

@@ -240,11 +240,11 @@ class Physics(unittest.TestCase):
             gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], [], ["geom_type"], device="cpu")
 
     def test_one_step_from_states_with_changed_constants_and_events_agrees_with_mujoco_c(self):
-        # Bounds: as below; a world without its constants or its push differs by more than 0.01.
-        found = gpu_audit.audit("ball-balancing", simulations=20, period=10, space="starts+dynamics+events")
-        self.assertGreaterEqual(found.states, 500)
+        # Bound: about eight times the largest difference of 500 states.
+        found = gpu_audit.audit("ball-balancing", period=60, space="starts+dynamics+events")
+        self.assertGreaterEqual(found.states, 450)
         self.assertEqual(found.overflows, 0)
-        self.assertLess(found.summary()["qvel"][2], 1e-2)
+        self.assertLess(found.summary()["qvel"][2], 2e-3)
 
     def test_one_step_from_states_of_episodes_agrees_with_mujoco_c(self):
         # Bounds: about five times the largest difference of 1,000 states; 32-bit numbers have 6e-8.
@@ -364,17 +364,17 @@ class Commands(unittest.TestCase):
             self.assertEqual(again["robustness"], trial["minimum_robustness"])
 
     def test_mujoco_warp_and_mujoco_c_agree_on_most_simulations_with_changed_constants_and_events(self):
-        options = "--space starts+dynamics+events --simulations 24 --method monte-carlo --seed 3 --formula"
-        formula = "always[50:300](finger_target_distance <= 0.03)"
+        options = "--space starts+dynamics+events --simulations 100 --method monte-carlo --seed 3 --formula"
+        formula = "always[285:300](finger_target_distance <= 0.03)"
         found = self.run_command(
-            "risk", *options.split(), formula, "--backend", "gpu", "--rows", "24", "--confirm", "1"
+            "risk", *options.split(), formula, "--backend", "gpu", "--rows", "100", "--confirm", "1"
         )
         screening, confirmation = found["screening"], found["confirmation"]
-        self.assertEqual((screening["simulations"], screening["without_verdict"]), (24, 0))
-        self.assertGreater(screening["flagged"], 2)
-        self.assertGreater(confirmation["sampled"], 2)
+        self.assertEqual((screening["simulations"], screening["without_verdict"]), (100, 0))
+        self.assertGreater(screening["flagged"], 10)
+        self.assertGreater(confirmation["sampled"], 10)
         refuted = screening["flagged"] - confirmation["flagged_failures"]
-        self.assertLessEqual(refuted + confirmation["sampled_failures"], 1)
+        self.assertLessEqual(refuted + confirmation["sampled_failures"], 3)
 
     def test_evaluate_finds_the_same_success_rate_as_mujoco_c_if_that_repeats_everything(self):
         options = ["--episodes", "20", "--seed", "4"]
