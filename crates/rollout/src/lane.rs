@@ -5,7 +5,8 @@ use mishandle_stl::{MonitorError, Trace};
 use crate::disturbance::ActiveDisturbances;
 use crate::rollout::Rollout;
 use crate::{
-    ControllerWorker, EpisodeEnd, Request, RolloutError, Sample, Seed, SpecificationMonitor, StepStatus, Verdict,
+    ControllerWorker, EpisodeEnd, Request, RolloutError, Sample, Seed, SpecificationMonitor, StepStatus,
+    Verdict,
 };
 
 /// Maximum number of rows that one thread steps in lockstep. Sixteen rows share each read of the network's weights and
@@ -32,7 +33,8 @@ impl Progress {
     }
 
     /// The position of a row without a simulation.
-    pub(crate) const IDLE: Progress = Progress { seed: Seed(0), steps: 0, end: EpisodeEnd::Stopped { step: 0 } };
+    pub(crate) const IDLE: Progress =
+        Progress { seed: Seed(0), steps: 0, end: EpisodeEnd::Stopped { step: 0 } };
 
     pub(crate) fn is_running(&self) -> bool {
         self.end == EpisodeEnd::Completed
@@ -175,9 +177,9 @@ impl Lane {
         if status == StepStatus::Diverged {
             return Some(EpisodeEnd::Diverged { step });
         }
-        first_not_finite(&self.signals)
-            .map(|index| EpisodeEnd::InvalidSignal { step, index })
-            .or_else(|| first_not_finite(&self.rewards).map(|index| EpisodeEnd::InvalidReward { step, index }))
+        first_not_finite(&self.signals).map(|index| EpisodeEnd::InvalidSignal { step, index }).or_else(|| {
+            first_not_finite(&self.rewards).map(|index| EpisodeEnd::InvalidReward { step, index })
+        })
     }
 
     /// Returns whether an episode of `steps` control steps is checked for its [stop threshold](Request::stop_threshold).

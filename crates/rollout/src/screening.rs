@@ -1,13 +1,14 @@
 //! Episodes that another physics engine simulates, many at a time. They propose; they are no evidence.
 
-use std::collections::VecDeque;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use mishandle_stl::Trace;
 
 use crate::lane::{Lane, LaneRows, Progress, ROWS};
-use crate::{EpisodeEnd, Request, Rollout, RolloutError, Sample, Scenario, Seed, StepStatus, Verdict};
+use crate::{
+    EpisodeEnd, PerThread, Request, Rollout, RolloutError, Sample, Scenario, Seed, StepStatus, Verdict,
+};
 
 /// Number of rows of a group of a [`ScenarioBatch`].
 pub const GROUP_ROWS: usize = ROWS;
@@ -113,7 +114,7 @@ impl Screening {
             rollout,
             requests,
             next: AtomicUsize::new(0),
-            threads: Mutex::new(Vec::new()),
+            threads: PerThread::new(|| Thread::new(rollout))?,
         };
         let mut flights: Vec<Flight<'_>> =
             self.batches.iter_mut().map(|batch| Flight::new(rollout, &mut **batch)).collect();
@@ -136,27 +137,13 @@ fn fly(
     watch: &(dyn Fn(usize) -> bool + Sync),
 ) -> Result<(), RolloutError> {
     let mut done = 0;
-    // The batch whose next step has not begun. It begins while the next batch is visited.
-    let mut visited: Option<&mut Flight<'_>> = None;
-    let mut queue: VecDeque<&mut Flight<'_>> = flights.iter_mut().collect();
-    while let Some(flight) = queue.pop_front() {
-        let begin = || visited.as_mut().map_or(Ok(()), |flight| flight.begin());
-        let (begun, advanced) = rayon::join(begin, || flight.visit(shared));
-        begun.and(advanced)?;
-        queue.extend(visited.take());
-        let finished = flight.collect(outcomes);
-        done += finished;
-        if finished > 0 && !watch(done) {
-            return Ok(());
-        }
-        if flight.is_idle {
-            continue;
-        }
-        if queue.is_empty() {
-            flight.begin()?;
-            queue.push_back(flight);
-        } else {
-            visited = Some(flight);
+    while flights.iter().any(|flight| !flight.is_idle) {
+        for flight in flights.iter_mut().filter(|flight| !flight.is_idle) {
+            let finished = flight.advance(shared, outcomes)?;
+            done += finished;
+            if finished > 0 && !watch(done) {
+                return Ok(());
+            }
         }
     }
     Ok(())
@@ -168,8 +155,7 @@ struct Shared<'a> {
     requests: &'a [Request],
     /// Index of the next request.
     next: AtomicUsize,
-    /// Buffers and workers that no thread uses now.
-    threads: Mutex<Vec<Thread>>,
+    threads: PerThread<Thread>,
 }
 
 impl Shared<'_> {
@@ -177,16 +163,6 @@ impl Shared<'_> {
     fn take(&self) -> Option<usize> {
         let index = self.next.fetch_add(1, Ordering::Relaxed);
         (index < self.requests.len()).then_some(index)
-    }
-
-    /// Visits a group with the buffers and workers of a thread. A visit may be inside another one of the same thread, while that
-    /// waits for its controller.
-    fn visit(&self, group: &mut Group, environment: &mut dyn ScenarioRows) -> Result<(), RolloutError> {
-        let free = lock(&self.threads).pop();
-        let mut thread = free.map_or_else(|| Thread::new(self.rollout), Ok)?;
-        let result = group.visit(self, &mut thread, environment);
-        lock(&self.threads).push(thread);
-        result
     }
 }
 
@@ -199,7 +175,8 @@ struct Thread {
 
 impl Thread {
     fn new(rollout: &Rollout) -> Result<Thread, RolloutError> {
-        let (signals, samples) = (rollout.environment.signals().clone(), rollout.environment.episode_steps() + 1);
+        let (signals, samples) =
+            (rollout.environment.signals().clone(), rollout.environment.episode_steps() + 1);
         Ok(Thread { lane: Lane::new(rollout)?, trace: Trace::with_capacity(signals, samples) })
     }
 }
@@ -232,32 +209,43 @@ impl Flight<'_> {
         }
     }
 
-    /// Begins the physics of the next control step.
-    fn begin(&mut self) -> Result<(), RolloutError> {
-        self.is_stepping = true;
-        self.batch.start_step()
-    }
-
-    /// Waits for the physics of the present control step, and visits all rows.
-    fn visit(&mut self, shared: &Shared<'_>) -> Result<(), RolloutError> {
+    /// Ends the present control step, begins the next one, and moves the outcomes of the simulations that have ended to their places.
+    /// Returns their number.
+    fn advance(
+        &mut self,
+        shared: &Shared<'_>,
+        outcomes: &mut [Option<ScreenedEpisode>],
+    ) -> Result<usize, RolloutError> {
         self.wait()?;
         let (groups, failure) = (&self.groups, Mutex::new(None));
+        let [is_running, has_finished] = [AtomicBool::new(false), AtomicBool::new(false)];
         self.batch.visit(&|index, rows| {
-            if let Err(error) = shared.visit(&mut lock(&groups[index]), rows) {
+            let group = &mut *lock(&groups[index]);
+            let make = || Thread::new(shared.rollout);
+            if let Err(error) =
+                shared.threads.with(make, |thread| group.visit(shared, thread, rows)).flatten()
+            {
                 lock(&failure).get_or_insert(error);
             }
+            set_if(&is_running, group.has_simulations());
+            set_if(&has_finished, !group.finished.is_empty());
         });
         if let Some(error) = failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
             return Err(error);
         }
-        self.is_idle = !self.groups.iter_mut().any(|group| get_mut(group).has_simulations());
-        Ok(())
+        self.is_idle = !is_running.into_inner();
+        if !self.is_idle {
+            self.is_stepping = true;
+            self.batch.start_step()?;
+        }
+        Ok(if has_finished.into_inner() { self.collect(outcomes) } else { 0 })
     }
 
     /// Moves the new outcomes of all rows to their places and returns their number.
     fn collect(&mut self, outcomes: &mut [Option<ScreenedEpisode>]) -> usize {
         let mut finished = 0;
-        for group in self.groups.iter_mut().map(get_mut) {
+        for group in &mut self.groups {
+            let group = group.get_mut().unwrap_or_else(PoisonError::into_inner);
             finished += group.finished.len();
             for (index, outcome) in group.finished.drain(..) {
                 outcomes[index] = Some(outcome);
@@ -267,13 +255,16 @@ impl Flight<'_> {
     }
 }
 
+/// Sets a flag without writing to it twice, which would take it from the caches of the other threads.
+fn set_if(flag: &AtomicBool, condition: bool) {
+    if condition && !flag.load(Ordering::Relaxed) {
+        flag.store(true, Ordering::Relaxed);
+    }
+}
+
 /// Locks, also after a panic, which ends the screening.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-fn get_mut<T>(mutex: &mut Mutex<T>) -> &mut T {
-    mutex.get_mut().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The simulations of up to 16 adjacent rows of a batch.
@@ -298,7 +289,8 @@ struct Simulation {
 
 impl Group {
     fn new(rollout: &Rollout, rows: usize) -> Group {
-        let (signals, samples) = (rollout.environment.signals().len(), rollout.environment.episode_steps() + 1);
+        let (signals, samples) =
+            (rollout.environment.signals().len(), rollout.environment.episode_steps() + 1);
         Group {
             rows: LaneRows::new(rollout),
             simulations: vec![None; rows],
@@ -332,14 +324,19 @@ impl Group {
     }
 
     /// Starts the next request in an idle row.
-    fn start(&mut self, shared: &Shared<'_>, thread: &mut Thread, environment: &mut dyn ScenarioRows, row: usize) {
+    fn start(
+        &mut self,
+        shared: &Shared<'_>,
+        thread: &mut Thread,
+        environment: &mut dyn ScenarioRows,
+        row: usize,
+    ) {
         let Some(index) = shared.take() else { return };
         let (request, rollout, lane) = (&shared.requests[index], shared.rollout, &mut thread.lane);
         let scenario = rollout.environment_scenario(request);
         environment.start(row, &scenario, request.seed, lane.sample(row));
         lane.start(rollout, &mut self.rows, row, request);
-        self.simulations[row] =
-            Some(Simulation { index, start: self.history.visit, has_overflowed: false });
+        self.simulations[row] = Some(Simulation { index, start: self.history.visit, has_overflowed: false });
         self.progress[row] = Progress::start(request);
         match lane.end_of_start() {
             Some(end) => self.progress[row].end = end,
@@ -348,7 +345,13 @@ impl Group {
     }
 
     /// Adds a control step to the simulation in a row.
-    fn record(&mut self, shared: &Shared<'_>, thread: &mut Thread, environment: &mut dyn ScenarioRows, row: usize) {
+    fn record(
+        &mut self,
+        shared: &Shared<'_>,
+        thread: &mut Thread,
+        environment: &mut dyn ScenarioRows,
+        row: usize,
+    ) {
         let (Some(simulation), progress) = (&mut self.simulations[row], &mut self.progress[row]) else {
             return;
         };

@@ -1,11 +1,11 @@
 //! A task whose physics another engine steps, many rows at a time. Observations, signals and rewards are those of
 //! [`TaskEnvironment`].
 
-use std::sync::{Mutex, PoisonError};
+use std::convert::Infallible;
 
 use mishandle_rollout::{
-    BatchStatus, Environment, EnvironmentWorker, GROUP_ROWS, RolloutError, Sample, Scenario, ScenarioBatch,
-    ScenarioRows, Seed, StepStatus,
+    BatchStatus, Environment, EnvironmentWorker, GROUP_ROWS, PerThread, RolloutError, Sample, Scenario,
+    ScenarioBatch, ScenarioRows, Seed, StepStatus,
 };
 use mishandle_world::{
     Backend, BatchBuffers, BatchLayout, BatchSpec, Model, Outputs, RowStatus, WorldBatch, WorldError,
@@ -35,8 +35,7 @@ struct Shared {
     sizes: Sizes,
     events: Events,
     environment: TaskEnvironment,
-    /// Buffers and workers that no thread uses now.
-    threads: Mutex<Vec<Thread>>,
+    threads: PerThread<Thread>,
 }
 
 /// Lengths of the rows of the buffers.
@@ -132,7 +131,7 @@ impl TaskBatch {
                 sizes,
                 events,
                 environment: environment.clone(),
-                threads: Mutex::new(Vec::new()),
+                threads: PerThread::new(|| Ok::<_, RolloutError>(Thread::new(environment, sizes)))?,
             },
         })
     }
@@ -155,27 +154,26 @@ impl TaskBatch {
             .zip(pending)
             .zip(extras)
             .collect();
-        let parts = parts.into_par_iter().with_max_len(1).enumerate();
-        parts.for_each(|(index, (inputs, extra))| {
+        parts.into_par_iter().enumerate().for_each(|(index, (inputs, extra))| {
             let ((((((targets, active), mocap), forces), tails), outputs), pending) = inputs;
             let (shared, first_row) = (&*shared, index * GROUP_ROWS);
             let rows = GROUP_ROWS.min(*rows - first_row);
-            let mut thread = shared.take_thread();
-            let mut group = TaskRows {
-                shared,
-                thread: &mut thread,
-                first_row,
-                rows,
-                targets,
-                active,
-                mocap,
-                forces,
-                tails,
-                outputs,
-                pending,
-            };
-            visit(index, &mut group, extra);
-            shared.return_thread(thread);
+            shared.on_thread(|thread| {
+                let mut group = TaskRows {
+                    shared,
+                    thread,
+                    first_row,
+                    rows,
+                    targets,
+                    active,
+                    mocap,
+                    forces,
+                    tails,
+                    outputs,
+                    pending,
+                };
+                visit(index, &mut group, extra);
+            });
         });
     }
 
@@ -256,20 +254,22 @@ impl ScenarioBatch for TaskBatch {
 }
 
 impl Shared {
-    /// Returns buffers and a worker for one visit. A visit may be inside another one of the same thread, while that waits.
-    fn take_thread(&self) -> Thread {
-        let free = self.threads.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        free.unwrap_or_else(|| Thread {
-            worker: self.environment.task_worker(),
-            state: vec![0.0; self.sizes.state],
-            output: vec![0.0; self.sizes.output],
-            observation: vec![0.0; self.sizes.observation],
-            fields: Vec::new(),
-        })
+    /// Calls `function` with the buffers and the worker of this thread.
+    fn on_thread(&self, function: impl FnOnce(&mut Thread)) {
+        let Ok(()) =
+            self.threads.with(|| Ok::<_, Infallible>(Thread::new(&self.environment, self.sizes)), function);
     }
+}
 
-    fn return_thread(&self, thread: Thread) {
-        self.threads.lock().unwrap_or_else(PoisonError::into_inner).push(thread);
+impl Thread {
+    fn new(environment: &TaskEnvironment, sizes: Sizes) -> Thread {
+        Thread {
+            worker: environment.task_worker(),
+            state: vec![0.0; sizes.state],
+            output: vec![0.0; sizes.output],
+            observation: vec![0.0; sizes.observation],
+            fields: Vec::new(),
+        }
     }
 }
 
@@ -326,12 +326,7 @@ impl TaskRows<'_> {
     }
 
     /// Writes the sample of a row after a control step under `action`, with rewards if there is space for them, and returns its status.
-    pub(crate) fn rewarded_sample(
-        &mut self,
-        row: usize,
-        action: &[f64],
-        sample: Sample<'_>,
-    ) -> BatchStatus {
+    pub(crate) fn rewarded_sample(&mut self, row: usize, action: &[f64], sample: Sample<'_>) -> BatchStatus {
         let Shared { model, layout, functions, sizes, .. } = self.shared;
         let Thread { output, observation, .. } = &mut *self.thread;
         self.outputs.read(row, output);

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{
-    BatchFactory, BatchStatus, Environment, EnvironmentBatch, EnvironmentSpec, GROUP_ROWS, RolloutError, Sample,
-    ScenarioBatch, ScenarioRows, Seed, StepStatus,
+    BatchFactory, BatchStatus, Environment, EnvironmentBatch, EnvironmentSpec, GROUP_ROWS, RolloutError,
+    Sample, ScenarioBatch, ScenarioRows, Seed, StepStatus,
 };
 use mishandle_world::Backend;
 

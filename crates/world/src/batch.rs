@@ -131,7 +131,10 @@ impl<'a> Outputs<'a> {
         let size = output.len();
         match self {
             Outputs::Single(numbers) => {
-                output.iter_mut().zip(&numbers[row * size..][..size]).for_each(|(to, from)| *to = f64::from(*from));
+                output
+                    .iter_mut()
+                    .zip(&numbers[row * size..][..size])
+                    .for_each(|(to, from)| *to = f64::from(*from));
             }
             Outputs::Double(numbers) => output.copy_from_slice(&numbers[row * size..][..size]),
         }
@@ -142,7 +145,10 @@ impl<'a> Outputs<'a> {
         let size = output.len();
         match self {
             Outputs::Single(numbers) => {
-                numbers[row * size..][..size].iter_mut().zip(output).for_each(|(to, from)| *to = *from as f32);
+                numbers[row * size..][..size]
+                    .iter_mut()
+                    .zip(output)
+                    .for_each(|(to, from)| *to = *from as f32);
             }
             Outputs::Double(numbers) => numbers[row * size..][..size].copy_from_slice(output),
         }

@@ -24,7 +24,10 @@ mod render;
 mod rows;
 mod state;
 
-pub use batch::{Backend, BatchBuffers, BatchLayout, BatchSpec, CpuBackend, CpuWorlds, Outputs, RowStatus, Servo, WorldBatch};
+pub use batch::{
+    Backend, BatchBuffers, BatchLayout, BatchSpec, CpuBackend, CpuWorlds, Outputs, RowStatus, Servo,
+    WorldBatch,
+};
 pub use change::Change;
 pub use contacts::ContactParts;
 pub use coordinates::Coordinate;
