@@ -2,8 +2,8 @@
 
     python -m mishandle.gpu_verdicts [--simulations 1000] [--seed 7] [--jobs 1] [--c-only | --gpu-only] [TASK ...]
 
-Each task has a controller and an action noise with which a good part of the simulations fails, if needed one per formula. Scenarios and seeds are those of
-``mishandle risk --method monte-carlo`` with the same seed. It prints one row per task and formula:
+Each task has a controller and an action noise with which a good part of the simulations fails, if needed one per formula. Scenarios
+and seeds are those of ``mishandle risk --method monte-carlo`` with the same seed. It prints one row per task and formula:
 
 - ``violated``: simulations that violate the formula in MuJoCo C.
 - ``GPU: missed``: violated in MuJoCo C, satisfied on the GPU.
