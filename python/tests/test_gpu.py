@@ -239,21 +239,62 @@ class Physics(unittest.TestCase):
         with self.assertRaisesRegex(RuntimeError, "cannot vary geom_type.*--backend cpu"):
             gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], [], ["geom_type"], device="cpu")
 
-    def test_one_step_from_states_with_changed_constants_and_events_agrees_with_mujoco_c(self):
-        # Bound: about eight times the largest difference of 500 states.
-        found = gpu_audit.audit("ball-balancing", period=60, space="starts+dynamics+events")
-        self.assertGreaterEqual(found.states, 450)
-        self.assertEqual(found.overflows, 0)
-        self.assertLess(found.summary()["qvel"][2], 2e-3)
+
+AUDIT = """
+import json, sys
+from mishandle import gpu, gpu_audit
+# Kernels without optimization compile in about half of the time.
+gpu.wp.config.optimization_level = 0
+states, episodes = int(sys.argv[1]), int(sys.argv[2])
+found = {task: gpu_audit.audit(task, states=states, episodes=episodes, space=sys.argv[3]) for task in sys.argv[4:]}
+print(json.dumps({task: [result.states, result.overflows, result.differences] for task, result in found.items()}))
+"""
+
+
+@unittest.skipIf(gpu is None, "needs the extra gpu")
+class OneStep(unittest.TestCase):
+    """One physics step of MuJoCo Warp against one of MuJoCo C, from states of episodes."""
+
+    # Bounds of the 99 % quantile and of the maximum of the largest difference of a position, and the same of a velocity. They are about
+    # five times those of 1,000 states. 32-bit numbers have 6e-8.
+    BOUNDS = {
+        "point-reaching": ((1.1e-6, 1.2e-6), (5e-6, 9e-6)),
+        "cube-stacking": ((3.3e-5, 1.3e-4), (1.7e-2, 6e-2)),
+        "ball-balancing": ((2.8e-6, 1.3e-5), (6.5e-4, 3.4e-3)),
+        "ball-catching": ((2.9e-5, 1e-4), (2.8e-2, 1e-1)),
+        "ball-pushing": ((1.1e-6, 1.1e-5), (1.3e-4, 5e-3)),
+        "door-opening": ((1.7e-6, 2.2e-6), (3.8e-4, 5e-4)),
+        # A bound of the maximum would say nothing: in some states the colliders of the engines find other contacts between cylinder and
+        # box, and then a velocity differs by up to 5 m/s. So the peg's are those of the 80 % quantile.
+        "peg-in-hole": ((1.9e-5, None), (1.3e-2, None)),
+        "cloth-placing": ((2.9e-5, 5e-5), (7e-3, 1.2e-2)),
+    }
+
+    @classmethod
+    def setUpClass(cls):
+        # Two processes, because most of the time is compilation, on one core. A step of the cloth is slow, so it has fewer states.
+        rigid = [task for task in cls.BOUNDS if task != "cloth-placing"]
+        cls.processes = [cls.start("starts", rigid, 200, 10), cls.start("starts", ["cloth-placing"], 20, 2)]
+
+    @classmethod
+    def start(cls, space, tasks, states, episodes):
+        command = [sys.executable, "-c", AUDIT, str(states), str(episodes), space, *tasks]
+        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def test_one_step_from_states_of_episodes_agrees_with_mujoco_c(self):
-        # Bounds: about five times the largest difference of 1,000 states; 32-bit numbers have 6e-8.
-        for task, qpos, qvel in (("point-reaching", 6e-7, 6e-6), ("ball-balancing", 4e-5, 1e-2)):
-            found = gpu_audit.audit(task, period=30)
-            self.assertGreaterEqual(found.states, 900)
-            self.assertEqual(found.overflows, 0)
-            self.assertLess(found.summary()["qpos"][2], qpos, task)
-            self.assertLess(found.summary()["qvel"][2], qvel, task)
+        found = {}
+        for process in self.processes:
+            output, errors = process.communicate()
+            self.assertEqual(process.returncode, 0, errors)
+            found.update(json.loads(output))
+        self.assertEqual(set(found), set(gpu_audit.TASKS))
+        for task, (states, overflows, differences) in found.items():
+            self.assertEqual((states, overflows), (20 if task == "cloth-placing" else 200, 0), task)
+            for name, (bound, largest) in zip(("qpos", "qvel"), self.BOUNDS[task]):
+                with self.subTest(task=task, quantity=name):
+                    self.assertLess(np.quantile(differences[name], 0.8 if largest is None else 0.99), bound)
+                    if largest is not None:
+                        self.assertLess(max(differences[name]), largest)
 
 
 @unittest.skipIf(gpu is None, "needs the extra gpu")
