@@ -305,7 +305,11 @@ impl WorldBatch for LostWorlds {
         self.0.buffers()
     }
 
-    fn step(&mut self) -> Result<(), WorldError> {
+    fn start_step(&mut self) -> Result<(), WorldError> {
+        self.0.start_step()
+    }
+
+    fn finish_step(&mut self) -> Result<(), WorldError> {
         Err(WorldError::Backend("the device is lost".to_string()))
     }
 }

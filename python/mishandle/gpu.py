@@ -58,6 +58,9 @@ bodies and for models with a soft inertia."""
 STAGED_ROWS = 1024
 """Rows whose fields are copied to the GPU at a time."""
 
+UNFINISHED = -1.0
+"""Status of the first row while a control step runs."""
+
 CPU_LOCK = threading.Lock()
 """Held while kernels run on the CPU: they are not made for several threads."""
 
@@ -397,6 +400,7 @@ class WarpBatch:
 
     def start_step(self) -> None:
         """Begins to advance all rows by one control step."""
+        self._host["outputs"].numpy()[0, -1] = UNFINISHED
         if self._graph is None:
             with CPU_LOCK, wp.ScopedDevice(self._device):
                 self._control_step()
@@ -407,6 +411,9 @@ class WarpBatch:
         """Waits for the end of the control step, without the interpreter lock."""
         if self._graph is not None:
             wp.synchronize_stream(self._stream)
+        # Warp reports no error of a lost device here, and the outputs would be those of the step before.
+        if self._host["outputs"].numpy()[0, -1] == UNFINISHED:
+            raise RuntimeError("the device did not finish a control step")
 
     def step(self) -> None:
         """Advances all rows by one control step."""

@@ -181,6 +181,13 @@ class Physics(unittest.TestCase):
         batch.step()
         self.assertEqual(list(batch.arrays()["outputs"][:, -1]), [1.0, 0.0])
 
+    def test_a_device_that_does_not_finish_a_step_is_an_error(self):
+        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], device="cpu")
+        batch.step()
+        batch._control_step = lambda: None
+        with self.assertRaisesRegex(RuntimeError, "did not finish"):
+            batch.step()
+
     def one_step(self, models, fields, force):
         """Takes one physics step of CHANGEABLE in MuJoCo Warp and C, with one row per model. Returns the velocities of both.
 
@@ -272,24 +279,40 @@ class OneStep(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        # Two processes, because most of the time is compilation, on one core. A step of the cloth is slow, so it has fewer states.
+        # Several processes, because most of the time is compilation, on one core. A step of the cloth is slow, so it has fewer states.
         rigid = [task for task in cls.BOUNDS if task != "cloth-placing"]
         cls.processes = [cls.start("starts", rigid, 200, 10), cls.start("starts", ["cloth-placing"], 20, 2)]
+        cls.changed = cls.start("starts+dynamics+events", ["ball-balancing", "cube-stacking"], 100, 10)
 
     @classmethod
     def start(cls, space, tasks, states, episodes):
         command = [sys.executable, "-c", AUDIT, str(states), str(episodes), space, *tasks]
         return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
-    def test_one_step_from_states_of_episodes_agrees_with_mujoco_c(self):
+    def found(self, processes):
+        """Returns the number of states, of overflows, and the differences of each task."""
         found = {}
-        for process in self.processes:
+        for process in processes:
             output, errors = process.communicate()
             self.assertEqual(process.returncode, 0, errors)
             found.update(json.loads(output))
+        return found
+
+    def test_one_step_from_states_of_episodes_agrees_with_mujoco_c(self):
+        found = self.found(self.processes)
         self.assertEqual(set(found), set(gpu_audit.TASKS))
-        for task, (states, overflows, differences) in found.items():
-            self.assertEqual((states, overflows), (20 if task == "cloth-placing" else 200, 0), task)
+        for task, (states, _, _) in found.items():
+            self.assertEqual(states, 20 if task == "cloth-placing" else 200, task)
+        self.check(found)
+
+    def test_one_step_with_changed_constants_and_events_agrees_with_mujoco_c(self):
+        found = self.found([self.changed])
+        self.assertEqual([states for states, _, _ in found.values()], [100, 100])
+        self.check(found)
+
+    def check(self, found):
+        for task, (_, overflows, differences) in found.items():
+            self.assertEqual(overflows, 0, task)
             for name, (bound, largest) in zip(("qpos", "qvel"), self.BOUNDS[task]):
                 with self.subTest(task=task, quantity=name):
                     self.assertLess(np.quantile(differences[name], 0.8 if largest is None else 0.99), bound)
