@@ -62,7 +62,7 @@ pub enum BatchStatus {
 
 /// The outcome of one simulation by another physics engine.
 ///
-/// It has no trace and is no [`Episode`], so it can enter neither a run file nor a verdict. The same request, simulated by the
+/// It has no trace and is no [`Episode`](crate::Episode), so it can enter neither a run file nor a verdict. The same request, simulated by the
 /// target's system, gives the episode that counts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScreenedEpisode {
