@@ -14,7 +14,7 @@ use mishandle_tasks::TaskBatch;
 use mishandle_world::Backend;
 
 use crate::evaluate::{corner_report, with_requests};
-use crate::{MishandleError, ResolvedPlan, task_target};
+use crate::{MishandleError, Plan, ResolvedPlan, task_target};
 
 static GPU: OnceLock<Gpu> = OnceLock::new();
 
@@ -59,6 +59,14 @@ pub fn screening(
     }
     let target = task_target(&resolved.plan)?;
     let environment = target.environment(&resolved.space)?;
+    let Plan { risk, evaluate, falsify, .. } = &resolved.plan;
+    let simulations = [
+        risk.as_ref().map(|table| table.simulations as usize),
+        evaluate.as_ref().map(|table| table.episodes as usize),
+        falsify.as_ref().map(|table| table.trials as usize * table.budget as usize),
+    ];
+    // More worlds than simulations would be idle.
+    let rows = rows.min(simulations.into_iter().flatten().max().unwrap_or(rows)).max(1);
     let halves = [rows.div_ceil(2), rows / 2];
     let batches = halves
         .into_iter()

@@ -235,7 +235,7 @@ def warp_step(arguments: dict[str, Any], inputs: dict[str, NDArray[Any]]) -> NDA
 
 def audit(task: str, controller: str = "ppo", states: int = 1000, episodes: int = 50, space: str = "starts") -> Audit:
     """Audits a task on about ``states`` states of episodes over a space."""
-    period = max(1, EPISODE_STEPS * episodes // states)
+    period = min(max(1, EPISODE_STEPS * episodes // max(states, 1)), EPISODE_STEPS)
     arguments, inputs = visited(task, controller, episodes, period, space)
     outputs, physics, result = warp_step(arguments, inputs), CpuPhysics(arguments), Audit()
     random, quantities = np.random.default_rng(0), physics.quantities()
@@ -277,17 +277,19 @@ def compare(
 def main() -> None:
     """Prints two tables of the differences."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("tasks", nargs="*", default=TASKS)
+    parser.add_argument("tasks", nargs="*", metavar="TASK", help="default: all tasks")
     parser.add_argument("--space", default="starts", help="space of the scenarios")
     parser.add_argument("--states", type=int, default=1000, help="about this number of states of each task")
     parser.add_argument("--device", help="device of MuJoCo Warp, such as cuda:1 or cpu")
     options = parser.parse_args()
+    if unknown := sorted(set(options.tasks) - set(TASKS)):
+        parser.error(f"unknown task {unknown[0]}; expected one of {', '.join(TASKS)}")
     if options.device:
         os.environ[gpu.DEVICE_VARIABLE] = options.device
     print("| task | states | overflows | qpos: median | 99 % | max | qvel: median | 99 % | max | moved: median | 99 % | max |")
     print("|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|")
     found = {}
-    for task in options.tasks:
+    for task in options.tasks or TASKS:
         found[task] = result = audit(task, states=options.states, space=options.space)
         numbers = [f"{result.quantile(name, share):.1e}" for name in ("qpos", "qvel", "moved") for share in (0.5, 0.99, 1)]
         print(f"| {task} | {result.states} | {result.overflows} | {' | '.join(numbers)} |", flush=True)

@@ -262,6 +262,11 @@ def main() -> None:
     engines.add_argument("--c-only", action="store_true", help="measure the columns of MuJoCo C only")
     engines.add_argument("--gpu-only", action="store_true", help="measure the columns of the GPU only")
     options = parser.parse_args()
+    known = sorted({case.task for case in CASES})
+    if unknown := sorted(set(options.tasks) - set(known)):
+        parser.error(f"unknown task {unknown[0]}; expected one of {', '.join(known)}")
+    if options.simulations < 100:
+        parser.error("expected at least 100 simulations")
     measure = in_c if options.c_only else on_gpu if options.gpu_only else both
     cases = [case for case in CASES if case.task in options.tasks or not options.tasks]
     threads = max(1, (os.cpu_count() or 1) // options.jobs)

@@ -27,7 +27,8 @@ impl TwoPhase {
     /// The estimate, flagged events / n + (1 - flagged / n) * sampled events / sampled, is unbiased whatever the indicator is worth. A
     /// useless indicator makes the interval wide, not wrong. The interval adds exact intervals of the rate of flagged events and of the
     /// event among the others, each with a share of the probability of a miss. It does not assume that any count is large. Without
-    /// events in the sample, its upper bound exceeds the estimate by about 3.9 / sampled.
+    /// events in the sample, that of the others adds about 4.6 / sampled to the upper bound. If the sample contains all others, it is the exact
+    /// interval of all trials.
     ///
     /// The estimate is `None` if there are other trials and no sample of them.
     ///
@@ -55,8 +56,8 @@ impl TwoPhase {
         let (n, share) =
             (trials as f64, if sampled == 0 { 0.0 } else { sampled_events as f64 / sampled as f64 });
         let value = flagged_events as f64 / n + others as f64 / n * share;
-        if others == 0 {
-            return clopper_pearson(flagged_events, trials, confidence);
+        if sampled == others {
+            return clopper_pearson(flagged_events + sampled_events, trials, confidence);
         }
         let miss = 1.0 - confidence;
         let [first, second, third] = [
@@ -101,6 +102,12 @@ mod tests {
             }
         }
         counts
+    }
+
+    #[test]
+    fn a_sample_of_all_others_gives_the_exact_interval_of_all_trials() {
+        let counts = TwoPhase { trials: 100, flagged: 12, flagged_events: 9, sampled: 88, sampled_events: 2 };
+        assert_eq!(counts.estimate(0.95), clopper_pearson(11, 100, 0.95));
     }
 
     #[test]

@@ -94,7 +94,7 @@ impl ScreenedCounts {
             Reason::Sample => &mut self.sampled,
         };
         count.simulations += 1;
-        count.violations += u64::from(episode.robustness() < Some(0.0));
+        count.violations += u64::from(episode.robustness().is_some_and(|rho| rho < 0.0));
     }
 }
 
@@ -217,4 +217,33 @@ fn merge(
             Screened { outcome, robustness }
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use mishandle_rollout::{EpisodeEnd, Seed, Verdict};
+
+    use super::*;
+
+    #[test]
+    fn a_repetition_without_a_verdict_is_no_violation() {
+        let repeated = |end, robustness| {
+            let episode = Episode {
+                request: Request::new([0.0], Seed(1)),
+                end,
+                steps: 3,
+                verdict: Verdict { robustness, ..Verdict::default() },
+                total_reward: 0.0,
+                trace: Trace::new([].into()),
+                trace_digest: None,
+            };
+            let reason = Reason::NoVerdict { has_overflowed: false };
+            Screened { outcome: Outcome::Repeated(reason, Box::new(episode)), robustness: f64::INFINITY }
+        };
+        let mut counts = ScreenedCounts::default();
+        counts.add(&repeated(EpisodeEnd::Diverged { step: 3 }, None));
+        assert_eq!(counts.without_verdict, RepeatedCount { simulations: 1, violations: 0 });
+        counts.add(&repeated(EpisodeEnd::Completed, Some(-1.0)));
+        assert_eq!(counts.without_verdict, RepeatedCount { simulations: 2, violations: 1 });
+    }
 }

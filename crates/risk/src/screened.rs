@@ -95,7 +95,7 @@ pub fn screened_risk(
             draws.iter().map(|draw| Request::new(scenarios.scenario(&draw.latent), draw.seed)).collect();
         let base = counts.trials;
         let on_screened = |done| call(ScreenedProgress { screened: base + done as u64, confirmed });
-        let is_violated = |episode: &ScreenedEpisode| episode.robustness() < Some(0.0);
+        let is_violated = |episode: &ScreenedEpisode| episode.robustness().is_some_and(|rho| rho < 0.0);
         let selection = screen(screening, &requests, is_violated, (sample_rate, &mut sample), &on_screened)?;
         drop(requests);
         let Some(selection) = selection else {

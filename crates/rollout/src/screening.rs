@@ -116,8 +116,12 @@ impl Screening {
             next: AtomicUsize::new(0),
             threads: PerThread::new(|| Thread::new(rollout))?,
         };
+        // With few requests, each batch gets its share, so that one is visited while the other one steps.
+        let rows: usize = self.batches.iter().map(|batch| batch.rows()).sum();
+        let share =
+            if requests.len() < rows { requests.len().div_ceil(self.batches.len()) } else { requests.len() };
         let mut flights: Vec<Flight<'_>> =
-            self.batches.iter_mut().map(|batch| Flight::new(rollout, &mut **batch)).collect();
+            self.batches.iter_mut().map(|batch| Flight::new(rollout, &mut **batch, share)).collect();
         let mut outcomes = vec![None; requests.len()];
         // Inside the pool, because each visit from outside would wait until a thread of the pool wakes up.
         rayon::scope(|_| {
@@ -141,7 +145,7 @@ fn fly(
         for flight in flights.iter_mut().filter(|flight| !flight.is_idle) {
             let finished = flight.advance(shared, outcomes)?;
             done += finished;
-            if finished > 0 && !watch(done) {
+            if !watch(done) {
                 return Ok(());
             }
         }
@@ -159,8 +163,11 @@ struct Shared<'a> {
 }
 
 impl Shared<'_> {
-    /// Returns the index of a request that no row has taken yet.
-    fn take(&self) -> Option<usize> {
+    /// Returns the index of a request that no row has taken yet, if the batch may take another one.
+    fn take(&self, taken: &AtomicUsize, share: usize) -> Option<usize> {
+        if taken.fetch_add(1, Ordering::Relaxed) >= share {
+            return None;
+        }
         let index = self.next.fetch_add(1, Ordering::Relaxed);
         (index < self.requests.len()).then_some(index)
     }
@@ -185,6 +192,9 @@ impl Thread {
 struct Flight<'a> {
     batch: &'a mut dyn ScenarioBatch,
     groups: Vec<Mutex<Group>>,
+    /// Number of requests that the batch has tried to take, and the number that it may take.
+    taken: AtomicUsize,
+    share: usize,
     /// Whether the engine is taking a control step.
     is_stepping: bool,
     /// Whether no row has a simulation, and no request is left.
@@ -192,13 +202,13 @@ struct Flight<'a> {
 }
 
 impl Flight<'_> {
-    fn new<'a>(rollout: &Rollout, batch: &'a mut dyn ScenarioBatch) -> Flight<'a> {
+    fn new<'a>(rollout: &Rollout, batch: &'a mut dyn ScenarioBatch, share: usize) -> Flight<'a> {
         let rows = batch.rows();
         let groups = (0..rows)
             .step_by(ROWS)
             .map(|first| Mutex::new(Group::new(rollout, ROWS.min(rows - first))))
             .collect();
-        Flight { batch, groups, is_stepping: false, is_idle: false }
+        Flight { batch, groups, taken: AtomicUsize::new(0), share, is_stepping: false, is_idle: false }
     }
 
     /// Waits for the physics of the present control step.
@@ -218,12 +228,13 @@ impl Flight<'_> {
     ) -> Result<usize, RolloutError> {
         self.wait()?;
         let (groups, failure) = (&self.groups, Mutex::new(None));
+        let take = || shared.take(&self.taken, self.share);
         let [is_running, has_finished] = [AtomicBool::new(false), AtomicBool::new(false)];
         self.batch.visit(&|index, rows| {
             let group = &mut *lock(&groups[index]);
             let make = || Thread::new(shared.rollout);
             if let Err(error) =
-                shared.threads.with(make, |thread| group.visit(shared, thread, rows)).flatten()
+                shared.threads.with(make, |thread| group.visit(shared, &take, thread, rows)).flatten()
             {
                 lock(&failure).get_or_insert(error);
             }
@@ -235,8 +246,8 @@ impl Flight<'_> {
         }
         self.is_idle = !is_running.into_inner();
         if !self.is_idle {
-            self.is_stepping = true;
             self.batch.start_step()?;
+            self.is_stepping = true;
         }
         Ok(if has_finished.into_inner() { self.collect(outcomes) } else { 0 })
     }
@@ -252,6 +263,13 @@ impl Flight<'_> {
             }
         }
         finished
+    }
+}
+
+impl Drop for Flight<'_> {
+    /// Waits, so that no buffer is freed while the engine uses it, also after a panic.
+    fn drop(&mut self) {
+        let _ = self.wait();
     }
 }
 
@@ -308,14 +326,17 @@ impl Group {
     fn visit(
         &mut self,
         shared: &Shared<'_>,
+        take: &dyn Fn() -> Option<usize>,
         thread: &mut Thread,
         environment: &mut dyn ScenarioRows,
     ) -> Result<(), RolloutError> {
         for row in 0..self.simulations.len() {
             self.record(shared, thread, environment, row);
             self.finish(shared, thread, row)?;
-            if self.simulations[row].is_none() {
-                self.start(shared, thread, environment, row);
+            if self.simulations[row].is_none()
+                && let Some(index) = take()
+            {
+                self.start(shared, index, thread, environment, row);
             }
         }
         self.act(shared.rollout, &mut thread.lane, environment);
@@ -323,15 +344,15 @@ impl Group {
         Ok(())
     }
 
-    /// Starts the next request in an idle row.
+    /// Starts a request in an idle row.
     fn start(
         &mut self,
         shared: &Shared<'_>,
+        index: usize,
         thread: &mut Thread,
         environment: &mut dyn ScenarioRows,
         row: usize,
     ) {
-        let Some(index) = shared.take() else { return };
         let (request, rollout, lane) = (&shared.requests[index], shared.rollout, &mut thread.lane);
         let scenario = rollout.environment_scenario(request);
         environment.start(row, &scenario, request.seed, lane.sample(row));

@@ -441,3 +441,60 @@ fn a_training_environment_with_too_little_memory_diverges() {
     use StepStatus::{Diverged, Running};
     assert_eq!(statuses, [[Running, Running], [Running, Running], [Running, Diverged]]);
 }
+
+/// Counts the rows that start in each batch.
+struct Counting(Arc<Mutex<Vec<usize>>>);
+
+struct CountingWorlds(Box<dyn WorldBatch>, Arc<Mutex<Vec<usize>>>, usize);
+
+impl Backend for Counting {
+    fn engine(&self) -> &'static str {
+        "counting"
+    }
+
+    fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
+        let mut counts = self.0.lock().unwrap();
+        counts.push(0);
+        Ok(Box::new(CountingWorlds(CpuBackend.batch(spec)?, self.0.clone(), counts.len() - 1)))
+    }
+}
+
+impl WorldBatch for CountingWorlds {
+    fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
+        self.1.lock().unwrap()[self.2] += rows.len();
+        self.0.write_states(rows, states)
+    }
+
+    fn write_fields(&mut self, rows: &[usize], values: &[f64]) -> Result<(), WorldError> {
+        self.0.write_fields(rows, values)
+    }
+
+    fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {
+        self.0.read_states(states)
+    }
+
+    fn buffers(&mut self) -> mishandle_world::BatchBuffers<'_> {
+        self.0.buffers()
+    }
+
+    fn start_step(&mut self) -> Result<(), WorldError> {
+        self.0.start_step()
+    }
+
+    fn finish_step(&mut self) -> Result<(), WorldError> {
+        self.0.finish_step()
+    }
+}
+
+#[test]
+fn few_simulations_are_divided_among_the_batches() {
+    let target = target("point-reaching", Noise::default());
+    let space = target.target().unwrap().space("starts").unwrap();
+    let requests: Vec<Request> = (0..5).map(|i| Request::new(space.sample(Seed(3), i), Seed(i))).collect();
+    let counts = Arc::default();
+    let mut screening =
+        screening(&target, "point-reaching", "starts", &Counting(Arc::clone(&counts)), &[8, 8]);
+    let outcomes = screening.run(&requests, &|_| true).unwrap();
+    assert!(outcomes.iter().all(Option::is_some));
+    assert_eq!(*counts.lock().unwrap(), [3, 2]);
+}
