@@ -113,11 +113,15 @@ def _floats(array: Any) -> Any:
 def find_device(name: str | None) -> Any:
     """Returns a device of Warp by its name, or the one of the environment variable, or the default GPU."""
     name = name or os.environ.get(DEVICE_VARIABLE)
-    if name is None:
+    if not name:
         if not wp.is_cuda_available():
             raise RuntimeError("found no NVIDIA GPU with a working driver; use --backend cpu")
         name = "cuda"
-    return wp.get_device(name)
+    try:
+        return wp.get_device(name)
+    except ValueError:
+        known = ", ".join(str(device) for device in wp.get_devices())
+        raise RuntimeError(f"found no device {name!r} of {DEVICE_VARIABLE}; expected one of {known}") from None
 
 
 class _Announcement:

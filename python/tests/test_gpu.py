@@ -181,6 +181,10 @@ class Physics(unittest.TestCase):
         batch.step()
         self.assertEqual(list(batch.arrays()["outputs"][:, -1]), [1.0, 0.0])
 
+    def test_an_unknown_device_is_an_error_that_names_the_known_ones(self):
+        with self.assertRaisesRegex(RuntimeError, "no device 'tpu' of MISHANDLE_GPU_DEVICE; expected one of cpu"):
+            gpu.find_device("tpu")
+
     def test_a_device_that_does_not_finish_a_step_is_an_error(self):
         batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], device="cpu")
         batch.step()

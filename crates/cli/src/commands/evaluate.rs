@@ -111,7 +111,7 @@ fn on_gpu(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
     }
     let report = &outcome.report;
     let (screened, seconds) = (plural(report.failures.trials, "simulation"), start.elapsed().as_secs_f64());
-    output::message(&format!("{screened} screened and confirmed in {seconds:.1} s"));
+    output::message(&format!("{screened} screened in {seconds:.1} s, repetitions by MuJoCo C included"));
     if !report.is_complete {
         run::report_loss(report.failures.trials, "the answer is that of these; it cannot be resumed");
         return Ok(ExitStatus::Interrupted);

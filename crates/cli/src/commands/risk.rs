@@ -151,7 +151,7 @@ fn on_gpu(
         false => output::line(&risk_text::screened_text(resolved, scenarios, &report))?,
     }
     let screened = plural(report.counts.trials, "simulation");
-    output::message(&format!("{screened} screened and confirmed in {seconds:.1} s"));
+    output::message(&format!("{screened} screened in {seconds:.1} s, repetitions by MuJoCo C included"));
     if !report.is_complete {
         run::report_loss(report.counts.trials, "the answer is that of these; it cannot be resumed");
         return Ok(ExitStatus::Interrupted);

@@ -53,7 +53,7 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         }
     }
     output::message(&format!(
-        "{} screened and confirmed in {seconds:.1} s; only the {} of MuJoCo C are evidence",
+        "{} screened in {seconds:.1} s; only the {} that MuJoCo C repeated are evidence",
         plural(found.simulations, "simulation"),
         found.simulations - found.screened
     ));
