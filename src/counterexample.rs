@@ -162,6 +162,15 @@ impl Counterexample {
         describe(&header, &explained)
     }
 
+    /// Simulates a request with the target's system and returns the episode as a counterexample.
+    ///
+    /// # Errors
+    /// If the simulation cannot be run, or its robustness is not negative.
+    pub fn simulate(resolved: &ResolvedPlan, request: Request) -> Result<Counterexample, MishandleError> {
+        let episode = resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode)?;
+        Counterexample::from_episode(resolved, &episode)
+    }
+
     /// Reads a counterexample file.
     ///
     /// # Errors

@@ -122,8 +122,7 @@ pub fn risk_counterexample(
     failure: &Failure,
 ) -> Result<Counterexample, MishandleError> {
     let request = Request::new(scenarios.scenario(&failure.draw.latent), failure.draw.seed);
-    let episode = resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode)?;
-    Counterexample::from_episode(resolved, &episode)
+    Counterexample::simulate(resolved, request)
 }
 
 /// Describes what the interval of an estimate assumes; `None` if nothing.

@@ -1,18 +1,20 @@
 """Control steps per second on a GPU: MuJoCo Warp alone, and simulations of a controller with signals, rewards and action noise.
 
-    python python/benches/gpu_throughput.py [--rows 16384 ...] [--waves 4] [--no-c] [--quick] [--profile] [TASK ...]
+    python python/benches/gpu_throughput.py [TASK ...] [--rows 16384 ...] [--waves 4] [--space starts] [--no-c] [--quick] [--profile]
 
 Each line is a JSON object with these rates, in control steps per second:
 
 - ``bare_start``: the physics steps of MuJoCo Warp as a CUDA graph, again and again from the start states, with constant targets
 - ``bare``: the physics steps of MuJoCo Warp as a CUDA graph, over the same episodes as ``screened``, whose targets are in the GPU's memory
 - ``step``: as ``bare_start``, with servos, poses and copies from and to the host
-- ``screened``: ``mishandle risk --backend gpu``, without the time to compile kernels and to allocate memory, with ``--confirm 0.0001``
+- ``screened``: ``mishandle risk --backend gpu``, without the time to compile kernels and to allocate memory, with ``--confirm 0.0001`` (more with few simulations)
 - ``C``: ``mishandle risk --method monte-carlo`` on all cores of the same host
 
 ``waited_s``: how long the CPU waited for the GPU. ``visited_s``: how long the CPU computed samples and actions; ``started_s``: the part of
 it in control steps in which episodes started. Each has one number for each batch.
-``bytes_per_world``: the GPU's memory. With ``--profile``, ``kernels`` has the time of each kernel in one control step, ms.
+``policy_c_ms`` and ``policy_gpu_ms``: the policy's actions for half of the rows, on all cores (each with its share of the rows), and
+on the GPU with the copies of observations and actions. ``bytes_per_world``: the GPU's memory. With ``--profile``, ``kernels`` has the time of each kernel in one control step, ms.
+With another ``--space`` than ``starts``, and with ``--quick``, only ``screened`` is measured.
 """
 
 from __future__ import annotations
@@ -26,10 +28,11 @@ import time
 import numpy as np
 import warp as wp
 
-from mishandle import _native, gpu, gpu_audit
+from mishandle import _native, gpu, gpu_audit, gpu_networks, gpu_verdicts, load_controller
 
 TASKS = [task for task in gpu_audit.TASKS if task != "cloth-placing"]
-EPISODE_STEPS = 300
+EPISODE_STEPS = gpu_audit.EPISODE_STEPS
+CORES = len(os.sched_getaffinity(0))
 INPUTS = ("targets", "active", "mocap")
 
 made: list[Recorder] = []
@@ -98,15 +101,18 @@ def command(*arguments: str) -> float:
     return time.perf_counter() - start
 
 
-def screen(task: str, rows: int, waves: int, records: bool = False) -> tuple[float, list[Recorder]]:
+def screen(task: str, rows: int, waves: int, space: str = "starts", records: bool = False) -> tuple[float, list[Recorder]]:
     """Screens ``waves`` simulations for each world. Returns control steps per second and the batches."""
     made.clear()
     Recorder.records = records
     common = ["risk", task, "--controller", "ppo", "--action-noise", "0.1", "--seed", "1", "--method", "monte-carlo"]
-    options = ["--simulations", str(rows * waves), "--backend", "gpu", "--rows", str(rows), "--confirm", "0.0001"]
+    common += ["--space", space]
+    simulations = rows * waves
+    share = max(1e-4, 5 / simulations)
+    options = ["--simulations", str(simulations), "--backend", "gpu", "--rows", str(rows), "--confirm", str(share)]
     total = command(*common, *options)
     batches = list(made)
-    return rows * waves * EPISODE_STEPS / (total - sum(batch.made_in for batch in batches)), batches
+    return simulations * EPISODE_STEPS / (total - sum(batch.made_in for batch in batches)), batches
 
 
 def rate(run: object, steps: int, rows: int) -> float:
@@ -168,13 +174,24 @@ def profile(whole: gpu.WarpBatch) -> dict[str, float]:
     return {name: round(ms, 4) for name, ms in sorted(times.items(), key=lambda item: -item[1])[:25]}
 
 
+def policy_times(task: str, rows: int) -> tuple[float, float]:
+    """Returns how long the policy takes for the actions of ``rows`` rows on all cores, and on the GPU, ms."""
+    sizes = json.loads(gpu_verdicts.command("controller", f"{task}/ppo", "--json"))["sizes"]
+    network = gpu_networks.WarpNetwork(sizes, "elu", rows)
+    controller = load_controller(f"{task}/ppo")
+    share = np.zeros((-(-rows // CORES), sizes[0]), dtype=np.float32)
+    calls = 100
+    return tuple(1e3 / rate(run, calls, 1) for run in (lambda: controller(share), network.forward))
+
+
 def measure(task: str, rows: int, options: argparse.Namespace) -> dict[str, object]:
     begin = time.perf_counter()
-    screened, batches = screen(task, rows, options.waves)
+    screened, batches = screen(task, rows, options.waves, options.space)
     arguments = list(batches[0].arguments)
     found: dict[str, object] = {
         "task": task,
         "rows": rows,
+        "space": options.space,
         "substeps": arguments[3],
         "screened": screened,
         "waited_s": [round(batch.waited, 3) for batch in batches],
@@ -183,11 +200,12 @@ def measure(task: str, rows: int, options: argparse.Namespace) -> dict[str, obje
         "making_s": [round(batch.made_in, 3) for batch in batches],
         "bytes_per_world": sum(batch.bytes for batch in batches) // rows,
     }
-    if not (options.no_c or options.quick):
-        count = 200 * (os.cpu_count() or 1)
+    is_quick = options.quick or options.space != "starts"
+    if not (options.no_c or is_quick):
+        count = 200 * CORES
         common = f"risk {task} --controller ppo --action-noise 0.1 --seed 1 --simulations {count} --method monte-carlo"
         found["C"] = count * EPISODE_STEPS / command(*common.split())
-    if options.quick:
+    if is_quick:
         found["seconds"] = round(time.perf_counter() - begin, 1)
         return found
     _, batches = screen(task, rows, 1, records=True)
@@ -197,6 +215,7 @@ def measure(task: str, rows: int, options: argparse.Namespace) -> dict[str, obje
     for name in INPUTS:
         whole.arrays()[name][:] = np.concatenate([batch.inputs[name][0] for batch in batches])
     found["step"] = rate(whole.step, 100, rows)
+    found["policy_c_ms"], found["policy_gpu_ms"] = policy_times(task, rows // 2)
     if whole._device.is_cuda:
         with wp.ScopedDevice(whole._device), wp.ScopedStream(whole._stream):
             graph = physics_graph(whole, with_servos=False)
@@ -213,6 +232,7 @@ def main() -> None:
     parser.add_argument("tasks", nargs="*", default=TASKS)
     parser.add_argument("--rows", type=int, nargs="+", default=[16384])
     parser.add_argument("--waves", type=int, default=4)
+    parser.add_argument("--space", default="starts")
     parser.add_argument("--no-c", action="store_true")
     parser.add_argument("--profile", action="store_true")
     parser.add_argument("--quick", action="store_true", help="only `screened`")

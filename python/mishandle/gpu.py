@@ -87,8 +87,9 @@ def step(model: Any, data: Any) -> None:
 
 def compile_model(xml: str, timestep: float) -> Any:
     """Compiles an MJCF document for MuJoCo Warp."""
-    if mujoco.__version__ != MUJOCO_VERSION:
-        raise RuntimeError(f"expected the package mujoco {MUJOCO_VERSION}, found {mujoco.__version__}; pip install 'mishandle[gpu]'")
+    for package, module in (("mujoco", mujoco), ("mujoco-warp", mjw)):
+        if (found := module.__version__) != MUJOCO_VERSION:
+            raise RuntimeError(f"expected the package {package} {MUJOCO_VERSION}, found {found}; pip install 'mishandle[gpu]'")
     model = mujoco.MjModel.from_xml_string(xml)
     if model.ntendon > 0 or model.opt.integrator != mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
         raise RuntimeError("the backend gpu needs a model without tendons and with the integrator implicitfast")

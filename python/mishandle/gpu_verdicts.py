@@ -1,6 +1,6 @@
 """Verdicts of MuJoCo Warp and MuJoCo C near the boundary between success and failure.
 
-    python -m mishandle.gpu_verdicts [--simulations 1000] [--seed 7] [--jobs 1] [--c-only | --gpu-only] [TASK ...]
+    python -m mishandle.gpu_verdicts [--simulations 1000] [--seed 7] [--jobs 1] [--move 1e-7] [--c-only | --gpu-only] [TASK ...]
 
 Each task has a controller and an action noise with which a good part of the simulations fails, if needed one per formula. Scenarios
 and seeds are those of ``mishandle risk --method monte-carlo`` with the same seed. It prints one row per task and formula:
@@ -9,8 +9,8 @@ and seeds are those of ``mishandle risk --method monte-carlo`` with the same see
 - ``GPU: missed``: violated in MuJoCo C, satisfied on the GPU.
 - ``GPU: refuted``: violated or without a verdict on the GPU, not violated in MuJoCo C.
 - ``no verdict``: simulations without a verdict on the GPU, and how many of them had too little memory for contacts or constraints.
-- ``moved: missed``: violated in MuJoCo C, but not if the start moves: each number of the scenario by 1e-7 m towards the
-  middle of its range. Seed and noise stay the same.
+- ``moved: missed``: violated in MuJoCo C, but not if the start moves: each number of the scenario by 1e-7 m (``--move``) towards
+  the middle of its range. Seed and noise stay the same.
 - ``moved: refuted``: violated only if the start moves.
 
 ``moved`` says how many verdicts a change of the size of a 32-bit rounding error flips in MuJoCo C alone. The last line has all rows as
@@ -39,7 +39,7 @@ from mishandle import _native
 FORMULAS = ("success", "strict")
 
 MOVE = 1e-7
-"""Move of each number of a scenario: about the precision of 32-bit numbers."""
+"""Default move of each number of a scenario, m: about the precision of 32-bit numbers."""
 
 COMMAND = "import sys; from mishandle.command import main; sys.exit(main())"
 
@@ -72,11 +72,12 @@ CASES = [
 
 @dataclass(frozen=True)
 class Sample:
-    """Size and seed of the sample of a case, and the number of threads that simulate it."""
+    """Size and seed of the sample of a case, the number of threads that simulate it, and the move of the starts, m."""
 
     simulations: int
     seed: int
     threads: int
+    move: float = MOVE
 
 
 @dataclass
@@ -145,10 +146,10 @@ def draws(axes: list[_native.AxisTuple], sample: Sample) -> list[tuple[list[floa
     return drawn
 
 
-def moved(scenario: list[float], axes: list[_native.AxisTuple]) -> list[float]:
+def moved(scenario: list[float], axes: list[_native.AxisTuple], move: float = MOVE) -> list[float]:
     """Returns a scenario whose numbers have moved towards the middle of their ranges."""
     middles = [(low + high) / 2 for _, _, _, low, high, *_ in axes]
-    return [value + MOVE if value < middle else value - MOVE for value, middle in zip(scenario, middles)]
+    return [value + move if value < middle else value - move for value, middle in zip(scenario, middles)]
 
 
 def command(*arguments: object) -> str:
@@ -190,7 +191,7 @@ def in_c(case: Case, sample: Sample) -> list[Row]:
     scenarios, seeds = map(list, zip(*draws(axes, sample)))
     simulator = worker(case, sample.threads)
     plain = violations(simulator, scenarios, seeds)
-    shifted = violations(simulator, [moved(scenario, axes) for scenario in scenarios], seeds)
+    shifted = violations(simulator, [moved(scenario, axes, sample.move) for scenario in scenarios], seeds)
     return [
         Row(
             case,
@@ -258,6 +259,7 @@ def main() -> None:
     parser.add_argument("--simulations", type=int, default=1000, help="number of simulations of each task, at least 100")
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--jobs", type=int, default=1, help="number of cases at the same time")
+    parser.add_argument("--move", type=float, default=MOVE, help="move of the starts, m, above 0")
     engines = parser.add_mutually_exclusive_group()
     engines.add_argument("--c-only", action="store_true", help="measure the columns of MuJoCo C only")
     engines.add_argument("--gpu-only", action="store_true", help="measure the columns of the GPU only")
@@ -267,12 +269,14 @@ def main() -> None:
         parser.error(f"unknown task {unknown[0]}; expected one of {', '.join(known)}")
     if options.simulations < 100:
         parser.error("expected at least 100 simulations")
+    if not 0 < options.move < 1:
+        parser.error("expected a move above 0 and below 1 m")
     measure = in_c if options.c_only else on_gpu if options.gpu_only else both
     cases = [case for case in CASES if case.task in options.tasks or not options.tasks]
     threads = max(1, (os.cpu_count() or 1) // options.jobs)
     rows = []
     print(HEADER)
-    for found in measured(cases, Sample(options.simulations, options.seed, threads), options.jobs, measure):
+    for found in measured(cases, Sample(options.simulations, options.seed, threads, options.move), options.jobs, measure):
         rows += found
         print("\n".join(row.text() for row in found), flush=True)
     print(json.dumps([asdict(row) for row in rows]))

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import unittest.mock
 
 import numpy as np
 
@@ -15,7 +16,7 @@ os.environ["MISHANDLE_GPU_DEVICE"] = "cpu"
 try:
     import mujoco
     import mujoco_warp as mjw
-    from mishandle import gpu, gpu_audit, gpu_networks
+    from mishandle import _native, gpu, gpu_audit, gpu_networks
 except ImportError:
     gpu = None
 
@@ -123,6 +124,17 @@ class Physics(unittest.TestCase):
         warp_model, data = mjw.put_model(model), mjw.put_data(model, mujoco.MjData(model))
         gpu.step(warp_model, data)
         return int(data.nacon.numpy()[0])
+
+    def test_other_versions_of_the_packages_are_refused(self):
+        for package, module in (("mujoco", gpu.mujoco), ("mujoco-warp", gpu.mjw)):
+            with unittest.mock.patch.object(module, "__version__", "3.16.1"):
+                with self.assertRaisesRegex(RuntimeError, f"package {package} 3.17.0, found 3.16.1"):
+                    gpu.compile_model(TWO_BOXES, 0.002)
+
+    def test_all_episodes_have_the_length_of_the_audit(self):
+        for task in gpu_audit.TASKS:
+            simulator = _native.Simulator(task, 1, preset="paper", reward="shaped", threads=1)
+            self.assertEqual(simulator.episode_steps, gpu_audit.EPISODE_STEPS, task)
 
     def test_two_boxes_have_as_many_contacts_as_in_mujoco_c(self):
         plain = mujoco.MjModel.from_xml_string(TWO_BOXES)
@@ -421,11 +433,16 @@ class Commands(unittest.TestCase):
 
     def test_mujoco_c_has_the_robustness_of_each_counterexample_of_falsify(self):
         options = "--search random --trials 3 --budget 8 --seed 3 --repeats 0 --backend gpu --rows 24 --confirm 0.1"
-        found = self.run_command("falsify", *options.split())
+        with tempfile.TemporaryDirectory() as folder:
+            found = self.run_command("falsify", *options.split(), "--out", f"{folder}/counterexample.json")
+            code = "import sys; from mishandle.command import main; sys.exit(main())"
+            replay = [sys.executable, "-c", code, "replay", f"{folder}/counterexample.json", "--json"]
+            replayed = json.loads(subprocess.run(replay, capture_output=True, text=True).stdout)
         self.assertEqual(found["backend"], "gpu")
         falsified = [trial for trial in found["trials"] if trial["falsified"]]
         self.assertGreater(len(falsified), 0)
         self.assertEqual(found["confirmation"]["violated"]["violations"], len(falsified))
+        self.assertEqual(replayed["robustness"], falsified[0]["minimum_robustness"])
         for trial in falsified:
             at = ",".join(f"{name}={value!r}" for name, value in trial["scenario"].items())
             again = self.run_command("simulate", "--at", at, "--seed", trial["seed"])

@@ -2,6 +2,7 @@
 
 import json
 import unittest
+from dataclasses import replace
 
 from mishandle import _native, gpu_verdicts
 
@@ -29,6 +30,15 @@ class Verdicts(unittest.TestCase):
             for axis, value, found in zip(axes, values, gpu_verdicts.moved(values, axes)):
                 self.assertAlmostEqual(abs(found - value), 1e-7, places=12)
                 self.assertTrue(axis[3] <= found <= axis[4])
+
+    def test_a_larger_move_flips_more_verdicts(self):
+        def flips(move):
+            [row] = gpu_verdicts.in_c(self.CASE, replace(self.SAMPLE, move=move))
+            return row.moved_missed + row.moved_refuted
+
+        small, large = flips(1e-7), flips(0.05)
+        self.assertLess(small, 3)
+        self.assertGreater(large, small)
 
     def test_every_task_has_a_case_for_each_formula(self):
         found = [(case.task, formula) for case in gpu_verdicts.CASES for formula in case.formulas]

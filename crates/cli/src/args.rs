@@ -4,9 +4,10 @@ use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
+use anyhow::{Result, ensure};
 use clap::{Args, Parser, Subcommand};
 use mishandle::rollout::Noise;
-use mishandle::{AxisSetting, Plan};
+use mishandle::{AxisSetting, Plan, plural};
 
 use crate::commands::{
     campaign, compare, completions, controller, counterexamples, curve, evaluate, explain, export, falsify,
@@ -114,7 +115,8 @@ pub struct Run {
 /// Flags that create or open the run file of a command that runs simulations.
 #[derive(Debug, Args)]
 pub struct OpenRun {
-    /// Run file to create (SQLite) [default: a new file in runs/]
+    /// Run file to create (SQLite) [default: a new file in runs/]. With falsify --backend gpu: .json file of the first
+    /// counterexample
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Resume a stopped run with its own plan; if its controller was moved, --controller is the new path
@@ -136,20 +138,44 @@ pub struct Screen {
     /// sample of the others, and only these count) [default: cpu]
     #[arg(long, value_name = "NAME")]
     pub backend: Option<Backend>,
-    /// With --backend gpu: number of worlds on the GPU
-    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "16384")]
-    #[arg(value_parser = integer::<u32>(1..=1_048_576), requires = "backend")]
-    pub rows: u32,
+    /// With --backend gpu: number of worlds on the GPU [default: 16384]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(1..=1_048_576))]
+    pub rows: Option<u32>,
     /// With --backend gpu: share of the simulations without a violation that MuJoCo C repeats, above 0 and up to 1
-    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, default_value = "0.1", value_parser = share)]
-    #[arg(requires = "backend")]
-    pub confirm: f64,
+    /// [default: 0.1]
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, value_parser = share)]
+    pub confirm: Option<f64>,
 }
 
 impl Screen {
     /// Returns whether a GPU screens the simulations.
-    pub fn is_gpu(&self) -> bool {
-        self.backend == Some(Backend::Gpu)
+    pub fn is_gpu(&self) -> Result<bool> {
+        let is_gpu = self.backend == Some(Backend::Gpu);
+        ensure!(
+            is_gpu || (self.rows.is_none() && self.confirm.is_none()),
+            "--rows and --confirm need --backend gpu"
+        );
+        Ok(is_gpu)
+    }
+
+    /// Returns the number of worlds.
+    pub fn rows(&self) -> u32 {
+        self.rows.unwrap_or(16_384)
+    }
+
+    /// Returns the share of the simulations without a violation that MuJoCo C repeats.
+    pub fn confirm(&self) -> f64 {
+        self.confirm.unwrap_or(0.1)
+    }
+
+    /// Checks that about one of the simulations without a violation is repeated. An estimate needs one.
+    pub fn check_sample(&self, simulations: u64) -> Result<()> {
+        let (share, count) = (self.confirm(), plural(simulations, "simulation"));
+        ensure!(
+            share * simulations as f64 >= 1.0,
+            "--confirm {share} of {count} repeats less than one; give a larger share or more simulations"
+        );
+        Ok(())
     }
 }
 

@@ -13,7 +13,7 @@ use crate::{Estimate, Evaluation, EvaluationError, FormulaRoles, TwoPhase};
 const CONFIDENCE: f64 = 0.95;
 
 /// Number of simulations that are screened at once.
-const CHUNK: u64 = 131_072;
+pub const SCREENED_CHUNK: u64 = 131_072;
 
 /// Largest number of failures in a report.
 const SHOWN: usize = 100;
@@ -155,8 +155,7 @@ struct Repeated {
 impl Repeated {
     fn add(&mut self, episode: &Episode) {
         self.simulations += 1;
-        let events =
-            [!episode.is_success(), !episode.is_strict_success(), episode.verdict.dangerous_steps > Some(0)];
+        let events = [!episode.is_success(), !episode.is_strict_success(), episode.verdict.is_dangerous()];
         for (count, event) in self.events.iter_mut().zip(events) {
             *count += u64::from(event);
         }
@@ -208,12 +207,12 @@ pub fn evaluate_screened(
     let mut sample = Sequence::new(evaluation.seed.child(u64::MAX).0, 0);
     let is_flagged = |episode: &ScreenedEpisode| {
         let verdict = &episode.verdict;
-        let is_success = verdict.success > Some(0.0) && (!roles.strict || verdict.strict > Some(0.0));
-        !is_success || verdict.dangerous_steps > Some(0)
+        let is_success = if roles.strict { verdict.is_strict_success() } else { verdict.is_success() };
+        !is_success || verdict.is_dangerous()
     };
     while report.failures.trials < evaluation.episodes {
         let (base, confirmed) = (report.failures.trials, report.confirmed());
-        let count = CHUNK.min(evaluation.episodes - base);
+        let count = SCREENED_CHUNK.min(evaluation.episodes - base);
         let requests = (base + 1..=base + count)
             .map(|number| evaluation.request(system.space(), number as u32))
             .collect::<Result<Vec<Request>, EvaluationError>>()?;

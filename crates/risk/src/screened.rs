@@ -3,16 +3,13 @@
 use std::ops::ControlFlow;
 use std::sync::Mutex;
 
-use mishandle_evaluation::{Estimate, ScreenedProgress, TwoPhase, screen};
+use mishandle_evaluation::{Estimate, SCREENED_CHUNK, ScreenedProgress, TwoPhase, screen};
 use mishandle_random::{Seed, Sequence};
 use mishandle_rollout::{Request, ScreenedEpisode, Screening, System};
 
 use crate::experiment::Experiment;
 use crate::risk::SHOWN;
 use crate::{CONFIDENCE, Draw, Failure, RiskError, Scenarios};
-
-/// Number of draws that are screened at once.
-const CHUNK: u64 = 131_072;
 
 /// Settings of a screened estimation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,7 +86,7 @@ pub fn screened_risk(
     let mut experiment = Experiment::new(system, scenarios, (u64::MAX, batch), &mut on_confirmed);
     let mut is_complete = true;
     while counts.trials < simulations && is_complete {
-        let count = CHUNK.min(simulations - counts.trials);
+        let count = SCREENED_CHUNK.min(simulations - counts.trials);
         let draws: Vec<Draw> = (0..count).map(|_| scenarios.draw(&mut random)).collect();
         let requests: Vec<Request> =
             draws.iter().map(|draw| Request::new(scenarios.scenario(&draw.latent), draw.seed)).collect();

@@ -66,12 +66,12 @@ impl Episode {
 
     /// Returns whether the episode satisfies the success formula with positive robustness.
     pub fn is_success(&self) -> bool {
-        self.end.has_verdict() && self.verdict.success > Some(0.0)
+        self.end.has_verdict() && self.verdict.is_success()
     }
 
     /// Returns whether the episode is a success that also satisfies the strict formula with positive robustness.
     pub fn is_strict_success(&self) -> bool {
-        self.is_success() && self.verdict.strict > Some(0.0)
+        self.end.has_verdict() && self.verdict.is_strict_success()
     }
 }
 

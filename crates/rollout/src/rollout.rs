@@ -1,5 +1,5 @@
 use std::borrow::Cow;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use mishandle_stl::Trace;
 use rayon::prelude::*;
@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::disturbance::AxisRouting;
 use crate::lane::{Lane, LaneRows, Progress, ROWS};
 use crate::{
-    Controller, Disturbance, Environment, EnvironmentWorker, Episode, EpisodeEnd, Noise, Request,
+    Controller, Disturbance, Environment, EnvironmentWorker, Episode, EpisodeEnd, Noise, PerThread, Request,
     RolloutError, Scenario, Space, Specification, SpecificationMonitor, System, Verdict,
 };
 
@@ -22,7 +22,7 @@ pub struct Rollout {
     pub(crate) noise: Noise,
     pub(crate) space: Space,
     pub(crate) routing: AxisRouting,
-    workers: Mutex<Vec<RolloutWorker>>,
+    workers: PerThread<RolloutWorker>,
 }
 
 impl Rollout {
@@ -58,7 +58,7 @@ impl Rollout {
             controller,
             specification,
             noise,
-            workers: Mutex::new(Vec::new()),
+            workers: PerThread::new(),
         })
     }
 
@@ -94,23 +94,6 @@ impl Rollout {
             false => Cow::Borrowed(&request.scenario),
         }
     }
-
-    fn take_worker(&self) -> Result<RolloutWorker, RolloutError> {
-        let free = self.workers.lock().map(|mut workers| workers.pop()).unwrap_or(None);
-        match free {
-            Some(worker) => Ok(worker),
-            None => RolloutWorker::new(self),
-        }
-    }
-
-    fn run_chunk(&self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
-        let mut worker = self.take_worker()?;
-        let episodes = worker.run(self, requests);
-        if let Ok(mut workers) = self.workers.lock() {
-            workers.push(worker);
-        }
-        episodes
-    }
 }
 
 impl System for Rollout {
@@ -126,7 +109,10 @@ impl System for Rollout {
         let this = &*self;
         let chunks = requests
             .par_chunks(rows)
-            .map(|chunk| this.run_chunk(chunk))
+            .map(|chunk| {
+                let run = |worker: &mut RolloutWorker| worker.run(this, chunk);
+                this.workers.with(|| RolloutWorker::new(this), run).flatten()
+            })
             .collect::<Result<Vec<Vec<Episode>>, RolloutError>>()?;
         Ok(chunks.into_iter().flatten().collect())
     }

@@ -85,13 +85,15 @@ impl ScreenedEpisode {
 /// samples and actions of another one.
 pub struct Screening {
     rollout: Rollout,
-    batches: Vec<Box<dyn ScenarioBatch>>,
+    flights: Vec<Flight>,
+    threads: PerThread<Thread>,
 }
 
 impl Screening {
     /// Makes a screening from the system that the engine replaces, and the batches of its environment.
     pub fn new(rollout: Rollout, batches: Vec<Box<dyn ScenarioBatch>>) -> Screening {
-        Screening { rollout, batches }
+        let flights = batches.into_iter().map(|batch| Flight::new(&rollout, batch)).collect();
+        Screening { rollout, flights, threads: PerThread::new() }
     }
 
     /// Simulates all requests and returns their outcomes in the same order. A free row takes the next request at once.
@@ -106,26 +108,20 @@ impl Screening {
         requests: &[Request],
         watch: &(dyn Fn(usize) -> bool + Sync),
     ) -> Result<Vec<Option<ScreenedEpisode>>, RolloutError> {
-        let rollout = &self.rollout;
+        let Screening { rollout, flights, threads } = self;
         for request in requests {
             rollout.space.check(&request.scenario)?;
         }
-        let shared = Shared {
-            rollout,
-            requests,
-            next: AtomicUsize::new(0),
-            threads: PerThread::new(|| Thread::new(rollout))?,
-        };
         // With few requests, each batch gets its share, so that one is visited while the other one steps.
-        let rows: usize = self.batches.iter().map(|batch| batch.rows()).sum();
+        let rows: usize = flights.iter().map(|flight| flight.batch.rows()).sum();
         let share =
-            if requests.len() < rows { requests.len().div_ceil(self.batches.len()) } else { requests.len() };
-        let mut flights: Vec<Flight<'_>> =
-            self.batches.iter_mut().map(|batch| Flight::new(rollout, &mut **batch, share)).collect();
+            if requests.len() < rows { requests.len().div_ceil(flights.len()) } else { requests.len() };
+        flights.iter_mut().for_each(|flight| flight.begin(share));
+        let shared = Shared { rollout, requests, next: AtomicUsize::new(0), threads };
         let mut outcomes = vec![None; requests.len()];
         // Inside the pool, because each visit from outside would wait until a thread of the pool wakes up.
         rayon::scope(|_| {
-            let result = fly(&shared, &mut flights, &mut outcomes, watch);
+            let result = fly(&shared, flights, &mut outcomes, watch);
             // No batch steps when the next run begins.
             flights.iter_mut().map(Flight::wait).fold(result, Result::and)
         })?;
@@ -136,7 +132,7 @@ impl Screening {
 /// Runs the batches in turn until no request is left or `watch` returns `false`.
 fn fly(
     shared: &Shared<'_>,
-    flights: &mut [Flight<'_>],
+    flights: &mut [Flight],
     outcomes: &mut [Option<ScreenedEpisode>],
     watch: &(dyn Fn(usize) -> bool + Sync),
 ) -> Result<(), RolloutError> {
@@ -159,7 +155,7 @@ struct Shared<'a> {
     requests: &'a [Request],
     /// Index of the next request.
     next: AtomicUsize,
-    threads: PerThread<Thread>,
+    threads: &'a PerThread<Thread>,
 }
 
 impl Shared<'_> {
@@ -189,8 +185,8 @@ impl Thread {
 }
 
 /// A batch and the simulations in its rows.
-struct Flight<'a> {
-    batch: &'a mut dyn ScenarioBatch,
+struct Flight {
+    batch: Box<dyn ScenarioBatch>,
     groups: Vec<Mutex<Group>>,
     /// Number of requests that the batch has tried to take, and the number that it may take.
     taken: AtomicUsize,
@@ -201,14 +197,22 @@ struct Flight<'a> {
     is_idle: bool,
 }
 
-impl Flight<'_> {
-    fn new<'a>(rollout: &Rollout, batch: &'a mut dyn ScenarioBatch, share: usize) -> Flight<'a> {
+impl Flight {
+    fn new(rollout: &Rollout, batch: Box<dyn ScenarioBatch>) -> Flight {
         let rows = batch.rows();
         let groups = (0..rows)
             .step_by(ROWS)
             .map(|first| Mutex::new(Group::new(rollout, ROWS.min(rows - first))))
             .collect();
-        Flight { batch, groups, taken: AtomicUsize::new(0), share, is_stepping: false, is_idle: false }
+        Flight { batch, groups, taken: AtomicUsize::new(0), share: 0, is_stepping: false, is_idle: true }
+    }
+
+    /// Prepares the next run, which may take `share` requests. Drops what an interrupted run has left.
+    fn begin(&mut self, share: usize) {
+        (self.taken, self.share, self.is_idle) = (AtomicUsize::new(0), share, false);
+        for group in &mut self.groups {
+            group.get_mut().unwrap_or_else(PoisonError::into_inner).clear();
+        }
     }
 
     /// Waits for the physics of the present control step.
@@ -266,7 +270,7 @@ impl Flight<'_> {
     }
 }
 
-impl Drop for Flight<'_> {
+impl Drop for Flight {
     /// Waits, so that no buffer is freed while the engine uses it, also after a panic.
     fn drop(&mut self) {
         let _ = self.wait();
@@ -316,6 +320,13 @@ impl Group {
             history: History::new(rows, signals, samples),
             finished: Vec::with_capacity(rows),
         }
+    }
+
+    /// Makes all rows idle.
+    fn clear(&mut self) {
+        self.simulations.fill(None);
+        self.progress.fill(Progress::IDLE);
+        self.finished.clear();
     }
 
     fn has_simulations(&self) -> bool {

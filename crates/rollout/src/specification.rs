@@ -87,6 +87,23 @@ pub struct Verdict {
     pub subformulas: Vec<SubformulaMinimum>,
 }
 
+impl Verdict {
+    /// Returns whether the robustness of success is positive.
+    pub fn is_success(&self) -> bool {
+        self.success > Some(0.0)
+    }
+
+    /// Returns whether the robustness of success and that of strict success are positive.
+    pub fn is_strict_success(&self) -> bool {
+        self.is_success() && self.strict > Some(0.0)
+    }
+
+    /// Returns whether the safe condition is violated at some sample.
+    pub fn is_dangerous(&self) -> bool {
+        self.dangerous_steps > Some(0)
+    }
+}
+
 /// A [`Specification`] compiled for one list of signals. It owns its buffers, so that evaluation does not allocate.
 #[derive(Debug)]
 pub struct SpecificationMonitor {

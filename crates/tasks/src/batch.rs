@@ -131,7 +131,7 @@ impl TaskBatch {
                 sizes,
                 events,
                 environment: environment.clone(),
-                threads: PerThread::new(|| Ok::<_, RolloutError>(Thread::new(environment, sizes)))?,
+                threads: PerThread::new(),
             },
         })
     }

@@ -487,6 +487,22 @@ impl WorldBatch for CountingWorlds {
 }
 
 #[test]
+fn a_screening_forgets_the_simulations_of_an_interrupted_run() {
+    let target = target("point-reaching", Noise::default());
+    let space = target.target().unwrap().space("starts").unwrap();
+    let requests: Vec<Request> = (0..5).map(|i| Request::new(space.sample(Seed(3), i), Seed(i))).collect();
+    let new = || screening(&target, "point-reaching", "starts", &CpuBackend, &[2, 1]);
+    let expected = new().run(&requests, &|_| true).unwrap();
+    let mut screening = new();
+    // The first three simulations have ended, and the others have started.
+    let interrupted = screening.run(&requests[1..], &|done| done < 3).unwrap();
+    assert!(interrupted.iter().any(Option::is_some) && interrupted.iter().any(Option::is_none));
+    for count in [5, 0, 2] {
+        assert_eq!(screening.run(&requests[..count], &|_| true).unwrap(), expected[..count]);
+    }
+}
+
+#[test]
 fn few_simulations_are_divided_among_the_batches() {
     let target = target("point-reaching", Noise::default());
     let space = target.target().unwrap().space("starts").unwrap();

@@ -40,7 +40,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
-    if command.screen.is_gpu() {
+    if command.screen.is_gpu()? {
         return on_gpu(command, &bar);
     }
     let moved = command.subject.controller.as_deref();
@@ -90,11 +90,13 @@ fn on_gpu(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         "--backend gpu writes no run file, so it does not work with --out, --resume and --durable"
     );
     let resolved = ResolvedPlan::new(&plan(command)?)?;
+    let episodes = resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
+    command.screen.check_sample(episodes)?;
     let backend = mishandle::gpu_backend()?;
-    let mut screening = mishandle::screening(&resolved, &*backend, command.screen.rows as usize)?;
-    bar.set_length(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes));
+    let mut screening = mishandle::screening(&resolved, &*backend, command.screen.rows() as usize)?;
+    bar.set_length(episodes);
     let start = Instant::now();
-    let confirm = command.screen.confirm;
+    let confirm = command.screen.confirm();
     let outcome = mishandle::evaluate_on_backend(&resolved, &mut screening, confirm, &mut |progress| {
         bar.set_position(progress.screened);
         run::control_flow()

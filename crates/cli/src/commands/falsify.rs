@@ -89,7 +89,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
-    if command.screen.is_gpu() {
+    if command.screen.is_gpu()? {
         return screened::run(command, &bar);
     }
     let moved = command.subject.controller.as_deref();
@@ -255,8 +255,8 @@ fn plan(command: &Arguments) -> Result<Plan> {
     falsify.formula = command.formula.clone().or(falsify.formula);
     falsify.trials = command.trials.unwrap_or(falsify.trials);
     falsify.budget = command.budget.unwrap_or(falsify.budget);
-    falsify.batch = command.subject.batch.unwrap_or(match command.screen.is_gpu() {
-        true => command.screen.rows.min(*Plan::BATCH.end() as u32),
+    falsify.batch = command.subject.batch.unwrap_or(match command.screen.is_gpu()? {
+        true => command.screen.rows().min(*Plan::BATCH.end() as u32),
         false => falsify.batch,
     });
     falsify.early_stopping |= command.early_stopping;

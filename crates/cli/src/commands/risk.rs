@@ -76,7 +76,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let planned = resolved.plan.risk.as_ref().map_or(0, |risk| risk.simulations);
     bar.set_length(planned);
-    if command.screen.is_gpu() {
+    if command.screen.is_gpu()? {
+        command.screen.check_sample(planned)?;
         return on_gpu(command, &resolved, &scenarios, &bar);
     }
     let report = mishandle::risk(&resolved, |done| {
@@ -126,13 +127,13 @@ fn on_gpu(
         "--backend gpu runs Monte Carlo; it cannot run --method {method}"
     );
     let backend = mishandle::gpu_backend()?;
-    let mut screening = mishandle::screening(resolved, &*backend, command.screen.rows as usize)?;
+    let mut screening = mishandle::screening(resolved, &*backend, command.screen.rows() as usize)?;
     let start = Instant::now();
     let report = mishandle::risk_on_backend(
         resolved,
         scenarios,
         &mut screening,
-        command.screen.confirm,
+        command.screen.confirm(),
         &mut |progress| {
             bar.set_position(progress.screened);
             run::control_flow()

@@ -4,18 +4,20 @@ use std::time::Instant;
 
 use anyhow::{Result, ensure};
 use mishandle::falsification::{CampaignOutcome, RepeatedCount, ScreenedCounts};
-use mishandle::{ResolvedPlan, plural};
+use mishandle::rollout::Request;
+use mishandle::{Counterexample, ResolvedPlan, plural, shell_quote};
 use serde_json::{Value, json};
 
 use super::{Arguments, REPEATS, Repeats, simulate};
+use crate::commands::counterexamples;
 use crate::progress::Bar;
 use crate::{ExitStatus, args, output, run};
 
 pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
     let args::OpenRun { out, resume, durable, .. } = &command.file;
     ensure!(
-        out.is_none() && resume.is_none() && !durable,
-        "--backend gpu writes no run file, so it does not work with --out, --resume and --durable"
+        resume.is_none() && !durable,
+        "--backend gpu writes no run file, so it does not work with --resume and --durable"
     );
     let plan = super::plan(command)?;
     let falsify = plan.falsify.clone().unwrap_or_default();
@@ -25,11 +27,12 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
     );
     let resolved = ResolvedPlan::new(&plan)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
+    counterexamples::check_out(out.as_deref(), &resolved, false)?;
     let backend = mishandle::gpu_backend()?;
-    let mut screening = mishandle::screening(&resolved, &*backend, command.screen.rows as usize)?;
+    let mut screening = mishandle::screening(&resolved, &*backend, command.screen.rows() as usize)?;
     bar.set_length(u64::from(falsify.trials) * u64::from(falsify.budget));
     let start = Instant::now();
-    let confirm = command.screen.confirm;
+    let confirm = command.screen.confirm();
     let (found, counts) =
         mishandle::falsify_on_backend(&resolved, &mut screening, confirm, &mut |outcome| {
             bar.set_position(outcome.simulations);
@@ -68,23 +71,25 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
     if found.falsified_trials == 0 {
         return Ok(ExitStatus::Done);
     }
-    if let Some(command) = first_counterexample(&resolved, &found) {
-        output::message(&format!("Simulate the first counterexample: {command}, with the same other flags"));
+    match (first_counterexample(&resolved, &found)?, out) {
+        (Some(counterexample), Some(out)) => {
+            output::write_atomically(out, false, counterexample.to_json().as_bytes())?;
+            let file = shell_quote(&out.to_string_lossy());
+            output::message(&format!("First counterexample: mishandle replay {file}"));
+        }
+        _ => output::message("--out FILE.json writes the first counterexample for `mishandle replay`"),
     }
     Ok(ExitStatus::Violated)
 }
 
-/// Returns the command that simulates the first counterexample.
-fn first_counterexample(resolved: &ResolvedPlan, found: &CampaignOutcome) -> Option<String> {
-    let minimum = found.trials.iter().find(|trial| trial.falsified())?.minimum.as_ref()?;
-    let axes = resolved.space.axes().iter().zip(minimum.scenario.values());
-    let values: Vec<String> = axes
-        .filter(|(axis, _)| !axis.is_fixed())
-        .filter_map(|(axis, value)| Some(format!("{}={}", axis.name, (*value)?)))
-        .collect();
-    let (target, controller) = (&resolved.plan.target, &resolved.plan.controller);
-    let (at, seed) = (values.join(","), minimum.seed.0);
-    Some(format!("mishandle simulate {target} --controller {controller} --at {at} --seed {seed}"))
+/// Returns the counterexample of the first falsified trial.
+fn first_counterexample(resolved: &ResolvedPlan, found: &CampaignOutcome) -> Result<Option<Counterexample>> {
+    let falsified = found.trials.iter().find(|trial| trial.falsified());
+    let minimum = falsified.and_then(|trial| Some((trial.trial, trial.minimum.as_ref()?)));
+    let Some((trial, minimum)) = minimum else { return Ok(None) };
+    let request =
+        Request { trial, number: minimum.number, ..Request::new(minimum.scenario.clone(), minimum.seed) };
+    Ok(Some(Counterexample::simulate(resolved, request)?))
 }
 
 /// Returns what MuJoCo C found in the simulations that it repeated.
