@@ -1,4 +1,4 @@
-//! Cost of the CPU's part of a screening: observations, policy, noise, signals, rewards and formulas. The backend takes no physics
+//! Cost of the CPU's part of a screening: observations, policy, noise, signals and formulas. The backend takes no physics
 //! steps.
 //!
 //! ```text

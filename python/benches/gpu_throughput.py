@@ -1,4 +1,4 @@
-"""Control steps per second on a GPU: MuJoCo Warp alone, and simulations of a controller with signals, rewards and action noise.
+"""Control steps per second on a GPU: MuJoCo Warp alone, and simulations of a controller with signals and action noise.
 
     python python/benches/gpu_throughput.py [TASK ...] [--rows 16384 ...] [--waves 4] [--space starts] [--no-c] [--quick] [--profile]
 
@@ -12,8 +12,8 @@ Each line is a JSON object with these rates, in control steps per second:
 
 ``waited_s``: how long the CPU waited for the GPU. ``visited_s``: how long the CPU computed samples and actions; ``started_s``: the part of
 it in control steps in which episodes started. Each has one number for each batch.
-``policy_c_ms`` and ``policy_gpu_ms``: the policy's actions for half of the rows, on all cores (each with its share of the rows), and
-on the GPU with the copies of observations and actions. ``bytes_per_world``: the GPU's memory. With ``--profile``, ``kernels`` has the time of each kernel in one control step, ms.
+``policy_c_ms``: the policy's actions on one core, for its share of half of the rows. ``policy_gpu_ms``: those of half of the rows on the
+GPU, with the copies of observations and actions. Rewards are not computed: only training needs them. ``bytes_per_world``: the GPU's memory. With ``--profile``, ``kernels`` has the time of each kernel in one control step, ms.
 With another ``--space`` than ``starts``, and with ``--quick``, only ``screened`` is measured.
 """
 
@@ -191,6 +191,8 @@ def measure(task: str, rows: int, options: argparse.Namespace) -> dict[str, obje
     found: dict[str, object] = {
         "task": task,
         "rows": rows,
+        "waves": options.waves,
+        "cores": CORES,
         "space": options.space,
         "substeps": arguments[3],
         "screened": screened,
@@ -235,8 +237,10 @@ def main() -> None:
     parser.add_argument("--space", default="starts")
     parser.add_argument("--no-c", action="store_true")
     parser.add_argument("--profile", action="store_true")
-    parser.add_argument("--quick", action="store_true", help="only `screened`")
+    parser.add_argument("--quick", action="store_true", help="only `screened`, as with another --space")
     options = parser.parse_args()
+    if options.profile and (options.quick or options.space != "starts"):
+        parser.error("--profile needs all measurements: leave out --quick and --space")
     for task in options.tasks:
         for rows in options.rows:
             print(json.dumps(measure(task, rows, options)), flush=True)

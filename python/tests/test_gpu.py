@@ -16,7 +16,7 @@ os.environ["MISHANDLE_GPU_DEVICE"] = "cpu"
 try:
     import mujoco
     import mujoco_warp as mjw
-    from mishandle import _native, gpu, gpu_audit, gpu_networks
+    from mishandle import _native, gpu, gpu_audit, gpu_networks, gpu_verdicts
 except ImportError:
     gpu = None
 
@@ -402,13 +402,10 @@ class Training(unittest.TestCase):
         settings = f"{folder}/{name}-{steps}.toml"
         with open(settings, "w") as file:
             file.write(self.SETTINGS.format(steps=steps))
-        code = "import sys; from mishandle.command import main; sys.exit(main())"
         outputs = ["--out", f"{folder}/{name}.safetensors", "--csv", f"{folder}/{name}.csv", "--json"]
-        command = ["train", "cube-stacking", "--settings", settings, *outputs, *options]
-        result = subprocess.run([sys.executable, "-c", code, *command], capture_output=True, text=True)
-        self.assertEqual(result.returncode, 0, result.stderr)
+        document = gpu_verdicts.command("train", "cube-stacking", "--settings", settings, *outputs, *options)
         with open(f"{folder}/{name}.csv") as file:
-            return json.loads(result.stdout), list(csv.DictReader(file))
+            return json.loads(document), list(csv.DictReader(file))
 
     def test_a_training_run_is_close_to_that_of_the_cpu_and_can_be_resumed(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -424,20 +421,14 @@ class Training(unittest.TestCase):
 @unittest.skipIf(gpu is None, "needs the extra gpu")
 class Commands(unittest.TestCase):
     def run_command(self, *arguments):
-        code = "import sys; from mishandle.command import main; sys.exit(main())"
         subject = ["point-reaching", "--controller", "ppo", "--action-noise", "1", "--json"]
-        command = [sys.executable, "-c", code, arguments[0], *subject, *arguments[1:]]
-        result = subprocess.run(command, capture_output=True, text=True)
-        self.assertIn(result.returncode, (0, 1), result.stderr)
-        return json.loads(result.stdout)
+        return json.loads(gpu_verdicts.command(arguments[0], *subject, *arguments[1:]))
 
     def test_mujoco_c_has_the_robustness_of_each_counterexample_of_falsify(self):
         options = "--search random --trials 3 --budget 8 --seed 3 --repeats 0 --backend gpu --rows 24 --confirm 0.1"
         with tempfile.TemporaryDirectory() as folder:
             found = self.run_command("falsify", *options.split(), "--out", f"{folder}/counterexample.json")
-            code = "import sys; from mishandle.command import main; sys.exit(main())"
-            replay = [sys.executable, "-c", code, "replay", f"{folder}/counterexample.json", "--json"]
-            replayed = json.loads(subprocess.run(replay, capture_output=True, text=True).stdout)
+            replayed = json.loads(gpu_verdicts.command("replay", f"{folder}/counterexample.json", "--json"))
         self.assertEqual(found["backend"], "gpu")
         falsified = [trial for trial in found["trials"] if trial["falsified"]]
         self.assertGreater(len(falsified), 0)

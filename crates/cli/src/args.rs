@@ -115,8 +115,8 @@ pub struct Run {
 /// Flags that create or open the run file of a command that runs simulations.
 #[derive(Debug, Args)]
 pub struct OpenRun {
-    /// Run file to create (SQLite) [default: a new file in runs/]. With falsify --backend gpu: .json file of the first
-    /// counterexample
+    /// Run file to create (SQLite) [default: a new file in runs/]. --backend gpu creates none: there, evaluate has no --out,
+    /// and that of falsify is the .json file of its first counterexample
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Resume a stopped run with its own plan; if its controller was moved, --controller is the new path
@@ -148,14 +148,12 @@ pub struct Screen {
 }
 
 impl Screen {
+    /// Smallest expected number of repeated simulations. Fewer are often none, and then there is no estimate.
+    const SAMPLE: f64 = 5.0;
+
     /// Returns whether a GPU screens the simulations.
-    pub fn is_gpu(&self) -> Result<bool> {
-        let is_gpu = self.backend == Some(Backend::Gpu);
-        ensure!(
-            is_gpu || (self.rows.is_none() && self.confirm.is_none()),
-            "--rows and --confirm need --backend gpu"
-        );
-        Ok(is_gpu)
+    pub fn is_gpu(&self) -> bool {
+        self.backend == Some(Backend::Gpu)
     }
 
     /// Returns the number of worlds.
@@ -168,12 +166,22 @@ impl Screen {
         self.confirm.unwrap_or(0.1)
     }
 
-    /// Checks that about one of the simulations without a violation is repeated. An estimate needs one.
+    /// Checks that no flag is without effect.
+    pub fn check(&self) -> Result<()> {
+        ensure!(
+            self.is_gpu() || (self.rows.is_none() && self.confirm.is_none()),
+            "--rows and --confirm need --backend gpu"
+        );
+        Ok(())
+    }
+
+    /// Checks that the sample of the simulations without a violation suffices for an estimate.
     pub fn check_sample(&self, simulations: u64) -> Result<()> {
         let (share, count) = (self.confirm(), plural(simulations, "simulation"));
         ensure!(
-            share * simulations as f64 >= 1.0,
-            "--confirm {share} of {count} repeats less than one; give a larger share or more simulations"
+            share * simulations as f64 >= Screen::SAMPLE,
+            "--confirm {share} repeats fewer than {} of {count}; give a larger share or more simulations",
+            Screen::SAMPLE
         );
         Ok(())
     }

@@ -2,7 +2,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Values for each thread of the rayon pool, such as buffers and workers. They are made at their first use and kept.
 ///
-/// A thread locks only its own values, so that threads do not wait for each other.
+/// Each thread of the pool in which it was made has a place of its own, so that these threads do not wait for each other.
 #[derive(Debug)]
 pub struct PerThread<T> {
     /// Values of each thread that are not in use.
@@ -12,7 +12,7 @@ pub struct PerThread<T> {
 impl<T> PerThread<T> {
     /// Makes a place for each thread of the current pool, without values.
     pub fn new() -> PerThread<T> {
-        PerThread { free: (0..rayon::current_num_threads().max(1)).map(|_| Mutex::default()).collect() }
+        PerThread { free: (0..rayon::current_num_threads()).map(|_| Mutex::default()).collect() }
     }
 
     /// Calls `function` with a value of this thread. If none is free, `make` makes one.
@@ -75,6 +75,27 @@ mod tests {
             counts.with(make, inner).unwrap();
         }
         assert_eq!(made.get(), 2);
+    }
+
+    #[test]
+    fn a_panic_drops_the_value_and_the_next_use_makes_another_one() {
+        let counts = PerThread::new();
+        let add = |panics: bool| {
+            counts.with(
+                || Ok::<_, Infallible>(0),
+                |count| {
+                    *count += 1;
+                    assert!(!panics, "as requested");
+                    *count
+                },
+            )
+        };
+        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        alone.install(|| {
+            assert_eq!([add(false), add(false)], [Ok(1), Ok(2)]);
+            assert!(std::panic::catch_unwind(|| add(true)).is_err());
+            assert_eq!(add(false), Ok(1));
+        });
     }
 
     #[test]

@@ -37,10 +37,11 @@ pub struct Arguments {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
+    command.screen.check()?;
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
-    if command.screen.is_gpu()? {
+    if command.screen.is_gpu() {
         return on_gpu(command, &bar);
     }
     let moved = command.subject.controller.as_deref();

@@ -86,10 +86,11 @@ fn name_and_value(text: &str) -> Result<(String, String), String> {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
+    command.screen.check()?;
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
-    if command.screen.is_gpu()? {
+    if command.screen.is_gpu() {
         return screened::run(command, &bar);
     }
     let moved = command.subject.controller.as_deref();
@@ -255,7 +256,7 @@ fn plan(command: &Arguments) -> Result<Plan> {
     falsify.formula = command.formula.clone().or(falsify.formula);
     falsify.trials = command.trials.unwrap_or(falsify.trials);
     falsify.budget = command.budget.unwrap_or(falsify.budget);
-    falsify.batch = command.subject.batch.unwrap_or(match command.screen.is_gpu()? {
+    falsify.batch = command.subject.batch.unwrap_or(match command.screen.is_gpu() {
         true => command.screen.rows().min(*Plan::BATCH.end() as u32),
         false => falsify.batch,
     });

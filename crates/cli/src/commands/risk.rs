@@ -64,6 +64,7 @@ fn distribution(text: &str) -> Result<(String, String), String> {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
+    command.screen.check()?;
     run::set_threads(command.run.threads)?;
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
@@ -76,7 +77,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let planned = resolved.plan.risk.as_ref().map_or(0, |risk| risk.simulations);
     bar.set_length(planned);
-    if command.screen.is_gpu()? {
+    if command.screen.is_gpu() {
         command.screen.check_sample(planned)?;
         return on_gpu(command, &resolved, &scenarios, &bar);
     }

@@ -34,8 +34,8 @@ static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
 
 The best controller by validation is written to --out, the last one beside it: FILE.safetensors and
 FILE.last.safetensors. Training also writes a checkpoint there. --resume continues from the
-checkpoint with the same results, bit for bit, and continues the files of --csv and --tensorboard.
-On a GPU a repeated or resumed training run has other bits.
+checkpoint and continues the files of --csv and --tensorboard. On the CPU, the results are the same
+as those of an uninterrupted run, bit for bit; with --backend gpu they are not.
 If a file cannot be written, as on a full disk, training warns, continues and tries again; it stops
 if it cannot write the first checkpoint. The settings run.stop_success, run.stop_strict and
 run.stop_validations enable early stopping.

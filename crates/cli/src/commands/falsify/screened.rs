@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::{Result, ensure};
-use mishandle::falsification::{CampaignOutcome, RepeatedCount, ScreenedCounts};
+use mishandle::falsification::{CampaignOutcome, Minimum, RepeatedCount, ScreenedCounts};
 use mishandle::rollout::Request;
 use mishandle::{Counterexample, ResolvedPlan, plural, shell_quote};
 use serde_json::{Value, json};
@@ -27,6 +27,9 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
     );
     let resolved = ResolvedPlan::new(&plan)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
+    if let Some(out) = out {
+        ensure!(!out.exists(), "{} already exists; choose another --out", out.display());
+    }
     counterexamples::check_out(out.as_deref(), &resolved, false)?;
     let backend = mishandle::gpu_backend()?;
     let mut screening = mishandle::screening(&resolved, &*backend, command.screen.rows() as usize)?;
@@ -41,6 +44,13 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         })?;
     let seconds = start.elapsed().as_secs_f64();
     bar.clear();
+    // Also of an interrupted search, and before the repeats, which take a while.
+    if let (Some(out), Some(request)) = (out, &first_counterexample(&found)) {
+        let counterexample = Counterexample::simulate(&resolved, request.clone())?;
+        output::write_atomically(out, false, counterexample.to_json().as_bytes())?;
+        let file = shell_quote(&out.to_string_lossy());
+        output::message(&format!("First counterexample: mishandle replay {file}"));
+    }
     super::report_unevaluated(&resolved, &found);
     let is_complete = super::is_complete(&resolved, &found);
     let repeats = match is_complete {
@@ -69,27 +79,22 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         "no simulation of MuJoCo C has a verdict, so the controller was not tested"
     );
     if found.falsified_trials == 0 {
+        if out.is_some() {
+            output::message("there is no counterexample to write");
+        }
         return Ok(ExitStatus::Done);
     }
-    match (first_counterexample(&resolved, &found)?, out) {
-        (Some(counterexample), Some(out)) => {
-            output::write_atomically(out, false, counterexample.to_json().as_bytes())?;
-            let file = shell_quote(&out.to_string_lossy());
-            output::message(&format!("First counterexample: mishandle replay {file}"));
-        }
-        _ => output::message("--out FILE.json writes the first counterexample for `mishandle replay`"),
+    if out.is_none() {
+        output::message("with --out FILE.json, the first counterexample is written for `mishandle replay`");
     }
     Ok(ExitStatus::Violated)
 }
 
 /// Returns the counterexample of the first falsified trial.
-fn first_counterexample(resolved: &ResolvedPlan, found: &CampaignOutcome) -> Result<Option<Counterexample>> {
-    let falsified = found.trials.iter().find(|trial| trial.falsified());
-    let minimum = falsified.and_then(|trial| Some((trial.trial, trial.minimum.as_ref()?)));
-    let Some((trial, minimum)) = minimum else { return Ok(None) };
-    let request =
-        Request { trial, number: minimum.number, ..Request::new(minimum.scenario.clone(), minimum.seed) };
-    Ok(Some(Counterexample::simulate(resolved, request)?))
+fn first_counterexample(found: &CampaignOutcome) -> Option<Request> {
+    let trial = found.trials.iter().find(|trial| trial.falsified())?;
+    let Minimum { scenario, seed, number, .. } = trial.minimum.clone()?;
+    Some(Request { trial: trial.trial, number, ..Request::new(scenario, seed) })
 }
 
 /// Returns what MuJoCo C found in the simulations that it repeated.
