@@ -41,6 +41,14 @@ fn an_engine_with_the_bits_of_the_system_flags_exactly_the_failures() {
     assert_eq!(counts.sampled_events, 0);
 }
 
+#[test]
+fn a_tiny_sample_rate_still_repeats_twenty_of_the_others() {
+    let report = screened(&CpuBackend, 1e-9);
+    let others = report.counts.trials - report.counts.flagged;
+    assert_eq!(report.counts.sampled, others.min(20));
+    assert!(report.estimate().value.is_some());
+}
+
 /// An engine that reports every row as diverged, or moves the robot without regard to its targets.
 struct Wrong(bool);
 

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 use anyhow::{Result, ensure};
 use clap::{Args, Parser, Subcommand};
 use mishandle::rollout::Noise;
-use mishandle::{AxisSetting, Plan, plural};
+use mishandle::{AxisSetting, Plan};
 
 use crate::commands::{
     campaign, compare, completions, controller, counterexamples, curve, evaluate, explain, export, falsify,
@@ -148,9 +148,6 @@ pub struct Screen {
 }
 
 impl Screen {
-    /// Smallest expected number of repeated simulations. Fewer are often none, and then there is no estimate.
-    const SAMPLE: f64 = 5.0;
-
     /// Returns whether a GPU screens the simulations.
     pub fn is_gpu(&self) -> bool {
         self.backend == Some(Backend::Gpu)
@@ -171,17 +168,6 @@ impl Screen {
         ensure!(
             self.is_gpu() || (self.rows.is_none() && self.confirm.is_none()),
             "--rows and --confirm need --backend gpu"
-        );
-        Ok(())
-    }
-
-    /// Checks that the sample of the simulations without a violation suffices for an estimate.
-    pub fn check_sample(&self, simulations: u64) -> Result<()> {
-        let (share, count) = (self.confirm(), plural(simulations, "simulation"));
-        ensure!(
-            share * simulations as f64 >= Screen::SAMPLE,
-            "--confirm {share} repeats fewer than {} of {count}; give a larger share or more simulations",
-            Screen::SAMPLE
         );
         Ok(())
     }

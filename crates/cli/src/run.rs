@@ -16,7 +16,7 @@ use mishandle::{AxisSetting, Plan, ResolvedPlan, decimal, plural};
 use serde_json::{Value, json};
 
 use crate::progress::Bar;
-use crate::{args, escape, interrupt, output};
+use crate::{ExitStatus, args, escape, interrupt, output};
 
 /// Sets the size of rayon's global thread pool.
 pub fn set_threads(threads: Option<usize>) -> Result<()> {
@@ -74,6 +74,11 @@ pub fn open(
 ) -> Result<(ResolvedPlan, RunWriter)> {
     let sync = |run: &mut RunWriter| if flags.durable { run.set_durable() } else { Ok(()) };
     let Some(path) = &flags.resume else {
+        let is_json = flags.out.as_ref().is_some_and(|out| out.extension().is_some_and(|end| end == "json"));
+        ensure!(
+            !is_json,
+            "--out ends with .json, but a run file is SQLite; choose another name, such as run.sqlite"
+        );
         let resolved = ResolvedPlan::new(&new_plan()?)?;
         let mut run = mishandle::create_run(&resolved, flags.out.as_deref())?;
         sync(&mut run)?;
@@ -364,6 +369,12 @@ pub fn report_interruption(kind: RunKind, simulations: u64, name: &str) {
 /// Reports an interrupted command that writes no run file: what is kept, and what is lost.
 pub fn report_loss(simulations: u64, kept_and_lost: &str) {
     output::message(&format!("interrupted after {}: {kept_and_lost}", plural(simulations, "simulation")));
+}
+
+/// Reports a command that was interrupted before its first result.
+pub fn nothing_measured() -> ExitStatus {
+    output::message("interrupted before the first result: nothing was measured");
+    ExitStatus::Interrupted
 }
 
 /// Makes signals end the run after the current batch. The first signal prints a message immediately.

@@ -4,6 +4,7 @@ use mishandle::evaluation::{Estimate, TwoPhase};
 use mishandle::{ResolvedPlan, ScreenedEvaluationOutcome, plural};
 use serde_json::{Value, json};
 
+use crate::commands::evaluate;
 use crate::{corners, output, run};
 
 /// Returns the rates, the disagreements of the two engines, and the corners.
@@ -20,7 +21,7 @@ pub fn text(resolved: &ResolvedPlan, outcome: &ScreenedEvaluationOutcome) -> Str
     rates.extend(report.dangerous_episode_rate().iter().map(|rate| row("episodes with any danger", rate)));
     let mut text = format!(
         "{}\n\n{}{}\n\nThe rates are from simulations of MuJoCo C and assume nothing of MuJoCo Warp.\n\n{}",
-        run::heading(resolved),
+        evaluate::heading(resolved),
         if report.is_complete { "" } else { "interrupted: the answer is that of the simulations so far\n\n" },
         output::table(&rates),
         output::table(&engines(outcome)),
@@ -88,6 +89,8 @@ pub fn document(resolved: &ResolvedPlan, outcome: &ScreenedEvaluationOutcome) ->
     json!({
         "backend": "gpu",
         "is_complete": report.is_complete,
+        "box": evaluate::starts(&resolved.plan),
+        "leaves_out_starts": mishandle::rejects_scenarios(resolved),
         "success_rate": output::estimate(&report.success_rate()),
         "strict_success_rate": report.strict_success_rate().as_ref().map(output::estimate),
         "dangerous_episode_rate": report.dangerous_episode_rate().as_ref().map(output::estimate),

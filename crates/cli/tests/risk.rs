@@ -140,6 +140,10 @@ fn the_backend_gpu_of_the_plain_program_says_what_to_install() {
         let command = format!("{command} point-reaching --controller ppo --backend gpu");
         Bench::new().refuses(&command, &["pip install 'mishandle[gpu]'"]);
     }
+    for command in ["evaluate", "falsify"] {
+        let run_file = format!("{command} point-reaching --controller ppo --out run.json");
+        Bench::new().refuses(&run_file, &["--out ends with .json", "run.sqlite"]);
+    }
     let with_file = "evaluate point-reaching --controller ppo --backend gpu --out run.sqlite";
     Bench::new().refuses(with_file, &["writes no run file"]);
     let with_file = "falsify point-reaching --controller ppo --backend gpu --out run.sqlite";
@@ -147,10 +151,6 @@ fn the_backend_gpu_of_the_plain_program_says_what_to_install() {
     for command in ["risk", "evaluate", "falsify"] {
         let on_cpu = format!("{command} point-reaching --controller ppo --backend cpu --rows 64");
         Bench::new().refuses(&on_cpu, &["--rows and --confirm need --backend gpu"]);
-    }
-    for command in ["risk --simulations 100", "evaluate --episodes 100"] {
-        let tiny = format!("{command} point-reaching --controller ppo --backend gpu --confirm 0.001");
-        Bench::new().refuses(&tiny, &["--confirm 0.001", "repeats fewer than 5 of 100 simulations"]);
     }
     let with_modes = "falsify point-reaching --controller ppo --backend gpu --keep-going";
     Bench::new().refuses(with_modes, &["leave out --keep-going"]);

@@ -15,6 +15,9 @@ const CONFIDENCE: f64 = 0.95;
 /// Number of simulations that are screened at once.
 pub const SCREENED_CHUNK: u64 = 131_072;
 
+/// Number of other simulations that are repeated even if `sample_rate` selects fewer: without any there is no estimate.
+pub(crate) const FEWEST_SAMPLED: usize = 20;
+
 /// Largest number of failures in a report.
 const SHOWN: usize = 100;
 
@@ -41,7 +44,8 @@ pub struct Selection {
 }
 
 /// Screens all requests and selects those to repeat: the ones without a verdict, those for which `is_flagged` is true, and each other
-/// one with the probability `sample_rate`, by the draws of `sample`.
+/// one with the probability `sample_rate`, by the draws of `sample`. If these are fewer than 20 of the others, the first others make up
+/// for the rest. As all others are alike, their share of events in the sample stays unbiased.
 ///
 /// `watch` gets the number of finished simulations now and then. If it returns `false`, the result is `None`.
 ///
@@ -54,7 +58,7 @@ pub fn screen(
     (sample_rate, sample): (f64, &mut Sequence),
     watch: &(dyn Fn(usize) -> bool + Sync),
 ) -> Result<Option<Selection>, RolloutError> {
-    let mut selection = Selection::default();
+    let (mut selection, mut not_sampled) = (Selection::default(), Vec::new());
     for (index, outcome) in screening.run(requests, watch)?.into_iter().enumerate() {
         // The sample does not depend on the outcomes.
         let is_sampled = sample.uniform() < sample_rate;
@@ -66,8 +70,13 @@ pub fn screen(
             selection.flagged.push(index);
         } else if is_sampled {
             selection.sampled.push(index);
+        } else if not_sampled.len() < FEWEST_SAMPLED {
+            not_sampled.push(index);
         }
     }
+    let missing = FEWEST_SAMPLED.saturating_sub(selection.sampled.len());
+    selection.sampled.extend(not_sampled.into_iter().take(missing));
+    selection.sampled.sort_unstable();
     Ok(Some(selection))
 }
 

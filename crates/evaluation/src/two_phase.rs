@@ -79,11 +79,12 @@ mod tests {
     use mishandle_random::Sequence;
 
     use super::*;
+    use crate::screened::FEWEST_SAMPLED;
 
     /// Draws counts: an event has probability `rate`. The indicator flags an event with probability `power`, and another trial with
-    /// probability `false_rate`.
+    /// probability `false_rate`. The sample is that of [`screen`](crate::screen).
     fn draw(random: &mut Sequence, trials: u64, [rate, power, false_rate, sample]: [f64; 4]) -> TwoPhase {
-        let mut counts = TwoPhase { trials, ..TwoPhase::default() };
+        let (mut counts, mut not_sampled) = (TwoPhase { trials, ..TwoPhase::default() }, Vec::new());
         for _ in 0..trials {
             let is_event = random.uniform() < rate;
             let is_flagged = random.uniform() < if is_event { power } else { false_rate };
@@ -98,8 +99,13 @@ mod tests {
                     counts.sampled += 1;
                     counts.sampled_events += event;
                 }
-                (false, false) => {}
+                (false, false) => not_sampled.push(event),
             }
+        }
+        let missing = FEWEST_SAMPLED.saturating_sub(counts.sampled as usize);
+        for event in not_sampled.into_iter().take(missing) {
+            counts.sampled += 1;
+            counts.sampled_events += event;
         }
         counts
     }
@@ -119,6 +125,11 @@ mod tests {
             ([0.3, 0.0, 0.0, 0.2], 0.3),
             ([0.001, 1.0, 0.0, 0.05], 0.001),
             ([0.5, 0.99, 0.02, 0.05], 0.5),
+            // About 20 others, of which all or almost all are repeated.
+            ([0.98, 1.0, 0.0, 0.01], 0.98),
+            ([0.5, 0.99, 0.97, 0.01], 0.5),
+            // Fewer than 20 in the sample.
+            ([0.1, 0.5, 0.1, 0.001], 0.1),
         ] {
             let (replications, mut covered, mut sum) = (1000, 0, 0.0);
             for _ in 0..replications {

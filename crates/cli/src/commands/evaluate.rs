@@ -92,7 +92,6 @@ fn on_gpu(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
     );
     let resolved = ResolvedPlan::new(&plan(command)?)?;
     let episodes = resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
-    command.screen.check_sample(episodes)?;
     let backend = mishandle::gpu_backend()?;
     let mut screening = mishandle::screening(&resolved, &*backend, command.screen.rows() as usize)?;
     bar.set_length(episodes);
@@ -113,16 +112,15 @@ fn on_gpu(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         false => output::line(&screened_text::text(&resolved, &outcome))?,
     }
     let report = &outcome.report;
+    if report.failures.trials == 0 {
+        return Ok(run::nothing_measured());
+    }
     let (screened, seconds) = (plural(report.failures.trials, "simulation"), start.elapsed().as_secs_f64());
     output::message(&format!("{screened} screened in {seconds:.1} s, repetitions by MuJoCo C included"));
     if !report.is_complete {
         run::report_loss(report.failures.trials, "the answer is that of these; it cannot be resumed");
         return Ok(ExitStatus::Interrupted);
     }
-    ensure!(
-        report.success_rate().value.is_some(),
-        "MuJoCo C repeated no simulation without a violation, so there is no estimate; give a larger --confirm"
-    );
     ensure!(
         report.without_verdict < report.confirmed(),
         "no simulation of MuJoCo C has a verdict, so the controller was not tested"
@@ -147,7 +145,8 @@ fn plan(command: &Arguments) -> Result<Plan> {
     Ok(plan)
 }
 
-fn starts(plan: &Plan) -> StartRegion {
+/// Returns the region of the initial states.
+pub fn starts(plan: &Plan) -> StartRegion {
     plan.evaluate.as_ref().map_or(StartRegion::Whole, |evaluate| evaluate.starts)
 }
 
@@ -183,6 +182,15 @@ pub fn document(resolved: &ResolvedPlan, outcome: &EvaluationOutcome, path: &str
     output::joined(run::document(resolved, path), own)
 }
 
+/// Returns the first line of the result.
+pub fn heading(resolved: &ResolvedPlan) -> String {
+    let part = match starts(&resolved.plan) {
+        StartRegion::Whole => "",
+        StartRegion::Reachable => ", initial states from the reachable part of the box",
+    };
+    format!("{}{part}", run::heading(resolved))
+}
+
 fn text(resolved: &ResolvedPlan, outcome: &EvaluationOutcome) -> String {
     let report = &outcome.report;
     // A single value has a mean, but no confidence interval.
@@ -213,11 +221,7 @@ fn text(resolved: &ResolvedPlan, outcome: &EvaluationOutcome) -> String {
         report.dangerous_episode_rate.iter().map(|rate| row("episodes with any danger", rate, &percent)),
     );
     rows.extend(report.task_completion_time.iter().map(|time| row("task completion time", time, &steps)));
-    let part = match starts(&resolved.plan) {
-        StartRegion::Whole => "",
-        StartRegion::Reachable => ", initial states from the reachable part of the box",
-    };
-    let mut text = format!("{}{part}\n\n{}", run::heading(resolved), output::table(&rows));
+    let mut text = format!("{}\n\n{}", heading(resolved), output::table(&rows));
     if let Some(report) = &outcome.corners {
         text.push_str(&format!("\n\n{}", corners::text(resolved.space.axes(), report)));
     }

@@ -78,7 +78,6 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let planned = resolved.plan.risk.as_ref().map_or(0, |risk| risk.simulations);
     bar.set_length(planned);
     if command.screen.is_gpu() {
-        command.screen.check_sample(planned)?;
         return on_gpu(command, &resolved, &scenarios, &bar);
     }
     let report = mishandle::risk(&resolved, |done| {
@@ -86,21 +85,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         run::control_flow()
     })?;
     bar.clear();
-    if let (Some(out), Some(failure)) = (&command.out, report.failures.first()) {
-        let counterexample = mishandle::risk_counterexample(&resolved, &scenarios, failure)?;
-        output::write_atomically(out, command.force, counterexample.to_json().as_bytes())?;
-    }
     match command.run.json {
         true => output::json(document(&resolved, &scenarios, &report))?,
         false => output::line(&risk_text::text(&resolved, &scenarios, &report))?,
     }
-    match (&command.out, report.failures.first()) {
-        (Some(out), Some(_)) => {
-            output::message(&format!("Failure: mishandle replay {}", shell_quote(&out.to_string_lossy())));
-        }
-        (Some(_), None) => output::message("there is no failure to write"),
-        (None, _) => {}
-    }
+    write_failure(command, &resolved, &scenarios, report.failures.first())?;
     if !report.is_complete {
         let n = plural(report.monte_carlo.simulations, "simulation");
         let answer = format!("the answer is that of {n} of Monte Carlo and of the finished parts");
@@ -113,6 +102,24 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         "no simulation of Monte Carlo has a verdict, so the controller was not tested"
     );
     Ok(if report.failures.is_empty() { ExitStatus::Done } else { ExitStatus::Violated })
+}
+
+/// Writes the first failure to the file of `--out`. The result is printed before, so that an error here does not lose it.
+fn write_failure(
+    command: &Arguments,
+    resolved: &ResolvedPlan,
+    scenarios: &Scenarios,
+    failure: Option<&Failure>,
+) -> Result<()> {
+    let Some(out) = &command.out else { return Ok(()) };
+    let Some(failure) = failure else {
+        output::message("there is no failure to write");
+        return Ok(());
+    };
+    let counterexample = mishandle::risk_counterexample(resolved, scenarios, failure)?;
+    output::write_atomically(out, command.force, counterexample.to_json().as_bytes())?;
+    output::message(&format!("Failure: mishandle replay {}", shell_quote(&out.to_string_lossy())));
+    Ok(())
 }
 
 /// Estimates the probability by screening on the GPU.
@@ -142,26 +149,22 @@ fn on_gpu(
     )?;
     bar.clear();
     let seconds = start.elapsed().as_secs_f64();
-    if let (Some(out), Some(failure)) = (&command.out, report.failures.first()) {
-        let counterexample = mishandle::risk_counterexample(resolved, scenarios, failure)?;
-        output::write_atomically(out, command.force, counterexample.to_json().as_bytes())?;
-    }
     match command.run.json {
         true => output::json(screened_document(resolved, scenarios, &report))?,
         // Interrupted in the first chunk, it has nothing to show.
         false if report.counts.trials == 0 => (),
         false => output::line(&risk_text::screened_text(resolved, scenarios, &report))?,
     }
+    if report.counts.trials == 0 {
+        return Ok(run::nothing_measured());
+    }
     let screened = plural(report.counts.trials, "simulation");
     output::message(&format!("{screened} screened in {seconds:.1} s, repetitions by MuJoCo C included"));
+    write_failure(command, resolved, scenarios, report.failures.first())?;
     if !report.is_complete {
         run::report_loss(report.counts.trials, "the answer is that of these; it cannot be resumed");
         return Ok(ExitStatus::Interrupted);
     }
-    ensure!(
-        report.estimate().value.is_some(),
-        "MuJoCo C repeated no satisfied simulation, so there is no estimate; give a larger --confirm"
-    );
     ensure!(
         report.without_verdict < report.confirmed(),
         "no simulation of MuJoCo C has a verdict, so the controller was not tested"

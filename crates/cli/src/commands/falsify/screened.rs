@@ -1,5 +1,6 @@
 //! Falsification with simulations that a GPU screens.
 
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Result, ensure};
@@ -28,7 +29,8 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
     let resolved = ResolvedPlan::new(&plan)?;
     output::warn_of_chained_comparisons(&resolved.specification.requirement);
     if let Some(out) = out {
-        ensure!(!out.exists(), "{} already exists; choose another --out", out.display());
+        // A link to a missing file exists, too.
+        ensure!(out.symlink_metadata().is_err(), "{} already exists; choose another --out", out.display());
     }
     counterexamples::check_out(out.as_deref(), &resolved, false)?;
     let backend = mishandle::gpu_backend()?;
@@ -44,12 +46,8 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         })?;
     let seconds = start.elapsed().as_secs_f64();
     bar.clear();
-    // Also of an interrupted search, and before the repeats, which take a while.
-    if let (Some(out), Some(request)) = (out, &first_counterexample(&found)) {
-        let counterexample = Counterexample::simulate(&resolved, request.clone())?;
-        output::write_atomically(out, false, counterexample.to_json().as_bytes())?;
-        let file = shell_quote(&out.to_string_lossy());
-        output::message(&format!("First counterexample: mishandle replay {file}"));
+    if found.simulations == 0 {
+        return Ok(run::nothing_measured());
     }
     super::report_unevaluated(&resolved, &found);
     let is_complete = super::is_complete(&resolved, &found);
@@ -70,6 +68,9 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         plural(found.simulations, "simulation"),
         found.simulations - found.screened
     ));
+    if let Some(out) = out {
+        write_counterexample(&resolved, first_counterexample(&found), out)?;
+    }
     if !is_complete {
         run::report_loss(found.simulations, "the answer is that of these; it cannot be resumed");
         return Ok(ExitStatus::Interrupted);
@@ -79,15 +80,25 @@ pub fn run(command: &Arguments, bar: &Bar) -> Result<ExitStatus> {
         "no simulation of MuJoCo C has a verdict, so the controller was not tested"
     );
     if found.falsified_trials == 0 {
-        if out.is_some() {
-            output::message("there is no counterexample to write");
-        }
         return Ok(ExitStatus::Done);
     }
     if out.is_none() {
         output::message("with --out FILE.json, the first counterexample is written for `mishandle replay`");
     }
     Ok(ExitStatus::Violated)
+}
+
+/// Writes a counterexample, also one of an interrupted search. The result is printed before, so that an error here does not lose it.
+fn write_counterexample(resolved: &ResolvedPlan, request: Option<Request>, out: &Path) -> Result<()> {
+    let Some(request) = request else {
+        output::message("there is no counterexample to write");
+        return Ok(());
+    };
+    let counterexample = Counterexample::simulate(resolved, request)?;
+    output::write_atomically(out, false, counterexample.to_json().as_bytes())?;
+    let file = shell_quote(&out.to_string_lossy());
+    output::message(&format!("First counterexample: mishandle replay {file}"));
+    Ok(())
 }
 
 /// Returns the counterexample of the first falsified trial.
